@@ -1,0 +1,1 @@
+"""URDF to kinematics. The only room where Pinocchio computes."""
