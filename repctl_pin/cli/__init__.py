@@ -1,0 +1,77 @@
+"""The command ``repctl``: parse, call, print. One file a subcommand; nothing heavy is imported to parse."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+from .. import __version__
+from ..errors import RepctlError
+from . import inspect, robots, study
+from .terminal import clear_line
+
+_COMMANDS = (study, robots, inspect)
+
+_EXAMPLES = """examples:
+  repctl study panda                            table, figures and animation in repctl-out/panda/
+  repctl study my_arm.urdf --frame tool0        the same for an arm of your own
+  repctl study xarm7 --task position --path square:0.2 --plane yz
+  repctl robots                                 every arm in the catalogue
+  repctl inspect my_arm.urdf                    what a file holds
+"""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command; return its exit code: 0 done, 2 something given cannot be used."""
+    arguments = join_negative(list(sys.argv[1:] if argv is None else argv))
+    options = parser().parse_args(arguments)
+    try:
+        return options.run(options)
+    except RepctlError as error:
+        clear_line()
+        print(f"repctl: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        clear_line()
+        print("repctl: interrupted; nothing half-written was left", file=sys.stderr)
+        return 130
+    except BrokenPipeError:  # the reader of our output went away, as `| head` does
+        sys.stderr.close()
+        return 0
+
+
+def parser() -> argparse.ArgumentParser:
+    """Make the parser of the whole command."""
+    whole = argparse.ArgumentParser(
+        prog="repctl",
+        description="Repeatable control for redundant robot arms.",
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    whole.add_argument("--version", action="version", version=f"repctl {__version__}")
+    commands = whole.add_subparsers(metavar="COMMAND", required=True)
+    for command in _COMMANDS:
+        part = commands.add_parser(
+            command.__name__.rpartition(".")[2],
+            help=command.HELP,
+            description=command.HELP[0].upper() + command.HELP[1:] + ".",
+            epilog=command.EXAMPLE,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+            allow_abbrev=False,
+        )
+        command.add_options(part)
+        part.set_defaults(run=command.run)
+    return whole
+
+
+def join_negative(arguments: list[str]) -> list[str]:
+    """Let ``--start -0.1,0.2`` stand, which argparse would take for an option."""
+    joined: list[str] = []
+    for argument in arguments:
+        if joined and joined[-1] == "--start" and argument[:1] == "-" and argument[1:2] in "0123456789.":
+            joined[-1] = f"--start={argument}"
+        else:
+            joined.append(argument)
+    return joined

@@ -1,0 +1,28 @@
+"""``repctl inspect``: what a robot or a URDF holds."""
+
+from __future__ import annotations
+
+import argparse
+import json
+
+from .options import load_robot, robot_options
+
+HELP = "say what a robot or a URDF holds: joints, limits, frames, redundancy by task"
+EXAMPLE = "example: repctl inspect my_arm.urdf"
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of this subcommand."""
+    robot_options(parser)
+    parser.add_argument("--json", action="store_true", help="print JSON instead of text")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Say what a robot holds."""
+    from ..show.inspection import inspection, inspection_text
+    from ..studies.defaults import redundant_kinds
+
+    robot = load_robot(options)
+    found = inspection(robot, {frame: redundant_kinds(robot, frame) for frame in robot.offered_frames})
+    print(json.dumps(found, indent=2, ensure_ascii=False) if options.json else inspection_text(found))
+    return 0

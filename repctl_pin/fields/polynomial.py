@@ -1,0 +1,218 @@
+"""Polynomial potentials of some or all joints, well conditioned on the region they serve."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations_with_replacement
+
+import numpy as np
+from numpy.polynomial import legendre
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import InputError
+
+Array = NDArray[np.float64]
+
+_MAX_SIZE = 20_000
+
+
+class Polynomial:
+    r"""All polynomials of total degree 1 to d in scaled joint coordinates.
+
+    The basis is made of products of Legendre polynomials,
+
+    .. math:: h_\alpha(q) = \prod_i \sqrt{2\alpha_i + 1}\; P_{\alpha_i}(u_i), \qquad
+              u = (q - \text{center}) / \text{scale}, \qquad 1 \le |\alpha| \le d,
+
+    orthonormal in the mean over the box ``center ± scale``, so that degree 4 stays as well conditioned
+    as degree 1.
+
+    Parameters
+    ----------
+    center : (n,) array
+        Where u = 0, rad or m.
+    degree : int
+        Highest total degree, 1 or more.
+    scale : float or (n,) array
+        Half-widths of the box on which the basis is orthonormal.
+    variables : sequence of int, optional
+        Let the potentials depend on these joints alone (counted from 0).
+    """
+
+    def __init__(
+        self,
+        center: ArrayLike,
+        degree: int,
+        scale: ArrayLike = 1.0,
+        variables: Sequence[int] | None = None,
+    ) -> None:
+        self.center = np.array(center, dtype=float)
+        if self.center.ndim != 1 or not np.isfinite(self.center).all():
+            raise InputError("the center of a polynomial field must be a list of finite numbers")
+        n = len(self.center)
+        try:
+            self.scale = np.broadcast_to(np.asarray(scale, float), (n,)).copy()
+        except (ValueError, TypeError):
+            raise InputError(f"scale must be one number or {n} of them") from None
+        if not (np.isfinite(self.scale).all() and (self.scale > 0).all()):
+            raise InputError("the scale of a polynomial field must be positive")
+        if int(degree) != degree or degree < 1:
+            raise InputError(f"the degree of a polynomial field is a whole number from 1 up, not {degree!r}")
+        self.degree = int(degree)
+        self.variables = tuple(range(n)) if variables is None else tuple(sorted({int(v) for v in variables}))
+        if not self.variables or not set(self.variables) <= set(range(n)):
+            raise InputError(f"variables must be joint numbers from 0 to {n - 1}, not {variables!r}")
+        # One row a potential: the variable of each of its factors, repeated as often as its power.
+        self.exponents = np.array(
+            [
+                [choice.count(v) for v in range(n)]
+                for d in range(1, self.degree + 1)
+                for choice in combinations_with_replacement(self.variables, d)
+            ]
+        )  # (N, n)
+        if len(self.exponents) > _MAX_SIZE:
+            raise InputError(
+                f"degree {self.degree} in {len(self.variables)} joints makes {len(self.exponents)} potentials; "
+                "lower the degree or choose variables"
+            )
+        self.norms = np.sqrt(np.prod(2 * self.exponents + 1, axis=1))
+        # Each potential is a product of at most d factors P_{order}(u_{variable}); shorter ones are padded
+        # with order 0, a factor 1.
+        slots = min(self.degree, n)
+        self._variable = np.zeros((slots, len(self.exponents)), int)
+        self._order = np.zeros((slots, len(self.exponents)), int)
+        for j, alpha in enumerate(self.exponents):
+            used = np.flatnonzero(alpha)
+            self._variable[: len(used), j] = used
+            self._order[: len(used), j] = alpha[used]
+
+    @property
+    def size(self) -> int:
+        """N, the number of potentials."""
+        return len(self.exponents)
+
+    def potentials(self, Q: ArrayLike) -> Array:
+        """Evaluate the potentials at every row of Q (K, n): (K, N)."""
+        P, _ = self._tables(Q)
+        return np.prod(self._factors(P), axis=0) * self.norms
+
+    def gradients(self, Q: ArrayLike) -> Array:
+        """Evaluate the gradients at every row of Q (K, n): (K, n, N), per rad or m."""
+        P, dP = self._tables(Q)
+        factors, slopes = self._factors(P), self._factors(dP)  # (slots, K, N)
+        K, n = len(P), len(self.center)
+        gradients = np.zeros((K, n, self.size))
+        column = np.arange(self.size)
+        for s, variable in enumerate(self._variable):
+            others = np.prod(np.delete(factors, s, axis=0), axis=0)
+            gradients[:, variable, column] += slopes[s] * others  # a padded slot's slope is 0
+        gradients *= self.norms
+        gradients /= self.scale[:, None]
+        return gradients
+
+    def weighted(self, A: ArrayLike) -> PolynomialMap:
+        """Choose ``h = Aᵀ (h_1 … h_N)`` with coefficients A (N, r) (35), as dense tensors."""
+        A = np.asarray(A, float)
+        n, d = len(self.center), self.degree
+        # Legendre to monomial coefficients, variable by variable, in an array of exponents.
+        to_power = [np.pad(legendre.leg2poly(np.eye(d + 1)[k][: k + 1]), (0, d - k)) for k in range(d + 1)]
+        terms: dict[tuple[int, ...], Array] = {}
+        for alpha, norm, a in zip(self.exponents, self.norms, A, strict=True):
+            expanded = {(0,) * n: norm * a}
+            for i in np.flatnonzero(alpha):
+                expanded = {
+                    (*beta[:i], p, *beta[i + 1 :]): c * to_power[alpha[i]][p]
+                    for beta, c in expanded.items()
+                    for p in range(alpha[i], -1, -2)
+                }
+            for beta, c in expanded.items():
+                terms[beta] = terms.get(beta, 0.0) + c
+        return PolynomialMap(self.center, self.scale, d, terms)
+
+    def _tables(self, Q: ArrayLike) -> tuple[Array, Array]:
+        """Tabulate P_k(u_i) and P'_k(u_i): two arrays (K, n, d + 1)."""
+        u = (np.asarray(Q, float) - self.center) / self.scale
+        P, dP = np.ones((2, *u.shape, self.degree + 1))
+        P[..., 1], dP[..., 0] = u, 0.0
+        for k in range(1, self.degree):
+            P[..., k + 1] = ((2 * k + 1) * u * P[..., k] - k * P[..., k - 1]) / (k + 1)
+            dP[..., k + 1] = (2 * k + 1) * P[..., k] + dP[..., k - 1]
+        return P, dP
+
+    def _factors(self, table: Array) -> Array:
+        """Look every factor up in a table: (slots, K, N)."""
+        return np.moveaxis(table[:, self._variable, self._order], 1, 0)
+
+    def __repr__(self) -> str:
+        return f"<Polynomial of degree {self.degree} in {len(self.variables)} joints: {self.size} potentials>"
+
+
+class PolynomialMap:
+    """r polynomials h(q) as dense symmetric tensors, quick to evaluate at one q (Horner's rule).
+
+    ``V(q) = T_0 + (T_1 + (T_2 + …) u) u``, one matrix–vector product a degree.
+    """
+
+    def __init__(self, center: Array, scale: Array, degree: int, terms: dict[tuple[int, ...], Array]) -> None:
+        n = len(center)
+        r = len(next(iter(terms.values())))
+        self.center, self.scale = center, scale
+        self._inverse_scale = 1.0 / scale
+        # Spread each monomial's coefficient evenly over the places of a symmetric tensor.
+        tensors = [np.zeros((r, *(n,) * d)) for d in range(degree + 1)]
+        for beta, coefficient in terms.items():
+            places = [i for i, power in enumerate(beta) for _ in range(power)]
+            arrangements = set(_permutations(tuple(places)))
+            for place in arrangements:
+                tensors[len(places)][(slice(None), *place)] += coefficient / len(arrangements)
+        self._value = tensors
+        # h of degree d differentiates to d T_d u^(d−1), the derivative's axis first, then r.
+        self._slope = [
+            np.ascontiguousarray(np.moveaxis(d * tensors[d], 1, 0).reshape(n * r * n ** (d - 1)))
+            for d in range(1, degree + 1)
+        ]
+        self._slope = [s / np.repeat(scale, len(s) // n) for s in self._slope]
+        self._shape, self._n = (n, r), n
+
+    def value(self, q: Array) -> Array:
+        """Evaluate h(q): (r,)."""
+        u = (q - self.center) * self._inverse_scale
+        h = self._value[-1]
+        for lower in self._value[-2::-1]:
+            h = lower + h @ u
+        return h
+
+    def gradient(self, q: Array) -> Array:
+        """Evaluate V = ∂hᵀ/∂q: (n, r)."""
+        u = (q - self.center) * self._inverse_scale
+        V = self._slope[-1]
+        for lower in self._slope[-2::-1]:
+            V = lower + V.reshape(-1, self._n) @ u
+        return V.reshape(self._shape)
+
+    def values(self, Q: Array) -> Array:
+        """Evaluate h at every row of Q (K, n): (K, r)."""
+        return np.array([self.value(q) for q in np.asarray(Q, float)])
+
+    def gradients(self, Q: Array) -> Array:
+        """Evaluate V at every row of Q (K, n): (K, n, r)."""
+        U = (np.asarray(Q, float) - self.center) * self._inverse_scale  # (K, n)
+        n, r = self._shape
+        if len(self._slope) == 1:
+            return np.broadcast_to(self._slope[0].reshape(n, r), (len(U), n, r)).copy()
+        V = self._slope[-2] + U @ self._slope[-1].reshape(-1, n).T  # (K, n r n^(d−2))
+        for lower in self._slope[-3::-1]:
+            V = lower + np.einsum("kpi,ki->kp", V.reshape(len(U), -1, n), U)
+        return V.reshape(len(U), n, r)
+
+
+def _permutations(places: tuple[int, ...]) -> list[tuple[int, ...]]:
+    """All distinct orders of a tuple that may repeat its entries."""
+    if len(places) <= 1:
+        return [places]
+    return [
+        (first, *rest)
+        for i, first in enumerate(places)
+        if first not in places[:i]
+        for rest in _permutations(places[:i] + places[i + 1 :])
+    ]

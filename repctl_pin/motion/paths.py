@@ -1,0 +1,268 @@
+"""Closed paths of the frame: where it should be, and how fast it should move, at s in [0, 1]."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path as FilePath
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import InputError
+from ..robot.task import Task
+
+Array = NDArray[np.float64]
+
+PLANES: dict[str, tuple[int, int]] = {"xy": (0, 1), "yz": (1, 2), "xz": (0, 2)}
+_NORMALS = {"z": "xy", "x": "yz", "y": "xz"}
+
+
+@dataclass(frozen=True)
+class Path:
+    """A closed path: a curve of the frame's origin, the orientation held.
+
+    Attributes
+    ----------
+    name : str
+        What a person would call it.
+    point, slope : functions of s
+        p(s), m, and dp/ds, m a cycle; p(0) = p(1).
+    rotation : (3, 3) array
+        The orientation held.
+    breaks : tuple of float
+        Values of s in (0, 1) where dp/ds jumps: corners.
+    """
+
+    name: str
+    point: Callable[[float], Array]
+    slope: Callable[[float], Array]
+    rotation: Array
+    breaks: tuple[float, ...] = ()
+
+    def placement(self, s: float) -> pin.SE3:
+        """Where the frame should be at s."""
+        return pin.SE3(self.rotation, self.point(s))
+
+    def twist(self, s: float) -> Array:
+        """Evaluate d(pose)/ds: (6,), m and rad a cycle, world axes."""
+        return np.concatenate([self.slope(s), np.zeros(3)])
+
+    def points(self, count: int = 201) -> Array:
+        """Sample the curve, corners included: (≥ count, 3), m."""
+        return np.array([self.point(s) for s in np.union1d(np.linspace(0, 1, count), self.breaks)])
+
+    @property
+    def length(self) -> float:
+        """Length of one cycle, m."""
+        return float(np.linalg.norm(np.diff(self.points(1001), axis=0), axis=1).sum())
+
+
+def circle(task: Task, q0: ArrayLike, radius: float = 0.1, *, normal: str = "z", start_angle: float = 0.0) -> Path:
+    """Draw a circle that starts where the frame is at q0.
+
+    Parameters
+    ----------
+    task, q0
+        The task and the start.
+    radius
+        In m.
+    normal
+        The axis it goes round: ``x``, ``y`` or ``z``; or name its plane: ``yz``, ``xz``, ``xy``.
+    start_angle
+        Where on the circle the start lies, rad from the plane's first axis: the centre is at
+        ``p − radius (cos, sin)``.
+
+    Raises
+    ------
+    InputError
+        If the radius is not positive or the plane has no such name.
+    """
+    radius = _positive(radius, "radius")
+    here, e1, e2 = _frame(task, q0, normal)
+
+    def around(angle: float) -> Array:
+        return radius * (np.cos(angle) * e1 + np.sin(angle) * e2)
+
+    center = here.translation - around(start_angle)
+    return Path(
+        f"circle of radius {radius:g} m in {_plane(normal)}",
+        lambda s: center + around(start_angle + 2 * np.pi * s),
+        lambda s: 2 * np.pi * around(start_angle + 2 * np.pi * s + np.pi / 2),
+        here.rotation,
+    )
+
+
+def figure_eight(
+    task: Task, q0: ArrayLike, radius: float = 0.1, *, normal: str = "z", start_angle: float = 0.0
+) -> Path:
+    """Draw a figure eight (Gerono's lemniscate) of half-length ``radius``, m, crossing at the start."""
+    radius = _positive(radius, "radius")
+    here, e1, e2 = _frame(task, q0, normal)
+    along = np.cos(start_angle) * e1 + np.sin(start_angle) * e2
+    across = -np.sin(start_angle) * e1 + np.cos(start_angle) * e2
+    turn = 2 * np.pi
+    return Path(
+        f"figure eight of half-length {radius:g} m in {_plane(normal)}",
+        lambda s: here.translation + radius * (np.sin(turn * s) * along + 0.5 * np.sin(2 * turn * s) * across),
+        lambda s: radius * turn * (np.cos(turn * s) * along + np.cos(2 * turn * s) * across),
+        here.rotation,
+    )
+
+
+def rose(task: Task, q0: ArrayLike, radius: float = 0.1, *, petals: int = 3, normal: str = "z") -> Path:
+    """Draw a rose ρ = radius · sin(petals · φ), an odd number of petals, from its centre at the start."""
+    radius = _positive(radius, "radius")
+    if petals < 1 or petals % 2 == 0:
+        raise InputError(f"a rose closes in half a turn with an odd number of petals, not {petals}")
+    here, e1, e2 = _frame(task, q0, normal)
+
+    def ray(angle: float) -> Array:
+        return np.cos(angle) * e1 + np.sin(angle) * e2
+
+    return Path(
+        f"rose of {petals} petals, {radius:g} m, in {_plane(normal)}",
+        lambda s: here.translation + radius * np.sin(petals * np.pi * s) * ray(np.pi * s),
+        lambda s: (
+            radius
+            * np.pi
+            * (
+                petals * np.cos(petals * np.pi * s) * ray(np.pi * s)
+                + np.sin(petals * np.pi * s) * ray(np.pi * (s + 0.5))
+            )
+        ),
+        here.rotation,
+    )
+
+
+def polygon(task: Task, q0: ArrayLike, corners: ArrayLike, *, name: str = "polygon") -> Path:
+    """Draw a closed polygon from where the frame is at q0, at constant speed.
+
+    Parameters
+    ----------
+    task, q0
+        The task and the start.
+    corners : (P, 3) array
+        The other corners, in m *from the start*, in order; the path returns to the start by itself.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than two other corners, or two in a row coincide.
+    """
+    offsets = _points(corners, "corners")
+    if len(offsets) < 2:
+        raise InputError("a polygon needs at least two corners beside the start")
+    start = task.placement(q0)
+    return _polyline(np.vstack([np.zeros(3), offsets, np.zeros(3)]) + start.translation, start.rotation, name)
+
+
+def waypoints(points: ArrayLike, rotation: ArrayLike, *, name: str = "waypoints") -> Path:
+    """Join waypoints (P, 3), m in the base frame, by straight lines at constant speed.
+
+    The path is closed: the last point repeats the first. Bring the arm there with :func:`reach`.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than four points, numbers that are not finite, or the path is open.
+    """
+    corners = _points(points, "waypoints")
+    if len(corners) < 4:
+        raise InputError(f"a closed path needs at least 4 waypoints (the last repeats the first), not {len(corners)}")
+    size = float(np.ptp(corners, axis=0).max())
+    gap = float(np.linalg.norm(corners[-1] - corners[0]))
+    if gap > 1e-6 * max(size, 1e-3):
+        raise InputError(f"the path is open by {gap:.3g} m; end it with its first point again")
+    corners = np.vstack([corners[:-1], corners[0]])
+    return _polyline(corners, np.asarray(rotation, float), name)
+
+
+def read_waypoints(file: str | FilePath) -> Array:
+    """Read waypoints from a CSV file: three numbers a line, x, y, z in m; a first line of names may stand.
+
+    Returns
+    -------
+    (P, 3) array
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or a line is not three finite numbers; the line is named.
+    """
+    file = FilePath(file)
+    try:
+        with file.open(newline="", encoding="utf-8-sig") as lines:
+            rows = [(number, row) for number, row in enumerate(csv.reader(lines), 1) if any(map(str.strip, row))]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        reason = getattr(error, "strerror", None) or "it is not a text file"
+        raise InputError(f"cannot read waypoints from {file}: {reason}") from None
+    points = []
+    for number, row in rows:
+        try:
+            values = [float(cell) for cell in row]
+        except ValueError:
+            if number == rows[0][0] and not points:
+                continue  # the line of names
+            raise InputError(f"{file}, line {number}: {','.join(row)!r} is not three numbers") from None
+        if len(values) != 3 or not np.isfinite(values).all():
+            raise InputError(f"{file}, line {number}: {','.join(row)!r} is not three finite numbers x, y, z")
+        points.append(values)
+    if not points:
+        raise InputError(f"{file} holds no waypoints; write x, y, z in m, one point a line")
+    return np.array(points)
+
+
+def _polyline(corners: Array, rotation: Array, name: str) -> Path:
+    """Join corners (P, 3), the last equal to the first, by straight lines at constant speed."""
+    edges = np.diff(corners, axis=0)
+    lengths = np.linalg.norm(edges, axis=1)
+    if (lengths < 1e-9).any():
+        at = int(np.argmin(lengths))
+        raise InputError(f"{name}: points {at + 1} and {at + 2} are the same; leave one out")
+    knots = np.concatenate([[0.0], np.cumsum(lengths) / lengths.sum()])
+    knots[-1] = 1.0
+
+    def edge_at(s: float) -> int:
+        return int(np.clip(np.searchsorted(knots, s, side="right") - 1, 0, len(edges) - 1))
+
+    def point(s: float) -> Array:
+        i = edge_at(s)
+        return corners[i] + edges[i] * (s - knots[i]) / (knots[i + 1] - knots[i])
+
+    def slope(s: float) -> Array:
+        i = edge_at(s)
+        return edges[i] / (knots[i + 1] - knots[i])
+
+    return Path(name, point, slope, rotation, tuple(float(k) for k in knots[1:-1]))
+
+
+def _frame(task: Task, q0: ArrayLike, normal: str) -> tuple[pin.SE3, Array, Array]:
+    """The start's placement and the two axes of the path's plane."""
+    first, second = PLANES[_plane(normal)]
+    return task.placement(q0), np.eye(3)[first], np.eye(3)[second]
+
+
+def _plane(normal: str) -> str:
+    plane = _NORMALS.get(normal, normal)
+    if plane not in PLANES:
+        raise InputError(f"no plane {normal!r}; there is {', '.join(PLANES)} (or a normal: x, y, z)")
+    return plane
+
+
+def _positive(value: float, what: str) -> float:
+    if not (np.isfinite(value) and value > 0):
+        raise InputError(f"the {what} of a path must be above 0 m, not {value!r}")
+    return float(value)
+
+
+def _points(values: ArrayLike | Sequence, what: str) -> Array:
+    try:
+        points = np.array(values, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"{what} must be rows of three numbers, x, y, z in m") from None
+    if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
+        raise InputError(f"{what} must be rows of three finite numbers, x, y, z in m")
+    return points

@@ -1,0 +1,85 @@
+"""The augmented Jacobian J_V = [J; Vᵀ] (30), (37), its inverse (31), and its distance from singularity."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import SingularityError
+
+Array = NDArray[np.float64]
+
+
+def augmented_inverse(J: ArrayLike, V: ArrayLike) -> Array:
+    """Invert ``J_V = [J; Vᵀ]`` (37). Its first m columns are G_r, with ``J G_r = I`` and ``Vᵀ G_r = 0``.
+
+    Parameters
+    ----------
+    J : (..., m, n) array
+    V : (..., n, r) array
+
+    Returns
+    -------
+    (..., n, n) array
+
+    Raises
+    ------
+    SingularityError
+        Where J_V is singular.
+    """
+    J_V = np.concatenate([np.asarray(J, float), np.swapaxes(np.asarray(V, float), -1, -2)], axis=-2)
+    try:
+        return np.linalg.inv(J_V)
+    except np.linalg.LinAlgError:
+        raise SingularityError("the augmented Jacobian J_V is singular") from None
+
+
+def repeatable_inverse(G_d: ArrayLike, N: ArrayLike, V: ArrayLike) -> Array:
+    """Correct a desired inverse to one whose motions keep h constant, ``V = ∇h``.
+
+    ``G_r = G_d − N (Vᵀ N)⁻¹ Vᵀ G_d`` (32), (38).
+
+    Parameters
+    ----------
+    G_d : (..., n, m) array
+        The desired generalized inverse.
+    N : (..., n, r) array
+        Orthonormal null-space basis of J.
+    V : (..., n, r) array
+        Augmenting matrix.
+
+    Returns
+    -------
+    (..., n, m) array
+
+    Raises
+    ------
+    SingularityError
+        At an algorithmic singularity, ``det(Nᵀ V) = 0``.
+    """
+    G_d, N, V = (np.asarray(a, float) for a in (G_d, N, V))
+    V_T = np.swapaxes(V, -1, -2)
+    try:
+        return G_d - N @ np.linalg.solve(V_T @ N, V_T @ G_d)  # (32)
+    except np.linalg.LinAlgError:
+        raise SingularityError("algorithmic singularity: det(Nᵀ V) = 0") from None
+
+
+def clearance(N: ArrayLike, V: ArrayLike) -> Array:
+    """Measure how far the augmented Jacobian is from an algorithmic singularity: 1 is best, 0 singular.
+
+    ``σ_min(Nᵀ V̂)``, V̂ an orthonormal basis of V: the sine of the smallest angle between span V and the
+    row space of J. It does not depend on the gauge V → V T.
+
+    Parameters
+    ----------
+    N : (..., n, r) array
+        Orthonormal null-space basis.
+    V : (..., n, r) array
+
+    Returns
+    -------
+    (...) array
+    """
+    V_hat, _ = np.linalg.qr(np.asarray(V, float))
+    return np.linalg.svd(np.swapaxes(np.asarray(N, float), -1, -2) @ V_hat, compute_uv=False)[..., -1]

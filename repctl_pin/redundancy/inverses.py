@@ -1,0 +1,128 @@
+"""Generalized inverses G of J: the pseudoinverse, the weighted one, and G ↔ W of (21), (22)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import SingularityError
+
+Array = NDArray[np.float64]
+
+RANK_TOLERANCE = 1e-6
+"""J counts as rank-deficient where a triangular factor's diagonal spreads further than this."""
+
+
+def pseudoinverse(J: ArrayLike) -> Array:
+    """Invert J in the least-norm sense, ``J⁺ = Jᵀ (J Jᵀ)⁻¹``.
+
+    Computed as ``J⁺ = Q R⁻ᵀ`` from ``Jᵀ = Q R``, which does not square the condition of J.
+
+    Parameters
+    ----------
+    J : (..., m, n) array
+        Jacobians of full row rank, m ≤ n.
+
+    Returns
+    -------
+    (..., n, m) array
+
+    Raises
+    ------
+    SingularityError
+        Where J loses rank.
+    """
+    Q, R = row_factor(J)
+    return Q @ np.swapaxes(np.linalg.inv(R), -1, -2)
+
+
+def weighted_pseudoinverse(J: ArrayLike, M: ArrayLike) -> Array:
+    """Invert J in the least ``q̇ᵀ M q̇`` sense, ``J⁺_M = M⁻¹ Jᵀ (J M⁻¹ Jᵀ)⁻¹``.
+
+    With M the joint-space inertia this is the inverse of least kinetic energy.
+
+    Parameters
+    ----------
+    J : (..., m, n) array
+    M : (..., n, n) array
+        Symmetric positive definite; broadcast against J.
+
+    Returns
+    -------
+    (..., n, m) array
+
+    Raises
+    ------
+    SingularityError
+        Where J loses rank, or M is not positive definite.
+    """
+    J = np.asarray(J, float)
+    try:
+        L = np.linalg.cholesky(np.asarray(M, float))  # M = L Lᵀ
+    except np.linalg.LinAlgError:
+        raise SingularityError("the weight M is not positive definite") from None
+    # In y = Lᵀ q̇ the weighted norm is the plain one: J⁺_M = L⁻ᵀ (J L⁻ᵀ)⁺.
+    L_inv_T = np.swapaxes(np.linalg.inv(L), -1, -2)
+    return L_inv_T @ pseudoinverse(J @ L_inv_T)
+
+
+def pseudoinverse_derivative(J: ArrayLike, H: ArrayLike) -> Array:
+    """Differentiate the pseudoinverse along every joint.
+
+    ``∂J⁺/∂q_k = −J⁺ H_k J⁺ + (I − J⁺J) H_kᵀ (J Jᵀ)⁻¹`` with ``H_k = ∂J/∂q_k``; the last factor is
+    ``J⁺ᵀ J⁺``.
+
+    Parameters
+    ----------
+    J : (..., m, n) array
+    H : (..., m, n, n) array
+        ``H[..., a, i, k] = ∂J[..., a, i]/∂q[k]``.
+
+    Returns
+    -------
+    (..., n, m, n) array
+        ``[..., i, a, k] = ∂J⁺[..., i, a]/∂q[k]``.
+    """
+    J, H = np.asarray(J, float), np.asarray(H, float)
+    G = pseudoinverse(J)
+    onto_null = np.eye(J.shape[-1]) - G @ J
+    Hk = np.moveaxis(H, -1, -3)  # (..., k, m, n)
+    G1, P1 = G[..., None, :, :], onto_null[..., None, :, :]
+    inverse_gram = np.swapaxes(G1, -1, -2) @ G1  # (J Jᵀ)⁻¹
+    dG = -G1 @ Hk @ G1 + P1 @ np.swapaxes(Hk, -1, -2) @ inverse_gram
+    return np.moveaxis(dG, -3, -1)
+
+
+def null_component(G: ArrayLike, N: ArrayLike) -> Array:
+    """Take W out of ``G = J⁺ + N Wᵀ`` (21), (22): ``W = Gᵀ N``, an array (..., m, r)."""
+    return np.swapaxes(np.asarray(G, float), -1, -2) @ np.asarray(N, float)
+
+
+def from_null_component(J: ArrayLike, N: ArrayLike, W: ArrayLike) -> Array:
+    """Build the generalized inverse ``G = J⁺ + N Wᵀ`` (21), an array (..., n, m)."""
+    return pseudoinverse(J) + np.asarray(N, float) @ np.swapaxes(np.asarray(W, float), -1, -2)
+
+
+def row_factor(J: ArrayLike, mode: str = "reduced") -> tuple[Array, Array]:
+    """Factor ``Jᵀ = Q R`` and make sure that J has full row rank.
+
+    Returns
+    -------
+    Q : (..., n, m) array, or (..., n, n) if ``mode="complete"``
+    R : (..., m, m) array
+
+    Raises
+    ------
+    SingularityError
+        Where J loses rank; the message counts how many of the batch do.
+    """
+    J = np.asarray(J, float)
+    m = J.shape[-2]
+    Q, R = np.linalg.qr(np.swapaxes(J, -1, -2), mode=mode)
+    R = R[..., :m, :]
+    diagonal = np.abs(np.diagonal(R, axis1=-2, axis2=-1))
+    lost = ~(diagonal.min(-1) > RANK_TOLERANCE * diagonal.max(-1))
+    if np.any(lost):
+        where = "" if lost.ndim == 0 else f" at {int(lost.sum())} of {lost.size} configurations"
+        raise SingularityError(f"the Jacobian loses rank{where}: the arm is at a singularity")
+    return Q, R

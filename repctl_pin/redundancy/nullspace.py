@@ -1,0 +1,78 @@
+"""The null space of J: an orthonormal basis N, the smooth null vector, and alignment."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .inverses import row_factor
+
+Array = NDArray[np.float64]
+
+
+def nullspace(J: ArrayLike) -> Array:
+    """Span the null space of J by an orthonormal basis N: ``J N = 0``, ``Nᵀ N = I``.
+
+    The last r columns of Q in the complete factorisation ``Jᵀ = Q R``. The basis is not smooth in q: signs
+    and rotations jump from point to point. :func:`align` it before differentiating or comparing, or use
+    :func:`null_vector`.
+
+    Parameters
+    ----------
+    J : (..., m, n) array
+        Jacobians of full row rank.
+
+    Returns
+    -------
+    (..., n, r) array, r = n − m
+
+    Raises
+    ------
+    SingularityError
+        Where J loses rank.
+    """
+    m = np.shape(J)[-2]
+    Q, _ = row_factor(J, mode="complete")
+    return Q[..., :, m:]
+
+
+def null_vector(J: ArrayLike) -> Array:
+    """Evaluate the null vector that is smooth in q, for r = 1: the generalized cross product.
+
+    ``n_i = (−1)^i det(J without column i)``, i counted from 0; not normalised. These are (12), (18) and
+    √2 times (41). ``‖n‖² = det(J Jᵀ)``, so it vanishes where J loses rank.
+
+    Parameters
+    ----------
+    J : (..., m, m + 1) array
+
+    Returns
+    -------
+    (..., m + 1) array
+    """
+    J = np.asarray(J, float)
+    m, n = J.shape[-2:]
+    if n != m + 1:
+        raise ValueError(f"the cross product needs one column more than rows; J is {m} × {n}")
+    minors = [np.linalg.det(np.delete(J, i, axis=-1)) for i in range(n)]
+    return np.stack([(-1) ** i * minor for i, minor in enumerate(minors)], axis=-1)
+
+
+def align(N: ArrayLike, reference: ArrayLike) -> Array:
+    """Rotate a basis within its span to lie closest to a reference basis (orthogonal Procrustes).
+
+    ``N → N U Vᵀ`` with ``Nᵀ N_ref = U S Vᵀ``. Smooth in q wherever ``Nᵀ N_ref`` keeps full rank.
+
+    Parameters
+    ----------
+    N : (..., n, r) array
+        Orthonormal columns.
+    reference : (..., n, r) array
+
+    Returns
+    -------
+    (..., n, r) array
+    """
+    N = np.asarray(N, float)
+    U, _, Vt = np.linalg.svd(np.swapaxes(N, -1, -2) @ np.asarray(reference, float))
+    return N @ U @ Vt

@@ -1,0 +1,278 @@
+"""The chain to one frame: x = f(q), its Jacobian J, its Hessian H, and the task error."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import InputError
+
+if TYPE_CHECKING:
+    from .robot import Robot
+
+Array = NDArray[np.float64]
+
+KINDS: dict[str, tuple[int, ...]] = {
+    "pose": (0, 1, 2, 3, 4, 5),
+    "axis": (0, 1, 2, 3, 4),
+    "position": (0, 1, 2),
+    "xy": (0, 1),
+    "xz": (0, 2),
+    "yz": (1, 2),
+}
+"""Rows of the frame's twist (v, ω) that each kind of task commands.
+
+v and ω are in world axes, v that of the frame's origin. For ``axis`` rows 3 and 4 are the angular
+velocity along the frame's own x and y: the two that turn its z axis, the tool's.
+"""
+
+_SHARED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+
+
+class Task:
+    """Move one frame of a robot, with the joints that move it.
+
+    ``ẋ = J q̇`` (2), with ``x`` the pose, the position, the position and tool axis, or two coordinates of
+    the position. Redundant when r = n − m ≥ 1.
+
+    Made by :meth:`Robot.task`. Not to be shared between threads (Pinocchio's scratch memory is its own);
+    it pickles, so processes are fine.
+
+    Attributes
+    ----------
+    n, m, r : int
+        Joints, task coordinates, degree of redundancy.
+    joint_names : tuple of str
+        From the base outward; q, limits and Jacobian columns are in this order.
+    lower, upper, velocity_limit : (n,) arrays
+        Limits, rad or m, and per second.
+    revolute : (n,) array of bool
+        False where the joint is prismatic.
+    reference : (n,) array
+        The robot's reference pose on these joints.
+    """
+
+    def __init__(self, robot: Robot, frame: str, kind: str, joint_names: Sequence[str]) -> None:
+        from .robot import frame_id
+
+        self.robot, self.frame, self.kind = robot, frame, kind
+        self.joint_names = tuple(joint_names)
+        self._columns = np.array([robot.joint_names.index(j) for j in joint_names])
+        self.lower, self.upper = robot.lower[self._columns], robot.upper[self._columns]
+        self.velocity_limit = robot.velocity[self._columns]
+        self.revolute = robot.revolute[self._columns]
+        self.reference = robot.reference[self._columns]
+        for array in (self.lower, self.upper, self.velocity_limit, self.revolute, self.reference):
+            array.setflags(write=False)
+        self.n, self.m = len(self.joint_names), len(KINDS[kind])
+        self.r = self.n - self.m
+        self.rows = np.array(KINDS[kind])
+
+        keep = set(self.joint_names)
+        locked = [i for i, name in enumerate(robot.model.names) if i > 0 and name not in keep]
+        self.model = pin.buildReducedModel(robot.model, locked, np.array(robot.reference))
+        self._frame_id = frame_id(self.model, frame)
+        if robot.base is not None:
+            _measure_from(self.model, frame_id(self.model, robot.base))
+        self._allocate()
+
+    def _allocate(self) -> None:
+        self._data = self.model.createData()
+
+    # ---- kinematics at one q -------------------------------------------------------------------
+
+    def placement(self, q: ArrayLike) -> pin.SE3:
+        """Place the frame: f(q) of (1), as a rigid transform (R, p) with p in m."""
+        pin.framesForwardKinematics(self.model, self._data, self._vector(q))
+        return pin.SE3(self._data.oMf[self._frame_id])
+
+    def jacobian(self, q: ArrayLike) -> Array:
+        """Evaluate J (m, n) of ẋ = J q̇ (2): m or m/s rows first, then rad."""
+        return self._task_rows(self._frame_jacobian(self._vector(q)))
+
+    def hessian(self, q: ArrayLike) -> Array:
+        """Evaluate H (m, n, n), ``H[a, i, k] = ∂J[a, i]/∂q[k]``."""
+        return self.hessians(self._vector(q)[None])[0]
+
+    def error(self, q: ArrayLike, target: pin.SE3) -> Array:
+        """Measure the task error (m,) from f(q) to a target: what ẋ would have to undo, m and rad.
+
+        ``e = (p* − p, log(R* Rᵀ))``, the rows of this kind; for ``axis`` the rotation that takes the tool
+        axis to the target's by the shortest way.
+        """
+        here = self.placement(q)
+        p = target.translation - here.translation
+        if self.kind == "pose":
+            return np.concatenate([p, pin.log3(target.rotation @ here.rotation.T)])
+        if self.kind == "axis":
+            z, goal = here.rotation[:, 2], target.rotation[:, 2]
+            turn = np.cross(z, goal)
+            sine = float(np.linalg.norm(turn))
+            angle = np.arctan2(sine, z @ goal)
+            if sine < 1e-12:  # parallel: nothing to turn; opposite: any way round will do
+                turn, sine = (np.zeros(3), 1.0) if z @ goal > 0 else (here.rotation[:, 0], 1.0)
+            return np.concatenate([p, (here.rotation.T @ turn)[:2] * (angle / sine)])
+        return p[self.rows]
+
+    def rate(self, q: ArrayLike, twist: Array) -> Array:
+        """Take the task velocity ẋ (m,) out of a frame's twist (v, ω), world axes, m/s and rad/s."""
+        if self.kind != "axis":
+            return twist[self.rows]
+        local = self.placement(q).rotation.T @ twist[3:]
+        return np.concatenate([twist[:3], local[:2]])
+
+    # ---- batches -------------------------------------------------------------------------------
+
+    def jacobians(self, Q: ArrayLike) -> Array:
+        """Evaluate J at every row of Q (K, n): an array (K, m, n)."""
+        Q = self._matrix(Q)
+        Js = np.empty((len(Q), self.m, self.n))
+        rows, full = self.rows, self.kind != "axis"
+        evaluate, model, data, frame = pin.computeFrameJacobian, self.model, self._data, self._frame_id
+        if full and self.m == 6:
+            for q, J in zip(Q, Js, strict=True):
+                J[:] = evaluate(model, data, q, frame, _SHARED)
+        elif full:
+            for q, J in zip(Q, Js, strict=True):
+                J[:] = evaluate(model, data, q, frame, _SHARED)[rows]
+        else:
+            for q, J in zip(Q, Js, strict=True):
+                J[:] = self._task_rows(evaluate(model, data, q, frame, _SHARED))
+        return Js
+
+    def hessians(self, Q: ArrayLike) -> Array:
+        r"""Evaluate H at every row of Q (K, n): an array (K, m, n, n).
+
+        Written out from the columns of the frame's Jacobian, :math:`J_i = (v_i, \omega_i)`, of a serial
+        chain (a prismatic joint has :math:`\omega_i = 0`):
+
+        .. math:: \partial v_i/\partial q_k = \omega_{\min(i,k)} \times v_{\max(i,k)}, \qquad
+                  \partial \omega_i/\partial q_k = \omega_k \times \omega_i \;\text{ if } k < i
+                  \text{ else } 0.
+
+        For the tool axis' rows, which turn with the frame, :math:`\partial(R^T\omega_i)/\partial q_k =
+        R^T(\omega_i \times \omega_k)` if :math:`k > i`, else 0.
+        """
+        Q = self._matrix(Q)
+        K, n = Q.shape
+        twists = np.empty((K, n, 6))
+        R = np.empty((K, 3, 3))
+        for k, q in enumerate(Q):
+            twists[k] = self._frame_jacobian(q).T
+            R[k] = self._data.oMf[self._frame_id].rotation
+        v, w = twists[..., :3], twists[..., 3:]
+        i, k = np.indices((n, n))
+        H = np.zeros((K, 6, n, n))
+        H[:, :3] = np.moveaxis(np.cross(w[:, np.minimum(i, k)], v[:, np.maximum(i, k)]), -1, 1)
+        turn = np.moveaxis(np.cross(w[:, k], w[:, i]), -1, 1)  # ω_k × ω_i, (K, 3, n, n)
+        if self.kind == "axis":
+            H[:, 3:] = -np.einsum("Kba,Kbik->Kaik", R, turn) * (k > i)
+        else:
+            H[:, 3:] = turn * (k < i)
+        return H[:, self.rows]
+
+    def positions(self, Q: ArrayLike) -> Array:
+        """Place the frame's origin at every row of Q (K, n): an array (K, 3), m."""
+        return np.array([self.placement(q).translation for q in self._matrix(Q)]).reshape(-1, 3)
+
+    def joint_origins(self, q: ArrayLike) -> Array:
+        """Place the origins of the joints, from the base outward: an array (n, 3), m."""
+        pin.forwardKinematics(self.model, self._data, self._vector(q))
+        return np.array([self._data.oMi[j].translation for j in range(1, self.n + 1)])
+
+    def inertias(self, Q: ArrayLike) -> Array:
+        """Evaluate the joint-space inertia M (K, n, n) of the chain, kg m² and kg."""
+        Q = self._matrix(Q)
+        Ms = np.empty((len(Q), self.n, self.n))
+        for q, M in zip(Q, Ms, strict=True):
+            upper = np.triu(pin.crba(self.model, self._data, q))
+            M[:] = upper + np.triu(upper, 1).T
+        return Ms
+
+    # ---- between the chain and the robot --------------------------------------------------------
+
+    def full(self, q: ArrayLike) -> Array:
+        """Put q (n,) or Q (T, n) into the whole robot's configuration, the rest at the reference."""
+        q = np.asarray(q, float)
+        whole = np.broadcast_to(self.robot.reference, (*q.shape[:-1], len(self.robot.reference))).copy()
+        whole[..., self._columns] = q
+        return whole
+
+    def check(self, q: ArrayLike, what: str = "q") -> Array:
+        """Check a configuration a person gave: (n,) finite numbers inside the limits.
+
+        Raises
+        ------
+        InputError
+            If it has the wrong size, is not finite, or is out of limits, naming the joint.
+        """
+        try:
+            q = np.array(q, dtype=float)
+        except (TypeError, ValueError):
+            raise InputError(f"{what} must be {self.n} numbers, one a joint; got {q!r}") from None
+        if q.shape != (self.n,):
+            raise InputError(
+                f"{what} has {q.size} numbers, but {self.frame!r} is moved by {self.n} joints: "
+                f"{', '.join(self.joint_names)}"
+            )
+        if not np.isfinite(q).all():
+            bad = self.joint_names[int(np.argmin(np.isfinite(q)))]
+            raise InputError(f"{what}: the value of {bad!r} is not a finite number")
+        for name, value, low, high in zip(self.joint_names, q, self.lower, self.upper, strict=True):
+            if not low - 1e-9 <= value <= high + 1e-9:
+                raise InputError(f"{what}: {name} = {value:g} is outside its limits [{low:g}, {high:g}]")
+        return q
+
+    # ---- inside --------------------------------------------------------------------------------
+
+    def _frame_jacobian(self, q: Array) -> Array:
+        return pin.computeFrameJacobian(self.model, self._data, q, self._frame_id, _SHARED)
+
+    def _task_rows(self, J: Array) -> Array:
+        """Cut the task's rows out of the frame's Jacobian (6, n), just evaluated."""
+        if self.kind == "pose":
+            return J
+        if self.kind != "axis":
+            return J[self.rows]
+        R = self._data.oMf[self._frame_id].rotation
+        return np.vstack([J[:3], R[:, :2].T @ J[3:]])
+
+    def _vector(self, q: ArrayLike) -> Array:
+        q = np.asarray(q, dtype=float)
+        if q.shape != (self.n,):
+            raise InputError(f"q has shape {q.shape}, but this task has {self.n} joints: ({self.n},) is wanted")
+        return q
+
+    def _matrix(self, Q: ArrayLike) -> Array:
+        Q = np.ascontiguousarray(Q, dtype=float)
+        if Q.ndim != 2 or Q.shape[1] != self.n:
+            raise InputError(f"Q has shape {Q.shape}, but this task has {self.n} joints: (K, {self.n}) is wanted")
+        return Q
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {k: v for k, v in self.__dict__.items() if k != "_data"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._allocate()
+
+    def __repr__(self) -> str:
+        return f"<Task {self.robot.name} {self.frame} {self.kind}: n = {self.n}, m = {self.m}, r = {self.r}>"
+
+
+def _measure_from(model: pin.Model, base: int) -> None:
+    """Re-root a model so that placements and twists are measured in a link's own frame."""
+    frame = model.frames[base]
+    assert frame.parentJoint == 0, "the chain holds no joint below the base"
+    to_base = frame.placement.inverse()
+    for j in range(1, model.njoints):
+        if model.parents[j] == 0:
+            model.jointPlacements[j] = to_base * model.jointPlacements[j]
+    for f in model.frames:
+        if f.parentJoint == 0:
+            f.placement = to_base * f.placement
+    model.gravity.linear = to_base.rotation @ model.gravity.linear

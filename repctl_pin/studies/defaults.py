@@ -1,0 +1,189 @@
+"""Good defaults for an arm nobody has told us anything about: task kind, start, path, region."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import qmc
+
+from ..design.region import Box
+from ..errors import InputError, SingularityError
+from ..motion import Motion, Path, circle, follow
+from ..robot.robot import Robot
+from ..robot.task import KINDS, Task
+from ..strategies import Pseudoinverse
+
+Array = NDArray[np.float64]
+
+PREFERRED_KINDS = ("pose", "position", "xy", "xz", "yz")
+"""Kinds tried in this order when none is named (``axis`` on request only)."""
+
+_RADII = (0.5, 0.3, 0.2, 0.1, 0.05, 0.03, 0.02, 0.01)
+_ANGLES = (np.pi, 0.0, np.pi / 2, -np.pi / 2)
+_LEAST_DEXTERITY = 0.02
+_LEAST_MARGIN = 0.05
+
+
+def redundant_kinds(robot: Robot, frame: str) -> dict[str, int]:
+    """Find the task kinds an arm can carry out (J reaches full row rank), each with its r.
+
+    The rank is looked for at 32 configurations spread over the joint limits.
+    """
+    kinds = {}
+    for kind, rows in KINDS.items():
+        if len(robot.chain(frame)) < len(rows):
+            continue
+        task = robot.task(frame, kind)
+        if reaches_full_rank(task):
+            kinds[kind] = task.r
+    return kinds
+
+
+def reaches_full_rank(task: Task) -> bool:
+    """Say whether J has full row rank at one of 32 configurations within the limits."""
+    J = task.jacobians(_spread(task, 32))
+    J[:, :3] /= max(reach_of(task, task.reference), 1e-9) if task.m > 2 else 1.0
+    values = np.linalg.svd(J, compute_uv=False)
+    return bool((values[:, -1] > 1e-6 * values[:, 0]).any()) and task.r >= 0
+
+
+def choose_task(robot: Robot, frame: str | None, kind: str | None, joints: list[str] | None = None) -> Task:
+    """Make the task asked for, or the first preferred kind that leaves r ≥ 1.
+
+    Raises
+    ------
+    InputError
+        Where r = 0, or J never reaches full rank: the kinds that would be redundant are named.
+    """
+    frame = robot.default_frame if frame is None else frame
+    if kind is not None:
+        task = robot.task(frame, kind, joints=joints)
+        if task.r >= 1 and reaches_full_rank(task):
+            return task
+        others = redundant_kinds(robot, frame)
+        names = ", ".join(f"{k} (r = {r})" for k, r in others.items() if r >= 1)
+        why = (
+            f"n = {task.n} joints move it and the task has m = {task.m} coordinates, so r = {task.r}"
+            if task.r < 1
+            else f"its joints can never move it in all {task.m} coordinates of the task"
+        )
+        remedy = f"redundant here: {names}" if names else "no kind of task is redundant here"
+        raise InputError(f"{robot.name} {frame!r}, {kind}: {why}; {remedy}")
+    kinds = redundant_kinds(robot, frame)
+    for preferred in PREFERRED_KINDS:
+        if kinds.get(preferred, 0) >= 1:
+            return robot.task(frame, preferred, joints=joints)
+    raise InputError(
+        f"{robot.name} {frame!r} is moved by {len(robot.chain(frame))} joints: no kind of task is redundant there; "
+        "choose another --frame"
+    )
+
+
+def dexterity(task: Task, q: Array) -> float:
+    """Measure ``σ_min / σ_max`` of J, lengths in units of the arm's reach: 0 at a singularity."""
+    J = task.jacobian(q).copy()
+    J[: min(3, task.m)] /= max(reach_of(task, q), 1e-9)
+    values = np.linalg.svd(J, compute_uv=False)
+    return float(values[-1] / values[0])
+
+
+def reach_of(task: Task, q: Array) -> float:
+    """Sum the distances from joint to joint to the frame, m: how long the arm is."""
+    stations = np.vstack([task.joint_origins(q), task.placement(q).translation])
+    revolute = stations[np.append(task.revolute, True)]
+    return float(np.linalg.norm(np.diff(revolute, axis=0), axis=1).sum())
+
+
+def choose_start(task: Task) -> tuple[Array, str]:
+    """Take the reference pose where it is dexterous, else the best of 512 poses around it.
+
+    Returns
+    -------
+    q0 : (n,) array
+    where : str
+        What it is, for a person.
+    """
+    reference = np.array(task.reference)
+    margin = np.minimum(reference - task.lower, task.upper - reference).min()
+    if dexterity(task, reference) >= _LEAST_DEXTERITY and margin >= _LEAST_MARGIN:
+        return reference, "the reference pose"
+    low = np.maximum(reference - 1.2, _inner(task)[0])
+    high = np.minimum(reference + 1.2, _inner(task)[1])
+    points = low + (high - low) * qmc.Sobol(task.n, scramble=True, rng=0).random_base2(9)
+    scores = np.array([dexterity(task, q) for q in points])
+    # Of all poses at least half as dexterous as the best, the one nearest to the reference.
+    good = points[scores >= 0.5 * scores.max()]
+    nearest = good[int(np.argmin(np.linalg.norm(good - reference, axis=1)))]
+    return np.round(nearest, 3), "a dexterous pose near the reference pose"
+
+
+def choose_path(task: Task, q0: Array, *, plane: str | None = None, radius: float | None = None) -> Path:
+    """Find a circle that J⁺ can follow for a cycle inside the joint limits, well away from singularities.
+
+    The largest round radius up to a seventh of the reach, horizontal if possible, then upright.
+
+    Raises
+    ------
+    InputError
+        If there is none down to a radius of 1 cm.
+    """
+    planes = (plane,) if plane is not None else _planes(task)
+    limit = 0.14 * reach_of(task, q0)
+    radii = (radius,) if radius is not None else [x for x in _RADII if x <= max(limit, _RADII[-1])]
+    strategy = Pseudoinverse(task)
+    needed = 0.3 * dexterity(task, q0)
+    for size in radii:
+        for flat in planes:
+            for angle in _ANGLES:
+                path = circle(task, q0, size, normal=flat, start_angle=angle)
+                try:
+                    motion = follow(strategy, path, q0, cycles=1, steps=48)
+                except SingularityError:
+                    continue
+                if motion.limit_margin.min() > 0.02 and min(dexterity(task, q) for q in motion.q[::6]) > needed:
+                    return path
+    size_text = f"of radius {radius:g} m" if radius is not None else "of 1 cm or more"
+    raise InputError(
+        f"from this start the arm follows no circle {size_text} in {' or '.join(planes)} inside its joint limits; "
+        "choose another --start, a smaller --path circle:RADIUS or another --plane"
+    )
+
+
+def choose_region(task: Task, motion: Motion) -> Box:
+    """Take the box round one cycle of J⁺, a quarter wider each way, at least ±0.25 rad or ±0.1 m."""
+    cycle = motion.cycle(0)
+    low, high = cycle.min(axis=0), cycle.max(axis=0)
+    least = np.where(task.revolute, 0.25, 0.1)
+    return Box((low + high) / 2, np.maximum(0.75 * (high - low), least))
+
+
+def _planes(task: Task) -> tuple[str, ...]:
+    """Planes that a path of this kind can lie in."""
+    if task.kind in ("xy", "xz", "yz"):
+        return (task.kind,)
+    return ("xy", "yz", "xz")
+
+
+def _inner(task: Task) -> tuple[Array, Array]:
+    """The middle 80 % of the joint limits; ±3 where there are none."""
+    low = np.where(np.isfinite(task.lower), task.lower, np.minimum(-3.0, task.reference - 3.0))
+    high = np.where(np.isfinite(task.upper), task.upper, np.maximum(3.0, task.reference + 3.0))
+    return low + 0.1 * (high - low), high - 0.1 * (high - low)
+
+
+def _spread(task: Task, count: int) -> Array:
+    """Configurations spread over the inside of the joint limits (count, n)."""
+    low, high = _inner(task)
+    return low + (high - low) * qmc.Sobol(task.n, scramble=True, rng=0).random(count)
+
+
+__all__ = [
+    "choose_path",
+    "choose_region",
+    "choose_start",
+    "choose_task",
+    "dexterity",
+    "reach_of",
+    "reaches_full_rank",
+    "redundant_kinds",
+]

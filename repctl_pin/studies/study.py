@@ -1,0 +1,308 @@
+"""Compare every strategy on one arm and one closed path."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..design import Box, Design, nearest_repeatable
+from ..errors import InputError, SingularityError
+from ..fields import Polynomial
+from ..motion import Motion, Path, check_reach, follow, reach
+from ..redundancy import align, nullspace
+from ..robot.robot import Robot
+from ..robot.task import Task
+from ..strategies import PostureControl, Pseudoinverse, Strategy
+from . import defaults
+
+Array = NDArray[np.float64]
+
+POSTURE_GAIN = 1.0
+"""Gain of the posture in the null space, 1/s."""
+
+POSTURE_OFFSET = 0.57
+"""How far off the start the posture of the third strategy lies, rad, along the null space."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """What one strategy did.
+
+    Attributes
+    ----------
+    key, label : str
+        A short name for files (``pseudoinverse``), and one for people (``J⁺``).
+    motion : Motion or None
+        None where the strategy could not go on; ``stopped`` says why.
+    clearance : float or None
+        Worst σ_min(Nᵀ V̂) along its motion, where the strategy has a V.
+    distance : float or None
+        Relative distance ``‖G − J⁺‖ / ‖J⁺‖`` in the mean over Ω; None where the strategy is no inverse.
+    """
+
+    key: str
+    label: str
+    motion: Motion | None
+    stopped: str = ""
+    clearance: float | None = None
+    distance: float | None = None
+
+
+@dataclass(frozen=True)
+class Study:
+    """One arm, one closed path, every strategy side by side. See :func:`study`."""
+
+    task: Task
+    q0: Array
+    path: Path
+    region: Box
+    design: Design
+    rows: tuple[Row, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def robot(self) -> Robot:
+        """The robot."""
+        return self.task.robot
+
+    def row(self, key: str) -> Row:
+        """Find a strategy's row by its key."""
+        return next(row for row in self.rows if row.key == key)
+
+    @property
+    def setting(self) -> dict[str, str]:
+        """What was studied, as label and text: enough to do it again."""
+        task = self.task
+        numbers = ", ".join(f"{v:.4g}" for v in self.q0)
+        return {
+            "robot": f"{self.robot.name} ({self.robot.description.path.name})",
+            "task": f"{task.frame}, {task.kind}: n = {task.n} joints, m = {task.m}, r = {task.r}",
+            "start": numbers,
+            "path": self.path.name,
+            "region": _region_text(self.region),
+            "potentials": f"degree {getattr(self.design.fields, 'degree', '?')}, {self.design.fields.size} of them",
+        }
+
+    def as_dict(self) -> dict[str, Any]:
+        """Everything a script would want, in plain Python types."""
+        design = self.design
+        return {
+            "robot": self.robot.name,
+            "frame": self.task.frame,
+            "task": self.task.kind,
+            "n": self.task.n,
+            "m": self.task.m,
+            "r": self.task.r,
+            "joints": list(self.task.joint_names),
+            "start": [float(v) for v in self.q0],
+            "path": self.path.name,
+            "region": {
+                "center": design.region.center.tolist(),
+                "half_width": self.region.half_width.tolist(),
+            },
+            "design": {
+                "cost": design.cost,
+                "cost_error": design.cost_error,
+                "relative_distance": design.relative_distance,
+                "clearance": design.clearance,
+                "converged": design.converged,
+                "potentials": design.fields.size,
+            },
+            "strategies": {row.key: _row_dict(row) for row in self.rows},
+            "notes": list(self.notes),
+        }
+
+
+def study(
+    robot: str | Robot,
+    *,
+    frame: str | None = None,
+    task: str | None = None,
+    start: ArrayLike | None = None,
+    path: Path | Callable[[Task, Array], Path] | None = None,
+    radius: float | None = None,
+    plane: str | None = None,
+    cycles: int = 10,
+    steps: int = 500,
+    region: float | Box | None = None,
+    degree: int = 2,
+    period: float = 5.0,
+    seed: int = 0,
+    progress: Callable[[str], None] | None = None,
+) -> Study:
+    """Compare J⁺, J⁺ with a posture, and the nearest repeatable inverse on one closed path.
+
+    Parameters
+    ----------
+    robot
+        A catalogue name, a path to a URDF, or a robot already loaded.
+    frame, task
+        The frame to move and the kind of task; by default the arm's end and the first of pose, position,
+        xy, xz, yz that is redundant.
+    start : (n,) array, optional
+        q0; by default the reference pose, or a dexterous one near it.
+    path
+        A closed path, or a function ``(task, q0) → path``; by default a circle the arm can follow inside
+        its limits.
+    radius, plane
+        Of that circle, m, and ``xy``, ``yz`` or ``xz``.
+    cycles, steps
+        How often round, and RK4 steps a cycle, open loop.
+    region
+        Ω: a half-width round the start, rad (and m), or a box; by default the box round one cycle of J⁺.
+    degree
+        Of the polynomial potentials.
+    period
+        Time of one cycle, s.
+    seed
+        Of the nodes.
+    progress
+        Called with a word on what is being done.
+
+    Returns
+    -------
+    Study
+
+    Raises
+    ------
+    InputError
+        If anything given cannot be used; the message says what to give instead.
+    SingularityError
+        If the start is singular, or the design is, in every region tried.
+    """
+    say = progress or (lambda text: None)
+    say("loading the robot")
+    machine = robot if isinstance(robot, Robot) else Robot.load(robot)
+    moved = defaults.choose_task(machine, frame, task)
+    notes = list(machine.warnings)
+    if start is None:
+        q0, where = defaults.choose_start(moved)
+        notes.append(f"start: {where}")
+    else:
+        q0 = moved.check(start, "--start")
+    if defaults.dexterity(moved, q0) < 1e-3:
+        raise SingularityError(
+            f"the start is at a singularity of {moved.frame!r}, {moved.kind}; choose another --start"
+        )
+    if path is None:
+        say("finding a path")
+        path = defaults.choose_path(moved, q0, plane=plane, radius=radius)
+    else:
+        path = path if isinstance(path, Path) else path(moved, q0)
+        if np.linalg.norm(moved.error(q0, path.placement(0.0))) > 1e-6:
+            q0 = reach(moved, q0, path.placement(0.0))
+            notes.append("the start was moved to the path's first point")
+        check_reach(moved, q0, path)
+
+    say("following the path with J⁺")
+    plain = Pseudoinverse(moved)
+    options: dict[str, Any] = {"cycles": cycles, "steps": steps, "period": period}
+    first = follow(plain, path, q0, cycles=1, steps=steps, period=period)
+    box = _region(moved, q0, region, first)
+
+    say(f"designing the nearest repeatable inverse, degree {degree}")
+    design, box, shrunk = _design(plain, box, degree, seed, fixed=region is not None)
+    notes.extend(shrunk)
+
+    say(f"following the path for {cycles} cycles")
+    N = align(nullspace(moved.jacobian(q0)), np.eye(moved.n)[:, : moved.r])
+    away = np.clip(q0 + POSTURE_OFFSET * N[:, 0], moved.lower, moved.upper)
+    rows = [
+        replace(_run("pseudoinverse", "J⁺", plain, path, q0, options), distance=0.0),
+        _run("posture", "J⁺ + posture", PostureControl(moved, q0, POSTURE_GAIN), path, q0, options),
+        _run(
+            "posture_off",
+            "J⁺ + posture, off it",
+            PostureControl(moved, away, POSTURE_GAIN),
+            path,
+            q0,
+            options,
+        ),
+    ]
+    repeatable = _run("repeatable", "nearest repeatable", design.inverse, path, q0, options)
+    if repeatable.motion is not None:
+        covered = float(np.mean(box.contains(repeatable.motion.q)))
+        if covered < 1:
+            notes.append(
+                f"the repeatable motion spends {1 - covered:.0%} of its time outside Ω, where nothing was designed"
+            )
+    rows.append(replace(repeatable, clearance=_clearance(design, repeatable.motion), distance=design.relative_distance))
+    return Study(moved, q0, path, box, design, tuple(rows), tuple(notes))
+
+
+def _run(key: str, label: str, strategy: Strategy, path: Path, q0: Array, options: dict[str, Any]) -> Row:
+    """Follow the path with one strategy; a strategy that gets stuck is a finding, not a failure."""
+    try:
+        return Row(key, label, follow(strategy, path, q0, **options))
+    except SingularityError as error:
+        return Row(key, label, None, stopped=str(error))
+
+
+def _region(task: Task, q0: Array, region: float | Box | None, first: Motion) -> Box:
+    if region is None:
+        return defaults.choose_region(task, first)
+    if isinstance(region, Box):
+        return region
+    return Box(q0, float(region))
+
+
+def _design(plain: Pseudoinverse, box: Box, degree: int, seed: int, *, fixed: bool) -> tuple[Design, Box, list[str]]:
+    """Design in the region; one that was not asked for by name is shrunk until it is free of singularities."""
+    for attempt in range(6):
+        tried = box.shrunk(0.8**attempt)
+        try:
+            fields = Polynomial(tried.center, degree, tried.half_width)
+            design = nearest_repeatable(plain, fields, tried, seed=seed)
+        except SingularityError as error:
+            if fixed or attempt == 5:
+                raise SingularityError(f"{error}" + (" (--region)" if fixed else "")) from None
+            continue
+        note = [f"Ω was shrunk to {0.8**attempt:.0%} to keep clear of singularities"] if attempt else []
+        return design, tried, note
+    raise AssertionError("unreachable")
+
+
+def _clearance(design: Design, motion: Motion | None) -> float:
+    """Worst clearance along a motion's cycles, or over Ω where there is no motion."""
+    from ..redundancy import clearance
+
+    if motion is None:
+        return design.clearance
+    Q = motion.q[:: max(1, motion.steps // 50)]
+    N = nullspace(design.task.jacobians(Q))
+    return float(clearance(N, design.inverse.field.gradients(Q)).min())
+
+
+def _row_dict(row: Row) -> dict[str, Any]:
+    motion = row.motion
+    if motion is None:
+        return {"label": row.label, "stopped": row.stopped}
+    violation = motion.first_violation
+    margin = float(motion.limit_margin.min())
+    return {
+        "label": row.label,
+        "drift_first": float(motion.drift[0]),
+        "drift_last": float(motion.drift[-1]),
+        "drift": motion.drift.tolist(),
+        "tracking_error": float(motion.tracking_error.max()),
+        "turning_error": float(motion.turning_error.max()),
+        "rms_speed": motion.rms_speed,
+        "peak_speed": motion.peak_speed,
+        "limit_margin": margin if np.isfinite(margin) else None,
+        "first_violation": None if violation is None else {"cycle": violation[0], "joint": violation[1]},
+        "clearance": row.clearance,
+        "distance": row.distance,
+    }
+
+
+def _region_text(box: Box) -> str:
+    widths: Sequence[str] = sorted({f"{w:.2g}" for w in box.half_width}, key=float)
+    centre = ", ".join(f"{c:.3g}" for c in box.center)
+    return f"±{widths[0]}{'' if len(widths) == 1 else ' to ±' + widths[-1]} round ({centre})"
+
+
+__all__ = ["InputError", "Row", "Study", "study"]
