@@ -14,6 +14,7 @@ from .catalogue import Entry, default_package_dirs, find, reference_posture
 from .task import KINDS, Task
 from .urdf import Description, read_urdf
 
+_MEANWHILE = "\N{NULL} link"
 _ONE_NUMBER = ("revolute", "continuous", "prismatic")
 
 
@@ -75,7 +76,7 @@ class Robot:
         if entry is not None and entry.srdf is not None:
             named = reference_posture(entry.srdf, entry.posture)
         posture, notes = _reference(model, joints, named)
-        model = pin.buildReducedModel(model, [model.getJointId(j) for j in locked], posture)
+        model = lock_joints(model, [model.getJointId(j) for j in locked], posture)
 
         self.model = model
         self.locked = tuple(locked)
@@ -87,7 +88,7 @@ class Robot:
         self.revolute = np.array([j.kind != "prismatic" for j in movable], bool)
         self.reference = _frozen(model.referenceConfigurations["reference"])
         self.frames = tuple(f.name for f in model.frames if f.type == pin.FrameType.BODY)
-        self.warnings = tuple(notes)
+        self.warnings = (*notes, *self._missing_meshes())
 
     @classmethod
     def load(
@@ -168,6 +169,19 @@ class Robot:
             raise InputError(f"base {self.base!r} is not on the chain to {frame!r}; choose a link that is")
         return tuple(self.model.names[j] for j in supports if j not in below)
 
+    def _missing_meshes(self) -> list[str]:
+        """Say which meshes were not found; kinematics does without."""
+        from .visuals import find_mesh
+
+        names = self.description.meshes
+        missing = [name for name in names if find_mesh(name, self.description.path, self.package_dirs) is None]
+        if not missing:
+            return []
+        return [
+            f"{len(missing)} of {len(names)} meshes were not found ({missing[0]}{', …' if len(missing) > 1 else ''}); "
+            "those links are drawn as tubes; say where the packages are with --package-dir"
+        ]
+
     def _supports(self, frame: str) -> list[int]:
         joint = self.model.frames[frame_id(self.model, frame)].parentJoint
         return [int(j) for j in self.model.supports[joint] if j > 0]
@@ -201,6 +215,26 @@ def frame_id(model: pin.Model, name: str) -> int:
     if name not in ids:
         raise unknown("frame", name, [f.name for f in model.frames if f.type == pin.FrameType.BODY])
     return ids[name]
+
+
+def lock_joints(model: pin.Model, ids: Sequence[int], posture: NDArray[np.float64]) -> pin.Model:
+    """Build the reduced model, some joints held at a posture.
+
+    Pinocchio looks locked joints up by name among all frames and raises where a link has a joint's name, so
+    such links go by another name meanwhile.
+    """
+    joints = set(model.names)
+    links = [f for f in model.frames if f.type == pin.FrameType.BODY and f.name in joints]
+    for link in links:
+        link.name += _MEANWHILE
+    try:
+        reduced = pin.buildReducedModel(model, list(ids), np.array(posture))
+    finally:
+        for link in links:
+            link.name = link.name.removesuffix(_MEANWHILE)
+    for frame in reduced.frames:
+        frame.name = frame.name.removesuffix(_MEANWHILE)
+    return reduced
 
 
 def _looks_like_a_path(text: str) -> bool:

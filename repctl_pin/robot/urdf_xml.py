@@ -1,0 +1,145 @@
+"""From the bytes of a file to a plain XML tree, safely; and how its elements are named to a person."""
+
+from __future__ import annotations
+
+import re
+
+from lxml import etree
+
+from ..errors import UrdfError
+
+MAX_NESTING = 64  # XML elements, one inside the other
+_LAST_LINE = 65535  # libxml2 counts no further
+
+_OTHERS = {
+    "sdf": "this is SDF (Gazebo), not URDF: export the robot as URDF first",
+    "mujoco": "this is MJCF (MuJoCo), not URDF: export the robot as URDF first",
+    "html": "this is a web page, not a URDF: download the raw file",
+    "collada": "this is a COLLADA mesh, not a URDF: give the .urdf that uses it",
+}
+_XACRO = "this is xacro, not URDF: run `xacro file.xacro > robot.urdf` first"
+_DOCTYPE = "has a <!DOCTYPE>, which a URDF does not need; delete it, and the entities it declares"
+_UTF16 = (b"\xff\xfe", b"\xfe\xff")
+
+
+def parse(data: bytes) -> etree._Element:
+    """Parse bytes into a plain tree: links, joints and materials, no namespaces, no comments.
+
+    Raises
+    ------
+    UrdfError
+        If the bytes are not XML, are XML of another kind, or hold more than XML should.
+    """
+    _refuse_other_files(data)
+    options = {"resolve_entities": False, "no_network": True, "load_dtd": False, "huge_tree": False}
+    try:
+        root = etree.fromstring(data, etree.XMLParser(**options))
+    except etree.XMLSyntaxError as error:
+        where, what = error.lineno, error.msg or "unreadable"
+        raise UrdfError(f"line {where}: not well-formed XML ({what}); is the file complete?") from error
+    if root.getroottree().docinfo.doctype:
+        raise UrdfError(_DOCTYPE)
+    _check_root(root)
+    robot = _plain(root)
+    for child in list(robot):
+        nameless = child.tag == "material" and not child.get("name")  # no shape can mean it
+        if child.tag not in ("link", "joint", "material") or nameless:
+            robot.remove(child)
+    for element in robot.iter():
+        if any("${" in value or "$(" in value for value in element.attrib.values()):
+            raise bad(element, f"a value holds ${{…}} or $(…); {_XACRO}")
+    return robot
+
+
+def _refuse_other_files(data: bytes) -> None:
+    """Name what is often given in place of a URDF, before an XML parser sees it."""
+    if not data.strip():
+        raise UrdfError("the file is empty; give a .urdf file")
+    if data.startswith(b"version https://git-lfs"):
+        raise UrdfError("this is a Git LFS pointer, not the file itself: run `git lfs pull` first")
+    if data.startswith(_UTF16):
+        return
+    if b"\0" in data:
+        raise UrdfError("this is a binary file, not a URDF; give a .urdf file")
+    head = _after_prolog(data)
+    if head.lower().startswith((b"<!doctype html", b"<html")):
+        raise UrdfError(_OTHERS["html"])
+    if head.upper().startswith(b"<!DOCTYPE"):
+        raise UrdfError(_DOCTYPE)
+    if not head.startswith(b"<"):
+        raise UrdfError(f"not XML: it starts with {short(head[:30].decode('latin-1'))}; give a .urdf file")
+
+
+def _after_prolog(data: bytes) -> bytes:
+    """Return the first bytes after the byte order mark, the XML declaration and the comments."""
+    at = 3 if data.startswith(b"\xef\xbb\xbf") else 0
+    while True:
+        space = re.compile(rb"\s*").match(data, at)
+        at = space.end() if space else at
+        closing = {b"<?": b"?>", b"<!": b"-->"}.get(data[at : at + 2])
+        if closing is None or (closing == b"-->" and data[at : at + 4] != b"<!--"):
+            return data[at : at + 64]
+        end = data.find(closing, at)
+        if end < 0:
+            return data[at : at + 64]
+        at = end + len(closing)
+
+
+def _check_root(root: etree._Element) -> None:
+    """Check the root's name, the nesting, and that no xacro is left anywhere."""
+    tag = etree.QName(root).localname
+    if tag.lower() in _OTHERS:
+        raise UrdfError(_OTHERS[tag.lower()])
+    if tag != "robot":
+        raise UrdfError(f"{line(root)}: the root is <{tag[:40]}>; the root of a URDF is <robot>")
+    depth = 0
+    for event, element in etree.iterwalk(root, events=("start", "end")):
+        depth += 1 if event == "start" else -1
+        where = f"{line(element)}: <{element.prefix}:{etree.QName(element).localname}>"
+        if element.prefix == "xacro":
+            raise UrdfError(f"{where}: {_XACRO}")
+        if depth > MAX_NESTING:
+            raise UrdfError(f"{line(element)}: elements nest over {MAX_NESTING} deep; no robot does")
+    tags = {child.tag for child in root}
+    if "link" not in tags and tags & {"group", "group_state"}:
+        raise UrdfError("this is an SRDF (groups and poses), not a URDF: give the robot's .urdf")
+
+
+def _plain(element: etree._Element) -> etree._Element:
+    """Copy an element without namespaces, comments and foreign children; keep the line numbers."""
+    attributes = {k: v for k, v in element.attrib.items() if not k.startswith("{")}
+    copy = etree.Element(etree.QName(element).localname, attributes)
+    copy.sourceline = min(element.sourceline, _LAST_LINE)
+    copy.extend([_plain(c) for c in element if isinstance(c.tag, str) and c.prefix is None])
+    return copy
+
+
+def bad(element: etree._Element, what: str) -> UrdfError:
+    """Make the error for an element of the plain tree: its line, its name, what is wrong."""
+    return UrdfError(f"{line(element)}: {label(element)}: {what}")
+
+
+def line(element: etree._Element) -> str:
+    """Say where an element stands in the file, as far as the parser counts."""
+    return f"line {element.sourceline}" if element.sourceline < _LAST_LINE else f"after line {_LAST_LINE - 1}"
+
+
+def label(element: etree._Element) -> str:
+    """Name an element for a person: ``joint 'elbow'``, ``<axis> of joint 'elbow'``."""
+    owner = element
+    while owner.getparent() is not None and owner.getparent().getparent() is not None:
+        owner = owner.getparent()
+    if owner.getparent() is None:
+        return f"<{element.tag}>"
+    name = short(owner.get("name")) if owner.get("name") else "without a name"
+    return f"{owner.tag} {name}" if owner is element else f"<{element.tag}> of {owner.tag} {name}"
+
+
+def short(text: str, most: int = 60) -> str:
+    """Quote a value, cut to a readable length."""
+    return repr(text if len(text) <= most else text[: most - 1] + "…")
+
+
+def one_line(text: str) -> str:
+    """Fold a message into one printable line."""
+    return "".join(c if c.isprintable() else "�" for c in " ".join(text.split()))

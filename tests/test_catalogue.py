@@ -1,0 +1,236 @@
+"""The catalogue: every robot passes the gatekeeper, builds, and has the frames and the pose it promises."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from numpy.typing import NDArray
+
+from repctl_pin.errors import InputError
+from repctl_pin.robot import catalogue
+from repctl_pin.robot.arms import ROWS
+from repctl_pin.robot.catalogue import default_package_dirs, entries, find, reference_posture, urdf_folder
+from repctl_pin.robot.robot import lock_joints
+from repctl_pin.robot.urdf import read_urdf
+
+NAMES = [row.name for row in ROWS]
+PLANAR = {
+    "planar3r": (1, 1, 1),
+    "planar4r": (1, 0.8, 0.7, 0.5),
+    "planar7r": (0.7, 0.6, 0.5, 0.45, 0.4, 0.3, 0.25),
+}
+# joints of the chain to the default frame
+JOINTS = {
+    "ppr": 3, "prr": 3, "planar3r": 3, "planar4r": 4, "planar7r": 7,
+    "panda": 7, "xarm7": 7, "baxter": 7, "tiago": 8, "tiago_dual": 8, "tiago_pro": 8, "pr2": 8, "talos": 9,
+    "kinova": 6, "ur3": 6, "ur5": 6, "ur10": 6, "z1": 6, "so100": 5, "so101": 5, "romeo": 8, "icub": 10, "g1": 10,
+    "centauro": 7, "anymal_kinova": 6, "b1_z1": 6,
+}  # fmt: skip
+
+
+def reference(model: pin.Model, entry: catalogue.Entry) -> NDArray[np.float64]:
+    """The pose as written, unnamed joints in the middle of their range."""
+    named = reference_posture(entry.srdf, entry.posture) if entry.srdf is not None else {}
+    q = (model.lowerPositionLimit + model.upperPositionLimit) / 2
+    for name, value in named.items():
+        if model.existJointName(name):
+            q[model.joints[model.getJointId(name)].idx_q] = value
+    return q
+
+
+def tool_jacobian(model: pin.Model, frame: str, q: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(6, n), of the joints of the frame's chain alone."""
+    joint = model.frames[model.getFrameId(frame, pin.FrameType.BODY)].parentJoint
+    chain = [i for i in model.supports[joint] if i > 0]
+    small = pin.buildReducedModel(model, [i for i in range(1, model.njoints) if i not in chain], q)
+    q_chain = np.array([q[model.joints[i].idx_q] for i in chain])
+    frame_id = small.getFrameId(frame, pin.FrameType.BODY)
+    return pin.computeFrameJacobian(small, small.createData(), q_chain, frame_id, pin.LOCAL_WORLD_ALIGNED)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_robot_is_what_it_promises(name: str) -> None:
+    entry = find(name)
+    d = read_urdf(entry.urdf)
+    model = pin.buildModelFromXML(d.xml)
+    assert model.nq == model.nv > 0
+    q = reference(model, entry)
+    lock_joints(model, list(range(2, model.njoints)), q)  # any joint can be locked
+
+    assert entry.frames and set(entry.frames) <= set(d.links)
+    for frame in entry.frames:
+        assert model.getFrameId(frame, pin.FrameType.BODY) < model.nframes
+        J = tool_jacobian(model, frame, q)
+        # the pose to start from is away from singularities of the frame's position
+        moves = 2 if "planar" in entry.note else 3
+        assert np.linalg.svd(J[:moves], compute_uv=False)[-1] > 0.07, frame
+    assert tool_jacobian(model, entry.frames[0], q).shape[1] == JOINTS.get(name, J.shape[1])
+
+    # and leaves the arm room to move
+    for frame in entry.frames:
+        chain = model.supports[model.frames[model.getFrameId(frame, pin.FrameType.BODY)].parentJoint]
+        at = [model.joints[i].idx_q for i in chain if i > 0]
+        room = np.minimum(q[at] - model.lowerPositionLimit[at], model.upperPositionLimit[at] - q[at])
+        assert room.min() > 0.08
+
+
+@pytest.mark.parametrize("name", [row.name for row in ROWS if row.srdf])
+def test_reference_poses_lie_within_the_limits(name: str) -> None:
+    entry = find(name)
+    assert entry.srdf is not None
+    pose = reference_posture(entry.srdf, entry.posture)
+    joints = {j.name: j for j in read_urdf(entry.urdf).joints}
+    known = [j for j in pose if j in joints]
+    assert known
+    if entry.srdf.parent == urdf_folder() and name not in ("romeo", "romeo_small"):
+        assert len(known) == len(pose)  # our own poses name no joint that is not there
+    outside = [j for j in known if not joints[j].lower - 1e-6 <= pose[j] <= joints[j].upper + 1e-6]
+    assert outside == []
+
+
+def test_names_and_aliases() -> None:
+    assert [e.name for e in entries()] == NAMES
+    words = [word for row in ROWS for word in (row.name, *row.aliases.split())]
+    assert len(set(words)) == len(words)
+    assert all(word == word.lower() for word in words)
+    assert find("talos_full_v2") == find("talos") == find(" Talos ")
+    assert find("tiago_no_hand").urdf.name == "tiago_no_hand.urdf"
+    assert find("panda").posture == "default"
+    assert find("baxter").frames == ("left_gripper", "right_gripper")
+    with pytest.raises(InputError, match=r"no robot 'pandda'; did you mean 'panda'.*repctl robots"):
+        find("pandda")
+
+
+@pytest.mark.parametrize("name", ["panda", "talos", "so100", "planar3r"])
+def test_meshes_are_found(name: str) -> None:
+    entry = find(name)
+    xml = read_urdf(entry.urdf).xml
+    model = pin.buildModelFromXML(xml)
+    paths = [*entry.package_dirs]
+    geometry = pin.buildGeomFromUrdfString(model, xml, pin.GeometryType.VISUAL, package_dirs=paths)
+    assert geometry.ngeoms >= 5
+    assert all(
+        Path(g.meshPath).is_file() or g.meshPath in ("BOX", "CYLINDER", "SPHERE") for g in geometry.geometryObjects
+    )
+
+
+def position(name: str) -> tuple[pin.Model, Callable[[NDArray[np.float64]], NDArray[np.float64]]]:
+    model = pin.buildModelFromXML(read_urdf(find(name).urdf).xml)
+    data, tool = model.createData(), model.getFrameId("tool", pin.FrameType.BODY)
+
+    def tip(q: NDArray[np.float64]) -> NDArray[np.float64]:
+        pin.framesForwardKinematics(model, data, q)
+        return data.oMf[tool].translation.copy()
+
+    return model, tip
+
+
+def samples(model: pin.Model) -> NDArray[np.float64]:
+    return np.random.default_rng(5).uniform(model.lowerPositionLimit, model.upperPositionLimit, (50, model.nq))
+
+
+@pytest.mark.parametrize("name", PLANAR)
+def test_planar_chains_closed_form(name: str) -> None:
+    model, tip = position(name)
+    lengths = np.array(PLANAR[name])
+    for q in samples(model):
+        absolute = np.cumsum(q)
+        expected = [lengths @ np.cos(absolute), lengths @ np.sin(absolute), 0.0]
+        np.testing.assert_allclose(tip(q), expected, rtol=0, atol=1e-12)
+
+
+def test_ppr_closed_form() -> None:
+    """x = (d₁ + cos θ₃, d₂ + sin θ₃): the paper's Fig. 3, (39)."""
+    model, tip = position("ppr")
+    assert tuple(model.names)[1:] == ("d1", "d2", "theta3")
+    np.testing.assert_array_equal(tip(np.zeros(3)), [1, 0, 0])
+    for q in samples(model):
+        expected = [q[0] + np.cos(q[2]), q[1] + np.sin(q[2]), 0.0]
+        np.testing.assert_allclose(tip(q), expected, rtol=0, atol=1e-12)
+
+
+def test_prr_closed_form() -> None:
+    """x = (d₁ + cos ψ₂ + cos ψ₃, sin ψ₂ + sin ψ₃) with ψ₂ = θ₂, ψ₃ = θ₂ + θ₃: the paper's Fig. 1, (10)."""
+    model, tip = position("prr")
+    for q in samples(model):
+        psi = q[1], q[1] + q[2]
+        expected = [q[0] + np.cos(psi[0]) + np.cos(psi[1]), np.sin(psi[0]) + np.sin(psi[1]), 0.0]
+        np.testing.assert_allclose(tip(q), expected, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["ppr", "prr", *PLANAR])
+def test_planar_arms_have_room_and_mass(name: str) -> None:
+    d = read_urdf(find(name).urdf)
+    moving = [j for j in d.joints if j.kind != "fixed"]
+    assert all(-j.lower == j.upper >= (5 if j.kind == "prismatic" else 2 * np.pi) for j in moving)
+    assert all(np.isfinite(j.velocity) for j in moving)
+    assert d.notes == () and d.meshes == ()
+    model = pin.buildModelFromXML(d.xml)
+    M = pin.crba(model, model.createData(), np.full(model.nq, 0.3))
+    M = np.triu(M) + np.triu(M, 1).T
+    assert np.linalg.eigvalsh(M)[0] > 1e-3  # fit for an inertia-weighted inverse
+
+
+def test_poses_are_read_as_they_stand(tmp_path: Path) -> None:
+    path = tmp_path / "r.srdf"
+    states = """<robot name="r">
+    <group_state name="none" group="g"/>
+    <group_state name="up" group="g">
+      <joint name="root_joint" value="0. 0. 1. 0. 0. 0. 1."/> <joint name="r/j1" value=" 0.5 "/>
+      <!-- turned --> <joint name="j2" value="-1e-1"/>
+    </group_state>
+    <group_state name="bad" group="g"><joint name="j1" value="nan"/></group_state></robot>"""
+    path.write_text(states)
+    assert reference_posture(path) == reference_posture(path, "up") == {"j1": 0.5, "j2": -0.1}
+    with pytest.raises(InputError, match=r"no group_state in .*r\.srdf 'upp'; did you mean 'up'"):
+        reference_posture(path, "upp")
+    with pytest.raises(InputError, match="j1 = 'nan' is not a finite number"):
+        reference_posture(path, "bad")
+    for content in ("<robot", '<!DOCTYPE r [<!ENTITY a SYSTEM "file:///etc/hostname">]><robot>&a;</robot>', "<robot/>"):
+        path.write_text(content)
+        with pytest.raises(InputError):
+            reference_posture(path)
+    with pytest.raises(InputError, match="cannot be read"):
+        reference_posture(tmp_path / "nowhere.srdf")
+
+
+def test_package_dirs_of_a_persons_own_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    urdf = tmp_path / "ws" / "my_arm" / "urdf" / "arm.urdf"
+    urdf.parent.mkdir(parents=True)
+    for folder in ("ros/pkg", "ament/share"):
+        (tmp_path / folder).mkdir(parents=True)
+    monkeypatch.setenv("ROS_PACKAGE_PATH", os.pathsep.join([str(tmp_path / "ros" / "pkg"), "/not/there"]))
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path / "ament"))
+    dirs = default_package_dirs(urdf)
+    ws = [str(p) for p in (urdf.parent, urdf.parents[1], urdf.parents[2])]
+    assert dirs[:3] == ws  # the third resolves package://my_arm/
+    assert [str(tmp_path / p) for p in ("ros/pkg", "ros", "ament/share")] == dirs[-3:]
+
+
+def test_without_the_data_only_our_own_arms(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "path", [])
+    monkeypatch.setattr(sys, "prefix", "/nowhere")
+    catalogue.data_folder.cache_clear()
+    try:
+        assert find("planar3r").urdf.is_file()
+        with pytest.raises(InputError, match="pip install"):
+            find("panda")
+        with pytest.raises(InputError, match="pip install"):
+            entries()
+    finally:
+        monkeypatch.undo()
+        catalogue.data_folder.cache_clear()
+
+
+def test_looking_a_robot_up_is_light() -> None:
+    code = """import sys; from repctl_pin.robot.catalogue import entries; entries()
+print([m for m in ('numpy', 'scipy', 'pinocchio', 'lxml', 'yourdfpy') if m in sys.modules])"""
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert result.stdout.strip() == "[]"
