@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from repctl_pin.errors import InputError
 from repctl_pin.robot import catalogue
 from repctl_pin.robot.arms import ROWS
-from repctl_pin.robot.catalogue import default_package_dirs, entries, find, reference_posture, urdf_folder
-from repctl_pin.robot.robot import lock_joints
+from repctl_pin.robot.catalogue import default_package_dirs, entries, find, reference_posture
+from repctl_pin.robot.robot import Robot, lock_joints
 from repctl_pin.robot.urdf import read_urdf
 
 NAMES = [row.name for row in ROWS]
@@ -35,64 +35,48 @@ JOINTS = {
 }  # fmt: skip
 
 
-def reference(model: pin.Model, entry: catalogue.Entry) -> NDArray[np.float64]:
-    """The pose as written, unnamed joints in the middle of their range."""
-    named = reference_posture(entry.srdf, entry.posture) if entry.srdf is not None else {}
-    q = (model.lowerPositionLimit + model.upperPositionLimit) / 2
-    for name, value in named.items():
-        if model.existJointName(name):
-            q[model.joints[model.getJointId(name)].idx_q] = value
-    return q
-
-
-def tool_jacobian(model: pin.Model, frame: str, q: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(6, n), of the joints of the frame's chain alone."""
-    joint = model.frames[model.getFrameId(frame, pin.FrameType.BODY)].parentJoint
-    chain = [i for i in model.supports[joint] if i > 0]
-    small = pin.buildReducedModel(model, [i for i in range(1, model.njoints) if i not in chain], q)
-    q_chain = np.array([q[model.joints[i].idx_q] for i in chain])
-    frame_id = small.getFrameId(frame, pin.FrameType.BODY)
-    return pin.computeFrameJacobian(small, small.createData(), q_chain, frame_id, pin.LOCAL_WORLD_ALIGNED)
-
-
 @pytest.mark.parametrize("name", NAMES)
 def test_every_robot_is_what_it_promises(name: str) -> None:
     entry = find(name)
     d = read_urdf(entry.urdf)
     model = pin.buildModelFromXML(d.xml)
     assert model.nq == model.nv > 0
-    q = reference(model, entry)
-    lock_joints(model, list(range(2, model.njoints)), q)  # any joint can be locked
+    lock_joints(model, list(range(2, model.njoints)), pin.neutral(model))  # any joint can be locked
 
+    machine = Robot.load(name)
     assert entry.frames and set(entry.frames) <= set(d.links)
     for frame in entry.frames:
-        assert model.getFrameId(frame, pin.FrameType.BODY) < model.nframes
-        J = tool_jacobian(model, frame, q)
-        # the pose to start from is away from singularities of the frame's position
-        moves = 2 if "planar" in entry.note else 3
-        assert np.linalg.svd(J[:moves], compute_uv=False)[-1] > 0.07, frame
-    assert tool_jacobian(model, entry.frames[0], q).shape[1] == JOINTS.get(name, J.shape[1])
-
-    # and leaves the arm room to move
-    for frame in entry.frames:
-        chain = model.supports[model.frames[model.getFrameId(frame, pin.FrameType.BODY)].parentJoint]
-        at = [model.joints[i].idx_q for i in chain if i > 0]
-        room = np.minimum(q[at] - model.lowerPositionLimit[at], model.upperPositionLimit[at] - q[at])
-        assert room.min() > 0.08
+        task = machine.task(frame, "xy" if "planar" in entry.note else "position")
+        assert task.n == JOINTS.get(name, task.n) or frame != entry.frames[0]
+        # one of its poses is away from singularities of the frame's position and leaves the arm room to move
+        poses = [task.part(pose) for pose in machine.poses.values()]
+        dexterous = [np.linalg.svd(task.jacobian(q), compute_uv=False)[-1] > 0.07 for q in poses]
+        roomy = [np.minimum(q - task.lower, task.upper - q).min() > 0.08 for q in poses]
+        assert any(a and b for a, b in zip(dexterous, roomy, strict=True)), frame
 
 
 @pytest.mark.parametrize("name", [row.name for row in ROWS if row.srdf])
-def test_reference_poses_lie_within_the_limits(name: str) -> None:
+def test_reference_poses_are_the_srdfs_inside_the_limits(name: str) -> None:
     entry = find(name)
     assert entry.srdf is not None
+    machine = Robot.load(name)
+    values = dict(zip(machine.joint_names, machine.reference, strict=True))
     pose = reference_posture(entry.srdf, entry.posture)
-    joints = {j.name: j for j in read_urdf(entry.urdf).joints}
-    known = [j for j in pose if j in joints]
+    known = [j for j in pose if j in values]
     assert known
-    if entry.srdf.parent == urdf_folder() and name not in ("romeo", "romeo_small"):
-        assert len(known) == len(pose)  # our own poses name no joint that is not there
-    outside = [j for j in known if not joints[j].lower - 1e-6 <= pose[j] <= joints[j].upper + 1e-6]
-    assert outside == []
+    moved = [j for j in known if not np.isclose(values[j], pose[j], atol=1e-3)]
+    told = " ".join(machine.warnings)
+    assert all(f"{j} = " in told for j in moved)  # what was outside its limits was moved inside, and is said
+    assert len(moved) < len(known)
+    for pose_of_all in machine.poses.values():
+        assert (pose_of_all >= machine.lower).all() and (pose_of_all <= machine.upper).all()
+
+
+def test_a_full_turn_is_taken_before_a_limit() -> None:
+    kinova = Robot.load("kinova")
+    pose = reference_posture(find("kinova").srdf, "arm_up")
+    turned = kinova.reference[2] - pose["j2s6s200_joint_3"]
+    assert np.isclose(turned, 2 * np.pi) and "joint_3" in " ".join(kinova.warnings)
 
 
 def test_names_and_aliases() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from typing import Any
 
 from .terminal import clear_line, progress
 
@@ -24,7 +25,7 @@ def run(options: argparse.Namespace) -> int:
     from ..studies.defaults import redundant_kinds
 
     say = progress(options.json)
-    rows = []
+    rows: list[dict[str, Any]] = []
     for entry in entries():
         say(f"reading {entry.name}")
         robot = Robot.load(entry.name)

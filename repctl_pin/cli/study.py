@@ -29,7 +29,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--region",
         type=positive,
         metavar="W",
-        help="Ω: half-width round the start, rad (default: round one cycle of J⁺)",
+        help="Ω: half-width round the start, rad (default: round the cycle)",
     )
     parser.add_argument("--degree", type=whole, default=2, help="degree of the potentials, 1 to 4 (default 2)")
     parser.add_argument("--seed", type=int, default=0, help="seed of the design's nodes (default 0)")

@@ -23,6 +23,9 @@ INTEGRATORS: dict[str, tuple[tuple[float, ...], tuple[tuple[float, ...], ...], t
 _INSIDE = 1e-12
 """How far from a grid point, in cycles, a velocity is asked for: on the step's own side of a corner."""
 
+_JUMP = 1.0
+"""No arm moves a joint this far, rad or m, in one step: the integration has gone astray."""
+
 
 @dataclass(frozen=True)
 class Motion:
@@ -181,9 +184,13 @@ def follow(
             except SingularityError as error:
                 raise SingularityError(f"{error}, in cycle {1 + step / n_steps:.2f} of {path.name}") from None
             Qdot[step] = slopes[0]
-            q = q + h * sum(b * k for b, k in zip(weights, slopes, strict=True))
-            if not np.abs(q).max() < 1e4:
-                raise SingularityError(f"the motion diverges in cycle {1 + step / n_steps:.2f} of {path.name}")
+            change = h * sum(b * k for b, k in zip(weights, slopes, strict=True))
+            if not np.abs(change).max() < _JUMP:
+                raise SingularityError(
+                    f"the joints jump by more than {_JUMP:g} rad in one step, in cycle {1 + step / n_steps:.2f} of "
+                    f"{path.name}: the arm is at a singularity, the path out of reach, or the steps too few"
+                )
+            q = q + change
             Q[step + 1] = q
     Qdot[-1] = velocity(q, 1.0, 1.0 - _INSIDE)
 

@@ -70,7 +70,8 @@ def circle(task: Task, q0: ArrayLike, radius: float = 0.1, *, normal: str = "z",
     radius
         In m.
     normal
-        The axis it goes round: ``x``, ``y`` or ``z``; or name its plane: ``yz``, ``xz``, ``xy``.
+        The axis it goes round: ``x``, ``y`` or ``z``, ``-z`` the other way round; or name its plane:
+        ``yz``, ``xz``, ``xy``.
     start_angle
         Where on the circle the start lies, rad from the plane's first axis: the centre is at
         ``p − radius (cos, sin)``.
@@ -199,7 +200,7 @@ def read_waypoints(file: str | FilePath) -> Array:
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         reason = getattr(error, "strerror", None) or "it is not a text file"
         raise InputError(f"cannot read waypoints from {file}: {reason}") from None
-    points = []
+    points: list[list[float]] = []
     for number, row in rows:
         try:
             values = [float(cell) for cell in row]
@@ -242,13 +243,15 @@ def _polyline(corners: Array, rotation: Array, name: str) -> Path:
 def _frame(task: Task, q0: ArrayLike, normal: str) -> tuple[pin.SE3, Array, Array]:
     """The start's placement and the two axes of the path's plane."""
     first, second = PLANES[_plane(normal)]
-    return task.placement(q0), np.eye(3)[first], np.eye(3)[second]
+    way = -1.0 if normal.startswith("-") else 1.0
+    return task.placement(q0), np.eye(3)[first], way * np.eye(3)[second]
 
 
 def _plane(normal: str) -> str:
-    plane = _NORMALS.get(normal, normal)
+    bare = normal.removeprefix("-")
+    plane = _NORMALS.get(bare, bare)
     if plane not in PLANES:
-        raise InputError(f"no plane {normal!r}; there is {', '.join(PLANES)} (or a normal: x, y, z)")
+        raise InputError(f"no plane {normal!r}; there is {', '.join(PLANES)} (or a normal: x, y, z, -z …)")
     return plane
 
 

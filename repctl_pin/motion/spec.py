@@ -34,7 +34,7 @@ def parse_path(text: str, plane: str = "xy") -> PathMaker:
         return lambda task, q0: waypoints(points, task.placement(q0).rotation, name=FilePath(text).name)
     kind, *parts = text.split(":")
     numbers = [_number(part, text) for part in parts]
-    curves = {"circle": circle, "eight": figure_eight, "rose": rose}
+    curves: dict[str, Callable[..., Path]] = {"circle": circle, "eight": figure_eight, "rose": rose}
     if kind in curves and len(numbers) == 1:
         return lambda task, q0: curves[kind](task, q0, numbers[0], normal=plane)
     if kind == "square" and len(numbers) == 1:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -103,7 +105,7 @@ def from_null_component(J: ArrayLike, N: ArrayLike, W: ArrayLike) -> Array:
     return pseudoinverse(J) + np.asarray(N, float) @ np.swapaxes(np.asarray(W, float), -1, -2)
 
 
-def row_factor(J: ArrayLike, mode: str = "reduced") -> tuple[Array, Array]:
+def row_factor(J: ArrayLike, mode: Literal["reduced", "complete"] = "reduced") -> tuple[Array, Array]:
     """Factor ``Jᵀ = Q R`` and make sure that J has full row rank.
 
     Returns

@@ -9,8 +9,8 @@ class Row(NamedTuple):
     """One arm.
 
     Files are below example-robot-data's ``robots/``; a name without a slash is one of our own ``urdf/``.
-    Frames and aliases are words; the first frame is the default. Without an SRDF, the middle of the joints'
-    range is the better pose to start from (baxter's ``neutral`` is nearly singular, pr2's poses tuck one arm).
+    Frames and aliases are words; the first frame is the default. ``srdf`` and ``posture`` name the reference
+    pose, ``ready`` a pose of our own ``ready.srdf`` to work from where the reference is singular or on a limit.
     """
 
     name: str
@@ -20,9 +20,11 @@ class Row(NamedTuple):
     posture: str = ""
     note: str = ""
     aliases: str = ""
+    ready: str = ""
 
 
 READY = "ready.srdf"  # our own poses, in urdf/
+_ROMEO = "romeo_description/srdf/romeo.srdf"
 _WRISTS = "wrist_left_ft_tool_link wrist_right_ft_tool_link"
 
 # The arms of example-robot-data 6, and the planar arms of the paper. Left out: robots without an arm, hands,
@@ -42,8 +44,24 @@ ROWS = (
         "Franka Emika",
         "franka",
     ),
-    Row("xarm7", "xarm_description/urdf/xarm7.urdf", "link_eef", READY, "xarm7", "UFACTORY", "xarm"),
-    Row("baxter", "baxter_description/urdf/baxter.urdf", "left_gripper right_gripper", note="two arms"),
+    Row(
+        "xarm7",
+        "xarm_description/urdf/xarm7.urdf",
+        "link_eef",
+        "xarm_description/srdf/xarm7.srdf",
+        "home",
+        "UFACTORY",
+        "xarm",
+        "xarm7",
+    ),
+    Row(
+        "baxter",
+        "baxter_description/urdf/baxter.urdf",
+        "left_gripper right_gripper",
+        "baxter_description/srdf/baxter_manipulation.srdf",
+        "neutral",
+        "two arms",
+    ),
     Row(
         "tiago",
         "tiago_description/robots/tiago_no_hand.urdf",
@@ -74,25 +92,27 @@ ROWS = (
         "talos",
         "talos_data/robots/talos_full_v2.urdf",
         f"{_WRISTS} gripper_left_base_link gripper_right_base_link",
-        READY,
-        "talos",
+        "talos_data/srdf/talos.srdf",
+        "half_sitting",
         "humanoid; torso and arms",
         "talos_full_v2",
+        "talos",
     ),
     Row(
         "talos_left_arm",
         "talos_data/robots/talos_left_arm.urdf",
         "wrist_left_ft_tool_link gripper_left_base_link",
-        READY,
-        "talos_left_arm",
+        "talos_data/srdf/talos.srdf",
+        "half_sitting",
         "joints 2 to 7 of the arm",
+        ready="talos_left_arm",
     ),
     Row(
         "kinova",
         "kinova_description/robots/kinova.urdf",
         "j2s6s200_end_effector",
-        READY,
-        "kinova",
+        "kinova_description/srdf/kinova.srdf",
+        "arm_up",
         "JACO, three continuous joints",
         "jaco j2s6s200",
     ),
@@ -104,7 +124,7 @@ ROWS = (
     Row("ur3_limited", "ur_description/urdf/ur3_joint_limited_robot.urdf", "tool0", READY, "ur", "joints ±π"),
     Row("ur5_limited", "ur_description/urdf/ur5_joint_limited_robot.urdf", "tool0", READY, "ur", "joints ±π"),
     Row("ur10_limited", "ur_description/urdf/ur10_joint_limited_robot.urdf", "tool0", READY, "ur", "joints ±π"),
-    Row("z1", "z1_description/urdf/z1.urdf", "gripperStator link06", note="Unitree"),
+    Row("z1", "z1_description/urdf/z1.urdf", "gripperStator link06", "z1_description/srdf/z1.srdf", "home", "Unitree"),
     Row("so100", "so_arm_description/urdf/so100.urdf", "gripper", READY, "so100", "the open five-joint arm"),
     Row(
         "so101",
@@ -112,14 +132,24 @@ ROWS = (
         "gripper_frame_link gripper_link",
         note="the open five-joint arm",
     ),
-    Row("romeo", "romeo_description/urdf/romeo.urdf", "l_gripper r_gripper", READY, "romeo", "humanoid"),
+    Row(
+        "romeo",
+        "romeo_description/urdf/romeo.urdf",
+        "l_gripper r_gripper",
+        _ROMEO,
+        "half_sitting",
+        "humanoid",
+        "",
+        "romeo",
+    ),
     Row(
         "romeo_small",
         "romeo_description/urdf/romeo_small.urdf",
         "l_gripper r_gripper",
-        READY,
-        "romeo",
+        _ROMEO,
+        "half_sitting",
         "humanoid, without fingers",
+        ready="romeo",
     ),
     Row(
         "icub",
@@ -141,7 +171,15 @@ ROWS = (
         "left_hand_palm_link right_hand_palm_link",
         note="humanoid; waist, arms and hands",
     ),
-    Row("centauro", "centauro_description/urdf/centauro.urdf", "arm1_8 arm2_8", READY, "centauro", "centaur"),
+    Row(
+        "centauro",
+        "centauro_description/urdf/centauro.urdf",
+        "arm1_8 arm2_8",
+        "centauro_description/srdf/centauro.srdf",
+        "homing_nominal",
+        "centaur",
+        ready="centauro",
+    ),
     Row(
         "anymal_kinova",
         "anymal_b_simple_description/robots/anymal-kinova.urdf",
@@ -155,37 +193,52 @@ ROWS = (
         "b1_z1",
         "b1_description/urdf/b1-z1.urdf",
         "gripperStator",
-        READY,
-        "b1_z1",
+        "b1_description/srdf/b1-z1.srdf",
+        "standing_with_arm_up",
         "a Z1 on a quadruped; the body stands still",
         "b1-z1",
+        "b1_z1",
     ),
-    Row("alex", "alex_description/urdf/alex_nub_hands.urdf", "leftNub rightNub", note="upper body; spine and arms"),
+    Row(
+        "alex",
+        "alex_description/urdf/alex_nub_hands.urdf",
+        "leftNub rightNub",
+        "alex_description/srdf/alex_nub_hands.srdf",
+        "default",
+        "upper body; spine and arms",
+    ),
     Row(
         "alex_sake",
         "alex_description/urdf/alex_sake_hands.urdf",
         "LeftSakePalmLink RightSakePalmLink",
-        note="upper body with grippers",
+        "alex_description/srdf/alex_sake_hands.srdf",
+        "default",
+        "upper body with grippers",
     ),
     Row(
         "alex_psyonic",
         "alex_description/urdf/alex_psyonic_hands.urdf",
         "LeftGripperYawLink RightGripperYawLink",
-        note="upper body with hands",
+        "alex_description/srdf/alex_psyonic_hands.srdf",
+        "default",
+        "upper body with hands",
     ),
     Row(
         "simple_humanoid",
         "simple_humanoid_description/urdf/simple_humanoid.urdf",
         "l_wrist r_wrist",
-        note="humanoid; waist and arms",
+        "simple_humanoid_description/srdf/simple_humanoid.srdf",
+        "half_sitting",
+        "humanoid; waist and arms",
     ),
     Row("human", "human_description/robots/human.urdf", "left_hand right_hand", note="a person's skeleton"),
     Row(
         "hextilt",
         "hextilt_description/urdf/hextilt_flying_arm_5.urdf",
         "flying_arm_5__gripper",
-        READY,
-        "hextilt",
+        "hextilt_description/srdf/hextilt_flying_arm_5.srdf",
+        "home",
         "the arm of a drone; the body stands still",
+        ready="hextilt",
     ),
 )

@@ -28,7 +28,7 @@ class Entry:
         Its name here.
     urdf : Path
     srdf : Path or None
-        The file that holds its reference pose; None where mid-range is the better pose to start from.
+        The file that holds its reference pose; None where there is none.
     package_dirs : tuple of str
         Folders that resolve its ``package://`` meshes.
     frames : tuple of str
@@ -38,6 +38,8 @@ class Entry:
         stay in the middle of their range.
     note : str
         What a person should know.
+    ready : str or None
+        A pose in our own ``ready.srdf`` to work from, where the reference is singular or on a limit.
     """
 
     name: str
@@ -47,6 +49,7 @@ class Entry:
     frames: tuple[str, ...]
     posture: str | None
     note: str
+    ready: str | None = None
 
 
 def entries() -> tuple[Entry, ...]:
@@ -163,6 +166,7 @@ def _entry(row: Row) -> Entry:
         frames=tuple(row.frames.split()),
         posture=row.posture or None,
         note=row.note,
+        ready=row.ready or None,
     )
 
 

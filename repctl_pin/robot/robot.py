@@ -10,9 +10,10 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from ..errors import InputError, UrdfError, unknown
-from .catalogue import Entry, default_package_dirs, find, reference_posture
+from .arms import READY
+from .catalogue import Entry, default_package_dirs, find, reference_posture, urdf_folder
 from .task import KINDS, Task
-from .urdf import Description, read_urdf
+from .urdf import Description, Joint, read_urdf
 
 _MEANWHILE = "\N{NULL} link"
 _ONE_NUMBER = ("revolute", "continuous", "prismatic")
@@ -38,6 +39,9 @@ class Robot:
         Speed limits, rad/s or m/s; inf where there is none.
     reference : (nq,) array
         The reference pose: the SRDF's, where the catalogue names one, else mid-range.
+    poses : dict of (nq,) arrays
+        ``reference``; ``ready``, a pose to work from, where the catalogue has one; ``middle`` of the joints'
+        range.
     frames : tuple of str
         Every link, by name; any of them can carry a task.
     warnings : tuple of str
@@ -72,10 +76,16 @@ class Robot:
             raise UrdfError(f"{description.path}: Pinocchio cannot build a model of it ({error})") from error
         model.name = self.name
 
-        named = {}
+        named, ready = {}, {}
         if entry is not None and entry.srdf is not None:
             named = reference_posture(entry.srdf, entry.posture)
-        posture, notes = _reference(model, joints, named)
+        if entry is not None and entry.ready is not None:
+            ready = reference_posture(urdf_folder() / READY, entry.ready)
+        notes: list[str] = []
+        posture = _pose(model, joints, named, notes)
+        poses = {"reference": named, "middle": {}} | ({"ready": ready} if ready else {})
+        for name, values in poses.items():
+            model.referenceConfigurations[name] = _pose(model, joints, values, [])
         model = lock_joints(model, [model.getJointId(j) for j in locked], posture)
 
         self.model = model
@@ -86,7 +96,8 @@ class Robot:
         self.upper = _frozen([j.upper for j in movable])
         self.velocity = _frozen([j.velocity for j in movable])
         self.revolute = np.array([j.kind != "prismatic" for j in movable], bool)
-        self.reference = _frozen(model.referenceConfigurations["reference"])
+        self.poses = {name: _frozen(model.referenceConfigurations[name]) for name in poses}
+        self.reference = self.poses["reference"]
         self.frames = tuple(f.name for f in model.frames if f.type == pin.FrameType.BODY)
         self.warnings = (*notes, *self._missing_meshes())
 
@@ -223,7 +234,7 @@ def lock_joints(model: pin.Model, ids: Sequence[int], posture: NDArray[np.float6
     Pinocchio looks locked joints up by name among all frames and raises where a link has a joint's name, so
     such links go by another name meanwhile.
     """
-    joints = set(model.names)
+    joints = {f.name for f in model.frames if f.type != pin.FrameType.BODY}
     links = [f for f in model.frames if f.type == pin.FrameType.BODY and f.name in joints]
     for link in links:
         link.name += _MEANWHILE
@@ -242,16 +253,17 @@ def _looks_like_a_path(text: str) -> bool:
     return any(mark in text for mark in "./\\") or Path(text).is_file()
 
 
-def _reference(model: pin.Model, joints: Mapping, named: Mapping[str, float]) -> tuple[NDArray[np.float64], list[str]]:
-    """The reference pose of every joint, inside its limits; what had to be moved is said."""
-    notes = []
+def _pose(
+    model: pin.Model, joints: Mapping[str, Joint], named: Mapping[str, float], notes: list[str]
+) -> NDArray[np.float64]:
+    """A pose of every joint, inside its limits: the named values, else mid-range; what had to be moved is noted."""
     posture = pin.neutral(model)
     for name in tuple(model.names)[1:]:
         joint, q = joints[name], model.joints[model.getJointId(name)].idx_q
         if joint.kind not in _ONE_NUMBER:
             continue
         if name in named:
-            value = float(np.clip(named[name], joint.lower, joint.upper))
+            value = _inside(named[name], joint)
             if abs(value - named[name]) > 1e-3:
                 notes.append(f"reference pose: {name} = {named[name]:g} is outside its limits, {value:g} used")
         elif np.isfinite(joint.lower) and np.isfinite(joint.upper):
@@ -259,8 +271,14 @@ def _reference(model: pin.Model, joints: Mapping, named: Mapping[str, float]) ->
         else:
             value = float(np.clip(0.0, joint.lower, joint.upper))
         posture[q] = value
-    model.referenceConfigurations["reference"] = posture
-    return posture, notes
+    return posture
+
+
+def _inside(value: float, joint: Joint) -> float:
+    """Move a joint value inside its limits: by a full turn if that does it, else to the nearer limit."""
+    turns = (0.0, 2 * np.pi, -2 * np.pi) if joint.kind != "prismatic" else (0.0,)
+    inside = [value + turn for turn in turns if joint.lower <= value + turn <= joint.upper]
+    return float(inside[0] if inside else np.clip(value, joint.lower, joint.upper))
 
 
 def _frozen(values: Sequence[float] | NDArray) -> NDArray[np.float64]:

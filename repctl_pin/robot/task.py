@@ -10,6 +10,8 @@ import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
+from .coordinates import Coordinates, change_of
+from .hessian import chain_hessians
 
 if TYPE_CHECKING:
     from .robot import Robot
@@ -54,10 +56,12 @@ class Task:
         False where the joint is prismatic.
     reference : (n,) array
         The robot's reference pose on these joints.
+    coordinates : Coordinates or None
+        The change q = T ψ of :meth:`in_coordinates`; every q of every method is then a ψ.
     """
 
     def __init__(self, robot: Robot, frame: str, kind: str, joint_names: Sequence[str]) -> None:
-        from .robot import frame_id
+        from .robot import frame_id, lock_joints
 
         self.robot, self.frame, self.kind = robot, frame, kind
         self.joint_names = tuple(joint_names)
@@ -68,13 +72,14 @@ class Task:
         self.reference = robot.reference[self._columns]
         for array in (self.lower, self.upper, self.velocity_limit, self.revolute, self.reference):
             array.setflags(write=False)
+        self.coordinates: Coordinates | None = None
         self.n, self.m = len(self.joint_names), len(KINDS[kind])
         self.r = self.n - self.m
         self.rows = np.array(KINDS[kind])
 
         keep = set(self.joint_names)
         locked = [i for i, name in enumerate(robot.model.names) if i > 0 and name not in keep]
-        self.model = pin.buildReducedModel(robot.model, locked, np.array(robot.reference))
+        self.model = lock_joints(robot.model, locked, robot.reference)
         self._frame_id = frame_id(self.model, frame)
         if robot.base is not None:
             _measure_from(self.model, frame_id(self.model, robot.base))
@@ -82,6 +87,29 @@ class Task:
 
     def _allocate(self) -> None:
         self._data = self.model.createData()
+
+    def in_coordinates(self, T: ArrayLike) -> Task:
+        """Make the same task in other joint coordinates ψ, ``q = T ψ``: every method then takes ψ.
+
+        ``J_ψ = J T``, so J⁺ in ψ is a weighted inverse in q. Only limits that bound a ψ_i by itself are
+        stated in ``lower`` and ``upper``; :meth:`check` tests the joints. See :func:`absolute_angles`.
+
+        Parameters
+        ----------
+        T : (n, n) array
+            Invertible, one row a joint.
+        """
+        if self.coordinates is not None:
+            raise InputError("this task is in joint coordinates already; start from the original task")
+        change = change_of(self, T)
+        task = type(self).__new__(type(self))
+        task.__setstate__(self.__getstate__())
+        task.coordinates = change
+        task.joint_names, task.revolute = change.names, change.revolute
+        task.lower, task.upper, task.velocity_limit = change.lower, change.upper, change.velocity
+        task.reference = change.coordinates(self.reference)
+        task.reference.setflags(write=False)
+        return task
 
     # ---- kinematics at one q -------------------------------------------------------------------
 
@@ -92,11 +120,12 @@ class Task:
 
     def jacobian(self, q: ArrayLike) -> Array:
         """Evaluate J (m, n) of ẋ = J q̇ (2): m or m/s rows first, then rad."""
-        return self._task_rows(self._frame_jacobian(self._vector(q)))
+        J = self._task_rows(self._frame_jacobian(self._vector(q)))
+        return J if self.coordinates is None else J @ self.coordinates.T
 
     def hessian(self, q: ArrayLike) -> Array:
         """Evaluate H (m, n, n), ``H[a, i, k] = ∂J[a, i]/∂q[k]``."""
-        return self.hessians(self._vector(q)[None])[0]
+        return self.hessians(np.asarray(q, dtype=float)[None])[0]
 
     def error(self, q: ArrayLike, target: pin.SE3) -> Array:
         """Measure the task error (m,) from f(q) to a target: what ẋ would have to undo, m and rad.
@@ -142,47 +171,37 @@ class Task:
         else:
             for q, J in zip(Q, Js, strict=True):
                 J[:] = self._task_rows(evaluate(model, data, q, frame, _SHARED))
-        return Js
+        return Js if self.coordinates is None else Js @ self.coordinates.T
 
     def hessians(self, Q: ArrayLike) -> Array:
-        r"""Evaluate H at every row of Q (K, n): an array (K, m, n, n).
-
-        Written out from the columns of the frame's Jacobian, :math:`J_i = (v_i, \omega_i)`, of a serial
-        chain (a prismatic joint has :math:`\omega_i = 0`):
-
-        .. math:: \partial v_i/\partial q_k = \omega_{\min(i,k)} \times v_{\max(i,k)}, \qquad
-                  \partial \omega_i/\partial q_k = \omega_k \times \omega_i \;\text{ if } k < i
-                  \text{ else } 0.
-
-        For the tool axis' rows, which turn with the frame, :math:`\partial(R^T\omega_i)/\partial q_k =
-        R^T(\omega_i \times \omega_k)` if :math:`k > i`, else 0.
-        """
+        """Evaluate H at every row of Q (K, n): an array (K, m, n, n). See :func:`chain_hessians`."""
         Q = self._matrix(Q)
-        K, n = Q.shape
-        twists = np.empty((K, n, 6))
-        R = np.empty((K, 3, 3))
+        twists, R = np.empty((*Q.shape, 6)), np.empty((len(Q), 3, 3))
         for k, q in enumerate(Q):
             twists[k] = self._frame_jacobian(q).T
             R[k] = self._data.oMf[self._frame_id].rotation
-        v, w = twists[..., :3], twists[..., 3:]
-        i, k = np.indices((n, n))
-        H = np.zeros((K, 6, n, n))
-        H[:, :3] = np.moveaxis(np.cross(w[:, np.minimum(i, k)], v[:, np.maximum(i, k)]), -1, 1)
-        turn = np.moveaxis(np.cross(w[:, k], w[:, i]), -1, 1)  # ω_k × ω_i, (K, 3, n, n)
-        if self.kind == "axis":
-            H[:, 3:] = -np.einsum("Kba,Kbik->Kaik", R, turn) * (k > i)
-        else:
-            H[:, 3:] = turn * (k < i)
-        return H[:, self.rows]
+        H = chain_hessians(twists, R if self.kind == "axis" else None)[:, self.rows]
+        if self.coordinates is None:
+            return H
+        T = self.coordinates.T
+        return np.einsum("Kaps,pi,sk->Kaik", H, T, T, optimize=True)
 
     def positions(self, Q: ArrayLike) -> Array:
         """Place the frame's origin at every row of Q (K, n): an array (K, 3), m."""
-        return np.array([self.placement(q).translation for q in self._matrix(Q)]).reshape(-1, 3)
+        points = []
+        for q in self._matrix(Q):
+            pin.framesForwardKinematics(self.model, self._data, q)
+            points.append(self._data.oMf[self._frame_id].translation.copy())
+        return np.array(points).reshape(-1, 3)
 
     def joint_origins(self, q: ArrayLike) -> Array:
         """Place the origins of the joints, from the base outward: an array (n, 3), m."""
         pin.forwardKinematics(self.model, self._data, self._vector(q))
         return np.array([self._data.oMi[j].translation for j in range(1, self.n + 1)])
+
+    def axes(self, q: ArrayLike) -> Array:
+        """Point along the joints, from the base outward: unit vectors (n, 3), world axes; 0 if prismatic."""
+        return self._frame_jacobian(self._vector(q))[3:].T.copy()
 
     def inertias(self, Q: ArrayLike) -> Array:
         """Evaluate the joint-space inertia M (K, n, n) of the chain, kg m² and kg."""
@@ -191,16 +210,23 @@ class Task:
         for q, M in zip(Q, Ms, strict=True):
             upper = np.triu(pin.crba(self.model, self._data, q))
             M[:] = upper + np.triu(upper, 1).T
-        return Ms
+        return Ms if self.coordinates is None else self.coordinates.T.T @ Ms @ self.coordinates.T
 
     # ---- between the chain and the robot --------------------------------------------------------
 
     def full(self, q: ArrayLike) -> Array:
         """Put q (n,) or Q (T, n) into the whole robot's configuration, the rest at the reference."""
         q = np.asarray(q, float)
+        if self.coordinates is not None:
+            q = self.coordinates.joints(q)
         whole = np.broadcast_to(self.robot.reference, (*q.shape[:-1], len(self.robot.reference))).copy()
         whole[..., self._columns] = q
         return whole
+
+    def part(self, whole: ArrayLike) -> Array:
+        """Take this task's joints (n,) out of a configuration of the whole robot: the reverse of :meth:`full`."""
+        q = np.asarray(whole, float)[..., self._columns]
+        return q if self.coordinates is None else self.coordinates.coordinates(q)
 
     def check(self, q: ArrayLike, what: str = "q") -> Array:
         """Check a configuration a person gave: (n,) finite numbers inside the limits.
@@ -222,7 +248,10 @@ class Task:
         if not np.isfinite(q).all():
             bad = self.joint_names[int(np.argmin(np.isfinite(q)))]
             raise InputError(f"{what}: the value of {bad!r} is not a finite number")
-        for name, value, low, high in zip(self.joint_names, q, self.lower, self.upper, strict=True):
+        joints = q if self.coordinates is None else self.coordinates.joints(q)
+        lower, upper = self.robot.lower[self._columns], self.robot.upper[self._columns]
+        names = [self.robot.joint_names[i] for i in self._columns]
+        for name, value, low, high in zip(names, joints, lower, upper, strict=True):
             if not low - 1e-9 <= value <= high + 1e-9:
                 raise InputError(f"{what}: {name} = {value:g} is outside its limits [{low:g}, {high:g}]")
         return q
@@ -245,13 +274,13 @@ class Task:
         q = np.asarray(q, dtype=float)
         if q.shape != (self.n,):
             raise InputError(f"q has shape {q.shape}, but this task has {self.n} joints: ({self.n},) is wanted")
-        return q
+        return q if self.coordinates is None else self.coordinates.T @ q
 
     def _matrix(self, Q: ArrayLike) -> Array:
         Q = np.ascontiguousarray(Q, dtype=float)
         if Q.ndim != 2 or Q.shape[1] != self.n:
             raise InputError(f"Q has shape {Q.shape}, but this task has {self.n} joints: (K, {self.n}) is wanted")
-        return Q
+        return Q if self.coordinates is None else self.coordinates.joints(Q)
 
     def __getstate__(self) -> dict[str, Any]:
         return {k: v for k, v in self.__dict__.items() if k != "_data"}
@@ -261,7 +290,8 @@ class Task:
         self._allocate()
 
     def __repr__(self) -> str:
-        return f"<Task {self.robot.name} {self.frame} {self.kind}: n = {self.n}, m = {self.m}, r = {self.r}>"
+        psi = "" if self.coordinates is None else ", in ψ"
+        return f"<Task {self.robot.name} {self.frame} {self.kind}: n = {self.n}, m = {self.m}, r = {self.r}{psi}>"
 
 
 def _measure_from(model: pin.Model, base: int) -> None:

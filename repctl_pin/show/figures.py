@@ -36,7 +36,6 @@ def drift_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> A
         ax.semilogy(cycles, np.maximum(motion.drift, 1e-17), marker=marker, ms=4, color=colour, label=label)
     ax.set_xlabel("cycle")
     ax.set_ylabel(f"joint drift ‖q − q₀‖ ({unit(motions[0][1])})")
-    ax.xaxis.get_major_locator().set_params(integer=True)
     _tidy(ax)
     return ax
 
@@ -53,7 +52,6 @@ def joint_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]], join
             ax.axhline(limit, color=INK, lw=0.8, ls="--")
     ax.set_title(task.joint_names[joint], fontsize=9, loc="left")
     ax.set_ylabel("rad" if task.revolute[joint] else "m")
-    ax.xaxis.get_major_locator().set_params(integer=True)
     _tidy(ax)
     return ax
 
@@ -100,6 +98,10 @@ def unit(motion: Motion) -> str:
 
 
 def _tidy(ax: Axes) -> None:
+    """Whole cycles below, a quiet grid, no box."""
+    from matplotlib.ticker import MaxNLocator
+
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     ax.spines[["top", "right"]].set_visible(False)
     ax.grid(True, color="#dddddd", lw=0.6)
     ax.set_axisbelow(True)

@@ -47,7 +47,7 @@ def inspection(robot: Robot, redundancy: Mapping[str, Mapping[str, int]]) -> dic
             frame: {"chain": list(robot.chain(frame)), "redundancy": dict(kinds)} for frame, kinds in redundancy.items()
         },
         "meshes": len(robot.description.meshes),
-        "warnings": list(robot.warnings),
+        "warnings": [*robot.description.notes, *robot.warnings],
     }
 
 

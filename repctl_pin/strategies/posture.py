@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
-from ..redundancy.inverses import pseudoinverse
 from ..robot.task import Task
+from .pseudoinverse import least_norm
 
 Array = NDArray[np.float64]
 
@@ -40,4 +40,4 @@ class PostureControl:
         """Choose q̇ (n,) for a task velocity ẋ (m,)."""
         J = self.task.jacobian(q)
         pull = self.gain * (self.posture - q)
-        return pull + pseudoinverse(J) @ (xdot - J @ pull)
+        return pull + least_norm(J, xdot - J @ pull)

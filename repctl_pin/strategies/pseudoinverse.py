@@ -37,12 +37,7 @@ class Pseudoinverse:
         SingularityError
             Where J loses rank.
         """
-        J = self.task.jacobian(q)
-        L, y, info = dposv(J @ J.T, xdot)
-        pivots = L.diagonal()
-        if info or pivots.min() < RANK_TOLERANCE * pivots.max():
-            raise SingularityError("the Jacobian loses rank: the arm is at a singularity")
-        return y @ J
+        return least_norm(self.task.jacobian(q), xdot)
 
 
 class WeightedInverse:
@@ -87,6 +82,21 @@ class WeightedInverse:
     def velocity(self, q: Array, xdot: Array) -> Array:
         """Choose ``q̇ = J⁺_M ẋ`` (n,)."""
         return self(q) @ xdot
+
+
+def least_norm(J: Array, xdot: Array) -> Array:
+    """Solve ``J q̇ = ẋ`` for the shortest q̇ (n,), one LAPACK call: ``q̇ = Jᵀ (J Jᵀ)⁻¹ ẋ``.
+
+    Raises
+    ------
+    SingularityError
+        Where J loses rank.
+    """
+    L, y, info = dposv(J @ J.T, xdot)
+    pivots = L.diagonal()
+    if info or pivots.min() < RANK_TOLERANCE * pivots.max():
+        raise SingularityError("the Jacobian loses rank: the arm is at a singularity")
+    return y @ J
 
 
 def _positive(weight: ArrayLike, n: int) -> Array:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
@@ -9,6 +11,7 @@ from scipy.stats import qmc
 from ..design.region import Box
 from ..errors import InputError, SingularityError
 from ..motion import Motion, Path, circle, follow
+from ..redundancy import nullspace
 from ..robot.robot import Robot
 from ..robot.task import KINDS, Task
 from ..strategies import Pseudoinverse
@@ -20,7 +23,7 @@ PREFERRED_KINDS = ("pose", "position", "xy", "xz", "yz")
 
 _RADII = (0.5, 0.3, 0.2, 0.1, 0.05, 0.03, 0.02, 0.01)
 _ANGLES = (np.pi, 0.0, np.pi / 2, -np.pi / 2)
-_LEAST_DEXTERITY = 0.02
+_LEAST_DEXTERITY = 0.05
 _LEAST_MARGIN = 0.05
 
 
@@ -94,27 +97,46 @@ def reach_of(task: Task, q: Array) -> float:
     return float(np.linalg.norm(np.diff(revolute, axis=0), axis=1).sum())
 
 
-def choose_start(task: Task) -> tuple[Array, str]:
-    """Take the reference pose where it is dexterous, else the best of 512 poses around it.
+def starts(task: Task) -> Iterator[tuple[Array, str]]:
+    """Offer starts, the best known first: the reference pose, the ready one, mid-range, a search round it.
 
-    Returns
-    -------
+    Poses that are nearly singular or on a limit are passed over.
+
+    Yields
+    ------
     q0 : (n,) array
     where : str
         What it is, for a person.
     """
-    reference = np.array(task.reference)
-    margin = np.minimum(reference - task.lower, task.upper - reference).min()
-    if dexterity(task, reference) >= _LEAST_DEXTERITY and margin >= _LEAST_MARGIN:
-        return reference, "the reference pose"
-    low = np.maximum(reference - 1.2, _inner(task)[0])
-    high = np.minimum(reference + 1.2, _inner(task)[1])
+    names = {"reference": "the reference pose", "ready": "the ready pose", "middle": "mid-range of the joints"}
+    for pose, where in names.items():
+        if pose not in task.robot.poses:
+            continue
+        q = task.part(task.robot.poses[pose])
+        margin = np.minimum(q - task.lower, task.upper - q).min()
+        if dexterity(task, q) >= _LEAST_DEXTERITY and margin >= _LEAST_MARGIN:
+            yield q, where
+    middle = task.part(task.robot.poses["middle"])
+    low, high = _inner(task)
+    low, high = np.maximum(middle - 1.2, low), np.minimum(middle + 1.2, high)
     points = low + (high - low) * qmc.Sobol(task.n, scramble=True, rng=0).random_base2(9)
     scores = np.array([dexterity(task, q) for q in points])
-    # Of all poses at least half as dexterous as the best, the one nearest to the reference.
+    # Of all poses at least half as dexterous as the best, the one nearest to mid-range.
     good = points[scores >= 0.5 * scores.max()]
-    nearest = good[int(np.argmin(np.linalg.norm(good - reference, axis=1)))]
-    return np.round(nearest, 3), "a dexterous pose near the reference pose"
+    nearest = good[int(np.argmin(np.linalg.norm(good - middle, axis=1)))]
+    yield np.round(nearest, 3), "a dexterous pose near mid-range"
+
+
+def choose_start(task: Task) -> tuple[Array, str]:
+    """Take the first good start from which a default path exists, see :func:`starts`."""
+    offered = list(starts(task))
+    for q0, where in offered:
+        try:
+            choose_path(task, q0)
+        except InputError:
+            continue
+        return q0, where
+    return offered[0]
 
 
 def choose_path(task: Task, q0: Array, *, plane: str | None = None, radius: float | None = None) -> Path:
@@ -131,16 +153,16 @@ def choose_path(task: Task, q0: Array, *, plane: str | None = None, radius: floa
     limit = 0.14 * reach_of(task, q0)
     radii = (radius,) if radius is not None else [x for x in _RADII if x <= max(limit, _RADII[-1])]
     strategy = Pseudoinverse(task)
-    needed = 0.3 * dexterity(task, q0)
+    needed = 0.5 * dexterity(task, q0)
     for size in radii:
         for flat in planes:
             for angle in _ANGLES:
                 path = circle(task, q0, size, normal=flat, start_angle=angle)
                 try:
-                    motion = follow(strategy, path, q0, cycles=1, steps=48)
+                    motion = follow(strategy, path, q0, cycles=1, steps=96)
                 except SingularityError:
                     continue
-                if motion.limit_margin.min() > 0.02 and min(dexterity(task, q) for q in motion.q[::6]) > needed:
+                if motion.limit_margin.min() > 0.02 and min(dexterity(task, q) for q in motion.q[::2]) > needed:
                     return path
     size_text = f"of radius {radius:g} m" if radius is not None else "of 1 cm or more"
     raise InputError(
@@ -150,11 +172,19 @@ def choose_path(task: Task, q0: Array, *, plane: str | None = None, radius: floa
 
 
 def choose_region(task: Task, motion: Motion) -> Box:
-    """Take the box round one cycle of J⁺, a quarter wider each way, at least ±0.25 rad or ±0.1 m."""
+    """Take the box round one cycle of a motion, half as wide again, at least ±0.25 rad or ±0.1 m."""
     cycle = motion.cycle(0)
     low, high = cycle.min(axis=0), cycle.max(axis=0)
     least = np.where(task.revolute, 0.25, 0.1)
     return Box((low + high) / 2, np.maximum(0.75 * (high - low), least))
+
+
+def choose_elbow(task: Task, q0: Array) -> int:
+    """Find the joint whose origin moves most when the arm moves in its null space: its elbow."""
+    step = 1e-4
+    here = task.joint_origins(q0)
+    moved = [task.joint_origins(q0 + step * n) for n in nullspace(task.jacobian(q0)).T]
+    return int(np.argmax(sum(np.linalg.norm(p - here, axis=1) ** 2 for p in moved)))
 
 
 def _planes(task: Task) -> tuple[str, ...]:
@@ -178,6 +208,7 @@ def _spread(task: Task, count: int) -> Array:
 
 
 __all__ = [
+    "choose_elbow",
     "choose_path",
     "choose_region",
     "choose_start",
@@ -186,4 +217,5 @@ __all__ = [
     "reach_of",
     "reaches_full_rank",
     "redundant_kinds",
+    "starts",
 ]

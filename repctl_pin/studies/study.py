@@ -69,6 +69,11 @@ class Study:
         """The robot."""
         return self.task.robot
 
+    @property
+    def elbow(self) -> int:
+        """The joint whose origin a self-motion at the start moves fastest: where the creep is seen."""
+        return defaults.choose_elbow(self.task, self.q0)
+
     def row(self, key: str) -> Row:
         """Find a strategy's row by its key."""
         return next(row for row in self.rows if row.key == key)
@@ -153,7 +158,7 @@ def study(
     cycles, steps
         How often round, and RK4 steps a cycle, open loop.
     region
-        Ω: a half-width round the start, rad (and m), or a box; by default the box round one cycle of J⁺.
+        Ω: a half-width round the start, rad (and m), or a box; by default the box round the cycle.
     degree
         Of the polynomial potentials.
     period
@@ -206,6 +211,10 @@ def study(
 
     say(f"designing the nearest repeatable inverse, degree {degree}")
     design, box, shrunk = _design(plain, box, degree, seed, fixed=region is not None)
+    if region is None:  # J⁺ creeps away from where the repeatable inverse will be: once more, round its own cycle
+        own = _run("", "", design.inverse, path, q0, {"cycles": 1, "steps": steps, "period": period}).motion
+        if own is not None:
+            design, box, shrunk = _design(plain, defaults.choose_region(moved, own), degree, seed, fixed=False)
     notes.extend(shrunk)
 
     say(f"following the path for {cycles} cycles")
