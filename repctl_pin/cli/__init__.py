@@ -8,15 +8,16 @@ from collections.abc import Sequence
 
 from .. import __version__
 from ..errors import RepctlError
-from . import inspect, robots, study
+from . import check, inspect, robots, study
 from .terminal import clear_line
 
-_COMMANDS = (study, robots, inspect)
+_COMMANDS = (study, check, robots, inspect)
 
 _EXAMPLES = """examples:
   repctl study panda                            table, figures and animation in repctl-out/panda/
   repctl study my_arm.urdf --frame tool0        the same for an arm of your own
   repctl study xarm7 --task position --path square:0.2 --plane yz
+  repctl check panda --weight inertia           is this control repeatable? how much does it drift?
   repctl robots                                 every arm in the catalogue
   repctl inspect my_arm.urdf                    what a file holds
 """

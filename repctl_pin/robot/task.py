@@ -10,6 +10,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
+from .axis import axis_turn
 from .coordinates import Coordinates, change_of
 from .hessian import chain_hessians
 
@@ -138,13 +139,7 @@ class Task:
         if self.kind == "pose":
             return np.concatenate([p, pin.log3(target.rotation @ here.rotation.T)])
         if self.kind == "axis":
-            z, goal = here.rotation[:, 2], target.rotation[:, 2]
-            turn = np.cross(z, goal)
-            sine = float(np.linalg.norm(turn))
-            angle = np.arctan2(sine, z @ goal)
-            if sine < 1e-12:  # parallel: nothing to turn; opposite: any way round will do
-                turn, sine = (np.zeros(3), 1.0) if z @ goal > 0 else (here.rotation[:, 0], 1.0)
-            return np.concatenate([p, (here.rotation.T @ turn)[:2] * (angle / sine)])
+            return np.concatenate([p, axis_turn(here.rotation, target.rotation)])
         return p[self.rows]
 
     def rate(self, q: ArrayLike, twist: Array) -> Array:

@@ -1,0 +1,200 @@
+"""Section II of the paper: surfaces on which the pseudoinverse is repeatable all the same, and how rare they are.
+
+A control that is not repeatable may still have a *stable surface*: a hypersurface of joint space that its
+motions never leave, so that closed paths close for an arm that starts on it. Where to look is known: the
+Lie bracket condition must hold there, s(q) = 0 (5), (6). For long every such *candidate* was taken for stable.
+But the motion must also stay on it,
+
+    (∂s/∂q) G = 0  on  s = 0,                                                                        (9)
+
+and that is a much stronger demand. The script puts it to planar arms under J⁺, read from URDFs:
+
+* A slide and two links (Fig. 1) in absolute angles: s = cos ψ₃ − cos ψ₂ (13). Of its two candidates, ψ₂ = ψ₃ is
+  stable and ψ₂ = −ψ₃ is not: at every point of the latter the motion crosses it.
+* Three unit links (Fig. 2) in relative angles, as every robot file speaks: s = −sin θ₂ + sin θ₃ cos θ₂ +
+  sin θ₃ cos(θ₂ + θ₃) (17). There are candidates, and none is stable.
+* The same arm in absolute angles has stable surfaces again: two links parallel. There J⁺ keeps the speed of other
+  angles small, so it is another control. Stable surfaces do not survive a change of coordinates.
+* n links in absolute angles: with one or two distinct lengths there are stable surfaces, on which equal links
+  move as one and the arm is a two-link arm; three distinct lengths have none. A workshop makes no two links
+  equal, so in practice there is none at all.
+
+Each arm is a row of the table: Newton's method brings seeds from all over joint space to s = 0, and each point
+it reaches is put to the test. The picture shows s and these points. The two short strokes through a point are
+the directions in which J⁺ moves the arm: on a stable surface both lie in it.
+
+    python examples/stable_surfaces.py --out repctl-out/stable_surfaces
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+import repctl_pin as rp
+from repctl_pin.integrability import Surfaces, curl_form
+from repctl_pin.show.figures import BLUE, INK, VERMILLION
+from repctl_pin.show.table import table
+
+
+@dataclass(frozen=True)
+class Case:
+    """One arm in one set of joint coordinates, and what was found."""
+
+    name: str
+    coordinates: str
+    task: rp.Task
+    found: Surfaces
+
+
+def planar_arm(lengths: Sequence[float]) -> rp.Task:
+    """Make a planar arm of any link lengths from a URDF written on the spot; its x–y task."""
+    parts, offset, parent = ['<link name="base"/>'], 0.0, "base"
+    for i, length in enumerate(lengths, 1):
+        parts.append(
+            f'<link name="link{i}"/><joint name="theta{i}" type="revolute"><parent link="{parent}"/>'
+            f'<child link="link{i}"/><origin xyz="{offset} 0 0"/><axis xyz="0 0 1"/>'
+            '<limit lower="-7" upper="7" effort="1" velocity="1"/></joint>'
+        )
+        offset, parent = length, f"link{i}"
+    parts.append(
+        f'<link name="tool"/><joint name="tip" type="fixed"><parent link="{parent}"/><child link="tool"/>'
+        f'<origin xyz="{offset} 0 0"/></joint>'
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "planar.urdf"
+        path.write_text(f'<?xml version="1.0"?><robot name="planar">{"".join(parts)}</robot>', encoding="utf-8")
+        return rp.Robot.load(path).task("tool", "xy")
+
+
+def absolute(task: rp.Task) -> rp.Task:
+    """Describe a planar arm by the absolute angles of its links."""
+    return task.in_coordinates(rp.absolute_angles(task))
+
+
+def find(name: str, coordinates: str, task: rp.Task, samples: int) -> Case:
+    """Look for the surfaces of J⁺ all over joint space: ±1 m, ±3.1 rad."""
+    box = rp.Box(np.zeros(task.n), np.where(task.revolute, 3.1, 1.0))
+    return Case(name, coordinates, task, rp.stable_surface(rp.Pseudoinverse(task), box, samples=samples))
+
+
+def summary(cases: Sequence[Case]) -> str:
+    """Write one row an arm."""
+    rows = [
+        [
+            case.name,
+            case.coordinates,
+            str(case.task.r),
+            str(len(case.found.stable) + len(case.found.candidate)),
+            str(len(case.found.stable)),
+            str(len(case.found.candidate)),
+            "stable surfaces" if len(case.found.stable) else "none is stable",
+        ]
+        for case in cases
+    ]
+    return table(["arm", "angles", "r", "points on s = 0", "stable", "candidate only", "verdict"], rows)
+
+
+def curl(task: rp.Task, Q: np.ndarray) -> np.ndarray:
+    """Evaluate the paper's s(q) = n_J · ∇×n_J (6) at every row of Q: from the rows of J alone (Corollary 1)."""
+    return curl_form(np.swapaxes(task.jacobians(Q), 1, 2), np.swapaxes(task.hessians(Q), 1, 2))
+
+
+def draw(ax: Axes, case: Case, seen: Callable[[np.ndarray], np.ndarray], at: Callable, labels: Sequence[str]) -> None:
+    """Draw s over a plane that it depends on, and the points found with the directions of J⁺ through them.
+
+    Parameters
+    ----------
+    ax
+        Where to draw.
+    case
+        A case with n = 3.
+    seen
+        q (K, 3) → the two coordinates drawn (K, 2), a linear map.
+    at
+        The two coordinates (K, 2) → a q that has them (K, 3).
+    labels
+        Of the two coordinates.
+    """
+    side = np.linspace(-np.pi, np.pi, 101)
+    plane = np.stack(np.meshgrid(side, side), axis=-1)
+    s = curl(case.task, at(plane.reshape(-1, 2))).reshape(101, 101)
+    top = np.abs(s).max()
+    image = ax.pcolormesh(side, side, s, cmap="PuOr", vmin=-top, vmax=top, shading="gouraud", rasterized=True)
+    ax.contour(side, side, s, levels=[0], colors=INK, linewidths=0.6)
+    for points, colour, label in (
+        (case.found.candidate, VERMILLION, "candidate only"),
+        (case.found.stable, BLUE, "stable"),
+    ):
+        if not len(points):
+            continue
+        flat = (seen(points) + np.pi) % (2 * np.pi) - np.pi
+        ax.plot(*flat.T, "o", ms=3, color=colour, label=label)
+        some = slice(None, None, 1 + len(points) // 36)
+        for place, G in zip(flat[some], rp.Pseudoinverse(case.task).batch(points[some]), strict=True):
+            for stroke in seen(G.T):
+                size = np.linalg.norm(stroke)
+                if size > 1e-9:
+                    ends = place + np.outer([-0.28, 0.28], stroke / size)
+                    ax.plot(*ends.T, color=colour, lw=0.9)
+    ax.set(xlim=(-np.pi, np.pi), ylim=(-np.pi, np.pi), xlabel=labels[0], ylabel=labels[1], aspect="equal")
+    ax.set_title(f"{case.name}\n{case.coordinates} angles", fontsize=10, loc="left")
+    ax.legend(loc="lower right", bbox_to_anchor=(1, 1), fontsize=8, frameon=False, borderpad=0)
+    ax.figure.colorbar(image, ax=ax, shrink=0.72, label="s = n_J · ∇×n_J")
+
+
+def picture(prr: Case, relative: Case, turned: Case) -> Figure:
+    """Lay the three arms of Section II side by side."""
+    figure = Figure(figsize=(15, 4.8), layout="constrained")
+    axes = figure.subplots(1, 3)
+    beside = [np.zeros((1, 3)), np.eye(3)[1:2], np.eye(3)[2:3]]  # q = (0, u, v)
+
+    def at(plane: np.ndarray) -> np.ndarray:
+        return plane[:, :1] * beside[1] + plane[:, 1:] * beside[2] + beside[0]
+
+    draw(axes[0], prr, lambda q: q[:, 1:], at, ("ψ₂ (rad)", "ψ₃ (rad)"))
+    draw(axes[1], relative, lambda q: q[:, 1:], at, ("θ₂ (rad)", "θ₃ (rad)"))
+    draw(axes[2], turned, lambda q: q[:, 1:] - q[:, :1], at, ("ψ₂ − ψ₁ (rad)", "ψ₃ − ψ₁ (rad)"))
+    return figure
+
+
+def main(out: Path, *, samples: int = 256) -> list[Case]:
+    """Print the table and write the picture.
+
+    Parameters
+    ----------
+    out
+        Folder of the picture.
+    samples
+        Seeds of each search.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    prr = rp.Robot.load("prr").task("tool", "xy")
+    three = rp.Robot.load("planar3r").task("tool", "xy")
+    cases = [
+        find("slide and two links", "absolute", absolute(prr), samples),
+        find("slide and two links", "relative", prr, samples),
+        find("three unit links", "relative", three, samples),
+        find("three unit links", "absolute", absolute(three), samples),
+    ]
+    for lengths in ((1, 1, 1, 1), (1, 1, 2, 2), (1, 1, 2, 2, 1), (1.0, 1.3, 1.7), (1, 1, 1.4, 1.8), (1, 1, 1.5, 2, 2)):
+        name = "links " + ", ".join(f"{length:g}" for length in lengths)
+        cases.append(find(name, "absolute", absolute(planar_arm(lengths)), samples))
+    print(summary(cases))
+    file = out / "stable_surfaces.png"
+    picture(cases[0], cases[2], cases[3]).savefig(file, dpi=150)
+    print(f"\nwrote {file}")
+    return cases
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, default=Path("repctl-out/stable_surfaces"), help="folder for the picture")
+    main(parser.parse_args().out)

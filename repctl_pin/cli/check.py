@@ -1,0 +1,153 @@
+"""``repctl check``: is a control repeatable on this arm, and if not, how much does it drift?"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from typing import TYPE_CHECKING, Any
+
+from ..errors import InputError
+from .options import load_robot, positive, robot_options, start_of, task_options, whole
+from .terminal import clear_line, progress
+
+if TYPE_CHECKING:
+    from ..robot.task import Task
+    from ..strategies import Inverse
+
+HELP = "say whether J⁺ or a weighted inverse is repeatable on an arm, and how much it drifts if not"
+EXAMPLE = "example: repctl check panda --weight inertia"
+
+SMALL = 4
+"""Arms of up to so many joints are searched for stable surfaces."""
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of this subcommand."""
+    robot_options(parser)
+    task_options(parser)
+    parser.add_argument(
+        "--weight", metavar="M", help="inertia, or one number a joint separated by commas (default: 1, which is J⁺)"
+    )
+    parser.add_argument(
+        "--absolute", action="store_true", help="describe a planar arm by absolute angles, not by relative ones"
+    )
+    parser.add_argument(
+        "--region", type=positive, default=0.25, metavar="W", help="Ω: half-width round the start, rad (default 0.25)"
+    )
+    parser.add_argument("--samples", type=whole, default=128, help="configurations to look at (default 128)")
+    parser.add_argument("--seed", type=int, default=0, help="seed of those (default 0)")
+    parser.add_argument("--json", action="store_true", help="print JSON instead of text")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Judge a strategy and print what was found."""
+    say = progress(options.json)
+    say("starting up")
+    import numpy as np
+
+    from ..design import Box
+    from ..integrability import drift_per_area, is_repeatable, stable_surface
+    from ..robot.coordinates import absolute_angles
+    from ..studies.defaults import choose_start, choose_task
+
+    robot = load_robot(options)
+    task = choose_task(robot, options.frame, options.task)
+    given = start_of(options)
+    q0, where = choose_start(task) if given is None else (task.check(given, "--start"), "as given")
+    if options.absolute:
+        task = task.in_coordinates(absolute_angles(task))
+        assert task.coordinates is not None
+        q0 = task.coordinates.coordinates(q0)
+    strategy, name = strategy_of(task, options.weight)
+    say("evaluating the Lie brackets")
+    verdict = is_repeatable(strategy, Box(q0, options.region), samples=options.samples, seed=options.seed)
+    drift = drift_per_area(strategy, q0)
+    surfaces = None
+    if task.n <= SMALL and not verdict.repeatable:
+        say("looking for stable surfaces")
+        low, high = np.maximum(task.lower, q0 - np.pi), np.minimum(task.upper, q0 + np.pi)
+        surfaces = stable_surface(strategy, Box.between(low, high), seed=options.seed)
+    clear_line()
+
+    axes = {"xz": "xz", "yz": "yz"}.get(task.kind, "xyz")
+    planes = [(a, b) for a in range(len(drift)) for b in range(a + 1, len(drift))]
+    result: dict[str, Any] = {
+        "robot": robot.name,
+        "frame": task.frame,
+        "task": task.kind,
+        "n": task.n,
+        "m": task.m,
+        "r": task.r,
+        "joints": list(task.joint_names),
+        "strategy": name,
+        "start": [float(v) for v in q0],
+        "region": options.region,
+        "repeatable": verdict.repeatable,
+        "defect": verdict.defect,
+        "defect_at": verdict.at.tolist(),
+        "tolerance": verdict.tolerance,
+        "samples": verdict.samples,
+        "drift_per_m2": {axes[a] + axes[b]: float(drift[a, b]) for a, b in planes},
+    }
+    if surfaces is not None:
+        result["surfaces"] = {
+            "stable": surfaces.stable.tolist(),
+            "candidate": surfaces.candidate.tolist(),
+            "singular": surfaces.singular.tolist(),
+        }
+    if options.json:
+        print(json.dumps(result, indent=2, ensure_ascii=False))
+        return 0
+    print(f"robot     {robot.name} ({robot.description.path.name})")
+    print(f"task      {task.frame}, {task.kind}: n = {task.n} joints, m = {task.m}, r = {task.r}")
+    print(f"strategy  {name}{', in absolute angles' if options.absolute else ''}")
+    print(f"start     {_row(q0)} ({where})")
+    print(f"region    ±{options.region:g} round the start")
+    print()
+    print(verdict.summary())
+    if verdict.repeatable:
+        return 0
+    print(f"worst at  {_row(verdict.at)}")
+    print()
+    print(_drift_table(result["drift_per_m2"], "rad" if task.revolute.all() else "rad and m"))
+    if surfaces is not None:
+        print()
+        print(surfaces.summary())
+    return 0
+
+
+def strategy_of(task: Task, weight: str | None) -> tuple[Inverse, str]:
+    """Make the strategy that ``--weight`` names, and a name for it."""
+    from ..strategies import Pseudoinverse, WeightedInverse
+
+    if weight is None:
+        return Pseudoinverse(task), "J⁺"
+    if weight == "inertia":
+        return WeightedInverse(task, "inertia"), "J⁺ weighted by the inertia (least kinetic energy)"
+    try:
+        numbers = [float(part) for part in weight.replace(" ", ",").split(",") if part]
+    except ValueError:
+        raise InputError(f"--weight {weight!r} is neither inertia nor numbers separated by commas") from None
+    if len(numbers) != task.n:
+        raise InputError(f"--weight has {len(numbers)} numbers, but the task has {task.n} joints")
+    return WeightedInverse(task, numbers), f"J⁺ weighted by {', '.join(f'{x:g}' for x in numbers)}"
+
+
+def _drift_table(drift: dict[str, float], unit: str) -> str:
+    from ..show.table import table
+
+    rows = [
+        [f"{plane[0]}–{plane[1]}", *(f"{_clean(value) * scale:.{d}g}" for scale, d in ((1, 4), (1e-4, 3), (1e-2, 3)))]
+        for plane, value in drift.items()
+    ]
+    header = ["plane", f"{unit} per m²", f"{unit} per cm²", "round a 10 cm square"]
+    return f"joint drift of a small loop at the start, to first order in its area:\n{table(header, rows)}"
+
+
+def _row(q: Any) -> str:
+    return ", ".join(f"{value:.4g}" for value in q)
+
+
+def _clean(value: float) -> float:
+    """A drift that is only rounding as 0."""
+    return value if value > 1e-9 else 0.0

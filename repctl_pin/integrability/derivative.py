@@ -1,0 +1,108 @@
+"""∂G/∂q of any inverse: exact where the arm's Hessian gives it, by differences with an error where not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import singledispatch
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..fields.field import CurvedMap
+from ..redundancy.augmented import augmented_inverse
+from ..redundancy.inverses import pseudoinverse_derivative
+from ..robot.task import Task
+from ..strategies.pseudoinverse import Pseudoinverse
+from ..strategies.repeatable import RepeatableInverse
+from ..strategies.strategy import Inverse
+from .differences import differentiate
+
+Array = NDArray[np.float64]
+
+_EPS = np.finfo(float).eps
+
+
+@dataclass(frozen=True)
+class Derivative:
+    """An inverse and its derivative at K configurations.
+
+    Attributes
+    ----------
+    J : (K, m, n) array
+    G : (K, n, m) array
+    dG : (K, n, m, n) array
+        ``[:, i, a, k] = ∂G[i, a]/∂q[k]``.
+    error : (K, n) array
+        Estimated largest error of any entry of ∂G/∂q_k.
+    exact : bool
+        True where a formula was evaluated and only rounding is left.
+    """
+
+    J: Array
+    G: Array
+    dG: Array
+    error: Array
+    exact: bool
+
+
+@singledispatch
+def derivative(strategy: Inverse, Q: Array) -> Derivative:
+    """Differentiate an inverse at every row of Q (K, n), by differences unless its kind has a formula.
+
+    Raises
+    ------
+    InputError
+        If the strategy is no inverse: it has no G(q).
+    SingularityError
+        If a row of Q is singular.
+    """
+    if not callable(strategy):
+        raise InputError(f"{type(strategy).__name__} is no inverse q̇ = G(q) ẋ, so it has no Lie bracket")
+    J = strategy.task.jacobians(Q)
+    dG, error = differentiate(strategy.batch, Q, joint_scale(strategy.task, Q[0]))
+    return Derivative(J, strategy.batch(Q, J), dG, error, exact=False)
+
+
+@derivative.register
+def _(strategy: Pseudoinverse, Q: Array) -> Derivative:
+    J = strategy.task.jacobians(Q)
+    dG = pseudoinverse_derivative(J, strategy.task.hessians(Q))
+    G = strategy.batch(Q, J)
+    return Derivative(J, G, dG, _rounding(J, dG), exact=True)
+
+
+@derivative.register
+def _(strategy: RepeatableInverse, Q: Array) -> Derivative:
+    """``∂G_r/∂q_k = −J_V⁻¹ [H_k; (∂V/∂q_k)ᵀ] G_r``, from ``∂J_V⁻¹ = −J_V⁻¹ ∂J_V J_V⁻¹``."""
+    field, m = strategy.field, strategy.task.m
+    if not isinstance(field, CurvedMap):  # potentials without second derivatives
+        return derivative.dispatch(object)(strategy, Q)
+    J = strategy.task.jacobians(Q)
+    inverse = augmented_inverse(J, field.gradients(Q))  # (K, n, n)
+    G = inverse[:, :, :m]
+    dV = np.array([field.hessian(q) for q in Q])  # (K, n, n, r)
+    dJ_V = np.concatenate([strategy.task.hessians(Q), np.moveaxis(dV, -1, 1)], axis=1)  # (K, n, n, n)
+    dG = -np.einsum("Kis,Kspk,Kpa->Kiak", inverse, dJ_V, G, optimize=True)
+    J_V = np.concatenate([J, np.swapaxes(field.gradients(Q), 1, 2)], axis=1)
+    return Derivative(J, G, dG, _rounding(J_V, dG), exact=True)
+
+
+def joint_scale(task: Task, q: Array) -> Array:
+    """Choose a unit for every joint: 1 rad, and for a prismatic joint the length of the arm, m.
+
+    In these units joint motions of both kinds can be compared, and a derivative's steps chosen.
+    """
+    if task.revolute.all():
+        return np.ones(task.n)
+    stations = np.vstack([task.joint_origins(q), task.placement(q).translation])
+    turning = np.append(np.linalg.norm(task.axes(q), axis=1) > 0.5, True)
+    length = float(np.linalg.norm(np.diff(stations[turning], axis=0), axis=1).sum())
+    return np.where(task.revolute, 1.0, length if length > 1e-9 else 1.0)
+
+
+def _rounding(matrix: Array, dG: Array) -> Array:
+    """Rounding error of a formula that inverts a matrix (K, a, b), along every joint: (K, n)."""
+    values = np.linalg.svd(matrix, compute_uv=False)
+    condition = values[:, 0] / values[:, -1]
+    return 4 * _EPS * matrix.shape[-1] * condition[:, None] * np.abs(dG).max(axis=(1, 2))

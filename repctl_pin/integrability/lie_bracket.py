@@ -1,0 +1,167 @@
+"""The Lie bracket of G's columns and its defect Ω: how far G is from being repeatable, and how much it drifts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..strategies.strategy import Inverse
+from .derivative import derivative, joint_scale
+
+Array = NDArray[np.float64]
+
+
+def brackets(G: Array, dG: Array) -> Array:
+    """Evaluate ``[g_a, g_b] = (∂g_b/∂q) g_a − (∂g_a/∂q) g_b`` (4) of all columns.
+
+    With ``G = Jᵀ``, ``dG = Hᵀ`` these are the brackets of Corollary 1: enough to judge J⁺, and no inverse in
+    them.
+
+    Parameters
+    ----------
+    G : (..., n, m) array
+    dG : (..., n, m, n) array
+        ``[..., i, a, k] = ∂G[i, a]/∂q[k]``.
+
+    Returns
+    -------
+    (..., m, m, n) array
+        ``[..., a, b, :]``, antisymmetric in a and b.
+    """
+    along = np.einsum("...ibk,...ka->...abi", dG, G)  # (∂g_b/∂q) g_a
+    return along - np.swapaxes(along, -3, -2)
+
+
+def defects(J: Array, G: Array, dG: Array) -> Array:
+    """Evaluate ``Ω_ab = (I − G J) [g_a, g_b]``: (..., m, m, n). All are 0 where the LBC holds (5), (24)."""
+    outside = np.eye(J.shape[-1]) - G @ J
+    return np.einsum("...ij,...abj->...abi", outside, brackets(G, dG))
+
+
+def curl_form(G: Array, dG: Array) -> Array:
+    """Evaluate the scalar ``s = n_G · ∇×n_G``, ``n_G = g_1 × g_2``, for n = 3, m = 2 (6), (25).
+
+    With ``G = Jᵀ``, ``dG = Hᵀ`` it is the s(θ) of (13) and (17), n_J the cross product of J's rows.
+
+    Parameters
+    ----------
+    G : (..., 3, 2) array
+    dG : (..., 3, 2, 3) array
+
+    Returns
+    -------
+    (...) array
+    """
+    g1, g2 = np.moveaxis(G, -1, 0)
+    d1, d2 = np.moveaxis(np.moveaxis(dG, -1, -3), -1, 0)  # (..., k, 3): ∂g/∂q_k
+    n_G = np.cross(g1, g2)
+    dn = np.cross(d1, g2[..., None, :]) + np.cross(g1[..., None, :], d2)  # [..., k, i] = ∂n_i/∂q_k
+    curl = np.stack([dn[..., k, i] - dn[..., i, k] for k, i in ((1, 2), (2, 0), (0, 1))], axis=-1)
+    return np.sum(n_G * curl, axis=-1)
+
+
+@dataclass(frozen=True)
+class Defects:
+    """The defects of an inverse at K configurations.
+
+    Attributes
+    ----------
+    omega : (K, m, m, n) array
+        Ω_ab in the task's and the joints' own units.
+    relative : (K, m, m, n) array
+        The same for an orthonormal basis of G's column space, prismatic joints in units of the arm's
+        length: free of units and of the choice of axes.
+    error : (K,) array
+        Estimated error of ``norm``, from the derivative's.
+    exact : bool
+        True where the derivative is a formula's.
+    """
+
+    omega: Array
+    relative: Array
+    error: Array
+    exact: bool
+
+    @property
+    def norm(self) -> Array:
+        """Measure the relative defect: ``sqrt(Σ_{a<b} ‖Λ_ab‖²)``, (K,)."""
+        return np.sqrt(np.sum(self.relative**2, axis=(1, 2, 3)) / 2)
+
+
+def measure(strategy: Inverse, Q: Array) -> Defects:
+    """Evaluate the defects of an inverse at every row of Q (K, n).
+
+    The relative defect: let L be the unit of each joint (1 rad; the arm's length) and ``L⁻¹ G = Q R``. The
+    columns of ``G R⁻¹`` span the same space (Proposition 1), are orthonormal, and have the defects
+    ``Λ_cd = L⁻¹ Σ_ab R⁻¹[a, c] R⁻¹[b, d] Ω_ab``: the rate, per unit of joint motion, at which two directions
+    of the motion turn out of it. It does not change with the units or the axes of the task.
+    """
+    found = derivative(strategy, Q)
+    L = joint_scale(strategy.task, Q[0])
+    omega = defects(found.J, found.G, found.dG)
+    basis, R = np.linalg.qr(found.G / L[:, None])
+    sign = np.sign(np.diagonal(R, axis1=1, axis2=2))[:, None]  # R's diagonal above 0: smooth in q
+    basis, R = basis * sign, R * np.swapaxes(sign, 1, 2)
+    R_inv = np.linalg.inv(R)
+    relative = np.einsum("Kac,Kbd,Kabi->Kcdi", R_inv, R_inv, omega, optimize=True) / L
+
+    # An error e_k of ∂G/∂q_k moves Λ_cd by at most ‖P‖ √n Σ_k e_k (|Q_kc| ‖R⁻¹_d‖₁ + |Q_kd| ‖R⁻¹_c‖₁).
+    n = found.G.shape[1]
+    P = (np.eye(n) - found.G @ found.J) * L / L[:, None]
+    size = np.linalg.norm(P, 2, axis=(1, 2)) * np.sqrt(n) / L.min()
+    along = np.einsum("Kk,Kkc->Kc", found.error * L, np.abs(basis))
+    spread = np.abs(R_inv).sum(axis=1)
+    pairs = along[:, :, None] * spread[:, None, :]
+    error = size * np.sqrt(np.sum((pairs + np.swapaxes(pairs, 1, 2)) ** 2, axis=(1, 2)) / 2)
+    return Defects(omega, relative, error, found.exact)
+
+
+def bracket_defect(strategy: Inverse, q: ArrayLike, *, relative: bool = False) -> Array:
+    """Evaluate the defects ``Ω_ab = (I − G J) [g_a, g_b]`` for all a < b (4), (5), (24).
+
+    Repeatable near q if and only if all of them vanish there. Exact for J⁺ (from the kinematic Hessian) and
+    for a repeatable inverse; by extrapolated differences for anything else.
+
+    Parameters
+    ----------
+    strategy
+        Any inverse ``q̇ = G(q) ẋ``.
+    q : (n,) array
+        Where.
+    relative
+        Give instead the defects of an orthonormal basis of G's column space, which are free of units and of
+        the task's axes (see :func:`measure`); the pairs are then the basis' own.
+
+    Returns
+    -------
+    (pairs, n) array
+        One row a pair, in the order (0, 1), (0, 2), …, (1, 2), …; row Ω_ab has the joints' units per unit
+        of task coordinate a and of b (rad/m² for two lengths).
+    """
+    found = measure(strategy, np.asarray(q, float)[None])
+    a, b = np.triu_indices(strategy.task.m, 1)
+    return (found.relative if relative else found.omega)[0, a, b]
+
+
+def drift_per_area(strategy: Inverse, q: ArrayLike) -> Array:
+    """Predict the joint drift of a small closed loop per area it encloses, by the small-loop law.
+
+    A loop a → b → −a → −b of area A ends at ``q + A Ω_ab + o(A)``, so ``‖Ω_ab‖`` is the drift per area.
+
+    Parameters
+    ----------
+    strategy
+        Any inverse.
+    q : (n,) array
+        Where the loop is.
+
+    Returns
+    -------
+    (k, k) array
+        rad/m² (m/m² for prismatic joints) for loops in the plane of translations a and b; k = 3, or the 2 of
+        an ``xy``, ``xz`` or ``yz`` task. 0 on the diagonal.
+    """
+    k = min(3, strategy.task.m)
+    return np.linalg.norm(measure(strategy, np.asarray(q, float)[None]).omega[0, :k, :k], axis=-1)

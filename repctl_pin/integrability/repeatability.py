@@ -1,0 +1,117 @@
+"""Is G repeatable in a region? A verdict with the worst defect, where it is, and the tolerance it was held to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..strategies.strategy import Inverse
+from .lie_bracket import measure
+
+Array = NDArray[np.float64]
+
+_SAFETY = 2.0
+_BLOCK = 32
+_BLIND = 1e-3
+
+
+class Region(Protocol):
+    """What is asked of a region of joint space here."""
+
+    def random(self, count: int, seed: int) -> Array:
+        """Quasi-random points of it (K, n), K ≥ count."""
+        ...
+
+    def ratio(self, Q: Array) -> Array:
+        """By what factor it would have to shrink for each row of Q to lie on its edge: (K,); above 1 is outside."""
+        ...
+
+
+@dataclass(frozen=True)
+class Repeatability:
+    """The verdict on an inverse in a region; true in an ``if`` where it is repeatable.
+
+    Attributes
+    ----------
+    repeatable : bool
+        No defect exceeds its tolerance at any configuration looked at.
+    defect : float
+        The worst relative defect, per rad, free of units and of the task's axes.
+    at : (n,) array
+        Where it is.
+    tolerance : float
+        What the derivative's error could make of a defect of 0 there.
+    samples : int
+        Configurations looked at.
+    exact : bool
+        True where ∂G/∂q is a formula's, False where it is a difference's.
+    """
+
+    repeatable: bool
+    defect: float
+    at: Array = field(repr=False)
+    tolerance: float
+    samples: int
+    exact: bool
+
+    def __bool__(self) -> bool:
+        return self.repeatable
+
+    def summary(self) -> str:
+        """Say the verdict in one line."""
+        word = "repeatable" if self.repeatable else "not repeatable"
+        how = "exact derivative" if self.exact else "differences"
+        return (
+            f"{word}: worst relative defect {self.defect:.3g} per rad in {self.samples} configurations "
+            f"({how}, tolerance {self.tolerance:.1g})"
+        )
+
+
+def is_repeatable(strategy: Inverse, region: Region, *, samples: int = 128, seed: int = 0) -> Repeatability:
+    """Test the Lie bracket condition (24) all over a region.
+
+    The tolerance is not chosen: it is twice the error that the derivative's own estimate makes possible.
+
+    Parameters
+    ----------
+    strategy
+        Any inverse ``q̇ = G(q) ẋ``.
+    region
+        Ω, such as a :class:`Box`.
+    samples
+        Configurations to look at, at least.
+    seed
+        Of those.
+
+    Raises
+    ------
+    InputError
+        If the function is too noisy to tell: no defect exceeds the tolerance, but the tolerance exceeds 1e-3.
+    SingularityError
+        If J, or G, is singular at one of the configurations.
+    """
+    Q = region.random(int(samples), seed)
+    if Q.shape[1] != strategy.task.n:
+        raise InputError(f"the region has {Q.shape[1]} joints, but the task has {strategy.task.n}")
+    found = [measure(strategy, Q[i : i + _BLOCK]) for i in range(0, len(Q), _BLOCK)]
+    norm = np.concatenate([part.norm for part in found])
+    tolerance = _SAFETY * np.concatenate([part.error for part in found])
+    repeatable = bool((norm <= tolerance).all())
+    worst = int(np.argmax(norm if repeatable else np.where(norm > tolerance, norm, -1.0)))
+    if repeatable and tolerance.max() > _BLIND:
+        raise InputError(
+            f"G is too noisy to judge: its derivative is only known to make defects of {tolerance.max():.2g} visible; "
+            "evaluate it more accurately"
+        )
+    return Repeatability(
+        repeatable=repeatable,
+        defect=float(norm[worst]),
+        at=Q[worst],
+        tolerance=float(tolerance[worst]),
+        samples=len(Q),
+        exact=all(part.exact for part in found),
+    )

@@ -1,0 +1,262 @@
+"""Where a control that is not repeatable is repeatable all the same: candidate and stable surfaces."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..redundancy.nullspace import nullspace
+from ..strategies.strategy import Inverse
+from .derivative import joint_scale
+from .differences import SHORTEST_STEP, differentiate
+from .lie_bracket import measure
+from .repeatability import Region
+
+Array = NDArray[np.float64]
+
+STABLE, CANDIDATE, SINGULAR = "stable", "candidate", "singular"
+
+_ON_SURFACE = 1e-11  # ‖s‖ that counts as 0, per rad, where the derivative is exact
+_RANK = 1e-5  # singular values of ∂s/∂q below this share of the largest are dependent rows
+_MAX_STEPS = 60
+_LONGEST_STEP = 0.3  # of Newton, rad
+_SINGULAR = 1e-3  # σ_min / σ_max of J below which a configuration counts as singular
+_WALK, _WALK_STEPS = 0.2, 8  # how far a surface is followed to see that it stays one, rad
+
+
+@dataclass(frozen=True)
+class Surfaces:
+    """Points on s(q) = 0, each with its kind.
+
+    Attributes
+    ----------
+    points : (K, n) array
+        On s = 0, inside the region.
+    kind : (K,) array of str
+        ``stable``: (9) holds and s stays 0 along the motion; ``candidate``: s = 0, but the motion leaves it;
+        ``singular``: the search ended at a singularity of J, where there is nothing to judge.
+    rate : (K,) array
+        ``‖(∂s/∂q) G‖`` of (9), per unit of joint motion; nan where singular.
+    tolerance : (K,) array
+        What the error of ∂s/∂q could make of a rate of 0.
+    residual : (K,) array
+        ‖s‖ left; nan where singular.
+    """
+
+    points: Array
+    kind: NDArray[np.str_]
+    rate: Array
+    tolerance: Array
+    residual: Array
+
+    @property
+    def stable(self) -> Array:
+        """The points on stable surfaces (·, n)."""
+        return self.points[self.kind == STABLE]
+
+    @property
+    def candidate(self) -> Array:
+        """The points on candidate surfaces that are not stable (·, n)."""
+        return self.points[self.kind == CANDIDATE]
+
+    @property
+    def singular(self) -> Array:
+        """The points where the search ended at a singularity (·, n)."""
+        return self.points[self.kind == SINGULAR]
+
+    def summary(self) -> str:
+        """Say in one line what was found."""
+        if not len(self.points):
+            return "no candidate surface: s(q) = 0 was reached nowhere"
+        if len(self.stable):
+            return (
+                f"stable surfaces: {len(self.stable)} of {len(self.points)} points on s = 0 lie on one, "
+                f"{len(self.candidate)} on candidates only"
+            )
+        return f"no stable surface: the {len(self.candidate)} points found on s = 0 are candidates only"
+
+
+def surface_function(strategy: Inverse, Q: Array) -> tuple[Array, Array]:
+    """Evaluate s(q), the stacked relative defects of all pairs: (K, pairs · n), and their error (K,).
+
+    Its rows are dependent (each defect lies in the null space of J, so r of n count); the search allows for
+    that. For n = 3, m = 2 it is the paper's scalar s along n̂, up to a factor that does not vanish.
+    """
+    found = measure(strategy, Q)
+    a, b = np.triu_indices(strategy.task.m, 1)
+    return found.relative[:, a, b].reshape(len(Q), -1), found.error
+
+
+def candidate_surface(strategy: Inverse, region: Region, *, samples: int = 128, seed: int = 0) -> Array:
+    """Find points on ``s(q) = 0`` (5), (6) by Gauss–Newton from seeds all over a region.
+
+    Returns
+    -------
+    (K, n) array
+        The points reached inside the region, singular ones left out; empty if there are none.
+    """
+    return _search(strategy, region, samples, seed)[0]
+
+
+def stable_surface(strategy: Inverse, region: Region, *, samples: int = 128, seed: int = 0) -> Surfaces:
+    """Find the surfaces s(q) = 0 and say which are stable: on which every motion of G stays (9).
+
+    A point of s = 0 is on a stable surface if ``(∂s/∂q) G = 0`` there, within the error of ∂s/∂q, *and* s is
+    still 0 after moving 0.2 rad along the control in every task direction. The second settles what the first
+    cannot: a single point of contact, and an s whose gradient vanishes on the surface.
+
+    Parameters
+    ----------
+    strategy
+        Any inverse, of any n and r.
+    region
+        Ω.
+    samples
+        Seeds of the search.
+    seed
+        Of those seeds.
+
+    Raises
+    ------
+    InputError
+        If the region does not fit the task.
+    SingularityError
+        If G is singular where J is not.
+    """
+    Q, singular = _search(strategy, region, samples, seed)
+    rate, tolerance, residual = np.zeros(len(Q)), np.zeros(len(Q)), np.zeros(len(Q))
+    kind = np.full(len(Q), CANDIDATE, dtype="U9")
+    if len(Q):
+        rate, tolerance = _rates(strategy, Q)
+        s, error = surface_function(strategy, Q)
+        residual = np.linalg.norm(s, axis=1)
+        tangent = np.flatnonzero(rate <= tolerance)
+        if len(tangent):
+            left, walked = _walk(strategy, Q[tangent])
+            stays = left <= 1e-7 + 100 * (residual + error)[tangent]
+            kind[tangent[stays]] = STABLE
+            kind[tangent[walked < _WALK / 4]] = SINGULAR
+    nowhere = np.full(len(singular), np.nan)
+    return Surfaces(
+        points=np.vstack([Q, singular]),
+        kind=np.concatenate([kind, np.full(len(singular), SINGULAR)]),
+        rate=np.concatenate([rate, nowhere]),
+        tolerance=np.concatenate([tolerance, nowhere]),
+        residual=np.concatenate([residual, nowhere]),
+    )
+
+
+def _search(strategy: Inverse, region: Region, samples: int, seed: int) -> tuple[Array, Array]:
+    """Bring seeds to s = 0 by Gauss–Newton: points on it (K, n), and where the search met a singularity."""
+    task = strategy.task
+    Q = region.random(int(samples), seed)
+    if Q.shape[1] != task.n:
+        raise InputError(f"the region has {Q.shape[1]} joints, but the task has {task.n}")
+    L = joint_scale(task, Q[0])
+    found: list[Array] = []
+    singular: list[Array] = []
+    for _ in range(_MAX_STEPS):
+        if not len(Q):
+            break
+        regular = _dexterity(strategy, Q) > _SINGULAR
+        singular.append(Q[~regular])
+        Q = Q[regular]
+        if not len(Q):
+            break
+        s, error = surface_function(strategy, Q)
+        size = np.linalg.norm(s, axis=1)
+        reached = size <= np.maximum(_ON_SURFACE, error)
+        found.append(Q[reached])
+        Q, s, size = Q[~reached], s[~reached], size[~reached]
+        if not len(Q):
+            break
+        step = _newton_step(strategy, Q, s, L)
+        # The best of five lengths; a seed that none of them improves is in a valley that is not 0.
+        lengths = 0.5 ** np.arange(5)
+        trials = Q[:, None] + lengths[:, None] * step[:, None]  # (K, 5, n)
+        norms = _norms(strategy, trials.reshape(-1, task.n)).reshape(len(Q), -1)
+        best = norms.argmin(axis=1)
+        improved = norms[np.arange(len(Q)), best] < size
+        Q = trials[np.arange(len(Q)), best][improved]
+    points, stuck = np.vstack([np.empty((0, task.n)), *found]), np.vstack([np.empty((0, task.n)), *singular])
+    return points[region.ratio(points) <= 1 + 1e-9], stuck[region.ratio(stuck) <= 1 + 1e-9]
+
+
+def _newton_step(strategy: Inverse, Q: Array, s: Array, L: Array) -> Array:
+    """The shortest step to s = 0 to first order, (K, n), at most 0.3 rad long."""
+    K, n = Q.shape
+    h = 1e-4
+    moves = h * np.diag(L)
+    near = np.concatenate([Q[:, None] + moves, Q[:, None] - moves], axis=1)  # (K, 2 n, n)
+    values = surface_function(strategy, near.reshape(-1, n))[0].reshape(K, 2, n, -1, n)
+    slope = (values[:, 0] - values[:, 1]) / (2 * h)  # (K, n, pairs, n), in units of L
+    # s = N σ turns with the null space; only the change of σ brings it to 0.
+    N = nullspace(strategy.task.jacobians(Q) * L)  # (K, n, r)
+    slope = np.einsum("Kkpi,Kir->Kprk", slope, N).reshape(K, -1, n)
+    sigma = np.einsum("Kpi,Kir->Kpr", s.reshape(K, -1, n), N).reshape(K, -1)
+    step = -np.einsum("Kns,Ks->Kn", np.linalg.pinv(slope, rcond=_RANK), sigma)
+    length = np.linalg.norm(step, axis=1, keepdims=True)
+    return L * step * np.minimum(1.0, _LONGEST_STEP / np.maximum(length, 1e-300))
+
+
+def _norms(strategy: Inverse, Q: Array) -> Array:
+    """‖s‖ at every row of Q; inf where J is singular."""
+    norms = np.full(len(Q), np.inf)
+    regular = _dexterity(strategy, Q) > _SINGULAR
+    if regular.any():
+        norms[regular] = np.linalg.norm(surface_function(strategy, Q[regular])[0], axis=1)
+    return norms
+
+
+def _rates(strategy: Inverse, Q: Array) -> tuple[Array, Array]:
+    """``‖(∂s/∂q) G‖`` (9) along unit joint motions of the control, and its tolerance: (K,) each."""
+    L = joint_scale(strategy.task, Q[0])
+    slope, error = differentiate(lambda P: surface_function(strategy, P)[0], Q, L)
+    basis = np.linalg.qr(strategy.batch(Q) / L[:, None])[0]  # (K, n, m)
+    along = (slope * L) @ basis  # (K, pairs · n, m)
+    rate = np.linalg.norm(along, axis=(1, 2))
+    size = np.linalg.norm(slope * L, axis=(1, 2))
+    # The error of each entry, the error of s itself, and how far from s = 0 the point still is.
+    own = surface_function(strategy, Q)[1] / SHORTEST_STEP
+    return rate, np.sqrt(slope.shape[1]) * (error * L).sum(axis=1) + own + 1e-5 * size
+
+
+def _walk(strategy: Inverse, Q: Array) -> tuple[Array, Array]:
+    """Move along the control in every task direction, ±: the largest ‖s‖ met at the ends, and the least way (K,)."""
+    task = strategy.task
+    L = joint_scale(task, Q[0])
+    largest, least = np.zeros(len(Q)), np.full(len(Q), np.inf)
+    mixed = np.ones(task.m) / np.sqrt(task.m)
+    for direction in (*np.eye(task.m), *-np.eye(task.m), mixed):
+
+        def velocity(P: Array, direction: Array = direction) -> Array:
+            qdot = strategy.batch(P) @ direction
+            return qdot / np.linalg.norm(qdot / L, axis=1, keepdims=True)
+
+        P, way = Q.copy(), np.zeros(len(Q))
+        h = _WALK / _WALK_STEPS
+        for _ in range(_WALK_STEPS):
+            # A walker that comes near a singularity of J stays where it is.
+            free = np.flatnonzero(_dexterity(strategy, P) > 0.05)
+            p = P[free]
+            if not len(p):
+                break
+            k1 = velocity(p)
+            k2 = velocity(p + h / 2 * k1)
+            k3 = velocity(p + h / 2 * k2)
+            k4 = velocity(p + h * k3)
+            P[free] = p + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+            way[free] += h
+        largest = np.maximum(largest, np.where(way > 0, _norms(strategy, P), 0.0))
+        least = np.minimum(least, way)
+    return largest, least
+
+
+def _dexterity(strategy: Inverse, Q: Array) -> Array:
+    """σ_min / σ_max of J at every row of Q, joints in comparable units."""
+    J = strategy.task.jacobians(Q) * joint_scale(strategy.task, Q[0])
+    values = np.linalg.svd(J, compute_uv=False)
+    return values[:, -1] / values[:, 0]

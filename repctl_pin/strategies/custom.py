@@ -1,0 +1,81 @@
+"""A control strategy of your own: any plain function q → G with J G = I."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import InputError
+from ..robot.task import Task
+
+Array = NDArray[np.float64]
+
+
+class CustomInverse:
+    """``q̇ = G(q) ẋ`` (3) with a G of your own.
+
+    ``J G = I`` is checked wherever G is evaluated: a function that breaks it would track another path than
+    the one it is given.
+
+    Parameters
+    ----------
+    task
+        The task to control.
+    function
+        q (n,) → G (n, m).
+    tolerance : float
+        Largest entry of ``J G − I`` that is let pass.
+    """
+
+    def __init__(self, task: Task, function: Callable[[Array], ArrayLike], *, tolerance: float = 1e-8) -> None:
+        if not callable(function):
+            raise InputError(f"a custom inverse is a function q → G, not {function!r}")
+        if not (np.isfinite(tolerance) and tolerance > 0):
+            raise InputError(f"the tolerance of J G = I must be above 0, not {tolerance!r}")
+        self.task, self.function, self.tolerance = task, function, float(tolerance)
+
+    def __call__(self, q: Array) -> Array:
+        """Evaluate G (n, m).
+
+        Raises
+        ------
+        InputError
+            If the function returns anything but an (n, m) matrix with ``J G = I``; the residual is named.
+        """
+        q = np.asarray(q, float)
+        return self._checked(q, self.task.jacobian(q))
+
+    def batch(self, Q: Array, J: Array | None = None) -> Array:
+        """Evaluate G at every row of Q (K, n): (K, n, m)."""
+        Q = np.asarray(Q, float)
+        J = self.task.jacobians(Q) if J is None else J
+        return np.array([self._checked(q, J_q) for q, J_q in zip(Q, J, strict=True)]).reshape(
+            len(Q), self.task.n, self.task.m
+        )
+
+    def velocity(self, q: Array, xdot: Array) -> Array:
+        """Choose ``q̇ = G ẋ`` (n,)."""
+        return self(q) @ xdot
+
+    def _checked(self, q: Array, J: Array) -> Array:
+        n, m = self.task.n, self.task.m
+        try:
+            G = np.array(self.function(q), dtype=float)
+        except (TypeError, ValueError) as error:
+            raise InputError(f"the function gives no {n} × {m} matrix G at q = {_row(q)}: {error}") from error
+        if G.shape != (n, m) or not np.isfinite(G).all():
+            raise InputError(f"the function must give G as {n} × {m} finite numbers; at q = {_row(q)} it does not")
+        residual = np.abs(J @ G - np.eye(m))
+        if residual.max() > self.tolerance:
+            a, b = np.unravel_index(int(residual.argmax()), residual.shape)
+            raise InputError(
+                f"J G = I is missed by {residual.max():.2g} (row {a}, column {b}) at q = {_row(q)}; "
+                "correct the function, for example G + J⁺ (I − J G)"
+            )
+        return G
+
+
+def _row(q: Array) -> str:
+    return "(" + ", ".join(f"{value:.4g}" for value in q) + ")"

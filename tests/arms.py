@@ -1,0 +1,68 @@
+"""Arms as URDF files made on the spot: planar ones of any link lengths, and random spatial ones."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+import repctl_pin as rp
+
+
+def planar_urdf(lengths: Sequence[float], *, range_: float = 7.0) -> str:
+    """Write an n-link planar arm about z, links along x, relative angles, end link ``tool``."""
+    links = ['<link name="base"/>']
+    joints = []
+    offset, parent = 0.0, "base"
+    for i, length in enumerate(lengths, 1):
+        links.append(f'<link name="link{i}"/>')
+        joints.append(
+            f'<joint name="theta{i}" type="revolute"><parent link="{parent}"/><child link="link{i}"/>'
+            f'<origin xyz="{offset} 0 0"/><axis xyz="0 0 1"/>'
+            f'<limit lower="{-range_}" upper="{range_}" effort="1" velocity="1"/></joint>'
+        )
+        offset, parent = length, f"link{i}"
+    links.append('<link name="tool"/>')
+    joints.append(
+        f'<joint name="tip" type="fixed"><parent link="{parent}"/><child link="tool"/>'
+        f'<origin xyz="{offset} 0 0"/></joint>'
+    )
+    return f'<?xml version="1.0"?>\n<robot name="planar">\n{"".join(links)}\n{"".join(joints)}\n</robot>\n'
+
+
+def planar_task(lengths: Sequence[float], folder: Path) -> rp.Task:
+    """Load such an arm; its ``xy`` task."""
+    path = folder / f"planar{len(lengths)}.urdf"
+    path.write_text(planar_urdf(lengths), encoding="utf-8")
+    return rp.Robot.load(path).task("tool", "xy")
+
+
+def spatial_urdf(n: int, seed: int) -> str:
+    """Write an arm of n joints with random axes and offsets, every third one prismatic."""
+    rng = np.random.default_rng(seed)
+    links, joints = ['<link name="base"/>'], []
+    parent = "base"
+    for i in range(1, n + 1):
+        kind = "prismatic" if i % 3 == 0 else "revolute"
+        xyz, rpy, axis = (" ".join(f"{v:.6f}" for v in rng.uniform(-1, 1, 3) * s) for s in (0.4, 1.5, 1.0))
+        links.append(f'<link name="link{i}"/>')
+        joints.append(
+            f'<joint name="q{i}" type="{kind}"><parent link="{parent}"/><child link="link{i}"/>'
+            f'<origin xyz="{xyz}" rpy="{rpy}"/><axis xyz="{axis}"/>'
+            '<limit lower="-3" upper="3" effort="1" velocity="1"/></joint>'
+        )
+        parent = f"link{i}"
+    links.append('<link name="tool"/>')
+    joints.append(
+        f'<joint name="tip" type="fixed"><parent link="{parent}"/><child link="tool"/>'
+        '<origin xyz="0.3 0.1 0.2"/></joint>'
+    )
+    return f'<?xml version="1.0"?>\n<robot name="spatial">\n{"".join(links)}\n{"".join(joints)}\n</robot>\n'
+
+
+def spatial_task(n: int, folder: Path, *, kind: str = "position", seed: int = 0) -> rp.Task:
+    """Load such an arm; its position task has r = n − 3."""
+    path = folder / f"spatial{n}_{seed}.urdf"
+    path.write_text(spatial_urdf(n, seed), encoding="utf-8")
+    return rp.Robot.load(path).task("tool", kind)
