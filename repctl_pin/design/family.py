@@ -1,0 +1,189 @@
+"""The member of a one-parameter family of inverses that lies nearest to a desired one.
+
+The criterion is the same as everywhere, ``C = mean over Ω of ‖G − G_d‖_F²`` (26); only what is chosen from is
+another: not the coefficients of potentials, but one number k. The paper's family (60) is the example.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+import scipy.optimize
+from numpy.typing import NDArray
+
+from ..errors import InputError, SingularityError
+from ..strategies.strategy import Inverse
+from .region import Region
+
+Array = NDArray[np.float64]
+
+_SCAN = 48
+_FLAT = 1e-9
+"""A cost that varies by less than this share of its mean is the same for every parameter."""
+_SAME = 1e-14
+"""Costs nearer than this, relatively, cannot be told apart in double precision."""
+
+
+@dataclass(frozen=True)
+class FamilyDesign:
+    """The best member of a family, and whether it is the only one.
+
+    Attributes
+    ----------
+    inverse : Inverse
+        ``family(parameter)``.
+    desired : Inverse
+        What it should be near to, G_d.
+    region : Region
+        Ω.
+    parameter : float
+        The best k; may be inf on the whole line. Where every k costs the same, the middle of the bounds.
+    unique : bool
+        False where every parameter costs the same.
+    cost, cost_error : float
+        Mean over Ω of ‖G − G_d‖_F² (26), on finer nodes than the search's, and how far the two disagree.
+    relative_distance : float
+        ``sqrt(cost / mean ‖G_d‖_F²)``.
+    scanned : (S,) array
+        Parameters of the first scan; inf among them on the whole line.
+    scanned_costs : (S,) array
+        Their costs; inf where a member is singular in Ω.
+    """
+
+    inverse: Inverse
+    desired: Inverse
+    region: Region
+    parameter: float
+    unique: bool
+    cost: float
+    cost_error: float
+    relative_distance: float
+    scanned: Array = field(repr=False)
+    scanned_costs: Array = field(repr=False)
+
+    def summary(self) -> str:
+        """Say in a few lines what the choice is worth."""
+        best = f"{self.parameter:.6g}" if self.unique else "every value: the cost does not depend on it"
+        return "\n".join(
+            [
+                f"nearest member of a family of inverses of {self.desired.task!r}",
+                f"  parameter          {best}",
+                f"  mean ‖G − G_d‖²    {self.cost:.6g} ± {self.cost_error:.1g}",
+                f"  relative distance  {self.relative_distance:.1%}",
+            ]
+        )
+
+
+class _Comparison:
+    """Nodes of Ω with J and G_d evaluated once, to measure many inverses against."""
+
+    def __init__(self, desired: Inverse, region: Region, samples: int, seed: int) -> None:
+        self.Q, self.weights = region.nodes(samples, seed)
+        self.J = desired.task.jacobians(self.Q)
+        self.G_d = desired.batch(self.Q, self.J)
+        self.scale = float(self.weights @ np.sum(self.G_d**2, axis=(1, 2)))
+
+    def cost(self, inverse: Inverse) -> float:
+        """Evaluate ``mean ‖G − G_d‖_F²`` (26)."""
+        difference = inverse.batch(self.Q, self.J) - self.G_d
+        return float(self.weights @ np.sum(difference**2, axis=(1, 2)))
+
+
+def nearest_in_family(
+    desired: Inverse,
+    family: Callable[[float], Inverse],
+    region: Region,
+    *,
+    bounds: tuple[float, float] = (-np.inf, np.inf),
+    samples: int = 4096,
+    seed: int = 0,
+) -> FamilyDesign:
+    """Find the member of a one-parameter family that lies nearest to a desired inverse in the mean over Ω (26).
+
+    On the whole line the search runs over ``φ = atan k`` (57), so that k = ∞, where −∞ and ∞ meet, is a
+    member like any other: a scan of φ, then Brent's method in the best bracket.
+
+    Parameters
+    ----------
+    desired
+        G_d, any inverse with ``J G = I``.
+    family
+        ``k → G``: a function that makes an inverse of the same task for every k within the bounds; on the
+        whole line it is asked for k = ∞ too. Members made of potentials do as well:
+        ``lambda k: rp.RepeatableInverse(task, fields.weighted(A(k)))``.
+    region
+        Ω.
+    bounds
+        Between which values k is sought: two finite numbers, or the whole line.
+    samples, seed
+        Nodes of the search.
+
+    Raises
+    ------
+    InputError
+        If the bounds are neither finite and in order nor the whole line.
+    SingularityError
+        If no member of the family is free of singularities in Ω.
+    """
+    low, high = (float(b) for b in bounds)
+    projective = low == -np.inf and high == np.inf
+    if not projective and not (np.isfinite([low, high]).all() and low < high):
+        raise InputError(f"bounds must be two finite numbers in order, or the whole line, not {bounds!r}")
+    if projective:
+        low, high = -np.pi / 2, np.pi / 2
+
+    def parameter(angle: float) -> float:
+        if not projective:
+            return angle
+        # One period of tan; its pole is k = ∞.
+        folded = (angle + np.pi / 2) % np.pi - np.pi / 2
+        return np.inf if abs(abs(folded) - np.pi / 2) < 1e-12 else float(np.tan(folded))
+
+    nodes = _Comparison(desired, region, samples, seed)
+
+    def cost(angle: float) -> float:
+        try:
+            return nodes.cost(family(parameter(angle)))
+        except SingularityError:
+            return np.inf
+
+    angles = np.linspace(low, high, _SCAN + 1)
+    costs = np.array([cost(a) for a in angles])
+    if not np.isfinite(costs).any():
+        raise SingularityError("no member of this family is free of singularities in Ω; make the region smaller")
+    judge = _Comparison(desired, region, 8 * len(nodes.Q), seed + 1)
+    spread = np.ptp(costs) if np.isfinite(costs).all() else np.inf
+    unique = bool(spread > _FLAT * max(float(costs.mean()), 1e-15 * nodes.scale))
+    if unique and np.isfinite(spread):
+        # A spread that the finer nodes do not confirm is the search's own quadrature error.
+        worst, least = (judge.cost(family(parameter(angles[i]))) for i in (np.argmax(costs), np.argmin(costs)))
+        unique = bool(worst - least > spread / 2)
+    best = _polish(cost, angles, costs, projective) if unique else (low + high) / 2
+
+    inverse = family(parameter(best))
+    value = judge.cost(inverse)
+    return FamilyDesign(
+        inverse=inverse,
+        desired=desired,
+        region=region,
+        parameter=parameter(best),
+        unique=unique,
+        cost=value,
+        cost_error=abs(value - nodes.cost(inverse)),
+        relative_distance=float(np.sqrt(value / judge.scale)),
+        scanned=np.array([parameter(a) for a in angles]),
+        scanned_costs=costs,
+    )
+
+
+def _polish(cost: Callable[[float], float], angles: Array, costs: Array, projective: bool) -> float:
+    """Refine the best of a scan; a scanned value that costs no more is kept as it is."""
+    i = int(np.argmin(costs))
+    spacing = angles[1] - angles[0]
+    low, high = angles[i] - spacing, angles[i] + spacing
+    if not projective:
+        low, high = max(low, angles[0]), min(high, angles[-1])
+    found = scipy.optimize.minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": 1e-10})
+    return float(angles[i]) if costs[i] <= found.fun + _SAME * abs(found.fun) else float(found.x)

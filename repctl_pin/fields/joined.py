@@ -1,0 +1,118 @@
+"""Families of potentials put side by side: ``a + b`` offers the potentials of both."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import InputError
+from .field import CurvedMap, Field, FieldMap, name_of
+
+Array = NDArray[np.float64]
+
+
+class Joined:
+    """The potentials of several families, one family after the other: h_1 … h_N, N the sum of their sizes.
+
+    Written ``a + b``. With PPR's ``{d_1, d_2, polynomials of θ_3}`` as an example::
+
+        Polynomial(center, 1, scale, variables=[0, 1]) + Polynomial(center, 5, scale, variables=[2])
+
+    Parameters
+    ----------
+    *parts : Field
+        Families of potentials of the same q.
+
+    Raises
+    ------
+    InputError
+        If a part is no family of potentials.
+    """
+
+    def __init__(self, *parts: Field) -> None:
+        flat: list[Field] = []
+        for part in parts:
+            flat.extend(part.parts if isinstance(part, Joined) else [part])
+        if not flat:
+            raise InputError("joined fields need at least one family of potentials")
+        for part in flat:
+            if not callable(getattr(part, "gradients", None)) or not callable(getattr(part, "weighted", None)):
+                raise InputError(f"{part!r} is no family of potentials; join fields such as rp.Polynomial")
+        self.parts: tuple[Field, ...] = tuple(flat)
+        self._ends = np.cumsum([part.size for part in self.parts])
+
+    @property
+    def size(self) -> int:
+        """N, the number of potentials."""
+        return int(self._ends[-1])
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What each potential is called in its own family."""
+        return tuple(name_of(part, j) for part in self.parts for j in range(part.size))
+
+    def potentials(self, Q: ArrayLike) -> Array:
+        """Evaluate the potentials at every row of Q (K, n): (K, N)."""
+        Q = np.asarray(Q, float)
+        return np.concatenate([part.potentials(Q) for part in self.parts], axis=-1)
+
+    def gradients(self, Q: ArrayLike) -> Array:
+        """Evaluate the gradients at every row of Q (K, n): (K, n, N), per rad or m."""
+        Q = np.asarray(Q, float)
+        return np.concatenate([part.gradients(Q) for part in self.parts], axis=-1)
+
+    def split(self, A: ArrayLike) -> list[Array]:
+        """Cut coefficients A (N, r) into one array a part."""
+        A = np.asarray(A, float)
+        if A.ndim != 2 or len(A) != self.size:
+            raise InputError(f"the coefficients have shape {A.shape}, but {self.size} rows are wanted")
+        return np.split(A, self._ends[:-1])
+
+    def weighted(self, A: ArrayLike) -> SumMap:
+        """Choose ``h = Aᵀ (h_1 … h_N)`` with coefficients A (N, r) (35)."""
+        maps = [part.weighted(a) for part, a in zip(self.parts, self.split(A), strict=True)]
+        curved = [part for part in maps if isinstance(part, CurvedMap)]
+        return CurvedSumMap(curved) if len(curved) == len(maps) else SumMap(maps)
+
+    def __add__(self, other: Field) -> Joined:
+        return Joined(self, other)
+
+    def __repr__(self) -> str:
+        return f"<{' + '.join(repr(part).strip('<>') for part in self.parts)}: {self.size} potentials>"
+
+
+class SumMap:
+    """The sum of r potentials of each part: h = h_a + h_b + …"""
+
+    def __init__(self, maps: Sequence[FieldMap]) -> None:
+        self.maps = tuple(maps)
+
+    def value(self, q: Array) -> Array:
+        """Evaluate h(q): (r,)."""
+        return np.sum([part.value(q) for part in self.maps], axis=0)
+
+    def values(self, Q: Array) -> Array:
+        """Evaluate h at every row of Q (K, n): (K, r)."""
+        return np.array([self.value(q) for q in np.asarray(Q, float)])
+
+    def gradient(self, q: Array) -> Array:
+        """Evaluate V = ∂hᵀ/∂q: (n, r)."""
+        return np.sum([part.gradient(q) for part in self.maps], axis=0)
+
+    def gradients(self, Q: Array) -> Array:
+        """Evaluate V at every row of Q (K, n): (K, n, r)."""
+        return np.sum([part.gradients(Q) for part in self.maps], axis=0)
+
+
+class CurvedSumMap(SumMap):
+    """A sum of potentials that all know their second derivatives."""
+
+    def __init__(self, maps: Sequence[CurvedMap]) -> None:
+        super().__init__(maps)
+        self._curved = tuple(maps)
+
+    def hessian(self, q: Array) -> Array:
+        """Evaluate ∂V/∂q: (n, n, r)."""
+        return np.sum([part.hessian(q) for part in self._curved], axis=0)
