@@ -65,6 +65,20 @@ def test_batches_are_what_single_calls_say(robot: rp.Robot, kind: str) -> None:
     assert np.array_equal(task.positions(Q), [task.placement(q).translation for q in Q])
 
 
+def test_mimic_joints_follow_their_leader_at_the_reference() -> None:
+    panda = rp.Robot.load("panda")
+    assert "panda_finger_joint2" in panda.locked
+    data = panda.model.createData()
+    pin.framesForwardKinematics(panda.model, data, np.array(panda.reference))
+    hand, left, right = (
+        data.oMf[panda.model.getFrameId(name, pin.FrameType.BODY)]
+        for name in ("panda_hand", "panda_leftfinger", "panda_rightfinger")
+    )
+    opening = [abs((hand.inverse() * finger).translation[1]) for finger in (left, right)]
+    finger = panda.reference[panda.joint_names.index("panda_finger_joint1")]
+    assert np.allclose(opening, finger, atol=1e-12)
+
+
 def test_only_the_joints_that_move_the_frame_are_kept() -> None:
     baxter = rp.Robot.load("baxter")
     left, right = baxter.task("left_gripper"), baxter.task("right_gripper")

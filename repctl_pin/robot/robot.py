@@ -256,7 +256,7 @@ def _looks_like_a_path(text: str) -> bool:
 def _pose(
     model: pin.Model, joints: Mapping[str, Joint], named: Mapping[str, float], notes: list[str]
 ) -> NDArray[np.float64]:
-    """A pose of every joint, inside its limits: the named values, else mid-range; what had to be moved is noted."""
+    """A pose of every joint, inside its limits: the named values, else mid-range; mimics follow; moves are noted."""
     posture = pin.neutral(model)
     for name in tuple(model.names)[1:]:
         joint, q = joints[name], model.joints[model.getJointId(name)].idx_q
@@ -271,6 +271,11 @@ def _pose(
         else:
             value = float(np.clip(0.0, joint.lower, joint.upper))
         posture[q] = value
+    for name in tuple(model.names)[1:]:
+        joint = joints[name]
+        if joint.mimic is not None and model.existJointName(joint.mimic):
+            q, leader = (model.joints[model.getJointId(j)].idx_q for j in (name, joint.mimic))
+            posture[q] = np.clip(joint.multiplier * posture[leader] + joint.offset, joint.lower, joint.upper)
     return posture
 
 

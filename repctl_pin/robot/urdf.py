@@ -34,7 +34,8 @@ class Joint:
     """One joint, as plain data.
 
     ``lower``, ``upper`` (rad or m) and ``velocity`` (rad/s or m/s) are infinite where there is no limit;
-    ``mimic`` names the joint that this one copies; ``line`` is where it stands in the file.
+    ``mimic`` names the joint that this one copies, as ``multiplier · q + offset``; ``line`` is where it stands
+    in the file.
     """
 
     name: str
@@ -47,6 +48,8 @@ class Joint:
     velocity: float
     mimic: str | None
     line: int
+    multiplier: float = 1.0
+    offset: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -193,7 +196,15 @@ def _joint(element: etree._Element, joint: Any, notes: list[str]) -> Joint:
         velocity=velocity,
         mimic=joint.mimic.joint if joint.mimic is not None else None,
         line=element.sourceline or 0,
+        multiplier=_number(joint.mimic, "multiplier", 1.0),
+        offset=_number(joint.mimic, "offset", 0.0),
     )
+
+
+def _number(mimic: Any, name: str, default: float) -> float:
+    """A number of a mimic joint; the URDF's default where it is not there."""
+    value = getattr(mimic, name, None)
+    return default if value is None else float(value)
 
 
 def _for_pinocchio(robot: etree._Element, joints: tuple[Joint, ...], folder: Path) -> str:

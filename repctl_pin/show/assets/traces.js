@@ -1,0 +1,79 @@
+// What stays behind: a tube along each point's way, drawn only as far as time has come.
+
+const SIDES = 6;
+
+class Trace {
+  // cycles: arrays of points, one a cycle; shade(c, p): a colour
+  constructor(parent, cycles, radius, shade) {
+    const T = MeshCat.THREE, position = [], color = [], index = [];
+    const tangent = new T.Vector3(1, 0, 0), normal = new T.Vector3(), side = new T.Vector3(), ring = new T.Vector3();
+    this.perCycle = (cycles[0].length - 1) * SIDES * 6;
+    cycles.forEach((points, c) => {
+      points.forEach((point, i) => {
+        const ahead = points[Math.min(i + 1, points.length - 1)], behind = points[Math.max(i - 1, 0)];
+        const step = new T.Vector3().subVectors(ahead, behind);
+        if (step.lengthSq() > 1e-18) tangent.copy(step).normalize();
+        normal.addScaledVector(tangent, -normal.dot(tangent));
+        if (normal.lengthSq() < 1e-6) normal.set(0, 0, 1).addScaledVector(tangent, -tangent.z);
+        if (normal.lengthSq() < 1e-6) normal.set(0, 1, 0);
+        normal.normalize();
+        side.crossVectors(tangent, normal);
+        const tone = shade(c, i / (points.length - 1));
+        for (let k = 0; k < SIDES; k++) {
+          const angle = (2 * Math.PI * k) / SIDES;
+          ring.copy(point).addScaledVector(normal, radius * Math.cos(angle)).addScaledVector(side, radius * Math.sin(angle));
+          position.push(ring.x, ring.y, ring.z);
+          color.push(tone.r, tone.g, tone.b);
+        }
+        if (i === 0) return;
+        const b = position.length / 3 - SIDES, a = b - SIDES;
+        for (let k = 0; k < SIDES; k++) { const l = (k + 1) % SIDES; index.push(a + k, b + k, a + l, a + l, b + k, b + l); }
+      });
+    });
+    this.geometry = new T.BufferGeometry();
+    this.geometry.setAttribute("position", new T.Float32BufferAttribute(position, 3));
+    this.geometry.setAttribute("color", new T.Float32BufferAttribute(color, 3));
+    this.geometry.setIndex(index);
+    const plain = new T.MeshBasicMaterial({ vertexColors: true, side: T.DoubleSide });
+    // where a body stands in front, the trace shines through
+    const through = new T.MeshBasicMaterial({ vertexColors: true, transparent: true, opacity: 0.5, depthFunc: T.GreaterDepth, depthWrite: false });
+    for (const material of [plain, through]) {
+      const mesh = new T.Mesh(this.geometry, material);
+      mesh.frustumCulled = false;
+      mesh.renderOrder = material === through ? 5 : 1;
+      parent.add(mesh);
+    }
+    this.show(0, 0);
+  }
+
+  show(cycle, part) {
+    this.geometry.setDrawRange(0, cycle * this.perCycle + Math.floor(part * (this.perCycle / (SIDES * 6)) + 1e-9) * SIDES * 6);
+  }
+}
+
+class Marker {
+  constructor(parent, radius, color) {
+    const T = MeshCat.THREE;
+    this.node = new T.Group();
+    const ball = new T.SphereGeometry(radius, 20, 14);
+    const plain = new T.MeshLambertMaterial({ color, emissive: color, emissiveIntensity: 0.35 });
+    const through = new T.MeshBasicMaterial({ color, transparent: true, opacity: 0.6, depthFunc: T.GreaterDepth, depthWrite: false });
+    for (const material of [plain, through]) {
+      const mesh = new T.Mesh(ball, material);
+      mesh.renderOrder = material === through ? 6 : 1;
+      this.node.add(mesh);
+    }
+    parent.add(this.node);
+  }
+}
+
+// The colour grows from pale to full with the drift, where there is any; an arm that does not drift has one colour.
+function driftShade(arm, scene) {
+  const T = MeshCat.THREE, full = new T.Color(arm.color), pale = full.clone().lerp(new T.Color(1, 1, 1), 0.62);
+  const largest = Math.max(...scene.arms.flatMap((a) => a.drift)), mine = Math.max(...arm.drift);
+  return (c, p) => {
+    if (!(mine > 0.02 * largest)) return full;
+    const n = scene.cycles[c], before = n > 1 ? arm.drift[n - 2] : 0, after = arm.drift[n - 1];
+    return pale.clone().lerp(full, Math.min(1, (before + p * (after - before)) / mine));
+  };
+}

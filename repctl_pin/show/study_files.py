@@ -1,0 +1,117 @@
+"""The files of a study: animation, figures, and the motions as numbers."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .figures import COLOURS, drift_figure, joints_figure
+from .files import prepare_folder, write_whole
+from .scene import Arm, animation_page, choose_frames
+from .table import short
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from ..motion import Motion
+    from ..robot.visuals import Visuals
+    from ..studies import Row, Study
+
+CSV_ROWS_PER_CYCLE = 100
+"""At most so many rows of a cycle go into ``motion.csv``."""
+
+
+def write_study(study: Study, folder: Path) -> list[Path]:
+    """Write ``animation.html``, ``drift.png``, ``joints.png`` and ``motion.csv``, each whole or not at all.
+
+    Returns
+    -------
+    The files, in this order.
+
+    Raises
+    ------
+    InputError
+        If the folder cannot be written.
+    """
+    prepare_folder(folder)
+    title = f"{study.robot.name}, {study.task.kind} task, {study.path.name}"
+    moved = [(row.label, row.motion, COLOURS[row.key]) for row in study.rows if row.motion is not None]
+    return [
+        write_whole(folder / "animation.html", study_page(study)),
+        write_whole(folder / "drift.png", lambda path: _save(drift_figure(moved, title), path)),
+        write_whole(folder / "joints.png", lambda path: _save(joints_figure(moved, title), path)),
+        write_whole(folder / "motion.csv", lambda path: _write_csv(study, path)),
+    ]
+
+
+def study_page(study: Study) -> str:
+    """Make the animation of a study: J⁺ and the repeatable inverse side by side, on one page."""
+    from ..robot.visuals import Visuals
+
+    visuals = Visuals.of(study.robot)
+    rows = [study.row("pseudoinverse"), study.row("repeatable")]
+    arms = [_arm(study, visuals, row, row.motion) for row in rows if row.motion is not None]
+    drifts = "; ".join(f"{row.label}: {_drift_words(row)}" for row in rows)
+    return animation_page(
+        arms,
+        study.path.points(),
+        seconds=4.0,
+        title=f"{study.robot.name}: {study.path.name}",
+        caption=f"{study.task.frame}, {study.task.kind} task, n = {study.task.n}, r = {study.task.r}\n{drifts}",
+        planar=bool(np.ptp(_stations(study), axis=0)[2] < 1e-9),
+        frames=_frames(study),
+    )
+
+
+def _arm(study: Study, visuals: Visuals, row: Row, motion: Motion) -> Arm:
+    Q = motion.q[_frames(study).index]
+    elbow = study.elbow
+    return Arm(
+        label=row.label,
+        shapes=visuals.shapes,
+        placements=visuals.placements(study.task.full(Q)),
+        tip=study.task.positions(Q),
+        elbow=np.array([study.task.joint_origins(q)[elbow] for q in Q]),
+        cycle_drift=motion.drift,
+        color=COLOURS[row.key],
+    )
+
+
+def _frames(study: Study) -> Any:
+    motion = next(row.motion for row in study.rows if row.motion is not None)
+    return choose_frames(len(motion.q), motion.cycles)
+
+
+def _stations(study: Study) -> np.ndarray:
+    return np.vstack([study.task.joint_origins(study.q0), study.path.points(16)])
+
+
+def _drift_words(row: Row) -> str:
+    if row.motion is None:
+        return f"stuck ({row.stopped})"
+    return f"the joints are off by {short(row.motion.drift[-1])} after {row.motion.cycles} cycles"
+
+
+def _save(figure: Figure, path: Path) -> None:
+    figure.savefig(path, dpi=150)
+
+
+def _write_csv(study: Study, path: Path) -> None:
+    """Write every strategy's motion, thinned out to 100 rows a cycle, cycle ends included."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(["strategy", "cycle", "t", *study.task.joint_names])
+        for row in study.rows:
+            if row.motion is None:
+                continue
+            motion = row.motion
+            thinned = np.unique(
+                np.rint(np.linspace(0, motion.steps, min(motion.steps, CSV_ROWS_PER_CYCLE) + 1)).astype(int)
+            )
+            for k in range(motion.cycles):
+                for i in thinned[k > 0 :] + k * motion.steps:
+                    numbers = [f"{v:.10g}" for v in (i / motion.steps, motion.t[i], *motion.q[i])]
+                    writer.writerow([row.key, *numbers])

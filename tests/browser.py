@@ -1,0 +1,111 @@
+"""Drive a real headless Chromium through Selenium: open a page offline, take pictures at exact times."""
+
+from __future__ import annotations
+
+import base64
+import io
+import os
+import shutil
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+CHROMIUM = shutil.which("chromium")
+DRIVER = shutil.which("chromedriver")
+
+FLAGS = (
+    "--headless=new",
+    "--no-sandbox",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--disable-dev-shm-usage",
+    "--hide-scrollbars",
+    "--use-angle=swiftshader",  # WebGL in software
+    "--enable-unsafe-swiftshader",
+    "--ignore-gpu-blocklist",
+    "--host-resolver-rules=MAP * ~NOTFOUND",  # offline: no name resolves
+)
+
+
+def require_browser() -> None:
+    """Skip the test where there is no Chromium; fail it on CI, where there must be one."""
+    if CHROMIUM and DRIVER:
+        return
+    reason = "chromium and chromedriver are not installed (apt-get install chromium chromium-driver)"
+    if os.environ.get("CI") == "true":
+        pytest.fail(reason)
+    pytest.skip(reason)
+
+
+@contextmanager
+def browser(width: int = 1280, height: int = 760) -> Iterator[Any]:
+    """Open a browser with nothing in it, and close it again."""
+    from selenium import webdriver
+    from selenium.webdriver.chrome.service import Service
+
+    options = webdriver.ChromeOptions()
+    options.binary_location = CHROMIUM or ""
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    with tempfile.TemporaryDirectory(prefix="repctl-browser-") as profile:
+        for flag in (*FLAGS, f"--user-data-dir={profile}", f"--window-size={width},{height}"):
+            options.add_argument(flag)
+        driver = webdriver.Chrome(options=options, service=Service(DRIVER))
+        driver.set_script_timeout(60)
+        try:
+            yield driver
+        finally:
+            driver.quit()
+
+
+def open_page(driver: Any, page: Path, *, seconds: float = 60.0) -> None:
+    """Open an animation from its file and wait until all of it is drawn; it stands still."""
+    driver.get("about:blank")  # an address that differs by nothing, or by its #, would not load anew
+    driver.get_log("browser")  # what came before is not this page's
+    driver.get(page.resolve().as_uri() + "#paused")
+    deadline = time.monotonic() + seconds
+    while not driver.execute_script("return Boolean(window.repctl && (repctl.ready || repctl.errors.length))"):
+        assert time.monotonic() < deadline, f"{page.name} did not become ready in {seconds:g} s: {errors(driver)}"
+        time.sleep(0.05)
+
+
+def errors(driver: Any) -> list[str]:
+    """Everything that went wrong on the page: the console's errors and the page's own list."""
+    console = [entry["message"] for entry in driver.get_log("browser") if entry["level"] == "SEVERE"]
+    return console + driver.execute_script("return (window.repctl && repctl.errors) || []")
+
+
+def picture(driver: Any, cycles: float, *, traces: bool = False) -> NDArray[np.int16]:
+    """Take the scene's picture at a time, in cycles: (height, width, 3), 0 to 255."""
+    from PIL import Image
+
+    url = driver.execute_script(
+        "repctl.setTraces(arguments[1]); repctl.seek(arguments[0]); return repctl.picture()",
+        cycles,
+        traces,
+    )
+    image = Image.open(io.BytesIO(base64.b64decode(url.partition(",")[2])))
+    return np.asarray(image.convert("RGB"), np.int16)
+
+
+def half(driver: Any, image: NDArray[np.int16], arm: int, arms: int = 2) -> NDArray[np.int16]:
+    """Cut out the part of the picture in which an arm stands."""
+    low, high = driver.execute_script("return repctl.columns(arguments[0])", arm)
+    others = [driver.execute_script("return repctl.columns(arguments[0])", k) for k in range(arms) if k != arm]
+    assert all(high < a or b < low for a, b in others), "the arms overlap in the picture"
+    width = image.shape[1]
+    return image[:, max(0, int(low * width) - 8) : int(high * width) + 8]
+
+
+def changed(a: NDArray[np.int16], b: NDArray[np.int16]) -> float:
+    """The fraction of pixels that differ visibly."""
+    return float(np.mean(np.abs(a - b).max(axis=-1) > 8))

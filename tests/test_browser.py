@@ -1,0 +1,186 @@
+"""The page in a real browser: headless Chromium, offline."""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from browser import browser, changed, errors, half, open_page, picture, require_browser
+from numpy.typing import NDArray
+
+import repctl_pin as rp
+from repctl_pin.robot.robot import Robot
+from repctl_pin.robot.visuals import Visuals
+from repctl_pin.show.scene import BLUE, VERMILLION, Arm, animation_page
+from repctl_pin.show.study_files import study_page
+
+RADIUS, STEPS, CYCLES = 0.1, 60, 2
+
+
+def circling(robot: Robot, q0: NDArray[np.float64], kind: str, plane: tuple[int, int]) -> list[Arm]:
+    """J⁺ on a circle, and beside it a control that closes: the extended Jacobian with constant rows."""
+    task = robot.task(kind=kind)
+    start = task.placement(q0)
+    angles = 2 * np.pi * np.arange(1, CYCLES * STEPS + 1) / STEPS
+    N0 = np.linalg.svd(task.jacobian(q0))[2][task.m :]
+    visuals = Visuals.of(robot)
+    arms = []
+    for label, color, repeatable in (("J⁺", VERMILLION, False), ("repeatable", BLUE, True)):
+        q, Q = q0, [q0]
+        for a in angles:
+            shift = np.zeros(3)
+            shift[list(plane)] = RADIUS * np.array([np.cos(a) - 1, np.sin(a)])
+            goal = pin.SE3(start.rotation, start.translation + shift)
+            for _ in range(4):
+                J, e = task.jacobian(q), task.error(q, goal)
+                rows, wish = (np.vstack([J, N0]), np.concatenate([e, N0 @ (q0 - q)])) if repeatable else (J, e)
+                q = q + np.linalg.pinv(rows) @ wish
+            assert np.linalg.norm(task.error(q, goal)) < 1e-6
+            Q.append(q)
+        Q = np.array(Q)
+        drift = np.linalg.norm(Q[STEPS::STEPS] - q0, axis=1)
+        elbow = np.array([task.joint_origins(q)[task.n // 2] for q in Q])
+        arms.append(
+            Arm(label, visuals.shapes, visuals.placements(task.full(Q)), task.positions(Q), elbow, drift, color)
+        )
+    return arms
+
+
+def write(folder: Path, arms: list[Arm], **options: Any) -> Path:
+    page = folder / "animation.html"
+    words = {"seconds": 2.0, "title": "arms on a circle", "caption": "a test", **options}
+    page.write_text(animation_page(arms, arms[0].tip[: STEPS + 1], **words), encoding="utf-8")
+    return page
+
+
+@pytest.fixture(scope="module")
+def driver() -> Iterator[Any]:
+    require_browser()
+    with browser(960, 640) as chromium:
+        yield chromium
+
+
+@pytest.mark.parametrize("name, drift", [("panda", 0.1), ("talos", 0.04)])
+def test_the_page_of_a_study_shows_who_comes_back(driver: Any, tmp_path: Path, name: str, drift: float) -> None:
+    """The main job's own page: both arms, moving; after a cycle the repeatable one is back, J⁺'s is not."""
+    study = rp.study(name, cycles=2, steps=120)
+    motions = [study.row(key).motion for key in ("pseudoinverse", "repeatable")]
+    assert motions[0].drift[0] > drift and motions[1].drift[-1] < 1e-8
+    page = tmp_path / "animation.html"
+    page.write_text(study_page(study), encoding="utf-8")
+    open_page(driver, page)
+    assert errors(driver) == []
+    visuals = Visuals.of(study.robot)
+    assert driver.execute_script("return [repctl.meshes(0), repctl.meshes(1)]") == [len(visuals.shapes)] * 2
+    start, quarter, one, two = (picture(driver, c) for c in (0, 0.25, 1, 2))
+    for arm in (0, 1):
+        a, b = half(driver, start, arm), half(driver, quarter, arm)
+        assert np.ptp(a) > 150, "nothing is drawn"
+        assert changed(a, b) > 0.02
+    for later in (one, two):
+        assert changed(half(driver, start, 1), half(driver, later, 1)) < 0.001
+        assert changed(half(driver, start, 0), half(driver, later, 0)) > 0.01
+    # with its traces shown, what the arm left behind is seen
+    assert changed(half(driver, one, 1), half(driver, picture(driver, 1, traces=True), 1)) > 0.002
+    # the browser's own matrices are where the motion put the shapes, half a cycle into the second
+    driver.execute_script("repctl.seek(1.5)")
+    for k, motion in enumerate(motions):
+        expected = visuals.placements(study.task.full(motion.q[[180]]))[0]
+        for s in (0, len(visuals.shapes) // 2, len(visuals.shapes) - 1):
+            told = driver.execute_script(
+                "return repctl.placement(arguments[0], arguments[1])", k, visuals.shapes[s].name
+            )
+            np.testing.assert_allclose(np.reshape(told, (4, 4)).T, expected[s], atol=1e-5)
+
+
+def test_mirrored_meshes_are_not_inside_out(driver: Any, tmp_path: Path) -> None:
+    robot = Robot.load("talos")
+    visuals = Visuals.of(robot)
+    keep = [k for k, s in enumerate(visuals.shapes) if np.prod(s.scale) < 0]
+    assert len(keep) > 5
+    placements = visuals.placements(np.array([robot.reference] * 2))[:, keep]
+    shapes = tuple(visuals.shapes[k] for k in keep)
+    still = Arm("mirrored", shapes, placements, placements[:, 0, :3, 3], placements[:, 1, :3, 3], np.zeros(1))
+    open_page(driver, write(tmp_path, [still]))
+    both = picture(driver, 0)
+    show_only = "repctl.materials((m) => { m.side = arguments[0]; })"
+    driver.execute_script(show_only, 0)  # three's FrontSide: a wrong winding would show the far walls instead
+    front = picture(driver, 0)
+    driver.execute_script(show_only, 1)  # BackSide
+    back = picture(driver, 0)
+    assert changed(both, front) < 0.002
+    assert changed(both, back) > 0.03
+
+
+def test_controls_work_when_clicked(driver: Any, tmp_path: Path) -> None:
+    robot = Robot.load("planar4r")
+    task = robot.task(kind="xy")
+    arms = circling(robot, task.reference + np.array([0.3, -0.7, 0.6, 0.5]), "xy", (0, 1))
+    page = write(tmp_path, arms, planar=True, title="<i>four</i> links")
+    open_page(driver, page)
+
+    def element(name: str) -> Any:
+        return driver.find_element("id", name)
+
+    assert element("title").text == "<i>four</i> links"
+    assert [e.text for e in driver.find_elements("class name", "arm-label")] == ["J⁺", "repeatable"]
+    assert not driver.execute_script("return repctl.playing")
+    element("play").click()
+    assert driver.execute_script("return repctl.playing")
+    deadline = time.monotonic() + 20
+    while driver.execute_script("return repctl.time") < 0.05:
+        assert time.monotonic() < deadline, "the animation does not run"
+        time.sleep(0.05)
+    element("play").click()
+    assert not driver.execute_script("return repctl.playing")
+    held = driver.execute_script("return repctl.time")
+    time.sleep(0.2)
+    assert driver.execute_script("return repctl.time") == held
+    driver.execute_script("repctl.seek(2)")
+    assert element("clock").text == "cycle 2 of 2"
+    cards = driver.find_elements("class name", "card")
+    assert [c.find_element("tag name", "h2").text for c in cards] == ["J⁺", "repeatable"]
+    shown = float(re.match(r"[\d.]+", cards[0].find_element("class name", "drift").text)[0])  # type: ignore[index]
+    assert shown == pytest.approx(arms[0].cycle_drift[-1], rel=5e-3)
+    assert cards[0].find_element("class name", "after").text == "off the start after 2 cycles"
+    # the slider
+    from selenium.webdriver.common.keys import Keys
+
+    element("scrub").send_keys(Keys.HOME)
+    assert driver.execute_script("return repctl.time") == 0
+    # the boxes and the view
+    before = picture(driver, 1.5, traces=True)
+    element("show-traces").click()
+    without = driver.execute_script("return repctl.picture()")
+    element("show-traces").click()
+    assert driver.execute_script("return repctl.picture()") != without
+    element("show-ghost").click()
+    assert changed(before, picture(driver, 1.5, traces=True)) > 0.001
+    element("show-ghost").click()
+    driver.execute_script("repctl.viewer.camera.position.multiplyScalar(1.5); repctl.viewer.controls.update()")
+    assert changed(before, picture(driver, 1.5, traces=True)) > 0.01
+    element("view").click()
+    assert changed(before, picture(driver, 1.5, traces=True)) < 0.001
+    driver.find_element("css selector", "#speed option[value='4']").click()
+    assert errors(driver) == []
+
+
+def test_more_arms_and_none_to_read(driver: Any, tmp_path: Path) -> None:
+    """Three arms of a robot without any shapes; a body that cannot be read is said on the page."""
+    urdf = tmp_path / "bones.urdf"
+    text = (Path(__file__).parents[1] / "urdf" / "planar3r.urdf").read_text(encoding="utf-8")
+    urdf.write_text(re.sub(r"<visual>.*?</visual>", "", text, flags=re.DOTALL), encoding="utf-8")
+    robot = Robot.load(urdf)
+    arms = circling(robot, np.array([0.3, 0.8, 0.8]), "xy", (0, 1))
+    open_page(driver, write(tmp_path, [*arms, arms[0]], planar=True))
+    assert errors(driver) == []
+    assert driver.execute_script("return [0, 1, 2].map(repctl.meshes)") == [len(arms[0].shapes)] * 3
+    image = picture(driver, 0.5)
+    for k in range(3):
+        assert np.ptp(half(driver, image, k, arms=3)) > 150

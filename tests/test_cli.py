@@ -1,0 +1,165 @@
+"""The command line, in a process of its own: what it prints, its exit codes, and that nothing crashes it."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+PANDA_START = "0,-0.785,0,-2.356,0,1.571,0.785"
+
+
+def repctl(*arguments: str, cwd: Path, **options) -> subprocess.CompletedProcess:
+    environment = os.environ | {"OMP_NUM_THREADS": "1"} | options.pop("env", {})
+    return subprocess.run(
+        [sys.executable, "-m", "repctl_pin", *arguments],
+        cwd=cwd,
+        env=environment,
+        capture_output=True,
+        text=True,
+        stdin=subprocess.DEVNULL,
+        timeout=120,
+        **options,
+    )
+
+
+def refused(done: subprocess.CompletedProcess, *words: str) -> None:
+    """One line on stderr that says these words, exit code 2, nothing else."""
+    assert done.returncode == 2, (done.returncode, done.stdout, done.stderr)
+    lines = done.stderr.strip().splitlines()
+    assert lines and "Traceback" not in done.stderr
+    assert lines[-1].startswith("repctl"), done.stderr
+    for word in words:
+        assert word in lines[-1], lines[-1]
+    assert done.stdout == ""
+
+
+def test_study_prints_its_table_and_writes_its_files(tmp_path) -> None:
+    done = repctl("study", "panda", "--cycles", "2", "--steps", "100", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""  # progress is for terminals
+    for word in ("panda_hand_tcp, pose", "circle of radius 0.1 m", "J⁺", "nearest repeatable", "drift, cycle 1"):
+        assert word in done.stdout
+    names = {"animation.html", "drift.png", "joints.png", "motion.csv"}
+    assert {p.name for p in (tmp_path / "repctl-out" / "panda").iterdir()} == names
+
+
+def test_json_and_quiet(tmp_path) -> None:
+    options = ("--cycles", "1", "--steps", "60", "--start", "-0.1" + PANDA_START[1:], "--path", "square:0.1")
+    done = repctl("study", "panda", *options, "--json", "--out", "here", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    data = json.loads(done.stdout)
+    assert data["start"][0] == -0.1 and data["path"].startswith("square of side 0.1")
+    assert (tmp_path / "here" / "animation.html").is_file()
+    done = repctl("study", "panda", *options, "--quiet", "--out", "there", cwd=tmp_path)
+    assert done.returncode == 0 and done.stdout == done.stderr == ""
+
+
+def test_robots_and_inspect(tmp_path) -> None:
+    done = repctl("robots", "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    rows = {row["frame"]: row for row in json.loads(done.stdout)}
+    assert rows["panda_hand_tcp"]["chain"] == 7 and rows["panda_hand_tcp"]["redundancy"]["pose"] == 1
+    assert rows["right_gripper"]["redundancy"]["position"] == 4
+    done = repctl("inspect", "panda", cwd=tmp_path)
+    assert done.returncode == 0 and "panda_joint4" in done.stdout and "mimics panda_finger_joint1" in done.stdout
+
+
+BAD_ARGUMENTS = {
+    "unknown robot": (["study", "pandda"], ["no robot 'pandda'", "did you mean 'panda'"]),
+    "missing file": (["study", "my/arm.urdf"], ["my/arm.urdf"]),
+    "unknown frame": (["study", "panda", "--frame", "panda_hand_tpc"], ["did you mean 'panda_hand_tcp'"]),
+    "unknown joint": (["study", "panda", "--lock", "panda_joint77"], ["no joint", "did you mean"]),
+    "unknown base": (["study", "panda", "--base", "panda_link99"], ["did you mean"]),
+    "unknown kind": (["study", "panda", "--task", "poses"], ["no task kind 'poses'", "position"]),
+    "start too short": (["study", "panda", "--start", "0,0,0"], ["3 numbers", "7 joints"]),
+    "start not numbers": (["study", "panda", "--start", "zero"], ["not a list of numbers"]),
+    "start nan": (["study", "panda", "--start", "nan" + PANDA_START[1:]], ["panda_joint1", "finite"]),
+    "start out of limits": (["study", "panda", "--start", "9" + PANDA_START[1:]], ["panda_joint1", "limits"]),
+    "start singular": (["study", "planar3r", "--start", "0.1,0,0"], ["singularity"]),
+    "unknown path": (["study", "panda", "--path", "spiral:1"], ["circle:RADIUS"]),
+    "negative circle": (["study", "panda", "--path", "circle:-1"], ["above 0"]),
+    "circle too large": (["study", "panda", "--path", "circle:5"], ["no circle"]),
+    "square too large": (["study", "panda", "--path", "square:5"], ["cannot reach"]),
+    "unknown plane": (["study", "panda", "--plane", "ab"], ["no plane 'ab'"]),
+    "no such csv": (["study", "panda", "--path", "none.csv"], ["none.csv"]),
+    "cycles zero": (["study", "panda", "--cycles", "0"], ["whole number"]),
+    "degree word": (["study", "panda", "--degree", "two"], ["whole number"]),
+    "degree huge": (["study", "panda", "--degree", "30"], ["lower the degree"]),
+    "region negative": (["study", "panda", "--region", "-1"], ["above 0"]),
+    "region singular": (["study", "planar3r", "--region", "3"], ["loses rank", "--region"]),
+    "no redundancy": (["study", "ur5", "--task", "pose"], ["r = 0", "position (r = 3)"]),
+    "no command": ([], ["COMMAND"]),
+    "unknown command": (["stduy", "panda"], ["stduy"]),
+}
+
+
+@pytest.mark.parametrize("case", BAD_ARGUMENTS)
+def test_bad_arguments_get_one_clear_line(tmp_path, case: str) -> None:
+    arguments, words = BAD_ARGUMENTS[case]
+    refused(repctl(*arguments, cwd=tmp_path), *words)
+    left = [p for p in tmp_path.rglob("*") if p.is_file()]
+    assert left == []  # nothing written half
+
+
+def test_an_output_folder_that_cannot_be_written(tmp_path) -> None:
+    (tmp_path / "taken").write_text("a file, not a folder")
+    done = repctl("study", "panda", "--out", "taken/inside", cwd=tmp_path)
+    refused(done, "cannot write into taken/inside", "--out")
+    assert (tmp_path / "taken").read_text() == "a file, not a folder"
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
+def test_a_full_disk_leaves_the_old_file(tmp_path) -> None:
+    from repctl_pin import InputError
+    from repctl_pin.show.files import write_whole
+
+    file = tmp_path / "motion.csv"
+    file.write_text("old")
+
+    def fill(path: Path) -> None:
+        path.write_text("half of it")
+        Path("/dev/full").write_text("more than fits")
+
+    with pytest.raises(InputError, match="No space left"):
+        write_whole(file, fill)
+    assert file.read_text() == "old" and list(tmp_path.iterdir()) == [file]
+
+
+def test_a_broken_urdf_reaches_the_command_line_as_one_line(tmp_path) -> None:
+    (tmp_path / "arm.urdf").write_text("<robot name='a'><link name='x'/><link name='y'/></robot>")
+    refused(repctl("inspect", "arm.urdf", cwd=tmp_path), "arm.urdf", "line")
+    refused(repctl("study", "arm.urdf", cwd=tmp_path), "arm.urdf", "line")
+
+
+def test_a_urdf_of_ones_own_without_its_meshes(tmp_path) -> None:
+    from repctl_pin.robot.catalogue import find
+
+    text = find("xarm7").urdf.read_text(encoding="utf-8")
+    (tmp_path / "mine.urdf").write_text(text.replace("package://", "package://not_here/"))
+    done = repctl("study", "mine.urdf", "--cycles", "1", "--steps", "60", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "meshes were not found" in done.stdout
+    assert (tmp_path / "repctl-out" / "mine" / "animation.html").is_file()
+
+
+def test_interrupt_ends_with_a_word(tmp_path) -> None:
+    import signal
+    import time
+
+    process = subprocess.Popen(
+        [sys.executable, "-m", "repctl_pin", "study", "panda", "--cycles", "5000"],
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    time.sleep(6)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130 and "interrupted" in errors and "Traceback" not in errors
+    assert [p for p in tmp_path.rglob("*") if p.is_file()] == []

@@ -1,0 +1,50 @@
+"""The house itself: style, types, floors, the door, and how quickly it opens."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import repctl_pin
+
+ROOT = Path(__file__).parent.parent
+
+
+@pytest.mark.parametrize("command", [["ruff", "check", "."], ["ruff", "format", "--check", "."], ["mypy"]])
+def test_style_and_types(command: list[str]) -> None:
+    done = subprocess.run([sys.executable, "-m", *command], cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_floors_import_only_what_lies_below() -> None:
+    code = "from importlinter.cli import lint_imports_command; lint_imports_command()"
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_every_name_at_the_door_exists() -> None:
+    for name in dir(repctl_pin):
+        assert getattr(repctl_pin, name) is not None
+    with pytest.raises(AttributeError):
+        repctl_pin.no_such_name  # noqa: B018
+
+
+def test_door_and_type_checker_see_the_same_names() -> None:
+    lines = Path(repctl_pin.__file__).read_text().split("__version__")[0].splitlines()
+    typed = {line.split(" as ")[1] for line in lines if line.startswith("    from ") and " as " in line}
+    assert typed == set(dir(repctl_pin)) - {"__version__"}
+
+
+def test_nothing_heavy_is_imported_at_the_door() -> None:
+    """What makes `import repctl_pin` and `repctl --help` quick, without timing them."""
+    code = (
+        "import sys, repctl_pin, repctl_pin.cli as cli\n"
+        "try: cli.main(['--help'])\nexcept SystemExit: pass\n"
+        "heavy = {'pinocchio', 'numpy', 'scipy', 'matplotlib', 'yourdfpy', 'meshcat', 'lxml'} & set(sys.modules)\n"
+        "sys.exit(f'imported: {heavy}' if heavy else 0)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr

@@ -1,0 +1,224 @@
+"""What is inside an animation page: read back, against what went in."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import umsgpack
+from test_surfaces import DAE
+
+from repctl_pin.errors import InputError
+from repctl_pin.robot.robot import Robot
+from repctl_pin.robot.visuals import Shape, Visuals
+from repctl_pin.show.meshes import key
+from repctl_pin.show.page import split, unpack
+from repctl_pin.show.scene import BLUE, Arm, Frames, animation_page, choose_frames, poses_of
+from repctl_pin.show.surfaces import read_surface
+
+PATH = np.stack([np.cos(np.linspace(0, 6.3, 50)), np.sin(np.linspace(0, 6.3, 50)), np.zeros(50)], 1)
+WORDS: dict[str, Any] = {"seconds": 4.0, "title": "a title", "caption": "a caption"}
+
+
+def swinging(name: str, cycles: int = 2, steps: int = 20) -> tuple[Arm, Arm]:
+    """Two arms, all joints swinging a little round the reference; numbers enough for a page."""
+    robot = Robot.load(name)
+    visuals = Visuals.of(robot)
+    s = np.linspace(0, cycles, cycles * steps + 1)
+    Q = robot.reference + 0.2 * np.sin(2 * np.pi * s)[:, None] * np.cos(np.arange(len(robot.reference)))
+    placements = visuals.placements(Q)
+    drift = 0.1 * np.arange(1, cycles + 1)
+    first = Arm("J⁺", visuals.shapes, placements, placements[:, -1, :3, 3], placements[:, 1, :3, 3], drift)
+    return first, replace(first, label="repeatable", color=BLUE, cycle_drift=1e-13 * drift)
+
+
+def read(page: str) -> tuple[dict[str, Any], list[dict[str, Any]], np.ndarray]:
+    """Read a page back: its scene, its meshcat commands, its numbers."""
+    held = dict(re.findall(r'<script type="[\w/]+" id="([\w-]+)">(.*?)</script>', page, re.DOTALL))
+    commands = [umsgpack.unpackb(command) for command in split(unpack(held["commands"]))]
+    assert len(unpack(held["viewer-code"])) > 500_000  # meshcat's viewer is there
+    return json.loads(held["scene"]), commands, np.frombuffer(unpack(held["motion"]), "<f4")
+
+
+def matrices(poses: np.ndarray) -> np.ndarray:
+    """Poses (T, M, 7) as matrices (T, M, 4, 4), by Pinocchio."""
+    return np.array([[pin.XYZQUATToSE3(p).homogeneous for p in row] for row in poses.astype(float)])
+
+
+@pytest.mark.parametrize("name", ["panda", "talos", "ppr"])
+def test_page_holds_what_went_in(name: str) -> None:
+    arms = swinging(name)
+    frames = choose_frames(41, 2)
+    scene, commands, motion = read(animation_page(arms, PATH, **WORDS))
+    assert (scene["title"], scene["caption"], scene["seconds"]) == ("a title", "a caption", 4.0)
+    assert (scene["cycles"], scene["perCycle"], scene["problems"]) == ([1, 2], 21, [])
+    # every distinct body once, for both arms together
+    sent = [c for c in commands if c["type"] == "set_object"]
+    bodies = list(dict.fromkeys(key(s) for s in arms[0].shapes))
+    assert [c["path"] for c in sent] == [f"/library/{k}" for k in range(len(bodies))]
+    at = 0
+    for arm, told in zip(arms, scene["arms"], strict=True):
+        assert (told["label"], told["color"]) == (arm.label, arm.color)
+        np.testing.assert_allclose(told["drift"], arm.cycle_drift)
+        assert [s["name"] for s in told["shapes"]] == [s.name for s in arm.shapes]
+        assert [bodies[s["body"]] for s in told["shapes"]] == [key(s) for s in arm.shapes]
+        assert [s["scale"] for s in told["shapes"]] == [list(s.scale) for s in arm.shapes]
+        expected = arm.placements[frames.index]
+        moving = [k for k, s in enumerate(told["shapes"]) if s["pose"] is None]
+        size = len(frames.index) * len(moving) * 7
+        poses = motion[at : at + size].reshape(len(frames.index), len(moving), 7)
+        np.testing.assert_allclose(matrices(poses), expected[:, moving], atol=1e-6)
+        for k, shape in enumerate(told["shapes"]):
+            if shape["pose"] is not None:
+                still = matrices(np.array(shape["pose"])[None, None])[0, 0]
+                np.testing.assert_allclose(np.broadcast_to(still, expected[:, k].shape), expected[:, k], atol=1e-6)
+        at += size
+        for point in (arm.tip, arm.elbow):
+            np.testing.assert_allclose(
+                motion[at : at + 3 * len(frames.index)].reshape(-1, 3), point[frames.index], atol=1e-6
+            )
+            at += 3 * len(frames.index)
+    np.testing.assert_allclose(motion[at:].reshape(-1, 3), PATH, atol=1e-6)
+
+
+def test_a_mesh_goes_in_as_its_triangles() -> None:
+    arms = swinging("panda")
+    _, commands, _ = read(animation_page(arms, PATH, **WORDS))
+    sent = {c["path"]: c["object"] for c in commands if c["type"] == "set_object"}
+    bodies = list(dict.fromkeys(key(s) for s in arms[0].shapes))
+    assert len(bodies) == 10  # eleven shapes; the fingers are one mesh
+    for k, (kind, path) in enumerate(bodies):
+        assert kind == "mesh"
+        (geometry,) = sent[f"/library/{k}"]["geometries"]
+        data = geometry["data"]
+        points = np.frombuffer(data["attributes"]["position"]["array"].data, "<f4").reshape(-1, 3)
+        index = data["index"]
+        faces = np.frombuffer(index["array"].data, {"Uint16Array": "<u2", "Uint32Array": "<u4"}[index["type"]])
+        surface = read_surface(Path(path))
+        np.testing.assert_allclose(points, surface.points, atol=1e-6)
+        np.testing.assert_array_equal(faces.reshape(-1, 3), surface.faces)
+        normals = np.frombuffer(data["attributes"]["normal"]["array"].data, "i1").reshape(-1, 3) / 127
+        np.testing.assert_allclose(normals, surface.normals, atol=0.01)
+
+
+def test_panda_is_small() -> None:
+    page = animation_page(swinging("panda", cycles=10, steps=60), PATH, **WORDS)
+    assert len(page.encode()) < 7e6
+
+
+def test_many_cycles_do_not_blow_the_page() -> None:
+    few = len(animation_page(swinging("panda", 10, 60), PATH, **WORDS))
+    many = len(animation_page(swinging("panda", 200, 60), PATH, **WORDS))
+    assert many < 1.5 * few
+    assert many < 15e6
+
+
+def test_page_is_self_contained_and_its_text_harmless() -> None:
+    arms = swinging("planar3r")
+    evil = "</script><script>alert(1)</script><b>&amp;"
+    arms = (replace(arms[0], label=evil, unit=evil), arms[1])
+    page = animation_page(arms, PATH, seconds=1, title=evil, caption=evil + "\u2028\n" + evil)
+    assert "<script>alert" not in page
+    assert "<b>" not in page
+    scene, _, _ = read(page)
+    assert (scene["title"], scene["arms"][0]["label"]) == (evil, evil)
+    assert scene["caption"] == evil + "\u2028\n" + evil
+    assert not re.search(r"""(src|href)=["'](?!data:)""", page)
+    assert "{{" not in re.sub(r'(?s)<script type="text/plain".*?</script>', "", page)
+
+
+@pytest.mark.parametrize(("samples", "cycles"), [(101, 1), (5001, 10), (4, 3), (100_001, 200), (241, 24), (251, 25)])
+def test_choose_frames(samples: int, cycles: int) -> None:
+    frames = choose_frames(samples, cycles)
+    steps = (samples - 1) // cycles
+    numbers = np.array(frames.cycles)
+    assert (np.diff(numbers) > 0).all()
+    assert (numbers[0], numbers[-1]) == (1, cycles)
+    assert len(numbers) == cycles if cycles <= 24 else len(numbers) <= 24
+    table = frames.index.reshape(len(numbers), frames.per_cycle)
+    np.testing.assert_array_equal(table[:, 0], (numbers - 1) * steps)  # both ends of every cycle
+    np.testing.assert_array_equal(table[:, -1], numbers * steps)
+    assert (np.diff(table, axis=1) > 0).all()
+    assert frames.per_cycle == min(61, steps + 1)
+
+
+def test_choose_frames_wants_whole_cycles() -> None:
+    with pytest.raises(InputError, match="equal steps"):
+        choose_frames(102, 3)
+
+
+def test_frames_chosen_before_or_by_the_page_are_the_same() -> None:
+    arms = swinging("planar3r", cycles=30, steps=90)
+    frames = choose_frames(30 * 90 + 1, 30)
+    cut = [
+        replace(a, placements=a.placements[frames.index], tip=a.tip[frames.index], elbow=a.elbow[frames.index])
+        for a in arms
+    ]
+    assert animation_page(cut, PATH, frames=frames, **WORDS) == animation_page(arms, PATH, **WORDS)
+
+
+def test_poses_are_exact_and_do_not_jump() -> None:
+    rng = np.random.default_rng(0)
+    turns = [pin.exp3(v) for v in rng.normal(size=(300, 3)) * 2]
+    turns += [pin.exp3(np.pi * axis) for axis in np.eye(3)] + [np.eye(3)]  # half turns
+    M = np.tile(np.eye(4), (len(turns), 1, 1, 1))
+    M[:, 0, :3, :3] = turns
+    M[:, 0, :3, 3] = rng.normal(size=(len(turns), 3))
+    np.testing.assert_allclose(matrices(poses_of(M)), M, atol=1e-14)
+    # a steady turn of two revolutions: the quaternion never changes sign
+    steady = np.tile(np.eye(4), (400, 1, 1, 1))
+    steady[:, 0, :3, :3] = [pin.exp3(a * np.array([0.6, 0, 0.8])) for a in np.linspace(0, 4 * np.pi, 400)]
+    q = poses_of(steady)[:, 0, 3:]
+    assert np.abs(np.diff(q, axis=0)).max() < 0.02
+
+
+def test_wrong_arrays_are_named() -> None:
+    first, second = swinging("planar3r")
+    with pytest.raises(InputError, match=r"'J⁺': tip has shape"):
+        animation_page([replace(first, tip=first.tip[:, :2])], PATH, **WORDS)
+    with pytest.raises(InputError, match=r"'repeatable': elbow holds numbers that are not finite"):
+        animation_page([first, replace(second, elbow=second.elbow * np.nan)], PATH, **WORDS)
+    with pytest.raises(InputError, match="at least one"):
+        animation_page([], PATH, **WORDS)
+    with pytest.raises(InputError, match="cycle_drift"):
+        animation_page([replace(first, cycle_drift=np.ones(1))], PATH, frames=Frames(np.arange(41), (3,), 41), **WORDS)
+
+
+def test_a_body_that_cannot_be_read_is_said_and_the_rest_drawn(tmp_path: Path) -> None:
+    first, _ = swinging("planar3r")
+    broken = tmp_path / "broken.stl"
+    broken.write_bytes(b"not a mesh")
+    shapes = (Shape("odd", "mesh", path=broken), *first.shapes[1:])
+    scene, commands, _ = read(animation_page([replace(first, shapes=shapes)], PATH, **WORDS))
+    (problem,) = scene["problems"]
+    assert str(broken) in problem
+    told = scene["arms"][0]["shapes"]
+    assert [s["name"] for s in told if s["body"] is None] == ["odd"]
+    sent = [c for c in commands if c["type"] == "set_object"]
+    assert len(sent) == len({key(s) for s in first.shapes[1:]})
+
+
+def test_a_texture_goes_into_the_page(tmp_path: Path) -> None:
+    from PIL import Image
+
+    Image.new("RGB", (8, 8), (0, 200, 0)).save(tmp_path / "paint.png")
+    (tmp_path / "two.dae").write_text(DAE)
+    first, _ = swinging("planar3r")
+    shapes = (Shape("two", "mesh", path=tmp_path / "two.dae", textured=True), *first.shapes[1:])
+    scene, commands, _ = read(animation_page([replace(first, shapes=shapes)], PATH, **WORDS))
+    sent = next(c["object"] for c in commands if c["path"] == f"/library/{scene['arms'][0]['shapes'][0]['body']}")
+    assert scene["arms"][0]["shapes"][0]["color"] is None
+    materials = {m["uuid"]: m for m in sent["materials"]}
+    maps = [materials[uuid].get("map") for uuid in sent["object"]["material"]]
+    assert [m is not None for m in maps].count(True) == 1
+    (texture,) = sent["textures"]
+    (image,) = sent["images"]
+    assert texture["uuid"] in maps
+    assert texture["image"] == image["uuid"]
+    assert image["url"].startswith("data:image/jpeg;base64,/9j/")

@@ -1,0 +1,151 @@
+"""The main job on real robots: what the table says is what the motions did."""
+
+from __future__ import annotations
+
+import csv
+import json
+
+import numpy as np
+import pytest
+
+import repctl_pin as rp
+from repctl_pin.show.study_files import write_study
+from repctl_pin.show.table import study_table
+from repctl_pin.studies import defaults
+
+REDUNDANT = [
+    ("panda", None, "pose"),
+    ("panda", None, "position"),
+    ("xarm7", None, "pose"),
+    ("xarm7", None, "position"),
+    ("baxter", "left_gripper", "pose"),
+    ("baxter", "right_gripper", "pose"),
+    ("baxter", "left_gripper", "position"),
+    ("tiago", None, "pose"),
+    ("tiago", None, "position"),
+    ("pr2", None, "pose"),
+    ("pr2", None, "position"),
+    ("talos", None, "pose"),
+    ("talos", None, "position"),
+    ("kinova", None, "position"),
+    ("ur5", None, "position"),
+    ("z1", None, "position"),
+    ("ppr", None, "xy"),
+    ("prr", None, "xy"),
+    ("planar3r", None, "xy"),
+    ("planar4r", None, "xy"),
+    ("planar7r", None, "xy"),
+]
+
+
+@pytest.mark.parametrize("name, frame, kind", REDUNDANT, ids=lambda v: str(v))
+def test_defaults_work_for_every_redundant_arm(name: str, frame: str | None, kind: str) -> None:
+    study = rp.study(name, frame=frame, task=kind, cycles=3, steps=200)
+    creeping, closed = study.row("pseudoinverse").motion, study.row("repeatable").motion
+    assert creeping is not None and closed is not None
+    assert closed.drift.max() < 1e-8
+    assert creeping.drift[-1] > 100 * closed.drift[-1]
+    assert closed.tracking_error.max() < 1e-8 and closed.turning_error.max() < 1e-8
+    assert closed.limit_margin.min() > 0  # the default path stays inside the limits
+    assert creeping.cycle(0).min() > -np.inf and creeping.limit_margin[: creeping.steps].min() > 0
+    assert study.design.clearance > 0.2 and study.row("repeatable").clearance > 0.2
+    assert study.task.r == study.task.n - study.task.m >= 1
+
+
+@pytest.mark.parametrize(
+    "name, kind, redundant",
+    [
+        ("kinova", "pose", "axis (r = 1), position (r = 3)"),
+        ("ur5", "pose", "axis (r = 1), position (r = 3)"),
+        ("z1", "pose", "position (r = 3)"),
+        ("planar7r", "pose", "xy (r = 5)"),
+        ("planar7r", "position", "xy (r = 5)"),
+        ("ppr", "position", "xy (r = 1)"),
+    ],
+)
+def test_no_redundancy_is_said_with_the_kinds_that_have_it(name: str, kind: str, redundant: str) -> None:
+    with pytest.raises(rp.InputError) as error:
+        rp.study(name, task=kind)
+    assert redundant in str(error.value) and "\n" not in str(error.value)
+
+
+def test_default_kind_is_the_first_redundant_one() -> None:
+    for name, kind in (("panda", "pose"), ("ur5", "position"), ("planar3r", "xy")):
+        assert defaults.choose_task(rp.Robot.load(name), None, None).kind == kind
+
+
+def test_elbow_of_a_panda_is_its_elbow(panda_pose, q_panda) -> None:
+    # joints 3 and 4 meet at the elbow; the shoulder and the wrist stand still in a self-motion
+    assert panda_pose.joint_names[defaults.choose_elbow(panda_pose, q_panda)] in ("panda_joint3", "panda_joint4")
+
+
+@pytest.fixture(scope="module")
+def small() -> rp.Study:
+    return rp.study("panda", cycles=2, steps=100, plane="yz", radius=0.05)
+
+
+def test_options_are_what_was_asked(small: rp.Study) -> None:
+    assert small.path.name == "circle of radius 0.05 m in yz"
+    points = small.path.points(64)
+    assert np.ptp(points[:, 0]) < 1e-12 and np.isclose(np.ptp(points[:, 1]), 0.1, atol=1e-3)
+    start = small.q0 + 0.05
+    other = rp.study(
+        "panda", start=start, path=lambda t, q: rp.polygon(t, q, [[0, 0.05, 0], [0, 0.05, 0.05]]),
+        cycles=1, steps=60, region=0.3, degree=1,
+    )  # fmt: skip
+    assert np.array_equal(other.q0, start) and np.allclose(other.region.half_width, 0.3)
+    assert other.design.fields.size == 7 and other.path.name == "polygon"
+
+
+def test_a_csv_path_elsewhere_moves_the_start(tmp_path, small: rp.Study) -> None:
+    from repctl_pin.motion.spec import parse_path
+
+    corner = small.task.placement(small.q0).translation + [0.02, 0.03, 0.0]
+    loop = corner + np.array([[0, 0, 0], [0.05, 0, 0], [0.05, 0.05, 0], [0, 0, 0]])
+    file = tmp_path / "loop.csv"
+    np.savetxt(file, loop, delimiter=",", header="x,y,z", comments="")
+    study = rp.study("panda", path=parse_path(str(file)), cycles=1, steps=120)
+    assert np.allclose(study.task.placement(study.q0).translation, corner, atol=1e-9)
+    assert study.row("repeatable").motion.drift[0] < 1e-8
+    assert any("moved" in note for note in study.notes)
+
+
+def test_table_and_dict_say_what_the_motions_did(small: rp.Study) -> None:
+    data = json.loads(json.dumps(small.as_dict()))
+    text = study_table(small)
+    for row in small.rows:
+        assert row.label in text
+        assert data["strategies"][row.key]["drift"] == row.motion.drift.tolist()
+        assert data["strategies"][row.key]["rms_speed"] == row.motion.rms_speed
+    assert f"{small.row('pseudoinverse').motion.drift[-1]:.4f}" in text
+    assert data["start"] == small.q0.tolist() and small.path.name in text
+
+
+def test_files_hold_the_motions(small: rp.Study, tmp_path) -> None:
+    files = write_study(small, tmp_path / "out")
+    assert [f.name for f in files] == ["animation.html", "drift.png", "joints.png", "motion.csv"]
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == sorted(f.name for f in files)
+    for png in files[1:3]:
+        assert png.read_bytes().startswith(b"\x89PNG") and png.stat().st_size > 10_000
+    page = files[0].read_text(encoding="utf-8")
+    assert page.lstrip().lower().startswith("<!doctype html") and page.rstrip().endswith("</html>")
+    rows = list(csv.DictReader(files[3].open(encoding="utf-8")))
+    ours = [row for row in rows if row["strategy"] == "repeatable"]
+    motion = small.row("repeatable").motion
+    assert len(ours) == 201 and [row["strategy"] for row in rows].count("pseudoinverse") == 201
+    for i in (0, 77, 200):
+        q = [float(ours[i][name]) for name in small.task.joint_names]
+        assert np.allclose(q, motion.q[i], atol=1e-9) and np.isclose(float(ours[i]["t"]), motion.t[i])
+
+
+def test_a_path_out_of_reach_is_refused() -> None:
+    far = lambda t, q: rp.polygon(t, q, [[3.0, 0, 0], [3.0, 1.0, 0]])  # noqa: E731
+    with pytest.raises(rp.InputError, match="cannot reach"):
+        rp.study("panda", path=far)
+    with pytest.raises(rp.InputError, match="no circle of radius 2 m"):
+        rp.study("panda", radius=2.0)
+
+
+def test_a_singular_start_is_refused() -> None:
+    with pytest.raises(rp.SingularityError, match="choose another --start"):
+        rp.study("planar3r", start=[0.3, 0.0, 0.0])
