@@ -13,14 +13,31 @@ if TYPE_CHECKING:
     from . import redundancy as redundancy
     from .design import Box as Box
     from .design import Design as Design
+    from .design import FamilyDesign as FamilyDesign
+    from .design import SingularRegionError as SingularRegionError
+    from .design import Tube as Tube
+    from .design import WorkspaceBox as WorkspaceBox
+    from .design import load as load
+    from .design import nearest_in_family as nearest_in_family
     from .design import nearest_repeatable as nearest_repeatable
+    from .design import save as save
     from .errors import InputError as InputError
     from .errors import RepctlError as RepctlError
     from .errors import SingularityError as SingularityError
     from .errors import UrdfError as UrdfError
+    from .fields import Fourier as Fourier
+    from .fields import Joined as Joined
     from .fields import Polynomial as Polynomial
+    from .fields import Potentials as Potentials
+    from .integrability import bracket_defect as bracket_defect
+    from .integrability import candidate_surface as candidate_surface
+    from .integrability import drift_per_area as drift_per_area
+    from .integrability import is_repeatable as is_repeatable
+    from .integrability import stable_surface as stable_surface
+    from .motion import BestLeaf as BestLeaf
     from .motion import Motion as Motion
     from .motion import Path as Path
+    from .motion import best_leaf as best_leaf
     from .motion import circle as circle
     from .motion import figure_eight as figure_eight
     from .motion import follow as follow
@@ -29,8 +46,12 @@ if TYPE_CHECKING:
     from .motion import read_waypoints as read_waypoints
     from .motion import rose as rose
     from .motion import waypoints as waypoints
+    from .robot.coordinates import absolute_angles as absolute_angles
     from .robot.robot import Robot as Robot
     from .robot.task import Task as Task
+    from .strategies import CustomInverse as CustomInverse
+    from .strategies import ExtendedJacobian as ExtendedJacobian
+    from .strategies import LimitWeight as LimitWeight
     from .strategies import PostureControl as PostureControl
     from .strategies import Pseudoinverse as Pseudoinverse
     from .strategies import RepeatableInverse as RepeatableInverse
@@ -42,14 +63,43 @@ __version__ = "0.1.0"
 
 _DOOR = {
     "errors": ("InputError", "RepctlError", "SingularityError", "UrdfError"),
+    "robot.coordinates": ("absolute_angles",),
     "robot.robot": ("Robot",),
     "robot.task": ("Task",),
-    "fields": ("Polynomial",),
-    "strategies": ("PostureControl", "Pseudoinverse", "RepeatableInverse", "WeightedInverse"),
-    "design": ("Box", "Design", "nearest_repeatable"),
+    "fields": ("Fourier", "Joined", "Polynomial", "Potentials"),
+    "strategies": (
+        "CustomInverse",
+        "ExtendedJacobian",
+        "LimitWeight",
+        "PostureControl",
+        "Pseudoinverse",
+        "RepeatableInverse",
+        "WeightedInverse",
+    ),
+    "design": (
+        "Box",
+        "Design",
+        "FamilyDesign",
+        "SingularRegionError",
+        "Tube",
+        "WorkspaceBox",
+        "load",
+        "nearest_in_family",
+        "nearest_repeatable",
+        "save",
+    ),
+    "integrability": (
+        "bracket_defect",
+        "candidate_surface",
+        "drift_per_area",
+        "is_repeatable",
+        "stable_surface",
+    ),
     "motion": (
+        "BestLeaf",
         "Motion",
         "Path",
+        "best_leaf",
         "circle",
         "figure_eight",
         "follow",

@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 import sys
 from collections.abc import Sequence
 
 from .. import __version__
 from ..errors import RepctlError
-from . import check, inspect, robots, study
+from . import check, design, follow, inspect, robots, study
 from .terminal import clear_line
 
-_COMMANDS = (study, check, robots, inspect)
+_COMMANDS = (study, design, follow, check, robots, inspect)
 
 _EXAMPLES = """examples:
   repctl study panda                            table, figures and animation in repctl-out/panda/
   repctl study my_arm.urdf --frame tool0        the same for an arm of your own
   repctl study xarm7 --task position --path square:0.2 --plane yz
+  repctl design panda --degree auto             the nearest repeatable inverse, and what it is worth
   repctl check panda --weight inertia           is this control repeatable? how much does it drift?
+  repctl follow design.json --csv motion.csv    one cycle of a saved design, ready for a robot
   repctl robots                                 every arm in the catalogue
   repctl inspect my_arm.urdf                    what a file holds
 """
@@ -27,6 +30,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; return its exit code: 0 done, 2 something given cannot be used."""
     arguments = join_negative(list(sys.argv[1:] if argv is None else argv))
     options = parser().parse_args(arguments)
+    options.command_line = shlex.join(["repctl", *arguments])
     try:
         return options.run(options)
     except RepctlError as error:

@@ -4,9 +4,14 @@ from __future__ import annotations
 
 import argparse
 import json
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from .options import load_robot, output_folder, positive, robot_options, start_of, task_options, whole
 from .terminal import clear_line, progress
+
+if TYPE_CHECKING:
+    from ..studies import Study
 
 HELP = "show how far an arm creeps on a closed path, and the control that does not"
 EXAMPLE = "example: repctl study panda --path circle:0.1 --plane yz --cycles 20"
@@ -34,6 +39,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--degree", type=whole, default=2, help="degree of the potentials, 1 to 4 (default 2)")
     parser.add_argument("--seed", type=int, default=0, help="seed of the design's nodes (default 0)")
     parser.add_argument("--out", metavar="FOLDER", help="where the files go (default repctl-out/ROBOT)")
+    parser.add_argument("--report", action="store_true", help="write report.html too: one page to mail, with all of it")
     parser.add_argument("--json", action="store_true", help="print JSON instead of the table")
     parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
 
@@ -77,6 +83,9 @@ def run(options: argparse.Namespace) -> int:
     )
     say("drawing the figures and the animation")
     files = write_study(result, folder)
+    if options.report:
+        say("writing the report")
+        files.append(_report(result, files[0], folder / "report.html", options))
     clear_line()
     if options.json:
         print(json.dumps(result.as_dict() | {"files": [str(f) for f in files]}, indent=2, ensure_ascii=False))
@@ -86,3 +95,20 @@ def run(options: argparse.Namespace) -> int:
         for file in files:
             print(f"wrote {file}")
     return 0
+
+
+def _report(result: Study, animation: Path, file: Path, options: argparse.Namespace) -> Path:
+    """Write the report, with every option as it was used."""
+    from ..show.report import write_report
+    from ..studies.maps import study_maps
+
+    own = {"run", "command_line", "json", "quiet", "report", "out"}
+    used = {name.replace("_", "-"): value for name, value in vars(options).items() if name not in own}
+    return write_report(
+        result,
+        file,
+        maps=study_maps(result),
+        options=used,
+        command=options.command_line,
+        animation=animation.read_text(encoding="utf-8"),
+    )

@@ -1,7 +1,7 @@
-"""The cost of a choice of potentials, its gradient and its Gauss–Newton step, on blocks of nodes.
+"""The cost of a choice of potentials, its gradient and its Gauss–Newton matrix, on blocks of nodes.
 
 Everything that depends on the arm is in E and F, built once (34), (36), (38). After that an evaluation is
-dense linear algebra.
+dense linear algebra. Each function here takes one block and returns sums that add up over blocks.
 """
 
 from __future__ import annotations
@@ -12,8 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..fields.field import Field
-from ..redundancy.nullspace import nullspace
+from ..errors import InputError, SingularityError
+from ..fields.field import Field, name_of
+from ..redundancy.inverses import row_factor
+from ..robot.task import Task
 from ..strategies.strategy import Inverse
 
 Array = NDArray[np.float64]
@@ -28,112 +30,213 @@ class Block:
 
     Attributes
     ----------
-    E : (K, r, N) array
-    F : (K, m, N) array
-    N_ref : (K, r, r) array
+    EF : (K, n, N) array
+        E above F. N is oriented: ``det [J; Nᵀ] > 0``, so that ``det(E A)`` has one sign over all of Ω
+        unless V has an algorithmic singularity in it.
+    toward : (K, r, r) array
         ``Nᵀ N(center)``: the null space's own field, seen in the basis N.
     weights : (K,) array
         Quadrature weights, summing to 1 over all blocks.
+    r : int
     """
 
-    E: Array
-    F: Array
-    N_ref: Array
+    EF: Array
+    toward: Array
     weights: Array
+    r: int
+
+    @property
+    def E(self) -> Array:
+        """``Nᵀ D`` (K, r, N)."""
+        return self.EF[:, : self.r]
+
+    @property
+    def F(self) -> Array:
+        """``G_dᵀ D`` (K, m, N)."""
+        return self.EF[:, self.r :]
 
 
-def build_block(desired: Inverse, fields: Field, Q: Array, weights: Array, N_center: Array) -> Block:
-    """Evaluate the arm at K nodes Q (K, n) and keep what the criterion needs of it."""
-    J = desired.task.jacobians(Q)
-    N_T = np.swapaxes(nullspace(J), -1, -2)  # (K, r, n)
-    G_T = np.swapaxes(desired.batch(Q, J), -1, -2)  # (K, m, n)
-    D = fields.gradients(Q)  # (K, n, N)
-    return Block(N_T @ D, G_T @ D, N_T @ N_center, weights)
+@dataclass(frozen=True)
+class Builder:
+    """What it takes to build blocks anywhere, in another process too: it pickles.
 
-
-def start(blocks: Sequence[Block]) -> Array:
-    """Solve the linear problem that brings V closest to the null space's own field.
-
-    ``min_A mean ‖F A‖² + ‖E A − Nᵀ N_ref‖²``: V should be N R with R = Nᵀ N_ref, a smooth gauge, and have
-    no part along G_d.
-
-    Returns
-    -------
-    (N, r) array
+    Attributes
+    ----------
+    desired, fields
+        G_d and the family of potentials.
+    kept : (N',) array of int
+        The potentials that are used.
+    N_center : (n, r) array
+        N at the center of Ω.
     """
-    gram, rhs = 0.0, 0.0
-    for b in blocks:
-        E, F = _rows(b.E, b.weights), _rows(b.F, b.weights)
-        gram = gram + E.T @ E + F.T @ F
-        rhs = rhs + E.T @ _rows(b.N_ref, b.weights)
-    return _solve(np.asarray(gram), np.asarray(rhs))
+
+    desired: Inverse
+    fields: Field
+    kept: NDArray[np.intp]
+    N_center: Array
+
+    def __call__(self, Q: Array, weights: Array) -> Block:
+        """Evaluate the arm at K nodes Q (K, n) and keep what the criterion needs of it."""
+        task = self.desired.task
+        N, G, D = evaluate(self.desired, self.fields, Q)
+        if len(self.kept) < D.shape[-1]:
+            D = D[..., self.kept]
+        N_T = np.swapaxes(N, -1, -2)
+        B_T = np.concatenate([N_T, np.swapaxes(G, -1, -2)], axis=1)  # (K, n, n)
+        return Block(B_T @ D, N_T @ self.N_center, weights, task.r)
 
 
-def signs(blocks: Sequence[Block], A: Array) -> Array:
-    """Find on which side of an algorithmic singularity every node lies.
+def evaluate(desired: Inverse, fields: Field, Q: Array) -> tuple[Array, Array, Array]:
+    """Evaluate N (K, n, r), G_d (K, n, m) and D = [∇h_1 … ∇h_N] (K, n, N) at K nodes, and check them.
 
-    The sign of ``det(E A) det(Nᵀ N_ref)``, so that the arbitrary sign of each basis N drops out. Its
-    changes between nodes show a singularity of V or of the reference field.
+    Raises
+    ------
+    SingularityError
+        Where J loses rank; the message names a node.
+    InputError
+        If a gradient is not finite, or ``J G_d = I`` does not hold.
     """
-    return np.concatenate([np.sign(np.linalg.det(b.E @ A)) * np.sign(np.linalg.det(b.N_ref)) for b in blocks])
+    task = desired.task
+    J = task.jacobians(Q)
+    N = oriented_nullspace(J, task, Q)
+    G = desired.batch(Q, J)
+    residual = np.abs(J @ G - np.eye(task.m)).max(axis=(1, 2))
+    if not residual.max() < 1e-6:
+        k = int(np.argmax(np.where(np.isfinite(residual), residual, np.inf)))
+        raise InputError(
+            f"the desired strategy is no inverse: J G = I is missed by {residual[k]:.2g} at {named(task, Q[k])}"
+        )
+    D = np.asarray(fields.gradients(Q), float)
+    if D.shape != (len(Q), task.n, fields.size):
+        raise InputError(f"the fields' gradients must be (K, {task.n}, {fields.size}) numbers, not {D.shape}")
+    if not np.isfinite(D).all():
+        k, _, j = np.argwhere(~np.isfinite(D))[0]
+        raise InputError(f"the gradient of potential {name_of(fields, int(j))} is not finite at {named(task, Q[k])}")
+    return N, G, D
 
 
-def cost(blocks: Sequence[Block], A: Array) -> float:
-    """Evaluate ``C(A) = mean ‖F A (E A)⁻¹‖_F²`` (34), (36), (38): the mean of ‖G_r − G_d‖_F² over Ω."""
-    return sum(float(b.weights @ np.sum(_difference(b, A)[0] ** 2, axis=(1, 2))) for b in blocks)
+def oriented_nullspace(J: Array, task: Task, Q: Array) -> Array:
+    """Span the null space of J by an orthonormal basis with ``det [J; Nᵀ] > 0``: (K, n, r).
+
+    ``det [J; Vᵀ]`` is smooth in q whatever the bases, and with this orientation it has the sign of
+    ``det(Nᵀ V)``: where that changes, V has an algorithmic singularity, and nowhere else.
+    """
+    m = J.shape[-2]
+    try:
+        basis, R = row_factor(J, mode="complete")
+    except SingularityError:
+        values = np.linalg.svd(J, compute_uv=False)
+        k = int(np.argmin(values[:, -1] / values[:, 0]))
+        raise SingularityError(f"the Jacobian loses rank near {named(task, Q[k])}") from None
+    N = basis[..., m:]
+    side = np.prod(np.sign(np.diagonal(R, axis1=-2, axis2=-1)), axis=-1) * np.sign(np.linalg.det(basis))
+    N[..., 0] *= side[..., None]
+    return N
+
+
+@dataclass(frozen=True)
+class Sides:
+    """On which side of an algorithmic singularity nodes lie: how many on each, and one of each (−1: none)."""
+
+    positive: int
+    negative: int
+    a_positive: int
+    a_negative: int
+
+    @classmethod
+    def of(cls, determinants: Array) -> Sides:
+        """Count the signs of det(E A) over a block."""
+        up = determinants > 0
+        positive = int(np.count_nonzero(up))
+        return cls(
+            positive,
+            len(up) - positive,
+            int(np.argmax(up)) if positive else -1,
+            int(np.argmin(up)) if positive < len(up) else -1,
+        )
+
+    @property
+    def clear(self) -> bool:
+        """Whether all lie on one side."""
+        return not (self.positive and self.negative)
+
+
+def gather(sides: Sequence[Sides], starts: Sequence[int]) -> Sides:
+    """Put the sides of blocks together; ``starts`` are the numbers of their first nodes."""
+
+    def first(which: str) -> int:
+        return next((s + getattr(b, which) for b, s in zip(sides, starts, strict=True) if getattr(b, which) >= 0), -1)
+
+    return Sides(
+        sum(b.positive for b in sides), sum(b.negative for b in sides), first("a_positive"), first("a_negative")
+    )
+
+
+def linear(b: Block) -> tuple[Array, Array, Array]:
+    """Sum what the linear start needs: ``mean EᵀE``, ``mean FᵀF`` (N, N) and ``mean Eᵀ NᵀN(center)`` (N, r)."""
+    root = np.sqrt(b.weights)[:, None, None]
+    E, F = (b.E * root).reshape(-1, b.EF.shape[-1]), (b.F * root).reshape(-1, b.EF.shape[-1])
+    return E.T @ E, F.T @ F, E.T @ (b.toward * root).reshape(-1, b.r)
+
+
+def cost(b: Block, A: Array) -> tuple[float, Sides]:
+    """Evaluate this block's part of ``C(A) = mean ‖F A (E A)⁻¹‖_F²`` (34), (36), (38), and its sides."""
+    X, _, sides = _difference(b, A)
+    return float(b.weights @ np.sum(X**2, axis=(1, 2))), sides
+
+
+def gauss_newton(b: Block, A: Array) -> tuple[float, Array, Array, Sides]:
+    """Evaluate this block's part of C(A), of half its gradient (N, r), and of the Gauss–Newton matrix (r, N, r, N).
+
+    ``½ ∂C/∂A = mean Lᵀ X P⁻ᵀ`` with P = E A, X = F A P⁻¹, ``L = F − X E``. To first order
+    ``dX = L dA P⁻¹``, so that ``mean ‖dX‖² = Σ_jj' dA[:, j]ᵀ (mean S[j, j'] LᵀL) dA[:, j']`` with
+    ``S = P⁻¹ P⁻ᵀ``.
+    """
+    size, r = A.shape
+    X, P_inv, sides = _difference(b, A)
+    total = float(b.weights @ np.sum(X**2, axis=(1, 2)))
+    L = b.F - X @ b.E  # (K, m, N)
+    rows = L.reshape(-1, size)
+    right = X @ np.swapaxes(P_inv, -1, -2) * b.weights[:, None, None]  # (K, m, r)
+    gradient = rows.T @ right.reshape(-1, r)
+    S = P_inv @ np.swapaxes(P_inv, -1, -2) * b.weights[:, None, None]
+    matrix = np.empty((r, size, r, size))
+    for j in range(r):
+        scaled = (L * np.sqrt(S[:, j, j])[:, None, None]).reshape(-1, size)
+        matrix[j, :, j, :] = scaled.T @ scaled
+        for i in range(j):
+            part = rows.T @ (L * S[:, i, j, None, None]).reshape(-1, size)
+            matrix[i, :, j, :] = part
+            matrix[j, :, i, :] = part.T
+    return total, gradient, matrix, sides
 
 
 def cost_and_gradient(blocks: Sequence[Block], A: Array) -> tuple[float, Array]:
-    """Evaluate C(A) and its gradient ``∂C/∂A = 2 mean (F − X E)ᵀ X P⁻ᵀ``, P = E A, X = F A P⁻¹."""
+    """Evaluate C(A) and its gradient ``∂C/∂A = 2 mean (F − X E)ᵀ X P⁻ᵀ`` over blocks: what an optimiser asks for."""
     total, gradient = 0.0, np.zeros_like(A)
     for b in blocks:
-        X, P_inv = _difference(b, A)
+        X, P_inv, _ = _difference(b, A)
         total += float(b.weights @ np.sum(X**2, axis=(1, 2)))
-        L = b.F - X @ b.E  # (K, m, N)
-        right = X @ np.swapaxes(P_inv, -1, -2) * b.weights[:, None, None]  # (K, m, r)
-        gradient += 2 * L.reshape(-1, L.shape[-1]).T @ right.reshape(-1, A.shape[1])
+        right = X @ np.swapaxes(P_inv, -1, -2) * b.weights[:, None, None]
+        gradient += 2 * (b.F - X @ b.E).reshape(-1, len(A)).T @ right.reshape(-1, A.shape[1])
     return total, gradient
 
 
-def gauss_newton(blocks: Sequence[Block], A: Array) -> tuple[float, Array, Array]:
-    """Evaluate C(A), half its gradient (N, r), and the Gauss–Newton matrix (r, N, r, N).
-
-    ``dX = L dA P⁻¹`` with ``L = F − X E``, so that
-    ``mean ‖dX‖² = Σ_jj' dA[:, j]ᵀ (mean S[j, j'] LᵀL) dA[:, j']`` with ``S = P⁻¹ P⁻ᵀ``.
-    """
-    size, r = A.shape
-    total, gradient = 0.0, np.zeros_like(A)
-    matrix = np.zeros((r, size, r, size))
-    for b in blocks:
-        X, P_inv = _difference(b, A)
-        total += float(b.weights @ np.sum(X**2, axis=(1, 2)))
-        L = b.F - X @ b.E
-        rows = L.reshape(-1, size)
-        right = X @ np.swapaxes(P_inv, -1, -2) * b.weights[:, None, None]
-        gradient += rows.T @ right.reshape(-1, r)
-        S = P_inv @ np.swapaxes(P_inv, -1, -2) * b.weights[:, None, None]
-        for j in range(r):
-            for i in range(j + 1):
-                part = rows.T @ (L * S[:, i, j, None, None]).reshape(-1, size)
-                matrix[i, :, j, :] += part
-                if i != j:
-                    matrix[j, :, i, :] += part.T
-    return total, gradient, matrix
+def named(task: Task, q: Array) -> str:
+    """Write a configuration so that a person can find it."""
+    return ", ".join(f"{name} = {value:.3f}" for name, value in zip(task.joint_names, q, strict=True))
 
 
-def _difference(b: Block, A: Array) -> tuple[Array, Array]:
-    """``X = F A P⁻¹ = −(W_r − W_d)`` (38) and P⁻¹, P = E A."""
-    P_inv = np.linalg.inv(b.E @ A)  # (K, r, r)
-    return b.F @ A @ P_inv, P_inv
-
-
-def _rows(blocks: Array, weights: Array) -> Array:
-    """Stack (K, a, N) into weighted rows (K a, N) of a least-squares problem."""
-    return (blocks * np.sqrt(weights)[:, None, None]).reshape(-1, blocks.shape[-1])
-
-
-def _solve(matrix: Array, rhs: Array) -> Array:
-    """Solve a symmetric positive semidefinite system in the least-norm sense."""
-    values, vectors = np.linalg.eigh(matrix)
-    keep = values > 1e-13 * values[-1]
-    return vectors[:, keep] @ ((vectors[:, keep].T @ rhs) / values[keep, None])
+def _difference(b: Block, A: Array) -> tuple[Array, Array, Sides]:
+    """``X = F A P⁻¹ = −(W_r − W_d)`` (38), P⁻¹, and the sides of det P, P = E A."""
+    K, n, size = b.EF.shape
+    EFA = (b.EF.reshape(-1, size) @ A).reshape(K, n, -1)
+    P = EFA[:, : b.r]
+    if b.r == 1:
+        det = P[:, 0, 0]
+        P_inv = 1 / np.where(det == 0, np.finfo(float).tiny, det)[:, None, None]
+    else:
+        det = np.linalg.det(P)
+        flat = (det == 0)[:, None, None]
+        P_inv = np.linalg.inv(np.where(flat, np.finfo(float).tiny ** (1 / b.r) * np.eye(b.r), P))
+    return EFA[:, b.r :] @ P_inv, P_inv, Sides.of(det)

@@ -3,263 +3,195 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from concurrent.futures import Executor
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-import scipy.linalg
-from numpy.typing import NDArray
 
-from ..errors import InputError, SingularityError
+from ..errors import InputError
 from ..fields.field import Field
-from ..redundancy.augmented import clearance
-from ..redundancy.nullspace import nullspace
-from ..robot.task import Task
-from ..strategies.repeatable import RepeatableInverse
+from ..fields.polynomial import Polynomial
 from ..strategies.strategy import Inverse
-from . import criterion
+from . import progress as reporting
+from .fit import fit
+from .judgement import REPLICATES
 from .region import Region
+from .result import Design
+from .search import SingularRegionError
 
-Array = NDArray[np.float64]
+if TYPE_CHECKING:
+    from distributed import Client
 
-_REPLICATES = 16
-_MAX_STEPS = 100
-
-
-@dataclass(frozen=True)
-class Design:
-    """A repeatable inverse and what it is worth.
-
-    All figures but ``fit_cost`` are taken on nodes that the fit did not see.
-
-    Attributes
-    ----------
-    inverse : RepeatableInverse
-        The result: ``q̇ = G_r ẋ``.
-    desired : Inverse
-        What it should be near to, G_d.
-    fields, region, coefficients
-        The potentials (35), Ω, and A (N, r).
-    cost, cost_error : float
-        Mean over Ω of ‖G_r − G_d‖_F² (26), and its standard error.
-    relative_distance : float
-        ``sqrt(cost / mean ‖G_d‖_F²)``.
-    clearance : float
-        The smallest σ_min(Nᵀ V̂) found in Ω: 1 is best, 0 is an algorithmic singularity.
-    clearance_at : (n,) array
-        Where.
-    inside_limits : float
-        Share of Ω inside the joint limits.
-    fit_cost : float
-        The cost on the nodes of the fit: lower, by what was fitted to the nodes alone.
-    converged : bool
-        The optimiser can predict no decrease above ``tolerance`` of the cost.
-    steps : int
-        Gauss–Newton steps taken.
-    """
-
-    inverse: RepeatableInverse
-    desired: Inverse
-    fields: Field
-    region: Region
-    coefficients: Array = field(repr=False)
-    cost: float
-    cost_error: float
-    relative_distance: float
-    clearance: float
-    clearance_at: Array = field(repr=False)
-    inside_limits: float
-    fit_cost: float
-    gradient_norm: float
-    converged: bool
-    steps: int
-
-    @property
-    def task(self) -> Task:
-        """The task the inverse controls."""
-        return self.inverse.task
-
-    def summary(self) -> str:
-        """Say in a few lines what the design is worth."""
-        state = "converged" if self.converged else "NOT converged"
-        return "\n".join(
-            [
-                f"nearest repeatable inverse of {self.task!r}",
-                f"  potentials         {self.fields!r}",
-                f"  mean ‖G_r − G_d‖²  {self.cost:.6g} ± {self.cost_error:.1g} (on fresh nodes)",
-                f"  relative distance  {self.relative_distance:.1%}",
-                f"  clearance          {self.clearance:.3f} at worst",
-                f"  optimiser          {state} in {self.steps} steps",
-            ]
-        )
+_FRESH_NODES = 16384
+_SHRINKINGS = 12
+_MOST_DEGREE = 4
+_WORTHWHILE = 0.01
 
 
 def nearest_repeatable(
     desired: Inverse,
-    fields: Field,
+    fields: Field | None,
     region: Region,
     *,
+    degree: int | Literal["auto"] | None = None,
     samples: int | None = None,
+    fresh: int = _FRESH_NODES,
     seed: int = 0,
     block: int = 1024,
-    tolerance: float = 1e-7,
-    progress: Callable[[int, float], None] | None = None,
+    stream: bool = False,
+    executor: Executor | Client | None = None,
+    shrink: bool = False,
+    restarts: int = 0,
+    tolerance: float = 1e-6,
+    progress: bool | Callable[[str, float], None] = False,
 ) -> Design:
     """Find the repeatable inverse nearest to a desired one in the mean over Ω (26), (36), (38).
 
     A linear least-squares start, then Gauss–Newton on the Grassmann manifold of span A: only the column
-    space of V matters. The line search never lets det(Nᵀ V) change sign at a node.
+    space of V matters. The line search never lets det(Nᵀ V) change sign at a node. Many nodes are first
+    fitted on few of them.
 
     Parameters
     ----------
     desired
         G_d, any strategy with ``J G = I``.
     fields
-        The family of potentials.
+        The family of potentials; None with ``degree=``.
     region
         Ω.
+    degree
+        In place of fields: all polynomials of this degree over Ω's box; ``"auto"`` raises the degree from 1
+        until the cost on fresh nodes stops falling by 1 % (at most 4, or 8 for n ≤ 3).
     samples
-        Nodes of the fit; by default 4096, or 12 times the unknowns where that is more.
+        Nodes of the fit; by default 4096, or 32 times the unknowns where that is more.
+    fresh
+        Nodes of the judgement.
     seed
         Fixes nodes and judgement.
     block
         Nodes evaluated at a time.
+    stream
+        Build the blocks anew at each pass instead of keeping them; the memory is that of one block.
+    executor
+        Any ``concurrent.futures.Executor``, or a Dask client: the blocks are built and stay there.
+    shrink
+        Where Ω holds a singularity, take the largest region round its center that is free of it.
+    restarts
+        Further descents, from random changes of the start; the best is taken.
     tolerance
         Relative decrease of the cost below which the optimiser is content.
     progress
-        Called after each step with its number and the cost.
+        True for a bar on stderr, or a function that takes what is being done, and its share done.
 
     Raises
     ------
     InputError
-        If the task is not redundant, or fields and region do not fit it.
-    SingularityError
-        If J loses rank in Ω, or no V of this family is free of algorithmic singularities there; the
-        message names a configuration.
+        If the task is not redundant, fields and region do not fit it, or nodes are too few.
+    SingularRegionError
+        If J loses rank in Ω, or the nearest V has an algorithmic singularity there; the message names a
+        configuration, and the largest region round the center that is free of it.
     """
+    options: dict[str, Any] = {
+        "samples": samples,
+        "fresh": int(fresh),
+        "seed": int(seed),
+        "block": int(block),
+        "stream": stream,
+        "executor": executor,
+        "restarts": int(restarts),
+        "tolerance": float(tolerance),
+    }
+    _check(desired, fields, region, degree, options)
+    with reporting.reporter(progress) as report:
+        if degree == "auto":
+            return _auto(desired, region, shrink, report, options)
+        if fields is None:
+            fields = _polynomial(region, degree)
+        return _shrinking(desired, fields, region, shrink, report, options)
+
+
+def _auto(desired: Inverse, region: Region, shrink: bool, report: reporting.Report, options: dict[str, Any]) -> Design:
+    """Raise the degree until the cost on fresh nodes stops falling."""
+    best: Design | None = None
+    tried: list[tuple[int, float, float]] = []
+    for degree in range(1, (2 if desired.task.n <= 3 else 1) * _MOST_DEGREE + 1):
+        fields = _polynomial(region, degree)
+        if fields.size < desired.task.r:
+            continue
+        try:
+            design = _shrinking(desired, fields, region, shrink and best is None, report, options)
+        except SingularRegionError:
+            if best is None:
+                raise
+            break
+        region = design.region
+        tried.append((degree, design.cost, design.cost_error))
+        worthwhile = best is None or design.cost < (1 - _WORTHWHILE) * best.cost
+        if best is None or design.cost < best.cost:
+            best = replace(design, shrunk=design.shrunk if best is None else best.shrunk)
+        if not worthwhile or best.cost < 1e-20:
+            break
+    assert best is not None, "degree 1 has n ≥ r potentials"
+    return replace(best, degrees=tuple(tried))
+
+
+def _shrinking(
+    desired: Inverse, fields: Field, region: Region, shrink: bool, report: reporting.Report, options: dict[str, Any]
+) -> Design:
+    """Design in Ω, or where a person allows it in the largest part of it that is free of singularities."""
+    asked = region
+    for attempt in range(_SHRINKINGS if shrink else 0):
+        try:
+            return _with_share(fit(desired, fields, region, report=report, **options), asked)
+        except SingularRegionError as error:
+            if error.free is None:
+                raise
+            # the first time what the refusal names; a V fitted there may need less room again, so then in strides
+            free, stride = error.free, region.shrunk(0.9)
+            smaller = attempt > 0 and (stride.bounds.half_width < free.bounds.half_width).any()
+            region = stride if smaller else free
+    return _with_share(fit(desired, fields, region, report=report, **options), asked)
+
+
+def _with_share(design: Design, asked: Region) -> Design:
+    """Say what is left of the width that was asked for."""
+    return replace(design, shrunk=float(np.max(design.region.bounds.half_width / asked.bounds.half_width)))
+
+
+def _polynomial(region: Region, degree: Any) -> Polynomial:
+    box = region.bounds
+    return Polynomial(box.center, degree, box.half_width)
+
+
+def _check(
+    desired: Inverse, fields: Field | None, region: Region, degree: int | str | None, options: dict[str, Any]
+) -> None:
+    """Refuse what cannot work, before anything is evaluated."""
     task = desired.task
     if task.r < 1:
         raise InputError(
             f"a {task.kind} task leaves the {task.n} joints that move {task.frame!r} no redundancy (r = {task.r})"
         )
+    if (fields is None) == (degree is None):
+        raise InputError("give either fields, or None and degree=")
+    if isinstance(degree, str) and degree != "auto":
+        raise InputError(f"degree is a whole number from 1 up, or 'auto', not {degree!r}")
     if len(region.center) != task.n:
         raise InputError(f"the region has {len(region.center)} joints, but the task has {task.n}")
-    if fields.size < task.r:
+    box = region.bounds
+    for name, low, high, least, most in zip(
+        task.joint_names, box.lower, box.upper, task.lower, task.upper, strict=True
+    ):
+        if high < least or low > most:
+            raise InputError(
+                f"the region lies outside the joint limits: {name} from {low:.4g} to {high:.4g}, "
+                f"but its limits are [{least:.4g}, {most:.4g}]"
+            )
+    if fields is not None and fields.size < task.r:
         raise InputError(f"{fields.size} potentials cannot give r = {task.r} independent ones; raise the degree")
-    unknowns = (fields.size - task.r) * task.r
-    samples = max(4096, 12 * unknowns // task.m) if samples is None else int(samples)
-    if samples * task.m < fields.size:
-        raise InputError(f"{samples} nodes are too few for {fields.size} potentials; give at least {fields.size}")
-
-    Q, weights = region.nodes(samples, seed)
-    N_center = nullspace(task.jacobian(region.center))
-    blocks = [
-        criterion.build_block(desired, fields, Q[i : i + block], weights[i : i + block], N_center)
-        for i in range(0, len(Q), block)
-    ]
-    A = np.linalg.qr(criterion.start(blocks))[0]
-    sign = criterion.signs(blocks, A)
-    if not (sign == sign[0]).all():
-        minority = Q[int(np.argmax(sign != np.sign(sign.sum())))]
-        raise SingularityError(
-            f"an algorithmic singularity lies in Ω, near {_named(task, minority)}; make the region smaller"
-        )
-    A, fit_cost, gradient_norm, converged, steps = _descend(blocks, A, sign[0], tolerance, progress)
-    del blocks
-
-    # Gauge: Nᵀ V = I at the center, so that J_V is as well conditioned as J there.
-    V_center = np.einsum("inN,Nr->inr", fields.gradients(region.center[None]), A)[0]
-    A = A @ np.linalg.inv(N_center.T @ V_center)
-    inverse = RepeatableInverse(task, fields.weighted(A))
-    verdict = _judge(inverse, desired, region, N_center, seed=seed + 1, block=block)
-    return Design(
-        inverse=inverse,
-        desired=desired,
-        fields=fields,
-        region=region,
-        coefficients=A,
-        fit_cost=fit_cost,
-        gradient_norm=gradient_norm,
-        converged=converged,
-        steps=steps,
-        **verdict,
-    )
-
-
-def _descend(
-    blocks: list[criterion.Block],
-    A: Array,
-    sign: float,
-    tolerance: float,
-    progress: Callable[[int, float], None] | None,
-) -> tuple[Array, float, float, bool, int]:
-    """Gauss–Newton on subspaces, with a line search that keeps det(Nᵀ V) of one sign."""
-    size, r = A.shape
-    value, converged, steps = criterion.cost(blocks, A), size == r, 0
-    gradient_norm = 0.0
-    for steps in range(_MAX_STEPS if size > r else 0):
-        value, gradient, matrix = criterion.gauss_newton(blocks, A)
-        basis = np.linalg.qr(A, mode="complete")[0][:, r:]  # directions that move span A
-        g = (basis.T @ gradient).T.ravel()  # (r (N − r),)
-        H = np.einsum("ap,iajb,bq->ipjq", basis, matrix, basis, optimize=True).reshape(len(g), len(g))
-        gradient_norm = 2 * float(np.linalg.norm(g))
-        # A touch of Levenberg: functions of a joint that the task ignores leave directions of no cost.
-        H[np.diag_indices_from(H)] += 1e-4 * np.trace(H) / len(g)
-        step = -scipy.linalg.solve(H, g, assume_a="pos")
-        predicted = -2 * float(g @ step)
-        if progress is not None:
-            progress(steps, value)
-        if predicted <= tolerance * value or value < 1e-26:
-            converged = True
-            break
-        dA = basis @ step.reshape(r, -1).T
-        length = 1.0
-        while length > 1e-6:
-            trial = A + length * dA
-            same_side = (criterion.signs(blocks, trial) == sign).all()
-            if same_side and criterion.cost(blocks, trial) < value - 1e-4 * length * predicted:
-                break
-            length /= 2
-        else:
-            break
-        A = np.linalg.qr(trial)[0]
-        sign = criterion.signs(blocks, A)[0]
-    return A, value, gradient_norm, converged, steps
-
-
-def _judge(
-    inverse: RepeatableInverse, desired: Inverse, region: Region, N_center: Array, *, seed: int, block: int
-) -> dict:
-    """Measure a design on fresh nodes: independent scramblings give the cost's standard error."""
-    task = inverse.task
-    costs, norms, inside = [], [], []
-    worst, worst_at = np.inf, region.center
-    for replicate in range(_REPLICATES):
-        Q = region.random(block, seed * _REPLICATES + replicate)
-        J = task.jacobians(Q)
-        N, V = nullspace(J), inverse.field.gradients(Q)
-        N_T = np.swapaxes(N, -1, -2)
-        side = np.sign(np.linalg.det(N_T @ V) * np.linalg.det(N_T @ N_center))
-        if not (side > 0).all():
-            at = _named(task, Q[int(np.argmin(side))])
-            raise SingularityError(f"an algorithmic singularity lies in Ω, near {at}; make the region smaller")
-        G_d = desired.batch(Q, J)
-        costs.append(float(np.mean(np.sum((inverse.batch(Q, J) - G_d) ** 2, axis=(1, 2)))))
-        norms.append(float(np.mean(np.sum(G_d**2, axis=(1, 2)))))
-        inside.append(float(np.mean(((Q >= task.lower) & (Q <= task.upper)).all(axis=1))))
-        sigma = clearance(N, V)
-        if sigma.min() < worst:
-            worst, worst_at = float(sigma.min()), Q[int(np.argmin(sigma))]
-    mean = float(np.mean(costs))
-    return {
-        "cost": mean,
-        "cost_error": float(np.std(costs, ddof=1) / np.sqrt(_REPLICATES)),
-        "relative_distance": float(np.sqrt(mean / np.mean(norms))),
-        "clearance": worst,
-        "clearance_at": worst_at,
-        "inside_limits": float(np.mean(inside)),
-    }
-
-
-def _named(task: Task, q: Array) -> str:
-    """Write a configuration so that a person can find it."""
-    return ", ".join(f"{name} = {value:.3f}" for name, value in zip(task.joint_names, q, strict=True))
+    for name, least in (("samples", 1), ("fresh", 2 * REPLICATES), ("block", 1), ("restarts", 0)):
+        if options[name] is not None and options[name] < least:
+            raise InputError(f"{name} must be {least} or more, not {options[name]}")
+    if not options["tolerance"] > 0:
+        raise InputError(f"the tolerance must be above 0, not {options['tolerance']:g}")

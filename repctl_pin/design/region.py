@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,6 +13,8 @@ from scipy.stats import qmc
 from ..errors import InputError
 
 Array = NDArray[np.float64]
+Density = Callable[[Array], ArrayLike]
+"""A weight for every row of Q (K, n): (K,) numbers from 0 up. Where it is larger, closeness matters more."""
 
 
 class Region(Protocol):
@@ -22,12 +25,33 @@ class Region(Protocol):
         """A configuration in the middle of it: (n,)."""
         ...
 
+    @property
+    def bounds(self) -> Box:
+        """The box around it."""
+        ...
+
     def nodes(self, count: int, seed: int) -> tuple[Array, Array]:
         """Quadrature nodes Q (K, n), K ≥ count, and weights (K,) that sum to 1."""
         ...
 
     def random(self, count: int, seed: int) -> Array:
-        """Quasi-random points (count, n), another set for every seed: nodes to judge on."""
+        """Quasi-random points (K, n), K ≥ count, another set for every seed: nodes to judge on."""
+        ...
+
+    def weights(self, Q: Array) -> Array:
+        """What each of the points of :meth:`random` counts for: (K,), sum 1."""
+        ...
+
+    def ratio(self, Q: Array) -> Array:
+        """By what factor Ω would have to shrink for each row of Q to lie on its edge: (K,); above 1 is outside."""
+        ...
+
+    def clip(self, Q: Array) -> Array:
+        """Move points that have left Ω back to its edge: (K, n)."""
+        ...
+
+    def shrunk(self, factor: float) -> Region:
+        """Make the region of the same center and a fraction of the width."""
         ...
 
 
@@ -43,6 +67,8 @@ class Box:
         rad or m.
     half_width : float or (n,) array
         The same for every joint, or one a joint.
+    density : function, optional
+        Q (K, n) → (K,) weights from 0 up; by default every configuration counts the same.
 
     Raises
     ------
@@ -52,8 +78,9 @@ class Box:
 
     center: Array
     half_width: Array
+    density: Density | None = None
 
-    def __init__(self, center: ArrayLike, half_width: ArrayLike) -> None:
+    def __init__(self, center: ArrayLike, half_width: ArrayLike, *, density: Density | None = None) -> None:
         try:
             middle = np.array(center, dtype=float)
             half = np.array(np.broadcast_to(np.asarray(half_width, float), middle.shape))
@@ -67,14 +94,23 @@ class Box:
         half.setflags(write=False)
         object.__setattr__(self, "center", middle)
         object.__setattr__(self, "half_width", half)
+        object.__setattr__(self, "density", density)
 
     @classmethod
-    def between(cls, lower: ArrayLike, upper: ArrayLike) -> Box:
+    def between(cls, lower: ArrayLike, upper: ArrayLike, *, density: Density | None = None) -> Box:
         """Make the box between two opposite corners."""
-        low, high = np.asarray(lower, float), np.asarray(upper, float)
-        if low.shape != high.shape or not (low < high).all():
-            raise InputError("a box needs lower < upper for every joint")
-        return cls((low + high) / 2, (high - low) / 2)
+        try:
+            low, high = np.asarray(lower, float), np.asarray(upper, float)
+        except (TypeError, ValueError):
+            raise InputError("the corners of a box must be lists of numbers") from None
+        if low.shape != high.shape or low.ndim != 1:
+            raise InputError("the corners of a box must have one number a joint each")
+        if not (low < high).all():
+            bad = int(np.argmin(low < high))
+            raise InputError(
+                f"a box needs lower < upper for every joint; joint {bad} goes from {low[bad]:g} to {high[bad]:g}"
+            )
+        return cls((low + high) / 2, (high - low) / 2, density=density)
 
     @property
     def lower(self) -> Array:
@@ -91,25 +127,76 @@ class Box:
         """Number of joints."""
         return len(self.center)
 
+    @property
+    def bounds(self) -> Box:
+        """The box itself."""
+        return self
+
     def nodes(self, count: int, seed: int) -> tuple[Array, Array]:
         """Quadrature nodes Q (K, n), K ≥ count, and weights (K,) that sum to 1."""
         if self.n > 3:
             Q = self.random(count, seed)
-            return Q, np.full(len(Q), 1 / len(Q))
-        x, w = np.polynomial.legendre.leggauss(max(2, int(np.ceil(count ** (1 / self.n)))))
+            return Q, self.weights(Q)
+        x, w = np.polynomial.legendre.leggauss(max(2, int(np.ceil(round(count ** (1 / self.n), 9)))))
         grid = np.stack(np.meshgrid(*[x] * self.n, indexing="ij"), -1).reshape(-1, self.n)
         weights = np.prod(np.stack(np.meshgrid(*[w / 2] * self.n, indexing="ij"), -1).reshape(-1, self.n), axis=1)
-        return self.center + self.half_width * grid, weights
+        Q = self.center + self.half_width * grid
+        return Q, weights if self.density is None else normalised(weights * evaluate_density(self.density, Q))
 
     def random(self, count: int, seed: int) -> Array:
         """Scrambled Sobol points (K, n), K the power of two from count up."""
-        points = qmc.Sobol(self.n, scramble=True, rng=seed).random_base2(int(np.ceil(np.log2(max(count, 2)))))
-        return self.center + self.half_width * (2 * points - 1)
+        return self.center + self.half_width * (2 * sobol(self.n, count, seed) - 1)
+
+    def weights(self, Q: Array) -> Array:
+        """What each of the points of :meth:`random` counts for: (K,), sum 1."""
+        return normalised(evaluate_density(self.density, Q))
+
+    def ratio(self, Q: Array) -> Array:
+        """By what factor the box would have to shrink for each row of Q to lie on its face: (K,)."""
+        return (np.abs(np.asarray(Q, float) - self.center) / self.half_width).max(-1)
 
     def contains(self, Q: ArrayLike) -> NDArray[np.bool_]:
         """Say which rows of Q (K, n) lie inside."""
-        return (np.abs(np.asarray(Q, float) - self.center) <= self.half_width * (1 + 1e-12)).all(-1)
+        return self.ratio(np.asarray(Q, float)) <= 1 + 1e-12
+
+    def clip(self, Q: Array) -> Array:
+        """Move points that have left the box back to its faces: (K, n)."""
+        return np.clip(Q, self.lower, self.upper)
 
     def shrunk(self, factor: float) -> Box:
         """Make the box of the same center and a fraction of the width."""
-        return Box(self.center, self.half_width * factor)
+        return Box(self.center, self.half_width * factor, density=self.density)
+
+    def inside(self, lower: ArrayLike, upper: ArrayLike) -> Box:
+        """Cut the box to what lies inside limits, such as ``task.lower`` and ``task.upper``."""
+        return Box.between(np.maximum(self.lower, lower), np.minimum(self.upper, upper), density=self.density)
+
+    def __str__(self) -> str:
+        widths = sorted({f"{w:.3g}" for w in self.half_width}, key=float)
+        centre = ", ".join(f"{c:.3g}" for c in self.center)
+        return f"box ±{widths[0]}{'' if len(widths) == 1 else ' to ±' + widths[-1]} round ({centre})"
+
+
+def sobol(n: int, count: int, seed: int) -> Array:
+    """Scrambled Sobol points in the unit cube: (K, n), K the power of two from count up."""
+    return qmc.Sobol(n, scramble=True, rng=seed).random_base2(int(np.ceil(np.log2(max(count, 2)))))
+
+
+def evaluate_density(density: Density | None, Q: Array) -> Array:
+    """Evaluate a person's density and check it: (K,) finite numbers from 0 up."""
+    if density is None:
+        return np.ones(len(Q))
+    values: Any = np.asarray(density(Q), float)
+    if values.shape != (len(Q),):
+        raise InputError(f"the density must give one number a row of Q, ({len(Q)},), not {values.shape}")
+    if not (np.isfinite(values).all() and (values >= 0).all()):
+        raise InputError("the density must be finite and 0 or more everywhere in the region")
+    return values
+
+
+def normalised(weights: Array) -> Array:
+    """Scale weights to sum 1."""
+    total = float(weights.sum())
+    if not total > 0:
+        raise InputError("the density is 0 everywhere in the region")
+    return weights / total

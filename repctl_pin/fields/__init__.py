@@ -1,6 +1,9 @@
 """Potentials h_i(q) and their gradients: the functions a repeatable control keeps constant."""
 
-from .field import Field, FieldMap
+from .custom import Potentials
+from .field import CurvedMap, Field, FieldMap
+from .fourier import Fourier
+from .joined import Joined
 from .polynomial import Polynomial
 
-__all__ = ["Field", "FieldMap", "Polynomial"]
+__all__ = ["CurvedMap", "Field", "FieldMap", "Fourier", "Joined", "Polynomial", "Potentials"]

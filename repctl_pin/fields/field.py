@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,15 @@ class FieldMap(Protocol):
         ...
 
 
+@runtime_checkable
+class CurvedMap(FieldMap, Protocol):
+    """Potentials that know their second derivatives too: what an exact Lie bracket needs."""
+
+    def hessian(self, q: Array) -> Array:
+        """Evaluate ∂V/∂q: (n, n, r), ``[i, k, j] = ∂²h_j/∂q_i∂q_k``."""
+        ...
+
+
 class Field(Protocol):
     """A family of N potentials h_1 … h_N of q (35)."""
 
@@ -45,3 +54,9 @@ class Field(Protocol):
     def weighted(self, A: Array) -> FieldMap:
         """Choose ``h = Aᵀ (h_1 … h_N)`` with coefficients A (N, r) (35)."""
         ...
+
+
+def name_of(fields: Field, index: int) -> str:
+    """Name one potential of a family for a person: as the family's own ``names`` say, else by its number."""
+    names = getattr(fields, "names", None)
+    return f"{names[index]}" if names is not None else f"h_{index + 1}"

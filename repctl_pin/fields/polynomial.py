@@ -4,16 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import combinations_with_replacement
+from math import comb
+from typing import Any
 
 import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
+from .field import Field
+from .joined import Joined
+from .partial import PartialMap
+from .pointwise import MOST_ENTRIES, Homogeneous, Pointwise, plain
 
 Array = NDArray[np.float64]
 
-_MAX_SIZE = 20_000
+_MAX_SIZE = 5_000
 
 
 class Polynomial:
@@ -37,6 +43,8 @@ class Polynomial:
         Half-widths of the box on which the basis is orthonormal.
     variables : sequence of int, optional
         Let the potentials depend on these joints alone (counted from 0).
+    cross
+        Whether one potential may depend on several joints.
     """
 
     def __init__(
@@ -45,6 +53,8 @@ class Polynomial:
         degree: int,
         scale: ArrayLike = 1.0,
         variables: Sequence[int] | None = None,
+        *,
+        cross: bool = True,
     ) -> None:
         self.center = np.array(center, dtype=float)
         if self.center.ndim != 1 or not np.isfinite(self.center).all():
@@ -58,23 +68,25 @@ class Polynomial:
             raise InputError("the scale of a polynomial field must be positive")
         if int(degree) != degree or degree < 1:
             raise InputError(f"the degree of a polynomial field is a whole number from 1 up, not {degree!r}")
-        self.degree = int(degree)
+        self.degree, self.cross = int(degree), bool(cross)
         self.variables = tuple(range(n)) if variables is None else tuple(sorted({int(v) for v in variables}))
         if not self.variables or not set(self.variables) <= set(range(n)):
             raise InputError(f"variables must be joint numbers from 0 to {n - 1}, not {variables!r}")
+        size = comb(len(self.variables) + self.degree, self.degree) - 1
+        if size > _MAX_SIZE:
+            raise InputError(
+                f"degree {self.degree} in {len(self.variables)} joints makes {size} potentials; "
+                "lower the degree or choose variables"
+            )
         # One row a potential: the variable of each of its factors, repeated as often as its power.
         self.exponents = np.array(
             [
                 [choice.count(v) for v in range(n)]
                 for d in range(1, self.degree + 1)
                 for choice in combinations_with_replacement(self.variables, d)
+                if cross or len(set(choice)) == 1
             ]
         )  # (N, n)
-        if len(self.exponents) > _MAX_SIZE:
-            raise InputError(
-                f"degree {self.degree} in {len(self.variables)} joints makes {len(self.exponents)} potentials; "
-                "lower the degree or choose variables"
-            )
         self.norms = np.sqrt(np.prod(2 * self.exponents + 1, axis=1))
         # Each potential is a product of at most d factors P_{order}(u_{variable}); shorter ones are padded
         # with order 0, a factor 1.
@@ -91,29 +103,39 @@ class Polynomial:
         """N, the number of potentials."""
         return len(self.exponents)
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What each potential is: a product of Legendre polynomials of the scaled joints, ``P2(u_0) P1(u_3)``."""
+        return tuple(" ".join(f"P{power}(u_{i})" for i, power in enumerate(alpha) if power) for alpha in self.exponents)
+
     def potentials(self, Q: ArrayLike) -> Array:
         """Evaluate the potentials at every row of Q (K, n): (K, N)."""
         P, _ = self._tables(Q)
-        return np.prod(self._factors(P), axis=0) * self.norms
+        return np.prod(P[:, self._variable, self._order], axis=1) * self.norms
 
     def gradients(self, Q: ArrayLike) -> Array:
         """Evaluate the gradients at every row of Q (K, n): (K, n, N), per rad or m."""
-        P, dP = self._tables(Q)
-        factors, slopes = self._factors(P), self._factors(dP)  # (slots, K, N)
-        K, n = len(P), len(self.center)
-        gradients = np.zeros((K, n, self.size))
-        column = np.arange(self.size)
-        for s, variable in enumerate(self._variable):
-            others = np.prod(np.delete(factors, s, axis=0), axis=0)
-            gradients[:, variable, column] += slopes[s] * others  # a padded slot's slope is 0
-        gradients *= self.norms
-        gradients /= self.scale[:, None]
-        return gradients
+        P, dP = (np.ascontiguousarray(np.moveaxis(table, 0, -1)) for table in self._tables(Q))  # (n, d + 1, K)
+        K, n = P.shape[-1], len(P)
+        gradients = np.zeros((K, n * self.size))
+        for s, (variable, order) in enumerate(zip(self._variable, self._order, strict=True)):
+            column = np.flatnonzero(order)  # the potentials that have a factor in this slot
+            slope = dP[variable[column], order[column]]  # (·, K)
+            for t in range(len(self._order)):
+                if t != s:
+                    slope *= P[self._variable[t, column], self._order[t, column]]
+            slope *= (self.norms[column] / self.scale[variable[column]])[:, None]
+            gradients[:, variable[column] * self.size + column] = slope.T
+        return gradients.reshape(K, n, self.size)
 
-    def weighted(self, A: ArrayLike) -> PolynomialMap:
+    def weighted(self, A: ArrayLike) -> PolynomialMap | PartialMap:
         """Choose ``h = Aᵀ (h_1 … h_N)`` with coefficients A (N, r) (35), as dense tensors."""
         A = np.asarray(A, float)
         n, d = len(self.center), self.degree
+        if len(self.variables) < n:
+            chosen = list(self.variables)
+            part = Polynomial(self.center[chosen], d, self.scale[chosen], cross=self.cross).weighted(A)
+            return PartialMap(part, chosen, n)
         # Legendre to monomial coefficients, variable by variable, in an array of exponents.
         to_power = [np.pad(legendre.leg2poly(np.eye(d + 1)[k][: k + 1]), (0, d - k)) for k in range(d + 1)]
         terms: dict[tuple[int, ...], Array] = {}
@@ -139,9 +161,8 @@ class Polynomial:
             dP[..., k + 1] = (2 * k + 1) * P[..., k] + dP[..., k - 1]
         return P, dP
 
-    def _factors(self, table: Array) -> Array:
-        """Look every factor up in a table: (slots, K, N)."""
-        return np.moveaxis(table[:, self._variable, self._order], 1, 0)
+    def __add__(self, other: Field) -> Joined:
+        return Joined(self, other)
 
     def __repr__(self) -> str:
         return f"<Polynomial of degree {self.degree} in {len(self.variables)} joints: {self.size} potentials>"
@@ -164,7 +185,8 @@ class PolynomialMap:
             places = [i for i, power in enumerate(beta) for _ in range(power)]
             arrangements = set(_permutations(tuple(places)))
             for place in arrangements:
-                tensors[len(places)][(slice(None), *place)] += coefficient / len(arrangements)
+                at: tuple[Any, ...] = (slice(None), *place)
+                tensors[len(places)][at] += coefficient / len(arrangements)
         self._value = tensors
         # h of degree d differentiates to d T_d u^(d−1), the derivative's axis first, then r.
         self._slope = [
@@ -173,9 +195,13 @@ class PolynomialMap:
         ]
         self._slope = [s / np.repeat(scale, len(s) // n) for s in self._slope]
         self._shape, self._n = (n, r), n
+        small = degree <= 4 and r * (n + 1) ** degree <= MOST_ENTRIES
+        self._quick = Homogeneous(center, scale, degree, terms) if small else None
 
     def value(self, q: Array) -> Array:
         """Evaluate h(q): (r,)."""
+        if self._quick is not None:
+            return self._quick.value(q)
         u = (q - self.center) * self._inverse_scale
         h = self._value[-1]
         for lower in self._value[-2::-1]:
@@ -184,11 +210,29 @@ class PolynomialMap:
 
     def gradient(self, q: Array) -> Array:
         """Evaluate V = ∂hᵀ/∂q: (n, r)."""
+        if self._quick is not None:
+            return self._quick.gradient(q)
         u = (q - self.center) * self._inverse_scale
         V = self._slope[-1]
         for lower in self._slope[-2::-1]:
             V = lower + V.reshape(-1, self._n) @ u
         return V.reshape(self._shape)
+
+    def pointwise(self, V_T: Array, e: Array) -> Pointwise:
+        """Make the functions of a control loop that write Vᵀ into an array (r, n), and c − h into one (r,)."""
+        return plain(self, V_T, e) if self._quick is None else self._quick.pointwise(V_T, e)
+
+    def hessian(self, q: Array) -> Array:
+        """Evaluate ``∂V/∂q = ∂²h/∂q²``: (n, n, r), ``[i, k, j] = ∂²h_j/∂q_i∂q_k``."""
+        u = (q - self.center) * self._inverse_scale
+        n, r = self._n, self._shape[1]
+        C = np.zeros((r, n, n))
+        for d in range(len(self._value) - 1, 1, -1):  # h of degree d curves by d (d − 1) T_d u^(d−2)
+            curvature = d * (d - 1) * self._value[d]
+            for _ in range(d - 2):
+                curvature = curvature @ u
+            C += curvature
+        return np.moveaxis(C * np.outer(self._inverse_scale, self._inverse_scale), 0, -1)
 
     def values(self, Q: Array) -> Array:
         """Evaluate h at every row of Q (K, n): (K, r)."""

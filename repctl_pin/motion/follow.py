@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError, SingularityError
 from ..robot.task import Task
-from ..strategies.strategy import Strategy
+from ..strategies import FunctionStrategy, OnLeaves, Strategy
+from ..strategies.control_step import speeds
+from .motion import Motion
 from .paths import Path
 
 Array = NDArray[np.float64]
@@ -27,86 +29,8 @@ _JUMP = 1.0
 """No arm moves a joint this far, rad or m, in one step: the integration has gone astray."""
 
 
-@dataclass(frozen=True)
-class Motion:
-    """What a strategy did on a closed path.
-
-    Norms over joints count a radian and a metre alike where an arm has both kinds of joints.
-
-    Attributes
-    ----------
-    task, path
-        What was moved, and along what.
-    t : (T + 1,) array
-        Time, s.
-    q, qdot : (T + 1, n) arrays
-        Joint positions and velocities, rad or m, and per second.
-    cycles, steps : int
-        T = cycles · steps.
-    drift : (cycles,) array
-        ``‖q(after cycle k) − q(0)‖``, k = 1, 2, …
-    tracking_error : (T + 1,) array
-        Distance of the frame from where it should be, m, in the task's coordinates.
-    turning_error : (T + 1,) array
-        The same for orientation, rad; 0 where the task has none.
-    """
-
-    task: Task
-    path: Path
-    t: Array
-    q: Array
-    qdot: Array
-    cycles: int
-    steps: int
-    drift: Array
-    tracking_error: Array
-    turning_error: Array
-
-    @property
-    def speed(self) -> Array:
-        """Joint speed ``‖q̇‖`` along the motion: (T + 1,)."""
-        return np.linalg.norm(self.qdot, axis=1)
-
-    @property
-    def rms_speed(self) -> float:
-        """Root mean square of the joint speed."""
-        return float(np.sqrt(np.mean(self.speed**2)))
-
-    @property
-    def peak_speed(self) -> float:
-        """Largest joint speed."""
-        return float(self.speed.max())
-
-    @property
-    def speed_ratio(self) -> float:
-        """Largest share of a joint's speed limit that was used; above 1 the path must be slowed down."""
-        return float(np.max(np.abs(self.qdot) / self.task.velocity_limit))
-
-    @property
-    def limit_margin(self) -> Array:
-        """Distance of every joint to its nearer limit: (T + 1, n); negative outside, inf where none."""
-        return np.minimum(self.q - self.task.lower, self.task.upper - self.q)
-
-    @property
-    def first_violation(self) -> tuple[float, str] | None:
-        """The first time a joint leaves its limits: (cycle, joint name), or None.
-
-        The cycle is counted in fractions: 2.5 is the middle of the third.
-        """
-        outside = self.limit_margin < -1e-9
-        if not outside.any():
-            return None
-        row = int(np.argmax(outside.any(axis=1)))
-        joint = self.task.joint_names[int(np.argmin(self.limit_margin[row]))]
-        return row / self.steps, joint
-
-    def cycle(self, k: int) -> Array:
-        """Joint positions of cycle k, counted from 0, both ends included: (steps + 1, n)."""
-        return self.q[k * self.steps : (k + 1) * self.steps + 1]
-
-
 def follow(
-    strategy: Strategy,
+    strategy: Strategy | Callable[[Array, Array], ArrayLike],
     path: Path,
     q0: ArrayLike,
     *,
@@ -115,15 +39,21 @@ def follow(
     integrator: str = "rk4",
     feedback: float = 0.0,
     period: float = 5.0,
+    lock: int = 0,
+    leaf: ArrayLike | None = None,
+    limit: ArrayLike | None = None,
+    damping: float = 0.0,
+    task: Task | None = None,
 ) -> Motion:
     """Integrate ``q̇ = strategy(q, ẋ)`` along a closed path, cycle after cycle.
 
-    With feedback, ``ẋ = ẋ_path + K e`` with e the task error.
+    With feedback, ``ẋ = ẋ_path + K e`` with e the task error. With ``lock=k`` a repeatable strategy steps
+    from point to point by k Newton corrections of both errors, ``q += J_V⁻¹ [x − f(q); c − h(q)]``.
 
     Parameters
     ----------
     strategy
-        What turns ẋ into q̇.
+        What turns ẋ into q̇; any function (q, ẋ) → q̇ with ``task=``.
     path
         The closed path; it should start where the frame is at q0.
     q0 : (n,) array
@@ -136,6 +66,13 @@ def follow(
         K, 1/s; 0 is open loop. With Euler, K = steps / period undoes the whole error in one step.
     period
         Time of one cycle, s.
+    lock
+        Corrections a step, in place of the integrator; 0 is no leaf lock.
+    leaf, limit, damping
+        With lock: c, by default q0's own; joint speeds not to exceed; λ_max near singularities. See
+        :meth:`RepeatableInverse.step`.
+    task
+        What a plain function controls.
 
     Raises
     ------
@@ -144,55 +81,34 @@ def follow(
     SingularityError
         If the motion runs into a singularity; the message says in which cycle.
     """
+    if not isinstance(strategy, Strategy):
+        if task is None:
+            raise InputError("to follow a path with a plain function (q, ẋ) → q̇, say what it controls: task=")
+        strategy = FunctionStrategy(task, strategy)
     task = strategy.task
     q = task.check(q0, "the start")
     if integrator not in INTEGRATORS:
         raise InputError(f"no integrator {integrator!r}; there is {', '.join(INTEGRATORS)}")
-    for name, value, least in (("cycles", cycles, 1), ("steps", steps, 1)):
+    for name, value, least in (("cycles", cycles, 1), ("steps", steps, 1), ("lock", lock, 0)):
         if int(value) != value or value < least:
             raise InputError(f"{name} must be a whole number from {least} up, not {value!r}")
     if not (np.isfinite(period) and period > 0 and np.isfinite(feedback) and feedback >= 0):
         raise InputError("the period must be above 0 s and the feedback gain 0 or more")
+    if not lock and not (leaf is None and limit is None and not damping):
+        raise InputError("leaf=, limit= and damping= belong to the leaf lock; give lock=1 with them")
     gap = float(np.linalg.norm(task.error(q, path.placement(0.0))))
-    if gap > 1e-3 and not feedback:
+    if gap > 1e-3 and not feedback and not lock:
         raise InputError(f"the path starts {gap:.3g} m (or rad) away from the frame; use reach() first, or feedback")
 
     grid = _grid(path, int(steps))
-    nodes, matrix, weights = INTEGRATORS[integrator]
-
-    def velocity(q: Array, s: float, inside: float) -> Array:
-        xdot = task.rate(q, path.twist(inside)) / period
-        if feedback:
-            xdot = xdot + feedback * task.error(q, path.placement(s))
-        return strategy.velocity(q, xdot)
-
-    n_steps = len(grid) - 1
-    Q = np.empty((cycles * n_steps + 1, task.n))
-    Qdot = np.empty_like(Q)
-    Q[0] = q
-    with np.errstate(over="ignore", invalid="ignore"):
-        for step in range(cycles * n_steps):
-            s, s_end = grid[step % n_steps], grid[step % n_steps + 1]
-            h = (s_end - s) * period
-            slopes: list[Array] = []
-            try:
-                for c, row in zip(nodes, matrix, strict=True):
-                    stage = q + h * sum((a * k for a, k in zip(row, slopes, strict=True) if a), start=0.0)
-                    at = s + c * (s_end - s)
-                    inside = min(max(at, s + _INSIDE), s_end - _INSIDE)
-                    slopes.append(velocity(stage, at, inside))
-            except SingularityError as error:
-                raise SingularityError(f"{error}, in cycle {1 + step / n_steps:.2f} of {path.name}") from None
-            Qdot[step] = slopes[0]
-            change = h * sum(b * k for b, k in zip(weights, slopes, strict=True))
-            if not np.abs(change).max() < _JUMP:
-                raise SingularityError(
-                    f"the joints jump by more than {_JUMP:g} rad in one step, in cycle {1 + step / n_steps:.2f} of "
-                    f"{path.name}: the arm is at a singularity, the path out of reach, or the steps too few"
-                )
-            q = q + change
-            Q[step + 1] = q
-    Qdot[-1] = velocity(q, 1.0, 1.0 - _INSIDE)
+    n_steps, used = len(grid) - 1, 0.0
+    if lock:
+        if not isinstance(strategy, OnLeaves):
+            raise InputError("only a repeatable strategy, such as design.inverse, has leaves to lock to")
+        c = strategy.leaf(q) if leaf is None else np.array(leaf, dtype=float)
+        Q, Qdot, used = _locked(strategy, path, grid, q, cycles, period, int(lock), c, limit, damping)
+    else:
+        Q, Qdot = _integrated(strategy, path, grid, q, cycles, period, integrator, feedback)
 
     s_all = np.concatenate([np.tile(grid[:-1], cycles), [1.0]])
     t = np.concatenate([(np.arange(cycles)[:, None] + grid[:-1]).ravel(), [float(cycles)]]) * period
@@ -209,6 +125,100 @@ def follow(
         drift=np.linalg.norm(Q[n_steps::n_steps] - Q[0], axis=1),
         tracking_error=np.linalg.norm(errors[:, :linear], axis=1),
         turning_error=np.linalg.norm(errors[:, linear:], axis=1),
+        damping=used,
+    )
+
+
+def _integrated(
+    strategy: Strategy,
+    path: Path,
+    grid: Array,
+    q: Array,
+    cycles: int,
+    period: float,
+    integrator: str,
+    feedback: float,
+) -> tuple[Array, Array]:
+    """Integrate by a Runge–Kutta method; joint positions and velocities (T + 1, n)."""
+    task, n_steps = strategy.task, len(grid) - 1
+    nodes, matrix, weights = INTEGRATORS[integrator]
+
+    def velocity(q: Array, s: float, inside: float) -> Array:
+        xdot = task.rate(q, path.twist(inside)) / period
+        if feedback:
+            xdot = xdot + feedback * task.error(q, path.placement(s))
+        return strategy.velocity(q, xdot)
+
+    Q = np.empty((cycles * n_steps + 1, task.n))
+    Qdot = np.empty_like(Q)
+    Q[0] = q
+    with np.errstate(over="ignore", invalid="ignore"):
+        for step in range(cycles * n_steps):
+            s, s_end = grid[step % n_steps], grid[step % n_steps + 1]
+            h = (s_end - s) * period
+            slopes: list[Array] = []
+            try:
+                for c, row in zip(nodes, matrix, strict=True):
+                    stage = q + h * sum((a * k for a, k in zip(row, slopes, strict=True) if a), start=0.0)
+                    at = s + c * (s_end - s)
+                    inside = min(max(at, s + _INSIDE), s_end - _INSIDE)
+                    slopes.append(velocity(stage, at, inside))
+            except SingularityError as error:
+                raise _where(error, path, step / n_steps) from None
+            Qdot[step] = slopes[0]
+            change = h * sum(b * k for b, k in zip(weights, slopes, strict=True))
+            if not np.abs(change).max() < _JUMP:
+                raise _jump(path, step / n_steps)
+            q = q + change
+            Q[step + 1] = q
+    Qdot[-1] = velocity(q, 1.0, 1.0 - _INSIDE)
+    return Q, Qdot
+
+
+def _locked(
+    strategy: OnLeaves,
+    path: Path,
+    grid: Array,
+    q: Array,
+    cycles: int,
+    period: float,
+    corrections: int,
+    c: Array,
+    limit: ArrayLike | None,
+    damping: float,
+) -> tuple[Array, Array, float]:
+    """Step from point to point on a leaf; joint positions, mean velocities (T + 1, n), and the largest λ."""
+    n_steps, used = len(grid) - 1, 0.0
+    targets = [path.placement(float(s)) for s in grid[1:]]
+    times = np.diff(grid) * period
+    most = None if limit is None else speeds(strategy.task, limit) / corrections  # shared by the corrections
+    Q = np.empty((cycles * n_steps + 1, strategy.task.n))
+    Q[0] = q
+    for step in range(cycles * n_steps):
+        target, h = targets[step % n_steps], float(times[step % n_steps])
+        start = q
+        try:
+            for _ in range(corrections):
+                q = strategy.step(q, target, h, leaf=c, limit=most, damping=damping)
+                if damping:
+                    used = max(used, strategy.damping)
+        except SingularityError as error:
+            raise _where(error, path, step / n_steps) from None
+        if not np.abs(q - start).max() < _JUMP:
+            raise _jump(path, step / n_steps)
+        Q[step + 1] = q
+    Qdot = np.diff(Q, axis=0) / np.tile(times, cycles)[:, None]
+    return Q, np.vstack([Qdot, Qdot[-1:]]), used
+
+
+def _where(error: SingularityError, path: Path, cycle: float) -> SingularityError:
+    return SingularityError(f"{error}, in cycle {1 + cycle:.2f} of {path.name}")
+
+
+def _jump(path: Path, cycle: float) -> SingularityError:
+    return SingularityError(
+        f"the joints jump by more than {_JUMP:g} rad in one step, in cycle {1 + cycle:.2f} of {path.name}: the arm is "
+        "at a singularity, the path out of reach, or the steps too few"
     )
 
 

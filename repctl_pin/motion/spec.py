@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from ..plugins import plugin, registered
 from ..robot.task import Task
 from .paths import PLANES, Path, circle, figure_eight, polygon, read_waypoints, rose, waypoints
 
@@ -48,7 +49,11 @@ def parse_path(text: str, plane: str = "xy") -> PathMaker:
         return lambda task, q0: polygon(
             task, q0, _in_plane(ring, plane), name=f"{count}-gon of radius {radius:g} m in {plane}"
         )
-    raise InputError(f"no path {text!r}; give {FORMS}, lengths in m")
+    others = registered("paths")
+    if kind in others:
+        return lambda task, q0: plugin("paths", kind)(task, q0, *numbers, plane=plane)
+    more = "".join(f", {name}" for name in others)
+    raise InputError(f"no path {text!r}; give {FORMS}{more}, lengths in m")
 
 
 def _number(part: str, text: str) -> float:

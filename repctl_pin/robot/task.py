@@ -218,6 +218,11 @@ class Task:
         whole[..., self._columns] = q
         return whole
 
+    @property
+    def robot_joints(self) -> tuple[str, ...]:
+        """Names of the robot's own joints that move the frame, whatever the joint coordinates."""
+        return tuple(self.robot.joint_names[i] for i in self._columns)
+
     def part(self, whole: ArrayLike) -> Array:
         """Take this task's joints (n,) out of a configuration of the whole robot: the reverse of :meth:`full`."""
         q = np.asarray(whole, float)[..., self._columns]

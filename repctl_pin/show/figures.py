@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ..motion import Motion
+    from ..robot.task import Task
 
 # Okabe and Ito's palette: eight colours that colour-blind people can tell apart.
 ORANGE, SKY, GREEN, YELLOW = "#E69F00", "#56B4E9", "#009E73", "#F0E442"
@@ -36,8 +37,7 @@ def drift_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> A
         ax.semilogy(cycles, np.maximum(motion.drift, 1e-17), marker=marker, ms=4, color=colour, label=label)
     ax.set_xlabel("cycle")
     ax.set_ylabel(f"joint drift ‖q − q₀‖ ({unit(motions[0][1])})")
-    _tidy(ax)
-    return ax
+    return quiet(ax, whole=True)
 
 
 def joint_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]], joint: int) -> Axes:
@@ -52,8 +52,7 @@ def joint_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]], join
             ax.axhline(limit, color=INK, lw=0.8, ls="--")
     ax.set_title(task.joint_names[joint], fontsize=9, loc="left")
     ax.set_ylabel("rad" if task.revolute[joint] else "m")
-    _tidy(ax)
-    return ax
+    return quiet(ax, whole=True)
 
 
 def drift_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Figure:
@@ -97,11 +96,18 @@ def unit(motion: Motion) -> str:
     return "rad" if revolute.all() else "m" if not revolute.any() else "rad and m"
 
 
-def _tidy(ax: Axes) -> None:
-    """Whole cycles below, a quiet grid, no box."""
+def axis_label(task: Task, joint: int) -> str:
+    """Name a joint and its unit, for an axis."""
+    return f"{task.joint_names[joint]} ({'rad' if task.revolute[joint] else 'm'})"
+
+
+def quiet(ax: Axes, *, whole: bool = False) -> Axes:
+    """Give a figure a quiet grid and no box; with ``whole``, whole cycles below."""
     from matplotlib.ticker import MaxNLocator
 
-    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+    if whole:
+        ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     ax.spines[["top", "right"]].set_visible(False)
     ax.grid(True, color="#dddddd", lw=0.6)
     ax.set_axisbelow(True)
+    return ax

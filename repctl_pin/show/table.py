@@ -28,6 +28,13 @@ def study_table(study: Study) -> str:
     """Write a study as its setting, a table of strategies, and notes."""
     width = max(map(len, study.setting))
     head = [f"{label.ljust(width)}  {text}" for label, text in study.setting.items()]
+    header, cells, legend = study_cells(study)
+    notes = [f"note: {note}" for note in study_notes(study)]
+    return "\n".join([*head, "", table(header, cells), "\n".join(legend), *([""] if notes else []), *notes])
+
+
+def study_cells(study: Study) -> tuple[list[str], list[list[str]], tuple[str, str]]:
+    """Write the table of a study as its header, its rows, and two lines that say what the columns are."""
     some = next((row.motion for row in study.rows if row.motion is not None), None)
     units = unit(some) if some is not None else "rad"
     cycles = some.cycles if some is not None else 0
@@ -42,15 +49,18 @@ def study_table(study: Study) -> str:
         "clearance",
         "from J⁺",
     ]
-    body = table(header, [_cells(row) for row in study.rows])
     legend = (
         f"drift in {units}; tracking in m at worst; speed ‖q̇‖ per s; limit margin: the least distance to a joint "
-        "limit;\nclearance: σ_min(Nᵀ V̂) at worst on the way, 1 is best, 0 singular; "
-        "from J⁺: ‖G − J⁺‖ / ‖J⁺‖ in the mean over Ω"
+        "limit;",
+        "clearance: σ_min(Nᵀ V̂) at worst on the way, 1 is best, 0 singular; "
+        "from J⁺: ‖G − J⁺‖ / ‖J⁺‖ in the mean over Ω",
     )
-    stopped = [f"{row.label}: {row.stopped}" for row in study.rows if row.motion is None]
-    notes = [f"note: {note}" for note in (*study.notes, *stopped)]
-    return "\n".join([*head, "", body, legend, *([""] if notes else []), *notes])
+    return header, [_cells(row) for row in study.rows], legend
+
+
+def study_notes(study: Study) -> list[str]:
+    """What is to be known beside a study's table."""
+    return [*study.notes, *(f"{row.label}: {row.stopped}" for row in study.rows if row.motion is None)]
 
 
 def _cells(row: Row) -> list[str]:

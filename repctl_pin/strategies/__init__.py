@@ -1,8 +1,24 @@
 """Control strategies on a task: ways to turn a task velocity ẋ into joint velocities q̇."""
 
+from .custom import CustomInverse
+from .extended import ExtendedJacobian
+from .function import FunctionStrategy
+from .limits import LimitWeight
 from .posture import PostureControl
 from .pseudoinverse import Pseudoinverse, WeightedInverse
 from .repeatable import RepeatableInverse
-from .strategy import Inverse, Strategy
+from .strategy import Inverse, OnLeaves, Strategy
 
-__all__ = ["Inverse", "PostureControl", "Pseudoinverse", "RepeatableInverse", "Strategy", "WeightedInverse"]
+__all__ = [
+    "CustomInverse",
+    "ExtendedJacobian",
+    "FunctionStrategy",
+    "Inverse",
+    "LimitWeight",
+    "OnLeaves",
+    "PostureControl",
+    "Pseudoinverse",
+    "RepeatableInverse",
+    "Strategy",
+    "WeightedInverse",
+]

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 import numpy as np
-from numpy.typing import NDArray
-from scipy.linalg.lapack import dgesv
+import pinocchio as pin
+from numpy.typing import ArrayLike, NDArray
 
-from ..errors import SingularityError
+from ..errors import InputError, SingularityError
 from ..fields.field import FieldMap
 from ..redundancy.augmented import augmented_inverse
 from ..robot.task import Task
+from .control_step import UNUSABLE, make_loop, reason, vector
+from .on_leaf import checked, solve, solve_all
 
 Array = NDArray[np.float64]
 
@@ -17,18 +20,29 @@ Array = NDArray[np.float64]
 class RepeatableInverse:
     """``q̇ = G_r ẋ`` with G_r the first m columns of ``[J; Vᵀ]⁻¹`` (31), (37), ``V = ∂hᵀ/∂q``.
 
+    One for each thread: a step works in memory of its own.
+
     Parameters
     ----------
     task
         The task to control.
     field
         r potentials h; their common level sets are the leaves on which the motion stays.
+
+    Attributes
+    ----------
+    damping : float
+        λ that the last :meth:`step` with damping used; 0 where it solved exactly.
+    slowed : float
+        By what factor the last :meth:`step` with a limit was scaled down; 1 where it was not.
     """
 
     def __init__(self, task: Task, field: FieldMap) -> None:
         self.task, self.field = task, field
-        self._J_V = np.empty((task.n, task.n), order="F")
-        self._rhs = np.zeros(task.n)
+        self.damping, self.slowed = 0.0, 1.0
+        self._loop = make_loop(task, field)
+
+    # ---- the inverse -----------------------------------------------------------------------------
 
     def __call__(self, q: Array) -> Array:
         """Evaluate G_r (n, m)."""
@@ -39,22 +53,122 @@ class RepeatableInverse:
         J = self.task.jacobians(Q) if J is None else J
         return augmented_inverse(J, self.field.gradients(Q))[:, :, : self.task.m]
 
+    # ---- the control loop ------------------------------------------------------------------------
+
     def velocity(self, q: Array, xdot: Array) -> Array:
         """Choose q̇ (n,) with ``J q̇ = ẋ`` and ``Vᵀ q̇ = 0``.
 
         Raises
         ------
+        InputError
+            If a size is wrong or a number not finite.
         SingularityError
             Where J_V is singular.
         """
-        m, J_V, rhs = self.task.m, self._J_V, self._rhs
-        J_V[:m] = self.task.jacobian(q)
-        J_V[m:] = self.field.gradient(q).T
-        rhs[:m] = xdot
-        _, _, qdot, info = dgesv(J_V, rhs)
-        if info:
-            raise SingularityError("the augmented Jacobian J_V is singular")
-        return qdot
+        try:
+            return self._loop.velocity(q, xdot)
+        except UNUSABLE as error:
+            if isinstance(error, InputError):
+                raise
+            task = self.task
+            return self._loop.velocity(vector(task, q, "q", task.n), vector(task, xdot, "ẋ", task.m))
+
+    def velocities(self, Q: ArrayLike, Xdot: ArrayLike) -> Array:
+        """Choose q̇ for every row of Q (K, n) and of Ẋ (K, m): (K, n)."""
+        Q, Xdot = np.asarray(Q, float), np.asarray(Xdot, float)
+        m = self.task.m
+        if Xdot.shape != (len(Q), m) or not (np.isfinite(Q).all() and np.isfinite(Xdot).all()):
+            raise InputError(f"velocities() wants Q (K, {self.task.n}) and Ẋ (K, {m}), finite numbers")
+        J_V = np.concatenate([self.task.jacobians(Q), np.swapaxes(self.field.gradients(Q), 1, 2)], axis=1)
+        rhs = np.concatenate([Xdot, np.zeros((len(Q), self.task.r))], axis=1)
+        try:
+            return np.linalg.solve(J_V, rhs[..., None])[..., 0]
+        except np.linalg.LinAlgError:
+            raise SingularityError("the augmented Jacobian J_V is singular at one of the configurations") from None
+
+    def step(
+        self,
+        q: Array,
+        target: pin.SE3,
+        dt: float,
+        twist: Array | None = None,
+        *,
+        leaf: Array | None = None,
+        gain: float | None = None,
+        limit: ArrayLike | None = None,
+        damping: float = 0.0,
+    ) -> Array:
+        """Take the next q (n,) of a control loop: feed-forward, and feedback of both errors.
+
+        ``q + J_V⁻¹ (dt [ẋ; 0] + K dt [x − f(q); c − h(q)])``, beyond the paper: the leaf lock. Nothing but
+        the result is allocated, and nothing is changed where it raises.
+
+        Parameters
+        ----------
+        q : (n,) array
+            Where the joints are.
+        target
+            Where the frame should be: at the end of the step without a twist, now with one.
+        dt
+            Time of the step, s.
+        twist : (6,) array, optional
+            Velocity (v, ω) of the target, world axes, m/s and rad/s.
+        leaf : (r,) array, optional
+            c, from :meth:`leaf` at the start; without it h is held, but not brought back.
+        gain
+            K, 1/s; by default 1 / dt, a whole Newton step.
+        limit : float or (n,) array, optional
+            Joint speeds that are not exceeded, rad/s or m/s: first the return to the leaf is slowed down,
+            then, where that is not enough, the step as a whole. See :attr:`slowed`.
+        damping
+            λ_max of the damping near singularities, in the units of J; 0 raises there instead. The step
+            is then at most ``‖error‖ / (√3 λ_max)`` long. See :attr:`damping`.
+
+        Raises
+        ------
+        InputError
+            If an argument cannot be used; it is named.
+        SingularityError
+            Where J_V is singular and there is no damping.
+        """
+        try:
+            if limit is None and not damping:
+                return self._loop.step(q, target, dt, twist, leaf, gain)
+            following, self.damping, self.slowed = self._loop.bounded(q, target, dt, twist, leaf, gain, limit, damping)
+            return following
+        except UNUSABLE as error:
+            raise reason(self.task, q, target, dt, twist, leaf, gain, limit, damping) or error from None
+
+    # ---- the leaves ------------------------------------------------------------------------------
+
+    def leaf(self, q: ArrayLike) -> Array:
+        """Evaluate c = h(q) (r,): the leaf that q lies on, and that every motion from there stays on."""
+        return self.field.value(checked(q, "q", self.task.n))
+
+    def solve(self, target: pin.SE3, q0: ArrayLike, *, leaf: ArrayLike | None = None) -> Array:
+        """Evaluate the inverse kinematic function q = F(x; c): the q on a leaf with the frame at the target.
+
+        The same x on the same leaf gives the same q, whatever the way there. See :func:`on_leaf.solve`.
+
+        Parameters
+        ----------
+        target
+            x: where the frame should be.
+        q0 : (n,) array
+            Where to start looking.
+        leaf : (r,) array, optional
+            c; by default q0's own.
+
+        Raises
+        ------
+        InputError
+            If the leaf reaches no such target, or an argument cannot be used.
+        """
+        return solve(self, target, q0, leaf)
+
+    def solve_all(self, targets: Sequence[pin.SE3], q0: ArrayLike, *, leaf: ArrayLike | None = None) -> Array:
+        """Evaluate q = F(x; c) for many targets, each from q0: (K, n)."""
+        return solve_all(self, targets, q0, leaf)
 
     def __getstate__(self) -> dict:
         return {"task": self.task, "field": self.field}

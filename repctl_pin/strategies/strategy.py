@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
+import pinocchio as pin
+from numpy.typing import ArrayLike, NDArray
 
 from ..robot.task import Task
 
 Array = NDArray[np.float64]
 
 
+@runtime_checkable
 class Strategy(Protocol):
     """A rule that moves the joints when the task asks for a velocity."""
 
@@ -34,4 +36,33 @@ class Inverse(Strategy, Protocol):
 
     def batch(self, Q: Array, J: Array | None = None) -> Array:
         """Evaluate G at every row of Q (K, n): (K, n, m); J (K, m, n) if already at hand."""
+        ...
+
+
+@runtime_checkable
+class OnLeaves(Strategy, Protocol):
+    """A strategy whose motions stay on leaves h(q) = c, and that can be brought back to one."""
+
+    @property
+    def damping(self) -> float:
+        """λ that the last step with damping used."""
+        ...
+
+    def leaf(self, q: ArrayLike) -> Array:
+        """Evaluate c = h(q): (r,)."""
+        ...
+
+    def step(
+        self,
+        q: Array,
+        target: pin.SE3,
+        dt: float,
+        twist: Array | None = None,
+        *,
+        leaf: Array | None = None,
+        gain: float | None = None,
+        limit: ArrayLike | None = None,
+        damping: float = 0.0,
+    ) -> Array:
+        """Take the next q (n,), feeding back the task error and c − h(q)."""
         ...

@@ -261,18 +261,14 @@ def _region(task: Task, q0: Array, region: float | Box | None, first: Motion) ->
 
 def _design(plain: Pseudoinverse, box: Box, degree: int, seed: int, *, fixed: bool) -> tuple[Design, Box, list[str]]:
     """Design in the region; one that was not asked for by name is shrunk until it is free of singularities."""
-    for attempt in range(6):
-        tried = box.shrunk(0.8**attempt)
-        try:
-            fields = Polynomial(tried.center, degree, tried.half_width)
-            design = nearest_repeatable(plain, fields, tried, seed=seed)
-        except SingularityError as error:
-            if fixed or attempt == 5:
-                raise SingularityError(f"{error}" + (" (--region)" if fixed else "")) from None
-            continue
-        note = [f"Ω was shrunk to {0.8**attempt:.0%} to keep clear of singularities"] if attempt else []
-        return design, tried, note
-    raise AssertionError("unreachable")
+    fields = Polynomial(box.center, degree, box.half_width)
+    try:
+        design = nearest_repeatable(plain, fields, box, seed=seed, shrink=not fixed)
+    except SingularityError as error:
+        raise SingularityError(f"{error}" + (" (--region)" if fixed else "")) from None
+    assert isinstance(design.region, Box)
+    note = [f"Ω was shrunk to {design.shrunk:.0%} to keep clear of singularities"] if design.shrunk < 1 else []
+    return design, design.region, note
 
 
 def _clearance(design: Design, motion: Motion | None) -> float:

@@ -1,0 +1,276 @@
+"""``repctl design``: the nearest repeatable inverse over a region, and what it is worth."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+from ..errors import InputError
+from .check import strategy_of
+from .options import load_robot, output_folder, positive, robot_options, start_of, task_options, whole
+from .terminal import clear_line, progress
+
+if TYPE_CHECKING:
+    from ..design import Design, Region
+    from ..robot.task import Task
+    from ..strategies import Inverse
+
+HELP = "find the repeatable inverse nearest to J⁺, or to a weighted inverse, over a region of joint space"
+EXAMPLE = """examples:
+  repctl design panda --region 0.4 --degree auto
+  repctl design panda --task position --weight inertia --shrink --region 1.2
+  repctl design xarm7 --path circle:0.1 --region 0.2         # a tube round one cycle of J⁺
+  repctl design panda --degree 3 --samples 262144 --processes 2"""
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of this subcommand."""
+    robot_options(parser)
+    task_options(parser)
+    parser.add_argument(
+        "--weight",
+        metavar="M",
+        help="what to be near to: inertia, limits, or one number a joint separated by commas (default: 1, J⁺)",
+    )
+    parser.add_argument(
+        "--region", type=positive, default=0.4, metavar="W", help="Ω: half-width round the start, rad (default 0.4)"
+    )
+    parser.add_argument("--path", metavar="PATH", help="Ω: a tube of that half-width round one cycle of J⁺ on a path")
+    parser.add_argument("--plane", metavar="PLANE", default="xy", help="of the path: xy, yz or xz (default xy)")
+    parser.add_argument(
+        "--workspace",
+        type=positive,
+        metavar="M",
+        help="Ω: only what brings the frame within M metres (each way) of where it starts",
+    )
+    parser.add_argument("--shrink", action="store_true", help="shrink Ω until it is free of singularities")
+    parser.add_argument("--degree", default="auto", metavar="D", help="of the polynomials, or auto (default)")
+    parser.add_argument(
+        "--fourier", type=whole, metavar="K", help="add sines and cosines of up to K turns of the revolute joints"
+    )
+    parser.add_argument("--samples", type=whole, help="nodes of the fit (default: as many as the unknowns ask for)")
+    parser.add_argument("--fresh", type=whole, default=16384, help="nodes of the judgement (default 16384)")
+    parser.add_argument("--restarts", type=int, default=0, metavar="K", help="further starts of the optimiser")
+    parser.add_argument("--stream", action="store_true", help="do not keep the blocks of nodes in memory")
+    parser.add_argument("--processes", type=whole, default=1, metavar="P", help="spread the work (default 1)")
+    parser.add_argument("--dask", metavar="ADDRESS", help="spread it over a Dask cluster, by its scheduler's address")
+    parser.add_argument("--seed", type=int, default=0, help="seed of all nodes (default 0)")
+    parser.add_argument("--out", metavar="FOLDER", help="where design.png goes (default repctl-out/ROBOT)")
+    parser.add_argument("--json", action="store_true", help="print JSON instead of the table")
+    parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Design, print the table and write the picture."""
+    folder = output_folder(options)
+    say = progress(options.quiet)
+    say("starting up")
+    degree = _degree(options)
+    start = start_of(options)
+
+    from ..design import nearest_repeatable
+    from ..design.maps import degree_curve, design_map
+    from ..show.design_figures import write_design
+    from ..show.files import prepare_folder
+    from ..studies.defaults import choose_start, choose_task
+
+    prepare_folder(folder)
+    robot = load_robot(options)
+    task = choose_task(robot, options.frame, options.task)
+    q0, where = choose_start(task) if start is None else (task.check(start, "--start"), "as given")
+    desired, name = _desired(task, options.weight)
+    region, notes = _region(task, q0, options)
+    fields = _fields(task, region, degree, options.fourier)
+
+    def report(what: str, share: float) -> None:
+        say(f"{what} {share:.0%}" if 0 < share < 1 else what)
+
+    with _executor(options) as executor:
+        design = nearest_repeatable(
+            desired,
+            fields,
+            region,
+            degree=degree if fields is None else None,
+            samples=options.samples,
+            fresh=options.fresh,
+            seed=options.seed,
+            stream=options.stream,
+            executor=executor,
+            shrink=options.shrink,
+            restarts=options.restarts,
+            progress=report,
+        )
+        degrees = degree_curve(design, report)
+    if design.shrunk < 1:
+        notes.append(f"Ω was shrunk to {design.shrunk:.0%} of its width to keep clear of singularities")
+    say("comparing and drawing")
+    title = f"{robot.name}, {task.frame}, {task.kind}: nearest repeatable inverse of {name}, over a {design.region}"
+    files = write_design(design, design_map(design), degrees, folder, title=title)
+    result = _as_dict(design, degrees, name, q0.tolist(), where, notes)
+    text = design.summary()
+    clear_line()
+    if options.json:
+        print(json.dumps(result | {"files": [str(f) for f in files]}, indent=2, ensure_ascii=False))
+    elif not options.quiet:
+        print(f"desired  {name}\nstart    {', '.join(f'{v:.4g}' for v in q0)} ({where})\n")
+        print(text)
+        if len(degrees) > 1:
+            print(f"\n{_degree_table(degrees)}")
+        for note in notes:
+            print(f"note: {note}")
+        print()
+        for file in files:
+            print(f"wrote {file}")
+    return 0
+
+
+def _degree(options: argparse.Namespace) -> Any:
+    """Read ``--degree``."""
+    if options.degree == "auto":
+        return "auto"
+    try:
+        return whole(options.degree)
+    except argparse.ArgumentTypeError:
+        raise InputError(f"--degree {options.degree!r} is neither auto nor a whole number from 1 up") from None
+
+
+def _desired(task: Task, weight: str | None) -> tuple[Inverse, str]:
+    """Make the inverse that ``--weight`` names."""
+    if weight != "limits":
+        return strategy_of(task, weight)
+    from ..strategies import LimitWeight, WeightedInverse
+
+    return WeightedInverse(task, LimitWeight(task)), "J⁺ weighted by the nearness of joint limits"
+
+
+def _region(task: Task, q0: Any, options: argparse.Namespace) -> tuple[Region, list[str]]:
+    """Make Ω: a box cut to the joint limits, a tube round a path's cycle, or a workspace box."""
+    from ..design import Box, Tube, WorkspaceBox
+
+    if options.path is not None:
+        from ..motion import follow
+        from ..motion.spec import parse_path
+        from ..strategies import Pseudoinverse
+
+        path = parse_path(options.path, options.plane)(task, q0)
+        cycle = follow(Pseudoinverse(task), path, q0, cycles=1, steps=200).cycle(0)
+        return Tube(cycle, options.region), [f"Ω follows {path.name}"]
+    asked = Box(q0, options.region)
+    box = asked.inside(task.lower, task.upper)
+    notes = []
+    if (box.half_width < asked.half_width * (1 - 1e-9)).any():
+        cut = [n for n, w in zip(task.joint_names, box.half_width, strict=True) if w < options.region * (1 - 1e-9)]
+        notes.append(f"Ω was cut at the limits of {', '.join(cut)}")
+    if options.workspace is None:
+        return box, notes
+    axes = [row for row in task.rows if row < 3]
+    return WorkspaceBox(task, task.placement(q0).translation[axes], options.workspace, within=box), notes
+
+
+def _fields(task: Task, region: Region, degree: Any, fourier: int | None) -> Any:
+    """Join Fourier potentials to the polynomials, where asked to; None leaves the polynomials to the degree."""
+    if fourier is None:
+        return None
+    import numpy as np
+
+    from ..fields import Fourier, Polynomial
+
+    turning = np.flatnonzero(task.revolute)
+    waves = Fourier(task.n, fourier, variables=[int(v) for v in turning])
+    if degree == "auto":
+        raise InputError("--fourier needs --degree D, the degree of the polynomials beside it")
+    return Polynomial(region.bounds.center, degree, region.bounds.half_width) + waves
+
+
+@contextmanager
+def _executor(options: argparse.Namespace) -> Iterator[Any]:
+    """What the work is spread over: nothing, processes, or a cluster."""
+    if options.dask is not None:
+        try:
+            from distributed import Client
+        except ImportError:
+            raise InputError("--dask needs the extra: pip install 'repctl-pin[dask]'") from None
+        try:
+            client = Client(options.dask, timeout=10)
+        except (OSError, ValueError, TimeoutError) as error:
+            raise InputError(f"--dask {options.dask}: no scheduler answers there ({error})") from None
+        with client:
+            yield client
+    elif options.processes > 1:
+        import multiprocessing
+        import os
+        from concurrent.futures import ProcessPoolExecutor
+
+        # each worker does its own share: BLAS threads on top would only get into each other's way
+        os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
+        context = multiprocessing.get_context("spawn")
+        pool = ProcessPoolExecutor(options.processes, mp_context=context, initializer=_ignore_interrupt)
+        try:
+            yield pool
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
+    else:
+        yield None
+
+
+def _ignore_interrupt() -> None:
+    """Leave Ctrl-C to the process that started the workers."""
+    import signal
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _degree_table(degrees: Any) -> str:
+    from ..show.table import table
+
+    rows = [[str(d), f"{cost:.5g}", f"{error:.1g}"] for d, cost, error in degrees]
+    return table(["degree", "cost", "± error"], rows)
+
+
+def _as_dict(design: Design, degrees: Any, name: str, q0: list[float], where: str, notes: list[str]) -> dict[str, Any]:
+    task = design.task
+    return {
+        "robot": task.robot.name,
+        "frame": task.frame,
+        "task": task.kind,
+        "n": task.n,
+        "m": task.m,
+        "r": task.r,
+        "joints": list(task.joint_names),
+        "desired": name,
+        "start": q0,
+        "start_is": where,
+        "region": str(design.region),
+        "shrunk": design.shrunk,
+        "potentials": design.fields.size,
+        "dropped": list(design.dropped),
+        "cost": design.cost,
+        "cost_error": design.cost_error,
+        "relative_distance": design.relative_distance,
+        "clearance": design.clearance,
+        "clearance_at": design.clearance_at.tolist(),
+        "inside_limits": design.inside_limits,
+        "fit_cost": design.fit_cost,
+        "gradient_norm": design.gradient_norm,
+        "converged": design.converged,
+        "steps": design.steps,
+        "samples": design.samples,
+        "fresh": design.fresh,
+        "seed": design.seed,
+        "baselines": {
+            b.name: {"refused": b.refused}
+            if b.judgement is None
+            else {
+                "cost": b.judgement.cost,
+                "cost_error": b.judgement.cost_error,
+                "relative_distance": b.judgement.relative_distance,
+                "clearance": b.judgement.clearance,
+            }
+            for b in design.baselines
+        },
+        "degrees": [{"degree": d, "cost": c, "cost_error": e} for d, c, e in degrees],
+        "notes": notes,
+    }

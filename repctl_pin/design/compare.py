@@ -1,0 +1,92 @@
+"""Several designs side by side, on the same fresh nodes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..errors import InputError, SingularityError
+from .judgement import REPLICATES, Judgement, judge
+
+if TYPE_CHECKING:
+    from .result import Design
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What several designs are worth over the Ω of the first, towards the G_d of the first.
+
+    Attributes
+    ----------
+    designs : tuple of Design
+    judgements : tuple of Judgement or None
+        None where a design has a singularity in Ω.
+    differences : tuple of (float, float)
+        Cost above the first design's, and the standard error of that difference: on common nodes it is far
+        smaller than that of either cost.
+    """
+
+    designs: tuple[Design, ...]
+    judgements: tuple[Judgement | None, ...]
+    differences: tuple[tuple[float, float], ...]
+
+    @property
+    def best(self) -> int:
+        """The number of the design of least cost, counted from 0."""
+        costs = [np.inf if j is None else j.cost for j in self.judgements]
+        return int(np.argmin(costs))
+
+    def __str__(self) -> str:
+        lines = ["  potentials   cost       beside the first      distance  clearance"]
+        for i, (design, j, (more, error)) in enumerate(
+            zip(self.designs, self.judgements, self.differences, strict=True)
+        ):
+            mark = "*" if i == self.best else " "
+            if j is None:
+                lines.append(f"{mark} {design.fields.size:10d}   singular in Ω")
+                continue
+            beside = "" if i == 0 else f"{more:+.4g} ± {error:.1g}"
+            lines.append(
+                f"{mark} {design.fields.size:10d}   {j.cost:<9.5g}  {beside:20s}  {j.relative_distance:8.1%}  "
+                f"{j.clearance:9.3f}"
+            )
+        return "\n".join(lines)
+
+
+def compare(first: Design, *others: Design) -> Comparison:
+    """Judge designs on the same fresh nodes of the first one's Ω.
+
+    Raises
+    ------
+    InputError
+        If a design is for another arm or task.
+    """
+    designs = (first, *others)
+    task = first.task
+    for other in others:
+        if (other.task.robot.name, other.task.frame, other.task.kind, other.task.joint_names) != (
+            task.robot.name,
+            task.frame,
+            task.kind,
+            task.joint_names,
+        ):
+            raise InputError(f"designs of different tasks cannot be compared: {task!r} and {other.task!r}")
+    judgements: list[Judgement | None] = []
+    for design in designs:
+        try:
+            judgements.append(
+                judge(design.inverse, first.desired, first.region, samples=first.fresh, seed=first.seed + 1, free=False)
+            )
+        except SingularityError:
+            judgements.append(None)
+    base = judgements[0]
+    differences = []
+    for j in judgements:
+        if j is None or base is None:
+            differences.append((np.inf, np.nan))
+            continue
+        gap = j.replicates - base.replicates
+        differences.append((float(gap.mean()), float(gap.std(ddof=1) / np.sqrt(REPLICATES))))
+    return Comparison(designs, tuple(judgements), tuple(differences))

@@ -1,0 +1,172 @@
+"""From a linear start to the optimum: Gauss–Newton on subspaces, over whatever holds the blocks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from . import criterion
+from .blocks import Blocks
+from .criterion import Sides
+
+Array = NDArray[np.float64]
+Report = Callable[[int, float], None]
+
+_MAX_STEPS = 100
+_DAMPING, _LEAST_DAMPING = 1e-4, 1e-7
+_EMPHASIS = (1.0, 0.1, 0.01)
+
+
+@dataclass(frozen=True)
+class Descent:
+    """Where an optimisation ended.
+
+    Attributes
+    ----------
+    A : (N, r) array
+        The coefficients.
+    cost, gradient_norm : float
+        On the nodes of the fit; the norm in coordinates orthonormal over Ω, of the part that moves span A.
+    converged : bool
+        Gauss–Newton predicts no further relative decrease above the tolerance.
+    steps : int
+    sides : Sides
+        Of the nodes; ``sides.clear`` unless there is an algorithmic singularity.
+    """
+
+    A: Array
+    cost: float
+    gradient_norm: float
+    converged: bool
+    steps: int
+    sides: Sides
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where a descent begins, and the penalty that keeps it near the null space's own field.
+
+    Attributes
+    ----------
+    A : (N, r) array
+    sides : Sides
+        Not ``clear`` if there is an algorithmic singularity.
+    cost : float
+    EE, toward : (N, N), (N, r) arrays
+        ``mean EᵀE`` and ``mean Eᵀ NᵀN(center)``: the penalty's Hessian and right side.
+    """
+
+    A: Array
+    sides: Sides
+    cost: float
+    EE: Array
+    toward: Array
+
+
+def start(blocks: Blocks, basis: Array) -> Start:
+    """Solve the linear problem that brings V closest to the null space's own field.
+
+    ``min_A mean ε ‖F A‖² + ‖E A − Nᵀ N(center)‖²``: V should be N R with R = Nᵀ N(center), a smooth gauge,
+    and have no part along G_d. ε = 1, or less where that runs into an algorithmic singularity.
+    """
+    EE, FF, toward = blocks.total(criterion.linear)
+    found = None
+    for emphasis in _EMPHASIS:
+        A = basis @ _solve(basis.T @ (EE + emphasis * FF) @ basis, basis.T @ toward)
+        cost, sides = blocks.total(criterion.cost, A)
+        found = found or Start(A, sides, cost, EE, toward)
+        if sides.clear:
+            return Start(A, sides, cost, EE, toward)
+    assert found is not None
+    return found
+
+
+def descend(
+    blocks: Blocks,
+    basis: Array,
+    begin: Start,
+    A: Array,
+    *,
+    penalty: float,
+    tolerance: float,
+    report: Report | None = None,
+) -> Descent:
+    """Gauss–Newton with Levenberg's damping, and a line search that keeps det(Nᵀ V) of one sign.
+
+    What is minimised is ``C(A) + τ mean ‖E A − Nᵀ N(center)‖²`` with τ = ``penalty`` · C(start) / r. C alone
+    is blind to ``A → A T``, and all but blind to functions of a joint that the task ignores and to leaves
+    relabelled, h → φ(h): a fit to finitely many nodes wanders along those into a singularity between the
+    nodes. Of all V of next to the same cost the penalty takes the one closest to the null space's own field.
+
+    In the coordinates C = B⁻¹ A, in which the potentials' gradients are orthonormal over Ω, the step solves
+    ``(H + τ mean EᵀE + μ I) dC = −g``; μ falls where Gauss–Newton foretells the decrease and rises where not.
+    """
+    r = A.shape[1]
+    EE, toward = basis.T @ begin.EE @ basis, basis.T @ begin.toward
+    tau = penalty * begin.cost / r
+
+    def closeness(C: Array) -> float:
+        return tau * float(np.sum(C * (EE @ C)) - 2 * np.sum(C * toward))
+
+    def evaluate(C: Array) -> tuple[float, float, Array, Array, Sides]:
+        cost, gradient, matrix, sides = blocks.total(criterion.gauss_newton, basis @ C)
+        return cost + closeness(C), cost, basis.T @ gradient + tau * (EE @ C - toward), matrix, sides
+
+    C = scipy.linalg.solve_triangular(basis, A)
+    size = len(C)
+    total, cost, gradient, matrix, sides = evaluate(C)
+    converged, steps, norm, damping = False, 0, 0.0, _DAMPING
+    for steps in range(_MAX_STEPS):
+        if report is not None:
+            report(steps, cost)
+        g = gradient.T.ravel()  # (r N,)
+        norm = 2 * float(np.linalg.norm(g))
+        if cost <= 1e-14 * begin.cost or cost < 1e-26:
+            converged = True
+            break
+        H = np.block(
+            [[basis.T @ matrix[i, :, j, :] @ basis + (tau * EE if i == j else 0.0) for j in range(r)] for i in range(r)]
+        )
+        level = max(float(np.trace(H)) / len(g), 1e-300)
+        H[np.diag_indices_from(H)] += damping * level
+        step = -scipy.linalg.solve(H, g, assume_a="pos")
+        predicted = -2 * float(g @ step) - float(step @ (H @ step))
+        if predicted <= tolerance * cost:
+            if damping <= _LEAST_DAMPING:
+                converged = True
+                break
+            damping = max(damping / 100, _LEAST_DAMPING)  # content only where damping does not feign it
+            continue
+        dC = step.reshape(r, size).T
+        length = 1.0
+        while length > 1e-6:  # the whole step is the rule: its matrix at once; after that costs alone, they are cheap
+            trial = C + length * dC
+            if length == 1.0:
+                found = evaluate(trial)
+                value, clear = found[0], found[4].clear
+            else:
+                value, around = blocks.total(criterion.cost, basis @ trial)
+                value, clear = value + closeness(trial), around.clear
+            if clear and value < total - 1e-4 * length * predicted:
+                break
+            length /= 2
+        else:
+            break
+        if length < 1.0:
+            found = evaluate(trial)
+        gain = (total - found[0]) / predicted
+        damping = float(np.clip(damping * (0.2 if gain > 0.5 else 1 if gain > 0.2 else 5), _LEAST_DAMPING, 1.0))
+        C = C + length * dC
+        total, cost, gradient, matrix, sides = found
+    return Descent(basis @ C, cost, norm, converged, steps, sides)
+
+
+def _solve(matrix: Array, rhs: Array) -> Array:
+    """Solve a symmetric positive semidefinite system in the least-norm sense."""
+    values, vectors = np.linalg.eigh(matrix)
+    keep = values > 1e-13 * values[-1]
+    return vectors[:, keep] @ ((vectors[:, keep].T @ rhs) / values[keep, None])

@@ -1,0 +1,98 @@
+"""Which potentials of a family are of use over Ω, and coordinates in which they are orthonormal there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..fields.field import Field, name_of
+from ..strategies.strategy import Inverse
+from .criterion import evaluate
+
+Array = NDArray[np.float64]
+
+_ROW_SPACE = 1e-9
+_DEPENDENT = 1e-8
+
+
+@dataclass(frozen=True)
+class Independent:
+    """The potentials that are used.
+
+    Attributes
+    ----------
+    kept : (N',) array of int
+        Their numbers in the family.
+    dropped : tuple of str
+        The others, each with the reason, for a person.
+    basis : (N', N') array
+        B: the gradients of ``B⁻¹``-combinations, D B, are orthonormal in the mean over Ω. The optimiser
+        works in these coordinates, so that it does not depend on the basis it was given.
+    """
+
+    kept: NDArray[np.intp]
+    dropped: tuple[str, ...]
+    basis: Array
+
+
+def independent(desired: Inverse, fields: Field, Q: Array, weights: Array) -> Independent:
+    """Drop what is constant, what lies in the row space of J, and what depends on potentials before it.
+
+    A function of x = f(q) alone has its gradient in the row space of J; taken as V it makes J_V singular
+    everywhere.
+
+    Parameters
+    ----------
+    desired, fields
+        G_d and the family.
+    Q, weights : (K, n), (K,) arrays
+        Nodes in Ω.
+
+    Raises
+    ------
+    InputError
+        If fewer than r potentials are left; the reasons are named.
+    """
+    r = desired.task.r
+    triangle, square, in_null = np.zeros((0, fields.size)), 0.0, 0.0
+    for i in range(0, len(Q), 1024):
+        N, _, D = evaluate(desired, fields, Q[i : i + 1024])
+        D = D * np.sqrt(weights[i : i + 1024])[:, None, None]
+        square = square + np.sum(D**2, axis=(0, 1))
+        in_null = in_null + np.sum((np.swapaxes(N, -1, -2) @ D) ** 2, axis=(0, 1))
+        triangle = np.asarray(np.linalg.qr(np.concatenate([triangle, D.reshape(-1, fields.size)]), mode="r"))
+    size, part = np.sqrt(square), np.sqrt(in_null)
+    constant = size <= 1e-12 * max(float(np.max(size)), 1e-300)
+    in_rows = ~constant & (part <= _ROW_SPACE * size)
+    left = np.flatnonzero(~(constant | in_rows))
+    R, kept = _sequential(triangle[:, left])
+    dependent = np.setdiff1d(left, left[kept])
+    dropped = [f"{name_of(fields, int(j))}: constant over the region" for j in np.flatnonzero(constant)]
+    dropped += [
+        f"{name_of(fields, int(j))}: in the row space of J, a function of the task alone"
+        for j in np.flatnonzero(in_rows)
+    ]
+    dropped += [f"{name_of(fields, int(j))}: depends linearly on the potentials before it" for j in dependent]
+    if len(kept) < r:
+        why = f" ({'; '.join(dropped[:4])}{'; …' if len(dropped) > 4 else ''})" if dropped else ""
+        raise InputError(
+            f"{len(kept)} independent potentials cannot give r = {r} of them{why}; raise the degree or add others"
+        )
+    return Independent(left[kept], tuple(dropped), scipy.linalg.solve_triangular(R, np.eye(len(R))))
+
+
+def _sequential(triangle: Array) -> tuple[Array, list[int]]:
+    """Factor the columns in order, leaving out each that depends on those before: R of the others, their numbers."""
+    size = np.linalg.norm(triangle, axis=0)
+    kept = list(range(triangle.shape[1]))
+    while True:  # a QR factorisation shows the first dependent columns by a small diagonal; once more without
+        R = np.linalg.qr(triangle[:, kept] / size[kept], mode="r")
+        small = np.abs(np.diagonal(R)) <= _DEPENDENT
+        small = np.concatenate([small, np.ones(len(kept) - len(small), bool)])
+        if not small.any():
+            return R * size[kept], kept
+        del kept[int(np.argmax(small))]

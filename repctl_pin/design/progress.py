@@ -1,0 +1,35 @@
+"""Say how far a long run has come: a bar on stderr, or a function of one's own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+Report = Callable[[str, float], None]
+"""Takes what is being done, and what share of it is done (0 to 1)."""
+
+
+@contextmanager
+def reporter(progress: bool | Report) -> Iterator[Report]:
+    """Make a report function: silent, a bar, or the person's own."""
+    if callable(progress):
+        yield progress
+    elif progress:
+        with _bar() as report:
+            yield report
+    else:
+        yield lambda what, share: None
+
+
+@contextmanager
+def _bar() -> Iterator[Report]:
+    from tqdm import tqdm
+
+    with tqdm(total=1.0, bar_format="{desc:32.32} {percentage:3.0f}%|{bar}| {elapsed}", leave=False) as bar:
+
+        def report(what: str, share: float) -> None:
+            bar.set_description_str(what, refresh=False)
+            bar.n = share
+            bar.refresh()
+
+        yield report

@@ -1,0 +1,125 @@
+"""A design: a repeatable inverse, what it was made from, and what it is worth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..fields.field import Field
+from ..robot.task import Task
+from ..strategies.repeatable import RepeatableInverse
+from ..strategies.strategy import Inverse
+from .baselines import Baseline, baselines
+from .compare import Comparison, compare
+from .region import Region
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Design:
+    """A repeatable inverse and what it is worth.
+
+    All figures but ``fit_cost`` are taken on nodes that the fit did not see.
+
+    Attributes
+    ----------
+    inverse : RepeatableInverse
+        The result: ``q̇ = G_r ẋ``.
+    desired : Inverse
+        What it should be near to, G_d.
+    fields, region, coefficients
+        The potentials (35), Ω, and A (N, r).
+    cost, cost_error : float
+        Mean over Ω of ‖G_r − G_d‖_F² (26), and its standard error.
+    relative_distance : float
+        ``sqrt(cost / mean ‖G_d‖_F²)``.
+    clearance : float
+        The smallest σ_min(Nᵀ V̂) that a search of Ω found: 1 is best, 0 is an algorithmic singularity.
+    clearance_at : (n,) array
+        Where.
+    inside_limits : float
+        Share of Ω inside the joint limits.
+    fit_cost : float
+        The cost on the nodes of the fit: lower, by what was fitted to the nodes alone.
+    gradient_norm : float
+        Of the cost on the nodes of the fit, in coordinates in which the potentials' gradients are
+        orthonormal over Ω.
+    converged : bool
+        The optimiser can predict no decrease above ``tolerance`` of the cost.
+    steps : int
+        Gauss–Newton steps taken.
+    samples, fresh : int
+        Nodes of the fit, and of the judgement.
+    seed : int
+        Fixes both.
+    dropped : tuple of str
+        Potentials of the family that were left out, each with the reason.
+    shrunk : float
+        What is left of the width of the Ω that was asked for.
+    degrees : tuple of (degree, cost, cost_error)
+        With ``degree="auto"``: what was tried, in order.
+    """
+
+    inverse: RepeatableInverse
+    desired: Inverse
+    fields: Field
+    region: Region
+    coefficients: Array = field(repr=False)
+    cost: float
+    cost_error: float
+    relative_distance: float
+    clearance: float
+    clearance_at: Array = field(repr=False)
+    inside_limits: float
+    fit_cost: float
+    gradient_norm: float
+    converged: bool
+    steps: int
+    samples: int
+    fresh: int
+    seed: int
+    dropped: tuple[str, ...] = ()
+    shrunk: float = 1.0
+    degrees: tuple[tuple[int, float, float], ...] = ()
+
+    @property
+    def task(self) -> Task:
+        """The task the inverse controls."""
+        return self.inverse.task
+
+    @cached_property
+    def baselines(self) -> tuple[Baseline, ...]:
+        """The same figures for constant rows and for the extended Jacobian, on the same fresh nodes."""
+        return baselines(self.desired, self.region, samples=self.fresh, seed=self.seed + 1)
+
+    def compare(self, *others: Design) -> Comparison:
+        """Judge several designs on the same fresh nodes of this one's Ω: ``Design.compare(a, b, c)``.
+
+        Raises
+        ------
+        InputError
+            If a design is for another arm or task.
+        """
+        return compare(self, *others)
+
+    def summary(self) -> str:
+        """Say in a few lines what the design is worth."""
+        state = "converged" if self.converged else "NOT converged"
+        unused = f", {len(self.dropped)} dropped" if self.dropped else ""
+        width = max(len(b.name) for b in self.baselines)
+        lines = [
+            f"nearest repeatable inverse of {self.task!r}",
+            f"  region Ω           {self.region}",
+            f"  potentials         {self.fields!r}{unused}",
+            f"  mean ‖G_r − G_d‖²  {self.cost:.6g} ± {self.cost_error:.1g} (on {self.fresh} fresh nodes)",
+            *(f"    {b.name.ljust(width)}  {b.text}" for b in self.baselines),
+            f"  relative distance  {self.relative_distance:.1%}",
+            f"  clearance          {self.clearance:.3f} at worst",
+            f"  inside the limits  {self.inside_limits:.1%} of Ω",
+            f"  optimiser          {state} in {self.steps} steps, gradient {self.gradient_norm:.1g}",
+        ]
+        return "\n".join(lines + [f"  dropped            {text}" for text in self.dropped])

@@ -1,0 +1,178 @@
+"""Search Ω for singularities: of the arm, and of a choice of potentials."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import SingularityError
+from ..fields.field import FieldMap
+from ..robot.task import Task
+from .criterion import named
+from .region import Region
+
+Array = NDArray[np.float64]
+Measure = Callable[[Array], Array]
+"""Q (K, n) → (K,): 0 at a singularity."""
+
+_STARTS = 16
+_STEPS = 60
+_RANK = 1e-5
+_BISECTIONS = 12
+
+
+class SingularRegionError(SingularityError):
+    """A singularity lies in Ω.
+
+    Attributes
+    ----------
+    at : (n,) array
+        Where.
+    free : Region or None
+        The largest region round the center, of the same shape, that was found free of it.
+    """
+
+    def __init__(self, message: str, at: Array, free: Region | None) -> None:
+        super().__init__(message)
+        self.at, self.free = at, free
+
+
+@dataclass(frozen=True)
+class Lowest:
+    """The lowest value of a measure found in a region, and where."""
+
+    value: float
+    at: Array
+
+
+def dexterity(task: Task) -> Measure:
+    """Measure J's distance from rank loss: ``σ_min(J) / σ_max(J)``."""
+
+    def measure(Q: Array) -> Array:
+        values = np.linalg.svd(task.jacobians(Q), compute_uv=False)
+        return np.where(values[:, -1] > _RANK * values[:, 0], values[:, -1] / values[:, 0], 0.0)
+
+    return measure
+
+
+def signed_clearance(task: Task, field: FieldMap) -> Measure:
+    """Measure ``σ_min(Nᵀ V̂)`` with the sign of ``det [J; Vᵀ]``, which changes at an algorithmic singularity.
+
+    Where J has full rank this is smooth through its zeros but for crossings of singular values.
+    """
+    m = task.m
+
+    def measure(Q: Array) -> Array:
+        J, V = task.jacobians(Q), field.gradients(Q)
+        N = np.linalg.qr(np.swapaxes(J, -1, -2), mode="complete")[0][..., m:]
+        V_hat = np.linalg.qr(V)[0]
+        sigma = np.linalg.svd(np.swapaxes(N, -1, -2) @ V_hat, compute_uv=False)[:, -1]
+        return sigma * np.sign(np.linalg.det(np.concatenate([J, np.swapaxes(V, -1, -2)], axis=1)))
+
+    return measure
+
+
+def lowest(measure: Measure, region: Region, starts: Array) -> Lowest:
+    """Minimise a measure over Ω from several starts at once, until it is 0 or below, or no step helps.
+
+    Each start goes down the slope, no further than to where the slope would reach 0, with a bound on the
+    step that doubles where it helped and is quartered where not.
+
+    Parameters
+    ----------
+    measure
+        What to minimise, from 0 up but for a crossing.
+    region
+        Ω.
+    starts : (S, n) array
+        In Ω.
+    """
+    scale = region.bounds.half_width
+    Q, value = starts.copy(), measure(starts)
+    S, n = Q.shape
+    bound = np.full(S, 0.1)
+    nudge = 1e-6 * np.eye(n) * scale
+    for _ in range(_STEPS):
+        if value.min() <= 0 or bound.max() < 1e-5:
+            break
+        slope = (measure((Q[:, None] + nudge).reshape(-1, n)).reshape(S, n) - value[:, None]) / 1e-6  # (S, n)
+        # what of the way down stays in Ω
+        down = (region.clip(Q - 1e-4 * slope * scale / _length(slope)[:, None]) - Q) / (1e-4 * scale)
+        steepness = np.maximum(-np.sum(down * slope, axis=1) / _length(down), 1e-12)
+        length = np.minimum(bound, 1.01 * value / steepness)
+        trial = region.clip(Q + (length / _length(down))[:, None] * down * scale)
+        found = measure(trial)
+        better = (found < value) & (region.ratio(trial) <= 1 + 1e-9)
+        Q[better], value[better] = trial[better], found[better]
+        bound = np.where(better, np.minimum(2 * bound, 0.5), bound / 4)
+    worst = int(np.argmin(value))
+    return Lowest(float(value[worst]), Q[worst])
+
+
+def search(measure: Measure, region: Region, Q: Array, values: Array | None = None) -> Lowest:
+    """Find the lowest value of a measure in Ω: local searches from the worst of the points Q and from some others."""
+    values = measure(Q) if values is None else values
+    order = np.argsort(values)
+    others = order[np.linspace(0, len(order) - 1, _STARTS // 4).astype(int)]
+    starts = Q[np.unique(np.concatenate([order[: _STARTS - len(others)], others]))]
+    return lowest(measure, region, starts)
+
+
+def largest_free(measure: Measure, region: Region, bad: Array, *, seed: int = 0) -> Region | None:
+    """Find the largest region round the center, of Ω's shape, in which a measure stays above 0.
+
+    The first zeros on the way from known ones to the center bound it from above; then it is bisected, each
+    smaller region being searched anew.
+
+    Parameters
+    ----------
+    measure, region
+        What must stay above 0, and Ω.
+    bad : (B, n) array
+        Points of Ω where it does not.
+
+    Returns
+    -------
+    Region or None
+        None if the center itself is singular.
+    """
+    share = np.linspace(0, 1, 65)[1:, None, None]
+    ray = (region.center + share * (bad[:256] - region.center)).reshape(-1, bad.shape[1])
+    ratios = region.ratio(ray)[measure(ray) <= 0]
+    high = min(1.0, float(ratios.min()) if len(ratios) else 1.0)
+    low: float = 0.0
+    best: Region | None = None
+    for step in range(_BISECTIONS):
+        # first just below the bound, which is often the answer
+        factor = 0.99 * high if step == 0 else (low + high) / 2
+        if factor < 0.01:
+            return None
+        smaller = region.shrunk(factor)
+        if search(measure, smaller, smaller.random(2048, seed + step)).value > 0:
+            low, best = factor, smaller
+        else:
+            high = factor
+        if high - low < 0.011 * high:
+            break
+    return best
+
+
+def refuse_singular(
+    what: str, task: Task, measure: Measure, region: Region, at: Array, bad: Array | None = None, *, free: bool = True
+) -> SingularRegionError:
+    """Make the refusal that names the point and, unless told not to, the largest region that is free of it."""
+    if not free:
+        return SingularRegionError(f"{what} in Ω near {named(task, at)}", at, None)
+    largest = largest_free(measure, region, at[None] if bad is None else bad)
+    if largest is None:
+        remedy = "the center of the region is singular: choose another"
+    else:
+        remedy = f"the largest region round its center that is free of it is a {largest}; take that (shrink=True)"
+    return SingularRegionError(f"{what} in Ω near {named(task, at)}; {remedy}", at, largest)
+
+
+def _length(vectors: Array) -> Array:
+    return np.maximum(np.linalg.norm(vectors, axis=1), 1e-12)

@@ -1,0 +1,159 @@
+"""Potentials that a person gives as plain functions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import InputError
+from .field import Field
+from .joined import Joined
+
+Array = NDArray[np.float64]
+Function = Callable[[Array], float]
+Gradient = Callable[[Array], ArrayLike]
+
+STEP = 1e-5
+"""Of the central differences that stand in for a gradient that was not given; their error is about 1e-10 h."""
+
+
+class Potentials:
+    """Potentials of one's own, ``h_i(q)``.
+
+    Parameters
+    ----------
+    functions : sequence
+        Each a function q (n,) → h, or a pair of it and its gradient q → ∇h (n,). A gradient that is not
+        given is differentiated numerically, and :attr:`numerical` and the name say so.
+    names : sequence of str, optional
+        What to call them; by default the functions' own names.
+
+    Raises
+    ------
+    InputError
+        If there is none, or one is no function. Values that are not finite are refused when they turn up.
+    """
+
+    def __init__(
+        self, functions: Sequence[Function | tuple[Function, Gradient]], *, names: Sequence[str] | None = None
+    ) -> None:
+        try:
+            pairs = [f if isinstance(f, tuple) else (f, None) for f in functions]
+        except TypeError:
+            raise InputError("Potentials takes a list of functions q → h, or of pairs (h, gradient)") from None
+        if not pairs:
+            raise InputError("Potentials needs at least one function q → h")
+        for i, pair in enumerate(pairs):
+            if len(pair) != 2 or not callable(pair[0]) or not (pair[1] is None or callable(pair[1])):
+                raise InputError(f"potential {i + 1} is no function q → h, nor a pair of one and its gradient")
+        self._functions = [pair[0] for pair in pairs]
+        self._gradients = [pair[1] for pair in pairs]
+        if names is not None and len(names) != len(pairs):
+            raise InputError(f"{len(names)} names for {len(pairs)} potentials")
+        own = [getattr(f, "__name__", "h") for f in self._functions]
+        own = [f"h_{i + 1}" if name in ("<lambda>", "h") else name for i, name in enumerate(own)]
+        self._names = tuple(own if names is None else names)
+
+    @property
+    def size(self) -> int:
+        """N, the number of potentials."""
+        return len(self._functions)
+
+    @property
+    def numerical(self) -> tuple[bool, ...]:
+        """For each potential, whether its gradient is differentiated numerically."""
+        return tuple(g is None for g in self._gradients)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What each potential is called, and whether its gradient is numerical."""
+        return tuple(
+            f"{name} (gradient by differences)" if numerical else name
+            for name, numerical in zip(self._names, self.numerical, strict=True)
+        )
+
+    def potentials(self, Q: ArrayLike) -> Array:
+        """Evaluate the potentials at every row of Q (K, n): (K, N)."""
+        Q = np.asarray(Q, float)
+        return np.array([[self._value(j, q) for j in range(self.size)] for q in Q]).reshape(len(Q), self.size)
+
+    def gradients(self, Q: ArrayLike) -> Array:
+        """Evaluate the gradients at every row of Q (K, n): (K, n, N), per rad or m."""
+        Q = np.asarray(Q, float)
+        D = np.empty((*Q.shape, self.size))
+        for k, q in enumerate(Q):
+            for j in range(self.size):
+                D[k, :, j] = self._gradient(j, q)
+        return D
+
+    def weighted(self, A: ArrayLike) -> PotentialsMap:
+        """Choose ``h = Aᵀ (h_1 … h_N)`` with coefficients A (N, r) (35)."""
+        A = np.asarray(A, float)
+        if A.ndim != 2 or len(A) != self.size:
+            raise InputError(f"the coefficients have shape {A.shape}, but {self.size} rows are wanted")
+        return PotentialsMap(self, A)
+
+    def _value(self, j: int, q: Array) -> float:
+        try:
+            value = float(self._functions[j](q))
+        except (TypeError, ValueError) as error:
+            raise InputError(f"potential {self._names[j]} gives no number at q = {_row(q)}: {error}") from None
+        if not np.isfinite(value):
+            raise InputError(f"potential {self._names[j]} is {value} at q = {_row(q)}; it must be finite in the region")
+        return value
+
+    def _gradient(self, j: int, q: Array) -> Array:
+        given = self._gradients[j]
+        if given is None:
+            return np.array(
+                [(self._value(j, q + d) - self._value(j, q - d)) / (2 * STEP) for d in STEP * np.eye(len(q))]
+            )
+        try:
+            slope = np.asarray(given(q), float)
+        except (TypeError, ValueError) as error:
+            raise InputError(
+                f"the gradient of potential {self._names[j]} is no list of numbers at q = {_row(q)}: {error}"
+            ) from None
+        if slope.shape != q.shape or not np.isfinite(slope).all():
+            raise InputError(
+                f"the gradient of potential {self._names[j]} must be {len(q)} finite numbers, "
+                f"at q = {_row(q)} it is not"
+            )
+        return slope
+
+    def __add__(self, other: Field) -> Joined:
+        return Joined(self, other)
+
+    def __repr__(self) -> str:
+        count = sum(self.numerical)
+        how = f", {count} with gradients by differences" if count else ""
+        return f"<Potentials given as functions: {self.size} potentials{how}>"
+
+
+class PotentialsMap:
+    """r weighted sums of given potentials."""
+
+    def __init__(self, family: Potentials, A: Array) -> None:
+        self.family, self.A = family, A
+
+    def value(self, q: Array) -> Array:
+        """Evaluate h(q): (r,)."""
+        return self.family.potentials(np.asarray(q, float)[None])[0] @ self.A
+
+    def values(self, Q: Array) -> Array:
+        """Evaluate h at every row of Q (K, n): (K, r)."""
+        return self.family.potentials(Q) @ self.A
+
+    def gradient(self, q: Array) -> Array:
+        """Evaluate V = ∂hᵀ/∂q: (n, r)."""
+        return self.gradients(np.asarray(q, float)[None])[0]
+
+    def gradients(self, Q: Array) -> Array:
+        """Evaluate V at every row of Q (K, n): (K, n, r)."""
+        return self.family.gradients(Q) @ self.A
+
+
+def _row(q: Array) -> str:
+    return "(" + ", ".join(f"{value:.4g}" for value in q) + ")"

@@ -1,0 +1,1 @@
+"""Repeatable control inside other people's programs; each module needs its own extra."""

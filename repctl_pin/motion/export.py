@@ -1,0 +1,60 @@
+"""A motion in the forms that robots take: CSV, and ROS's JointTrajectory in YAML."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..strategies import Strategy
+from .motion import Motion
+
+Array = NDArray[np.float64]
+
+
+def commanded(motion: Motion, strategy: Strategy) -> Motion:
+    """Give a motion the velocities ``q̇ = G ẋ`` of its strategy at its points, in place of the steps' means."""
+    period = (motion.t[-1] - motion.t[0]) / motion.cycles
+    ends = (motion.t - motion.t[0]) / period % 1.0
+    task = motion.task
+    Qdot = [
+        strategy.velocity(q, task.rate(q, motion.path.twist(min(float(s), 1.0 - 1e-12))) / period)
+        for q, s in zip(motion.q, ends, strict=True)
+    ]
+    return replace(motion, qdot=np.array(Qdot))
+
+
+def csv_text(motion: Motion) -> str:
+    """Write time, positions and velocities, one line a point: s; rad or m; rad/s or m/s.
+
+    Numbers are written in full: reading them gives the same floats.
+    """
+    names = motion.task.joint_names
+    lines = [",".join(["time", *names, *(f"{name}_velocity" for name in names)])]
+    for t, q, qdot in zip(motion.t, motion.q, motion.qdot, strict=True):
+        lines.append(",".join(repr(float(v)) for v in (t, *q, *qdot)))
+    return "\n".join(lines) + "\n"
+
+
+def yaml_text(motion: Motion) -> str:
+    """Write ROS 2's ``trajectory_msgs/msg/JointTrajectory``, as ``ros2 topic pub`` and controllers take it."""
+    lines = ["header:", "  stamp: {sec: 0, nanosec: 0}", "  frame_id: ''"]
+    lines.append("joint_names: [" + ", ".join(_quoted(name) for name in motion.task.joint_names) + "]")
+    lines.append("points:")
+    for t, q, qdot in zip(motion.t - motion.t[0], motion.q, motion.qdot, strict=True):
+        nanoseconds = round(float(t) * 1e9)
+        lines += [
+            f"- positions: {_row(q)}",
+            f"  velocities: {_row(qdot)}",
+            f"  time_from_start: {{sec: {nanoseconds // 10**9}, nanosec: {nanoseconds % 10**9}}}",
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def _row(values: Array) -> str:
+    return "[" + ", ".join(f"{v:.12f}" for v in values) + "]"
+
+
+def _quoted(name: str) -> str:
+    return "'" + name.replace("'", "''") + "'"

@@ -1,0 +1,125 @@
+"""What a strategy did on a closed path: a result that judges itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..robot.task import Task
+from ..strategies.control_step import speeds
+from .paths import Path
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What a strategy did on a closed path.
+
+    Norms over joints count a radian and a metre alike where an arm has both kinds of joints.
+
+    Attributes
+    ----------
+    task, path
+        What was moved, and along what.
+    t : (T + 1,) array
+        Time, s.
+    q, qdot : (T + 1, n) arrays
+        Joint positions and velocities, rad or m, and per second.
+    cycles, steps : int
+        T = cycles · steps.
+    drift : (cycles,) array
+        ``‖q(after cycle k) − q(0)‖``, k = 1, 2, …
+    tracking_error : (T + 1,) array
+        Distance of the frame from where it should be, m, in the task's coordinates.
+    turning_error : (T + 1,) array
+        The same for orientation, rad; 0 where the task has none.
+    damping : float
+        The largest λ that was used near a singularity; 0 where every step was exact.
+    """
+
+    task: Task
+    path: Path
+    t: Array
+    q: Array
+    qdot: Array
+    cycles: int
+    steps: int
+    drift: Array
+    tracking_error: Array
+    turning_error: Array
+    damping: float = 0.0
+
+    @property
+    def speed(self) -> Array:
+        """Joint speed ``‖q̇‖`` along the motion: (T + 1,)."""
+        return np.linalg.norm(self.qdot, axis=1)
+
+    @property
+    def rms_speed(self) -> float:
+        """Root mean square of the joint speed."""
+        return float(np.sqrt(np.mean(self.speed**2)))
+
+    @property
+    def peak_speed(self) -> float:
+        """Largest joint speed."""
+        return float(self.speed.max())
+
+    @property
+    def speed_ratio(self) -> float:
+        """Largest share of a joint's speed limit that was used; above 1 the path must be slowed down."""
+        return float(np.max(np.abs(self.qdot) / self.task.velocity_limit))
+
+    @property
+    def limit_margin(self) -> Array:
+        """Distance of every joint to its nearer limit: (T + 1, n); negative outside, inf where none."""
+        return np.minimum(self.q - self.task.lower, self.task.upper - self.q)
+
+    @property
+    def first_violation(self) -> tuple[float, str] | None:
+        """The first time a joint leaves its limits: (cycle, joint name), or None.
+
+        The cycle is counted in fractions: 2.5 is the middle of the third.
+        """
+        outside = self.limit_margin < -1e-9
+        if not outside.any():
+            return None
+        row = int(np.argmax(outside.any(axis=1)))
+        joint = self.task.joint_names[int(np.argmin(self.limit_margin[row]))]
+        return row / self.steps, joint
+
+    def cycle(self, k: int) -> Array:
+        """Joint positions of cycle k, counted from 0, both ends included: (steps + 1, n)."""
+        return self.q[k * self.steps : (k + 1) * self.steps + 1]
+
+    def retimed(self, limit: ArrayLike | None = None) -> Motion:
+        """Slow the motion down where a joint is too fast: the joint path stays the same.
+
+        Scaling ẋ by a positive number scales q̇ of every strategy ``q̇ = G ẋ`` alike. Each step is stretched
+        by the largest share of a speed limit that it, or one of its ends, uses; steps below the limits keep
+        their time.
+
+        Parameters
+        ----------
+        limit : float or (n,) array, optional
+            Joint speeds, rad/s or m/s; by default the arm's own.
+
+        Returns
+        -------
+        Motion
+            With ``speed_ratio`` at most 1 where the limits are the arm's.
+
+        Raises
+        ------
+        InputError
+            If a limit is not above 0, or has the wrong size.
+        """
+        most = speeds(self.task, self.task.velocity_limit if limit is None else limit)
+        at_ends = np.maximum((np.abs(self.qdot) / most).max(axis=1), 1.0)  # (T + 1,)
+        times = np.diff(self.t)
+        between = (np.abs(np.diff(self.q, axis=0)) / times[:, None] / most).max(axis=1)  # (T,)
+        stretch = np.maximum(np.maximum(at_ends[1:], at_ends[:-1]), between)
+        t = self.t[0] + np.concatenate([[0.0], np.cumsum(times * stretch)])
+        return replace(self, t=t, qdot=self.qdot / at_ends[:, None])

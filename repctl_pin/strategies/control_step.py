@@ -1,0 +1,268 @@
+"""One step of a control loop: one Jacobian, one evaluation of the potentials, one LAPACK solve.
+
+The functions made here are closures over preallocated memory, see :mod:`repctl_pin.robot.pointwise`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import prod
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike, NDArray
+from scipy.linalg.blas import daxpy, ddot, dscal
+from scipy.linalg.lapack import dgesv, dgetrf, dgetri
+
+from ..errors import InputError, SingularityError
+from ..fields import pointwise as potentials_of
+from ..fields.field import FieldMap
+from ..redundancy.inverses import RANK_TOLERANCE
+from ..robot import pointwise as kinematics_of
+from ..robot.task import Task
+
+Array = NDArray[np.float64]
+
+UNUSABLE = (ValueError, TypeError, IndexError, AttributeError)
+"""What a step raises where an argument has the wrong size or type, before :func:`reason` finds the words."""
+
+
+@dataclass(frozen=True)
+class Loop:
+    """The quick functions of one repeatable inverse; see :class:`RepeatableInverse` for what they take.
+
+    Attributes
+    ----------
+    velocity : function (q, ẋ) → q̇
+    step : function (q, target, dt, twist, leaf, gain) → the next q
+    bounded : function (q, target, dt, twist, leaf, gain, limit, damping) → the next q, λ, slowed
+    """
+
+    velocity: Callable[..., Array]
+    step: Callable[..., Array]
+    bounded: Callable[..., tuple[Array, float, float]]
+
+
+def make_loop(task: Task, field: FieldMap) -> Loop:
+    """Make the quick functions of the repeatable inverse of a field."""
+    n, m, r = task.n, task.m, task.r
+    memory = np.zeros(n * n + n)
+    J_V, rhs = memory[: n * n].reshape((n, n), order="F"), memory[n * n :]  # [J; Vᵀ] (37)
+    top, bottom, pivots = rhs[:m], rhs[m:], memory[: n * n : n + 1]
+    kinematics = kinematics_of.pointwise(task, J_V[:m], top)
+    potentials = potentials_of.pointwise(field, J_V[m:], bottom)
+    jacobian, error, rate = kinematics.jacobian, kinematics.error, kinematics.rate
+    slope, gap = potentials.slope, potentials.gap
+    whole, half, tolerance = task.kind == "pose", n / 2, RANK_TOLERANCE
+
+    def solved(q: Array) -> Array:
+        """Solve ``J_V x = rhs``, leaving LAPACK's factors in J_V."""
+        square = ddot(memory, memory)
+        _, _, x, info = dgesv(J_V, rhs, 1, 0)
+        # The pivots p of a regular matrix: |∏ p| ≤ min |p| · max |p|ⁿ⁻¹ and max |p| ≲ ‖J_V‖, so this is enough;
+        # NaN fails it. Where it fails the exact test has the word.
+        if not abs(prod(pivots.tolist())) > tolerance * square**half:
+            sizes = np.abs(pivots)
+            if info or not np.isfinite(x).all() or not sizes.min() > tolerance * sizes.max():
+                raise failure(task, q, rhs)
+        return x
+
+    def velocity(q: Array, xdot: Array) -> Array:
+        if len(xdot) != m:
+            raise ValueError
+        jacobian(q)
+        slope(q)
+        top[:] = xdot
+        bottom[:] = 0.0
+        return solved(q)
+
+    def step(
+        q: Array,
+        target: pin.SE3,
+        dt: float,
+        twist: Array | None,
+        leaf: Array | None,
+        gain: float | None,
+        solve: Callable[[Array], Array] = solved,
+    ) -> Array:
+        if not dt > 0.0:
+            raise ValueError
+        jacobian(q)
+        slope(q)
+        error(target)
+        if leaf is None:
+            bottom[:] = 0.0
+        elif len(leaf) == r:
+            gap(leaf)
+        else:
+            raise ValueError
+        if gain is not None:
+            share = gain * dt
+            if not 0.0 <= share <= 2.0:
+                raise ValueError
+            dscal(share, rhs)
+        if twist is not None:
+            if len(twist) != 6:
+                raise ValueError
+            daxpy(twist if whole else rate(twist), rhs, m, dt)
+        return daxpy(q, solve(q), n)
+
+    def bounded(
+        q: Array,
+        target: pin.SE3,
+        dt: float,
+        twist: Array | None,
+        leaf: Array | None,
+        gain: float | None,
+        limit: ArrayLike | None,
+        damping: float,
+    ) -> tuple[Array, float, float]:
+        most = np.broadcast_to(np.inf if limit is None else np.asarray(limit, float) * dt, (n,))
+        if not (0 <= damping < np.inf and (most > 0).all()):
+            raise ValueError
+        used, slowed = 0.0, 1.0
+
+        def gently(q: Array) -> Array:
+            nonlocal used, slowed
+            if damping:
+                x, used = damped(J_V, rhs, damping)
+                if not ddot(x, x) < np.inf:
+                    raise failure(task, q, rhs)
+            else:
+                x = solved(q)
+            if limit is None or (np.abs(x) <= most).all():
+                return x
+            bottom[:] = 0.0
+            if not damping:
+                jacobian(q)
+                slope(q)
+            x_task = damped(J_V, rhs, damping)[0] if damping else solved(q)
+            x, slowed = within(x, x_task, most)
+            return x
+
+        return step(q, target, dt, twist, leaf, gain, gently), used, slowed
+
+    return Loop(velocity, step, bounded)
+
+
+def damped(J_V: Array, rhs: Array, most: float) -> tuple[Array, float]:
+    """Solve ``J_V x = rhs``, damped where J_V is near a singularity.
+
+    ``x = Σ_i v_i σ_i / (σ_i² + λ²) u_iᵀ rhs``, with ``λ² = λ_max² (1 − (σ_min / 2λ_max)²)`` where
+    ``σ_min < 2 λ_max`` and λ = 0 elsewhere: continuous, and ``‖x‖ ≤ ‖rhs‖ / (√3 λ_max)`` wherever it acts.
+
+    Parameters
+    ----------
+    J_V : (n, n) array
+    rhs : (n,) array
+    most : float
+        λ_max.
+
+    Returns
+    -------
+    x : (n,) array
+    damping : float
+        λ; 0 where the solution is exact.
+    """
+    factors, pivots, info = dgetrf(J_V)
+    if not info:
+        inverse, _ = dgetri(factors, pivots)
+        if np.linalg.norm(inverse) < 1 / (2 * most):  # σ_min ≥ 1 / ‖J_V⁻¹‖_F: surely far from singular
+            return inverse @ rhs, 0.0
+    if not np.isfinite(J_V).all():
+        return np.full(len(rhs), np.nan), 0.0
+    U, s, V_T = np.linalg.svd(J_V)
+    ratio = s[-1] / (2 * most)
+    square = most**2 * (1 - ratio**2) if ratio < 1 else 0.0
+    return V_T.T @ ((U.T @ rhs) * s / (s**2 + square)), float(np.sqrt(square))
+
+
+def within(x: Array, x_task: Array, most: Array) -> tuple[Array, float]:
+    """Shorten a step ``x = x_task + x_leaf`` until no joint moves further than it may.
+
+    The return to the leaf gives way first, so that the task keeps its speed as long as it can; then the
+    step as a whole is scaled down.
+
+    Parameters
+    ----------
+    x, x_task, most : (n,) arrays
+        The step, the part of it that moves the frame, and the longest step of each joint.
+
+    Returns
+    -------
+    x : (n,) array
+    slowed : float
+        The factor by which the part that gave way most was scaled.
+    """
+    x_leaf = x - x_task
+    room = np.where(x_leaf > 0, most - x_task, most + x_task)
+    moving = np.abs(x_leaf) > 1e-15
+    share = float(np.clip((room[moving] / np.abs(x_leaf[moving])).min(initial=1.0), 0.0, 1.0))
+    shorter = x_task + share * x_leaf
+    whole = float((most / np.maximum(np.abs(shorter), 1e-300)).min(initial=1.0))
+    return shorter * min(1.0, whole), min(share, whole)
+
+
+def failure(task: Task, q: Array, rhs: Array, singular: str = "") -> Exception:
+    """Say why a step has no finite solution."""
+    if not np.isfinite(q).all():
+        return InputError(f"q must be {task.n} finite numbers; got {row(q)}")
+    if not np.isfinite(rhs).all():
+        return InputError("the task velocity or target, the leaf and dt must be finite numbers")
+    singular = singular or "J_V is singular: the arm is at a singularity, or the control's V is in J's row space"
+    return SingularityError(f"{singular}, at q = {row(q)}")
+
+
+def vector(task: Task, values: ArrayLike, what: str, size: int) -> Array:
+    """Take (size,) numbers that a person gave, or say what is wrong with them."""
+    try:
+        array = np.array(values, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"{what} must be {size} numbers; got {values!r}") from None
+    if array.shape != (size,):
+        raise InputError(f"{what} has shape {array.shape}, but ({size},) is wanted for {task!r}")
+    return array
+
+
+def speeds(task: Task, limit: ArrayLike) -> Array:
+    """Take speed limits (n,) that a person gave: one number above 0, or n of them."""
+    try:
+        most = np.broadcast_to(np.asarray(limit, float), (task.n,))
+    except (TypeError, ValueError):
+        most = np.zeros(1)
+    if not (most > 0).all():
+        raise InputError(f"a speed limit is one number above 0 or {task.n} of them, not {limit!r}")
+    return most
+
+
+def reason(
+    task: Task, q: Any, target: Any, dt: Any, twist: Any, leaf: Any, gain: Any, limit: Any, damping: Any
+) -> InputError | None:
+    """Find the argument of a step that cannot be used."""
+    vector(task, q, "q", task.n)
+    if not isinstance(target, pin.SE3):
+        return InputError(f"the target must be a placement (pinocchio.SE3), not a {type(target).__name__}")
+    if not _between(dt, 0, np.inf) or dt == 0:
+        return InputError(f"dt must be above 0 s, not {dt!r}")
+    if twist is not None:
+        vector(task, twist, "the twist (v, ω)", 6)
+    if leaf is not None:
+        vector(task, leaf, "the leaf c = h(q)", task.r)
+    if gain is not None and not (_between(gain, 0, np.inf) and _between(gain * dt, 0, 2)):
+        return InputError(f"gain · dt must be from 0 to 2, beyond which feedback diverges; got {gain!r} · {dt!r}")
+    if limit is not None:
+        speeds(task, limit)
+    if not _between(damping, 0, np.inf):
+        return InputError(f"damping must be 0 or more, not {damping!r}")
+    return None
+
+
+def row(q: Array) -> str:
+    """Write a configuration for a message."""
+    return "(" + ", ".join(f"{value:.4g}" for value in np.ravel(q)) + ")"
+
+
+def _between(value: Any, low: float, high: float) -> bool:
+    return isinstance(value, (int, float)) and low <= value <= high and value < np.inf

@@ -1,0 +1,201 @@
+"""The extended Jacobian of Baillieul: ``h = Nᵀ ∇U`` is held constant along every motion."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import InputError, SingularityError
+from ..redundancy.inverses import pseudoinverse
+from ..redundancy.nullspace import nullspace
+from ..robot.task import Task
+from .repeatable import RepeatableInverse
+
+Array = NDArray[np.float64]
+
+_DIFFERENCE = 1e-5
+
+
+class ExtendedJacobian(RepeatableInverse):
+    """``q̇ = G_r ẋ`` with ``V = ∂hᵀ/∂q``, ``h = Nᵀ ∇U``: on the leaf h = 0, U stays at a minimum under f(q) = x.
+
+    N is the basis that lies closest to the one at a reference configuration, so that h is a true function
+    of q; for r = 1 that is the unit null vector with a sign, for r > 1 the leaves h ≠ 0 depend on it.
+
+    Parameters
+    ----------
+    task
+        The task to control.
+    potential
+        U: a posture (n,), for ``U = ½ ‖q − posture‖²``, or a function q (n,) → U.
+    gradient, hessian
+        ∇U (n,) and ∂²U/∂q² (n, n) as functions of q, where U is a function; without them they are
+        differentiated numerically, with a relative error of about 1e-9 and 1e-5.
+    reference : (n,) array, optional
+        Where N is the basis that h is aligned to; by default the posture, or the task's reference.
+
+    Raises
+    ------
+    InputError
+        If the potential is neither, or of another size.
+    """
+
+    def __init__(
+        self,
+        task: Task,
+        potential: ArrayLike | Callable[[Array], float],
+        *,
+        gradient: Callable[[Array], ArrayLike] | None = None,
+        hessian: Callable[[Array], ArrayLike] | None = None,
+        reference: ArrayLike | None = None,
+    ) -> None:
+        if task.r < 1:
+            raise InputError(f"a task with r = {task.r} leaves an extended Jacobian nothing to extend")
+        if callable(potential):
+            shape: Shape = Given(potential, gradient, hessian)
+            anchor = task.reference if reference is None else reference
+        else:
+            posture = np.array(potential, dtype=float)
+            if posture.shape != (task.n,) or not np.isfinite(posture).all():
+                raise InputError(f"a posture is {task.n} finite numbers, one a joint; or give U as a function")
+            shape = Posture(posture)
+            anchor = posture if reference is None else reference
+        super().__init__(task, ExtendedMap(task, shape, nullspace(task.jacobian(anchor))))
+
+
+class ExtendedMap:
+    """The r functions ``h = Nᵀ ∇U`` of an extended Jacobian, and their gradients."""
+
+    def __init__(self, task: Task, potential: Shape, N_reference: Array) -> None:
+        self.task, self.potential, self.N_reference = task, potential, N_reference
+
+    def value(self, q: Array) -> Array:
+        """Evaluate h(q): (r,)."""
+        q = np.asarray(q, float)
+        N, _ = self._aligned(self.task.jacobian(q)[None], q[None])
+        return N[0].T @ self.potential.gradients(q[None])[0]
+
+    def gradient(self, q: Array) -> Array:
+        """Evaluate V = ∂hᵀ/∂q: (n, r)."""
+        return self.gradients(np.asarray(q, float)[None])[0]
+
+    def gradients(self, Q: Array) -> Array:
+        r"""Evaluate V at every row of Q (K, n): (K, n, r).
+
+        .. math:: \frac{\partial h}{\partial q_k} = \frac{\partial N}{\partial q_k}^T \nabla U + N^T \nabla^2 U e_k,
+                  \qquad \frac{\partial N}{\partial q_k} = -J^+ H_k N + N \Omega_k,
+
+        with the antisymmetric :math:`\Omega_k` that keeps :math:`S = N^T N_{ref}` symmetric:
+        :math:`\Omega_k S + S \Omega_k = B_k - B_k^T`, :math:`B_k = -N^T H_k^T J^{+T} N_{ref}`.
+        """
+        Q = np.asarray(Q, float)
+        J, H = self.task.jacobians(Q), self.task.hessians(Q)  # (K, m, n), (K, m, n, n)
+        N, S = self._aligned(J, Q)
+        g, U2 = self.potential.gradients(Q), self.potential.hessians(Q)
+        J_plus = pseudoinverse(J)
+        HN = np.einsum("Kaik,Kir->Kark", H, N)  # H_k N
+        pulled = np.einsum("Kia,Ki->Ka", J_plus, g)  # J⁺ᵀ ∇U
+        V = U2 @ N - np.einsum("Kark,Ka->Kkr", HN, pulled)  # (K, n, r)
+        r = N.shape[-1]
+        if r > 1:
+            B = -np.einsum("Kark,Kas->Krsk", HN, np.swapaxes(J_plus, -1, -2) @ self.N_reference)
+            skew = B - np.swapaxes(B, 1, 2)  # (K, r, r, n)
+            s, T = np.linalg.eigh(S)
+            turned = np.einsum("Kra,Krsk,Ksb->Kabk", T, skew, T)
+            turned /= (s[:, :, None] + s[:, None, :])[..., None]
+            Omega = np.einsum("Kra,Kabk,Ksb->Krsk", T, turned, T)
+            along = np.einsum("Kir,Ki->Kr", N, g)  # Nᵀ ∇U
+            V += np.einsum("Krsk,Kr->Kks", Omega, along)  # Ω_kᵀ Nᵀ ∇U
+        return V
+
+    def _aligned(self, J: Array, Q: Array) -> tuple[Array, Array]:
+        """The basis N (K, n, r) closest to the reference's, and ``S = Nᵀ N_ref`` (K, r, r), symmetric."""
+        N = nullspace(J)
+        toward = np.swapaxes(N, -1, -2) @ self.N_reference
+        if N.shape[-1] == 1:  # n̂ of (41), with det [J; n̂ᵀ] > 0: smooth wherever J has full rank
+            side = np.sign(np.linalg.det(np.concatenate([J, np.swapaxes(N, -1, -2)], axis=1)))[:, None, None]
+            return N * side, toward * side
+        U, s, Vt = np.linalg.svd(toward)
+        if (s[:, -1] < 1e-9).any():
+            at = ", ".join(f"{value:.3f}" for value in Q[int(np.argmin(s[:, -1]))])
+            raise SingularityError(f"the null space has turned by 90° from the extended Jacobian's reference at ({at})")
+        return N @ U @ Vt, np.einsum("Kar,Ka,Kas->Krs", Vt, s, Vt)
+
+
+class Shape(Protocol):
+    """What a potential U must offer."""
+
+    def gradients(self, Q: Array) -> Array:
+        """Evaluate ∇U at every row of Q (K, n): (K, n)."""
+        ...
+
+    def hessians(self, Q: Array) -> Array:
+        """Evaluate ∂²U/∂q²: (K, n, n)."""
+        ...
+
+
+class Posture:
+    """``U = ½ ‖q − posture‖²``."""
+
+    def __init__(self, posture: Array) -> None:
+        self.posture = posture
+
+    def gradients(self, Q: Array) -> Array:
+        """Evaluate ``q − posture``: (K, n)."""
+        return Q - self.posture
+
+    def hessians(self, Q: Array) -> Array:
+        """The identity: (K, n, n)."""
+        return np.broadcast_to(np.eye(Q.shape[1]), (*Q.shape, Q.shape[1]))
+
+
+class Given:
+    """A function of a person's own, with the derivatives it came with or numerical ones."""
+
+    def __init__(
+        self,
+        function: Callable[[Array], float],
+        gradient: Callable[[Array], ArrayLike] | None,
+        hessian: Callable[[Array], ArrayLike] | None,
+    ) -> None:
+        self.function, self.gradient, self.hessian = function, gradient, hessian
+
+    def gradients(self, Q: Array) -> Array:
+        """Evaluate ∇U, or central differences of U: (K, n)."""
+        return np.array([self._gradient(q) for q in Q])
+
+    def hessians(self, Q: Array) -> Array:
+        """Evaluate ∂²U/∂q², or central differences of ∇U: (K, n, n)."""
+        if self.hessian is not None:
+            return np.array([_checked(self.hessian(q), (len(q), len(q)), "Hessian", q) for q in Q])
+        step = 1e-6 if self.gradient is not None else 1e-4
+        H = np.array(
+            [
+                [
+                    (self._gradient(q + d, step) - self._gradient(q - d, step)) / (2 * step)
+                    for d in step * np.eye(len(q))
+                ]
+                for q in Q
+            ]
+        )
+        return (H + np.swapaxes(H, 1, 2)) / 2
+
+    def _gradient(self, q: Array, step: float = _DIFFERENCE) -> Array:
+        if self.gradient is not None:
+            return _checked(self.gradient(q), (len(q),), "gradient", q)
+        moves = step * np.eye(len(q))
+        values = [[_checked(self.function(q + s * d), (), "value", q) for s in (1, -1)] for d in moves]
+        return np.array([(up - down) / (2 * step) for up, down in values])
+
+
+def _checked(value: ArrayLike, shape: tuple[int, ...], what: str, q: Array) -> Array:
+    array = np.asarray(value, float)
+    if array.shape != shape or not np.isfinite(array).all():
+        at = ", ".join(f"{x:.3f}" for x in q)
+        raise InputError(
+            f"the {what} of the potential U must be {shape or 'one'} finite numbers; at q = ({at}) it is not"
+        )
+    return array

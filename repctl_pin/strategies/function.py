@@ -1,0 +1,46 @@
+"""Any function (q, ẋ) → q̇ as a strategy: somebody else's control loop, to be audited."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import InputError
+from ..robot.task import Task
+
+Array = NDArray[np.float64]
+
+
+class FunctionStrategy:
+    """``q̇ = function(q, ẋ)``: what pink, Drake or a loop of your own would command.
+
+    Parameters
+    ----------
+    task
+        The task it controls; q is in the order of its joints.
+    function
+        q (n,), ẋ (m,) → q̇ (n,).
+    """
+
+    def __init__(self, task: Task, function: Callable[[Array, Array], ArrayLike]) -> None:
+        if not callable(function):
+            raise InputError(f"a strategy is a function (q, ẋ) → q̇, or has a method velocity(q, ẋ); not {function!r}")
+        self.task, self.function = task, function
+
+    def velocity(self, q: Array, xdot: Array) -> Array:
+        """Ask the function for q̇ (n,).
+
+        Raises
+        ------
+        InputError
+            If it gives anything but n finite numbers.
+        """
+        try:
+            qdot = np.asarray(self.function(q.copy(), xdot), float)
+        except (TypeError, ValueError) as error:
+            raise InputError(f"the strategy's function gives no q̇: {error}") from error
+        if qdot.shape != (self.task.n,) or not np.isfinite(qdot).all():
+            raise InputError(f"the strategy's function must give {self.task.n} finite numbers; it gave {qdot}")
+        return qdot

@@ -1,0 +1,53 @@
+"""A weight for the weighted pseudoinverse that spares joints near their limits."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..robot.task import Task
+
+Array = NDArray[np.float64]
+
+
+class LimitWeight:
+    r"""Weights that grow as a joint nears a limit, for ``WeightedInverse(task, LimitWeight(task))``:
+
+    .. math:: w_i = 1 + \text{gain} \left( \frac{(u_i - l_i)^2}{4 (u_i - q_i)(q_i - l_i)} - 1 \right),
+
+    1 in the middle, without bound at the limits l and u, smooth between; 1 for joints without limits.
+
+    Parameters
+    ----------
+    task
+        The task whose limits count.
+    gain : float
+        How strongly; 0 is the plain pseudoinverse.
+    """
+
+    def __init__(self, task: Task, gain: float = 1.0) -> None:
+        if not (np.isfinite(gain) and gain >= 0):
+            raise InputError(f"the gain of a limit weight must be 0 or more, not {gain!r}")
+        self.lower, self.upper = np.array(task.lower), np.array(task.upper)
+        self.names, self.gain = task.joint_names, float(gain)
+
+    def __call__(self, q: Array) -> Array:
+        """Evaluate the weights (n,).
+
+        Raises
+        ------
+        InputError
+            If a joint is on or outside its limits.
+        """
+        q = np.asarray(q, float)
+        limited = np.isfinite(self.lower) & np.isfinite(self.upper)
+        below, above = np.where(limited, q - self.lower, 1.0), np.where(limited, self.upper - q, 1.0)
+        if not ((below > 0) & (above > 0)).all():
+            i = int(np.argmin(np.minimum(below, above)))
+            raise InputError(
+                f"{self.names[i]} = {q[i]:g} is not inside its limits [{self.lower[i]:g}, {self.upper[i]:g}], "
+                "where a limit weight is defined; make the region smaller"
+            )
+        span = np.where(limited, self.upper - self.lower, 2.0)
+        return 1 + self.gain * (span**2 / (4 * below * above) - 1)

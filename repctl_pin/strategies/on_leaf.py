@@ -1,0 +1,176 @@
+"""The inverse kinematic function q = F(x; c) of Baker and Wampler on a leaf h(q) = c of a repeatable inverse."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import InputError, SingularityError
+from ..redundancy.augmented import clearance
+from ..redundancy.nullspace import nullspace
+
+if TYPE_CHECKING:
+    from .repeatable import RepeatableInverse
+
+Array = NDArray[np.float64]
+
+_STEP = 0.3
+"""Longest Newton step of any joint, rad or m, that is trusted."""
+
+_SHORTEST = 2.0**-10
+"""Part of the way that is given up on."""
+
+_ITERATIONS = 8
+_NEAR, _EXACT = 1e-6, 1e-12
+
+
+def solve(inverse: RepeatableInverse, target: pin.SE3, q0: ArrayLike, leaf: ArrayLike | None = None) -> Array:
+    """Evaluate q = F(x; c): Newton's method on ``[x − f(q); c − h(q)] = 0``, led along a way from q0.
+
+    The way is a straight one for the frame (turned about one axis) and for c. Where Newton's method does
+    not converge within short steps, or ``det J_V`` changes sign, half as much of it is tried at once. So q
+    stays on the sheet of solutions that q0 lies on; joint limits are not looked at.
+
+    Parameters
+    ----------
+    inverse
+        Whose leaf.
+    target
+        x.
+    q0 : (n,) array
+        Where to start.
+    leaf : (r,) array, optional
+        c; by default h(q0).
+
+    Returns
+    -------
+    (n,) array
+        With both errors below 1e-12.
+
+    Raises
+    ------
+    InputError
+        If the leaf reaches no such target from there; the message says how far it got, and what ended it.
+    SingularityError
+        If q0 itself is singular.
+    """
+    task = inverse.task
+    q = checked(q0, "q0", task.n)
+    if not isinstance(target, pin.SE3):
+        raise InputError(f"the target must be a placement (pinocchio.SE3), not a {type(target).__name__}")
+    if not np.isfinite(target.homogeneous).all():
+        raise InputError("the target must be finite numbers, m and a rotation")
+    c_start = inverse.field.value(q)
+    c_end = c_start if leaf is None else checked(leaf, "the leaf c", task.r)
+    start = task.placement(q)
+    turn = _turn(task.kind, start, target)
+    side = _side(inverse, q)
+    if side == 0:
+        raise SingularityError("the start is singular: J_V loses rank there; begin elsewhere")
+
+    done, part = 0.0, 1.0
+    while done < 1.0:
+        ahead = min(1.0, done + part)
+        here = target if ahead == 1.0 else _between(start, target, turn, ahead)
+        c = c_start + ahead * (c_end - c_start)
+        found = _newton(inverse, q, here, c, _EXACT if ahead == 1.0 else _NEAR)
+        if found is not None and _side(inverse, found) == side:
+            q, done, part = found, ahead, 2 * part
+            continue
+        part /= 2
+        if part < _SHORTEST:
+            raise _unreached(inverse, target, q, done)
+    return q
+
+
+def solve_all(
+    inverse: RepeatableInverse, targets: Sequence[pin.SE3], q0: ArrayLike, leaf: ArrayLike | None = None
+) -> Array:
+    """Evaluate q = F(x; c) for many targets, each from q0: (K, n).
+
+    Raises
+    ------
+    InputError
+        If a target is out of reach; it is named by its number, counted from 0.
+    """
+    Q = np.empty((len(targets), inverse.task.n))
+    for k, target in enumerate(targets):
+        try:
+            Q[k] = solve(inverse, target, q0, leaf)
+        except InputError as error:
+            raise InputError(f"target {k}: {error}") from None
+    return Q
+
+
+def checked(values: ArrayLike, what: str, size: int) -> Array:
+    """Check what a person gave: (size,) finite numbers, copied."""
+    try:
+        array = np.array(values, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"{what} must be {size} numbers; got {values!r}") from None
+    if array.shape != (size,) or not np.isfinite(array).all():
+        raise InputError(f"{what} must be {size} finite numbers, one row; got {np.array2string(array, threshold=12)}")
+    return array
+
+
+def _newton(inverse: RepeatableInverse, q: Array, target: pin.SE3, c: Array, tolerance: float) -> Array | None:
+    """Iterate to the target; None where the steps are long or do not shrink."""
+    last = _STEP
+    for _ in range(_ITERATIONS):
+        try:
+            following = inverse.step(q, target, 1.0, leaf=c)
+        except SingularityError:
+            return None
+        size = float(np.abs(following - q).max())
+        if not size <= last:
+            # At rounding level a step no longer shrinks: that is as exact as it gets.
+            return following if size < 1e-13 else None
+        q = following
+        if size < tolerance:
+            return q
+        last = max(0.7 * size, 1e-14)
+    return None
+
+
+def _side(inverse: RepeatableInverse, q: Array) -> int:
+    """The sign of det J_V."""
+    J_V = np.vstack([inverse.task.jacobian(q), inverse.field.gradient(q).T])
+    return int(np.sign(np.linalg.det(J_V)))
+
+
+def _turn(kind: str, start: pin.SE3, target: pin.SE3) -> Array:
+    """The rotation vector (3,), world axes, of the way from start to target; 0 where the task has no axis."""
+    if kind == "pose":
+        return pin.log3(target.rotation @ start.rotation.T)
+    if kind == "axis":
+        z, goal = start.rotation[:, 2], target.rotation[:, 2]
+        axis = np.cross(z, goal)
+        sine = float(np.linalg.norm(axis))
+        return axis * (np.arctan2(sine, z @ goal) / max(sine, 1e-300))
+    return np.zeros(3)
+
+
+def _between(start: pin.SE3, target: pin.SE3, turn: Array, s: float) -> pin.SE3:
+    p = start.translation + s * (target.translation - start.translation)
+    return pin.SE3(pin.exp3(s * turn) @ start.rotation, p)
+
+
+def _unreached(inverse: RepeatableInverse, target: pin.SE3, q: Array, done: float) -> InputError:
+    """Say why a leaf does not reach a target."""
+    task = inverse.task
+    where = np.array2string(np.asarray(target.translation), precision=3, separator=", ")
+    J = task.jacobian(q)
+    values = np.linalg.svd(J, compute_uv=False)
+    if values[-1] < 0.02 * values[0]:
+        why = "the arm is stretched or folded at a singularity there"
+    else:
+        clear = float(clearance(nullspace(J), inverse.field.gradient(q)))
+        why = f"the clearance of the control is {clear:.2g} there"
+    return InputError(
+        f"{task.frame!r} cannot reach {where} m on this leaf: the way ends at {done:.0%} ({why}); "
+        "move the target nearer, or start from another leaf"
+    )

@@ -1,0 +1,86 @@
+"""The best leaf: never worse, and out of limits that the given start breaks."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import repctl_pin as rp
+
+
+@pytest.fixture(scope="module")
+def tiago() -> rp.Design:
+    task = rp.Robot.load("tiago").task("wrist_ft_tool_link", "pose")
+    q0 = task.reference
+    return rp.nearest_repeatable(
+        rp.Pseudoinverse(task), rp.Polynomial(q0, 2, 0.2), rp.Box(q0, 0.08), samples=2048, fresh=1024
+    )
+
+
+def dense(inverse: rp.RepeatableInverse, path: rp.Path, q0: np.ndarray) -> rp.Motion:
+    return rp.follow(inverse, path, q0, cycles=3, steps=500, lock=2)
+
+
+@pytest.mark.parametrize("plane, radius, angle", [("xy", 0.1, np.pi), ("yz", 0.1, np.pi), ("xz", 0.1, np.pi), ("yz", 0.2, 0)])
+def test_panda_is_never_worse(panda_design, q_panda, plane: str, radius: float, angle: float) -> None:
+    path = rp.circle(panda_design.task, q_panda, radius, normal=plane, start_angle=angle)
+    found = rp.best_leaf(panda_design.inverse, path, q_panda)
+    assert found.given is not None
+    assert found.best.margin >= found.given.margin and found.best.limit_margin >= found.given.limit_margin
+    assert np.linalg.norm(panda_design.task.error(found.q0, path.placement(0.0))) < 1e-9
+    motion = dense(panda_design.inverse, path, found.q0)
+    assert motion.drift.max() < 1e-8
+    assert abs(motion.limit_margin.min() - found.best.limit_margin) < 5e-3  # what it claims is so between its points
+
+
+def test_panda_out_of_a_limit(panda_design, q_panda) -> None:
+    """Begun on a bad leaf, a circle breaks a limit; from the found start it breaks none."""
+    task = panda_design.task
+    path = rp.circle(task, q_panda, 0.1, normal="xz")
+    N = rp.redundancy.nullspace(task.jacobian(q_panda))[:, 0]
+    worse = None
+    for size in np.linspace(-1.5, 1.5, 31):
+        try:
+            start = rp.reach(task, q_panda + size * N, path.placement(0.0))
+            if dense(panda_design.inverse, path, start).first_violation is not None:
+                worse = start
+        except rp.RepctlError:
+            continue
+    assert worse is not None
+    found = rp.best_leaf(panda_design.inverse, path, worse)
+    assert dense(panda_design.inverse, path, found.q0).first_violation is None
+    assert "LEAVES" not in found.summary() and "given start" in found.summary()
+
+
+@pytest.mark.parametrize("plane, angle", [("xy", 0.0), ("yz", 0.0), ("xz", 0.0), ("yz", np.pi)])
+def test_tiago_is_never_worse_and_breaks_no_limit(tiago, plane: str, angle: float) -> None:
+    q0 = tiago.task.reference
+    path = rp.circle(tiago.task, q0, 0.05, normal=plane, start_angle=angle)
+    found = rp.best_leaf(tiago.inverse, path, q0)
+    assert found.given is not None
+    assert found.best.margin > found.given.margin and found.best.limit_margin >= found.given.limit_margin
+    assert dense(tiago.inverse, path, found.q0).first_violation is None
+
+
+def test_tiago_given_start_breaks_a_limit(tiago) -> None:
+    q0 = tiago.task.reference
+    path = rp.circle(tiago.task, q0, 0.05, normal="xy", start_angle=np.pi)
+    violation = dense(tiago.inverse, path, q0).first_violation
+    assert violation is not None and violation[1] == "torso_lift_joint"
+    found = rp.best_leaf(tiago.inverse, path, q0)
+    assert dense(tiago.inverse, path, found.q0).first_violation is None
+
+
+def test_the_seed_fixes_it(tiago) -> None:
+    q0 = tiago.task.reference
+    path = rp.circle(tiago.task, q0, 0.05, normal="yz")
+    a, b = (rp.best_leaf(tiago.inverse, path, q0, steps=32, seed=3) for _ in range(2))
+    assert np.array_equal(a.q0, b.q0) and a.tried == b.tried
+
+
+def test_bad_input(panda_design, q_panda) -> None:
+    far = rp.circle(panda_design.task, q_panda, 0.8, normal="yz")
+    with pytest.raises(rp.InputError, match="no whole cycle|carries a whole cycle"):
+        rp.best_leaf(panda_design.inverse, far, q_panda, steps=48)
+    with pytest.raises(rp.InputError, match="the start"):
+        rp.best_leaf(panda_design.inverse, far, np.zeros(3))

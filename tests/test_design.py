@@ -1,0 +1,395 @@
+"""Designs: the theory's numbers, honesty about themselves, laws of invariance, and refusals."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import scipy.optimize
+
+import repctl_pin as rp
+from repctl_pin import redundancy
+from repctl_pin.design import criterion
+from repctl_pin.design.criterion import Builder
+from repctl_pin.design.judgement import judge
+
+Q0 = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
+
+
+def panda_design_of(panda: rp.Robot, kind: str, width: float, degree: int, **options) -> rp.Design:
+    task = panda.task("panda_hand_tcp", kind)
+    return rp.nearest_repeatable(rp.Pseudoinverse(task), None, rp.Box(Q0, width), degree=degree, **options)
+
+
+# ---- the numbers ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "kind, width, degree, most",
+    [
+        ("pose", 0.4, 2, 0.2475),
+        ("pose", 0.4, 3, 0.2003),
+        ("pose", 0.8, 2, 1.96),
+        ("position", 0.4, 2, 0.3455),
+        ("position", 0.8, 2, 3.70),
+    ],
+)
+def test_cost_on_fresh_nodes(panda: rp.Robot, kind: str, width: float, degree: int, most: float) -> None:
+    design = panda_design_of(panda, kind, width, degree)
+    assert design.converged
+    assert design.cost <= most
+    assert design.cost < most + design.cost_error < 1.02 * most  # and the margin is no luck of a wide scatter
+    assert design.clearance > 0.05
+    # what the inverse does is what the figures say: once more with plain matrices, on nodes of our own
+    Q = design.region.random(2048, 4711)
+    J = design.task.jacobians(Q)
+    distance = np.sum((design.inverse.batch(Q) - np.linalg.pinv(J)) ** 2, axis=(1, 2))
+    assert abs(distance.mean() - design.cost) < 4 * distance.std() / np.sqrt(len(Q))
+
+
+def test_baselines_stand_beside_it(panda: rp.Robot, panda_design: rp.Design) -> None:
+    rows, extended = panda_design.baselines
+    assert rows.judgement is not None and extended.judgement is not None
+    assert abs(rows.judgement.cost - 0.531) < 1e-3
+    assert abs(extended.judgement.cost - 0.376) < 1e-3
+    assert panda_design.cost < extended.judgement.cost < rows.judgement.cost
+    text = panda_design.summary()
+    assert "constant rows" in text and "extended Jacobian" in text and "converged" in text
+
+
+def test_the_extended_jacobian_is_singular_in_the_wide_box_and_said_so(panda: rp.Robot) -> None:
+    design = panda_design_of(panda, "pose", 0.8, 1)
+    extended = design.baselines[1]
+    assert extended.judgement is None
+    assert "algorithmic singularity" in extended.refused and "panda_joint4 = " in extended.refused
+    # the point it names lies in the box, and det J_V has another sign there than at the center
+    inverse = rp.ExtendedJacobian(design.task, Q0)
+    with pytest.raises(rp.SingularRegionError) as error:
+        judge(inverse, design.desired, design.region)
+    at, free = error.value.at, error.value.free
+    assert design.region.contains(at[None])[0]
+    sides = [
+        np.sign(np.linalg.det(np.vstack([design.task.jacobian(q), inverse.field.gradient(q).T]))) for q in (Q0, at)
+    ]
+    assert sides[0] == -sides[1]
+    assert isinstance(free, rp.Box) and judge(inverse, design.desired, free).clearance > 0
+
+
+@pytest.fixture(scope="module")
+def ppr_design() -> rp.Design:
+    task = rp.Robot.load("ppr").task(None, "xy")
+    return rp.nearest_repeatable(rp.Pseudoinverse(task), None, rp.Box(np.zeros(3), 1.0), degree=6)
+
+
+def test_a_potential_of_all_joints_beats_the_papers_family(ppr_design: rp.Design) -> None:
+    assert ppr_design.converged and ppr_design.cost <= 0.0175  # the paper's k = 0: 0.13634
+    assert ppr_design.cost_error < 1e-4
+
+
+def test_degree_auto_stops_where_the_cost_stops_falling() -> None:
+    task = rp.Robot.load("ppr").task(None, "xy")
+    design = rp.nearest_repeatable(rp.Pseudoinverse(task), None, rp.Box(np.zeros(3), 1.0), degree="auto")
+    degrees, costs, _ = zip(*design.degrees, strict=True)
+    assert degrees == tuple(range(1, len(degrees) + 1))
+    assert costs[-1] > 0.99 * costs[-2]  # the last was not worth it
+    assert all(later < 0.99 * earlier for earlier, later in pairwise(costs[:-1]))
+    assert design.cost == min(costs) and design.fields.degree in degrees
+
+
+@pytest.mark.parametrize(
+    "robot, kind, r, width",
+    [
+        ("panda", "axis", 2, 0.3),
+        ("panda", "position", 4, 0.3),
+        ("tiago", "position", 5, 0.2),
+        ("talos", "position", 6, 0.1),
+    ],
+)
+def test_higher_redundancy(robot: str, kind: str, r: int, width: float) -> None:
+    task = rp.Robot.load(robot).task(None, kind)
+    q0 = np.array(task.reference)
+    if robot == "panda":
+        q0 = Q0
+    elif robot == "talos":
+        q0[5] = -0.9  # away from the stretched elbow of its reference pose
+    assert task.r == r
+    design = rp.nearest_repeatable(rp.Pseudoinverse(task), None, rp.Box(q0, width), degree=2, fresh=4096, shrink=True)
+    assert design.converged and design.clearance > 0.1
+    # the defect (I − G J)[g_a, g_b], exact; and by plain differences, which see 1e-6 of J⁺'s own
+    G, e = design.inverse, 1e-5
+    for q in design.region.random(4, 5):
+        assert np.abs(rp.bracket_defect(G, q)).max() < 1e-8
+        defects = []
+        for g_of in (G, design.desired):
+            g = g_of(q)
+            along = [(g_of(q + e * c) - g_of(q - e * c)) / (2 * e) for c in g.T]  # (∂G/∂q) g_a
+            brackets = np.array([along[a][:, b] - along[b][:, a] for a in range(task.m) for b in range(a)])
+            defects.append(np.abs(brackets - brackets @ task.jacobian(q).T @ g.T).max())
+        assert defects[0] < 1e-5 * defects[1]
+    path = rp.circle(task, q0, radius=0.02)
+    motion = rp.follow(G, path, q0, cycles=10, steps=200)
+    assert motion.drift.max() < 1e-8
+    assert np.ptp(motion.q, axis=0).max() > 1e-3  # it moved, and came back
+
+
+# ---- honesty -------------------------------------------------------------------------------------
+
+
+def test_the_standard_error_is_true() -> None:
+    """30 of the benchmark's 100 seeded designs, with 2¹⁵ nodes for its 10⁶."""
+    task = rp.Robot.load("planar3r").task(None, "xy")
+    desired = rp.Pseudoinverse(task)
+    rng = np.random.default_rng(0)
+    inside = 0
+    for seed in range(30):
+        center = np.array([0.3, 1.0, 0.8]) + rng.uniform(-0.2, 0.2, 3)
+        box = rp.Box(center, 0.4)
+        design = rp.nearest_repeatable(desired, None, box, degree=2, samples=512, fresh=1024, seed=seed)
+        Q = box.random(2**15, 10_000 + seed)
+        truth = np.mean(np.sum((design.inverse.batch(Q) - desired.batch(Q)) ** 2, axis=(1, 2)))
+        inside += abs(design.cost - truth) <= 2 * design.cost_error
+    assert 26 <= inside <= 30  # 95 % is what two standard errors should hold
+
+
+def test_converged_tells_the_truth(panda: rp.Robot) -> None:
+    """A quasi-Newton method that starts where Gauss–Newton stopped finds next to nothing more."""
+    for kind, width in (("pose", 0.4), ("position", 0.4)):
+        design = panda_design_of(panda, kind, width, 2, samples=1024)
+        assert design.converged
+        task, fields, box = design.task, design.fields, design.region
+        N = criterion.oriented_nullspace(task.jacobian(box.center)[None], task, box.center[None])[0]
+        block = Builder(design.desired, fields, np.arange(fields.size), N)(*box.nodes(1024, 0))
+        shape = design.coefficients.shape
+
+        def flat(a: np.ndarray, block=block, shape=shape) -> tuple[float, np.ndarray]:
+            cost, gradient = criterion.cost_and_gradient([block], a.reshape(shape))
+            return cost, gradient.ravel()
+
+        start = design.coefficients.ravel()
+        assert np.isclose(flat(start)[0], design.fit_cost, rtol=1e-9)
+        found = scipy.optimize.minimize(flat, start, jac=True, method="L-BFGS-B", options={"maxiter": 60})
+        assert found.fun > (1 - 2e-3) * design.fit_cost
+        # and from a poor start it does find more: the check has teeth
+        poor = start + 0.2 * np.random.default_rng(0).normal(size=start.size) * np.abs(start).max()
+        assert flat(poor)[0] > 1.02 * design.fit_cost
+
+
+def test_clearance_is_searched_between_the_nodes(panda: rp.Robot) -> None:
+    design = panda_design_of(panda, "pose", 0.8, 1, fresh=1024)
+    Q = design.region.random(2**16, 99)
+    sigma = redundancy.clearance(redundancy.nullspace(design.task.jacobians(Q)), design.inverse.field.gradients(Q))
+    assert design.clearance < sigma.min() + 1e-6  # 65536 points see nothing below what the search found
+    at = design.clearance_at
+    here = redundancy.clearance(redundancy.nullspace(design.task.jacobian(at)), design.inverse.field.gradient(at))
+    assert np.isclose(here, design.clearance, rtol=1e-9) and design.region.contains(at[None])[0]
+
+
+def test_a_repeatable_desire_is_met_exactly(panda_pose: rp.Task) -> None:
+    """G_d is itself made from a quadratic potential: its nearest repeatable inverse is itself."""
+    box = rp.Box(Q0, 0.3)
+    fields = rp.Polynomial(Q0, 2, 0.3)
+    N = redundancy.nullspace(panda_pose.jacobian(Q0))
+    A = np.linalg.lstsq(fields.gradients(Q0[None])[0], N, rcond=None)[0]
+    A += 0.02 * np.random.default_rng(0).normal(size=A.shape) * np.abs(A).max()
+    desired = rp.RepeatableInverse(panda_pose, fields.weighted(A))
+    design = rp.nearest_repeatable(desired, fields, box, samples=1024, fresh=1024)
+    assert design.cost < 1e-13 and design.converged
+    Q = box.random(64, 9)
+    assert np.abs(design.inverse.batch(Q) - desired.batch(Q)).max() < 1e-7
+
+
+# ---- laws ----------------------------------------------------------------------------------------
+
+
+class Mixed:
+    """The same space of potentials in another basis."""
+
+    def __init__(self, family: rp.Polynomial, M: np.ndarray) -> None:
+        self.family, self.M, self.size = family, M, family.size
+
+    def potentials(self, Q: np.ndarray) -> np.ndarray:
+        return self.family.potentials(Q) @ self.M
+
+    def gradients(self, Q: np.ndarray) -> np.ndarray:
+        return self.family.gradients(Q) @ self.M
+
+    def weighted(self, A: np.ndarray):
+        return self.family.weighted(self.M @ A)
+
+
+@pytest.mark.parametrize("kind", ["pose", "position"])
+def test_the_optimum_does_not_depend_on_the_basis_nor_on_the_block(panda: rp.Robot, kind: str) -> None:
+    task = panda.task("panda_hand_tcp", kind)
+    desired, box, fields = rp.Pseudoinverse(task), rp.Box(Q0, 0.4), rp.Polynomial(Q0, 2, 0.4)
+    options = {"samples": 2048, "fresh": 256}
+    plain = rp.nearest_repeatable(desired, fields, box, **options)
+    rng = np.random.default_rng(0)
+    M = rng.normal(size=(fields.size, fields.size)) * 10 ** rng.uniform(-2, 2, fields.size)
+    Q = box.random(64, 5)
+    G = plain.inverse.batch(Q)
+    for other in (
+        rp.nearest_repeatable(desired, Mixed(fields, M), box, **options),
+        rp.nearest_repeatable(desired, rp.Polynomial(Q0 + 0.1, 2, 1.3), box, **options),  # the same polynomials
+        rp.nearest_repeatable(desired, fields, box, block=97, **options),
+        rp.nearest_repeatable(desired, fields, box, stream=True, **options),
+    ):
+        assert np.isclose(other.fit_cost, plain.fit_cost, rtol=1e-8)
+        assert np.abs(other.inverse.batch(Q) - G).max() < 1e-5 * np.abs(G).max()
+
+
+def test_the_same_seed_is_the_same_design(panda: rp.Robot) -> None:
+    first, again, other = (
+        panda_design_of(panda, "pose", 0.4, 2, samples=1024, fresh=256, seed=seed) for seed in (3, 3, 4)
+    )
+    assert np.array_equal(first.coefficients, again.coefficients) and first.cost == again.cost
+    assert not np.array_equal(first.coefficients, other.coefficients)
+
+
+def test_restarts_never_make_it_worse(panda: rp.Robot) -> None:
+    plain, more = (panda_design_of(panda, "axis", 0.4, 1, samples=1024, fresh=256, restarts=k) for k in (0, 2))
+    assert more.fit_cost <= plain.fit_cost * (1 + 1e-9)
+
+
+def test_designs_are_compared_on_common_nodes(panda: rp.Robot, panda_design: rp.Design) -> None:
+    linear = panda_design_of(panda, "pose", 0.4, 1)
+    comparison = linear.compare(panda_design)
+    assert comparison.best == 1
+    more, error = comparison.differences[1]
+    assert np.isclose(more, panda_design.cost - linear.cost, rtol=0.02) and 0 < error < linear.cost_error + 1e-3
+    assert "35" in str(comparison) and "7" in str(comparison)
+    other = panda_design_of(panda, "axis", 0.3, 1, samples=512, fresh=64)
+    with pytest.raises(rp.InputError, match="different tasks"):
+        linear.compare(other)
+
+
+# ---- other desires -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("weight", ["fixed", "inertia", "limits", "function", "extended", "custom"])
+def test_any_inverse_can_be_desired(panda_pose: rp.Task, weight: str) -> None:
+    task, box = panda_pose, rp.Box(Q0, 0.2)
+    M = np.diag([4.0, 3, 2, 2, 1, 1, 1])
+    desired = {
+        "fixed": lambda: rp.WeightedInverse(task, M),
+        "inertia": lambda: rp.WeightedInverse(task, "inertia"),
+        "limits": lambda: rp.WeightedInverse(task, rp.LimitWeight(task)),
+        "function": lambda: rp.WeightedInverse(task, lambda q: 1 + q**2),
+        "extended": lambda: rp.ExtendedJacobian(task, Q0),
+        "custom": lambda: rp.CustomInverse(task, lambda q: np.linalg.pinv(task.jacobian(q))),
+    }[weight]()
+    design = rp.nearest_repeatable(desired, None, box, degree=2, samples=1024, fresh=1024)
+    assert design.converged and design.clearance > 0.3 and design.relative_distance < 0.15
+    plain = rp.nearest_repeatable(rp.Pseudoinverse(task), None, box, degree=2, samples=1024, fresh=1024)
+    Q = box.random(256, 3)
+    G_d = desired.batch(Q)
+
+    def distance(d: rp.Design) -> float:
+        return float(np.mean(np.sum((d.inverse.batch(Q) - G_d) ** 2, axis=(1, 2))))
+
+    # it is nearer to what was desired than the design for J⁺ is (which is the same for "custom")
+    assert distance(design) <= distance(plain) * (1.001 if weight == "custom" else 0.999)
+
+
+def test_limit_weight_is_smooth_one_in_the_middle_and_grows(panda_pose: rp.Task) -> None:
+    weight = rp.LimitWeight(panda_pose)
+    middle = (panda_pose.lower + panda_pose.upper) / 2
+    assert np.allclose(weight(middle), 1)
+    near = middle + 0.999 * (panda_pose.upper - middle)
+    assert (weight(near) > 400).all()
+    assert np.allclose(weight(middle + 0.3), weight(middle - 0.3))
+    with pytest.raises(rp.InputError, match="panda_joint1 = "):
+        weight(panda_pose.upper + 0.1)
+    with pytest.raises(rp.InputError, match="0 or more"):
+        rp.LimitWeight(panda_pose, -1)
+
+
+# ---- refusals ------------------------------------------------------------------------------------
+
+
+def test_a_singularity_of_V_is_refused_with_the_largest_free_box_and_shrink_takes_it(panda_pose: rp.Task) -> None:
+    desired, box = rp.Pseudoinverse(panda_pose), rp.Box(Q0, 1.4)
+    with pytest.raises(rp.SingularRegionError, match="shrink=True") as error:
+        rp.nearest_repeatable(desired, None, box, degree=1, samples=2048, fresh=2048)
+    found = error.value
+    assert "\n" not in str(found) and "panda_joint1 = " in str(found)
+    assert box.contains(found.at[None])[0]
+    assert isinstance(found.free, rp.Box) and 0 < found.free.half_width[0] < 1.4
+    design = rp.nearest_repeatable(desired, None, box, degree=1, samples=2048, fresh=2048, shrink=True)
+    assert design.clearance > 0 and 0.1 < design.shrunk < 1
+    assert np.allclose(design.region.half_width, 1.4 * design.shrunk)
+
+
+def test_a_singularity_of_the_arm_is_refused_by_place() -> None:
+    """Unit links, relative angles: J loses rank at θ₂ = θ₃ = 0, a line that nodes miss and the search finds."""
+    task = rp.Robot.load("planar3r").task(None, "xy")
+    box = rp.Box([0.3, 0.5, 0.4], [0.5, 0.8, 0.8])
+    with pytest.raises(rp.SingularRegionError, match="loses rank") as error:
+        rp.nearest_repeatable(rp.Pseudoinverse(task), None, box, degree=2)
+    at, free = error.value.at, error.value.free
+    assert np.abs(at[1:]).max() < 1e-2
+    # the nearest point of the line: |0 − 0.5| / 0.8 and |0 − 0.4| / 0.8, the larger
+    assert isinstance(free, rp.Box) and 0.6 < free.half_width[1] / 0.8 < 0.5 / 0.8 + 1e-9
+    design = rp.nearest_repeatable(rp.Pseudoinverse(task), None, box, degree=2, shrink=True)
+    assert design.shrunk < 0.5 / 0.8 and design.clearance > 0
+
+
+def nan_beyond(q: np.ndarray) -> float:
+    return float("nan") if q[0] > 0.2 else float(q[0])
+
+
+@pytest.mark.parametrize(
+    "make, message",
+    [
+        (lambda t: rp.nearest_repeatable(rp.Pseudoinverse(t), None, rp.Box(Q0 + 10, 0.4), degree=1), "joint limits"),
+        (lambda t: rp.nearest_repeatable(rp.Pseudoinverse(t), None, rp.Box(Q0[:6], 0.4), degree=1), "6 joints"),
+        (lambda t: rp.nearest_repeatable(rp.Pseudoinverse(t), None, rp.Box(Q0, 0.4), degree=2, samples=5), "too few"),
+        (lambda t: rp.nearest_repeatable(rp.Pseudoinverse(t), None, rp.Box(Q0, 0.4), degree=2, samples=0), "samples"),
+        (lambda t: rp.nearest_repeatable(rp.Pseudoinverse(t), None, rp.Box(Q0, 0.4), degree="cubic"), "auto"),
+        (lambda t: rp.nearest_repeatable(rp.Pseudoinverse(t), None, rp.Box(Q0, 0.4)), "either fields"),
+        (lambda t: rp.nearest_repeatable(rp.Pseudoinverse(t), None, rp.Box(Q0, 0.4), degree=1, block=0), "block"),
+        (
+            lambda t: rp.nearest_repeatable(
+                rp.CustomInverse(t, lambda q: 1.01 * np.linalg.pinv(t.jacobian(q))), None, rp.Box(Q0, 0.4), degree=1
+            ),
+            "J G = I",
+        ),
+        (
+            lambda t: rp.nearest_repeatable(
+                rp.Pseudoinverse(t), rp.Potentials([nan_beyond]) + rp.Polynomial(Q0, 1), rp.Box(Q0, 0.4), samples=64
+            ),
+            "nan_beyond is nan",
+        ),
+        (
+            lambda t: rp.nearest_repeatable(
+                rp.Pseudoinverse(t), rp.Polynomial(Q0, 1), rp.Box(Q0, 0.4, density=lambda Q: -np.ones(len(Q)))
+            ),
+            "density",
+        ),
+    ],
+)
+def test_bad_input_gets_one_clear_line(panda_pose: rp.Task, make, message: str) -> None:
+    with pytest.raises(rp.InputError, match=message) as error:
+        make(panda_pose)
+    assert "\n" not in str(error.value)
+
+
+def test_a_task_without_redundancy_is_refused() -> None:
+    task = rp.Robot.load("ur5").task(None, "pose")
+    with pytest.raises(rp.InputError, match="no redundancy"):
+        rp.nearest_repeatable(rp.Pseudoinverse(task), None, rp.Box(task.reference, 0.1), degree=1)
+
+
+class Broken:
+    """No inverse at all, and without a check of its own."""
+
+    def __init__(self, task: rp.Task) -> None:
+        self.task = task
+
+    def batch(self, Q: np.ndarray, J: np.ndarray | None = None) -> np.ndarray:
+        return 0.9 * rp.Pseudoinverse(self.task).batch(Q, J)
+
+
+def test_an_inverse_that_is_none_is_refused_with_the_residual(panda_pose: rp.Task) -> None:
+    with pytest.raises(rp.InputError, match=r"missed by 0\.1"):
+        rp.nearest_repeatable(Broken(panda_pose), None, rp.Box(Q0, 0.3), degree=1)
