@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import runpy
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -21,7 +24,9 @@ def dense(inverse: rp.RepeatableInverse, path: rp.Path, q0: np.ndarray) -> rp.Mo
     return rp.follow(inverse, path, q0, cycles=3, steps=500, lock=2)
 
 
-@pytest.mark.parametrize("plane, radius, angle", [("xy", 0.1, np.pi), ("yz", 0.1, np.pi), ("xz", 0.1, np.pi), ("yz", 0.2, 0)])
+@pytest.mark.parametrize(
+    "plane, radius, angle", [("xy", 0.1, np.pi), ("yz", 0.1, np.pi), ("xz", 0.1, np.pi), ("yz", 0.2, 0)]
+)
 def test_panda_is_never_worse(panda_design, q_panda, plane: str, radius: float, angle: float) -> None:
     path = rp.circle(panda_design.task, q_panda, radius, normal=plane, start_angle=angle)
     found = rp.best_leaf(panda_design.inverse, path, q_panda)
@@ -33,23 +38,28 @@ def test_panda_is_never_worse(panda_design, q_panda, plane: str, radius: float, 
     assert abs(motion.limit_margin.min() - found.best.limit_margin) < 5e-3  # what it claims is so between its points
 
 
-def test_panda_out_of_a_limit(panda_design, q_panda) -> None:
-    """Begun on a bad leaf, a circle breaks a limit; from the found start it breaks none."""
-    task = panda_design.task
-    path = rp.circle(task, q_panda, 0.1, normal="xz")
-    N = rp.redundancy.nullspace(task.jacobian(q_panda))[:, 0]
-    worse = None
-    for size in np.linspace(-1.5, 1.5, 31):
-        try:
-            start = rp.reach(task, q_panda + size * N, path.placement(0.0))
-            if dense(panda_design.inverse, path, start).first_violation is not None:
-                worse = start
-        except rp.RepctlError:
-            continue
-    assert worse is not None
+def walked(task: rp.Task, q: np.ndarray, path: rp.Path, length: float, sign: float) -> np.ndarray:
+    """Go along the self-motion of a start, the frame held."""
+    along = None
+    for _ in range(round(length / 0.1)):
+        N = rp.redundancy.nullspace(task.jacobian(q))[:, 0]
+        along = N * (sign * np.sign(N[0]) if along is None else np.sign(N @ along))
+        q = rp.reach(task, q + 0.1 * along, path.placement(0.0))
+    return q
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_panda_out_of_a_limit(panda_design, q_panda, sign: float) -> None:
+    """Begun with its elbow far out, a circle breaks a limit; from the found start it breaks none."""
+    path = rp.circle(panda_design.task, q_panda, 0.15, normal="yz", start_angle=np.pi / 2)
+    worse = walked(panda_design.task, q_panda, path, 2.5, sign)
+    violation = dense(panda_design.inverse, path, worse).first_violation
+    assert violation is not None and violation[1].startswith("panda_joint")
     found = rp.best_leaf(panda_design.inverse, path, worse)
+    assert found.given is not None and found.given.limit_margin < 0 < found.best.limit_margin
     assert dense(panda_design.inverse, path, found.q0).first_violation is None
-    assert "LEAVES" not in found.summary() and "given start" in found.summary()
+    first, second = found.summary().splitlines()[1:]
+    assert "leaves its limits" in first and "leaves" not in second
 
 
 @pytest.mark.parametrize("plane, angle", [("xy", 0.0), ("yz", 0.0), ("xz", 0.0), ("yz", np.pi)])
@@ -84,3 +94,13 @@ def test_bad_input(panda_design, q_panda) -> None:
         rp.best_leaf(panda_design.inverse, far, q_panda, steps=48)
     with pytest.raises(rp.InputError, match="the start"):
         rp.best_leaf(panda_design.inverse, far, np.zeros(3))
+
+
+def test_the_example_shows_a_broken_limit_and_none(capsys) -> None:
+    example = Path(__file__).parent.parent / "examples" / "best_leaf.py"
+    runpy.run_path(str(example), run_name="__main__")
+    text = capsys.readouterr().out
+    for arm in text.strip().split("\n\n"):
+        given, best, ten = arm.splitlines()[1:]
+        assert "leaves its limits" in given and "leaves" not in best and "no joint leaves its limits" in ten
+    assert "tiago" in text and "panda" in text

@@ -222,7 +222,7 @@ class Mixed:
 def test_the_optimum_does_not_depend_on_the_basis_nor_on_the_block(panda: rp.Robot, kind: str) -> None:
     task = panda.task("panda_hand_tcp", kind)
     desired, box, fields = rp.Pseudoinverse(task), rp.Box(Q0, 0.4), rp.Polynomial(Q0, 2, 0.4)
-    options = {"samples": 2048, "fresh": 256}
+    options = {"samples": 2048, "fresh": 256, "tolerance": 1e-10}
     plain = rp.nearest_repeatable(desired, fields, box, **options)
     rng = np.random.default_rng(0)
     M = rng.normal(size=(fields.size, fields.size)) * 10 ** rng.uniform(-2, 2, fields.size)

@@ -122,9 +122,7 @@ def test_maps_hold_their_arrays(study: rp.Study) -> None:
         dG[:, :, k] = (study.design.desired(q + step) - study.design.desired(q - step)) / 2e-5
     bracket = np.einsum("ik,k->i", dG[:, 1], G[:, 0]) - np.einsum("ik,k->i", dG[:, 0], G[:, 1])
     omega = (np.eye(4) - G @ J) @ bracket
-    assert maps.defect[7, 2] == pytest.approx(
-        np.linalg.norm(omega) / np.sqrt(np.linalg.det(G.T @ G)), rel=1e-6
-    )
+    assert maps.defect[7, 2] == pytest.approx(np.linalg.norm(omega) / np.sqrt(np.linalg.det(G.T @ G)), rel=1e-6)
     ax = joint_map(axes(), study.task, (i, j), maps.design.x, maps.design.y, maps.defect, label="defect")
     mesh = ax.collections[0]
     np.testing.assert_array_equal(mesh.get_array().reshape(9, 9), maps.defect)

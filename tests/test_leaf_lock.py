@@ -191,6 +191,8 @@ def test_bad_input(panda_design, panda_pose, path, q_panda) -> None:
 
 def test_any_function_can_be_followed(panda_pose, path, q_panda) -> None:
     task = panda_pose
-    own = rp.follow(lambda q, xdot: np.linalg.pinv(task.jacobian(q)) @ xdot, path, q_panda, cycles=1, steps=50, task=task)
+    own = rp.follow(
+        lambda q, xdot: np.linalg.pinv(task.jacobian(q)) @ xdot, path, q_panda, cycles=1, steps=50, task=task
+    )
     ours = rp.follow(rp.Pseudoinverse(task), path, q_panda, cycles=1, steps=50)
     assert np.allclose(own.q, ours.q, atol=1e-12)

@@ -75,7 +75,7 @@ def test_a_workspace_box_is_a_mean_over_positions_and_self_motions() -> None:
     within = rp.Box([0.2, 1.2, 0.9], [1.5, 0.9, 0.7])
     middle = task.positions(within.center[None])[0, :2]
     region = rp.WorkspaceBox(task, middle, 0.2, within=within)
-    Q, w = region.nodes(40_000, 0)
+    Q, w = region.nodes(16_384, 0)
     p = task.positions(Q)[:, :2]
     assert np.abs(p - middle).max() <= 0.2 and within.contains(Q).all() and region.contains(Q).all()
     # each position's self-motion has a length; the weighted density over x is proportional to it

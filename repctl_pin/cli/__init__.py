@@ -9,10 +9,10 @@ from collections.abc import Sequence
 
 from .. import __version__
 from ..errors import RepctlError
-from . import check, design, follow, inspect, robots, study
+from . import animate, check, completion, design, follow, inspect, robots, study
 from .terminal import clear_line
 
-_COMMANDS = (study, design, follow, check, robots, inspect)
+_COMMANDS = (study, design, follow, check, animate, robots, inspect, completion)
 
 _EXAMPLES = """examples:
   repctl study panda                            table, figures and animation in repctl-out/panda/
@@ -21,6 +21,7 @@ _EXAMPLES = """examples:
   repctl design panda --degree auto             the nearest repeatable inverse, and what it is worth
   repctl check panda --weight inertia           is this control repeatable? how much does it drift?
   repctl follow design.json --csv motion.csv    one cycle of a saved design, ready for a robot
+  repctl animate panda --live                   both arms in the browser, until Ctrl-C
   repctl robots                                 every arm in the catalogue
   repctl inspect my_arm.urdf                    what a file holds
 """

@@ -160,7 +160,9 @@ def _print(result: dict[str, Any], motion: Motion) -> None:
     if result["first_violation"] is not None:
         joint = result["first_violation"]["joint"]
         print(f"                {joint} LEAVES ITS LIMITS; try --best-leaf or another --start")
-    slowed = "" if result["slowed_by"] < 1.0001 else f", slowed down by {result['slowed_by']:.3g} to keep the speed limits"
+    slowed = (
+        "" if result["slowed_by"] < 1.0001 else f", slowed down by {result['slowed_by']:.3g} to keep the speed limits"
+    )
     print(f"time            {result['duration']:.4g} s{slowed}")
     for file in result["files"]:
         print(f"wrote {file}")

@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 Report = Callable[[int, float], None]
 
 _MAX_STEPS = 100
+_STILL = 3
 _DAMPING, _LEAST_DAMPING = 1e-4, 1e-7
 _EMPHASIS = (1.0, 0.1, 0.01)
 
@@ -32,7 +33,7 @@ class Descent:
     cost, gradient_norm : float
         On the nodes of the fit; the norm in coordinates orthonormal over Ω, of the part that moves span A.
     converged : bool
-        Gauss–Newton predicts no further relative decrease above the tolerance.
+        Gauss–Newton predicts no further relative decrease above the tolerance, or three steps brought none.
     steps : int
     sides : Sides
         Of the nodes; ``sides.clear`` unless there is an algorithmic singularity.
@@ -119,7 +120,7 @@ def descend(
     C = scipy.linalg.solve_triangular(basis, A)
     size = len(C)
     total, cost, gradient, matrix, sides = evaluate(C)
-    converged, steps, norm, damping = False, 0, 0.0, _DAMPING
+    converged, steps, still, norm, damping = False, 0, 0, 0.0, _DAMPING
     for steps in range(_MAX_STEPS):
         if report is not None:
             report(steps, cost)
@@ -159,9 +160,13 @@ def descend(
         if length < 1.0:
             found = evaluate(trial)
         gain = (total - found[0]) / predicted
+        still = still + 1 if abs(cost - found[1]) <= tolerance * cost else 0
         damping = float(np.clip(damping * (0.2 if gain > 0.5 else 1 if gain > 0.2 else 5), _LEAST_DAMPING, 1.0))
         C = C + length * dC
         total, cost, gradient, matrix, sides = found
+        if still == _STILL:  # what goes on is but the penalty's, among V of one cost
+            converged = True
+            break
     return Descent(basis @ C, cost, norm, converged, steps, sides)
 
 

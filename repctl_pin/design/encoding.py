@@ -121,8 +121,8 @@ def encode_desired(desired: Inverse) -> Plain:
         weight = desired.weight
         return {"kind": "weighted", "weight": weight if isinstance(weight, str) else np.asarray(weight).tolist()}
     raise InputError(
-        f"a design whose desired inverse is a {type(desired).__name__} of your own cannot be saved, for a file holds no "
-        "functions; save dataclasses.replace(design, desired=rp.Pseudoinverse(design.task)) to keep the result alone"
+        f"a design whose desired inverse is a {type(desired).__name__} of your own cannot be saved, for a file holds "
+        "no functions; save dataclasses.replace(design, desired=rp.Pseudoinverse(design.task)) to keep the result alone"
     )
 
 

@@ -35,7 +35,7 @@ _LEAST_NODES = 4096
 _DEFAULT_NODES = 16384
 _NODES_PER_UNKNOWN = 32
 _COARSE_TOLERANCE = 1e-4
-_PENALTIES = (1e-3, 1e-2, 1e-1)
+_PENALTIES: tuple[float, ...] = (1e-3, 1e-2, 1e-1)
 """Tried in turn until no singularity is left between the nodes, after few nodes with the second; see
 :func:`descend`."""
 

@@ -43,7 +43,7 @@ def nearest_repeatable(
     executor: Executor | Client | None = None,
     shrink: bool = False,
     restarts: int = 0,
-    tolerance: float = 1e-6,
+    tolerance: float = 1e-5,
     progress: bool | Callable[[str, float], None] = False,
 ) -> Design:
     """Find the repeatable inverse nearest to a desired one in the mean over Ω (26), (36), (38).
@@ -80,7 +80,8 @@ def nearest_repeatable(
     restarts
         Further descents, from random changes of the start; the best is taken.
     tolerance
-        Relative decrease of the cost below which the optimiser is content.
+        Relative decrease of the cost, foretold for a step or not brought by three, below which the optimiser
+        is content.
     progress
         True for a bar on stderr, or a function that takes what is being done, and its share done.
 

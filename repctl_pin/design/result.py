@@ -49,7 +49,7 @@ class Design:
         Of the cost on the nodes of the fit, in coordinates in which the potentials' gradients are
         orthonormal over Ω.
     converged : bool
-        The optimiser can predict no decrease above ``tolerance`` of the cost.
+        The optimiser foretells no decrease above ``tolerance`` of the cost, or three steps brought none.
     steps : int
         Gauss–Newton steps taken.
     samples, fresh : int

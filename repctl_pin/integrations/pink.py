@@ -100,4 +100,6 @@ class RepeatableTask(PinkTask):
         self._model = model
 
     def __repr__(self) -> str:
-        return f"RepeatableTask({self.inverse.task!r}, cost={self.cost}, gain={self.gain}, lm_damping={self.lm_damping})"
+        return (
+            f"RepeatableTask({self.inverse.task!r}, cost={self.cost}, gain={self.gain}, lm_damping={self.lm_damping})"
+        )

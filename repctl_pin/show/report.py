@@ -188,7 +188,7 @@ def _notes(notes: list[str]) -> str:
 def _setting(study: Study) -> dict[str, str]:
     """What was studied, in full: numbers as they are held, and the robot file's fingerprint."""
     xml = study.robot.description.xml
-    center, width = study.region.center, study.region.half_width
+    center, width = study.region.bounds.center, study.region.bounds.half_width
     return study.setting | {
         "start": ", ".join(repr(float(v)) for v in study.q0),
         "joints": ", ".join(study.task.joint_names),

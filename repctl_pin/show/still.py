@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -25,7 +25,7 @@ def bones(task: Task, q: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.vstack([task.joint_origins(q), task.positions(q[None])])
 
 
-def still(ax: Axes, motion: Motion, elbow: int, colour: str, *, flat: bool = False) -> Axes:
+def still(ax: Any, motion: Motion, elbow: int, colour: str, *, flat: bool = False) -> Axes:
     """Draw the arm at the start (grey) and at the end of the motion, the path, and the elbow's trace.
 
     Parameters
@@ -67,10 +67,10 @@ def still_figure(study: Study) -> Figure:
     stations = np.vstack([bones(study.task, study.q0), study.path.points(16)])
     flat = bool(np.ptp(stations[:, 2]) < 1e-9)
     figure = Figure(figsize=(5.0 * len(rows), 4.6), layout="constrained")
-    axes: list[Axes] = []
+    axes: list[Any] = []
     for k, row in enumerate(rows, 1):
         assert row.motion is not None
-        ax = figure.add_subplot(1, len(rows), k, projection=None if flat else "3d")
+        ax: Any = figure.add_subplot(1, len(rows), k, projection=None if flat else "3d")
         still(ax, row.motion, study.elbow, COLOURS[row.key], flat=flat)
         ax.set_title(f"{row.label}: start (grey), after {row.motion.cycles} cycles", fontsize=10)
         if not flat:
@@ -80,7 +80,7 @@ def still_figure(study: Study) -> Figure:
     return figure
 
 
-def _same_room(axes: list[Axes], flat: bool) -> None:
+def _same_room(axes: list[Any], flat: bool) -> None:
     """Give all the same limits and one scale for every direction."""
     from matplotlib.ticker import MaxNLocator
 

@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import csv
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .figures import COLOURS, drift_figure, joints_figure
 from .files import prepare_folder, write_whole
-from .scene import Arm, animation_page, choose_frames
 from .table import short
+from .tracks import track_of, tracks_page
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from ..motion import Motion
-    from ..robot.visuals import Visuals
     from ..studies import Row, Study
 
 CSV_ROWS_PER_CYCLE = 100
@@ -49,44 +47,12 @@ def write_study(study: Study, folder: Path) -> list[Path]:
 
 def study_page(study: Study) -> str:
     """Make the animation of a study: J⁺ and the repeatable inverse side by side, on one page."""
-    from ..robot.visuals import Visuals
-
-    visuals = Visuals.of(study.robot)
     rows = [study.row("pseudoinverse"), study.row("repeatable")]
-    arms = [_arm(study, visuals, row, row.motion) for row in rows if row.motion is not None]
+    tracks = [track_of(row.label, row.motion, COLOURS[row.key]) for row in rows if row.motion is not None]
     drifts = "; ".join(f"{row.label}: {_drift_words(row)}" for row in rows)
-    return animation_page(
-        arms,
-        study.path.points(),
-        seconds=4.0,
-        title=f"{study.robot.name}: {study.path.name}",
-        caption=f"{study.task.frame}, {study.task.kind} task, n = {study.task.n}, r = {study.task.r}\n{drifts}",
-        planar=bool(np.ptp(_stations(study), axis=0)[2] < 1e-9),
-        frames=_frames(study),
+    return tracks_page(
+        study.task, tracks, elbow=study.elbow, path_points=study.path.points(), name=study.path.name, words=drifts
     )
-
-
-def _arm(study: Study, visuals: Visuals, row: Row, motion: Motion) -> Arm:
-    Q = motion.q[_frames(study).index]
-    elbow = study.elbow
-    return Arm(
-        label=row.label,
-        shapes=visuals.shapes,
-        placements=visuals.placements(study.task.full(Q)),
-        tip=study.task.positions(Q),
-        elbow=np.array([study.task.joint_origins(q)[elbow] for q in Q]),
-        cycle_drift=motion.drift,
-        color=COLOURS[row.key],
-    )
-
-
-def _frames(study: Study) -> Any:
-    motion = next(row.motion for row in study.rows if row.motion is not None)
-    return choose_frames(len(motion.q), motion.cycles)
-
-
-def _stations(study: Study) -> np.ndarray:
-    return np.vstack([study.task.joint_origins(study.q0), study.path.points(16)])
 
 
 def _drift_words(row: Row) -> str:

@@ -141,9 +141,9 @@ def _velocity(task: Task) -> Callable[[Array, Array], Array]:
         multiply(J_T, gram)
         _, y, info = dposv(gram_T, rhs, 0, 1)
         # The pivots p of J Jᵀ = L Lᵀ: ∏ p ≤ min p · max pᵐ⁻¹ and max p ≤ ‖J‖, so this is enough; else look closely.
-        if info or not abs(prod(pivots.tolist())) > tolerance * square**half:
-            if info or not (np.isfinite(y).all() and pivots.min() > tolerance * pivots.max()):
-                raise failure(task, q, rhs, "the Jacobian loses rank: the arm is at a singularity")
+        sure = not info and abs(prod(pivots.tolist())) > tolerance * square**half
+        if not sure and (info or not (np.isfinite(y).all() and pivots.min() > tolerance * pivots.max())):
+            raise failure(task, q, rhs, "the Jacobian loses rank: the arm is at a singularity")
         return y.dot(J)
 
     return velocity

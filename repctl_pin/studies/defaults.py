@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
-from ..design.region import Box
+from ..design.tube import Tube
 from ..errors import InputError, SingularityError
 from ..motion import Motion, Path, circle, follow
 from ..redundancy import nullspace
@@ -23,8 +23,9 @@ PREFERRED_KINDS = ("pose", "position", "xy", "xz", "yz")
 
 _RADII = (0.5, 0.3, 0.2, 0.1, 0.05, 0.03, 0.02, 0.01)
 _ANGLES = (np.pi, 0.0, np.pi / 2, -np.pi / 2)
-_LEAST_DEXTERITY = 0.05
-_LEAST_MARGIN = 0.05
+_LEAST_DEXTERITY = {6: 0.05, 5: 0.05}
+_LEAST_DEXTERITY_OF_POSITION = 0.2
+_LEAST_MARGIN = 0.15
 
 
 def redundant_kinds(robot: Robot, frame: str) -> dict[str, int]:
@@ -114,7 +115,8 @@ def starts(task: Task) -> Iterator[tuple[Array, str]]:
             continue
         q = task.part(task.robot.poses[pose])
         margin = np.minimum(q - task.lower, task.upper - q).min()
-        if dexterity(task, q) >= _LEAST_DEXTERITY and margin >= _LEAST_MARGIN:
+        least = _LEAST_DEXTERITY.get(task.m, _LEAST_DEXTERITY_OF_POSITION)
+        if dexterity(task, q) >= least and margin >= _LEAST_MARGIN:
             yield q, where
     middle = task.part(task.robot.poses["middle"])
     low, high = _inner(task)
@@ -171,12 +173,9 @@ def choose_path(task: Task, q0: Array, *, plane: str | None = None, radius: floa
     )
 
 
-def choose_region(task: Task, motion: Motion) -> Box:
-    """Take the box round one cycle of a motion, half as wide again, at least ±0.25 rad or ±0.1 m."""
-    cycle = motion.cycle(0)
-    low, high = cycle.min(axis=0), cycle.max(axis=0)
-    least = np.where(task.revolute, 0.25, 0.1)
-    return Box((low + high) / 2, np.maximum(0.75 * (high - low), least))
+def choose_region(task: Task, motion: Motion) -> Tube:
+    """Take the tube round one cycle of a motion, 0.1 rad or 0.05 m each way."""
+    return Tube(motion.cycle(0), np.where(task.revolute, 0.1, 0.05))
 
 
 def choose_elbow(task: Task, q0: Array) -> int:

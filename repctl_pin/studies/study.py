@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..design import Box, Design, nearest_repeatable
+from ..design import Box, Design, Region, nearest_repeatable
 from ..errors import InputError, SingularityError
-from ..fields import Polynomial
 from ..motion import Motion, Path, check_reach, follow, reach
 from ..redundancy import align, nullspace
 from ..robot.robot import Robot
@@ -59,7 +58,7 @@ class Study:
     task: Task
     q0: Array
     path: Path
-    region: Box
+    region: Region
     design: Design
     rows: tuple[Row, ...]
     notes: tuple[str, ...]
@@ -88,7 +87,7 @@ class Study:
             "task": f"{task.frame}, {task.kind}: n = {task.n} joints, m = {task.m}, r = {task.r}",
             "start": numbers,
             "path": self.path.name,
-            "region": _region_text(self.region),
+            "region": str(self.region),
             "potentials": f"degree {getattr(self.design.fields, 'degree', '?')}, {self.design.fields.size} of them",
         }
 
@@ -107,7 +106,8 @@ class Study:
             "path": self.path.name,
             "region": {
                 "center": design.region.center.tolist(),
-                "half_width": self.region.half_width.tolist(),
+                "half_width": self.region.bounds.half_width.tolist(),
+                "is": str(self.region),
             },
             "design": {
                 "cost": design.cost,
@@ -133,7 +133,7 @@ def study(
     plane: str | None = None,
     cycles: int = 10,
     steps: int = 500,
-    region: float | Box | None = None,
+    region: float | Region | None = None,
     degree: int = 2,
     period: float = 5.0,
     seed: int = 0,
@@ -158,7 +158,7 @@ def study(
     cycles, steps
         How often round, and RK4 steps a cycle, open loop.
     region
-        Ω: a half-width round the start, rad (and m), or a box; by default the box round the cycle.
+        Ω: a half-width round the start, rad (and m), or a region; by default a tube round the cycle.
     degree
         Of the polynomial potentials.
     period
@@ -210,11 +210,11 @@ def study(
     box = _region(moved, q0, region, first)
 
     say(f"designing the nearest repeatable inverse, degree {degree}")
+    if region is None:  # J⁺ creeps away from where the repeatable inverse will be: a linear one finds the way
+        linear, _, _ = _design(plain, box, 1, seed, fixed=False)
+        own = _run("", "", linear.inverse, path, q0, {"cycles": 1, "steps": steps, "period": period}).motion
+        box = box if own is None else defaults.choose_region(moved, own)
     design, box, shrunk = _design(plain, box, degree, seed, fixed=region is not None)
-    if region is None:  # J⁺ creeps away from where the repeatable inverse will be: once more, round its own cycle
-        own = _run("", "", design.inverse, path, q0, {"cycles": 1, "steps": steps, "period": period}).motion
-        if own is not None:
-            design, box, shrunk = _design(plain, defaults.choose_region(moved, own), degree, seed, fixed=False)
     notes.extend(shrunk)
 
     say(f"following the path for {cycles} cycles")
@@ -234,10 +234,10 @@ def study(
     ]
     repeatable = _run("repeatable", "nearest repeatable", design.inverse, path, q0, options)
     if repeatable.motion is not None:
-        covered = float(np.mean(box.contains(repeatable.motion.q)))
+        covered = float(np.mean(box.ratio(repeatable.motion.q) <= 1))
         if covered < 1:
             notes.append(
-                f"the repeatable motion spends {1 - covered:.0%} of its time outside Ω, where nothing was designed"
+                f"the repeatable motion spends {1 - covered:.1%} of its time outside Ω, where nothing was designed"
             )
     rows.append(replace(repeatable, clearance=_clearance(design, repeatable.motion), distance=design.relative_distance))
     return Study(moved, q0, path, box, design, tuple(rows), tuple(notes))
@@ -251,22 +251,22 @@ def _run(key: str, label: str, strategy: Strategy, path: Path, q0: Array, option
         return Row(key, label, None, stopped=str(error))
 
 
-def _region(task: Task, q0: Array, region: float | Box | None, first: Motion) -> Box:
+def _region(task: Task, q0: Array, region: float | Region | None, first: Motion) -> Region:
     if region is None:
         return defaults.choose_region(task, first)
-    if isinstance(region, Box):
-        return region
-    return Box(q0, float(region))
+    if isinstance(region, (int, float)):
+        return Box(q0, float(region))
+    return region
 
 
-def _design(plain: Pseudoinverse, box: Box, degree: int, seed: int, *, fixed: bool) -> tuple[Design, Box, list[str]]:
+def _design(
+    plain: Pseudoinverse, region: Region, degree: int, seed: int, *, fixed: bool
+) -> tuple[Design, Region, list[str]]:
     """Design in the region; one that was not asked for by name is shrunk until it is free of singularities."""
-    fields = Polynomial(box.center, degree, box.half_width)
     try:
-        design = nearest_repeatable(plain, fields, box, seed=seed, shrink=not fixed)
+        design = nearest_repeatable(plain, None, region, degree=degree, seed=seed, shrink=not fixed)
     except SingularityError as error:
         raise SingularityError(f"{error}" + (" (--region)" if fixed else "")) from None
-    assert isinstance(design.region, Box)
     note = [f"Ω was shrunk to {design.shrunk:.0%} to keep clear of singularities"] if design.shrunk < 1 else []
     return design, design.region, note
 
@@ -302,12 +302,6 @@ def _row_dict(row: Row) -> dict[str, Any]:
         "clearance": row.clearance,
         "distance": row.distance,
     }
-
-
-def _region_text(box: Box) -> str:
-    widths: Sequence[str] = sorted({f"{w:.2g}" for w in box.half_width}, key=float)
-    centre = ", ".join(f"{c:.3g}" for c in box.center)
-    return f"±{widths[0]}{'' if len(widths) == 1 else ' to ±' + widths[-1]} round ({centre})"
 
 
 __all__ = ["InputError", "Row", "Study", "study"]

@@ -1,0 +1,196 @@
+"""``repctl animate`` and what it stands on: motions read back from files, pages made of them, completion, cells."""
+
+from __future__ import annotations
+
+import html
+import json
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_cli import refused, repctl
+from test_scene import read
+
+import repctl_pin as rp
+from repctl_pin.cli import main, parser
+from repctl_pin.cli.completion import script
+from repctl_pin.motion.export import csv_text
+from repctl_pin.robot.visuals import Visuals
+from repctl_pin.show.notebook import inline
+from repctl_pin.show.scene import choose_frames, poses_of
+from repctl_pin.show.study_files import study_page, write_study
+from repctl_pin.show.tracks import read_tracks, track_of, tracks_page
+
+
+@pytest.fixture(scope="module")
+def study() -> rp.Study:
+    return rp.study("ppr", cycles=3, steps=60, degree=1)
+
+
+@pytest.fixture(scope="module")
+def folder(study: rp.Study, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("study")
+    write_study(study, folder)
+    return folder
+
+
+def test_a_studys_csv_is_read_back(study: rp.Study, folder: Path) -> None:
+    tracks = read_tracks(folder / "motion.csv", study.robot)
+    assert [t.label for t in tracks] == [row.label for row in study.rows]
+    for track, row in zip(tracks, study.rows, strict=True):
+        assert track.cycles == 3 and track.unit == "rad and m"
+        np.testing.assert_allclose(study.task.part(track.Q), row.motion.q, atol=1e-9)
+        np.testing.assert_allclose(track.drift, row.motion.drift, atol=1e-8)
+
+
+def test_a_followed_csv_is_read_back(study: rp.Study, tmp_path: Path) -> None:
+    motion = study.row("repeatable").motion
+    (tmp_path / "mine.csv").write_text(csv_text(motion), encoding="utf-8")
+    (track,) = read_tracks(tmp_path / "mine.csv", study.robot, cycles=3)
+    np.testing.assert_array_equal(study.task.part(track.Q), motion.q)
+    assert track.label == "mine" and track.cycles == 3
+    (once,) = read_tracks(tmp_path / "mine.csv", study.robot)
+    assert once.cycles == 1 and once.drift.shape == (1,)
+
+
+def test_joints_without_a_column_stay_at_the_reference(tmp_path: Path) -> None:
+    robot = rp.Robot.load("panda")
+    rows = "\n".join(f"{k / 10},{0.1 * k}" for k in range(5))
+    (tmp_path / "one.csv").write_text(f"time, panda_joint2\n{rows}\n", encoding="utf-8")
+    (track,) = read_tracks(tmp_path / "one.csv", robot)
+    expected = np.tile(robot.reference, (5, 1))
+    expected[:, robot.joint_names.index("panda_joint2")] = 0.1 * np.arange(5)
+    np.testing.assert_allclose(track.Q, expected)
+
+
+BAD = {
+    "no such file": (None, "cannot read a motion"),
+    "not text": (b"\xff\xfe\x00\x01", "not a text file"),
+    "empty": (b"", "no column of a joint"),
+    "header only": (b"d1,d2,theta3\n", "holds no rows"),
+    "strange column": (b"d1,elbow\n0,0\n", "no joint 'elbow'"),
+    "no number": (b"d1,d2\n0,0\n0,x\n", r"line 3: d2 = 'x' is not a finite number"),
+    "not finite": (b"d1\n0\ninf\n", r"line 3: d1 = 'inf'"),
+    "short line": (b"d1,d2\n0,0\n0\n", r"line 3: d2 = None"),
+    "half a cycle": (b"cycle,d1\n0,0\n0.5,1\n", "ends in cycle 0.5"),
+    "uneven": (b"cycle,d1\n0,0\n1,0\n1.5,1\n2,0\n", "not 2 cycles of equal steps"),
+    "one row": (b"d1\n0\n", "not 1 cycles of equal steps"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_a_bad_motion_is_refused_with_its_line(case: str, study: rp.Study, tmp_path: Path) -> None:
+    content, words = BAD[case]
+    file = tmp_path / "bad.csv"
+    if content is not None:
+        file.write_bytes(content)
+    with pytest.raises(rp.InputError, match=words):
+        read_tracks(file, study.robot)
+
+
+def test_the_page_holds_what_the_motions_did(study: rp.Study) -> None:
+    motions = [study.row(key).motion for key in ("pseudoinverse", "repeatable")]
+    tracks = [track_of("a", motions[0], "#D55E00"), track_of("b", motions[1], "#0072B2")]
+    scene, _, numbers = read(tracks_page(study.task, tracks, elbow=2, seconds=3.0))
+    frames = choose_frames(181, 3)
+    visuals = Visuals.of(study.robot)
+    expected = []
+    for motion in motions:
+        Q = motion.q[frames.index]
+        placements = visuals.placements(study.task.full(Q))
+        moving = np.ptp(placements, axis=0).reshape(len(visuals.shapes), -1).max(axis=1) > 1e-12
+        tip = study.task.positions(Q)
+        elbow = np.array([study.task.joint_origins(q)[2] for q in Q])
+        expected += [np.round(poses_of(placements), 7)[:, moving], tip, elbow]
+    path = expected[1][: frames.per_cycle]  # by default, what the first did in its first cycle
+    np.testing.assert_allclose(numbers, np.concatenate([e.ravel() for e in [*expected, path]]), atol=1e-6)
+    assert [a["label"] for a in scene["arms"]] == ["a", "b"] and scene["planar"] and scene["seconds"] == 3.0
+    assert scene["arms"][0]["drift"] == motions[0].drift.tolist()
+
+
+def test_motions_of_different_length_are_refused(study: rp.Study) -> None:
+    from dataclasses import replace
+
+    track = track_of("a", study.row("repeatable").motion, "#000000")
+    with pytest.raises(rp.InputError, match="as many cycles and steps"):
+        tracks_page(study.task, [track, replace(track, Q=track.Q[:61], cycles=1)], elbow=0)
+
+
+def test_the_command_from_a_csv_a_design_and_options(
+    study: rp.Study, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    rp.save(study.design, "design.json")
+    csv = ["--motion", str(folder / "motion.csv"), "--only", "repeatable,posture"]
+    few = ["--cycles", "2", "--steps", "40"]
+    for arguments, labels in (
+        (["ppr", *csv], ["nearest repeatable", "J⁺ + posture"]),
+        (["design.json", *few, "--path", "eight:0.1"], ["J⁺", "nearest repeatable"]),
+        (["ppr", *few, "--degree", "1", "--seconds", "2"], ["J⁺", "nearest repeatable"]),
+    ):
+        assert main(["animate", *arguments, "--json"]) == 0
+        told = json.loads(capsys.readouterr().out)
+        assert list(told["drift"]) == labels
+        assert told["files"] == ["repctl-out/ppr/animation.html"]
+        scene, _, _ = read(Path(told["files"][0]).read_text(encoding="utf-8"))
+        assert [arm["label"] for arm in scene["arms"]] == labels
+        assert told["cycles"] == len(scene["arms"][0]["drift"])
+        assert [arm["drift"] for arm in scene["arms"]] == list(told["drift"].values())
+        assert max(told["drift"]["nearest repeatable"]) < 1e-6
+
+
+def test_the_command_refuses(folder: Path, tmp_path: Path) -> None:
+    motion = str(folder / "motion.csv")
+    refused(repctl("animate", "ppr", "--motion", motion, "--only", "mine", cwd=tmp_path), "no strategy 'mine'", "J⁺")
+    refused(repctl("animate", "panda", "--motion", motion, cwd=tmp_path), "no joint 'd1'", "panda_joint1")
+    assert main(["animate", "ppr", "--only", "repeatable"]) == 2
+    assert main(["animate", "none.json"]) == 2
+    assert main(["animate", "design.json", "--motion", motion]) == 2
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_cell_of_a_notebook_shows_the_page(study: rp.Study) -> None:
+    cell = inline(study, height=500)
+    frame = cell._repr_html_()
+    held = re.search(r'srcdoc="([^"]*)"', frame)
+    assert held is not None and html.unescape(held[1]) == study_page(study)
+    assert "height: 500px" in frame and len(repr(cell)) < 60
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="no bash here")
+def test_bash_completes(tmp_path: Path) -> None:
+    file = tmp_path / "complete.sh"
+    file.write_text(script(parser(), "bash", ["panda", "pr2", "ur5"]), encoding="utf-8")
+    ask = 'source "$1"; shift; COMP_WORDS=("$@"); COMP_CWORD=$(($#-1)); _repctl; printf "%s\\n" "${COMPREPLY[@]}"'
+
+    def complete(*words: str) -> list[str]:
+        done = subprocess.run(["bash", "-c", ask, "-", str(file), *words], cwd=tmp_path, capture_output=True, text=True)
+        assert done.returncode == 0 and done.stderr == ""
+        return done.stdout.split()
+
+    assert complete("repctl", "st") == ["study"]
+    assert complete("repctl", "study", "p") == ["panda", "pr2"]
+    assert complete("repctl", "study", "panda", "--pl") == ["--plane"]
+    assert complete("repctl", "study", "panda", "--plane", "") == ["xy", "yz", "xz"]
+    assert complete("repctl", "study", "panda", "--cycles", "") == ["complete.sh"]  # free: files at most
+    assert complete("repctl", "completion", "")[:2] in (["complete.sh", "bash"], ["bash", "zsh"])
+    assert "--report" in complete("repctl", "study", "panda", "--")
+    assert complete("repctl", "inspect", "comp") == ["complete.sh"]
+
+
+def test_completion_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["completion", "zsh"]) == 0
+    out = capsys.readouterr().out
+    assert "bashcompinit" in out and "panda" in out and "complete" in out.splitlines()[-1]
+
+
+def test_every_command_has_an_example_and_json() -> None:
+    whole = parser()
+    commands = next(a.choices for a in whole._actions if a.choices and a.option_strings == [])
+    for name, part in commands.items():
+        text = part.format_help()
+        assert re.search(rf"examples?:\s+repctl {name}", text), text
+        assert "--json" in text or name == "completion"

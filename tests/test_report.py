@@ -1,0 +1,163 @@
+"""The report: valid, complete, self-contained, and whole on paper."""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+import re
+import subprocess
+import tempfile
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from browser import CHROMIUM, FLAGS, browser, require_browser
+from PIL import Image
+
+import repctl_pin as rp
+from repctl_pin.show.report import report_page, versions
+from repctl_pin.show.study_files import study_page
+from repctl_pin.show.words import amount, summary
+from repctl_pin.studies.maps import study_maps
+
+COMMAND = "repctl study planar3r --cycles 2 --out 'my <folder>' --report"
+
+
+class Tags(HTMLParser):
+    """Collects every start tag with its attributes."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.feed(page)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+
+    def all(self, name: str) -> list[dict[str, str | None]]:
+        return [attributes for tag, attributes in self.tags if tag == name]
+
+
+@pytest.fixture(scope="module")
+def study() -> rp.Study:
+    return rp.study("planar3r", cycles=2, steps=100)
+
+
+@pytest.fixture(scope="module")
+def page(study: rp.Study) -> str:
+    return report_page(study, maps=study_maps(study, points=9), options={"seed": 0, "frame": None}, command=COMMAND)
+
+
+def shortened(page: str) -> str:
+    """The page with the base64 in it cut short, which a parser need not read letter by letter."""
+    return re.sub(r"[A-Za-z0-9+/=]{2000,}", "AAAA", page)
+
+
+def test_it_is_valid_html_and_so_is_the_animation_inside(page: str) -> None:
+    html5lib = pytest.importorskip("html5lib")
+    (frame,) = Tags(page).all("iframe")
+    for text in (page, frame["srcdoc"]):
+        html5lib.HTMLParser(strict=True).parse(shortened(text))  # raises where there is an error
+        ids = re.findall(r'\sid="([^"]+)"', re.sub(r"(?s)<script>.*?</script>|srcdoc=\"[^\"]*\"", "", text))
+        assert len(ids) == len(set(ids))
+
+
+def test_every_picture_has_words_and_is_a_picture(page: str) -> None:
+    images = Tags(page).all("img")
+    assert len(images) == 6  # still, drift, joints, orbits, cycle, maps
+    for image in images:
+        assert len(image["alt"]) > 60 and "nan" not in image["alt"]
+        kind, _, data = image["src"].partition(",")
+        assert kind == "data:image/png;base64"
+        picture = Image.open(io.BytesIO(base64.b64decode(data)))
+        assert picture.size == (int(image["width"]), int(image["height"]))
+        assert np.ptp(np.asarray(picture.convert("L"))) > 200
+    assert len({image["alt"] for image in images}) == 6
+    (frame,) = Tags(page).all("iframe")
+    assert frame["title"].startswith("Animation")
+
+
+def test_it_asks_nothing_of_a_network(page: str, study: rp.Study) -> None:
+    (frame,) = Tags(page).all("iframe")
+    assert frame["srcdoc"] == study_page(study)
+    for tag, attributes in Tags(page).tags:
+        for name in ("src", "href"):
+            assert attributes.get(name, "data:").startswith("data:"), (tag, attributes)
+    assert "url(" not in page.replace(html.escape(frame["srcdoc"], quote=True), "")
+
+
+def test_it_says_what_was_found_and_how_to_repeat_it(page: str, study: rp.Study) -> None:
+    text = html.unescape(page)
+    for sentence in summary(study):
+        assert sentence in text
+    plain, closed = study.row("pseudoinverse").motion, study.row("repeatable").motion
+    assert f"{plain.drift[-1]:.4f} rad ({np.degrees(plain.drift[-1]):.3g}°)" in summary(study)[1]
+    assert amount(closed, -1) in summary(study)[2]
+    assert f"<code>{html.escape(COMMAND)}</code>" in page
+    assert ", ".join(repr(float(v)) for v in study.q0) in text
+    for name, number in versions().items():
+        assert f"<dt>{name}</dt><dd>{number}</dd>" in text
+    assert versions()["numpy"] == np.__version__ and versions()["repctl_pin"] == rp.__version__
+    assert "<dt>seed</dt><dd>0</dd>" in text and "<dt>frame</dt><dd>chosen by the study</dd>" in text
+    rows = re.findall(r"<tr>(.*?)</tr>", page)
+    assert len(rows) == 5 and f"<td>{plain.drift[-1]:.4f}</td>" in rows[1]
+
+
+def test_a_strategy_that_is_stuck_is_said(study: rp.Study) -> None:
+    from dataclasses import replace
+
+    rows = list(study.rows)
+    rows[0] = replace(rows[0], motion=None, stopped="J loses rank <here>")
+    stuck = report_page(replace(study, rows=tuple(rows)), animation="")
+    assert "could not follow: J loses rank &lt;here&gt;." in stuck
+    assert "nan" not in "".join(summary(replace(study, rows=tuple(rows))))
+
+
+def test_the_price_is_the_first_cycles(study: rp.Study) -> None:
+    plain, closed = (study.row(key).motion for key in ("pseudoinverse", "repeatable"))
+    least, own = (np.sqrt(np.mean(np.sum(m.qdot[:100] ** 2, axis=1))) for m in (plain, closed))
+    assert f"costs {own / least - 1:+.1%}" in summary(study)[2]
+
+
+def test_no_figure_is_cut_on_paper(page: str, tmp_path: Path) -> None:
+    """Each picture is on one page of the PDF, inside its margins, as wide against its height as it was drawn."""
+    pdfium = pytest.importorskip("pypdfium2")
+    require_browser()
+    source, target = tmp_path / "report.html", tmp_path / "report.pdf"
+    source.write_text(page, encoding="utf-8")
+    with tempfile.TemporaryDirectory(prefix="repctl-browser-") as profile:
+        arguments = [*FLAGS, f"--user-data-dir={profile}", "--no-pdf-header-footer", f"--print-to-pdf={target}"]
+        subprocess.run([str(CHROMIUM), *arguments, source.as_uri()], check=True, capture_output=True, timeout=120)
+    document = pdfium.PdfDocument(target)
+    found = []
+    for sheet in document:
+        width, height = sheet.get_size()
+        for thing in sheet.get_objects():
+            if thing.type == 3:  # an image
+                left, bottom, right, top = thing.get_bounds()
+                assert 40 < left < right < width - 40 and 40 < bottom < top < height - 40
+                found.append((right - left) / (top - bottom))
+    drawn = [int(image["width"]) / int(image["height"]) for image in Tags(page).all("img")]
+    np.testing.assert_allclose(found, drawn, rtol=0.01)
+
+
+def test_it_opens_offline_with_the_animation_running(page: str, tmp_path: Path) -> None:
+    import time
+
+    require_browser()
+    source = tmp_path / "report.html"
+    source.write_text(page, encoding="utf-8")
+    with browser(1100, 900) as driver:
+        driver.get(source.as_uri())
+        driver.switch_to.frame(driver.find_element("tag name", "iframe"))
+        deadline = time.monotonic() + 60
+        while not driver.execute_script("return Boolean(window.repctl && repctl.ready && repctl.time > 0)"):
+            assert time.monotonic() < deadline, "the animation does not run"
+            time.sleep(0.05)
+        assert driver.execute_script("return repctl.errors") == []
+        driver.switch_to.default_content()
+        assert driver.execute_script("return [...document.images].every((i) => i.complete && i.naturalWidth > 100)")
+        assert driver.execute_script("return document.documentElement.scrollWidth <= window.innerWidth")
+        assert [e for e in driver.get_log("browser") if e["level"] == "SEVERE"] == []
