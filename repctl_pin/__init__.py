@@ -57,7 +57,7 @@ if TYPE_CHECKING:
     from .strategies import RepeatableInverse as RepeatableInverse
     from .strategies import WeightedInverse as WeightedInverse
     from .studies import Study as Study
-    from .studies import study as study
+    from .studies.study import study as study
 
 __version__ = "0.1.0"
 

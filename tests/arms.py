@@ -9,6 +9,9 @@ import numpy as np
 
 import repctl_pin as rp
 
+Q_PANDA = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
+"""The panda's configuration of the theory's reference numbers."""
+
 
 def planar_urdf(lengths: Sequence[float], *, range_: float = 7.0) -> str:
     """Write an n-link planar arm about z, links along x, relative angles, end link ``tool``."""

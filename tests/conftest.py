@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import os
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # the tests run side by side; one core each
+
 import numpy as np
 import pytest
+from arms import Q_PANDA
 
 import repctl_pin as rp
-
-Q_PANDA = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
-"""The panda's configuration of the theory's reference numbers."""
 
 
 @pytest.fixture(scope="session")

@@ -62,7 +62,7 @@ def write(folder: Path, arms: list[Arm], **options: Any) -> Path:
 @pytest.fixture(scope="module")
 def driver() -> Iterator[Any]:
     require_browser()
-    with browser(960, 640) as chromium:
+    with browser(680, 600) as chromium:  # software draws by the pixel
         yield chromium
 
 
@@ -97,6 +97,36 @@ def test_the_page_of_a_study_shows_who_comes_back(driver: Any, tmp_path: Path, n
                 "return repctl.placement(arguments[0], arguments[1])", k, visuals.shapes[s].name
             )
             np.testing.assert_allclose(np.reshape(told, (4, 4)).T, expected[s], atol=1e-5)
+
+
+@pytest.mark.parametrize("name", ["baxter", "tiago", "kinova", "ppr", "xarm7 without meshes"])
+def test_every_kind_of_robot_moves_and_only_who_repeats_comes_back(driver: Any, tmp_path: Path, name: str) -> None:
+    """Two arms, a lift, joints without limits, a planar arm, and one that has no meshes: their studies' pages."""
+    name, _, bare = name.partition(" ")
+    robot: Robot = Robot.load(name)
+    if bare:
+        text = robot.description.xml.replace("package://", "package://not_here/")
+        (tmp_path / "bare.urdf").write_text(text, encoding="utf-8")
+        robot = Robot.load(tmp_path / "bare.urdf")
+    study = rp.study(robot, cycles=1, steps=120, degree=1)
+    page = tmp_path / "animation.html"
+    page.write_text(study_page(study), encoding="utf-8")
+    open_page(driver, page)
+    shapes = Visuals.of(robot).shapes
+    assert all(shape.kind != "mesh" for shape in shapes) if bare or name == "ppr" else len(shapes) > 5
+    assert driver.execute_script("return [repctl.meshes(0), repctl.meshes(1)]") == [len(shapes)] * 2
+    start, quarter, middle, end = (picture(driver, c) for c in (0, 0.25, 0.5, 1))
+    for arm, key in enumerate(("pseudoinverse", "repeatable")):
+        a, b, c, d = (half(driver, image, arm) for image in (start, quarter, middle, end))
+        assert np.ptp(a) > 150, "nothing is drawn"
+        assert min(changed(a, b), changed(b, c), changed(a, c)) > 0.004
+        drift = study.row(key).motion.drift[-1]
+        if drift < 1e-7:
+            assert changed(a, d) < 0.001
+        if drift > 0.1:
+            assert changed(a, d) > 0.004
+    assert study.row("repeatable").motion.drift[-1] < 1e-7
+    assert errors(driver) == []
 
 
 def test_mirrored_meshes_are_not_inside_out(driver: Any, tmp_path: Path) -> None:

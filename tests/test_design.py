@@ -13,6 +13,8 @@ from repctl_pin import redundancy
 from repctl_pin.design import criterion
 from repctl_pin.design.criterion import Builder
 from repctl_pin.design.judgement import judge
+from repctl_pin.design.maps import degree_curve, design_map
+from repctl_pin.show.design_figures import design_figure
 
 Q0 = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
 
@@ -393,3 +395,33 @@ class Broken:
 def test_an_inverse_that_is_none_is_refused_with_the_residual(panda_pose: rp.Task) -> None:
     with pytest.raises(rp.InputError, match=r"missed by 0\.1"):
         rp.nearest_repeatable(Broken(panda_pose), None, rp.Box(Q0, 0.3), degree=1)
+
+
+# ---- arrays for pictures -------------------------------------------------------------------------
+
+
+def test_maps_hold_what_the_inverses_do(panda_design: rp.Design) -> None:
+    field = design_map(panda_design, points=9)
+    i, j = field.joints
+    assert i != j and np.isclose(field.x[0], Q0[i] - 0.4) and np.isclose(field.y[-1], Q0[j] + 0.4)
+    q = Q0.copy()
+    q[i], q[j] = field.x[2], field.y[7]
+    G_d = panda_design.desired(q)
+    assert np.isclose(field.distance[7, 2], np.linalg.norm(panda_design.inverse(q) - G_d))
+    assert np.isclose(field.reference[7, 2], np.linalg.norm(G_d))
+    N = redundancy.nullspace(panda_design.task.jacobian(q))
+    assert np.isclose(field.clearance[7, 2], redundancy.clearance(N, panda_design.inverse.field.gradient(q)))
+    with pytest.raises(rp.InputError, match="two different joints"):
+        design_map(panda_design, (1, 1))
+
+
+def test_the_curve_and_the_figure_hold_the_costs(panda: rp.Robot) -> None:
+    design = panda_design_of(panda, "pose", 0.4, 2, samples=1024, fresh=1024)
+    degrees = degree_curve(design)
+    assert [d for d, _, _ in degrees] == [1, 2] and degrees[1][1] == design.cost < degrees[0][1]
+    figure = design_figure(design, design_map(design, points=5), degrees, title="title")
+    ax = figure.axes[0]
+    assert np.allclose(ax.lines[0].get_ydata(), [cost for _, cost, _ in degrees])
+    levels = [line.get_ydata()[0] for line in ax.lines if line.get_linestyle() in ("--", "-.")]
+    assert np.allclose(levels, [b.judgement.cost for b in design.baselines])
+    assert ax.get_yscale() == "log" and "rad" in figure.axes[1].get_xlabel()

@@ -14,7 +14,7 @@ SPEED_LIMIT = 2.5
 
 @pytest.fixture(scope="module")
 def path(panda_pose: rp.Task) -> rp.Path:
-    from conftest import Q_PANDA
+    from arms import Q_PANDA
 
     return rp.circle(panda_pose, Q_PANDA, 0.1, normal="yz", start_angle=np.pi)
 
@@ -169,6 +169,22 @@ def test_retiming_keeps_the_joint_path_and_the_limits(panda_design, path, q_pand
     for bad in (0.0, -1.0, np.ones(3), "fast"):
         with pytest.raises(rp.InputError, match="speed limit"):
             motion.retimed(bad)
+
+
+def test_in_other_joint_coordinates_the_robots_own_joints_keep_their_limits() -> None:
+    from repctl_pin.motion.export import csv_text
+
+    arm = rp.Robot.load("planar4r").task("tool", "xy")
+    task = arm.in_coordinates(rp.absolute_angles(arm))
+    psi = np.array([0.3, 1.0, 1.8, 2.5])
+    inverse = rp.ExtendedJacobian(task, psi)
+    motion = rp.follow(inverse, rp.circle(task, psi, 0.1), psi, cycles=1, steps=60, lock=2, period=0.2)
+    slow = motion.retimed(1.0)
+    Q, times = slow.q @ task.coordinates.T.T, np.diff(slow.t)
+    assert np.abs(np.diff(Q, axis=0) / times[:, None]).max() <= 1 + 1e-9 and slow.t[-1] > motion.t[-1]
+    header, first = csv_text(slow).splitlines()[:2]
+    assert header.split(",")[1:5] == list(arm.joint_names)
+    assert np.allclose(np.array(first.split(",")[1:5], float), task.coordinates.T @ psi)
 
 
 def test_bad_input(panda_design, panda_pose, path, q_panda) -> None:

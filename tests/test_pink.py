@@ -42,7 +42,7 @@ def drive(design: rp.Design, start: np.ndarray, cycles: int, *extra) -> tuple[np
 @pytest.fixture(scope="module")
 def away(panda_pose: rp.Task) -> np.ndarray:
     """A start with the same frame, 0.57 rad off any posture one would hold."""
-    from conftest import Q_PANDA
+    from arms import Q_PANDA
 
     N = rp.redundancy.nullspace(panda_pose.jacobian(Q_PANDA))[:, 0]
     start = rp.reach(panda_pose, Q_PANDA + 0.57 * N * np.sign(N[0]), panda_pose.placement(Q_PANDA))

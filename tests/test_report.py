@@ -17,6 +17,7 @@ from browser import CHROMIUM, FLAGS, browser, require_browser
 from PIL import Image
 
 import repctl_pin as rp
+from repctl_pin.cli import main
 from repctl_pin.show.report import report_page, versions
 from repctl_pin.show.study_files import study_page
 from repctl_pin.show.words import amount, summary
@@ -119,6 +120,27 @@ def test_the_price_is_the_first_cycles(study: rp.Study) -> None:
     plain, closed = (study.row(key).motion for key in ("pseudoinverse", "repeatable"))
     least, own = (np.sqrt(np.mean(np.sum(m.qdot[:100] ** 2, axis=1))) for m in (plain, closed))
     assert f"costs {own / least - 1:+.1%}" in summary(study)[2]
+
+
+def test_the_command_writes_it_for_ones_own_arm(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    import hashlib
+    import json
+
+    monkeypatch.chdir(tmp_path)
+    urdf = (Path(__file__).parents[1] / "urdf" / "planar3r.urdf").read_text(encoding="utf-8")
+    (tmp_path / "my_arm.urdf").write_text(urdf, encoding="utf-8")
+    arguments = ["study", "my_arm.urdf", "--cycles", "2", "--steps", "60", "--degree", "1", "--report"]
+    assert main([*arguments, "--json"]) == 0
+    written = json.loads(capsys.readouterr().out)["files"]
+    assert written[-1] == "repctl-out/my_arm/report.html" and len(written) == 5
+    text = html.unescape(Path(written[-1]).read_text(encoding="utf-8"))
+    assert f"<code>repctl {' '.join(arguments)} --json</code>" in text
+    for option, value in (("cycles", "2"), ("steps", "60"), ("degree", "1"), ("period", "5.0"), ("seed", "0")):
+        assert f"<dt>{option}</dt><dd>{value}</dd>" in text
+    assert hashlib.sha256(urdf.encode()).hexdigest() in text
+    assert len(Tags(text).all("img")) >= 6
 
 
 def test_no_figure_is_cut_on_paper(page: str, tmp_path: Path) -> None:

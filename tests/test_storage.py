@@ -19,7 +19,7 @@ from repctl_pin.design.storage import _checksum
 
 @pytest.fixture(scope="module")
 def small(panda_pose: rp.Task) -> rp.Design:
-    from conftest import Q_PANDA
+    from arms import Q_PANDA
 
     plain = rp.Pseudoinverse(panda_pose)
     return rp.nearest_repeatable(plain, rp.Polynomial(Q_PANDA, 1, 0.3), rp.Box(Q_PANDA, 0.3), samples=256, fresh=256)

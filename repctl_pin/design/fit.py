@@ -77,7 +77,7 @@ def fit(
         raise InputError(f"{count} nodes are too few for {fields.size} potentials; give at least {least}")
     Q, weights = region.nodes(count, seed)
     Q_few, w_few = region.nodes(few, seed) if len(Q) >= 4 * few else (Q, weights)
-    chosen = independent(desired, fields, *region.nodes(max(2048, 2 * fields.size), seed))
+    chosen = independent(desired, fields, *region.nodes(max(512, 2 * fields.size), seed))
     N_center = oriented_nullspace(task.jacobian(region.center)[None], task, region.center[None])[0]
     builder = Builder(desired, fields, chosen.kept, N_center)
 

@@ -1,4 +1,4 @@
-"""A motion in the forms that robots take: CSV, and ROS's JointTrajectory in YAML."""
+"""A motion in the forms that robots take: CSV, and ROS's JointTrajectory in YAML; always the robot's own joints."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ def csv_text(motion: Motion) -> str:
 
     Numbers are written in full: reading them gives the same floats.
     """
-    names = motion.task.joint_names
+    names = motion.task.robot_joints
     lines = [",".join(["time", *names, *(f"{name}_velocity" for name in names)])]
-    for t, q, qdot in zip(motion.t, motion.q, motion.qdot, strict=True):
+    for t, q, qdot in zip(motion.t, motion.joints(motion.q), motion.joints(motion.qdot), strict=True):
         lines.append(",".join(repr(float(v)) for v in (t, *q, *qdot)))
     return "\n".join(lines) + "\n"
 
@@ -40,9 +40,9 @@ def csv_text(motion: Motion) -> str:
 def yaml_text(motion: Motion) -> str:
     """Write ROS 2's ``trajectory_msgs/msg/JointTrajectory``, as ``ros2 topic pub`` and controllers take it."""
     lines = ["header:", "  stamp: {sec: 0, nanosec: 0}", "  frame_id: ''"]
-    lines.append("joint_names: [" + ", ".join(_quoted(name) for name in motion.task.joint_names) + "]")
+    lines.append("joint_names: [" + ", ".join(_quoted(name) for name in motion.task.robot_joints) + "]")
     lines.append("points:")
-    for t, q, qdot in zip(motion.t - motion.t[0], motion.q, motion.qdot, strict=True):
+    for t, q, qdot in zip(motion.t - motion.t[0], motion.joints(motion.q), motion.joints(motion.qdot), strict=True):
         nanoseconds = round(float(t) * 1e9)
         lines += [
             f"- positions: {_row(q)}",

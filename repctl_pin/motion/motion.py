@@ -104,7 +104,7 @@ class Motion:
         Parameters
         ----------
         limit : float or (n,) array, optional
-            Joint speeds, rad/s or m/s; by default the arm's own.
+            Speeds of the robot's joints, rad/s or m/s; by default the arm's own.
 
         Returns
         -------
@@ -116,10 +116,17 @@ class Motion:
         InputError
             If a limit is not above 0, or has the wrong size.
         """
-        most = speeds(self.task, self.task.velocity_limit if limit is None else limit)
-        at_ends = np.maximum((np.abs(self.qdot) / most).max(axis=1), 1.0)  # (T + 1,)
+        task = self.task
+        own = [task.robot.velocity[task.robot.joint_names.index(name)] for name in task.robot_joints]
+        most = speeds(task, own if limit is None else limit)
+        q, qdot = self.joints(self.q), self.joints(self.qdot)
+        at_ends = np.maximum((np.abs(qdot) / most).max(axis=1), 1.0)  # (T + 1,)
         times = np.diff(self.t)
-        between = (np.abs(np.diff(self.q, axis=0)) / times[:, None] / most).max(axis=1)  # (T,)
+        between = (np.abs(np.diff(q, axis=0)) / times[:, None] / most).max(axis=1)  # (T,)
         stretch = np.maximum(np.maximum(at_ends[1:], at_ends[:-1]), between)
         t = self.t[0] + np.concatenate([[0.0], np.cumsum(times * stretch)])
         return replace(self, t=t, qdot=self.qdot / at_ends[:, None])
+
+    def joints(self, values: Array) -> Array:
+        """Turn positions or velocities (..., n) of the task's coordinates ψ into those of the robot's joints."""
+        return values if self.task.coordinates is None else self.task.coordinates.joints(values)

@@ -187,14 +187,21 @@ def _notes(notes: list[str]) -> str:
 
 def _setting(study: Study) -> dict[str, str]:
     """What was studied, in full: numbers as they are held, and the robot file's fingerprint."""
-    xml = study.robot.description.xml
     center, width = study.region.bounds.center, study.region.bounds.half_width
     return study.setting | {
         "start": ", ".join(repr(float(v)) for v in study.q0),
         "joints": ", ".join(study.task.joint_names),
         "region": f"centre {_row(center)}; half-width {_row(width)}",
-        "URDF, SHA-256": hashlib.sha256(xml.encode()).hexdigest(),
+        "URDF, SHA-256": _fingerprint(study.robot.description.path),
     }
+
+
+def _fingerprint(file: Path) -> str:
+    """What ``sha256sum`` says of a file."""
+    try:
+        return hashlib.sha256(file.read_bytes()).hexdigest()
+    except OSError:
+        return "the file is not there any more"
 
 
 def _row(values: Iterable[float]) -> str:

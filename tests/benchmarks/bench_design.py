@@ -1,6 +1,6 @@
 """How fast designs are, as ratios in one run on one core:
 
-    python -m pytest tests/benchmarks -p no:cacheprovider -o python_files="bench_*.py"
+    python -m pytest tests/benchmarks -o python_files="bench_*.py"
 
 Absolute times are only printed. What is asserted is the issue's: 25 times the bare Jacobians, 100 times faster
 than the literal reading of (36), linear in nodes, memory by the block, 1.6 times faster on two processes,
@@ -19,7 +19,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import scipy.optimize
-from conftest import seconds
+from timing import seconds
 
 import repctl_pin as rp
 

@@ -6,7 +6,6 @@ import os
 
 os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
 
-import time
 from collections.abc import Callable
 
 import pytest
@@ -28,13 +27,3 @@ def say(capsys: pytest.CaptureFixture) -> Callable[[str], None]:
             print(f"\n  {text}", flush=True)
 
     return print_
-
-
-def seconds(work: Callable[[], object], repeats: int = 3) -> float:
-    """The least time of some runs."""
-    times = []
-    for _ in range(repeats):
-        start = time.perf_counter()
-        work()
-        times.append(time.perf_counter() - start)
-    return min(times)

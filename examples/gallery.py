@@ -1,0 +1,133 @@
+"""Make the README's pictures: arms after laps of a closed path, as the animation shows them.
+
+    python examples/gallery.py                  all pictures, into examples/pictures/
+    python examples/gallery.py ppr tiago        some of them
+    python examples/gallery.py --out elsewhere
+
+Each picture is the animation page of a study, opened in a headless Chromium and stopped at the end of the last
+lap: the ghosts are the arms at the start, the lines are what tip and elbow left behind. A browser and its driver
+are needed (Debian: ``chromium`` and ``chromium-driver``), and ``pip install selenium``.
+
+Baxter is shown with both arms at work, each on a circle of its own: two designs, one for each arm, and the two
+motions put together into motions of the whole robot.
+"""
+
+from __future__ import annotations
+
+import argparse
+import io
+import shutil
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+from selenium import webdriver
+from selenium.webdriver.chrome.service import Service
+
+import repctl_pin as rp
+from repctl_pin.show.study_files import study_page
+from repctl_pin.show.tracks import Track, track_of, tracks_page
+
+PICTURES = Path(__file__).parent / "pictures"
+SIZE = (1400, 1040)
+"""Of the browser's window; the page gets about 140 pixels less of its height."""
+LIMIT = 150_000
+"""At most so many bytes a picture."""
+
+
+def one_arm(name: str, **options) -> str:
+    """The page of a study."""
+    return study_page(rp.study(name, **options))
+
+
+def both_arms(name: str, frames: tuple[str, str], *, cycles: int = 3) -> str:
+    """A robot whose two arms follow circles of their own, under J⁺ and under the nearest repeatable inverses."""
+    robot = rp.Robot.load(name)
+    studies = [rp.study(robot, frame=frame, cycles=cycles, radius=0.1) for frame in frames]
+    tracks: list[Track] = []
+    for key, color in (("pseudoinverse", "#D55E00"), ("repeatable", "#0072B2")):
+        own = [track_of(study.row(key).label, study.row(key).motion, color) for study in studies]
+        moved = [track.Q - robot.reference for track in own]  # each arm's joints stand still in the other's track
+        together = robot.reference + sum(moved)
+        tracks.append(replace(own[0], Q=together, drift=np.hypot(own[0].drift, own[1].drift)))
+    return tracks_page(
+        studies[0].task,
+        tracks,
+        elbow=studies[0].elbow,
+        path_points=studies[0].path.points(),
+        name=f"each arm on its own {studies[0].path.name}",
+    )
+
+
+GALLERY: dict[str, Callable[[], str]] = {
+    "panda": lambda: one_arm("panda"),
+    "tiago": lambda: one_arm("tiago"),
+    "baxter": lambda: both_arms("baxter", ("left_gripper", "right_gripper")),
+    "ppr": lambda: one_arm("ppr", radius=0.4),
+    "planar7r": lambda: one_arm("planar7r"),
+}
+
+
+def photograph(page: str, file: Path, *, seconds: float = 120.0) -> Path:
+    """Open a page, go to the end of its last lap, and keep the picture, small enough for a README."""
+    options = webdriver.ChromeOptions()
+    options.binary_location = shutil.which("chromium") or ""
+    with tempfile.TemporaryDirectory() as folder:
+        source = Path(folder) / "page.html"
+        source.write_text(page, encoding="utf-8")
+        for flag in ("--headless=new", "--no-sandbox", "--hide-scrollbars", "--use-angle=swiftshader",
+                     "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist", "--no-first-run",
+                     "--disable-background-networking", f"--user-data-dir={folder}/profile",
+                     f"--window-size={SIZE[0]},{SIZE[1]}"):  # fmt: skip
+            options.add_argument(flag)
+        driver = webdriver.Chrome(options=options, service=Service(shutil.which("chromedriver")))
+        try:
+            driver.get(source.as_uri() + "#paused")
+            deadline = time.monotonic() + seconds
+            while not driver.execute_script("return Boolean(window.repctl && repctl.ready)"):
+                if time.monotonic() > deadline:
+                    raise SystemExit(f"{file.name}: the page did not become ready")
+                time.sleep(0.1)
+            driver.execute_script("repctl.seek(repctl.cycles)")
+            time.sleep(1.0)
+            shot = Image.open(io.BytesIO(driver.get_screenshot_as_png())).convert("RGB")
+        finally:
+            driver.quit()
+    file.parent.mkdir(parents=True, exist_ok=True)
+    for width in (SIZE[0], 1250, 1100, 980, 840):
+        few_colours(shot.resize((width, round(width * shot.height / shot.width)), Image.Resampling.LANCZOS)).save(
+            file, optimize=True
+        )
+        if file.stat().st_size <= LIMIT:
+            break
+    return file
+
+
+def few_colours(picture: Image.Image) -> Image.Image:
+    """Draw with 256 colours, which is a quarter of the size: those the picture has most of, and the arms' own."""
+    own = [0xD5, 0x5E, 0x00, 0x00, 0x72, 0xB2, 255, 255, 255]
+    palette = Image.new("P", (1, 1))
+    palette.putpalette([*picture.quantize(253).getpalette()[: 253 * 3], *own])
+    return picture.quantize(palette=palette, dither=Image.Dither.NONE)
+
+
+def main() -> None:
+    """Make the pictures that are asked for."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"{', '.join(GALLERY)} (default: all)")
+    parser.add_argument("--out", type=Path, default=PICTURES, metavar="FOLDER")
+    options = parser.parse_args()
+    unknown = [name for name in options.names if name not in GALLERY]
+    if unknown:
+        parser.error(f"no picture {unknown[0]!r}; there is {', '.join(GALLERY)}")
+    for name in options.names or GALLERY:
+        file = photograph(GALLERY[name](), options.out / f"{name}.png")
+        print(f"wrote {file} ({file.stat().st_size / 1000:.0f} kB)", flush=True)
+
+
+if __name__ == "__main__":
+    main()
