@@ -52,3 +52,15 @@ def test_check_refuses_in_one_line(capsys: pytest.CaptureFixture[str]) -> None:
         assert main(["check", *arguments]) == 2
         error = capsys.readouterr().err.strip().splitlines()
         assert len(error) == 1 and word in error[0]
+
+
+def test_a_saved_design_is_checked_over_its_own_region(tmp_path, capsys: pytest.CaptureFixture[str]) -> None:
+    out, saved = str(tmp_path), str(tmp_path / "design.json")
+    options = ["--degree", "2", "--region", "0.3", "--start", "1,-1.5,1.2", "--samples", "512"]
+    assert main(["design", "planar3r", *options, "--out", out, "--quiet"]) == 0
+    assert main(["check", saved, "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["repeatable"] is True and result["defect"] < 1e-8 and result["region"].startswith("box ±0.3")
+    for extra in (["--weight", "inertia"], ["--frame", "tool"], ["--absolute"]):
+        assert main(["check", saved, *extra]) == 2
+        assert "leave --" in capsys.readouterr().err

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
@@ -11,11 +12,14 @@ from .options import load_robot, positive, robot_options, start_of, task_options
 from .terminal import clear_line, progress
 
 if TYPE_CHECKING:
+    from ..design import Design, Region
     from ..robot.task import Task
     from ..strategies import Inverse
 
-HELP = "say whether J⁺ or a weighted inverse is repeatable on an arm, and how much it drifts if not"
-EXAMPLE = "example: repctl check panda --weight inertia"
+HELP = "say whether J⁺, a weighted inverse or a saved design is repeatable, and how much it drifts if not"
+EXAMPLE = """examples:
+  repctl check panda --weight inertia
+  repctl check repctl-out/panda/design.json          # a saved design, over the region it was made for"""
 
 SMALL = 4
 """Arms of up to so many joints are searched for stable surfaces."""
@@ -32,7 +36,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--absolute", action="store_true", help="describe a planar arm by absolute angles, not by relative ones"
     )
     parser.add_argument(
-        "--region", type=positive, default=0.25, metavar="W", help="Ω: half-width round the start, rad (default 0.25)"
+        "--region", type=positive, metavar="W", help="Ω: half-width round the start, rad (default 0.25; a design's own)"
     )
     parser.add_argument("--samples", type=whole, default=128, help="configurations to look at (default 128)")
     parser.add_argument("--seed", type=int, default=0, help="seed of those (default 0)")
@@ -50,17 +54,26 @@ def run(options: argparse.Namespace) -> int:
     from ..robot.coordinates import absolute_angles
     from ..studies.defaults import choose_start, choose_task
 
-    robot = load_robot(options)
-    task = choose_task(robot, options.frame, options.task)
     given = start_of(options)
-    q0, where = choose_start(task) if given is None else (task.check(given, "--start"), "as given")
-    if options.absolute:
-        task = task.in_coordinates(absolute_angles(task))
-        assert task.coordinates is not None
-        q0 = task.coordinates.coordinates(q0)
-    strategy, name = strategy_of(task, options.weight)
+    strategy: Inverse
+    region: Region
+    if Path(options.robot).suffix.lower() == ".json":
+        design = _saved(options)
+        strategy, name, task = design.inverse, f"the design in {options.robot}", design.task
+        q0, where = (design.region.center, "the region's center") if given is None else (task.check(given), "as given")
+        region = design.region if options.region is None else Box(q0, options.region)
+    else:
+        task = choose_task(load_robot(options), options.frame, options.task)
+        q0, where = choose_start(task) if given is None else (task.check(given, "--start"), "as given")
+        if options.absolute:
+            task = task.in_coordinates(absolute_angles(task))
+            assert task.coordinates is not None
+            q0 = task.coordinates.coordinates(q0)
+        strategy, name = strategy_of(task, options.weight)
+        region = Box(q0, options.region or 0.25)
+    robot = task.robot
     say("evaluating the Lie brackets")
-    verdict = is_repeatable(strategy, Box(q0, options.region), samples=options.samples, seed=options.seed)
+    verdict = is_repeatable(strategy, region, samples=options.samples, seed=options.seed)
     drift = drift_per_area(strategy, q0)
     surfaces = None
     if task.n <= SMALL and not verdict.repeatable:
@@ -81,7 +94,7 @@ def run(options: argparse.Namespace) -> int:
         "joints": list(task.joint_names),
         "strategy": name,
         "start": [float(v) for v in q0],
-        "region": options.region,
+        "region": str(region),
         "repeatable": verdict.repeatable,
         "defect": verdict.defect,
         "defect_at": verdict.at.tolist(),
@@ -102,7 +115,7 @@ def run(options: argparse.Namespace) -> int:
     print(f"task      {task.frame}, {task.kind}: n = {task.n} joints, m = {task.m}, r = {task.r}")
     print(f"strategy  {name}{', in absolute angles' if options.absolute else ''}")
     print(f"start     {_row(q0)} ({where})")
-    print(f"region    ±{options.region:g} round the start")
+    print(f"region    {region}")
     print()
     print(verdict.summary())
     if verdict.repeatable:
@@ -114,6 +127,18 @@ def run(options: argparse.Namespace) -> int:
         print()
         print(surfaces.summary())
     return 0
+
+
+def _saved(options: argparse.Namespace) -> Design:
+    """Load a saved design; what chooses a task or a strategy has no place beside it."""
+    from ..design import load
+
+    for option in ("frame", "task", "weight", "base"):
+        if getattr(options, option):
+            raise InputError(f"a saved design has its own task and strategy; leave --{option} out")
+    if options.absolute or options.lock:
+        raise InputError("a saved design has its own joints; leave --absolute and --lock out")
+    return load(options.robot)
 
 
 def strategy_of(task: Task, weight: str | None) -> tuple[Inverse, str]:

@@ -58,7 +58,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--processes", type=whole, default=1, metavar="P", help="spread the work (default 1)")
     parser.add_argument("--dask", metavar="ADDRESS", help="spread it over a Dask cluster, by its scheduler's address")
     parser.add_argument("--seed", type=int, default=0, help="seed of all nodes (default 0)")
-    parser.add_argument("--out", metavar="FOLDER", help="where design.png goes (default repctl-out/ROBOT)")
+    parser.add_argument(
+        "--out", metavar="FOLDER", help="where design.png and design.json go (default repctl-out/ROBOT)"
+    )
     parser.add_argument("--json", action="store_true", help="print JSON instead of the table")
     parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
 
@@ -71,7 +73,7 @@ def run(options: argparse.Namespace) -> int:
     degree = _degree(options)
     start = start_of(options)
 
-    from ..design import nearest_repeatable
+    from ..design import nearest_repeatable, save
     from ..design.maps import degree_curve, design_map
     from ..show.design_figures import write_design
     from ..show.files import prepare_folder
@@ -109,6 +111,10 @@ def run(options: argparse.Namespace) -> int:
     say("comparing and drawing")
     title = f"{robot.name}, {task.frame}, {task.kind}: nearest repeatable inverse of {name}, over a {design.region}"
     files = write_design(design, design_map(design), degrees, folder, title=title)
+    try:
+        files.append(save(design, folder / "design.json"))
+    except InputError as error:
+        notes.append(f"design.json was not written: {error}")
     result = _as_dict(design, degrees, name, q0.tolist(), where, notes)
     text = design.summary()
     clear_line()

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 _FRESH_NODES = 16384
 _SHRINKINGS = 12
 _MOST_DEGREE = 4
+_MOST_UNKNOWNS = 1000
 _WORTHWHILE = 0.01
 
 
@@ -62,7 +63,7 @@ def nearest_repeatable(
         Ω.
     degree
         In place of fields: all polynomials of this degree over Ω's box; ``"auto"`` raises the degree from 1
-        until the cost on fresh nodes stops falling by 1 % (at most 4, or 8 for n ≤ 3).
+        until the cost on fresh nodes stops falling by 1 % (at most 4, or 8 for n ≤ 3, and 1000 unknowns).
     samples
         Nodes of the fit; by default 4096, or 32 times the unknowns where that is more.
     fresh
@@ -120,6 +121,8 @@ def _auto(desired: Inverse, region: Region, shrink: bool, report: reporting.Repo
         fields = _polynomial(region, degree)
         if fields.size < desired.task.r:
             continue
+        if best is not None and (fields.size - desired.task.r) * desired.task.r > _MOST_UNKNOWNS:
+            break
         try:
             design = _shrinking(desired, fields, region, shrink and best is None, report, options)
         except SingularRegionError:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .figures import COLOURS, drift_figure, joints_figure
+from .figures import COLOURS, drift_figure, joints_figure, unit
 from .files import prepare_folder, write_whole
 from .table import short
 from .tracks import track_of, tracks_page
@@ -58,7 +58,7 @@ def study_page(study: Study) -> str:
 def _drift_words(row: Row) -> str:
     if row.motion is None:
         return f"stuck ({row.stopped})"
-    return f"the joints are off by {short(row.motion.drift[-1])} after {row.motion.cycles} cycles"
+    return f"the joints are off by {short(row.motion.drift[-1])} {unit(row.motion)} after {row.motion.cycles} cycles"
 
 
 def _save(figure: Figure, path: Path) -> None:

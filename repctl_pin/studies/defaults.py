@@ -23,7 +23,7 @@ PREFERRED_KINDS = ("pose", "position", "xy", "xz", "yz")
 
 _RADII = (0.5, 0.3, 0.2, 0.1, 0.05, 0.03, 0.02, 0.01)
 _ANGLES = (np.pi, 0.0, np.pi / 2, -np.pi / 2)
-_LEAST_DEXTERITY = {6: 0.05, 5: 0.05}
+_LEAST_DEXTERITY = {6: 0.05, 5: 0.05, 2: 0.1}
 _LEAST_DEXTERITY_OF_POSITION = 0.2
 _LEAST_MARGIN = 0.15
 

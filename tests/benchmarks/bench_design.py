@@ -1,6 +1,6 @@
 """How fast designs are, as ratios in one run on one core:
 
-    python -m pytest tests/benchmarks -o python_files="bench_*.py"
+    python -m pytest tests/benchmarks -o python_files="bench_*.py" -n 0
 
 Absolute times are only printed. What is asserted is the issue's: 25 times the bare Jacobians, 100 times faster
 than the literal reading of (36), linear in nodes, memory by the block, 1.6 times faster on two processes,
