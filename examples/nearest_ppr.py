@@ -113,11 +113,7 @@ class Answer:
     @property
     def settled(self) -> bool:
         """The engine's cost no longer falls when the degree is raised."""
-        designs = [self.engine[degree] for degree in sorted(self.engine)]
-        if not all(isinstance(d, rp.Design) and d.converged for d in designs):
-            return False
-        before, last = (d.cost for d in designs[-2:])
-        return abs(last - before) < 1e-4 * last
+        return rp.settled([self.engine[degree] for degree in sorted(self.engine)])
 
 
 def engine(task: rp.Task, a: float, b: float, degree: int, samples: int) -> rp.Design:

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from .design import nearest_in_family as nearest_in_family
     from .design import nearest_repeatable as nearest_repeatable
     from .design import save as save
+    from .design import settled as settled
     from .errors import InputError as InputError
     from .errors import RepctlError as RepctlError
     from .errors import SingularityError as SingularityError
@@ -87,6 +88,7 @@ _DOOR = {
         "nearest_in_family",
         "nearest_repeatable",
         "save",
+        "settled",
     ),
     "integrability": (
         "bracket_defect",

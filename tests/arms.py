@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -11,6 +12,11 @@ import repctl_pin as rp
 
 Q_PANDA = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
 """The panda's configuration of the theory's reference numbers."""
+
+
+def heed_interrupts() -> None:
+    """Let a child process take Ctrl-C, even where the tests themselves run in a shell's background."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def planar_urdf(lengths: Sequence[float], *, range_: float = 7.0) -> str:

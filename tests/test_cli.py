@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from arms import heed_interrupts
 
 PANDA_START = "0,-0.785,0,-2.356,0,1.571,0.785"
 
@@ -157,6 +158,7 @@ def test_interrupt_ends_with_a_word(tmp_path) -> None:
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
+        preexec_fn=heed_interrupts,
     )
     time.sleep(6)
     process.send_signal(signal.SIGINT)

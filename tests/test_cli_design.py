@@ -12,6 +12,7 @@ import time
 from pathlib import Path
 
 import pytest
+from arms import heed_interrupts
 
 from repctl_pin.cli import main
 
@@ -43,7 +44,7 @@ def test_table_and_picture(tmp_path: Path, capsys: pytest.CaptureFixture) -> Non
         assert word in captured.out
     width, height = size_of(tmp_path / "here" / "design.png")
     assert width > 1500 and height > 400
-    assert list((tmp_path / "here").iterdir()) == [tmp_path / "here" / "design.png"]
+    assert {p.name for p in (tmp_path / "here").iterdir()} == {"design.png", "design.json"}
 
 
 def test_json_says_what_the_design_is_worth(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
@@ -54,7 +55,7 @@ def test_json_says_what_the_design_is_worth(tmp_path: Path, capsys: pytest.Captu
     assert data["cost"] == min(costs) < 0.0175 and costs[0] > 0.15
     assert data["converged"] and data["clearance"] > 0.5 and data["r"] == 1
     assert set(data["baselines"]) == {"constant rows", "extended Jacobian"}
-    assert data["files"] == [str(tmp_path / "design.png")]
+    assert data["files"] == [str(tmp_path / "design.png"), str(tmp_path / "design.json")]
 
 
 @pytest.mark.parametrize(
@@ -122,7 +123,13 @@ def test_processes_and_interruption(tmp_path: Path) -> None:
     assert abs(one["cost"] - two["cost"]) < 1e-10 * one["cost"]
     long = [*command, "--degree", "4", "--samples", "1000000", "--stream", "--processes", "2"]
     running = subprocess.Popen(
-        long, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment, text=True, start_new_session=True
+        long,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        env=environment,
+        text=True,
+        start_new_session=True,
+        preexec_fn=heed_interrupts,
     )
     time.sleep(3)
     assert running.poll() is None

@@ -269,3 +269,25 @@ def test_all_joints_do_better(task: rp.Task) -> None:
     side = np.einsum("kir,kir->k", n, V)
     assert (side * side[0] > 0).all()  # det(n̂ᵀ V) keeps its sign
     assert clearance(n, V).min() > 0.9 and design.clearance <= clearance(n, V).min() + 5e-3
+
+
+def test_the_engine_says_whether_its_potentials_are_rich_enough(task: rp.Task) -> None:
+    """Short intervals settle at C(k*); on longer ones no smooth potential of this form is best, and it shows."""
+
+    def designs(b: float, degrees: tuple[int, ...]) -> list:
+        found = []
+        for degree in degrees:
+            half = [1.0, 1.0, b]
+            fields = rp.Polynomial(np.zeros(3), 1, half, variables=[0, 1])
+            fields = fields + rp.Polynomial(np.zeros(3), degree, half, variables=[2])
+            box = rp.Box(np.zeros(3), half)
+            try:
+                found.append(rp.nearest_repeatable(rp.Pseudoinverse(task), fields, box, samples=4096))
+            except rp.SingularityError as error:
+                found.append(error)
+        return found
+
+    assert rp.settled(designs(0.8, (5, 7)))
+    assert not rp.settled(designs(2.0, (5, 7)))
+    with pytest.raises(rp.InputError, match="at least two"):
+        rp.settled(designs(0.8, (3,)))

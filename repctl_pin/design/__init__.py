@@ -1,5 +1,6 @@
 """The nearest repeatable inverse, found off-line over a region of joint space."""
 
+from .compare import settled
 from .family import FamilyDesign, nearest_in_family
 from .nearest import nearest_repeatable
 from .region import Box, Region
@@ -21,4 +22,5 @@ __all__ = [
     "nearest_in_family",
     "nearest_repeatable",
     "save",
+    "settled",
 ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -90,3 +91,30 @@ def compare(first: Design, *others: Design) -> Comparison:
         gap = j.replicates - base.replicates
         differences.append((float(gap.mean()), float(gap.std(ddof=1) / np.sqrt(REPLICATES))))
     return Comparison(designs, tuple(judgements), tuple(differences))
+
+
+def settled(designs: Sequence[Design | SingularityError], *, tolerance: float = 1e-4) -> bool:
+    """Say whether the cost has stopped falling as the potentials grew richer.
+
+    A design's ``converged`` is about the optimiser; that every design converged does not mean that the family
+    comes near the best repeatable inverse. Where the best foliation is none of any smooth potential of the
+    chosen form, the cost goes on falling from degree to degree, or the design is refused: not settled.
+
+    Parameters
+    ----------
+    designs
+        Of the same G_d and Ω, richer and richer potentials; a refusal stands where there was one.
+    tolerance
+        Relative change of the cost between the last two that counts as none.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than two.
+    """
+    if len(designs) < 2:
+        raise InputError("whether the cost has settled takes at least two designs, of rising degree")
+    costs = [d.cost for d in designs if not isinstance(d, SingularityError) and d.converged]
+    if len(costs) < len(designs):
+        return False
+    return abs(costs[-1] - costs[-2]) < tolerance * costs[-1]

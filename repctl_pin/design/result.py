@@ -49,7 +49,8 @@ class Design:
         Of the cost on the nodes of the fit, in coordinates in which the potentials' gradients are
         orthonormal over Ω.
     converged : bool
-        The optimiser foretells no decrease above ``tolerance`` of the cost, or three steps brought none.
+        The optimiser foretells no decrease above ``tolerance`` of the cost, or three steps brought none. This
+        speaks of these potentials alone; whether more would help, :func:`settled` says.
     steps : int
         Gauss–Newton steps taken.
     samples, fresh : int
