@@ -117,7 +117,7 @@ def test_a_million_nodes_within_2_GB(say) -> None:
 @pytest.mark.skipif((os.cpu_count() or 1) < 2, reason="needs two cores")
 def test_two_processes(panda_pose: rp.Task, say) -> None:
     """Degree 3, 262,144 nodes: two processes against one, one BLAS thread each."""
-    if os.getloadavg()[0] > 1:
+    if os.getloadavg()[0] > 1.5:
         pytest.skip(f"two free cores are needed; the load is {os.getloadavg()[0]:.1f}")
     work = {"degree": 3, "samples": 262_144}
     one = seconds(lambda: design(panda_pose, **work), 2)
