@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     from .robot.coordinates import absolute_angles as absolute_angles
     from .robot.robot import Robot as Robot
     from .robot.task import Task as Task
+    from .show.notebook import inline as inline
     from .strategies import CustomInverse as CustomInverse
     from .strategies import ExtendedJacobian as ExtendedJacobian
     from .strategies import LimitWeight as LimitWeight
@@ -111,6 +112,7 @@ _DOOR = {
         "rose",
         "waypoints",
     ),
+    "show.notebook": ("inline",),
     "studies": ("Study", "study"),
 }
 _ROOM_OF = {name: room for room, names in _DOOR.items() for name in names}
