@@ -116,14 +116,17 @@ def test_a_million_nodes_within_2_GB(say) -> None:
 
 @pytest.mark.skipif((os.cpu_count() or 1) < 2, reason="needs two cores")
 def test_two_processes(panda_pose: rp.Task, say) -> None:
-    """Degree 3, 262,144 nodes: two processes against one, one BLAS thread each."""
+    """Degree 3, 262,144 nodes: two processes against one, one BLAS thread each, the best of four runs.
+
+    The first run of a process touches its memory for the first time, which can cost more than the work.
+    """
     if os.getloadavg()[0] > 1.5:
         pytest.skip(f"two free cores are needed; the load is {os.getloadavg()[0]:.1f}")
     work = {"degree": 3, "samples": 262_144}
-    one = seconds(lambda: design(panda_pose, **work), 2)
+    one = seconds(lambda: design(panda_pose, **work), 4)
     with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn")) as pool:
         design(panda_pose, 1, 4096, executor=pool)  # the workers' imports
-        two = seconds(lambda: design(panda_pose, **work, executor=pool), 2)
+        two = seconds(lambda: design(panda_pose, **work, executor=pool), 4)
     load = os.getloadavg()[0]
     say(f"262,144 nodes, degree 3: one process {one:.1f} s, two {two:.1f} s: {one / two:.2f} times (load {load:.1f})")
     assert one / two >= 1.6
