@@ -117,7 +117,7 @@ def test_an_output_folder_that_cannot_be_written(tmp_path) -> None:
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
 def test_a_full_disk_leaves_the_old_file(tmp_path) -> None:
     from repctl_pin import InputError
-    from repctl_pin.show.files import write_whole
+    from repctl_pin.files import write_whole
 
     file = tmp_path / "motion.csv"
     file.write_text("old")

@@ -2,28 +2,15 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
-
-EXAMPLES = Path(__file__).parent.parent / "examples"
-
-
-def load(name: str) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module  # dataclasses look their module up
-    spec.loader.exec_module(module)
-    return module
+from loading import example
 
 
 def test_stable_surfaces(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    cases = load("stable_surfaces").main(tmp_path, samples=64)
+    cases = example("stable_surfaces").main(tmp_path, samples=64)
     has = {(case.name, case.coordinates): len(case.found.stable) > 0 for case in cases}
     assert has == {
         ("slide and two links", "absolute"): True,
@@ -44,7 +31,7 @@ def test_stable_surfaces(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> 
 
 
 def test_nearest_panda(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    found = load("nearest_panda").main(tmp_path, degrees=(1, 2), steps=80, count=7)
+    found = example("nearest_panda").main(tmp_path, degrees=(1, 2), steps=80, count=7)
     plain, repeatable = found.verdicts
     assert not plain and repeatable and plain.defect > 1
     off = np.abs(found.measured / found.predicted - 1)

@@ -85,13 +85,7 @@ def run(options: argparse.Namespace) -> int:
     axes = {"xz": "xz", "yz": "yz"}.get(task.kind, "xyz")
     planes = [(a, b) for a in range(len(drift)) for b in range(a + 1, len(drift))]
     result: dict[str, Any] = {
-        "robot": robot.name,
-        "frame": task.frame,
-        "task": task.kind,
-        "n": task.n,
-        "m": task.m,
-        "r": task.r,
-        "joints": list(task.joint_names),
+        **task.as_dict(),
         "strategy": name,
         "start": [float(v) for v in q0],
         "region": str(region),

@@ -75,8 +75,8 @@ def run(options: argparse.Namespace) -> int:
 
     from ..design import nearest_repeatable, save
     from ..design.maps import degree_curve, design_map
+    from ..files import prepare_folder
     from ..show.design_figures import write_design
-    from ..show.files import prepare_folder
     from ..studies.defaults import choose_start, choose_task
 
     prepare_folder(folder)
@@ -239,13 +239,7 @@ def _degree_table(degrees: Any) -> str:
 def _as_dict(design: Design, degrees: Any, name: str, q0: list[float], where: str, notes: list[str]) -> dict[str, Any]:
     task = design.task
     return {
-        "robot": task.robot.name,
-        "frame": task.frame,
-        "task": task.kind,
-        "n": task.n,
-        "m": task.m,
-        "r": task.r,
-        "joints": list(task.joint_names),
+        **task.as_dict(),
         "desired": name,
         "start": q0,
         "start_is": where,

@@ -49,8 +49,8 @@ def run(options: argparse.Namespace) -> int:
     folder = output_folder(options)
     say = progress(options.quiet)
     say("starting up")
+    from ..files import prepare_folder
     from ..motion.spec import parse_path
-    from ..show.files import prepare_folder
 
     radius, path = None, None
     if options.path is not None:

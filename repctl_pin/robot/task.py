@@ -228,6 +228,18 @@ class Task:
         q = np.asarray(whole, float)[..., self._columns]
         return q if self.coordinates is None else self.coordinates.coordinates(q)
 
+    def as_dict(self) -> dict[str, Any]:
+        """Say what the task is, in plain Python types."""
+        return {
+            "robot": self.robot.name,
+            "frame": self.frame,
+            "task": self.kind,
+            "n": self.n,
+            "m": self.m,
+            "r": self.r,
+            "joints": list(self.joint_names),
+        }
+
     def check(self, q: ArrayLike, what: str = "q") -> Array:
         """Check a configuration a person gave: (n,) finite numbers inside the limits.
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..files import prepare_folder, write_whole
 from .figures import BLUE, GREEN, INK, ORANGE
-from .files import prepare_folder, write_whole
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

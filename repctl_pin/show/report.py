@@ -16,11 +16,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .. import __version__
+from ..files import write_whole
 from . import words
 from .cycle_figures import cycle_figure
 from .design_figures import cost_against_degree
 from .figures import COLOURS, drift_figure, joints_figure
-from .files import write_whole
 from .map_figures import joint_map
 from .orbit_figures import orbits_figure
 from .still import still_figure

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..files import prepare_folder, write_whole
 from .figures import COLOURS, drift_figure, joints_figure, unit
-from .files import prepare_folder, write_whole
 from .table import short
 from .tracks import track_of, tracks_page
 

@@ -95,13 +95,7 @@ class Study:
         """Everything a script would want, in plain Python types."""
         design = self.design
         return {
-            "robot": self.robot.name,
-            "frame": self.task.frame,
-            "task": self.task.kind,
-            "n": self.task.n,
-            "m": self.task.m,
-            "r": self.task.r,
-            "joints": list(self.task.joint_names),
+            **self.task.as_dict(),
             "start": [float(v) for v in self.q0],
             "path": self.path.name,
             "region": {
