@@ -33,7 +33,7 @@ FLAGS = (
     "--use-angle=swiftshader",  # WebGL in software
     "--enable-unsafe-swiftshader",
     "--ignore-gpu-blocklist",
-    "--host-resolver-rules=MAP * ~NOTFOUND",  # offline: no name resolves
+    "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1",  # offline: no name resolves
 )
 
 
@@ -67,14 +67,20 @@ def browser(width: int = 1280, height: int = 760) -> Iterator[Any]:
             driver.quit()
 
 
-def open_page(driver: Any, page: Path, *, seconds: float = 60.0) -> None:
-    """Open an animation from its file and wait until all of it is drawn; it stands still."""
+def open_page(driver: Any, page: Path | str, *, seconds: float = 60.0) -> None:
+    """Open an animation from its file or address and wait until all of it is drawn; it stands still."""
+    address = page.resolve().as_uri() if isinstance(page, Path) else page
     driver.get("about:blank")  # an address that differs by nothing, or by its #, would not load anew
     driver.get_log("browser")  # what came before is not this page's
-    driver.get(page.resolve().as_uri() + "#paused")
+    driver.get(address + "#paused")
+    wait_until_drawn(driver, address, seconds=seconds)
+
+
+def wait_until_drawn(driver: Any, name: str, *, seconds: float = 60.0) -> None:
+    """Wait until all of the animation that the driver looks at, a page or a frame in one, is drawn."""
     deadline = time.monotonic() + seconds
     while not driver.execute_script("return Boolean(window.repctl && (repctl.ready || repctl.errors.length))"):
-        assert time.monotonic() < deadline, f"{page.name} did not become ready in {seconds:g} s: {errors(driver)}"
+        assert time.monotonic() < deadline, f"{name} did not become ready in {seconds:g} s: {errors(driver)}"
         time.sleep(0.05)
 
 
@@ -85,11 +91,11 @@ def errors(driver: Any) -> list[str]:
 
 
 def picture(driver: Any, cycles: float, *, traces: bool = False) -> NDArray[np.int16]:
-    """Take the scene's picture at a time, in cycles: (height, width, 3), 0 to 255."""
+    """Take the scene's picture at a time, in cycles: (height, width, 3), 0 to 255; with what drift leaves, or not."""
     from PIL import Image
 
     url = driver.execute_script(
-        "repctl.setTraces(arguments[1]); repctl.seek(arguments[0]); return repctl.picture()",
+        "repctl.setTraces(arguments[1]); repctl.setDrift(arguments[1]); repctl.seek(arguments[0]); return repctl.picture()",
         cycles,
         traces,
     )

@@ -22,7 +22,7 @@ from repctl_pin.robot.visuals import Visuals
 from repctl_pin.show.notebook import inline
 from repctl_pin.show.scene import choose_frames, poses_of
 from repctl_pin.show.study_files import study_page, write_study
-from repctl_pin.show.tracks import read_tracks, track_of, tracks_page
+from repctl_pin.show.tracks import Limb, Track, read_tracks, track_of, tracks_page
 
 
 @pytest.fixture(scope="module")
@@ -94,7 +94,7 @@ def test_a_bad_motion_is_refused_with_its_line(case: str, study: rp.Study, tmp_p
 def test_the_page_holds_what_the_motions_did(study: rp.Study) -> None:
     motions = [study.row(key).motion for key in ("pseudoinverse", "repeatable")]
     tracks = [track_of("a", motions[0], "#D55E00"), track_of("b", motions[1], "#0072B2")]
-    scene, _, numbers = read(tracks_page(study.task, tracks, elbow=2, seconds=3.0))
+    scene, _, numbers = read(tracks_page([Limb(study.task, 2)], tracks, seconds=3.0))
     frames = choose_frames(181, 3)
     visuals = Visuals.of(study.robot)
     expected = []
@@ -111,12 +111,32 @@ def test_the_page_holds_what_the_motions_did(study: rp.Study) -> None:
     assert scene["arms"][0]["drift"] == motions[0].drift.tolist()
 
 
+def test_every_limb_leaves_its_traces() -> None:
+    """Two hands of one robot: each its own traces and path, and both drifts in the caption's words."""
+    robot = rp.Robot.load("baxter")
+    left, right = (robot.task(f"{side}_gripper") for side in ("left", "right"))
+    Q = robot.reference + np.linspace(0, 0.3, 21)[:, None] * np.cos(np.arange(len(robot.reference)))
+    square = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 0, 0]])
+    track = Track("moved", "#0072B2", Q, 2, np.array([0.1, 0.2]))
+    page = tracks_page([Limb(left, 3, square), Limb(right, 5, 2 * square)], [track])
+    scene, _, numbers = read(page)
+    assert scene["paths"] == [2, 4] and scene["arms"][0]["limbs"] == 2
+    np.testing.assert_allclose(numbers[-24:].reshape(2, 4, 3), [square, 2 * square])
+    rows = Q[choose_frames(21, 2).index]
+    ways = numbers[:-24].reshape(-1)[-2 * len(rows) * 2 * 3 :].reshape(2, len(rows), 2, 3)
+    for k, (task, elbow) in enumerate(((left, 3), (right, 5))):
+        np.testing.assert_allclose(ways[0, :, k], [task.placement(task.part(q)).translation for q in rows], atol=1e-6)
+        np.testing.assert_allclose(ways[1, :, k], [task.joint_origins(task.part(q))[elbow] for q in rows], atol=1e-6)
+    assert "left_gripper" in scene["caption"] and "right_gripper" in scene["caption"]
+    assert scene["caption"].endswith("moved: the joints are off by 0.2000 rad after 2 cycles")
+
+
 def test_motions_of_different_length_are_refused(study: rp.Study) -> None:
     from dataclasses import replace
 
     track = track_of("a", study.row("repeatable").motion, "#000000")
     with pytest.raises(rp.InputError, match="as many cycles and steps"):
-        tracks_page(study.task, [track, replace(track, Q=track.Q[:61], cycles=1)], elbow=0)
+        tracks_page([Limb(study.task, 0)], [track, replace(track, Q=track.Q[:61], cycles=1)])
 
 
 def test_the_command_from_a_csv_a_design_and_options(

@@ -190,6 +190,15 @@ def test_wrong_arrays_are_named() -> None:
         animation_page([replace(first, cycle_drift=np.ones(1))], PATH, frames=Frames(np.arange(41), (3,), 41), **WORDS)
 
 
+def test_limbs_must_agree() -> None:
+    first, _ = swinging("planar3r")
+    two = np.stack([first.tip, first.elbow], 1)
+    with pytest.raises(InputError, match=r"'J⁺': elbow has shape .*, but \(42, 2, 3\) is wanted"):
+        animation_page([replace(first, tip=two)], PATH, **WORDS)
+    with pytest.raises(InputError, match="path points have shape"):
+        animation_page([first], PATH[:, :2], **WORDS)
+
+
 def test_a_body_that_cannot_be_read_is_said_and_the_rest_drawn(tmp_path: Path) -> None:
     first, _ = swinging("planar3r")
     broken = tmp_path / "broken.stl"

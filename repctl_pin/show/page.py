@@ -4,9 +4,9 @@ The page asks nothing of a network or a server. What is large goes in as base64 
 own ``DecompressionStream`` takes it out again.
 
 At the browser's console, and for tests: ``repctl.ready``, ``repctl.seek(cycles)``, ``repctl.play()``,
-``repctl.pause()``, ``repctl.setTraces(bool)``, ``repctl.setGhost(bool)``, ``repctl.picture()`` (a PNG's data
-URL), ``repctl.errors``. Times are in shown cycles: 1.25 is a quarter into the second. An address that ends
-in ``#paused`` does not start by itself.
+``repctl.pause()``, ``repctl.setTraces(bool)``, ``repctl.setGhost(bool)``, ``repctl.setDrift(bool)``,
+``repctl.drift(arm, shape)``, ``repctl.picture()`` (a PNG's data URL), ``repctl.errors``. Times are in shown
+cycles: 1.25 is a quarter into the second. An address that ends in ``#paused`` does not start by itself.
 """
 
 from __future__ import annotations

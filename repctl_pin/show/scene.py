@@ -54,8 +54,8 @@ class Arm:
         What it looks like.
     placements : (T, S, 4, 4) array
         Where each shape stands: rigid, unscaled.
-    tip, elbow : (T, 3) arrays
-        Points that leave a trace, m.
+    tip, elbow : (T, 3) or (T, K, 3) arrays
+        Points that leave a trace, m: of one limb, or of K limbs.
     cycle_drift : (cycles,) array
         ‖q − q₀‖ after each cycle of the whole motion, rad.
     color : str
@@ -119,8 +119,8 @@ def animation_page(
     ----------
     arms
         Two, or any number.
-    path_points : (P, 3) array
-        The path the tip follows, closed or not, m.
+    path_points : (P, 3) or (K, P, 3) array
+        The path that the tip follows, closed or not, m; or one for each limb.
     seconds
         Time of one cycle at normal speed.
     title, caption
@@ -142,7 +142,10 @@ def animation_page(
     commands, library, problems = record(shape for arm in arms for shape in arm.shapes)
     parts: list[Array] = []
     described = [_describe(arm, rows, chosen, library, parts) for arm in arms]
-    path = np.asarray(path_points, float).reshape(-1, 3)
+    paths = np.asarray(path_points, float)
+    if paths.ndim not in (2, 3) or paths.shape[-1] != 3:
+        raise InputError(f"path points have shape {paths.shape}, but (P, 3) or (K, P, 3) is wanted")
+    paths = paths if paths.ndim == 3 else paths[None]  # (K, P, 3)
     scene = {
         "title": title,
         "caption": caption,
@@ -150,25 +153,26 @@ def animation_page(
         "seconds": float(seconds),
         "cycles": list(chosen.cycles),
         "perCycle": chosen.per_cycle,
-        "pathPoints": len(path),
+        "paths": list(paths.shape[:2]),
         "problems": problems,
         "arms": described,
     }
-    motion = np.concatenate([p.ravel() for p in [*parts, path]]).astype("<f4").tobytes()
+    motion = np.concatenate([p.ravel() for p in [*parts, paths]]).astype("<f4").tobytes()
     return page(scene, commands, motion, title=title)
 
 
 def _describe(
     arm: Arm, rows: slice | NDArray[np.intp], frames: Frames, library: dict[Key, int], parts: list[Array]
 ) -> dict[str, Any]:
-    """Describe an arm in plain types; what moves goes to ``parts``: bodies (T, M, 7), tip (T, 3), elbow (T, 3)."""
+    """Describe an arm in plain types; what moves goes to ``parts``: bodies (T, M, 7), tips, elbows (T, K, 3)."""
     placements, tip, elbow = (np.asarray(a, float)[rows] for a in (arm.placements, arm.tip, arm.elbow))
+    tip, elbow = (a[:, None] if a.ndim == 2 else a for a in (tip, elbow))
     drift = np.asarray(arm.cycle_drift, float)
-    T, S = len(frames.index), len(arm.shapes)
+    T, S, K = len(frames.index), len(arm.shapes), tip.shape[1]
     wanted: dict[str, tuple[Array, tuple[int, ...]]] = {
         "placements": (placements, (T, S, 4, 4)),
-        "tip": (tip, (T, 3)),
-        "elbow": (elbow, (T, 3)),
+        "tip": (tip, (T, K, 3)),
+        "elbow": (elbow, (T, K, 3)),
         "cycle_drift": (drift, (max(frames.cycles[-1], len(drift)),)),
     }
     for name, (array, size) in wanted.items():
@@ -197,6 +201,7 @@ def _describe(
         "unit": arm.unit,
         "offset": None if arm.offset is None else [float(v) for v in arm.offset],
         "drift": drift.tolist(),
+        "limbs": K,
         "shapes": shapes,
     }
 

@@ -11,7 +11,7 @@ import numpy as np
 from ..files import prepare_folder, write_whole
 from .figures import COLOURS, drift_figure, joints_figure, unit
 from .table import short
-from .tracks import track_of, tracks_page
+from .tracks import Limb, track_of, tracks_page
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -50,9 +50,8 @@ def study_page(study: Study) -> str:
     rows = [study.row("pseudoinverse"), study.row("repeatable")]
     tracks = [track_of(row.label, row.motion, COLOURS[row.key]) for row in rows if row.motion is not None]
     drifts = "; ".join(f"{row.label}: {_drift_words(row)}" for row in rows)
-    return tracks_page(
-        study.task, tracks, elbow=study.elbow, path_points=study.path.points(), name=study.path.name, words=drifts
-    )
+    limb = Limb(study.task, study.elbow, study.path.points())
+    return tracks_page([limb], tracks, name=study.path.name, words=drifts)
 
 
 def _drift_words(row: Row) -> str:

@@ -61,6 +61,25 @@ class Track:
     unit: str = "rad"
 
 
+@dataclass(frozen=True)
+class Limb:
+    """What of a robot leaves its traces.
+
+    Attributes
+    ----------
+    task : Task
+        Whose frame is traced.
+    elbow : int
+        The joint whose origin is traced, of the task's.
+    path_points : (P, 3) array or None
+        The path to draw; None: what the first motion's frame does in its first cycle.
+    """
+
+    task: Task
+    elbow: int
+    path_points: Array | None = None
+
+
 def track_of(label: str, motion: Motion, color: str) -> Track:
     """Take a motion as it is."""
     return Track(label, color, motion.task.full(motion.q), motion.cycles, motion.drift, unit(motion))
@@ -129,11 +148,9 @@ def read_tracks(file: str | Path, robot: Robot, *, cycles: int | None = None) ->
 
 
 def tracks_page(
-    task: Task,
+    limbs: Sequence[Limb],
     tracks: Sequence[Track],
     *,
-    elbow: int,
-    path_points: Array | None = None,
     name: str = "motion",
     words: str | None = None,
     seconds: float = 4.0,
@@ -142,14 +159,10 @@ def tracks_page(
 
     Parameters
     ----------
-    task
-        Whose frame is traced.
+    limbs
+        What leaves traces: one limb of the robot, or several; the paths of all as many points.
     tracks
         What to show: all of as many cycles.
-    elbow
-        The joint whose origin is traced, of the task's.
-    path_points : (P, 3) array, optional
-        The path to draw; by default what the first frame does in its first cycle.
     name
         Of the path.
     words
@@ -163,28 +176,44 @@ def tracks_page(
     if len(sizes) != 1:
         raise InputError("motions can be shown side by side only if all have as many cycles and steps")
     ((cycles, samples),) = sizes
-    visuals, frames = Visuals.of(task.robot), choose_frames(samples, cycles)
-    arms, stations = [], []
+    visuals, frames = Visuals.of(limbs[0].task.robot), choose_frames(samples, cycles)
+    arms = []
     for track in tracks:
         rows = track.Q[frames.index]
-        part = np.array([task.part(q) for q in rows])
-        origins = np.array([task.joint_origins(q) for q in part])
-        stations.append(origins[0])
-        arms.append(
-            Arm(track.label, visuals.shapes, visuals.placements(rows), task.positions(part), origins[:, elbow],
-                track.drift, track.color, unit=track.unit)
-        )  # fmt: skip
-    points = arms[0].tip[: frames.per_cycle] if path_points is None else path_points
-    drifts = "; ".join(f"{t.label}: the joints are off by {short(t.drift[-1])} after {cycles} cycles" for t in tracks)
+        ways = [_ways(limb, rows) for limb in limbs]
+        tip, elbow = (np.stack(points, axis=1) for points in zip(*ways, strict=True))  # (T, K, 3)
+        placements = visuals.placements(rows)
+        arms.append(Arm(track.label, visuals.shapes, placements, tip, elbow, track.drift, track.color, unit=track.unit))
+    done = arms[0].tip[: frames.per_cycle]
+    paths = np.stack([done[:, k] if limb.path_points is None else limb.path_points for k, limb in enumerate(limbs)])
+    drifts = "; ".join(
+        f"{t.label}: the joints are off by {short(t.drift[-1])} {t.unit} after {cycles} cycles" for t in tracks
+    )
     return animation_page(
         arms,
-        points,
+        paths,
         seconds=seconds,
-        title=f"{task.robot.name}: {name}",
-        caption=f"{task.frame}, {task.kind} task, n = {task.n}, r = {task.r}\n{drifts if words is None else words}",
-        planar=bool(np.ptp(np.vstack([*stations, points]), axis=0)[2] < 1e-9),
+        title=f"{limbs[0].task.robot.name}: {name}",
+        caption="\n".join([*(_limb_words(limb.task) for limb in limbs), drifts if words is None else words]),
+        planar=_is_planar(limbs, [track.Q[0] for track in tracks], paths),
         frames=frames,
     )
+
+
+def _ways(limb: Limb, rows: Array) -> tuple[Array, Array]:
+    """The ways of frame and elbow, (T, 3) each."""
+    part = np.array([limb.task.part(q) for q in rows])
+    return limb.task.positions(part), np.array([limb.task.joint_origins(q)[limb.elbow] for q in part])
+
+
+def _limb_words(task: Task) -> str:
+    return f"{task.frame}, {task.kind} task, n = {task.n}, r = {task.r}"
+
+
+def _is_planar(limbs: Sequence[Limb], starts: Sequence[Array], paths: Array) -> bool:
+    """Whether all joints and paths lie in one level plane: then the page looks from above."""
+    joints = [limb.task.joint_origins(limb.task.part(q)) for limb in limbs for q in starts]
+    return bool(np.ptp(np.vstack([*joints, *paths]), axis=0)[2] < 1e-9)
 
 
 def _cycles(members: list[tuple[int, dict[str, str]]], file: Path, asked: int | None) -> int:

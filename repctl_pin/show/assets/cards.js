@@ -16,6 +16,12 @@ function inWords(value) {
   return `${digits} × 10${[...power.replace("+", "")].map((c) => (c === "-" ? "⁻" : "⁰¹²³⁴⁵⁶⁷⁸⁹"[c])).join("")}`;
 }
 
+// 2 m; 12.5 cm; 0.3 mm
+function inMetres(value) {
+  const two = (v) => Number(v.toPrecision(2));
+  return value >= 1 ? `${two(value)} m` : value >= 0.01 ? `${two(100 * value)} cm` : `${two(1000 * value)} mm`;
+}
+
 function sharp(canvas) {
   const scale = window.devicePixelRatio || 1, width = canvas.clientWidth, height = canvas.clientHeight;
   if (canvas.width !== Math.round(width * scale)) canvas.width = Math.round(width * scale);
@@ -26,13 +32,15 @@ function sharp(canvas) {
   return { draw, width, height };
 }
 
+const elbows = (arm) => (arm.limbs > 1 ? "elbows’ traces" : "elbow’s trace");
+
 class Card {
   constructor(parent, arm, view, scene) {
     Object.assign(this, { arm, view, scene, done: -1 });
     this.drift = element("p", { class: "drift" });
     this.after = element("p", { class: "after" });
     this.bars = element("canvas", { role: "img", "aria-label": `Drift of ${arm.label} after each cycle` });
-    this.elbow = element("canvas", { role: "img", "aria-label": `Trace of the elbow of ${arm.label}` });
+    this.elbow = element("canvas", { role: "img", "aria-label": `${arm.label}: ${elbows(arm)}` });
     this.scaleNote = element("figcaption");
     const largest = Math.max(...scene.arms.flatMap((a) => a.drift));
     this.top = largest;
@@ -75,16 +83,18 @@ class Card {
     const y = (i) => height / 2 - flat.scale * (flat.points[2 * i + 1] - flat.center[1]);
     const F = this.scene.perCycle;
     draw.lineWidth = 1.5; draw.lineJoin = "round";
-    let last = 0;
-    for (let c = 0; c <= cycle && c < this.scene.cycles.length; c++) {
-      const until = c < cycle ? F - 1 : Math.floor(part * (F - 1) + 1e-9);
-      draw.strokeStyle = "#" + this.shade(c, 1).getHexString();
-      draw.beginPath();
-      for (let i = 0; i <= until; i++) { last = c * F + i; draw.lineTo(x(last), y(last)); }
-      draw.stroke();
+    for (let limb = 0; limb < this.view.limbs; limb++) {
+      let last = 0;
+      for (let c = 0; c <= cycle && c < this.scene.cycles.length; c++) {
+        const until = c < cycle ? F - 1 : Math.floor(part * (F - 1) + 1e-9);
+        draw.strokeStyle = "#" + this.shade(c, 1).getHexString();
+        draw.beginPath();
+        for (let i = 0; i <= until; i++) { last = limb * this.view.frames + c * F + i; draw.lineTo(x(last), y(last)); }
+        draw.stroke();
+      }
+      draw.fillStyle = this.arm.color;
+      draw.beginPath(); draw.arc(x(last), y(last), 3, 0, 7); draw.fill();
     }
-    draw.fillStyle = this.arm.color;
-    draw.beginPath(); draw.arc(x(last), y(last), 3, 0, 7); draw.fill();
     draw.fillStyle = "#5c6875";
     draw.fillRect(8, height - 8, flat.bar * flat.scale, 2);
   }
@@ -92,11 +102,11 @@ class Card {
   // Lay all cards' traces flat for the camera that looks along these axes, to one scale.
   static flatten(cards, right, up) {
     const boxes = cards.map((card) => {
-      const { view } = card, points = new Float32Array(2 * view.frames), p = new MeshCat.THREE.Vector3();
+      const { view } = card, points = new Float32Array(2 * view.limbs * view.frames), p = new MeshCat.THREE.Vector3();
       const box = [Infinity, -Infinity, Infinity, -Infinity];
-      for (let i = 0; i < view.frames; i++) {
-        view.point("elbow", i, 0, p);
-        const a = (points[2 * i] = p.dot(right)), b = (points[2 * i + 1] = p.dot(up));
+      for (let j = 0; j < view.limbs * view.frames; j++) { // limb after limb
+        view.point("elbow", Math.floor(j / view.frames), j % view.frames, 0, p);
+        const a = (points[2 * j] = p.dot(right)), b = (points[2 * j + 1] = p.dot(up));
         box[0] = Math.min(box[0], a); box[1] = Math.max(box[1], a); box[2] = Math.min(box[2], b); box[3] = Math.max(box[3], b);
       }
       card.flat = { points, center: [(box[0] + box[1]) / 2, (box[2] + box[3]) / 2] };
@@ -104,10 +114,9 @@ class Card {
     });
     const wide = Math.max(...boxes.map((b) => b[1] - b[0]), 1e-6), tall = Math.max(...boxes.map((b) => b[3] - b[2]), 1e-6);
     const scale = Math.min(134 / wide, 62 / tall), bar = niceStep(40 / scale);
-    const length = bar >= 1 ? `${bar} m` : bar >= 0.01 ? `${Math.round(bar * 100)} cm` : `${Number((bar * 1000).toPrecision(1))} mm`;
     for (const card of cards) {
       Object.assign(card.flat, { scale, bar });
-      card.scaleNote.textContent = wide > 1e-5 || tall > 1e-5 ? `elbow’s trace; bar ${length}` : "the elbow does not move";
+      card.scaleNote.textContent = wide > 1e-5 || tall > 1e-5 ? `${elbows(card.arm)}; bar ${inMetres(bar)}` : "no elbow moves";
     }
   }
 }

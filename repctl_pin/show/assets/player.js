@@ -26,7 +26,9 @@ async function main() {
   await picturesLoaded(viewer.scene);
   let at = 0;
   const arms = scene.arms.map((arm) => { const view = new ArmView(viewer, arm, motion, at, frames); at = view.end; return view; });
-  const path = Array.from({ length: scene.pathPoints }, (_, i) => new T.Vector3().fromArray(motion, at + 3 * i));
+  const [pathCount, pathPoints] = scene.paths;
+  const paths = Array.from({ length: pathCount }, (_, k) => Array.from({ length: pathPoints }, (_, i) => new T.Vector3().fromArray(motion, at + 3 * (k * pathPoints + i))));
+  const path = paths.flat();
 
   // ---- where everything stands
   const corners = arms.map((arm) => arm.corners());
@@ -34,7 +36,7 @@ async function main() {
   if (near.isEmpty()) near.setFromPoints([...corners.flatMap((c) => c.still), new T.Vector3()]);
   const extent = near.getSize(new T.Vector3()).length() || 1;
   const whole = new T.Box3().setFromPoints(corners.flatMap((c) => [...c.moving, ...c.still]));
-  const tip = new T.Box3().setFromPoints(arms.flatMap((a) => [a.point("tip", 0), a.point("tip", F >> 1)])).getCenter(new T.Vector3());
+  const tip = new T.Box3().setFromPoints(arms.flatMap((a) => Array.from({ length: a.limbs }, (_, k) => [a.point("tip", k, 0), a.point("tip", k, F >> 1)]).flat())).getCenter(new T.Vector3());
   const eye = new Eye(viewer, scene.planar ? new T.Vector3(0, -1e-4, 1) : towards(tip, whole));
   const spans = corners.map((c) => eye.span([...c.moving, ...c.still, ...path], "right"));
   // all of the robot, where that leaves the arm large; else what stands near the arm
@@ -56,7 +58,7 @@ async function main() {
   const shown = new T.Box3().setFromPoints(points), center = shown.getCenter(new T.Vector3()), size = shown.getSize(new T.Vector3()).length();
   light(viewer, center, size * 0.6, eye);
   const step = floor(viewer, center, whole.min.z, extent, size);
-  byId("scale-note").textContent = `grid ${step >= 1 ? step + " m" : Math.round(step * 1000) / 10 + " cm"}`;
+  byId("scale-note").textContent = `grid ${inMetres(step)}`;
   const tops = own.map((list, k) => {
     const [a, b] = eye.span(list, "right"), [, top] = eye.span(list, "up"), middle = shown.getCenter(new T.Vector3()).sub(arms[k].group.position);
     return middle.addScaledVector(eye.right, (a + b) / 2 - middle.dot(eye.right)).addScaledVector(eye.up, top - middle.dot(eye.up)).add(arms[k].group.position);
@@ -64,16 +66,21 @@ async function main() {
 
   // ---- path, traces, start pose
   const thick = 0.0026 * extent, traces = [];
-  const pieces = (arm, which) => scene.cycles.map((_, c) => Array.from({ length: F }, (_, i) => arm.point(which, c * F + i)));
+  const pieces = (arm, which, limb) => scene.cycles.map((_, c) => Array.from({ length: F }, (_, i) => arm.point(which, limb, c * F + i)));
   for (const arm of arms) {
-    const shade = driftShade(arm.data, scene), ink = new T.Color("#3d4854");
-    if (path.length > 1) new Trace(arm.group, [path], 0.75 * thick, () => ink).show(1, 0);
+    const shade = driftShade(arm.data, scene), full = new T.Color(arm.data.color), ink = new T.Color("#3d4854");
+    for (const way of paths) if (way.length > 1) new Trace(arm.group, [way], 0.75 * thick, () => ink).show(1, 0);
     arm.traces = new T.Group();
     arm.group.add(arm.traces);
-    traces.push({ arm, tip: new Trace(arm.traces, pieces(arm, "tip"), 1.35 * thick, () => new T.Color(arm.data.color)), elbow: new Trace(arm.traces, pieces(arm, "elbow"), thick, shade),
-      tipBall: new Marker(arm.traces, 3.4 * thick, arm.data.color), elbowBall: new Marker(arm.traces, 2.8 * thick, arm.data.color) });
+    for (let limb = 0; limb < arm.limbs; limb++)
+      for (const [which, width, ball, tone] of [["tip", 1.35, 3.4, () => full], ["elbow", 1, 2.8, shade]])
+        traces.push({ arm, which, limb, trace: new Trace(arm.traces, pieces(arm, which, limb), width * thick, tone), ball: new Marker(arm.traces, ball * thick, arm.data.color) });
     arm.makeGhost();
   }
+  // the colour of what has drifted; a tenth of a millimetre is not shown
+  const drifts = arms.map((arm) => arm.measureDrift(cycles, F)), most = Math.max(...drifts), drifting = most > 1e-4;
+  if (drifting) byId("drift-note").append("a body off its start by 0", element("i", { style: `--arm: ${arms[drifts.indexOf(most)].data.color}` }), inMetres(most));
+  byId("drift-switch").hidden = !drifting;
   const cards = arms.map((arm) => new Card(byId("cards"), arm.data, arm, scene));
   cards.forEach((card, k) => { card.shade = driftShade(arms[k].data, scene); });
   Card.flatten(cards, eye.right, eye.up);
@@ -81,6 +88,7 @@ async function main() {
   byId("labels").append(...labels);
 
   // ---- drawing
+  const traceBox = byId("show-traces"), ghostBox = byId("show-ghost"), driftBox = byId("show-drift");
   let time = 0, playing = false, speed = 1, touched = false, rest = 0;
   viewer.controls.addEventListener("start", () => { touched = true; });
   function render() {
@@ -96,12 +104,8 @@ async function main() {
     const cycle = Math.min(Math.floor(time), cycles - 1), part = time - cycle;
     const row = Math.min(part * (F - 1), F - 1), i = Math.min(Math.floor(row + 1e-9), F - 1), f = Math.max(0, row - i);
     const frame = cycle * F + i;
-    for (const { arm, tip, elbow, tipBall, elbowBall } of traces) {
-      arm.pose(frame, f);
-      tip.show(cycle, part); elbow.show(cycle, part);
-      arm.point("tip", frame, f, tipBall.node.position);
-      arm.point("elbow", frame, f, elbowBall.node.position);
-    }
+    for (const arm of arms) { arm.pose(frame, f); arm.showDrift(cycle, part, driftBox.checked && drifting ? most : 0); }
+    for (const { arm, which, limb, trace, ball } of traces) { trace.show(cycle, part); arm.point(which, limb, frame, f, ball.node.position); }
     const completed = part >= 1 ? scene.cycles[cycle] : cycle ? scene.cycles[cycle] - 1 : 0;
     for (const card of cards) card.show(completed, cycle, part);
     const drifts = scene.arms[0].drift.length;
@@ -125,11 +129,12 @@ async function main() {
   byId("scrub").addEventListener("input", (event) => { play(false); seek(event.target.value); });
   byId("speed").addEventListener("change", (event) => { speed = Number(event.target.value); });
   byId("view").addEventListener("click", () => { touched = false; viewer.controls.reset(); resize(); });
-  const traceBox = byId("show-traces"), ghostBox = byId("show-ghost");
   const setTraces = (on) => { traceBox.checked = on; for (const arm of arms) arm.traces.visible = on; viewer.set_dirty(); };
   const setGhost = (on) => { ghostBox.checked = on; for (const arm of arms) arm.ghost.visible = on; viewer.set_dirty(); };
+  const setDrift = (on) => { driftBox.checked = on; byId("drift-note").hidden = !on; show(); };
   traceBox.addEventListener("change", () => setTraces(traceBox.checked));
   ghostBox.addEventListener("change", () => setGhost(ghostBox.checked));
+  driftBox.addEventListener("change", () => setDrift(driftBox.checked));
   document.addEventListener("keydown", (event) => {
     if (event.target.closest("input, select, button") || event.ctrlKey || event.metaKey || event.altKey) return;
     if (event.key === " ") { event.preventDefault(); play(!playing); }
@@ -155,7 +160,7 @@ async function main() {
   // For tests, and for anyone at the console.
   Object.defineProperties(api, { time: { get: () => time }, playing: { get: () => playing } });
   Object.assign(api, {
-    viewer, cycles, seek, setTraces, setGhost,
+    viewer, cycles, seek, setTraces, setGhost, setDrift,
     play: () => play(true),
     pause: () => play(false),
     meshes: (k) => arms[k].meshes.length,
@@ -163,6 +168,8 @@ async function main() {
     picture: () => { render(); return viewer.renderer.domElement.toDataURL(); },
     // columns of the picture, 0 to 1, between which an arm stands
     columns: (k) => { const v = new T.Vector3(), xs = [...own[k], ...path].map((p) => { v.copy(p).add(arms[k].group.position); v.set(v.x, v.z, -v.y).project(viewer.camera); return 0.5 + v.x / 2; }); return [Math.min(...xs), Math.max(...xs)]; },
+    // how far a body is off its start, m, and its colour
+    drift: (k, shape) => { const cycle = Math.min(Math.floor(time), cycles - 1), b = arms[k].moving.findIndex((place) => place.name === shape); return [arms[k].drift(b, cycle, time - cycle), "#" + arms[k].paints[b][0].material.color.getHexString()]; },
     materials: (change) => { for (const arm of arms) for (const mesh of arm.meshes) [mesh.material].flat().forEach((m) => { change(m); m.needsUpdate = true; }); viewer.set_dirty(); },
   });
   const problems = [...scene.problems, ...api.errors];
