@@ -4,12 +4,10 @@
     python examples/gallery.py ppr tiago        some of them
     python examples/gallery.py --out elsewhere
 
-Each picture is the animation page of a study, opened in a headless Chromium and stopped at the end of the last
-lap: the ghosts are the arms at the start, the lines are what tip and elbow left behind. A browser and its driver
-are needed (Debian: ``chromium`` and ``chromium-driver``), and ``pip install selenium``.
-
-Baxter is shown with both arms at work, each on a circle of its own: two designs, one for each arm, and the two
-motions put together into motions of the whole robot.
+Each picture is an animation page, opened in a headless Chromium and stopped at the end of the last lap: the
+ghosts are the arms at the start, the lines are what tip and elbow left behind, and the colour of a body is how
+far it is off its start. A browser and its driver are needed (Debian: ``chromium`` and ``chromium-driver``),
+``pip install selenium``, and for ``audit`` what `audit_pink.py` needs.
 """
 
 from __future__ import annotations
@@ -20,17 +18,17 @@ import shutil
 import tempfile
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 from PIL import Image
 from selenium import webdriver
 from selenium.webdriver.chrome.service import Service
 
 import repctl_pin as rp
+from repctl_pin.show.figures import BLUE, ORANGE, VERMILLION
 from repctl_pin.show.study_files import study_page
-from repctl_pin.show.tracks import Track, track_of, tracks_page
+from repctl_pin.show.tracks import Limb, track_of, tracks_page
+from repctl_pin.studies.defaults import choose_elbow
 
 PICTURES = Path(__file__).parent / "pictures"
 SIZE = (1400, 1040)
@@ -44,31 +42,33 @@ def one_arm(name: str, **options) -> str:
     return study_page(rp.study(name, **options))
 
 
-def both_arms(name: str, frames: tuple[str, str], *, cycles: int = 3) -> str:
-    """A robot whose two arms follow circles of their own, under J⁺ and under the nearest repeatable inverses."""
-    robot = rp.Robot.load(name)
-    studies = [rp.study(robot, frame=frame, cycles=cycles, radius=0.1) for frame in frames]
-    tracks: list[Track] = []
-    for key, color in (("pseudoinverse", "#D55E00"), ("repeatable", "#0072B2")):
-        own = [track_of(study.row(key).label, study.row(key).motion, color) for study in studies]
-        moved = [track.Q - robot.reference for track in own]  # each arm's joints stand still in the other's track
-        together = robot.reference + sum(moved)
-        tracks.append(replace(own[0], Q=together, drift=np.hypot(own[0].drift, own[1].drift)))
-    return tracks_page(
-        studies[0].task,
-        tracks,
-        elbow=studies[0].elbow,
-        path_points=studies[0].path.points(),
-        name=f"each arm on its own {studies[0].path.name}",
-    )
+def both_arms() -> str:
+    """Baxter's two arms, each on a circle of its own."""
+    from two_arms import both_arms_page, study_both
+
+    return both_arms_page(study_both(rp.Robot.load("baxter"), ("left_gripper", "right_gripper")))
+
+
+def audit() -> str:
+    """Somebody else's control loop, J⁺, and the same loop with our task beside its own."""
+    from audit_pink import audit as motions
+
+    colours = {"pink": ORANGE, "J⁺": VERMILLION, "pink + ours": BLUE}
+    done = motions(cycles=10, steps=500)
+    tracks = [track_of(name, motion, colours[name]) for name, motion in done.items()]
+    first = done["J⁺"]
+    limb = Limb(first.task, choose_elbow(first.task, first.q[0]), first.path.points())
+    return tracks_page([limb], tracks, name="a control loop audited")
 
 
 GALLERY: dict[str, Callable[[], str]] = {
     "panda": lambda: one_arm("panda"),
+    "my_arm": lambda: one_arm(str(Path(__file__).parent / "my_arm.urdf")),
     "tiago": lambda: one_arm("tiago"),
-    "baxter": lambda: both_arms("baxter", ("left_gripper", "right_gripper")),
+    "baxter": both_arms,
     "ppr": lambda: one_arm("ppr", radius=0.4),
     "planar7r": lambda: one_arm("planar7r"),
+    "audit": audit,
 }
 
 

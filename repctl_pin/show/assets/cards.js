@@ -46,7 +46,7 @@ class Card {
     this.top = largest;
     parent.append(element("article", { class: "card", style: `--arm: ${arm.color}` }, element("div", {},
       element("div", {}, element("h2", {}, element("span", { class: "chip" }), arm.label), this.drift, this.after),
-      element("figure", { class: "bars" }, this.bars, element("figcaption", {}, `after each cycle; full height ${inWords(largest)} ${arm.unit}`)),
+      element("figure", { class: "bars" }, this.bars, element("figcaption", {}, `after each cycle; top ${inWords(largest)} ${arm.unit}`)),
       element("figure", { class: "elbow" }, this.elbow, this.scaleNote))));
   }
 
