@@ -25,10 +25,10 @@ from selenium import webdriver
 from selenium.webdriver.chrome.service import Service
 
 import repctl_pin as rp
+from repctl_pin.motion import elbow
 from repctl_pin.show.figures import BLUE, ORANGE, VERMILLION
 from repctl_pin.show.study_files import study_page
 from repctl_pin.show.tracks import Limb, track_of, tracks_page
-from repctl_pin.studies.defaults import choose_elbow
 
 PICTURES = Path(__file__).parent / "pictures"
 SIZE = (1400, 1040)
@@ -57,7 +57,7 @@ def audit() -> str:
     done = motions(cycles=10, steps=500)
     tracks = [track_of(name, motion, colours[name]) for name, motion in done.items()]
     first = done["J⁺"]
-    limb = Limb(first.task, choose_elbow(first.task, first.q[0]), first.path.points())
+    limb = Limb(first.task, elbow(first.task, first.q[0]), first.path.points())
     return tracks_page([limb], tracks, name="a control loop audited")
 
 

@@ -95,7 +95,8 @@ def picture(driver: Any, cycles: float, *, traces: bool = False) -> NDArray[np.i
     from PIL import Image
 
     url = driver.execute_script(
-        "repctl.setTraces(arguments[1]); repctl.setDrift(arguments[1]); repctl.seek(arguments[0]); return repctl.picture()",
+        "const [time, left] = arguments; repctl.setTraces(left); repctl.setDrift(left); repctl.seek(time);"
+        "return repctl.picture()",
         cycles,
         traces,
     )

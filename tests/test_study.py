@@ -7,10 +7,15 @@ import json
 
 import numpy as np
 import pytest
+from test_scene import read
 
 import repctl_pin as rp
+from repctl_pin.motion import elbow
+from repctl_pin.show.figures import colours
+from repctl_pin.show.report import report_page
 from repctl_pin.show.study_files import write_study
 from repctl_pin.show.table import study_table
+from repctl_pin.show.tracks import read_tracks
 from repctl_pin.studies import defaults
 
 REDUNDANT = [
@@ -76,7 +81,7 @@ def test_default_kind_is_the_first_redundant_one() -> None:
 
 def test_elbow_of_a_panda_is_its_elbow(panda_pose, q_panda) -> None:
     # joints 3 and 4 meet at the elbow; the shoulder and the wrist stand still in a self-motion
-    assert panda_pose.joint_names[defaults.choose_elbow(panda_pose, q_panda)] in ("panda_joint3", "panda_joint4")
+    assert panda_pose.joint_names[elbow(panda_pose, q_panda)] in ("panda_joint3", "panda_joint4")
 
 
 @pytest.fixture(scope="module")
@@ -149,3 +154,65 @@ def test_a_path_out_of_reach_is_refused() -> None:
 def test_a_singular_start_is_refused() -> None:
     with pytest.raises(rp.SingularityError, match="choose another --start"):
         rp.study("planar3r", start=[0.3, 0.0, 0.0])
+
+
+def test_controls_of_ones_own_stand_beside(tmp_path) -> None:
+    """J⁺ written by hand as a function does what J⁺ does; it is in the table, the files, the page and the report."""
+    robot = rp.Robot.load("panda")
+    task = robot.task(robot.default_frame, "pose")
+    own = {
+        "by <hand>": lambda q, xdot: np.linalg.lstsq(task.jacobian(q), xdot)[0],
+        "M": rp.WeightedInverse(task, "inertia"),
+    }
+    study = rp.study(robot, controls=own, cycles=2, steps=60, degree=1)
+    assert [row.key for row in study.rows] == [
+        "pseudoinverse",
+        "posture",
+        "posture_off",
+        "by <hand>",
+        "M",
+        "repeatable",
+    ]
+    by_hand, plain = study.row("by <hand>").motion, study.row("pseudoinverse").motion
+    np.testing.assert_allclose(by_hand.q, plain.q, atol=1e-9)
+    weighted = rp.follow(own["M"], study.path, study.q0, cycles=2, steps=60)
+    np.testing.assert_array_equal(study.row("M").motion.q, weighted.q)
+    assert "by <hand>" in study_table(study) and len(set(colours(study).values())) == 6
+    page, _, _, table = write_study(study, tmp_path)
+    assert [arm["label"] for arm in read(page.read_text(encoding="utf-8"))[0]["arms"]] == [
+        "J⁺", "by <hand>", "M", "nearest repeatable",
+    ]  # fmt: skip
+    assert {track.label for track in read_tracks(table, robot)} == {row.label for row in study.rows}
+    report = report_page(study)
+    assert f"Under your control M, they are off by {weighted.drift[-1]:.4f} rad" in report and "by <hand>" not in report
+
+
+def test_controls_that_cannot_be_used_are_named() -> None:
+    other = rp.Pseudoinverse(rp.Robot.load("panda").task("panda_hand_tcp", "position"))
+    for controls, words in (
+        ({"repeatable": other}, "'repeatable' is taken"),
+        ({"mine": other}, "'mine' controls 'panda_hand_tcp', position, but the study is of 'panda_hand_tcp', pose"),
+        ({"mine": 3}, "a function"),
+        ({"mine": lambda q, xdot: q[:3]}, "must give 7 finite numbers"),
+    ):
+        with pytest.raises(rp.InputError, match=words):
+            rp.study("panda", controls=controls, cycles=1, steps=20, degree=1)
+
+
+def test_the_first_start_that_can_follow_the_path_is_taken() -> None:
+    """A path out of the reference pose's reach: the next good start is tried, and said."""
+    offered = [q for q, _ in defaults.starts(rp.Robot.load("panda").task("panda_hand_tcp", "pose"))]
+    asked = []
+
+    def path(task: rp.Task, q0: np.ndarray) -> rp.Path:
+        asked.append(q0)
+        if len(asked) == 1:
+            raise rp.InputError("not from here")
+        return rp.circle(task, q0, 0.03)
+
+    study = rp.study("panda", path=path, cycles=1, steps=60, degree=1)
+    assert len(offered) > 1 and np.array_equal(asked, offered[:2]) and np.array_equal(study.q0, offered[1])
+    assert sum(note.startswith("start: ") for note in study.notes) == 1
+    with pytest.raises(rp.InputError, match="not from here"):
+        asked.clear()
+        rp.study("panda", path=path, start=offered[0])

@@ -64,12 +64,12 @@ def run(options: argparse.Namespace) -> int:
     task, tracks, more = make(options, say)
 
     from ..files import prepare_folder, write_whole
+    from ..motion import elbow
     from ..show.tracks import Limb, tracks_page
-    from ..studies.defaults import choose_elbow
 
     say("drawing")
-    elbow = choose_elbow(task, task.part(tracks[0].Q[0]))
-    page = tracks_page([Limb(task, elbow, more.pop("path_points", None))], tracks, seconds=options.seconds, **more)
+    limb = Limb(task, elbow(task, task.part(tracks[0].Q[0])), more.pop("path_points", None))
+    page = tracks_page([limb], tracks, seconds=options.seconds, **more)
     result: dict[str, Any] = {
         "robot": task.robot.name,
         "frame": task.frame,

@@ -12,6 +12,7 @@ from ..errors import InputError
 from ..fields.field import CurvedMap
 from ..redundancy.augmented import augmented_inverse
 from ..redundancy.inverses import pseudoinverse_derivative
+from ..robot.length import arm_length
 from ..robot.task import Task
 from ..strategies.pseudoinverse import Pseudoinverse
 from ..strategies.repeatable import RepeatableInverse
@@ -95,9 +96,7 @@ def joint_scale(task: Task, q: Array) -> Array:
     """
     if task.revolute.all():
         return np.ones(task.n)
-    stations = np.vstack([task.joint_origins(q), task.placement(q).translation])
-    turning = np.append(np.linalg.norm(task.axes(q), axis=1) > 0.5, True)
-    length = float(np.linalg.norm(np.diff(stations[turning], axis=0), axis=1).sum())
+    length = arm_length(task, q)
     return np.where(task.revolute, 1.0, length if length > 1e-9 else 1.0)
 
 

@@ -1,6 +1,7 @@
 """Closed paths, and what a strategy does on them."""
 
 from .best_leaf import BestLeaf, best_leaf
+from .elbow import elbow
 from .follow import follow
 from .motion import Motion
 from .paths import Path, circle, figure_eight, polygon, read_waypoints, rose, waypoints
@@ -13,6 +14,7 @@ __all__ = [
     "best_leaf",
     "check_reach",
     "circle",
+    "elbow",
     "figure_eight",
     "follow",
     "polygon",

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
     from ..motion import Motion
     from ..robot.task import Task
+    from ..studies import Study
 
 # Okabe and Ito's palette: eight colours that colour-blind people can tell apart.
 ORANGE, SKY, GREEN, YELLOW = "#E69F00", "#56B4E9", "#009E73", "#F0E442"
@@ -20,6 +21,22 @@ BLUE, VERMILLION, PURPLE, INK = "#0072B2", "#D55E00", "#CC79A7", "#222222"
 
 COLOURS = {"pseudoinverse": VERMILLION, "posture": GREEN, "posture_off": ORANGE, "repeatable": BLUE}
 """The colour of each strategy of a study, the same in every picture."""
+
+
+_OWN = (PURPLE, SKY, YELLOW, INK)
+"""For a person's own controls, one after the other."""
+
+
+def colours(study: Study) -> dict[str, str]:
+    """Give every row of a study its colour, by its key."""
+    own = [row.key for row in study.rows if row.key not in COLOURS]
+    return COLOURS | {key: _OWN[k % len(_OWN)] for k, key in enumerate(own)}
+
+
+def drawn(study: Study) -> list[tuple[str, Motion, str]]:
+    """List every strategy of a study that moved: its label, motion and colour."""
+    colour = colours(study)
+    return [(row.label, row.motion, colour[row.key]) for row in study.rows if row.motion is not None]
 
 
 def drift_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> Axes:

@@ -20,7 +20,7 @@ from ..files import write_whole
 from . import words
 from .cycle_figures import cycle_figure
 from .design_figures import cost_against_degree
-from .figures import COLOURS, drift_figure, joints_figure
+from .figures import COLOURS, colours, drawn, drift_figure, joints_figure
 from .map_figures import joint_map
 from .orbit_figures import orbits_figure
 from .still import still_figure
@@ -77,7 +77,7 @@ def report_page(
         "ANIMATION": html.escape(animation or study_page(study), quote=True),
         "ANIMATION_TITLE": html.escape(f"Animation: {title}", quote=True),
         "STILL": _picture(still_figure(study), words.still_words(study)),
-        "TABLE": _table(header, rows, [COLOURS[row.key] for row in study.rows]),
+        "TABLE": _table(header, rows, [colours(study)[row.key] for row in study.rows]),
         "LEGEND": html.escape(" ".join(legend)),
         "FIGURES": "\n".join(_figures(study, maps)),
         "COMMAND": "" if command is None else f"<pre><code>{html.escape(command)}</code></pre>",
@@ -117,7 +117,7 @@ def versions() -> dict[str, str]:
 
 def _figures(study: Study, maps: StudyMaps | None) -> Iterable[str]:
     """Each figure with its heading, picture and words."""
-    moved = [(row.label, row.motion, COLOURS[row.key]) for row in study.rows if row.motion is not None]
+    moved = drawn(study)
     on = [m for m in moved if m[2] != COLOURS["posture_off"]]  # what comes from afar would hide the rest
     yield _section("Drift", drift_figure(moved, ""), words.drift_words(study))
     yield _section("Joints", joints_figure(moved, ""), words.joints_words(study))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..files import prepare_folder, write_whole
-from .figures import COLOURS, drift_figure, joints_figure, unit
+from .figures import drawn, drift_figure, joints_figure, unit
 from .table import short
 from .tracks import Limb, track_of, tracks_page
 
@@ -36,7 +36,7 @@ def write_study(study: Study, folder: Path) -> list[Path]:
     """
     prepare_folder(folder)
     title = f"{study.robot.name}, {study.task.kind} task, {study.path.name}"
-    moved = [(row.label, row.motion, COLOURS[row.key]) for row in study.rows if row.motion is not None]
+    moved = drawn(study)
     return [
         write_whole(folder / "animation.html", study_page(study)),
         write_whole(folder / "drift.png", lambda path: _save(drift_figure(moved, title), path)),
@@ -46,9 +46,10 @@ def write_study(study: Study, folder: Path) -> list[Path]:
 
 
 def study_page(study: Study) -> str:
-    """Make the animation of a study: J⁺ and the repeatable inverse side by side, on one page."""
-    rows = [study.row("pseudoinverse"), study.row("repeatable")]
-    tracks = [track_of(row.label, row.motion, COLOURS[row.key]) for row in rows if row.motion is not None]
+    """Make the animation of a study: J⁺, a person's own controls and the repeatable inverse, side by side."""
+    rows = [row for row in study.rows if not row.key.startswith("posture")]
+    shown = {row.label for row in rows}
+    tracks = [track_of(*one) for one in drawn(study) if one[0] in shown]
     drifts = "; ".join(f"{row.label}: {_drift_words(row)}" for row in rows)
     limb = Limb(study.task, study.elbow, study.path.points())
     return tracks_page([limb], tracks, name=study.path.name, words=drifts)

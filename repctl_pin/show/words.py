@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .figures import unit
+from .figures import COLOURS, unit
 from .table import short
 
 if TYPE_CHECKING:
@@ -33,6 +33,10 @@ def summary(study: Study) -> list[str]:
         )
     else:
         out.append(f"The pseudoinverse J⁺ could not follow: {plain.stopped}.")
+    for row in study.rows:
+        if row.key not in COLOURS:
+            own = f"they are off by {amount(row.motion, -1)}" if row.motion else f"it could not follow: {row.stopped}"
+            out.append(f"Under your control {row.label}, {own}.")
     if closed.motion is not None:
         assert closed.distance is not None and closed.clearance is not None
         out.append(

@@ -11,7 +11,7 @@ from scipy.stats import qmc
 from ..design.tube import Tube
 from ..errors import InputError, SingularityError
 from ..motion import Motion, Path, circle, follow
-from ..redundancy import nullspace
+from ..robot.length import arm_length
 from ..robot.robot import Robot
 from ..robot.task import KINDS, Task
 from ..strategies import Pseudoinverse
@@ -46,7 +46,7 @@ def redundant_kinds(robot: Robot, frame: str) -> dict[str, int]:
 def reaches_full_rank(task: Task) -> bool:
     """Say whether J has full row rank at one of 32 configurations within the limits."""
     J = task.jacobians(_spread(task, 32))
-    J[:, :3] /= max(reach_of(task, task.reference), 1e-9) if task.m > 2 else 1.0
+    J[:, :3] /= max(arm_length(task, task.reference), 1e-9) if task.m > 2 else 1.0
     values = np.linalg.svd(J, compute_uv=False)
     return bool((values[:, -1] > 1e-6 * values[:, 0]).any()) and task.r >= 0
 
@@ -86,16 +86,9 @@ def choose_task(robot: Robot, frame: str | None, kind: str | None, joints: list[
 def dexterity(task: Task, q: Array) -> float:
     """Measure ``σ_min / σ_max`` of J, lengths in units of the arm's reach: 0 at a singularity."""
     J = task.jacobian(q).copy()
-    J[: min(3, task.m)] /= max(reach_of(task, q), 1e-9)
+    J[: min(3, task.m)] /= max(arm_length(task, q), 1e-9)
     values = np.linalg.svd(J, compute_uv=False)
     return float(values[-1] / values[0])
-
-
-def reach_of(task: Task, q: Array) -> float:
-    """Sum the distances from joint to joint to the frame, m: how long the arm is."""
-    stations = np.vstack([task.joint_origins(q), task.placement(q).translation])
-    revolute = stations[np.append(task.revolute, True)]
-    return float(np.linalg.norm(np.diff(revolute, axis=0), axis=1).sum())
 
 
 def starts(task: Task) -> Iterator[tuple[Array, str]]:
@@ -152,7 +145,7 @@ def choose_path(task: Task, q0: Array, *, plane: str | None = None, radius: floa
         If there is none down to a radius of 1 cm.
     """
     planes = (plane,) if plane is not None else _planes(task)
-    limit = 0.14 * reach_of(task, q0)
+    limit = 0.14 * arm_length(task, q0)
     radii = (radius,) if radius is not None else [x for x in _RADII if x <= max(limit, _RADII[-1])]
     strategy = Pseudoinverse(task)
     needed = 0.5 * dexterity(task, q0)
@@ -178,14 +171,6 @@ def choose_region(task: Task, motion: Motion) -> Tube:
     return Tube(motion.cycle(0), np.where(task.revolute, 0.1, 0.05))
 
 
-def choose_elbow(task: Task, q0: Array) -> int:
-    """Find the joint whose origin moves most when the arm moves in its null space: its elbow."""
-    step = 1e-4
-    here = task.joint_origins(q0)
-    moved = [task.joint_origins(q0 + step * n) for n in nullspace(task.jacobian(q0)).T]
-    return int(np.argmax(sum(np.linalg.norm(p - here, axis=1) ** 2 for p in moved)))
-
-
 def _planes(task: Task) -> tuple[str, ...]:
     """Planes that a path of this kind can lie in."""
     if task.kind in ("xy", "xz", "yz"):
@@ -207,13 +192,11 @@ def _spread(task: Task, count: int) -> Array:
 
 
 __all__ = [
-    "choose_elbow",
     "choose_path",
     "choose_region",
     "choose_start",
     "choose_task",
     "dexterity",
-    "reach_of",
     "reaches_full_rank",
     "redundant_kinds",
     "starts",

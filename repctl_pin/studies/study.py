@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -10,18 +10,22 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..design import Box, Design, Region, nearest_repeatable
-from ..errors import InputError, SingularityError
-from ..motion import Motion, Path, check_reach, follow, reach
+from ..errors import InputError, RepctlError, SingularityError
+from ..motion import Motion, Path, check_reach, elbow, follow, reach
 from ..redundancy import align, nullspace
 from ..robot.robot import Robot
 from ..robot.task import Task
-from ..strategies import PostureControl, Pseudoinverse, Strategy
+from ..strategies import FunctionStrategy, PostureControl, Pseudoinverse, Strategy
 from . import defaults
 
 Array = NDArray[np.float64]
+Control = Strategy | Callable[[Array, Array], ArrayLike]
 
 POSTURE_GAIN = 1.0
 """Gain of the posture in the null space, 1/s."""
+
+RESERVED = ("pseudoinverse", "posture", "posture_off", "repeatable")
+"""Keys of a study's own rows."""
 
 POSTURE_OFFSET = 0.57
 """How far off the start the posture of the third strategy lies, rad, along the null space."""
@@ -71,7 +75,7 @@ class Study:
     @property
     def elbow(self) -> int:
         """The joint whose origin a self-motion at the start moves fastest: where the creep is seen."""
-        return defaults.choose_elbow(self.task, self.q0)
+        return elbow(self.task, self.q0)
 
     def row(self, key: str) -> Row:
         """Find a strategy's row by its key."""
@@ -129,6 +133,7 @@ def study(
     steps: int = 500,
     region: float | Region | None = None,
     degree: int = 2,
+    controls: Mapping[str, Control] | None = None,
     period: float = 5.0,
     seed: int = 0,
     progress: Callable[[str], None] | None = None,
@@ -143,7 +148,8 @@ def study(
         The frame to move and the kind of task; by default the arm's end and the first of pose, position,
         xy, xz, yz that is redundant.
     start : (n,) array, optional
-        q0; by default the reference pose, or a dexterous one near it.
+        q0; by default the first that can follow the path: the reference pose, the ready one, mid-range, or a
+        dexterous pose near it.
     path
         A closed path, or a function ``(task, q0) → path``; by default a circle the arm can follow inside
         its limits.
@@ -155,6 +161,9 @@ def study(
         Ω: a half-width round the start, rad (and m), or a region; by default a tube round the cycle.
     degree
         Of the polynomial potentials.
+    controls
+        Controls of your own to set beside these, by the names they shall have: strategies on this task, or
+        functions (q, ẋ) → q̇.
     period
         Time of one cycle, s.
     seed
@@ -177,37 +186,25 @@ def study(
     say("loading the robot")
     machine = robot if isinstance(robot, Robot) else Robot.load(robot)
     moved = defaults.choose_task(machine, frame, task)
-    notes = list(machine.warnings)
-    if start is None:
-        q0, where = defaults.choose_start(moved)
-        notes.append(f"start: {where}")
-    else:
-        q0 = moved.check(start, "--start")
-    if defaults.dexterity(moved, q0) < 1e-3:
-        raise SingularityError(
-            f"the start is at a singularity of {moved.frame!r}, {moved.kind}; choose another --start"
-        )
-    if path is None:
-        say("finding a path")
-        path = defaults.choose_path(moved, q0, plane=plane, radius=radius)
-    else:
-        path = path if isinstance(path, Path) else path(moved, q0)
-        if np.linalg.norm(moved.error(q0, path.placement(0.0))) > 1e-6:
-            q0 = reach(moved, q0, path.placement(0.0))
-            notes.append("the start was moved to the path's first point")
-        check_reach(moved, q0, path)
+    own = _own_controls(moved, controls or {})
+    say("finding a path" if path is None else "finding a start")
+    q0, path, found = _setting(moved, start, path, plane, radius)
+    notes = [*machine.warnings, *found]
 
-    say("following the path with J⁺")
     plain = Pseudoinverse(moved)
     options: dict[str, Any] = {"cycles": cycles, "steps": steps, "period": period}
-    first = follow(plain, path, q0, cycles=1, steps=steps, period=period)
-    box = _region(moved, q0, region, first)
+    box: Region
+    if region is None:
+        say("following the path with J⁺")
+        box = defaults.choose_region(moved, follow(plain, path, q0, cycles=1, steps=steps, period=period))
+    else:
+        box = Box(q0, float(region)) if isinstance(region, (int, float)) else region
 
     say(f"designing the nearest repeatable inverse, degree {degree}")
     if region is None:  # J⁺ creeps away from where the repeatable inverse will be: a linear one finds the way
         linear, _, _ = _design(plain, box, 1, seed, fixed=False)
-        own = _run("", "", linear.inverse, path, q0, {"cycles": 1, "steps": steps, "period": period}).motion
-        box = box if own is None else defaults.choose_region(moved, own)
+        closed = _run("", "", linear.inverse, path, q0, options | {"cycles": 1}).motion
+        box = box if closed is None else defaults.choose_region(moved, closed)
     design, box, shrunk = _design(plain, box, degree, seed, fixed=region is not None)
     notes.extend(shrunk)
 
@@ -225,6 +222,7 @@ def study(
             q0,
             options,
         ),
+        *(_run(name, name, control, path, q0, options) for name, control in own.items()),
     ]
     repeatable = _run("repeatable", "nearest repeatable", design.inverse, path, q0, options)
     if repeatable.motion is not None:
@@ -237,20 +235,66 @@ def study(
     return Study(moved, q0, path, box, design, tuple(rows), tuple(notes))
 
 
+def _setting(
+    task: Task,
+    start: ArrayLike | None,
+    path: Path | Callable[[Task, Array], Path] | None,
+    plane: str | None,
+    radius: float | None,
+) -> tuple[Array, Path, list[str]]:
+    """Take the start, or the first good one from which the path can be followed; and say which it is."""
+    offered = defaults.starts(task) if start is None else [(task.check(start, "--start"), "")]
+    failure: RepctlError | None = None
+    for q0, where in offered:
+        notes = [f"start: {where}"] if where else []
+        try:
+            if defaults.dexterity(task, q0) < 1e-3:
+                raise SingularityError(
+                    f"the start is at a singularity of {task.frame!r}, {task.kind}; choose another --start"
+                )
+            if path is None:
+                return q0, defaults.choose_path(task, q0, plane=plane, radius=radius), notes
+            found = path if isinstance(path, Path) else path(task, q0)
+            if np.linalg.norm(task.error(q0, found.placement(0.0))) > 1e-6:
+                q0 = reach(task, q0, found.placement(0.0))
+                notes.append("the start was moved to the path's first point")
+            check_reach(task, q0, found)
+        except RepctlError as error:
+            failure = failure or error  # of the best start
+            continue
+        return q0, found, notes
+    assert failure is not None  # there is always a start to try
+    raise failure
+
+
+def _own_controls(task: Task, controls: Mapping[str, Control]) -> dict[str, Strategy]:
+    """Make strategies of a person's own controls."""
+    own: dict[str, Strategy] = {}
+    for name, control in controls.items():
+        if name in RESERVED or not name.strip():
+            raise InputError(f"controls: {name!r} is taken; give your control another name")
+        if not isinstance(control, Strategy):
+            own[name] = FunctionStrategy(task, control)
+        elif (control.task.frame, control.task.kind, control.task.joint_names) == (
+            task.frame,
+            task.kind,
+            task.joint_names,
+        ):
+            own[name] = control
+        else:
+            raise InputError(
+                f"controls: {name!r} controls {control.task.frame!r}, {control.task.kind}, "
+                f"but the study is of {task.frame!r}, {task.kind}, by {task.n} joints"
+            )
+    return own
+
+
 def _run(key: str, label: str, strategy: Strategy, path: Path, q0: Array, options: dict[str, Any]) -> Row:
     """Follow the path with one strategy; a strategy that gets stuck is a finding, not a failure."""
     try:
         return Row(key, label, follow(strategy, path, q0, **options))
     except SingularityError as error:
         return Row(key, label, None, stopped=str(error))
-
-
-def _region(task: Task, q0: Array, region: float | Region | None, first: Motion) -> Region:
-    if region is None:
-        return defaults.choose_region(task, first)
-    if isinstance(region, (int, float)):
-        return Box(q0, float(region))
-    return region
 
 
 def _design(
