@@ -216,3 +216,16 @@ def test_the_first_start_that_can_follow_the_path_is_taken() -> None:
     with pytest.raises(rp.InputError, match="not from here"):
         asked.clear()
         rp.study("panda", path=path, start=offered[0])
+
+
+def test_where_an_arm_creeps_is_said_when_it_does_not_here() -> None:
+    """so100 turns about a vertical axis and folds in a plane: by symmetry a level loop encloses nothing there."""
+    level = rp.study("so100", cycles=1, steps=100, degree=1)
+    plain = rp.Pseudoinverse(level.task)
+    assert level.path.name.endswith("xy") and level.row("pseudoinverse").motion.drift[0] < 1e-6
+    (note,) = [note for note in level.notes if "hardly creeps" in note]
+    rate = rp.drift_per_area(plain, level.q0)
+    assert f"loops in yz make it creep by {rate[1, 2]:.2g} rad per m²" in note and rate.argmax() == 5
+    upright = rp.study("so100", plane="yz", cycles=1, steps=100, degree=1)
+    assert upright.row("pseudoinverse").motion.drift[0] > 0.05
+    assert not [note for note in upright.notes if "hardly" in note]

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..design import Box, Design, Region, nearest_repeatable
 from ..errors import InputError, RepctlError, SingularityError
+from ..integrability import drift_per_area
 from ..motion import Motion, Path, check_reach, elbow, follow, reach
 from ..redundancy import align, nullspace
 from ..robot.robot import Robot
@@ -26,6 +27,9 @@ POSTURE_GAIN = 1.0
 
 RESERVED = ("pseudoinverse", "posture", "posture_off", "repeatable")
 """Keys of a study's own rows."""
+
+LITTLE = 1e-4
+"""Drift a cycle that nobody would see, rad or m."""
 
 POSTURE_OFFSET = 0.57
 """How far off the start the posture of the third strategy lies, rad, along the null space."""
@@ -224,6 +228,7 @@ def study(
         ),
         *(_run(name, name, control, path, q0, options) for name, control in own.items()),
     ]
+    notes.extend(_where_it_creeps(plain, q0, rows[0].motion))
     repeatable = _run("repeatable", "nearest repeatable", design.inverse, path, q0, options)
     if repeatable.motion is not None:
         covered = float(np.mean(box.ratio(repeatable.motion.q) <= 1))
@@ -307,6 +312,21 @@ def _design(
         raise SingularityError(f"{error}" + (" (--region)" if fixed else "")) from None
     note = [f"Ω was shrunk to {design.shrunk:.0%} to keep clear of singularities"] if design.shrunk < 1 else []
     return design, design.region, note
+
+
+def _where_it_creeps(plain: Pseudoinverse, q0: Array, motion: Motion | None) -> list[str]:
+    """Say in which plane J⁺ does creep, where it hardly does on the path: an arm is not repeatable for that."""
+    task = plain.task
+    if motion is None or motion.drift[0] > LITTLE or task.m < 3:
+        return []
+    per_area = drift_per_area(plain, q0)
+    a, b = np.unravel_index(int(per_area.argmax()), per_area.shape)
+    most = float(per_area[a, b])
+    if most < 0.01:
+        return []
+    plane = "".join("xyz"[k] for k in sorted((a, b)))
+    units = "rad" if task.revolute.all() else "rad and m"
+    return [f"J⁺ hardly creeps on this path, but small loops in {plane} make it creep by {most:.2g} {units} per m²"]
 
 
 def _clearance(design: Design, motion: Motion | None) -> float:
