@@ -137,3 +137,20 @@ def test_processes_and_interruption(tmp_path: Path) -> None:
     out, err = running.communicate(timeout=60)
     assert running.returncode == 130 and out == ""
     assert err.strip() == "repctl: interrupted; nothing half-written was left"
+
+
+def test_a_cluster_gives_the_same_figures(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    distributed = pytest.importorskip("distributed")
+    command = ["design", "ppr", "--degree", "1", "--region", "0.4", "--out", str(tmp_path), "--json"]
+
+    def cost(*more: str) -> float:
+        assert main([*command, *more]) == 0
+        return json.loads(capsys.readouterr().out)["cost"]
+
+    alone = cost()
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=True, dashboard_address=None, host="127.0.0.1"
+    ) as cluster:
+        assert abs(cost("--dask", cluster.scheduler_address) - alone) < 1e-10 * alone
+    assert main([*command, "--dask", "nowhere:x"]) == 2
+    refused(capsys, "--dask nowhere:x", "no scheduler answers there")
