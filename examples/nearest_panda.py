@@ -13,7 +13,7 @@ questions of it.
 4. *What is the price?* The mean of ‖G_r − J⁺‖² (26) by degree of the potentials, and the clearance from
    algorithmic singularities, both on configurations that the design has not seen.
 
-    python examples/nearest_panda.py --out repctl-out/nearest_panda
+    python examples/nearest_panda.py
 """
 
 from __future__ import annotations
@@ -205,4 +205,4 @@ def main(out: Path, *, degrees: tuple[int, ...] = (1, 2, 3), steps: int = 200, c
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("repctl-out/nearest_panda"), help="folder for the picture")
-    main(parser.parse_args().out)
+    found = main(parser.parse_args().out)  # to look into, after python -i

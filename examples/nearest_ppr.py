@@ -18,7 +18,7 @@ itself, which needs no formula; and the general engine that serves a seven-joint
 all three joints the mean of ‖G_r − J⁺‖² over |d₁|, |d₂|, |θ₃| ≤ 1 falls from 0.136 to 0.0186. The figure
 shows both foliations: a motion that starts on a surface stays on it.
 
-    python examples/nearest_ppr.py --out pictures
+    python examples/nearest_ppr.py
 """
 
 from __future__ import annotations
@@ -339,4 +339,4 @@ if __name__ == "__main__":
     parser.add_argument(
         "--out", type=Path, default=Path("repctl-out"), help="folder for the figure (default: repctl-out)"
     )
-    main(parser.parse_args().out)
+    found = main(parser.parse_args().out)  # to look into, after python -i

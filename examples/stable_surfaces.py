@@ -23,7 +23,7 @@ Each arm is a row of the table: Newton's method brings seeds from all over joint
 it reaches is put to the test. The picture shows s and these points. The two short strokes through a point are
 the directions in which J⁺ moves the arm: on a stable surface both lie in it.
 
-    python examples/stable_surfaces.py --out repctl-out/stable_surfaces
+    python examples/stable_surfaces.py
 """
 
 from __future__ import annotations
@@ -197,4 +197,4 @@ def main(out: Path, *, samples: int = 256) -> list[Case]:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("repctl-out/stable_surfaces"), help="folder for the picture")
-    main(parser.parse_args().out)
+    found = main(parser.parse_args().out)  # to look into, after python -i

@@ -18,7 +18,7 @@ the turn; they cross once, on A → B, when J⁺ goes round a second time: that 
 
 The script writes Figures 4 to 12 as PNG, to be laid beside the paper, and prints where the squares end.
 
-    python examples/ten_squares.py --out pictures
+    python examples/ten_squares.py
 """
 
 from __future__ import annotations
@@ -536,4 +536,4 @@ if __name__ == "__main__":
     parser.add_argument(
         "--out", type=Path, default=Path("repctl-out"), help="folder for the figures (default: repctl-out)"
     )
-    main(parser.parse_args().out)
+    found = main(parser.parse_args().out)  # to look into, after python -i

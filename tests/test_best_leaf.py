@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import runpy
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -94,13 +91,3 @@ def test_bad_input(panda_design, q_panda) -> None:
         rp.best_leaf(panda_design.inverse, far, q_panda, steps=48)
     with pytest.raises(rp.InputError, match="the start"):
         rp.best_leaf(panda_design.inverse, far, np.zeros(3))
-
-
-def test_the_example_shows_a_broken_limit_and_none(capsys) -> None:
-    example = Path(__file__).parent.parent / "examples" / "best_leaf.py"
-    runpy.run_path(str(example), run_name="__main__")
-    text = capsys.readouterr().out
-    for arm in text.strip().split("\n\n"):
-        given, best, ten = arm.splitlines()[1:]
-        assert "leaves its limits" in given and "leaves" not in best and "no joint leaves its limits" in ten
-    assert "tiago" in text and "panda" in text

@@ -121,17 +121,3 @@ def test_bad_input(panda_design, panda) -> None:
         RepeatableTask(panda_design.inverse).set_target_from_configuration(
             pink.Configuration(other, other.createData(), pin.neutral(other))
         )
-
-
-def test_the_example_audits_pink(monkeypatch, capsys) -> None:
-    import runpy
-    import sys
-    from pathlib import Path
-
-    example = Path(__file__).parent.parent / "examples" / "audit_pink.py"
-    monkeypatch.setattr(sys, "argv", [str(example), "--cycles", "3", "--steps", "200"])
-    runpy.run_path(str(example), run_name="__main__")
-    lines = {line.split("  ")[0]: line.split()[-4:] for line in capsys.readouterr().out.splitlines()[2:]}
-    first, last = ({name: float(row[i]) for name, row in lines.items()} for i in (0, 1))
-    assert last["pink"] > 2 * first["pink"] > 0.05 and abs(last["pink"] / last["J⁺"] - 1) < 0.01
-    assert last["pink + ours"] < 1e-3 and abs(last["pink + ours"] - first["pink + ours"]) < 1e-6

@@ -1,19 +1,52 @@
-"""The README is true: its commands parse, its Python runs, and its table is what the command prints."""
+"""The README is true: every command of it runs, writes what it says and prints what is shown; so does its Python."""
 
 from __future__ import annotations
 
 import contextlib
 import io
+import json
+import os
 import re
 import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import time
+import urllib.request
 from pathlib import Path
 
+import numpy as np
 import pytest
+import yaml
+from arms import heed_interrupts
+from shown import steady
 
+import repctl_pin as rp
 from repctl_pin.cli import main, parser
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
+PROSE = re.sub(r"```.*?```", "", README, flags=re.DOTALL)
+OWN = [ROOT / "examples" / name for name in ("my_arm.urdf", "loop.csv")]
+"""What the README says to copy."""
+
+STUDY = {f"repctl-out/my_arm/{name}" for name in ("animation.html", "drift.png", "joints.png", "motion.csv")}
+WRITES = {
+    "inspect my_arm.urdf": set(),
+    "study my_arm.urdf --report": STUDY | {"repctl-out/my_arm/report.html"},
+    "study my_arm.urdf --frame tool0 --task pose --path circle:0.1 --plane yz --cycles 20": STUDY,
+    "study my_arm.urdf --path loop.csv": STUDY,
+    "check my_arm.urdf": set(),
+    "design my_arm.urdf --region 0.4": {"repctl-out/my_arm/design.png", "repctl-out/my_arm/design.json"},
+    "follow repctl-out/my_arm/design.json --robot my_arm.urdf --csv motion.csv --yaml trajectory.yaml": {
+        "motion.csv",
+        "trajectory.yaml",
+    },
+    "animate my_arm.urdf --live": set(),
+    "robots": set(),
+}
+"""The commands of "Your own arm", and the files that each should write."""
 
 
 def blocks(language: str) -> list[str]:
@@ -35,31 +68,175 @@ def test_the_two_commands_are_there() -> None:
     assert install[0].endswith("repctl study panda") and install[1].endswith("python -m pytest")
 
 
+def test_three_commands_lead_to_ones_own_report() -> None:
+    (three,) = (block for block in blocks("bash") if "--report" in block)
+    install, *others = (line.split("#")[0].strip() for line in three.splitlines())
+    assert install == "python3 -m venv .venv && source .venv/bin/activate && pip install -q ~/repctl_pin"
+    assert others == ["repctl inspect my_arm.urdf", "repctl study my_arm.urdf --report"]
+
+
+def test_every_command_for_ones_own_arm_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """In the README's order, with the two files it says to copy; later commands use what earlier ones wrote."""
+    monkeypatch.chdir(tmp_path)
+    for file in OWN:
+        assert f"(examples/{file.name})" in README
+        shutil.copy(file, tmp_path)
+    assert commands() == ["study panda", *WRITES]
+    printed, times = {}, {}
+    for command, files in WRITES.items():
+        before = stamps(tmp_path)
+        begin = time.monotonic()
+        if "--live" in command:
+            printed[command] = serve_once(command)
+        else:
+            assert main(shlex.split(command)) == 0, command
+            printed[command], complaints = capsys.readouterr()
+            assert complaints == "", command
+        times[command] = time.monotonic() - begin
+        after = stamps(tmp_path)
+        assert {name for name in after if after[name] != before.get(name)} == files, command
+        assert set(re.findall(r"^wrote (\S+)$", printed[command], flags=re.MULTILINE)) == files, command
+    for command, seconds in times.items():
+        print(f"{seconds:5.1f} s  repctl {command}")
+
+    told = iter(printed.values())
+    inspected, *studies = next(told), next(told), next(told), next(told)
+    assert "frame tool0, moved by 7: joint1, " in inspected and "  pose r = 1, " in inspected
+    for text, path in zip(studies, ("circle of radius 0.1 m in xy", "circle of radius 0.1 m in yz", "loop.csv"),
+                          strict=True):  # fmt: skip
+        assert f"\npath        {path}\n" in text and "note: start: the reference pose\n" in text
+        first, last = drifts(text, "J⁺")
+        assert last > 4 * first > 0.15
+        assert max(drifts(text, "nearest repeatable")) < 1e-9
+    assert "cycle 20" in studies[1]
+    assert "\nnot repeatable: " in next(told) and "\ndegree" in next(told)
+    assert "drift     " in next(told)
+    design = json.loads((tmp_path / "repctl-out/my_arm/design.json").read_text(encoding="utf-8"))
+    trajectory = yaml.safe_load((tmp_path / "trajectory.yaml").read_text(encoding="utf-8"))
+    names = [f"joint{i}" for i in range(1, 8)]
+    assert trajectory["joint_names"] == names and design["task"]["joints"] == names
+    rows = np.genfromtxt(tmp_path / "motion.csv", delimiter=",", names=True)
+    assert all(abs(rows[name][-1] - rows[name][0]) < 1e-9 for name in names) and np.ptp(rows["joint1"]) > 0.1
+    (robots,) = re.findall(r"repctl robots +# (\d+) robots", README)
+    assert len({line.split()[0] for line in printed["robots"].splitlines()[2:-2]}) == int(robots)
+
+
+def stamps(folder: Path) -> dict[str, int]:
+    """When each file of a folder was written."""
+    return {str(f.relative_to(folder)): f.stat().st_mtime_ns for f in folder.rglob("*") if f.is_file()}
+
+
+def drifts(table: str, strategy: str) -> tuple[float, float]:
+    """After the first cycle and after the last, from the table a study prints."""
+    (row,) = re.findall(rf"^{re.escape(strategy)}  +(.*)", table, flags=re.MULTILINE)
+    first, last = row.split()[:2]
+    return float(first), float(last)
+
+
+def serve_once(command: str) -> str:
+    """Run a ``--live`` command as a person does: wait for the address, look at the page, press Ctrl-C."""
+    environment = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
+    with subprocess.Popen(
+        [sys.executable, "-m", "repctl_pin", *shlex.split(command)],
+        env=environment | {"BROWSER": "true"},  # where there is a screen after all, open nothing
+        preexec_fn=heed_interrupts,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        try:
+            assert process.stdout is not None
+            line = process.stdout.readline()
+            (url,) = re.findall(r"^showing at (http://127\.0\.0\.1:\d+/) until Ctrl-C$", line) or [""]
+            assert url, line + process.communicate(timeout=20)[1]
+            opener = urllib.request.build_opener(urllib.request.ProxyHandler({}))
+            with opener.open(url, timeout=20) as answer:
+                page = answer.read().decode("utf-8")
+            assert page.startswith("<!DOCTYPE html>") and "my_arm" in page and page.rstrip().endswith("</html>")
+            process.send_signal(signal.SIGINT)
+            assert process.communicate(timeout=20) == ("", "") and process.returncode == 0
+        finally:
+            process.kill()
+    return line
+
+
 def test_the_main_jobs_table_is_what_the_command_prints(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
     assert main(["study", "panda"]) == 0
-
-    def steady(text: str) -> list[str]:
-        """Rounding errors differ from machine to machine; their size is all that is promised."""
-        return [
-            re.sub(r" +\de-(\d\d)", lambda m: " tiny" if int(m[1]) >= 10 else m[0], line) for line in text.split("\n")
-        ]
-
     (shown,) = blocks("text")
-    assert steady(shown.strip()) == steady(capsys.readouterr().out.strip())
+    assert steady(shown) == steady(capsys.readouterr().out)
+    assert set(stamps(tmp_path)) == set(re.findall(r"^wrote (\S+)$", shown, flags=re.MULTILINE))
 
 
-def test_the_python_runs_and_its_arm_comes_back() -> None:
+def test_the_python_runs_and_its_arm_comes_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The block, and then each line of code in the text, with the names it leaves to the reader."""
+    monkeypatch.chdir(tmp_path)
     (code,) = blocks("python")
+    names: dict = {}
     out = io.StringIO()
     with contextlib.redirect_stdout(out):
-        exec(code, {})
+        exec(code, names)
     creeping, closed = (float(line.split()[0]) for line in out.getvalue().splitlines()[-2:])
     assert creeping > 0.1 and closed < 1e-8
+
+    task, path, q0 = names["task"], names["path"], names["q0"]
+    names |= {"q": q0, "dt": 0.01, "target": path.placement(0), "twist": path.twist(0) / 5}
+    names |= {"xdot": names["twist"], "my_G": rp.Pseudoinverse(task), "my_function": rp.Pseudoinverse(task).velocity}
+    found = {}
+    for line in re.findall(r"`((?:\w = )?(?:rp|design)\.[^`…]*\))`", PROSE):
+        exec(f"_ = {line}", names)
+        found[line.rpartition(" = ")[2] if line[1:4] == " = " else line] = names["_"]
+    calls = {line.partition("(")[0]: value for line, value in found.items()}
+    assert list(calls) == [
+        "design.inverse.velocity",
+        "design.inverse.leaf",
+        "design.inverse.step",
+        "rp.save",
+        "rp.load",
+        "rp.follow",
+        "rp.is_repeatable",
+        "rp.inline",
+    ]
+    inverse = names["design"].inverse
+    assert np.allclose(calls["design.inverse.velocity"], inverse(q0) @ names["xdot"])
+    assert (tmp_path / "panda.json").is_file() and np.array_equal(calls["rp.load"].inverse(q0), inverse(q0))
+    assert calls["rp.follow"].drift[-1] > 0.01 and not calls["rp.is_repeatable"]
+    assert "<iframe" in calls["rp.inline"]._repr_html_()
+
+    (step,) = (line for line in found if "step" in line)
+    names["q"] = q0 + 1e-3  # pushed off the cycle
+    for s in np.arange(1000) / 500:
+        names |= {"target": path.placement(s), "twist": path.twist(s) / 5}
+        exec(f"q = {step}", names)
+    assert np.linalg.norm(names["q"] - q0) < 1e-4
 
 
 def test_every_file_it_names_is_there() -> None:
     for name in re.findall(r"\]\(([^)#:]+)\)", README) + re.findall(r"python ((?:examples|tests)/\S+\.py)", README):
         assert (ROOT / name).is_file(), name
+
+
+def test_the_arm_to_copy_is_sound() -> None:
+    """As its comments describe it: upright at 0, 0.85 m from shoulder to tool, its middle a pose to work from."""
+    robot = rp.Robot.load(OWN[0])
+    assert robot.warnings == () and robot.description.meshes == () and robot.default_frame == "tool0"
+    task = robot.task("tool0", "pose")
+    upright = task.placement(np.zeros(7))
+    assert np.allclose(upright.translation, [0.04, 0, 0.32 + 0.85]) and np.allclose(upright.rotation, np.eye(3))
+    assert np.allclose(task.reference, (task.lower + task.upper) / 2)
+    middle = task.placement(task.reference)
+    assert middle.translation[0] > 0.4 and middle.translation[2] > 0.3 and middle.rotation[2, 2] < -0.999
+    for inertia in robot.model.inertias[1:]:
+        a, b, c = np.linalg.eigvalsh(inertia.inertia)
+        assert inertia.mass > 0 and 0 < a <= b <= c <= a + b  # a body can have it
+
+
+def test_the_loop_to_copy_is_the_seam_of_two_pipes() -> None:
+    points = rp.read_waypoints(OWN[1])
+    assert np.array_equal(points[0], points[-1])
+    x, y, z = points.T
+    assert np.abs(np.hypot(x - 0.45, y) - 0.08).max() < 1e-4 and np.abs(np.hypot(y, z - 0.25) - 0.15).max() < 1e-4

@@ -1,0 +1,223 @@
+"""Every example runs as a person runs it, and prints what examples/README.md shows.
+
+What the runs return is checked too: that the numbers shown are what theory says.
+"""
+
+from __future__ import annotations
+
+import re
+import runpy
+import shlex
+import struct
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from loading import EXAMPLES, example
+from shown import FIGURES, likeness, steady
+
+import repctl_pin as rp
+
+ROOT = EXAMPLES.parent
+PAGE = (EXAMPLES / "README.md").read_text(encoding="utf-8")
+SHOWN = dict(re.findall(r"```bash\n(python examples/.*?)\n```\n\n```text\n(.*?)```", PAGE, flags=re.DOTALL))
+"""The text shown under each command."""
+
+Run = Callable[[str], tuple[dict[str, Any], str]]
+
+
+def start(command: str, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    """Run ``python examples/NAME.py …`` in this process; return the names it leaves behind."""
+    script, *arguments = shlex.split(command.removeprefix("python "))
+    monkeypatch.setattr(sys, "argv", [script, *arguments])
+    monkeypatch.syspath_prepend(str(EXAMPLES))  # where python looks first when it runs a script from there
+    return runpy.run_path(str(ROOT / script), run_name="__main__")
+
+
+@pytest.fixture
+def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
+    """Run a command of the page in an empty folder, and hold what it prints against what the page shows."""
+    monkeypatch.chdir(tmp_path)
+
+    def once(command: str) -> tuple[dict[str, Any], str]:
+        names = start(command, monkeypatch)
+        told, complaints = capsys.readouterr()
+        assert complaints == ""
+        assert steady(told) == steady(SHOWN[command])
+        for name in re.findall(r"^wrote (\S+)", told, flags=re.MULTILINE):
+            assert (tmp_path / name).is_file()
+        for file in tmp_path.rglob("*.png"):
+            if (FIGURES / file.name).exists():
+                assert likeness(file, FIGURES / file.name) > 0.9, file.name
+        return names, told
+
+    return once
+
+
+def size_of(file: Path) -> tuple[int, int]:
+    """Width and height of a PNG, from its header."""
+    head = file.read_bytes()[:24]
+    assert head[:8] == b"\x89PNG\r\n\x1a\n"
+    return struct.unpack(">II", head[16:24])
+
+
+def test_every_example_is_on_the_page_and_run_here() -> None:
+    files = {file.stem for file in EXAMPLES.glob("*.py")}
+    assert set(re.findall(r"^## (\w+)\.py: ", PAGE, flags=re.MULTILINE)) == files
+    assert {command.split("/")[1].partition(".py")[0] for command in SHOWN} == files - {"gallery"}  # test_gallery.py
+    source = Path(__file__).read_text(encoding="utf-8")
+    assert all(f'run("{command}")' in source for command in SHOWN)
+
+
+def test_every_picture_of_the_page_is_there_and_small() -> None:
+    links = re.findall(r"\]\(([^)#:]+)\)", PAGE)
+    assert all((EXAMPLES / name).is_file() for name in links)
+    kept = sorted(FIGURES.iterdir())
+    assert {f"figures/{file.name}" for file in kept} == {name for name in links if name.startswith("figures/")}
+    assert all(file.stat().st_size <= 150_000 for file in kept)
+
+
+def test_survey(run: Run) -> None:
+    """The short form's lines are the README's."""
+    _, told = run("python examples/survey.py ppr planar3r")
+    table = (ROOT / "README.md").read_text(encoding="utf-8").split("<!-- survey -->")[1]
+    assert len(told.splitlines()) == 4
+    assert all(line in steady(table) for line in steady(told))
+
+
+@pytest.mark.slow
+def test_survey_of_all_arms(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    start("python examples/survey.py", monkeypatch)
+    table = (ROOT / "README.md").read_text(encoding="utf-8").split("<!-- survey -->")[1].split("\n\n")[0]
+    assert steady(capsys.readouterr().out) == steady(table)
+
+
+def test_two_arms(run: Run) -> None:
+    _, told = run("python examples/two_arms.py")
+    left, right, _ = told.splitlines()
+    for line, frame in ((left, "left_gripper: "), (right, "right_gripper: ")):
+        creeping, closed = map(float, re.findall(r"J⁺ (\S+), nearest repeatable (\S+)", line)[0])
+        assert line.startswith(frame) and creeping > 1 and closed < 1e-10
+
+
+def test_audit_pink(run: Run) -> None:
+    pytest.importorskip("pink")
+    pytest.importorskip("daqp")
+    _, told = run("python examples/audit_pink.py")
+    lines = {line.split("  ")[0]: line.split()[-4:] for line in told.splitlines()[2:]}
+    first, last = ({name: float(row[i]) for name, row in lines.items()} for i in (0, 1))
+    assert last["pink"] > 2 * first["pink"] > 0.05 and abs(last["pink"] / last["J⁺"] - 1) < 0.01
+    assert last["pink + ours"] < 1e-3 and abs(last["pink + ours"] - first["pink + ours"]) < 1e-6
+
+
+def test_best_leaf(run: Run) -> None:
+    """A broken limit, and none."""
+    _, told = run("python examples/best_leaf.py")
+    for arm in told.strip().split("\n\n"):
+        given, best, ten = arm.splitlines()[1:]
+        assert "leaves its limits" in given and "leaves" not in best and "no joint leaves its limits" in ten
+    assert "tiago" in told and "panda" in told
+
+
+def test_nearest_panda(run: Run) -> None:
+    names, told = run("python examples/nearest_panda.py")
+    found = names["found"]
+    plain, repeatable = found.verdicts
+    assert not plain and repeatable and plain.defect > 1
+    off = np.abs(found.measured / found.predicted - 1)
+    assert off[0] < 0.02 and (np.diff(off) > 0).all()  # the smaller the loop, the better the prediction
+    assert found.repeatable.max() < 1e-8 < 1e-4 < found.measured.min()
+    assert found.defect.min() > 1 and found.defect_repeatable.max() < 1e-12
+    assert found.designs[3].cost < found.designs[2].cost < found.designs[1].cost < 0.6
+    assert "6.986 rad/m²" in told and "not repeatable" in told
+
+
+def test_stable_surfaces(run: Run) -> None:
+    names, told = run("python examples/stable_surfaces.py")
+    cases = names["found"]
+    has = {(case.name, case.coordinates): len(case.found.stable) > 0 for case in cases}
+    assert has == {
+        ("slide and two links", "absolute"): True,
+        ("slide and two links", "relative"): False,
+        ("three unit links", "relative"): False,
+        ("three unit links", "absolute"): True,
+        ("links 1, 1, 1, 1", "absolute"): True,
+        ("links 1, 1, 2, 2", "absolute"): True,
+        ("links 1, 1, 2, 2, 1", "absolute"): True,
+        ("links 1, 1.3, 1.7", "absolute"): False,
+        ("links 1, 1, 1.4, 1.8", "absolute"): False,
+        ("links 1, 1, 1.5, 2, 2", "absolute"): False,
+    }
+    assert all(len(case.found.points) for case in cases)
+    assert told.count("stable surfaces") == 5 and told.count("none is stable") == 5
+
+
+def test_nearest_ppr(run: Run) -> None:
+    names, told = run("python examples/nearest_ppr.py")
+    # Table I, cell by cell, and the other two answers beside it.
+    rows = [line.split("  ") for line in told.split("Table I")[1].split("\n\n")[1].splitlines()[2:6]]
+    cells = [[cell.strip() for cell in row if cell.strip()] for row in rows]
+    assert [row[:6] for row in cells] == [
+        ["1", "−", "0.00000", "sin θ₃/√2", "0", "0.00000"],
+        ["π/2", "0", "any value", "(49)", "(48)", "any value"],
+        ["2", "+", "∞", "0", "−cos θ₃/√2", "∞"],
+        ["π", "0", "any value", "(49)", "(48)", "any value"],
+    ]
+    assert cells[0][6] == "0.00000" and all(row[6] in ("–", "singular") for row in cells[1:])
+    assert "J⁺: not repeatable" in told and told.count(": repeatable") == 3
+
+    result = names["found"]
+    for answer in result.intervals:
+        assert answer.search.unique == (answer.k is not None)
+        assert answer.search.cost == pytest.approx(answer.cost, rel=1e-9)
+        if answer.b - answer.a < 2.5:
+            assert isinstance(answer.engine[5], rp.Design)
+            assert answer.engine_k == pytest.approx(answer.k, rel=1e-4, abs=1e-4)
+        if answer.b - answer.a > np.pi - 1e-9:
+            assert not answer.settled  # the engine does not claim what it cannot reach
+    assert result.all_joints[4].cost <= 0.0187
+
+
+def test_leaves_of_nearest_ppr_are_level_sets() -> None:
+    module = example("nearest_ppr")
+    (points,) = module.leaves(module.paper_potential, (0.2,), 9)
+    seen = np.isfinite(points[..., 2])
+    assert seen.sum() > 20
+    level = module.paper_potential(np.array([0, 0, 0.2]))
+    assert np.abs(module.paper_potential(points[seen]) - level).max() < 1e-3  # linear in cells of 1/60 rad
+    with pytest.raises(rp.SingularityError, match="graph"):
+        module.leaves(lambda Q: np.cos(3 * Q[..., 2]), (0.2,), 3)
+
+
+def test_ten_squares(run: Run) -> None:
+    names, told = run("python examples/ten_squares.py")
+    result = names["found"]
+    assert [file.name for file in result.figures] == [f"figure_{n:02d}.png" for n in range(4, 13)]
+    assert all(min(size_of(file)) > 400 for file in result.figures)
+    assert "1.37361851, −0.92758245, −4.32948" in told
+    assert np.abs(result.squares["J⁺"][-1].q[-1] - [1.37361851, -0.92758245, -4.32948200]).max() < 1e-7
+
+    points = result.points
+    assert points["F"] == points["C"] == 8.0 and 12 < points["G"] < 16
+    runs = result.runs
+    assert runs["J⁺"].at(points["G"])[2] == pytest.approx(-5 * np.pi / 4, abs=1e-12)
+    assert result.closed < 1e-10
+    # H: one configuration, two speeds.
+    H, second, one = points["H"], result.second, runs["k = 1"]
+    assert np.abs(second.at(H) - one.at(H)).max() < 1e-9
+    speeds = [float(np.interp(H, run.s, run.speed)) for run in (second, one)]
+    assert speeds[1] > 1.05 * speeds[0]
+    # In the first turn J⁺ and k = 1 meet nowhere but at G, as the docstring says.
+    gap = np.interp(runs["J⁺"].s, one.s, one.q[:, 2]) - runs["J⁺"].q[:, 2]
+    assert (gap[np.abs(runs["J⁺"].s - points["G"]) > 0.2] < -1e-4).all()
+    # Near E the run of k = 0 is slower than that of J⁺, as the paper remarks.
+    assert runs["k = 0"].speed[-10] < runs["J⁺"].speed[-10]
+    # Every point of the k = 1 run, put in order, still puts the tool where it should be.
+    for s in (0.5, 5.0, 9.5, 13.0, 15.5):
+        i = int(np.argmin(np.abs(one.s - s)))
+        assert np.abs(result.task.placement(one.q[i]).translation - names["place"](one.s[i])).max() < 1e-8
+    difference, bound = names["penalty"](result)
+    assert (difference <= bound + 1e-12).all()
