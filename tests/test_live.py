@@ -16,8 +16,11 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from arms import heed_interrupts
+from browser import browser, changed, errors, open_page, picture, require_browser
 
 import repctl_pin as rp
+from repctl_pin.robot.visuals import Visuals
 from repctl_pin.show.live import LivePage
 
 PAGE = "<!DOCTYPE html><title>é</title>"
@@ -127,7 +130,11 @@ def animating(motion: Path, *more: str) -> Iterator[tuple[subprocess.Popen[str],
             process.kill()
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL], ids=lambda n: n.name)
+ENDS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL]
+"""Ctrl-C, a service manager, a terminal that is closed, and the worst."""
+
+
+@pytest.mark.parametrize("number", ENDS, ids=lambda n: n.name)
 def test_the_command_leaves_nothing_behind(motion: Path, number: signal.Signals) -> None:
     with animating(motion) as (process, url):
         port = int(url.rstrip("/").rpartition(":")[2])
@@ -144,6 +151,73 @@ def test_the_command_leaves_nothing_behind(motion: Path, number: signal.Signals)
         assert not is_open(port)
         assert not any(Path(f"/proc/{pid}").exists() for pid in offspring)
     assert sorted(p.name for p in motion.parent.iterdir()) == ["motion.csv"]  # live writes no files
+
+
+def test_two_signals_at_once_are_one(motion: Path) -> None:
+    """As a terminal and a wrapper that passes signals on send them; as soon as the address is told."""
+    with animating(motion) as (process, _):
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGINT):
+            process.send_signal(number)
+        assert process.communicate(timeout=20) == ("", "")
+        assert process.returncode == 0
+
+
+def test_it_outlives_its_terminal_where_that_is_wished(motion: Path) -> None:
+    """``nohup`` has hang-ups ignored."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)  # a child inherits it
+    try:
+        with animating(motion) as (process, url):
+            process.send_signal(signal.SIGHUP)
+            assert fetch(url)[0] == 200
+            process.send_signal(signal.SIGTERM)
+            assert process.communicate(timeout=20) == ("", "")
+            assert process.returncode == 0
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+def test_it_ends_when_nobody_reads_what_it_prints(motion: Path) -> None:
+    with animating(motion) as (process, url):
+        assert process.stdout is not None and process.stderr is not None
+        process.stdout.close()
+        assert fetch(url)[0] == 200
+        process.send_signal(signal.SIGINT)
+        assert process.wait(timeout=20) == 0
+        assert process.stderr.read() == ""
+
+
+def test_an_interrupt_before_it_serves_is_one_line(tmp_path: Path) -> None:
+    """Ctrl-C while the motion is read: from a pipe here, that says when, and gives none."""
+    pipe = tmp_path / "motion.csv"
+    os.mkfifo(pipe)
+    command = [sys.executable, "-m", "repctl_pin", "animate", "ppr", "--motion", str(pipe), "--live", "--no-browser"]
+    with subprocess.Popen(
+        command, cwd=tmp_path, preexec_fn=heed_interrupts, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        with pipe.open("w", encoding="utf-8"):  # waits for the command to open it too
+            process.send_signal(signal.SIGINT)
+            assert process.wait(timeout=20) == 130
+        assert process.communicate() == ("", "repctl: interrupted; nothing half-written was left\n")
+    assert list(tmp_path.iterdir()) == [pipe]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=lambda n: n.name)
+def test_a_real_browser_sees_it_and_does_not_hold_it(motion: Path, number: signal.Signals) -> None:
+    require_browser()
+    with browser(680, 600) as driver, animating(motion, "--no-browser") as (process, url):
+        port = int(url.rstrip("/").rpartition(":")[2])
+        open_page(driver, url)
+        assert errors(driver) == []
+        assert driver.execute_script("return location.href") == url + "#paused"
+        assert driver.execute_script("return repctl.meshes(0)") == len(Visuals.of(rp.Robot.load("ppr")).shapes)
+        assert changed(picture(driver, 0), picture(driver, 0.9)) > 0.004
+        with socket.create_connection(("127.0.0.1", port)):  # as a browser keeps one in store
+            process.send_signal(number)
+            output = process.communicate(timeout=20)
+        assert process.returncode == 0 and output == ("", "")
+        assert not is_open(port)
+        assert changed(picture(driver, 0), picture(driver, 0.9)) > 0.004  # the page needs it no more
+        assert errors(driver) == []
 
 
 def test_a_taken_port_is_one_clear_line(motion: Path) -> None:

@@ -10,6 +10,7 @@ import os
 import signal
 import sys
 import threading
+import time
 import webbrowser
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from types import TracebackType
@@ -22,6 +23,9 @@ HOST = "127.0.0.1"
 
 class LivePage:
     """Serves one page while it is entered: ``with LivePage(page) as live: print(live.url); live.wait()``.
+
+    Entered in the main thread, it is left at Ctrl-C, SIGTERM or the end of the terminal, wherever the block
+    is by then; the program goes on behind the block.
 
     Parameters
     ----------
@@ -71,12 +75,24 @@ class LivePage:
 
     def __enter__(self) -> LivePage:
         self._thread.start()
+        self._left, self._before = False, {}
+        if threading.current_thread() is threading.main_thread():
+            self._before = {number: signal.signal(number, self._stop) for number in _stopping()}
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> bool:
+        self._left = True
         self._server.shutdown()
         self._server.server_close()
         self._thread.join()
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+        return isinstance(error, _Stopped)
+
+    def _stop(self, *_: Any) -> None:
+        if not self._left:  # a second Ctrl-C does not cut the closing short
+            self._left = True
+            raise _Stopped
 
     def open(self) -> bool:
         """Open the browser, where there is a screen; False where there is none."""
@@ -84,15 +100,21 @@ class LivePage:
         return bool(screen) and webbrowser.open(self.url)
 
     def wait(self) -> None:
-        """Serve until Ctrl-C or SIGTERM; return then. To be called from the main thread."""
-        stop = threading.Event()
-        before = {number: signal.signal(number, lambda *_: stop.set()) for number in (signal.SIGINT, signal.SIGTERM)}
-        try:
-            while not stop.wait(0.5):  # a wait without end would not hear Ctrl-C on Windows
-                pass
-        finally:
-            for number, handler in before.items():
-                signal.signal(number, handler)
+        """Serve until Ctrl-C, SIGTERM or the end of the terminal leave the block."""
+        while True:
+            time.sleep(1)
+
+
+class _Stopped(BaseException):
+    """A signal asked the server to stop."""
+
+
+def _stopping() -> list[int]:
+    """The signals that stop the server."""
+    numbers = [signal.SIGINT, signal.SIGTERM]
+    if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # ignored under nohup
+        numbers.append(signal.SIGHUP)
+    return [int(number) for number in numbers]
 
 
 class _Server(ThreadingHTTPServer):

@@ -1,50 +1,100 @@
-"""A page inside a notebook's cell."""
+"""Results inside a notebook's cell."""
 
 from __future__ import annotations
 
+import base64
 import html
+import io
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from ..errors import InputError
+from . import words
+from .figures import drawn, drift_figure, joints_figure
 from .study_files import study_page
+from .table import study_table
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from ..studies import Study
+
+DPI = 96
+"""Pixels of the page to an inch of a figure."""
+
+_TABLE = "margin: 16px 24px; overflow-x: auto; font: 12px/1.4 ui-monospace, Menlo, Consolas, monospace"
 
 
 @dataclass(frozen=True)
 class Inline:
-    """A page that a notebook shows in its cell. Make it with :func:`inline`.
+    """What a notebook shows in its cell. Make it with :func:`inline`.
 
     Attributes
     ----------
-    page : str
-        The page's HTML.
-    height : int
-        Of the cell, pixels.
+    html : str
+        For a notebook; it holds all it needs.
+    text : str
+        Where only text is shown.
     """
 
-    page: str
-    height: int = 640
+    html: str
+    text: str
 
     def _repr_html_(self) -> str:
-        return (
-            f'<iframe srcdoc="{html.escape(self.page, quote=True)}" title="Animation" '
-            f'style="width: 100%; height: {int(self.height)}px; border: 0"></iframe>'
-        )
+        return self.html
 
     def __repr__(self) -> str:
-        return f"Inline(a page of {len(self.page) / 1e6:.1f} MB)"
+        return self.text
 
 
-def inline(shown: Study | str, *, height: int = 640) -> Inline:
-    """Show a study's animation, or any page of this package, in a notebook's cell; nothing is written.
+def inline(shown: Study | Figure | str, *, height: int = 640) -> Inline:
+    """Show in a notebook's cell what ``repctl study`` prints and writes; no file is written.
 
     Parameters
     ----------
     shown
-        A study, or a page's HTML.
+        A study: its animation, its table and its figures. Or a figure, or a page's HTML.
     height
-        Of the cell, pixels.
+        Of the animation or page, pixels.
+
+    Raises
+    ------
+    InputError
+        If it is none of these.
     """
-    return Inline(shown if isinstance(shown, str) else study_page(shown), height)
+    from matplotlib.figure import Figure
+
+    if isinstance(shown, str):
+        return Inline(frame(shown, height), f"<page of {len(shown) / 1e6:.1f} MB>")
+    if isinstance(shown, Figure):
+        return Inline(_picture(shown, "Figure"), repr(shown))
+    if not hasattr(shown, "rows"):
+        raise InputError(f"a cell shows a study, a figure or a page's HTML; this is a {type(shown).__name__}")
+    text = study_table(shown)
+    parts = (
+        frame(study_page(shown), height),
+        f'<pre style="{_TABLE}">{html.escape(text)}</pre>',
+        _picture(drift_figure(drawn(shown), ""), words.drift_words(shown)),
+        _picture(joints_figure(drawn(shown), ""), words.joints_words(shown)),
+    )
+    return Inline("\n".join(parts), text)
+
+
+def frame(page: str, height: int = 640) -> str:
+    """Write a page inside the cell: its script runs, but cannot reach the notebook."""
+    return (
+        f'<iframe srcdoc="{html.escape(page, quote=True)}" sandbox="allow-scripts" title="Animation" '
+        f'style="display: block; width: 100%; height: {int(height)}px; border: 0"></iframe>'
+    )
+
+
+def _picture(figure: Figure, text: str) -> str:
+    """A figure inside the cell, sharp on any screen, with the words for who cannot see it."""
+    held = io.BytesIO()
+    figure.savefig(held, format="png", dpi=2 * DPI)
+    data = base64.b64encode(held.getvalue()).decode("ascii")
+    width = round(figure.get_figwidth() * DPI)
+    return (
+        f'<img src="data:image/png;base64,{data}" width="{width}" style="max-width: 100%; height: auto" '
+        f'alt="{html.escape(text, quote=True)}">'
+    )
