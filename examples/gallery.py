@@ -25,10 +25,7 @@ from selenium import webdriver
 from selenium.webdriver.chrome.service import Service
 
 import repctl_pin as rp
-from repctl_pin.motion import elbow
-from repctl_pin.show.figures import BLUE, ORANGE, VERMILLION
 from repctl_pin.show.study_files import study_page
-from repctl_pin.show.tracks import Limb, track_of, tracks_page
 
 PICTURES = Path(__file__).parent / "pictures"
 SIZE = (1400, 1040)
@@ -53,12 +50,7 @@ def audit() -> str:
     """Somebody else's control loop, J⁺, and the same loop with our task beside its own."""
     from audit_pink import audit as motions
 
-    colours = {"pink": ORANGE, "J⁺": VERMILLION, "pink + ours": BLUE}
-    done = motions(cycles=10, steps=500)
-    tracks = [track_of(name, motion, colours[name]) for name, motion in done.items()]
-    first = done["J⁺"]
-    limb = Limb(first.task, elbow(first.task, first.q[0]), first.path.points())
-    return tracks_page([limb], tracks, name="a control loop audited")
+    return rp.animation(motions(cycles=10, steps=500)).page
 
 
 GALLERY: dict[str, Callable[[], str]] = {

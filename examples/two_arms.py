@@ -40,8 +40,9 @@ def together(studies: list[rp.Study], key: str, color: str) -> Track:
 def both_arms_page(studies: list[rp.Study]) -> str:
     """Make the page: J⁺ beside the nearest repeatable inverses."""
     tracks = [together(studies, "pseudoinverse", "#D55E00"), together(studies, "repeatable", "#0072B2")]
-    limbs = [Limb(study.task, study.elbow, study.path.points()) for study in studies]
-    return tracks_page(limbs, tracks, name=f"each arm on its own {studies[0].path.name}")
+    limbs = [Limb(study.task, study.elbow) for study in studies]
+    paths = [study.path.points() for study in studies]
+    return tracks_page(limbs, tracks, paths=paths, name=f"each arm on its own {studies[0].path.name}")
 
 
 def main() -> None:

@@ -50,6 +50,8 @@ if TYPE_CHECKING:
     from .robot.coordinates import absolute_angles as absolute_angles
     from .robot.robot import Robot as Robot
     from .robot.task import Task as Task
+    from .show.animation import Animation as Animation
+    from .show.animation import animation as animation
     from .show.notebook import inline as inline
     from .strategies import CustomInverse as CustomInverse
     from .strategies import ExtendedJacobian as ExtendedJacobian
@@ -112,6 +114,7 @@ _DOOR = {
         "rose",
         "waypoints",
     ),
+    "show.animation": ("Animation", "animation"),
     "show.notebook": ("inline",),
     "studies": ("Study", "study"),
 }

@@ -1,12 +1,9 @@
-"""``repctl animate`` and what it stands on: motions read back from files, pages made of them, completion, cells."""
+"""``repctl animate`` and what it stands on: motions read back from files, and pages made of them."""
 
 from __future__ import annotations
 
-import html
 import json
 import re
-import shutil
-import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -16,12 +13,10 @@ from test_scene import read
 
 import repctl_pin as rp
 from repctl_pin.cli import main, parser
-from repctl_pin.cli.completion import script
 from repctl_pin.motion.export import csv_text
 from repctl_pin.robot.visuals import Visuals
-from repctl_pin.show.notebook import inline
 from repctl_pin.show.scene import choose_frames, poses_of
-from repctl_pin.show.study_files import study_page, write_study
+from repctl_pin.show.study_files import write_study
 from repctl_pin.show.tracks import Limb, Track, read_tracks, track_of, tracks_page
 
 
@@ -118,12 +113,12 @@ def test_every_limb_leaves_its_traces() -> None:
     Q = robot.reference + np.linspace(0, 0.3, 21)[:, None] * np.cos(np.arange(len(robot.reference)))
     square = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 0, 0]])
     track = Track("moved", "#0072B2", Q, 2, np.array([0.1, 0.2]))
-    page = tracks_page([Limb(left, 3, square), Limb(right, 5, 2 * square)], [track])
+    page = tracks_page([Limb(left, 3), Limb(right, 5)], [track], paths=[square, 2 * square[:3]])
     scene, _, numbers = read(page)
-    assert scene["paths"] == [2, 4] and scene["arms"][0]["limbs"] == 2
-    np.testing.assert_allclose(numbers[-24:].reshape(2, 4, 3), [square, 2 * square])
+    assert scene["paths"] == [4, 3] and scene["arms"][0]["limbs"] == 2
+    np.testing.assert_allclose(numbers[-21:].reshape(7, 3), [*square, *(2 * square[:3])])
     rows = Q[choose_frames(21, 2).index]
-    ways = numbers[:-24].reshape(-1)[-2 * len(rows) * 2 * 3 :].reshape(2, len(rows), 2, 3)
+    ways = numbers[:-21][-2 * len(rows) * 2 * 3 :].reshape(2, len(rows), 2, 3)
     for k, (task, elbow) in enumerate(((left, 3), (right, 5))):
         np.testing.assert_allclose(ways[0, :, k], [task.placement(task.part(q)).translation for q in rows], atol=1e-6)
         np.testing.assert_allclose(ways[1, :, k], [task.joint_origins(task.part(q))[elbow] for q in rows], atol=1e-6)
@@ -170,41 +165,6 @@ def test_the_command_refuses(folder: Path, tmp_path: Path) -> None:
     assert main(["animate", "none.json"]) == 2
     assert main(["animate", "design.json", "--motion", motion]) == 2
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_cell_of_a_notebook_shows_the_page(study: rp.Study) -> None:
-    cell = inline(study, height=500)
-    frame = cell._repr_html_()
-    held = re.search(r'srcdoc="([^"]*)"', frame)
-    assert held is not None and html.unescape(held[1]) == study_page(study)
-    assert "height: 500px" in frame and len(repr(cell)) < 60
-
-
-@pytest.mark.skipif(shutil.which("bash") is None, reason="no bash here")
-def test_bash_completes(tmp_path: Path) -> None:
-    file = tmp_path / "complete.sh"
-    file.write_text(script(parser(), "bash", ["panda", "pr2", "ur5"]), encoding="utf-8")
-    ask = 'source "$1"; shift; COMP_WORDS=("$@"); COMP_CWORD=$(($#-1)); _repctl; printf "%s\\n" "${COMPREPLY[@]}"'
-
-    def complete(*words: str) -> list[str]:
-        done = subprocess.run(["bash", "-c", ask, "-", str(file), *words], cwd=tmp_path, capture_output=True, text=True)
-        assert done.returncode == 0 and done.stderr == ""
-        return done.stdout.split()
-
-    assert complete("repctl", "st") == ["study"]
-    assert complete("repctl", "study", "p") == ["panda", "pr2"]
-    assert complete("repctl", "study", "panda", "--pl") == ["--plane"]
-    assert complete("repctl", "study", "panda", "--plane", "") == ["xy", "yz", "xz"]
-    assert complete("repctl", "study", "panda", "--cycles", "") == ["complete.sh"]  # free: files at most
-    assert complete("repctl", "completion", "")[:2] in (["complete.sh", "bash"], ["bash", "zsh"])
-    assert "--report" in complete("repctl", "study", "panda", "--")
-    assert complete("repctl", "inspect", "comp") == ["complete.sh"]
-
-
-def test_completion_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["completion", "zsh"]) == 0
-    out = capsys.readouterr().out
-    assert "bashcompinit" in out and "panda" in out and "complete" in out.splitlines()[-1]
 
 
 def test_every_command_has_an_example_and_json() -> None:

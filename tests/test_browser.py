@@ -57,7 +57,7 @@ def circling(robot: Robot, q0: NDArray[np.float64], kind: str, plane: tuple[int,
 def write(folder: Path, arms: list[Arm], **options: Any) -> Path:
     page = folder / "animation.html"
     words = {"seconds": 2.0, "title": "arms on a circle", "caption": "a test", **options}
-    page.write_text(animation_page(arms, arms[0].tip[: STEPS + 1], **words), encoding="utf-8")
+    page.write_text(animation_page(arms, [arms[0].tip[: STEPS + 1]], **words), encoding="utf-8")
     return page
 
 

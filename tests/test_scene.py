@@ -55,7 +55,7 @@ def matrices(poses: np.ndarray) -> np.ndarray:
 def test_page_holds_what_went_in(name: str) -> None:
     arms = swinging(name)
     frames = choose_frames(41, 2)
-    scene, commands, motion = read(animation_page(arms, PATH, **WORDS))
+    scene, commands, motion = read(animation_page(arms, [PATH], **WORDS))
     assert (scene["title"], scene["caption"], scene["seconds"]) == ("a title", "a caption", 4.0)
     assert (scene["cycles"], scene["perCycle"], scene["problems"]) == ([1, 2], 21, [])
     # every distinct body once, for both arms together
@@ -89,7 +89,7 @@ def test_page_holds_what_went_in(name: str) -> None:
 
 def test_a_mesh_goes_in_as_its_triangles() -> None:
     arms = swinging("panda")
-    _, commands, _ = read(animation_page(arms, PATH, **WORDS))
+    _, commands, _ = read(animation_page(arms, [PATH], **WORDS))
     sent = {c["path"]: c["object"] for c in commands if c["type"] == "set_object"}
     bodies = list(dict.fromkeys(key(s) for s in arms[0].shapes))
     assert len(bodies) == 10  # eleven shapes; the fingers are one mesh
@@ -108,13 +108,13 @@ def test_a_mesh_goes_in_as_its_triangles() -> None:
 
 
 def test_panda_is_small() -> None:
-    page = animation_page(swinging("panda", cycles=10, steps=60), PATH, **WORDS)
+    page = animation_page(swinging("panda", cycles=10, steps=60), [PATH], **WORDS)
     assert len(page.encode()) < 7e6
 
 
 def test_many_cycles_do_not_blow_the_page() -> None:
-    few = len(animation_page(swinging("panda", 10, 60), PATH, **WORDS))
-    many = len(animation_page(swinging("panda", 200, 60), PATH, **WORDS))
+    few = len(animation_page(swinging("panda", 10, 60), [PATH], **WORDS))
+    many = len(animation_page(swinging("panda", 200, 60), [PATH], **WORDS))
     assert many < 1.5 * few
     assert many < 15e6
 
@@ -123,7 +123,7 @@ def test_page_is_self_contained_and_its_text_harmless() -> None:
     arms = swinging("planar3r")
     evil = "</script><script>alert(1)</script><b>&amp;"
     arms = (replace(arms[0], label=evil, unit=evil), arms[1])
-    page = animation_page(arms, PATH, seconds=1, title=evil, caption=evil + "\u2028\n" + evil)
+    page = animation_page(arms, [PATH], seconds=1, title=evil, caption=evil + "\u2028\n" + evil)
     assert "<script>alert" not in page
     assert "<b>" not in page
     scene, _, _ = read(page)
@@ -160,7 +160,7 @@ def test_frames_chosen_before_or_by_the_page_are_the_same() -> None:
         replace(a, placements=a.placements[frames.index], tip=a.tip[frames.index], elbow=a.elbow[frames.index])
         for a in arms
     ]
-    assert animation_page(cut, PATH, frames=frames, **WORDS) == animation_page(arms, PATH, **WORDS)
+    assert animation_page(cut, [PATH], frames=frames, **WORDS) == animation_page(arms, [PATH], **WORDS)
 
 
 def test_poses_are_exact_and_do_not_jump() -> None:
@@ -181,22 +181,24 @@ def test_poses_are_exact_and_do_not_jump() -> None:
 def test_wrong_arrays_are_named() -> None:
     first, second = swinging("planar3r")
     with pytest.raises(InputError, match=r"'J⁺': tip has shape"):
-        animation_page([replace(first, tip=first.tip[:, :2])], PATH, **WORDS)
+        animation_page([replace(first, tip=first.tip[:, :2])], [PATH], **WORDS)
     with pytest.raises(InputError, match=r"'repeatable': elbow holds numbers that are not finite"):
-        animation_page([first, replace(second, elbow=second.elbow * np.nan)], PATH, **WORDS)
+        animation_page([first, replace(second, elbow=second.elbow * np.nan)], [PATH], **WORDS)
     with pytest.raises(InputError, match="at least one"):
-        animation_page([], PATH, **WORDS)
+        animation_page([], [PATH], **WORDS)
     with pytest.raises(InputError, match="cycle_drift"):
-        animation_page([replace(first, cycle_drift=np.ones(1))], PATH, frames=Frames(np.arange(41), (3,), 41), **WORDS)
+        animation_page(
+            [replace(first, cycle_drift=np.ones(1))], [PATH], frames=Frames(np.arange(41), (3,), 41), **WORDS
+        )
 
 
 def test_limbs_must_agree() -> None:
     first, _ = swinging("planar3r")
     two = np.stack([first.tip, first.elbow], 1)
     with pytest.raises(InputError, match=r"'J⁺': elbow has shape .*, but \(42, 2, 3\) is wanted"):
-        animation_page([replace(first, tip=two)], PATH, **WORDS)
-    with pytest.raises(InputError, match="path points have shape"):
-        animation_page([first], PATH[:, :2], **WORDS)
+        animation_page([replace(first, tip=two)], [PATH], **WORDS)
+    with pytest.raises(InputError, match="a path has shape"):
+        animation_page([first], [PATH[:, :2]], **WORDS)
 
 
 def test_a_body_that_cannot_be_read_is_said_and_the_rest_drawn(tmp_path: Path) -> None:
@@ -204,7 +206,7 @@ def test_a_body_that_cannot_be_read_is_said_and_the_rest_drawn(tmp_path: Path) -
     broken = tmp_path / "broken.stl"
     broken.write_bytes(b"not a mesh")
     shapes = (Shape("odd", "mesh", path=broken), *first.shapes[1:])
-    scene, commands, _ = read(animation_page([replace(first, shapes=shapes)], PATH, **WORDS))
+    scene, commands, _ = read(animation_page([replace(first, shapes=shapes)], [PATH], **WORDS))
     (problem,) = scene["problems"]
     assert str(broken) in problem
     told = scene["arms"][0]["shapes"]
@@ -220,7 +222,7 @@ def test_a_texture_goes_into_the_page(tmp_path: Path) -> None:
     (tmp_path / "two.dae").write_text(DAE)
     first, _ = swinging("planar3r")
     shapes = (Shape("two", "mesh", path=tmp_path / "two.dae", textured=True), *first.shapes[1:])
-    scene, commands, _ = read(animation_page([replace(first, shapes=shapes)], PATH, **WORDS))
+    scene, commands, _ = read(animation_page([replace(first, shapes=shapes)], [PATH], **WORDS))
     sent = next(c["object"] for c in commands if c["path"] == f"/library/{scene['arms'][0]['shapes'][0]['body']}")
     assert scene["arms"][0]["shapes"][0]["color"] is None
     materials = {m["uuid"]: m for m in sent["materials"]}

@@ -68,7 +68,7 @@ def run(options: argparse.Namespace) -> int:
     from ..show.tracks import Limb, tracks_page
 
     say("drawing")
-    limb = Limb(task, elbow(task, task.part(tracks[0].Q[0])), more.pop("path_points", None))
+    limb = Limb(task, elbow(task, task.part(tracks[0].Q[0])))
     page = tracks_page([limb], tracks, seconds=options.seconds, **more)
     result: dict[str, Any] = {
         "robot": task.robot.name,
@@ -157,7 +157,7 @@ def _from_design(options: argparse.Namespace, say: Callable[[str], None]) -> _Sh
             ("nearest repeatable", "repeatable", design.inverse),
         )
     ]
-    return task, tracks, {"name": path.name, "path_points": path.points()}
+    return task, tracks, {"name": path.name, "paths": [path.points()]}
 
 
 def _from_study(options: argparse.Namespace, say: Callable[[str], None]) -> _Shown:
@@ -181,7 +181,7 @@ def _from_study(options: argparse.Namespace, say: Callable[[str], None]) -> _Sho
     )
     rows = (found.row("pseudoinverse"), found.row("repeatable"))
     tracks = [track_of(row.label, row.motion, COLOURS[row.key]) for row in rows if row.motion is not None]
-    return found.task, tracks, {"name": found.path.name, "path_points": found.path.points()}
+    return found.task, tracks, {"name": found.path.name, "paths": [found.path.points()]}
 
 
 def _robot(options: argparse.Namespace) -> Robot:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -69,12 +69,12 @@ class Design:
     desired: Inverse
     fields: Field
     region: Region
-    coefficients: Array = field(repr=False)
+    coefficients: Array
     cost: float
     cost_error: float
     relative_distance: float
     clearance: float
-    clearance_at: Array = field(repr=False)
+    clearance_at: Array
     inside_limits: float
     fit_cost: float
     gradient_norm: float
@@ -86,6 +86,13 @@ class Design:
     dropped: tuple[str, ...] = ()
     shrunk: float = 1.0
     degrees: tuple[tuple[int, float, float], ...] = ()
+
+    def __repr__(self) -> str:
+        task = self.task
+        return (
+            f"<Design for {task.robot.name} {task.frame}: cost {self.cost:.4g} ± {self.cost_error:.1g}, "
+            f"{self.relative_distance:.1%} from the desired, clearance {self.clearance:.3g}>"
+        )
 
     @property
     def task(self) -> Task:

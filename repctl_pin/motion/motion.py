@@ -52,6 +52,11 @@ class Motion:
     turning_error: Array
     damping: float = 0.0
 
+    def __repr__(self) -> str:
+        task, cycles = self.task, "1 cycle" if self.cycles == 1 else f"{self.cycles} cycles"
+        drift = " … ".join(f"{value:.3g}" for value in dict.fromkeys((self.drift[0], self.drift[-1])))
+        return f"<Motion of {task.robot.name} {task.frame}: {self.path.name}, {cycles}, drift {drift}>"
+
     @property
     def speed(self) -> Array:
         """Joint speed ``‖q̇‖`` along the motion: (T + 1,)."""

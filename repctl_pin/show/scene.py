@@ -105,7 +105,7 @@ def choose_frames(samples: int, cycles: int, *, per_cycle: int = 61, shown: int 
 
 def animation_page(
     arms: Sequence[Arm],
-    path_points: ArrayLike,
+    paths: Sequence[ArrayLike],
     *,
     seconds: float,
     title: str,
@@ -119,8 +119,8 @@ def animation_page(
     ----------
     arms
         Two, or any number.
-    path_points : (P, 3) or (K, P, 3) array
-        The path that the tip follows, closed or not, m; or one for each limb.
+    paths : sequence of (P, 3) arrays
+        The paths that the tips follow, closed or not, m.
     seconds
         Time of one cycle at normal speed.
     title, caption
@@ -142,10 +142,10 @@ def animation_page(
     commands, library, problems = record(shape for arm in arms for shape in arm.shapes)
     parts: list[Array] = []
     described = [_describe(arm, rows, chosen, library, parts) for arm in arms]
-    paths = np.asarray(path_points, float)
-    if paths.ndim not in (2, 3) or paths.shape[-1] != 3:
-        raise InputError(f"path points have shape {paths.shape}, but (P, 3) or (K, P, 3) is wanted")
-    paths = paths if paths.ndim == 3 else paths[None]  # (K, P, 3)
+    lines = [np.asarray(path, float) for path in paths]
+    odd = next((line.shape for line in lines if line.ndim != 2 or line.shape[1] != 3), None)
+    if odd is not None:
+        raise InputError(f"a path has shape {odd}, but (P, 3) is wanted")
     scene = {
         "title": title,
         "caption": caption,
@@ -153,11 +153,11 @@ def animation_page(
         "seconds": float(seconds),
         "cycles": list(chosen.cycles),
         "perCycle": chosen.per_cycle,
-        "paths": list(paths.shape[:2]),
+        "paths": [len(line) for line in lines],
         "problems": problems,
         "arms": described,
     }
-    motion = np.concatenate([p.ravel() for p in [*parts, paths]]).astype("<f4").tobytes()
+    motion = np.concatenate([p.ravel() for p in [*parts, *lines]]).astype("<f4").tobytes()
     return page(scene, commands, motion, title=title)
 
 

@@ -51,8 +51,8 @@ def study_page(study: Study) -> str:
     shown = {row.label for row in rows}
     tracks = [track_of(*one) for one in drawn(study) if one[0] in shown]
     drifts = "; ".join(f"{row.label}: {_drift_words(row)}" for row in rows)
-    limb = Limb(study.task, study.elbow, study.path.points())
-    return tracks_page([limb], tracks, name=study.path.name, words=drifts)
+    limb = Limb(study.task, study.elbow)
+    return tracks_page([limb], tracks, paths=[study.path.points()], name=study.path.name, words=drifts)
 
 
 def _drift_words(row: Row) -> str:

@@ -71,13 +71,10 @@ class Limb:
         Whose frame is traced.
     elbow : int
         The joint whose origin is traced, of the task's.
-    path_points : (P, 3) array or None
-        The path to draw; None: what the first motion's frame does in its first cycle.
     """
 
     task: Task
     elbow: int
-    path_points: Array | None = None
 
 
 def track_of(label: str, motion: Motion, color: str) -> Track:
@@ -151,6 +148,7 @@ def tracks_page(
     limbs: Sequence[Limb],
     tracks: Sequence[Track],
     *,
+    paths: Sequence[Array] | None = None,
     name: str = "motion",
     words: str | None = None,
     seconds: float = 4.0,
@@ -160,9 +158,11 @@ def tracks_page(
     Parameters
     ----------
     limbs
-        What leaves traces: one limb of the robot, or several; the paths of all as many points.
+        What leaves traces: one limb of the robot, or several.
     tracks
         What to show: all of as many cycles.
+    paths : sequence of (P, 3) arrays, optional
+        The paths to draw, m; by default what the first motion's frames do in its first cycle.
     name
         Of the path.
     words
@@ -184,18 +184,17 @@ def tracks_page(
         tip, elbow = (np.stack(points, axis=1) for points in zip(*ways, strict=True))  # (T, K, 3)
         placements = visuals.placements(rows)
         arms.append(Arm(track.label, visuals.shapes, placements, tip, elbow, track.drift, track.color, unit=track.unit))
-    done = arms[0].tip[: frames.per_cycle]
-    paths = np.stack([done[:, k] if limb.path_points is None else limb.path_points for k, limb in enumerate(limbs)])
+    lines = list(arms[0].tip[: frames.per_cycle].swapaxes(0, 1)) if paths is None else list(paths)
     drifts = "; ".join(
         f"{t.label}: the joints are off by {short(t.drift[-1])} {t.unit} after {cycles} cycles" for t in tracks
     )
     return animation_page(
         arms,
-        paths,
+        lines,
         seconds=seconds,
         title=f"{limbs[0].task.robot.name}: {name}",
         caption="\n".join([*(_limb_words(limb.task) for limb in limbs), drifts if words is None else words]),
-        planar=_is_planar(limbs, [track.Q[0] for track in tracks], paths),
+        planar=_is_planar(limbs, [track.Q[0] for track in tracks], lines),
         frames=frames,
     )
 
@@ -210,7 +209,7 @@ def _limb_words(task: Task) -> str:
     return f"{task.frame}, {task.kind} task, n = {task.n}, r = {task.r}"
 
 
-def _is_planar(limbs: Sequence[Limb], starts: Sequence[Array], paths: Array) -> bool:
+def _is_planar(limbs: Sequence[Limb], starts: Sequence[Array], paths: Sequence[Array]) -> bool:
     """Whether all joints and paths lie in one level plane: then the page looks from above."""
     joints = [limb.task.joint_origins(limb.task.part(q)) for limb in limbs for q in starts]
     return bool(np.ptp(np.vstack([*joints, *paths]), axis=0)[2] < 1e-9)

@@ -26,8 +26,7 @@ async function main() {
   await picturesLoaded(viewer.scene);
   let at = 0;
   const arms = scene.arms.map((arm) => { const view = new ArmView(viewer, arm, motion, at, frames); at = view.end; return view; });
-  const [pathCount, pathPoints] = scene.paths;
-  const paths = Array.from({ length: pathCount }, (_, k) => Array.from({ length: pathPoints }, (_, i) => new T.Vector3().fromArray(motion, at + 3 * (k * pathPoints + i))));
+  const paths = scene.paths.map((count) => Array.from({ length: count }, () => { const p = new T.Vector3().fromArray(motion, at); at += 3; return p; }));
   const path = paths.flat();
 
   // ---- where everything stands

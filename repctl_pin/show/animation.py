@@ -1,0 +1,122 @@
+"""Motions as a page: to keep, to open in the browser, or to see in a notebook's cell."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..files import prepare_folder, write_whole
+from ..motion import Motion, elbow
+from .figures import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION
+from .live import LivePage
+from .notebook import frame
+from .study_files import study_page
+from .tracks import Limb, track_of, tracks_page
+
+if TYPE_CHECKING:
+    from ..studies import Study
+
+Array = NDArray[np.float64]
+
+_COLOURS = (VERMILLION, BLUE, GREEN, PURPLE, ORANGE, SKY)
+
+
+@dataclass(frozen=True)
+class Animation:
+    """A page that shows motions side by side. Make it with :func:`animation`.
+
+    A notebook shows it in its cell.
+
+    Attributes
+    ----------
+    page : str
+        The page's HTML: self-contained, it asks nothing of a network.
+    """
+
+    page: str
+
+    def save(self, file: str | Path) -> Path:
+        """Write the page to a file, whole or not at all, and say where it is.
+
+        Raises
+        ------
+        InputError
+            If it cannot be written.
+        """
+        file = Path(file)
+        prepare_folder(file.parent)
+        return write_whole(file, self.page)
+
+    def show(self, *, port: int = 0) -> None:
+        """Show the page in the browser, from this machine to this machine only, until Ctrl-C.
+
+        Parameters
+        ----------
+        port
+            Where to listen; 0 takes a free one.
+
+        Raises
+        ------
+        InputError
+            If the port is taken or not allowed.
+        """
+        with LivePage(self.page, port=port) as live:
+            print(f"showing at {live.url} until Ctrl-C", flush=True)
+            live.open()
+            live.wait()
+
+    def _repr_html_(self) -> str:
+        return frame(self.page)
+
+    def __repr__(self) -> str:
+        return f"Animation(a page of {len(self.page) / 1e6:.1f} MB)"
+
+
+def animation(motions: Mapping[str, Motion] | Study, *, seconds: float = 4.0) -> Animation:
+    """Show motions of one robot side by side: path, traces, start pose, and the drift after each cycle.
+
+    Parameters
+    ----------
+    motions
+        The motions by the names they shall have, all of as many cycles and steps; or a study.
+    seconds
+        Time of a cycle at normal speed.
+
+    Raises
+    ------
+    InputError
+        If there is no motion, or they are of different robots, cycles or steps.
+
+    Examples
+    --------
+    >>> rp.animation({"mine": motion}).save("mine.html")  # doctest: +SKIP
+    """
+    if isinstance(motions, Motion):
+        raise InputError("an animation wants its motions by name; give it a name: {'mine': motion}")
+    if not isinstance(motions, Mapping):
+        return Animation(study_page(motions))
+    wrong = next((name for name, motion in motions.items() if not isinstance(motion, Motion)), None)
+    if wrong is not None or not motions:
+        what = f"{wrong!r} is a {type(motions[wrong]).__name__}" if wrong is not None else "there is none"
+        raise InputError(f"an animation wants motions, as rp.follow makes them; {what}")
+    every = list(motions.values())
+    robot = every[0].task.robot
+    other = next((m.task.robot for m in every if m.task.robot.joint_names != robot.joint_names), None)
+    if other is not None:
+        raise InputError(f"an animation shows one robot; these are motions of {robot.name} and {other.name}")
+    tracks = [track_of(name, motion, _COLOURS[k % len(_COLOURS)]) for k, (name, motion) in enumerate(motions.items())]
+    limbs: dict[str, Limb] = {}
+    paths: list[Array] = []
+    for motion in every:
+        limbs.setdefault(motion.task.frame, Limb(motion.task, elbow(motion.task, motion.q[0])))
+        points = motion.path.points()
+        if not any(np.array_equal(points, known) for known in paths):
+            paths.append(points)
+    name = " and ".join(dict.fromkeys(motion.path.name for motion in every))
+    return Animation(tracks_page(list(limbs.values()), tracks, paths=paths, name=name, seconds=seconds))
