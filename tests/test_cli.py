@@ -94,7 +94,6 @@ BAD_ARGUMENTS = {
     "region negative": (["study", "panda", "--region", "-1"], ["above 0"]),
     "region singular": (["study", "planar3r", "--region", "3"], ["loses rank", "--region"]),
     "no redundancy": (["study", "ur5", "--task", "pose"], ["r = 0", "position (r = 3)"]),
-    "no command": ([], ["COMMAND"]),
     "unknown command": (["stduy", "panda"], ["stduy"]),
 }
 

@@ -11,6 +11,8 @@ from collections.abc import Sequence
 from .. import __version__
 from ..errors import RepctlError
 from . import animate, check, completion, design, follow, inspect, robots, study
+from .interruption import heed_interrupts, say_interrupted
+from .parsing import Parser
 from .terminal import clear_line
 
 _COMMANDS = (study, design, follow, check, animate, robots, inspect, completion)
@@ -33,8 +35,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     if argv is None:  # our own process: matrices of 7 joints go faster without threads that wait for each other
         for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
             os.environ.setdefault(variable, "1")
+        heed_interrupts()
+        for stream in filter(None, (sys.stdout, sys.stderr)):  # either may be closed
+            stream.reconfigure(errors="replace")  # type: ignore[union-attr]  # a terminal that knows no ⁺ gets a ?
     arguments = join_negative(list(sys.argv[1:] if argv is None else argv))
-    options = parser().parse_args(arguments)
+    if not arguments:
+        parser().print_help(sys.stderr)
+        return 2
+    options = parser().parse_all(arguments)
     options.command_line = shlex.join(["repctl", *arguments])
     try:
         return options.run(options)
@@ -43,17 +51,15 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"repctl: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        clear_line()
-        print("repctl: interrupted; nothing half-written was left", file=sys.stderr)
-        return 130
+        return say_interrupted()
     except BrokenPipeError:  # the reader of our output went away, as `| head` does
         sys.stderr.close()
         return 0
 
 
-def parser() -> argparse.ArgumentParser:
+def parser() -> Parser:
     """Make the parser of the whole command."""
-    whole = argparse.ArgumentParser(
+    whole = Parser(
         prog="repctl",
         description="Repeatable control for redundant robot arms.",
         epilog=_EXAMPLES,
@@ -72,7 +78,7 @@ def parser() -> argparse.ArgumentParser:
             allow_abbrev=False,
         )
         command.add_options(part)
-        part.set_defaults(run=command.run)
+        part.set_defaults(run=command.run, parser=part)
     return whole
 
 
