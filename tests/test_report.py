@@ -18,6 +18,7 @@ from PIL import Image
 
 import repctl_pin as rp
 from repctl_pin.cli import main
+from repctl_pin.show import words
 from repctl_pin.show.report import report_page, versions
 from repctl_pin.show.study_files import study_page
 from repctl_pin.show.words import amount, summary
@@ -94,10 +95,10 @@ def test_it_says_what_was_found_and_how_to_repeat_it(page: str, study: rp.Study)
     for sentence in summary(study):
         assert sentence in text
     plain, closed = study.row("pseudoinverse").motion, study.row("repeatable").motion
-    assert f"{plain.drift[-1]:.4f} rad ({np.degrees(plain.drift[-1]):.3g}°)" in summary(study)[1]
+    assert f"{plain.drift[-1]:.4f} rad after {plain.cycles} (the norm over all joints)" in summary(study)[1]
     assert amount(closed, -1) in summary(study)[2]
     assert f"<code>{html.escape(COMMAND)}</code>" in page
-    assert ", ".join(repr(float(v)) for v in study.q0) in text
+    assert f"<dd>{', '.join(f'{v:.10g}' for v in study.q0)}</dd>" in text
     for name, number in versions().items():
         assert f"<dt>{name}</dt><dd>{number}</dd>" in text
     assert versions()["numpy"] == np.__version__ and versions()["repctl_pin"] == rp.__version__
@@ -183,3 +184,11 @@ def test_it_opens_offline_with_the_animation_running(page: str, tmp_path: Path) 
         assert driver.execute_script("return [...document.images].every((i) => i.complete && i.naturalWidth > 100)")
         assert driver.execute_script("return document.documentElement.scrollWidth <= window.innerWidth")
         assert [e for e in driver.get_log("browser") if e["level"] == "SEVERE"] == []
+
+
+def test_what_the_report_speaks_of_is_explained(study: rp.Study) -> None:
+    page = report_page(study)
+    for word in words.GLOSSARY:
+        assert f"<dt>{word}</dt>" in page
+    for said in ("repeatable", "drift", "Ω", "clearance", "redundant"):
+        assert said in words.GLOSSARY

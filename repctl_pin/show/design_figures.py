@@ -69,7 +69,7 @@ def map_over_joints(ax: Axes, field: DesignMap, design: Design, what: str = "dis
     ax.set_xlabel(_axis(design, i))
     ax.set_ylabel(_axis(design, j))
     bar = ax.figure.colorbar(shade, ax=ax, pad=0.02)
-    bar.ax.yaxis.set_major_formatter((lambda v, _: _percent(v)) if relative else (lambda v, _: f"{v:.2f}"))
+    bar.ax.yaxis.set_major_formatter((lambda v, _: _percent(v)) if relative else (lambda v, _: f"{v:.3g}"))
     bar.outline.set_visible(False)
     ax.set_title("distance $\\|G_r - G_d\\| / \\|G_d\\|$" if relative else "clearance (0 is singular)", fontsize=10)
     return ax

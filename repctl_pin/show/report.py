@@ -84,6 +84,7 @@ def report_page(
         "SETTING": _list(_setting(study)),
         "OPTIONS": "" if not options else f"<h3>Options</h3>\n{_list(_texts(options))}",
         "VERSIONS": _list(versions()),
+        "GLOSSARY": _list(words.GLOSSARY),
         "NOTES": _notes(study_notes(study)),
     }
     template = (folder / "report.html").read_text("utf-8")
@@ -189,9 +190,9 @@ def _setting(study: Study) -> dict[str, str]:
     """What was studied, in full: numbers as they are held, and the robot file's fingerprint."""
     center, width = study.region.bounds.center, study.region.bounds.half_width
     return study.setting | {
-        "start": ", ".join(repr(float(v)) for v in study.q0),
+        "start": _row(study.q0),
         "joints": ", ".join(study.task.joint_names),
-        "region": f"centre {_row(center)}; half-width {_row(width)}",
+        "region": f"{study.region}; the box round it has the centre {_row(center)} and the half-width {_row(width)}",
         "URDF, SHA-256": _fingerprint(study.robot.description.path),
     }
 

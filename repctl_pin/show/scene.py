@@ -64,6 +64,8 @@ class Arm:
         Where this copy stands, m; None: beside its neighbour, as seen by the camera.
     unit : str
         Of the drift.
+    elbows : tuple of str
+        Names of the joints at the elbows; () leaves them without names.
     """
 
     label: str
@@ -75,6 +77,7 @@ class Arm:
     color: str = VERMILLION
     offset: tuple[float, float, float] | None = None
     unit: str = "rad"
+    elbows: tuple[str, ...] = ()
 
 
 def choose_frames(samples: int, cycles: int, *, per_cycle: int = 61, shown: int = 24) -> Frames:
@@ -202,6 +205,7 @@ def _describe(
         "offset": None if arm.offset is None else [float(v) for v in arm.offset],
         "drift": drift.tolist(),
         "limbs": K,
+        "elbows": list(arm.elbows),
         "shapes": shapes,
     }
 

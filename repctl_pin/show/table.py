@@ -33,8 +33,8 @@ def study_table(study: Study) -> str:
     return "\n".join([*head, "", table(header, cells), "\n".join(legend), *([""] if notes else []), *notes])
 
 
-def study_cells(study: Study) -> tuple[list[str], list[list[str]], tuple[str, str]]:
-    """Write the table of a study as its header, its rows, and two lines that say what the columns are."""
+def study_cells(study: Study) -> tuple[list[str], list[list[str]], tuple[str, ...]]:
+    """Write the table of a study as its header, its rows, and lines that say what they are."""
     some = next((row.motion for row in study.rows if row.motion is not None), None)
     units = unit(some) if some is not None else "rad"
     cycles = some.cycles if some is not None else 0
@@ -53,7 +53,8 @@ def study_cells(study: Study) -> tuple[list[str], list[list[str]], tuple[str, st
         f"drift in {units}; tracking in m at worst; speed ‖q̇‖ per s; limit margin: the least distance to a joint "
         "limit;",
         "clearance: σ_min(Nᵀ V̂) at worst on the way, 1 is best, 0 singular; "
-        "from J⁺: ‖G − J⁺‖ / ‖J⁺‖ in the mean over Ω",
+        "from J⁺: ‖G − J⁺‖ / ‖J⁺‖ in the mean over Ω;",
+        "posture: J⁺ that holds the start's joints in its null space; off it: other joints, to which it first moves",
     )
     return header, [_cells(row) for row in study.rows], legend
 

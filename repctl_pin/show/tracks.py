@@ -178,12 +178,25 @@ def tracks_page(
     ((cycles, samples),) = sizes
     visuals, frames = Visuals.of(limbs[0].task.robot), choose_frames(samples, cycles)
     arms = []
+    elbows = tuple(limb.task.joint_names[limb.elbow] for limb in limbs)
     for track in tracks:
         rows = track.Q[frames.index]
         ways = [_ways(limb, rows) for limb in limbs]
         tip, elbow = (np.stack(points, axis=1) for points in zip(*ways, strict=True))  # (T, K, 3)
         placements = visuals.placements(rows)
-        arms.append(Arm(track.label, visuals.shapes, placements, tip, elbow, track.drift, track.color, unit=track.unit))
+        arms.append(
+            Arm(
+                track.label,
+                visuals.shapes,
+                placements,
+                tip,
+                elbow,
+                track.drift,
+                track.color,
+                unit=track.unit,
+                elbows=elbows,
+            )
+        )
     lines = list(arms[0].tip[: frames.per_cycle].swapaxes(0, 1)) if paths is None else list(paths)
     drifts = "; ".join(
         f"{t.label}: the joints are off by {short(t.drift[-1])} {t.unit} after {cycles} cycles" for t in tracks

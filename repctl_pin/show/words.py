@@ -14,6 +14,27 @@ if TYPE_CHECKING:
     from ..studies import Row, Study
     from ..studies.maps import StudyMaps
 
+GLOSSARY = {
+    "redundant": "The arm has more joints than its task has coordinates: many motions of the joints move the frame "
+    "alike.",
+    "J⁺": "The pseudoinverse of the Jacobian J: of all joint velocities that move the frame as asked, the one with the "
+    "least norm. The usual control, and the desired one here.",
+    "repeatable": "Every closed path of the frame ends at the joints it began with.",
+    "drift": "How far the joints are off the start after a cycle: the norm over all joints, so it may exceed what any "
+    "one of them has moved.",
+    "J⁺ + posture": "J⁺, and with the freedom that is left a pull towards given joints: those of the start, or (off "
+    "it) others, to which it first moves.",
+    "potentials": "Functions of the joints that the repeatable control holds constant. A higher degree leaves more to "
+    "choose from, and comes nearer to J⁺.",
+    "Ω": "The region of joint space for which the repeatable control was designed; outside, nothing is promised.",
+    "cost": "The mean over Ω of ‖G − J⁺‖², by which the repeatable control G differs from J⁺.",
+    "clearance": "How far the potentials are from failing to fix the joints: 1 is best, 0 is singular.",
+    "defect": "By how much a control fails the test of repeatability at a configuration, per rad: 0 where it passes.",
+    "constant rows, extended Jacobian": "Two simpler repeatable controls, for comparison: fixed combinations of the "
+    "joints held constant, and a pull towards the centre of Ω held at zero along the free directions.",
+}
+"""What the words of a report mean."""
+
 
 def summary(study: Study) -> list[str]:
     """Say in a few sentences, one a paragraph, what was done, what happened, what it costs."""
@@ -29,7 +50,7 @@ def summary(study: Study) -> list[str]:
         out.append(
             f"Under the pseudoinverse J⁺ the frame comes back after every cycle, but the joints do not: they are off "
             f"by {amount(plain.motion, 0)} after one cycle and by {amount(plain.motion, -1)} after "
-            f"{plain.motion.cycles}."
+            f"{plain.motion.cycles} (the norm over all joints)."
         )
     else:
         out.append(f"The pseudoinverse J⁺ could not follow: {plain.stopped}.")
@@ -58,11 +79,8 @@ def summary(study: Study) -> list[str]:
 
 
 def amount(motion: Motion, cycle: int) -> str:
-    """Write the drift after a cycle with its unit, and in degrees where that helps."""
-    value = float(motion.drift[cycle])
-    units = unit(motion)
-    degrees = f" ({np.degrees(value):.3g}°)" if units == "rad" and value > 1e-3 else ""
-    return f"{short(value)} {units}{degrees}"
+    """Write the drift after a cycle with its unit."""
+    return f"{short(float(motion.drift[cycle]))} {unit(motion)}"
 
 
 def drift_words(study: Study) -> str:
@@ -78,7 +96,10 @@ def joints_words(study: Study) -> str:
     """Describe the figure of the joints."""
     label, motion = _moved(study)[0]
     off = motion.q[-1] - motion.q[0]
-    parts = [f"{name} {value:+.3g}" for name, value in zip(study.task.joint_names, off, strict=True)]
+    parts = [
+        f"{name} {value:+.3g}" if abs(value) > 1e-12 else f"{name} 0"
+        for name, value in zip(study.task.joint_names, off, strict=True)
+    ]
     return f"Each joint over all cycles. At the end of {label} the joints are off by: {', '.join(parts)}."
 
 
@@ -99,7 +120,7 @@ def cycles_words(study: Study) -> str:
     for label, motion in _moved(study):
         margin = float(motion.limit_margin.min())
         room = f"limit margin at least {margin:.3g}" if margin < 1e6 else "no limits"
-        parts.append(f"{label}: speed up to {motion.peak_speed:.3g} per s, {room}")
+        parts.append(f"{label}: speed up to {motion.peak_speed:.3g} per s in all cycles, {room}")
     return f"Joint speed over the cycle, and the least distance to a joint limit in each. {'; '.join(parts)}."
 
 

@@ -32,7 +32,7 @@ function sharp(canvas) {
   return { draw, width, height };
 }
 
-const elbows = (arm) => (arm.limbs > 1 ? "elbows’ traces" : "elbow’s trace");
+const elbows = (arm) => (arm.elbows.length ? `trace of ${arm.elbows.join(", ")}` : arm.limbs > 1 ? "elbows’ traces" : "elbow’s trace");
 
 class Card {
   constructor(parent, arm, view, scene) {
@@ -113,10 +113,11 @@ class Card {
       return box;
     });
     const wide = Math.max(...boxes.map((b) => b[1] - b[0]), 1e-6), tall = Math.max(...boxes.map((b) => b[3] - b[2]), 1e-6);
-    const scale = Math.min(134 / wide, 62 / tall), bar = niceStep(40 / scale);
+    const scale = Math.min(158 / wide, 62 / tall), bar = niceStep(40 / scale);
     for (const card of cards) {
       Object.assign(card.flat, { scale, bar });
-      card.scaleNote.textContent = wide > 1e-5 || tall > 1e-5 ? `${elbows(card.arm)}; bar ${inMetres(bar)}` : "no elbow moves";
+      card.scaleNote.title = `${elbows(card.arm)}: the joint that a self-motion moves most`;
+      card.scaleNote.textContent = wide > 1e-5 || tall > 1e-5 ? `bar ${inMetres(bar)}; ${elbows(card.arm)}` : "no elbow moves";
     }
   }
 }

@@ -38,12 +38,15 @@ async function main() {
   const tip = new T.Box3().setFromPoints(arms.flatMap((a) => Array.from({ length: a.limbs }, (_, k) => [a.point("tip", k, 0), a.point("tip", k, F >> 1)]).flat())).getCenter(new T.Vector3());
   const eye = new Eye(viewer, scene.planar ? new T.Vector3(0, -1e-4, 1) : towards(tip, whole));
   const spans = corners.map((c) => eye.span([...c.moving, ...c.still, ...path], "right"));
-  // all of the robot, where that leaves the arm large; else what stands near the arm
-  const room = near.clone().expandByScalar(0.2 * extent), tall = (box) => { const [a, b] = eye.span(cornersOf(box), "up"); return b - a; };
-  const all = tall(whole) < 1.45 * tall(near);
-  const own = corners.map((c) => [...c.moving, ...c.still.map((p) => (all ? p : room.clampPoint(p, new T.Vector3())))]);
-  const widest = Math.max(...spans.map(([a, b]) => b - a)), pane = byId("pane");
-  const wished = (0.8 * tall(all ? whole : room) * pane.clientWidth) / pane.clientHeight / arms.length - widest;
+  const widest = Math.max(...spans.map(([a, b]) => b - a)), pane = byId("pane"), shape = pane.clientHeight / Math.max(pane.clientWidth, 1);
+  // all of the robot, where that leaves the arm large; else its whole width, if it is not a hall, and what is near the arm
+  const across = (box, axis) => { const [a, b] = eye.span(cornersOf(box), axis); return b - a; }, tall = (box) => across(box, "up");
+  const room = near.clone().expandByScalar(0.2 * extent), [low, high] = eye.span(cornersOf(room), "up"), wide = across(whole, "right") < 3 * extent;
+  const all = tall(whole) < Math.max(1.45 * tall(near), wide ? 1.3 * widest * arms.length * shape : 0);
+  const level = (p) => p.clone().addScaledVector(eye.up, Math.min(Math.max(p.dot(eye.up), low), high) - p.dot(eye.up));
+  const nearby = (p) => (wide ? level(p) : room.clampPoint(p, new T.Vector3()));
+  const own = corners.map((c) => [...c.moving, ...(all ? c.still : c.still.map(nearby))]);
+  const wished = (0.8 * tall(all ? whole : room)) / shape / arms.length - widest;
   const gap = Math.min(Math.max(wished, 0.1 * widest), 0.6 * widest);
   const total = spans.reduce((sum, [a, b]) => sum + b - a + gap, -gap);
   let edge = -total / 2;
