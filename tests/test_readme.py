@@ -123,6 +123,17 @@ def test_every_command_for_ones_own_arm_runs(
     assert len({line.split()[0] for line in printed["robots"].splitlines()[2:-2]}) == int(robots)
 
 
+@pytest.mark.parametrize("command", re.findall(r"`repctl (study [^`]+)`", PROSE))
+def test_the_gallerys_commands_run(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(OWN[0], tmp_path)
+    assert main(shlex.split(command)) == 0
+    table = capsys.readouterr().out
+    assert drifts(table, "J⁺")[1] > 0.1 and drifts(table, "nearest repeatable")[1] < 1e-9
+
+
 def stamps(folder: Path) -> dict[str, int]:
     """When each file of a folder was written."""
     return {str(f.relative_to(folder)): f.stat().st_mtime_ns for f in folder.rglob("*") if f.is_file()}
@@ -197,7 +208,9 @@ def test_the_python_runs_and_its_arm_comes_back(tmp_path: Path, monkeypatch: pyt
         "design.inverse.step",
         "rp.save",
         "rp.load",
+        "rp.study",
         "rp.follow",
+        "rp.animation",
         "rp.is_repeatable",
         "rp.inline",
     ]
@@ -205,6 +218,9 @@ def test_the_python_runs_and_its_arm_comes_back(tmp_path: Path, monkeypatch: pyt
     assert np.allclose(calls["design.inverse.velocity"], inverse(q0) @ names["xdot"])
     assert (tmp_path / "panda.json").is_file() and np.array_equal(calls["rp.load"].inverse(q0), inverse(q0))
     assert calls["rp.follow"].drift[-1] > 0.01 and not calls["rp.is_repeatable"]
+    audited = calls["rp.study"]
+    assert np.allclose(audited.row("mine").motion.q, audited.row("pseudoinverse").motion.q, atol=1e-9)
+    assert calls["rp.animation"].read_text(encoding="utf-8").count('"label":"mine"') == 1
     assert "<iframe" in calls["rp.inline"]._repr_html_()
 
     (step,) = (line for line in found if "step" in line)
