@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import io
 import os
 import shlex
 import sys
@@ -36,8 +37,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
             os.environ.setdefault(variable, "1")
         heed_interrupts()
-        for stream in filter(None, (sys.stdout, sys.stderr)):  # either may be closed
-            stream.reconfigure(errors="replace")  # type: ignore[union-attr]  # a terminal that knows no ⁺ gets a ?
+        for stream in (sys.stdout, sys.stderr):  # None where it is closed
+            if isinstance(stream, io.TextIOWrapper):
+                stream.reconfigure(errors="replace")  # a terminal that knows no ⁺ gets a ?
     arguments = join_negative(list(sys.argv[1:] if argv is None else argv))
     if not arguments:
         parser().print_help(sys.stderr)
