@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
+from types import MappingProxyType
 
 
 class RepctlError(Exception):
@@ -22,7 +23,15 @@ class SingularityError(RepctlError):
     """J loses rank, or J_V does (an algorithmic singularity), where an inverse is asked for."""
 
 
-def unknown(kind: str, name: object, known: Iterable[str], *, listing: str = "") -> InputError:
+def unknown(
+    kind: str,
+    name: object,
+    known: Iterable[str],
+    *,
+    aliases: Mapping[str, str] = MappingProxyType({}),
+    likely: Sequence[str] = (),
+    listing: str = "",
+) -> InputError:
     """Make the error for a name that does not exist, with the nearest names that do.
 
     Parameters
@@ -33,16 +42,27 @@ def unknown(kind: str, name: object, known: Iterable[str], *, listing: str = "")
         What was given.
     known
         The names that exist.
+    aliases
+        What else may be written, and the name it stands for.
+    likely
+        Those to show first where none is near.
     listing
         Where a person can see them all, appended to the message.
     """
-    known = [str(k) for k in known]
-    folded = {k.lower(): k for k in known}
-    near = [folded[k] for k in difflib.get_close_matches(str(name).lower(), folded, n=4, cutoff=0.5)]
+    every = list(dict.fromkeys([*likely, *map(str, known)]))
+    near = _near(str(name), {k: k for k in every} | dict(aliases))
     if near:
-        hint = f"did you mean {' or '.join(repr(k) for k in near)}?"
-    elif len(known) <= 12:
-        hint = f"there is {', '.join(known)}" if known else "there is none"
+        hint = f"did you mean {' or '.join(map(repr, near))}?"
+    elif len(every) <= 12:
+        hint = f"there is {', '.join(every)}" if every else "there is none"
     else:
-        hint = f"there are {len(known)}, such as {', '.join(known[:6])}"
+        hint = f"there are {len(every)}, such as {', '.join(every[:6])}"
     return InputError(f"no {kind} {name!r}; {hint}{' ' + listing if listing else ''}")
+
+
+def _near(name: str, names: Mapping[str, str]) -> list[str]:
+    """At most four names that hold what was written, or begin with it, or are spelled like it."""
+    written, folded = name.strip().lower(), {k.lower(): v for k, v in names.items()}
+    holding = [k for k in folded if written and (k.startswith(written) or (len(written) > 2 and written in k))]
+    alike = difflib.get_close_matches(written, folded, n=4, cutoff=0.5)
+    return list(dict.fromkeys(folded[k] for k in [*holding, *alike]))[:4]

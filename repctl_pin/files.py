@@ -5,14 +5,31 @@ from __future__ import annotations
 import contextlib
 import os
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from .errors import InputError
 
 
+def check_folder(folder: Path) -> Path:
+    """Make sure that files can be written into a folder, before any long work; one that is not there is not made.
+
+    Raises
+    ------
+    InputError
+        If it cannot be made or written.
+    """
+    try:
+        there = next(part for part in (folder, *folder.parents) if part.exists())
+        with tempfile.TemporaryFile(dir=there):
+            pass
+    except OSError as error:
+        raise _unwritable(folder, error) from None
+    return folder
+
+
 def prepare_folder(folder: Path) -> Path:
-    """Make a folder and make sure that files can be written there, before any long work.
+    """Make a folder where it is not there, and make sure that files can be written into it.
 
     Raises
     ------
@@ -21,11 +38,21 @@ def prepare_folder(folder: Path) -> Path:
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            pass
     except OSError as error:
-        raise InputError(f"cannot write into {folder}: {error.strerror}; choose another --out") from None
-    return folder
+        raise _unwritable(folder, error) from None
+    return check_folder(folder)
+
+
+@contextlib.contextmanager
+def not_left_empty(folder: Path) -> Iterator[Path]:
+    """Leave no empty folder behind: what is made on the way to it, and holds nothing in the end, goes again."""
+    missing = [part for part in (folder, *folder.parents) if not part.exists()]
+    try:
+        yield folder
+    finally:
+        for part in missing:
+            with contextlib.suppress(OSError):  # it is not there, or holds something
+                part.rmdir()
 
 
 def write_whole(path: str | Path, content: str | bytes | Callable[[Path], None]) -> Path:
@@ -62,6 +89,10 @@ def write_whole(path: str | Path, content: str | bytes | Callable[[Path], None])
         with contextlib.suppress(OSError):
             temporary.unlink(missing_ok=True)
     return path
+
+
+def _unwritable(folder: Path, error: OSError) -> InputError:
+    return InputError(f"cannot write into {folder}: {error.strerror}; choose another folder")
 
 
 def _settle(folder: Path) -> None:

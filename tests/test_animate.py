@@ -19,6 +19,13 @@ from repctl_pin.show.scene import choose_frames, poses_of
 from repctl_pin.show.study_files import write_study
 from repctl_pin.show.tracks import Limb, Track, read_tracks, track_of, tracks_page
 
+KEYS = {
+    "J⁺": "pseudoinverse",
+    "J⁺ + posture": "posture",
+    "J⁺ + posture, off it": "posture_off",
+    "nearest repeatable": "repeatable",
+}
+
 
 @pytest.fixture(scope="module")
 def study() -> rp.Study:
@@ -148,18 +155,21 @@ def test_the_command_from_a_csv_a_design_and_options(
     ):
         assert main(["animate", *arguments, "--json"]) == 0
         told = json.loads(capsys.readouterr().out)
-        assert list(told["drift"]) == labels
+        assert list(told["drift"]) == [KEYS[label] for label in labels]
         assert told["files"] == ["repctl-out/ppr/animation.html"]
         scene, _, _ = read(Path(told["files"][0]).read_text(encoding="utf-8"))
         assert [arm["label"] for arm in scene["arms"]] == labels
         assert told["cycles"] == len(scene["arms"][0]["drift"])
         assert [arm["drift"] for arm in scene["arms"]] == list(told["drift"].values())
-        assert max(told["drift"]["nearest repeatable"]) < 1e-6
+        assert max(told["drift"]["repeatable"]) < 1e-6
 
 
 def test_the_command_refuses(folder: Path, tmp_path: Path) -> None:
     motion = str(folder / "motion.csv")
-    refused(repctl("animate", "ppr", "--motion", motion, "--only", "mine", cwd=tmp_path), "no strategy 'mine'", "J⁺")
+    refused(
+        repctl("animate", "ppr", "--motion", motion, "--only", "mine", cwd=tmp_path),
+        "no strategy 'mine'; it has pseudoinverse, posture, posture_off, repeatable",
+    )
     refused(repctl("animate", "panda", "--motion", motion, cwd=tmp_path), "no joint 'd1'", "panda_joint1")
     assert main(["animate", "ppr", "--only", "repeatable"]) == 2
     assert main(["animate", "none.json"]) == 2

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 from repctl_pin.errors import InputError
 from repctl_pin.robot import catalogue
 from repctl_pin.robot.arms import ROWS
-from repctl_pin.robot.catalogue import default_package_dirs, entries, find, reference_posture
+from repctl_pin.robot.catalogue import default_package_dirs, entries, find, reference_posture, urdf_folder
 from repctl_pin.robot.robot import Robot, lock_joints
 from repctl_pin.robot.urdf import read_urdf
 
@@ -196,6 +197,49 @@ def test_package_dirs_of_a_persons_own_file(tmp_path: Path, monkeypatch: pytest.
     ws = [str(p) for p in (urdf.parent, urdf.parents[1], urdf.parents[2])]
     assert dirs[:3] == ws  # the third resolves package://my_arm/
     assert [str(tmp_path / p) for p in ("ros/pkg", "ros", "ament/share")] == dirs[-3:]
+
+
+def test_a_package_dir_that_is_not_there_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    for folder in ("nowhere", "file"):
+        for name in ("planar3r", urdf_folder() / "planar3r.urdf"):
+            with pytest.raises(InputError, match=f"there is no folder '.*{folder}'.*--package-dir"):
+                Robot.load(name, package_dirs=[tmp_path, tmp_path / folder])
+    assert Robot.load("planar3r", package_dirs=str(tmp_path)).package_dirs == (str(tmp_path),)
+
+
+@pytest.mark.parametrize(
+    ("typed", "near"),
+    [
+        ("x", "did you mean 'xarm7'?"),
+        ("franka emika", "did you mean 'panda'?"),  # an alias is understood; the name is what is shown
+        ("talos_full", "did you mean 'talos' or 'talos_left_arm'?"),
+        ("grip", "did you mean 'ur3_gripper' or 'ur5_gripper'?"),
+        ("abb", f"there are {len(ROWS)}, such as ppr, prr, planar3r"),
+    ],
+)
+def test_robots_near_to_what_was_typed_are_named(typed: str, near: str) -> None:
+    with pytest.raises(InputError) as error:
+        find(typed)
+    assert str(error.value).startswith(f"no robot {typed!r}; {near}")
+    shown = re.findall(r"'(\w+)'", near)
+    assert all(word in NAMES for word in shown)
+
+
+@pytest.mark.parametrize(
+    ("typed", "near"),
+    [
+        ("tcp", "did you mean 'panda_hand_tcp'?"),
+        ("panda_hnad", "did you mean 'panda_hand'"),
+        ("nope", "there are 13, such as panda_hand_tcp, panda_hand, panda_link8, panda_link7, "),
+    ],
+)
+def test_frames_at_the_ends_of_arms_are_named_where_none_is_near(typed: str, near: str) -> None:
+    with pytest.raises(InputError) as error:
+        Robot.load("panda").task(typed)
+    assert str(error.value).startswith(f"no frame {typed!r}; {near}")
+    with pytest.raises(InputError, match="no frame 'nope'; there is tool, link4, base, .*link1, link2, link3$"):
+        Robot.load("planar4r").task("nope")
 
 
 def test_without_the_data_only_our_own_arms(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -102,15 +102,44 @@ BAD_ARGUMENTS = {
 def test_bad_arguments_get_one_clear_line(tmp_path, case: str) -> None:
     arguments, words = BAD_ARGUMENTS[case]
     refused(repctl(*arguments, cwd=tmp_path), *words)
-    left = [p for p in tmp_path.rglob("*") if p.is_file()]
-    assert left == []  # nothing written half
+    assert list(tmp_path.iterdir()) == []  # nothing written half, and no folder
 
 
 def test_an_output_folder_that_cannot_be_written(tmp_path) -> None:
     (tmp_path / "taken").write_text("a file, not a folder")
     done = repctl("study", "panda", "--out", "taken/inside", cwd=tmp_path)
-    refused(done, "cannot write into taken/inside", "--out")
+    refused(done, "cannot write into taken/inside", "Not a directory", "--out")
     assert (tmp_path / "taken").read_text() == "a file, not a folder"
+
+
+def test_a_folder_is_there_only_if_it_holds_something(tmp_path) -> None:
+    """What is made for a run that fails goes again; what a person made stays, and what holds a file."""
+    from repctl_pin.files import check_folder, not_left_empty, prepare_folder, write_whole
+
+    for failure in (RuntimeError, KeyboardInterrupt):
+        with pytest.raises(failure), not_left_empty(check_folder(tmp_path / "a" / "b")) as folder:
+            assert not folder.parent.exists()  # looking does not make it
+            prepare_folder(folder)
+            raise failure
+        assert list(tmp_path.iterdir()) == []
+    (tmp_path / "a").mkdir()
+    with not_left_empty(tmp_path / "a" / "b") as folder:
+        prepare_folder(folder)
+    assert [p.name for p in tmp_path.rglob("*")] == ["a"]
+    with pytest.raises(KeyboardInterrupt), not_left_empty(tmp_path / "a" / "b" / "c") as folder:
+        write_whole(prepare_folder(folder) / "file", "text")
+        raise KeyboardInterrupt
+    assert (tmp_path / "a" / "b" / "c" / "file").read_text() == "text"
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="a folder is never closed to root")
+def test_a_closed_folder_is_seen_before_the_work(tmp_path) -> None:
+    from repctl_pin import InputError
+    from repctl_pin.files import check_folder
+
+    tmp_path.chmod(0o500)
+    with pytest.raises(InputError, match="Permission denied"):
+        check_folder(tmp_path / "new")
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
@@ -163,7 +192,7 @@ def test_interrupt_ends_with_a_word(tmp_path) -> None:
     process.send_signal(signal.SIGINT)
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 130 and "interrupted" in errors and "Traceback" not in errors
-    assert [p for p in tmp_path.rglob("*") if p.is_file()] == []
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("asked", [None, 2])

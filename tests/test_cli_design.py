@@ -56,6 +56,7 @@ def test_json_says_what_the_design_is_worth(tmp_path: Path, capsys: pytest.Captu
     assert data["converged"] and data["clearance"] > 0.5 and data["r"] == 1
     assert set(data["baselines"]) == {"constant rows", "extended Jacobian"}
     assert data["files"] == [str(tmp_path / "design.png"), str(tmp_path / "design.json")]
+    assert data["region"] == {"center": [0, 0, 0], "half_width": [1, 1, 1], "is": "box ±1 round (0, 0, 0)"}
 
 
 @pytest.mark.parametrize(
@@ -72,7 +73,7 @@ def test_regions_and_desires(tmp_path: Path, capsys: pytest.CaptureFixture, extr
     arguments = ["design", "panda", "--start", PANDA_START, "--degree", "1", *SMALL, *extra, "--json"]
     assert main([*arguments, "--out", str(tmp_path)]) == 0
     data = json.loads(capsys.readouterr().out)
-    assert where in data["region"] and data["converged"] and 0 < data["relative_distance"] < 0.3
+    assert where in data["region"]["is"] and data["converged"] and 0 < data["relative_distance"] < 0.3
 
 
 def test_a_region_with_a_singularity_is_refused_unless_it_may_shrink(

@@ -225,7 +225,20 @@ def test_missing_waypoint_file(tmp_path) -> None:
         parse_path(str(tmp_path / "none.csv"))
 
 
-@pytest.mark.parametrize("text", ["circle", "circle:-1", "circle:x", "circle:0.1:2", "hexagon:1", "polygon:2:1", ""])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "circle",
+        "circle:-1",
+        "circle:x",
+        "circle:0.1:x",
+        "circle:0.1:inf",
+        "circle:1:2:3",
+        "hexagon:1",
+        "polygon:2:1",
+        "",
+    ],
+)
 def test_bad_path_words_get_one_clear_line(text: str) -> None:
     with pytest.raises(rp.InputError, match="circle:RADIUS"):
         parse_path(text)

@@ -79,6 +79,38 @@ def test_default_kind_is_the_first_redundant_one() -> None:
         assert defaults.choose_task(rp.Robot.load(name), None, None).kind == kind
 
 
+@pytest.mark.parametrize(
+    "name, told",
+    [
+        ("panda", None),
+        ("ur5", "pose has no redundancy: 6 joints; position was taken"),
+        ("planar3r", "pose has no redundancy: 3 joints; xy was taken"),
+        ("planar7r", "pose is out of the question: 7 joints never move tool in all its coordinates; xy was taken"),
+    ],
+)
+def test_why_a_kind_was_taken_is_said_where_nobody_chose_it(name: str, told: str | None) -> None:
+    few = {"cycles": 1, "steps": 40, "degree": 1}
+    chosen = rp.study(name, **few)
+    assert [note for note in chosen.notes if note.startswith("pose")] == ([told] if told else [])
+    asked = rp.study(name, task=chosen.task.kind, **few)
+    assert not [note for note in asked.notes if note.startswith("pose")]
+
+
+def test_the_default_region_holds_the_motion() -> None:
+    """The tube is laid round a linear design's motion, which this square's leaves for a tenth of its time."""
+    from repctl_pin.motion.spec import parse_path
+
+    study = rp.study("panda", path=parse_path("square:0.3", "xy"), cycles=1, steps=100)
+    tube, motion = study.region, study.row("repeatable").motion
+    off = np.abs(motion.q[:, None] - tube.samples) / tube.radius  # (T + 1, S, n)
+    assert off.max(axis=2).min(axis=1).max() <= 1
+    assert not [note for note in study.notes if "outside Ω" in note] and study.design.region is tube
+    small = rp.study("panda", path=parse_path("square:0.3", "xy"), cycles=1, steps=100, region=0.2, degree=1)
+    share = np.mean((np.abs(small.row("repeatable").motion.q - small.q0) > 0.2).any(axis=1))
+    (note,) = [note for note in small.notes if "outside Ω" in note]
+    assert note.startswith(f"the repeatable motion spends {share:.1%} of its time") and "larger region may" in note
+
+
 def test_elbow_of_a_panda_is_its_elbow(panda_pose, q_panda) -> None:
     # joints 3 and 4 meet at the elbow; the shoulder and the wrist stand still in a self-motion
     assert panda_pose.joint_names[elbow(panda_pose, q_panda)] in ("panda_joint3", "panda_joint4")
@@ -152,7 +184,7 @@ def test_a_path_out_of_reach_is_refused() -> None:
 
 
 def test_a_singular_start_is_refused() -> None:
-    with pytest.raises(rp.SingularityError, match="choose another --start"):
+    with pytest.raises(rp.SingularityError, match="choose another start"):
         rp.study("planar3r", start=[0.3, 0.0, 0.0])
 
 
@@ -229,3 +261,10 @@ def test_where_an_arm_creeps_is_said_when_it_does_not_here() -> None:
     upright = rp.study("so100", plane="yz", cycles=1, steps=100, degree=1)
     assert upright.row("pseudoinverse").motion.drift[0] > 0.05
     assert not [note for note in upright.notes if "hardly" in note]
+
+
+def test_a_study_is_short_at_the_prompt(small: rp.Study) -> None:
+    said = repr(small)
+    assert len(said) < 250 and "\n" not in said
+    for row in small.rows:
+        assert f"{row.label} {row.motion.drift[-1]:.2g}" in said

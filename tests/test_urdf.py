@@ -139,6 +139,19 @@ BAD = {
         ("line 3", "velocity", "negative"),
     ),
     "mimics nobody": (robot(links("a", "b"), joint(body="<mimic/>")), ("line 3", "<mimic> of joint 'j'")),
+    "mimics a stranger": (
+        robot(links("a", "b", "c"), joint(), joint("k", parent="b", child="c", body='\n<mimic joint="jj"/>')),
+        ("line 5", "<mimic> of joint 'k'", "no joint 'jj'", "correct the name"),
+    ),
+    "mimics one of two": (  # a prefix may be missing, but which?
+        robot(
+            links("a", "b", "c", "d"),
+            joint("l_j"),
+            joint("l_up_j", parent="b", child="c"),
+            joint("l_up_k", parent="c", child="d", body='<mimic joint="j"/>'),
+        ),
+        ("line 5", "<mimic> of joint 'l_up_k'", "no joint 'j'"),
+    ),
     "mimics itself": (robot(links("a", "b"), joint(body='<mimic joint="j"/>')), ("line 3", "<mimic> of joint 'j'")),
     # numbers
     "nan origin": (robot(links("a", "b"), joint(body='<origin xyz="0 nan 0"/>')), ("line 3", "<origin> of joint 'j'")),
@@ -313,9 +326,34 @@ def test_a_joint_that_shares_its_name_with_a_link_can_be_locked(tmp_path: Path) 
     assert set(machine.frames) == {"a", "b", "c", "b_joint"}
 
 
-def test_a_leader_that_is_not_there_is_said() -> None:
+def test_a_leader_without_its_prefix_is_found_and_said() -> None:
     d = read_urdf(find("alex_psyonic").urdf)
-    assert "joint 'Left_index_q2' mimics 'index_q1', which is not in this file" in d.notes
+    assert "joint 'Left_index_q2' mimics 'index_q1', which is not in this file: read as 'Left_index_q1'" in d.notes
+    followers = {j.name: j.mimic for j in d.joints if j.mimic is not None}
+    assert followers["Left_index_q2"] == "Left_index_q1" and followers["Right_pinky_q2"] == "Right_pinky_q1"
+    names = {j.name for j in d.joints}
+    assert len(followers) == 8 and set(followers.values()) < names
+
+
+@pytest.mark.parametrize(
+    ("limits", "told"),
+    [
+        (["-180 180"], ["joint 'j0' has a limit of 180 rad: are these degrees?"]),
+        (["-2 2", "-90 120", "-175 170"], ["joint 'j2' has a limit of 175 rad, 1 more like it: are these degrees?"]),
+        (["-12.5 12.5"], []),
+        (["-1e16 2", "-1e4 1e4"], []),  # no limit at all
+    ],
+)
+def test_limits_that_look_like_degrees_are_asked_about(tmp_path: Path, limits: list[str], told: list[str]) -> None:
+    lines = [joint(f"j{i}", "revolute", f"l{i}", f"l{i + 1}", limit=limit) for i, limit in enumerate(limits)]
+    (tmp_path / "r.urdf").write_text(robot(links(*(f"l{i}" for i in range(len(limits) + 1))), *lines))
+    notes = read_urdf(tmp_path / "r.urdf").notes
+    assert len(notes) == len(told) and all(note.startswith(words) for note, words in zip(notes, told, strict=True))
+
+
+def test_slides_may_be_long(tmp_path: Path) -> None:
+    (tmp_path / "r.urdf").write_text(robot(links("a", "b"), joint(kind="prismatic", limit="-20 20")))
+    assert read_urdf(tmp_path / "r.urdf").notes == ()
 
 
 @pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16"])

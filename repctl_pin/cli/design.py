@@ -4,13 +4,23 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Iterator
-from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from .check import strategy_of
-from .options import load_robot, output_folder, positive, robot_options, start_of, task_options, whole
+from .executors import executor_of
+from .options import (
+    load_robot,
+    output_folder,
+    path_options,
+    positive,
+    robot_options,
+    said_by_options,
+    task_options,
+    whole,
+)
+from .place import Place, choose_place
 from .terminal import clear_line, progress
 
 if TYPE_CHECKING:
@@ -38,8 +48,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--region", type=positive, default=0.4, metavar="W", help="Ω: half-width round the start, rad (default 0.4)"
     )
-    parser.add_argument("--path", metavar="PATH", help="Ω: a tube of that half-width round one cycle of J⁺ on a path")
-    parser.add_argument("--plane", metavar="PLANE", default="xy", help="of the path: xy, yz or xz (default xy)")
+    path_options(parser, "Ω: a tube of that half-width round one cycle of J⁺ on a path: ", "")
     parser.add_argument(
         "--workspace",
         type=positive,
@@ -62,50 +71,56 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--out", metavar="FOLDER", help="where design.png and design.json go (default repctl-out/ROBOT)"
     )
     parser.add_argument("--json", action="store_true", help="print JSON instead of the table")
-    parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
+    parser.add_argument("--quiet", action="store_true", help="print nothing but errors, and what --json asks for")
 
 
 def run(options: argparse.Namespace) -> int:
     """Design, print the table and write the picture."""
-    folder = output_folder(options)
+    with output_folder(options, Path(options.robot).stem) as folder:
+        return _run(options, folder)
+
+
+def _run(options: argparse.Namespace, folder: Path) -> int:
     say = progress(options.quiet)
     say("starting up")
     degree = _degree(options)
-    start = start_of(options)
 
-    from ..design import nearest_repeatable, save
+    from ..design import SingularRegionError, nearest_repeatable, save
     from ..design.maps import degree_curve, design_map
-    from ..files import prepare_folder
     from ..show.design_figures import write_design
-    from ..studies.defaults import choose_start, choose_task
+    from ..studies.defaults import check_degree, choose_task
 
-    prepare_folder(folder)
     robot = load_robot(options)
     task = choose_task(robot, options.frame, options.task)
-    q0, where = choose_start(task) if start is None else (task.check(start, "--start"), "as given")
+    if degree != "auto":
+        check_degree(task, degree)
     desired, name = _desired(task, options.weight)
-    region, notes = _region(task, q0, options)
-    fields = _fields(task, region, degree, options.fourier)
+    place = choose_place(task, options)
+    fields = _fields(task, place.region, degree, options.fourier)
 
     def report(what: str, share: float) -> None:
         say(f"{what} {share:.0%}" if 0 < share < 1 else what)
 
-    with _executor(options) as executor:
-        design = nearest_repeatable(
-            desired,
-            fields,
-            region,
-            degree=degree if fields is None else None,
-            samples=options.samples,
-            fresh=options.fresh,
-            seed=options.seed,
-            stream=options.stream,
-            executor=executor,
-            shrink=options.shrink,
-            restarts=options.restarts,
-            progress=report,
-        )
+    with executor_of(options) as executor:
+        try:
+            design = nearest_repeatable(
+                desired,
+                fields,
+                place.region,
+                degree=degree if fields is None else None,
+                samples=options.samples,
+                fresh=options.fresh,
+                seed=options.seed,
+                stream=options.stream,
+                executor=executor,
+                shrink=options.shrink,
+                restarts=options.restarts,
+                progress=report,
+            )
+        except SingularRegionError as error:
+            raise said_by_options(error, shrink=True) from None
         degrees = degree_curve(design, report)
+    notes = [*place.notes]
     if design.shrunk < 1:
         notes.append(f"Ω was shrunk to {design.shrunk:.0%} of its width to keep clear of singularities")
     say("comparing and drawing")
@@ -115,13 +130,13 @@ def run(options: argparse.Namespace) -> int:
         files.append(save(design, folder / "design.json"))
     except InputError as error:
         notes.append(f"design.json was not written: {error}")
-    result = _as_dict(design, degrees, name, q0.tolist(), where, notes)
+    result = _as_dict(design, degrees, name, place, notes)
     text = design.summary()
     clear_line()
     if options.json:
         print(json.dumps(result | {"files": [str(f) for f in files]}, indent=2, ensure_ascii=False))
     elif not options.quiet:
-        print(f"desired  {name}\nstart    {', '.join(f'{v:.4g}' for v in q0)} ({where})\n")
+        print(f"desired  {name}\nstart    {', '.join(f'{v:.4g}' for v in place.q0)} ({place.where})\n")
         print(text)
         if len(degrees) > 1:
             print(f"\n{_degree_table(degrees)}")
@@ -152,30 +167,6 @@ def _desired(task: Task, weight: str | None) -> tuple[Inverse, str]:
     return WeightedInverse(task, LimitWeight(task)), "J⁺ weighted by the nearness of joint limits"
 
 
-def _region(task: Task, q0: Any, options: argparse.Namespace) -> tuple[Region, list[str]]:
-    """Make Ω: a box cut to the joint limits, a tube round a path's cycle, or a workspace box."""
-    from ..design import Box, Tube, WorkspaceBox
-
-    if options.path is not None:
-        from ..motion import follow
-        from ..motion.spec import parse_path
-        from ..strategies import Pseudoinverse
-
-        path = parse_path(options.path, options.plane)(task, q0)
-        cycle = follow(Pseudoinverse(task), path, q0, cycles=1, steps=200).cycle(0)
-        return Tube(cycle, options.region), [f"Ω follows {path.name}"]
-    asked = Box(q0, options.region)
-    box = asked.inside(task.lower, task.upper)
-    notes = []
-    if (box.half_width < asked.half_width * (1 - 1e-9)).any():
-        cut = [n for n, w in zip(task.joint_names, box.half_width, strict=True) if w < options.region * (1 - 1e-9)]
-        notes.append(f"Ω was cut at the limits of {', '.join(cut)}")
-    if options.workspace is None:
-        return box, notes
-    axes = [row for row in task.rows if row < 3]
-    return WorkspaceBox(task, task.placement(q0).translation[axes], options.workspace, within=box), notes
-
-
 def _fields(task: Task, region: Region, degree: Any, fourier: int | None) -> Any:
     """Join Fourier potentials to the polynomials, where asked to; None leaves the polynomials to the degree."""
     if fourier is None:
@@ -185,48 +176,13 @@ def _fields(task: Task, region: Region, degree: Any, fourier: int | None) -> Any
     from ..fields import Fourier, Polynomial
 
     turning = np.flatnonzero(task.revolute)
-    waves = Fourier(task.n, fourier, variables=[int(v) for v in turning])
     if degree == "auto":
         raise InputError("--fourier needs --degree D, the degree of the polynomials beside it")
+    try:
+        waves = Fourier(task.n, fourier, variables=[int(v) for v in turning])
+    except InputError as error:
+        raise InputError(f"--fourier {fourier}: {str(error).partition(';')[0]}; lower it") from None
     return Polynomial(region.bounds.center, degree, region.bounds.half_width) + waves
-
-
-@contextmanager
-def _executor(options: argparse.Namespace) -> Iterator[Any]:
-    """What the work is spread over: nothing, processes, or a cluster."""
-    if options.dask is not None:
-        try:
-            from distributed import Client
-        except ImportError:
-            raise InputError("--dask needs the extra: pip install 'repctl-pin[dask]'") from None
-        try:
-            client = Client(options.dask, timeout=10)
-        except (OSError, ValueError, TimeoutError) as error:
-            raise InputError(f"--dask {options.dask}: no scheduler answers there ({error})") from None
-        with client:
-            yield client
-    elif options.processes > 1:
-        import multiprocessing
-        import os
-        from concurrent.futures import ProcessPoolExecutor
-
-        # each worker does its own share: BLAS threads on top would only get into each other's way
-        os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
-        context = multiprocessing.get_context("spawn")
-        pool = ProcessPoolExecutor(options.processes, mp_context=context, initializer=_ignore_interrupt)
-        try:
-            yield pool
-        finally:
-            pool.shutdown(wait=True, cancel_futures=True)
-    else:
-        yield None
-
-
-def _ignore_interrupt() -> None:
-    """Leave Ctrl-C to the process that started the workers."""
-    import signal
-
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _degree_table(degrees: Any) -> str:
@@ -236,14 +192,17 @@ def _degree_table(degrees: Any) -> str:
     return table(["degree", "cost", "± error"], rows)
 
 
-def _as_dict(design: Design, degrees: Any, name: str, q0: list[float], where: str, notes: list[str]) -> dict[str, Any]:
+def _as_dict(design: Design, degrees: Any, name: str, place: Place, notes: list[str]) -> dict[str, Any]:
+    from ..studies.result import region_dict
+
     task = design.task
     return {
         **task.as_dict(),
         "desired": name,
-        "start": q0,
-        "start_is": where,
-        "region": str(design.region),
+        "start": [float(v) for v in place.q0],
+        "start_is": place.where,
+        **({} if place.path is None else place.path.as_dict()),
+        "region": region_dict(design.region),
         "shrunk": design.shrunk,
         "potentials": design.fields.size,
         "dropped": list(design.dropped),

@@ -8,12 +8,14 @@ import json
 from .options import load_robot, robot_options
 
 HELP = "say what a robot or a URDF holds: joints, limits, frames, redundancy by task"
-EXAMPLE = "example: repctl inspect my_arm.urdf"
+EXAMPLE = """examples: repctl inspect my_arm.urdf          the frames at the ends of arms, and where they are
+          repctl inspect my_arm.urdf --all    every frame"""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of this subcommand."""
     robot_options(parser)
+    parser.add_argument("--all", action="store_true", help="list every frame that moves, not only the ends of arms")
     parser.add_argument("--json", action="store_true", help="print JSON instead of text")
 
 
@@ -23,6 +25,7 @@ def run(options: argparse.Namespace) -> int:
     from ..studies.defaults import redundant_kinds
 
     robot = load_robot(options)
-    found = inspection(robot, {frame: redundant_kinds(robot, frame) for frame in robot.offered_frames})
+    frames = robot.movable_frames if options.all else robot.end_frames
+    found = inspection(robot, {frame: redundant_kinds(robot, frame) for frame in frames})
     print(json.dumps(found, indent=2, ensure_ascii=False) if options.json else inspection_text(found))
     return 0

@@ -1,20 +1,45 @@
-"""Options that several subcommands share, and the types they take."""
+"""Options that several subcommands share, the types they take, and what is made of them."""
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 
 if TYPE_CHECKING:
+    from ..design import Box, SingularRegionError
     from ..robot.robot import Robot
+    from ..robot.task import Task
+
+_PATHS = (
+    "circle:RADIUS, turned until the arm can follow it; circle:RADIUS:DEGREES, the start so far round it from the "
+    "plane's first axis; square:SIDE, eight:RADIUS, rose:RADIUS, polygon:CORNERS:RADIUS, all in m; or FILE.csv, a "
+    "point a line: x,y,z in m from the base, not from the start, the first again last"
+)
 
 
 def robot_options(parser: argparse.ArgumentParser) -> None:
     """Add ROBOT and what says how to load it."""
     parser.add_argument("robot", metavar="ROBOT", help="catalogue name (see `repctl robots`) or path to a URDF")
+    _loading_options(parser)
+
+
+def what_options(parser: argparse.ArgumentParser) -> None:
+    """Add WHAT, which is a robot or a saved design, and what says how to load it."""
+    parser.add_argument(
+        "what",
+        metavar="WHAT",
+        help="a robot (catalogue name or URDF), or a saved design (.json), which knows its own frame and task",
+    )
+    parser.add_argument("--robot", metavar="ROBOT", help="the robot of a design that is not in the catalogue")
+    _loading_options(parser)
+
+
+def _loading_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--package-dir", action="append", default=[], metavar="DIR", help="where package:// is looked up"
     )
@@ -28,33 +53,84 @@ def task_options(parser: argparse.ArgumentParser) -> None:
     """Add what chooses a task and a start."""
     parser.add_argument("--frame", help="link to move (default: the arm's end)")
     parser.add_argument(
-        "--task", metavar="KIND", help="pose, axis, position, xy, xz or yz (default: the first redundant)"
+        "--task",
+        metavar="KIND",
+        help="pose, axis, position, xy, xz or yz (default: the first redundant of pose, position, xy, xz, yz)",
     )
     parser.add_argument("--start", metavar="Q", help="joint positions, rad or m, separated by commas")
 
 
-def load_robot(options: argparse.Namespace) -> Robot:
-    """Load the robot that the options name."""
+def path_options(
+    parser: argparse.ArgumentParser, lead: str = "", default: str = " (default: a circle that fits)"
+) -> None:
+    """Add what says along which path; a command may have words of its own before it, and another default."""
+    parser.add_argument("--path", metavar="PATH", help=lead + _PATHS + default)
+    parser.add_argument("--plane", metavar="PLANE", help="of the path: xy, yz or xz (default: the first that fits)")
+
+
+def load_robot(options: argparse.Namespace, name: str | None = None) -> Robot:
+    """Load a robot by name, or the one that the options name."""
     from ..robot.robot import Robot
 
-    return Robot.load(options.robot, package_dirs=options.package_dir, lock=options.lock, base=options.base)
+    name = options.robot if name is None else name
+    if is_saved(name):
+        raise InputError(f"{name} is a saved design: follow, check and animate take it; here a robot is wanted")
+    return Robot.load(name, package_dirs=options.package_dir, lock=options.lock, base=options.base)
 
 
-def output_folder(options: argparse.Namespace) -> Path:
-    """Where the files go: ``--out``, else ``repctl-out/ROBOT``."""
-    return Path(options.out or Path("repctl-out") / Path(options.robot).stem)
+def robot_of(options: argparse.Namespace) -> Robot:
+    """Load the robot that WHAT names."""
+    if options.robot is not None:
+        raise InputError(f"--robot goes with a saved design; the robot is {options.what}")
+    return load_robot(options, options.what)
 
 
-def start_of(options: argparse.Namespace) -> list[float] | None:
-    """Read ``--start``, if it was given."""
-    return None if options.start is None else _numbers(options.start)
+def is_saved(name: str) -> bool:
+    """Whether a name is that of a saved design."""
+    return Path(name).suffix.lower() == ".json"
 
 
-def _numbers(text: str) -> list[float]:
+@contextmanager
+def output_folder(options: argparse.Namespace, name: str) -> Iterator[Path]:
+    """Where the files go: ``--out``, else ``repctl-out/NAME``. It can be written; it is not left empty."""
+    from ..files import check_folder, not_left_empty
+
+    folder = Path(options.out or Path("repctl-out") / name)
     try:
-        return [float(part) for part in text.replace(" ", ",").split(",") if part]
+        check_folder(folder)
+    except InputError as error:
+        raise InputError(f"{error} (--out)") from None
+    with not_left_empty(folder):
+        yield folder
+
+
+def start_of(options: argparse.Namespace, task: Task | None = None) -> Any:
+    """Read ``--start``, if it was given; for a task, check it too."""
+    if options.start is None:
+        return None
+    try:
+        numbers = [float(part) for part in options.start.replace(" ", ",").split(",") if part]
     except ValueError:
-        raise InputError(f"--start {text!r} is not a list of numbers; separate them by commas") from None
+        raise InputError(f"--start {options.start!r} is not a list of numbers; separate them by commas") from None
+    return numbers if task is None else task.check(numbers, "--start")
+
+
+def box_round(task: Task, q0: Any, half_width: float) -> tuple[Box, list[str]]:
+    """Make Ω, a box round the start cut to the joint limits; and a note where it was cut."""
+    from ..design import Box
+
+    box = Box(q0, half_width).inside(task.lower, task.upper)
+    cut = [n for n, w in zip(task.joint_names, box.half_width, strict=True) if w < half_width * (1 - 1e-9)]
+    return box, [f"Ω was cut at the limits of {', '.join(cut)}"] if cut else []
+
+
+def said_by_options(error: SingularRegionError, *, shrink: bool = False) -> SingularRegionError:
+    """Name the options that help where Ω holds a singularity."""
+    from ..studies.defaults import half_width_within
+
+    if error.free is None:
+        return error.with_remedy("choose another --start")
+    return error.with_remedy("--shrink takes that" if shrink else f"give --region {half_width_within(error.free)}")
 
 
 def whole(text: str) -> int:

@@ -7,7 +7,17 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .options import load_robot, output_folder, positive, robot_options, start_of, task_options, whole
+from .options import (
+    load_robot,
+    output_folder,
+    path_options,
+    positive,
+    robot_options,
+    said_by_options,
+    start_of,
+    task_options,
+    whole,
+)
 from .terminal import clear_line, progress
 
 if TYPE_CHECKING:
@@ -21,12 +31,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of this subcommand."""
     robot_options(parser)
     task_options(parser)
-    parser.add_argument(
-        "--path",
-        metavar="PATH",
-        help="circle:0.1, square:0.2, eight:0.1, rose:0.1, polygon:5:0.1 or points.csv, m",
-    )
-    parser.add_argument("--plane", metavar="PLANE", help="xy, yz or xz (default: the first that fits)")
+    path_options(parser)
     parser.add_argument("--cycles", type=whole, default=10, help="how often round (default 10)")
     parser.add_argument("--steps", type=whole, default=500, help="RK4 steps a cycle (default 500)")
     parser.add_argument("--period", type=positive, default=5.0, help="time of a cycle, s (default 5)")
@@ -36,51 +41,53 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         metavar="W",
         help="Ω: half-width round the start, rad (default: round the cycle)",
     )
-    parser.add_argument("--degree", type=whole, default=2, help="degree of the potentials, 1 to 4 (default 2)")
+    parser.add_argument(
+        "--degree",
+        type=whole,
+        default=2,
+        help="degree of the potentials (default 2); 3 or 4 may come nearer to J⁺, and the work grows fast",
+    )
     parser.add_argument("--seed", type=int, default=0, help="seed of the design's nodes (default 0)")
     parser.add_argument("--out", metavar="FOLDER", help="where the files go (default repctl-out/ROBOT)")
     parser.add_argument("--report", action="store_true", help="write report.html too: one page to mail, with all of it")
     parser.add_argument("--json", action="store_true", help="print JSON instead of the table")
-    parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
+    parser.add_argument("--quiet", action="store_true", help="print nothing but errors, and what --json asks for")
 
 
 def run(options: argparse.Namespace) -> int:
     """Run the study and write its files."""
-    folder = output_folder(options)
+    with output_folder(options, Path(options.robot).stem) as folder:
+        return _run(options, folder)
+
+
+def _run(options: argparse.Namespace, folder: Path) -> int:
     say = progress(options.quiet)
     say("starting up")
-    from ..files import prepare_folder
-    from ..motion.spec import parse_path
-
-    radius, path = None, None
-    if options.path is not None:
-        kind, _, size = options.path.partition(":")
-        path = parse_path(options.path, options.plane or "xy")
-        if kind == "circle" and ":" not in size:
-            radius, path = float(size), None  # the study finds the direction in which it fits
     start = start_of(options)
-    prepare_folder(folder)
-
+    from ..design import SingularRegionError
+    from ..motion.spec import parse_path
     from ..show.study_files import write_study
     from ..show.table import study_table
     from ..studies import study
 
-    result = study(
-        load_robot(options),
-        frame=options.frame,
-        task=options.task,
-        start=start,
-        path=path,
-        radius=radius,
-        plane=options.plane,
-        cycles=options.cycles,
-        steps=options.steps,
-        period=options.period,
-        region=options.region,
-        degree=options.degree,
-        seed=options.seed,
-        progress=say,
-    )
+    path = parse_path(options.path, options.plane)
+    try:
+        result = study(
+            load_robot(options),
+            frame=options.frame,
+            task=options.task,
+            start=start,
+            path=path,
+            cycles=options.cycles,
+            steps=options.steps,
+            period=options.period,
+            region=options.region,
+            degree=options.degree,
+            seed=options.seed,
+            progress=say,
+        )
+    except SingularRegionError as error:
+        raise error if options.region is None else said_by_options(error) from None
     say("drawing the figures and the animation")
     files = write_study(result, folder)
     if options.report:

@@ -107,6 +107,10 @@ def settled(designs: Sequence[Design | SingularityError], *, tolerance: float = 
     tolerance
         Relative change of the cost between the last two that counts as none.
 
+    Returns
+    -------
+    bool
+
     Raises
     ------
     InputError

@@ -13,8 +13,9 @@ import numpy as np
 import scipy.optimize
 from numpy.typing import NDArray
 
+from ..arguments import wanted
 from ..errors import InputError, SingularityError
-from ..strategies.strategy import Inverse
+from ..strategies.strategy import AN_INVERSE, Batched, Inverse
 from .region import Region
 
 Array = NDArray[np.float64]
@@ -120,6 +121,11 @@ def nearest_in_family(
     samples, seed
         Nodes of the search.
 
+    Returns
+    -------
+    FamilyDesign
+        The best k, its inverse and its cost.
+
     Raises
     ------
     InputError
@@ -127,6 +133,8 @@ def nearest_in_family(
     SingularityError
         If no member of the family is free of singularities in Ω.
     """
+    wanted(desired, Batched, "desired", AN_INVERSE)
+    wanted(region, Region, "region", "a region of joint space, such as rp.Box(q0, 0.3)")
     low, high = (float(b) for b in bounds)
     projective = low == -np.inf and high == np.inf
     if not projective and not (np.isfinite([low, high]).all() and low < high):

@@ -70,7 +70,7 @@ def compare(data: dict[str, Any], task: Task, where: str) -> None:
     names = {"robot": "robot", "base": "base", "frame": "frame", "kind": "task kind"}
     for key, name in names.items():
         if data[key] != mine[key]:
-            raise InputError(f"{where} is for the {name} {data[key]!r}, not {mine[key]!r}; load it with that {name}")
+            raise InputError(f"{where} is for the {name} {data[key]!r}, not {mine[key]!r}; give that {name}")
     if data["joints"] != mine["joints"]:
         raise InputError(
             f"{where} is for the joints {', '.join(data['joints'])}, in this order, not {', '.join(mine['joints'])}"

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from ..arguments import wanted
 from ..errors import InputError
 from ..fields.field import Field
 from ..fields.polynomial import Polynomial
-from ..strategies.strategy import Inverse
+from ..strategies.strategy import AN_INVERSE, Batched, Inverse
 from . import progress as reporting
 from .fit import fit
 from .judgement import REPLICATES
@@ -86,6 +87,12 @@ def nearest_repeatable(
     progress
         True for a bar on stderr, or a function that takes what is being done, and its share done.
 
+    Returns
+    -------
+    Design
+        ``inverse``, the control, and what it is worth: ``cost``, ``relative_distance``, ``clearance`` …;
+        ``summary()`` says it in words.
+
     Raises
     ------
     InputError
@@ -94,6 +101,10 @@ def nearest_repeatable(
         If J loses rank in Ω, or the nearest V has an algorithmic singularity there; the message names a
         configuration, and the largest region round the center that is free of it.
     """
+    wanted(desired, Batched, "desired", AN_INVERSE)
+    wanted(region, Region, "region", "a region of joint space, such as rp.Box(q0, 0.3)")
+    if fields is not None:
+        wanted(fields, Field, "fields", "potentials, such as rp.Polynomial(q0, 2, 0.3)")
     options: dict[str, Any] = {
         "samples": samples,
         "fresh": int(fresh),

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import qmc
 
+from ..arguments import rows
 from ..errors import InputError
 
 Array = NDArray[np.float64]
@@ -17,6 +18,7 @@ Density = Callable[[Array], ArrayLike]
 """A weight for every row of Q (K, n): (K,) numbers from 0 up. Where it is larger, closeness matters more."""
 
 
+@runtime_checkable
 class Region(Protocol):
     """A region of joint space with quadrature nodes."""
 
@@ -153,15 +155,15 @@ class Box:
 
     def ratio(self, Q: Array) -> Array:
         """By what factor the box would have to shrink for each row of Q to lie on its face: (K,)."""
-        return (np.abs(np.asarray(Q, float) - self.center) / self.half_width).max(-1)
+        return (np.abs(rows(Q, self.n, "this box") - self.center) / self.half_width).max(-1)
 
     def contains(self, Q: ArrayLike) -> NDArray[np.bool_]:
         """Say which rows of Q (K, n) lie inside."""
-        return self.ratio(np.asarray(Q, float)) <= 1 + 1e-12
+        return self.ratio(rows(Q, self.n, "this box")) <= 1 + 1e-12
 
     def clip(self, Q: Array) -> Array:
         """Move points that have left the box back to its faces: (K, n)."""
-        return np.clip(Q, self.lower, self.upper)
+        return np.clip(rows(Q, self.n, "this box"), self.lower, self.upper)
 
     def shrunk(self, factor: float) -> Box:
         """Make the box of the same center and a fraction of the width."""
@@ -169,7 +171,11 @@ class Box:
 
     def inside(self, lower: ArrayLike, upper: ArrayLike) -> Box:
         """Cut the box to what lies inside limits, such as ``task.lower`` and ``task.upper``."""
-        return Box.between(np.maximum(self.lower, lower), np.minimum(self.upper, upper), density=self.density)
+        try:
+            low, high = np.maximum(self.lower, lower), np.minimum(self.upper, upper)
+        except (TypeError, ValueError):
+            raise InputError(f"the limits of this box must be {self.n} numbers each, one a joint") from None
+        return Box.between(low, high, density=self.density)
 
     def __str__(self) -> str:
         widths = sorted({f"{w:.3g}" for w in self.half_width}, key=float)
@@ -186,7 +192,10 @@ def evaluate_density(density: Density | None, Q: Array) -> Array:
     """Evaluate a person's density and check it: (K,) finite numbers from 0 up."""
     if density is None:
         return np.ones(len(Q))
-    values: Any = np.asarray(density(Q), float)
+    try:
+        values: Any = np.asarray(density(Q), float)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"the density must be a function of Q (K, n) that gives (K,) numbers: {error}") from error
     if values.shape != (len(Q),):
         raise InputError(f"the density must give one number a row of Q, ({len(Q)},), not {values.shape}")
     if not (np.isfinite(values).all() and (values >= 0).all()):

@@ -29,15 +29,21 @@ class SingularRegionError(SingularityError):
 
     Attributes
     ----------
+    finding : str
+        What was found; the message is this and a remedy.
     at : (n,) array
         Where.
     free : Region or None
         The largest region round the center, of the same shape, that was found free of it.
     """
 
-    def __init__(self, message: str, at: Array, free: Region | None) -> None:
-        super().__init__(message)
-        self.at, self.free = at, free
+    def __init__(self, finding: str, at: Array, free: Region | None, remedy: str = "") -> None:
+        super().__init__(f"{finding}; {remedy}" if remedy else finding)
+        self.finding, self.at, self.free = finding, at, free
+
+    def with_remedy(self, remedy: str) -> SingularRegionError:
+        """Say the same with another remedy: the free region is taken in other words elsewhere."""
+        return SingularRegionError(self.finding, self.at, self.free, remedy)
 
 
 @dataclass(frozen=True)
@@ -167,11 +173,11 @@ def refuse_singular(
     if not free:
         return SingularRegionError(f"{what} in Ω near {named(task, at)}", at, None)
     largest = largest_free(measure, region, at[None] if bad is None else bad)
+    where = f"{what} in Ω near {named(task, at)}"
     if largest is None:
-        remedy = "the center of the region is singular: choose another"
-    else:
-        remedy = f"the largest region round its center that is free of it is a {largest}; take that (shrink=True)"
-    return SingularRegionError(f"{what} in Ω near {named(task, at)}; {remedy}", at, largest)
+        return SingularRegionError(f"{where}; the center of the region is singular", at, None, "choose another")
+    found = f"{where}; the largest region round its center that is free of it is a {largest}"
+    return SingularRegionError(found, at, largest, "take that (shrink=True)")
 
 
 def _length(vectors: Array) -> Array:

@@ -48,6 +48,11 @@ def save(design: Design, path: str | Path) -> Path:
     path
         The file, usually ``something.json``.
 
+    Returns
+    -------
+    Path
+        The file.
+
     Raises
     ------
     InputError

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import rows
 from ..errors import InputError
 from .region import Box, Density, evaluate_density, normalised, sobol
 
@@ -90,7 +91,7 @@ class Tube:
 
     def contains(self, Q: ArrayLike) -> NDArray[np.bool_]:
         """Say which rows of Q (K, n) lie inside."""
-        return self.ratio(np.asarray(Q, float)) <= 1 + 1e-12
+        return self.ratio(rows(Q, self.samples.shape[1], "this tube")) <= 1 + 1e-12
 
     def clip(self, Q: Array) -> Array:
         """Move points that have left the tube to the box of the nearest sample: (K, n)."""
@@ -103,9 +104,10 @@ class Tube:
 
     def _nearest(self, Q: Array) -> tuple[NDArray[np.intp], Array]:
         """Find each point's nearest sample, and how far it is in units of the radius."""
+        Q = rows(Q, self.samples.shape[1], "this tube")
         which, distance = np.empty(len(Q), np.intp), np.empty(len(Q))
         for i in range(0, len(Q), 512):
-            part = np.abs(np.asarray(Q[i : i + 512], float)[:, None] - self.samples) / self.radius
+            part = np.abs(Q[i : i + 512, None] - self.samples) / self.radius
             far = part.max(-1)  # (k, S)
             which[i : i + 512], distance[i : i + 512] = far.argmin(1), far.min(1)
         return which, distance

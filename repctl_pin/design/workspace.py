@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import wanted
 from ..errors import InputError
-from ..robot.task import Task
+from ..robot.task import Task, wanted_task
 from .region import Box, Density, evaluate_density, normalised
 
 Array = NDArray[np.float64]
@@ -57,7 +58,8 @@ class WorkspaceBox:
         within: Box,
         density: Density | None = None,
     ) -> None:
-        axes = [row for row in task.rows if row < 3]
+        axes = [row for row in wanted_task(task).rows if row < 3]
+        wanted(within, Box, "within", "a box of the joints, such as rp.Box(q0, 0.5)")
         try:
             middle = np.array(position, dtype=float)
             half = np.array(np.broadcast_to(np.asarray(half_width, float), (len(axes),)))

@@ -7,8 +7,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import rows
 from ..errors import InputError
-from .field import Field
+from .field import Field, coefficients
 from .joined import Joined
 
 Array = NDArray[np.float64]
@@ -76,12 +77,12 @@ class Potentials:
 
     def potentials(self, Q: ArrayLike) -> Array:
         """Evaluate the potentials at every row of Q (K, n): (K, N)."""
-        Q = np.asarray(Q, float)
+        Q = rows(Q, None, "this family")
         return np.array([[self._value(j, q) for j in range(self.size)] for q in Q]).reshape(len(Q), self.size)
 
     def gradients(self, Q: ArrayLike) -> Array:
         """Evaluate the gradients at every row of Q (K, n): (K, n, N), per rad or m."""
-        Q = np.asarray(Q, float)
+        Q = rows(Q, None, "this family")
         D = np.empty((*Q.shape, self.size))
         for k, q in enumerate(Q):
             for j in range(self.size):
@@ -90,15 +91,12 @@ class Potentials:
 
     def weighted(self, A: ArrayLike) -> PotentialsMap:
         """Choose ``h = Aᵀ (h_1 … h_N)`` with coefficients A (N, r) (35)."""
-        A = np.asarray(A, float)
-        if A.ndim != 2 or len(A) != self.size:
-            raise InputError(f"the coefficients have shape {A.shape}, but {self.size} rows are wanted")
-        return PotentialsMap(self, A)
+        return PotentialsMap(self, coefficients(A, self.size))
 
     def _value(self, j: int, q: Array) -> float:
         try:
             value = float(self._functions[j](q))
-        except (TypeError, ValueError) as error:
+        except (TypeError, ValueError, IndexError) as error:
             raise InputError(f"potential {self._names[j]} gives no number at q = {_row(q)}: {error}") from None
         if not np.isfinite(value):
             raise InputError(f"potential {self._names[j]} is {value} at q = {_row(q)}; it must be finite in the region")
@@ -112,7 +110,7 @@ class Potentials:
             )
         try:
             slope = np.asarray(given(q), float)
-        except (TypeError, ValueError) as error:
+        except (TypeError, ValueError, IndexError) as error:
             raise InputError(
                 f"the gradient of potential {self._names[j]} is no list of numbers at q = {_row(q)}: {error}"
             ) from None

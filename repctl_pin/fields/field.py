@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from operator import index
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import InputError
 
 Array = NDArray[np.float64]
 
@@ -35,6 +39,7 @@ class CurvedMap(FieldMap, Protocol):
         ...
 
 
+@runtime_checkable
 class Field(Protocol):
     """A family of N potentials h_1 … h_N of q (35)."""
 
@@ -54,6 +59,42 @@ class Field(Protocol):
     def weighted(self, A: Array) -> FieldMap:
         """Choose ``h = Aᵀ (h_1 … h_N)`` with coefficients A (N, r) (35)."""
         ...
+
+
+def coefficients(A: ArrayLike, size: int) -> Array:
+    """Take the coefficients of ``h = Aᵀ (h_1 … h_N)``: (N, r) finite numbers, one row a potential.
+
+    Raises
+    ------
+    InputError
+        If they are anything else.
+    """
+    try:
+        A = np.asarray(A, float)
+    except (TypeError, ValueError):
+        raise InputError(f"the coefficients must be an array ({size}, r), one row a potential") from None
+    if A.ndim != 2 or len(A) != size or not np.isfinite(A).all():
+        raise InputError(f"the coefficients have shape {A.shape}, but {size} rows of finite numbers are wanted")
+    return A
+
+
+def chosen(variables: Sequence[int] | None, n: int) -> tuple[int, ...]:
+    """Take the joints that potentials depend on, counted from 0; None is all n of them.
+
+    Raises
+    ------
+    InputError
+        If a number is no joint's.
+    """
+    if variables is None:
+        return tuple(range(n))
+    try:
+        numbers = tuple(sorted({index(v) for v in variables}))
+    except TypeError:
+        numbers = ()
+    if not numbers or not set(numbers) <= set(range(n)):
+        raise InputError(f"variables must be joint numbers from 0 to {n - 1}, not {variables!r}")
+    return numbers
 
 
 def name_of(fields: Field, index: int) -> str:

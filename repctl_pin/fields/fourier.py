@@ -8,8 +8,9 @@ from itertools import product
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import rows, whole
 from ..errors import InputError
-from .field import Field
+from .field import Field, chosen, coefficients
 from .joined import Joined
 
 Array = NDArray[np.float64]
@@ -49,20 +50,15 @@ class Fourier:
         period: ArrayLike = 2 * np.pi,
         cross: bool = True,
     ) -> None:
-        if int(n) != n or n < 1:
-            raise InputError(f"the number of joints is a whole number from 1 up, not {n!r}")
-        if int(order) != order or order < 1:
-            raise InputError(f"the order of a Fourier field is a whole number from 1 up, not {order!r}")
-        self.n, self.order, self.cross = int(n), int(order), bool(cross)
+        self.n, self.order = whole(n, "the number of joints", 1), whole(order, "the order of a Fourier field", 1)
+        self.cross = bool(cross)
         try:
             self.period = np.broadcast_to(np.asarray(period, float), (self.n,)).copy()
         except (TypeError, ValueError):
             raise InputError(f"period must be one number or {self.n} of them") from None
         if not (np.isfinite(self.period).all() and (self.period > 0).all()):
             raise InputError("the periods of a Fourier field must be positive")
-        self.variables = tuple(range(self.n)) if variables is None else tuple(sorted({int(v) for v in variables}))
-        if not self.variables or not set(self.variables) <= set(range(self.n)):
-            raise InputError(f"variables must be joint numbers from 0 to {self.n - 1}, not {variables!r}")
+        self.variables = chosen(variables, self.n)
         if (2 * self.order + 1) ** (len(self.variables) if cross else 1) > 50 * _MAX_SIZE:
             raise InputError(f"order {order} in {len(self.variables)} joints is too much; lower it or choose variables")
         waves = []
@@ -96,18 +92,18 @@ class Fourier:
 
     def potentials(self, Q: ArrayLike) -> Array:
         """Evaluate the potentials at every row of Q (K, n): (K, N)."""
-        phase = np.asarray(Q, float) @ self.waves.T
+        phase = rows(Q, self.n, "this Fourier field") @ self.waves.T
         return np.concatenate([np.sin(phase), np.cos(phase)], axis=-1)
 
     def gradients(self, Q: ArrayLike) -> Array:
         """Evaluate the gradients at every row of Q (K, n): (K, n, N), per rad or m."""
-        phase = np.asarray(Q, float) @ self.waves.T
+        phase = rows(Q, self.n, "this Fourier field") @ self.waves.T
         slopes = np.concatenate([np.cos(phase), -np.sin(phase)], axis=-1)
         return slopes[:, None, :] * np.concatenate([self.waves, self.waves]).T
 
     def weighted(self, A: ArrayLike) -> FourierMap:
         """Choose ``h = Aᵀ (h_1 … h_N)`` with coefficients A (N, r) (35)."""
-        return FourierMap(self.waves, np.asarray(A, float))
+        return FourierMap(self.waves, coefficients(A, self.size))
 
     def __add__(self, other: Field) -> Joined:
         return Joined(self, other)

@@ -7,8 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import rows
 from ..errors import InputError
-from .field import CurvedMap, Field, FieldMap, name_of
+from .field import CurvedMap, Field, FieldMap, coefficients, name_of
 
 Array = NDArray[np.float64]
 
@@ -55,20 +56,17 @@ class Joined:
 
     def potentials(self, Q: ArrayLike) -> Array:
         """Evaluate the potentials at every row of Q (K, n): (K, N)."""
-        Q = np.asarray(Q, float)
+        Q = rows(Q, None, "this family")
         return np.concatenate([part.potentials(Q) for part in self.parts], axis=-1)
 
     def gradients(self, Q: ArrayLike) -> Array:
         """Evaluate the gradients at every row of Q (K, n): (K, n, N), per rad or m."""
-        Q = np.asarray(Q, float)
+        Q = rows(Q, None, "this family")
         return np.concatenate([part.gradients(Q) for part in self.parts], axis=-1)
 
     def split(self, A: ArrayLike) -> list[Array]:
         """Cut coefficients A (N, r) into one array a part."""
-        A = np.asarray(A, float)
-        if A.ndim != 2 or len(A) != self.size:
-            raise InputError(f"the coefficients have shape {A.shape}, but {self.size} rows are wanted")
-        return np.split(A, self._ends[:-1])
+        return np.split(coefficients(A, self.size), self._ends[:-1])
 
     def weighted(self, A: ArrayLike) -> SumMap:
         """Choose ``h = Aᵀ (h_1 … h_N)`` with coefficients A (N, r) (35)."""

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import rows, whole
 from ..errors import InputError
-from .field import Field
+from .field import Field, chosen, coefficients
 from .joined import Joined
 from .partial import PartialMap
 from .pointwise import MOST_ENTRIES, Homogeneous, Pointwise, plain
@@ -56,7 +57,10 @@ class Polynomial:
         *,
         cross: bool = True,
     ) -> None:
-        self.center = np.array(center, dtype=float)
+        try:
+            self.center = np.array(center, dtype=float)
+        except (TypeError, ValueError):
+            self.center = np.array(np.nan)
         if self.center.ndim != 1 or not np.isfinite(self.center).all():
             raise InputError("the center of a polynomial field must be a list of finite numbers")
         n = len(self.center)
@@ -66,12 +70,8 @@ class Polynomial:
             raise InputError(f"scale must be one number or {n} of them") from None
         if not (np.isfinite(self.scale).all() and (self.scale > 0).all()):
             raise InputError("the scale of a polynomial field must be positive")
-        if int(degree) != degree or degree < 1:
-            raise InputError(f"the degree of a polynomial field is a whole number from 1 up, not {degree!r}")
-        self.degree, self.cross = int(degree), bool(cross)
-        self.variables = tuple(range(n)) if variables is None else tuple(sorted({int(v) for v in variables}))
-        if not self.variables or not set(self.variables) <= set(range(n)):
-            raise InputError(f"variables must be joint numbers from 0 to {n - 1}, not {variables!r}")
+        self.degree, self.cross = whole(degree, "the degree of a polynomial field", 1), bool(cross)
+        self.variables = chosen(variables, n)
         size = comb(len(self.variables) + self.degree, self.degree) - 1
         if size > _MAX_SIZE:
             raise InputError(
@@ -130,7 +130,7 @@ class Polynomial:
 
     def weighted(self, A: ArrayLike) -> PolynomialMap | PartialMap:
         """Choose ``h = Aᵀ (h_1 … h_N)`` with coefficients A (N, r) (35), as dense tensors."""
-        A = np.asarray(A, float)
+        A = coefficients(A, self.size)
         n, d = len(self.center), self.degree
         if len(self.variables) < n:
             chosen = list(self.variables)
@@ -153,7 +153,7 @@ class Polynomial:
 
     def _tables(self, Q: ArrayLike) -> tuple[Array, Array]:
         """Tabulate P_k(u_i) and P'_k(u_i): two arrays (K, n, d + 1)."""
-        u = (np.asarray(Q, float) - self.center) / self.scale
+        u = (rows(Q, len(self.center), "this polynomial field") - self.center) / self.scale
         P, dP = np.ones((2, *u.shape, self.degree + 1))
         P[..., 1], dP[..., 0] = u, 0.0
         for k in range(1, self.degree):

@@ -8,7 +8,7 @@ from functools import singledispatch
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError
+from ..arguments import wanted
 from ..fields.field import CurvedMap
 from ..redundancy.augmented import augmented_inverse
 from ..redundancy.inverses import pseudoinverse_derivative
@@ -16,7 +16,7 @@ from ..robot.length import arm_length
 from ..robot.task import Task
 from ..strategies.pseudoinverse import Pseudoinverse
 from ..strategies.repeatable import RepeatableInverse
-from ..strategies.strategy import Inverse
+from ..strategies.strategy import AN_INVERSE, Batched, Inverse
 from .differences import differentiate
 
 Array = NDArray[np.float64]
@@ -58,8 +58,7 @@ def derivative(strategy: Inverse, Q: Array) -> Derivative:
     SingularityError
         If a row of Q is singular.
     """
-    if not callable(strategy):
-        raise InputError(f"{type(strategy).__name__} is no inverse q̇ = G(q) ẋ, so it has no Lie bracket")
+    wanted_inverse(strategy)
     J = strategy.task.jacobians(Q)
     dG, error = differentiate(strategy.batch, Q, joint_scale(strategy.task, Q[0]))
     return Derivative(J, strategy.batch(Q, J), dG, error, exact=False)
@@ -87,6 +86,11 @@ def _(strategy: RepeatableInverse, Q: Array) -> Derivative:
     dG = -np.einsum("Kis,Kspk,Kpa->Kiak", inverse, dJ_V, G, optimize=True)
     J_V = np.concatenate([J, np.swapaxes(field.gradients(Q), 1, 2)], axis=1)
     return Derivative(J, G, dG, _rounding(J_V, dG), exact=True)
+
+
+def wanted_inverse(strategy: Inverse) -> Inverse:
+    """Take an argument that has to be an inverse, with a G(q)."""
+    return wanted(strategy, Batched, "strategy", AN_INVERSE)
 
 
 def joint_scale(task: Task, q: Array) -> Array:

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import vector
 from ..strategies.strategy import Inverse
-from .derivative import derivative, joint_scale
+from .derivative import derivative, joint_scale, wanted_inverse
 
 Array = NDArray[np.float64]
 
@@ -140,7 +141,7 @@ def bracket_defect(strategy: Inverse, q: ArrayLike, *, relative: bool = False) -
         One row a pair, in the order (0, 1), (0, 2), …, (1, 2), …; row Ω_ab has the joints' units per unit
         of task coordinate a and of b (rad/m² for two lengths).
     """
-    found = measure(strategy, np.asarray(q, float)[None])
+    found = measure(strategy, _one(strategy, q))
     a, b = np.triu_indices(strategy.task.m, 1)
     return (found.relative if relative else found.omega)[0, a, b]
 
@@ -163,5 +164,10 @@ def drift_per_area(strategy: Inverse, q: ArrayLike) -> Array:
         rad/m² (m/m² for prismatic joints) for loops in the plane of translations a and b; k = 3, or the 2 of
         an ``xy``, ``xz`` or ``yz`` task. 0 on the diagonal.
     """
-    k = min(3, strategy.task.m)
-    return np.linalg.norm(measure(strategy, np.asarray(q, float)[None]).omega[0, :k, :k], axis=-1)
+    k = min(3, wanted_inverse(strategy).task.m)
+    return np.linalg.norm(measure(strategy, _one(strategy, q)).omega[0, :k, :k], axis=-1)
+
+
+def _one(strategy: Inverse, q: ArrayLike) -> Array:
+    """Take one configuration as a row: (1, n)."""
+    return vector(q, wanted_inverse(strategy).task.n, "q")[None]

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arguments import wanted, whole
 from ..errors import InputError
 from ..strategies.strategy import Inverse
+from .derivative import wanted_inverse
 from .lie_bracket import measure
 
 Array = NDArray[np.float64]
@@ -19,6 +21,7 @@ _BLOCK = 32
 _BLIND = 1e-3
 
 
+@runtime_checkable
 class Region(Protocol):
     """What is asked of a region of joint space here."""
 
@@ -87,6 +90,11 @@ def is_repeatable(strategy: Inverse, region: Region, *, samples: int = 128, seed
     seed
         Of those.
 
+    Returns
+    -------
+    Repeatability
+        True in an ``if`` where it is repeatable; with the worst ``defect``, where it is, and the tolerance.
+
     Raises
     ------
     InputError
@@ -94,9 +102,7 @@ def is_repeatable(strategy: Inverse, region: Region, *, samples: int = 128, seed
     SingularityError
         If J, or G, is singular at one of the configurations.
     """
-    Q = region.random(int(samples), seed)
-    if Q.shape[1] != strategy.task.n:
-        raise InputError(f"the region has {Q.shape[1]} joints, but the task has {strategy.task.n}")
+    Q = points_of(region, strategy, samples, seed)
     found = [measure(strategy, Q[i : i + _BLOCK]) for i in range(0, len(Q), _BLOCK)]
     norm = np.concatenate([part.norm for part in found])
     tolerance = _SAFETY * np.concatenate([part.error for part in found])
@@ -115,3 +121,19 @@ def is_repeatable(strategy: Inverse, region: Region, *, samples: int = 128, seed
         samples=len(Q),
         exact=all(part.exact for part in found),
     )
+
+
+def points_of(region: Region, strategy: Inverse, samples: int, seed: int) -> Array:
+    """Take the points of a region at which an inverse is looked at: (K, n), K ≥ samples.
+
+    Raises
+    ------
+    InputError
+        If one is no region or the other no inverse, or they do not fit.
+    """
+    n = wanted_inverse(strategy).task.n
+    wanted(region, Region, "region", "a region of joint space, such as rp.Box(q0, 0.3)")
+    Q = region.random(whole(samples, "samples", 1), whole(seed, "seed"))
+    if Q.shape[1] != n:
+        raise InputError(f"the region has {Q.shape[1]} joints, but the task has {n}")
+    return Q

@@ -7,13 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError
 from ..redundancy.nullspace import nullspace
 from ..strategies.strategy import Inverse
 from .derivative import joint_scale
 from .differences import SHORTEST_STEP, differentiate
 from .lie_bracket import measure
-from .repeatability import Region
+from .repeatability import Region, points_of
 
 Array = NDArray[np.float64]
 
@@ -119,6 +118,11 @@ def stable_surface(strategy: Inverse, region: Region, *, samples: int = 128, see
     seed
         Of those seeds.
 
+    Returns
+    -------
+    Surfaces
+        Points on s = 0 and the kind of each: stable, candidate or singular.
+
     Raises
     ------
     InputError
@@ -151,10 +155,7 @@ def stable_surface(strategy: Inverse, region: Region, *, samples: int = 128, see
 
 def _search(strategy: Inverse, region: Region, samples: int, seed: int) -> tuple[Array, Array]:
     """Bring seeds to s = 0 by Gauss–Newton: points on it (K, n), and where the search met a singularity."""
-    task = strategy.task
-    Q = region.random(int(samples), seed)
-    if Q.shape[1] != task.n:
-        raise InputError(f"the region has {Q.shape[1]} joints, but the task has {task.n}")
+    Q, task = points_of(region, strategy, samples, seed), strategy.task
     L = joint_scale(task, Q[0])
     found: list[Array] = []
     singular: list[Array] = []

@@ -4,8 +4,9 @@ from .best_leaf import BestLeaf, best_leaf
 from .elbow import elbow
 from .follow import follow
 from .motion import Motion
-from .paths import Path, circle, figure_eight, polygon, read_waypoints, rose, waypoints
-from .reach import check_reach, reach
+from .paths import Path, circle, figure_eight, polygon, rose, waypoints
+from .reach import check_reach, reach, reach_start
+from .waypoint_file import read_waypoints
 
 __all__ = [
     "BestLeaf",
@@ -19,6 +20,7 @@ __all__ = [
     "follow",
     "polygon",
     "reach",
+    "reach_start",
     "read_waypoints",
     "rose",
     "waypoints",

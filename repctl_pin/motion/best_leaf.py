@@ -8,12 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import wanted
 from ..errors import InputError, SingularityError
 from ..redundancy import clearance, nullspace
 from ..strategies import RepeatableInverse
 from .follow import follow
 from .motion import Motion
-from .paths import Path
+from .paths import ClosedPath, Path
 from .reach import reach
 
 Array = NDArray[np.float64]
@@ -106,11 +107,18 @@ def best_leaf(inverse: RepeatableInverse, path: Path, q0: ArrayLike, *, steps: i
     seed
         Of the directions for r > 1.
 
+    Returns
+    -------
+    BestLeaf
+        The best start found and the given one, each with its cycle, limit margin and clearance.
+
     Raises
     ------
     InputError
         If the path's first point is out of reach, or no leaf that was tried carries a whole cycle.
     """
+    wanted(inverse, RepeatableInverse, "inverse", "a repeatable inverse, such as design.inverse")
+    wanted(path, ClosedPath, "path", "a closed path, such as rp.circle(task, q0)")
     task, target = inverse.task, path.placement(0.0)
     start = reach(task, task.check(q0, "the start"), target)
     given = _judged(inverse, path, start, steps)

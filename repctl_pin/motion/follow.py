@@ -7,12 +7,13 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import positive, wanted, whole
 from ..errors import InputError, SingularityError
-from ..robot.task import Task
+from ..robot.task import Task, wanted_task
 from ..strategies import FunctionStrategy, OnLeaves, Strategy
 from ..strategies.control_step import speeds
 from .motion import Motion
-from .paths import Path
+from .paths import ClosedPath, Path
 
 Array = NDArray[np.float64]
 
@@ -74,6 +75,13 @@ def follow(
     task
         What a plain function controls.
 
+    Returns
+    -------
+    Motion
+        Joint positions ``q`` and velocities ``qdot`` at the times ``t``, and what became of them: ``drift`` after
+        each cycle, ``tracking_error`` and ``turning_error`` of the frame, ``speed`` (``rms_speed``,
+        ``peak_speed``), ``limit_margin`` and ``first_violation``. ``retimed()`` slows it down to the speed limits.
+
     Raises
     ------
     InputError
@@ -81,7 +89,11 @@ def follow(
     SingularityError
         If the motion runs into a singularity; the message says in which cycle.
     """
+    if task is not None:
+        wanted_task(task)
+    wanted(path, ClosedPath, "path", "a closed path, such as rp.circle(task, q0)")
     if not isinstance(strategy, Strategy):
+        wanted(strategy, Callable, "strategy", "a control, such as rp.Pseudoinverse(task) or design.inverse")
         if task is None:
             raise InputError("to follow a path with a plain function (q, ẋ) → q̇, say what it controls: task=")
         strategy = FunctionStrategy(task, strategy)
@@ -89,24 +101,21 @@ def follow(
     q = task.check(q0, "the start")
     if integrator not in INTEGRATORS:
         raise InputError(f"no integrator {integrator!r}; there is {', '.join(INTEGRATORS)}")
-    for name, value, least in (("cycles", cycles, 1), ("steps", steps, 1), ("lock", lock, 0)):
-        if int(value) != value or value < least:
-            raise InputError(f"{name} must be a whole number from {least} up, not {value!r}")
-    if not (np.isfinite(period) and period > 0 and np.isfinite(feedback) and feedback >= 0):
-        raise InputError("the period must be above 0 s and the feedback gain 0 or more")
+    cycles, steps, lock = whole(cycles, "cycles", 1), whole(steps, "steps", 1), whole(lock, "lock")
+    period, feedback = positive(period, "the period", "s"), positive(feedback, "the feedback gain", zero=True)
     if not lock and not (leaf is None and limit is None and not damping):
         raise InputError("leaf=, limit= and damping= belong to the leaf lock; give lock=1 with them")
     gap = float(np.linalg.norm(task.error(q, path.placement(0.0))))
     if gap > 1e-3 and not feedback and not lock:
         raise InputError(f"the path starts {gap:.3g} m (or rad) away from the frame; use reach() first, or feedback")
 
-    grid = _grid(path, int(steps))
+    grid = _grid(path, steps)
     n_steps, used = len(grid) - 1, 0.0
     if lock:
         if not isinstance(strategy, OnLeaves):
             raise InputError("only a repeatable strategy, such as design.inverse, has leaves to lock to")
         c = strategy.leaf(q) if leaf is None else np.array(leaf, dtype=float)
-        Q, Qdot, used = _locked(strategy, path, grid, q, cycles, period, int(lock), c, limit, damping)
+        Q, Qdot, used = _locked(strategy, path, grid, q, cycles, period, lock, c, limit, damping)
     else:
         Q, Qdot = _integrated(strategy, path, grid, q, cycles, period, integrator, feedback)
 
@@ -120,7 +129,7 @@ def follow(
         t=t,
         q=Q,
         qdot=Qdot,
-        cycles=int(cycles),
+        cycles=cycles,
         steps=n_steps,
         drift=np.linalg.norm(Q[n_steps::n_steps] - Q[0], axis=1),
         tracking_error=np.linalg.norm(errors[:, :linear], axis=1),
@@ -212,12 +221,12 @@ def _locked(
 
 
 def _where(error: SingularityError, path: Path, cycle: float) -> SingularityError:
-    return SingularityError(f"{error}, in cycle {1 + cycle:.2f} of {path.name}")
+    return SingularityError(f"{error}, in cycle {1 + int(cycle)} of {path.name}")
 
 
 def _jump(path: Path, cycle: float) -> SingularityError:
     return SingularityError(
-        f"the joints jump by more than {_JUMP:g} rad in one step, in cycle {1 + cycle:.2f} of {path.name}: the arm is "
+        f"the joints jump by more than {_JUMP:g} rad in one step, in cycle {1 + int(cycle)} of {path.name}: the arm is "
         "at a singularity, the path out of reach, or the steps too few"
     )
 

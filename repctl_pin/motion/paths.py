@@ -2,22 +2,46 @@
 
 from __future__ import annotations
 
-import csv
+import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path as FilePath
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import positive, wanted, whole
 from ..errors import InputError
-from ..robot.task import Task
+from ..robot.task import Task, wanted_task
 
 Array = NDArray[np.float64]
 
 PLANES: dict[str, tuple[int, int]] = {"xy": (0, 1), "yz": (1, 2), "xz": (0, 2)}
 _NORMALS = {"z": "xy", "x": "yz", "y": "xz"}
+
+
+@runtime_checkable
+class ClosedPath(Protocol):
+    """What :func:`follow` asks of a path: a :class:`Path` has it, and so may a class of your own."""
+
+    @property
+    def name(self) -> str:
+        """What a person would call it."""
+        ...
+
+    @property
+    def breaks(self) -> tuple[float, ...]:
+        """Values of s in (0, 1) where the twist jumps."""
+        ...
+
+    def placement(self, s: float) -> pin.SE3:
+        """Where the frame should be at s."""
+        ...
+
+    def twist(self, s: float) -> Array:
+        """Evaluate d(pose)/ds: (6,), m and rad a cycle, world axes."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -34,6 +58,11 @@ class Path:
         The orientation held.
     breaks : tuple of float
         Values of s in (0, 1) where dp/ds jumps: corners.
+    words, plane : str
+        What the command line calls it: ``circle:0.1:180``, ``xy``. Empty for a path made in Python, and where
+        it lies in no plane of its own.
+    corners : tuple of str
+        What the corners are called, from the start to the end: lines of a file. Empty where they have no names.
     """
 
     name: str
@@ -41,6 +70,9 @@ class Path:
     slope: Callable[[float], Array]
     rotation: Array
     breaks: tuple[float, ...] = ()
+    words: str = ""
+    plane: str = ""
+    corners: tuple[str, ...] = ()
 
     def placement(self, s: float) -> pin.SE3:
         """Where the frame should be at s."""
@@ -53,6 +85,16 @@ class Path:
     def points(self, count: int = 201) -> Array:
         """Sample the curve, corners included: (≥ count, 3), m."""
         return np.array([self.point(s) for s in np.union1d(np.linspace(0, 1, count), self.breaks)])
+
+    @property
+    def options(self) -> str:
+        """The options that make the command line draw it again; empty where there are none."""
+        path = f"--path {shlex.quote(self.words)}" if self.words else ""
+        return f"{path} --plane {self.plane}" if path and self.plane else path
+
+    def as_dict(self) -> dict[str, Any]:
+        """Say what it is called, in plain Python types."""
+        return {"path": self.name, "path_words": self.words or None, "plane": self.plane or None}
 
     @property
     def length(self) -> float:
@@ -75,6 +117,10 @@ def circle(task: Task, q0: ArrayLike, radius: float = 0.1, *, normal: str = "z",
     start_angle
         Where on the circle the start lies, rad from the plane's first axis: the centre is at
         ``p − radius (cos, sin)``.
+
+    Returns
+    -------
+    Path
 
     Raises
     ------
@@ -99,7 +145,12 @@ def circle(task: Task, q0: ArrayLike, radius: float = 0.1, *, normal: str = "z",
 def figure_eight(
     task: Task, q0: ArrayLike, radius: float = 0.1, *, normal: str = "z", start_angle: float = 0.0
 ) -> Path:
-    """Draw a figure eight (Gerono's lemniscate) of half-length ``radius``, m, crossing at the start."""
+    """Draw a figure eight (Gerono's lemniscate) of half-length ``radius``, m, crossing at the start.
+
+    Returns
+    -------
+    Path
+    """
     radius = _positive(radius, "radius")
     here, e1, e2 = _frame(task, q0, normal)
     along = np.cos(start_angle) * e1 + np.sin(start_angle) * e2
@@ -114,9 +165,14 @@ def figure_eight(
 
 
 def rose(task: Task, q0: ArrayLike, radius: float = 0.1, *, petals: int = 3, normal: str = "z") -> Path:
-    """Draw a rose ρ = radius · sin(petals · φ), an odd number of petals, from its centre at the start."""
+    """Draw a rose ρ = radius · sin(petals · φ), an odd number of petals, from its centre at the start.
+
+    Returns
+    -------
+    Path
+    """
     radius = _positive(radius, "radius")
-    if petals < 1 or petals % 2 == 0:
+    if whole(petals, "petals", 1) % 2 == 0:
         raise InputError(f"a rose closes in half a turn with an odd number of petals, not {petals}")
     here, e1, e2 = _frame(task, q0, normal)
 
@@ -148,6 +204,10 @@ def polygon(task: Task, q0: ArrayLike, corners: ArrayLike, *, name: str = "polyg
     corners : (P, 3) array
         The other corners, in m *from the start*, in order; the path returns to the start by itself.
 
+    Returns
+    -------
+    Path
+
     Raises
     ------
     InputError
@@ -156,7 +216,7 @@ def polygon(task: Task, q0: ArrayLike, corners: ArrayLike, *, name: str = "polyg
     offsets = _points(corners, "corners")
     if len(offsets) < 2:
         raise InputError("a polygon needs at least two corners beside the start")
-    start = task.placement(q0)
+    start = wanted_task(task).placement(q0)
     return _polyline(np.vstack([np.zeros(3), offsets, np.zeros(3)]) + start.translation, start.rotation, name)
 
 
@@ -164,6 +224,10 @@ def waypoints(points: ArrayLike, rotation: ArrayLike, *, name: str = "waypoints"
     """Join waypoints (P, 3), m in the base frame, by straight lines at constant speed.
 
     The path is closed: the last point repeats the first. Bring the arm there with :func:`reach`.
+
+    Returns
+    -------
+    Path
 
     Raises
     ------
@@ -179,41 +243,6 @@ def waypoints(points: ArrayLike, rotation: ArrayLike, *, name: str = "waypoints"
         raise InputError(f"the path is open by {gap:.3g} m; end it with its first point again")
     corners = np.vstack([corners[:-1], corners[0]])
     return _polyline(corners, np.asarray(rotation, float), name)
-
-
-def read_waypoints(file: str | FilePath) -> Array:
-    """Read waypoints from a CSV file: three numbers a line, x, y, z in m; a first line of names may stand.
-
-    Returns
-    -------
-    (P, 3) array
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, or a line is not three finite numbers; the line is named.
-    """
-    file = FilePath(file)
-    try:
-        with file.open(newline="", encoding="utf-8-sig") as lines:
-            rows = [(number, row) for number, row in enumerate(csv.reader(lines), 1) if any(map(str.strip, row))]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        reason = getattr(error, "strerror", None) or "it is not a text file"
-        raise InputError(f"cannot read waypoints from {file}: {reason}") from None
-    points: list[list[float]] = []
-    for number, row in rows:
-        try:
-            values = [float(cell) for cell in row]
-        except ValueError:
-            if number == rows[0][0] and not points:
-                continue  # the line of names
-            raise InputError(f"{file}, line {number}: {','.join(row)!r} is not three numbers") from None
-        if len(values) != 3 or not np.isfinite(values).all():
-            raise InputError(f"{file}, line {number}: {','.join(row)!r} is not three finite numbers x, y, z")
-        points.append(values)
-    if not points:
-        raise InputError(f"{file} holds no waypoints; write x, y, z in m, one point a line")
-    return np.array(points)
 
 
 def _polyline(corners: Array, rotation: Array, name: str) -> Path:
@@ -244,10 +273,11 @@ def _frame(task: Task, q0: ArrayLike, normal: str) -> tuple[pin.SE3, Array, Arra
     """The start's placement and the two axes of the path's plane."""
     first, second = PLANES[_plane(normal)]
     way = -1.0 if normal.startswith("-") else 1.0
-    return task.placement(q0), np.eye(3)[first], way * np.eye(3)[second]
+    return wanted_task(task).placement(q0), np.eye(3)[first], way * np.eye(3)[second]
 
 
 def _plane(normal: str) -> str:
+    normal = wanted(normal, str, "normal", "an axis, 'x', 'y' or 'z', or a plane, 'xy', 'yz' or 'xz'")
     bare = normal.removeprefix("-")
     plane = _NORMALS.get(bare, bare)
     if plane not in PLANES:
@@ -256,9 +286,7 @@ def _plane(normal: str) -> str:
 
 
 def _positive(value: float, what: str) -> float:
-    if not (np.isfinite(value) and value > 0):
-        raise InputError(f"the {what} of a path must be above 0 m, not {value!r}")
-    return float(value)
+    return positive(value, f"the {what} of a path", "m")
 
 
 def _points(values: ArrayLike | Sequence, what: str) -> Array:

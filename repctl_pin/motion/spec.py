@@ -3,71 +3,113 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path as FilePath
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arguments import wanted
 from ..errors import InputError
 from ..plugins import plugin, registered
 from ..robot.task import Task
-from .paths import PLANES, Path, circle, figure_eight, polygon, read_waypoints, rose, waypoints
+from .fitting import circle_at, fitting_circle, planes_of
+from .paths import PLANES, Path, figure_eight, polygon, rose
+from .waypoint_file import number, waypoint_path
 
 Array = NDArray[np.float64]
 PathMaker = Callable[[Task, Array], Path]
+Drawn = Callable[[Task, Array, str], Path]
+"""(task, q0, plane) → path."""
 
-FORMS = "circle:RADIUS, eight:RADIUS, rose:RADIUS, square:SIDE, polygon:CORNERS:RADIUS or FILE.csv"
+FORMS = (
+    "circle:RADIUS, circle:RADIUS:DEGREES, eight:RADIUS, rose:RADIUS, square:SIDE, polygon:CORNERS:RADIUS or FILE.csv"
+)
 
 
-def parse_path(text: str, plane: str = "xy") -> PathMaker:
+def parse_path(text: str | None, plane: str | None = None) -> PathMaker:
     """Turn a path's short form into a function ``(task, q0) → Path``.
+
+    Parameters
+    ----------
+    text
+        The short form. A circle without DEGREES is turned until the arm can follow it, see
+        :func:`fitting_circle`; with them, the start lies there on it, from the plane's first axis. None is
+        the largest circle that fits.
+    plane
+        ``xy``, ``yz`` or ``xz``; None is the first that fits.
 
     Raises
     ------
     InputError
         If the form is unknown, a number is missing or not above 0, or the CSV cannot be used.
     """
-    if plane not in PLANES:
+    if plane is not None and plane not in PLANES:
         raise InputError(f"no plane {plane!r}; there is {', '.join(PLANES)}")
+    if text is None:
+        return lambda task, q0: fitting_circle(task, q0, plane=plane)
     if text.lower().endswith(".csv") or FilePath(text).is_file():
-        points = read_waypoints(text)
-        waypoints(points, np.eye(3))  # complain now, before any arm is loaded
-        return lambda task, q0: waypoints(points, task.placement(q0).rotation, name=FilePath(text).name)
+        if plane is not None:
+            raise InputError(f"{text} says itself where its points lie; leave --plane out")
+        return waypoint_path(text)
     kind, *parts = text.split(":")
-    numbers = [_number(part, text) for part in parts]
-    curves: dict[str, Callable[..., Path]] = {"circle": circle, "eight": figure_eight, "rose": rose}
+    if kind == "circle" and len(parts) == 1:
+        radius = _length(parts[0], text)
+        return lambda task, q0: fitting_circle(task, q0, plane=plane, radius=radius)
+    drawn = _drawn(kind, parts, text)
+
+    def make(task: Task, q0: Array) -> Path:
+        flat = plane or planes_of(task)[0]
+        path = wanted(drawn(task, q0, flat), Path, f"what {kind!r} makes", "a closed path, as rp.circle makes one")
+        return path if path.words else replace(path, words=text, plane=flat)
+
+    return make
+
+
+def _drawn(kind: str, parts: list[str], text: str) -> Drawn:
+    """Read a form that says all but the plane."""
+    if kind == "circle" and len(parts) == 2:
+        radius, degrees = _length(parts[0], text), _angle(parts[1], text)
+        return lambda task, q0, plane: circle_at(task, q0, radius, plane, degrees)
+    numbers = [_length(part, text) for part in parts]
+    curves: dict[str, Callable[..., Path]] = {"eight": figure_eight, "rose": rose}
     if kind in curves and len(numbers) == 1:
-        return lambda task, q0: curves[kind](task, q0, numbers[0], normal=plane)
+        return lambda task, q0, plane: curves[kind](task, q0, numbers[0], normal=plane)
     if kind == "square" and len(numbers) == 1:
         side = numbers[0]
-        flat = [(side, 0), (side, side), (0, side)]
-        return lambda task, q0: polygon(task, q0, _in_plane(flat, plane), name=f"square of side {side:g} m in {plane}")
+        return _polygon([(side, 0), (side, side), (0, side)], f"square of side {side:g} m")
     if kind == "polygon" and len(numbers) == 2 and numbers[0] >= 3 and numbers[0] == int(numbers[0]):
         count, radius = int(numbers[0]), numbers[1]
         angles = 2 * np.pi * np.arange(1, count) / count
         ring = [(radius * (np.cos(a) - 1), radius * np.sin(a)) for a in angles]
-        return lambda task, q0: polygon(
-            task, q0, _in_plane(ring, plane), name=f"{count}-gon of radius {radius:g} m in {plane}"
-        )
+        return _polygon(ring, f"{count}-gon of radius {radius:g} m")
     others = registered("paths")
     if kind in others:
-        return lambda task, q0: plugin("paths", kind)(task, q0, *numbers, plane=plane)
+        return lambda task, q0, plane: plugin("paths", kind)(task, q0, *numbers, plane=plane)
     more = "".join(f", {name}" for name in others)
     raise InputError(f"no path {text!r}; give {FORMS}{more}, lengths in m")
 
 
-def _number(part: str, text: str) -> float:
-    try:
-        value = float(part)
-    except ValueError:
-        value = np.nan
+def _polygon(corners: list[tuple[float, float]], name: str) -> Drawn:
+    """Lay flat corners into a plane of the base frame."""
+
+    def draw(task: Task, q0: Array, plane: str) -> Path:
+        points = np.zeros((len(corners), 3))
+        points[:, PLANES[plane]] = corners
+        return polygon(task, q0, points, name=f"{name} in {plane}")
+
+    return draw
+
+
+def _length(part: str, text: str) -> float:
+    value = number(part)
     if not (np.isfinite(value) and value > 0):
         raise InputError(f"path {text!r}: {part!r} is not a number above 0; give {FORMS}, lengths in m")
     return value
 
 
-def _in_plane(corners: list[tuple[float, float]], plane: str) -> Array:
-    """Lay flat corners into a plane of the base frame: (P, 3)."""
-    points = np.zeros((len(corners), 3))
-    points[:, PLANES[plane]] = corners
-    return points
+def _angle(part: str, text: str) -> float:
+    value = number(part)
+    if not np.isfinite(value):
+        raise InputError(f"path {text!r}: {part!r} is no angle in degrees; give {FORMS}")
+    return value

@@ -74,7 +74,9 @@ def find(name: str) -> Entry:
     rows = {alias: row for row in ROWS for alias in (row.name, *row.aliases.split())}
     row = rows.get(str(name).strip().lower())
     if row is None:
-        raise unknown("robot", name, rows, listing="(`repctl robots` lists them all)")
+        aliases = {alias: row.name for alias, row in rows.items()}
+        names = [row.name for row in ROWS]
+        raise unknown("robot", name, names, aliases=aliases, listing="(`repctl robots` lists them all)")
     return _entry(row)
 
 

@@ -113,7 +113,9 @@ def absolute_angles(task: Task) -> Array:
     InputError
         If the revolute axes are not all parallel: then no sum of joint angles is a link's angle.
     """
-    if task.coordinates is not None:
+    from .task import wanted_task
+
+    if wanted_task(task).coordinates is not None:
         raise InputError("this task is in joint coordinates already; take the absolute angles of the original task")
     turning = np.flatnonzero(task.revolute)
     axes = task.axes(task.reference)[turning]  # (revolute joints, 3)

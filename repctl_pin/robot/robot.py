@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from ..errors import InputError, UrdfError, unknown
 from .arms import READY
 from .catalogue import Entry, default_package_dirs, find, reference_posture, urdf_folder
+from .ends import arm_ends, is_sensor, task_links
+from .model import frame_id, lock_joints
+from .poses import ONE_NUMBER, pose
 from .task import KINDS, Task
-from .urdf import Description, Joint, read_urdf
-
-_MEANWHILE = "\N{NULL} link"
-_ONE_NUMBER = ("revolute", "continuous", "prismatic")
+from .urdf import Description, read_urdf
 
 
 class Robot:
@@ -44,6 +44,11 @@ class Robot:
         range.
     frames : tuple of str
         Every link, by name; any of them can carry a task.
+    default_frame : str
+        The frame that is moved where none is named: the catalogue's, else the end of the longest arm, before
+        the fingers of a gripper. ``repctl inspect`` shows it.
+    end_frames : tuple of str
+        The frames that are worth a task, the default first.
     warnings : tuple of str
         What a person should know about this file: missing poses, poses moved inside the limits.
     """
@@ -68,7 +73,7 @@ class Robot:
             if joint_name not in joints:
                 raise unknown("joint", joint_name, joints)
         locked = [
-            j.name for j in joints.values() if j.mimic is not None or j.kind not in _ONE_NUMBER or j.name in set(lock)
+            j.name for j in joints.values() if j.mimic is not None or j.kind not in ONE_NUMBER or j.name in set(lock)
         ]
         try:
             model = pin.buildModelFromXML(description.xml)
@@ -82,10 +87,10 @@ class Robot:
         if entry is not None and entry.ready is not None:
             ready = reference_posture(urdf_folder() / READY, entry.ready)
         notes: list[str] = []
-        posture = _pose(model, joints, named, notes)
+        posture = pose(model, joints, named, notes)
         poses = {"reference": named, "middle": {}} | ({"ready": ready} if ready else {})
         for name, values in poses.items():
-            model.referenceConfigurations[name] = _pose(model, joints, values, [])
+            model.referenceConfigurations[name] = pose(model, joints, values, [])
         model = lock_joints(model, [model.getJointId(j) for j in locked], posture)
 
         self.model = model
@@ -100,6 +105,8 @@ class Robot:
         self.reference = self.poses["reference"]
         self.frames = tuple(f.name for f in model.frames if f.type == pin.FrameType.BODY)
         self.warnings = (*notes, *self._missing_meshes())
+        if base is not None:
+            self._supports(base)  # or say that there is no such link
 
     @classmethod
     def load(
@@ -117,7 +124,7 @@ class Robot:
         name_or_path
             A catalogue name (``repctl robots`` lists them) or a path to a ``.urdf``.
         package_dirs
-            Folders in which ``package://`` names are looked up, beside the file's own ancestors.
+            Folders in which ``package://`` names are looked up, before the file's own ancestors.
         lock
             Joints to hold at the reference pose.
         base
@@ -126,17 +133,22 @@ class Robot:
         Raises
         ------
         InputError
-            If there is no such robot, joint or link.
+            If there is no such robot, joint, link or folder.
         UrdfError
             If the gatekeeper refuses the file.
         """
         text = str(name_or_path)
+        given = [package_dirs] if isinstance(package_dirs, (str, Path)) else package_dirs
+        own = [str(Path(folder).expanduser()) for folder in given]
+        for folder in own:
+            if not Path(folder).is_dir():
+                raise InputError(f"there is no folder {folder!r} to look up package:// in; correct --package-dir")
         if _looks_like_a_path(text):
             path = Path(text).expanduser()
-            folders = [*map(str, package_dirs), *map(str, default_package_dirs(path))]
+            folders = [*own, *default_package_dirs(path)]
             return cls(read_urdf(path), package_dirs=folders, lock=lock, base=base)
         entry = find(text)
-        folders = [*map(str, package_dirs), *entry.package_dirs]
+        folders = [*own, *entry.package_dirs]
         return cls(read_urdf(entry.urdf), name=entry.name, entry=entry, package_dirs=folders, lock=lock, base=base)
 
     def task(self, frame: str | None = None, kind: str = "pose", *, joints: Sequence[str] | None = None) -> Task:
@@ -145,7 +157,7 @@ class Robot:
         Parameters
         ----------
         frame
-            A link's name; by default the catalogue's, or the tip of the longest chain.
+            A link's name; by default :attr:`default_frame`, the arm's end.
         kind
             ``pose`` (m = 6), ``axis`` (position and tool axis, 5), ``position`` (3), ``xy``, ``xz``,
             ``yz`` (2).
@@ -180,6 +192,14 @@ class Robot:
             raise InputError(f"base {self.base!r} is not on the chain to {frame!r}; choose a link that is")
         return tuple(self.model.names[j] for j in supports if j not in below)
 
+    def reference_positions(self) -> dict[str, NDArray[np.float64]]:
+        """Place every link's origin at the reference pose: (3,) arrays by name, m, measured as tasks measure it."""
+        data = self.model.createData()
+        pin.framesForwardKinematics(self.model, data, np.array(self.reference))
+        base = pin.SE3.Identity() if self.base is None else data.oMf[frame_id(self.model, self.base)]
+        ids = {name: frame_id(self.model, name) for name in self.frames}
+        return {name: base.actInv(data.oMf[i]).translation for name, i in ids.items()}
+
     def _missing_meshes(self) -> list[str]:
         """Say which meshes were not found; kinematics does without."""
         from .visuals import find_mesh
@@ -194,96 +214,64 @@ class Robot:
         ]
 
     def _supports(self, frame: str) -> list[int]:
-        joint = self.model.frames[frame_id(self.model, frame)].parentJoint
+        try:
+            joint = self.model.frames[frame_id(self.model, frame)].parentJoint
+        except InputError:
+            likely = [link for links in self._ends() for link in links if not is_sensor(link)]
+            raise unknown("frame", frame, self.frames, likely=likely) from None
         return [int(j) for j in self.model.supports[joint] if j > 0]
+
+    def _ends(self) -> list[list[str]]:
+        """The links at the end of every arm, leg and head, the best first; the longest chain first."""
+        return [task_links(body) for body in sorted(arm_ends(self.description), key=lambda body: -body.before)]
+
+    def _above_base(self, frame: str) -> bool:
+        return self.base is None or set(self._supports(self.base)) <= set(self._supports(frame))
 
     @property
     def default_frame(self) -> str:
-        """The catalogue's first end frame, else the last link of the longest chain."""
-        if self.entry is not None and self.entry.frames:
-            return self.entry.frames[0]
-        depth = {name: len(self.chain(name)) for name in self.frames}
-        deepest = max(depth.values(), default=0)
-        return [name for name, joints in depth.items() if joints == deepest][-1]
+        """The frame to move where none is named: the catalogue's, else the best at the end of the longest arm.
+
+        An arm ends before its fingers; how these are told, :func:`repctl_pin.robot.ends.arm_ends` says. Of the
+        links there that no joint moves against each other, one that is called a tool (``tcp``, ``tool0``,
+        ``ee_link``, ``flange``) comes first, then a gripper, a palm or a hand, then the farthest out.
+        """
+        return self.offered_frames[0]
 
     @property
     def offered_frames(self) -> tuple[str, ...]:
         """End frames worth offering: the catalogue's, else the default one."""
-        return self.entry.frames if self.entry is not None else (self.default_frame,)
+        known = tuple(frame for frame in self.entry.frames if self._above_base(frame)) if self.entry is not None else ()
+        ends = [links[0] for links in self._ends() if self._above_base(links[0])]
+        return known or (max(ends, key=lambda frame: len(self.chain(frame)), default=self.base or self.frames[0]),)
+
+    @property
+    def end_frames(self) -> tuple[str, ...]:
+        """Frames worth a task, the default first: all links at the ends of the longest arms, one of each other.
+
+        Sensors are left out, and what fewer than two joints move.
+        """
+        frames = list(self.offered_frames)
+        most = len(self.chain(frames[0]))
+        for links in self._ends():
+            if self._above_base(links[0]) and len(self.chain(links[0])) >= 2:
+                meant = [link for link in links if not is_sensor(link)] or links
+                frames += meant if len(self.chain(links[0])) >= most else meant[:1]
+        return tuple(dict.fromkeys(frames))
+
+    @property
+    def movable_frames(self) -> tuple[str, ...]:
+        """Every frame that a joint moves, fingers and sensors too; those of :attr:`end_frames` first."""
+        moved = (frame for frame in self.frames if self._above_base(frame) and self.chain(frame))
+        return tuple(dict.fromkeys([*self.end_frames, *moved]))
 
     def __repr__(self) -> str:
         return f"<Robot {self.name}: {len(self.joint_names)} joints, {len(self.frames)} links>"
 
 
-def frame_id(model: pin.Model, name: str) -> int:
-    """Find a frame by name, links before joints.
-
-    Pinocchio itself answers an unknown name with a number that later crashes it, and raises on a name
-    that a joint and a link share.
-    """
-    ids = {f.name: i for i, f in reversed(list(enumerate(model.frames)))}
-    ids |= {f.name: i for i, f in enumerate(model.frames) if f.type == pin.FrameType.BODY}
-    if name not in ids:
-        raise unknown("frame", name, [f.name for f in model.frames if f.type == pin.FrameType.BODY])
-    return ids[name]
-
-
-def lock_joints(model: pin.Model, ids: Sequence[int], posture: NDArray[np.float64]) -> pin.Model:
-    """Build the reduced model, some joints held at a posture.
-
-    Pinocchio looks locked joints up by name among all frames and raises where a link has a joint's name, so
-    such links go by another name meanwhile.
-    """
-    joints = {f.name for f in model.frames if f.type != pin.FrameType.BODY}
-    links = [f for f in model.frames if f.type == pin.FrameType.BODY and f.name in joints]
-    for link in links:
-        link.name += _MEANWHILE
-    try:
-        reduced = pin.buildReducedModel(model, list(ids), np.array(posture))
-    finally:
-        for link in links:
-            link.name = link.name.removesuffix(_MEANWHILE)
-    for frame in reduced.frames:
-        frame.name = frame.name.removesuffix(_MEANWHILE)
-    return reduced
-
-
 def _looks_like_a_path(text: str) -> bool:
     """A catalogue name has no dot and no slash; whatever has is meant as a file."""
     return any(mark in text for mark in "./\\") or Path(text).is_file()
-
-
-def _pose(
-    model: pin.Model, joints: Mapping[str, Joint], named: Mapping[str, float], notes: list[str]
-) -> NDArray[np.float64]:
-    """A pose of every joint, inside its limits: the named values, else mid-range; mimics follow; moves are noted."""
-    posture = pin.neutral(model)
-    for name in tuple(model.names)[1:]:
-        joint, q = joints[name], model.joints[model.getJointId(name)].idx_q
-        if joint.kind not in _ONE_NUMBER:
-            continue
-        if name in named:
-            value = _inside(named[name], joint)
-            if abs(value - named[name]) > 1e-3:
-                notes.append(f"reference pose: {name} = {named[name]:g} is outside its limits, {value:g} used")
-        elif np.isfinite(joint.lower) and np.isfinite(joint.upper):
-            value = (joint.lower + joint.upper) / 2
-        else:
-            value = float(np.clip(0.0, joint.lower, joint.upper))
-        posture[q] = value
-    for name in tuple(model.names)[1:]:
-        joint = joints[name]
-        if joint.mimic is not None and model.existJointName(joint.mimic):
-            q, leader = (model.joints[model.getJointId(j)].idx_q for j in (name, joint.mimic))
-            posture[q] = np.clip(joint.multiplier * posture[leader] + joint.offset, joint.lower, joint.upper)
-    return posture
-
-
-def _inside(value: float, joint: Joint) -> float:
-    """Move a joint value inside its limits: by a full turn if that does it, else to the nearer limit."""
-    turns = (0.0, 2 * np.pi, -2 * np.pi) if joint.kind != "prismatic" else (0.0,)
-    inside = [value + turn for turn in turns if joint.lower <= value + turn <= joint.upper]
-    return float(inside[0] if inside else np.clip(value, joint.lower, joint.upper))
 
 
 def _frozen(values: Sequence[float] | NDArray) -> NDArray[np.float64]:

@@ -8,11 +8,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
+from scipy.linalg.blas import ddot
 
+from ..arguments import rows, vector, wanted
 from ..errors import InputError
 from .axis import axis_turn
 from .coordinates import Coordinates, change_of
 from .hessian import chain_hessians
+from .model import frame_id, lock_joints
 
 if TYPE_CHECKING:
     from .robot import Robot
@@ -62,8 +65,6 @@ class Task:
     """
 
     def __init__(self, robot: Robot, frame: str, kind: str, joint_names: Sequence[str]) -> None:
-        from .robot import frame_id, lock_joints
-
         self.robot, self.frame, self.kind = robot, frame, kind
         self.joint_names = tuple(joint_names)
         self._columns = np.array([robot.joint_names.index(j) for j in joint_names])
@@ -283,15 +284,17 @@ class Task:
         return np.vstack([J[:3], R[:, :2].T @ J[3:]])
 
     def _vector(self, q: ArrayLike) -> Array:
-        q = np.asarray(q, dtype=float)
-        if q.shape != (self.n,):
-            raise InputError(f"q has shape {q.shape}, but this task has {self.n} joints: ({self.n},) is wanted")
-        return q if self.coordinates is None else self.coordinates.T @ q
+        try:
+            values = np.asarray(q, dtype=float)
+            usable = values.shape == (self.n,) and ddot(values, values) < np.inf  # quicker than np.isfinite
+        except (TypeError, ValueError):
+            usable = False
+        if not usable:
+            values = vector(q, self.n, f"q of {self!r}")
+        return values if self.coordinates is None else self.coordinates.T @ values
 
     def _matrix(self, Q: ArrayLike) -> Array:
-        Q = np.ascontiguousarray(Q, dtype=float)
-        if Q.ndim != 2 or Q.shape[1] != self.n:
-            raise InputError(f"Q has shape {Q.shape}, but this task has {self.n} joints: (K, {self.n}) is wanted")
+        Q = np.ascontiguousarray(rows(Q, self.n, repr(self)))
         return Q if self.coordinates is None else self.coordinates.joints(Q)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -304,6 +307,11 @@ class Task:
     def __repr__(self) -> str:
         psi = "" if self.coordinates is None else ", in ψ"
         return f"<Task {self.robot.name} {self.frame} {self.kind}: n = {self.n}, m = {self.m}, r = {self.r}{psi}>"
+
+
+def wanted_task(value: Any) -> Task:
+    """Take an argument that has to be a task."""
+    return wanted(value, Task, "task", "a task, such as rp.Robot.load('panda').task()")
 
 
 def _measure_from(model: pin.Model, base: int) -> None:

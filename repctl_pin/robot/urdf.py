@@ -11,7 +11,8 @@ import contextlib
 import copy
 import io
 import logging
-from collections.abc import Iterator
+import math
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,7 @@ from typing import Any
 from lxml import etree
 
 from ..errors import UrdfError
-from .urdf_checks import axis_of, check
+from .urdf_checks import axis_of, check, leader
 from .urdf_xml import one_line, parse
 
 MAX_BYTES = 5_000_000
@@ -27,6 +28,10 @@ MAX_BYTES = 5_000_000
 
 NO_LIMIT = 1e3
 """What ``Description.xml`` says where a joint has no limit; limits beyond it count as none."""
+
+
+MANY_TURNS = 4 * math.pi
+"""A limit of a revolute joint beyond this may be meant in degrees."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +68,8 @@ class Description:
     meshes : tuple of str
         Visual mesh files, as written in the file, each once.
     notes : tuple of str
-        What was read kindly: joints without a range, a mimic joint whose leader is not in the file.
+        What was read kindly, or looks wrong: joints without a range, a mimic joint whose leader's name lacks
+        its prefix, limits that may be in degrees.
     xml : str
         The URDF as Pinocchio should read it: continuous joints are revolute ones with limits of
         ±``NO_LIMIT``, so that every joint but planar and floating ones is one number; relative mesh names are
@@ -95,12 +101,8 @@ def read_urdf(path: str | Path) -> Description:
         notes: list[str] = []
         links, joints, meshes = _plain_data(robot)
         elements = {e.get("name"): e for e in robot.findall("joint")}
-        found = tuple(_joint(elements[name], joint, notes) for name, joint in joints.items())
-        notes += [
-            f"joint {j.name!r} mimics {j.mimic!r}, which is not in this file"
-            for j in found
-            if j.mimic is not None and j.mimic not in elements
-        ]
+        found = tuple(_joint(elements[name], joint, elements, notes) for name, joint in joints.items())
+        notes += _degrees(found)
     except UrdfError as error:
         raise UrdfError(one_line(f"{path}: {error}")) from error
     return Description(
@@ -173,8 +175,11 @@ def _quiet() -> Iterator[None]:
             logger.disabled = disabled
 
 
-def _joint(element: etree._Element, joint: Any, notes: list[str]) -> Joint:
+def _joint(element: etree._Element, joint: Any, joints: Collection[str], notes: list[str]) -> Joint:
     """One joint; a missing range or speed limit is none at all, and the notes say so."""
+    mimic = None if joint.mimic is None else leader(joint.name, joint.mimic.joint, joints)
+    if joint.mimic is not None and mimic != joint.mimic.joint:
+        notes.append(f"joint {joint.name!r} mimics {joint.mimic.joint!r}, which is not in this file: read as {mimic!r}")
     lower = upper = float("inf")
     velocity = float("inf")
     if joint.type in ("revolute", "prismatic"):
@@ -194,11 +199,25 @@ def _joint(element: etree._Element, joint: Any, notes: list[str]) -> Joint:
         lower=-float("inf") if unlimited or lower < -NO_LIMIT else lower,
         upper=float("inf") if unlimited or upper > NO_LIMIT else upper,
         velocity=velocity,
-        mimic=joint.mimic.joint if joint.mimic is not None else None,
+        mimic=mimic,
         line=element.sourceline or 0,
         multiplier=_number(joint.mimic, "multiplier", 1.0),
         offset=_number(joint.mimic, "offset", 0.0),
     )
+
+
+def _degrees(joints: tuple[Joint, ...]) -> list[str]:
+    """Ask about revolute joints that turn by more than two turns to a side."""
+    far = {j.name: max(abs(x) for x in (j.lower, j.upper) if math.isfinite(x)) for j in joints if _turns_far(j)}
+    if not far:
+        return []
+    name, limit = max(far.items(), key=lambda item: item[1])
+    others = f", {len(far) - 1} more like it" if len(far) > 1 else ""
+    return [f"joint {name!r} has a limit of {limit:g} rad{others}: are these degrees? a URDF counts in rad"]
+
+
+def _turns_far(joint: Joint) -> bool:
+    return joint.kind == "revolute" and any(MANY_TURNS < abs(x) < math.inf for x in (joint.lower, joint.upper))
 
 
 def _number(mimic: Any, name: str, default: float) -> float:

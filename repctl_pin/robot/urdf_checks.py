@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 from lxml import etree
 
@@ -60,9 +60,10 @@ def check(robot: etree._Element) -> str:
         raise bad(robot, f"{len(joints)} joints and {len(links)} links; no more than {MAX_JOINTS} can be read")
     for elements in (links, joints, robot.findall("material")):
         _check_names(elements)
-    names = {link.get("name") for link in links}
+    names, leaders = {link.get("name") for link in links}, {joint.get("name") for joint in joints}
     for joint in joints:
         _check_joint(joint, names)
+        _check_mimic(joint, leaders)
     root = _check_tree(links, joints)
     for owner in (*links, *robot.findall("material")):
         for element in owner.iter():
@@ -151,18 +152,37 @@ def _check_joint(joint: etree._Element, links: set[str]) -> None:
             raise bad(element, f"there is no link {short(element.get('link'))}; add it, or correct the name")
     for element in joint.iterdescendants():
         _check_numbers(element)
-    axis, limit, mimic = joint.find("axis"), joint.find("limit"), joint.find("mimic")
+    axis, limit = joint.find("axis"), joint.find("limit")
     if axis is not None and kind not in ("fixed", "floating"):
         norm = math.hypot(*(numbers(axis, "xyz") or (1.0, 0.0, 0.0)))
         if not 1e-9 < norm < 1e9:
             raise bad(axis, f"xyz = {short(axis.get('xyz'))} has no direction; write a unit vector")
-    if mimic is not None and mimic.get("joint") in (None, "", joint.get("name")):
-        raise bad(mimic, "does not name another joint to follow; correct it, or delete it")
     if kind in ("revolute", "prismatic"):
         if limit is None:
             remedy = ", or make the joint continuous" if kind == "revolute" else ""
             raise bad(joint, f"a {kind} joint needs a <limit>; write one{remedy}")
         _check_range(limit)
+
+
+def _check_mimic(joint: etree._Element, joints: set[str]) -> None:
+    mimic = joint.find("mimic")
+    if mimic is None:
+        return
+    if mimic.get("joint") in (None, "", joint.get("name")):
+        raise bad(mimic, "does not name another joint to follow; correct it, or delete it")
+    if leader(joint.get("name"), mimic.get("joint"), joints) is None:
+        raise bad(mimic, f"there is no joint {short(mimic.get('joint'))} to follow; correct the name, or delete it")
+
+
+def leader(name: str, mimicked: str, joints: Collection[str]) -> str | None:
+    """Find the joint that one mimics: as named, or with the follower's own prefix, which macros forget; else None.
+
+    ``left_index_2`` that mimics ``index_1`` follows ``left_index_1``, where no joint is called ``index_1``.
+    """
+    if mimicked in joints:
+        return mimicked
+    prefixed = [j for j in joints if j != name and j.endswith(mimicked) and name.startswith(j.removesuffix(mimicked))]
+    return prefixed[0] if len(prefixed) == 1 else None
 
 
 def _check_range(limit: etree._Element) -> None:

@@ -88,6 +88,11 @@ def animation(motions: Mapping[str, Motion] | Study, *, seconds: float = 4.0) ->
     seconds
         Time of a cycle at normal speed.
 
+    Returns
+    -------
+    Animation
+        The page, to save, to show or to see in a notebook's cell.
+
     Raises
     ------
     InputError
@@ -99,6 +104,8 @@ def animation(motions: Mapping[str, Motion] | Study, *, seconds: float = 4.0) ->
     """
     if isinstance(motions, Motion):
         raise InputError("an animation wants its motions by name; give it a name: {'mine': motion}")
+    if not isinstance(motions, Mapping) and not hasattr(motions, "rows"):
+        raise InputError(f"an animation wants motions by name, or a study; this is a {type(motions).__name__}")
     if not isinstance(motions, Mapping):
         return Animation(study_page(motions))
     wrong = next((name for name, motion in motions.items() if not isinstance(motion, Motion)), None)

@@ -102,8 +102,8 @@ def write_design(
     design: Design, field: DesignMap, degrees: Sequence[tuple[int, float, float]], folder: Path, *, title: str = ""
 ) -> list[Path]:
     """Write ``design.png``, whole or not at all."""
-    prepare_folder(folder)
     figure = design_figure(design, field, degrees, title=title)
+    prepare_folder(folder)
     return [write_whole(folder / "design.png", lambda path: figure.savefig(path, dpi=150))]
 
 

@@ -21,8 +21,16 @@ def inspection(robot: Robot, redundancy: Mapping[str, Mapping[str, int]]) -> dic
     robot
         The robot.
     redundancy
-        For each frame worth offering, r by task kind.
+        For each frame to list, r by task kind.
+
+    Returns
+    -------
+    dict
+        ``robot``, ``file``, ``links``, ``joints``, ``locked``, ``default_frame``, ``frames`` (for each the joints
+        that move it, its position at the reference pose, m, and its redundancy), ``frames_left_out`` (how many
+        more can be moved), ``meshes`` and ``warnings``.
     """
+    positions = robot.reference_positions()
     joints = {joint.name: joint for joint in robot.description.joints}
     return {
         "robot": robot.name,
@@ -43,9 +51,16 @@ def inspection(robot: Robot, redundancy: Mapping[str, Mapping[str, int]]) -> dic
             {"name": name, "why": f"mimics {joints[name].mimic}" if joints[name].mimic else joints[name].kind}
             for name in robot.locked
         ],
+        "default_frame": robot.default_frame,
         "frames": {
-            frame: {"chain": list(robot.chain(frame)), "redundancy": dict(kinds)} for frame, kinds in redundancy.items()
+            frame: {
+                "chain": list(robot.chain(frame)),
+                "position": [round(float(x), 6) + 0.0 for x in positions[frame]],
+                "redundancy": dict(kinds),
+            }
+            for frame, kinds in redundancy.items()
         },
+        "frames_left_out": len(set(robot.movable_frames) - set(redundancy)),
         "meshes": len(robot.description.meshes),
         "warnings": [*robot.description.notes, *robot.warnings],
     }
@@ -73,15 +88,41 @@ def inspection_text(found: Mapping[str, Any]) -> str:
     ]
     if found["locked"]:
         lines += ["", "locked: " + ", ".join(f"{j['name']} ({j['why']})" for j in found["locked"])]
-    for frame, chain in found["frames"].items():
-        kinds = ", ".join(f"{kind} r = {r}" for kind, r in chain["redundancy"].items()) or "no task at full rank"
-        lines += [
-            "",
-            f"frame {frame}, moved by {len(chain['chain'])}: {', '.join(chain['chain'])}",
-            f"  {kinds}",
-        ]
+    lines += _chains(found)
+    lines += ["", *_frames(found)]
     lines += [f"note: {text}" for text in found["warnings"]]
     return "\n".join(lines)
+
+
+def _chains(found: Mapping[str, Any]) -> list[str]:
+    """Name the joints of the default frame's chain, and of others as long; and what each can do."""
+    frames, lines, told = found["frames"], [], []
+    most = len(frames[found["default_frame"]]["chain"])
+    for name, frame in frames.items():
+        chain = frame["chain"]
+        if len(chain) != most or chain in told:
+            continue
+        told.append(chain)
+        kinds = ", ".join(f"{kind} r = {r}" for kind, r in frame["redundancy"].items()) or "no task at full rank"
+        lines += ["", f"frame {name}, moved by {len(chain)}: {', '.join(chain)}", f"  {kinds}"]
+    return lines
+
+
+def _frames(found: Mapping[str, Any]) -> list[str]:
+    """Write where the frames are: enough to write a path of one's own."""
+    rows = [
+        [
+            f"{name} (default)" if name == found["default_frame"] else name,
+            str(len(frame["chain"])),
+            *(f"{round(x, 4) + 0.0:.4f}" for x in frame["position"]),
+        ]
+        for name, frame in found["frames"].items()
+    ]
+    return [
+        table(["frame", "joints", "x", "y", "z"], rows),
+        "x, y, z in m from the base, at the reference pose; choose one with --frame"
+        + (f"; --all lists {found['frames_left_out']} more" if found["frames_left_out"] else ""),
+    ]
 
 
 def _finite(value: float) -> float | None:

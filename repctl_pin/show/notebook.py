@@ -57,6 +57,11 @@ def inline(shown: Study | Figure | str, *, height: int = 640) -> Inline:
     height
         Of the animation or page, pixels.
 
+    Returns
+    -------
+    Inline
+        What the notebook shows.
+
     Raises
     ------
     InputError

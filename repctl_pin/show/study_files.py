@@ -34,13 +34,14 @@ def write_study(study: Study, folder: Path) -> list[Path]:
     InputError
         If the folder cannot be written.
     """
-    prepare_folder(folder)
     title = f"{study.robot.name}, {study.task.kind} task, {study.path.name}"
     moved = drawn(study)
+    page, drift, joints = study_page(study), drift_figure(moved, title), joints_figure(moved, title)
+    prepare_folder(folder)
     return [
-        write_whole(folder / "animation.html", study_page(study)),
-        write_whole(folder / "drift.png", lambda path: _save(drift_figure(moved, title), path)),
-        write_whole(folder / "joints.png", lambda path: _save(joints_figure(moved, title), path)),
+        write_whole(folder / "animation.html", page),
+        write_whole(folder / "drift.png", lambda path: _save(drift, path)),
+        write_whole(folder / "joints.png", lambda path: _save(joints, path)),
         write_whole(folder / "motion.csv", lambda path: _write_csv(study, path)),
     ]
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
-from ..robot.task import Task
+from ..robot.task import Task, wanted_task
 
 Array = NDArray[np.float64]
 
@@ -34,7 +34,7 @@ class CustomInverse:
             raise InputError(f"a custom inverse is a function q → G, not {function!r}")
         if not (np.isfinite(tolerance) and tolerance > 0):
             raise InputError(f"the tolerance of J G = I must be above 0, not {tolerance!r}")
-        self.task, self.function, self.tolerance = task, function, float(tolerance)
+        self.task, self.function, self.tolerance = wanted_task(task), function, float(tolerance)
 
     def __call__(self, q: Array) -> Array:
         """Evaluate G (n, m).

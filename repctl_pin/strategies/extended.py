@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import InputError, SingularityError
 from ..redundancy.inverses import pseudoinverse
 from ..redundancy.nullspace import nullspace
-from ..robot.task import Task
+from ..robot.task import Task, wanted_task
 from .repeatable import RepeatableInverse
 
 Array = NDArray[np.float64]
@@ -52,7 +52,7 @@ class ExtendedJacobian(RepeatableInverse):
         hessian: Callable[[Array], ArrayLike] | None = None,
         reference: ArrayLike | None = None,
     ) -> None:
-        if task.r < 1:
+        if wanted_task(task).r < 1:
             raise InputError(f"a task with r = {task.r} leaves an extended Jacobian nothing to extend")
         if callable(potential):
             shape: Shape = Given(potential, gradient, hessian)

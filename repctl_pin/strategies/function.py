@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
-from ..robot.task import Task
+from ..robot.task import Task, wanted_task
 
 Array = NDArray[np.float64]
 
@@ -27,7 +27,7 @@ class FunctionStrategy:
     def __init__(self, task: Task, function: Callable[[Array, Array], ArrayLike]) -> None:
         if not callable(function):
             raise InputError(f"a strategy is a function (q, ẋ) → q̇, or has a method velocity(q, ẋ); not {function!r}")
-        self.task, self.function = task, function
+        self.task, self.function = wanted_task(task), function
 
     def velocity(self, q: Array, xdot: Array) -> Array:
         """Ask the function for q̇ (n,).

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..robot.task import Task
+from ..robot.task import Task, wanted_task
 
 Array = NDArray[np.float64]
 
@@ -29,7 +29,7 @@ class LimitWeight:
     def __init__(self, task: Task, gain: float = 1.0) -> None:
         if not (np.isfinite(gain) and gain >= 0):
             raise InputError(f"the gain of a limit weight must be 0 or more, not {gain!r}")
-        self.lower, self.upper = np.array(task.lower), np.array(task.upper)
+        self.lower, self.upper = np.array(wanted_task(task).lower), np.array(task.upper)
         self.names, self.gain = task.joint_names, float(gain)
 
     def __call__(self, q: Array) -> Array:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
-from ..robot.task import Task
+from ..robot.task import Task, wanted_task
 from .pseudoinverse import least_norm
 
 Array = NDArray[np.float64]
@@ -28,7 +28,7 @@ class PostureControl:
     """
 
     def __init__(self, task: Task, posture: ArrayLike, gain: float = 1.0) -> None:
-        self.task = task
+        self.task = wanted_task(task)
         self.posture = np.array(posture, dtype=float)
         self.gain = float(gain)
         if self.posture.shape != (task.n,) or not np.isfinite(self.posture).all():

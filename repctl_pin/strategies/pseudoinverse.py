@@ -14,7 +14,7 @@ from scipy.linalg.lapack import dposv
 from ..errors import InputError, SingularityError
 from ..redundancy.inverses import RANK_TOLERANCE, pseudoinverse, weighted_pseudoinverse
 from ..robot.pointwise import pointwise
-from ..robot.task import Task
+from ..robot.task import Task, wanted_task
 from .control_step import UNUSABLE, failure, vector
 
 Array = NDArray[np.float64]
@@ -162,6 +162,6 @@ def _positive(weight: ArrayLike, n: int) -> Array:
 
 def _redundant(task: Task) -> Task:
     """Refuse a task with fewer joints than coordinates: it has no right inverse."""
-    if task.r < 0:
+    if wanted_task(task).r < 0:
         raise InputError(f"{task.frame!r} is moved by {task.n} joints, too few for a {task.kind} task (m = {task.m})")
     return task

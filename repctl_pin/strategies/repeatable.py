@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import InputError, SingularityError
 from ..fields.field import FieldMap
 from ..redundancy.augmented import augmented_inverse
-from ..robot.task import Task
+from ..robot.task import Task, wanted_task
 from .control_step import UNUSABLE, make_loop, reason, vector
 from .on_leaf import checked, solve, solve_all
 
@@ -39,7 +39,7 @@ class RepeatableInverse:
     """
 
     def __init__(self, task: Task, field: FieldMap) -> None:
-        self.task, self.field = task, field
+        self.task, self.field = wanted_task(task), field
         self.damping, self.slowed = 0.0, 1.0
         self._loop = make_loop(task, field)
 

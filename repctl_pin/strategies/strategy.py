@@ -13,6 +13,13 @@ from ..robot.task import Task
 Array = NDArray[np.float64]
 
 
+AN_INVERSE = (
+    "an inverse q̇ = G(q) ẋ, such as rp.Pseudoinverse(task) or design.inverse; "
+    "rp.CustomInverse(task, function) makes one of a function q → G"
+)
+"""What to give where an inverse is wanted."""
+
+
 @runtime_checkable
 class Strategy(Protocol):
     """A rule that moves the joints when the task asks for a velocity."""
@@ -24,6 +31,20 @@ class Strategy(Protocol):
 
     def velocity(self, q: Array, xdot: Array) -> Array:
         """Choose q̇ (n,) for a task velocity ẋ (m,), rad/s or m/s."""
+        ...
+
+
+@runtime_checkable
+class Batched(Protocol):
+    """What off-line work asks of an inverse: its task, and G at many q."""
+
+    @property
+    def task(self) -> Task:
+        """The task it controls."""
+        ...
+
+    def batch(self, Q: Array, J: Array | None = None) -> Array:
+        """Evaluate G at every row of Q (K, n): (K, n, m); J (K, m, n) if already at hand."""
         ...
 
 

@@ -8,21 +8,20 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
-from ..design.tube import Tube
-from ..errors import InputError, SingularityError
-from ..motion import Motion, Path, circle, follow
+from ..design import Region, Tube
+from ..errors import InputError
+from ..fields import Polynomial
+from ..motion import Motion
+from ..motion.fitting import dexterity, fitting_circle
 from ..robot.length import arm_length
 from ..robot.robot import Robot
 from ..robot.task import KINDS, Task
-from ..strategies import Pseudoinverse
 
 Array = NDArray[np.float64]
 
 PREFERRED_KINDS = ("pose", "position", "xy", "xz", "yz")
 """Kinds tried in this order when none is named (``axis`` on request only)."""
 
-_RADII = (0.5, 0.3, 0.2, 0.1, 0.05, 0.03, 0.02, 0.01)
-_ANGLES = (np.pi, 0.0, np.pi / 2, -np.pi / 2)
 _LEAST_DEXTERITY = {6: 0.05, 5: 0.05, 2: 0.1}
 _LEAST_DEXTERITY_OF_POSITION = 0.2
 _LEAST_MARGIN = 0.15
@@ -79,16 +78,33 @@ def choose_task(robot: Robot, frame: str | None, kind: str | None, joints: list[
             return robot.task(frame, preferred, joints=joints)
     raise InputError(
         f"{robot.name} {frame!r} is moved by {len(robot.chain(frame))} joints: no kind of task is redundant there; "
-        "choose another --frame"
+        "choose another frame"
     )
 
 
-def dexterity(task: Task, q: Array) -> float:
-    """Measure ``σ_min / σ_max`` of J, lengths in units of the arm's reach: 0 at a singularity."""
-    J = task.jacobian(q).copy()
-    J[: min(3, task.m)] /= max(arm_length(task, q), 1e-9)
-    values = np.linalg.svd(J, compute_uv=False)
-    return float(values[-1] / values[0])
+def kind_note(task: Task) -> list[str]:
+    """Say why a kind of task was taken that is not the first preferred one."""
+    first, joints = PREFERRED_KINDS[0], len(task.robot.chain(task.frame))
+    if task.kind == first:
+        return []
+    if joints <= len(KINDS[first]):
+        return [f"{first} has no redundancy: {joints} joints; {task.kind} was taken"]
+    return [f"{first} is out of the question: {joints} joints never move {task.frame} in all its coordinates; "
+            f"{task.kind} was taken"]  # fmt: skip
+
+
+def check_degree(task: Task, degree: int) -> None:
+    """Refuse a degree that makes too many potentials of all joints.
+
+    Raises
+    ------
+    InputError
+        Before anything long is begun.
+    """
+    try:
+        Polynomial(task.reference, degree)
+    except InputError as error:  # whose remedy is to choose joints, which not everybody can
+        raise InputError(f"{str(error).partition(';')[0]}; lower the degree") from None
 
 
 def starts(task: Task) -> Iterator[tuple[Array, str]]:
@@ -127,43 +143,11 @@ def choose_start(task: Task) -> tuple[Array, str]:
     offered = list(starts(task))
     for q0, where in offered:
         try:
-            choose_path(task, q0)
+            fitting_circle(task, q0)
         except InputError:
             continue
         return q0, where
     return offered[0]
-
-
-def choose_path(task: Task, q0: Array, *, plane: str | None = None, radius: float | None = None) -> Path:
-    """Find a circle that J⁺ can follow for a cycle inside the joint limits, well away from singularities.
-
-    The largest round radius up to a seventh of the reach, horizontal if possible, then upright.
-
-    Raises
-    ------
-    InputError
-        If there is none down to a radius of 1 cm.
-    """
-    planes = (plane,) if plane is not None else _planes(task)
-    limit = 0.14 * arm_length(task, q0)
-    radii = (radius,) if radius is not None else [x for x in _RADII if x <= max(limit, _RADII[-1])]
-    strategy = Pseudoinverse(task)
-    needed = 0.5 * dexterity(task, q0)
-    for size in radii:
-        for flat in planes:
-            for angle in _ANGLES:
-                path = circle(task, q0, size, normal=flat, start_angle=angle)
-                try:
-                    motion = follow(strategy, path, q0, cycles=1, steps=96)
-                except SingularityError:
-                    continue
-                if motion.limit_margin.min() > 0.02 and min(dexterity(task, q) for q in motion.q[::2]) > needed:
-                    return path
-    size_text = f"of radius {radius:g} m" if radius is not None else "of 1 cm or more"
-    raise InputError(
-        f"from this start the arm follows no circle {size_text} in {' or '.join(planes)} inside its joint limits; "
-        "choose another --start, a smaller --path circle:RADIUS or another --plane"
-    )
 
 
 def choose_region(task: Task, motion: Motion) -> Tube:
@@ -171,11 +155,16 @@ def choose_region(task: Task, motion: Motion) -> Tube:
     return Tube(motion.cycle(0), np.where(task.revolute, 0.1, 0.05))
 
 
-def _planes(task: Task) -> tuple[str, ...]:
-    """Planes that a path of this kind can lie in."""
-    if task.kind in ("xy", "xz", "yz"):
-        return (task.kind,)
-    return ("xy", "yz", "xz")
+def share_outside(region: Region, motion: Motion) -> float:
+    """Share of its time that a motion spends outside Ω."""
+    return float(np.mean(region.ratio(motion.q) > 1))
+
+
+def half_width_within(region: Region) -> str:
+    """Write the half-width, of two digits, of the largest cube that a region's box holds."""
+    width = float(region.bounds.half_width.min())
+    digit = 10.0 ** (np.floor(np.log10(width)) - 1)
+    return f"{np.floor(width / digit) * digit:.2g}"
 
 
 def _inner(task: Task) -> tuple[Array, Array]:
@@ -192,12 +181,14 @@ def _spread(task: Task, count: int) -> Array:
 
 
 __all__ = [
-    "choose_path",
+    "check_degree",
     "choose_region",
     "choose_start",
     "choose_task",
-    "dexterity",
+    "half_width_within",
+    "kind_note",
     "reaches_full_rank",
     "redundant_kinds",
+    "share_outside",
     "starts",
 ]

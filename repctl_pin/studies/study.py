@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..design import Box, Design, Region, nearest_repeatable
-from ..errors import InputError, RepctlError, SingularityError
+from ..design import Box, Design, Region, SingularRegionError, Tube, nearest_repeatable
+from ..errors import InputError, SingularityError
 from ..integrability import drift_per_area
-from ..motion import Motion, Path, check_reach, elbow, follow, reach
+from ..motion import Motion, Path, follow
+from ..motion.fitting import fitting_circle
 from ..redundancy import align, nullspace
 from ..robot.robot import Robot
 from ..robot.task import Task
 from ..strategies import FunctionStrategy, PostureControl, Pseudoinverse, Strategy
 from . import defaults
+from .result import Row, Study
+from .setting import choose_setting
 
 Array = NDArray[np.float64]
 Control = Strategy | Callable[[Array, Array], ArrayLike]
@@ -33,95 +37,6 @@ LITTLE = 1e-4
 
 POSTURE_OFFSET = 0.57
 """How far off the start the posture of the third strategy lies, rad, along the null space."""
-
-
-@dataclass(frozen=True)
-class Row:
-    """What one strategy did.
-
-    Attributes
-    ----------
-    key, label : str
-        A short name for files (``pseudoinverse``), and one for people (``J⁺``).
-    motion : Motion or None
-        None where the strategy could not go on; ``stopped`` says why.
-    clearance : float or None
-        Worst σ_min(Nᵀ V̂) along its motion, where the strategy has a V.
-    distance : float or None
-        Relative distance ``‖G − J⁺‖ / ‖J⁺‖`` in the mean over Ω; None where the strategy is no inverse.
-    """
-
-    key: str
-    label: str
-    motion: Motion | None
-    stopped: str = ""
-    clearance: float | None = None
-    distance: float | None = None
-
-
-@dataclass(frozen=True)
-class Study:
-    """One arm, one closed path, every strategy side by side. See :func:`study`."""
-
-    task: Task
-    q0: Array
-    path: Path
-    region: Region
-    design: Design
-    rows: tuple[Row, ...]
-    notes: tuple[str, ...]
-
-    @property
-    def robot(self) -> Robot:
-        """The robot."""
-        return self.task.robot
-
-    @property
-    def elbow(self) -> int:
-        """The joint whose origin a self-motion at the start moves fastest: where the creep is seen."""
-        return elbow(self.task, self.q0)
-
-    def row(self, key: str) -> Row:
-        """Find a strategy's row by its key."""
-        return next(row for row in self.rows if row.key == key)
-
-    @property
-    def setting(self) -> dict[str, str]:
-        """What was studied, as label and text: enough to do it again."""
-        task = self.task
-        numbers = ", ".join(f"{v:.4g}" for v in self.q0)
-        return {
-            "robot": f"{self.robot.name} ({self.robot.description.path.name})",
-            "task": f"{task.frame}, {task.kind}: n = {task.n} joints, m = {task.m}, r = {task.r}",
-            "start": numbers,
-            "path": self.path.name,
-            "region": str(self.region),
-            "potentials": f"degree {getattr(self.design.fields, 'degree', '?')}, {self.design.fields.size} of them",
-        }
-
-    def as_dict(self) -> dict[str, Any]:
-        """Everything a script would want, in plain Python types."""
-        design = self.design
-        return {
-            **self.task.as_dict(),
-            "start": [float(v) for v in self.q0],
-            "path": self.path.name,
-            "region": {
-                "center": design.region.center.tolist(),
-                "half_width": self.region.bounds.half_width.tolist(),
-                "is": str(self.region),
-            },
-            "design": {
-                "cost": design.cost,
-                "cost_error": design.cost_error,
-                "relative_distance": design.relative_distance,
-                "clearance": design.clearance,
-                "converged": design.converged,
-                "potentials": design.fields.size,
-            },
-            "strategies": {row.key: _row_dict(row) for row in self.rows},
-            "notes": list(self.notes),
-        }
 
 
 def study(
@@ -190,86 +105,48 @@ def study(
     say("loading the robot")
     machine = robot if isinstance(robot, Robot) else Robot.load(robot)
     moved = defaults.choose_task(machine, frame, task)
+    defaults.check_degree(moved, degree)
     own = _own_controls(moved, controls or {})
     say("finding a path" if path is None else "finding a start")
-    q0, path, found = _setting(moved, start, path, plane, radius)
-    notes = [*machine.warnings, *found]
+    setting = choose_setting(moved, start, path or partial(fitting_circle, plane=plane, radius=radius))
+    q0, drawn = setting.q0, setting.path
+    notes = [*machine.warnings, *(defaults.kind_note(moved) if task is None else []), *setting.notes]
 
     plain = Pseudoinverse(moved)
     options: dict[str, Any] = {"cycles": cycles, "steps": steps, "period": period}
-    box: Region
-    if region is None:
-        say("following the path with J⁺")
-        box = defaults.choose_region(moved, follow(plain, path, q0, cycles=1, steps=steps, period=period))
-    else:
-        box = Box(q0, float(region)) if isinstance(region, (int, float)) else region
 
+    def repeatable(design: Design) -> Row:
+        return _run("repeatable", "nearest repeatable", design.inverse, drawn, q0, options)
+
+    box = Box(q0, float(region)) if isinstance(region, (int, float)) else region
+    if box is None:
+        say("finding where the motion will be")
+        box = _round_the_motion(plain, drawn, q0, seed, options)
     say(f"designing the nearest repeatable inverse, degree {degree}")
-    if region is None:  # J⁺ creeps away from where the repeatable inverse will be: a linear one finds the way
-        linear, _, _ = _design(plain, box, 1, seed, fixed=False)
-        closed = _run("", "", linear.inverse, path, q0, options | {"cycles": 1}).motion
-        box = box if closed is None else defaults.choose_region(moved, closed)
-    design, box, shrunk = _design(plain, box, degree, seed, fixed=region is not None)
-    notes.extend(shrunk)
-
+    design = _design(plain, box, degree, seed, asked=region)
     say(f"following the path for {cycles} cycles")
+    last = repeatable(design)
+    strays = last.motion is not None and defaults.share_outside(design.region, last.motion) > 0
+    if region is None and design.shrunk == 1 and strays:
+        say("designing again, round the motion that came of it")
+        assert last.motion is not None
+        design = _design(plain, defaults.choose_region(moved, last.motion), degree, seed, asked=None)
+        last = repeatable(design)
+    if design.shrunk < 1:
+        notes.append(f"Ω was shrunk to {design.shrunk:.0%} to keep clear of singularities")
+
     N = align(nullspace(moved.jacobian(q0)), np.eye(moved.n)[:, : moved.r])
     away = np.clip(q0 + POSTURE_OFFSET * N[:, 0], moved.lower, moved.upper)
     rows = [
-        replace(_run("pseudoinverse", "J⁺", plain, path, q0, options), distance=0.0),
-        _run("posture", "J⁺ + posture", PostureControl(moved, q0, POSTURE_GAIN), path, q0, options),
-        _run(
-            "posture_off",
-            "J⁺ + posture, off it",
-            PostureControl(moved, away, POSTURE_GAIN),
-            path,
-            q0,
-            options,
-        ),
-        *(_run(name, name, control, path, q0, options) for name, control in own.items()),
+        replace(_run("pseudoinverse", "J⁺", plain, drawn, q0, options), distance=0.0),
+        _run("posture", "J⁺ + posture", PostureControl(moved, q0, POSTURE_GAIN), drawn, q0, options),
+        _run("posture_off", "J⁺ + posture, off it", PostureControl(moved, away, POSTURE_GAIN), drawn, q0, options),
+        *(_run(name, name, control, drawn, q0, options) for name, control in own.items()),
+        replace(last, clearance=_clearance(design, last.motion), distance=design.relative_distance),
     ]
     notes.extend(_where_it_creeps(plain, q0, rows[0].motion))
-    repeatable = _run("repeatable", "nearest repeatable", design.inverse, path, q0, options)
-    if repeatable.motion is not None:
-        covered = float(np.mean(box.ratio(repeatable.motion.q) <= 1))
-        if covered < 1:
-            notes.append(
-                f"the repeatable motion spends {1 - covered:.1%} of its time outside Ω, where nothing was designed"
-            )
-    rows.append(replace(repeatable, clearance=_clearance(design, repeatable.motion), distance=design.relative_distance))
-    return Study(moved, q0, path, box, design, tuple(rows), tuple(notes))
-
-
-def _setting(
-    task: Task,
-    start: ArrayLike | None,
-    path: Path | Callable[[Task, Array], Path] | None,
-    plane: str | None,
-    radius: float | None,
-) -> tuple[Array, Path, list[str]]:
-    """Take the start, or the first good one from which the path can be followed; and say which it is."""
-    offered = defaults.starts(task) if start is None else [(task.check(start, "--start"), "")]
-    failure: RepctlError | None = None
-    for q0, where in offered:
-        notes = [f"start: {where}"] if where else []
-        try:
-            if defaults.dexterity(task, q0) < 1e-3:
-                raise SingularityError(
-                    f"the start is at a singularity of {task.frame!r}, {task.kind}; choose another --start"
-                )
-            if path is None:
-                return q0, defaults.choose_path(task, q0, plane=plane, radius=radius), notes
-            found = path if isinstance(path, Path) else path(task, q0)
-            if np.linalg.norm(task.error(q0, found.placement(0.0))) > 1e-6:
-                q0 = reach(task, q0, found.placement(0.0))
-                notes.append("the start was moved to the path's first point")
-            check_reach(task, q0, found)
-        except RepctlError as error:
-            failure = failure or error  # of the best start
-            continue
-        return q0, found, notes
-    assert failure is not None  # there is always a start to try
-    raise failure
+    notes.extend(_where_it_leaves(design, last.motion))
+    return Study(moved, q0, drawn, design.region, design, tuple(rows), tuple(notes))
 
 
 def _own_controls(task: Task, controls: Mapping[str, Control]) -> dict[str, Strategy]:
@@ -302,16 +179,37 @@ def _run(key: str, label: str, strategy: Strategy, path: Path, q0: Array, option
         return Row(key, label, None, stopped=str(error))
 
 
-def _design(
-    plain: Pseudoinverse, region: Region, degree: int, seed: int, *, fixed: bool
-) -> tuple[Design, Region, list[str]]:
-    """Design in the region; one that was not asked for by name is shrunk until it is free of singularities."""
+def _round_the_motion(plain: Pseudoinverse, path: Path, q0: Array, seed: int, options: dict[str, Any]) -> Tube:
+    """Lay a tube where the motion will be: J⁺ creeps away from there, so a linear design finds the way."""
+    once = options | {"cycles": 1}
+    tube = defaults.choose_region(plain.task, follow(plain, path, q0, **once))
+    linear = _run("", "", _design(plain, tube, 1, seed, asked=None).inverse, path, q0, once).motion
+    return tube if linear is None else defaults.choose_region(plain.task, linear)
+
+
+def _design(plain: Pseudoinverse, box: Region, degree: int, seed: int, *, asked: float | Region | None) -> Design:
+    """Design in the region; one that nobody asked for is shrunk until it is free of singularities."""
     try:
-        design = nearest_repeatable(plain, None, region, degree=degree, seed=seed, shrink=not fixed)
-    except SingularityError as error:
-        raise SingularityError(f"{error}" + (" (--region)" if fixed else "")) from None
-    note = [f"Ω was shrunk to {design.shrunk:.0%} to keep clear of singularities"] if design.shrunk < 1 else []
-    return design, design.region, note
+        return nearest_repeatable(plain, None, box, degree=degree, seed=seed, shrink=asked is None)
+    except SingularRegionError as error:
+        if asked is None:
+            remedy = "choose another start, or a smaller path"
+        elif error.free is None:
+            remedy = "choose another start"
+        elif isinstance(asked, (int, float)):
+            remedy = f"give region={defaults.half_width_within(error.free)}"
+        else:
+            remedy = "take that"
+        raise error.with_remedy(remedy) from None
+
+
+def _where_it_leaves(design: Design, motion: Motion | None) -> list[str]:
+    """Say how much of the repeatable motion lies where nothing was designed, and what helps."""
+    share = 0.0 if motion is None else defaults.share_outside(design.region, motion)
+    if share == 0:
+        return []
+    remedy = "a larger region may cover it" if design.shrunk == 1 else "a smaller path may stay inside"
+    return [f"the repeatable motion spends {share:.1%} of its time outside Ω, where nothing was designed; {remedy}"]
 
 
 def _where_it_creeps(plain: Pseudoinverse, q0: Array, motion: Motion | None) -> list[str]:
@@ -340,26 +238,4 @@ def _clearance(design: Design, motion: Motion | None) -> float:
     return float(clearance(N, design.inverse.field.gradients(Q)).min())
 
 
-def _row_dict(row: Row) -> dict[str, Any]:
-    motion = row.motion
-    if motion is None:
-        return {"label": row.label, "stopped": row.stopped}
-    violation = motion.first_violation
-    margin = float(motion.limit_margin.min())
-    return {
-        "label": row.label,
-        "drift_first": float(motion.drift[0]),
-        "drift_last": float(motion.drift[-1]),
-        "drift": motion.drift.tolist(),
-        "tracking_error": float(motion.tracking_error.max()),
-        "turning_error": float(motion.turning_error.max()),
-        "rms_speed": motion.rms_speed,
-        "peak_speed": motion.peak_speed,
-        "limit_margin": margin if np.isfinite(margin) else None,
-        "first_violation": None if violation is None else {"cycle": violation[0], "joint": violation[1]},
-        "clearance": row.clearance,
-        "distance": row.distance,
-    }
-
-
-__all__ = ["InputError", "Row", "Study", "study"]
+__all__ = ["Row", "Study", "study"]

@@ -1,0 +1,83 @@
+"""A circle that the arm can follow: of a radius that is given or the largest that fits, turned until it does."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError, SingularityError
+from ..robot.length import arm_length
+from ..robot.task import Task
+from ..strategies import Pseudoinverse
+from .follow import follow
+from .paths import Path, circle
+
+Array = NDArray[np.float64]
+
+_RADII = (0.5, 0.3, 0.2, 0.1, 0.05, 0.03, 0.02, 0.01)
+_DEGREES = (180.0, 0.0, 90.0, -90.0)
+_LEAST_MARGIN = 0.02
+"""To the joint limits, rad or m."""
+
+
+def fitting_circle(task: Task, q0: Array, *, plane: str | None = None, radius: float | None = None) -> Path:
+    """Find a circle that J⁺ can follow for a cycle inside the joint limits, well away from singularities.
+
+    Where they are not given: the largest round radius up to a seventh of the reach; horizontal if possible,
+    then upright. Where on the circle the start lies is always looked for.
+
+    Raises
+    ------
+    InputError
+        If there is none; without a radius, down to 1 cm.
+    """
+    planes = (plane,) if plane is not None else planes_of(task)
+    limit = 0.14 * arm_length(task, q0)
+    radii = (radius,) if radius is not None else [x for x in _RADII if x <= max(limit, _RADII[-1])]
+    strategy = Pseudoinverse(task)
+    needed = 0.5 * dexterity(task, q0)
+    for size in radii:
+        for flat in planes:
+            for degrees in _DEGREES:
+                path = circle_at(task, q0, size, flat, degrees)
+                try:
+                    motion = follow(strategy, path, q0, cycles=1, steps=96)
+                except SingularityError:
+                    continue
+                clear = min(dexterity(task, q) for q in motion.q[::2]) > needed
+                if clear and motion.limit_margin.min() > _LEAST_MARGIN:
+                    return path
+    size_text = f"of radius {radius:g} m" if radius is not None else "of 1 cm or more"
+    raise InputError(
+        f"from this start the arm follows no circle {size_text} in {' or '.join(planes)} inside its joint limits; "
+        "choose another start, a smaller circle or another plane"
+    )
+
+
+def circle_at(task: Task, q0: Array, radius: float, plane: str, degrees: float) -> Path:
+    """Draw a circle on which the start lies at an angle, in degrees from the plane's first axis; with its words."""
+    path = circle(task, q0, radius, normal=plane, start_angle=float(np.deg2rad(degrees)))
+    return replace(path, words=f"circle:{_digits(radius)}:{_digits(degrees)}", plane=plane)
+
+
+def dexterity(task: Task, q: Array) -> float:
+    """Measure ``σ_min / σ_max`` of J, lengths in units of the arm's reach: 0 at a singularity."""
+    J = task.jacobian(q).copy()
+    J[: min(3, task.m)] /= max(arm_length(task, q), 1e-9)
+    values = np.linalg.svd(J, compute_uv=False)
+    return float(values[-1] / values[0])
+
+
+def planes_of(task: Task) -> tuple[str, ...]:
+    """Planes that a path of this kind can lie in, the first to try first."""
+    if task.kind in ("xy", "xz", "yz"):
+        return (task.kind,)
+    return ("xy", "yz", "xz")
+
+
+def _digits(value: float) -> str:
+    """Write a number as a person would, but so that reading it gives the same float."""
+    text = f"{value:.15g}"
+    return text if float(text) == value else repr(float(value))

@@ -1,0 +1,138 @@
+"""What a study found: a row a strategy, and how to do it again."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..design import Design, Region
+from ..motion import Motion, Path, elbow
+from ..robot.robot import Robot
+from ..robot.task import Task
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Row:
+    """What one strategy did.
+
+    Attributes
+    ----------
+    key, label : str
+        A short name for files (``pseudoinverse``), and one for people (``J⁺``).
+    motion : Motion or None
+        None where the strategy could not go on; ``stopped`` says why.
+    clearance : float or None
+        Worst σ_min(Nᵀ V̂) along its motion, where the strategy has a V.
+    distance : float or None
+        Relative distance ``‖G − J⁺‖ / ‖J⁺‖`` in the mean over Ω; None where the strategy is no inverse.
+    """
+
+    key: str
+    label: str
+    motion: Motion | None
+    stopped: str = ""
+    clearance: float | None = None
+    distance: float | None = None
+
+
+@dataclass(frozen=True)
+class Study:
+    """One arm, one closed path, every strategy side by side. See :func:`study`."""
+
+    task: Task
+    q0: Array
+    path: Path
+    region: Region
+    design: Design
+    rows: tuple[Row, ...]
+    notes: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        done = [(row.label, row.motion) for row in self.rows]
+        drifts = ", ".join(f"{label} {motion.drift[-1]:.2g}" if motion else f"{label} stuck" for label, motion in done)
+        return f"<Study of {self.robot.name} {self.task.frame}: {self.path.name}, drift at the end: {drifts}>"
+
+    @property
+    def robot(self) -> Robot:
+        """The robot."""
+        return self.task.robot
+
+    @property
+    def elbow(self) -> int:
+        """The joint whose origin a self-motion at the start moves fastest: where the creep is seen."""
+        return elbow(self.task, self.q0)
+
+    def row(self, key: str) -> Row:
+        """Find a strategy's row by its key."""
+        return next(row for row in self.rows if row.key == key)
+
+    @property
+    def setting(self) -> dict[str, str]:
+        """What was studied, as label and text; ``again`` is the path as the command line takes it."""
+        task = self.task
+        numbers = ", ".join(f"{v:.4g}" for v in self.q0)
+        return {
+            "robot": f"{self.robot.name} ({self.robot.description.path.name})",
+            "task": f"{task.frame}, {task.kind}: n = {task.n} joints, m = {task.m}, r = {task.r}",
+            "start": numbers,
+            "path": self.path.name,
+            **({"again": self.path.options} if self.path.options else {}),
+            "region": str(self.region),
+            "potentials": f"degree {getattr(self.design.fields, 'degree', '?')}, {self.design.fields.size} of them",
+        }
+
+    def as_dict(self) -> dict[str, Any]:
+        """Everything a script would want, in plain Python types."""
+        design = self.design
+        return {
+            **self.task.as_dict(),
+            "start": [float(v) for v in self.q0],
+            **self.path.as_dict(),
+            "region": region_dict(self.region),
+            "design": {
+                "cost": design.cost,
+                "cost_error": design.cost_error,
+                "relative_distance": design.relative_distance,
+                "clearance": design.clearance,
+                "converged": design.converged,
+                "potentials": design.fields.size,
+            },
+            "strategies": {row.key: _row_dict(row) for row in self.rows},
+            "notes": list(self.notes),
+        }
+
+
+def region_dict(region: Region) -> dict[str, Any]:
+    """Say what a region is, in plain Python types."""
+    return {
+        "center": region.center.tolist(),
+        "half_width": region.bounds.half_width.tolist(),
+        "is": str(region),
+    }
+
+
+def _row_dict(row: Row) -> dict[str, Any]:
+    motion = row.motion
+    if motion is None:
+        return {"label": row.label, "stopped": row.stopped}
+    violation = motion.first_violation
+    margin = float(motion.limit_margin.min())
+    return {
+        "label": row.label,
+        "drift_first": float(motion.drift[0]),
+        "drift_last": float(motion.drift[-1]),
+        "drift": motion.drift.tolist(),
+        "tracking_error": float(motion.tracking_error.max()),
+        "turning_error": float(motion.turning_error.max()),
+        "rms_speed": motion.rms_speed,
+        "peak_speed": motion.peak_speed,
+        "limit_margin": margin if np.isfinite(margin) else None,
+        "first_violation": None if violation is None else {"cycle": violation[0], "joint": violation[1]},
+        "clearance": row.clearance,
+        "distance": row.distance,
+    }
