@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from test_scene import read
 
 import repctl_pin as rp
 from repctl_pin.show import animation as room
+from repctl_pin.show.figures import BLUE, GREEN, ORANGE, VERMILLION
 from repctl_pin.show.study_files import study_page
 
 
@@ -38,6 +40,15 @@ def test_every_motion_and_every_path_is_on_the_page(motions: dict[str, rp.Motion
     # the same path twice is drawn once, a frame that two motions move leaves one trace in each arm
     again, _, _ = read(rp.animation({"a": motions["a"], "again": motions["a"]}).page)
     assert again["paths"] == [len(lines[0])] and [arm["limbs"] for arm in again["arms"]] == [1, 1]
+
+
+def test_who_creeps_is_warm_and_who_comes_back_is_cool(motions: dict[str, rp.Motion]) -> None:
+    still = replace(motions["a"], drift=1e-9 * motions["a"].drift)
+    shown = {"a": motions["a"], "b": still, "c": motions["b"], "d": still}
+    scene, _, _ = read(rp.animation(shown).page)
+    assert [arm["color"] for arm in scene["arms"]] == [VERMILLION, BLUE, ORANGE, GREEN]
+    alone, _, _ = read(rp.animation({"b": still}).page)
+    assert alone["arms"][0]["color"] == BLUE
 
 
 def test_two_hands_are_two_limbs() -> None:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import cycle
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,7 +25,9 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-_COLOURS = (VERMILLION, BLUE, GREEN, PURPLE, ORANGE, SKY)
+_WARM, _COOL = (VERMILLION, ORANGE, PURPLE), (BLUE, GREEN, SKY)
+_BACK = 0.01
+"""A motion has come back whose drift is this part of the largest, or nothing one could see."""
 
 
 @dataclass(frozen=True)
@@ -81,6 +84,8 @@ class Animation:
 def animation(motions: Mapping[str, Motion] | Study, *, seconds: float = 4.0) -> Animation:
     """Show motions of one robot side by side: path, traces, start pose, and the drift after each cycle.
 
+    What has crept has a warm colour, what has come back a cool one.
+
     Parameters
     ----------
     motions
@@ -117,7 +122,8 @@ def animation(motions: Mapping[str, Motion] | Study, *, seconds: float = 4.0) ->
     other = next((m.task.robot for m in every if m.task.robot.joint_names != robot.joint_names), None)
     if other is not None:
         raise InputError(f"an animation shows one robot; these are motions of {robot.name} and {other.name}")
-    tracks = [track_of(name, motion, _COLOURS[k % len(_COLOURS)]) for k, (name, motion) in enumerate(motions.items())]
+    colours = _colours([motion.drift[-1] for motion in every])
+    tracks = [track_of(name, motion, colour) for (name, motion), colour in zip(motions.items(), colours, strict=True)]
     limbs: dict[str, Limb] = {}
     paths: list[Array] = []
     for motion in every:
@@ -127,3 +133,10 @@ def animation(motions: Mapping[str, Motion] | Study, *, seconds: float = 4.0) ->
             paths.append(points)
     name = " and ".join(dict.fromkeys(motion.path.name for motion in every))
     return Animation(tracks_page(list(limbs.values()), tracks, paths=paths, name=name, seconds=seconds))
+
+
+def _colours(drifts: Sequence[float]) -> list[str]:
+    """Give each motion a colour: a warm one if it has crept, a cool one if it has come back."""
+    limit = max(_BACK * max(drifts), 1e-6)
+    warm, cool = cycle(_WARM), cycle(_COOL)
+    return [next(cool if drift <= limit else warm) for drift in drifts]

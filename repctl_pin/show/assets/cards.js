@@ -32,7 +32,7 @@ function sharp(canvas) {
   return { draw, width, height };
 }
 
-const elbows = (arm) => (arm.elbows.length ? `trace of ${arm.elbows.join(", ")}` : arm.limbs > 1 ? "elbows’ traces" : "elbow’s trace");
+const elbows = (arm) => (arm.limbs > 1 ? "elbows’ traces" : arm.elbows[0] || "elbow’s trace");
 
 class Card {
   constructor(parent, arm, view, scene) {
@@ -40,7 +40,7 @@ class Card {
     this.drift = element("p", { class: "drift" });
     this.after = element("p", { class: "after" });
     this.bars = element("canvas", { role: "img", "aria-label": `Drift of ${arm.label} after each cycle` });
-    this.elbow = element("canvas", { role: "img", "aria-label": `${arm.label}: ${elbows(arm)}` });
+    this.elbow = element("canvas", { role: "img", "aria-label": `${arm.label}: trace of ${arm.elbows.join(" and ") || "the elbow"}` });
     this.scaleNote = element("figcaption");
     const largest = Math.max(...scene.arms.flatMap((a) => a.drift));
     this.top = largest;
@@ -116,8 +116,8 @@ class Card {
     const scale = Math.min(158 / wide, 62 / tall), bar = niceStep(40 / scale);
     for (const card of cards) {
       Object.assign(card.flat, { scale, bar });
-      card.scaleNote.title = `${elbows(card.arm)}: the joint that a self-motion moves most`;
-      card.scaleNote.textContent = wide > 1e-5 || tall > 1e-5 ? `bar ${inMetres(bar)}; ${elbows(card.arm)}` : "no elbow moves";
+      card.scaleNote.title = `The trace of ${card.arm.elbows.join(" and ") || "the elbow"}, what a self-motion moves most`;
+      card.scaleNote.textContent = wide > 1e-5 || tall > 1e-5 ? `${elbows(card.arm)}; bar ${inMetres(bar)}` : "no elbow moves";
     }
   }
 }
