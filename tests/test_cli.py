@@ -211,3 +211,14 @@ print({pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == 
     done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, env=environment, capture_output=True, text=True)
     assert json.loads(done.stdout)["robot"] == "ppr"
     assert done.stderr.strip().splitlines()[-1] == str({min(asked or 1, os.cpu_count() or 1)})
+
+
+def test_a_report_of_before_is_said_to_be_old(tmp_path: Path) -> None:
+    small = ["ppr", "--cycles", "1", "--steps", "40", "--degree", "1", "--out", "out"]
+    assert "earlier" not in repctl("study", *small, cwd=tmp_path).stdout
+    done = repctl("study", *small, "--report", cwd=tmp_path)
+    assert done.returncode == 0 and "earlier" not in done.stdout
+    report = (tmp_path / "out" / "report.html").read_bytes()
+    done = repctl("study", *small, cwd=tmp_path)
+    assert "note: report.html there is of an earlier study; --report makes it anew" in done.stdout
+    assert (tmp_path / "out" / "report.html").read_bytes() == report

@@ -167,7 +167,7 @@ def _print(result: dict[str, Any], motion: Motion) -> None:
 
     print(f"{result['robot']} {result['frame']}, {result['task']}: {result['path']}")
     if motion.path.options:
-        print(f"again           {motion.path.options}")
+        print(f"path again      {motion.path.options}")
     print(f"start           {', '.join(f'{v:.4g}' for v in result['start'])}")
     last = "" if motion.cycles == 1 else f", {motion.drift[-1]:.2g} after {motion.cycles}"
     print(f"joint drift     {motion.drift[0]:.2g} {unit(motion)} after 1 cycle{last}")

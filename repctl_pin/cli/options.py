@@ -129,7 +129,9 @@ def said_by_options(error: SingularRegionError, *, shrink: bool = False) -> Sing
     from ..studies.defaults import half_width_within
 
     if error.free is None:
-        return error.with_remedy("choose another --start")
+        return error.with_remedy(
+            "choose another --start, or a smaller --region: cut at the joint limits, it has another center"
+        )
     return error.with_remedy("--shrink takes that" if shrink else f"give --region {half_width_within(error.free)}")
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -93,6 +94,10 @@ def _run(options: argparse.Namespace, folder: Path) -> int:
     if options.report:
         say("writing the report")
         files.append(_report(result, files[0], folder / "report.html", options))
+    elif (folder / "report.html").exists():
+        result = replace(
+            result, notes=(*result.notes, "report.html there is of an earlier study; --report makes it anew")
+        )
     clear_line()
     if options.json:
         print(json.dumps(result.as_dict() | {"files": [str(f) for f in files]}, indent=2, ensure_ascii=False))

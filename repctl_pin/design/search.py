@@ -175,7 +175,9 @@ def refuse_singular(
     largest = largest_free(measure, region, at[None] if bad is None else bad)
     where = f"{what} in Ω near {named(task, at)}"
     if largest is None:
-        return SingularRegionError(f"{where}; the center of the region is singular", at, None, "choose another")
+        return SingularRegionError(
+            f"{where}; the center of the region is singular", at, None, "choose another, or a smaller region"
+        )
     found = f"{where}; the largest region round its center that is free of it is a {largest}"
     return SingularRegionError(found, at, largest, "take that (shrink=True)")
 

@@ -84,14 +84,16 @@ def _same_room(axes: list[Any], flat: bool) -> None:
     """Give all the same limits and one scale for every direction."""
     from matplotlib.ticker import MaxNLocator
 
-    sizes = []
-    for name in "xy" if flat else "xyz":
-        ends = np.array([getattr(ax, f"get_{name}lim")() for ax in axes])
-        low, high = ends[:, 0].min(), ends[:, 1].max()
-        sizes.append(high - low)
+    names = "xy" if flat else "xyz"
+    ends = np.array([[getattr(ax, f"get_{name}lim")() for ax in axes] for name in names])  # (d, axes, 2)
+    low, high = ends[..., 0].min(axis=1), ends[..., 1].max(axis=1)
+    narrow = np.maximum(0.0, 0.2 * (high - low).max() - (high - low))  # a flat motion still needs room for its numbers
+    low, high = low - narrow / 2, high + narrow / 2
+    sizes = high - low
+    for name, a, b, size in zip(names, low, high, sizes, strict=True):
         for ax in axes:
-            getattr(ax, f"set_{name}lim")(low, high)
-            getattr(ax, f"{name}axis").set_major_locator(MaxNLocator(4))
+            getattr(ax, f"set_{name}lim")(a, b)
+            getattr(ax, f"{name}axis").set_major_locator(MaxNLocator(max(1, round(min(4, 8 * size / sizes.max())))))
     for ax in axes:
         if flat:
             ax.set_aspect("equal")

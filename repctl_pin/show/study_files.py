@@ -48,7 +48,7 @@ def write_study(study: Study, folder: Path) -> list[Path]:
 
 def study_page(study: Study) -> str:
     """Make the animation of a study: J⁺, a person's own controls and the repeatable inverse, side by side."""
-    rows = [row for row in study.rows if not row.key.startswith("posture")]
+    rows = [row for row in study.rows if row.key not in ("posture", "posture_off")]
     shown = {row.label for row in rows}
     tracks = [track_of(*one) for one in drawn(study) if one[0] in shown]
     drifts = "; ".join(f"{row.label}: {_drift_words(row)}" for row in rows)

@@ -161,7 +161,9 @@ def _price(plain: Row, closed: Row) -> str:
     if plain.motion is None or closed.motion is None:
         return "the price in speed cannot be told"
     own, least = (float(np.sqrt(np.mean(r.motion.speed[: r.motion.steps] ** 2))) for r in (closed, plain))  # type: ignore[union-attr]
-    return f"costs {own / least - 1:+.1%} of joint speed (rms) over the first cycle"
+    price = own / least - 1
+    worth = f"costs {price:+.1%} of" if abs(price) >= 5e-4 else "costs no"
+    return f"{worth} joint speed (rms) over the first cycle"
 
 
 def _moved(study: Study, without: str = "") -> list[tuple[str, Motion]]:

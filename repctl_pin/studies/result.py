@@ -73,7 +73,7 @@ class Study:
 
     @property
     def setting(self) -> dict[str, str]:
-        """What was studied, as label and text; ``again`` is the path as the command line takes it."""
+        """What was studied, as label and text; ``path again`` is the path as the command line takes it."""
         task = self.task
         numbers = ", ".join(f"{v:.4g}" for v in self.q0)
         return {
@@ -81,7 +81,7 @@ class Study:
             "task": f"{task.frame}, {task.kind}: n = {task.n} joints, m = {task.m}, r = {task.r}",
             "start": numbers,
             "path": self.path.name,
-            **({"again": self.path.options} if self.path.options else {}),
+            **({"path again": self.path.options} if self.path.options else {}),
             "region": str(self.region),
             "potentials": f"degree {getattr(self.design.fields, 'degree', '?')}, {self.design.fields.size} of them",
         }

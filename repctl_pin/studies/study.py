@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import wanted
 from ..design import Box, Design, Region, SingularRegionError, Tube, nearest_repeatable
 from ..errors import InputError, SingularityError
 from ..integrability import drift_per_area
@@ -29,8 +30,13 @@ Control = Strategy | Callable[[Array, Array], ArrayLike]
 POSTURE_GAIN = 1.0
 """Gain of the posture in the null space, 1/s."""
 
-RESERVED = ("pseudoinverse", "posture", "posture_off", "repeatable")
-"""Keys of a study's own rows."""
+LABELS = {
+    "pseudoinverse": "J⁺",
+    "posture": "J⁺ + posture",
+    "posture_off": "J⁺ + posture, off it",
+    "repeatable": "nearest repeatable",
+}
+"""A study's own rows: their keys, and what people call them."""
 
 LITTLE = 1e-4
 """Drift a cycle that nobody would see, rad or m."""
@@ -106,7 +112,7 @@ def study(
     machine = robot if isinstance(robot, Robot) else Robot.load(robot)
     moved = defaults.choose_task(machine, frame, task)
     defaults.check_degree(moved, degree)
-    own = _own_controls(moved, controls or {})
+    own = _own_controls(moved, {} if controls is None else controls)
     say("finding a path" if path is None else "finding a start")
     setting = choose_setting(moved, start, path or partial(fitting_circle, plane=plane, radius=radius))
     q0, drawn = setting.q0, setting.path
@@ -116,7 +122,7 @@ def study(
     options: dict[str, Any] = {"cycles": cycles, "steps": steps, "period": period}
 
     def repeatable(design: Design) -> Row:
-        return _run("repeatable", "nearest repeatable", design.inverse, drawn, q0, options)
+        return _run("repeatable", design.inverse, drawn, q0, options)
 
     box = Box(q0, float(region)) if isinstance(region, (int, float)) else region
     if box is None:
@@ -138,10 +144,10 @@ def study(
     N = align(nullspace(moved.jacobian(q0)), np.eye(moved.n)[:, : moved.r])
     away = np.clip(q0 + POSTURE_OFFSET * N[:, 0], moved.lower, moved.upper)
     rows = [
-        replace(_run("pseudoinverse", "J⁺", plain, drawn, q0, options), distance=0.0),
-        _run("posture", "J⁺ + posture", PostureControl(moved, q0, POSTURE_GAIN), drawn, q0, options),
-        _run("posture_off", "J⁺ + posture, off it", PostureControl(moved, away, POSTURE_GAIN), drawn, q0, options),
-        *(_run(name, name, control, drawn, q0, options) for name, control in own.items()),
+        replace(_run("pseudoinverse", plain, drawn, q0, options), distance=0.0),
+        _run("posture", PostureControl(moved, q0, POSTURE_GAIN), drawn, q0, options),
+        _run("posture_off", PostureControl(moved, away, POSTURE_GAIN), drawn, q0, options),
+        *(_run(name, control, drawn, q0, options) for name, control in own.items()),
         replace(last, clearance=_clearance(design, last.motion), distance=design.relative_distance),
     ]
     notes.extend(_where_it_creeps(plain, q0, rows[0].motion))
@@ -152,8 +158,9 @@ def study(
 def _own_controls(task: Task, controls: Mapping[str, Control]) -> dict[str, Strategy]:
     """Make strategies of a person's own controls."""
     own: dict[str, Strategy] = {}
+    wanted(controls, Mapping, "controls", "a dictionary that gives each control a name, such as {'mine': control}")
     for name, control in controls.items():
-        if name in RESERVED or not name.strip():
+        if not isinstance(name, str) or name in (*LABELS, *LABELS.values()) or not name.strip():
             raise InputError(f"controls: {name!r} is taken; give your control another name")
         if not isinstance(control, Strategy):
             own[name] = FunctionStrategy(task, control)
@@ -171,8 +178,9 @@ def _own_controls(task: Task, controls: Mapping[str, Control]) -> dict[str, Stra
     return own
 
 
-def _run(key: str, label: str, strategy: Strategy, path: Path, q0: Array, options: dict[str, Any]) -> Row:
+def _run(key: str, strategy: Strategy, path: Path, q0: Array, options: dict[str, Any]) -> Row:
     """Follow the path with one strategy; a strategy that gets stuck is a finding, not a failure."""
+    label = LABELS.get(key, key)
     try:
         return Row(key, label, follow(strategy, path, q0, **options))
     except SingularityError as error:
@@ -183,7 +191,7 @@ def _round_the_motion(plain: Pseudoinverse, path: Path, q0: Array, seed: int, op
     """Lay a tube where the motion will be: J⁺ creeps away from there, so a linear design finds the way."""
     once = options | {"cycles": 1}
     tube = defaults.choose_region(plain.task, follow(plain, path, q0, **once))
-    linear = _run("", "", _design(plain, tube, 1, seed, asked=None).inverse, path, q0, once).motion
+    linear = _run("", _design(plain, tube, 1, seed, asked=None).inverse, path, q0, once).motion
     return tube if linear is None else defaults.choose_region(plain.task, linear)
 
 

@@ -32,7 +32,9 @@ function sharp(canvas) {
   return { draw, width, height };
 }
 
-const elbows = (arm) => (arm.limbs > 1 ? "elbows’ traces" : arm.elbows[0] || "elbow’s trace");
+const elbows = (arm) => (arm.limbs > 1 ? "elbows’ traces" : shortened(arm.elbows[0]) || "elbow’s trace");
+// j2s6s200…joint_3: its end tells one joint from the next
+const shortened = (name) => (name && name.length > 18 ? `${name.slice(0, 7)}…${name.slice(-10)}` : name);
 
 class Card {
   constructor(parent, arm, view, scene) {
