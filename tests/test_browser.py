@@ -68,12 +68,11 @@ def driver() -> Iterator[Any]:
         yield chromium
 
 
-@pytest.mark.parametrize("name, drift", [("panda", 0.1), ("talos", 0.04)])
-def test_the_page_of_a_study_shows_who_comes_back(driver: Any, tmp_path: Path, name: str, drift: float) -> None:
+def test_the_page_of_a_study_shows_who_comes_back(driver: Any, tmp_path: Path) -> None:
     """The main job's own page: both arms, moving; after a cycle the repeatable one is back, J⁺'s is not."""
-    study = rp.study(name, cycles=2, steps=120)
+    study = rp.study("panda", cycles=2, steps=120)
     motions = [study.row(key).motion for key in ("pseudoinverse", "repeatable")]
-    assert motions[0].drift[0] > drift and motions[1].drift[-1] < 1e-8
+    assert motions[0].drift[0] > 0.1 and motions[1].drift[-1] < 1e-8
     page = tmp_path / "animation.html"
     page.write_text(study_page(study), encoding="utf-8")
     open_page(driver, page)
@@ -101,9 +100,9 @@ def test_the_page_of_a_study_shows_who_comes_back(driver: Any, tmp_path: Path, n
             np.testing.assert_allclose(np.reshape(told, (4, 4)).T, expected[s], atol=1e-5)
 
 
-@pytest.mark.parametrize("name", ["baxter", "tiago", "kinova", "ppr", "xarm7 without meshes"])
+@pytest.mark.parametrize("name", ["baxter", "tiago", "talos", "kinova", "ppr", "xarm7 without meshes"])
 def test_every_kind_of_robot_moves_and_only_who_repeats_comes_back(driver: Any, tmp_path: Path, name: str) -> None:
-    """Two arms, a lift, joints without limits, a planar arm, and one that has no meshes: their studies' pages."""
+    """Two arms, a lift, a humanoid, joints without limits, a planar arm, one without meshes: their studies' pages."""
     name, _, bare = name.partition(" ")
     robot: Robot = Robot.load(name)
     if bare:
