@@ -54,8 +54,8 @@ def line(name: str, frame: str | None, kind: str, **options: int) -> str:
     if creeping is not None:
         price = f"{rms_of_first_cycle(closed) / rms_of_first_cycle(creeping) - 1:+.1%}"
         first, last = f"{creeping.drift[0]:.2g}", f"{creeping.drift[-1]:.2g}"
-        if creeping.first_violation is not None:
-            last += f", limit broken in cycle {int(creeping.first_violation[0]) + 1}"
+        if creeping.broken_cycle:
+            last += f", limit broken in cycle {creeping.broken_cycle}"
     circle = study.path.name.removeprefix("circle of radius ").replace(" in ", ", ")
     label = name if frame is None else f"{name} ({frame.split('_')[0]})"
     return f"| {label} | {kind} | {study.task.r} | {circle} | {first} | {last} | {closed.drift[-1]:.0e} | {price} |"

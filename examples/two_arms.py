@@ -18,6 +18,7 @@ import numpy as np
 
 import repctl_pin as rp
 from repctl_pin.files import prepare_folder, write_whole
+from repctl_pin.show.figures import COLOURS
 from repctl_pin.show.tracks import Limb, Track, track_of, tracks_page
 
 
@@ -30,16 +31,16 @@ def study_both(robot: rp.Robot, frames: tuple[str, str], *, cycles: int = 3, rad
     return [rp.study(robot, frame=frame, cycles=cycles, radius=radius) for frame in frames]
 
 
-def together(studies: list[rp.Study], key: str, color: str) -> Track:
+def together(studies: list[rp.Study], key: str) -> Track:
     """Put the motions of a strategy together: each arm's joints stand still in the other's motion."""
-    own = [track_of(study.row(key).label, study.row(key).motion, color) for study in studies]
+    own = [track_of(study.row(key).label, study.row(key).motion, COLOURS[key]) for study in studies]
     rest = studies[0].robot.reference
     return replace(own[0], Q=rest + sum(track.Q - rest for track in own), drift=np.hypot(own[0].drift, own[1].drift))
 
 
 def both_arms_page(studies: list[rp.Study]) -> str:
     """Make the page: J⁺ beside the nearest repeatable inverses."""
-    tracks = [together(studies, "pseudoinverse", "#D55E00"), together(studies, "repeatable", "#0072B2")]
+    tracks = [together(studies, "pseudoinverse"), together(studies, "repeatable")]
     limbs = [Limb(study.task, study.elbow) for study in studies]
     paths = [study.path.points() for study in studies]
     return tracks_page(limbs, tracks, paths=paths, name=f"each arm on its own {studies[0].path.name}")

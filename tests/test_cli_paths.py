@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import csv
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 from arms import Q_PANDA, planar_task
+from commands import refused, told
 
 import repctl_pin as rp
 from repctl_pin.cli import main
@@ -24,18 +24,6 @@ def joints(file: str, strategy: str | None = None) -> np.ndarray:
     with open(file, newline="", encoding="utf-8") as lines:
         rows = [row for row in csv.DictReader(lines) if strategy in (None, row.get("strategy"))]
     return np.array([[float(row[f"panda_joint{i}"]) for i in range(1, 8)] for row in rows])
-
-
-def told(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict:
-    assert main([*arguments, "--json"]) == 0
-    return json.loads(capsys.readouterr().out)
-
-
-def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
-    assert main([*arguments]) == 2
-    captured = capsys.readouterr()
-    assert captured.out == "" and captured.err.count("\n") == 1 and captured.err.startswith("repctl: ")
-    return captured.err
 
 
 def test_the_same_words_are_the_same_joint_path(tmp_path, monkeypatch, capsys) -> None:

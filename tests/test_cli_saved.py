@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 from arms import planar_urdf, spatial_urdf
+from commands import refused, told
 
 import repctl_pin as rp
 from repctl_pin.cli import main
@@ -24,18 +24,6 @@ def rail(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     options = ["--frame", "link7", "--task", "position", "--lock", "q3", "--base", "link1", *SMALL]
     assert main(["design", "rail.urdf", *options, "--out", "."]) == 0
     return tmp_path / "design.json"
-
-
-def told(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict:
-    assert main([*arguments, "--json"]) == 0
-    return json.loads(capsys.readouterr().out)
-
-
-def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
-    assert main([*arguments]) == 2
-    captured = capsys.readouterr()
-    assert captured.out == "" and captured.err.count("\n") == 1 and captured.err.startswith("repctl: ")
-    return captured.err
 
 
 def test_the_file_says_what_it_was_made_for(rail: Path, capsys) -> None:

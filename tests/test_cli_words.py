@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import refused
 from test_scene import read
 
 import repctl_pin as rp
@@ -17,13 +18,6 @@ from repctl_pin.show.study_files import write_study
 from repctl_pin.show.tracks import read_tracks
 
 SINGULAR = ["planar3r", "--start", "0.3,0.6,0.5"]
-
-
-def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
-    assert main([*arguments]) == 2
-    captured = capsys.readouterr()
-    assert captured.out == "" and captured.err.count("\n") == 1 and captured.err.startswith("repctl: ")
-    return captured.err
 
 
 def printed(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[str, str]:

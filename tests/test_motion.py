@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -159,6 +161,18 @@ def test_posture_closes_on_the_posture_and_creeps_to_it_when_started_off_it(pand
     assert np.ptp(on.drift[1:]) < 1e-4  # settles in the first cycle
     assert away.drift[0] > 0.1 > 2 * np.abs(np.diff(away.drift))[-1]
     assert away.tracking_error.max() < 1e-8
+
+
+def test_the_cycle_that_breaks_a_limit_is_counted_as_people_count(panda_pose, q_panda) -> None:
+    """From 1; and what happens at the very end of the last cycle happens in it."""
+    path = rp.circle(panda_pose, q_panda, 0.02)
+    motion = rp.follow(rp.Pseudoinverse(panda_pose), path, q_panda, cycles=3, steps=20)
+    assert motion.first_violation is None and motion.broken_cycle == 0
+    for row, cycle in ((0, 1), (19, 1), (20, 2), (45, 3), (60, 3)):
+        q = motion.q.copy()
+        q[row:, 3] = panda_pose.upper[3] + 0.1
+        broken = replace(motion, q=q)
+        assert broken.first_violation == (row / 20, "panda_joint4") and broken.broken_cycle == cycle
 
 
 def test_motion_judges_limits_and_speeds(panda_pose, q_panda) -> None:

@@ -191,3 +191,9 @@ def test_bad_configurations_get_one_helpful_line(panda_pose: rp.Task) -> None:
         panda_pose.jacobian(q[:6])
     with pytest.raises(rp.InputError, match="shape"):
         panda_pose.jacobians(q)
+
+
+def test_the_unit_of_a_norm_over_the_joints() -> None:
+    units = {name: rp.Robot.load(name).task(kind=kind).unit for name, kind in (("panda", "pose"), ("ppr", "xy"))}
+    assert units == {"panda": "rad", "ppr": "rad and m"}
+    assert rp.Robot.load("ppr").task(kind="xy", joints=["d1", "d2"]).unit == "m"

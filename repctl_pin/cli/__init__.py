@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from .. import __version__
 from ..errors import RepctlError
 from . import animate, check, completion, design, follow, inspect, robots, study
+from .executors import BLAS_THREADS
 from .interruption import heed_interrupts, say_interrupted
 from .parsing import Parser
 from .terminal import clear_line
@@ -34,7 +35,7 @@ _EXAMPLES = """examples:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; return its exit code: 0 done, 2 something given cannot be used."""
     if argv is None:  # our own process: matrices of 7 joints go faster without threads that wait for each other
-        for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        for variable in BLAS_THREADS:
             os.environ.setdefault(variable, "1")
         heed_interrupts()
         for stream in (sys.stdout, sys.stderr):  # None where it is closed

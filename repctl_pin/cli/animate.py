@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +26,7 @@ from .terminal import clear_line, progress
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from ..design import Design
     from ..robot.task import Task
     from ..show.tracks import Track
 
@@ -55,10 +57,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Make the page; write it, or serve it until Ctrl-C."""
     _check(options)
+    say = progress(options.json)
+    say("starting up")
+    design = load_design(options) if is_saved(options.what) else None
     if options.live and options.out is None:
-        return _run(options, None)
-    with output_folder(options, _name(options)) as folder:
-        return _run(options, folder)
+        return _run(options, design, None, say)
+    with output_folder(options, _name(options, design)) as folder:
+        return _run(options, design, folder, say)
 
 
 def _check(options: argparse.Namespace) -> None:
@@ -71,34 +76,32 @@ def _check(options: argparse.Namespace) -> None:
         raise InputError("--port and --no-browser go with --live")
 
 
-def _name(options: argparse.Namespace) -> str:
+def _name(options: argparse.Namespace, design: Design | None) -> str:
     """What the folder is called: the robot's file, or its name in the catalogue."""
-    if not is_saved(options.what):
+    if design is None:
         return Path(options.what).stem
-    return load_design(options).task.robot.name if options.robot is None else Path(options.robot).stem
+    return design.task.robot.name if options.robot is None else Path(options.robot).stem
 
 
-def _run(options: argparse.Namespace, folder: Path | None) -> int:
-    say = progress(options.json)
-    say("starting up")
-    saved = is_saved(options.what)
-    make = _from_csv if options.motion is not None else _from_design if saved else _from_study
+def _run(options: argparse.Namespace, design: Design | None, folder: Path | None, say: Callable[[str], None]) -> int:
+    make: Callable[[argparse.Namespace, Callable[[str], None]], _Shown]
+    make = partial(_from_design, design) if design else _from_study if options.motion is None else _from_csv
     task, tracks, more = make(options, say)
 
     from ..files import prepare_folder, write_whole
     from ..motion import elbow
-    from ..show.tracks import LABELS, Limb, tracks_page
+    from ..show.tracks import Limb, tracks_page
+    from ..strategies.names import KEYS
 
     say("drawing")
     limb = Limb(task, elbow(task, task.part(tracks[0].Q[0])))
     page = tracks_page([limb], tracks, seconds=options.seconds, **more)
     files = [] if folder is None else [str(write_whole(prepare_folder(folder) / "animation.html", page))]
-    keys = {label: key for key, label in LABELS.items()}
     result = {
         "robot": task.robot.name,
         "frame": task.frame,
         "cycles": tracks[0].cycles,
-        "drift": {keys.get(track.label, track.label): track.drift.tolist() for track in tracks},
+        "drift": {KEYS.get(track.label, track.label): track.drift.tolist() for track in tracks},
         "files": files,
     }
     clear_line()
@@ -140,10 +143,9 @@ def _from_csv(options: argparse.Namespace, say: Callable[[str], None]) -> _Shown
 
 def _only(names: str, tracks: list[Track], file: str) -> list[Track]:
     """Choose among a file's strategies, by what the file calls them or by what the pictures do."""
-    from ..show.tracks import LABELS
+    from ..strategies.names import KEYS
 
-    keys = {label: key for key, label in LABELS.items()}
-    there = {keys.get(track.label, track.label): track for track in tracks}
+    there = {KEYS.get(track.label, track.label): track for track in tracks}
     labelled = {track.label: track for track in tracks} | there
     chosen = []
     for name in [names] if names in labelled else names.split(","):  # a label may hold a comma
@@ -153,17 +155,17 @@ def _only(names: str, tracks: list[Track], file: str) -> list[Track]:
     return chosen
 
 
-def _from_design(options: argparse.Namespace, say: Callable[[str], None]) -> _Shown:
+def _from_design(design: Design, options: argparse.Namespace, say: Callable[[str], None]) -> _Shown:
     """A saved design, beside the inverse that it is the nearest to."""
     from ..motion import follow
     from ..motion.spec import parse_path
     from ..show.figures import COLOURS
-    from ..show.tracks import LABELS, track_of
+    from ..show.tracks import track_of
     from ..strategies import Pseudoinverse
+    from ..strategies.names import LABELS
     from ..studies.setting import choose_setting
 
     make_path = parse_path(options.path, options.plane)
-    design = load_design(options)
     start = start_of(options, design.task)
     say("finding a path")
     setting = choose_setting(design.task, design.region.center if start is None else start, make_path)

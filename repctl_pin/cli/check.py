@@ -179,7 +179,7 @@ def _print(
         return
     print(f"worst at  {_row(verdict.at)}")
     print()
-    print(_drift_table(drift, "rad" if task.revolute.all() else "rad and m"))
+    print(_drift_table(drift, task.unit))
     if surfaces is not None:
         print()
         print(surfaces.summary())

@@ -9,6 +9,9 @@ from typing import Any
 
 from ..errors import InputError
 
+BLAS_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+"""Where the libraries of linear algebra read how many threads they may use, when they are loaded."""
+
 
 @contextmanager
 def executor_of(options: argparse.Namespace) -> Iterator[Any]:
@@ -30,7 +33,7 @@ def executor_of(options: argparse.Namespace) -> Iterator[Any]:
         from concurrent.futures import ProcessPoolExecutor
 
         # each worker does its own share: BLAS threads on top would only get into each other's way
-        os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
+        os.environ.update(dict.fromkeys(BLAS_THREADS, "1"))
         context = multiprocessing.get_context("spawn")
         pool = ProcessPoolExecutor(options.processes, mp_context=context, initializer=_ignore_interrupt)
         try:

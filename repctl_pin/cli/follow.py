@@ -190,11 +190,10 @@ def _warn(motion: Motion, *, repeatable: bool) -> None:
     """Warn of a motion that no robot can follow."""
     if motion.first_violation is None:
         return
-    cycle, joint = motion.first_violation
-    number = min(int(cycle) + 1, motion.cycles)
+    joint = motion.first_violation[1]
     remedy = "--best-leaf, another --start" if repeatable else "another --start"
     sys.stdout.flush()
     print(
-        f"repctl: warning: {joint} leaves its limits in cycle {number}; try {remedy} or a smaller --path",
+        f"repctl: warning: {joint} leaves its limits in cycle {motion.broken_cycle}; try {remedy} or a smaller --path",
         file=sys.stderr,
     )

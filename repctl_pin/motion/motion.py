@@ -95,6 +95,12 @@ class Motion:
         joint = self.task.joint_names[int(np.argmin(self.limit_margin[row]))]
         return row / self.steps, joint
 
+    @property
+    def broken_cycle(self) -> int:
+        """Number, from 1, of the cycle in which a joint first leaves its limits; 0 if none does."""
+        violation = self.first_violation
+        return 0 if violation is None else min(int(violation[0]) + 1, self.cycles)
+
     def cycle(self, k: int) -> Array:
         """Joint positions of cycle k, counted from 0, both ends included: (steps + 1, n)."""
         return self.q[k * self.steps : (k + 1) * self.steps + 1]

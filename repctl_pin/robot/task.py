@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -37,6 +37,12 @@ velocity along the frame's own x and y: the two that turn its z axis, the tool's
 """
 
 _SHARED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+
+
+def unit_of(revolute: Iterable[bool]) -> str:
+    """The unit of a norm over joints, each revolute or not: rad, m, or both."""
+    turns = set(map(bool, revolute))
+    return "rad and m" if len(turns) > 1 else "rad" if True in turns else "m"
 
 
 class Task:
@@ -112,6 +118,11 @@ class Task:
         task.reference = change.coordinates(self.reference)
         task.reference.setflags(write=False)
         return task
+
+    @property
+    def unit(self) -> str:
+        """The unit of a norm over the joints: rad, m, or both."""
+        return unit_of(self.revolute)
 
     # ---- kinematics at one q -------------------------------------------------------------------
 

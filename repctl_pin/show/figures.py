@@ -109,8 +109,7 @@ def joints_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Fig
 
 def unit(motion: Motion) -> str:
     """The unit of a norm over the joints: rad, m, or both."""
-    revolute = motion.task.revolute
-    return "rad" if revolute.all() else "m" if not revolute.any() else "rad and m"
+    return motion.task.unit
 
 
 def axis_label(task: Task, joint: int) -> str:

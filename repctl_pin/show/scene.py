@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
+from .figures import VERMILLION
 from .meshes import Key, key, lifted, record
 from .page import page
 
@@ -17,10 +18,6 @@ if TYPE_CHECKING:
     from ..robot.visuals import Shape
 
 Array = NDArray[np.float64]
-
-VERMILLION = "#D55E00"
-BLUE = "#0072B2"
-"""Of Okabe and Ito's palette, which colour-blind people can tell apart."""
 
 
 @dataclass(frozen=True)

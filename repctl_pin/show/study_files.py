@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..files import prepare_folder, write_whole
-from .figures import drawn, drift_figure, joints_figure, unit
+from .figures import colours, drawn, drift_figure, joints_figure, unit
 from .table import short
 from .tracks import Limb, track_of, tracks_page
 
@@ -49,8 +49,8 @@ def write_study(study: Study, folder: Path) -> list[Path]:
 def study_page(study: Study) -> str:
     """Make the animation of a study: J⁺, a person's own controls and the repeatable inverse, side by side."""
     rows = [row for row in study.rows if row.key not in ("posture", "posture_off")]
-    shown = {row.label for row in rows}
-    tracks = [track_of(*one) for one in drawn(study) if one[0] in shown]
+    colour = colours(study)
+    tracks = [track_of(row.label, row.motion, colour[row.key]) for row in rows if row.motion is not None]
     drifts = "; ".join(f"{row.label}: {_drift_words(row)}" for row in rows)
     limb = Limb(study.task, study.elbow)
     return tracks_page([limb], tracks, paths=[study.path.points()], name=study.path.name, words=drifts)

@@ -68,9 +68,9 @@ def _cells(row: Row) -> list[str]:
     motion = row.motion
     if motion is None:
         return [row.label, *["stuck"] * 2, *["–"] * 6]
-    violation = motion.first_violation
+    broken = motion.broken_cycle
     margin = float(motion.limit_margin.min())
-    limits = f"broken in cycle {int(violation[0]) + 1}" if violation else "none" if margin > 1e6 else f"{margin:.3f}"
+    limits = f"broken in cycle {broken}" if broken else "none" if margin > 1e6 else f"{margin:.3f}"
     return [
         row.label,
         short(motion.drift[0]),

@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from ..robot.task import unit_of
+from ..strategies.names import LABELS
 from .figures import BLUE, COLOURS, GREEN, ORANGE, PURPLE, SKY, VERMILLION, unit
 from .scene import Arm, animation_page, choose_frames
 from .table import short
@@ -22,14 +24,6 @@ if TYPE_CHECKING:
     from ..robot.task import Task
 
 Array = NDArray[np.float64]
-
-LABELS = {
-    "pseudoinverse": "J⁺",
-    "posture": "J⁺ + posture",
-    "posture_off": "J⁺ + posture, off it",
-    "repeatable": "nearest repeatable",
-}
-"""What a study's strategies are called, by the names they have in its CSV."""
 
 _OTHERS = (VERMILLION, BLUE, GREEN, PURPLE, ORANGE, SKY)
 _BESIDE = {"strategy", "cycle", "t", "time"}
@@ -129,6 +123,7 @@ def read_tracks(file: str | Path, robot: Robot, *, cycles: int | None = None) ->
         groups.setdefault(row.get("strategy") or file.stem, []).append((number, row))
     if not groups:
         raise InputError(f"{file} holds no rows")
+    turns = {joint.name: joint.kind != "prismatic" for joint in robot.description.joints}
     tracks = []
     for k, (key, members) in enumerate(groups.items()):
         values = np.array([[_number(row, name, file, line) for name in joints] for line, row in members])
@@ -140,7 +135,7 @@ def read_tracks(file: str | Path, robot: Robot, *, cycles: int | None = None) ->
         Q[:, [robot.joint_names.index(name) for name in joints]] = values
         drift = np.linalg.norm(values[steps::steps] - values[0], axis=1)
         color = COLOURS.get(key, _OTHERS[k % len(_OTHERS)])
-        tracks.append(Track(LABELS.get(key, key), color, Q, count, drift, _unit(robot, joints)))
+        tracks.append(Track(LABELS.get(key, key), color, Q, count, drift, unit_of(turns[name] for name in joints)))
     return tracks
 
 
@@ -248,9 +243,3 @@ def _number(row: dict[str, str], name: str, file: Path, line: int) -> float:
     if not np.isfinite(value):
         raise InputError(f"{file}, line {line}: {name} = {row[name]!r} is not a finite number")
     return value
-
-
-def _unit(robot: Robot, joints: Sequence[str]) -> str:
-    kinds = {joint.name: joint.kind for joint in robot.description.joints}
-    slides = {kinds[name] == "prismatic" for name in joints}
-    return "rad and m" if len(slides) > 1 else "m" if slides == {True} else "rad"

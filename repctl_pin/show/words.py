@@ -69,8 +69,7 @@ def summary(study: Study) -> list[str]:
     else:
         out.append(f"The nearest repeatable inverse could not follow: {closed.stopped}.")
     broken = [
-        f"{row.label} breaks a joint limit in cycle {int(row.motion.first_violation[0]) + 1} "
-        f"({row.motion.first_violation[1]})"
+        f"{row.label} breaks a joint limit in cycle {row.motion.broken_cycle} ({row.motion.first_violation[1]})"
         for row in study.rows
         if row.motion is not None and row.motion.first_violation is not None
     ]

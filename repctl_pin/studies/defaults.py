@@ -140,14 +140,16 @@ def starts(task: Task) -> Iterator[tuple[Array, str]]:
 
 def choose_start(task: Task) -> tuple[Array, str]:
     """Take the first good start from which a default path exists, see :func:`starts`."""
-    offered = list(starts(task))
-    for q0, where in offered:
+    best: tuple[Array, str] | None = None
+    for q0, where in starts(task):
+        best = best or (q0, where)
         try:
             fitting_circle(task, q0)
         except InputError:
             continue
         return q0, where
-    return offered[0]
+    assert best is not None  # there is always a start to offer
+    return best
 
 
 def choose_region(task: Task, motion: Motion) -> Tube:

@@ -20,6 +20,7 @@ from ..redundancy import align, nullspace
 from ..robot.robot import Robot
 from ..robot.task import Task
 from ..strategies import FunctionStrategy, PostureControl, Pseudoinverse, Strategy
+from ..strategies.names import LABELS
 from . import defaults
 from .result import Row, Study
 from .setting import choose_setting
@@ -29,14 +30,6 @@ Control = Strategy | Callable[[Array, Array], ArrayLike]
 
 POSTURE_GAIN = 1.0
 """Gain of the posture in the null space, 1/s."""
-
-LABELS = {
-    "pseudoinverse": "J⁺",
-    "posture": "J⁺ + posture",
-    "posture_off": "J⁺ + posture, off it",
-    "repeatable": "nearest repeatable",
-}
-"""A study's own rows: their keys, and what people call them."""
 
 LITTLE = 1e-4
 """Drift a cycle that nobody would see, rad or m."""
@@ -132,12 +125,12 @@ def study(
     design = _design(plain, box, degree, seed, asked=region)
     say(f"following the path for {cycles} cycles")
     last = repeatable(design)
-    strays = last.motion is not None and defaults.share_outside(design.region, last.motion) > 0
-    if region is None and design.shrunk == 1 and strays:
+    outside = _share_outside(design, last.motion)
+    if region is None and design.shrunk == 1 and last.motion is not None and outside > 0:
         say("designing again, round the motion that came of it")
-        assert last.motion is not None
         design = _design(plain, defaults.choose_region(moved, last.motion), degree, seed, asked=None)
         last = repeatable(design)
+        outside = _share_outside(design, last.motion)
     if design.shrunk < 1:
         notes.append(f"Ω was shrunk to {design.shrunk:.0%} to keep clear of singularities")
 
@@ -151,7 +144,11 @@ def study(
         replace(last, clearance=_clearance(design, last.motion), distance=design.relative_distance),
     ]
     notes.extend(_where_it_creeps(plain, q0, rows[0].motion))
-    notes.extend(_where_it_leaves(design, last.motion))
+    if outside > 0:
+        remedy = "a larger region may cover it" if design.shrunk == 1 else "a smaller path may stay inside"
+        notes.append(
+            f"the repeatable motion spends {outside:.1%} of its time outside Ω, where nothing was designed; {remedy}"
+        )
     return Study(moved, q0, drawn, design.region, design, tuple(rows), tuple(notes))
 
 
@@ -211,13 +208,9 @@ def _design(plain: Pseudoinverse, box: Region, degree: int, seed: int, *, asked:
         raise error.with_remedy(remedy) from None
 
 
-def _where_it_leaves(design: Design, motion: Motion | None) -> list[str]:
-    """Say how much of the repeatable motion lies where nothing was designed, and what helps."""
-    share = 0.0 if motion is None else defaults.share_outside(design.region, motion)
-    if share == 0:
-        return []
-    remedy = "a larger region may cover it" if design.shrunk == 1 else "a smaller path may stay inside"
-    return [f"the repeatable motion spends {share:.1%} of its time outside Ω, where nothing was designed; {remedy}"]
+def _share_outside(design: Design, motion: Motion | None) -> float:
+    """Share of its time that a motion, if there is one, spends where nothing was designed."""
+    return 0.0 if motion is None else defaults.share_outside(design.region, motion)
 
 
 def _where_it_creeps(plain: Pseudoinverse, q0: Array, motion: Motion | None) -> list[str]:
@@ -231,8 +224,7 @@ def _where_it_creeps(plain: Pseudoinverse, q0: Array, motion: Motion | None) -> 
     if most < 0.01:
         return []
     plane = "".join("xyz"[k] for k in sorted((a, b)))
-    units = "rad" if task.revolute.all() else "rad and m"
-    return [f"J⁺ hardly creeps on this path, but small loops in {plane} make it creep by {most:.2g} {units} per m²"]
+    return [f"J⁺ hardly creeps on this path, but small loops in {plane} make it creep by {most:.2g} {task.unit} per m²"]
 
 
 def _clearance(design: Design, motion: Motion | None) -> float:
