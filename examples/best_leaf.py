@@ -24,7 +24,7 @@ def design_round(task: rp.Task, center: np.ndarray, half_width: float) -> rp.Des
     return rp.nearest_repeatable(rp.Pseudoinverse(task), fields, rp.Box(center, half_width))
 
 
-def tiago() -> tuple[rp.BestLeaf, rp.RepeatableInverse, rp.Path]:
+def tiago() -> tuple[rp.BestLeaf, rp.RepeatableInverse, rp.TaskPath]:
     """The torso lift of tiago, 8 joints, r = 2."""
     task = rp.Robot.load("tiago").task("wrist_ft_tool_link", "pose")
     q0 = task.reference
@@ -33,7 +33,7 @@ def tiago() -> tuple[rp.BestLeaf, rp.RepeatableInverse, rp.Path]:
     return rp.best_leaf(inverse, path, q0), inverse, path
 
 
-def panda() -> tuple[rp.BestLeaf, rp.RepeatableInverse, rp.Path]:
+def panda() -> tuple[rp.BestLeaf, rp.RepeatableInverse, rp.TaskPath]:
     """A panda that somebody left with its elbow 2.5 rad along the self-motion."""
     task = rp.Robot.load("panda").task("panda_hand_tcp", "pose")
     center = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
@@ -43,7 +43,7 @@ def panda() -> tuple[rp.BestLeaf, rp.RepeatableInverse, rp.Path]:
     for _ in range(25):
         N = rp.redundancy.nullspace(task.jacobian(q))
         along = N if along is None else rp.redundancy.align(N, along)
-        q = rp.reach(task, q + 0.1 * along[:, 0], path.placement(0.0))
+        q = rp.solve_ik(task, q + 0.1 * along[:, 0], path.placement(0.0))
     return rp.best_leaf(inverse, path, q), inverse, path
 
 

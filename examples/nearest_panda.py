@@ -10,7 +10,7 @@ questions of it.
    the bracket predicts the drift. The repeatable inverse ends where it began.
 3. *Is there a place to hide?* The arm can be brought to the same tool pose along a self-motion. The defect of J⁺
    changes along it, but does not vanish: no stable surface is passed.
-4. *What is the price?* The mean of ‖G_r − J⁺‖² (26) by degree of the potentials, and the clearance from
+4. *What is the price?* The mean of ‖G_r − J⁺‖² (26) by degree of the potentials, and the leaf margin from
    algorithmic singularities, both on configurations that the design has not seen.
 
     python examples/nearest_panda.py
@@ -28,8 +28,8 @@ from matplotlib.figure import Figure
 import repctl_pin as rp
 from repctl_pin.integrability import Repeatability, measure
 from repctl_pin.redundancy import null_vector
-from repctl_pin.show.figures import BLUE, INK, VERMILLION
-from repctl_pin.show.table import short, table
+from repctl_pin.show.plots.motions import BLUE, INK, VERMILLION
+from repctl_pin.show.text.table import short, table
 
 Q0 = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
 """Where the arm starts, rad."""
@@ -67,7 +67,7 @@ class Result:
     designs: dict[int, rp.Design]
 
 
-def square(task: rp.Task, side: float) -> rp.Path:
+def square(task: rp.Task, side: float) -> rp.TaskPath:
     """Draw a square in x–y from the tool's place at q0: +x, +y, −x, −y."""
     return rp.polygon(task, Q0, [[side, 0, 0], [side, side, 0], [0, side, 0]], name=f"square of {side:g} m")
 
@@ -180,10 +180,10 @@ def main(out: Path, *, degrees: tuple[int, ...] = (1, 2, 3), steps: int = 200, c
         f"{defect_repeatable.max():.0e}\n"
     )
     rows = [
-        [f"degree {d}", str(x.fields.size), f"{x.cost:.4f}", f"{x.relative_distance:.1%}", f"{x.clearance:.3f}"]
+        [f"degree {d}", str(x.fields.size), f"{x.cost:.4f}", f"{x.relative_distance:.1%}", f"{x.leaf_margin:.3f}"]
         for d, x in designs.items()
     ]
-    print(table(["potentials", "how many", "mean ‖G_r − J⁺‖²", "distance from J⁺", "clearance"], rows))
+    print(table(["potentials", "how many", "mean ‖G_r − J⁺‖²", "distance from J⁺", "leaf margin"], rows))
 
     found = Result(
         verdicts,

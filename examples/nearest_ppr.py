@@ -34,7 +34,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 import repctl_pin as rp
-from repctl_pin.show.table import table
+from repctl_pin.show.text.table import table
 from repctl_pin.strategies import Inverse
 
 PI = np.pi
@@ -325,8 +325,8 @@ def main(
     }
     rows = [["the paper's k = 0, of θ₃ alone", f"{mean_cost(-1, 1, 0.0):.5f}", "–"]]
     for degree, design in all_joints.items():
-        rows.append([f"all joints, degree {degree}", f"{design.cost:.5f}", f"{design.clearance:.3f}"])
-    print(table(["potentials", "mean ‖G_r − J⁺‖²", "clearance"], rows))
+        rows.append([f"all joints, degree {degree}", f"{design.cost:.5f}", f"{design.leaf_margin:.3f}"])
+    print(table(["potentials", "mean ‖G_r − J⁺‖²", "leaf margin"], rows))
 
     file = out / "nearest_ppr_foliations.png"
     foliation_figure(task, all_joints[4], count).savefig(file, dpi=160, bbox_inches="tight", pad_inches=0.12)

@@ -40,8 +40,8 @@ from matplotlib.figure import Figure
 
 import repctl_pin as rp
 from repctl_pin.integrability import Surfaces, curl_form
-from repctl_pin.show.figures import BLUE, INK, VERMILLION
-from repctl_pin.show.table import table
+from repctl_pin.show.plots.motions import BLUE, INK, VERMILLION
+from repctl_pin.show.text.table import table
 
 
 @dataclass(frozen=True)

@@ -40,8 +40,8 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import brentq
 
 import repctl_pin as rp
-from repctl_pin.show.figures import BLUE, GREEN, INK, VERMILLION
-from repctl_pin.show.table import short, table
+from repctl_pin.show.plots.motions import BLUE, GREEN, INK, VERMILLION
+from repctl_pin.show.text.table import short, table
 
 PI = np.pi
 SIDES = tuple(0.4 * i for i in range(1, 11))

@@ -9,14 +9,14 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from ._version import __version__ as __version__
+
 if TYPE_CHECKING:
     from . import redundancy as redundancy
-    from .design import Box as Box
     from .design import Design as Design
     from .design import FamilyDesign as FamilyDesign
     from .design import SingularRegionError as SingularRegionError
-    from .design import Tube as Tube
-    from .design import WorkspaceBox as WorkspaceBox
+    from .design import compare as compare
     from .design import load as load
     from .design import nearest_in_family as nearest_in_family
     from .design import nearest_repeatable as nearest_repeatable
@@ -37,22 +37,25 @@ if TYPE_CHECKING:
     from .integrability import stable_surface as stable_surface
     from .motion import BestLeaf as BestLeaf
     from .motion import Motion as Motion
-    from .motion import Path as Path
+    from .motion import TaskPath as TaskPath
     from .motion import best_leaf as best_leaf
     from .motion import circle as circle
     from .motion import figure_eight as figure_eight
     from .motion import follow as follow
     from .motion import polygon as polygon
-    from .motion import reach as reach
     from .motion import read_waypoints as read_waypoints
     from .motion import rose as rose
+    from .motion import solve_ik as solve_ik
     from .motion import waypoints as waypoints
-    from .robot.coordinates import absolute_angles as absolute_angles
+    from .regions import Box as Box
+    from .regions import Tube as Tube
+    from .regions import WorkspaceBox as WorkspaceBox
+    from .robot.absolute_angles import absolute_angles as absolute_angles
     from .robot.robot import Robot as Robot
     from .robot.task import Task as Task
-    from .show.animation import Animation as Animation
-    from .show.animation import animation as animation
     from .show.notebook import inline as inline
+    from .show.page.animation import Animation as Animation
+    from .show.page.animation import animation as animation
     from .strategies import CustomInverse as CustomInverse
     from .strategies import ExtendedJacobian as ExtendedJacobian
     from .strategies import LimitWeight as LimitWeight
@@ -63,13 +66,12 @@ if TYPE_CHECKING:
     from .studies import Study as Study
     from .studies.study import study as study
 
-__version__ = "0.1.0"
-
 _DOOR = {
     "errors": ("InputError", "RepctlError", "SingularityError", "UrdfError"),
-    "robot.coordinates": ("absolute_angles",),
+    "robot.absolute_angles": ("absolute_angles",),
     "robot.robot": ("Robot",),
     "robot.task": ("Task",),
+    "regions": ("Box", "Tube", "WorkspaceBox"),
     "fields": ("Fourier", "Joined", "Polynomial", "Potentials"),
     "strategies": (
         "CustomInverse",
@@ -81,12 +83,10 @@ _DOOR = {
         "WeightedInverse",
     ),
     "design": (
-        "Box",
         "Design",
         "FamilyDesign",
         "SingularRegionError",
-        "Tube",
-        "WorkspaceBox",
+        "compare",
         "load",
         "nearest_in_family",
         "nearest_repeatable",
@@ -103,18 +103,18 @@ _DOOR = {
     "motion": (
         "BestLeaf",
         "Motion",
-        "Path",
+        "TaskPath",
         "best_leaf",
         "circle",
         "figure_eight",
         "follow",
         "polygon",
-        "reach",
+        "solve_ik",
         "read_waypoints",
         "rose",
         "waypoints",
     ),
-    "show.animation": ("Animation", "animation"),
+    "show.page.animation": ("Animation", "animation"),
     "show.notebook": ("inline",),
     "studies": ("Study", "study"),
 }

@@ -13,7 +13,7 @@ from test_scene import read
 
 import repctl_pin as rp
 from repctl_pin.show import animation as room
-from repctl_pin.show.figures import BLUE, GREEN, ORANGE, VERMILLION
+from repctl_pin.show.plots.motions import BLUE, GREEN, ORANGE, VERMILLION
 from repctl_pin.show.study_files import study_page
 
 

@@ -17,7 +17,7 @@ def tiago() -> rp.Design:
     )
 
 
-def dense(inverse: rp.RepeatableInverse, path: rp.Path, q0: np.ndarray) -> rp.Motion:
+def dense(inverse: rp.RepeatableInverse, path: rp.TaskPath, q0: np.ndarray) -> rp.Motion:
     return rp.follow(inverse, path, q0, cycles=3, steps=500, lock=2)
 
 
@@ -35,13 +35,13 @@ def test_panda_is_never_worse(panda_design, q_panda, plane: str, radius: float, 
     assert abs(motion.limit_margin.min() - found.best.limit_margin) < 5e-3  # what it claims is so between its points
 
 
-def walked(task: rp.Task, q: np.ndarray, path: rp.Path, length: float, sign: float) -> np.ndarray:
+def walked(task: rp.Task, q: np.ndarray, path: rp.TaskPath, length: float, sign: float) -> np.ndarray:
     """Go along the self-motion of a start, the frame held."""
     along = None
     for _ in range(round(length / 0.1)):
         N = rp.redundancy.nullspace(task.jacobian(q))[:, 0]
         along = N * (sign * np.sign(N[0]) if along is None else np.sign(N @ along))
-        q = rp.reach(task, q + 0.1 * along, path.placement(0.0))
+        q = rp.solve_ik(task, q + 0.1 * along, path.placement(0.0))
     return q
 
 

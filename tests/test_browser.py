@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 import repctl_pin as rp
 from repctl_pin.robot.robot import Robot
 from repctl_pin.robot.visuals import Visuals
-from repctl_pin.show.figures import BLUE, VERMILLION
-from repctl_pin.show.scene import Arm, animation_page
+from repctl_pin.show.page.scene import Arm, animation_page
+from repctl_pin.show.page.surfaces import read_surface
+from repctl_pin.show.plots.motions import BLUE, VERMILLION
 from repctl_pin.show.study_files import study_page
-from repctl_pin.show.surfaces import read_surface
 
 RADIUS, STEPS, CYCLES = 0.1, 60, 2
 

@@ -16,12 +16,11 @@ from numpy.typing import NDArray
 
 from repctl_pin.errors import InputError
 from repctl_pin.robot import catalogue
-from repctl_pin.robot.arms import ROWS
-from repctl_pin.robot.catalogue import default_package_dirs, entries, find, reference_posture, urdf_folder
 from repctl_pin.robot.robot import Robot, lock_joints
-from repctl_pin.robot.urdf import read_urdf
+from repctl_pin.urdf.catalogue import default_package_dirs, entries, find, reference_posture, table, urdf_folder
+from repctl_pin.urdf.gate import read_urdf
 
-NAMES = [row.name for row in ROWS]
+NAMES = list(table())
 PLANAR = {
     "planar3r": (1, 1, 1),
     "planar4r": (1, 0.8, 0.7, 0.5),
@@ -56,7 +55,7 @@ def test_every_robot_is_what_it_promises(name: str) -> None:
         assert any(a and b for a, b in zip(dexterous, roomy, strict=True)), frame
 
 
-@pytest.mark.parametrize("name", [row.name for row in ROWS if row.srdf])
+@pytest.mark.parametrize("name", [name for name, row in table().items() if "srdf" in row])
 def test_reference_poses_are_the_srdfs_inside_the_limits(name: str) -> None:
     entry = find(name)
     assert entry.srdf is not None
@@ -82,7 +81,7 @@ def test_a_full_turn_is_taken_before_a_limit() -> None:
 
 def test_names_and_aliases() -> None:
     assert [e.name for e in entries()] == NAMES
-    words = [word for row in ROWS for word in (row.name, *row.aliases.split())]
+    words = [word for name, row in table().items() for word in (name, *row.get("aliases", ()))]
     assert len(set(words)) == len(words)
     assert all(word == word.lower() for word in words)
     assert find("talos_full_v2") == find("talos") == find(" Talos ")
@@ -215,7 +214,7 @@ def test_a_package_dir_that_is_not_there_is_refused(tmp_path: Path) -> None:
         ("franka emika", "did you mean 'panda'?"),  # an alias is understood; the name is what is shown
         ("talos_full", "did you mean 'talos' or 'talos_left_arm'?"),
         ("grip", "did you mean 'ur3_gripper' or 'ur5_gripper'?"),
-        ("abb", f"there are {len(ROWS)}, such as ppr, prr, planar3r"),
+        ("abb", f"there are {len(table())}, such as ppr, prr, planar3r"),
     ],
 )
 def test_robots_near_to_what_was_typed_are_named(typed: str, near: str) -> None:
@@ -258,7 +257,7 @@ def test_without_the_data_only_our_own_arms(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_looking_a_robot_up_is_light() -> None:
-    code = """import sys; from repctl_pin.robot.catalogue import entries; entries()
+    code = """import sys; from repctl_pin.urdf.catalogue import entries; entries()
 print([m for m in ('numpy', 'scipy', 'pinocchio', 'lxml', 'yourdfpy') if m in sys.modules])"""
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert result.stdout.strip() == "[]"

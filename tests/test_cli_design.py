@@ -40,7 +40,7 @@ def test_table_and_picture(tmp_path: Path, capsys: pytest.CaptureFixture) -> Non
     assert main(arguments) == 0
     captured = capsys.readouterr()
     assert captured.err == ""  # progress is for terminals
-    for word in ("J⁺", "mean ‖G_r − G_d‖²", "constant rows", "extended Jacobian", "clearance", "converged", "degree"):
+    for word in ("J⁺", "mean ‖G_r − G_d‖²", "constant rows", "extended Jacobian", "leaf margin", "converged", "degree"):
         assert word in captured.out
     width, height = size_of(tmp_path / "here" / "design.png")
     assert width > 1500 and height > 400
@@ -53,7 +53,7 @@ def test_json_says_what_the_design_is_worth(tmp_path: Path, capsys: pytest.Captu
     data = json.loads(capsys.readouterr().out)
     costs = [step["cost"] for step in data["degrees"]]
     assert data["cost"] == min(costs) < 0.0175 and costs[0] > 0.15
-    assert data["converged"] and data["clearance"] > 0.5 and data["r"] == 1
+    assert data["converged"] and data["leaf margin"] > 0.5 and data["r"] == 1
     assert set(data["baselines"]) == {"constant rows", "extended Jacobian"}
     assert data["files"] == [str(tmp_path / "design.png"), str(tmp_path / "design.json")]
     assert data["region"] == {"center": [0, 0, 0], "half_width": [1, 1, 1], "is": "box ±1 round (0, 0, 0)"}

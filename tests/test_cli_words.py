@@ -14,8 +14,8 @@ from test_scene import read
 import repctl_pin as rp
 from repctl_pin.cli import main
 from repctl_pin.cli.animate import _only
+from repctl_pin.show.page.playback import read_tracks
 from repctl_pin.show.study_files import write_study
-from repctl_pin.show.tracks import read_tracks
 
 SINGULAR = ["planar3r", "--start", "0.3,0.6,0.5"]
 

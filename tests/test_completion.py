@@ -23,9 +23,9 @@ from repctl_pin.cli.completion import _WORDS, script
 from repctl_pin.cli.design import _desired
 from repctl_pin.motion.paths import PLANES
 from repctl_pin.motion.spec import parse_path
-from repctl_pin.robot.catalogue import entries
 from repctl_pin.robot.task import KINDS
-from repctl_pin.show.figures import COLOURS
+from repctl_pin.show.plots.motions import COLOURS
+from repctl_pin.urdf.catalogue import entries
 
 ROBOTS = ["panda", "pr2", "ur5"]
 SHELLS = ("bash", "zsh", "fish")

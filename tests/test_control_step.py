@@ -10,8 +10,8 @@ import pinocchio as pin
 import pytest
 
 import repctl_pin as rp
-from repctl_pin.fields.pointwise import pointwise as field_pointwise
-from repctl_pin.robot.pointwise import pointwise as task_pointwise
+from repctl_pin.fields.inplace import in_place as field_in_place
+from repctl_pin.robot.inplace import in_place as task_in_place
 from repctl_pin.strategies.control_step import damped
 
 KINDS = ("pose", "axis", "position", "xy", "xz", "yz")
@@ -36,12 +36,12 @@ def plain_step(inverse: rp.RepeatableInverse, q, target, dt, twist, leaf, gain) 
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_pointwise_kinematics_are_the_tasks_own(panda: rp.Robot, q_panda, kind: str) -> None:
+def test_in_place_kinematics_are_the_tasks_own(panda: rp.Robot, q_panda, kind: str) -> None:
     rng = np.random.default_rng(1)
     plain = panda.task("panda_hand_tcp", kind)
     for task in (plain, plain.in_coordinates(np.eye(7) + np.tril(0.2 * np.ones((7, 7)), -1))):
         J, e = np.empty((task.m, 7), order="F"), np.empty(task.m)
-        quick = task_pointwise(task, J, e)
+        quick = task_in_place(task, J, e)
         for _ in range(5):
             q = (q_panda if task is plain else task.coordinates.coordinates(q_panda)) + 0.3 * rng.normal(size=7)
             target, twist = pin.SE3.Random(), rng.normal(size=6)
@@ -63,7 +63,7 @@ def test_homogeneous_tensors_are_the_polynomials(degree: int, n: int, r: int) ->
     A = rng.normal(size=(fields.size, r))
     h = fields.weighted(A)
     V_T, gap = np.empty((r, n)), np.empty(r)
-    quick = field_pointwise(h, V_T, gap)
+    quick = field_in_place(h, V_T, gap)
     for q in fields.center + rng.uniform(-1, 1, (6, n)) * fields.scale:
         value = fields.potentials(q[None])[0] @ A
         V = fields.gradients(q[None])[0] @ A

@@ -12,9 +12,9 @@ import repctl_pin as rp
 from repctl_pin import redundancy
 from repctl_pin.design import criterion
 from repctl_pin.design.criterion import Builder
+from repctl_pin.design.design_map import degree_curve, design_map
 from repctl_pin.design.judgement import judge
-from repctl_pin.design.maps import degree_curve, design_map
-from repctl_pin.show.design_figures import design_figure
+from repctl_pin.show.plots.designs import design_figure
 
 Q0 = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
 
@@ -42,7 +42,7 @@ def test_cost_on_fresh_nodes(panda: rp.Robot, kind: str, width: float, degree: i
     assert design.converged
     assert design.cost <= most
     assert design.cost < most + design.cost_error < 1.02 * most  # and the margin is no luck of a wide scatter
-    assert design.clearance > 0.05
+    assert design.leaf_margin > 0.05
     # what the inverse does is what the figures say: once more with plain matrices, on nodes of our own
     Q = design.region.random(2048, 4711)
     J = design.task.jacobians(Q)
@@ -75,7 +75,7 @@ def test_the_extended_jacobian_is_singular_in_the_wide_box_and_said_so(panda: rp
         np.sign(np.linalg.det(np.vstack([design.task.jacobian(q), inverse.field.gradient(q).T]))) for q in (Q0, at)
     ]
     assert sides[0] == -sides[1]
-    assert isinstance(free, rp.Box) and judge(inverse, design.desired, free).clearance > 0
+    assert isinstance(free, rp.Box) and judge(inverse, design.desired, free).leaf_margin > 0
 
 
 @pytest.fixture(scope="module")
@@ -117,7 +117,7 @@ def test_higher_redundancy(robot: str, kind: str, r: int, width: float) -> None:
         q0[5] = -0.9  # away from the stretched elbow of its reference pose
     assert task.r == r
     design = rp.nearest_repeatable(rp.Pseudoinverse(task), None, rp.Box(q0, width), degree=2, fresh=4096, shrink=True)
-    assert design.converged and design.clearance > 0.1
+    assert design.converged and design.leaf_margin > 0.1
     # the defect (I − G J)[g_a, g_b], exact; and by plain differences, which see 1e-6 of J⁺'s own
     G, e = design.inverse, 1e-5
     for q in design.region.random(4, 5):
@@ -177,14 +177,14 @@ def test_converged_tells_the_truth(panda: rp.Robot) -> None:
         assert flat(poor)[0] > 1.02 * design.fit_cost
 
 
-def test_clearance_is_searched_between_the_nodes(panda: rp.Robot) -> None:
+def test_leaf_margin_is_searched_between_the_nodes(panda: rp.Robot) -> None:
     design = panda_design_of(panda, "pose", 0.8, 1, fresh=1024)
     Q = design.region.random(2**16, 99)
-    sigma = redundancy.clearance(redundancy.nullspace(design.task.jacobians(Q)), design.inverse.field.gradients(Q))
-    assert design.clearance < sigma.min() + 1e-6  # 65536 points see nothing below what the search found
-    at = design.clearance_at
-    here = redundancy.clearance(redundancy.nullspace(design.task.jacobian(at)), design.inverse.field.gradient(at))
-    assert np.isclose(here, design.clearance, rtol=1e-9) and design.region.contains(at[None])[0]
+    sigma = redundancy.leaf_margin(redundancy.nullspace(design.task.jacobians(Q)), design.inverse.field.gradients(Q))
+    assert design.leaf_margin < sigma.min() + 1e-6  # 65536 points see nothing below what the search found
+    at = design.leaf_margin_at
+    here = redundancy.leaf_margin(redundancy.nullspace(design.task.jacobian(at)), design.inverse.field.gradient(at))
+    assert np.isclose(here, design.leaf_margin, rtol=1e-9) and design.region.contains(at[None])[0]
 
 
 def test_a_repeatable_desire_is_met_exactly(panda_pose: rp.Task) -> None:
@@ -255,14 +255,14 @@ def test_restarts_never_make_it_worse(panda: rp.Robot) -> None:
 
 def test_designs_are_compared_on_common_nodes(panda: rp.Robot, panda_design: rp.Design) -> None:
     linear = panda_design_of(panda, "pose", 0.4, 1)
-    comparison = linear.compare(panda_design)
+    comparison = rp.compare(linear, panda_design)
     assert comparison.best == 1
     more, error = comparison.differences[1]
     assert np.isclose(more, panda_design.cost - linear.cost, rtol=0.02) and 0 < error < linear.cost_error + 1e-3
     assert "35" in str(comparison) and "7" in str(comparison)
     other = panda_design_of(panda, "axis", 0.3, 1, samples=512, fresh=64)
     with pytest.raises(rp.InputError, match="different tasks"):
-        linear.compare(other)
+        rp.compare(linear, other)
 
 
 # ---- other desires -------------------------------------------------------------------------------
@@ -281,7 +281,7 @@ def test_any_inverse_can_be_desired(panda_pose: rp.Task, weight: str) -> None:
         "custom": lambda: rp.CustomInverse(task, lambda q: np.linalg.pinv(task.jacobian(q))),
     }[weight]()
     design = rp.nearest_repeatable(desired, None, box, degree=2, samples=1024, fresh=1024)
-    assert design.converged and design.clearance > 0.3 and design.relative_distance < 0.15
+    assert design.converged and design.leaf_margin > 0.3 and design.relative_distance < 0.15
     plain = rp.nearest_repeatable(rp.Pseudoinverse(task), None, box, degree=2, samples=1024, fresh=1024)
     Q = box.random(256, 3)
     G_d = desired.batch(Q)
@@ -318,7 +318,7 @@ def test_a_singularity_of_V_is_refused_with_the_largest_free_box_and_shrink_take
     assert box.contains(found.at[None])[0]
     assert isinstance(found.free, rp.Box) and 0 < found.free.half_width[0] < 1.4
     design = rp.nearest_repeatable(desired, None, box, degree=1, samples=2048, fresh=2048, shrink=True)
-    assert design.clearance > 0 and 0.1 < design.shrunk < 1
+    assert design.leaf_margin > 0 and 0.1 < design.shrunk < 1
     assert np.allclose(design.region.half_width, 1.4 * design.shrunk)
 
 
@@ -333,7 +333,7 @@ def test_a_singularity_of_the_arm_is_refused_by_place() -> None:
     # the nearest point of the line: |0 − 0.5| / 0.8 and |0 − 0.4| / 0.8, the larger
     assert isinstance(free, rp.Box) and 0.6 < free.half_width[1] / 0.8 < 0.5 / 0.8 + 1e-9
     design = rp.nearest_repeatable(rp.Pseudoinverse(task), None, box, degree=2, shrink=True)
-    assert design.shrunk < 0.5 / 0.8 and design.clearance > 0
+    assert design.shrunk < 0.5 / 0.8 and design.leaf_margin > 0
 
 
 def nan_beyond(q: np.ndarray) -> float:
@@ -410,7 +410,7 @@ def test_maps_hold_what_the_inverses_do(panda_design: rp.Design) -> None:
     assert np.isclose(field.distance[7, 2], np.linalg.norm(panda_design.inverse(q) - G_d))
     assert np.isclose(field.reference[7, 2], np.linalg.norm(G_d))
     N = redundancy.nullspace(panda_design.task.jacobian(q))
-    assert np.isclose(field.clearance[7, 2], redundancy.clearance(N, panda_design.inverse.field.gradient(q)))
+    assert np.isclose(field.leaf_margin[7, 2], redundancy.leaf_margin(N, panda_design.inverse.field.gradient(q)))
     with pytest.raises(rp.InputError, match="two different joints"):
         design_map(panda_design, (1, 1))
 

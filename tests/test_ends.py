@@ -12,9 +12,9 @@ import pytest
 
 import repctl_pin as rp
 from repctl_pin import cli
-from repctl_pin.robot.arms import ROWS
-from repctl_pin.robot.ends import arm_ends, task_links
-from repctl_pin.robot.urdf import read_urdf
+from repctl_pin.urdf.catalogue import table
+from repctl_pin.urdf.end_effectors import arm_ends, task_links
+from repctl_pin.urdf.gate import read_urdf
 
 Lines = list[str]
 
@@ -183,11 +183,11 @@ def test_locked_joints_and_a_base_are_heeded(tmp_path: Path) -> None:
         load(tmp_path, two_arms(), base="left_")
 
 
-@pytest.mark.parametrize("name", [row.name for row in ROWS])
+@pytest.mark.parametrize("name", list(table()))
 def test_every_known_arm_is_found_without_what_the_catalogue_knows(name: str) -> None:
     """Oracle: the catalogue's frames, chosen by hand; the frame found is one of them, or fixed to one."""
     known = rp.Robot.load(name)
-    assert known.default_frame == next(row.frames for row in ROWS if row.name == name).split()[0]
+    assert known.default_frame == table()[name]["frames"][0]
     bare = rp.Robot.load(known.description.path)
     found = bare.default_frame
     rigid = [frame for frame in known.offered_frames if _moves_with(known, found, frame)]

@@ -8,12 +8,12 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
 import repctl_pin as rp
-from repctl_pin.show.cycle_figures import cycle_figure, least_margins, margin_over_cycles, speed_over_cycle
-from repctl_pin.show.figures import COLOURS, drift_figure, drift_over_cycles, joint_over_cycles, joints_figure
-from repctl_pin.show.map_figures import joint_map
-from repctl_pin.show.orbit_figures import liveliest_joints, orbit, orbits_figure
-from repctl_pin.show.still import bones, still, still_figure
-from repctl_pin.studies.maps import study_maps
+from repctl_pin.show.page.snapshot import bones, still, still_figure
+from repctl_pin.show.plots.cycles import cycle_figure, least_margins, margin_over_cycles, speed_over_cycle
+from repctl_pin.show.plots.maps import joint_map
+from repctl_pin.show.plots.motions import COLOURS, drift_figure, drift_over_cycles, joint_over_cycles, joints_figure
+from repctl_pin.show.plots.orbits import liveliest_joints, orbit, orbits_figure
+from repctl_pin.studies.study_maps import study_maps
 
 
 @pytest.fixture(scope="module")

@@ -107,7 +107,7 @@ def test_the_criterion_in_terms_of_coefficients(setting: Setting) -> None:
 def test_gradient_potentials_satisfy_the_bracket_condition(setting: Setting) -> None:
     """(24), of the G that is evaluated: by formula, and by differences that know nothing of potentials."""
     G_r = rp.RepeatableInverse(setting.task, setting.fields.weighted(setting.A))
-    clear = redundancy.clearance(setting.N, setting.V) > 0.1  # away from algorithmic singularities
+    clear = redundancy.leaf_margin(setting.N, setting.V) > 0.1  # away from algorithmic singularities
     Q = setting.Q[clear][:6]
     assert len(Q) >= 4 and close(G_r.batch(Q), setting.G_r[clear][:6])
     by_formula = derivative(G_r, Q)

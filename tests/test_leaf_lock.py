@@ -13,13 +13,13 @@ SPEED_LIMIT = 2.5
 
 
 @pytest.fixture(scope="module")
-def path(panda_pose: rp.Task) -> rp.Path:
+def path(panda_pose: rp.Task) -> rp.TaskPath:
     from arms import Q_PANDA
 
     return rp.circle(panda_pose, Q_PANDA, 0.1, normal="yz", start_angle=np.pi)
 
 
-def run(inverse: rp.RepeatableInverse, path: rp.Path, q: np.ndarray, cycles: int, corrections: int) -> dict:
+def run(inverse: rp.RepeatableInverse, path: rp.TaskPath, q: np.ndarray, cycles: int, corrections: int) -> dict:
     """Cycle after cycle in the person's own loop: ends of the cycles, and the largest tracking error."""
     task, leaf = inverse.task, inverse.leaf(q)
     targets = [path.placement(s) for s in np.linspace(0, 1, STEPS + 1)[1:]]
@@ -37,7 +37,7 @@ def run(inverse: rp.RepeatableInverse, path: rp.Path, q: np.ndarray, cycles: int
     return {"ends": np.array(ends), "tracking": worst}
 
 
-def check(cycles: int, corrections: int, design: rp.Design, path: rp.Path, q0: np.ndarray) -> None:
+def check(cycles: int, corrections: int, design: rp.Design, path: rp.TaskPath, q0: np.ndarray) -> None:
     found = run(design.inverse, path, q0, cycles, corrections)
     ends = found["ends"]
     away = np.linalg.norm(ends - q0, axis=1)

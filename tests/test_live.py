@@ -21,7 +21,7 @@ from browser import browser, changed, errors, open_page, picture, require_browse
 
 import repctl_pin as rp
 from repctl_pin.robot.visuals import Visuals
-from repctl_pin.show.live import LivePage
+from repctl_pin.show.page.live import LivePage
 
 PAGE = "<!DOCTYPE html><title>é</title>"
 

@@ -13,7 +13,7 @@ import repctl_pin as rp
 from repctl_pin.motion.spec import parse_path
 
 
-def all_paths(task: rp.Task, q: np.ndarray) -> list[rp.Path]:
+def all_paths(task: rp.Task, q: np.ndarray) -> list[rp.TaskPath]:
     loop = [[0, 0, 0], [0.1, 0, 0], [0.1, 0.1, 0.05], [0, 0, 0]]
     return [
         rp.circle(task, q, 0.1, normal="x", start_angle=0.7),
@@ -53,11 +53,11 @@ def test_shapes_are_what_their_names_say(panda_pose, q_panda) -> None:
 def test_reach_finds_the_target_and_says_when_it_cannot(panda_pose, q_panda) -> None:
     target = panda_pose.placement(q_panda)
     target.translation = target.translation + [0.05, 0.1, -0.1]
-    q = rp.reach(panda_pose, q_panda, target)
+    q = rp.solve_ik(panda_pose, q_panda, target)
     assert np.linalg.norm(panda_pose.error(q, target)) < 1e-9
     target.translation = target.translation + [2.0, 0, 0]
     with pytest.raises(rp.InputError, match="cannot reach"):
-        rp.reach(panda_pose, q_panda, target)
+        rp.solve_ik(panda_pose, q_panda, target)
 
 
 @pytest.mark.parametrize("integrator, order", [("euler", 1), ("rk4", 4)])

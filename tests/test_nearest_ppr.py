@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import repctl_pin as rp
-from repctl_pin.redundancy import clearance, null_component, null_vector
+from repctl_pin.redundancy import leaf_margin, null_component, null_vector
 
 PI = np.pi
 BELOW_PI = [(-0.5, 0.5), (-1.0, 1.0), (0.2, 1.0), (-1.2, 0.5), (0.3, 2.2), (-3.0, -1.1)]
@@ -268,7 +268,7 @@ def test_all_joints_do_better(task: rp.Task) -> None:
     V = design.inverse.field.gradients(Q)
     side = np.einsum("kir,kir->k", n, V)
     assert (side * side[0] > 0).all()  # det(n̂ᵀ V) keeps its sign
-    assert clearance(n, V).min() > 0.9 and design.clearance <= clearance(n, V).min() + 5e-3
+    assert leaf_margin(n, V).min() > 0.9 and design.leaf_margin <= leaf_margin(n, V).min() + 5e-3
 
 
 def test_the_engine_says_whether_its_potentials_are_rich_enough(task: rp.Task) -> None:

@@ -15,10 +15,10 @@ from browser import browser, changed, errors, picture, require_browser, wait_unt
 
 import repctl_pin as rp
 from repctl_pin.robot.visuals import Visuals
-from repctl_pin.show.figures import drawn, drift_figure, joints_figure
+from repctl_pin.show.plots.motions import drawn, drift_figure, joints_figure
 from repctl_pin.show.study_files import study_page
-from repctl_pin.show.table import study_table
-from repctl_pin.show.words import drift_words, joints_words
+from repctl_pin.show.text.captions import drift_words, joints_words
+from repctl_pin.show.text.table import study_table
 
 SETTING = {"cycles": 2, "degree": 1, "steps": 60}
 
@@ -26,7 +26,7 @@ CELLS = (
     "import repctl_pin as rp",
     f"study = rp.study('ppr', **{SETTING})",
     "rp.inline(study, height=500)",
-    "from repctl_pin.show.figures import drawn, drift_figure, drift_over_cycles",
+    "from repctl_pin.show.plots.motions import drawn, drift_figure, drift_over_cycles",
     "rp.inline(drift_figure(drawn(study), 'Drift'))",
     "import matplotlib.pyplot as plt\nax = drift_over_cycles(plt.figure().add_subplot(), drawn(study))",
 )

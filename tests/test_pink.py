@@ -45,7 +45,7 @@ def away(panda_pose: rp.Task) -> np.ndarray:
     from arms import Q_PANDA
 
     N = rp.redundancy.nullspace(panda_pose.jacobian(Q_PANDA))[:, 0]
-    start = rp.reach(panda_pose, Q_PANDA + 0.57 * N * np.sign(N[0]), panda_pose.placement(Q_PANDA))
+    start = rp.solve_ik(panda_pose, Q_PANDA + 0.57 * N * np.sign(N[0]), panda_pose.placement(Q_PANDA))
     assert np.linalg.norm(start - Q_PANDA) > 0.55
     return start
 

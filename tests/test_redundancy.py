@@ -121,17 +121,17 @@ def test_repeatable_inverse_is_the_first_block_of_the_augmented_inverse(J: np.nd
     assert np.abs(redundancy.repeatable_inverse(G_d, N, V @ T) - G_r).max() < 1e-9 * scale
 
 
-def test_clearance_is_a_sine_free_of_gauge(J: np.ndarray) -> None:
+def test_leaf_margin_is_a_sine_free_of_gauge(J: np.ndarray) -> None:
     rng = np.random.default_rng(13)
     m, n = J.shape[1:]
     N = redundancy.nullspace(J)
-    assert np.allclose(redundancy.clearance(N, N), 1)
+    assert np.allclose(redundancy.leaf_margin(N, N), 1)
     V = rng.normal(size=(len(J), n, n - m))
-    sigma = redundancy.clearance(N, V)
+    sigma = redundancy.leaf_margin(N, V)
     T = rng.normal(size=(n - m, n - m)) + 3 * np.eye(n - m)
-    assert np.allclose(redundancy.clearance(N, V @ T), sigma, atol=1e-10)
+    assert np.allclose(redundancy.leaf_margin(N, V @ T), sigma, atol=1e-10)
     V[:, :, 0] = J[:, 0]  # a column in the row space: singular
-    assert redundancy.clearance(N, V).max() < 1e-12
+    assert redundancy.leaf_margin(N, V).max() < 1e-12
 
 
 def test_determinant_law_of_the_augmented_jacobian(J: np.ndarray) -> None:

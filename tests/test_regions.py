@@ -65,8 +65,8 @@ def test_a_tube_follows_its_samples(panda_pose: rp.Task) -> None:
     design = rp.nearest_repeatable(rp.Pseudoinverse(panda_pose), None, tube, degree=2, samples=2048, fresh=2048)
     box = rp.nearest_repeatable(rp.Pseudoinverse(panda_pose), None, tube.bounds, degree=2, samples=2048, fresh=2048)
     # fitted to the tube it is nearer to J⁺ there than the design for the box around it
-    assert design.cost < box.compare().judgements[0].cost  # type: ignore[union-attr]
-    assert design.cost < design.compare(box).judgements[1].cost  # type: ignore[union-attr]
+    assert design.cost < rp.compare(box).judgements[0].cost  # type: ignore[union-attr]
+    assert design.cost < rp.compare(design, box).judgements[1].cost  # type: ignore[union-attr]
 
 
 def test_a_workspace_box_is_a_mean_over_positions_and_self_motions() -> None:
@@ -118,8 +118,8 @@ def test_a_design_over_a_workspace_box() -> None:
     region = rp.WorkspaceBox(task, task.positions(within.center[None])[0, :2], 0.2, within=within)
     design = rp.nearest_repeatable(rp.Pseudoinverse(task), None, region, degree=3, samples=4096, fresh=4096)
     other = rp.nearest_repeatable(rp.Pseudoinverse(task), None, within, degree=3, samples=4096, fresh=4096)
-    assert design.converged and design.clearance > 0.3
-    assert design.cost < design.compare(other).judgements[1].cost  # type: ignore[union-attr]
+    assert design.converged and design.leaf_margin > 0.3
+    assert design.cost < rp.compare(design, other).judgements[1].cost  # type: ignore[union-attr]
 
 
 def test_boxes_are_cut_to_limits(panda_pose: rp.Task) -> None:

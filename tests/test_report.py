@@ -21,8 +21,8 @@ from repctl_pin.cli import main
 from repctl_pin.show import words
 from repctl_pin.show.report import report_page, versions
 from repctl_pin.show.study_files import study_page
-from repctl_pin.show.words import amount, summary
-from repctl_pin.studies.maps import study_maps
+from repctl_pin.show.text.captions import amount, summary
+from repctl_pin.studies.study_maps import study_maps
 
 COMMAND = "repctl study planar3r --cycles 2 --out 'my <folder>' --report"
 
@@ -190,5 +190,5 @@ def test_what_the_report_speaks_of_is_explained(study: rp.Study) -> None:
     page = report_page(study)
     for word in words.GLOSSARY:
         assert f"<dt>{word}</dt>" in page
-    for said in ("repeatable", "drift", "Ω", "clearance", "redundant"):
+    for said in ("repeatable", "drift", "Ω", "leaf margin", "redundant"):
         assert said in words.GLOSSARY

@@ -17,11 +17,11 @@ from test_surfaces import DAE
 from repctl_pin.errors import InputError
 from repctl_pin.robot.robot import Robot
 from repctl_pin.robot.visuals import Shape, Visuals
-from repctl_pin.show.figures import BLUE
-from repctl_pin.show.meshes import key
-from repctl_pin.show.page import split, unpack
-from repctl_pin.show.scene import Arm, Frames, animation_page, choose_frames, poses_of
-from repctl_pin.show.surfaces import read_surface
+from repctl_pin.show.page.html import split, unpack
+from repctl_pin.show.page.meshes import key
+from repctl_pin.show.page.scene import Arm, Frames, animation_page, choose_frames, poses_of
+from repctl_pin.show.page.surfaces import read_surface
+from repctl_pin.show.plots.motions import BLUE
 
 PATH = np.stack([np.cos(np.linspace(0, 6.3, 50)), np.sin(np.linspace(0, 6.3, 50)), np.zeros(50)], 1)
 WORDS: dict[str, Any] = {"seconds": 4.0, "title": "a title", "caption": "a caption"}

@@ -11,11 +11,11 @@ from test_scene import read
 
 import repctl_pin as rp
 from repctl_pin.motion import elbow
-from repctl_pin.show.figures import colours
+from repctl_pin.show.page.playback import read_tracks
+from repctl_pin.show.plots.motions import colours
 from repctl_pin.show.report import report_page
 from repctl_pin.show.study_files import write_study
-from repctl_pin.show.table import study_table
-from repctl_pin.show.tracks import read_tracks
+from repctl_pin.show.text.table import study_table
 from repctl_pin.studies import defaults
 
 REDUNDANT = [
@@ -53,7 +53,7 @@ def test_defaults_work_for_every_redundant_arm(name: str, frame: str | None, kin
     assert closed.tracking_error.max() < 1e-8 and closed.turning_error.max() < 1e-8
     assert closed.limit_margin.min() > 0  # the default path stays inside the limits
     assert creeping.cycle(0).min() > -np.inf and creeping.limit_margin[: creeping.steps].min() > 0
-    assert study.design.clearance > 0.2 and study.row("repeatable").clearance > 0.2
+    assert study.design.leaf_margin > 0.2 and study.row("repeatable").leaf_margin > 0.2
     assert study.task.r == study.task.n - study.task.m >= 1
 
 
@@ -238,7 +238,7 @@ def test_the_first_start_that_can_follow_the_path_is_taken() -> None:
     offered = [q for q, _ in defaults.starts(rp.Robot.load("panda").task("panda_hand_tcp", "pose"))]
     asked = []
 
-    def path(task: rp.Task, q0: np.ndarray) -> rp.Path:
+    def path(task: rp.Task, q0: np.ndarray) -> rp.TaskPath:
         asked.append(q0)
         if len(asked) == 1:
             raise rp.InputError("not from here")

@@ -17,9 +17,9 @@ import pytest
 from lxml import etree
 
 from repctl_pin.errors import InputError, UrdfError
-from repctl_pin.robot.catalogue import data_folder, find, urdf_folder
 from repctl_pin.robot.robot import Robot
-from repctl_pin.robot.urdf import MAX_BYTES, NO_LIMIT, read_urdf
+from repctl_pin.urdf.catalogue import data_folder, find, urdf_folder
+from repctl_pin.urdf.gate import MAX_BYTES, NO_LIMIT, read_urdf
 
 INF = math.inf
 

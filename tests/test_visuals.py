@@ -11,9 +11,9 @@ import pinocchio as pin
 import pytest
 
 from repctl_pin.errors import UrdfError
-from repctl_pin.robot.catalogue import reference_posture
 from repctl_pin.robot.robot import Robot
 from repctl_pin.robot.visuals import Shape, Visuals, find_mesh
+from repctl_pin.urdf.catalogue import reference_posture
 
 
 def configurations(robot: Robot, count: int = 4) -> np.ndarray:

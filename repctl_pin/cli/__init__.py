@@ -9,7 +9,7 @@ import shlex
 import sys
 from collections.abc import Sequence
 
-from .. import __version__
+from .._version import __version__
 from ..errors import RepctlError
 from . import animate, check, completion, design, follow, inspect, robots, study
 from .executors import BLAS_THREADS
@@ -81,7 +81,7 @@ def parser() -> Parser:
             allow_abbrev=False,
         )
         command.add_options(part)
-        part.set_defaults(run=command.run, parser=part)
+        part.set_defaults(run=command.run, parser=part, whole=whole)
     return whole
 
 

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from ..design import Design
     from ..robot.task import Task
-    from ..show.tracks import Track
+    from ..show.page.playback import Track
 
 HELP = "show motions in the browser: from a CSV, from a saved design, or J⁺ beside the nearest repeatable"
 EXAMPLE = "example: repctl animate panda --motion repctl-out/panda/motion.csv --only pseudoinverse,repeatable --live"
@@ -90,7 +90,7 @@ def _run(options: argparse.Namespace, design: Design | None, folder: Path | None
 
     from ..files import prepare_folder, write_whole
     from ..motion import elbow
-    from ..show.tracks import Limb, tracks_page
+    from ..show.page.playback import Limb, tracks_page
     from ..strategies.names import KEYS
 
     say("drawing")
@@ -113,7 +113,7 @@ def _run(options: argparse.Namespace, design: Design | None, folder: Path | None
 
 def _serve(page: str, result: dict[str, Any], options: argparse.Namespace) -> int:
     """Show the page until Ctrl-C or SIGTERM."""
-    from ..show.live import LivePage
+    from ..show.page.live import LivePage
 
     with LivePage(page, port=options.port or 0) as live:
         if options.json:
@@ -130,7 +130,7 @@ def _serve(page: str, result: dict[str, Any], options: argparse.Namespace) -> in
 
 def _from_csv(options: argparse.Namespace, say: Callable[[str], None]) -> _Shown:
     """Motions as a file holds them."""
-    from ..show.tracks import read_tracks
+    from ..show.page.playback import read_tracks
     from ..studies.defaults import choose_task
 
     robot = robot_of(options)
@@ -159,11 +159,11 @@ def _from_design(design: Design, options: argparse.Namespace, say: Callable[[str
     """A saved design, beside the inverse that it is the nearest to."""
     from ..motion import follow
     from ..motion.spec import parse_path
-    from ..show.figures import COLOURS
-    from ..show.tracks import track_of
+    from ..show.page.playback import track_of
+    from ..show.plots.motions import COLOURS
     from ..strategies import Pseudoinverse
     from ..strategies.names import LABELS
-    from ..studies.setting import choose_setting
+    from ..studies.start_and_path import choose_setting
 
     make_path = parse_path(options.path, options.plane)
     start = start_of(options, design.task)
@@ -186,8 +186,8 @@ def _from_design(design: Design, options: argparse.Namespace, say: Callable[[str
 def _from_study(options: argparse.Namespace, say: Callable[[str], None]) -> _Shown:
     """J⁺ and the nearest repeatable inverse, as a study finds them."""
     from ..motion.spec import parse_path
-    from ..show.figures import COLOURS
-    from ..show.tracks import track_of
+    from ..show.page.playback import track_of
+    from ..show.plots.motions import COLOURS
     from ..studies import study
 
     found = study(

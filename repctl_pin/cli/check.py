@@ -12,8 +12,8 @@ from .saved import load_design
 from .terminal import clear_line, progress
 
 if TYPE_CHECKING:
-    from ..design import Region
     from ..integrability import Repeatability, Surfaces
+    from ..regions import Region
     from ..robot.task import Task
     from ..strategies import Inverse
 
@@ -65,8 +65,8 @@ def run(options: argparse.Namespace) -> int:
     say("starting up")
     import numpy as np
 
-    from ..design import Box
     from ..integrability import drift_per_area, is_repeatable, stable_surface
+    from ..regions import Box
 
     case = _saved(options) if is_saved(options.what) else _named(options)
     task = case.strategy.task
@@ -89,7 +89,7 @@ def run(options: argparse.Namespace) -> int:
 
 def _named(options: argparse.Namespace) -> _Case:
     """J⁺, or a weighted inverse, of a robot."""
-    from ..robot.coordinates import absolute_angles
+    from ..robot.absolute_angles import absolute_angles
     from ..studies.defaults import choose_start, choose_task
 
     task = choose_task(robot_of(options), options.frame, options.task)
@@ -186,7 +186,7 @@ def _print(
 
 
 def _drift_table(drift: dict[str, float], unit: str) -> str:
-    from ..show.table import table
+    from ..show.text.table import table
 
     rows = [
         [f"{plane[0]}–{plane[1]}", *(f"{_clean(value) * scale:.{d}g}" for scale, d in ((1, 4), (1e-4, 3), (1e-2, 3)))]

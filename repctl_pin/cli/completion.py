@@ -52,10 +52,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Print the script."""
-    from ..robot.catalogue import entries
-    from . import parser
+    from ..urdf.catalogue import entries
 
-    print(script(parser(), options.shell, [entry.name for entry in entries()]), end="")
+    print(script(options.whole, options.shell, [entry.name for entry in entries()]), end="")
     return 0
 
 

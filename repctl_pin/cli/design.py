@@ -24,7 +24,8 @@ from .place import Place, choose_place
 from .terminal import clear_line, progress
 
 if TYPE_CHECKING:
-    from ..design import Design, Region
+    from ..design import Design
+    from ..regions import Region
     from ..robot.task import Task
     from ..strategies import Inverse
 
@@ -86,8 +87,8 @@ def _run(options: argparse.Namespace, folder: Path) -> int:
     degree = _degree(options)
 
     from ..design import SingularRegionError, nearest_repeatable, save
-    from ..design.maps import degree_curve, design_map
-    from ..show.design_figures import write_design
+    from ..design.design_map import degree_curve, design_map
+    from ..show.plots.designs import write_design
     from ..studies.defaults import check_degree, choose_task
 
     robot = load_robot(options)
@@ -186,7 +187,7 @@ def _fields(task: Task, region: Region, degree: Any, fourier: int | None) -> Any
 
 
 def _degree_table(degrees: Any) -> str:
-    from ..show.table import table
+    from ..show.text.table import table
 
     rows = [[str(d), f"{cost:.5g}", f"{error:.1g}"] for d, cost, error in degrees]
     return table(["degree", "cost", "± error"], rows)
@@ -209,8 +210,8 @@ def _as_dict(design: Design, degrees: Any, name: str, place: Place, notes: list[
         "cost": design.cost,
         "cost_error": design.cost_error,
         "relative_distance": design.relative_distance,
-        "clearance": design.clearance,
-        "clearance_at": design.clearance_at.tolist(),
+        "leaf_margin": design.leaf_margin,
+        "leaf_margin_at": design.leaf_margin_at.tolist(),
         "inside_limits": design.inside_limits,
         "fit_cost": design.fit_cost,
         "gradient_norm": design.gradient_norm,
@@ -226,7 +227,7 @@ def _as_dict(design: Design, degrees: Any, name: str, place: Place, notes: list[
                 "cost": b.judgement.cost,
                 "cost_error": b.judgement.cost_error,
                 "relative_distance": b.judgement.relative_distance,
-                "clearance": b.judgement.clearance,
+                "leaf_margin": b.judgement.leaf_margin,
             }
             for b in design.baselines
         },

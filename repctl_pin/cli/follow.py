@@ -52,7 +52,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--cycles", type=whole, default=1, help="how often round (default 1)")
     parser.add_argument("--steps", type=whole, default=500, help="points a cycle (default 500)")
     parser.add_argument("--period", type=positive, default=5.0, help="time of a cycle, s (default 5)")
-    parser.add_argument("--best-leaf", action="store_true", help="start where limits and clearance have most room")
+    parser.add_argument("--best-leaf", action="store_true", help="start where limits and leaf margin have most room")
     parser.add_argument("--csv", metavar="FILE", help="write time, positions, velocities; at full speed at both ends")
     parser.add_argument("--yaml", metavar="FILE", help="write a ROS JointTrajectory; at full speed at both ends")
     parser.add_argument("--json", action="store_true", help="print JSON instead of text")
@@ -68,7 +68,7 @@ def run(options: argparse.Namespace) -> int:
     from ..motion.spec import parse_path
     from ..strategies import OnLeaves, RepeatableInverse
     from ..studies.defaults import choose_task, share_outside
-    from ..studies.setting import choose_setting
+    from ..studies.start_and_path import choose_setting
 
     make_path = parse_path(options.path, options.plane)
     _check_control(options)
@@ -122,8 +122,9 @@ def _check_control(options: argparse.Namespace) -> None:
 
 def _control(options: argparse.Namespace, task: Task, q0: Any) -> Strategy:
     """Make the control that is to be used in place of a design."""
-    from ..design import Box, SingularRegionError, nearest_repeatable
+    from ..design import SingularRegionError, nearest_repeatable
     from ..plugins import plugin
+    from ..regions import Box
     from ..strategies import Pseudoinverse, Strategy, WeightedInverse
 
     if options.fields:
@@ -163,7 +164,7 @@ def _result(motion: Motion, asked: float, q0: Any, notes: list[str], files: list
 
 
 def _print(result: dict[str, Any], motion: Motion) -> None:
-    from ..show.figures import unit
+    from ..show.plots.motions import unit
 
     print(f"{result['robot']} {result['frame']}, {result['task']}: {result['path']}")
     if motion.path.options:

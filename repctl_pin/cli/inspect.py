@@ -21,7 +21,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Say what a robot holds."""
-    from ..show.inspection import inspection, inspection_text
+    from ..show.text.inspection import inspection, inspection_text
     from ..studies.defaults import redundant_kinds
 
     robot = load_robot(options)

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 from ..errors import InputError
 
 if TYPE_CHECKING:
-    from ..design import Box, SingularRegionError
+    from ..design import SingularRegionError
+    from ..regions import Box
     from ..robot.robot import Robot
     from ..robot.task import Task
 
@@ -117,7 +118,7 @@ def start_of(options: argparse.Namespace, task: Task | None = None) -> Any:
 
 def box_round(task: Task, q0: Any, half_width: float) -> tuple[Box, list[str]]:
     """Make Ω, a box round the start cut to the joint limits; and a note where it was cut."""
-    from ..design import Box
+    from ..regions import Box
 
     box = Box(q0, half_width).inside(task.lower, task.upper)
     cut = [n for n, w in zip(task.joint_names, box.half_width, strict=True) if w < half_width * (1 - 1e-9)]

@@ -9,8 +9,8 @@ from ..errors import InputError
 from .options import box_round, start_of
 
 if TYPE_CHECKING:
-    from ..design import Region
-    from ..motion import Path
+    from ..motion import TaskPath
+    from ..regions import Region
     from ..robot.task import Task
 
 
@@ -20,13 +20,13 @@ class Place(NamedTuple):
     q0: Any
     where: str  # what the start is
     region: Region
-    path: Path | None  # that Ω follows
+    path: TaskPath | None  # that Ω follows
     notes: list[str]
 
 
 def choose_place(task: Task, options: argparse.Namespace) -> Place:
     """Make Ω: a tube round a path's cycle, a box cut to the joint limits, or a workspace box in it."""
-    from ..design import WorkspaceBox
+    from ..regions import WorkspaceBox
     from ..studies.defaults import choose_start
 
     start = start_of(options, task)
@@ -45,11 +45,11 @@ def choose_place(task: Task, options: argparse.Namespace) -> Place:
 
 def _round_a_path(task: Task, start: Any, options: argparse.Namespace) -> Place:
     """Lay a tube round one cycle of J⁺ on a path."""
-    from ..design import Tube
     from ..motion import follow
     from ..motion.spec import parse_path
+    from ..regions import Tube
     from ..strategies import Pseudoinverse
-    from ..studies.setting import choose_setting
+    from ..studies.start_and_path import choose_setting
 
     setting = choose_setting(task, start, parse_path(options.path, options.plane))
     cycle = follow(Pseudoinverse(task), setting.path, setting.q0, cycles=1, steps=200).cycle(0)

@@ -19,10 +19,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """List the catalogue."""
-    from ..robot.catalogue import entries
     from ..robot.robot import Robot
-    from ..show.table import table
+    from ..show.text.table import table
     from ..studies.defaults import redundant_kinds
+    from ..urdf.catalogue import entries
 
     say = progress(options.json)
     rows: list[dict[str, Any]] = []

@@ -68,7 +68,7 @@ def _run(options: argparse.Namespace, folder: Path) -> int:
     from ..design import SingularRegionError
     from ..motion.spec import parse_path
     from ..show.study_files import write_study
-    from ..show.table import study_table
+    from ..show.text.table import study_table
     from ..studies import study
 
     path = parse_path(options.path, options.plane)
@@ -112,7 +112,7 @@ def _run(options: argparse.Namespace, folder: Path) -> int:
 def _report(result: Study, animation: Path, file: Path, options: argparse.Namespace) -> Path:
     """Write the report, with every option as it was used."""
     from ..show.report import write_report
-    from ..studies.maps import study_maps
+    from ..studies.study_maps import study_maps
 
     own = {"run", "command_line", "json", "quiet", "report", "out"}
     used = {name.replace("_", "-"): value for name, value in vars(options).items() if name not in own}

@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 
 from ..errors import RepctlError
 from ..fields.polynomial import Polynomial
+from ..regions import Region
 from ..robot.task import Task
 from ..strategies.extended import ExtendedJacobian
 from ..strategies.repeatable import RepeatableInverse
 from ..strategies.strategy import Inverse
 from .criterion import oriented_nullspace
 from .judgement import Judgement, judge
-from .region import Region
 
 Array = NDArray[np.float64]
 
@@ -43,7 +43,7 @@ class Baseline:
         if self.judgement is None:
             return self.refused
         j = self.judgement
-        return f"{j.cost:.6g} ± {j.cost_error:.1g}, clearance {j.clearance:.3f}"
+        return f"{j.cost:.6g} ± {j.cost_error:.1g}, leaf margin {j.leaf_margin:.3f}"
 
 
 def constant_rows(task: Task, center: Array) -> RepeatableInverse:

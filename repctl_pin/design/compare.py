@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..errors import InputError, SingularityError
 from .judgement import REPLICATES, Judgement, judge
-
-if TYPE_CHECKING:
-    from .result import Design
+from .result import Design
 
 
 @dataclass(frozen=True)
@@ -40,7 +37,7 @@ class Comparison:
         return int(np.argmin(costs))
 
     def __str__(self) -> str:
-        lines = ["  potentials   cost       beside the first      distance  clearance"]
+        lines = ["  potentials   cost       beside the first      distance  leaf margin"]
         for i, (design, j, (more, error)) in enumerate(
             zip(self.designs, self.judgements, self.differences, strict=True)
         ):
@@ -51,7 +48,7 @@ class Comparison:
             beside = "" if i == 0 else f"{more:+.4g} ± {error:.1g}"
             lines.append(
                 f"{mark} {design.fields.size:10d}   {j.cost:<9.5g}  {beside:20s}  {j.relative_distance:8.1%}  "
-                f"{j.clearance:9.3f}"
+                f"{j.leaf_margin:9.3f}"
             )
         return "\n".join(lines)
 

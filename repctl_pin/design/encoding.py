@@ -8,11 +8,11 @@ import numpy as np
 
 from ..errors import InputError
 from ..fields import Field, Fourier, Joined, Polynomial
+from ..regions import Box, Region
+from ..regions.tube import Tube
+from ..regions.workspace_box import WorkspaceBox
 from ..robot.task import Task
 from ..strategies import Inverse, Pseudoinverse, WeightedInverse
-from .region import Box, Region
-from .tube import Tube
-from .workspace import WorkspaceBox
 
 Plain = dict[str, Any]
 

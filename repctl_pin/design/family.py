@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from ..arguments import wanted
 from ..errors import InputError, SingularityError
+from ..regions import Region
 from ..strategies.strategy import AN_INVERSE, Batched, Inverse
-from .region import Region
 
 Array = NDArray[np.float64]
 

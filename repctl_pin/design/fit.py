@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..fields.field import Field
+from ..regions import Region
 from ..strategies.repeatable import RepeatableInverse
 from ..strategies.strategy import Inverse
 from . import criterion
@@ -21,9 +22,8 @@ from .descend import Descent, descend, start
 from .independence import Independent, independent
 from .judgement import judge
 from .progress import Report
-from .region import Region
 from .result import Design
-from .search import SingularRegionError, dexterity, refuse_singular, search, signed_clearance
+from .search import SingularRegionError, dexterity, refuse_singular, search, signed_leaf_margin
 from .workers import hand_out
 
 if TYPE_CHECKING:
@@ -165,8 +165,8 @@ def _judged(
         cost=verdict.cost,
         cost_error=verdict.cost_error,
         relative_distance=verdict.relative_distance,
-        clearance=verdict.clearance,
-        clearance_at=verdict.clearance_at,
+        leaf_margin=verdict.leaf_margin,
+        leaf_margin_at=verdict.leaf_margin_at,
         inside_limits=verdict.inside_limits,
         fit_cost=result.cost,
         gradient_norm=result.gradient_norm,
@@ -189,10 +189,10 @@ def _spread(fields: Field, chosen: Independent, A: Array) -> Array:
 def _one_sided(
     desired: Inverse, fields: Field, chosen: Independent, A: Array, region: Region
 ) -> Callable[[Array], Array]:
-    """Measure the clearance of V, positive on the side of the center."""
-    clearance = signed_clearance(desired.task, fields.weighted(_spread(fields, chosen, A)))
-    side = np.sign(clearance(region.center[None]))[0]
-    return lambda Q: side * clearance(Q)
+    """Measure the leaf margin of V, positive on the side of the center."""
+    leaf_margin = signed_leaf_margin(desired.task, fields.weighted(_spread(fields, chosen, A)))
+    side = np.sign(leaf_margin(region.center[None]))[0]
+    return lambda Q: side * leaf_margin(Q)
 
 
 def _singular_between(

@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from ..redundancy.augmented import clearance
+from ..redundancy.augmented import leaf_margin
+from ..regions import Region
 from ..strategies.repeatable import RepeatableInverse
 from ..strategies.strategy import Inverse
 from .criterion import oriented_nullspace
-from .region import Region
-from .search import refuse_singular, search, signed_clearance
+from .search import refuse_singular, search, signed_leaf_margin
 
 Array = NDArray[np.float64]
 
@@ -30,9 +30,9 @@ class Judgement:
         Mean over Ω of ‖G_r − G_d‖_F² (26), and its standard error over independent scramblings.
     relative_distance : float
         ``sqrt(cost / mean ‖G_d‖_F²)``.
-    clearance : float
+    leaf_margin : float
         The smallest σ_min(Nᵀ V̂) that a search of Ω found.
-    clearance_at : (n,) array
+    leaf_margin_at : (n,) array
         Where.
     inside_limits : float
         Share of Ω inside the joint limits.
@@ -43,8 +43,8 @@ class Judgement:
     cost: float
     cost_error: float
     relative_distance: float
-    clearance: float
-    clearance_at: Array = field(repr=False)
+    leaf_margin: float
+    leaf_margin_at: Array = field(repr=False)
     inside_limits: float
     replicates: Array = field(repr=False)
 
@@ -82,7 +82,7 @@ def judge(
     task = inverse.task
     costs, norms, inside = [], [], []
     candidates: list[tuple[Array, Array]] = []
-    measure = signed_clearance(task, inverse.field)
+    measure = signed_leaf_margin(task, inverse.field)
     side = np.sign(measure(region.center[None]))[0]
 
     def one_sided(Q: Array) -> Array:
@@ -94,7 +94,7 @@ def judge(
         J = task.jacobians(Q)
         N = oriented_nullspace(J, task, Q)
         V = inverse.field.gradients(Q)
-        sigma = clearance(N, V) * np.sign(np.linalg.det(np.swapaxes(N, -1, -2) @ V)) * side
+        sigma = leaf_margin(N, V) * np.sign(np.linalg.det(np.swapaxes(N, -1, -2) @ V)) * side
         if not (sigma > 0).all():
             at = Q[int(np.argmin(sigma))]
             raise refuse_singular(
@@ -117,8 +117,8 @@ def judge(
         cost=mean,
         cost_error=float(np.std(costs, ddof=1) / np.sqrt(REPLICATES) * widened),
         relative_distance=float(np.sqrt(mean / np.mean(norms))),
-        clearance=found.value,
-        clearance_at=found.at,
+        leaf_margin=found.value,
+        leaf_margin_at=found.at,
         inside_limits=float(np.mean(inside)),
         replicates=np.array(costs),
     )

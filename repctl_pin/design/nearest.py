@@ -13,11 +13,11 @@ from ..arguments import wanted
 from ..errors import InputError
 from ..fields.field import Field
 from ..fields.polynomial import Polynomial
+from ..regions import Region
 from ..strategies.strategy import AN_INVERSE, Batched, Inverse
 from . import progress as reporting
 from .fit import fit
 from .judgement import REPLICATES
-from .region import Region
 from .result import Design
 from .search import SingularRegionError
 
@@ -90,7 +90,7 @@ def nearest_repeatable(
     Returns
     -------
     Design
-        ``inverse``, the control, and what it is worth: ``cost``, ``relative_distance``, ``clearance`` …;
+        ``inverse``, the control, and what it is worth: ``cost``, ``relative_distance``, ``leaf_margin`` …;
         ``summary()`` says it in words.
 
     Raises

@@ -9,12 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..fields.field import Field
+from ..regions import Region
 from ..robot.task import Task
 from ..strategies.repeatable import RepeatableInverse
 from ..strategies.strategy import Inverse
 from .baselines import Baseline, baselines
-from .compare import Comparison, compare
-from .region import Region
 
 Array = NDArray[np.float64]
 
@@ -37,9 +36,9 @@ class Design:
         Mean over Ω of ‖G_r − G_d‖_F² (26), and its standard error.
     relative_distance : float
         ``sqrt(cost / mean ‖G_d‖_F²)``.
-    clearance : float
+    leaf_margin : float
         The smallest σ_min(Nᵀ V̂) that a search of Ω found: 1 is best, 0 is an algorithmic singularity.
-    clearance_at : (n,) array
+    leaf_margin_at : (n,) array
         Where.
     inside_limits : float
         Share of Ω inside the joint limits.
@@ -73,8 +72,8 @@ class Design:
     cost: float
     cost_error: float
     relative_distance: float
-    clearance: float
-    clearance_at: Array
+    leaf_margin: float
+    leaf_margin_at: Array
     inside_limits: float
     fit_cost: float
     gradient_norm: float
@@ -91,7 +90,7 @@ class Design:
         task = self.task
         return (
             f"<Design for {task.robot.name} {task.frame}: cost {self.cost:.4g} ± {self.cost_error:.1g}, "
-            f"{self.relative_distance:.1%} from the desired, clearance {self.clearance:.3g}>"
+            f"{self.relative_distance:.1%} from the desired, leaf margin {self.leaf_margin:.3g}>"
         )
 
     @property
@@ -103,16 +102,6 @@ class Design:
     def baselines(self) -> tuple[Baseline, ...]:
         """The same figures for constant rows and for the extended Jacobian, on the same fresh nodes."""
         return baselines(self.desired, self.region, samples=self.fresh, seed=self.seed + 1)
-
-    def compare(self, *others: Design) -> Comparison:
-        """Judge several designs on the same fresh nodes of this one's Ω: ``Design.compare(a, b, c)``.
-
-        Raises
-        ------
-        InputError
-            If a design is for another arm or task.
-        """
-        return compare(self, *others)
 
     def summary(self) -> str:
         """Say in a few lines what the design is worth."""
@@ -126,7 +115,7 @@ class Design:
             f"  mean ‖G_r − G_d‖²  {self.cost:.6g} ± {self.cost_error:.1g} (on {self.fresh} fresh nodes)",
             *(f"    {b.name.ljust(width)}  {b.text}" for b in self.baselines),
             f"  relative distance  {self.relative_distance:.1%}",
-            f"  clearance          {self.clearance:.3f} at worst",
+            f"  leaf margin          {self.leaf_margin:.3f} at worst",
             f"  inside the limits  {self.inside_limits:.1%} of Ω",
             f"  optimiser          {state} in {self.steps} steps, gradient {self.gradient_norm:.1g}",
         ]

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from ..errors import SingularityError
 from ..fields.field import FieldMap
+from ..regions import Region
 from ..robot.task import Task
 from .criterion import named
-from .region import Region
 
 Array = NDArray[np.float64]
 Measure = Callable[[Array], Array]
@@ -64,7 +64,7 @@ def dexterity(task: Task) -> Measure:
     return measure
 
 
-def signed_clearance(task: Task, field: FieldMap) -> Measure:
+def signed_leaf_margin(task: Task, field: FieldMap) -> Measure:
     """Measure ``σ_min(Nᵀ V̂)`` with the sign of ``det [J; Vᵀ]``, which changes at an algorithmic singularity.
 
     Where J has full rank this is smooth through its zeros but for crossings of singular values.

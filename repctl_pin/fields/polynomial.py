@@ -14,9 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 from ..arguments import rows, whole
 from ..errors import InputError
 from .field import Field, chosen, coefficients
+from .inplace import MOST_ENTRIES, Homogeneous, InPlace, plain
 from .joined import Joined
 from .partial import PartialMap
-from .pointwise import MOST_ENTRIES, Homogeneous, Pointwise, plain
 
 Array = NDArray[np.float64]
 
@@ -218,9 +218,9 @@ class PolynomialMap:
             V = lower + V.reshape(-1, self._n) @ u
         return V.reshape(self._shape)
 
-    def pointwise(self, V_T: Array, e: Array) -> Pointwise:
+    def in_place(self, V_T: Array, e: Array) -> InPlace:
         """Make the functions of a control loop that write Vᵀ into an array (r, n), and c − h into one (r,)."""
-        return plain(self, V_T, e) if self._quick is None else self._quick.pointwise(V_T, e)
+        return plain(self, V_T, e) if self._quick is None else self._quick.in_place(V_T, e)
 
     def hessian(self, q: Array) -> Array:
         """Evaluate ``∂V/∂q = ∂²h/∂q²``: (n, n, r), ``[i, k, j] = ∂²h_j/∂q_i∂q_k``."""

@@ -4,14 +4,14 @@ from .best_leaf import BestLeaf, best_leaf
 from .elbow import elbow
 from .follow import follow
 from .motion import Motion
-from .paths import Path, circle, figure_eight, polygon, rose, waypoints
-from .reach import check_reach, reach, reach_start
+from .paths import TaskPath, circle, figure_eight, polygon, rose, waypoints
+from .solve_ik import check_reach, reach_start, solve_ik
 from .waypoint_file import read_waypoints
 
 __all__ = [
     "BestLeaf",
     "Motion",
-    "Path",
+    "TaskPath",
     "best_leaf",
     "check_reach",
     "circle",
@@ -19,9 +19,9 @@ __all__ = [
     "figure_eight",
     "follow",
     "polygon",
-    "reach",
     "reach_start",
     "read_waypoints",
     "rose",
+    "solve_ik",
     "waypoints",
 ]

@@ -10,19 +10,19 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import wanted
 from ..errors import InputError, SingularityError
-from ..redundancy import clearance, nullspace
+from ..redundancy import leaf_margin, nullspace
 from ..strategies import RepeatableInverse
 from .follow import follow
 from .motion import Motion
-from .paths import ClosedPath, Path
-from .reach import reach
+from .paths import ClosedPath, TaskPath
+from .solve_ik import solve_ik
 
 Array = NDArray[np.float64]
 
 _STRIDE = 0.1
 _FINEST = 0.01
 _DIRECTIONS = 8
-_LEAST_CLEARANCE = 0.1
+_LEAST_LEAF_MARGIN = 0.1
 """No leaf is preferred to the given one that comes nearer to an algorithmic singularity than this."""
 
 
@@ -40,7 +40,7 @@ class Candidate:
         The smaller of the two below, the first as a share of half the joint's range: what is maximised.
     limit_margin : float
         Smallest distance of a joint to its limit over the cycle, rad or m; negative outside.
-    clearance : float
+    leaf_margin : float
         Smallest σ_min(Nᵀ V̂) over the cycle.
     motion : Motion
         The cycle.
@@ -50,7 +50,7 @@ class Candidate:
     leaf: Array
     margin: float
     limit_margin: float
-    clearance: float
+    leaf_margin: float
     motion: Motion
 
 
@@ -86,11 +86,11 @@ class BestLeaf:
         )
 
 
-def best_leaf(inverse: RepeatableInverse, path: Path, q0: ArrayLike, *, steps: int = 96, seed: int = 0) -> BestLeaf:
+def best_leaf(inverse: RepeatableInverse, path: TaskPath, q0: ArrayLike, *, steps: int = 96, seed: int = 0) -> BestLeaf:
     """Search the self-motion of the start for the leaf with the most room over the whole cycle.
 
     Under a repeatable control the joint path of all cycles is known after the first, so limits and
-    clearance can be looked at before the robot moves. Starts are taken along the self-motion of the given
+    leaf margin can be looked at before the robot moves. Starts are taken along the self-motion of the given
     one, both ways (for r > 1 in several directions), inside the joint limits; then the best is refined by
     a pattern search. It is never worse than the given one, neither in margin nor in limit margin.
 
@@ -110,7 +110,7 @@ def best_leaf(inverse: RepeatableInverse, path: Path, q0: ArrayLike, *, steps: i
     Returns
     -------
     BestLeaf
-        The best start found and the given one, each with its cycle, limit margin and clearance.
+        The best start found and the given one, each with its cycle, limit margin and leaf margin.
 
     Raises
     ------
@@ -120,7 +120,7 @@ def best_leaf(inverse: RepeatableInverse, path: Path, q0: ArrayLike, *, steps: i
     wanted(inverse, RepeatableInverse, "inverse", "a repeatable inverse, such as design.inverse")
     wanted(path, ClosedPath, "path", "a closed path, such as rp.circle(task, q0)")
     task, target = inverse.task, path.placement(0.0)
-    start = reach(task, task.check(q0, "the start"), target)
+    start = solve_ik(task, task.check(q0, "the start"), target)
     given = _judged(inverse, path, start, steps)
     best, tried = given, 1
 
@@ -131,7 +131,7 @@ def best_leaf(inverse: RepeatableInverse, path: Path, q0: ArrayLike, *, steps: i
             return True
         if given is None:
             return candidate.margin > best.margin
-        clear = candidate.clearance >= min(_LEAST_CLEARANCE, given.clearance)
+        clear = candidate.leaf_margin >= min(_LEAST_LEAF_MARGIN, given.leaf_margin)
         return clear and candidate.margin > best.margin and candidate.limit_margin >= given.limit_margin
 
     for q in _self_motions(inverse, start, path, seed):
@@ -159,7 +159,7 @@ def best_leaf(inverse: RepeatableInverse, path: Path, q0: ArrayLike, *, steps: i
     return BestLeaf(best, given, tried)
 
 
-def _judged(inverse: RepeatableInverse, path: Path, q0: Array, steps: int) -> Candidate | None:
+def _judged(inverse: RepeatableInverse, path: TaskPath, q0: Array, steps: int) -> Candidate | None:
     """Follow one cycle from a start; None where it cannot be done."""
     task = inverse.task
     try:
@@ -169,14 +169,14 @@ def _judged(inverse: RepeatableInverse, path: Path, q0: Array, steps: int) -> Ca
         return None
     if motion.tracking_error.max() > 1e-3 or motion.drift[0] > 1e-3:
         return None  # it lost the path, or came back another way
-    clear = float(clearance(N, inverse.field.gradients(motion.q)).min())
+    clear = float(leaf_margin(N, inverse.field.gradients(motion.q)).min())
     least = motion.limit_margin.min(axis=0)
     half = np.where(np.isfinite(least), (task.upper - task.lower) / 2, 1.0)
     share = float(np.min(least / half))
     return Candidate(motion.q[0], inverse.leaf(motion.q[0]), min(share, clear), float(least.min()), clear, motion)
 
 
-def _self_motions(inverse: RepeatableInverse, start: Array, path: Path, seed: int) -> Iterator[Array]:
+def _self_motions(inverse: RepeatableInverse, start: Array, path: TaskPath, seed: int) -> Iterator[Array]:
     """Walk from the start in its null space, the frame held, until a limit or a full turn ends the walk."""
     task = inverse.task
     N = nullspace(task.jacobian(start))
@@ -200,11 +200,11 @@ def _self_motions(inverse: RepeatableInverse, start: Array, path: Path, seed: in
                 yield q
 
 
-def _moved(inverse: RepeatableInverse, q: Array, step: Array, path: Path) -> Array | None:
+def _moved(inverse: RepeatableInverse, q: Array, step: Array, path: TaskPath) -> Array | None:
     """Take a step of the self-motion; None where it leaves the limits."""
     task = inverse.task
     try:
-        return reach(task, q + step, path.placement(0.0), tolerance=1e-11)
+        return solve_ik(task, q + step, path.placement(0.0), tolerance=1e-11)
     except (InputError, SingularityError):
         return None
 
@@ -213,5 +213,5 @@ def _line(candidate: Candidate | None) -> str:
     if candidate is None:
         return "no whole cycle from there"
     violation = candidate.motion.first_violation
-    text = f"limit margin {candidate.limit_margin:.3g}, clearance {candidate.clearance:.3g}"
+    text = f"limit margin {candidate.limit_margin:.3g}, leaf margin {candidate.leaf_margin:.3g}"
     return text + ("" if violation is None else f"; {violation[1]} leaves its limits")

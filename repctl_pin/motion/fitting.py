@@ -12,7 +12,7 @@ from ..robot.length import arm_length
 from ..robot.task import Task
 from ..strategies import Pseudoinverse
 from .follow import follow
-from .paths import Path, circle
+from .paths import TaskPath, circle
 
 Array = NDArray[np.float64]
 
@@ -22,7 +22,7 @@ _LEAST_MARGIN = 0.02
 """To the joint limits, rad or m."""
 
 
-def fitting_circle(task: Task, q0: Array, *, plane: str | None = None, radius: float | None = None) -> Path:
+def fitting_circle(task: Task, q0: Array, *, plane: str | None = None, radius: float | None = None) -> TaskPath:
     """Find a circle that J⁺ can follow for a cycle inside the joint limits, well away from singularities.
 
     Where they are not given: the largest round radius up to a seventh of the reach; horizontal if possible,
@@ -56,7 +56,7 @@ def fitting_circle(task: Task, q0: Array, *, plane: str | None = None, radius: f
     )
 
 
-def circle_at(task: Task, q0: Array, radius: float, plane: str, degrees: float) -> Path:
+def circle_at(task: Task, q0: Array, radius: float, plane: str, degrees: float) -> TaskPath:
     """Draw a circle on which the start lies at an angle, in degrees from the plane's first axis; with its words."""
     path = circle(task, q0, radius, normal=plane, start_angle=float(np.deg2rad(degrees)))
     return replace(path, words=f"circle:{_digits(radius)}:{_digits(degrees)}", plane=plane)

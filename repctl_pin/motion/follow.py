@@ -13,7 +13,7 @@ from ..robot.task import Task, wanted_task
 from ..strategies import FunctionStrategy, OnLeaves, Strategy
 from ..strategies.control_step import speeds
 from .motion import Motion
-from .paths import ClosedPath, Path
+from .paths import ClosedPath, TaskPath
 
 Array = NDArray[np.float64]
 
@@ -32,7 +32,7 @@ _JUMP = 1.0
 
 def follow(
     strategy: Strategy | Callable[[Array, Array], ArrayLike],
-    path: Path,
+    path: TaskPath,
     q0: ArrayLike,
     *,
     cycles: int = 10,
@@ -107,7 +107,9 @@ def follow(
         raise InputError("leaf=, limit= and damping= belong to the leaf lock; give lock=1 with them")
     gap = float(np.linalg.norm(task.error(q, path.placement(0.0))))
     if gap > 1e-3 and not feedback and not lock:
-        raise InputError(f"the path starts {gap:.3g} m (or rad) away from the frame; use reach() first, or feedback")
+        raise InputError(
+            f"the path starts {gap:.3g} m (or rad) away from the frame; use rp.solve_ik() first, or feedback"
+        )
 
     grid = _grid(path, steps)
     n_steps, used = len(grid) - 1, 0.0
@@ -140,7 +142,7 @@ def follow(
 
 def _integrated(
     strategy: Strategy,
-    path: Path,
+    path: TaskPath,
     grid: Array,
     q: Array,
     cycles: int,
@@ -186,7 +188,7 @@ def _integrated(
 
 def _locked(
     strategy: OnLeaves,
-    path: Path,
+    path: TaskPath,
     grid: Array,
     q: Array,
     cycles: int,
@@ -220,18 +222,18 @@ def _locked(
     return Q, np.vstack([Qdot, Qdot[-1:]]), used
 
 
-def _where(error: SingularityError, path: Path, cycle: float) -> SingularityError:
+def _where(error: SingularityError, path: TaskPath, cycle: float) -> SingularityError:
     return SingularityError(f"{error}, in cycle {1 + int(cycle)} of {path.name}")
 
 
-def _jump(path: Path, cycle: float) -> SingularityError:
+def _jump(path: TaskPath, cycle: float) -> SingularityError:
     return SingularityError(
         f"the joints jump by more than {_JUMP:g} rad in one step, in cycle {1 + int(cycle)} of {path.name}: the arm is "
         "at a singularity, the path out of reach, or the steps too few"
     )
 
 
-def _grid(path: Path, steps: int) -> Array:
+def _grid(path: TaskPath, steps: int) -> Array:
     """Values of s to step through in one cycle, every corner among them."""
     knots = np.array([0.0, *path.breaks, 1.0])
     pieces = np.maximum(1, np.rint(np.diff(knots) * steps).astype(int))

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..robot.task import Task
 from ..strategies.control_step import speeds
-from .paths import Path
+from .paths import TaskPath
 
 Array = NDArray[np.float64]
 
@@ -41,7 +41,7 @@ class Motion:
     """
 
     task: Task
-    path: Path
+    path: TaskPath
     t: Array
     q: Array
     qdot: Array

@@ -23,7 +23,7 @@ _NORMALS = {"z": "xy", "x": "yz", "y": "xz"}
 
 @runtime_checkable
 class ClosedPath(Protocol):
-    """What :func:`follow` asks of a path: a :class:`Path` has it, and so may a class of your own."""
+    """What :func:`follow` asks of a path: a :class:`TaskPath` has it, and so may a class of your own."""
 
     @property
     def name(self) -> str:
@@ -45,7 +45,7 @@ class ClosedPath(Protocol):
 
 
 @dataclass(frozen=True)
-class Path:
+class TaskPath:
     """A closed path: a curve of the frame's origin, the orientation held.
 
     Attributes
@@ -102,7 +102,7 @@ class Path:
         return float(np.linalg.norm(np.diff(self.points(1001), axis=0), axis=1).sum())
 
 
-def circle(task: Task, q0: ArrayLike, radius: float = 0.1, *, normal: str = "z", start_angle: float = 0.0) -> Path:
+def circle(task: Task, q0: ArrayLike, radius: float = 0.1, *, normal: str = "z", start_angle: float = 0.0) -> TaskPath:
     """Draw a circle that starts where the frame is at q0.
 
     Parameters
@@ -120,7 +120,7 @@ def circle(task: Task, q0: ArrayLike, radius: float = 0.1, *, normal: str = "z",
 
     Returns
     -------
-    Path
+    TaskPath
 
     Raises
     ------
@@ -134,7 +134,7 @@ def circle(task: Task, q0: ArrayLike, radius: float = 0.1, *, normal: str = "z",
         return radius * (np.cos(angle) * e1 + np.sin(angle) * e2)
 
     center = here.translation - around(start_angle)
-    return Path(
+    return TaskPath(
         f"circle of radius {radius:g} m in {_plane(normal)}",
         lambda s: center + around(start_angle + 2 * np.pi * s),
         lambda s: 2 * np.pi * around(start_angle + 2 * np.pi * s + np.pi / 2),
@@ -144,19 +144,19 @@ def circle(task: Task, q0: ArrayLike, radius: float = 0.1, *, normal: str = "z",
 
 def figure_eight(
     task: Task, q0: ArrayLike, radius: float = 0.1, *, normal: str = "z", start_angle: float = 0.0
-) -> Path:
+) -> TaskPath:
     """Draw a figure eight (Gerono's lemniscate) of half-length ``radius``, m, crossing at the start.
 
     Returns
     -------
-    Path
+    TaskPath
     """
     radius = _positive(radius, "radius")
     here, e1, e2 = _frame(task, q0, normal)
     along = np.cos(start_angle) * e1 + np.sin(start_angle) * e2
     across = -np.sin(start_angle) * e1 + np.cos(start_angle) * e2
     turn = 2 * np.pi
-    return Path(
+    return TaskPath(
         f"figure eight of half-length {radius:g} m in {_plane(normal)}",
         lambda s: here.translation + radius * (np.sin(turn * s) * along + 0.5 * np.sin(2 * turn * s) * across),
         lambda s: radius * turn * (np.cos(turn * s) * along + np.cos(2 * turn * s) * across),
@@ -164,12 +164,12 @@ def figure_eight(
     )
 
 
-def rose(task: Task, q0: ArrayLike, radius: float = 0.1, *, petals: int = 3, normal: str = "z") -> Path:
+def rose(task: Task, q0: ArrayLike, radius: float = 0.1, *, petals: int = 3, normal: str = "z") -> TaskPath:
     """Draw a rose ρ = radius · sin(petals · φ), an odd number of petals, from its centre at the start.
 
     Returns
     -------
-    Path
+    TaskPath
     """
     radius = _positive(radius, "radius")
     if whole(petals, "petals", 1) % 2 == 0:
@@ -179,7 +179,7 @@ def rose(task: Task, q0: ArrayLike, radius: float = 0.1, *, petals: int = 3, nor
     def ray(angle: float) -> Array:
         return np.cos(angle) * e1 + np.sin(angle) * e2
 
-    return Path(
+    return TaskPath(
         f"rose of {petals} petals, {radius:g} m, in {_plane(normal)}",
         lambda s: here.translation + radius * np.sin(petals * np.pi * s) * ray(np.pi * s),
         lambda s: (
@@ -194,7 +194,7 @@ def rose(task: Task, q0: ArrayLike, radius: float = 0.1, *, petals: int = 3, nor
     )
 
 
-def polygon(task: Task, q0: ArrayLike, corners: ArrayLike, *, name: str = "polygon") -> Path:
+def polygon(task: Task, q0: ArrayLike, corners: ArrayLike, *, name: str = "polygon") -> TaskPath:
     """Draw a closed polygon from where the frame is at q0, at constant speed.
 
     Parameters
@@ -206,7 +206,7 @@ def polygon(task: Task, q0: ArrayLike, corners: ArrayLike, *, name: str = "polyg
 
     Returns
     -------
-    Path
+    TaskPath
 
     Raises
     ------
@@ -220,14 +220,14 @@ def polygon(task: Task, q0: ArrayLike, corners: ArrayLike, *, name: str = "polyg
     return _polyline(np.vstack([np.zeros(3), offsets, np.zeros(3)]) + start.translation, start.rotation, name)
 
 
-def waypoints(points: ArrayLike, rotation: ArrayLike, *, name: str = "waypoints") -> Path:
+def waypoints(points: ArrayLike, rotation: ArrayLike, *, name: str = "waypoints") -> TaskPath:
     """Join waypoints (P, 3), m in the base frame, by straight lines at constant speed.
 
-    The path is closed: the last point repeats the first. Bring the arm there with :func:`reach`.
+    The path is closed: the last point repeats the first. Bring the arm there with :func:`solve_ik`.
 
     Returns
     -------
-    Path
+    TaskPath
 
     Raises
     ------
@@ -245,7 +245,7 @@ def waypoints(points: ArrayLike, rotation: ArrayLike, *, name: str = "waypoints"
     return _polyline(corners, np.asarray(rotation, float), name)
 
 
-def _polyline(corners: Array, rotation: Array, name: str) -> Path:
+def _polyline(corners: Array, rotation: Array, name: str) -> TaskPath:
     """Join corners (P, 3), the last equal to the first, by straight lines at constant speed."""
     edges = np.diff(corners, axis=0)
     lengths = np.linalg.norm(edges, axis=1)
@@ -266,7 +266,7 @@ def _polyline(corners: Array, rotation: Array, name: str) -> Path:
         i = edge_at(s)
         return edges[i] / (knots[i + 1] - knots[i])
 
-    return Path(name, point, slope, rotation, tuple(float(k) for k in knots[1:-1]))
+    return TaskPath(name, point, slope, rotation, tuple(float(k) for k in knots[1:-1]))
 
 
 def _frame(task: Task, q0: ArrayLike, normal: str) -> tuple[pin.SE3, Array, Array]:

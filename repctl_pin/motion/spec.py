@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path as FilePath
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,12 +14,12 @@ from ..errors import InputError
 from ..plugins import plugin, registered
 from ..robot.task import Task
 from .fitting import circle_at, fitting_circle, planes_of
-from .paths import PLANES, Path, figure_eight, polygon, rose
+from .paths import PLANES, TaskPath, figure_eight, polygon, rose
 from .waypoint_file import number, waypoint_path
 
 Array = NDArray[np.float64]
-PathMaker = Callable[[Task, Array], Path]
-Drawn = Callable[[Task, Array, str], Path]
+PathMaker = Callable[[Task, Array], TaskPath]
+Drawn = Callable[[Task, Array, str], TaskPath]
 """(task, q0, plane) → path."""
 
 FORMS = (
@@ -28,7 +28,7 @@ FORMS = (
 
 
 def parse_path(text: str | None, plane: str | None = None) -> PathMaker:
-    """Turn a path's short form into a function ``(task, q0) → Path``.
+    """Turn a path's short form into a function ``(task, q0) → TaskPath``.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ def parse_path(text: str | None, plane: str | None = None) -> PathMaker:
         raise InputError(f"no plane {plane!r}; there is {', '.join(PLANES)}")
     if text is None:
         return lambda task, q0: fitting_circle(task, q0, plane=plane)
-    if text.lower().endswith(".csv") or FilePath(text).is_file():
+    if text.lower().endswith(".csv") or Path(text).is_file():
         if plane is not None:
             raise InputError(f"{text} says itself where its points lie; leave --plane out")
         return waypoint_path(text)
@@ -58,9 +58,9 @@ def parse_path(text: str | None, plane: str | None = None) -> PathMaker:
         return lambda task, q0: fitting_circle(task, q0, plane=plane, radius=radius)
     drawn = _drawn(kind, parts, text)
 
-    def make(task: Task, q0: Array) -> Path:
+    def make(task: Task, q0: Array) -> TaskPath:
         flat = plane or planes_of(task)[0]
-        path = wanted(drawn(task, q0, flat), Path, f"what {kind!r} makes", "a closed path, as rp.circle makes one")
+        path = wanted(drawn(task, q0, flat), TaskPath, f"what {kind!r} makes", "a closed path, as rp.circle makes one")
         return path if path.words else replace(path, words=text, plane=flat)
 
     return make
@@ -72,7 +72,7 @@ def _drawn(kind: str, parts: list[str], text: str) -> Drawn:
         radius, degrees = _length(parts[0], text), _angle(parts[1], text)
         return lambda task, q0, plane: circle_at(task, q0, radius, plane, degrees)
     numbers = [_length(part, text) for part in parts]
-    curves: dict[str, Callable[..., Path]] = {"eight": figure_eight, "rose": rose}
+    curves: dict[str, Callable[..., TaskPath]] = {"eight": figure_eight, "rose": rose}
     if kind in curves and len(numbers) == 1:
         return lambda task, q0, plane: curves[kind](task, q0, numbers[0], normal=plane)
     if kind == "square" and len(numbers) == 1:
@@ -93,7 +93,7 @@ def _drawn(kind: str, parts: list[str], text: str) -> Drawn:
 def _polygon(corners: list[tuple[float, float]], name: str) -> Drawn:
     """Lay flat corners into a plane of the base frame."""
 
-    def draw(task: Task, q0: Array, plane: str) -> Path:
+    def draw(task: Task, q0: Array, plane: str) -> TaskPath:
         points = np.zeros((len(corners), 3))
         points[:, PLANES[plane]] = corners
         return polygon(task, q0, points, name=f"{name} in {plane}")

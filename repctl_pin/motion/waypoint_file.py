@@ -5,19 +5,19 @@ from __future__ import annotations
 import csv
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path as FilePath
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
 from ..robot.task import Task
-from .paths import Path, waypoints
+from .paths import TaskPath, waypoints
 
 Array = NDArray[np.float64]
 
 
-def read_waypoints(file: str | FilePath) -> Array:
+def read_waypoints(file: str | Path) -> Array:
     """Read waypoints from a CSV file: three numbers a line, x, y, z in m; a first line of names may stand.
 
     Returns
@@ -29,10 +29,10 @@ def read_waypoints(file: str | FilePath) -> Array:
     InputError
         If the file cannot be read, or a line is not three finite numbers; the line is named.
     """
-    return np.array([point for _, point in _numbered(FilePath(file))])
+    return np.array([point for _, point in _numbered(Path(file))])
 
 
-def waypoint_path(file: str) -> Callable[[Task, ArrayLike], Path]:
+def waypoint_path(file: str) -> Callable[[Task, ArrayLike], TaskPath]:
     """Read a file of waypoints, and make the function ``(task, q0) → path`` of it; the start's orientation is held.
 
     Raises
@@ -40,18 +40,18 @@ def waypoint_path(file: str) -> Callable[[Task, ArrayLike], Path]:
     InputError
         If the file cannot be read, or its points make no closed path.
     """
-    lines, points = zip(*_numbered(FilePath(file)), strict=True)
+    lines, points = zip(*_numbered(Path(file)), strict=True)
     waypoints(points, np.eye(3))  # complain now, before any arm is loaded
     corners = tuple(f"line {line}" for line in lines)
 
-    def make(task: Task, q0: ArrayLike) -> Path:
-        path = waypoints(points, task.placement(q0).rotation, name=FilePath(file).name)
+    def make(task: Task, q0: ArrayLike) -> TaskPath:
+        path = waypoints(points, task.placement(q0).rotation, name=Path(file).name)
         return replace(path, words=file, corners=corners)
 
     return make
 
 
-def _numbered(file: FilePath) -> list[tuple[int, list[float]]]:
+def _numbered(file: Path) -> list[tuple[int, list[float]]]:
     """Read the points, each with the number of its line."""
     try:
         with file.open(newline="", encoding="utf-8-sig") as lines:

@@ -1,6 +1,6 @@
 """Formulas of kinematic redundancy: arrays in, arrays out, batched over leading axes; knows no robot."""
 
-from .augmented import augmented_inverse, clearance, repeatable_inverse
+from .augmented import augmented_inverse, leaf_margin, repeatable_inverse
 from .inverses import (
     from_null_component,
     null_component,
@@ -13,8 +13,8 @@ from .nullspace import align, null_vector, nullspace
 __all__ = [
     "align",
     "augmented_inverse",
-    "clearance",
     "from_null_component",
+    "leaf_margin",
     "null_component",
     "null_vector",
     "nullspace",

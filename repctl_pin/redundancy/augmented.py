@@ -65,7 +65,7 @@ def repeatable_inverse(G_d: ArrayLike, N: ArrayLike, V: ArrayLike) -> Array:
         raise SingularityError("algorithmic singularity: det(Nᵀ V) = 0") from None
 
 
-def clearance(N: ArrayLike, V: ArrayLike) -> Array:
+def leaf_margin(N: ArrayLike, V: ArrayLike) -> Array:
     """Measure how far the augmented Jacobian is from an algorithmic singularity: 1 is best, 0 singular.
 
     ``σ_min(Nᵀ V̂)``, V̂ an orthonormal basis of V: the sine of the smallest angle between span V and the

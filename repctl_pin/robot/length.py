@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from .task import Task
+from .task import Task
 
 
 def arm_length(task: Task, q: NDArray[np.float64]) -> float:

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from .urdf import Joint
+from ..urdf.gate import Joint
 
 ONE_NUMBER = ("revolute", "continuous", "prismatic")
 """Kinds of joint whose position is one number."""

@@ -10,16 +10,17 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from ..errors import InputError, UrdfError, unknown
-from .arms import READY
-from .catalogue import Entry, default_package_dirs, find, reference_posture, urdf_folder
-from .ends import arm_ends, is_sensor, task_links
+from ..urdf.catalogue import READY, Entry, default_package_dirs, find, reference_posture, urdf_folder
+from ..urdf.end_effectors import arm_ends, is_sensor, task_links
+from ..urdf.gate import Description, read_urdf
+from ..urdf.meshes import find_mesh
+from .mechanism import Mechanism
 from .model import frame_id, lock_joints
 from .poses import ONE_NUMBER, pose
 from .task import KINDS, Task
-from .urdf import Description, read_urdf
 
 
-class Robot:
+class Robot(Mechanism):
     """A robot as its URDF describes it, every movable joint one number.
 
     Continuous joints are revolute joints without limits. Mimic joints, and joints with more than one
@@ -27,21 +28,10 @@ class Robot:
 
     Make one with :meth:`Robot.load`.
 
+    Beside those of :class:`Mechanism`:
+
     Attributes
     ----------
-    name : str
-        The catalogue name, or the name in the file.
-    joint_names : tuple of str
-        Movable joints, in Pinocchio's order.
-    lower, upper : (nq,) arrays
-        Position limits, rad or m; −inf and inf where there is none.
-    velocity : (nq,) array
-        Speed limits, rad/s or m/s; inf where there is none.
-    reference : (nq,) array
-        The reference pose: the SRDF's, where the catalogue names one, else mid-range.
-    poses : dict of (nq,) arrays
-        ``reference``; ``ready``, a pose to work from, where the catalogue has one; ``middle`` of the joints'
-        range.
     frames : tuple of str
         Every link, by name; any of them can carry a task.
     default_frame : str
@@ -202,8 +192,6 @@ class Robot:
 
     def _missing_meshes(self) -> list[str]:
         """Say which meshes were not found; kinematics does without."""
-        from .visuals import find_mesh
-
         names = self.description.meshes
         missing = [name for name in names if find_mesh(name, self.description.path, self.package_dirs) is None]
         if not missing:
@@ -232,7 +220,7 @@ class Robot:
     def default_frame(self) -> str:
         """The frame to move where none is named: the catalogue's, else the best at the end of the longest arm.
 
-        An arm ends before its fingers; how these are told, :func:`repctl_pin.robot.ends.arm_ends` says. Of the
+        An arm ends before its fingers; how these are told, :func:`repctl_pin.urdf.end_effectors.arm_ends` says. Of the
         links there that no joint moves against each other, one that is called a tool (``tcp``, ``tool0``,
         ``ee_link``, ``flange``) comes first, then a gripper, a palm or a hand, then the farthest out.
         """

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Container, Iterator
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
-if TYPE_CHECKING:
-    from .robot import Robot
-    from .urdf import Joint
+from ..urdf.gate import Joint
+from .mechanism import Mechanism
 
 Color = tuple[float, float, float, float]
 Bone = tuple[str, str, str, tuple[float, ...], Color, pin.SE3]
@@ -21,7 +19,7 @@ TUBE: Color = (0.72, 0.75, 0.79, 1.0)
 JOINT: Color = (0.25, 0.28, 0.33, 1.0)
 
 
-def skeleton(robot: Robot, links: dict[str, pin.Frame], draw: Container[str]) -> list[Bone]:
+def skeleton(robot: Mechanism, links: dict[str, pin.Frame], draw: Container[str]) -> list[Bone]:
     """Make tubes and cylinders for some of a robot's links.
 
     Parameters
@@ -68,7 +66,7 @@ def _joint_origin(model: pin.Model, links: dict[str, pin.Frame], joint: Joint) -
     return parent.placement.inverse() * model.jointPlacements[child.parentJoint]
 
 
-def _extent(robot: Robot, links: dict[str, pin.Frame]) -> float:
+def _extent(robot: Mechanism, links: dict[str, pin.Frame]) -> float:
     """The diagonal of the box round all link origins at the reference pose, m."""
     data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, np.array(robot.reference))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -15,10 +15,8 @@ from ..errors import InputError
 from .axis import axis_turn
 from .coordinates import Coordinates, change_of
 from .hessian import chain_hessians
+from .mechanism import Mechanism
 from .model import frame_id, lock_joints
-
-if TYPE_CHECKING:
-    from .robot import Robot
 
 Array = NDArray[np.float64]
 
@@ -70,7 +68,7 @@ class Task:
         The change q = T ψ of :meth:`in_coordinates`; every q of every method is then a ψ.
     """
 
-    def __init__(self, robot: Robot, frame: str, kind: str, joint_names: Sequence[str]) -> None:
+    def __init__(self, robot: Mechanism, frame: str, kind: str, joint_names: Sequence[str]) -> None:
         self.robot, self.frame, self.kind = robot, frame, kind
         self.joint_names = tuple(joint_names)
         self._columns = np.array([robot.joint_names.index(j) for j in joint_names])
@@ -109,7 +107,7 @@ class Task:
         """
         if self.coordinates is not None:
             raise InputError("this task is in joint coordinates already; start from the original task")
-        change = change_of(self, T)
+        change = change_of(self.joint_names, self.lower, self.upper, self.velocity_limit, self.revolute, T)
         task = type(self).__new__(type(self))
         task.__setstate__(self.__getstate__())
         task.coordinates = change

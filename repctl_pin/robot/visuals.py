@@ -6,10 +6,9 @@ link whose mesh is missing, are drawn from the kinematics: links as tubes, joint
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
@@ -17,10 +16,9 @@ from lxml import etree
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError, UrdfError
+from ..urdf.meshes import find_mesh
+from .mechanism import Mechanism
 from .skeleton import skeleton
-
-if TYPE_CHECKING:
-    from .robot import Robot
 
 Array = NDArray[np.float64]
 Color = tuple[float, float, float, float]
@@ -79,7 +77,7 @@ class Visuals:
     _to_base: Array = field(repr=False)  # (4, 4)
 
     @classmethod
-    def of(cls, robot: Robot) -> Visuals:
+    def of(cls, robot: Mechanism) -> Visuals:
         """Collect the shapes of a robot, meshes looked up in its ``package_dirs``."""
         links = _link_frames(robot.model)
         riding: list[tuple[Shape, pin.SE3]] = []
@@ -130,30 +128,7 @@ class Visuals:
         return self._to_base @ oMi[:, which] @ self._on_joint
 
 
-def find_mesh(filename: str, urdf: Path, package_dirs: Sequence[str | Path]) -> Path | None:
-    """Find a mesh file by the name a URDF gives it, or None.
-
-    ``package://name/rest`` is looked up as ``folder/name/rest``, then as ``folder/rest`` where the folder
-    itself is called ``name``; the typing slip ``package:///name/rest`` too. ``file://`` and plain names are
-    paths, relative ones beside the URDF first.
-    """
-    scheme, mark, rest = filename.partition("://")
-    folders = [Path(folder) for folder in package_dirs]
-    if not mark:
-        candidates = [urdf.parent / filename, *(folder / filename for folder in folders)]
-    elif scheme == "file":
-        candidates = [Path(rest)]
-    elif scheme in ("package", "model"):
-        rest = rest.lstrip("/")
-        package, _, inside = rest.partition("/")
-        candidates = [folder / rest for folder in folders]
-        candidates += [folder / inside for folder in folders if folder.name == package]
-    else:
-        candidates = []
-    return next((path.resolve() for path in candidates if path.is_file()), None)
-
-
-def _read_visuals(robot: Robot) -> Iterator[tuple[Shape, pin.SE3, str]]:
+def _read_visuals(robot: Mechanism) -> Iterator[tuple[Shape, pin.SE3, str]]:
     """Read the URDF's visual elements: each shape, its placement in the link, its mesh's name."""
     description = robot.description
     parser = etree.XMLParser(resolve_entities=False, no_network=True, remove_comments=True)
@@ -225,7 +200,7 @@ def _link_frames(model: pin.Model) -> dict[str, pin.Frame]:
     return {f.name: f for f in model.frames if f.type == pin.FrameType.BODY}
 
 
-def _base_placement(robot: Robot) -> pin.SE3:
+def _base_placement(robot: Mechanism) -> pin.SE3:
     """Place the link that ``Robot.load(base=)`` names, at the reference pose."""
     if robot.base is None:
         return pin.SE3.Identity()

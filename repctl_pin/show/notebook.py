@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ..errors import InputError
-from . import words
-from .figures import drawn, drift_figure, joints_figure
+from .plots.motions import drawn, drift_figure, joints_figure
 from .study_files import study_page
-from .table import study_table
+from .text import captions as words
+from .text.table import study_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

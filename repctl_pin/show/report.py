@@ -15,23 +15,23 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .. import __version__
+from .._version import __version__
 from ..files import write_whole
-from . import words
-from .cycle_figures import cycle_figure
-from .design_figures import cost_against_degree
-from .figures import COLOURS, colours, drawn, drift_figure, joints_figure
-from .map_figures import joint_map
-from .orbit_figures import orbits_figure
-from .still import still_figure
+from .page.snapshot import still_figure
+from .plots.cycles import cycle_figure
+from .plots.designs import cost_against_degree
+from .plots.maps import joint_map
+from .plots.motions import COLOURS, colours, drawn, drift_figure, joints_figure
+from .plots.orbits import orbits_figure
 from .study_files import study_page
-from .table import study_cells, study_notes
+from .text import captions as words
+from .text.table import study_cells, study_notes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ..studies import Study
-    from ..studies.maps import StudyMaps
+    from ..studies.study_maps import StudyMaps
 
 DISTRIBUTIONS = ("numpy", "scipy", "pin", "matplotlib", "meshcat", "example-robot-data")
 """Whose versions a report names."""
@@ -139,7 +139,7 @@ def _maps_figure(study: Study, maps: StudyMaps) -> Figure:
     for values, label, low in (
         (maps.defect, "defect of J⁺ (0: repeatable)", True),
         (grid.distance / grid.reference, "‖G − J⁺‖ / ‖J⁺‖", True),
-        (grid.clearance, "clearance (0: singular)", False),
+        (grid.leaf_margin, "leaf margin (0: singular)", False),
     ):
         joint_map(axes.pop(0), task, grid.joints, grid.x, grid.y, values, label=label, low_is_good=low, mark=mark)
     if axes:

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..files import prepare_folder, write_whole
-from .figures import colours, drawn, drift_figure, joints_figure, unit
-from .table import short
-from .tracks import Limb, track_of, tracks_page
+from .page.playback import Limb, track_of, tracks_page
+from .plots.motions import colours, drawn, drift_figure, joints_figure, unit
+from .text.table import short
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

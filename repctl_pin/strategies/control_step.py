@@ -1,6 +1,6 @@
 """One step of a control loop: one Jacobian, one evaluation of the potentials, one LAPACK solve.
 
-The functions made here are closures over preallocated memory, see :mod:`repctl_pin.robot.pointwise`.
+The functions made here are closures over preallocated memory, see :mod:`repctl_pin.robot.inplace`.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from scipy.linalg.blas import daxpy, ddot, dscal
 from scipy.linalg.lapack import dgesv, dgetrf, dgetri
 
 from ..errors import InputError, SingularityError
-from ..fields import pointwise as potentials_of
+from ..fields import inplace as potentials_of
 from ..fields.field import FieldMap
 from ..redundancy.inverses import RANK_TOLERANCE
-from ..robot import pointwise as kinematics_of
+from ..robot import inplace as kinematics_of
 from ..robot.task import Task
 
 Array = NDArray[np.float64]
@@ -51,8 +51,8 @@ def make_loop(task: Task, field: FieldMap) -> Loop:
     memory = np.zeros(n * n + n)
     J_V, rhs = memory[: n * n].reshape((n, n), order="F"), memory[n * n :]  # [J; Vᵀ] (37)
     top, bottom, pivots = rhs[:m], rhs[m:], memory[: n * n : n + 1]
-    kinematics = kinematics_of.pointwise(task, J_V[:m], top)
-    potentials = potentials_of.pointwise(field, J_V[m:], bottom)
+    kinematics = kinematics_of.in_place(task, J_V[:m], top)
+    potentials = potentials_of.in_place(field, J_V[m:], bottom)
     jacobian, error, rate = kinematics.jacobian, kinematics.error, kinematics.rate
     slope, gap = potentials.slope, potentials.gap
     whole, half, tolerance = task.kind == "pose", n / 2, RANK_TOLERANCE

@@ -3,20 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError, SingularityError
-from ..redundancy.augmented import clearance
+from ..fields.field import FieldMap
+from ..redundancy.augmented import leaf_margin
 from ..redundancy.nullspace import nullspace
-
-if TYPE_CHECKING:
-    from .repeatable import RepeatableInverse
+from .strategy import OnLeaves
 
 Array = NDArray[np.float64]
+
+
+class WithField(OnLeaves, Protocol):
+    """A strategy on the leaves of potentials that can be evaluated anywhere."""
+
+    @property
+    def field(self) -> FieldMap:
+        """The potentials h."""
+        ...
+
 
 _STEP = 0.3
 """Longest Newton step of any joint, rad or m, that is trusted."""
@@ -28,7 +37,7 @@ _ITERATIONS = 8
 _NEAR, _EXACT = 1e-6, 1e-12
 
 
-def solve(inverse: RepeatableInverse, target: pin.SE3, q0: ArrayLike, leaf: ArrayLike | None = None) -> Array:
+def solve(inverse: WithField, target: pin.SE3, q0: ArrayLike, leaf: ArrayLike | None = None) -> Array:
     """Evaluate q = F(x; c): Newton's method on ``[x − f(q); c − h(q)] = 0``, led along a way from q0.
 
     The way is a straight one for the frame (turned about one axis) and for c. Where Newton's method does
@@ -87,9 +96,7 @@ def solve(inverse: RepeatableInverse, target: pin.SE3, q0: ArrayLike, leaf: Arra
     return q
 
 
-def solve_all(
-    inverse: RepeatableInverse, targets: Sequence[pin.SE3], q0: ArrayLike, leaf: ArrayLike | None = None
-) -> Array:
+def solve_all(inverse: WithField, targets: Sequence[pin.SE3], q0: ArrayLike, leaf: ArrayLike | None = None) -> Array:
     """Evaluate q = F(x; c) for many targets, each from q0: (K, n).
 
     Raises
@@ -117,7 +124,7 @@ def checked(values: ArrayLike, what: str, size: int) -> Array:
     return array
 
 
-def _newton(inverse: RepeatableInverse, q: Array, target: pin.SE3, c: Array, tolerance: float) -> Array | None:
+def _newton(inverse: WithField, q: Array, target: pin.SE3, c: Array, tolerance: float) -> Array | None:
     """Iterate to the target; None where the steps are long or do not shrink."""
     last = _STEP
     for _ in range(_ITERATIONS):
@@ -136,7 +143,7 @@ def _newton(inverse: RepeatableInverse, q: Array, target: pin.SE3, c: Array, tol
     return None
 
 
-def _side(inverse: RepeatableInverse, q: Array) -> int:
+def _side(inverse: WithField, q: Array) -> int:
     """The sign of det J_V."""
     J_V = np.vstack([inverse.task.jacobian(q), inverse.field.gradient(q).T])
     return int(np.sign(np.linalg.det(J_V)))
@@ -159,7 +166,7 @@ def _between(start: pin.SE3, target: pin.SE3, turn: Array, s: float) -> pin.SE3:
     return pin.SE3(pin.exp3(s * turn) @ start.rotation, p)
 
 
-def _unreached(inverse: RepeatableInverse, target: pin.SE3, q: Array, done: float) -> InputError:
+def _unreached(inverse: WithField, target: pin.SE3, q: Array, done: float) -> InputError:
     """Say why a leaf does not reach a target."""
     task = inverse.task
     where = np.array2string(np.asarray(target.translation), precision=3, separator=", ")
@@ -168,8 +175,8 @@ def _unreached(inverse: RepeatableInverse, target: pin.SE3, q: Array, done: floa
     if values[-1] < 0.02 * values[0]:
         why = "the arm is stretched or folded at a singularity there"
     else:
-        clear = float(clearance(nullspace(J), inverse.field.gradient(q)))
-        why = f"the clearance of the control is {clear:.2g} there"
+        clear = float(leaf_margin(nullspace(J), inverse.field.gradient(q)))
+        why = f"the leaf margin of the control is {clear:.2g} there"
     return InputError(
         f"{task.frame!r} cannot reach {where} m on this leaf: the way ends at {done:.0%} ({why}); "
         "move the target nearer, or start from another leaf"

@@ -13,7 +13,7 @@ from scipy.linalg.lapack import dposv
 
 from ..errors import InputError, SingularityError
 from ..redundancy.inverses import RANK_TOLERANCE, pseudoinverse, weighted_pseudoinverse
-from ..robot.pointwise import pointwise
+from ..robot.inplace import in_place
 from ..robot.task import Task, wanted_task
 from .control_step import UNUSABLE, failure, vector
 
@@ -129,7 +129,7 @@ def _velocity(task: Task) -> Callable[[Array, Array], Array]:
     memory = np.zeros(m * n + m)
     J, rhs, gram = memory[: m * n].reshape(m, n), memory[m * n :], np.empty((m, m))
     multiply, J_T, gram_T, pivots = J.dot, J.T, gram.T, gram.ravel()[:: m + 1]
-    jacobian = pointwise(task, J, rhs).jacobian
+    jacobian = in_place(task, J, rhs).jacobian
     half, tolerance = m / 2, RANK_TOLERANCE
 
     def velocity(q: Array, xdot: Array) -> Array:

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
-from ..design import Region, Tube
 from ..errors import InputError
 from ..fields import Polynomial
 from ..motion import Motion
 from ..motion.fitting import dexterity, fitting_circle
+from ..regions import Region, Tube
 from ..robot.length import arm_length
 from ..robot.robot import Robot
 from ..robot.task import KINDS, Task
@@ -82,9 +82,9 @@ def choose_task(robot: Robot, frame: str | None, kind: str | None, joints: list[
     )
 
 
-def kind_note(task: Task) -> list[str]:
+def kind_note(robot: Robot, task: Task) -> list[str]:
     """Say why a kind of task was taken that is not the first preferred one."""
-    first, joints = PREFERRED_KINDS[0], len(task.robot.chain(task.frame))
+    first, joints = PREFERRED_KINDS[0], len(robot.chain(task.frame))
     if task.kind == first:
         return []
     if joints <= len(KINDS[first]):

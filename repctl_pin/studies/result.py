@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..design import Design, Region
-from ..motion import Motion, Path, elbow
-from ..robot.robot import Robot
+from ..design import Design
+from ..motion import Motion, TaskPath, elbow
+from ..regions import Region
+from ..robot.mechanism import Mechanism
 from ..robot.task import Task
 
 Array = NDArray[np.float64]
@@ -26,7 +27,7 @@ class Row:
         A short name for files (``pseudoinverse``), and one for people (``J⁺``).
     motion : Motion or None
         None where the strategy could not go on; ``stopped`` says why.
-    clearance : float or None
+    leaf_margin : float or None
         Worst σ_min(Nᵀ V̂) along its motion, where the strategy has a V.
     distance : float or None
         Relative distance ``‖G − J⁺‖ / ‖J⁺‖`` in the mean over Ω; None where the strategy is no inverse.
@@ -36,7 +37,7 @@ class Row:
     label: str
     motion: Motion | None
     stopped: str = ""
-    clearance: float | None = None
+    leaf_margin: float | None = None
     distance: float | None = None
 
 
@@ -46,7 +47,7 @@ class Study:
 
     task: Task
     q0: Array
-    path: Path
+    path: TaskPath
     region: Region
     design: Design
     rows: tuple[Row, ...]
@@ -58,7 +59,7 @@ class Study:
         return f"<Study of {self.robot.name} {self.task.frame}: {self.path.name}, drift at the end: {drifts}>"
 
     @property
-    def robot(self) -> Robot:
+    def robot(self) -> Mechanism:
         """The robot."""
         return self.task.robot
 
@@ -98,7 +99,7 @@ class Study:
                 "cost": design.cost,
                 "cost_error": design.cost_error,
                 "relative_distance": design.relative_distance,
-                "clearance": design.clearance,
+                "leaf_margin": design.leaf_margin,
                 "converged": design.converged,
                 "potentials": design.fields.size,
             },
@@ -133,6 +134,6 @@ def _row_dict(row: Row) -> dict[str, Any]:
         "peak_speed": motion.peak_speed,
         "limit_margin": margin if np.isfinite(margin) else None,
         "first_violation": None if violation is None else {"cycle": violation[0], "joint": violation[1]},
-        "clearance": row.clearance,
+        "leaf_margin": row.leaf_margin,
         "distance": row.distance,
     }

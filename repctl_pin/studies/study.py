@@ -11,19 +11,20 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import wanted
-from ..design import Box, Design, Region, SingularRegionError, Tube, nearest_repeatable
+from ..design import Design, SingularRegionError, nearest_repeatable
 from ..errors import InputError, SingularityError
 from ..integrability import drift_per_area
-from ..motion import Motion, Path, follow
+from ..motion import Motion, TaskPath, follow
 from ..motion.fitting import fitting_circle
 from ..redundancy import align, nullspace
+from ..regions import Box, Region, Tube
 from ..robot.robot import Robot
 from ..robot.task import Task
 from ..strategies import FunctionStrategy, PostureControl, Pseudoinverse, Strategy
 from ..strategies.names import LABELS
 from . import defaults
 from .result import Row, Study
-from .setting import choose_setting
+from .start_and_path import choose_setting
 
 Array = NDArray[np.float64]
 Control = Strategy | Callable[[Array, Array], ArrayLike]
@@ -44,7 +45,7 @@ def study(
     frame: str | None = None,
     task: str | None = None,
     start: ArrayLike | None = None,
-    path: Path | Callable[[Task, Array], Path] | None = None,
+    path: TaskPath | Callable[[Task, Array], TaskPath] | None = None,
     radius: float | None = None,
     plane: str | None = None,
     cycles: int = 10,
@@ -109,7 +110,7 @@ def study(
     say("finding a path" if path is None else "finding a start")
     setting = choose_setting(moved, start, path or partial(fitting_circle, plane=plane, radius=radius))
     q0, drawn = setting.q0, setting.path
-    notes = [*machine.warnings, *(defaults.kind_note(moved) if task is None else []), *setting.notes]
+    notes = [*machine.warnings, *(defaults.kind_note(machine, moved) if task is None else []), *setting.notes]
 
     plain = Pseudoinverse(moved)
     options: dict[str, Any] = {"cycles": cycles, "steps": steps, "period": period}
@@ -141,7 +142,7 @@ def study(
         _run("posture", PostureControl(moved, q0, POSTURE_GAIN), drawn, q0, options),
         _run("posture_off", PostureControl(moved, away, POSTURE_GAIN), drawn, q0, options),
         *(_run(name, control, drawn, q0, options) for name, control in own.items()),
-        replace(last, clearance=_clearance(design, last.motion), distance=design.relative_distance),
+        replace(last, leaf_margin=_leaf_margin(design, last.motion), distance=design.relative_distance),
     ]
     notes.extend(_where_it_creeps(plain, q0, rows[0].motion))
     if outside > 0:
@@ -175,7 +176,7 @@ def _own_controls(task: Task, controls: Mapping[str, Control]) -> dict[str, Stra
     return own
 
 
-def _run(key: str, strategy: Strategy, path: Path, q0: Array, options: dict[str, Any]) -> Row:
+def _run(key: str, strategy: Strategy, path: TaskPath, q0: Array, options: dict[str, Any]) -> Row:
     """Follow the path with one strategy; a strategy that gets stuck is a finding, not a failure."""
     label = LABELS.get(key, key)
     try:
@@ -184,7 +185,7 @@ def _run(key: str, strategy: Strategy, path: Path, q0: Array, options: dict[str,
         return Row(key, label, None, stopped=str(error))
 
 
-def _round_the_motion(plain: Pseudoinverse, path: Path, q0: Array, seed: int, options: dict[str, Any]) -> Tube:
+def _round_the_motion(plain: Pseudoinverse, path: TaskPath, q0: Array, seed: int, options: dict[str, Any]) -> Tube:
     """Lay a tube where the motion will be: J⁺ creeps away from there, so a linear design finds the way."""
     once = options | {"cycles": 1}
     tube = defaults.choose_region(plain.task, follow(plain, path, q0, **once))
@@ -227,15 +228,15 @@ def _where_it_creeps(plain: Pseudoinverse, q0: Array, motion: Motion | None) -> 
     return [f"J⁺ hardly creeps on this path, but small loops in {plane} make it creep by {most:.2g} {task.unit} per m²"]
 
 
-def _clearance(design: Design, motion: Motion | None) -> float:
-    """Worst clearance along a motion's cycles, or over Ω where there is no motion."""
-    from ..redundancy import clearance
+def _leaf_margin(design: Design, motion: Motion | None) -> float:
+    """Worst leaf margin along a motion's cycles, or over Ω where there is no motion."""
+    from ..redundancy import leaf_margin
 
     if motion is None:
-        return design.clearance
+        return design.leaf_margin
     Q = motion.q[:: max(1, motion.steps // 50)]
     N = nullspace(design.task.jacobians(Q))
-    return float(clearance(N, design.inverse.field.gradients(Q)).min())
+    return float(leaf_margin(N, design.inverse.field.gradients(Q)).min())
 
 
 __all__ = ["Row", "Study", "study"]

@@ -143,7 +143,7 @@ def test_large_designs(kind: str, width: float, degree: int, most: float, say) -
         rp.Pseudoinverse(task), None, rp.Box(Q0, width), degree=degree, samples=65536, fresh=2**18
     )
     say(f"{kind}, ±{width}, degree {degree}: {found.cost:.5f} ± {found.cost_error:.1g} (at most {most})")
-    assert found.converged and found.clearance > 0 and found.cost <= most
+    assert found.converged and found.leaf_margin > 0 and found.cost <= most
 
 
 def test_the_standard_error_in_100_designs(say) -> None:

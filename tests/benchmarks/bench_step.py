@@ -22,7 +22,7 @@ import numpy as np  # noqa: E402
 import pinocchio as pin  # noqa: E402
 
 import repctl_pin as rp  # noqa: E402
-from repctl_pin.show.table import table  # noqa: E402
+from repctl_pin.show.text.table import table  # noqa: E402
 
 STEPS, PERIOD, CYCLES = 500, 5.0, 10
 DT = PERIOD / STEPS

@@ -1,0 +1,121 @@
+"""Arrays for pictures of a design: distance and leaf margin over two joints, cost against degree."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError, SingularityError
+from ..fields.polynomial import Polynomial
+from .result import Design
+from .search import signed_leaf_margin
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class DesignMap:
+    """What a design does over two joints, the others at the center of Ω.
+
+    Attributes
+    ----------
+    joints : (int, int)
+        Across and upward, counted from 0.
+    x, y : (k,) arrays
+        Their values, rad or m: over the box around Ω.
+    distance, reference : (k, k) arrays
+        ‖G_r − G_d‖_F and ‖G_d‖_F, rows upward; nan where J loses rank.
+    leaf_margin : (k, k) array
+        σ_min(Nᵀ V̂).
+    """
+
+    joints: tuple[int, int]
+    x: Array
+    y: Array
+    distance: Array
+    reference: Array
+    leaf_margin: Array
+
+
+def design_map(design: Design, joints: tuple[int, int] | None = None, *, points: int = 61) -> DesignMap:
+    """Evaluate a design on a grid over two joints.
+
+    Parameters
+    ----------
+    design
+        The design.
+    joints
+        Which two; by default the two along which ‖G_r − G_d‖ changes most.
+    points
+        Of the grid, each way.
+    """
+    box, center, n = design.region.bounds, design.region.center, design.task.n
+    first, second = _liveliest(design) if joints is None else joints
+    if not (0 <= first < n and 0 <= second < n and first != second):
+        raise InputError(f"a map needs two different joints from 0 to {n - 1}, not {joints}")
+    x, y = (np.linspace(box.lower[j], box.upper[j], points) for j in (first, second))
+    Q = np.tile(center, (points * points, 1))
+    Q[:, first], Q[:, second] = (grid.ravel() for grid in np.meshgrid(x, y))
+    distance, reference = _distance(design, Q)
+    sigma = np.abs(signed_leaf_margin(design.task, design.inverse.field)(Q))
+    shape = (points, points)
+    return DesignMap((first, second), x, y, distance.reshape(shape), reference.reshape(shape), sigma.reshape(shape))
+
+
+def degree_curve(
+    design: Design, report: Callable[[str, float], None] = lambda what, share: None
+) -> tuple[tuple[int, float, float], ...]:
+    """Cost on the same fresh nodes against the degree of the polynomials, up to the design's own.
+
+    Returns
+    -------
+    tuple of (degree, cost, standard error)
+        What ``degree="auto"`` tried, or else all lower degrees designed anew; those with a singularity in
+        Ω are left out.
+    """
+    if design.degrees:
+        return design.degrees
+    fields = design.fields
+    if not isinstance(fields, Polynomial):
+        return ()
+    from .nearest import nearest_repeatable
+
+    found = []
+    for degree in range(1, fields.degree):
+        report(f"degree {degree}, for comparison", 0.0)
+        lower = Polynomial(fields.center, degree, fields.scale, fields.variables, cross=fields.cross)
+        if lower.size < design.task.r:
+            continue
+        try:
+            one = nearest_repeatable(design.desired, lower, design.region, fresh=design.fresh, seed=design.seed)
+        except SingularityError:
+            continue
+        found.append((degree, one.cost, one.cost_error))
+    return (*found, (fields.degree, design.cost, design.cost_error))
+
+
+def _liveliest(design: Design) -> tuple[int, int]:
+    """The two joints along which ‖G_r − G_d‖ changes most, each alone, through the center."""
+    box, center, n = design.region.bounds, design.region.center, design.task.n
+    steps = np.linspace(-1, 1, 17)
+    Q = center + steps[None, :, None] * np.eye(n)[:, None, :] * box.half_width  # (n, 17, n)
+    distance = _distance(design, Q.reshape(-1, n))[0].reshape(n, -1)
+    change = np.nan_to_num(np.nanmax(distance, axis=1) - np.nanmin(distance, axis=1), nan=np.inf)
+    first, second = sorted(np.argsort(change)[-2:])
+    return int(first), int(second)
+
+
+def _distance(design: Design, Q: Array) -> tuple[Array, Array]:
+    """‖G_r − G_d‖_F and ‖G_d‖_F at every row of Q, nan at singularities."""
+    try:
+        G_d = design.desired.batch(Q)
+        gap = np.linalg.norm(design.inverse.batch(Q) - G_d, axis=(1, 2))
+        return gap, np.linalg.norm(G_d, axis=(1, 2))
+    except SingularityError:
+        if len(Q) == 1:
+            return np.full(1, np.nan), np.full(1, np.nan)
+        parts = [_distance(design, half) for half in np.array_split(Q, 2)]
+        return np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts])

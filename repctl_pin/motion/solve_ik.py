@@ -1,0 +1,157 @@
+"""Bring the frame to a placement: plain inverse kinematics for the start of a path."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike, NDArray
+
+from ..arguments import vector, wanted
+from ..errors import InputError, SingularityError
+from ..redundancy.inverses import pseudoinverse
+from ..robot.length import arm_length
+from ..robot.task import Task, wanted_task
+from .paths import TaskPath
+
+Array = NDArray[np.float64]
+
+_THERE = 1e-9
+"""Task error, m and rad, of a point that is reached."""
+
+_FAR = 10
+"""Points so many lengths of the arm away are not meant in m."""
+
+
+def solve_ik(
+    task: Task,
+    q0: ArrayLike,
+    target: pin.SE3,
+    *,
+    tolerance: float = 1e-12,
+    iterations: int = 200,
+    limits: bool = True,
+) -> Array:
+    """Find q near q0 with f(q) at the target, by Newton's method with J⁺ and bounded steps.
+
+    Parameters
+    ----------
+    task, q0
+        The task and where to start looking.
+    target
+        Where the frame should be.
+    tolerance, iterations
+        When to stop: task error (m and rad), Newton steps.
+    limits
+        Refuse a configuration outside the joint limits.
+
+    Returns
+    -------
+    (n,) array
+
+    Raises
+    ------
+    InputError
+        If the target cannot be reached from there, or only outside the joint limits.
+    """
+    wanted(target, pin.SE3, "target", "a rigid transform, such as path.placement(0)")
+    q = vector(q0, wanted_task(task).n, "q0").copy()
+    error = task.error(q, target)
+    where = np.array2string(np.asarray(target.translation), precision=3, separator=", ")
+    for _ in range(iterations):
+        if np.linalg.norm(error) < tolerance:
+            break
+        try:
+            step = pseudoinverse(task.jacobian(q)) @ error
+        except SingularityError:
+            raise InputError(
+                f"{task.frame!r} cannot reach {where} m: the arm ends stretched or folded at a singularity; "
+                "move the path nearer"
+            ) from None
+        scale = min(1.0, 0.3 / max(float(np.abs(step).max()), 1e-12))
+        size = np.linalg.norm(error)
+        while True:  # halve the step until it helps
+            trial = task.error(q + scale * step, target)
+            if np.linalg.norm(trial) < size or scale < 1e-6:
+                break
+            scale /= 2
+        if np.linalg.norm(trial) >= size:
+            break
+        q, error = q + scale * step, trial
+    if not np.linalg.norm(error) < max(tolerance, _THERE):
+        raise InputError(
+            f"{task.frame!r} cannot reach {where} m: it stays {np.linalg.norm(error[: min(3, task.m)]):.3g} m short; "
+            "move the path nearer or choose another start"
+        )
+    return task.check(q, f"the start that reaches {where} m") if limits else q
+
+
+def reach_start(task: Task, q0: ArrayLike, path: TaskPath) -> Array:
+    """Bring the arm to a path's first point; q0 itself where it is there already.
+
+    Raises
+    ------
+    InputError
+        If it cannot be reached from there, or only outside the joint limits.
+    """
+    q = np.asarray(q0, float)
+    if np.linalg.norm(task.error(q, path.placement(0.0))) <= _THERE:
+        return q
+    try:
+        return solve_ik(task, q, path.placement(0.0))
+    except InputError as error:
+        raise _told(error, task, q, q, path, 0.0) from None
+
+
+def check_reach(task: Task, q0: ArrayLike, path: TaskPath, *, points: int = 48) -> None:
+    """Make sure that the frame can reach every point of a path, joint limits aside.
+
+    Raises
+    ------
+    InputError
+        If it cannot; the message names the first point out of reach, or the corner that the path goes to there.
+    """
+    q = start = np.asarray(q0, float)
+    for s in np.union1d(np.linspace(0, 1, points), path.breaks):
+        try:
+            q = solve_ik(task, q, path.placement(float(s)), tolerance=_THERE, limits=False)
+        except InputError as error:
+            raise _told(error, task, start, q, path, float(s)) from None
+
+
+def _told(error: InputError, task: Task, start: Array, q: Array, path: TaskPath, s: float) -> InputError:
+    """Tell what is out of reach in the path's own words, where its corners have names, and why that may be."""
+    if not path.corners:
+        return error
+    knots = (0.0, *path.breaks, 1.0)
+    corner = int(np.searchsorted(knots, s))
+    where, what = path.corners[corner], str(error)
+    if corner > 0:
+        shortfalls = [_shortfall(task, near, path.placement(knots[corner])) for near in (q, start)]
+        if "" in shortfalls:
+            where = f"between {path.corners[corner - 1]} and {where}"
+        else:
+            what = shortfalls[0]
+    return InputError(f"{path.name}, {where}: {what}{_hint(task, start, path, knots)}")
+
+
+def _hint(task: Task, start: Array, path: TaskPath, knots: tuple[float, ...]) -> str:
+    """Say what the numbers may have been meant as: only where the whole path could be reached then."""
+    points = np.array([path.point(s) for s in knots])
+    if np.abs(points).max() > _FAR * arm_length(task, start) and _all_reached(task, start, path, points / 1000):
+        return "; are the numbers mm? They must be m"
+    if not points[0].any() and _all_reached(task, start, path, points + task.placement(start).translation):
+        return "; are the points counted from the start? They must be counted from the base"
+    return ""
+
+
+def _all_reached(task: Task, q: Array, path: TaskPath, points: Array) -> bool:
+    return not any(_shortfall(task, q, pin.SE3(path.rotation, point)) for point in points)
+
+
+def _shortfall(task: Task, q: Array, target: pin.SE3) -> str:
+    """Why a target cannot be reached from q; empty if it can."""
+    try:
+        solve_ik(task, q, target, tolerance=_THERE, limits=False)
+    except InputError as error:
+        return str(error)
+    return ""

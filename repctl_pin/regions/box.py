@@ -1,0 +1,172 @@
+"""A box in joint space, and the quadrature every region shares: Sobol points, densities."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.stats import qmc
+
+from ..arguments import rows
+from ..errors import InputError
+
+Array = NDArray[np.float64]
+Density = Callable[[Array], ArrayLike]
+"""A weight for every row of Q (K, n): (K,) numbers from 0 up. Where it is larger, closeness matters more."""
+
+
+@dataclass(frozen=True)
+class Box:
+    """A box in joint space, ``|q_i − center_i| ≤ half_width_i``.
+
+    Nodes are a Gauss–Legendre grid for n ≤ 3, scrambled Sobol points above.
+
+    Parameters
+    ----------
+    center : (n,) array
+        rad or m.
+    half_width : float or (n,) array
+        The same for every joint, or one a joint.
+    density : function, optional
+        Q (K, n) → (K,) weights from 0 up; by default every configuration counts the same.
+
+    Raises
+    ------
+    InputError
+        If a number is not finite or a half-width not positive.
+    """
+
+    center: Array
+    half_width: Array
+    density: Density | None = None
+
+    def __init__(self, center: ArrayLike, half_width: ArrayLike, *, density: Density | None = None) -> None:
+        try:
+            middle = np.array(center, dtype=float)
+            half = np.array(np.broadcast_to(np.asarray(half_width, float), middle.shape))
+        except (TypeError, ValueError):
+            raise InputError("a box needs a center (n numbers) and a half-width (one number, or n)") from None
+        if middle.ndim != 1 or middle.size == 0 or not np.isfinite(middle).all():
+            raise InputError("the center of a box must be a list of finite numbers")
+        if not (np.isfinite(half).all() and (half > 0).all()):
+            raise InputError("the half-widths of a box must be above 0 and finite")
+        middle.setflags(write=False)
+        half.setflags(write=False)
+        object.__setattr__(self, "center", middle)
+        object.__setattr__(self, "half_width", half)
+        object.__setattr__(self, "density", density)
+
+    @classmethod
+    def between(cls, lower: ArrayLike, upper: ArrayLike, *, density: Density | None = None) -> Box:
+        """Make the box between two opposite corners."""
+        try:
+            low, high = np.asarray(lower, float), np.asarray(upper, float)
+        except (TypeError, ValueError):
+            raise InputError("the corners of a box must be lists of numbers") from None
+        if low.shape != high.shape or low.ndim != 1:
+            raise InputError("the corners of a box must have one number a joint each")
+        if not (low < high).all():
+            bad = int(np.argmin(low < high))
+            raise InputError(
+                f"a box needs lower < upper for every joint; joint {bad} goes from {low[bad]:g} to {high[bad]:g}"
+            )
+        return cls((low + high) / 2, (high - low) / 2, density=density)
+
+    @property
+    def lower(self) -> Array:
+        """The lower corner (n,)."""
+        return self.center - self.half_width
+
+    @property
+    def upper(self) -> Array:
+        """The upper corner (n,)."""
+        return self.center + self.half_width
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.center)
+
+    @property
+    def bounds(self) -> Box:
+        """The box itself."""
+        return self
+
+    def nodes(self, count: int, seed: int) -> tuple[Array, Array]:
+        """Quadrature nodes Q (K, n), K ≥ count, and weights (K,) that sum to 1."""
+        if self.n > 3:
+            Q = self.random(count, seed)
+            return Q, self.weights(Q)
+        x, w = np.polynomial.legendre.leggauss(max(2, int(np.ceil(round(count ** (1 / self.n), 9)))))
+        grid = np.stack(np.meshgrid(*[x] * self.n, indexing="ij"), -1).reshape(-1, self.n)
+        weights = np.prod(np.stack(np.meshgrid(*[w / 2] * self.n, indexing="ij"), -1).reshape(-1, self.n), axis=1)
+        Q = self.center + self.half_width * grid
+        return Q, weights if self.density is None else normalised(weights * evaluate_density(self.density, Q))
+
+    def random(self, count: int, seed: int) -> Array:
+        """Scrambled Sobol points (K, n), K the power of two from count up."""
+        return self.center + self.half_width * (2 * sobol(self.n, count, seed) - 1)
+
+    def weights(self, Q: Array) -> Array:
+        """What each of the points of :meth:`random` counts for: (K,), sum 1."""
+        return normalised(evaluate_density(self.density, Q))
+
+    def ratio(self, Q: Array) -> Array:
+        """By what factor the box would have to shrink for each row of Q to lie on its face: (K,)."""
+        return (np.abs(rows(Q, self.n, "this box") - self.center) / self.half_width).max(-1)
+
+    def contains(self, Q: ArrayLike) -> NDArray[np.bool_]:
+        """Say which rows of Q (K, n) lie inside."""
+        return self.ratio(rows(Q, self.n, "this box")) <= 1 + 1e-12
+
+    def clip(self, Q: Array) -> Array:
+        """Move points that have left the box back to its faces: (K, n)."""
+        return np.clip(rows(Q, self.n, "this box"), self.lower, self.upper)
+
+    def shrunk(self, factor: float) -> Box:
+        """Make the box of the same center and a fraction of the width."""
+        return Box(self.center, self.half_width * factor, density=self.density)
+
+    def inside(self, lower: ArrayLike, upper: ArrayLike) -> Box:
+        """Cut the box to what lies inside limits, such as ``task.lower`` and ``task.upper``."""
+        try:
+            low, high = np.maximum(self.lower, lower), np.minimum(self.upper, upper)
+        except (TypeError, ValueError):
+            raise InputError(f"the limits of this box must be {self.n} numbers each, one a joint") from None
+        return Box.between(low, high, density=self.density)
+
+    def __str__(self) -> str:
+        widths = sorted({f"{w:.3g}" for w in self.half_width}, key=float)
+        centre = ", ".join(f"{c:.3g}" for c in self.center)
+        return f"box ±{widths[0]}{'' if len(widths) == 1 else ' to ±' + widths[-1]} round ({centre})"
+
+
+def sobol(n: int, count: int, seed: int) -> Array:
+    """Scrambled Sobol points in the unit cube: (K, n), K the power of two from count up."""
+    return qmc.Sobol(n, scramble=True, rng=seed).random_base2(int(np.ceil(np.log2(max(count, 2)))))
+
+
+def evaluate_density(density: Density | None, Q: Array) -> Array:
+    """Evaluate a person's density and check it: (K,) finite numbers from 0 up."""
+    if density is None:
+        return np.ones(len(Q))
+    try:
+        values: Any = np.asarray(density(Q), float)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"the density must be a function of Q (K, n) that gives (K,) numbers: {error}") from error
+    if values.shape != (len(Q),):
+        raise InputError(f"the density must give one number a row of Q, ({len(Q)},), not {values.shape}")
+    if not (np.isfinite(values).all() and (values >= 0).all()):
+        raise InputError("the density must be finite and 0 or more everywhere in the region")
+    return values
+
+
+def normalised(weights: Array) -> Array:
+    """Scale weights to sum 1."""
+    total = float(weights.sum())
+    if not total > 0:
+        raise InputError("the density is 0 everywhere in the region")
+    return weights / total

@@ -1,0 +1,118 @@
+"""A tube round joint samples: the neighbourhood of a motion, such as one cycle on a path."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..arguments import rows
+from ..errors import InputError
+from .box import Box, Density, evaluate_density, normalised, sobol
+
+Array = NDArray[np.float64]
+
+_MOST_SAMPLES = 256
+
+
+@dataclass(frozen=True)
+class Tube:
+    """All q within ``|q_i − s_i| ≤ radius_i`` of a joint sample s: a box drawn along a motion.
+
+    The mean over a tube is the mean over its samples of the mean over each one's box, so that places
+    where the motion lingers count for more. Nodes are scrambled Sobol points for any n.
+
+    Parameters
+    ----------
+    samples : (S, n) array
+        Configurations along a motion, rad or m; thinned to 256. Denser than the radius, please.
+    radius : float or (n,) array
+        The same for every joint, or one a joint.
+    density : function, optional
+        Q (K, n) → (K,) weights from 0 up.
+
+    Raises
+    ------
+    InputError
+        If there is no sample, a number is not finite or the radius not positive.
+    """
+
+    samples: Array
+    radius: Array
+    density: Density | None = None
+
+    def __init__(self, samples: ArrayLike, radius: ArrayLike, *, density: Density | None = None) -> None:
+        try:
+            Q = np.array(samples, dtype=float)
+            wide = np.array(np.broadcast_to(np.asarray(radius, float), Q.shape[-1:]))
+        except (TypeError, ValueError):
+            raise InputError("a tube needs joint samples (S, n) and a radius (one number, or n)") from None
+        if Q.ndim != 2 or Q.size == 0 or not np.isfinite(Q).all():
+            raise InputError("the samples of a tube must be rows of finite numbers, one row a configuration")
+        if not (np.isfinite(wide).all() and (wide > 0).all()):
+            raise InputError("the radius of a tube must be above 0 and finite")
+        Q = Q[np.linspace(0, len(Q) - 1, min(len(Q), _MOST_SAMPLES)).round().astype(int)]
+        Q.setflags(write=False)
+        wide.setflags(write=False)
+        object.__setattr__(self, "samples", Q)
+        object.__setattr__(self, "radius", wide)
+        object.__setattr__(self, "density", density)
+
+    @property
+    def center(self) -> Array:
+        """The sample nearest to the middle of all."""
+        box = self.bounds
+        return self.samples[int(np.argmin(np.linalg.norm((self.samples - box.center) / box.half_width, axis=1)))]
+
+    @property
+    def bounds(self) -> Box:
+        """The box around the tube."""
+        return Box.between(self.samples.min(0) - self.radius, self.samples.max(0) + self.radius)
+
+    def nodes(self, count: int, seed: int) -> tuple[Array, Array]:
+        """Quadrature nodes Q (K, n), K ≥ count, and weights (K,) that sum to 1."""
+        Q = self.random(count, seed)
+        return Q, self.weights(Q)
+
+    def random(self, count: int, seed: int) -> Array:
+        """Scrambled Sobol points (K, n), K the power of two from count up."""
+        u = sobol(self.samples.shape[1] + 1, count, seed)
+        which = np.minimum((u[:, 0] * len(self.samples)).astype(int), len(self.samples) - 1)
+        return self.samples[which] + self.radius * (2 * u[:, 1:] - 1)
+
+    def weights(self, Q: Array) -> Array:
+        """What each of the points of :meth:`random` counts for: (K,), sum 1."""
+        return normalised(evaluate_density(self.density, Q))
+
+    def ratio(self, Q: Array) -> Array:
+        """By what factor the radius would have to shrink for each row of Q to lie on the edge: (K,)."""
+        return self._nearest(Q)[1]
+
+    def contains(self, Q: ArrayLike) -> NDArray[np.bool_]:
+        """Say which rows of Q (K, n) lie inside."""
+        return self.ratio(rows(Q, self.samples.shape[1], "this tube")) <= 1 + 1e-12
+
+    def clip(self, Q: Array) -> Array:
+        """Move points that have left the tube to the box of the nearest sample: (K, n)."""
+        nearest = self.samples[self._nearest(Q)[0]]
+        return np.clip(Q, nearest - self.radius, nearest + self.radius)
+
+    def shrunk(self, factor: float) -> Tube:
+        """Make the tube round the same samples with a fraction of the radius."""
+        return Tube(self.samples, self.radius * factor, density=self.density)
+
+    def _nearest(self, Q: Array) -> tuple[NDArray[np.intp], Array]:
+        """Find each point's nearest sample, and how far it is in units of the radius."""
+        Q = rows(Q, self.samples.shape[1], "this tube")
+        which, distance = np.empty(len(Q), np.intp), np.empty(len(Q))
+        for i in range(0, len(Q), 512):
+            part = np.abs(Q[i : i + 512, None] - self.samples) / self.radius
+            far = part.max(-1)  # (k, S)
+            which[i : i + 512], distance[i : i + 512] = far.argmin(1), far.min(1)
+        return which, distance
+
+    def __str__(self) -> str:
+        widths = sorted({f"{w:.3g}" for w in self.radius}, key=float)
+        span = widths[0] if len(widths) == 1 else f"{widths[0]} to {widths[-1]}"
+        return f"tube of radius {span} round {len(self.samples)} configurations"

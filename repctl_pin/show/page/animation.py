@@ -1,0 +1,142 @@
+"""Motions as a page: to keep, to open in the browser, or to see in a notebook's cell."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import cycle
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InputError
+from ...files import prepare_folder, write_whole
+from ...motion import Motion, elbow
+from ..notebook import frame
+from ..plots.motions import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION
+from ..study_files import study_page
+from .live import LivePage
+from .playback import Limb, track_of, tracks_page
+
+if TYPE_CHECKING:
+    from ...studies import Study
+
+Array = NDArray[np.float64]
+
+_WARM, _COOL = (VERMILLION, ORANGE, PURPLE), (BLUE, GREEN, SKY)
+_BACK = 0.01
+"""A motion has come back whose drift is this part of the largest, or nothing one could see."""
+
+
+@dataclass(frozen=True)
+class Animation:
+    """A page that shows motions side by side. Make it with :func:`animation`.
+
+    A notebook shows it in its cell.
+
+    Attributes
+    ----------
+    page : str
+        The page's HTML: self-contained, it asks nothing of a network.
+    """
+
+    page: str
+
+    def save(self, file: str | Path) -> Path:
+        """Write the page to a file, whole or not at all, and say where it is.
+
+        Raises
+        ------
+        InputError
+            If it cannot be written.
+        """
+        file = Path(file)
+        prepare_folder(file.parent)
+        return write_whole(file, self.page)
+
+    def show(self, *, port: int = 0) -> None:
+        """Show the page in the browser, from this machine to this machine only, until Ctrl-C.
+
+        Parameters
+        ----------
+        port
+            Where to listen; 0 takes a free one.
+
+        Raises
+        ------
+        InputError
+            If the port is taken or not allowed.
+        """
+        with LivePage(self.page, port=port) as live:
+            print(f"showing at {live.url} until Ctrl-C", flush=True)
+            live.open()
+            live.wait()
+
+    def _repr_html_(self) -> str:
+        return frame(self.page)
+
+    def __repr__(self) -> str:
+        return f"Animation(a page of {len(self.page) / 1e6:.1f} MB)"
+
+
+def animation(motions: Mapping[str, Motion] | Study, *, seconds: float = 4.0) -> Animation:
+    """Show motions of one robot side by side: path, traces, start pose, and the drift after each cycle.
+
+    What has crept has a warm colour, what has come back a cool one.
+
+    Parameters
+    ----------
+    motions
+        The motions by the names they shall have, all of as many cycles and steps; or a study.
+    seconds
+        Time of a cycle at normal speed.
+
+    Returns
+    -------
+    Animation
+        The page, to save, to show or to see in a notebook's cell.
+
+    Raises
+    ------
+    InputError
+        If there is no motion, or they are of different robots, cycles or steps.
+
+    Examples
+    --------
+    >>> rp.animation({"mine": motion}).save("mine.html")  # doctest: +SKIP
+    """
+    if isinstance(motions, Motion):
+        raise InputError("an animation wants its motions by name; give it a name: {'mine': motion}")
+    if not isinstance(motions, Mapping) and not hasattr(motions, "rows"):
+        raise InputError(f"an animation wants motions by name, or a study; this is a {type(motions).__name__}")
+    if not isinstance(motions, Mapping):
+        return Animation(study_page(motions))
+    wrong = next((name for name, motion in motions.items() if not isinstance(motion, Motion)), None)
+    if wrong is not None or not motions:
+        what = f"{wrong!r} is a {type(motions[wrong]).__name__}" if wrong is not None else "there is none"
+        raise InputError(f"an animation wants motions, as rp.follow makes them; {what}")
+    every = list(motions.values())
+    robot = every[0].task.robot
+    other = next((m.task.robot for m in every if m.task.robot.joint_names != robot.joint_names), None)
+    if other is not None:
+        raise InputError(f"an animation shows one robot; these are motions of {robot.name} and {other.name}")
+    colours = _colours([motion.drift[-1] for motion in every])
+    tracks = [track_of(name, motion, colour) for (name, motion), colour in zip(motions.items(), colours, strict=True)]
+    limbs: dict[str, Limb] = {}
+    paths: list[Array] = []
+    for motion in every:
+        limbs.setdefault(motion.task.frame, Limb(motion.task, elbow(motion.task, motion.q[0])))
+        points = motion.path.points()
+        if not any(np.array_equal(points, known) for known in paths):
+            paths.append(points)
+    name = " and ".join(dict.fromkeys(motion.path.name for motion in every))
+    return Animation(tracks_page(list(limbs.values()), tracks, paths=paths, name=name, seconds=seconds))
+
+
+def _colours(drifts: Sequence[float]) -> list[str]:
+    """Give each motion a colour: a warm one if it has crept, a cool one if it has come back."""
+    limit = max(_BACK * max(drifts), 1e-6)
+    warm, cool = cycle(_WARM), cycle(_COOL)
+    return [next(cool if drift <= limit else warm) for drift in drifts]

@@ -1,0 +1,245 @@
+"""Motions of a whole robot as they are drawn; from the files that ``study`` and ``follow`` write, too."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InputError
+from ...robot.task import unit_of
+from ...strategies.names import LABELS
+from ..plots.motions import BLUE, COLOURS, GREEN, ORANGE, PURPLE, SKY, VERMILLION, unit
+from ..text.table import short
+from .scene import Arm, animation_page, choose_frames
+
+if TYPE_CHECKING:
+    from ...motion import Motion
+    from ...robot.robot import Robot
+    from ...robot.task import Task
+
+Array = NDArray[np.float64]
+
+_OTHERS = (VERMILLION, BLUE, GREEN, PURPLE, ORANGE, SKY)
+_BESIDE = {"strategy", "cycle", "t", "time"}
+
+
+@dataclass(frozen=True)
+class Track:
+    """One motion of a whole robot.
+
+    Attributes
+    ----------
+    label, color : str
+        What is written above it, and its ``#RRGGBB``.
+    Q : (T + 1, nq) array
+        Configurations of the whole robot, rad or m; T = cycles · steps.
+    cycles : int
+        How often round.
+    drift : (cycles,) array
+        ‖q − q₀‖ after each cycle.
+    unit : str
+        Of the drift.
+    """
+
+    label: str
+    color: str
+    Q: Array
+    cycles: int
+    drift: Array
+    unit: str = "rad"
+
+
+@dataclass(frozen=True)
+class Limb:
+    """What of a robot leaves its traces.
+
+    Attributes
+    ----------
+    task : Task
+        Whose frame is traced.
+    elbow : int
+        The joint whose origin is traced, of the task's.
+    """
+
+    task: Task
+    elbow: int
+
+
+def track_of(label: str, motion: Motion, color: str) -> Track:
+    """Take a motion as it is."""
+    return Track(label, color, motion.task.full(motion.q), motion.cycles, motion.drift, unit(motion))
+
+
+def read_tracks(file: str | Path, robot: Robot, *, cycles: int | None = None) -> list[Track]:
+    """Read motions from a CSV file with a column for each joint: ``motion.csv`` of a study, or ``follow --csv``.
+
+    Columns ``strategy`` and ``cycle`` may stand: one motion for each strategy, cycles counted from 0 in
+    fractions. Velocities and times are passed over. Joints without a column stay at the reference pose.
+
+    Parameters
+    ----------
+    file
+        The file.
+    robot
+        Whose joints they are.
+    cycles
+        How often round, where the file does not say; 1 if None.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, names a joint that the robot does not have, or holds no whole cycles of
+        equal steps; the line is named where there is one.
+    """
+    file = Path(file)
+    try:
+        with file.open(newline="", encoding="utf-8-sig") as lines:
+            reader = csv.DictReader(lines)
+            names = [name.strip() for name in reader.fieldnames or []]
+            reader.fieldnames = names
+            rows = [(reader.line_num, row) for row in reader]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        reason = getattr(error, "strerror", None) or "it is not a text file"
+        raise InputError(f"cannot read a motion from {file}: {reason}") from None
+    joints = [name for name in names if name in robot.joint_names]
+    strange = [
+        name
+        for name in names
+        if name not in robot.joint_names
+        and name not in _BESIDE
+        and name.removesuffix("_velocity") not in robot.joint_names
+    ]
+    if strange or not joints:
+        what = f"no joint {strange[0]!r}" if strange else "no column of a joint"
+        raise InputError(f"{file}: {robot.name} has {what}; its joints are {', '.join(robot.joint_names)}")
+    groups: dict[str, list[tuple[int, dict[str, str]]]] = {}
+    for number, row in rows:
+        groups.setdefault(row.get("strategy") or file.stem, []).append((number, row))
+    if not groups:
+        raise InputError(f"{file} holds no rows")
+    turns = {joint.name: joint.kind != "prismatic" for joint in robot.description.joints}
+    tracks = []
+    for k, (key, members) in enumerate(groups.items()):
+        values = np.array([[_number(row, name, file, line) for name in joints] for line, row in members])
+        count = _cycles(members, file, cycles)
+        steps, rest = divmod(len(values) - 1, count)
+        if rest or not steps:
+            raise InputError(f"{file}: {len(values)} rows of {key!r} are not {count} cycles of equal steps and a start")
+        Q = np.tile(robot.reference, (len(values), 1))
+        Q[:, [robot.joint_names.index(name) for name in joints]] = values
+        drift = np.linalg.norm(values[steps::steps] - values[0], axis=1)
+        color = COLOURS.get(key, _OTHERS[k % len(_OTHERS)])
+        tracks.append(Track(LABELS.get(key, key), color, Q, count, drift, unit_of(turns[name] for name in joints)))
+    return tracks
+
+
+def tracks_page(
+    limbs: Sequence[Limb],
+    tracks: Sequence[Track],
+    *,
+    paths: Sequence[Array] | None = None,
+    name: str = "motion",
+    words: str | None = None,
+    seconds: float = 4.0,
+) -> str:
+    """Make the page of some motions, side by side.
+
+    Parameters
+    ----------
+    limbs
+        What leaves traces: one limb of the robot, or several.
+    tracks
+        What to show: all of as many cycles.
+    paths : sequence of (P, 3) arrays, optional
+        The paths to draw, m; by default what the first motion's frames do in its first cycle.
+    name
+        Of the path.
+    words
+        The caption's last line; by default each motion's last drift.
+    seconds
+        Time of a cycle at normal speed.
+    """
+    from ...robot.visuals import Visuals
+
+    sizes = {(track.cycles, len(track.Q)) for track in tracks}
+    if len(sizes) != 1:
+        raise InputError("motions can be shown side by side only if all have as many cycles and steps")
+    ((cycles, samples),) = sizes
+    visuals, frames = Visuals.of(limbs[0].task.robot), choose_frames(samples, cycles)
+    arms = []
+    elbows = tuple(limb.task.joint_names[limb.elbow] for limb in limbs)
+    for track in tracks:
+        rows = track.Q[frames.index]
+        ways = [_ways(limb, rows) for limb in limbs]
+        tip, elbow = (np.stack(points, axis=1) for points in zip(*ways, strict=True))  # (T, K, 3)
+        placements = visuals.placements(rows)
+        arms.append(
+            Arm(
+                track.label,
+                visuals.shapes,
+                placements,
+                tip,
+                elbow,
+                track.drift,
+                track.color,
+                unit=track.unit,
+                elbows=elbows,
+            )
+        )
+    lines = list(arms[0].tip[: frames.per_cycle].swapaxes(0, 1)) if paths is None else list(paths)
+    drifts = "; ".join(
+        f"{t.label}: the joints are off by {short(t.drift[-1])} {t.unit} after {cycles} cycles" for t in tracks
+    )
+    return animation_page(
+        arms,
+        lines,
+        seconds=seconds,
+        title=f"{limbs[0].task.robot.name}: {name}",
+        caption="\n".join([*(_limb_words(limb.task) for limb in limbs), drifts if words is None else words]),
+        planar=_is_planar(limbs, [track.Q[0] for track in tracks], lines),
+        frames=frames,
+    )
+
+
+def _ways(limb: Limb, rows: Array) -> tuple[Array, Array]:
+    """The ways of frame and elbow, (T, 3) each."""
+    part = np.array([limb.task.part(q) for q in rows])
+    return limb.task.positions(part), np.array([limb.task.joint_origins(q)[limb.elbow] for q in part])
+
+
+def _limb_words(task: Task) -> str:
+    return f"{task.frame}, {task.kind} task, n = {task.n}, r = {task.r}"
+
+
+def _is_planar(limbs: Sequence[Limb], starts: Sequence[Array], paths: Sequence[Array]) -> bool:
+    """Whether all joints and paths lie in one level plane: then the page looks from above."""
+    joints = [limb.task.joint_origins(limb.task.part(q)) for limb in limbs for q in starts]
+    return bool(np.ptp(np.vstack([*joints, *paths]), axis=0)[2] < 1e-9)
+
+
+def _cycles(members: list[tuple[int, dict[str, str]]], file: Path, asked: int | None) -> int:
+    """How often round: as asked, or as the file's last line says, or once."""
+    line, last = members[-1]
+    if asked is not None or "cycle" not in last:
+        return asked or 1
+    end = _number(last, "cycle", file, line)
+    count = round(end)
+    if count < 1 or abs(end - count) > 1e-6:
+        raise InputError(f"{file}, line {line}: the motion ends in cycle {end:g}, not at the end of one")
+    return count
+
+
+def _number(row: dict[str, str], name: str, file: Path, line: int) -> float:
+    try:
+        value = float(row[name])
+    except (TypeError, ValueError):
+        value = np.nan
+    if not np.isfinite(value):
+        raise InputError(f"{file}, line {line}: {name} = {row[name]!r} is not a finite number")
+    return value

@@ -1,0 +1,107 @@
+"""A still picture of a study, drawn as bones: where the arm stood at the start, and where it stands at the end."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..plots.motions import COLOURS, INK
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from numpy.typing import NDArray
+
+    from ...motion import Motion
+    from ...robot.task import Task
+    from ...studies import Study
+
+_START = "#9aa4ae"
+
+
+def bones(task: Task, q: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The arm as a line: its joints' origins and its frame, (n + 1, 3), m."""
+    return np.vstack([task.joint_origins(q), task.positions(q[None])])
+
+
+def still(ax: Any, motion: Motion, elbow: int, colour: str, *, flat: bool = False) -> Axes:
+    """Draw the arm at the start (grey) and at the end of the motion, the path, and the elbow's trace.
+
+    Parameters
+    ----------
+    ax
+        Where to draw; with three dimensions unless ``flat``.
+    motion
+        What was done.
+    elbow
+        The joint whose trace is drawn.
+    colour
+        Of the arm at the end.
+    flat
+        Draw x and y only, as a planar arm is seen.
+    """
+    task, dims = motion.task, 2 if flat else 3
+    every = np.unique(np.linspace(0, len(motion.q) - 1, 40 * motion.cycles + 1).astype(int))
+    trace = np.array([task.joint_origins(q)[elbow] for q in motion.q[every]])
+    path = motion.path.points(121)
+    ax.plot(*path.T[:dims], color=INK, lw=1.0)
+    ax.plot(*trace.T[:dims], color=colour, lw=0.9, alpha=0.75)
+    for q, shade, width, order in ((motion.q[0], _START, 4.5, 2), (motion.q[-1], colour, 2.4, 3)):
+        line = bones(task, q)
+        ax.plot(*line.T[:dims], color=shade, lw=width, marker="o", ms=width + 2.2, solid_capstyle="round", zorder=order)
+    ax.set_xlabel("x (m)")
+    ax.set_ylabel("y (m)")
+    ax.tick_params(labelsize=7)
+    if not flat:
+        ax.set_zlabel("z (m)")
+        ax.set_proj_type("ortho")
+    return ax
+
+
+def still_figure(study: Study) -> Figure:
+    """Make the still picture of the animation: J⁺ and the repeatable inverse, side by side."""
+    from matplotlib.figure import Figure
+
+    rows = [row for row in (study.row("pseudoinverse"), study.row("repeatable")) if row.motion is not None]
+    stations = np.vstack([bones(study.task, study.q0), study.path.points(16)])
+    flat = bool(np.ptp(stations[:, 2]) < 1e-9)
+    figure = Figure(figsize=(5.0 * len(rows), 4.6), layout="constrained")
+    axes: list[Any] = []
+    for k, row in enumerate(rows, 1):
+        assert row.motion is not None
+        ax: Any = figure.add_subplot(1, len(rows), k, projection=None if flat else "3d")
+        still(ax, row.motion, study.elbow, COLOURS[row.key], flat=flat)
+        ax.set_title(f"{row.label}: start (grey), after {row.motion.cycles} cycles", fontsize=10)
+        if not flat:
+            ax.view_init(elev=19, azim=_azimuth(stations))
+        axes.append(ax)
+    _same_room(axes, flat)
+    return figure
+
+
+def _same_room(axes: list[Any], flat: bool) -> None:
+    """Give all the same limits and one scale for every direction."""
+    from matplotlib.ticker import MaxNLocator
+
+    names = "xy" if flat else "xyz"
+    ends = np.array([[getattr(ax, f"get_{name}lim")() for ax in axes] for name in names])  # (d, axes, 2)
+    low, high = ends[..., 0].min(axis=1), ends[..., 1].max(axis=1)
+    narrow = np.maximum(0.0, 0.2 * (high - low).max() - (high - low))  # a flat motion still needs room for its numbers
+    low, high = low - narrow / 2, high + narrow / 2
+    sizes = high - low
+    for name, a, b, size in zip(names, low, high, sizes, strict=True):
+        for ax in axes:
+            getattr(ax, f"set_{name}lim")(a, b)
+            getattr(ax, f"{name}axis").set_major_locator(MaxNLocator(max(1, round(min(4, 8 * size / sizes.max())))))
+    for ax in axes:
+        if flat:
+            ax.set_aspect("equal")
+        else:
+            ax.set_box_aspect(sizes, zoom=1.05)
+
+
+def _azimuth(stations: NDArray[np.float64]) -> float:
+    """Look from the side on which the arm works, in degrees."""
+    tip, middle = stations[-1], stations.mean(axis=0)
+    return float(np.degrees(np.arctan2(tip[1] - middle[1], tip[0] - middle[0]))) - 50.0

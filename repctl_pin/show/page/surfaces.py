@@ -1,0 +1,192 @@
+"""Mesh files as triangles ready to draw: few bytes, smooth where the body is smooth, in the file's colours."""
+
+from __future__ import annotations
+
+import io
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InputError
+
+CREASE = np.cos(np.deg2rad(38))
+"""Faces that meet at less than this angle are shaded as one round surface."""
+
+_MANY = 48
+"""Corners at one point above which their faces are left flat: the tip of a fan, not a round surface."""
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Triangles in metres, in the mesh's own frame.
+
+    Attributes
+    ----------
+    points, normals : (V, 3) arrays
+    colors : (V, 3) array
+        Red, green, blue, 0 to 1; of the mesh file itself.
+    faces : (F, 3) array of int
+        Sorted by texture.
+    uv : (V, 2) array or None
+        Texture coordinates, where there are textures.
+    groups : tuple of (start, count, image)
+        Runs of faces' corners with one texture; image is None where there is none.
+    """
+
+    points: NDArray[np.float64]
+    normals: NDArray[np.float64]
+    colors: NDArray[np.float64]
+    faces: NDArray[np.int64]
+    uv: NDArray[np.float64] | None
+    groups: tuple[tuple[int, int, bytes | None], ...]
+
+
+def read_surface(path: Path) -> Surface:
+    """Read a mesh file: .stl, .dae, .obj, .ply, .glb and whatever else trimesh reads.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read.
+    """
+    import trimesh  # type: ignore[import-untyped, unused-ignore]
+
+    try:
+        scene = trimesh.load_scene(path, process=False)
+        pieces = []
+        for node in scene.graph.nodes_geometry:
+            transform, name = scene.graph[node]
+            mesh = scene.geometry[name]
+            if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces):
+                pieces.append(_piece(mesh, np.asarray(transform)))
+    except Exception as error:  # readers of many formats, each with its own errors
+        raise InputError(f"mesh {path} cannot be read ({type(error).__name__}: {error})") from error
+    if not pieces:
+        raise InputError(f"mesh {path} holds no triangles")
+    return _join(pieces, unit(path))
+
+
+def unit(path: Path) -> float:
+    """Tell how many metres one unit of a mesh file is: a COLLADA file says, others are in metres."""
+    if path.suffix.lower() != ".dae":
+        return 1.0
+    with path.open("rb") as file:
+        head = file.read(20_000)
+    found = re.search(rb"<unit\b[^>]*\bmeter\s*=\s*[\"']([^\"']+)", head)
+    return float(found[1]) if found else 1.0
+
+
+def _piece(mesh: Any, transform: NDArray[np.float64]) -> dict[str, Any]:
+    """Take one mesh of a file out of trimesh, corner by corner (3F rows), in the file's frame."""
+    points = np.asarray(mesh.vertices, float) @ transform[:3, :3].T + transform[:3, 3]
+    faces = np.asarray(mesh.faces)
+    triangles = points[faces]
+    flat = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])  # (F, 3), twice the area
+    real = (flat != 0).any(axis=1)
+    faces, flat = faces[real], flat[real]
+    corners = faces.ravel()
+    colors, uv, image = _look(mesh, corners)
+    return {
+        "points": points[corners],
+        "normals": smooth(points[corners], flat),
+        "colors": colors,
+        "uv": uv,
+        "image": image,
+    }
+
+
+def _look(mesh: Any, corners: NDArray[np.int64]) -> tuple[NDArray[np.float64], Any, bytes | None]:
+    """Read a mesh's colours (3F, 3), and its texture where it has one."""
+    visual = mesh.visual
+    if visual.kind == "texture":
+        material = visual.material
+        color = np.asarray(material.main_color, float)[:3] / 255
+        image = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
+        if image is not None and visual.uv is not None:
+            return np.ones((len(corners), 3)), np.asarray(visual.uv, float)[corners], _compressed(image)
+        return np.broadcast_to(color, (len(corners), 3)), None, None
+    if visual.kind in ("vertex", "face"):
+        return np.asarray(visual.vertex_colors, float)[corners, :3] / 255, None, None
+    return np.full((len(corners), 3), 0.8), None, None
+
+
+def _compressed(image: Any) -> bytes:
+    """Write a picture small: JPEG, 1024 pixels at most."""
+    image = image.convert("RGB")
+    image.thumbnail((1024, 1024))
+    file = io.BytesIO()
+    image.save(file, "JPEG", quality=85)
+    return file.getvalue()
+
+
+def smooth(corners: NDArray[np.float64], flat: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Give each corner the mean normal of the faces round its point that do not bend away by more than CREASE.
+
+    Parameters
+    ----------
+    corners : (3F, 3) array
+        Points of the faces' corners, three by three.
+    flat : (F, 3) array
+        The faces' normals, as long as the faces are large.
+    """
+    grid = 1e-6 * (np.ptp(corners, axis=0).max(initial=0.0) or 1.0)
+    same = _equal_rows(np.round(corners / grid).astype(np.int64))
+    of_face = np.repeat(flat, 3, axis=0)  # (3F, 3)
+    length = np.linalg.norm(of_face, axis=1, keepdims=True)
+    unit_normal = np.divide(of_face, length, out=np.zeros_like(of_face), where=length > 0)
+    order = np.argsort(same, kind="stable")
+    counts = np.bincount(same)
+    starts = np.concatenate([[0], np.cumsum(counts)[:-1]])
+    each = np.where(counts[same] <= _MANY, counts[same], 0)  # partners of each corner
+    mine = np.repeat(np.arange(len(same)), each)
+    within = np.arange(each.sum()) - np.repeat(np.cumsum(each) - each, each)
+    partner = order[starts[same[mine]] + within]
+    near = np.einsum("ij,ij->i", unit_normal[mine], unit_normal[partner]) > CREASE
+    mine, partner = mine[near], partner[near]
+    total = np.stack([np.bincount(mine, of_face[partner, k], len(same)) for k in range(3)], 1)
+    length = np.linalg.norm(total, axis=1, keepdims=True)
+    return np.where(length > 0, np.divide(total, length, out=np.zeros_like(total), where=length > 0), unit_normal)
+
+
+def _join(pieces: list[dict[str, Any]], scale: float) -> Surface:
+    """Put pieces together, those of one texture side by side, each distinct corner once."""
+    images = list(dict.fromkeys(piece["image"] for piece in pieces))
+    pieces = sorted(pieces, key=lambda piece: images.index(piece["image"]))
+    groups, start = [], 0
+    for image in images:
+        count = sum(len(p["points"]) for p in pieces if p["image"] == image)
+        groups.append((start, count, image))
+        start += count
+    points, normals, colors = (np.concatenate([p[k] for p in pieces]) for k in ("points", "normals", "colors"))
+    textured = any(image is not None for image in images)
+    uv = np.concatenate([np.zeros((len(p["points"]), 2)) if p["uv"] is None else p["uv"] for p in pieces])
+    # what float32, 8 bits a normal and 8 bits a colour will tell apart
+    lattice = np.ptp(points, axis=0).max(initial=0.0) / 2**17 or 1.0
+    rows = [np.round(points / lattice), np.round(normals * 127), np.round(colors * 255), np.round(uv * 2**14)]
+    same = _equal_rows(np.concatenate(rows, 1).astype(np.int64))
+    first = np.full(same.max() + 1, -1)
+    first[same[::-1]] = np.arange(len(same))[::-1]
+    # vertices in the order in which the faces first name them: such indices compress well
+    order = np.argsort(first, kind="stable")
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    keep = first[order]
+    lattice_points = np.round(points[keep] / lattice) * lattice * scale
+    return Surface(
+        lattice_points,
+        normals[keep],
+        colors[keep],
+        rank[same].reshape(-1, 3),
+        uv[keep] if textured else None,
+        tuple(groups),
+    )
+
+
+def _equal_rows(rows: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Number the rows of an integer array (N, k) so that equal rows, and only they, have equal numbers."""
+    packed = np.ascontiguousarray(rows).view(np.dtype((np.void, rows.dtype.itemsize * rows.shape[1]))).ravel()
+    return np.unique(packed, return_inverse=True)[1].ravel()

@@ -1,0 +1,129 @@
+"""Figures of a design: cost against degree, where it is far from what was desired, where it is near singular."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...files import prepare_folder, write_whole
+from .motions import BLUE, GREEN, INK, ORANGE
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from ...design import Design
+    from ...design.baselines import Baseline
+    from ...design.design_map import DesignMap
+
+
+def cost_against_degree(
+    ax: Axes, degrees: Sequence[tuple[int, float, float]], baselines: Sequence[Baseline] = ()
+) -> Axes:
+    """Draw the cost on fresh nodes against the degree of the potentials, beside other repeatable inverses.
+
+    Parameters
+    ----------
+    ax
+        Where to draw.
+    degrees
+        Degree, cost, standard error.
+    baselines
+        Drawn as level lines; those singular in Ω are named instead.
+    """
+    d, cost, error = (np.array(column, float) for column in zip(*degrees, strict=True))
+    ax.errorbar(d, cost, yerr=2 * error, color=BLUE, marker="o", ms=5, capsize=3, lw=1.4, label="nearest repeatable")
+    for baseline, colour, style in zip(baselines, (ORANGE, GREEN), ("--", "-."), strict=False):
+        if baseline.judgement is None:
+            ax.plot([], [], " ", label=f"{baseline.name}: singular in Ω")
+        else:
+            ax.axhline(baseline.judgement.cost, color=colour, ls=style, lw=1.4, label=baseline.name)
+    ax.set_yscale("log")
+    ax.set_xticks(d, [f"{int(v)}" for v in d])
+    ax.set_xlim(d.min() - 0.4, d.max() + 0.4)
+    ax.set_xlabel("degree of the potentials")
+    ax.set_ylabel(r"mean $\|G_r - G_d\|^2$")
+    _plain_log_ticks(ax)
+    ax.spines[["top", "right"]].set_visible(False)
+    ax.grid(True, color="#dddddd", lw=0.6)
+    ax.set_axisbelow(True)
+    return ax
+
+
+def map_over_joints(ax: Axes, field: DesignMap, design: Design, what: str = "distance") -> Axes:
+    """Draw ``distance`` (relative to ‖G_d‖) or ``leaf_margin`` over two joints, with the center marked."""
+    relative = what == "distance"
+    with np.errstate(invalid="ignore"):
+        values = field.distance / field.reference if relative else field.leaf_margin
+    shade = ax.pcolormesh(
+        field.x, field.y, values, cmap="viridis_r" if relative else "viridis", shading="gouraud", rasterized=True
+    )
+    if np.isfinite(values).all() and np.ptp(values) > 1e-9:
+        lines = ax.contour(field.x, field.y, values, levels=6, colors="white", linewidths=0.7, alpha=0.8)
+        ax.clabel(lines, fmt=lambda v: _percent(v) if relative else f"{v:.2f}", fontsize=7)
+    i, j = field.joints
+    ax.plot(*design.region.center[[i, j]], "+", color=INK, ms=9, mew=1.5)
+    ax.set_xlabel(_axis(design, i))
+    ax.set_ylabel(_axis(design, j))
+    bar = ax.figure.colorbar(shade, ax=ax, pad=0.02)
+    bar.ax.yaxis.set_major_formatter((lambda v, _: _percent(v)) if relative else (lambda v, _: f"{v:.3g}"))
+    bar.outline.set_visible(False)
+    ax.set_title("distance $\\|G_r - G_d\\| / \\|G_d\\|$" if relative else "leaf margin (0 is singular)", fontsize=10)
+    return ax
+
+
+def design_figure(
+    design: Design,
+    field: DesignMap,
+    degrees: Sequence[tuple[int, float, float]] = (),
+    *,
+    title: str = "",
+) -> Figure:
+    """Make the figure ``design.png``."""
+    from matplotlib.figure import Figure
+
+    panels = 3 if degrees else 2
+    figure = Figure(figsize=(4.3 * panels, 4.0), layout="constrained")
+    axes = list(figure.subplots(1, panels))
+    if degrees:
+        ax = cost_against_degree(axes.pop(0), degrees, design.baselines)
+        ax.set_title("cost on fresh nodes, ± 2 standard errors", fontsize=10)
+        ax.legend(frameon=False, fontsize=8.5, loc="upper right")
+    map_over_joints(axes[0], field, design)
+    map_over_joints(axes[1], field, design, "leaf_margin")
+    figure.suptitle(title, fontsize=10, x=0.01, ha="left")
+    return figure
+
+
+def write_design(
+    design: Design, field: DesignMap, degrees: Sequence[tuple[int, float, float]], folder: Path, *, title: str = ""
+) -> list[Path]:
+    """Write ``design.png``, whole or not at all."""
+    figure = design_figure(design, field, degrees, title=title)
+    prepare_folder(folder)
+    return [write_whole(folder / "design.png", lambda path: figure.savefig(path, dpi=150))]
+
+
+def _axis(design: Design, joint: int) -> str:
+    return f"{design.task.joint_names[joint]} ({'rad' if design.task.revolute[joint] else 'm'})"
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.3g}%"
+
+
+def _plain_log_ticks(ax: Axes) -> None:
+    """Numbers as people write them on a log axis that may span less than a decade."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    low, high = ax.get_ylim()
+    ax.set_ylim(low, high * (high / low) ** 0.4)  # room for the legend
+    span = high / low
+    ax.yaxis.set_major_locator(
+        LogLocator(subs=(1, 1.5, 2, 3, 5, 7) if span < 15 else (1, 2, 5) if span < 300 else (1,))
+    )
+    ax.yaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
+    ax.yaxis.set_minor_formatter(NullFormatter())

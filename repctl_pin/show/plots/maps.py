@@ -1,0 +1,73 @@
+"""Maps over two joints: values computed elsewhere, drawn here."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .motions import INK, axis_label
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from ...robot.task import Task
+
+
+def joint_map(
+    ax: Axes,
+    task: Task,
+    joints: tuple[int, int],
+    x: ArrayLike,
+    y: ArrayLike,
+    values: ArrayLike,
+    *,
+    label: str,
+    low_is_good: bool = True,
+    mark: ArrayLike | None = None,
+) -> Axes:
+    """Draw values over a grid of two joints, with level lines and a bar that says what they are.
+
+    Parameters
+    ----------
+    ax
+        Where to draw.
+    task
+        Whose joints they are.
+    joints
+        Across and upward, counted from 0.
+    x, y : (k,) and (l,) arrays
+        Values of the joints, rad or m.
+    values : (l, k) array
+        Rows upward; nan where there is none, which stays blank.
+    label
+        What is drawn, and its unit.
+    low_is_good
+        True: small values are bright (a defect); False: large ones are (a leaf margin).
+    mark : (2,) array, optional
+        A point to mark by a cross.
+    """
+    from matplotlib.patheffects import withStroke
+
+    shown = np.ma.masked_invalid(np.asarray(values, float))
+    shade = ax.pcolormesh(
+        np.asarray(x, float),
+        np.asarray(y, float),
+        shown,
+        cmap="viridis_r" if low_is_good else "viridis",
+        shading="nearest",
+        rasterized=True,
+    )
+    if shown.count() and np.ptp(shown) > 1e-9 * max(1.0, float(np.abs(shown).max())):
+        lines = ax.contour(x, y, shown, levels=6, colors="white", linewidths=0.7, alpha=0.85)
+        for number in ax.clabel(lines, fmt=lambda v: f"{v:.3g}", fontsize=7):
+            number.set_path_effects([withStroke(linewidth=1.6, foreground="#00000088")])
+    if mark is not None:
+        ax.plot(*np.asarray(mark, float), "+", color=INK, ms=9, mew=1.5)
+    ax.set_xlabel(axis_label(task, joints[0]))
+    ax.set_ylabel(axis_label(task, joints[1]))
+    bar = ax.figure.colorbar(shade, ax=ax, pad=0.02)
+    bar.set_label(label, fontsize=9)
+    bar.outline.set_visible(False)
+    return ax

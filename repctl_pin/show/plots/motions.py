@@ -1,0 +1,129 @@
+"""Figures of a motion: each takes and returns matplotlib Axes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from ...motion import Motion
+    from ...robot.task import Task
+    from ...studies import Study
+
+# Okabe and Ito's palette: eight colours that colour-blind people can tell apart.
+ORANGE, SKY, GREEN, YELLOW = "#E69F00", "#56B4E9", "#009E73", "#F0E442"
+BLUE, VERMILLION, PURPLE, INK = "#0072B2", "#D55E00", "#CC79A7", "#222222"
+
+COLOURS = {"pseudoinverse": VERMILLION, "posture": GREEN, "posture_off": ORANGE, "repeatable": BLUE}
+"""The colour of each strategy of a study, the same in every picture."""
+
+
+_OWN = (PURPLE, SKY, YELLOW, INK)
+"""For a person's own controls, one after the other."""
+
+
+def colours(study: Study) -> dict[str, str]:
+    """Give every row of a study its colour, by its key."""
+    own = [row.key for row in study.rows if row.key not in COLOURS]
+    return COLOURS | {key: _OWN[k % len(_OWN)] for k, key in enumerate(own)}
+
+
+def drawn(study: Study) -> list[tuple[str, Motion, str]]:
+    """List every strategy of a study that moved: its label, motion and colour."""
+    colour = colours(study)
+    return [(row.label, row.motion, colour[row.key]) for row in study.rows if row.motion is not None]
+
+
+def drift_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> Axes:
+    """Draw joint drift after each cycle, on a log scale: what has crept since the start.
+
+    Parameters
+    ----------
+    ax
+        Where to draw.
+    motions
+        Label, motion, colour.
+    """
+    for (label, motion, colour), marker in zip(motions, "osD^vPX" * len(motions), strict=False):
+        cycles = np.arange(1, motion.cycles + 1)
+        ax.semilogy(cycles, np.maximum(motion.drift, 1e-17), marker=marker, ms=4, color=colour, label=label)
+    ax.set_xlabel("cycle")
+    ax.set_ylabel(f"joint drift ‖q − q₀‖ ({unit(motions[0][1])})")
+    return quiet(ax, whole=True)
+
+
+def joint_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]], joint: int) -> Axes:
+    """Draw one joint against time in cycles, its limits as dashed lines where they are near."""
+    task = motions[0][1].task
+    for label, motion, colour in motions:
+        ax.plot(motion.t / motion.t[-1] * motion.cycles, motion.q[:, joint], color=colour, lw=1.1, label=label)
+    low, high = ax.get_ylim()
+    span = high - low
+    for limit in (task.lower[joint], task.upper[joint]):
+        if low - 0.5 * span < limit < high + 0.5 * span:
+            ax.axhline(limit, color=INK, lw=0.8, ls="--")
+    ax.set_title(task.joint_names[joint], fontsize=9, loc="left")
+    ax.set_ylabel("rad" if task.revolute[joint] else "m")
+    return quiet(ax, whole=True)
+
+
+def drift_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Figure:
+    """Make the figure ``drift.png``."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7.2, 4.4), layout="constrained")
+    ax = drift_over_cycles(figure.add_subplot(), motions)
+    ax.set_title(title, fontsize=10, loc="left")
+    ax.legend(frameon=False, fontsize=9, loc="center left", bbox_to_anchor=(1.0, 0.5))
+    return figure
+
+
+def joints_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Figure:
+    """Make the figure ``joints.png``: every joint over all cycles."""
+    from matplotlib.figure import Figure
+
+    n = motions[0][1].task.n
+    columns = 2 if n > 3 else 1
+    rows = -(-n // columns)
+    figure = Figure(figsize=(10 if columns == 2 else 7, 1.7 * rows + 0.9), layout="constrained")
+    axes = figure.subplots(rows, columns, sharex=True, squeeze=False)
+    for joint, ax in enumerate(axes.ravel()):
+        if joint < n:
+            joint_over_cycles(ax, motions, joint)
+        else:
+            ax.set_axis_off()
+    for column in range(columns):
+        last = [ax for joint, ax in enumerate(axes.ravel()) if joint < n and joint % columns == column][-1]
+        last.set_xlabel("cycle")
+        last.tick_params(labelbottom=True)
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), frameon=False, fontsize=9)
+    figure.suptitle(title, fontsize=10, x=0.01, ha="left")
+    return figure
+
+
+def unit(motion: Motion) -> str:
+    """The unit of a norm over the joints: rad, m, or both."""
+    return motion.task.unit
+
+
+def axis_label(task: Task, joint: int) -> str:
+    """Name a joint and its unit, for an axis."""
+    return f"{task.joint_names[joint]} ({'rad' if task.revolute[joint] else 'm'})"
+
+
+def quiet(ax: Axes, *, whole: bool = False) -> Axes:
+    """Give a figure a quiet grid and no box; with ``whole``, whole cycles below."""
+    from matplotlib.ticker import MaxNLocator
+
+    if whole:
+        ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+    ax.spines[["top", "right"]].set_visible(False)
+    ax.grid(True, color="#dddddd", lw=0.6)
+    ax.set_axisbelow(True)
+    return ax

@@ -1,0 +1,177 @@
+"""What a study found, in sentences; and what each of its pictures shows, for those who cannot see it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..plots.motions import COLOURS, unit
+from .table import short
+
+if TYPE_CHECKING:
+    from ...motion import Motion
+    from ...studies import Row, Study
+    from ...studies.study_maps import StudyMaps
+
+GLOSSARY = {
+    "redundant": "The arm has more joints than its task has coordinates: many motions of the joints move the frame "
+    "alike.",
+    "J⁺": "The pseudoinverse of the Jacobian J: of all joint velocities that move the frame as asked, the one with the "
+    "least norm. The usual control, and the desired one here.",
+    "repeatable": "Every closed path of the frame ends at the joints it began with.",
+    "drift": "How far the joints are off the start after a cycle: the norm over all joints, so it may exceed what any "
+    "one of them has moved.",
+    "J⁺ + posture": "J⁺, and with the freedom that is left a pull towards given joints: those of the start, or (off "
+    "it) others, to which it first moves.",
+    "potentials": "Functions of the joints that the repeatable control holds constant. A higher degree leaves more to "
+    "choose from, and comes nearer to J⁺.",
+    "Ω": "The region of joint space for which the repeatable control was designed; outside, nothing is promised.",
+    "cost": "The mean over Ω of ‖G − J⁺‖², by which the repeatable control G differs from J⁺.",
+    "leaf margin": "How far the potentials are from failing to fix the joints: 1 is best, 0 is singular.",
+    "defect": "By how much a control fails the test of repeatability at a configuration, per rad: 0 where it passes.",
+    "constant rows, extended Jacobian": "Two simpler repeatable controls, for comparison: fixed combinations of the "
+    "joints held constant, and a pull towards the centre of Ω held at zero along the free directions.",
+}
+"""What the words of a report mean."""
+
+
+def summary(study: Study) -> list[str]:
+    """Say in a few sentences, one a paragraph, what was done, what happened, what it costs."""
+    task, path = study.task, study.path
+    plain, closed = study.row("pseudoinverse"), study.row("repeatable")
+    some = next(row.motion for row in study.rows if row.motion is not None)
+    out = [
+        f"The frame {task.frame} of {study.robot.name} was led {some.cycles} {_times(some.cycles)} round a "
+        f"{path.name}. The task ({task.kind}) has {task.m} dimensions and the arm {task.n} joints, which leaves "
+        f"{task.r} free: many motions of the joints move the frame alike."
+    ]
+    if plain.motion is not None:
+        out.append(
+            f"Under the pseudoinverse J⁺ the frame comes back after every cycle, but the joints do not: they are off "
+            f"by {amount(plain.motion, 0)} after one cycle and by {amount(plain.motion, -1)} after "
+            f"{plain.motion.cycles} (the norm over all joints)."
+        )
+    else:
+        out.append(f"The pseudoinverse J⁺ could not follow: {plain.stopped}.")
+    for row in study.rows:
+        if row.key not in COLOURS:
+            own = f"they are off by {amount(row.motion, -1)}" if row.motion else f"it could not follow: {row.stopped}"
+            out.append(f"Under your control {row.label}, {own}.")
+    if closed.motion is not None:
+        assert closed.distance is not None and closed.leaf_margin is not None
+        out.append(
+            f"Under the nearest repeatable inverse they are off by {amount(closed.motion, -1)} after "
+            f"{closed.motion.cycles} {_times(closed.motion.cycles, 'cycle')}. It differs from J⁺ by "
+            f"{closed.distance:.1%} in the mean over Ω, {_price(plain, closed)}, and its leaf margin from "
+            f"singularities of its own is at worst {closed.leaf_margin:.2f} (1 is best, 0 is singular)."
+        )
+    else:
+        out.append(f"The nearest repeatable inverse could not follow: {closed.stopped}.")
+    broken = [
+        f"{row.label} breaks a joint limit in cycle {row.motion.broken_cycle} ({row.motion.first_violation[1]})"
+        for row in study.rows
+        if row.motion is not None and row.motion.first_violation is not None
+    ]
+    out.append(f"{'; '.join(broken)}." if broken else "No joint leaves its limits.")
+    return out
+
+
+def amount(motion: Motion, cycle: int) -> str:
+    """Write the drift after a cycle with its unit."""
+    return f"{short(float(motion.drift[cycle]))} {unit(motion)}"
+
+
+def drift_words(study: Study) -> str:
+    """Describe the figure of the drift."""
+    parts = [
+        f"{label} from {short(motion.drift[0])} after the first cycle to {short(motion.drift[-1])} after the last"
+        for label, motion in _moved(study)
+    ]
+    return f"Joint drift after each cycle, on a logarithmic scale: {'; '.join(parts)}; in {_unit(study)}."
+
+
+def joints_words(study: Study) -> str:
+    """Describe the figure of the joints."""
+    label, motion = _moved(study)[0]
+    off = motion.q[-1] - motion.q[0]
+    parts = [
+        f"{name} {value:+.3g}" if abs(value) > 1e-12 else f"{name} 0"
+        for name, value in zip(study.task.joint_names, off, strict=True)
+    ]
+    return f"Each joint over all cycles. At the end of {label} the joints are off by: {', '.join(parts)}."
+
+
+def orbits_words(study: Study) -> str:
+    """Describe the figure of the orbits."""
+    said = [
+        f"{label}: one closed loop"
+        if motion.drift.max() < 1e-6
+        else f"{label}: ends {amount(motion, -1)} off its start"
+        for label, motion in _moved(study, without="posture_off")
+    ]
+    return f"The three joints that creep most against each other, in three views. {'; '.join(said)}."
+
+
+def cycles_words(study: Study) -> str:
+    """Describe the figure of speeds and margins."""
+    parts = []
+    for label, motion in _moved(study):
+        margin = float(motion.limit_margin.min())
+        room = f"limit margin at least {margin:.3g}" if margin < 1e6 else "no limits"
+        parts.append(f"{label}: speed up to {motion.peak_speed:.3g} per s in all cycles, {room}")
+    return f"Joint speed over the cycle, and the least distance to a joint limit in each. {'; '.join(parts)}."
+
+
+def maps_words(study: Study, maps: StudyMaps) -> str:
+    """Describe the maps over two joints."""
+    i, j = maps.design.joints
+    with np.errstate(invalid="ignore"):
+        distance = maps.design.distance / maps.design.reference
+    ranges = [
+        f"{name} from {np.nanmin(values):.3g} to {np.nanmax(values):.3g}"
+        for name, values in (
+            ("the defect of J⁺ (0 where it is repeatable)", maps.defect),
+            ("the distance ‖G − J⁺‖ / ‖J⁺‖", distance),
+            ("the leaf margin", maps.design.leaf_margin),
+        )
+    ]
+    costs = [f"{cost:.4g} at degree {degree}" for degree, cost, _ in maps.degrees]
+    last = f" Mean cost over Ω by degree of the potentials: {', '.join(costs)}." if len(costs) > 1 else ""
+    names = study.task.joint_names
+    return (
+        f"Over {names[i]} and {names[j]}, the other joints at the centre of Ω (the cross): {'; '.join(ranges)}.{last}"
+    )
+
+
+def still_words(study: Study) -> str:
+    """Describe the still picture of the animation."""
+    parts = [f"{row.label} {_end(row)}" for row in (study.row("pseudoinverse"), study.row("repeatable"))]
+    return f"The arm as bones, at the start in grey and at the end in colour: {'; '.join(parts)}."
+
+
+def _end(row: Row) -> str:
+    if row.motion is None:
+        return "did not get there"
+    return f"is off the start by {amount(row.motion, -1)}"
+
+
+def _price(plain: Row, closed: Row) -> str:
+    if plain.motion is None or closed.motion is None:
+        return "the price in speed cannot be told"
+    own, least = (float(np.sqrt(np.mean(r.motion.speed[: r.motion.steps] ** 2))) for r in (closed, plain))  # type: ignore[union-attr]
+    price = own / least - 1
+    worth = f"costs {price:+.1%} of" if abs(price) >= 5e-4 else "costs no"
+    return f"{worth} joint speed (rms) over the first cycle"
+
+
+def _moved(study: Study, without: str = "") -> list[tuple[str, Motion]]:
+    return [(row.label, row.motion) for row in study.rows if row.motion is not None and row.key != without]
+
+
+def _unit(study: Study) -> str:
+    return unit(_moved(study)[0][1])
+
+
+def _times(count: int, word: str = "time") -> str:
+    return word if count == 1 else f"{word}s"

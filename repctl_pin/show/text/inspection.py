@@ -1,0 +1,133 @@
+"""What a robot file holds, as data and as text."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .table import table
+
+if TYPE_CHECKING:
+    from ...robot.robot import Robot
+
+
+def inspection(robot: Robot, redundancy: Mapping[str, Mapping[str, int]]) -> dict[str, Any]:
+    """Collect what a file holds in plain Python types.
+
+    Parameters
+    ----------
+    robot
+        The robot.
+    redundancy
+        For each frame to list, r by task kind.
+
+    Returns
+    -------
+    dict
+        ``robot``, ``file``, ``links``, ``joints``, ``locked``, ``default_frame``, ``frames`` (for each the joints
+        that move it, its position at the reference pose, m, and its redundancy), ``frames_left_out`` (how many
+        more can be moved), ``meshes`` and ``warnings``.
+    """
+    positions = robot.reference_positions()
+    joints = {joint.name: joint for joint in robot.description.joints}
+    return {
+        "robot": robot.name,
+        "file": str(robot.description.path),
+        "links": len(robot.description.links),
+        "joints": [
+            {
+                "name": name,
+                "kind": joints[name].kind,
+                "lower": _finite(robot.lower[i]),
+                "upper": _finite(robot.upper[i]),
+                "speed": _finite(robot.velocity[i]),
+                "reference": float(robot.reference[i]),
+            }
+            for i, name in enumerate(robot.joint_names)
+        ],
+        "locked": [
+            {"name": name, "why": f"mimics {joints[name].mimic}" if joints[name].mimic else joints[name].kind}
+            for name in robot.locked
+        ],
+        "default_frame": robot.default_frame,
+        "frames": {
+            frame: {
+                "chain": list(robot.chain(frame)),
+                "position": [round(float(x), 6) + 0.0 for x in positions[frame]],
+                "redundancy": dict(kinds),
+            }
+            for frame, kinds in redundancy.items()
+        },
+        "frames_left_out": len(set(robot.movable_frames) - set(redundancy)),
+        "meshes": len(robot.description.meshes),
+        "warnings": [*robot.description.notes, *robot.warnings],
+    }
+
+
+def inspection_text(found: Mapping[str, Any]) -> str:
+    """Write an inspection for a terminal."""
+    rows = [
+        [
+            j["name"],
+            j["kind"],
+            _number(j["lower"]),
+            _number(j["upper"]),
+            _number(j["speed"]),
+            f"{j['reference']:.4g}",
+        ]
+        for j in found["joints"]
+    ]
+    lines = [
+        f"{found['robot']}: {len(rows)} movable joints, {found['links']} links, {found['meshes']} meshes",
+        f"from {found['file']}",
+        "",
+        table(["joint", "kind", "lower", "upper", "speed", "reference"], rows),
+        "rad or m, and per second; – where the file sets no limit",
+    ]
+    if found["locked"]:
+        lines += ["", "locked: " + ", ".join(f"{j['name']} ({j['why']})" for j in found["locked"])]
+    lines += _chains(found)
+    lines += ["", *_frames(found)]
+    lines += [f"note: {text}" for text in found["warnings"]]
+    return "\n".join(lines)
+
+
+def _chains(found: Mapping[str, Any]) -> list[str]:
+    """Name the joints of the default frame's chain, and of others as long; and what each can do."""
+    frames, lines, told = found["frames"], [], []
+    most = len(frames[found["default_frame"]]["chain"])
+    for name, frame in frames.items():
+        chain = frame["chain"]
+        if len(chain) != most or chain in told:
+            continue
+        told.append(chain)
+        kinds = ", ".join(f"{kind} r = {r}" for kind, r in frame["redundancy"].items()) or "no task at full rank"
+        lines += ["", f"frame {name}, moved by {len(chain)}: {', '.join(chain)}", f"  {kinds}"]
+    return lines
+
+
+def _frames(found: Mapping[str, Any]) -> list[str]:
+    """Write where the frames are: enough to write a path of one's own."""
+    rows = [
+        [
+            f"{name} (default)" if name == found["default_frame"] else name,
+            str(len(frame["chain"])),
+            *(f"{round(x, 4) + 0.0:.4f}" for x in frame["position"]),
+        ]
+        for name, frame in found["frames"].items()
+    ]
+    return [
+        table(["frame", "joints", "x", "y", "z"], rows),
+        "x, y, z in m from the base, at the reference pose; choose one with --frame"
+        + (f"; --all lists {found['frames_left_out']} more" if found["frames_left_out"] else ""),
+    ]
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _number(value: float | None) -> str:
+    return "–" if value is None else f"{value:.4g}"

@@ -1,0 +1,55 @@
+"""Arrays for the maps of a study: what its design does over two joints, and where J⁺ fails to be repeatable."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..design.design_map import DesignMap, degree_curve, design_map
+from ..errors import SingularityError
+from ..integrability.lie_bracket import measure
+from ..strategies import Inverse
+from .study import Study
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class StudyMaps:
+    """What a report draws beside the motions.
+
+    Attributes
+    ----------
+    design : DesignMap
+        Distance and leaf margin over two joints, the others at the centre of Ω.
+    defect : (k, k) array
+        The relative defect of the desired inverse on the same grid: 0 where it is repeatable; nan at
+        singularities.
+    degrees : tuple of (degree, cost, standard error)
+    """
+
+    design: DesignMap
+    defect: Array
+    degrees: tuple[tuple[int, float, float], ...]
+
+
+def study_maps(study: Study, *, points: int = 41) -> StudyMaps:
+    """Evaluate the maps of a study's design on a grid of ``points`` each way."""
+    design = study.design
+    grid = design_map(design, points=points)
+    Q = np.tile(design.region.center, (points * points, 1))
+    Q[:, grid.joints[0]], Q[:, grid.joints[1]] = (a.ravel() for a in np.meshgrid(grid.x, grid.y))
+    defect = _defects(design.desired, Q).reshape(points, points)
+    return StudyMaps(grid, defect, degree_curve(design))
+
+
+def _defects(strategy: Inverse, Q: Array) -> Array:
+    """The relative defect at every row of Q, nan at singularities."""
+    try:
+        return measure(strategy, Q).norm
+    except SingularityError:
+        if len(Q) == 1:
+            return np.full(1, np.nan)
+        return np.concatenate([_defects(strategy, part) for part in np.array_split(Q, 2)])

@@ -1,0 +1,231 @@
+"""What a valid robot is: the rules of the gatekeeper, on a plain XML tree."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Collection, Sequence
+
+from lxml import etree
+
+from .xml import bad, label, line, short
+
+MAX_JOINTS = 1000
+MAX_DEPTH = 300  # links, one below the other; Pinocchio crashes on thousands
+MAX_MOVING = 100  # movable joints, one below the other; Pinocchio's memory grows with the cube
+
+KINDS = ("revolute", "continuous", "prismatic", "fixed", "planar", "floating")
+
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+
+# element → attribute → how many numbers
+_NUMBERS: dict[str, dict[str, int]] = {
+    "origin": {"xyz": 3, "rpy": 3},
+    "axis": {"xyz": 3},
+    "limit": {"lower": 1, "upper": 1, "effort": 1, "velocity": 1},
+    "dynamics": {"damping": 1, "friction": 1},
+    "calibration": {"rising": 1, "falling": 1, "reference_position": 1},
+    "safety_controller": {"soft_lower_limit": 1, "soft_upper_limit": 1, "k_position": 1, "k_velocity": 1},
+    "mimic": {"multiplier": 1, "offset": 1},
+    "mass": {"value": 1},
+    "inertia": {"ixx": 1, "ixy": 1, "ixz": 1, "iyy": 1, "iyz": 1, "izz": 1},
+    "box": {"size": 3},
+    "cylinder": {"radius": 1, "length": 1},
+    "capsule": {"radius": 1, "length": 1},
+    "sphere": {"radius": 1},
+    "mesh": {"scale": 3},
+    "color": {"rgba": 4},
+}
+_SHAPES = ("box", "cylinder", "capsule", "sphere", "mesh")
+_NEEDED = {("mass", "value"), ("box", "size"), ("sphere", "radius"), ("cylinder", "radius"), ("cylinder", "length")}
+_NOT_NEGATIVE = _NEEDED | {("capsule", "radius"), ("capsule", "length"), ("limit", "velocity"), ("limit", "effort")}
+
+
+def check(robot: etree._Element) -> str:
+    """Check a plain tree; return the name of its root link.
+
+    Raises
+    ------
+    UrdfError
+        At the first thing that is wrong.
+    """
+    links, joints = robot.findall("link"), robot.findall("joint")
+    if not links:
+        raise bad(robot, "there is no <link> in this file, so there is no robot; give the full URDF")
+    if not robot.get("name"):
+        raise bad(robot, 'the robot has no name; write <robot name="…">')
+    if robot.get("version", "1.0") not in ("1.0", "1.1", "1.2"):
+        raise bad(robot, f"version {short(robot.get('version'))} is unknown; write 1.0")
+    if max(len(joints), len(links) - 1) > MAX_JOINTS:
+        raise bad(robot, f"{len(joints)} joints and {len(links)} links; no more than {MAX_JOINTS} can be read")
+    for elements in (links, joints, robot.findall("material")):
+        _check_names(elements)
+    names, leaders = {link.get("name") for link in links}, {joint.get("name") for joint in joints}
+    for joint in joints:
+        _check_joint(joint, names)
+        _check_mimic(joint, leaders)
+    root = _check_tree(links, joints)
+    for owner in (*links, *robot.findall("material")):
+        for element in owner.iter():
+            _check_numbers(element)
+    for link in links:
+        _check_body(link)
+    return root
+
+
+def numbers(element: etree._Element, attribute: str) -> list[float] | None:
+    """Read an attribute's numbers, finite and as many as there should be; None if it is not there."""
+    text = element.get(attribute)
+    if text is None:
+        return None
+    words, wanted = text.split(), _NUMBERS[element.tag][attribute]
+    if len(words) != wanted:
+        meant = "one number" if wanted == 1 else f"{wanted} numbers"
+        raise bad(element, f"{attribute} = {short(text)} is not {meant}; correct it")
+    for word in words:
+        if not _NUMBER.fullmatch(word) or not math.isfinite(float(word)):
+            raise bad(element, f"{attribute} = {short(text)}: {short(word)} is not a finite number; correct it")
+    return [float(word) for word in words]
+
+
+def axis_of(joint: etree._Element) -> tuple[float, float, float]:
+    """Return the unit axis of a joint: along x where none is written, as URDF has it; 0 if it has none."""
+    axis = joint.find("axis")
+    x, y, z = (numbers(axis, "xyz") if axis is not None else None) or (1.0, 0.0, 0.0)
+    norm = math.hypot(x, y, z)
+    return (x / norm, y / norm, z / norm) if norm > 0 else (0.0, 0.0, 0.0)
+
+
+def _check_names(elements: Sequence[etree._Element]) -> None:
+    seen: dict[str, etree._Element] = {}
+    for element in elements:
+        name = element.get("name")
+        if not name:
+            raise bad(element, "has no name; give it one")
+        if name in seen:
+            raise bad(element, f"the {element.tag} in {line(seen[name])} has this name too; rename one of them")
+        if element.tag == "joint" and name == "universe":
+            raise bad(element, "Pinocchio keeps this name for itself; rename the joint")
+        seen[name] = element
+
+
+def _check_numbers(element: etree._Element) -> None:
+    for attribute in _NUMBERS.get(element.tag, {}):
+        values = numbers(element, attribute)
+        if values is None:
+            if (element.tag, attribute) in _NEEDED:
+                raise bad(element, f"has no {attribute}; write it")
+        elif (element.tag, attribute) in _NOT_NEGATIVE and min(values) < 0:
+            raise bad(element, f"{attribute} = {short(element.get(attribute))} is negative; correct it")
+    if element.tag == "mesh" and not element.get("filename"):
+        raise bad(element, "has no filename; write it, or delete the mesh")
+
+
+def _check_body(link: etree._Element) -> None:
+    """Check that inertia and shapes are whole: Pinocchio drops a part of them in silence otherwise."""
+    for inertial in link.findall("inertial"):
+        for tag in ("mass", "inertia"):
+            if inertial.find(tag) is None:
+                raise bad(inertial, f"has no <{tag}>; write it, or delete the <inertial>")
+        for inertia in inertial.findall("inertia"):
+            lacking = [attribute for attribute in _NUMBERS["inertia"] if inertia.get(attribute) is None]
+            if lacking:
+                raise bad(inertia, f"has no {', '.join(lacking)}; write it")
+    for visible in (*link.findall("visual"), *link.findall("collision")):
+        geometry = visible.find("geometry")
+        shapes = [] if geometry is None else [child.tag for child in geometry]
+        if not shapes or shapes[0] not in _SHAPES:
+            what = f"<{shapes[0][:40]}> is no shape" if shapes else "has no <geometry> with a shape in it"
+            raise bad(visible, f"{what}; there is {', '.join(_SHAPES)}")
+
+
+def _check_joint(joint: etree._Element, links: set[str]) -> None:
+    kind = joint.get("type")
+    if kind not in KINDS:
+        what = "has no type" if kind is None else f"type {short(kind)} is unknown"
+        raise bad(joint, f"{what}; there is {', '.join(KINDS)}")
+    for end in ("parent", "child"):
+        element = joint.find(end)
+        if element is None or not element.get("link"):
+            raise bad(joint, f'has no {end} link; write <{end} link="…"/>')
+        if element.get("link") not in links:
+            raise bad(element, f"there is no link {short(element.get('link'))}; add it, or correct the name")
+    for element in joint.iterdescendants():
+        _check_numbers(element)
+    axis, limit = joint.find("axis"), joint.find("limit")
+    if axis is not None and kind not in ("fixed", "floating"):
+        norm = math.hypot(*(numbers(axis, "xyz") or (1.0, 0.0, 0.0)))
+        if not 1e-9 < norm < 1e9:
+            raise bad(axis, f"xyz = {short(axis.get('xyz'))} has no direction; write a unit vector")
+    if kind in ("revolute", "prismatic"):
+        if limit is None:
+            remedy = ", or make the joint continuous" if kind == "revolute" else ""
+            raise bad(joint, f"a {kind} joint needs a <limit>; write one{remedy}")
+        _check_range(limit)
+
+
+def _check_mimic(joint: etree._Element, joints: set[str]) -> None:
+    mimic = joint.find("mimic")
+    if mimic is None:
+        return
+    if mimic.get("joint") in (None, "", joint.get("name")):
+        raise bad(mimic, "does not name another joint to follow; correct it, or delete it")
+    if leader(joint.get("name"), mimic.get("joint"), joints) is None:
+        raise bad(mimic, f"there is no joint {short(mimic.get('joint'))} to follow; correct the name, or delete it")
+
+
+def leader(name: str, mimicked: str, joints: Collection[str]) -> str | None:
+    """Find the joint that one mimics: as named, or with the follower's own prefix, which macros forget; else None.
+
+    ``left_index_2`` that mimics ``index_1`` follows ``left_index_1``, where no joint is called ``index_1``.
+    """
+    if mimicked in joints:
+        return mimicked
+    prefixed = [j for j in joints if j != name and j.endswith(mimicked) and name.startswith(j.removesuffix(mimicked))]
+    return prefixed[0] if len(prefixed) == 1 else None
+
+
+def _check_range(limit: etree._Element) -> None:
+    lower, upper = (numbers(limit, "lower") or [0.0])[0], (numbers(limit, "upper") or [0.0])[0]
+    if lower > upper:
+        raise bad(limit, f"lower = {lower:g} is above upper = {upper:g}; swap them")
+    if lower == upper != 0.0:  # both 0 is what exporters write where nobody gave a range
+        raise bad(limit, f"lower = upper = {lower:g} leaves no room; widen it, or make the joint fixed")
+
+
+def _check_tree(links: Sequence[etree._Element], joints: Sequence[etree._Element]) -> str:
+    """Check for one root, one parent each, no loop, and a sane depth; return the root."""
+    above: dict[str, etree._Element] = {}
+    below: dict[str, list[etree._Element]] = {}
+    for joint in joints:
+        parent, child = joint.find("parent").get("link"), joint.find("child").get("link")
+        if child in above:
+            other = f"{label(above[child])} ({line(above[child])})"
+            raise bad(joint, f"link {short(child)} hangs on {other} already; a link has one parent: delete one")
+        above[child] = joint
+        below.setdefault(parent, []).append(joint)
+    roots = [link for link in links if link.get("name") not in above]
+    if not roots:
+        raise bad(joints[0], "every link hangs on another, in a loop, so there is no root; cut the loop open")
+    if len(roots) > 1:
+        other = f"{label(roots[0])} ({line(roots[0])})"
+        raise bad(roots[1], f"hangs on no joint, nor does {other}; a robot has one root: join the two")
+    reached = {roots[0].get("name")}
+    level, todo = 0, [(roots[0].get("name"), 0)]
+    while todo:  # level by level: no file can exhaust the stack
+        level += 1
+        if level > MAX_DEPTH:
+            raise bad(roots[0], f"over {MAX_DEPTH} links hang one below the other; more cannot be read")
+        following = []
+        for link, moving in todo:
+            for joint in below.get(link, ()):
+                count = moving + (joint.get("type") != "fixed")
+                if count > MAX_MOVING:
+                    raise bad(joint, f"over {MAX_MOVING} movable joints hang one below the other; fix some")
+                following.append((joint.find("child").get("link"), count))
+        reached.update(link for link, _ in following)
+        todo = following
+    for link in links:
+        if link.get("name") not in reached:
+            raise bad(above[link.get("name")], "is part of a loop; a URDF is a tree: cut the loop open")
+    return str(roots[0].get("name"))
