@@ -12,7 +12,7 @@ from test_live import fetch
 from test_scene import read
 
 import repctl_pin as rp
-from repctl_pin.show import animation as room
+from repctl_pin.show.page import animation as room
 from repctl_pin.show.plots.motions import BLUE, GREEN, ORANGE, VERMILLION
 from repctl_pin.show.study_files import study_page
 

@@ -15,8 +15,8 @@ import pytest
 from numpy.typing import NDArray
 
 from repctl_pin.errors import InputError
-from repctl_pin.robot import catalogue
 from repctl_pin.robot.robot import Robot, lock_joints
+from repctl_pin.urdf import catalogue
 from repctl_pin.urdf.catalogue import default_package_dirs, entries, find, reference_posture, table, urdf_folder
 from repctl_pin.urdf.gate import read_urdf
 

@@ -53,7 +53,7 @@ def test_json_says_what_the_design_is_worth(tmp_path: Path, capsys: pytest.Captu
     data = json.loads(capsys.readouterr().out)
     costs = [step["cost"] for step in data["degrees"]]
     assert data["cost"] == min(costs) < 0.0175 and costs[0] > 0.15
-    assert data["converged"] and data["leaf margin"] > 0.5 and data["r"] == 1
+    assert data["converged"] and data["leaf_margin"] > 0.5 and data["r"] == 1
     assert set(data["baselines"]) == {"constant rows", "extended Jacobian"}
     assert data["files"] == [str(tmp_path / "design.png"), str(tmp_path / "design.json")]
     assert data["region"] == {"center": [0, 0, 0], "half_width": [1, 1, 1], "is": "box ±1 round (0, 0, 0)"}

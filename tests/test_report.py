@@ -18,9 +18,9 @@ from PIL import Image
 
 import repctl_pin as rp
 from repctl_pin.cli import main
-from repctl_pin.show import words
 from repctl_pin.show.report import report_page, versions
 from repctl_pin.show.study_files import study_page
+from repctl_pin.show.text import captions
 from repctl_pin.show.text.captions import amount, summary
 from repctl_pin.studies.study_maps import study_maps
 
@@ -188,7 +188,7 @@ def test_it_opens_offline_with_the_animation_running(page: str, tmp_path: Path) 
 
 def test_what_the_report_speaks_of_is_explained(study: rp.Study) -> None:
     page = report_page(study)
-    for word in words.GLOSSARY:
+    for word in captions.GLOSSARY:
         assert f"<dt>{word}</dt>" in page
     for said in ("repeatable", "drift", "Ω", "leaf margin", "redundant"):
-        assert said in words.GLOSSARY
+        assert said in captions.GLOSSARY

@@ -56,6 +56,11 @@ class Comparison:
 def compare(first: Design, *others: Design) -> Comparison:
     """Judge designs on the same fresh nodes of the first one's Ω.
 
+    Returns
+    -------
+    Comparison
+        Each one's judgement, and its cost above the first one's with the standard error of that difference.
+
     Raises
     ------
     InputError

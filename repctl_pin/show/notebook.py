@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from ..errors import InputError
 from .plots.motions import drawn, drift_figure, joints_figure
 from .study_files import study_page
-from .text import captions as words
+from .text import captions
 from .text.table import study_table
 
 if TYPE_CHECKING:
@@ -79,8 +79,8 @@ def inline(shown: Study | Figure | str, *, height: int = 640) -> Inline:
     parts = (
         frame(study_page(shown), height),
         f'<pre style="{_TABLE}">{html.escape(text)}</pre>',
-        _picture(drift_figure(drawn(shown), ""), words.drift_words(shown)),
-        _picture(joints_figure(drawn(shown), ""), words.joints_words(shown)),
+        _picture(drift_figure(drawn(shown), ""), captions.drift_words(shown)),
+        _picture(joints_figure(drawn(shown), ""), captions.joints_words(shown)),
     )
     return Inline("\n".join(parts), text)
 

@@ -24,7 +24,7 @@ from .plots.maps import joint_map
 from .plots.motions import COLOURS, colours, drawn, drift_figure, joints_figure
 from .plots.orbits import orbits_figure
 from .study_files import study_page
-from .text import captions as words
+from .text import captions
 from .text.table import study_cells, study_notes
 
 if TYPE_CHECKING:
@@ -64,19 +64,19 @@ def report_page(
 
     Returns
     -------
-    The page's HTML: it asks nothing of a network, prints without cut figures, and every picture has words.
+    The page's HTML: it asks nothing of a network, prints without cut figures, and every picture has captions.
     """
-    folder = files(__package__) / "assets"
+    folder = files("repctl_pin.show.page") / "assets"
     title = f"{study.robot.name}: {study.path.name}"
     header, rows, legend = study_cells(study)
     parts = {
         "TITLE": html.escape(title),
         "STYLE": (folder / "report.css").read_text("utf-8"),
         "LEAD": html.escape(f"{study.task.frame}, {study.task.kind} task, {study.path.name}"),
-        "SUMMARY": "\n".join(f"<p>{html.escape(text)}</p>" for text in words.summary(study)),
+        "SUMMARY": "\n".join(f"<p>{html.escape(text)}</p>" for text in captions.summary(study)),
         "ANIMATION": html.escape(animation or study_page(study), quote=True),
         "ANIMATION_TITLE": html.escape(f"Animation: {title}", quote=True),
-        "STILL": _picture(still_figure(study), words.still_words(study)),
+        "STILL": _picture(still_figure(study), captions.still_words(study)),
         "TABLE": _table(header, rows, [colours(study)[row.key] for row in study.rows]),
         "LEGEND": html.escape(" ".join(legend)),
         "FIGURES": "\n".join(_figures(study, maps)),
@@ -84,7 +84,7 @@ def report_page(
         "SETTING": _list(_setting(study)),
         "OPTIONS": "" if not options else f"<h3>Options</h3>\n{_list(_texts(options))}",
         "VERSIONS": _list(versions()),
-        "GLOSSARY": _list(words.GLOSSARY),
+        "GLOSSARY": _list(captions.GLOSSARY),
         "NOTES": _notes(study_notes(study)),
     }
     template = (folder / "report.html").read_text("utf-8")
@@ -117,15 +117,15 @@ def versions() -> dict[str, str]:
 
 
 def _figures(study: Study, maps: StudyMaps | None) -> Iterable[str]:
-    """Each figure with its heading, picture and words."""
+    """Each figure with its heading, picture and captions."""
     moved = drawn(study)
     on = [m for m in moved if m[2] != COLOURS["posture_off"]]  # what comes from afar would hide the rest
-    yield _section("Drift", drift_figure(moved, ""), words.drift_words(study))
-    yield _section("Joints", joints_figure(moved, ""), words.joints_words(study))
-    yield _section("Orbits in joint space", orbits_figure(on, ""), words.orbits_words(study))
-    yield _section("Speed and limits", cycle_figure(moved, ""), words.cycles_words(study))
+    yield _section("Drift", drift_figure(moved, ""), captions.drift_words(study))
+    yield _section("Joints", joints_figure(moved, ""), captions.joints_words(study))
+    yield _section("Orbits in joint space", orbits_figure(on, ""), captions.orbits_words(study))
+    yield _section("Speed and limits", cycle_figure(moved, ""), captions.cycles_words(study))
     if maps is not None:
-        yield _section("The design over two joints", _maps_figure(study, maps), words.maps_words(study, maps))
+        yield _section("The design over two joints", _maps_figure(study, maps), captions.maps_words(study, maps))
 
 
 def _maps_figure(study: Study, maps: StudyMaps) -> Figure:
