@@ -1,0 +1,33 @@
+"""Numbers as every page, figure and table writes them."""
+
+from __future__ import annotations
+
+import math
+
+
+def number(value: float) -> str:
+    """Write three digits, or one of what is tiny: 1.75, 0.0238, 2e-11."""
+    if not math.isfinite(value):
+        return "–"
+    if value == 0:
+        return "0"
+    if abs(value) < 1e-3:
+        digits, power = f"{value:.0e}".split("e")
+        return f"{digits}e{int(power)}"
+    return f"{value:.3g}" if abs(value) < 1e3 else f"{value:.0f}"
+
+
+def metres(value: float) -> str:
+    """Write a length in the unit that suits it: 1.2 m, 45 cm, 2.6 mm; below a tenth of a millimetre it is 0."""
+    if value < 1e-4:
+        return "0"
+    scale, unit = (1, "m") if value >= 0.995 else (100, "cm") if value >= 0.00995 else (1000, "mm")
+    return f"{float(f'{scale * value:.2g}'):g} {unit}"
+
+
+def percent(share: float) -> str:
+    """Write a change in per cent, with its sign: +0.3 %, −1 %; 0 % below a twentieth of one."""
+    if abs(share) < 5e-4:
+        return "0 %"
+    text = f"{100 * share:+.1f}" if abs(share) < 0.1 else f"{100 * share:+.0f}"
+    return f"{text.replace('-', '−')} %"

@@ -1,0 +1,118 @@
+"""One verdict on motions, and its three tiles: the same words on the page, in the report and in the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .numbers import metres, percent
+
+if TYPE_CHECKING:
+    from ...motion import Motion
+    from ...studies import Study
+
+
+@dataclass(frozen=True)
+class Deed:
+    """What of one motion the verdict speaks of.
+
+    Attributes
+    ----------
+    label : str
+        What the control is called.
+    creep : float
+        How far the elbow is off its start at the end, m.
+    speed : float
+        Joint speed ‖q̇‖ over the first cycle, rms.
+    broken : (int, str) or None
+        The cycle in which a joint first leaves its limits, and which joint.
+    """
+
+    label: str
+    creep: float
+    speed: float
+    broken: tuple[int, str] | None = None
+
+
+@dataclass(frozen=True)
+class Tile:
+    """One number of the verdict: its name, its value, and whether it is bad news."""
+
+    name: str
+    value: str
+    bad: bool = False
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """A sentence, and the same in three tiles: creep, joint speed, limits."""
+
+    sentence: str
+    tiles: tuple[Tile, ...]
+
+
+def deed_of(label: str, motion: Motion, elbow: int) -> Deed:
+    """Take from a motion what the verdict speaks of.
+
+    Parameters
+    ----------
+    label
+        What the control is called.
+    motion
+        What it did.
+    elbow
+        The joint whose origin is the elbow, of the task's.
+    """
+    start, end = (motion.task.joint_origins(q)[elbow] for q in (motion.q[0], motion.q[-1]))
+    violation = motion.first_violation
+    return Deed(
+        label,
+        float(np.linalg.norm(end - start)),
+        float(np.sqrt(np.mean(motion.speed[: motion.steps] ** 2))),
+        None if violation is None else (motion.broken_cycle, violation[1]),
+    )
+
+
+def verdict(deeds: Sequence[Deed], cycles: int) -> Verdict:
+    """Sum up motions: the first is what others are compared with, the last is the remedy.
+
+    Parameters
+    ----------
+    deeds
+        One for each motion.
+    cycles
+        How often round.
+    """
+    first, last = deeds[0], deeds[-1]
+    times = "1 cycle" if cycles == 1 else f"{cycles} cycles"
+    creeps = [metres(deed.creep) for deed in deeds]
+    limits = [f"broken in cycle {d.broken[0]} ({d.broken[1]})" if d.broken else "kept" for d in deeds]
+    words = [
+        f"The elbow creeps {' → '.join(dict.fromkeys(creeps))} in {times}."
+        if creeps[0] == creeps[-1] or len(deeds) == 1
+        else f"The elbow creeps {creeps[0]} in {times} → {creeps[-1]}."
+    ]
+    if creeps[0] == creeps[-1] == "0":
+        words = [f"The elbow is back after {times}."]
+    tiles = [Tile(f"Elbow creep in {times}", " → ".join(creeps), creeps[-1] != "0")]
+    if len(deeds) > 1:
+        price = percent(last.speed / first.speed - 1) if first.speed > 0 else "–"
+        words.append(f"Joint speed {price}.")
+        tiles.append(Tile("Joint speed", price))
+    words.append(f"Limits {' → '.join(dict.fromkeys(limits))}.")
+    tiles.append(Tile("Joint limits", " → ".join(dict.fromkeys(limits)), any(d.broken for d in deeds)))
+    return Verdict(" ".join(words), tuple(tiles))
+
+
+def study_verdict(study: Study) -> Verdict:
+    """Sum up a study: J⁺, and what the nearest repeatable inverse makes of it."""
+    rows = [study.row("pseudoinverse"), study.row("repeatable")]
+    stuck = [f"{row.label} is stuck: {row.stopped}." for row in rows if row.motion is None]
+    moved = [(row.label, row.motion) for row in rows if row.motion is not None]
+    if not moved:
+        return Verdict(" ".join(stuck), ())
+    told = verdict([deed_of(label, motion, study.elbow) for label, motion in moved], moved[0][1].cycles)
+    return Verdict(" ".join([*stuck, told.sentence]), told.tiles)

@@ -1,0 +1,67 @@
+"""The verdict: its numbers against the motions', its words for every outcome."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import repctl_pin as rp
+from repctl_pin.show.text.numbers import metres, number, percent
+from repctl_pin.show.text.verdict import Deed, study_verdict, verdict
+
+J = Deed("J⁺", 0.4512, 0.464)
+
+
+@pytest.mark.parametrize(
+    ("deeds", "words"),
+    [
+        (
+            [J, Deed("ours", 3e-11, 0.4654)],
+            "The elbow creeps 45 cm in 10 cycles → 0. Joint speed +0.3 %. Limits kept.",
+        ),
+        (
+            [replace(J, broken=(7, "left_s0")), Deed("ours", 0, 0.45936)],
+            "The elbow creeps 45 cm in 10 cycles → 0. Joint speed −1.0 %. Limits broken in cycle 7 (left_s0) → kept.",
+        ),
+        ([J], "The elbow creeps 45 cm in 10 cycles. Limits kept."),
+        ([Deed("a", 0, 1.0), Deed("b", 9e-5, 1.0)], "The elbow is back after 10 cycles. Joint speed 0 %. Limits kept."),
+        ([J, J], "The elbow creeps 45 cm in 10 cycles. Joint speed 0 %. Limits kept."),
+    ],
+)
+def test_the_words_of_every_outcome(deeds: list[Deed], words: str) -> None:
+    assert verdict(deeds, 10).sentence == words
+
+
+def test_tiles_say_what_the_sentence_says() -> None:
+    told = verdict([replace(J, broken=(7, "left_s0")), Deed("ours", 0.0, 0.5)], 1)
+    assert [(t.name, t.value, t.bad) for t in told.tiles] == [
+        ("Elbow creep in 1 cycle", "45 cm → 0", False),
+        ("Joint speed", "+7.8 %", False),
+        ("Joint limits", "broken in cycle 7 (left_s0) → kept", True),
+    ]
+    assert verdict([Deed("ours", 0.0, 0.5), J], 1).tiles[0].bad
+
+
+def test_a_studys_verdict_holds_its_motions_numbers() -> None:
+    study = rp.study("planar4r", cycles=2, steps=80, degree=1)
+    plain, closed = (study.row(key).motion for key in ("pseudoinverse", "repeatable"))
+    ends = [study.task.joint_origins(q)[study.elbow] for q in plain.q[[0, -1]]]
+    price = np.sqrt(np.mean(closed.qdot[:80] ** 2) / np.mean(plain.qdot[:80] ** 2)) - 1
+    assert study_verdict(study).sentence == (
+        f"The elbow creeps {metres(np.linalg.norm(ends[1] - ends[0]))} in 2 cycles → 0. "
+        f"Joint speed {percent(price)}. Limits kept."
+    )
+    rows = tuple(replace(r, motion=None, stopped="why") if r.key == "pseudoinverse" else r for r in study.rows)
+    assert study_verdict(replace(study, rows=rows)).sentence.startswith("J⁺ is stuck: why. The elbow is back")
+    none = tuple(replace(r, motion=None, stopped="why") for r in study.rows)
+    assert study_verdict(replace(study, rows=none)).tiles == ()
+
+
+def test_numbers_are_written_one_way() -> None:
+    assert [number(v) for v in (1.7495, 0.0238, 2.1e-11, 0.0, 1234.5, np.inf)] == [
+        "1.75", "0.0238", "2e-11", "0", "1234", "–",
+    ]  # fmt: skip
+    assert [metres(v) for v in (9e-5, 2.6e-3, 0.45, 0.999, 1.234)] == ["0", "2.6 mm", "45 cm", "1 m", "1.2 m"]
+    assert [percent(v) for v in (4e-4, 0.003, -0.01, 0.25)] == ["0 %", "+0.3 %", "−1.0 %", "+25 %"]
