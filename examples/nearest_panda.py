@@ -5,7 +5,7 @@ questions of it.
 
 1. *Is J⁺ repeatable?* (24) No: its Lie bracket leaves the column space at every configuration looked at. The
    nearest repeatable inverse over a box of ±0.4 rad is, to rounding.
-2. *How much does it matter?* By the small-loop law a loop of area A in the x–y plane ends A Ω_xy away from where
+2. *How much does it matter?* By the small-loop law a loop of area A in the x–y plane ends A Δ_xy away from where
    it began. Squares of 0.5 to 16 cm are driven once round: the smaller the square, the better one evaluation of
    the bracket predicts the drift. The repeatable inverse ends where it began.
 3. *Is there a place to hide?* The arm can be brought to the same tool pose along a self-motion. The defect of J⁺
@@ -108,7 +108,7 @@ def picture(found: Result, plain: rp.Pseudoinverse, count: int) -> Figure:
     """Draw drift against the size of the loop, the defect along the self-motion, and a map of it."""
     figure = Figure(figsize=(15, 4.6), layout="constrained")
     loops, way, area = figure.subplots(1, 3)
-    loops.loglog(found.sides * 100, found.predicted, color=INK, lw=1, ls="--", label="A ‖Ω_xy‖, from one evaluation")
+    loops.loglog(found.sides * 100, found.predicted, color=INK, lw=1, ls="--", label="A ‖Δ_xy‖, from one evaluation")
     loops.loglog(found.sides * 100, found.measured, "o", color=VERMILLION, label="J⁺, measured")
     floor = np.maximum(found.repeatable, 1e-16)
     loops.loglog(found.sides * 100, floor, "s", color=BLUE, label="nearest repeatable, measured")

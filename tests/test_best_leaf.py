@@ -13,7 +13,7 @@ def tiago() -> rp.Design:
     task = rp.Robot.load("tiago").task("wrist_ft_tool_link", "pose")
     q0 = task.reference
     return rp.nearest_repeatable(
-        rp.Pseudoinverse(task), rp.Polynomial(q0, 2, 0.2), rp.Box(q0, 0.08), samples=2048, fresh=1024
+        rp.Pseudoinverse(task), rp.Polynomial(q0, 2, 0.2), rp.Box(q0, 0.08), samples=2048, held_out=1024
     )
 
 

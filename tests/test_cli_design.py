@@ -16,7 +16,7 @@ from arms import heed_interrupts
 
 from repctl_pin.cli import main
 
-SMALL = ("--samples", "512", "--fresh", "512")
+SMALL = ("--samples", "512", "--held-out", "512")
 PANDA_START = "0,-0.785,0,-2.356,0,1.571,0.785"
 
 
@@ -95,7 +95,7 @@ def test_a_region_with_a_singularity_is_refused_unless_it_may_shrink(
         (["panda", "--degree", "0"], ["--degree"]),
         (["panda", "--weight", "heavy"], ["--weight", "heavy"]),
         (["panda", "--samples", "2", "--degree", "2"], ["too few"]),
-        (["panda", "--fresh", "3"], ["fresh"]),
+        (["panda", "--held-out", "3"], ["held_out"]),
         (["panda", "--fourier", "1"], ["--degree"]),
         (["panda", "--path", "spiral:3"], ["spiral"]),
         (["ur5", "--task", "pose"], ["r = 0"]),
@@ -112,7 +112,7 @@ def test_processes_and_interruption(tmp_path: Path) -> None:
     """Two workers give the same figures as one; Ctrl-C ends a long run with one clear line and code 130."""
     command = [sys.executable, "-m", "repctl_pin", "design", "panda", "--out", str(tmp_path), "--json"]
     environment = os.environ | {"OMP_NUM_THREADS": "1"}
-    small = ["--degree", "1", "--samples", "2048", "--fresh", "512"]
+    small = ["--degree", "1", "--samples", "2048", "--held-out", "512"]
     one, two = (
         json.loads(
             subprocess.run(

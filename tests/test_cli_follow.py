@@ -104,7 +104,7 @@ def test_a_design_for_an_arm_of_ones_own(tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     task, q0 = planar_task([1, 0.8, 0.6], tmp_path), np.array([0.3, 0.8, 0.8])
     fields, region = rp.Polynomial(q0, 1, 0.3), rp.Box(q0, 0.3)
-    rp.save(rp.nearest_repeatable(rp.Pseudoinverse(task), fields, region, samples=256, fresh=256), "arm.json")
+    rp.save(rp.nearest_repeatable(rp.Pseudoinverse(task), fields, region, samples=256, held_out=256), "arm.json")
     assert main(["follow", "arm.json"]) == 2
     assert "not in the catalogue" in capsys.readouterr().err
     assert main(["follow", "arm.json", "--robot", "planar3.urdf", "--steps", "50"]) == 0

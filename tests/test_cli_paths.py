@@ -53,7 +53,7 @@ def test_without_a_path_all_take_the_same(tmp_path, monkeypatch, capsys) -> None
 
 def test_a_design_round_a_path_is_round_the_studied_one(tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
-    small = ["--degree", "1", "--samples", "512", "--fresh", "512", "--region", "0.1"]
+    small = ["--degree", "1", "--samples", "512", "--held-out", "512", "--region", "0.1"]
     designed = told(capsys, "design", "panda", *WORDS, *small)
     assert (designed["path_words"], designed["plane"]) == ("circle:0.1:180", "xy")
     (note,) = designed["notes"]

@@ -12,7 +12,7 @@ from commands import refused, told
 import repctl_pin as rp
 from repctl_pin.cli import main
 
-SMALL = ["--degree", "1", "--samples", "512", "--fresh", "512", "--region", "0.2", "--quiet"]
+SMALL = ["--degree", "1", "--samples", "512", "--held-out", "512", "--region", "0.2", "--quiet"]
 SHORT = ["--cycles", "1", "--steps", "60"]
 
 
@@ -47,7 +47,7 @@ def test_a_design_in_joint_coordinates_keeps_them(tmp_path, monkeypatch, capsys)
     task = task.in_coordinates(rp.absolute_angles(task))
     q0 = np.array(task.reference)
     desired = rp.WeightedInverse(task, [1.0, 2.0, 3.0])
-    rp.save(rp.nearest_repeatable(desired, None, rp.Box(q0, 0.2), degree=1, samples=256, fresh=256), "absolute.json")
+    rp.save(rp.nearest_repeatable(desired, None, rp.Box(q0, 0.2), degree=1, samples=256, held_out=256), "absolute.json")
     data = told(capsys, "follow", "absolute.json", "--steps", "60", "--path", "circle:0.1")
     assert data["joints"] == list(task.joint_names) and data["start"] == pytest.approx(q0)
     assert told(capsys, "check", "absolute.json", "--samples", "16")["repeatable"] is True

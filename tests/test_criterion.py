@@ -8,7 +8,7 @@ import pytest
 import repctl_pin as rp
 from repctl_pin import redundancy
 from repctl_pin.design import criterion
-from repctl_pin.design.blocks import Local
+from repctl_pin.design.batches import Local
 from repctl_pin.design.criterion import Builder
 
 KINDS = {"pose": 1, "axis": 2, "position": 4}
@@ -51,9 +51,9 @@ def test_cost_is_the_mean_distance_of_the_inverses(setting) -> None:
 @pytest.mark.parametrize("seed", range(3))
 def test_gradient_agrees_with_finite_differences_at_random_coefficients(setting, seed: int) -> None:
     task, fields, builder, Q, weights = setting
-    blocks = [builder(Q, weights)]
+    batches = [builder(Q, weights)]
     A = some_A(fields, task.r, seed)
-    value, gradient = criterion.cost_and_gradient(blocks, A)
+    value, gradient = criterion.cost_and_gradient(batches, A)
     rng = np.random.default_rng(seed + 10)
     scale = np.linalg.norm(gradient)
     for _ in range(5):
@@ -62,11 +62,11 @@ def test_gradient_agrees_with_finite_differences_at_random_coefficients(setting,
         # Richardson: random coefficients lie near algorithmic singularities of some nodes, where C is steep
         e = 1e-6
         slopes = [
-            (criterion.cost(blocks[0], A + s * D)[0] - criterion.cost(blocks[0], A - s * D)[0]) / (2 * s)
+            (criterion.cost(batches[0], A + s * D)[0] - criterion.cost(batches[0], A - s * D)[0]) / (2 * s)
             for s in (e, 2 * e)
         ]
         assert abs((4 * slopes[0] - slopes[1]) / 3 - np.sum(gradient * D)) < 2e-5 * scale + 1e-8 * value / e * 1e-4
-    half = criterion.gauss_newton(blocks[0], A)[1]
+    half = criterion.gauss_newton(batches[0], A)[1]
     assert np.allclose(2 * half, gradient, rtol=1e-9, atol=1e-9 * scale)
 
 
@@ -125,8 +125,8 @@ def test_orientation_makes_det_EA_smooth(panda: rp.Robot, q_panda_module: np.nda
 def test_sides_find_a_singularity_of_V(panda_pose: rp.Task, q_panda_module: np.ndarray) -> None:
     box, fields = rp.Box(q_panda_module, 0.4), rp.Polynomial(q_panda_module, 1, 0.4)
     N = criterion.oriented_nullspace(panda_pose.jacobian(box.center)[None], panda_pose, box.center[None])[0]
-    block = Builder(rp.Pseudoinverse(panda_pose), fields, np.arange(7), N)(*box.nodes(512, 0))
-    assert criterion.cost(block, N)[1].clear  # V = N(center)
+    batch = Builder(rp.Pseudoinverse(panda_pose), fields, np.arange(7), N)(*box.nodes(512, 0))
+    assert criterion.cost(batch, N)[1].clear  # V = N(center)
     row = redundancy.pseudoinverse(panda_pose.jacobian(box.center))[:, :1]  # in the row space at the center
-    sides = criterion.cost(block, row)[1]
+    sides = criterion.cost(batch, row)[1]
     assert not sides.clear and sides.positive + sides.negative == 512

@@ -37,7 +37,7 @@ def panda_design_of(panda: rp.Robot, kind: str, width: float, degree: int, **opt
         ("position", 0.8, 2, 3.70),
     ],
 )
-def test_cost_on_fresh_nodes(panda: rp.Robot, kind: str, width: float, degree: int, most: float) -> None:
+def test_cost_on_held_out_nodes(panda: rp.Robot, kind: str, width: float, degree: int, most: float) -> None:
     design = panda_design_of(panda, kind, width, degree)
     assert design.converged
     assert design.cost <= most
@@ -116,7 +116,9 @@ def test_higher_redundancy(robot: str, kind: str, r: int, width: float) -> None:
     elif robot == "talos":
         q0[5] = -0.9  # away from the stretched elbow of its reference pose
     assert task.r == r
-    design = rp.nearest_repeatable(rp.Pseudoinverse(task), None, rp.Box(q0, width), degree=2, fresh=4096, shrink=True)
+    design = rp.nearest_repeatable(
+        rp.Pseudoinverse(task), None, rp.Box(q0, width), degree=2, held_out=4096, shrink=True
+    )
     assert design.converged and design.leaf_margin > 0.1
     # the defect (I − G J)[g_a, g_b], exact; and by plain differences, which see 1e-6 of J⁺'s own
     G, e = design.inverse, 1e-5
@@ -147,7 +149,7 @@ def test_the_standard_error_is_true() -> None:
     for seed in range(30):
         center = np.array([0.3, 1.0, 0.8]) + rng.uniform(-0.2, 0.2, 3)
         box = rp.Box(center, 0.4)
-        design = rp.nearest_repeatable(desired, None, box, degree=2, samples=512, fresh=1024, seed=seed)
+        design = rp.nearest_repeatable(desired, None, box, degree=2, samples=512, held_out=1024, seed=seed)
         Q = box.random(2**15, 10_000 + seed)
         truth = np.mean(np.sum((design.inverse.batch(Q) - desired.batch(Q)) ** 2, axis=(1, 2)))
         inside += abs(design.cost - truth) <= 2 * design.cost_error
@@ -161,11 +163,11 @@ def test_converged_tells_the_truth(panda: rp.Robot) -> None:
         assert design.converged
         task, fields, box = design.task, design.fields, design.region
         N = criterion.oriented_nullspace(task.jacobian(box.center)[None], task, box.center[None])[0]
-        block = Builder(design.desired, fields, np.arange(fields.size), N)(*box.nodes(1024, 0))
+        batch = Builder(design.desired, fields, np.arange(fields.size), N)(*box.nodes(1024, 0))
         shape = design.coefficients.shape
 
-        def flat(a: np.ndarray, block=block, shape=shape) -> tuple[float, np.ndarray]:
-            cost, gradient = criterion.cost_and_gradient([block], a.reshape(shape))
+        def flat(a: np.ndarray, batch=batch, shape=shape) -> tuple[float, np.ndarray]:
+            cost, gradient = criterion.cost_and_gradient([batch], a.reshape(shape))
             return cost, gradient.ravel()
 
         start = design.coefficients.ravel()
@@ -178,7 +180,7 @@ def test_converged_tells_the_truth(panda: rp.Robot) -> None:
 
 
 def test_leaf_margin_is_searched_between_the_nodes(panda: rp.Robot) -> None:
-    design = panda_design_of(panda, "pose", 0.8, 1, fresh=1024)
+    design = panda_design_of(panda, "pose", 0.8, 1, held_out=1024)
     Q = design.region.random(2**16, 99)
     sigma = redundancy.leaf_margin(redundancy.nullspace(design.task.jacobians(Q)), design.inverse.field.gradients(Q))
     assert design.leaf_margin < sigma.min() + 1e-6  # 65536 points see nothing below what the search found
@@ -195,7 +197,7 @@ def test_a_repeatable_desire_is_met_exactly(panda_pose: rp.Task) -> None:
     A = np.linalg.lstsq(fields.gradients(Q0[None])[0], N, rcond=None)[0]
     A += 0.02 * np.random.default_rng(0).normal(size=A.shape) * np.abs(A).max()
     desired = rp.RepeatableInverse(panda_pose, fields.weighted(A))
-    design = rp.nearest_repeatable(desired, fields, box, samples=1024, fresh=1024)
+    design = rp.nearest_repeatable(desired, fields, box, samples=1024, held_out=1024)
     assert design.cost < 1e-13 and design.converged
     Q = box.random(64, 9)
     assert np.abs(design.inverse.batch(Q) - desired.batch(Q)).max() < 1e-7
@@ -221,10 +223,10 @@ class Mixed:
 
 
 @pytest.mark.parametrize("kind", ["pose", "position"])
-def test_the_optimum_does_not_depend_on_the_basis_nor_on_the_block(panda: rp.Robot, kind: str) -> None:
+def test_the_optimum_does_not_depend_on_the_basis_nor_on_the_batch(panda: rp.Robot, kind: str) -> None:
     task = panda.task("panda_hand_tcp", kind)
     desired, box, fields = rp.Pseudoinverse(task), rp.Box(Q0, 0.4), rp.Polynomial(Q0, 2, 0.4)
-    options = {"samples": 2048, "fresh": 256, "tolerance": 1e-10}
+    options = {"samples": 2048, "held_out": 256, "tolerance": 1e-10}
     plain = rp.nearest_repeatable(desired, fields, box, **options)
     rng = np.random.default_rng(0)
     M = rng.normal(size=(fields.size, fields.size)) * 10 ** rng.uniform(-2, 2, fields.size)
@@ -233,7 +235,7 @@ def test_the_optimum_does_not_depend_on_the_basis_nor_on_the_block(panda: rp.Rob
     for other in (
         rp.nearest_repeatable(desired, Mixed(fields, M), box, **options),
         rp.nearest_repeatable(desired, rp.Polynomial(Q0 + 0.1, 2, 1.3), box, **options),  # the same polynomials
-        rp.nearest_repeatable(desired, fields, box, block=97, **options),
+        rp.nearest_repeatable(desired, fields, box, batch=97, **options),
         rp.nearest_repeatable(desired, fields, box, stream=True, **options),
     ):
         assert np.isclose(other.fit_cost, plain.fit_cost, rtol=1e-8)
@@ -242,14 +244,14 @@ def test_the_optimum_does_not_depend_on_the_basis_nor_on_the_block(panda: rp.Rob
 
 def test_the_same_seed_is_the_same_design(panda: rp.Robot) -> None:
     first, again, other = (
-        panda_design_of(panda, "pose", 0.4, 2, samples=1024, fresh=256, seed=seed) for seed in (3, 3, 4)
+        panda_design_of(panda, "pose", 0.4, 2, samples=1024, held_out=256, seed=seed) for seed in (3, 3, 4)
     )
     assert np.array_equal(first.coefficients, again.coefficients) and first.cost == again.cost
     assert not np.array_equal(first.coefficients, other.coefficients)
 
 
 def test_restarts_never_make_it_worse(panda: rp.Robot) -> None:
-    plain, more = (panda_design_of(panda, "axis", 0.4, 1, samples=1024, fresh=256, restarts=k) for k in (0, 2))
+    plain, more = (panda_design_of(panda, "axis", 0.4, 1, samples=1024, held_out=256, restarts=k) for k in (0, 2))
     assert more.fit_cost <= plain.fit_cost * (1 + 1e-9)
 
 
@@ -260,7 +262,7 @@ def test_designs_are_compared_on_common_nodes(panda: rp.Robot, panda_design: rp.
     more, error = comparison.differences[1]
     assert np.isclose(more, panda_design.cost - linear.cost, rtol=0.02) and 0 < error < linear.cost_error + 1e-3
     assert "35" in str(comparison) and "7" in str(comparison)
-    other = panda_design_of(panda, "axis", 0.3, 1, samples=512, fresh=64)
+    other = panda_design_of(panda, "axis", 0.3, 1, samples=512, held_out=64)
     with pytest.raises(rp.InputError, match="different tasks"):
         rp.compare(linear, other)
 
@@ -280,9 +282,9 @@ def test_any_inverse_can_be_desired(panda_pose: rp.Task, weight: str) -> None:
         "extended": lambda: rp.ExtendedJacobian(task, Q0),
         "custom": lambda: rp.CustomInverse(task, lambda q: np.linalg.pinv(task.jacobian(q))),
     }[weight]()
-    design = rp.nearest_repeatable(desired, None, box, degree=2, samples=1024, fresh=1024)
+    design = rp.nearest_repeatable(desired, None, box, degree=2, samples=1024, held_out=1024)
     assert design.converged and design.leaf_margin > 0.3 and design.relative_distance < 0.15
-    plain = rp.nearest_repeatable(rp.Pseudoinverse(task), None, box, degree=2, samples=1024, fresh=1024)
+    plain = rp.nearest_repeatable(rp.Pseudoinverse(task), None, box, degree=2, samples=1024, held_out=1024)
     Q = box.random(256, 3)
     G_d = desired.batch(Q)
 
@@ -312,12 +314,12 @@ def test_limit_weight_is_smooth_one_in_the_middle_and_grows(panda_pose: rp.Task)
 def test_a_singularity_of_V_is_refused_with_the_largest_free_box_and_shrink_takes_it(panda_pose: rp.Task) -> None:
     desired, box = rp.Pseudoinverse(panda_pose), rp.Box(Q0, 1.4)
     with pytest.raises(rp.SingularRegionError, match="shrink=True") as error:
-        rp.nearest_repeatable(desired, None, box, degree=1, samples=2048, fresh=2048)
+        rp.nearest_repeatable(desired, None, box, degree=1, samples=2048, held_out=2048)
     found = error.value
     assert "\n" not in str(found) and "panda_joint1 = " in str(found)
     assert box.contains(found.at[None])[0]
     assert isinstance(found.free, rp.Box) and 0 < found.free.half_width[0] < 1.4
-    design = rp.nearest_repeatable(desired, None, box, degree=1, samples=2048, fresh=2048, shrink=True)
+    design = rp.nearest_repeatable(desired, None, box, degree=1, samples=2048, held_out=2048, shrink=True)
     assert design.leaf_margin > 0 and 0.1 < design.shrunk < 1
     assert np.allclose(design.region.half_width, 1.4 * design.shrunk)
 
@@ -349,7 +351,7 @@ def nan_beyond(q: np.ndarray) -> float:
         (lambda t: rp.nearest_repeatable(rp.Pseudoinverse(t), None, rp.Box(Q0, 0.4), degree=2, samples=0), "samples"),
         (lambda t: rp.nearest_repeatable(rp.Pseudoinverse(t), None, rp.Box(Q0, 0.4), degree="cubic"), "auto"),
         (lambda t: rp.nearest_repeatable(rp.Pseudoinverse(t), None, rp.Box(Q0, 0.4)), "either fields"),
-        (lambda t: rp.nearest_repeatable(rp.Pseudoinverse(t), None, rp.Box(Q0, 0.4), degree=1, block=0), "block"),
+        (lambda t: rp.nearest_repeatable(rp.Pseudoinverse(t), None, rp.Box(Q0, 0.4), degree=1, batch=0), "batch"),
         (
             lambda t: rp.nearest_repeatable(
                 rp.CustomInverse(t, lambda q: 1.01 * np.linalg.pinv(t.jacobian(q))), None, rp.Box(Q0, 0.4), degree=1
@@ -416,7 +418,7 @@ def test_maps_hold_what_the_inverses_do(panda_design: rp.Design) -> None:
 
 
 def test_the_curve_and_the_figure_hold_the_costs(panda: rp.Robot) -> None:
-    design = panda_design_of(panda, "pose", 0.4, 2, samples=1024, fresh=1024)
+    design = panda_design_of(panda, "pose", 0.4, 2, samples=1024, held_out=1024)
     degrees = degree_curve(design)
     assert [d for d, _, _ in degrees] == [1, 2] and degrees[1][1] == design.cost < degrees[0][1]
     figure = design_figure(design, design_map(design, points=5), degrees, title="title")

@@ -117,12 +117,12 @@ def test_maps_hold_their_arrays(study: rp.Study) -> None:
     q = study.design.region.center.copy()
     q[i], q[j] = maps.design.x[2], maps.design.y[7]
     G, J, dG = study.design.desired(q), study.task.jacobian(q), np.empty((4, 2, 4))
-    for k in range(4):  # the defect from finite differences of G, and Λ = Ω_12 / area of the columns
+    for k in range(4):  # the defect from finite differences of G, and Λ = Δ_12 / area of the columns
         step = 1e-5 * np.eye(4)[k]
         dG[:, :, k] = (study.design.desired(q + step) - study.design.desired(q - step)) / 2e-5
     bracket = np.einsum("ik,k->i", dG[:, 1], G[:, 0]) - np.einsum("ik,k->i", dG[:, 0], G[:, 1])
-    omega = (np.eye(4) - G @ J) @ bracket
-    assert maps.defect[7, 2] == pytest.approx(np.linalg.norm(omega) / np.sqrt(np.linalg.det(G.T @ G)), rel=1e-6)
+    delta = (np.eye(4) - G @ J) @ bracket
+    assert maps.defect[7, 2] == pytest.approx(np.linalg.norm(delta) / np.sqrt(np.linalg.det(G.T @ G)), rel=1e-6)
     ax = joint_map(axes(), study.task, (i, j), maps.design.x, maps.design.y, maps.defect, label="defect")
     mesh = ax.collections[0]
     np.testing.assert_array_equal(mesh.get_array().reshape(9, 9), maps.defect)

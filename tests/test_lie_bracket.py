@@ -82,8 +82,8 @@ def test_the_formula_and_differences_agree_within_their_error(name: str, kind: s
     gap = np.abs(exact.dG - rough.dG).max(axis=(1, 2))
     assert (gap <= exact.error + rough.error).all()  # honest
     assert (rough.error < 1e-7 * np.abs(exact.dG).max()).all()  # and accurate
-    omega = measure(rp.Pseudoinverse(task), Q).omega
-    assert np.abs(omega - defects(rough.J, rough.G, rough.dG)).max() < 1e-7 * np.abs(omega).max()
+    delta = measure(rp.Pseudoinverse(task), Q).delta
+    assert np.abs(delta - defects(rough.J, rough.G, rough.dG)).max() < 1e-7 * np.abs(delta).max()
 
 
 def test_the_transpose_gives_the_same_verdict(tmp_path: Path) -> None:
@@ -93,9 +93,9 @@ def test_the_transpose_gives_the_same_verdict(tmp_path: Path) -> None:
     J, H = task.jacobian(q), task.hessian(q)
     onto_null = np.eye(6) - np.linalg.pinv(J) @ J
     of_transpose = brackets(J.T, swapped(H)) @ onto_null
-    omega = measure(rp.Pseudoinverse(task), q[None]).omega[0]
+    delta = measure(rp.Pseudoinverse(task), q[None]).delta[0]
     gram = J @ J.T  # Jᵀ = J⁺ (J Jᵀ)
-    assert np.allclose(of_transpose, np.einsum("pa,qb,pqi->abi", gram, gram, omega), atol=1e-12)
+    assert np.allclose(of_transpose, np.einsum("pa,qb,pqi->abi", gram, gram, delta), atol=1e-12)
     assert np.abs(of_transpose).max() > 1e-2
 
 
@@ -112,7 +112,7 @@ def test_the_curl_form_is_the_bracket_form() -> None:
 
 
 def test_a_weighted_inverse_has_the_defect_of_the_pseudoinverse_in_its_own_coordinates() -> None:
-    """Ω_q = T Ω_ψ: differences of J⁺_M against the formula for J⁺ in ψ, M = (T Tᵀ)⁻¹."""
+    """Δ_q = T Δ_ψ: differences of J⁺_M against the formula for J⁺ in ψ, M = (T Tᵀ)⁻¹."""
     task = rp.Robot.load("panda").task(None, "pose")
     T = np.eye(7) + 0.3 * np.random.default_rng(5).normal(size=(7, 7))
     q = task.reference + 0.1
@@ -136,15 +136,15 @@ def test_the_potentials_second_derivatives(panda_pose: rp.Task, q_panda: np.ndar
 
 def test_panda_drifts_as_the_small_loop_law_says(panda_pose: rp.Task, q_panda: np.ndarray) -> None:
     plain = rp.Pseudoinverse(panda_pose)
-    omega = rp.bracket_defect(plain, q_panda)[0]
-    assert abs(np.linalg.norm(omega) - 6.986) < 5e-4
-    assert np.isclose(rp.drift_per_area(plain, q_panda)[0, 1], np.linalg.norm(omega), rtol=1e-12)
+    delta = rp.bracket_defect(plain, q_panda)[0]
+    assert abs(np.linalg.norm(delta) - 6.986) < 5e-4
+    assert np.isclose(rp.drift_per_area(plain, q_panda)[0, 1], np.linalg.norm(delta), rtol=1e-12)
     rest = []
     for side in (0.02, 0.01, 0.005):
         corners = [[side, 0, 0], [side, side, 0], [0, side, 0]]  # a → b → −a → −b
         motion = rp.follow(plain, rp.polygon(panda_pose, q_panda, corners), q_panda, cycles=1, steps=40)
-        rest.append(np.linalg.norm((motion.q[-1] - q_panda) / side**2 - omega))
-    assert rest[-1] < 0.02 * np.linalg.norm(omega)
+        rest.append(np.linalg.norm((motion.q[-1] - q_panda) / side**2 - delta))
+    assert rest[-1] < 0.02 * np.linalg.norm(delta)
     assert all(1.8 < a / b < 2.2 for a, b in pairwise(rest))  # first order in the side
 
 
@@ -160,10 +160,10 @@ def test_designed_inverses_have_no_defect_where_the_pseudoinverse_has(name: str,
     fields = rp.Polynomial(center, 2, box.half_width, variables=variables)
     inverse = rp.nearest_repeatable(plain, fields, box, samples=2048).inverse
     Q = box.random(8, 1)
-    assert np.abs(measure(plain, Q).omega).max(axis=(1, 2, 3)).min() > 1e-2
-    assert np.abs(measure(inverse, Q).omega).max() < 1e-8
+    assert np.abs(measure(plain, Q).delta).max(axis=(1, 2, 3)).min() > 1e-2
+    assert np.abs(measure(inverse, Q).delta).max() < 1e-8
     # by differences too, which know nothing of potentials
-    assert np.abs(measure(rp.CustomInverse(task, inverse), Q).omega).max() < 1e-8
+    assert np.abs(measure(rp.CustomInverse(task, inverse), Q).delta).max() < 1e-8
     verdict = rp.is_repeatable(inverse, box, samples=32)
     assert verdict and verdict.exact and verdict.defect <= verdict.tolerance < 1e-8
     assert not rp.is_repeatable(plain, box, samples=32)
@@ -176,13 +176,13 @@ def test_the_relative_defect_is_free_of_units_and_axes(
     turned = q_panda + np.array([0.7, 0, 0, 0, 0, 0, 0])  # turns the world axes under the arm
     here, there = measure(plain, q_panda[None]), measure(plain, turned[None])
     assert np.isclose(here.norm[0], there.norm[0], rtol=1e-10)
-    a, b = (np.linalg.norm(m.omega[0, :3, :3], axis=-1) for m in (here, there))
+    a, b = (np.linalg.norm(m.delta[0, :3, :3], axis=-1) for m in (here, there))
     assert np.abs(a - b).max() > 0.1
     q = np.array([0.3, 0.8, -1.1])
     metres, millimetres = planar_task([1, 0.7, 0.5], tmp_path), planar_task([1000, 700, 500], tmp_path)
     a, b = (measure(rp.Pseudoinverse(task), q[None]) for task in (metres, millimetres))
     assert np.isclose(a.norm[0], b.norm[0], rtol=1e-9)
-    assert np.allclose(a.omega, b.omega * 1e6, rtol=1e-9)
+    assert np.allclose(a.delta, b.delta * 1e6, rtol=1e-9)
     pairs = rp.bracket_defect(rp.Pseudoinverse(metres), q, relative=True)
     assert np.isclose(np.linalg.norm(pairs), a.norm[0])
 

@@ -40,7 +40,7 @@ def test_weighted_sum_is_the_sum() -> None:
 def test_functions_design_like_the_polynomials_they_are(panda_pose: rp.Task) -> None:
     box, desired = rp.Box(Q0, 0.3), rp.Pseudoinverse(panda_pose)
     linear = rp.Potentials([(lambda q, i=i: q[i], lambda q, i=i: np.eye(7)[i]) for i in range(7)])
-    options = {"samples": 512, "fresh": 512}
+    options = {"samples": 512, "held_out": 512}
     ours = rp.nearest_repeatable(desired, linear, box, **options)
     theirs = rp.nearest_repeatable(desired, rp.Polynomial(Q0, 1, 0.3), box, **options)
     assert np.isclose(ours.cost, theirs.cost, rtol=1e-6)
@@ -48,7 +48,7 @@ def test_functions_design_like_the_polynomials_they_are(panda_pose: rp.Task) -> 
 
 def test_dependent_potentials_are_dropped_by_name(panda_pose: rp.Task) -> None:
     box, desired = rp.Box(Q0, 0.3), rp.Pseudoinverse(panda_pose)
-    options = {"samples": 512, "fresh": 512}
+    options = {"samples": 512, "held_out": 512}
     base = rp.Polynomial(Q0, 1, 0.3)
     extra = rp.Potentials(
         [
@@ -73,7 +73,7 @@ def test_potentials_in_the_row_space_are_dropped_by_name(panda: rp.Robot) -> Non
     height = rp.Potentials(
         [(lambda q: task.placement(q).translation[2], lambda q: task.jacobian(q)[2])], names=["height"]
     )
-    options = {"samples": 512, "fresh": 512}
+    options = {"samples": 512, "held_out": 512}
     design = rp.nearest_repeatable(
         rp.Pseudoinverse(task), rp.Polynomial(Q0, 1, 0.2) + height, rp.Box(Q0, 0.2), **options
     )

@@ -13,7 +13,7 @@ import repctl_pin as rp
 from repctl_pin.design import criterion, workers
 
 Q0 = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
-OPTIONS = {"degree": 2, "samples": 2048, "fresh": 256, "block": 128}
+OPTIONS = {"degree": 2, "samples": 2048, "held_out": 256, "batch": 128}
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +52,7 @@ def test_threads_give_the_same_design(panda: rp.Robot, alone: rp.Design) -> None
 
 def test_few_nodes_first_then_all(panda: rp.Robot, processes: Executor) -> None:
     """16384 nodes start from the optimum on 4096."""
-    many = {"samples": 16384, "degree": 1, "block": 1024}
+    many = {"samples": 16384, "degree": 1, "batch": 1024}
     one = design(panda, **many)
     assert same(design(panda, executor=processes, **many), one)
     assert one.converged and one.samples == 16384
@@ -68,28 +68,28 @@ def test_a_cluster_gives_the_same_design(panda: rp.Robot, alone: rp.Design) -> N
         assert same(design(panda, executor=client, stream=True), alone)
 
 
-def test_blocks_stay_with_the_workers_and_are_rebuilt_when_lost(panda: rp.Robot) -> None:
+def test_batches_stay_with_the_workers_and_are_rebuilt_when_lost(panda: rp.Robot) -> None:
     task = panda.task("panda_hand_tcp", "pose")
     box, fields = rp.Box(Q0, 0.4), rp.Polynomial(Q0, 1, 0.4)
     N = criterion.oriented_nullspace(task.jacobian(Q0)[None], task, Q0[None])[0]
     builder = criterion.Builder(rp.Pseudoinverse(task), fields, np.arange(7), N)
     Q, w = box.nodes(512, 0)
     with ThreadPoolExecutor(1) as pool:
-        blocks = workers.hand_out(builder, Q, w, 64, pool)
-        first = blocks.total(criterion.cost, N)
-        held = pool.submit(lambda: dict(workers._held.blocks)).result()
+        batches = workers.hand_out(builder, Q, w, 64, pool)
+        first = batches.total(criterion.cost, N)
+        held = pool.submit(lambda: dict(workers._held.batches)).result()
         assert sorted(held) == list(range(8)) and all(len(pieces) == 1 for pieces in held.values())
         pool.submit(_drop_one).result()
-        again = blocks.total(criterion.cost, N)
+        again = batches.total(criterion.cost, N)
         assert again == first
-        kept = pool.submit(lambda: dict(workers._held.blocks)).result()
+        kept = pool.submit(lambda: dict(workers._held.batches)).result()
         assert sum(kept[i][0] is held[i][0] for i in held) == 7 and sorted(kept) == sorted(held)
-        blocks.close()
-        assert pool.submit(lambda: dict(workers._held.blocks)).result() == {}
+        batches.close()
+        assert pool.submit(lambda: dict(workers._held.batches)).result() == {}
 
 
 def _drop_one() -> None:
-    workers._held.blocks.pop(3)
+    workers._held.batches.pop(3)
 
 
 def test_what_cannot_be_sent_is_refused_before_any_work(panda_pose: rp.Task, processes: Executor) -> None:
@@ -107,7 +107,13 @@ def test_an_error_on_a_worker_arrives(panda: rp.Robot, processes: Executor) -> N
     task = panda.task("panda_hand_tcp", "pose")
     with pytest.raises(rp.InputError, match="_nan_in_a_corner is nan"):
         rp.nearest_repeatable(
-            rp.Pseudoinverse(task), class_free, rp.Box(Q0, 0.4), samples=4096, fresh=64, block=128, executor=processes
+            rp.Pseudoinverse(task),
+            class_free,
+            rp.Box(Q0, 0.4),
+            samples=4096,
+            held_out=64,
+            batch=128,
+            executor=processes,
         )
 
 

@@ -22,7 +22,7 @@ def small(panda_pose: rp.Task) -> rp.Design:
     from arms import Q_PANDA
 
     plain = rp.Pseudoinverse(panda_pose)
-    return rp.nearest_repeatable(plain, rp.Polynomial(Q_PANDA, 1, 0.3), rp.Box(Q_PANDA, 0.3), samples=256, fresh=256)
+    return rp.nearest_repeatable(plain, rp.Polynomial(Q_PANDA, 1, 0.3), rp.Box(Q_PANDA, 0.3), samples=256, held_out=256)
 
 
 @pytest.fixture
@@ -81,7 +81,7 @@ def test_every_kind_of_field_region_desired_inverse_and_task(tmp_path, panda, pa
     absolute = absolute.in_coordinates(rp.absolute_angles(absolute))
     center = np.array([0.3, 1.0, 1.8, 2.5])
     design = rp.nearest_repeatable(
-        rp.Pseudoinverse(absolute), rp.Polynomial(center, 1), rp.Box(center, 0.2), samples=256, fresh=256
+        rp.Pseudoinverse(absolute), rp.Polynomial(center, 1), rp.Box(center, 0.2), samples=256, held_out=256
     )
     loaded = rp.load(rp.save(design, tmp_path / "psi.json"))
     same(design, loaded)
@@ -131,7 +131,7 @@ def test_a_urdf_that_was_changed_is_refused(tmp_path) -> None:
     task = rp.Robot.load(file).task("tool", "xy")
     center = np.array([0.3, 0.8, 0.8])
     design = rp.nearest_repeatable(
-        rp.Pseudoinverse(task), rp.Polynomial(center, 1), rp.Box(center, 0.2), samples=256, fresh=256
+        rp.Pseudoinverse(task), rp.Polynomial(center, 1), rp.Box(center, 0.2), samples=256, held_out=256
     )
     saved = rp.save(design, tmp_path / "arm.json")
     same(design, rp.load(saved, task))

@@ -62,9 +62,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--fourier", type=whole, metavar="K", help="add sines and cosines of up to K turns of the revolute joints"
     )
     parser.add_argument("--samples", type=whole, help="nodes of the fit (default: as many as the unknowns ask for)")
-    parser.add_argument("--fresh", type=whole, default=16384, help="nodes of the judgement (default 16384)")
+    parser.add_argument("--held-out", type=whole, default=16384, help="nodes of the judgement (default 16384)")
     parser.add_argument("--restarts", type=int, default=0, metavar="K", help="further starts of the optimiser")
-    parser.add_argument("--stream", action="store_true", help="do not keep the blocks of nodes in memory")
+    parser.add_argument("--stream", action="store_true", help="do not keep the nodes in memory")
     parser.add_argument("--processes", type=whole, default=1, metavar="P", help="spread the work (default 1)")
     parser.add_argument("--dask", metavar="ADDRESS", help="spread it over a Dask cluster, by its scheduler's address")
     parser.add_argument("--seed", type=int, default=0, help="seed of all nodes (default 0)")
@@ -110,7 +110,7 @@ def _run(options: argparse.Namespace, folder: Path) -> int:
                 place.region,
                 degree=degree if fields is None else None,
                 samples=options.samples,
-                fresh=options.fresh,
+                held_out=options.held_out,
                 seed=options.seed,
                 stream=options.stream,
                 executor=executor,
@@ -218,7 +218,7 @@ def _as_dict(design: Design, degrees: Any, name: str, place: Place, notes: list[
         "converged": design.converged,
         "steps": design.steps,
         "samples": design.samples,
-        "fresh": design.fresh,
+        "held_out": design.held_out,
         "seed": design.seed,
         "baselines": {
             b.name: {"refused": b.refused}

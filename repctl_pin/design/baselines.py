@@ -54,7 +54,7 @@ def constant_rows(task: Task, center: Array) -> RepeatableInverse:
 
 
 def baselines(desired: Inverse, region: Region, *, samples: int, seed: int) -> tuple[Baseline, ...]:
-    """Judge constant rows, and the extended Jacobian of ``U = ½ ‖q − center‖²``, on the same fresh nodes."""
+    """Judge constant rows, and the extended Jacobian of ``U = ½ ‖q − center‖²``, on the same held-out nodes."""
     task, center = desired.task, region.center
     found = []
     for name, inverse in (

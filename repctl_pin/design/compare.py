@@ -1,4 +1,4 @@
-"""Several designs side by side, on the same fresh nodes."""
+"""Several designs side by side, on the same held-out nodes."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Comparison:
 
 
 def compare(first: Design, *others: Design) -> Comparison:
-    """Judge designs on the same fresh nodes of the first one's Ω.
+    """Judge designs on the same held-out nodes of the first one's Ω.
 
     Returns
     -------
@@ -80,7 +80,9 @@ def compare(first: Design, *others: Design) -> Comparison:
     for design in designs:
         try:
             judgements.append(
-                judge(design.inverse, first.desired, first.region, samples=first.fresh, seed=first.seed + 1, free=False)
+                judge(
+                    design.inverse, first.desired, first.region, samples=first.held_out, seed=first.seed + 1, free=False
+                )
             )
         except SingularityError:
             judgements.append(None)

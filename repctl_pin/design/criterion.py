@@ -1,7 +1,7 @@
-"""The cost of a choice of potentials, its gradient and its Gauss–Newton matrix, on blocks of nodes.
+"""The cost of a choice of potentials, its gradient and its Gauss–Newton matrix, on batches of nodes.
 
 Everything that depends on the arm is in E and F, built once (34), (36), (38). After that an evaluation is
-dense linear algebra. Each function here takes one block and returns sums that add up over blocks.
+dense linear algebra. Each function here takes one batch and returns sums that add up over batches.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Block:
+class Batch:
     """What the criterion needs of K nodes.
 
     With D = [∇h_1 … ∇h_N] at a node: ``E = Nᵀ D`` (r, N) and ``F = G_dᵀ D`` (m, N). Then for ``V = D A``
@@ -36,7 +36,7 @@ class Block:
     toward : (K, r, r) array
         ``Nᵀ N(center)``: the null space's own field, seen in the basis N.
     weights : (K,) array
-        Quadrature weights, summing to 1 over all blocks.
+        Quadrature weights, summing to 1 over all batches.
     r : int
     """
 
@@ -58,7 +58,7 @@ class Block:
 
 @dataclass(frozen=True)
 class Builder:
-    """What it takes to build blocks anywhere, in another process too: it pickles.
+    """What it takes to build batches anywhere, in another process too: it pickles.
 
     Attributes
     ----------
@@ -75,7 +75,7 @@ class Builder:
     kept: NDArray[np.intp]
     N_center: Array
 
-    def __call__(self, Q: Array, weights: Array) -> Block:
+    def __call__(self, Q: Array, weights: Array) -> Batch:
         """Evaluate the arm at K nodes Q (K, n) and keep what the criterion needs of it."""
         task = self.desired.task
         N, G, D = evaluate(self.desired, self.fields, Q)
@@ -83,7 +83,7 @@ class Builder:
             D = D[..., self.kept]
         N_T = np.swapaxes(N, -1, -2)
         B_T = np.concatenate([N_T, np.swapaxes(G, -1, -2)], axis=1)  # (K, n, n)
-        return Block(B_T @ D, N_T @ self.N_center, weights, task.r)
+        return Batch(B_T @ D, N_T @ self.N_center, weights, task.r)
 
 
 def evaluate(desired: Inverse, fields: Field, Q: Array) -> tuple[Array, Array, Array]:
@@ -145,7 +145,7 @@ class Sides:
 
     @classmethod
     def of(cls, determinants: Array) -> Sides:
-        """Count the signs of det(E A) over a block."""
+        """Count the signs of det(E A) over a batch."""
         up = determinants > 0
         positive = int(np.count_nonzero(up))
         return cls(
@@ -162,7 +162,7 @@ class Sides:
 
 
 def gather(sides: Sequence[Sides], starts: Sequence[int]) -> Sides:
-    """Put the sides of blocks together; ``starts`` are the numbers of their first nodes."""
+    """Put the sides of batches together; ``starts`` are the numbers of their first nodes."""
 
     def first(which: str) -> int:
         return next((s + getattr(b, which) for b, s in zip(sides, starts, strict=True) if getattr(b, which) >= 0), -1)
@@ -172,21 +172,21 @@ def gather(sides: Sequence[Sides], starts: Sequence[int]) -> Sides:
     )
 
 
-def linear(b: Block) -> tuple[Array, Array, Array]:
+def linear(b: Batch) -> tuple[Array, Array, Array]:
     """Sum what the linear start needs: ``mean EᵀE``, ``mean FᵀF`` (N, N) and ``mean Eᵀ NᵀN(center)`` (N, r)."""
     root = np.sqrt(b.weights)[:, None, None]
     E, F = (b.E * root).reshape(-1, b.EF.shape[-1]), (b.F * root).reshape(-1, b.EF.shape[-1])
     return E.T @ E, F.T @ F, E.T @ (b.toward * root).reshape(-1, b.r)
 
 
-def cost(b: Block, A: Array) -> tuple[float, Sides]:
-    """Evaluate this block's part of ``C(A) = mean ‖F A (E A)⁻¹‖_F²`` (34), (36), (38), and its sides."""
+def cost(b: Batch, A: Array) -> tuple[float, Sides]:
+    """Evaluate this batch's part of ``C(A) = mean ‖F A (E A)⁻¹‖_F²`` (34), (36), (38), and its sides."""
     X, _, sides = _difference(b, A)
     return float(b.weights @ np.sum(X**2, axis=(1, 2))), sides
 
 
-def gauss_newton(b: Block, A: Array) -> tuple[float, Array, Array, Sides]:
-    """Evaluate this block's part of C(A), of half its gradient (N, r), and of the Gauss–Newton matrix (r, N, r, N).
+def gauss_newton(b: Batch, A: Array) -> tuple[float, Array, Array, Sides]:
+    """Evaluate this batch's part of C(A), of half its gradient (N, r), and of the Gauss–Newton matrix (r, N, r, N).
 
     ``½ ∂C/∂A = mean Lᵀ X P⁻ᵀ`` with P = E A, X = F A P⁻¹, ``L = F − X E``. To first order
     ``dX = L dA P⁻¹``, so that ``mean ‖dX‖² = Σ_jj' dA[:, j]ᵀ (mean S[j, j'] LᵀL) dA[:, j']`` with
@@ -211,10 +211,10 @@ def gauss_newton(b: Block, A: Array) -> tuple[float, Array, Array, Sides]:
     return total, gradient, matrix, sides
 
 
-def cost_and_gradient(blocks: Sequence[Block], A: Array) -> tuple[float, Array]:
-    """Evaluate C(A) and its gradient ``∂C/∂A = 2 mean (F − X E)ᵀ X P⁻ᵀ`` over blocks: what an optimiser asks for."""
+def cost_and_gradient(batches: Sequence[Batch], A: Array) -> tuple[float, Array]:
+    """Evaluate C(A) and its gradient ``∂C/∂A = 2 mean (F − X E)ᵀ X P⁻ᵀ`` over batches: what an optimiser asks for."""
     total, gradient = 0.0, np.zeros_like(A)
-    for b in blocks:
+    for b in batches:
         X, P_inv, _ = _difference(b, A)
         total += float(b.weights @ np.sum(X**2, axis=(1, 2)))
         right = X @ np.swapaxes(P_inv, -1, -2) * b.weights[:, None, None]
@@ -227,7 +227,7 @@ def named(task: Task, q: Array) -> str:
     return ", ".join(f"{name} = {value:.3f}" for name, value in zip(task.joint_names, q, strict=True))
 
 
-def _difference(b: Block, A: Array) -> tuple[Array, Array, Sides]:
+def _difference(b: Batch, A: Array) -> tuple[Array, Array, Sides]:
     """``X = F A P⁻¹ = −(W_r − W_d)`` (38), P⁻¹, and the sides of det P, P = E A."""
     K, n, size = b.EF.shape
     EFA = (b.EF.reshape(-1, size) @ A).reshape(K, n, -1)

@@ -1,4 +1,4 @@
-"""From a linear start to the optimum: Gauss–Newton on subspaces, over whatever holds the blocks."""
+"""From a linear start to the optimum: Gauss–Newton on subspaces, over whatever holds the batches."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from . import criterion
-from .blocks import Blocks
+from .batches import Batches
 from .criterion import Sides
 
 Array = NDArray[np.float64]
@@ -68,17 +68,17 @@ class Start:
     toward: Array
 
 
-def start(blocks: Blocks, basis: Array) -> Start:
+def start(batches: Batches, basis: Array) -> Start:
     """Solve the linear problem that brings V closest to the null space's own field.
 
     ``min_A mean ε ‖F A‖² + ‖E A − Nᵀ N(center)‖²``: V should be N R with R = Nᵀ N(center), a smooth gauge,
     and have no part along G_d. ε = 1, or less where that runs into an algorithmic singularity.
     """
-    EE, FF, toward = blocks.total(criterion.linear)
+    EE, FF, toward = batches.total(criterion.linear)
     found = None
     for emphasis in _EMPHASIS:
         A = basis @ _solve(basis.T @ (EE + emphasis * FF) @ basis, basis.T @ toward)
-        cost, sides = blocks.total(criterion.cost, A)
+        cost, sides = batches.total(criterion.cost, A)
         found = found or Start(A, sides, cost, EE, toward)
         if sides.clear:
             return Start(A, sides, cost, EE, toward)
@@ -87,7 +87,7 @@ def start(blocks: Blocks, basis: Array) -> Start:
 
 
 def descend(
-    blocks: Blocks,
+    batches: Batches,
     basis: Array,
     begin: Start,
     A: Array,
@@ -114,7 +114,7 @@ def descend(
         return tau * float(np.sum(C * (EE @ C)) - 2 * np.sum(C * toward))
 
     def evaluate(C: Array) -> tuple[float, float, Array, Array, Sides]:
-        cost, gradient, matrix, sides = blocks.total(criterion.gauss_newton, basis @ C)
+        cost, gradient, matrix, sides = batches.total(criterion.gauss_newton, basis @ C)
         return cost + closeness(C), cost, basis.T @ gradient + tau * (EE @ C - toward), matrix, sides
 
     C = scipy.linalg.solve_triangular(basis, A)
@@ -150,7 +150,7 @@ def descend(
                 found = evaluate(trial)
                 value, clear = found[0], found[4].clear
             else:
-                value, around = blocks.total(criterion.cost, basis @ trial)
+                value, around = batches.total(criterion.cost, basis @ trial)
                 value, clear = value + closeness(trial), around.clear
             if clear and value < total - 1e-4 * length * predicted:
                 break

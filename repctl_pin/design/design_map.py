@@ -68,7 +68,7 @@ def design_map(design: Design, joints: tuple[int, int] | None = None, *, points:
 def degree_curve(
     design: Design, report: Callable[[str, float], None] = lambda what, share: None
 ) -> tuple[tuple[int, float, float], ...]:
-    """Cost on the same fresh nodes against the degree of the polynomials, up to the design's own.
+    """Cost on the same held-out nodes against the degree of the polynomials, up to the design's own.
 
     Returns
     -------
@@ -90,7 +90,7 @@ def degree_curve(
         if lower.size < design.task.r:
             continue
         try:
-            one = nearest_repeatable(design.desired, lower, design.region, fresh=design.fresh, seed=design.seed)
+            one = nearest_repeatable(design.desired, lower, design.region, held_out=design.held_out, seed=design.seed)
         except SingularityError:
             continue
         found.append((degree, one.cost, one.cost_error))

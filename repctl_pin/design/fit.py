@@ -16,7 +16,7 @@ from ..regions import Region
 from ..strategies.repeatable import RepeatableInverse
 from ..strategies.strategy import Inverse
 from . import criterion
-from .blocks import Blocks, Local
+from .batches import Batches, Local
 from .criterion import Builder, evaluate, oriented_nullspace
 from .descend import Descent, descend, start
 from .independence import Independent, independent
@@ -47,9 +47,9 @@ def fit(
     *,
     report: Report,
     samples: int | None,
-    fresh: int,
+    held_out: int,
     seed: int,
-    block: int,
+    batch: int,
     stream: bool,
     executor: Executor | Client | None,
     restarts: int,
@@ -81,18 +81,18 @@ def fit(
     N_center = oriented_nullspace(task.jacobian(region.center)[None], task, region.center[None])[0]
     builder = Builder(desired, fields, chosen.kept, N_center)
 
-    def blocks_of(Q: Array, weights: Array, where: Executor | Client | None) -> Blocks:
+    def batches_of(Q: Array, weights: Array, where: Executor | Client | None) -> Batches:
         def tick(share: float) -> None:
             report(f"{len(Q)} nodes", share)
 
         if where is None:
-            return Local(builder, Q, weights, block, stream=stream, tick=tick)
-        return hand_out(builder, Q, weights, block, where, stream=stream, tick=tick)
+            return Local(builder, Q, weights, batch, stream=stream, tick=tick)
+        return hand_out(builder, Q, weights, batch, where, stream=stream, tick=tick)
 
     def step(number: int, cost: float) -> None:
         report(f"step {number}, cost {cost:.6g}", 1.0)
 
-    coarse = blocks_of(Q_few, w_few, executor if len(Q_few) == len(Q) else None)
+    coarse = batches_of(Q_few, w_few, executor if len(Q_few) == len(Q) else None)
     fine = coarse
     try:
         begin = start(coarse, chosen.basis)
@@ -118,7 +118,7 @@ def fit(
             penalties = _PENALTIES[-1:]
             near = rough(penalties[0])
         if len(Q_few) < len(Q):
-            fine = blocks_of(Q, weights, executor)
+            fine = batches_of(Q, weights, executor)
         for penalty in penalties:
             result = descend(fine, chosen.basis, begin, near.A, penalty=penalty, tolerance=tolerance, report=step)
             result = replace(result, steps=result.steps + near.steps)
@@ -127,9 +127,9 @@ def fit(
                 if last:
                     raise _crossing(desired, fields, chosen, result.A, region, Q, result.sides)
                 continue
-            report("judging on fresh nodes", 0.0)
+            report("judging on held-out nodes", 0.0)
             try:
-                return _judged(desired, fields, region, chosen, result, len(Q), fresh, seed, last)
+                return _judged(desired, fields, region, chosen, result, len(Q), held_out, seed, last)
             except SingularRegionError:
                 if last:
                     raise
@@ -146,16 +146,16 @@ def _judged(
     chosen: Independent,
     result: Descent,
     samples: int,
-    fresh: int,
+    held_out: int,
     seed: int,
     free: bool,
 ) -> Design:
-    """Make the design, with figures from fresh nodes."""
+    """Make the design, with figures from held-out nodes."""
     A = _spread(fields, chosen, result.A)
     N, _, D = evaluate(desired, fields, region.center[None])
     A = A @ np.linalg.inv(N[0].T @ D[0] @ A)  # gauge: Nᵀ V = I at the center, J_V as well conditioned as J there
     inverse = RepeatableInverse(desired.task, fields.weighted(A))
-    verdict = judge(inverse, desired, region, samples=fresh, seed=seed + 1, free=free)
+    verdict = judge(inverse, desired, region, samples=held_out, seed=seed + 1, free=free)
     return Design(
         inverse=inverse,
         desired=desired,
@@ -173,7 +173,7 @@ def _judged(
         converged=result.converged,
         steps=result.steps,
         samples=samples,
-        fresh=fresh,
+        held_out=held_out,
         seed=seed,
         dropped=chosen.dropped,
     )

@@ -1,4 +1,4 @@
-"""Find the repeatable inverse nearest to a desired one, and judge it on fresh nodes."""
+"""Find the repeatable inverse nearest to a desired one, and judge it on held-out nodes."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from .search import SingularRegionError
 if TYPE_CHECKING:
     from distributed import Client
 
-_FRESH_NODES = 16384
+_HELD_OUT_NODES = 16384
 _SHRINKINGS = 12
 _MOST_DEGREE = 4
 _MOST_UNKNOWNS = 1000
@@ -38,9 +38,9 @@ def nearest_repeatable(
     *,
     degree: int | Literal["auto"] | None = None,
     samples: int | None = None,
-    fresh: int = _FRESH_NODES,
+    held_out: int = _HELD_OUT_NODES,
     seed: int = 0,
-    block: int = 1024,
+    batch: int = 1024,
     stream: bool = False,
     executor: Executor | Client | None = None,
     shrink: bool = False,
@@ -64,19 +64,19 @@ def nearest_repeatable(
         Ω.
     degree
         In place of fields: all polynomials of this degree over Ω's box; ``"auto"`` raises the degree from 1
-        until the cost on fresh nodes stops falling by 1 % (at most 4, or 8 for n ≤ 3, and 1000 unknowns).
+        until the cost on held-out nodes stops falling by 1 % (at most 4, or 8 for n ≤ 3, and 1000 unknowns).
     samples
         Nodes of the fit; by default 4096, or 32 times the unknowns where that is more.
-    fresh
+    held_out
         Nodes of the judgement.
     seed
         Fixes nodes and judgement.
-    block
+    batch
         Nodes evaluated at a time.
     stream
-        Build the blocks anew at each pass instead of keeping them; the memory is that of one block.
+        Build the batches anew at each pass instead of keeping them; the memory is that of one batch.
     executor
-        Any ``concurrent.futures.Executor``, or a Dask client: the blocks are built and stay there.
+        Any ``concurrent.futures.Executor``, or a Dask client: the batches are built and stay there.
     shrink
         Where Ω holds a singularity, take the largest region round its center that is free of it.
     restarts
@@ -107,9 +107,9 @@ def nearest_repeatable(
         wanted(fields, Field, "fields", "potentials, such as rp.Polynomial(q0, 2, 0.3)")
     options: dict[str, Any] = {
         "samples": samples,
-        "fresh": int(fresh),
+        "held_out": int(held_out),
         "seed": int(seed),
-        "block": int(block),
+        "batch": int(batch),
         "stream": stream,
         "executor": executor,
         "restarts": int(restarts),
@@ -125,7 +125,7 @@ def nearest_repeatable(
 
 
 def _auto(desired: Inverse, region: Region, shrink: bool, report: reporting.Report, options: dict[str, Any]) -> Design:
-    """Raise the degree until the cost on fresh nodes stops falling."""
+    """Raise the degree until the cost on held-out nodes stops falling."""
     best: Design | None = None
     tried: list[tuple[int, float, float]] = []
     for degree in range(1, (2 if desired.task.n <= 3 else 1) * _MOST_DEGREE + 1):
@@ -205,7 +205,7 @@ def _check(
             )
     if fields is not None and fields.size < task.r:
         raise InputError(f"{fields.size} potentials cannot give r = {task.r} independent ones; raise the degree")
-    for name, least in (("samples", 1), ("fresh", 2 * REPLICATES), ("block", 1), ("restarts", 0)):
+    for name, least in (("samples", 1), ("held_out", 2 * REPLICATES), ("batch", 1), ("restarts", 0)):
         if options[name] is not None and options[name] < least:
             raise InputError(f"{name} must be {least} or more, not {options[name]}")
     if not options["tolerance"] > 0:

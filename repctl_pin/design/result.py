@@ -52,7 +52,7 @@ class Design:
         speaks of these potentials alone; whether more would help, :func:`settled` says.
     steps : int
         Gauss–Newton steps taken.
-    samples, fresh : int
+    samples, held_out : int
         Nodes of the fit, and of the judgement.
     seed : int
         Fixes both.
@@ -80,7 +80,7 @@ class Design:
     converged: bool
     steps: int
     samples: int
-    fresh: int
+    held_out: int
     seed: int
     dropped: tuple[str, ...] = ()
     shrunk: float = 1.0
@@ -100,8 +100,8 @@ class Design:
 
     @cached_property
     def baselines(self) -> tuple[Baseline, ...]:
-        """The same figures for constant rows and for the extended Jacobian, on the same fresh nodes."""
-        return baselines(self.desired, self.region, samples=self.fresh, seed=self.seed + 1)
+        """The same figures for constant rows and for the extended Jacobian, on the same held-out nodes."""
+        return baselines(self.desired, self.region, samples=self.held_out, seed=self.seed + 1)
 
     def summary(self) -> str:
         """Say in a few lines what the design is worth."""
@@ -112,7 +112,7 @@ class Design:
             f"nearest repeatable inverse of {self.task!r}",
             f"  region Ω           {self.region}",
             f"  potentials         {self.fields!r}{unused}",
-            f"  mean ‖G_r − G_d‖²  {self.cost:.6g} ± {self.cost_error:.1g} (on {self.fresh} fresh nodes)",
+            f"  mean ‖G_r − G_d‖²  {self.cost:.6g} ± {self.cost_error:.1g} (on {self.held_out} held-out nodes)",
             *(f"    {b.name.ljust(width)}  {b.text}" for b in self.baselines),
             f"  relative distance  {self.relative_distance:.1%}",
             f"  leaf margin          {self.leaf_margin:.3f} at worst",

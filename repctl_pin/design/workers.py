@@ -1,6 +1,6 @@
-"""Blocks in other processes: any ``concurrent.futures`` executor, or a Dask cluster.
+"""Batches in other processes: any ``concurrent.futures`` executor, or a Dask cluster.
 
-The nodes are cut into pieces. A worker that has evaluated a piece keeps its blocks; at the next pass every
+The nodes are cut into pieces. A worker that has evaluated a piece keeps its batches; at the next pass every
 worker is asked for the pieces that it holds, and what is missing then (a worker died, or was not reached) is
 built anew by whoever is free. So nothing depends on which worker does what but the time.
 """
@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from .blocks import Blocks, Tick, add, cut, over
-from .criterion import Block, Builder
+from .batches import Batches, Tick, add, cut, over
+from .criterion import Batch, Builder
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -30,19 +30,19 @@ Array = NDArray[np.float64]
 
 _PIECES = 32
 _held = threading.local()
-"""What this worker keeps: the run it belongs to, and blocks by the number of their piece."""
+"""What this worker keeps: the run it belongs to, and batches by the number of their piece."""
 
 
 def hand_out(
     builder: Builder,
     Q: Array,
     weights: Array,
-    block: int,
+    batch: int,
     executor: Executor | Client,
     *,
     stream: bool = False,
     tick: Tick | None = None,
-) -> Blocks:
+) -> Batches:
     """Hand nodes out to an executor's or a cluster's workers.
 
     Raises
@@ -57,11 +57,11 @@ def hand_out(
             f"the design cannot be sent to another process ({error}); "
             "write its functions at the top level of a module, not as lambdas or inside other functions"
         ) from None
-    pieces = cut(Q, weights, _PIECES, block)
+    pieces = cut(Q, weights, _PIECES, batch)
     if isinstance(executor, Executor):
-        return InExecutor(payload, pieces, block, executor, stream, tick)
+        return InExecutor(payload, pieces, batch, executor, stream, tick)
     if "distributed" in sys.modules and isinstance(executor, sys.modules["distributed"].Client):
-        return OnCluster(payload, pieces, block, executor, stream, tick)
+        return OnCluster(payload, pieces, batch, executor, stream, tick)
     raise InputError(f"executor= takes a concurrent.futures Executor or a Dask Client, not {type(executor).__name__}")
 
 
@@ -72,19 +72,19 @@ class InExecutor:
         self,
         payload: bytes,
         pieces: list[tuple[Array, Array]],
-        block: int,
+        batch: int,
         executor: Executor,
         stream: bool,
         tick: Tick | None,
     ) -> None:
-        self._payload, self._pieces, self._block = payload, pieces, block
+        self._payload, self._pieces, self._batch = payload, pieces, batch
         self._executor, self._stream, self._tick = executor, stream, tick
         self._run = uuid.uuid4().hex
         self._owners: dict[str, list[int]] = {}
         self._passes = 0
 
     def total(self, function: Callable[..., tuple], *arguments: Any) -> tuple:
-        """Add ``function(block, *arguments)`` up over all blocks, item by item."""
+        """Add ``function(batch, *arguments)`` up over all batches, item by item."""
         self._passes += 1
         found: dict[int, tuple] = {}
         if self._owners:
@@ -101,7 +101,7 @@ class InExecutor:
                     i,
                     self._payload,
                     *self._pieces[i],
-                    self._block,
+                    self._batch,
                     self._stream,
                     function,
                     arguments,
@@ -114,7 +114,7 @@ class InExecutor:
         return add(found[i] for i in range(len(self._pieces)))
 
     def close(self) -> None:
-        """Ask the workers to let the blocks go."""
+        """Ask the workers to let the batches go."""
         for _ in self._owners:
             self._executor.submit(_forget, self._run)
 
@@ -135,34 +135,34 @@ class InExecutor:
 
 
 class OnCluster:
-    """Pieces evaluated by Dask workers; the blocks are futures that stay where they were built."""
+    """Pieces evaluated by Dask workers; the batches are futures that stay where they were built."""
 
     def __init__(
         self,
         payload: bytes,
         pieces: list[tuple[Array, Array]],
-        block: int,
+        batch: int,
         client: Client,
         stream: bool,
         tick: Tick | None,
     ) -> None:
-        self._client, self._tick, self._block, self._stream = client, tick, block, stream
+        self._client, self._tick, self._batch, self._stream = client, tick, batch, stream
         self._builder = client.scatter(payload, broadcast=True, hash=False)
         self._pieces = pieces
-        self._blocks: list[Any] = []
+        self._batches: list[Any] = []
         if not stream:
-            self._blocks = [client.submit(_build, self._builder, Q, w, block, pure=False) for Q, w in pieces]
+            self._batches = [client.submit(_build, self._builder, Q, w, batch, pure=False) for Q, w in pieces]
 
     def total(self, function: Callable[..., tuple], *arguments: Any) -> tuple:
-        """Add ``function(block, *arguments)`` up over all blocks, item by item."""
+        """Add ``function(batch, *arguments)`` up over all batches, item by item."""
         client = self._client
         if self._stream:
             futures = [
-                client.submit(_build_and_evaluate, self._builder, Q, w, self._block, function, arguments, pure=False)
+                client.submit(_build_and_evaluate, self._builder, Q, w, self._batch, function, arguments, pure=False)
                 for Q, w in self._pieces
             ]
         else:
-            futures = [client.submit(over, blocks, function, arguments, pure=False) for blocks in self._blocks]
+            futures = [client.submit(over, batches, function, arguments, pure=False) for batches in self._batches]
         parts = []
         try:
             for future in futures:
@@ -175,23 +175,23 @@ class OnCluster:
         return add(parts)
 
     def close(self) -> None:
-        """Let the blocks go."""
-        self._blocks = []
+        """Let the batches go."""
+        self._batches = []
 
 
 # ---- what runs on a worker ------------------------------------------------------------------------
 
 
-def _build(payload: bytes, Q: Array, weights: Array, block: int) -> list[Block]:
+def _build(payload: bytes, Q: Array, weights: Array, batch: int) -> list[Batch]:
     builder = pickle.loads(payload)
-    return [builder(Q[i : i + block], weights[i : i + block]) for i in range(0, len(Q), block)]
+    return [builder(Q[i : i + batch], weights[i : i + batch]) for i in range(0, len(Q), batch)]
 
 
 def _build_and_evaluate(
-    payload: bytes, Q: Array, weights: Array, block: int, function: Callable[..., tuple], arguments: tuple
+    payload: bytes, Q: Array, weights: Array, batch: int, function: Callable[..., tuple], arguments: tuple
 ) -> tuple:
     builder = pickle.loads(payload)
-    return add(function(builder(Q[i : i + block], weights[i : i + block]), *arguments) for i in range(0, len(Q), block))
+    return add(function(builder(Q[i : i + batch], weights[i : i + batch]), *arguments) for i in range(0, len(Q), batch))
 
 
 def _evaluate_piece(
@@ -200,19 +200,19 @@ def _evaluate_piece(
     payload: bytes,
     Q: Array,
     weights: Array,
-    block: int,
+    batch: int,
     stream: bool,
     function: Callable[..., tuple],
     arguments: tuple,
 ) -> tuple[str, dict[int, tuple]]:
     """Build a piece, evaluate it, and keep it unless told otherwise."""
     if stream:
-        return _me(), {number: _build_and_evaluate(payload, Q, weights, block, function, arguments)}
+        return _me(), {number: _build_and_evaluate(payload, Q, weights, batch, function, arguments)}
     if getattr(_held, "run", None) != run:
-        _held.run, _held.blocks, _held.answered = run, {}, 0
-    if number not in _held.blocks:
-        _held.blocks[number] = _build(payload, Q, weights, block)
-    return _me(), {number: over(_held.blocks[number], function, arguments)}
+        _held.run, _held.batches, _held.answered = run, {}, 0
+    if number not in _held.batches:
+        _held.batches[number] = _build(payload, Q, weights, batch)
+    return _me(), {number: over(_held.batches[number], function, arguments)}
 
 
 def _evaluate_held(
@@ -223,13 +223,13 @@ def _evaluate_held(
     if getattr(_held, "run", None) != run or _held.answered == number:
         return _me(), {}
     _held.answered = number
-    mine = [i for i in owners.get(_me(), ()) if i in _held.blocks]
-    return _me(), {i: over(_held.blocks[i], function, arguments) for i in mine}
+    mine = [i for i in owners.get(_me(), ()) if i in _held.batches]
+    return _me(), {i: over(_held.batches[i], function, arguments) for i in mine}
 
 
 def _forget(run: str) -> None:
     if getattr(_held, "run", None) == run:
-        _held.run, _held.blocks = None, {}
+        _held.run, _held.batches = None, {}
 
 
 def _me() -> str:

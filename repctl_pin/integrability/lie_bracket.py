@@ -1,4 +1,4 @@
-"""The Lie bracket of G's columns and its defect Ω: how far G is from being repeatable, and how much it drifts."""
+"""The Lie bracket of G's columns and its defect Δ: how far G is from being repeatable, and how much it drifts."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def brackets(G: Array, dG: Array) -> Array:
 
 
 def defects(J: Array, G: Array, dG: Array) -> Array:
-    """Evaluate ``Ω_ab = (I − G J) [g_a, g_b]``: (..., m, m, n). All are 0 where the LBC holds (5), (24)."""
+    """Evaluate ``Δ_ab = (I − G J) [g_a, g_b]``: (..., m, m, n). All are 0 where the LBC holds (5), (24)."""
     outside = np.eye(J.shape[-1]) - G @ J
     return np.einsum("...ij,...abj->...abi", outside, brackets(G, dG))
 
@@ -69,8 +69,8 @@ class Defects:
 
     Attributes
     ----------
-    omega : (K, m, m, n) array
-        Ω_ab in the task's and the joints' own units.
+    delta : (K, m, m, n) array
+        Δ_ab in the task's and the joints' own units.
     relative : (K, m, m, n) array
         The same for an orthonormal basis of G's column space, prismatic joints in units of the arm's
         length: free of units and of the choice of axes.
@@ -80,7 +80,7 @@ class Defects:
         True where the derivative is a formula's.
     """
 
-    omega: Array
+    delta: Array
     relative: Array
     error: Array
     exact: bool
@@ -96,17 +96,17 @@ def measure(strategy: Inverse, Q: Array) -> Defects:
 
     The relative defect: let L be the unit of each joint (1 rad; the arm's length) and ``L⁻¹ G = Q R``. The
     columns of ``G R⁻¹`` span the same space (Proposition 1), are orthonormal, and have the defects
-    ``Λ_cd = L⁻¹ Σ_ab R⁻¹[a, c] R⁻¹[b, d] Ω_ab``: the rate, per unit of joint motion, at which two directions
+    ``Λ_cd = L⁻¹ Σ_ab R⁻¹[a, c] R⁻¹[b, d] Δ_ab``: the rate, per unit of joint motion, at which two directions
     of the motion turn out of it. It does not change with the units or the axes of the task.
     """
     found = derivative(strategy, Q)
     L = joint_scale(strategy.task, Q[0])
-    omega = defects(found.J, found.G, found.dG)
+    delta = defects(found.J, found.G, found.dG)
     basis, R = np.linalg.qr(found.G / L[:, None])
     sign = np.sign(np.diagonal(R, axis1=1, axis2=2))[:, None]  # R's diagonal above 0: smooth in q
     basis, R = basis * sign, R * np.swapaxes(sign, 1, 2)
     R_inv = np.linalg.inv(R)
-    relative = np.einsum("Kac,Kbd,Kabi->Kcdi", R_inv, R_inv, omega, optimize=True) / L
+    relative = np.einsum("Kac,Kbd,Kabi->Kcdi", R_inv, R_inv, delta, optimize=True) / L
 
     # An error e_k of ∂G/∂q_k moves Λ_cd by at most ‖P‖ √n Σ_k e_k (|Q_kc| ‖R⁻¹_d‖₁ + |Q_kd| ‖R⁻¹_c‖₁).
     n = found.G.shape[1]
@@ -116,11 +116,11 @@ def measure(strategy: Inverse, Q: Array) -> Defects:
     spread = np.abs(R_inv).sum(axis=1)
     pairs = along[:, :, None] * spread[:, None, :]
     error = size * np.sqrt(np.sum((pairs + np.swapaxes(pairs, 1, 2)) ** 2, axis=(1, 2)) / 2)
-    return Defects(omega, relative, error, found.exact)
+    return Defects(delta, relative, error, found.exact)
 
 
 def bracket_defect(strategy: Inverse, q: ArrayLike, *, relative: bool = False) -> Array:
-    """Evaluate the defects ``Ω_ab = (I − G J) [g_a, g_b]`` for all a < b (4), (5), (24).
+    """Evaluate the defects ``Δ_ab = (I − G J) [g_a, g_b]`` for all a < b (4), (5), (24).
 
     Repeatable near q if and only if all of them vanish there. Exact for J⁺ (from the kinematic Hessian) and
     for a repeatable inverse; by extrapolated differences for anything else.
@@ -138,18 +138,18 @@ def bracket_defect(strategy: Inverse, q: ArrayLike, *, relative: bool = False) -
     Returns
     -------
     (pairs, n) array
-        One row a pair, in the order (0, 1), (0, 2), …, (1, 2), …; row Ω_ab has the joints' units per unit
+        One row a pair, in the order (0, 1), (0, 2), …, (1, 2), …; row Δ_ab has the joints' units per unit
         of task coordinate a and of b (rad/m² for two lengths).
     """
     found = measure(strategy, _one(strategy, q))
     a, b = np.triu_indices(strategy.task.m, 1)
-    return (found.relative if relative else found.omega)[0, a, b]
+    return (found.relative if relative else found.delta)[0, a, b]
 
 
 def drift_per_area(strategy: Inverse, q: ArrayLike) -> Array:
     """Predict the joint drift of a small closed loop per area it encloses, by the small-loop law.
 
-    A loop a → b → −a → −b of area A ends at ``q + A Ω_ab + o(A)``, so ``‖Ω_ab‖`` is the drift per area.
+    A loop a → b → −a → −b of area A ends at ``q + A Δ_ab + o(A)``, so ``‖Δ_ab‖`` is the drift per area.
 
     Parameters
     ----------
@@ -165,7 +165,7 @@ def drift_per_area(strategy: Inverse, q: ArrayLike) -> Array:
         an ``xy``, ``xz`` or ``yz`` task. 0 on the diagonal.
     """
     k = min(3, wanted_inverse(strategy).task.m)
-    return np.linalg.norm(measure(strategy, _one(strategy, q)).omega[0, :k, :k], axis=-1)
+    return np.linalg.norm(measure(strategy, _one(strategy, q)).delta[0, :k, :k], axis=-1)
 
 
 def _one(strategy: Inverse, q: ArrayLike) -> Array:

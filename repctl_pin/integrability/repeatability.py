@@ -17,7 +17,7 @@ from .lie_bracket import measure
 Array = NDArray[np.float64]
 
 _SAFETY = 2.0
-_BLOCK = 32
+_BATCH = 32
 _BLIND = 1e-3
 
 
@@ -103,7 +103,7 @@ def is_repeatable(strategy: Inverse, region: Region, *, samples: int = 128, seed
         If J, or G, is singular at one of the configurations.
     """
     Q = points_of(region, strategy, samples, seed)
-    found = [measure(strategy, Q[i : i + _BLOCK]) for i in range(0, len(Q), _BLOCK)]
+    found = [measure(strategy, Q[i : i + _BATCH]) for i in range(0, len(Q), _BATCH)]
     norm = np.concatenate([part.norm for part in found])
     tolerance = _SAFETY * np.concatenate([part.error for part in found])
     repeatable = bool((norm <= tolerance).all())

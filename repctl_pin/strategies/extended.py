@@ -86,10 +86,10 @@ class ExtendedMap:
         r"""Evaluate V at every row of Q (K, n): (K, n, r).
 
         .. math:: \frac{\partial h}{\partial q_k} = \frac{\partial N}{\partial q_k}^T \nabla U + N^T \nabla^2 U e_k,
-                  \qquad \frac{\partial N}{\partial q_k} = -J^+ H_k N + N \Omega_k,
+                  \qquad \frac{\partial N}{\partial q_k} = -J^+ H_k N + N Z_k,
 
-        with the antisymmetric :math:`\Omega_k` that keeps :math:`S = N^T N_{ref}` symmetric:
-        :math:`\Omega_k S + S \Omega_k = B_k - B_k^T`, :math:`B_k = -N^T H_k^T J^{+T} N_{ref}`.
+        with the antisymmetric :math:`Z_k` that keeps :math:`S = N^T N_{ref}` symmetric:
+        :math:`Z_k S + S Z_k = B_k - B_k^T`, :math:`B_k = -N^T H_k^T J^{+T} N_{ref}`.
         """
         Q = np.asarray(Q, float)
         J, H = self.task.jacobians(Q), self.task.hessians(Q)  # (K, m, n), (K, m, n, n)
@@ -106,9 +106,9 @@ class ExtendedMap:
             s, T = np.linalg.eigh(S)
             turned = np.einsum("Kra,Krsk,Ksb->Kabk", T, skew, T)
             turned /= (s[:, :, None] + s[:, None, :])[..., None]
-            Omega = np.einsum("Kra,Kabk,Ksb->Krsk", T, turned, T)
+            Z = np.einsum("Kra,Kabk,Ksb->Krsk", T, turned, T)
             along = np.einsum("Kir,Ki->Kr", N, g)  # Nᵀ ∇U
-            V += np.einsum("Krsk,Kr->Kks", Omega, along)  # Ω_kᵀ Nᵀ ∇U
+            V += np.einsum("Krsk,Kr->Kks", Z, along)  # Z_kᵀ Nᵀ ∇U
         return V
 
     def _aligned(self, J: Array, Q: Array) -> tuple[Array, Array]:

@@ -3,7 +3,7 @@
     python -m pytest tests/benchmarks -o python_files="bench_*.py" -n 0
 
 Absolute times are only printed. What is asserted is the issue's: 25 times the bare Jacobians, 100 times faster
-than the literal reading of (36), linear in nodes, memory by the block, 1.6 times faster on two processes,
+than the literal reading of (36), linear in nodes, memory by the batch, 1.6 times faster on two processes,
 and the full versions of checks that the tests make on a reduced scale.
 """
 
@@ -45,12 +45,10 @@ def test_building_and_solving_beside_bare_jacobians(panda_pose: rp.Task, benchma
 
     base = seconds(bare, 7)
     # the least judgement there is: what is measured is the building and the solving
-    benchmark.pedantic(lambda: design(task, 2, 16384, fresh=64), rounds=7, warmup_rounds=1)
+    benchmark.pedantic(lambda: design(task, 2, 16384, held_out=64), rounds=7, warmup_rounds=1)
     ratio = benchmark.stats.stats.min / base
     whole = seconds(lambda: design(task, 2, 16384), 5) / base
-    say(
-        f"build and solve, 16,384 nodes: {ratio:.1f} × bare Jacobians; with 16,384 fresh nodes' judgement {whole:.1f} ×"
-    )
+    say(f"build and solve, 16,384 nodes: {ratio:.1f} × bare Jacobians; with the judgement {whole:.1f} ×")
     assert ratio <= 25
 
 
@@ -76,7 +74,7 @@ def test_against_the_literal_reading(panda_pose: rp.Task, say) -> None:
     found = []
     slow = seconds(lambda: found.append(scipy.optimize.minimize(literal, start, tol=1e-9)), 1)
     ours: list[rp.Design] = []
-    fast = seconds(lambda: ours.append(design(task, 2, samples, fresh=64)), 5)
+    fast = seconds(lambda: ours.append(design(task, 2, samples, held_out=64)), 5)
     say(
         f"literal (36), {samples} nodes: {slow:.2f} s for cost {found[0].fun:.6f}; ours {fast:.4f} s for "
         f"{ours[0].fit_cost:.6f}: {slow / fast:.0f} times faster"
@@ -89,7 +87,7 @@ def test_linear_in_nodes(panda_pose: rp.Task, say) -> None:
     """From 2¹⁴ to 2²⁰ nodes, streamed: the time a node must not grow."""
     per_node = {}
     for power in (14, 17, 20):
-        per_node[power] = seconds(lambda p=power: design(panda_pose, 2, 2**p, fresh=64, stream=True), 1) / 2**power
+        per_node[power] = seconds(lambda p=power: design(panda_pose, 2, 2**p, held_out=64, stream=True), 1) / 2**power
     say("time a node, µs: " + ", ".join(f"2^{p}: {1e6 * t:.1f}" for p, t in per_node.items()))
     assert per_node[20] < 1.5 * per_node[14]
 
@@ -137,10 +135,10 @@ def test_two_processes(panda_pose: rp.Task, say) -> None:
     [("pose", 0.4, 4, 0.1590), ("pose", 0.8, 2, 1.96), ("pose", 0.8, 3, 1.115), ("pose", 0.8, 4, 0.915)],
 )
 def test_large_designs(kind: str, width: float, degree: int, most: float, say) -> None:
-    """The theory's numbers on 262,144 fresh nodes."""
+    """The theory's numbers on 262,144 held-out nodes."""
     task = rp.Robot.load("panda").task("panda_hand_tcp", kind)
     found = rp.nearest_repeatable(
-        rp.Pseudoinverse(task), None, rp.Box(Q0, width), degree=degree, samples=65536, fresh=2**18
+        rp.Pseudoinverse(task), None, rp.Box(Q0, width), degree=degree, samples=65536, held_out=2**18
     )
     say(f"{kind}, ±{width}, degree {degree}: {found.cost:.5f} ± {found.cost_error:.1g} (at most {most})")
     assert found.converged and found.leaf_margin > 0 and found.cost <= most
@@ -154,7 +152,7 @@ def test_the_standard_error_in_100_designs(say) -> None:
     inside = 0
     for seed in range(100):
         box = rp.Box(np.array([0.3, 1.0, 0.8]) + rng.uniform(-0.2, 0.2, 3), 0.4)
-        found = rp.nearest_repeatable(desired, None, box, degree=2, samples=512, fresh=1024, seed=seed)
+        found = rp.nearest_repeatable(desired, None, box, degree=2, samples=512, held_out=1024, seed=seed)
         truth = 0.0
         Q = box.random(2**20, 10_000 + seed)
         for i in range(0, len(Q), 2**16):
@@ -166,7 +164,7 @@ def test_the_standard_error_in_100_designs(say) -> None:
 
 
 def test_a_progress_bar_costs_nothing_to_speak_of(panda_pose: rp.Task, say) -> None:
-    silent = seconds(lambda: design(panda_pose, 2, 16384, fresh=64), 5)
-    spoken = seconds(lambda: design(panda_pose, 2, 16384, fresh=64, progress=lambda what, share: None), 5)
+    silent = seconds(lambda: design(panda_pose, 2, 16384, held_out=64), 5)
+    spoken = seconds(lambda: design(panda_pose, 2, 16384, held_out=64, progress=lambda what, share: None), 5)
     say(f"progress reports: {spoken / silent:.2f} × the time without")
     assert spoken < 1.2 * silent

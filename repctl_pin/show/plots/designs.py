@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 def cost_against_degree(
     ax: Axes, degrees: Sequence[tuple[int, float, float]], baselines: Sequence[Baseline] = ()
 ) -> Axes:
-    """Draw the cost on fresh nodes against the degree of the potentials, beside other repeatable inverses.
+    """Draw the cost on held-out nodes against the degree of the potentials, beside other repeatable inverses.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ def design_figure(
     axes = list(figure.subplots(1, panels))
     if degrees:
         ax = cost_against_degree(axes.pop(0), degrees, design.baselines)
-        ax.set_title("cost on fresh nodes, ± 2 standard errors", fontsize=10)
+        ax.set_title("cost on held-out nodes, ± 2 standard errors", fontsize=10)
         ax.legend(frameon=False, fontsize=8.5, loc="upper right")
     map_over_joints(axes[0], field, design)
     map_over_joints(axes[1], field, design, "leaf_margin")

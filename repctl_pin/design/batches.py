@@ -1,6 +1,6 @@
-"""Nodes in blocks: kept or built anew at every pass, here, in other processes, or on a cluster.
+"""Nodes in batches: kept or built anew at every pass, here, in other processes, or on a cluster.
 
-One seam, :class:`Blocks`: add a function of the criterion up over all blocks. Where the blocks lie and who
+One seam, :class:`Batches`: add a function of the criterion up over all batches. Where the batches lie and who
 evaluates them is nobody else's business, and sums are taken in the order of the nodes whoever did the work.
 """
 
@@ -12,26 +12,26 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from .criterion import Block, Builder, Sides, gather
+from .criterion import Batch, Builder, Sides, gather
 
 Array = NDArray[np.float64]
 Tick = Callable[[float], None]
 
 
-class Blocks(Protocol):
+class Batches(Protocol):
     """All nodes of a fit."""
 
     def total(self, function: Callable[..., tuple], *arguments: Any) -> tuple:
-        """Add ``function(block, *arguments)`` up over all blocks, item by item."""
+        """Add ``function(batch, *arguments)`` up over all batches, item by item."""
         ...
 
     def close(self) -> None:
-        """Let the blocks go."""
+        """Let the batches go."""
         ...
 
 
 class Local:
-    """Blocks in this process.
+    """Batches in this process.
 
     Parameters
     ----------
@@ -39,35 +39,35 @@ class Local:
         Evaluates the arm.
     Q, weights : (K, n), (K,) arrays
         The nodes.
-    block
+    batch
         How many are evaluated at a time.
     stream
-        Build the blocks anew at every pass instead of keeping them: slower, but the memory is that of one
-        block.
+        Build the batches anew at every pass instead of keeping them: slower, but the memory is that of one
+        batch.
     tick
         Called with the share of a pass that is done.
     """
 
     def __init__(
-        self, builder: Builder, Q: Array, weights: Array, block: int, *, stream: bool = False, tick: Tick | None = None
+        self, builder: Builder, Q: Array, weights: Array, batch: int, *, stream: bool = False, tick: Tick | None = None
     ) -> None:
-        self._builder, self._Q, self._weights, self._block = builder, Q, weights, block
+        self._builder, self._Q, self._weights, self._batch = builder, Q, weights, batch
         self._tick = tick
-        self._kept: list[Block] | None = None if stream else list(self._build())
+        self._kept: list[Batch] | None = None if stream else list(self._build())
 
     def total(self, function: Callable[..., tuple], *arguments: Any) -> tuple:
-        """Add ``function(block, *arguments)`` up over all blocks, item by item."""
+        """Add ``function(batch, *arguments)`` up over all batches, item by item."""
         return add(function(b, *arguments) for b in (self._build() if self._kept is None else self._kept))
 
     def close(self) -> None:
-        """Let the blocks go."""
+        """Let the batches go."""
         self._kept = []
 
-    def _build(self) -> Iterator[Block]:
-        for i in range(0, len(self._Q), self._block):
-            yield self._builder(self._Q[i : i + self._block], self._weights[i : i + self._block])
+    def _build(self) -> Iterator[Batch]:
+        for i in range(0, len(self._Q), self._batch):
+            yield self._builder(self._Q[i : i + self._batch], self._weights[i : i + self._batch])
             if self._tick is not None:
-                self._tick(min(1.0, (i + self._block) / len(self._Q)))
+                self._tick(min(1.0, (i + self._batch) / len(self._Q)))
 
 
 def add(parts: Iterable[tuple]) -> tuple:
@@ -90,13 +90,13 @@ def add(parts: Iterable[tuple]) -> tuple:
     return (*total, gather(sides, starts[:-1])) if sides else tuple(total)
 
 
-def cut(Q: Array, weights: Array, most: int, block: int) -> list[tuple[Array, Array]]:
-    """Cut nodes into at most ``most`` pieces of whole blocks, to be handed out."""
-    blocks = -(-len(Q) // block)
-    per_piece = -(-blocks // min(most, blocks)) * block
+def cut(Q: Array, weights: Array, most: int, batch: int) -> list[tuple[Array, Array]]:
+    """Cut nodes into at most ``most`` pieces of whole batches, to be handed out."""
+    batches = -(-len(Q) // batch)
+    per_piece = -(-batches // min(most, batches)) * batch
     return [(Q[i : i + per_piece], weights[i : i + per_piece]) for i in range(0, len(Q), per_piece)]
 
 
-def over(blocks: Sequence[Block], function: Callable[..., tuple], arguments: tuple) -> tuple:
-    """Add a function up over some blocks."""
-    return add(function(b, *arguments) for b in blocks)
+def over(batches: Sequence[Batch], function: Callable[..., tuple], arguments: tuple) -> tuple:
+    """Add a function up over some batches."""
+    return add(function(b, *arguments) for b in batches)
