@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -154,8 +155,16 @@ def _integrated(
     task, n_steps = strategy.task, len(grid) - 1
     nodes, matrix, weights = INTEGRATORS[integrator]
 
-    def velocity(q: Array, s: float, inside: float) -> Array:
-        xdot = task.rate(q, path.twist(inside)) / period
+    # A path's twists are the same in every cycle: evaluated once, on the step's own side of a corner.
+    ends = [(float(a), float(b)) for a, b in pairwise(grid)]
+    places = sorted(set(nodes))
+    inside = [[min(max(a + c * (b - a), a + _INSIDE), b - _INSIDE) for c in places] for a, b in ends]
+    twists = [[path.twist(s) / period for s in row] for row in inside]
+    stages = [(i, places.index(c), c, np.array(row)) for i, (c, row) in enumerate(zip(nodes, matrix, strict=True))]
+    b_T, slopes = np.array(weights), np.empty((len(nodes), task.n))
+
+    def velocity(q: Array, twist: Array, s: float) -> Array:
+        xdot = task.rate(q, twist)
         if feedback:
             xdot = xdot + feedback * task.error(q, path.placement(s))
         return strategy.velocity(q, xdot)
@@ -165,24 +174,21 @@ def _integrated(
     Q[0] = q
     with np.errstate(over="ignore", invalid="ignore"):
         for step in range(cycles * n_steps):
-            s, s_end = grid[step % n_steps], grid[step % n_steps + 1]
+            (s, s_end), here = ends[step % n_steps], twists[step % n_steps]
             h = (s_end - s) * period
-            slopes: list[Array] = []
             try:
-                for c, row in zip(nodes, matrix, strict=True):
-                    stage = q + h * sum((a * k for a, k in zip(row, slopes, strict=True) if a), start=0.0)
-                    at = s + c * (s_end - s)
-                    inside = min(max(at, s + _INSIDE), s_end - _INSIDE)
-                    slopes.append(velocity(stage, at, inside))
+                for i, place, c, row in stages:
+                    stage = q + h * (row @ slopes[:i]) if i else q
+                    slopes[i] = velocity(stage, here[place], s + c * (s_end - s))
             except SingularityError as error:
                 raise _where(error, path, step / n_steps) from None
             Qdot[step] = slopes[0]
-            change = h * sum(b * k for b, k in zip(weights, slopes, strict=True))
+            change = h * (b_T @ slopes)
             if not np.abs(change).max() < _JUMP:
                 raise _jump(path, step / n_steps)
             q = q + change
             Q[step + 1] = q
-    Qdot[-1] = velocity(q, 1.0, 1.0 - _INSIDE)
+    Qdot[-1] = velocity(q, path.twist(1.0 - _INSIDE) / period, 1.0)
     return Q, Qdot
 
 
