@@ -1,0 +1,46 @@
+"""The documentation builds without a warning, names every public thing, and its Python runs."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import repctl_pin as rp
+
+ROOT = Path(__file__).parents[1]
+PAGES = sorted((ROOT / "docs").rglob("*.md"))
+
+
+def test_the_site_builds_strictly(tmp_path: Path) -> None:
+    """Dead links and names that do not exist are warnings, and warnings are errors."""
+    pytest.importorskip("mkdocs")
+    done = subprocess.run(
+        [sys.executable, "-m", "mkdocs", "build", "--strict", "-q", "-d", str(tmp_path)],
+        cwd=ROOT,
+        env=os.environ | {"NO_MKDOCS_2_WARNING": "1"},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "theory" / "index.html").read_text(encoding="utf-8").count("<math") > 20
+
+
+def test_the_reference_names_everything_public() -> None:
+    listed = re.findall(
+        r"^::: (\S+)$", (ROOT / "docs" / "reference.md").read_text(encoding="utf-8"), flags=re.MULTILINE
+    )
+    public = [getattr(rp, name) for name in dir(rp) if name not in ("redundancy", "__version__")]
+    assert sorted(listed) == sorted(f"{thing.__module__}.{thing.__qualname__}" for thing in public)
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if "```python" in page.read_text(encoding="utf-8")], ids=str)
+def test_the_python_of_a_page_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    names: dict = {}
+    for block in re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), flags=re.DOTALL):
+        exec(block, names)
