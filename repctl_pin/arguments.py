@@ -3,17 +3,25 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from collections.abc import Callable, Iterable
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .errors import InputError
+from .errors import InputError, unknown
 
 Array = NDArray[np.float64]
+T = TypeVar("T")
+F = TypeVar("F", bound=Callable[..., Any])
+
+FLOAT = np.dtype(float)
+"""A double in the machine's own byte order: what compiled code takes as it is."""
+
+NUMBER = (float, int)
 
 
-def wanted(value: Any, kind: Any, name: str, what: str) -> Any:
+def wanted(value: Any, kind: type[T], name: str, what: str) -> T:
     """Take an argument of one kind, a class or a runtime protocol.
 
     Parameters
@@ -30,17 +38,34 @@ def wanted(value: Any, kind: Any, name: str, what: str) -> Any:
     InputError
         If it is of another kind.
     """
-    if isinstance(value, kind):
+    if isinstance(value, kind) and not isinstance(value, type):
         return value
-    raise InputError(f"{name} must be {what}; got {_shown(value)}")
+    raise InputError(f"{name} must be {what}; got {shown(value)}")
 
 
-def whole(value: Any, name: str, least: int = 0) -> int:
-    """Take a whole number."""
+def function(value: F, name: str, what: str) -> F:
+    """Take a function."""
+    if callable(value) and not isinstance(value, type):
+        return value
+    raise InputError(f"{name} must be {what}; got {shown(value)}")
+
+
+def chosen(value: Any, names: Iterable[str], kind: str) -> str:
+    """Take one of some names."""
+    names = tuple(names)
+    if isinstance(value, str) and value in names:
+        return value
+    raise unknown(kind, value if isinstance(value, str) else shown(value), names)
+
+
+def whole(value: Any, name: str, least: int = 0, most: int | None = None) -> int:
+    """Take a whole number; ``most`` is what a machine can bear."""
     number = _number(value)
     if not (math.isfinite(number) and number == int(number) and number >= least):
-        raise InputError(f"{name} must be a whole number from {least} up, not {_shown(value)}")
-    return int(number)
+        raise InputError(f"{name} must be a whole number from {least} up, not {shown(value)}")
+    if most is not None and number > most:
+        raise InputError(f"{name} can be {most:,} at most, not {shown(value)}")
+    return value if isinstance(value, int) else int(number)
 
 
 def positive(value: Any, name: str, unit: str = "", *, zero: bool = False) -> float:
@@ -48,16 +73,34 @@ def positive(value: Any, name: str, unit: str = "", *, zero: bool = False) -> fl
     number = _number(value)
     if not (math.isfinite(number) and (number > 0 or (zero and number == 0))):
         least = f"0{unit and ' '}{unit} or more" if zero else f"above 0{unit and ' '}{unit}"
-        raise InputError(f"{name} must be {least}, not {_shown(value)}")
+        raise InputError(f"{name} must be {least}, not {shown(value)}")
     return number
 
 
-def vector(values: ArrayLike, n: int, name: str) -> Array:
-    """Take n finite numbers, one a joint: (n,)."""
+def finite(value: Any, name: str, unit: str = "") -> float:
+    """Take a finite number of any sign."""
+    number = _number(value)
+    if not math.isfinite(number):
+        raise InputError(f"{name} must be a finite number{unit and ', '}{unit}, not {shown(value)}")
+    return number
+
+
+def vector(values: ArrayLike, n: int | None, name: str, each: str = "one a joint") -> Array:
+    """Take n finite numbers (n,), copied; with n = None any number of them, but one at least."""
     array = _array(values)
-    if array is None or array.shape != (n,) or not np.isfinite(array).all():
-        raise InputError(f"{name} must be {n} finite numbers, one a joint; got {_shape(values, array)}")
+    wrong = array is None or array.ndim != 1 or not array.size or n not in (None, array.size)
+    if array is None or wrong or not np.isfinite(array).all():
+        count = f"{n} finite numbers" if n is not None else "a list of finite numbers"
+        raise InputError(f"{name} must be {count}{each and ', '}{each}; got {_shape(values, array)}")
     return array
+
+
+def spread(values: ArrayLike, n: int, name: str, each: str = "one a joint") -> Array:
+    """Take one number above 0 for all of n, or n of them: (n,); infinity is allowed."""
+    array = _array(values)
+    if array is None or array.shape not in ((), (1,), (n,)) or not (array > 0).all():
+        raise InputError(f"{name} must be one number above 0 or {n} of them, {each}, not {shown(values)}")
+    return np.full(n, array) if array.size == 1 else array
 
 
 def rows(values: ArrayLike, n: int | None, whose: str) -> Array:
@@ -70,26 +113,40 @@ def rows(values: ArrayLike, n: int | None, whose: str) -> Array:
     return array
 
 
+def matrix(values: ArrayLike, shape: tuple[int | None, int], name: str, what: str) -> Array:
+    """Take a matrix of finite numbers of a shape; None where any number of rows will do."""
+    array = _array(values)
+    wrong = array is None or array.ndim != 2 or array.shape[1] != shape[1] or shape[0] not in (None, array.shape[0])
+    if array is None or wrong or not np.isfinite(array).all():
+        raise InputError(f"{name} must be {what}, finite numbers; got {_shape(values, array)}")
+    return array
+
+
 def _number(value: Any) -> float:
+    """A number as a float; NaN where it is none, written or not."""
     try:
-        return float(value)
+        return math.nan if isinstance(value, (str, bytes, bytearray)) or np.ndim(value) else float(value)
     except (TypeError, ValueError, OverflowError):
         return math.nan
 
 
 def _array(values: ArrayLike) -> Array | None:
+    """Numbers as a new array of doubles in the machine's own order; None where they are none, or no rectangle."""
     try:
-        return np.asarray(values, dtype=float)
-    except (TypeError, ValueError):
+        array = np.asarray(values)
+        return np.array(array, dtype=float, order="C") if array.dtype.kind in "biuf" else None
+    except (TypeError, ValueError, OverflowError):
         return None
 
 
 def _shape(values: ArrayLike, array: Array | None) -> str:
     if array is None:
-        return _shown(values)
+        return shown(values)
     return f"shape {array.shape}" if np.isfinite(array).all() else "numbers that are not finite"
 
 
-def _shown(value: Any) -> str:
+def shown(value: Any) -> str:
+    """Write what was given, shortly and on one line."""
     text = " ".join(repr(value).split())
-    return text if len(text) <= 60 else f"{text[:59]}…"
+    text = text if len(text) <= 60 else f"{text[:59]}…"
+    return text.encode("unicode_escape").decode() if not text.isprintable() else text

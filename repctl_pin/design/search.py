@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,7 +40,11 @@ class SingularRegionError(SingularityError):
 
     def __init__(self, finding: str, at: Array, free: Region | None, remedy: str = "") -> None:
         super().__init__(f"{finding}; {remedy}" if remedy else finding)
-        self.finding, self.at, self.free = finding, at, free
+        self.finding, self.at, self.free, self.remedy = finding, at, free, remedy
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle what it was made of: an exception's own way keeps the message alone."""
+        return type(self), (self.finding, self.at, self.free, self.remedy)
 
     def with_remedy(self, remedy: str) -> SingularRegionError:
         """Say the same with another remedy: the free region is taken in other words elsewhere."""

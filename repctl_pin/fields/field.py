@@ -14,6 +14,7 @@ from ..errors import InputError
 Array = NDArray[np.float64]
 
 
+@runtime_checkable
 class FieldMap(Protocol):
     """r potentials h(q) = c chosen from a family: the leaves of a repeatable control."""
 

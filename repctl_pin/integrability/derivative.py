@@ -90,7 +90,8 @@ def _(strategy: RepeatableInverse, Q: Array) -> Derivative:
 
 def wanted_inverse(strategy: Inverse) -> Inverse:
     """Take an argument that has to be an inverse, with a G(q)."""
-    return wanted(strategy, Batched, "strategy", AN_INVERSE)
+    wanted(strategy, Batched, "strategy", AN_INVERSE)
+    return strategy
 
 
 def joint_scale(task: Task, q: Array) -> Array:

@@ -8,9 +8,9 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import vector, wanted
 from ..errors import InputError
 from ..strategies import RepeatableInverse
-from ..strategies.on_leaf import checked
 
 try:
     from pink import Configuration
@@ -47,6 +47,7 @@ class RepeatableTask(PinkTask):
         gain: float = 1.0,
         lm_damping: float = 0.0,
     ) -> None:
+        wanted(inverse, RepeatableInverse, "inverse", "a repeatable inverse, such as design.inverse")
         super().__init__(cost=cost, gain=gain, lm_damping=lm_damping)
         if inverse.task.coordinates is not None:
             raise InputError("a pink task needs a design in the robot's own joint coordinates")
@@ -59,7 +60,7 @@ class RepeatableTask(PinkTask):
 
     def set_target(self, leaf: ArrayLike) -> None:
         """Set c (r,), the leaf to stay on: ``inverse.leaf(q)``."""
-        self.leaf = checked(leaf, "the leaf c", self.inverse.task.r)
+        self.leaf = vector(leaf, self.inverse.task.r, "the leaf c", "one a potential")
 
     def set_target_from_configuration(self, configuration: Configuration) -> None:
         """Stay on the leaf of a configuration."""

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import positive, wanted, whole
+from ..arguments import function, positive, wanted, whole
 from ..errors import InputError, SingularityError
 from ..robot.task import Task, wanted_task
 from ..strategies import FunctionStrategy, OnLeaves, Strategy
@@ -94,7 +94,7 @@ def follow(
         wanted_task(task)
     wanted(path, ClosedPath, "path", "a closed path, such as rp.circle(task, q0)")
     if not isinstance(strategy, Strategy):
-        wanted(strategy, Callable, "strategy", "a control, such as rp.Pseudoinverse(task) or design.inverse")
+        function(strategy, "strategy", "a control, such as rp.Pseudoinverse(task) or design.inverse")
         if task is None:
             raise InputError("to follow a path with a plain function (q, ẋ) → q̇, say what it controls: task=")
         strategy = FunctionStrategy(task, strategy)
@@ -208,7 +208,7 @@ def _locked(
     n_steps, used = len(grid) - 1, 0.0
     targets = [path.placement(float(s)) for s in grid[1:]]
     times = np.diff(grid) * period
-    most = None if limit is None else speeds(strategy.task, limit) / corrections  # shared by the corrections
+    most = None if limit is None else speeds(limit, strategy.task.n) / corrections  # shared by the corrections
     Q = np.empty((cycles * n_steps + 1, strategy.task.n))
     Q[0] = q
     for step in range(cycles * n_steps):

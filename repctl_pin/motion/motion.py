@@ -129,7 +129,7 @@ class Motion:
         """
         task = self.task
         own = [task.robot.velocity[task.robot.joint_names.index(name)] for name in task.robot_joints]
-        most = speeds(task, own if limit is None else limit)
+        most = speeds(own if limit is None else limit, task.n)
         q, qdot = self.joints(self.q), self.joints(self.qdot)
         at_ends = np.maximum((np.abs(qdot) / most).max(axis=1), 1.0)  # (T + 1,)
         times = np.diff(self.t)

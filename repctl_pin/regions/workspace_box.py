@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import wanted
 from ..errors import InputError
-from ..robot.task import Task, wanted_task
+from ..robot.task import Task, own_task
 from .box import Box, Density, evaluate_density, normalised
 
 Array = NDArray[np.float64]
@@ -58,7 +58,8 @@ class WorkspaceBox:
         within: Box,
         density: Density | None = None,
     ) -> None:
-        axes = [row for row in wanted_task(task).rows if row < 3]
+        task = own_task(task)
+        axes = [row for row in task.rows if row < 3]
         wanted(within, Box, "within", "a box of the joints, such as rp.Box(q0, 0.5)")
         try:
             middle = np.array(position, dtype=float)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from copy import copy
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg.blas import ddot
 
-from ..arguments import rows, vector, wanted
+from ..arguments import FLOAT, rows, vector, wanted
 from ..errors import InputError
 from .axis import axis_turn
 from .coordinates import Coordinates, change_of
@@ -49,8 +50,8 @@ class Task:
     ``ẋ = J q̇`` (2), with ``x`` the pose, the position, the position and tool axis, or two coordinates of
     the position. Redundant when r = n − m ≥ 1.
 
-    Made by :meth:`Robot.task`. Not to be shared between threads (Pinocchio's scratch memory is its own);
-    it pickles, so processes are fine.
+    Made by :meth:`Robot.task`. Its methods share scratch memory of Pinocchio's, so each thread wants a task of
+    its own: ``copy.copy(task)`` makes one, and every control takes one for itself. It pickles.
 
     Attributes
     ----------
@@ -108,8 +109,7 @@ class Task:
         if self.coordinates is not None:
             raise InputError("this task is in joint coordinates already; start from the original task")
         change = change_of(self.joint_names, self.lower, self.upper, self.velocity_limit, self.revolute, T)
-        task = type(self).__new__(type(self))
-        task.__setstate__(self.__getstate__())
+        task = copy(self)
         task.coordinates = change
         task.joint_names, task.revolute = change.names, change.revolute
         task.lower, task.upper, task.velocity_limit = change.lower, change.upper, change.velocity
@@ -144,6 +144,8 @@ class Task:
         ``e = (p* − p, log(R* Rᵀ))``, the rows of this kind; for ``axis`` the rotation that takes the tool
         axis to the target's by the shortest way.
         """
+        if not isinstance(target, pin.SE3):
+            wanted(target, pin.SE3, "target", "a placement (pinocchio.SE3), such as path.placement(0)")
         here = self.placement(q)
         p = target.translation - here.translation
         if self.kind == "pose":
@@ -165,16 +167,17 @@ class Task:
         """Evaluate J at every row of Q (K, n): an array (K, m, n)."""
         Q = self._matrix(Q)
         Js = np.empty((len(Q), self.m, self.n))
+        into = Js[..., 0] if self.n == 1 else Js  # Pinocchio makes the Jacobian of a single joint flat
         rows, full = self.rows, self.kind != "axis"
         evaluate, model, data, frame = pin.computeFrameJacobian, self.model, self._data, self._frame_id
         if full and self.m == 6:
-            for q, J in zip(Q, Js, strict=True):
+            for q, J in zip(Q, into, strict=True):
                 J[:] = evaluate(model, data, q, frame, _SHARED)
         elif full:
-            for q, J in zip(Q, Js, strict=True):
+            for q, J in zip(Q, into, strict=True):
                 J[:] = evaluate(model, data, q, frame, _SHARED)[rows]
         else:
-            for q, J in zip(Q, Js, strict=True):
+            for q, J in zip(Q, into, strict=True):
                 J[:] = self._task_rows(evaluate(model, data, q, frame, _SHARED))
         return Js if self.coordinates is None else Js @ self.coordinates.T
 
@@ -281,7 +284,7 @@ class Task:
     # ---- inside --------------------------------------------------------------------------------
 
     def _frame_jacobian(self, q: Array) -> Array:
-        return pin.computeFrameJacobian(self.model, self._data, q, self._frame_id, _SHARED)
+        return pin.computeFrameJacobian(self.model, self._data, q, self._frame_id, _SHARED).reshape(6, -1)
 
     def _task_rows(self, J: Array) -> Array:
         """Cut the task's rows out of the frame's Jacobian (6, n), just evaluated."""
@@ -290,16 +293,12 @@ class Task:
         if self.kind != "axis":
             return J[self.rows]
         R = self._data.oMf[self._frame_id].rotation
-        return np.vstack([J[:3], R[:, :2].T @ J[3:]])
+        return np.concatenate([J[:3], R[:, :2].T @ J[3:]])
 
     def _vector(self, q: ArrayLike) -> Array:
-        try:
-            values = np.asarray(q, dtype=float)
-            usable = values.shape == (self.n,) and ddot(values, values) < np.inf  # quicker than np.isfinite
-        except (TypeError, ValueError):
-            usable = False
-        if not usable:
-            values = vector(q, self.n, f"q of {self!r}")
+        values: Any = q
+        if not (type(q) is np.ndarray and q.dtype is FLOAT and q.shape == (self.n,) and ddot(q, q) < np.inf):
+            values = vector(q, self.n, f"q of {self!r}")  # ddot: quicker than np.isfinite
         return values if self.coordinates is None else self.coordinates.T @ values
 
     def _matrix(self, Q: ArrayLike) -> Array:
@@ -321,6 +320,11 @@ class Task:
 def wanted_task(value: Any) -> Task:
     """Take an argument that has to be a task."""
     return wanted(value, Task, "task", "a task, such as rp.Robot.load('panda').task()")
+
+
+def own_task(value: Any) -> Task:
+    """Take a task, with scratch memory of one's own; model and limits are shared."""
+    return copy(wanted_task(value))
 
 
 def _measure_from(model: pin.Model, base: int) -> None:

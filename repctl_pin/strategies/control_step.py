@@ -1,21 +1,24 @@
 """One step of a control loop: one Jacobian, one evaluation of the potentials, one LAPACK solve.
 
-The functions made here are closures over preallocated memory, see :mod:`repctl_pin.robot.inplace`.
+The functions made here are closures over preallocated memory, see :mod:`repctl_pin.robot.inplace`. What they are
+given is looked at before it reaches compiled code: native doubles of the right size pass, everything else is
+converted or refused by name.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import prod
-from typing import Any
+from math import inf, prod
 
 import numpy as np
 import pinocchio as pin
+from numpy import ndarray
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg.blas import daxpy, ddot, dscal
 from scipy.linalg.lapack import dgesv, dgetrf, dgetri
 
+from ..arguments import FLOAT, NUMBER, positive, spread, vector, wanted
 from ..errors import InputError, SingularityError
 from ..fields import inplace as potentials_of
 from ..fields.field import FieldMap
@@ -24,9 +27,6 @@ from ..robot import inplace as kinematics_of
 from ..robot.task import Task
 
 Array = NDArray[np.float64]
-
-UNUSABLE = (ValueError, TypeError, IndexError, AttributeError)
-"""What a step raises where an argument has the wrong size or type, before :func:`reason` finds the words."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +48,7 @@ class Loop:
 def make_loop(task: Task, field: FieldMap) -> Loop:
     """Make the quick functions of the repeatable inverse of a field."""
     n, m, r = task.n, task.m, task.r
+    of_joints, of_task, of_twist, of_leaf = (n,), (m,), (6,), (r,)
     memory = np.zeros(n * n + n)
     J_V, rhs = memory[: n * n].reshape((n, n), order="F"), memory[n * n :]  # [J; Vᵀ] (37)
     top, bottom, pivots = rhs[:m], rhs[m:], memory[: n * n : n + 1]
@@ -70,8 +71,10 @@ def make_loop(task: Task, field: FieldMap) -> Loop:
         return x
 
     def velocity(q: Array, xdot: Array) -> Array:
-        if len(xdot) != m:
-            raise ValueError
+        if not (type(q) is ndarray and q.dtype is FLOAT and q.shape == of_joints):
+            q = vector(q, n, "q")
+        if not (type(xdot) is ndarray and xdot.dtype is FLOAT and xdot.shape == of_task):
+            xdot = vector(xdot, m, "ẋ", "m/s and rad/s")
         jacobian(q)
         slope(q)
         top[:] = xdot
@@ -87,25 +90,26 @@ def make_loop(task: Task, field: FieldMap) -> Loop:
         gain: float | None,
         solve: Callable[[Array], Array] = solved,
     ) -> Array:
-        if not dt > 0.0:
-            raise ValueError
+        if not (type(q) is ndarray and q.dtype is FLOAT and q.shape == of_joints):
+            q = vector(q, n, "q")
+        if not (isinstance(dt, NUMBER) and 0.0 < dt < inf):
+            dt = positive(dt, "dt", "s")
+        if not isinstance(target, pin.SE3):
+            wanted(target, pin.SE3, "the target", "a placement (pinocchio.SE3)")
         jacobian(q)
         slope(q)
         error(target)
         if leaf is None:
             bottom[:] = 0.0
-        elif len(leaf) == r:
-            gap(leaf)
         else:
-            raise ValueError
+            if not (type(leaf) is ndarray and leaf.dtype is FLOAT and leaf.shape == of_leaf):
+                leaf = vector(leaf, r, "the leaf c = h(q)", "one a potential")
+            gap(leaf)
         if gain is not None:
-            share = gain * dt
-            if not 0.0 <= share <= 2.0:
-                raise ValueError
-            dscal(share, rhs)
+            dscal(share_of(gain, dt), rhs)
         if twist is not None:
-            if len(twist) != 6:
-                raise ValueError
+            if not (type(twist) is ndarray and twist.dtype is FLOAT and twist.shape == of_twist):
+                twist = vector(twist, 6, "the twist (v, ω)", "m/s and rad/s")
             daxpy(twist if whole else rate(twist), rhs, m, dt)
         return daxpy(q, solve(q), n)
 
@@ -119,16 +123,15 @@ def make_loop(task: Task, field: FieldMap) -> Loop:
         limit: ArrayLike | None,
         damping: float,
     ) -> tuple[Array, float, float]:
-        most = np.broadcast_to(np.inf if limit is None else np.asarray(limit, float) * dt, (n,))
-        if not (0 <= damping < np.inf and (most > 0).all()):
-            raise ValueError
+        dt, damping = positive(dt, "dt", "s"), positive(damping, "damping", zero=True)
+        most = np.full(n, inf) if limit is None else speeds(limit, n) * dt
         used, slowed = 0.0, 1.0
 
         def gently(q: Array) -> Array:
             nonlocal used, slowed
             if damping:
                 x, used = damped(J_V, rhs, damping)
-                if not ddot(x, x) < np.inf:
+                if not ddot(x, x) < inf:
                     raise failure(task, q, rhs)
             else:
                 x = solved(q)
@@ -210,59 +213,24 @@ def failure(task: Task, q: Array, rhs: Array, singular: str = "") -> Exception:
     if not np.isfinite(q).all():
         return InputError(f"q must be {task.n} finite numbers; got {row(q)}")
     if not np.isfinite(rhs).all():
-        return InputError("the task velocity or target, the leaf and dt must be finite numbers")
+        return InputError("the task velocity ẋ or the target, the leaf and dt must be finite numbers")
     singular = singular or "J_V is singular: the arm is at a singularity, or the control's V is in J's row space"
     return SingularityError(f"{singular}, at q = {row(q)}")
 
 
-def vector(task: Task, values: ArrayLike, what: str, size: int) -> Array:
-    """Take (size,) numbers that a person gave, or say what is wrong with them."""
-    try:
-        array = np.array(values, dtype=float)
-    except (TypeError, ValueError):
-        raise InputError(f"{what} must be {size} numbers; got {values!r}") from None
-    if array.shape != (size,):
-        raise InputError(f"{what} has shape {array.shape}, but ({size},) is wanted for {task!r}")
-    return array
+def share_of(gain: float, dt: float) -> float:
+    """Take a feedback gain, 1/s, that a person gave: the share gain · dt of the error that a step undoes."""
+    share = gain * dt if isinstance(gain, NUMBER) else positive(gain, "gain", "1/s", zero=True) * dt
+    if not 0.0 <= share <= 2.0:
+        raise InputError(f"gain · dt must be from 0 to 2, beyond which feedback diverges; got {gain!r} · {dt!r}")
+    return share
 
 
-def speeds(task: Task, limit: ArrayLike) -> Array:
-    """Take speed limits (n,) that a person gave: one number above 0, or n of them."""
-    try:
-        most = np.broadcast_to(np.asarray(limit, float), (task.n,))
-    except (TypeError, ValueError):
-        most = np.zeros(1)
-    if not (most > 0).all():
-        raise InputError(f"a speed limit is one number above 0 or {task.n} of them, not {limit!r}")
-    return most
-
-
-def reason(
-    task: Task, q: Any, target: Any, dt: Any, twist: Any, leaf: Any, gain: Any, limit: Any, damping: Any
-) -> InputError | None:
-    """Find the argument of a step that cannot be used."""
-    vector(task, q, "q", task.n)
-    if not isinstance(target, pin.SE3):
-        return InputError(f"the target must be a placement (pinocchio.SE3), not a {type(target).__name__}")
-    if not _between(dt, 0, np.inf) or dt == 0:
-        return InputError(f"dt must be above 0 s, not {dt!r}")
-    if twist is not None:
-        vector(task, twist, "the twist (v, ω)", 6)
-    if leaf is not None:
-        vector(task, leaf, "the leaf c = h(q)", task.r)
-    if gain is not None and not (_between(gain, 0, np.inf) and _between(gain * dt, 0, 2)):
-        return InputError(f"gain · dt must be from 0 to 2, beyond which feedback diverges; got {gain!r} · {dt!r}")
-    if limit is not None:
-        speeds(task, limit)
-    if not _between(damping, 0, np.inf):
-        return InputError(f"damping must be 0 or more, not {damping!r}")
-    return None
+def speeds(limit: ArrayLike, n: int) -> Array:
+    """Take speed limits (n,) that a person gave."""
+    return spread(limit, n, "a speed limit")
 
 
 def row(q: Array) -> str:
     """Write a configuration for a message."""
     return "(" + ", ".join(f"{value:.4g}" for value in np.ravel(q)) + ")"
-
-
-def _between(value: Any, low: float, high: float) -> bool:
-    return isinstance(value, (int, float)) and low <= value <= high and value < np.inf

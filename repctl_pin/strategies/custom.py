@@ -7,8 +7,12 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import function as wanted_function
+from ..arguments import positive, vector
 from ..errors import InputError
-from ..robot.task import Task, wanted_task
+from ..robot.task import Task
+from .control_step import row
+from .pseudoinverse import redundant
 
 Array = NDArray[np.float64]
 
@@ -30,13 +34,11 @@ class CustomInverse:
     """
 
     def __init__(self, task: Task, function: Callable[[Array], ArrayLike], *, tolerance: float = 1e-8) -> None:
-        if not callable(function):
-            raise InputError(f"a custom inverse is a function q → G, not {function!r}")
-        if not (np.isfinite(tolerance) and tolerance > 0):
-            raise InputError(f"the tolerance of J G = I must be above 0, not {tolerance!r}")
-        self.task, self.function, self.tolerance = wanted_task(task), function, float(tolerance)
+        self.task = redundant(task)
+        self.function = wanted_function(function, "function", "a function q → G")
+        self.tolerance = positive(tolerance, "the tolerance of J G = I")
 
-    def __call__(self, q: Array) -> Array:
+    def __call__(self, q: ArrayLike) -> Array:
         """Evaluate G (n, m).
 
         Raises
@@ -44,38 +46,34 @@ class CustomInverse:
         InputError
             If the function returns anything but an (n, m) matrix with ``J G = I``; the residual is named.
         """
-        q = np.asarray(q, float)
+        q = vector(q, self.task.n, "q")
         return self._checked(q, self.task.jacobian(q))
 
-    def batch(self, Q: Array, J: Array | None = None) -> Array:
+    def batch(self, Q: ArrayLike, J: Array | None = None) -> Array:
         """Evaluate G at every row of Q (K, n): (K, n, m)."""
-        Q = np.asarray(Q, float)
         J = self.task.jacobians(Q) if J is None else J
+        Q = np.asarray(Q, float)
         return np.array([self._checked(q, J_q) for q, J_q in zip(Q, J, strict=True)]).reshape(
             len(Q), self.task.n, self.task.m
         )
 
-    def velocity(self, q: Array, xdot: Array) -> Array:
+    def velocity(self, q: ArrayLike, xdot: ArrayLike) -> Array:
         """Choose ``q̇ = G ẋ`` (n,)."""
-        return self(q) @ xdot
+        return self(q) @ vector(xdot, self.task.m, "ẋ", "m/s and rad/s")
 
     def _checked(self, q: Array, J: Array) -> Array:
         n, m = self.task.n, self.task.m
         try:
             G = np.array(self.function(q), dtype=float)
         except (TypeError, ValueError) as error:
-            raise InputError(f"the function gives no {n} × {m} matrix G at q = {_row(q)}: {error}") from error
+            raise InputError(f"the function gives no {n} × {m} matrix G at q = {row(q)}: {error}") from error
         if G.shape != (n, m) or not np.isfinite(G).all():
-            raise InputError(f"the function must give G as {n} × {m} finite numbers; at q = {_row(q)} it does not")
+            raise InputError(f"the function must give G as {n} × {m} finite numbers; at q = {row(q)} it does not")
         residual = np.abs(J @ G - np.eye(m))
         if residual.max() > self.tolerance:
             a, b = np.unravel_index(int(residual.argmax()), residual.shape)
             raise InputError(
-                f"J G = I is missed by {residual.max():.2g} (row {a}, column {b}) at q = {_row(q)}; "
+                f"J G = I is missed by {residual.max():.2g} (row {a}, column {b}) at q = {row(q)}; "
                 "correct the function, for example G + J⁺ (I − J G)"
             )
         return G
-
-
-def _row(q: Array) -> str:
-    return "(" + ", ".join(f"{value:.4g}" for value in q) + ")"

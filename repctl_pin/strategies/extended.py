@@ -8,10 +8,11 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import function, vector
 from ..errors import InputError, SingularityError
 from ..redundancy.inverses import pseudoinverse
 from ..redundancy.nullspace import nullspace
-from ..robot.task import Task, wanted_task
+from ..robot.task import Task, own_task
 from .repeatable import RepeatableInverse
 
 Array = NDArray[np.float64]
@@ -52,15 +53,17 @@ class ExtendedJacobian(RepeatableInverse):
         hessian: Callable[[Array], ArrayLike] | None = None,
         reference: ArrayLike | None = None,
     ) -> None:
-        if wanted_task(task).r < 1:
+        task = own_task(task)
+        if task.r < 1:
             raise InputError(f"a task with r = {task.r} leaves an extended Jacobian nothing to extend")
         if callable(potential):
+            for given, name in ((gradient, "gradient"), (hessian, "hessian")):
+                if given is not None:
+                    function(given, name, "a function of q")
             shape: Shape = Given(potential, gradient, hessian)
             anchor = task.reference if reference is None else reference
         else:
-            posture = np.array(potential, dtype=float)
-            if posture.shape != (task.n,) or not np.isfinite(posture).all():
-                raise InputError(f"a posture is {task.n} finite numbers, one a joint; or give U as a function")
+            posture = vector(potential, task.n, "a posture (or give U as a function)")
             shape = Posture(posture)
             anchor = posture if reference is None else reference
         super().__init__(task, ExtendedMap(task, shape, nullspace(task.jacobian(anchor))))
@@ -192,7 +195,10 @@ class Given:
 
 
 def _checked(value: ArrayLike, shape: tuple[int, ...], what: str, q: Array) -> Array:
-    array = np.asarray(value, float)
+    try:
+        array = np.asarray(value, float)
+    except (TypeError, ValueError):
+        array = np.full(shape, np.nan)
     if array.shape != shape or not np.isfinite(array).all():
         at = ", ".join(f"{x:.3f}" for x in q)
         raise InputError(

@@ -7,8 +7,10 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import function as wanted_function
+from ..arguments import vector
 from ..errors import InputError
-from ..robot.task import Task, wanted_task
+from ..robot.task import Task, own_task
 
 Array = NDArray[np.float64]
 
@@ -25,11 +27,10 @@ class FunctionStrategy:
     """
 
     def __init__(self, task: Task, function: Callable[[Array, Array], ArrayLike]) -> None:
-        if not callable(function):
-            raise InputError(f"a strategy is a function (q, ẋ) → q̇, or has a method velocity(q, ẋ); not {function!r}")
-        self.task, self.function = wanted_task(task), function
+        self.task = own_task(task)
+        self.function = wanted_function(function, "a strategy", "a function (q, ẋ) → q̇, or have a velocity(q, ẋ)")
 
-    def velocity(self, q: Array, xdot: Array) -> Array:
+    def velocity(self, q: ArrayLike, xdot: ArrayLike) -> Array:
         """Ask the function for q̇ (n,).
 
         Raises
@@ -37,8 +38,9 @@ class FunctionStrategy:
         InputError
             If it gives anything but n finite numbers.
         """
+        q, xdot = vector(q, self.task.n, "q"), vector(xdot, self.task.m, "ẋ", "m/s and rad/s")
         try:
-            qdot = np.asarray(self.function(q.copy(), xdot), float)
+            qdot = np.asarray(self.function(q, xdot), float)
         except (TypeError, ValueError) as error:
             raise InputError(f"the strategy's function gives no q̇: {error}") from error
         if qdot.shape != (self.task.n,) or not np.isfinite(qdot).all():

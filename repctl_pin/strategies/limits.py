@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import positive, vector
 from ..errors import InputError
 from ..robot.task import Task, wanted_task
 
@@ -27,12 +28,10 @@ class LimitWeight:
     """
 
     def __init__(self, task: Task, gain: float = 1.0) -> None:
-        if not (np.isfinite(gain) and gain >= 0):
-            raise InputError(f"the gain of a limit weight must be 0 or more, not {gain!r}")
         self.lower, self.upper = np.array(wanted_task(task).lower), np.array(task.upper)
-        self.names, self.gain = task.joint_names, float(gain)
+        self.names, self.gain = task.joint_names, positive(gain, "the gain of a limit weight", zero=True)
 
-    def __call__(self, q: Array) -> Array:
+    def __call__(self, q: ArrayLike) -> Array:
         """Evaluate the weights (n,).
 
         Raises
@@ -40,7 +39,7 @@ class LimitWeight:
         InputError
             If a joint is on or outside its limits.
         """
-        q = np.asarray(q, float)
+        q = vector(q, len(self.names), "q")
         limited = np.isfinite(self.lower) & np.isfinite(self.upper)
         below, above = np.where(limited, q - self.lower, 1.0), np.where(limited, self.upper - q, 1.0)
         if not ((below > 0) & (above > 0)).all():

@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import vector, wanted
 from ..errors import InputError, SingularityError
 from ..fields.field import FieldMap
 from ..redundancy.augmented import leaf_margin
@@ -68,13 +69,12 @@ def solve(inverse: WithField, target: pin.SE3, q0: ArrayLike, leaf: ArrayLike | 
         If q0 itself is singular.
     """
     task = inverse.task
-    q = checked(q0, "q0", task.n)
-    if not isinstance(target, pin.SE3):
-        raise InputError(f"the target must be a placement (pinocchio.SE3), not a {type(target).__name__}")
+    q = vector(q0, task.n, "q0")
+    wanted(target, pin.SE3, "the target", "a placement (pinocchio.SE3)")
     if not np.isfinite(target.homogeneous).all():
         raise InputError("the target must be finite numbers, m and a rotation")
     c_start = inverse.field.value(q)
-    c_end = c_start if leaf is None else checked(leaf, "the leaf c", task.r)
+    c_end = c_start if leaf is None else vector(leaf, task.r, "the leaf c", "one a potential")
     start = task.placement(q)
     turn = _turn(task.kind, start, target)
     side = _side(inverse, q)
@@ -111,17 +111,6 @@ def solve_all(inverse: WithField, targets: Sequence[pin.SE3], q0: ArrayLike, lea
         except InputError as error:
             raise InputError(f"target {k}: {error}") from None
     return Q
-
-
-def checked(values: ArrayLike, what: str, size: int) -> Array:
-    """Check what a person gave: (size,) finite numbers, copied."""
-    try:
-        array = np.array(values, dtype=float)
-    except (TypeError, ValueError):
-        raise InputError(f"{what} must be {size} numbers; got {values!r}") from None
-    if array.shape != (size,) or not np.isfinite(array).all():
-        raise InputError(f"{what} must be {size} finite numbers, one row; got {np.array2string(array, threshold=12)}")
-    return array
 
 
 def _newton(inverse: WithField, q: Array, target: pin.SE3, c: Array, tolerance: float) -> Array | None:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import InputError
-from ..robot.task import Task, wanted_task
-from .pseudoinverse import least_norm
+from ..arguments import positive, vector
+from ..robot.task import Task
+from .pseudoinverse import least_norm, redundant
 
 Array = NDArray[np.float64]
 
@@ -28,16 +28,13 @@ class PostureControl:
     """
 
     def __init__(self, task: Task, posture: ArrayLike, gain: float = 1.0) -> None:
-        self.task = wanted_task(task)
-        self.posture = np.array(posture, dtype=float)
-        self.gain = float(gain)
-        if self.posture.shape != (task.n,) or not np.isfinite(self.posture).all():
-            raise InputError(f"a posture is {task.n} finite numbers, one a joint")
-        if not (np.isfinite(self.gain) and self.gain >= 0):
-            raise InputError(f"the posture's gain must be 0 or more, not {gain!r}")
+        self.task = redundant(task)
+        self.posture = vector(posture, self.task.n, "a posture")
+        self.gain = positive(gain, "the gain of a posture", "1/s", zero=True)
 
-    def velocity(self, q: Array, xdot: Array) -> Array:
+    def velocity(self, q: ArrayLike, xdot: ArrayLike) -> Array:
         """Choose q̇ (n,) for a task velocity ẋ (m,)."""
+        q, xdot = vector(q, self.task.n, "q"), vector(xdot, self.task.m, "ẋ", "m/s and rad/s")
         J = self.task.jacobian(q)
         pull = self.gain * (self.posture - q)
         return pull + least_norm(J, xdot - J @ pull)

@@ -7,15 +7,17 @@ from math import prod
 from typing import Any
 
 import numpy as np
+from numpy import ndarray
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg.blas import ddot
 from scipy.linalg.lapack import dposv
 
+from ..arguments import FLOAT, shown, vector
 from ..errors import InputError, SingularityError
 from ..redundancy.inverses import RANK_TOLERANCE, pseudoinverse, weighted_pseudoinverse
 from ..robot.inplace import in_place
-from ..robot.task import Task, wanted_task
-from .control_step import UNUSABLE, failure, vector
+from ..robot.task import Task, own_task
+from .control_step import failure
 
 Array = NDArray[np.float64]
 
@@ -23,18 +25,21 @@ Array = NDArray[np.float64]
 class Pseudoinverse:
     """Least joint speed: ``q̇ = J⁺ ẋ``, ``J⁺ = Jᵀ (J Jᵀ)⁻¹``. In general not repeatable.
 
-    One for each thread: a velocity is worked out in memory of its own.
+    One for each thread, on a shared task or not: each works in memory of its own. ``copy.copy`` makes another.
     """
 
     def __init__(self, task: Task) -> None:
-        self.task = _redundant(task)
+        self._begin(redundant(task))
+
+    def _begin(self, task: Task) -> None:
+        self.task = task
         self._quick = _velocity(task)
 
-    def __call__(self, q: Array) -> Array:
+    def __call__(self, q: ArrayLike) -> Array:
         """Evaluate J⁺ (n, m)."""
         return pseudoinverse(self.task.jacobian(q))
 
-    def batch(self, Q: Array, J: Array | None = None) -> Array:
+    def batch(self, Q: ArrayLike, J: Array | None = None) -> Array:
         """Evaluate J⁺ at every row of Q (K, n): (K, n, m)."""
         return pseudoinverse(self.task.jacobians(Q) if J is None else J)
 
@@ -48,19 +53,13 @@ class Pseudoinverse:
         SingularityError
             Where J loses rank.
         """
-        try:
-            return self._quick(q, xdot)
-        except UNUSABLE as error:
-            if isinstance(error, InputError):
-                raise
-            task = self.task
-            return self._quick(vector(task, q, "q", task.n), vector(task, xdot, "ẋ", task.m))
+        return self._quick(q, xdot)
 
-    def __getstate__(self) -> dict:
+    def __getstate__(self) -> dict[str, Any]:
         return {"task": self.task}
 
-    def __setstate__(self, state: dict) -> None:
-        self.__init__(state["task"])  # type: ignore[misc]
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self._begin(own_task(state["task"]))
 
 
 class WeightedInverse:
@@ -81,16 +80,17 @@ class WeightedInverse:
     """
 
     def __init__(self, task: Task, weight: ArrayLike | Callable[[Array], ArrayLike] | str) -> None:
-        self.task = _redundant(task)
+        self.task = redundant(task)
         if isinstance(weight, str) and weight != "inertia":
             raise InputError(f"no weight named {weight!r}; give 'inertia', n numbers, a matrix or a function")
-        self.weight: Any = weight if isinstance(weight, str) or callable(weight) else _positive(weight, task.n)
+        n = self.task.n
+        self.weight: Any = weight if isinstance(weight, str) or callable(weight) else _positive(weight, n)
 
-    def __call__(self, q: Array) -> Array:
+    def __call__(self, q: ArrayLike) -> Array:
         """Evaluate J⁺_M (n, m)."""
-        return self.batch(np.asarray(q, float)[None])[0]
+        return self.batch(vector(q, self.task.n, "q")[None])[0]
 
-    def batch(self, Q: Array, J: Array | None = None) -> Array:
+    def batch(self, Q: ArrayLike, J: Array | None = None) -> Array:
         """Evaluate J⁺_M at every row of Q (K, n): (K, n, m)."""
         J = self.task.jacobians(Q) if J is None else J
         return weighted_pseudoinverse(J, self._weights(np.asarray(Q, float)))
@@ -103,9 +103,9 @@ class WeightedInverse:
             return np.array([_positive(self.weight(q), self.task.n) for q in Q])
         return np.asarray(self.weight)
 
-    def velocity(self, q: Array, xdot: Array) -> Array:
+    def velocity(self, q: ArrayLike, xdot: ArrayLike) -> Array:
         """Choose ``q̇ = J⁺_M ẋ`` (n,)."""
-        return self(q) @ xdot
+        return self(q) @ vector(xdot, self.task.m, "ẋ", "m/s and rad/s")
 
 
 def least_norm(J: Array, xdot: Array) -> Array:
@@ -126,6 +126,7 @@ def least_norm(J: Array, xdot: Array) -> Array:
 def _velocity(task: Task) -> Callable[[Array, Array], Array]:
     """Make the quick form of :func:`least_norm` for a task: closures and BLAS, see :mod:`control_step`."""
     m, n = task.m, task.n
+    of_joints, of_task = (n,), (m,)
     memory = np.zeros(m * n + m)
     J, rhs, gram = memory[: m * n].reshape(m, n), memory[m * n :], np.empty((m, m))
     multiply, J_T, gram_T, pivots = J.dot, J.T, gram.T, gram.ravel()[:: m + 1]
@@ -133,8 +134,10 @@ def _velocity(task: Task) -> Callable[[Array, Array], Array]:
     half, tolerance = m / 2, RANK_TOLERANCE
 
     def velocity(q: Array, xdot: Array) -> Array:
-        if len(xdot) != m:
-            raise ValueError
+        if not (type(q) is ndarray and q.dtype is FLOAT and q.shape == of_joints):
+            q = vector(q, n, "q")
+        if not (type(xdot) is ndarray and xdot.dtype is FLOAT and xdot.shape == of_task):
+            xdot = vector(xdot, m, "ẋ", "m/s and rad/s")
         jacobian(q)
         rhs[:] = xdot
         square = ddot(memory, memory)
@@ -151,7 +154,10 @@ def _velocity(task: Task) -> Callable[[Array, Array], Array]:
 
 def _positive(weight: ArrayLike, n: int) -> Array:
     """Check a weight: n numbers or an (n, n) symmetric positive definite matrix."""
-    M = np.asarray(weight, float)
+    try:
+        M = np.asarray(weight, float)
+    except (TypeError, ValueError):
+        raise InputError(f"the weight must be {n} numbers or a {n} × {n} matrix, not {shown(weight)}") from None
     M = np.diag(M) if M.shape == (n,) else M
     if M.shape != (n, n) or not np.isfinite(M).all() or not np.allclose(M, M.T):
         raise InputError(f"the weight must be {n} numbers or a symmetric {n} × {n} matrix, all finite")
@@ -160,8 +166,9 @@ def _positive(weight: ArrayLike, n: int) -> Array:
     return M
 
 
-def _redundant(task: Task) -> Task:
-    """Refuse a task with fewer joints than coordinates: it has no right inverse."""
-    if wanted_task(task).r < 0:
+def redundant(value: Any) -> Task:
+    """Take a task for oneself, see :func:`own_task`; one with fewer joints than coordinates has no right inverse."""
+    task = own_task(value)
+    if task.r < 0:
         raise InputError(f"{task.frame!r} is moved by {task.n} joints, too few for a {task.kind} task (m = {task.m})")
     return task

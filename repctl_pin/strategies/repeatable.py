@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import InputError, SingularityError
+from ..arguments import NUMBER, matrix, rows, vector, wanted
+from ..errors import SingularityError
 from ..fields.field import FieldMap
 from ..redundancy.augmented import augmented_inverse
-from ..robot.task import Task, wanted_task
-from .control_step import UNUSABLE, make_loop, reason, vector
-from .on_leaf import checked, solve, solve_all
+from ..robot.task import Task, own_task
+from .control_step import make_loop
+from .on_leaf import solve, solve_all
+from .pseudoinverse import redundant
 
 Array = NDArray[np.float64]
 
@@ -21,7 +24,7 @@ Array = NDArray[np.float64]
 class RepeatableInverse:
     """``q̇ = G_r ẋ`` with G_r the first m columns of ``[J; Vᵀ]⁻¹`` (31), (37), ``V = ∂hᵀ/∂q``.
 
-    One for each thread: a step works in memory of its own.
+    One for each thread, on a shared task or not: each works in memory of its own. ``copy.copy`` makes another.
 
     Parameters
     ----------
@@ -39,20 +42,24 @@ class RepeatableInverse:
     """
 
     def __init__(self, task: Task, field: FieldMap) -> None:
-        self.task, self.field = wanted_task(task), field
+        self._begin(redundant(task), wanted(field, FieldMap, "field", "potentials, such as fields.weighted(A)"))
+
+    def _begin(self, task: Task, field: FieldMap) -> None:
+        self.task, self.field = task, field
         self.damping, self.slowed = 0.0, 1.0
         self._loop = make_loop(task, field)
 
     # ---- the inverse -----------------------------------------------------------------------------
 
-    def __call__(self, q: Array) -> Array:
+    def __call__(self, q: ArrayLike) -> Array:
         """Evaluate G_r (n, m)."""
-        return augmented_inverse(self.task.jacobian(q), self.field.gradient(np.asarray(q, float)))[:, : self.task.m]
+        q = vector(q, self.task.n, "q")
+        return augmented_inverse(self.task.jacobian(q), self.field.gradient(q))[:, : self.task.m]
 
-    def batch(self, Q: Array, J: Array | None = None) -> Array:
+    def batch(self, Q: ArrayLike, J: Array | None = None) -> Array:
         """Evaluate G_r at every row of Q (K, n): (K, n, m)."""
         J = self.task.jacobians(Q) if J is None else J
-        return augmented_inverse(J, self.field.gradients(Q))[:, :, : self.task.m]
+        return augmented_inverse(J, self.field.gradients(np.asarray(Q, float)))[:, :, : self.task.m]
 
     # ---- the control loop ------------------------------------------------------------------------
 
@@ -66,20 +73,12 @@ class RepeatableInverse:
         SingularityError
             Where J_V is singular.
         """
-        try:
-            return self._loop.velocity(q, xdot)
-        except UNUSABLE as error:
-            if isinstance(error, InputError):
-                raise
-            task = self.task
-            return self._loop.velocity(vector(task, q, "q", task.n), vector(task, xdot, "ẋ", task.m))
+        return self._loop.velocity(q, xdot)
 
     def velocities(self, Q: ArrayLike, Xdot: ArrayLike) -> Array:
         """Choose q̇ for every row of Q (K, n) and of Ẋ (K, m): (K, n)."""
-        Q, Xdot = np.asarray(Q, float), np.asarray(Xdot, float)
-        m = self.task.m
-        if Xdot.shape != (len(Q), m) or not (np.isfinite(Q).all() and np.isfinite(Xdot).all()):
-            raise InputError(f"velocities() wants Q (K, {self.task.n}) and Ẋ (K, {m}), finite numbers")
+        Q = rows(Q, self.task.n, "velocities()")
+        Xdot = matrix(Xdot, (len(Q), self.task.m), "Ẋ", f"{len(Q)} × {self.task.m}, one row a row of Q")
         J_V = np.concatenate([self.task.jacobians(Q), np.swapaxes(self.field.gradients(Q), 1, 2)], axis=1)
         rhs = np.concatenate([Xdot, np.zeros((len(Q), self.task.r))], axis=1)
         try:
@@ -132,19 +131,16 @@ class RepeatableInverse:
         SingularityError
             Where J_V is singular and there is no damping.
         """
-        try:
-            if limit is None and not damping:
-                return self._loop.step(q, target, dt, twist, leaf, gain)
-            following, self.damping, self.slowed = self._loop.bounded(q, target, dt, twist, leaf, gain, limit, damping)
-            return following
-        except UNUSABLE as error:
-            raise reason(self.task, q, target, dt, twist, leaf, gain, limit, damping) or error from None
+        if limit is None and isinstance(damping, NUMBER) and not damping:
+            return self._loop.step(q, target, dt, twist, leaf, gain)
+        following, self.damping, self.slowed = self._loop.bounded(q, target, dt, twist, leaf, gain, limit, damping)
+        return following
 
     # ---- the leaves ------------------------------------------------------------------------------
 
     def leaf(self, q: ArrayLike) -> Array:
         """Evaluate c = h(q) (r,): the leaf that q lies on, and that every motion from there stays on."""
-        return self.field.value(checked(q, "q", self.task.n))
+        return self.field.value(vector(q, self.task.n, "q"))
 
     def solve(self, target: pin.SE3, q0: ArrayLike, *, leaf: ArrayLike | None = None) -> Array:
         """Evaluate the inverse kinematic function q = F(x; c): the q on a leaf with the frame at the target.
@@ -171,8 +167,8 @@ class RepeatableInverse:
         """Evaluate q = F(x; c) for many targets, each from q0: (K, n)."""
         return solve_all(self, targets, q0, leaf)
 
-    def __getstate__(self) -> dict:
+    def __getstate__(self) -> dict[str, Any]:
         return {"task": self.task, "field": self.field}
 
-    def __setstate__(self, state: dict) -> None:
-        RepeatableInverse.__init__(self, state["task"], state["field"])
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self._begin(own_task(state["task"]), state["field"])

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import wanted
+from ..arguments import function, wanted
 from ..errors import RepctlError, SingularityError
 from ..motion import TaskPath, check_reach, reach_start
 from ..motion.fitting import dexterity
@@ -55,12 +55,8 @@ def choose_setting(task: Task, start: ArrayLike | None, path: TaskPath | Callabl
     SingularityError
         If the start is singular.
     """
-    wanted(
-        path,
-        (TaskPath, Callable),
-        "path",
-        "a closed path, such as rp.circle(task, q0), or a function (task, q0) → path",
-    )
+    if not isinstance(path, TaskPath):
+        function(path, "path", "a closed path, such as rp.circle(task, q0), or a function (task, q0) → path")
     offered = defaults.starts(task) if start is None else [(task.check(start, "start"), GIVEN)]
     failure: RepctlError | None = None
     for q0, where in offered:
