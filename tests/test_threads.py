@@ -30,7 +30,7 @@ CONTROLS = {
     "posture": lambda task, h: rp.PostureControl(task, task.reference),
     "extended": lambda task, h: rp.ExtendedJacobian(task, task.reference),
     "repeatable": rp.RepeatableInverse,
-    "custom": lambda task, h: rp.CustomInverse(task, lambda q, plain=rp.Pseudoinverse(task): plain(q)),
+    "custom": lambda task, h: rp.CustomInverse(task, rp.Pseudoinverse(task)),
 }
 
 
