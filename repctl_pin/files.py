@@ -1,11 +1,13 @@
-"""Files written whole or not at all."""
+"""Files written whole or not at all, and read only where they are files and of a size that is meant."""
 
 from __future__ import annotations
 
 import contextlib
 import os
+import secrets
+import stat
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 from .errors import InputError
@@ -20,7 +22,7 @@ def check_folder(folder: Path) -> Path:
         If it cannot be made or written.
     """
     try:
-        there = next(part for part in (folder, *folder.parents) if part.exists())
+        there = next((part for part in (folder, *folder.parents) if part.exists()), Path())
         with tempfile.TemporaryFile(dir=there):
             pass
     except OSError as error:
@@ -55,51 +57,104 @@ def not_left_empty(folder: Path) -> Iterator[Path]:
                 part.rmdir()
 
 
-def write_whole(path: str | Path, content: str | bytes | Callable[[Path], None]) -> Path:
+def write_whole(path: str | Path, content: str | bytes) -> Path:
     """Write a file through a temporary one beside it and a rename: a reader sees the old or the new, never half.
+
+    A link is followed, and what it leads to is replaced. A device or a pipe is written through, never replaced.
 
     Parameters
     ----------
     path
         The file.
     content
-        What to write, or a function that writes it to the path it is given.
+        What to write; text as UTF-8.
+
+    Returns
+    -------
+    Path
+        The file that was written: where a link leads.
 
     Raises
     ------
     InputError
-        If it cannot be written (permission, full disk); an old file stays as it was.
+        If it is a folder, or cannot be written (permission, full disk); an old file stays as it was.
     """
-    path = Path(path)
-    temporary = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
+    data = content.encode("utf-8", "replace") if isinstance(content, str) else content
     try:
-        if callable(content):
-            content(temporary)
-        elif isinstance(content, bytes):
-            temporary.write_bytes(content)
+        target = _target(path)
+        old = target.stat() if target.exists() else None
+        if old is None or stat.S_ISREG(old.st_mode):
+            _replace(target, data, old)
         else:
-            temporary.write_text(content, encoding="utf-8", newline="\n")
-        with temporary.open("rb+") as file:
-            os.fsync(file.fileno())
-        os.replace(temporary, path)
-        _settle(path.parent)
-    except OSError as error:
-        raise InputError(f"cannot write {path}: {error.strerror}") from None
-    finally:
+            with open(os.open(target, os.O_WRONLY | os.O_NOCTTY), "wb") as through:
+                through.write(data)
+    except (OSError, ValueError) as error:  # ValueError: a name with a NUL
+        raise InputError(f"cannot write {path}: {getattr(error, 'strerror', None) or error}") from None
+    return target
+
+
+def read_whole(path: str | Path, largest: int) -> str:
+    """Read a text file of at most so many bytes; nothing but a regular file is opened.
+
+    Raises
+    ------
+    InputError
+        If it is no such file, too large, cannot be read, or is no UTF-8.
+    """
+    try:
+        mode, data = os.stat(path).st_mode, b""
+        if stat.S_ISREG(mode):
+            with open(os.open(path, os.O_RDONLY | os.O_NONBLOCK), "rb") as file:  # were it a pipe by now: no waiting
+                mode, data = os.fstat(file.fileno()).st_mode, file.read(largest + 1)
+    except (OSError, ValueError) as error:  # ValueError: a name with a NUL
+        raise InputError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from None
+    if not stat.S_ISREG(mode):
+        what = "a folder" if stat.S_ISDIR(mode) else "a device or a pipe, where a file is wanted"
+        raise InputError(f"cannot read {path}: it is {what}")
+    if len(data) > largest:
+        raise InputError(f"cannot read {path}: it is larger than {largest / 1e6:g} MB")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise InputError(f"cannot read {path}: it is not a text file (UTF-8)") from None
+
+
+def _target(path: str | Path) -> Path:
+    """Find what is to be written: where a link leads."""
+    if not str(path):
+        raise ValueError("it is no file name")
+    target = Path(path)
+    if target.is_symlink():
+        target = Path(os.path.realpath(target))
+    if target.is_dir():
+        raise ValueError("it is a folder; give a file name")
+    return target
+
+
+def _replace(target: Path, data: bytes, old: os.stat_result | None) -> None:
+    """Write a temporary file beside the target, which nobody can foresee or share, and rename it."""
+    temporary = target.with_name(f".repctl-{secrets.token_hex(8)}")
+    handle = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_NOFOLLOW", 0), 0o666)
+    try:
+        with open(handle, "wb") as file:
+            if old is not None:
+                with contextlib.suppress(OSError):
+                    os.chmod(temporary, stat.S_IMODE(old.st_mode))
+            file.write(data)
+            file.flush()
+            os.fsync(handle)
+        os.replace(temporary, target)
+    except BaseException:
         with contextlib.suppress(OSError):
-            temporary.unlink(missing_ok=True)
-    return path
+            temporary.unlink()
+        raise
+    with contextlib.suppress(OSError):  # make the rename itself outlast a power cut, where the system can
+        folder = os.open(target.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
 
 
 def _unwritable(folder: Path, error: OSError) -> InputError:
     return InputError(f"cannot write into {folder}: {error.strerror}; choose another folder")
-
-
-def _settle(folder: Path) -> None:
-    """Make the rename itself outlast a power cut, where the system can."""
-    with contextlib.suppress(OSError):
-        handle = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)

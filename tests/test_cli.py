@@ -142,23 +142,6 @@ def test_a_closed_folder_is_seen_before_the_work(tmp_path) -> None:
         check_folder(tmp_path / "new")
 
 
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
-def test_a_full_disk_leaves_the_old_file(tmp_path) -> None:
-    from repctl_pin import InputError
-    from repctl_pin.files import write_whole
-
-    file = tmp_path / "motion.csv"
-    file.write_text("old")
-
-    def fill(path: Path) -> None:
-        path.write_text("half of it")
-        Path("/dev/full").write_text("more than fits")
-
-    with pytest.raises(InputError, match="No space left"):
-        write_whole(file, fill)
-    assert file.read_text() == "old" and list(tmp_path.iterdir()) == [file]
-
-
 def test_a_broken_urdf_reaches_the_command_line_as_one_line(tmp_path) -> None:
     (tmp_path / "arm.urdf").write_text("<robot name='a'><link name='x'/><link name='y'/></robot>")
     refused(repctl("inspect", "arm.urdf", cwd=tmp_path), "arm.urdf", "line")

@@ -303,22 +303,6 @@ def test_two_hundred_kills_leave_a_whole_file(tmp_path, panda_design, small) -> 
     rp.load(file)
 
 
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
-def test_a_full_disk_leaves_the_old_file(tmp_path, saved, small, monkeypatch) -> None:
-    old, folder = saved.read_bytes(), sorted(saved.parent.iterdir())
-    write = Path.write_text
-
-    def full(self: Path, text: str, *arguments, **options) -> int:
-        write(self, text[:100])
-        return write(Path("/dev/full"), text)
-
-    monkeypatch.setattr(Path, "write_text", full)
-    with pytest.raises(rp.InputError, match="cannot write .*No space left"):
-        rp.save(small, saved)
-    monkeypatch.undo()
-    assert saved.read_bytes() == old and sorted(saved.parent.iterdir()) == folder
-
-
 def test_a_folder_that_is_not_there(tmp_path, small) -> None:
     with pytest.raises(rp.InputError, match="cannot write .*No such file"):
         rp.save(small, tmp_path / "none" / "d.json")

@@ -7,15 +7,14 @@ import io
 import os
 import shlex
 import sys
+import warnings
 from collections.abc import Sequence
 
 from .._version import __version__
-from ..errors import RepctlError
 from . import animate, check, completion, design, follow, inspect, robots, study
+from .endings import told
 from .executors import BLAS_THREADS
-from .interruption import heed_interrupts, say_interrupted
 from .parsing import Parser
-from .terminal import clear_line
 
 _COMMANDS = (study, design, follow, check, animate, robots, inspect, completion)
 
@@ -33,11 +32,12 @@ _EXAMPLES = """examples:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command; return its exit code: 0 done, 2 something given cannot be used."""
+    """Run the command; return its exit code: 0 done, 2 something given cannot be used, 1 a fault of ours."""
     if argv is None:  # our own process: matrices of 7 joints go faster without threads that wait for each other
         for variable in BLAS_THREADS:
             os.environ.setdefault(variable, "1")
-        heed_interrupts()
+        if not sys.warnoptions:
+            warnings.simplefilter("ignore")  # of libraries: they speak to programmers
         for stream in (sys.stdout, sys.stderr):  # None where it is closed
             if isinstance(stream, io.TextIOWrapper):
                 stream.reconfigure(errors="replace")  # a terminal that knows no ⁺ gets a ?
@@ -45,19 +45,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     if not arguments:
         parser().print_help(sys.stderr)
         return 2
-    options = parser().parse_all(arguments)
-    options.command_line = shlex.join(["repctl", *arguments])
-    try:
+
+    def run() -> int:
+        options = parser().parse_all(arguments)
+        options.command_line = shlex.join(["repctl", *arguments])
         return options.run(options)
-    except RepctlError as error:
-        clear_line()
-        print(f"repctl: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        return say_interrupted()
-    except BrokenPipeError:  # the reader of our output went away, as `| head` does
-        sys.stderr.close()
-        return 0
+
+    return told(run, [word for word in arguments if word != "--debug"], debug="--debug" in arguments)
 
 
 def parser() -> Parser:
@@ -69,6 +63,7 @@ def parser() -> Parser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
+    whole.add_argument("--debug", action="store_true", help="before COMMAND: show the traceback of a fault")
     whole.add_argument("--version", action="version", version=f"repctl {__version__}")
     commands = whole.add_subparsers(metavar="COMMAND", required=True)
     for command in _COMMANDS:

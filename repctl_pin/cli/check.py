@@ -7,7 +7,7 @@ import json
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..errors import InputError
-from .options import box_round, is_saved, positive, robot_of, start_of, task_options, what_options, whole
+from .options import box_round, is_saved, natural, positive, robot_of, start_of, task_options, what_options, whole
 from .saved import load_design
 from .terminal import clear_line, progress
 
@@ -55,7 +55,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="Ω: half-width round the start, rad, cut to the joint limits (default 0.25; a design's own)",
     )
     parser.add_argument("--samples", type=whole, default=128, help="configurations to look at (default 128)")
-    parser.add_argument("--seed", type=int, default=0, help="seed of those (default 0)")
+    parser.add_argument("--seed", type=natural, default=0, help="seed of those (default 0)")
     parser.add_argument("--json", action="store_true", help="print JSON instead of text")
 
 

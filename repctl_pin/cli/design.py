@@ -12,6 +12,7 @@ from .check import strategy_of
 from .executors import executor_of
 from .options import (
     load_robot,
+    natural,
     output_folder,
     path_options,
     positive,
@@ -63,11 +64,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--samples", type=whole, help="nodes of the fit (default: as many as the unknowns ask for)")
     parser.add_argument("--held-out", type=whole, default=16384, help="nodes of the judgement (default 16384)")
-    parser.add_argument("--restarts", type=int, default=0, metavar="K", help="further starts of the optimiser")
+    parser.add_argument("--restarts", type=natural, default=0, metavar="K", help="further starts of the optimiser")
     parser.add_argument("--stream", action="store_true", help="do not keep the nodes in memory")
     parser.add_argument("--processes", type=whole, default=1, metavar="P", help="spread the work (default 1)")
     parser.add_argument("--dask", metavar="ADDRESS", help="spread it over a Dask cluster, by its scheduler's address")
-    parser.add_argument("--seed", type=int, default=0, help="seed of all nodes (default 0)")
+    parser.add_argument("--seed", type=natural, default=0, help="seed of all nodes (default 0)")
     parser.add_argument(
         "--out", metavar="FOLDER", help="where design.png and design.json go (default repctl-out/ROBOT)"
     )

@@ -64,7 +64,8 @@ def run(options: argparse.Namespace) -> int:
     say("starting up")
     from ..files import write_whole
     from ..motion import best_leaf, follow
-    from ..motion.export import commanded, csv_text, yaml_text
+    from ..motion.csv_file import csv_text
+    from ..motion.export import commanded, yaml_text
     from ..motion.spec import parse_path
     from ..strategies import OnLeaves, RepeatableInverse
     from ..studies.defaults import choose_task, share_outside

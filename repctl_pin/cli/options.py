@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -136,12 +137,17 @@ def said_by_options(error: SingularRegionError, *, shrink: bool = False) -> Sing
     return error.with_remedy("--shrink takes that" if shrink else f"give --region {half_width_within(error.free)}")
 
 
-def whole(text: str) -> int:
+def whole(text: str, least: int = 1) -> int:
     """Take a whole number from 1 up."""
-    value = int(text) if text.strip().lstrip("+-").isdigit() else 0
-    if value < 1:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 1 up")
+    value = int(text) if re.fullmatch(r"\s*\+?[0-9]{1,15}\s*", text) else least - 1
+    if value < least:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from {least} up")
     return value
+
+
+def natural(text: str) -> int:
+    """Take a whole number from 0 up."""
+    return whole(text, 0)
 
 
 def positive(text: str) -> float:

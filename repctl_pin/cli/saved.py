@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
@@ -43,10 +42,13 @@ def load_design(options: argparse.Namespace) -> Design:
 
 def _made_for(file: str) -> dict[str, Any] | None:
     """Read what a file says of its task; None where it is no such file, and load() says why."""
+    from ..design.storage import LARGEST
+    from ..files import read_whole
+
     try:
-        said = json.loads(Path(file).read_text(encoding="utf-8"))["task"]
+        said = json.loads(read_whole(file, LARGEST))["task"]
         return said if all(isinstance(said[key], kind) for key, kind in _KEPT.items()) else None
-    except (OSError, ValueError, LookupError, TypeError, RecursionError):
+    except (ValueError, LookupError, TypeError, RecursionError):
         return None
 
 

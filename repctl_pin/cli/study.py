@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from .options import (
     load_robot,
+    natural,
     output_folder,
     path_options,
     positive,
@@ -48,7 +49,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         default=2,
         help="degree of the potentials (default 2); 3 or 4 may come nearer to J⁺, and the work grows fast",
     )
-    parser.add_argument("--seed", type=int, default=0, help="seed of the design's nodes (default 0)")
+    parser.add_argument("--seed", type=natural, default=0, help="seed of the design's nodes (default 0)")
     parser.add_argument("--out", metavar="FOLDER", help="where the files go (default repctl-out/ROBOT)")
     parser.add_argument("--report", action="store_true", help="write report.html too: one page to mail, with all of it")
     parser.add_argument("--json", action="store_true", help="print JSON instead of the table")

@@ -12,7 +12,7 @@ import numpy as np
 
 from .._version import __version__
 from ..errors import InputError, RepctlError
-from ..files import write_whole
+from ..files import read_whole, write_whole
 from ..robot.task import Task
 from ..strategies.repeatable import RepeatableInverse
 from .encoding import (
@@ -29,7 +29,7 @@ from .result import Design
 FORMAT = "repctl design"
 SCHEMA = 1
 
-_LARGEST = 64_000_000
+LARGEST = 64_000_000
 _OWN = ("inverse", "desired", "fields", "region", "coefficients")
 """What of a design has a form of its own; all else are numbers, texts and lists of them."""
 
@@ -112,14 +112,7 @@ def load(path: str | Path, task: Task | None = None) -> Design:
 
 def _read(path: Path, where: str) -> dict[str, Any]:
     """Read the file and check format, schema and checksum."""
-    try:
-        if path.stat().st_size > _LARGEST:
-            raise InputError(f"{where} is larger than {_LARGEST // 1_000_000} MB: no design")
-        text = path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"cannot read {where}: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{where} is no design: it is not a text file") from None
+    text = read_whole(path, LARGEST)
     try:
         content = json.loads(text, object_pairs_hook=_unique, parse_constant=_refuse_constant)
     except json.JSONDecodeError as error:

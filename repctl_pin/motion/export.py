@@ -1,4 +1,4 @@
-"""A motion in the forms that robots take: CSV, and ROS's JointTrajectory in YAML; always the robot's own joints."""
+"""A motion as robots take it: with the velocities of its control, and as ROS's JointTrajectory in YAML."""
 
 from __future__ import annotations
 
@@ -25,18 +25,6 @@ def commanded(motion: Motion, strategy: Strategy) -> Motion:
     return replace(motion, qdot=np.array(Qdot))
 
 
-def csv_text(motion: Motion) -> str:
-    """Write time, positions and velocities, one line a point: s; rad or m; rad/s or m/s.
-
-    Numbers are written in full: reading them gives the same floats.
-    """
-    names = motion.task.robot_joints
-    lines = [",".join(["time", *names, *(f"{name}_velocity" for name in names)])]
-    for t, q, qdot in zip(motion.t, motion.joints(motion.q), motion.joints(motion.qdot), strict=True):
-        lines.append(",".join(repr(float(v)) for v in (t, *q, *qdot)))
-    return "\n".join(lines) + "\n"
-
-
 def yaml_text(motion: Motion) -> str:
     """Write ROS 2's ``trajectory_msgs/msg/JointTrajectory``, as ``ros2 topic pub`` and controllers take it."""
     lines = ["header:", "  stamp: {sec: 0, nanosec: 0}", "  frame_id: ''"]
@@ -57,4 +45,8 @@ def _row(values: Array) -> str:
 
 
 def _quoted(name: str) -> str:
-    return "'" + name.replace("'", "''") + "'"
+    """Quote a name for YAML, which folds the ends of lines where they are not written as escapes."""
+    if name.isprintable():
+        return "'" + name.replace("'", "''") + "'"
+    plain = (c if c.isprintable() and c not in '"\\' else f"\\U{ord(c):08x}" for c in name)
+    return '"' + "".join(plain) + '"'

@@ -30,6 +30,9 @@ _INSIDE = 1e-12
 _JUMP = 1.0
 """No arm moves a joint this far, rad or m, in one step: the integration has gone astray."""
 
+_MOST = 100_000_000
+"""Numbers that a motion may hold: 0.8 GB of positions, and as much of velocities."""
+
 
 def follow(
     strategy: Strategy | Callable[[Array, Array], ArrayLike],
@@ -103,6 +106,8 @@ def follow(
     if integrator not in INTEGRATORS:
         raise InputError(f"no integrator {integrator!r}; there is {', '.join(INTEGRATORS)}")
     cycles, steps, lock = whole(cycles, "cycles", 1), whole(steps, "steps", 1), whole(lock, "lock")
+    if cycles * steps * task.n > _MOST:
+        raise InputError(f"{cycles} cycles of {steps} steps are more than fit into memory; ask for fewer")
     period, feedback = positive(period, "the period", "s"), positive(feedback, "the feedback gain", zero=True)
     if not lock and not (leaf is None and limit is None and not damping):
         raise InputError("leaf=, limit= and damping= belong to the leaf lock; give lock=1 with them")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -11,10 +12,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
+from ..files import read_whole
 from ..robot.task import Task
 from .paths import TaskPath, waypoints
 
 Array = NDArray[np.float64]
+
+_LARGEST = 4_000_000
 
 
 def read_waypoints(file: str | Path) -> Array:
@@ -53,12 +57,11 @@ def waypoint_path(file: str) -> Callable[[Task, ArrayLike], TaskPath]:
 
 def _numbered(file: Path) -> list[tuple[int, list[float]]]:
     """Read the points, each with the number of its line."""
+    lines = csv.reader(io.StringIO(read_whole(file, _LARGEST), newline=""))
     try:
-        with file.open(newline="", encoding="utf-8-sig") as lines:
-            rows = [(number, row) for number, row in enumerate(csv.reader(lines), 1) if any(map(str.strip, row))]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        reason = getattr(error, "strerror", None) or "it is not a text file"
-        raise InputError(f"cannot read waypoints from {file}: {reason}") from None
+        rows = [(number, row) for number, row in enumerate(lines, 1) if any(map(str.strip, row))]
+    except csv.Error as error:
+        raise InputError(f"cannot read waypoints from {file}: {error}") from None
     if rows and _names(rows[0][1]):
         rows = rows[1:]
     if not rows:

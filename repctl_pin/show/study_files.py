@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from ..files import prepare_folder, write_whole
+from ..motion.csv_file import csv_text
 from .page.playback import Limb, track_of, tracks_page
-from .plots.motions import colours, drawn, drift_figure, joints_figure, unit
+from .plots.motions import colours, drawn, drift_figure, joints_figure, png, unit
 from .text.table import short
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from ..studies import Row, Study
 
 CSV_ROWS_PER_CYCLE = 100
@@ -37,12 +33,14 @@ def write_study(study: Study, folder: Path) -> list[Path]:
     title = f"{study.robot.name}, {study.task.kind} task, {study.path.name}"
     moved = drawn(study)
     page, drift, joints = study_page(study), drift_figure(moved, title), joints_figure(moved, title)
+    kept = [(row.key, row.motion) for row in study.rows if row.motion is not None]
+    motions = csv_text(kept, most=CSV_ROWS_PER_CYCLE)
     prepare_folder(folder)
     return [
         write_whole(folder / "animation.html", page),
-        write_whole(folder / "drift.png", lambda path: _save(drift, path)),
-        write_whole(folder / "joints.png", lambda path: _save(joints, path)),
-        write_whole(folder / "motion.csv", lambda path: _write_csv(study, path)),
+        write_whole(folder / "drift.png", png(drift)),
+        write_whole(folder / "joints.png", png(joints)),
+        write_whole(folder / "motion.csv", motions),
     ]
 
 
@@ -60,25 +58,3 @@ def _drift_words(row: Row) -> str:
     if row.motion is None:
         return f"stuck ({row.stopped})"
     return f"the joints are off by {short(row.motion.drift[-1])} {unit(row.motion)} after {row.motion.cycles} cycles"
-
-
-def _save(figure: Figure, path: Path) -> None:
-    figure.savefig(path, dpi=150)
-
-
-def _write_csv(study: Study, path: Path) -> None:
-    """Write every strategy's motion, thinned out to 100 rows a cycle, cycle ends included."""
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(["strategy", "cycle", "t", *study.task.joint_names])
-        for row in study.rows:
-            if row.motion is None:
-                continue
-            motion = row.motion
-            thinned = np.unique(
-                np.rint(np.linspace(0, motion.steps, min(motion.steps, CSV_ROWS_PER_CYCLE) + 1)).astype(int)
-            )
-            for k in range(motion.cycles):
-                for i in thinned[k > 0 :] + k * motion.steps:
-                    numbers = [f"{v:.10g}" for v in (i / motion.steps, motion.t[i], *motion.q[i])]
-                    writer.writerow([row.key, *numbers])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError
+from ...motion.csv_file import read_motions
 from ...robot.task import unit_of
 from ...strategies.names import LABELS
 from ..plots.motions import BLUE, COLOURS, GREEN, ORANGE, PURPLE, SKY, VERMILLION, unit
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 _OTHERS = (VERMILLION, BLUE, GREEN, PURPLE, ORANGE, SKY)
-_BESIDE = {"strategy", "cycle", "t", "time"}
 
 
 @dataclass(frozen=True)
@@ -77,15 +76,12 @@ def track_of(label: str, motion: Motion, color: str) -> Track:
 
 
 def read_tracks(file: str | Path, robot: Robot, *, cycles: int | None = None) -> list[Track]:
-    """Read motions from a CSV file with a column for each joint: ``motion.csv`` of a study, or ``follow --csv``.
-
-    Columns ``strategy`` and ``cycle`` may stand: one motion for each strategy, cycles counted from 0 in
-    fractions. Velocities and times are passed over. Joints without a column stay at the reference pose.
+    """Read motions from a CSV file, one for each strategy in it; joints without a column stay at the reference pose.
 
     Parameters
     ----------
     file
-        The file.
+        The file, see :func:`repctl_pin.motion.csv_file.read_motions`.
     robot
         Whose joints they are.
     cycles
@@ -94,48 +90,18 @@ def read_tracks(file: str | Path, robot: Robot, *, cycles: int | None = None) ->
     Raises
     ------
     InputError
-        If the file cannot be read, names a joint that the robot does not have, or holds no whole cycles of
-        equal steps; the line is named where there is one.
+        If the file cannot be used.
     """
-    file = Path(file)
-    try:
-        with file.open(newline="", encoding="utf-8-sig") as lines:
-            reader = csv.DictReader(lines)
-            names = [name.strip() for name in reader.fieldnames or []]
-            reader.fieldnames = names
-            rows = [(reader.line_num, row) for row in reader]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        reason = getattr(error, "strerror", None) or "it is not a text file"
-        raise InputError(f"cannot read a motion from {file}: {reason}") from None
-    joints = [name for name in names if name in robot.joint_names]
-    strange = [
-        name
-        for name in names
-        if name not in robot.joint_names
-        and name not in _BESIDE
-        and name.removesuffix("_velocity") not in robot.joint_names
-    ]
-    if strange or not joints:
-        what = f"no joint {strange[0]!r}" if strange else "no column of a joint"
-        raise InputError(f"{file}: {robot.name} has {what}; its joints are {', '.join(robot.joint_names)}")
-    groups: dict[str, list[tuple[int, dict[str, str]]]] = {}
-    for number, row in rows:
-        groups.setdefault(row.get("strategy") or file.stem, []).append((number, row))
-    if not groups:
-        raise InputError(f"{file} holds no rows")
     turns = {joint.name: joint.kind != "prismatic" for joint in robot.description.joints}
     tracks = []
-    for k, (key, members) in enumerate(groups.items()):
-        values = np.array([[_number(row, name, file, line) for name in joints] for line, row in members])
-        count = _cycles(members, file, cycles)
-        steps, rest = divmod(len(values) - 1, count)
-        if rest or not steps:
-            raise InputError(f"{file}: {len(values)} rows of {key!r} are not {count} cycles of equal steps and a start")
-        Q = np.tile(robot.reference, (len(values), 1))
-        Q[:, [robot.joint_names.index(name) for name in joints]] = values
-        drift = np.linalg.norm(values[steps::steps] - values[0], axis=1)
-        color = COLOURS.get(key, _OTHERS[k % len(_OTHERS)])
-        tracks.append(Track(LABELS.get(key, key), color, Q, count, drift, unit_of(turns[name] for name in joints)))
+    for k, found in enumerate(read_motions(file, robot.joint_names, cycles=cycles)):
+        Q = np.tile(robot.reference, (len(found.q), 1))
+        Q[:, [robot.joint_names.index(name) for name in found.joints]] = found.q
+        steps = (len(found.q) - 1) // found.cycles
+        drift = np.linalg.norm(found.q[steps::steps] - found.q[0], axis=1)
+        color = COLOURS.get(found.strategy, _OTHERS[k % len(_OTHERS)])
+        label, unit = LABELS.get(found.strategy, found.strategy), unit_of(turns[name] for name in found.joints)
+        tracks.append(Track(label, color, Q, found.cycles, drift, unit))
     return tracks
 
 
@@ -221,25 +187,3 @@ def _is_planar(limbs: Sequence[Limb], starts: Sequence[Array], paths: Sequence[A
     """Whether all joints and paths lie in one level plane: then the page looks from above."""
     joints = [limb.task.joint_origins(limb.task.part(q)) for limb in limbs for q in starts]
     return bool(np.ptp(np.vstack([*joints, *paths]), axis=0)[2] < 1e-9)
-
-
-def _cycles(members: list[tuple[int, dict[str, str]]], file: Path, asked: int | None) -> int:
-    """How often round: as asked, or as the file's last line says, or once."""
-    line, last = members[-1]
-    if asked is not None or "cycle" not in last:
-        return asked or 1
-    end = _number(last, "cycle", file, line)
-    count = round(end)
-    if count < 1 or abs(end - count) > 1e-6:
-        raise InputError(f"{file}, line {line}: the motion ends in cycle {end:g}, not at the end of one")
-    return count
-
-
-def _number(row: dict[str, str], name: str, file: Path, line: int) -> float:
-    try:
-        value = float(row[name])
-    except (TypeError, ValueError):
-        value = np.nan
-    if not np.isfinite(value):
-        raise InputError(f"{file}, line {line}: {name} = {row[name]!r} is not a finite number")
-    return value

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..plots.motions import COLOURS, INK
+from ..plots.motions import COLOURS, INK, plain
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -72,7 +72,7 @@ def still_figure(study: Study) -> Figure:
         assert row.motion is not None
         ax: Any = figure.add_subplot(1, len(rows), k, projection=None if flat else "3d")
         still(ax, row.motion, study.elbow, COLOURS[row.key], flat=flat)
-        ax.set_title(f"{row.label}: start (grey), after {row.motion.cycles} cycles", fontsize=10)
+        ax.set_title(f"{plain(row.label)}: start (grey), after {row.motion.cycles} cycles", fontsize=10)
         if not flat:
             ax.view_init(elev=19, azim=_azimuth(stations))
         axes.append(ax)

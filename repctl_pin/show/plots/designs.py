@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...files import prepare_folder, write_whole
-from .motions import BLUE, GREEN, INK, ORANGE
+from .motions import BLUE, GREEN, INK, ORANGE, axis_label, plain, png
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -66,8 +66,8 @@ def map_over_joints(ax: Axes, field: DesignMap, design: Design, what: str = "dis
         ax.clabel(lines, fmt=lambda v: _percent(v) if relative else f"{v:.2f}", fontsize=7)
     i, j = field.joints
     ax.plot(*design.region.center[[i, j]], "+", color=INK, ms=9, mew=1.5)
-    ax.set_xlabel(_axis(design, i))
-    ax.set_ylabel(_axis(design, j))
+    ax.set_xlabel(axis_label(design.task, i))
+    ax.set_ylabel(axis_label(design.task, j))
     bar = ax.figure.colorbar(shade, ax=ax, pad=0.02)
     bar.ax.yaxis.set_major_formatter((lambda v, _: _percent(v)) if relative else (lambda v, _: f"{v:.3g}"))
     bar.outline.set_visible(False)
@@ -94,7 +94,7 @@ def design_figure(
         ax.legend(frameon=False, fontsize=8.5, loc="upper right")
     map_over_joints(axes[0], field, design)
     map_over_joints(axes[1], field, design, "leaf_margin")
-    figure.suptitle(title, fontsize=10, x=0.01, ha="left")
+    figure.suptitle(plain(title), fontsize=10, x=0.01, ha="left")
     return figure
 
 
@@ -104,11 +104,7 @@ def write_design(
     """Write ``design.png``, whole or not at all."""
     figure = design_figure(design, field, degrees, title=title)
     prepare_folder(folder)
-    return [write_whole(folder / "design.png", lambda path: figure.savefig(path, dpi=150))]
-
-
-def _axis(design: Design, joint: int) -> str:
-    return f"{design.task.joint_names[joint]} ({'rad' if design.task.revolute[joint] else 'm'})"
+    return [write_whole(folder / "design.png", png(figure))]
 
 
 def _percent(share: float) -> str:

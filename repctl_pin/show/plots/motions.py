@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -36,7 +37,7 @@ def colours(study: Study) -> dict[str, str]:
 def drawn(study: Study) -> list[tuple[str, Motion, str]]:
     """List every strategy of a study that moved: its label, motion and colour."""
     colour = colours(study)
-    return [(row.label, row.motion, colour[row.key]) for row in study.rows if row.motion is not None]
+    return [(plain(row.label), row.motion, colour[row.key]) for row in study.rows if row.motion is not None]
 
 
 def drift_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> Axes:
@@ -67,7 +68,7 @@ def joint_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]], join
     for limit in (task.lower[joint], task.upper[joint]):
         if low - 0.5 * span < limit < high + 0.5 * span:
             ax.axhline(limit, color=INK, lw=0.8, ls="--")
-    ax.set_title(task.joint_names[joint], fontsize=9, loc="left")
+    ax.set_title(plain(task.joint_names[joint]), fontsize=9, loc="left")
     ax.set_ylabel("rad" if task.revolute[joint] else "m")
     return quiet(ax, whole=True)
 
@@ -78,7 +79,7 @@ def drift_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Figu
 
     figure = Figure(figsize=(7.2, 4.4), layout="constrained")
     ax = drift_over_cycles(figure.add_subplot(), motions)
-    ax.set_title(title, fontsize=10, loc="left")
+    ax.set_title(plain(title), fontsize=10, loc="left")
     ax.legend(frameon=False, fontsize=9, loc="center left", bbox_to_anchor=(1.0, 0.5))
     return figure
 
@@ -103,8 +104,20 @@ def joints_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Fig
         last.tick_params(labelbottom=True)
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), frameon=False, fontsize=9)
-    figure.suptitle(title, fontsize=10, x=0.01, ha="left")
+    figure.suptitle(plain(title), fontsize=10, x=0.01, ha="left")
     return figure
+
+
+def plain(text: str) -> str:
+    """A name as it stands: what is between two $ would be read as a formula."""
+    return text.replace("$", r"\$")
+
+
+def png(figure: Figure) -> bytes:
+    """Draw a figure as a PNG."""
+    held = io.BytesIO()
+    figure.savefig(held, format="png", dpi=150)
+    return held.getvalue()
 
 
 def unit(motion: Motion) -> str:
@@ -114,7 +127,7 @@ def unit(motion: Motion) -> str:
 
 def axis_label(task: Task, joint: int) -> str:
     """Name a joint and its unit, for an axis."""
-    return f"{task.joint_names[joint]} ({'rad' if task.revolute[joint] else 'm'})"
+    return f"{plain(task.joint_names[joint])} ({'rad' if task.revolute[joint] else 'm'})"
 
 
 def quiet(ax: Axes, *, whole: bool = False) -> Axes:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .motions import axis_label, quiet
+from .motions import axis_label, plain, quiet
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -71,5 +71,5 @@ def orbits_figure(
         orbit(ax, motions, across, upward)
     handles, labels = axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), frameon=False, fontsize=9)
-    figure.suptitle(title, fontsize=10, x=0.01, ha="left")
+    figure.suptitle(plain(title), fontsize=10, x=0.01, ha="left")
     return figure

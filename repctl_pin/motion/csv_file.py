@@ -1,0 +1,173 @@
+"""Motions as CSV, one layout for all: ``strategy``, ``cycle``, ``time``, a column a joint, one a joint's velocity."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..files import read_whole
+from .motion import Motion
+
+Array = NDArray[np.float64]
+
+_BESIDE = ("strategy", "cycle", "time")
+_LARGEST = 64_000_000
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """One strategy's motion, as a file holds it.
+
+    Attributes
+    ----------
+    strategy : str
+        What the file calls it, or the file's own name.
+    joints : tuple of str
+        The joints with a column.
+    q : (T + 1, k) array
+        Their positions, rad or m.
+    cycles : int
+        How often round; T is a multiple of it.
+    """
+
+    strategy: str
+    joints: tuple[str, ...]
+    q: Array
+    cycles: int
+
+
+def csv_text(motions: Motion | Iterable[tuple[str, Motion]], *, most: int | None = None) -> str:
+    """Write motions of one task as CSV: s, rad or m, rad/s or m/s; cycles are counted from 0, in fractions.
+
+    Parameters
+    ----------
+    motions
+        One motion, or several, each with the name of its strategy.
+    most
+        At most so many rows of a cycle, cycle ends included; by default all, and every digit of each number.
+
+    Raises
+    ------
+    InputError
+        If two columns would have one name: a joint is called ``time``, or ``a_velocity`` beside ``a``.
+    """
+    named = [("", motions)] if isinstance(motions, Motion) else list(motions)
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    joints = named[0][1].task.robot_joints if named else ()
+    beside = _BESIDE if not isinstance(motions, Motion) else _BESIDE[1:]
+    header = [*beside, *joints, *(f"{name}_velocity" for name in joints)]
+    _refuse_twice(header, "a CSV of this robot's joints")
+    writer.writerow(header)
+    for name, motion in named:
+        rows = _thinned(motion, most)
+        q, qdot = motion.joints(motion.q[rows]), motion.joints(motion.qdot[rows])
+        for i, *numbers in zip(rows, motion.t[rows], q, qdot, strict=True):
+            values = (i / motion.steps, *np.hstack(numbers))
+            cells = [repr(float(v)) if most is None else f"{v:.10g}" for v in values]
+            writer.writerow([name, *cells] if len(beside) == 3 else cells)
+    return out.getvalue()
+
+
+def read_motions(file: str | Path, known: Sequence[str], *, cycles: int | None = None) -> list[Recorded]:
+    """Read the motions of a CSV file that :func:`csv_text` wrote, or that has a column for each joint.
+
+    Velocities and times are passed over.
+
+    Parameters
+    ----------
+    file
+        The file.
+    known
+        The robot's joints.
+    cycles
+        How often round, where the file does not say; 1 if None.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, names a joint that the robot does not have, has a column twice, or holds no
+        whole cycles of equal steps; the line is named where there is one.
+    """
+    lines = csv.reader(io.StringIO(read_whole(file, _LARGEST), newline=""))
+    where = str(file)
+    try:
+        names = [name.strip() for name in next(lines, [])]
+        joints = _joints(names, known, where)
+        columns = [names.index(name) for name in joints]
+        groups: dict[str, list[tuple[int, float | None, list[float]]]] = {}
+        for row in lines:
+            if not row:
+                continue
+            line = f"{where}, line {lines.line_num}"
+            if len(row) != len(names):
+                raise InputError(f"{line}: {len(row)} cells where the header has {len(names)}")
+            key = row[names.index("strategy")] if "strategy" in names else ""
+            turn = _number(row[names.index("cycle")], "cycle", line) if "cycle" in names else None
+            values = [_number(row[k], names[k], line) for k in columns]
+            groups.setdefault(key or Path(file).stem, []).append((lines.line_num, turn, values))
+    except csv.Error as error:
+        raise InputError(f"{where}, line {lines.line_num}: {error}") from None
+    if not groups:
+        raise InputError(f"{where} holds no rows")
+    return [_recorded(key, rows, joints, where, cycles) for key, rows in groups.items()]
+
+
+def _recorded(
+    key: str,
+    rows: list[tuple[int, float | None, list[float]]],
+    joints: tuple[str, ...],
+    where: str,
+    asked: int | None,
+) -> Recorded:
+    """Make one motion of its rows, round as often as asked, or as its last row says, or once."""
+    line, end, _ = rows[-1]
+    count = asked or (1 if end is None else round(end))
+    if asked is None and end is not None and (count < 1 or abs(end - count) > 1e-6):
+        raise InputError(f"{where}, line {line}: the motion ends in cycle {end:g}, not at the end of one")
+    steps, rest = divmod(len(rows) - 1, count)
+    if rest or not steps:
+        raise InputError(f"{where}: {len(rows)} rows of {key!r} are not {count} cycles of equal steps and a start")
+    return Recorded(key, joints, np.array([values for _, _, values in rows]), count)
+
+
+def _joints(names: list[str], known: Sequence[str], where: str) -> tuple[str, ...]:
+    """Choose the columns that hold joints."""
+    _refuse_twice(names, where)
+    joints = tuple(name for name in names if name in known)
+    beside = {*_BESIDE, "t"}
+    strange = [n for n in names if n not in known and n not in beside and n.removesuffix("_velocity") not in known]
+    if strange or not joints:
+        what = f"no joint {strange[0]!r}" if strange else "no column of a joint"
+        raise InputError(f"{where}: the robot has {what}; its joints are {', '.join(known)}")
+    return joints
+
+
+def _refuse_twice(names: Sequence[str], where: str) -> None:
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise InputError(f"{where}: two columns are called {twice[0]!r}; each needs a name of its own")
+
+
+def _thinned(motion: Motion, most: int | None) -> NDArray[np.intp]:
+    """Rows of a motion, at most so many a cycle, the ends of cycles among them."""
+    some = motion.steps if most is None else min(motion.steps, most)
+    cycle = np.rint(np.linspace(0, motion.steps, some + 1)).astype(np.intp)[:-1]
+    return np.append((np.arange(motion.cycles)[:, None] * motion.steps + cycle).ravel(), motion.cycles * motion.steps)
+
+
+def _number(text: str, name: str, line: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = np.nan
+    if not np.isfinite(value):
+        raise InputError(f"{line}: {name} = {text!r} is not a finite number")
+    return value

@@ -1,0 +1,161 @@
+"""Ctrl-C at the worst moments, and arguments that cannot be used: one line each, and the right exit code."""
+
+from __future__ import annotations
+
+import os
+import stat
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from arms import planar_urdf
+
+from repctl_pin.cli import main
+
+DEVICES = {"full": os.makedev(1, 7), "zero": os.makedev(1, 5)}
+
+
+def repctl(*arguments: str, cwd: Path, **options) -> subprocess.CompletedProcess:
+    """The command in a process of its own; what it writes comes back as bytes."""
+    options = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "stdin": subprocess.DEVNULL} | options
+    return subprocess.run([sys.executable, "-m", "repctl_pin", *arguments], cwd=cwd, timeout=120, **options)
+
+
+@pytest.fixture
+def node(tmp_path: Path):
+    """Make a device node in the test's own folder."""
+
+    def make(kind: str) -> Path:
+        try:
+            os.mknod(tmp_path / kind, 0o600 | stat.S_IFCHR, DEVICES[kind])
+            (tmp_path / kind).open("rb").close()
+        except OSError:
+            pytest.skip("no device nodes here")
+        return tmp_path / kind
+
+    return make
+
+
+def test_interrupted_while_it_writes_no_file_is_left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from repctl_pin.files import write_whole
+
+    def interrupt(handle: int) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(os, "fsync", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        write_whole(tmp_path / "whole.txt", "half")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_fault_of_ours_is_one_line_and_says_how_to_report_it(capsys, monkeypatch) -> None:
+    from repctl_pin.cli import inspect
+
+    def broken(options) -> int:
+        raise ValueError("two\nlines")
+
+    monkeypatch.setattr(inspect, "run", broken)
+    assert main(["inspect", "pan da"]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("repctl: a fault of repctl, not yours (ValueError: two lines); please report it")
+    assert line.endswith("repctl --debug inspect 'pan da'")
+    with pytest.raises(ValueError):  # the traceback
+        main(["--debug", "inspect", "panda"])
+
+    def greedy(options) -> int:
+        raise MemoryError
+
+    monkeypatch.setattr(inspect, "run", greedy)
+    assert main(["inspect", "panda"]) == 2 and "more memory than there is" in capsys.readouterr().err
+
+
+def test_a_full_disk_behind_stdout_is_one_line(tmp_path: Path, node) -> None:
+    with node("full").open("wb") as out:
+        done = repctl("inspect", "ppr", cwd=tmp_path, stdout=out)
+    assert (done.returncode, done.stderr) == (2, b"repctl: No space left on device: the output\n")
+
+
+def test_an_endless_design_is_refused_at_once(tmp_path: Path, node) -> None:
+    (tmp_path / "x.json").symlink_to(node("zero"))
+    os.mkfifo(tmp_path / "y.json")
+    os.mkfifo(tmp_path / "loop.csv")
+    for arguments in (["follow", "x.json"], ["check", "y.json"], ["animate", "ppr", "--motion", "loop.csv"],
+                      ["study", "ppr", "--path", "loop.csv"]):  # fmt: skip
+        done = repctl(*arguments, cwd=tmp_path)
+        assert done.returncode == 2 and b"it is a device or a pipe" in done.stderr and done.stderr.count(b"\n") == 1
+
+
+def test_a_working_folder_that_is_gone(tmp_path: Path) -> None:
+    program = (
+        "import os, sys; os.mkdir('gone'); os.chdir('gone'); os.rmdir('../gone')\n"
+        "from repctl_pin.cli import main; sys.argv[1:] = ['study', 'ppr']; sys.exit(main())"
+    )
+    done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 2 and done.stderr.count("\n") == 1 and "No such file or directory" in done.stderr
+
+
+def test_names_that_are_no_text_and_names_with_dollars(tmp_path: Path) -> None:
+    name = os.fsdecode(b"arm\xff.urdf")
+    urdf = planar_urdf([1, 0.8, 0.6]).replace('"planar"', '"arm_$a_$b"').replace("theta", "$th$eta_{")
+    try:
+        (tmp_path / name).write_text(urdf, encoding="utf-8")
+    except OSError:
+        name = "arm.urdf"  # where names must be text
+        (tmp_path / name).write_text(urdf, encoding="utf-8")
+    done = repctl("study", name, "--cycles", "2", "--steps", "60", "--report", "--out", "out", cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert {"animation.html", "drift.png", "joints.png", "motion.csv", "report.html"} <= {
+        p.name for p in (tmp_path / "out").iterdir()
+    }
+
+
+@pytest.mark.parametrize("name", ["", ".", "/"])
+def test_files_that_cannot_be(name: str, tmp_path: Path, capsys, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for option in ("--csv", "--yaml"):
+        assert main(["follow", "ppr", "--strategy", "pseudoinverse", "--steps", "40", option, name]) == 2
+        told = capsys.readouterr()
+        assert told.out == "" and told.err.count("\n") == 1 and "cannot write" in told.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["stuy", "panda"], "no command 'stuy'; did you mean 'study'?"),
+        (["study", "panda", "--fraem", "x"], "repctl study: no option '--fraem'; did you mean '--frame'"),
+        (["study", "panda", "--fraem=x"], "repctl study: no option '--fraem'; did you mean '--frame'"),
+        (["study", "panda", "more"], "repctl study: 'more' is one too many"),
+        (["study"], "repctl study: the following arguments are required: ROBOT"),
+        (["study", "panda", "--cycles", "0"], "repctl study: argument --cycles: '0' is not a whole number"),
+        (["study", "panda", "--seed", "-1"], "argument --seed: '-1' is not a whole number from 0 up"),
+        (["study", "panda", "--cycles", "9" * 5000], "is not a whole number from 1 up"),
+        (["study", "panda", "--cycles", "²"], "is not a whole number from 1 up"),
+        (["completion", "tcsh"], "repctl completion: no shell 'tcsh'; "),
+    ],
+)
+def test_arguments_are_refused_in_one_line(arguments: list[str], words: str, capsys: pytest.CaptureFixture) -> None:
+    with pytest.raises(SystemExit) as stopped:
+        main(arguments)
+    told = capsys.readouterr()
+    assert stopped.value.code == 2 and told.out == ""
+    (line,) = told.err.splitlines()
+    assert words in line and line.startswith("repctl")
+    assert line.endswith(" --help)")
+
+
+def test_without_arguments_it_helps(capsys: pytest.CaptureFixture) -> None:
+    assert main([]) == 2
+    assert "examples:" in capsys.readouterr().err
+
+
+def test_a_terminal_that_knows_no_greek_gets_question_marks(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "repctl_pin", "check", "ppr"],
+        cwd=tmp_path,
+        env={"PATH": "/usr/bin:/bin", "PYTHONIOENCODING": "ascii"},
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert done.returncode == 0 and "strategy  J?" in done.stdout and done.stderr == ""
