@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,7 +14,9 @@ from test_scene import read
 
 import repctl_pin as rp
 from repctl_pin.cli import main, parser
-from repctl_pin.motion.csv_file import csv_text
+from repctl_pin.files import write_whole
+from repctl_pin.motion.csv_file import csv_text, read_motions
+from repctl_pin.motion.export import yaml_text
 from repctl_pin.robot.visuals import Visuals
 from repctl_pin.show.page.playback import Limb, Track, read_tracks, track_of, tracks_page
 from repctl_pin.show.page.scene import choose_frames, poses_of
@@ -54,8 +57,29 @@ def test_a_followed_csv_is_read_back(study: rp.Study, tmp_path: Path) -> None:
     (track,) = read_tracks(tmp_path / "mine.csv", study.robot, cycles=3)
     np.testing.assert_array_equal(study.task.part(track.Q), motion.q)
     assert track.label == "mine" and track.cycles == 3
-    (once,) = read_tracks(tmp_path / "mine.csv", study.robot)
-    assert once.cycles == 1 and once.drift.shape == (1,)
+    (same,) = read_tracks(tmp_path / "mine.csv", study.robot)  # the file says how often round
+    assert same.cycles == 3 and np.array_equal(same.drift, track.drift)
+
+
+@pytest.mark.parametrize("names", [("a,b", 'say "x"', "two\nlines"), ("a b", "ü", "tab\t\u0085")])
+def test_any_name_of_a_joint_comes_back_from_csv_and_yaml(names, study: rp.Study, tmp_path: Path) -> None:
+    yaml = pytest.importorskip("yaml")
+    motion = study.row("repeatable").motion
+    task = SimpleNamespace(robot_joints=names)
+    named = SimpleNamespace(**(vars(motion) | {"task": task, "joints": motion.joints}))
+    file = write_whole(tmp_path / "m.csv", csv_text([("mine", named)], most=10))
+    (found,) = read_motions(file, names)
+    assert found.joints == names and found.cycles == 3 and found.q.shape == (31, 3)
+    np.testing.assert_allclose(found.q, motion.q[::6], atol=1e-9)
+    assert yaml.safe_load(yaml_text(named))["joint_names"] == list(names)
+
+
+def test_two_columns_of_one_name_are_refused(study: rp.Study) -> None:
+    motion = study.row("repeatable").motion
+    for names in (("time", "b", "c"), ("a", "a_velocity", "c")):
+        task = SimpleNamespace(robot_joints=names)
+        with pytest.raises(rp.InputError, match="two columns are called"):
+            csv_text(SimpleNamespace(**(vars(motion) | {"task": task, "joints": motion.joints})))
 
 
 def test_joints_without_a_column_stay_at_the_reference(tmp_path: Path) -> None:
@@ -69,14 +93,15 @@ def test_joints_without_a_column_stay_at_the_reference(tmp_path: Path) -> None:
 
 
 BAD = {
-    "no such file": (None, "cannot read a motion"),
+    "no such file": (None, "cannot read .*No such file"),
     "not text": (b"\xff\xfe\x00\x01", "not a text file"),
     "empty": (b"", "no column of a joint"),
     "header only": (b"d1,d2,theta3\n", "holds no rows"),
     "strange column": (b"d1,elbow\n0,0\n", "no joint 'elbow'"),
     "no number": (b"d1,d2\n0,0\n0,x\n", r"line 3: d2 = 'x' is not a finite number"),
     "not finite": (b"d1\n0\ninf\n", r"line 3: d1 = 'inf'"),
-    "short line": (b"d1,d2\n0,0\n0\n", r"line 3: d2 = None"),
+    "short line": (b"d1,d2\n0,0\n0\n", r"line 3: 1 cells where the header has 2"),
+    "twice": (b"d1,d2,d1\n0,0,0\n", "two columns are called 'd1'"),
     "half a cycle": (b"cycle,d1\n0,0\n0.5,1\n", "ends in cycle 0.5"),
     "uneven": (b"cycle,d1\n0,0\n1,0\n1.5,1\n2,0\n", "not 2 cycles of equal steps"),
     "one row": (b"d1\n0\n", "not 1 cycles of equal steps"),

@@ -23,9 +23,12 @@ def saved(tmp_path: Path, panda_design: rp.Design, monkeypatch: pytest.MonkeyPat
 
 
 def table(file: Path) -> tuple[list[str], np.ndarray]:
+    """What stands beside the first column, the cycle in fractions, which grows from 0."""
     with file.open(newline="") as lines:
         header, *rows = csv.reader(lines)
-    return header, np.array(rows, float)
+    numbers = np.array(rows, float)
+    assert header[0] == "cycle" and numbers[0, 0] == 0 and (np.diff(numbers[:, 0]) > 0).all()
+    return header[1:], numbers[:, 1:]
 
 
 def test_the_csv_is_the_motion(saved, panda_design, q_panda, capsys) -> None:

@@ -183,8 +183,8 @@ def test_in_other_joint_coordinates_the_robots_own_joints_keep_their_limits() ->
     Q, times = slow.q @ task.coordinates.T.T, np.diff(slow.t)
     assert np.abs(np.diff(Q, axis=0) / times[:, None]).max() <= 1 + 1e-9 and slow.t[-1] > motion.t[-1]
     header, first = csv_text(slow).splitlines()[:2]
-    assert header.split(",")[1:5] == list(arm.joint_names)
-    assert np.allclose(np.array(first.split(",")[1:5], float), task.coordinates.T @ psi)
+    assert header.split(",")[2:6] == list(arm.joint_names)
+    assert np.allclose(np.array(first.split(",")[2:6], float), task.coordinates.T @ psi)
 
 
 def test_bad_input(panda_design, panda_pose, path, q_panda) -> None:

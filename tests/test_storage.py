@@ -257,7 +257,7 @@ def test_what_is_no_design_at_all(tmp_path, text: str, words: str) -> None:
 def test_no_file_a_folder_and_bytes(tmp_path) -> None:
     with pytest.raises(rp.InputError, match="No such file"):
         rp.load(tmp_path / "none.json")
-    with pytest.raises(rp.InputError, match="directory"):
+    with pytest.raises(rp.InputError, match="it is a folder"):
         rp.load(tmp_path)
     (tmp_path / "b.json").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(rp.InputError, match="not a text file"):

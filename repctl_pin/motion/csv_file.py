@@ -58,11 +58,11 @@ def csv_text(motions: Motion | Iterable[tuple[str, Motion]], *, most: int | None
     InputError
         If two columns would have one name: a joint is called ``time``, or ``a_velocity`` beside ``a``.
     """
-    named = [("", motions)] if isinstance(motions, Motion) else list(motions)
+    named = list(motions) if isinstance(motions, Iterable) else [("", motions)]
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     joints = named[0][1].task.robot_joints if named else ()
-    beside = _BESIDE if not isinstance(motions, Motion) else _BESIDE[1:]
+    beside = _BESIDE if isinstance(motions, Iterable) else _BESIDE[1:]
     header = [*beside, *joints, *(f"{name}_velocity" for name in joints)]
     _refuse_twice(header, "a CSV of this robot's joints")
     writer.writerow(header)
@@ -99,7 +99,7 @@ def read_motions(file: str | Path, known: Sequence[str], *, cycles: int | None =
     lines = csv.reader(io.StringIO(read_whole(file, _LARGEST), newline=""))
     where = str(file)
     try:
-        names = [name.strip() for name in next(lines, [])]
+        names = [name if name in known else name.strip() for name in next(lines, [])]
         joints = _joints(names, known, where)
         columns = [names.index(name) for name in joints]
         groups: dict[str, list[tuple[int, float | None, list[float]]]] = {}
