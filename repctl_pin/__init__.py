@@ -58,6 +58,7 @@ if TYPE_CHECKING:
     from .show.page.animation import animation as animation
     from .strategies import CustomInverse as CustomInverse
     from .strategies import ExtendedJacobian as ExtendedJacobian
+    from .strategies import LeafImpedance as LeafImpedance
     from .strategies import LimitWeight as LimitWeight
     from .strategies import PostureControl as PostureControl
     from .strategies import Pseudoinverse as Pseudoinverse
@@ -76,6 +77,7 @@ _DOOR = {
     "strategies": (
         "CustomInverse",
         "ExtendedJacobian",
+        "LeafImpedance",
         "LimitWeight",
         "PostureControl",
         "Pseudoinverse",

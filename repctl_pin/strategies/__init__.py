@@ -3,6 +3,7 @@
 from .custom import CustomInverse
 from .extended import ExtendedJacobian
 from .function import FunctionStrategy
+from .impedance import LeafImpedance
 from .limits import LimitWeight
 from .posture import PostureControl
 from .pseudoinverse import Pseudoinverse, WeightedInverse
@@ -14,6 +15,7 @@ __all__ = [
     "ExtendedJacobian",
     "FunctionStrategy",
     "Inverse",
+    "LeafImpedance",
     "LimitWeight",
     "OnLeaves",
     "PostureControl",

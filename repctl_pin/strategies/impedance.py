@@ -1,0 +1,124 @@
+"""Torque control on a leaf: an impedance for the hand, and a spring to the leaf that the hand does not feel."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import scipy.linalg
+from numpy.typing import ArrayLike, NDArray
+
+from ..arguments import positive, vector, wanted
+from ..errors import InputError, SingularityError
+from .repeatable import RepeatableInverse
+
+Array = NDArray[np.float64]
+
+
+class LeafImpedance:
+    """Joint torques that hold the hand by a spring, and the joints on the leaf h(q) = c.
+
+    ``τ = Jᵀ F + P V Λ_h (ω² (c − h) − 2 ζ_h ω Vᵀ q̇) + b(q, q̇)`` with ``F = K e + D (ẋ* − J q̇)``,
+    ``P = I − Jᵀ J̄ᵀ``, ``J̄ = M⁻¹ Jᵀ Λ``, ``Λ = (J M⁻¹ Jᵀ)⁻¹``, ``Λ_h = (Vᵀ M⁻¹ P V)⁻¹``; b balances
+    gravity and the velocity terms. ``J M⁻¹ P = 0``: the second term does not move the hand (Khatib). There is no home
+    posture: the leaf is where this spring rests, so it pulls at nothing while the arm is on it. Beyond the paper.
+
+    D is chosen so that the hand, with its own inertia Λ, is damped by the same share in every direction; the leaf
+    answers like a body of one frequency, ``ḧ = ω² (c − h) − 2 ζ_h ω ḣ``, up to terms in the squares of velocities.
+
+    Parameters
+    ----------
+    inverse
+        A repeatable inverse, such as ``design.inverse``; its task moves the robot's own joints.
+    stiffness : (float, float) or (m,) array
+        K: N/m along the rows that move, Nm/rad along those that turn; or one number for each row of J.
+    damping
+        ζ of the hand: 1 is critical.
+    leaf_frequency
+        ω, rad/s: how quickly the joints come back to the leaf.
+    leaf_damping
+        ζ_h: 1 is critical.
+
+    Raises
+    ------
+    InputError
+        If an argument cannot be used, or a link of the chain has no inertia.
+    """
+
+    def __init__(
+        self,
+        inverse: RepeatableInverse,
+        *,
+        stiffness: ArrayLike = (1000.0, 50.0),
+        damping: float = 1.0,
+        leaf_frequency: float = 5.0,
+        leaf_damping: float = 1.0,
+    ) -> None:
+        self.inverse = wanted(inverse, RepeatableInverse, "inverse", "a repeatable inverse, such as design.inverse")
+        self.task = task = inverse.task
+        if task.coordinates is not None:
+            raise InputError("torques are those of the robot's own joints; design in them, without in_coordinates()")
+        linear = min(3, task.m)
+        given = np.asarray(stiffness, float)
+        rows = np.repeat(given, [linear, task.m - linear]) if given.shape == (2,) and task.m != 2 else given
+        if rows.shape != (task.m,) or not (np.isfinite(rows) & (rows > 0)).all():
+            raise InputError(f"stiffness must be two numbers above 0, N/m and Nm/rad, or {task.m}; got {stiffness!r}")
+        self.stiffness = np.diag(rows)
+        self.damping = positive(damping, "damping", zero=True)
+        self.leaf_frequency = positive(leaf_frequency, "leaf_frequency", "rad/s", zero=True)
+        self.leaf_damping = positive(leaf_damping, "leaf_damping", zero=True)
+        self._data = task.model.createData()
+        try:
+            np.linalg.cholesky(task.inertias(task.reference[None])[0])
+        except np.linalg.LinAlgError:
+            raise InputError(
+                f"a link of the chain to {task.frame!r} has no inertia; torques need one a joint"
+            ) from None
+
+    def torque(
+        self, q: ArrayLike, qdot: ArrayLike, target: pin.SE3, twist: Array | None = None, *, leaf: ArrayLike
+    ) -> Array:
+        """Choose the joint torques τ (n,), Nm or N.
+
+        Parameters
+        ----------
+        q, qdot : (n,) arrays
+            Joint positions and velocities, rad or m, and per second.
+        target
+            Where the frame should be.
+        twist : (6,) array, optional
+            Velocity (v, ω) of the target, world axes; at rest by default.
+        leaf : (r,) array
+            c, from ``inverse.leaf(q)`` at the start.
+
+        Raises
+        ------
+        InputError
+            If a size is wrong or a number not finite.
+        SingularityError
+            Where J or J_V loses rank.
+        """
+        task, field = self.task, self.inverse.field
+        q, qdot = vector(q, task.n, "q"), vector(qdot, task.n, "q̇")
+        c = np.asarray(leaf, float)
+        if c.shape != (task.r,) or not np.isfinite(c).all():
+            raise InputError(f"leaf must be {task.r} finite numbers, from inverse.leaf(q); got {leaf!r}")
+        J, V, M = task.jacobian(q), field.gradient(q), task.inertias(q[None])[0]
+        try:
+            factor = scipy.linalg.cho_factor(M)
+            M_J = scipy.linalg.cho_solve(factor, J.T)  # M⁻¹ Jᵀ
+            inertia = np.linalg.inv(J @ M_J)  # Λ
+            P_V = V - J.T @ (inertia @ (M_J.T @ V))  # P V
+            leaf_inertia = np.linalg.inv(P_V.T @ scipy.linalg.cho_solve(factor, P_V))  # Λ_h: P M⁻¹ P = M⁻¹ P
+        except np.linalg.LinAlgError:
+            raise SingularityError("the arm is at a singularity: J or J_V loses rank") from None
+        omega = self.leaf_frequency
+        pull = omega**2 * (c - field.value(q)) - 2 * self.leaf_damping * omega * (V.T @ qdot)
+        b = pin.rnea(task.model, self._data, q, qdot, np.zeros(task.n))
+        return J.T @ self._force(q, qdot, J, inertia, target, twist) + P_V @ (leaf_inertia @ pull) + b
+
+    def _force(self, q: Array, qdot: Array, J: Array, inertia: Array, target: pin.SE3, twist: Array | None) -> Array:
+        """F (m,) of the hand's spring and damper."""
+        k, Q = scipy.linalg.eigh(self.stiffness, inertia)  # Qᵀ Λ Q = I, Qᵀ K Q = diag k
+        D = inertia @ (Q * (2 * self.damping * np.sqrt(k))) @ Q.T @ inertia
+        wanted_rate = np.zeros(self.task.m) if twist is None else self.task.rate(q, np.asarray(twist, float))
+        return self.stiffness @ self.task.error(q, target) + D @ (wanted_rate - J @ qdot)
