@@ -13,6 +13,8 @@ from ._version import __version__ as __version__
 
 if TYPE_CHECKING:
     from . import redundancy as redundancy
+    from .codegen import compiled as compiled
+    from .codegen import export_c as export_c
     from .design import Design as Design
     from .design import FamilyDesign as FamilyDesign
     from .design import SingularRegionError as SingularRegionError
@@ -95,6 +97,7 @@ _DOOR = {
         "save",
         "settled",
     ),
+    "codegen": ("compiled", "export_c"),
     "integrability": (
         "bracket_defect",
         "candidate_surface",

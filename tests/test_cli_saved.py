@@ -79,7 +79,7 @@ def test_what_contradicts_the_file_is_named_by_its_option(rail: Path, capsys) ->
 @pytest.mark.parametrize("command", ["study", "design", "inspect"])
 def test_where_a_robot_is_wanted_a_design_is_pointed_elsewhere(command: str, tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
-    assert "d/design.json is a saved design: follow, check and animate take it" in refused(
+    assert "d/design.json is a saved design: follow, check, animate and export take it" in refused(
         capsys, command, "d/design.json"
     )
     assert list(tmp_path.iterdir()) == []

@@ -11,12 +11,12 @@ import warnings
 from collections.abc import Sequence
 
 from .._version import __version__
-from . import animate, check, completion, design, follow, inspect, robots, study
+from . import animate, check, completion, design, export, follow, inspect, robots, study
 from .endings import told
 from .executors import BLAS_THREADS
 from .parsing import Parser
 
-_COMMANDS = (study, design, follow, check, animate, robots, inspect, completion)
+_COMMANDS = (study, design, follow, check, animate, export, robots, inspect, completion)
 
 _EXAMPLES = """examples:
   repctl study panda                            table, figures and animation in repctl-out/panda/
@@ -26,6 +26,7 @@ _EXAMPLES = """examples:
   repctl check panda --weight inertia           is this control repeatable? how much does it drift?
   repctl follow design.json --csv motion.csv    one cycle of a saved design, ready for a robot
   repctl animate panda --live                   both arms in the browser, until Ctrl-C
+  repctl export design.json --to folder         the same in C, for the robot's own loop
   repctl robots                                 every arm in the catalogue
   repctl inspect my_arm.urdf                    what a file holds
 """

@@ -76,7 +76,7 @@ def load_robot(options: argparse.Namespace, name: str | None = None) -> Robot:
 
     name = options.robot if name is None else name
     if is_saved(name):
-        raise InputError(f"{name} is a saved design: follow, check and animate take it; here a robot is wanted")
+        raise InputError(f"{name} is a saved design: follow, check, animate and export take it; here a robot is wanted")
     return Robot.load(name, package_dirs=options.package_dir, lock=options.lock, base=options.base)
 
 

@@ -172,12 +172,20 @@ class PolynomialMap:
     """r polynomials h(q) as dense symmetric tensors, quick to evaluate at one q (Horner's rule).
 
     ``V(q) = T_0 + (T_1 + (T_2 + …) u) u``, one matrix–vector product a degree.
+
+    Attributes
+    ----------
+    center, scale : (n,) arrays
+        ``u = (q − center) / scale``.
+    degree : int
+    terms
+        Exponents of the monomials of u, and their coefficients (r,).
     """
 
     def __init__(self, center: Array, scale: Array, degree: int, terms: dict[tuple[int, ...], Array]) -> None:
         n = len(center)
         r = len(next(iter(terms.values())))
-        self.center, self.scale = center, scale
+        self.center, self.scale, self.degree, self.terms = center, scale, degree, terms
         self._inverse_scale = 1.0 / scale
         # Spread each monomial's coefficient evenly over the places of a symmetric tensor.
         tensors = [np.zeros((r, *(n,) * d)) for d in range(degree + 1)]

@@ -38,11 +38,15 @@ class Loop:
     velocity : function (q, ẋ) → q̇
     step : function (q, target, dt, twist, leaf, gain) → the next q
     bounded : function (q, target, dt, twist, leaf, gain, limit, damping) → the next q, λ, slowed
+    inverses : function Q (K, n) → G (K, n, m), optional
+    velocities : function (Q, Ẋ) → q̇ (K, n), optional
     """
 
     velocity: Callable[..., Array]
     step: Callable[..., Array]
     bounded: Callable[..., tuple[Array, float, float]]
+    inverses: Callable[[Array], Array] | None = None
+    velocities: Callable[[Array, Array], Array] | None = None
 
 
 def make_loop(task: Task, field: FieldMap) -> Loop:

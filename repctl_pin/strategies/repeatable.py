@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from ..errors import SingularityError
 from ..fields.field import FieldMap
 from ..redundancy.augmented import augmented_inverse
 from ..robot.task import Task, own_task
-from .control_step import make_loop
+from .control_step import Loop, make_loop
 from .on_leaf import solve, solve_all
 from .pseudoinverse import redundant
 
@@ -32,6 +32,8 @@ class RepeatableInverse:
         The task to control.
     field
         r potentials h; their common level sets are the leaves on which the motion stays.
+    loops
+        What makes the quick functions of the control loop; :func:`repctl_pin.codegen.compiled` has them in C.
 
     Attributes
     ----------
@@ -41,13 +43,14 @@ class RepeatableInverse:
         By what factor the last :meth:`step` with a limit was scaled down; 1 where it was not.
     """
 
-    def __init__(self, task: Task, field: FieldMap) -> None:
-        self._begin(redundant(task), wanted(field, FieldMap, "field", "potentials, such as fields.weighted(A)"))
+    def __init__(self, task: Task, field: FieldMap, *, loops: Callable[[Task, FieldMap], Loop] = make_loop) -> None:
+        field = wanted(field, FieldMap, "field", "potentials, such as fields.weighted(A)")
+        self._begin(redundant(task), field, loops)
 
-    def _begin(self, task: Task, field: FieldMap) -> None:
+    def _begin(self, task: Task, field: FieldMap, loops: Callable[[Task, FieldMap], Loop] = make_loop) -> None:
         self.task, self.field = task, field
         self.damping, self.slowed = 0.0, 1.0
-        self._loop = make_loop(task, field)
+        self._loops, self._loop = loops, loops(task, field)
 
     # ---- the inverse -----------------------------------------------------------------------------
 
@@ -58,6 +61,8 @@ class RepeatableInverse:
 
     def batch(self, Q: ArrayLike, J: Array | None = None) -> Array:
         """Evaluate G_r at every row of Q (K, n): (K, n, m)."""
+        if self._loop.inverses is not None:
+            return self._loop.inverses(rows(Q, self.task.n, "batch()"))
         J = self.task.jacobians(Q) if J is None else J
         return augmented_inverse(J, self.field.gradients(np.asarray(Q, float)))[:, :, : self.task.m]
 
@@ -79,6 +84,8 @@ class RepeatableInverse:
         """Choose q̇ for every row of Q (K, n) and of Ẋ (K, m): (K, n)."""
         Q = rows(Q, self.task.n, "velocities()")
         Xdot = matrix(Xdot, (len(Q), self.task.m), "Ẋ", f"{len(Q)} × {self.task.m}, one row a row of Q")
+        if self._loop.velocities is not None:
+            return self._loop.velocities(Q, Xdot)
         J_V = np.concatenate([self.task.jacobians(Q), np.swapaxes(self.field.gradients(Q), 1, 2)], axis=1)
         rhs = np.concatenate([Xdot, np.zeros((len(Q), self.task.r))], axis=1)
         try:
@@ -168,7 +175,7 @@ class RepeatableInverse:
         return solve_all(self, targets, q0, leaf)
 
     def __getstate__(self) -> dict[str, Any]:
-        return {"task": self.task, "field": self.field}
+        return {"task": self.task, "field": self.field, "loops": self._loops}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        self._begin(own_task(state["task"]), state["field"])
+        self._begin(own_task(state["task"]), state["field"], state["loops"])

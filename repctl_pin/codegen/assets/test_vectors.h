@@ -1,0 +1,31 @@
+/* What Python computed, for check.c.
+ *
+ * @about */
+#ifndef ARM_TEST_VECTORS_H
+#define ARM_TEST_VECTORS_H
+
+#include "arm.h"
+
+#include <math.h>
+
+#define ARM_VECTORS @count
+#define ARM_VECTOR_TOLERANCE 1e-9
+
+typedef struct {
+    double q[ARM_N], xdot[ARM_M];
+    arm_pose target;
+    double dt;
+    int has_twist;
+    double twist[6];
+    int has_leaf;
+    double leaf[ARM_R];
+    arm_options options;
+    arm_status usable, inside, velocity, step; /* the status of placement, jacobian and leaf; of the others */
+    arm_pose placement;
+    double J[ARM_M * ARM_N], c[ARM_R], qdot[ARM_N], q_next[ARM_N];
+} arm_vector;
+
+static const arm_vector arm_vectors[ARM_VECTORS] = {
+@vectors};
+
+#endif

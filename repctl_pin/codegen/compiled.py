@@ -1,0 +1,176 @@
+"""A repeatable inverse whose control loop runs in compiled C, called from Python."""
+
+from __future__ import annotations
+
+import ctypes
+import warnings
+from collections.abc import Callable
+from math import inf
+
+import numpy as np
+import pinocchio as pin
+from numpy import ndarray
+from numpy.typing import ArrayLike, NDArray
+
+from ..arguments import FLOAT, NUMBER, positive, vector, wanted
+from ..errors import SingularityError
+from ..fields.field import FieldMap
+from ..robot.task import Task
+from ..strategies.control_step import Loop, failure, make_loop, share_of, speeds
+from ..strategies.repeatable import RepeatableInverse
+from .build import NoCompilerError, shared_library
+from .source import write_source
+from .text import filled
+
+Array = NDArray[np.float64]
+
+_NAME = "repctl_control"
+_WHOLE_STEP = -1.0
+_TWIST, _LEAF, _BOUNDED = 1, 2, 4
+_OK, _SINGULAR = 0, 1
+
+
+def compiled(inverse: RepeatableInverse) -> RepeatableInverse:
+    """Make the same inverse with ``velocity``, ``step``, ``batch`` and ``velocities`` in compiled C.
+
+    It is compiled once with the machine's C compiler, and kept in the user's cache. Where there is no compiler a
+    warning says so, and the Python loop serves. As any inverse: one for each thread.
+
+    Parameters
+    ----------
+    inverse
+        Of polynomials, Fourier series, or their sums.
+
+    Raises
+    ------
+    InputError
+        If its potentials are functions of a person's own, which cannot be written as C.
+    """
+    wanted(inverse, RepeatableInverse, "inverse", "a repeatable inverse, such as design.inverse")
+    return RepeatableInverse(inverse.task, inverse.field, loops=compiled_loop)
+
+
+def compiled_loop(task: Task, field: FieldMap) -> Loop:
+    """Make the quick functions of a repeatable inverse in C; with a warning in Python, where there is no compiler."""
+    inverse = RepeatableInverse(task, field)
+    source = write_source(inverse, _NAME)
+    code = source.code.replace(f'#include "{_NAME}.h"', source.header) + filled("python.c", _NAME, {})
+    try:
+        library = str(shared_library(code))
+    except NoCompilerError as error:
+        warnings.warn(f"{error}; the Python loop serves", UserWarning, stacklevel=3)
+        return make_loop(task, field)
+    return _loop(task, ctypes.PyDLL(library), ctypes.CDLL(library))
+
+
+def _loop(task: Task, held: ctypes.PyDLL, released: ctypes.CDLL) -> Loop:
+    """Wrap a library: quick calls hold the interpreter's lock, long ones release it."""
+    n, m, r = task.n, task.m, task.r
+    sizes = {"q": n, "xdot": m, "target": 16, "twist": 6, "leaf": r, "dt": 1, "report": 2, "result": n,
+             "gain": 1, "limit": n, "damping": 1}  # fmt: skip
+    memory = np.zeros(sum(sizes.values()))
+    parts = dict(zip(sizes, np.split(memory, np.cumsum(list(sizes.values()))[:-1]), strict=True))
+    q_in, xdot_in, twist_in, leaf_in, result = (parts[key] for key in ("q", "xdot", "twist", "leaf", "result"))
+    target_in, dt_in, gain_in, report = parts["target"].reshape(4, 4), parts["dt"], parts["gain"], parts["report"]
+    address = ctypes.c_void_p(memory.ctypes.data)
+    run_velocity, run_step = held[f"{_NAME}_call_velocity"], held[f"{_NAME}_call_step"]
+    flags = [ctypes.c_int(given) for given in range(8)]
+
+    of_joints, of_task, of_twist, of_leaf = (n,), (m,), (6,), (r,)
+
+    def refused(status: int, q: Array) -> Exception:
+        return failure(task, q, np.array([0.0 if status == _SINGULAR else np.nan]))
+
+    def velocity(q: Array, xdot: Array) -> Array:
+        if not (type(q) is ndarray and q.dtype is FLOAT and q.shape == of_joints):
+            q = vector(q, n, "q")
+        if not (type(xdot) is ndarray and xdot.dtype is FLOAT and xdot.shape == of_task):
+            xdot = vector(xdot, m, "ẋ", "m/s and rad/s")
+        q_in[:] = q
+        xdot_in[:] = xdot
+        status = run_velocity(address)
+        if status:
+            raise refused(status, q)
+        return result.copy()
+
+    def step(
+        q: Array,
+        target: pin.SE3,
+        dt: float,
+        twist: Array | None,
+        leaf: Array | None,
+        gain: float | None,
+        given: int = 0,
+    ) -> Array:
+        if not (type(q) is ndarray and q.dtype is FLOAT and q.shape == of_joints):
+            q = vector(q, n, "q")
+        if not (isinstance(dt, NUMBER) and 0.0 < dt < inf):
+            dt = positive(dt, "dt", "s")
+        if not isinstance(target, pin.SE3):
+            wanted(target, pin.SE3, "the target", "a placement (pinocchio.SE3)")
+        q_in[:] = q
+        target_in[:] = target.homogeneous
+        dt_in[0] = dt
+        if leaf is not None:
+            if not (type(leaf) is ndarray and leaf.dtype is FLOAT and leaf.shape == of_leaf):
+                leaf = vector(leaf, r, "the leaf c = h(q)", "one a potential")
+            leaf_in[:] = leaf
+            given |= _LEAF
+        if gain is None:
+            gain_in[0] = _WHOLE_STEP
+        else:
+            share_of(gain, dt)
+            gain_in[0] = gain
+        if twist is not None:
+            if not (type(twist) is ndarray and twist.dtype is FLOAT and twist.shape == of_twist):
+                twist = vector(twist, 6, "the twist (v, ω)", "m/s and rad/s")
+            twist_in[:] = twist
+            given |= _TWIST
+        status = run_step(address, flags[given])
+        if status:
+            raise refused(status, q)
+        return result.copy()
+
+    def bounded(
+        q: Array,
+        target: pin.SE3,
+        dt: float,
+        twist: Array | None,
+        leaf: Array | None,
+        gain: float | None,
+        limit: ArrayLike | None,
+        damping: float,
+    ) -> tuple[Array, float, float]:
+        dt, damping = positive(dt, "dt", "s"), positive(damping, "damping", zero=True)
+        parts["limit"][:] = inf if limit is None else speeds(limit, n)
+        parts["damping"][0] = damping
+        following = step(q, target, dt, twist, leaf, gain, _BOUNDED)
+        return following, float(report[0]), float(report[1])
+
+    return Loop(velocity, step, bounded, *_batches(task, released))
+
+
+def _batches(task: Task, library: ctypes.CDLL) -> tuple[Callable[[Array], Array], Callable[[Array, Array], Array]]:
+    """Make the functions of many configurations: Q (K, n) → G (K, n, m), and Q, Ẋ (K, m) → q̇ (K, n)."""
+    n, m = task.n, task.m
+
+    def run(name: str, count: int, *arrays: Array) -> None:
+        function = library[f"{_NAME}_call_{name}"]
+        function.restype = ctypes.c_long
+        done = function(ctypes.c_long(count), *(ctypes.c_void_p(array.ctypes.data) for array in arrays))
+        if done < count:
+            raise SingularityError(f"the augmented Jacobian J_V is singular at row {done}")
+
+    def inverses(Q: Array) -> Array:
+        Q = np.ascontiguousarray(Q)
+        G = np.empty((len(Q), n, m))
+        run("inverses", len(Q), Q, G)
+        return G
+
+    def velocities(Q: Array, Xdot: Array) -> Array:
+        Q, Xdot = np.ascontiguousarray(Q), np.ascontiguousarray(Xdot)
+        Qdot = np.empty((len(Q), n))
+        run("velocities", len(Q), Q, Xdot, Qdot)
+        return Qdot
+
+    return inverses, velocities

@@ -1,0 +1,108 @@
+"""A repeatable inverse as a folder of C, ready for a robot's own loop."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from ..files import prepare_folder, write_whole
+from ..regions import Region
+from ..strategies.repeatable import RepeatableInverse
+from .source import about, write_source
+from .text import checked_name, filled, row, value
+from .vectors import STATUS, Vector, answers, vectors
+
+
+def export_c(
+    inverse: RepeatableInverse, folder: str | Path, name: str = "arm_control", *, region: Region | None = None
+) -> list[Path]:
+    """Write a repeatable inverse as C99 (and C++17) that needs nothing but ``<math.h>``, and all that goes with it.
+
+    ``name.h`` and ``name.c``: placement, jacobian, inverse, leaf, velocity, step, inside, every name beginning with
+    ``name_``. They allocate nothing and keep nothing, and return a status. ``name.hpp``: the same with
+    ``std::array``. ``test_vectors.h`` and ``check.c`` compare a build with Python; ``loop.c`` is an example at 1 kHz;
+    ``CMakeLists.txt`` builds all. The same inverse gives the same bytes.
+
+    Parameters
+    ----------
+    inverse
+        Such as ``design.inverse``; of polynomials, Fourier series, or their sums.
+    folder
+        Made where it is not there.
+    name
+        What every name and the files begin with.
+    region
+        Such as ``design.region``: what ``name_inside`` asks for, and where the test vectors lie.
+
+    Returns
+    -------
+    list of Path
+        The files.
+
+    Raises
+    ------
+    InputError
+        If the name is no identifier, the inverse or the region holds functions of a person's own, or the folder
+        cannot be written.
+    """
+    name = checked_name(name)
+    source = write_source(inverse, name, region)
+    parts = {"about": about(inverse.task, region)}
+    found = [(vector, answers(inverse, region, vector)) for vector in vectors(inverse, region)]
+    texts = {
+        f"{name}.h": source.header,
+        f"{name}.c": source.code,
+        f"{name}.hpp": filled("arm.hpp", name, parts),
+        "test_vectors.h": filled(
+            "test_vectors.h",
+            name,
+            parts | {"count": len(found), "vectors": ",\n".join(_vector(v, said, inverse, name) for v, said in found)},
+        ),
+        "check.c": filled("check.c", name, {}),
+        "loop.c": filled("loop.c", name, _circle(inverse, region)),
+        "CMakeLists.txt": filled("CMakeLists.txt", name, {}),
+    }
+    where = prepare_folder(Path(folder))
+    return [write_whole(where / file, text) for file, text in texts.items()]
+
+
+def _vector(vector: Vector, said: dict[str, Any], inverse: RepeatableInverse, name: str) -> str:
+    """Write one test vector as C."""
+    task = inverse.task
+    n, m, r = task.n, task.m, task.r
+    limit = np.full(n, np.inf) if vector.limit is None else vector.limit
+    gain = -1.0 if vector.gain is None else vector.gain
+    placement = said.get("placement", pin.SE3.Identity())
+    entries = [
+        row(vector.q),
+        row(vector.xdot),
+        _pose(vector.target),
+        value(vector.dt),
+        str(int(vector.twist is not None)),
+        row(np.zeros(6) if vector.twist is None else vector.twist),
+        str(int(vector.leaf is not None)),
+        row(np.zeros(r) if vector.leaf is None else vector.leaf),
+        f"{{{value(gain)}, {row(limit)}, {value(vector.damping)}, 0}}",
+        *(f"{name.upper()}_{STATUS[said[key]]}" for key in ("usable", "inside", "velocity", "step")),
+        _pose(placement),
+        row(np.ravel(said.get("J", np.zeros((m, n))))),
+        row(said.get("c", np.zeros(r))),
+        row(said["qdot"]),
+        row(said["q_next"]),
+    ]
+    return "    {" + ",\n     ".join(entries) + "}"
+
+
+def _pose(placement: pin.SE3) -> str:
+    return f"{{{row(placement.translation)}, {row(np.ravel(placement.rotation))}}}"
+
+
+def _circle(inverse: RepeatableInverse, region: Region | None) -> dict[str, object]:
+    """A circle of a tenth of the arm's reach at most, that stays near the start."""
+    task = inverse.task
+    start = task.reference if region is None else region.center
+    axes = [axis for axis in task.rows if axis < 3][:2]
+    return {"start": row(start), "radius": value(0.02), "axes": f"{{{axes[0]}, {axes[1]}}}"}

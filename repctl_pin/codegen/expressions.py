@@ -1,0 +1,180 @@
+"""Sums and products of joint numbers, simplified as they are made, and written as straight-line C.
+
+Equal expressions are one object, so what a chain of joints needs twice is computed once.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+_SNAP = 1e-15
+"""Constants this near to 0, 1 or −1 are meant so: the cosine of a URDF's right angle."""
+
+
+class Expression:
+    """A number, an input, a sine or cosine of one, or a sum or product of two. Made by a :class:`Graph`."""
+
+    __slots__ = ("graph", "kind", "parts", "value")
+
+    def __init__(self, graph: Graph, kind: str, parts: tuple[Expression, ...], value: float | str) -> None:
+        self.graph, self.kind, self.parts, self.value = graph, kind, parts, value
+
+    def __add__(self, other: Expression) -> Expression:
+        return self.graph.sum(self, other)
+
+    def __sub__(self, other: Expression) -> Expression:
+        return self.graph.sum(self, -other)
+
+    def __neg__(self) -> Expression:
+        return self.graph.negative(self)
+
+    def __mul__(self, other: Expression) -> Expression:
+        return self.graph.product(self, other)
+
+
+class Graph:
+    """Makes expressions, each only once."""
+
+    def __init__(self) -> None:
+        self._made: dict[tuple, Expression] = {}
+        self._order: dict[int, int] = {}
+
+    def number(self, value: float) -> Expression:
+        """Make a constant."""
+        near = min((0.0, 1.0, -1.0), key=lambda known: abs(value - known))
+        return self._make("number", (), near if abs(value - near) <= _SNAP else float(value))
+
+    def input(self, text: str) -> Expression:
+        """Make what the C code reads, such as ``q[0]``."""
+        return self._make("input", (), text)
+
+    def sine(self, angle: Expression) -> Expression:
+        """Make ``sin(angle)``."""
+        return self._function("sin", math.sin, angle)
+
+    def cosine(self, angle: Expression) -> Expression:
+        """Make ``cos(angle)``."""
+        return self._function("cos", math.cos, angle)
+
+    def negative(self, a: Expression) -> Expression:
+        """Make ``−a``."""
+        if a.kind == "number":
+            return self.number(-float(a.value))
+        if a.kind == "negative":
+            return a.parts[0]
+        return self._make("negative", (a,), "")
+
+    def sum(self, a: Expression, b: Expression) -> Expression:
+        """Make ``a + b``."""
+        if a.kind == "number" and b.kind == "number":
+            return self.number(float(a.value) + float(b.value))
+        for one, other in ((a, b), (b, a)):
+            if one.kind == "number" and one.value == 0.0:
+                return other
+        if self.negative(a) is b:
+            return self.number(0.0)
+        return self._make("sum", (a, b), "")
+
+    def product(self, a: Expression, b: Expression) -> Expression:
+        """Make ``a b``; signs go outward."""
+        if a.kind == "number" and b.kind == "number":
+            return self.number(float(a.value) * float(b.value))
+        for one, other in ((a, b), (b, a)):
+            if one.kind == "number" and one.value in (0.0, 1.0, -1.0):
+                return {0.0: self.number(0.0), 1.0: other, -1.0: self.negative(other)}[float(one.value)]
+            if one.kind == "number" and float(one.value) < 0:
+                return self.negative(self.product(self.negative(one), other))
+        if a.kind == "negative":
+            return self.negative(self.product(a.parts[0], b))
+        if b.kind == "negative":
+            return self.negative(self.product(a, b.parts[0]))
+        return self._make("product", tuple(sorted((a, b), key=lambda e: self._order[id(e)])), "")
+
+    def total(self, terms: Iterable[Expression]) -> Expression:
+        """Add many."""
+        result = self.number(0.0)
+        for term in terms:
+            result = result + term
+        return result
+
+    def _function(self, name: str, evaluate: object, angle: Expression) -> Expression:
+        if angle.kind == "number":
+            return self.number(evaluate(float(angle.value)))  # type: ignore[operator]
+        return self._make(name, (angle,), "")
+
+    def _make(self, kind: str, parts: tuple[Expression, ...], value: float | str) -> Expression:
+        key = (kind, *map(id, parts), value)
+        if key not in self._made:
+            self._made[key] = made = Expression(self, kind, parts, value)
+            self._order[id(made)] = len(self._order)
+        return self._made[key]
+
+
+def number(value: float) -> str:
+    """Write a finite number in C: the shortest text that reads back as the same double."""
+    assert math.isfinite(value)
+    return repr(float(value) + 0.0)
+
+
+def assignments(targets: dict[str, Expression], indent: str = "    ") -> str:
+    """Write C that assigns expressions to targets: one constant for whatever is used twice.
+
+    Parameters
+    ----------
+    targets
+        By what they are assigned to, such as ``J[0][1]``.
+    """
+    uses: dict[int, int] = {}
+    order: list[Expression] = []
+
+    def visit(expression: Expression) -> None:
+        uses[id(expression)] = uses.get(id(expression), 0) + 1
+        if uses[id(expression)] == 1:
+            for part in expression.parts:
+                visit(part)
+            order.append(expression)
+
+    for expression in targets.values():
+        visit(expression)
+    names: dict[int, str] = {}
+    lines = []
+    for expression in order:
+        cheap = expression.kind in ("number", "input", "negative")
+        if not cheap and (uses[id(expression)] > 1 or expression.kind in ("sin", "cos")):
+            text = _text(expression, names)
+            names[id(expression)] = f"t{len(names)}"
+            lines.append(f"{indent}const double {names[id(expression)]} = {text};")
+    lines += [f"{indent}{target} = {_text(expression, names)};" for target, expression in targets.items()]
+    return "\n".join(lines)
+
+
+def _text(expression: Expression, names: dict[int, str]) -> str:
+    if id(expression) in names:
+        return names[id(expression)]
+    if expression.kind == "number":
+        return number(float(expression.value))
+    if expression.kind == "input":
+        return str(expression.value)
+    parts = [_text(part, names) for part in expression.parts]
+    if expression.kind in ("sin", "cos"):
+        return f"{expression.kind}({parts[0]})"
+    if expression.kind == "product":
+        return " * ".join(_factor(part, names) for part in expression.parts)
+    if expression.kind == "negative":
+        inner = expression.parts[0]
+        return f"-{_text(inner, names) if inner.kind == 'product' else _factor(inner, names)}"
+    a, b = parts
+    return f"{a} - {b[1:]}" if b.startswith("-") and _is_single(expression.parts[1], names) else f"{a} + {b}"
+
+
+def _factor(expression: Expression, names: dict[int, str]) -> str:
+    """Write what stands in a product or behind a minus."""
+    text = _text(expression, names)
+    bare = id(expression) in names or expression.kind in ("input", "sin", "cos")
+    return text if bare or (expression.kind == "number" and not text.startswith("-")) else f"({text})"
+
+
+def _is_single(expression: Expression, names: dict[int, str]) -> bool:
+    """Whether a leading minus is that of the whole text."""
+    return expression.kind in ("number", "negative") and id(expression) not in names

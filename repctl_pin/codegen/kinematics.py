@@ -1,0 +1,125 @@
+"""The forward kinematics of a task, unrolled: placement of the frame and J as straight-line C."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from ..robot.task import Task
+from .expressions import Expression, Graph, assignments
+
+Array = NDArray[np.float64]
+Vector = list[Expression]
+Matrix = list[Vector]
+
+
+class Chain:
+    """A task's chain of joints as expressions of ``q[0]`` … ``q[n − 1]``.
+
+    Attributes
+    ----------
+    p : (3,) expressions
+        Where the frame's origin is, m.
+    R : (3, 3) expressions
+        How the frame is turned.
+    J : (m, n) expressions
+        ``ẋ = J q̇`` (2), the rows of :class:`repctl_pin.robot.task.Task`; in joint coordinates ψ too.
+    """
+
+    def __init__(self, task: Task) -> None:
+        self.graph = Graph()
+        q = [self.graph.input(f"q[{i}]") for i in range(task.n)]
+        T = None if task.coordinates is None else task.coordinates.T
+        joints = q if T is None else [self._weighted(row, q) for row in T]
+        model, frame = task.model, task.model.frames[task._frame_id]
+        self.p = self._numbers(np.zeros(3))
+        self.R = [self._numbers(row) for row in np.eye(3)]
+        axes: list[tuple[bool, Vector, Vector]] = []  # turns, its axis and where it is
+        turned = np.eye(3)  # from the joint's own axes to those with z along it
+        for j, (angle, (turns, axis)) in enumerate(zip(joints, _joints(task), strict=True), 1):
+            assert model.parents[j] == j - 1, "the joints of a task are a chain"
+            B = _z_along(axis)
+            place = model.jointPlacements[j]
+            self._fixed(turned.T @ place.rotation @ B, turned.T @ place.translation)
+            axes.append((turns, [row[2] for row in self.R], self.p))
+            if turns:
+                self._turn(angle)
+            else:
+                self.p = [p + z * angle for p, z in zip(self.p, axes[-1][1], strict=True)]
+            turned = B
+        self._fixed(turned.T @ frame.placement.rotation, turned.T @ frame.placement.translation)
+        columns = [self._column(*axis) for axis in axes]
+        J = [[column[i] for column in columns] for i in range(6)]
+        if task.kind == "axis":  # ω along the frame's own x and y
+            J[3:] = [[self._dot([row[k] for row in self.R], c[3:]) for c in columns] for k in range(2)]
+        else:
+            J = [J[row] for row in task.rows]
+        self.J = J if T is None else [[self._weighted(column, row) for column in T.T] for row in J]
+
+    def _column(self, turns: bool, z: Vector, o: Vector) -> Vector:
+        """The frame's twist (v, ω) per unit of a joint's speed."""
+        if not turns:
+            return [*z, *self._numbers(np.zeros(3))]
+        d = [a - b for a, b in zip(self.p, o, strict=True)]
+        return [z[1] * d[2] - z[2] * d[1], z[2] * d[0] - z[0] * d[2], z[0] * d[1] - z[1] * d[0], *z]
+
+    def _fixed(self, rotation: Array, translation: Array) -> None:
+        self.p = [p + self._weighted(translation, row) for p, row in zip(self.p, self.R, strict=True)]
+        self.R = [[self._weighted(column, row) for column in rotation.T] for row in self.R]
+
+    def _turn(self, angle: Expression) -> None:
+        """``R ← R R_z(angle)``."""
+        c, s = self.graph.cosine(angle), self.graph.sine(angle)
+        self.R = [[x * c + y * s, y * c - x * s, z] for x, y, z in self.R]
+
+    def _weighted(self, weights: Array, terms: Vector) -> Expression:
+        return self.graph.total(self.graph.number(w) * t for w, t in zip(weights, terms, strict=True))
+
+    def _dot(self, a: Vector, b: Vector) -> Expression:
+        return self.graph.total(x * y for x, y in zip(a, b, strict=True))
+
+    def _numbers(self, values: Array) -> Vector:
+        return [self.graph.number(v) for v in values]
+
+    def placement_c(self) -> str:
+        """Write C that assigns ``p[3]`` and ``R[9]``, R row by row."""
+        return assignments(self._p_and_R())
+
+    def jacobian_c(self) -> str:
+        """Write C that assigns ``J[m][n]``."""
+        return assignments(self._jacobian())
+
+    def all_c(self) -> str:
+        """Write C that assigns ``p``, ``R`` and ``J``."""
+        return assignments(self._p_and_R() | self._jacobian())
+
+    def _p_and_R(self) -> dict[str, Expression]:
+        return {f"p[{i}]": e for i, e in enumerate(self.p)} | {
+            f"R[{3 * i + k}]": e for i, row in enumerate(self.R) for k, e in enumerate(row)
+        }
+
+    def _jacobian(self) -> dict[str, Expression]:
+        return {f"J[{a}][{i}]": e for a, row in enumerate(self.J) for i, e in enumerate(row)}
+
+
+def _joints(task: Task) -> list[tuple[bool, Array]]:
+    """Say of every joint whether it turns, and about or along which axis of its own frame."""
+    model, data = task.model, task.model.createData()
+    pin.computeJointJacobians(model, data, np.zeros(model.nq))
+    found = []
+    for j in range(1, model.njoints):
+        S = pin.getJointJacobian(model, data, j, pin.ReferenceFrame.LOCAL)[:, model.joints[j].idx_v]
+        turns = bool(np.linalg.norm(S[3:]) > 0.5)
+        found.append((turns, S[3:] if turns else S[:3]))
+    return found
+
+
+def _z_along(axis: Array) -> Array:
+    """A rotation (3, 3) whose third column is a unit axis; of zeros and ones where the axis is one of x, y, z."""
+    axis = np.where(np.abs(axis) < 1e-15, 0.0, axis) + 0.0
+    k = int(np.argmax(np.abs(axis)))
+    other = np.eye(3)[(k + 1) % 3]
+    x = other - (other @ axis) * axis
+    x /= np.linalg.norm(x)
+    return np.column_stack([x, np.cross(axis, x), axis])

@@ -1,0 +1,123 @@
+"""A repeatable inverse as one C99 header and one source."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from .._version import __version__
+from ..arguments import wanted
+from ..errors import InputError
+from ..regions import Box, Region, Tube, WorkspaceBox
+from ..robot.task import Task
+from ..strategies.repeatable import RepeatableInverse
+from .kinematics import Chain
+from .potentials import field_functions
+from .text import comment, filled, row, table, whole
+
+_MEANING = {
+    "pose": "position and orientation: xdot = (v, omega), base axes, m/s and rad/s",
+    "axis": "position and tool axis: v in base axes, m/s, and omega about the frame's own x and y, rad/s",
+    "position": "position: xdot = v, base axes, m/s",
+    "xy": "x and y of the position: xdot in m/s",
+    "xz": "x and z of the position: xdot in m/s",
+    "yz": "y and z of the position: xdot in m/s",
+}
+
+
+class Source(NamedTuple):
+    """The two files."""
+
+    header: str
+    code: str
+
+
+def write_source(inverse: RepeatableInverse, name: str, region: Region | None = None) -> Source:
+    """Write a repeatable inverse as C, every name beginning with ``name_``.
+
+    Parameters
+    ----------
+    inverse
+        Of polynomials, Fourier series, or their sums.
+    name
+        A checked name.
+    region
+        Ω that it was designed for: what ``name_inside`` asks for; without one every q is inside.
+
+    Raises
+    ------
+    InputError
+        If the potentials or the region hold functions, which cannot be written down.
+    """
+    wanted(inverse, RepeatableInverse, "inverse", "a repeatable inverse, such as design.inverse")
+    task = inverse.task
+    if task.r < 1:
+        raise InputError(f"{task!r} has no joint to spare: there is no potential to write")
+    if region is not None and len(region.center) != task.n:
+        raise InputError(f"the region has {len(region.center)} joints, but the task has {task.n}")
+    chain = Chain(task)
+    potentials = field_functions(inverse.field, task.n, name)
+    kind = task.kind if task.kind in ("pose", "axis") else "position"
+    parts = {
+        "about": about(task, region),
+        "n": task.n,
+        "m": task.m,
+        "r": task.r,
+        "placement": chain.placement_c(),
+        "jacobian": chain.jacobian_c(),
+        "chain": chain.all_c(),
+        "potentials": "\n".join(potentials).rstrip("\n"),
+        "parts": "\n".join(f"    {name}_potential_{i}(q, h, V);" for i in range(len(potentials))),
+        "error": filled(f"error_{kind}.c", name, {"rows": whole(task.rows)}).rstrip("\n"),
+        "inside": _inside(region, task, name).rstrip("\n"),
+    }
+    return Source(filled("arm.h", name, parts), filled("arm.c", name, parts))
+
+
+def about(task: Task, region: Region | None) -> str:
+    """Say in a comment what the code is for: robot, frame, task, joints, region, units, version."""
+    robot = task.robot
+    base = "the base" if robot.base is None else comment(robot.base)
+    joints = [
+        f"q[{i}] {comment(name)}, {'rad' if turns else 'm'}, from {low:g} to {high:g}"
+        for i, (name, turns, low, high) in enumerate(
+            zip(task.joint_names, task.revolute, task.lower, task.upper, strict=True)
+        )
+    ]
+    lines = [
+        f"Repeatable control of a redundant arm, written by repctl_pin {__version__}; do not edit.",
+        "",
+        f"robot   {comment(robot.name)} ({comment(robot.description.path.name)})",
+        f"frame   {comment(task.frame)}, placed in {base}",
+        f"task    {_MEANING[task.kind]}",
+        f"joints  {joints[0]}",
+        *(f"        {line}" for line in joints[1:]),
+        f"region  {'none given' if region is None else comment(str(region).replace('±', '+-'))}",
+        "units   m, rad, s; q that is outside the joints' ranges is not refused",
+    ]
+    if task.coordinates is not None:
+        lines.append("        q are joint coordinates psi; the joints themselves are T psi, T row by row:")
+        lines += [f"        {', '.join(f'{t:g}' for t in values)}" for values in task.coordinates.T]
+    return "\n".join([lines[0], *(f" * {line}".rstrip() for line in lines[1:])])
+
+
+def _inside(region: Region | None, task: Task, name: str) -> str:
+    """Write the function that says whether q is in a region."""
+    if region is None:
+        return filled("inside_any.c", name, {})
+    if isinstance(region, Tube):
+        parts = {"radius": row(region.radius), "count": len(region.samples), "samples": table(region.samples)}
+        return filled("inside_tube.c", name, parts)
+    if isinstance(region, Box):
+        return filled("inside_box.c", name, {"center": row(region.center), "half": row(region.half_width)})
+    if isinstance(region, WorkspaceBox):
+        axes = [axis for axis in task.rows if axis < 3]
+        parts = {
+            "center": row(region.within.center),
+            "half": row(region.within.half_width),
+            "count": len(axes),
+            "axes": whole(axes),
+            "position": row(region.position),
+            "width": row(region.half_width),
+        }
+        return filled("inside_workspace.c", name, parts)
+    raise InputError(f"a region {type(region).__name__} cannot be written as C; boxes, tubes and workspace boxes can")

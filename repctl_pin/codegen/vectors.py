@@ -1,0 +1,99 @@
+"""What Python computes at some configurations, good and bad, for the C code to be checked against."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from ..errors import InputError, SingularityError
+from ..regions import Region
+from ..strategies.repeatable import RepeatableInverse
+
+Array = NDArray[np.float64]
+
+STATUS = ("OK", "SINGULAR", "BAD_NUMBER", "OUTSIDE")
+OK, SINGULAR, BAD_NUMBER, OUTSIDE = range(4)
+_DT = 1e-3
+_GAINS = (20.0, None, 500.0, 0.0)
+
+
+@dataclass
+class Vector:
+    """One configuration, what is asked there, and what Python answers."""
+
+    q: Array
+    xdot: Array
+    target: pin.SE3
+    dt: float
+    twist: Array | None
+    leaf: Array | None
+    gain: float | None
+    limit: Array | None
+    damping: float
+
+
+def vectors(inverse: RepeatableInverse, region: Region | None, count: int = 48, seed: int = 0) -> list[Vector]:
+    """Choose configurations in and near the region, or near the reference pose, and questions of every kind."""
+    task, rng = inverse.task, np.random.default_rng(seed)
+    if region is None:
+        Q = task.reference + rng.uniform(-0.4, 0.4, (count, task.n))
+    else:
+        Q = region.random(count, seed)[:count].copy()
+    found = []
+    for k, q in enumerate(Q):
+        if k % 6 == 5:  # farther out
+            q = q + rng.normal(size=task.n)
+        near = task.placement(q + 0.01 * rng.normal(size=task.n))
+        away = pin.SE3(pin.exp3(rng.normal(size=3) * (2.0 if k % 7 == 6 else 0.01)), np.zeros(3)) * near
+        found.append(
+            Vector(
+                q=q,
+                xdot=rng.normal(size=task.m),
+                target=away,
+                dt=_DT,
+                twist=None if k % 3 == 0 else rng.normal(size=6),
+                leaf=None if k % 4 == 0 else inverse.leaf(q) + 0.01 * rng.normal(size=task.r),
+                gain=_GAINS[k % len(_GAINS)],
+                limit=None if k % 2 else rng.uniform(0.1, 2.0, task.n),
+                damping=0.0 if k % 5 else 0.2,
+            )
+        )
+    bad = {7: ("q", np.nan), 13: ("q", np.inf), 19: ("xdot", np.nan), 25: ("dt", 0.0), 31: ("gain", 3000.0)}
+    for k, (what, value) in bad.items():
+        if k < len(found):
+            setattr(found[k], what, value if what in ("dt", "gain") else np.append(getattr(found[k], what)[:-1], value))
+    return found
+
+
+def answers(inverse: RepeatableInverse, region: Region | None, vector: Vector) -> dict[str, Any]:
+    """What Python answers: a status of every function, and its result where it is OK."""
+    task, q = inverse.task, vector.q
+    usable = bool(np.isfinite(q).all())
+    said: dict[str, Any] = {"usable": OK if usable else BAD_NUMBER, "inside": OK if usable else BAD_NUMBER}
+    if usable:
+        said |= {"placement": task.placement(q), "J": task.jacobian(q), "c": inverse.leaf(q)}
+        if region is not None and not region.ratio(q[None])[0] <= 1 + 1e-12:
+            said["inside"] = OUTSIDE
+    said["velocity"], said["qdot"] = _asked(lambda: inverse.velocity(q, vector.xdot), task.n)
+    said["step"], said["q_next"] = _asked(
+        lambda: inverse.step(
+            q, vector.target, vector.dt, vector.twist, leaf=vector.leaf, gain=vector.gain, limit=vector.limit,
+            damping=vector.damping,
+        ),
+        task.n,
+    )  # fmt: skip
+    return said
+
+
+def _asked(question: Any, n: int) -> tuple[int, Array]:
+    try:
+        with np.errstate(all="ignore"):  # where numbers that are not finite are asked about
+            return OK, question()
+    except SingularityError:
+        return SINGULAR, np.zeros(n)
+    except InputError:
+        return BAD_NUMBER, np.zeros(n)

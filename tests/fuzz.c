@@ -1,0 +1,129 @@
+/* Hostile and random numbers into every function of arm.h: outputs stay untouched unless it says ARM_OK, and are
+ * finite where it does; velocity obeys its law. Built with sanitizers, which watch the rest. */
+#include "arm.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+static unsigned long long state = 88172645463325252ULL;
+
+static double uniform(void)
+{
+    state ^= state << 13;
+    state ^= state >> 7;
+    state ^= state << 17;
+    return (double)(state >> 11) / 9007199254740992.0;
+}
+
+static double hostile(void)
+{
+    static const double odd[] = {0.0, -0.0, 1e308, -1e308, 5e-324, -5e-324, 1e-310, 1e16, -1e9, 3.141592653589793};
+    const double u = uniform();
+    if (u < 0.01) return HUGE_VAL;
+    if (u < 0.02) return -HUGE_VAL;
+    if (u < 0.03) return HUGE_VAL - HUGE_VAL;
+    if (u < 0.08) return odd[(int)(10.0 * uniform()) % 10];
+    return 6.0 * uniform() - 3.0;
+}
+
+static double *some(double *x, int count, int calm)
+{
+    int i;
+    for (i = 0; i < count; i++) x[i] = calm ? 2.0 * uniform() - 1.0 : hostile();
+    return x;
+}
+
+static int finite_all(const double *x, int count)
+{
+    int i;
+    for (i = 0; i < count; i++)
+        if (!(fabs(x[i]) < HUGE_VAL)) return 0;
+    return 1;
+}
+
+static void must(int so, const char *what, long k)
+{
+    if (so) return;
+    printf("input %ld: %s\n", k, what);
+    exit(1);
+}
+
+#define MARK 12345.678
+
+static int marked(const double *x, int count)
+{
+    int i;
+    for (i = 0; i < count; i++)
+        if (memcmp(&x[i], &(double){MARK}, sizeof(double)) != 0) return 0;
+    return 1;
+}
+
+static void mark(double *x, int count)
+{
+    int i;
+    for (i = 0; i < count; i++) x[i] = MARK;
+}
+
+int main(int argc, char **argv)
+{
+    const long count = argc > 1 ? atol(argv[1]) : 1000;
+    long k, seen[4] = {0, 0, 0, 0};
+    for (k = 0; k < count; k++) {
+        const int calm = uniform() < 0.5;
+        double q[ARM_N], xdot[ARM_M], twist[6], leaf[ARM_R], J[ARM_M * ARM_N], G[ARM_N * ARM_M], c[ARM_R], out[ARM_N];
+        arm_pose target, pose;
+        arm_options options;
+        arm_report report;
+        arm_status status;
+        int i;
+        some(q, ARM_N, calm);
+        if (uniform() < 0.05) memset(q, 0, sizeof q);
+        some(xdot, ARM_M, calm), some(twist, 6, calm), some(leaf, ARM_R, calm);
+        some(target.p, 3, calm), some(target.R, 9, calm);
+
+        memset(&pose, 0, sizeof pose);
+        mark(pose.p, 3), mark(pose.R, 9), mark(J, ARM_M * ARM_N), mark(c, ARM_R), mark(G, ARM_N * ARM_M);
+        status = arm_placement(q, &pose);
+        must(status == ARM_OK ? finite_all(q, ARM_N) : marked(pose.p, 3) && marked(pose.R, 9), "placement", k);
+        status = arm_jacobian(q, J);
+        must(status == ARM_OK ? finite_all(q, ARM_N) : marked(J, ARM_M * ARM_N), "jacobian", k);
+        status = arm_leaf(q, c);
+        must(status == ARM_OK ? finite_all(q, ARM_N) : marked(c, ARM_R), "leaf", k);
+        status = arm_inverse(q, G);
+        must(status == ARM_OK ? finite_all(G, ARM_N * ARM_M) : marked(G, ARM_N * ARM_M), "inverse", k);
+        arm_inside(q);
+
+        mark(out, ARM_N);
+        status = arm_velocity(q, xdot, out);
+        must(status == ARM_OK ? finite_all(out, ARM_N) : marked(out, ARM_N), "velocity", k);
+        if (status == ARM_OK && calm) {
+            int a;
+            double size = 1.0;
+            for (i = 0; i < ARM_N; i++) size += fabs(out[i]);
+            for (a = 0; a < ARM_M; a++) {
+                double away = -xdot[a];
+                for (i = 0; i < ARM_N; i++) away += J[a * ARM_N + i] * out[i];
+                must(fabs(away) < 1e-12 * size, "J qdot = xdot", k);
+            }
+        }
+
+        arm_defaults(&options);
+        if (uniform() < 0.5) options.damping = calm ? 0.1 : hostile();
+        if (uniform() < 0.5) options.gain = calm ? 10.0 : hostile();
+        if (uniform() < 0.5)
+            for (i = 0; i < ARM_N; i++) options.limit[i] = calm ? 0.5 : hostile();
+        options.stay_inside = uniform() < 0.3;
+        mark(out, ARM_N);
+        report.damping = report.slowed = MARK;
+        status = arm_step(q, &target, calm ? 0.01 : hostile(), uniform() < 0.5 ? twist : NULL,
+                          uniform() < 0.5 ? leaf : NULL, uniform() < 0.8 ? &options : NULL, &report, out);
+        must(status == ARM_OK || (marked(out, ARM_N) && marked(&report.damping, 1)), "step", k);
+        must(status != ARM_OK || (finite_all(q, ARM_N) && report.slowed <= 1.0), "step's report", k);
+        seen[status]++;
+    }
+    printf("%ld steps: %ld ok, %ld singular, %ld bad numbers, %ld outside\n", count, seen[0], seen[1], seen[2], seen[3]);
+    must(seen[0] > 0 && seen[2] > 0, "a kind of answer that never came", 0);
+    return 0;
+}

@@ -1,0 +1,208 @@
+"""rp.compiled: the same object, built once, kept where only the user writes; Python where there is no compiler."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import stat
+import subprocess
+import sys
+import warnings
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from arms import Q_PANDA
+from controls import NEEDS_C, own_cache  # noqa: F401
+from test_control_step import BAD_STEPS
+
+import repctl_pin as rp
+from repctl_pin.codegen import build
+from repctl_pin.codegen.build import NoCompilerError, shared_library
+
+CODE = "int answer(void) { return 42; }\nint answer(void);\n"
+
+
+@pytest.fixture
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty cache."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    return tmp_path / "cache" / "repctl_pin" / "compiled"
+
+
+@NEEDS_C
+def test_it_is_the_same_object(panda_design: rp.Design, panda_pose: rp.Task) -> None:
+    inverse = panda_design.inverse
+    fast = rp.compiled(inverse)
+    assert (
+        isinstance(fast, rp.RepeatableInverse) and fast.task.frame == inverse.task.frame and fast.field is inverse.field
+    )
+    path = rp.circle(panda_pose, Q_PANDA, 0.1, normal="x")
+    motions = [rp.follow(one, path, Q_PANDA, cycles=2, steps=100, lock=1) for one in (inverse, fast)]
+    assert np.abs(motions[0].q - motions[1].q).max() < 1e-11 and motions[1].drift[-1] < 1e-3
+    target = panda_pose.placement(Q_PANDA + 0.1)
+    assert np.allclose(fast.solve(target, Q_PANDA), inverse.solve(target, Q_PANDA), atol=1e-10)
+    assert np.allclose(fast(Q_PANDA), inverse(Q_PANDA)) and np.array_equal(fast.leaf(Q_PANDA), inverse.leaf(Q_PANDA))
+    other = pickle.loads(pickle.dumps(fast))
+    assert other._loop.inverses is not None
+    assert np.array_equal(other.step(Q_PANDA, target, 0.01), fast.step(Q_PANDA, target, 0.01))
+
+
+@NEEDS_C
+def test_results_are_fresh_and_arguments_untouched(panda_design: rp.Design, panda_pose: rp.Task) -> None:
+    fast, target, xdot = rp.compiled(panda_design.inverse), panda_pose.placement(Q_PANDA + 0.02), np.ones(6)
+    q = Q_PANDA.copy()
+    q.setflags(write=False)
+    first, following = fast.velocity(q, xdot), fast.step(q, target, 0.01, xdot)
+    kept = first.copy(), following.copy()
+    fast.velocity(q + 0.1, 2 * xdot), fast.step(q + 0.1, target, 0.01)
+    assert np.array_equal(first, kept[0]) and np.array_equal(following, kept[1])
+    # A bounded step leaves nothing behind that a free one would see.
+    fast.step(q, target, 0.01, limit=0.1, damping=0.1)
+    assert fast.slowed < 1 and np.array_equal(fast.step(q, target, 0.01, xdot), kept[1])
+    assert np.allclose(fast.velocity(list(q), [1, 1, 1, 1, 1, 1]), first)
+    view = np.stack([q, q], axis=1)[:, 0]
+    assert np.array_equal(fast.velocity(view, xdot), first)
+
+
+@NEEDS_C
+@pytest.mark.parametrize("case", BAD_STEPS)
+def test_bad_steps_get_the_same_line(case: str, panda_design: rp.Design, panda_pose: rp.Task) -> None:
+    inverse, (changed, words) = panda_design.inverse, BAD_STEPS[case]
+    good = {"q": Q_PANDA + 0.01, "target": panda_pose.placement(Q_PANDA), "dt": 0.01, "leaf": inverse.leaf(Q_PANDA)}
+    said = []
+    fast = rp.compiled(inverse)
+    before = fast.step(**good)
+    for one in (inverse, fast):
+        with pytest.raises(rp.InputError, match=words) as caught:
+            one.step(**(good | changed))
+        said.append(str(caught.value))
+    assert said[0] == said[1] and "\n" not in said[1]
+    assert np.array_equal(fast.step(**good), before)
+
+
+@NEEDS_C
+@pytest.mark.parametrize("q, xdot", [(np.zeros(6), np.ones(6)), (np.zeros(7), np.ones(5)), (np.zeros(7), 1.0),
+                                     (np.full(7, np.nan), np.ones(6)), (np.zeros(7), np.full(6, np.inf))])  # fmt: skip
+def test_bad_velocities_get_the_same_line(q, xdot, panda_design: rp.Design) -> None:
+    said = []
+    for one in (panda_design.inverse, rp.compiled(panda_design.inverse)):
+        with pytest.raises(rp.InputError) as caught:
+            one.velocity(q, xdot)
+        said.append(str(caught.value))
+    assert said[0] == said[1]
+
+
+@NEEDS_C
+def test_singular_is_said_in_the_same_words() -> None:
+    task = rp.Robot.load("planar3r").task("tool", "xy")
+    inverse = rp.RepeatableInverse(task, rp.Polynomial(np.zeros(3), 1).weighted(np.ones((3, 1))))
+    said = []
+    for one in (inverse, rp.compiled(inverse)):
+        for question in (
+            lambda one=one: one.velocity(np.zeros(3), np.ones(2)),
+            lambda one=one: one.step(np.zeros(3), pin.SE3.Identity(), 0.01),
+        ):
+            with pytest.raises(rp.SingularityError) as caught:
+                question()
+            said.append(str(caught.value))
+    assert said[:2] == said[2:]
+    with pytest.raises(rp.SingularityError, match="row 1"):
+        rp.compiled(inverse).batch(np.array([[0.3, 0.8, 0.8], [0, 0, 0]]))
+
+
+# ---- the cache -------------------------------------------------------------------------------------
+
+
+@NEEDS_C
+def test_it_is_built_once_in_a_private_folder(cache: Path) -> None:
+    first = shared_library(CODE)
+    built = first.stat().st_mtime_ns
+    assert shared_library(CODE) == first and first.stat().st_mtime_ns == built
+    assert first.parent == cache and stat.S_IMODE(cache.stat().st_mode) == 0o700
+    assert len(list(cache.iterdir())) == 2  # the library and its checksum, nothing left over
+    assert shared_library(CODE + "/* another */\n") != first
+
+
+@NEEDS_C
+@pytest.mark.parametrize("harm", ["cut short", "replaced", "link", "writable", "no checksum"])
+def test_what_was_tampered_with_is_built_again(harm: str, cache: Path, tmp_path: Path) -> None:
+    library = shared_library(CODE)
+    whole = library.read_bytes()
+    if harm == "cut short":
+        library.write_bytes(whole[:1000])
+    elif harm == "replaced":
+        library.write_bytes(whole.replace(b"answer", b"danger"))
+    elif harm == "link":
+        (tmp_path / "elsewhere").write_bytes(whole)
+        library.unlink()
+        library.symlink_to(tmp_path / "elsewhere")
+    elif harm == "writable":
+        library.chmod(0o777)
+    else:
+        library.with_suffix(".sha256").unlink()
+    assert shared_library(CODE) == library
+    status = library.lstat()
+    assert stat.S_ISREG(status.st_mode) and not status.st_mode & 0o022 and b"answer" in library.read_bytes()
+    assert library.read_bytes()[:1000] == whole[:1000]
+
+
+@NEEDS_C
+def test_a_folder_that_others_can_write_is_not_used(cache: Path) -> None:
+    cache.mkdir(parents=True)
+    cache.chmod(0o777)
+    library = shared_library(CODE)
+    assert library.parent != cache and stat.S_IMODE(library.parent.stat().st_mode) == 0o700
+    assert not list(cache.iterdir())
+
+
+@NEEDS_C
+def test_two_at_once_do_no_harm(cache: Path) -> None:
+    code = (
+        "from repctl_pin.codegen.build import shared_library; import ctypes\n"
+        f"print(ctypes.CDLL(str(shared_library({CODE!r}))).answer())"
+    )
+    running = [subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) for _ in range(2)]
+    assert [process.communicate()[0] for process in running] == ["42\n"] * 2
+    assert len(list(cache.iterdir())) == 2
+
+
+@pytest.mark.parametrize(
+    "cc, words", [("no-such-compiler", "no C compiler 'no-such-compiler'"), ("false", "could not compile"), ("'", "CC")]
+)
+def test_without_a_compiler_it_says_so_and_python_serves(
+    cc: str, words: str, panda_design: rp.Design, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CC", cc)
+    with pytest.warns(UserWarning, match=f"{words}.*; the Python loop serves"):
+        slow = rp.compiled(panda_design.inverse)
+    assert np.array_equal(slow.velocity(Q_PANDA, np.ones(6)), panda_design.inverse.velocity(Q_PANDA, np.ones(6)))
+
+
+def test_no_compiler_at_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", "")
+    with pytest.raises(NoCompilerError, match=r"no C compiler \(cc, gcc, clang\)"):
+        build.compiler()
+
+
+@NEEDS_C
+def test_one_for_each_thread(panda_design: rp.Design) -> None:
+    """Batches release the interpreter's lock; every thread has an inverse of its own."""
+    Q = Q_PANDA + np.random.default_rng(0).uniform(-0.3, 0.3, (2000, 7))
+    expected = panda_design.inverse.batch(Q)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        inverses = [rp.compiled(panda_design.inverse) for _ in range(4)]
+    with ThreadPoolExecutor(4) as pool:
+        for found in pool.map(lambda one: one.batch(Q), inverses):
+            assert np.abs(found - expected).max() < 1e-11
+
+
+@NEEDS_C
+def test_a_home_that_cannot_be_written_does_no_harm(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    library = shared_library(CODE)
+    assert library.is_file() and stat.S_IMODE(os.stat(library.parent).st_mode) == 0o700
