@@ -113,6 +113,14 @@ def test_audit_pink(run: Run) -> None:
     assert last["pink + ours"] < 1e-3 and abs(last["pink + ours"] - first["pink + ours"]) < 1e-6
 
 
+def test_physics(run: Run) -> None:
+    """With servos, noise and a push: back within 1e-3 rad of cycle 2, as J⁺ is not; torques hold the hand to 5 mm."""
+    pytest.importorskip("mujoco")
+    found = run("python examples/physics.py")[0]["found"]
+    assert found["nearest repeatable"][3:].max() < 1e-3 < 0.05 < found["J⁺"][3:].min()
+    assert found["joints"].max() > 0.3 and found["joints"][-1] < 1e-3 and found["hand"].max() < 5e-3
+
+
 def test_best_leaf(run: Run) -> None:
     """A broken limit, and none."""
     _, told = run("python examples/best_leaf.py")
