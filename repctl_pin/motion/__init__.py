@@ -4,7 +4,9 @@ from .best_leaf import BestLeaf, best_leaf
 from .elbow import elbow
 from .follow import follow
 from .motion import Motion
-from .paths import TaskPath, circle, figure_eight, polygon, rose, waypoints
+from .paths import TaskPath, closed_path
+from .polyline import polygon, waypoints
+from .shapes import circle, figure_eight, rose
 from .solve_ik import check_reach, reach_start, solve_ik
 from .waypoint_file import read_waypoints
 
@@ -15,6 +17,7 @@ __all__ = [
     "best_leaf",
     "check_reach",
     "circle",
+    "closed_path",
     "elbow",
     "figure_eight",
     "follow",

@@ -14,7 +14,7 @@ from ..redundancy import leaf_margin, nullspace
 from ..strategies import RepeatableInverse
 from .follow import follow
 from .motion import Motion
-from .paths import ClosedPath, TaskPath
+from .paths import TaskPath, closed_path
 from .solve_ik import solve_ik
 
 Array = NDArray[np.float64]
@@ -118,7 +118,7 @@ def best_leaf(inverse: RepeatableInverse, path: TaskPath, q0: ArrayLike, *, step
         If the path's first point is out of reach, or no leaf that was tried carries a whole cycle.
     """
     wanted(inverse, RepeatableInverse, "inverse", "a repeatable inverse, such as design.inverse")
-    wanted(path, ClosedPath, "path", "a closed path, such as rp.circle(task, q0)")
+    path = closed_path(path)
     task, target = inverse.task, path.placement(0.0)
     start = solve_ik(task, task.check(q0, "the start"), target)
     given = _judged(inverse, path, start, steps)

@@ -12,7 +12,8 @@ from ..robot.length import arm_length
 from ..robot.task import Task
 from ..strategies import Pseudoinverse
 from .follow import follow
-from .paths import TaskPath, circle
+from .paths import TaskPath
+from .shapes import circle
 
 Array = NDArray[np.float64]
 

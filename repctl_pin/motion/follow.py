@@ -14,7 +14,7 @@ from ..robot.task import Task, wanted_task
 from ..strategies import FunctionStrategy, OnLeaves, Strategy
 from ..strategies.control_step import speeds
 from .motion import Motion
-from .paths import ClosedPath, TaskPath
+from .paths import ClosedPath, TaskPath, closed_path
 
 Array = NDArray[np.float64]
 
@@ -36,14 +36,14 @@ _MOST = 100_000_000
 
 def follow(
     strategy: Strategy | Callable[[Array, Array], ArrayLike],
-    path: TaskPath,
+    path: TaskPath | ClosedPath,
     q0: ArrayLike,
     *,
     cycles: int = 10,
     steps: int = 500,
     integrator: str = "rk4",
     feedback: float = 0.0,
-    period: float = 5.0,
+    period: float | None = None,
     lock: int = 0,
     leaf: ArrayLike | None = None,
     limit: ArrayLike | None = None,
@@ -70,7 +70,7 @@ def follow(
     feedback
         K, 1/s; 0 is open loop. With Euler, K = steps / period undoes the whole error in one step.
     period
-        Time of one cycle, s.
+        Time of one cycle, s; by default the path's own, else 5.
     lock
         Corrections a step, in place of the integrator; 0 is no leaf lock.
     leaf, limit, damping
@@ -95,7 +95,7 @@ def follow(
     """
     if task is not None:
         wanted_task(task)
-    wanted(path, ClosedPath, "path", "a closed path, such as rp.circle(task, q0)")
+    path = closed_path(path)
     if not isinstance(strategy, Strategy):
         function(strategy, "strategy", "a control, such as rp.Pseudoinverse(task) or design.inverse")
         if task is None:
@@ -108,7 +108,8 @@ def follow(
     cycles, steps, lock = whole(cycles, "cycles", 1), whole(steps, "steps", 1), whole(lock, "lock")
     if cycles * steps * task.n > _MOST:
         raise InputError(f"{cycles} cycles of {steps} steps are more than fit into memory; ask for fewer")
-    period, feedback = positive(period, "the period", "s"), positive(feedback, "the feedback gain", zero=True)
+    period = positive((path.period or 5.0) if period is None else period, "the period", "s")
+    feedback = positive(feedback, "the feedback gain", zero=True)
     if not lock and not (leaf is None and limit is None and not damping):
         raise InputError("leaf=, limit= and damping= belong to the leaf lock; give lock=1 with them")
     gap = float(np.linalg.norm(task.error(q, path.placement(0.0))))

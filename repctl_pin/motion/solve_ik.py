@@ -145,7 +145,8 @@ def _hint(task: Task, start: Array, path: TaskPath, knots: tuple[float, ...]) ->
 
 
 def _all_reached(task: Task, q: Array, path: TaskPath, points: Array) -> bool:
-    return not any(_shortfall(task, q, pin.SE3(path.rotation, point)) for point in points)
+    rotation = path.placement(0.0).rotation
+    return not any(_shortfall(task, q, pin.SE3(rotation, point)) for point in points)
 
 
 def _shortfall(task: Task, q: Array, target: pin.SE3) -> str:

@@ -14,7 +14,9 @@ from ..errors import InputError
 from ..plugins import plugin, registered
 from ..robot.task import Task
 from .fitting import circle_at, fitting_circle, planes_of
-from .paths import PLANES, TaskPath, figure_eight, polygon, rose
+from .paths import TaskPath
+from .polyline import MOST_POINTS, polygon
+from .shapes import PLANES, figure_eight, rose
 from .waypoint_file import number, waypoint_path
 
 Array = NDArray[np.float64]
@@ -23,7 +25,8 @@ Drawn = Callable[[Task, Array, str], TaskPath]
 """(task, q0, plane) → path."""
 
 FORMS = (
-    "circle:RADIUS, circle:RADIUS:DEGREES, eight:RADIUS, rose:RADIUS, square:SIDE, polygon:CORNERS:RADIUS or FILE.csv"
+    "circle:RADIUS, circle:RADIUS:DEGREES, eight:RADIUS, rose:RADIUS, square:SIDE, polygon:CORNERS:RADIUS or FILE.csv; "
+    "corners are rounded by :blend=RADIUS"
 )
 
 
@@ -48,15 +51,19 @@ def parse_path(text: str | None, plane: str | None = None) -> PathMaker:
         raise InputError(f"no plane {plane!r}; there is {', '.join(PLANES)}")
     if text is None:
         return lambda task, q0: fitting_circle(task, q0, plane=plane)
-    if text.lower().endswith(".csv") or Path(text).is_file():
+    words, _, blended = text.partition(":blend=")
+    blend = _length(blended, text) if blended or text.endswith(":blend=") else 0.0
+    if words.lower().endswith(".csv") or Path(words).is_file():
         if plane is not None:
-            raise InputError(f"{text} says itself where its points lie; leave --plane out")
-        return waypoint_path(text)
-    kind, *parts = text.split(":")
+            raise InputError(f"{words} says itself where its points lie; leave --plane out")
+        return waypoint_path(words, blend)
+    kind, *parts = words.split(":")
+    if blend and kind not in ("square", "polygon"):
+        raise InputError(f"path {text!r}: only a square, a polygon and a file have corners to blend")
     if kind == "circle" and len(parts) == 1:
         radius = _length(parts[0], text)
         return lambda task, q0: fitting_circle(task, q0, plane=plane, radius=radius)
-    drawn = _drawn(kind, parts, text)
+    drawn = _drawn(kind, parts, text, blend)
 
     def make(task: Task, q0: Array) -> TaskPath:
         flat = plane or planes_of(task)[0]
@@ -66,7 +73,7 @@ def parse_path(text: str | None, plane: str | None = None) -> PathMaker:
     return make
 
 
-def _drawn(kind: str, parts: list[str], text: str) -> Drawn:
+def _drawn(kind: str, parts: list[str], text: str, blend: float) -> Drawn:
     """Read a form that says all but the plane."""
     if kind == "circle" and len(parts) == 2:
         radius, degrees = _length(parts[0], text), _angle(parts[1], text)
@@ -77,12 +84,14 @@ def _drawn(kind: str, parts: list[str], text: str) -> Drawn:
         return lambda task, q0, plane: curves[kind](task, q0, numbers[0], normal=plane)
     if kind == "square" and len(numbers) == 1:
         side = numbers[0]
-        return _polygon([(side, 0), (side, side), (0, side)], f"square of side {side:g} m")
+        return _polygon([(side, 0), (side, side), (0, side)], f"square of side {side:g} m", blend)
     if kind == "polygon" and len(numbers) == 2 and numbers[0] >= 3 and numbers[0] == int(numbers[0]):
-        count, radius = int(numbers[0]), numbers[1]
+        count, radius = int(min(numbers[0], MOST_POINTS + 1)), numbers[1]
+        if count > MOST_POINTS:
+            raise InputError(f"path {text!r} has more than {MOST_POINTS} corners; draw a circle")
         angles = 2 * np.pi * np.arange(1, count) / count
         ring = [(radius * (np.cos(a) - 1), radius * np.sin(a)) for a in angles]
-        return _polygon(ring, f"{count}-gon of radius {radius:g} m")
+        return _polygon(ring, f"{count}-gon of radius {radius:g} m", blend)
     others = registered("paths")
     if kind in others:
         return lambda task, q0, plane: plugin("paths", kind)(task, q0, *numbers, plane=plane)
@@ -90,13 +99,13 @@ def _drawn(kind: str, parts: list[str], text: str) -> Drawn:
     raise InputError(f"no path {text!r}; give {FORMS}{more}, lengths in m")
 
 
-def _polygon(corners: list[tuple[float, float]], name: str) -> Drawn:
+def _polygon(corners: list[tuple[float, float]], name: str, blend: float) -> Drawn:
     """Lay flat corners into a plane of the base frame."""
 
     def draw(task: Task, q0: Array, plane: str) -> TaskPath:
         points = np.zeros((len(corners), 3))
         points[:, PLANES[plane]] = corners
-        return polygon(task, q0, points, name=f"{name} in {plane}")
+        return polygon(task, q0, points, blend=blend, name=f"{name} in {plane}")
 
     return draw
 

@@ -1,0 +1,254 @@
+"""Closed paths of straight lines between waypoints, their corners sharp or blended by arcs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike, NDArray
+
+from ..arguments import positive
+from ..errors import InputError
+from ..robot.task import Task, wanted_task
+from .orientation import rotation_matrix, smooth_turning
+from .paths import TaskPath
+
+Array = NDArray[np.float64]
+
+MOST_POINTS = 10_000
+"""Waypoints of one path; every one of them is at least one step of every cycle."""
+
+_PER_RADIAN = 0.1
+"""Turning by a radian takes as long as moving by so many metres."""
+
+
+def polygon(task: Task, q0: ArrayLike, corners: ArrayLike, *, blend: float = 0.0, name: str = "polygon") -> TaskPath:
+    """Draw a closed polygon from where the frame is at q0, at constant speed.
+
+    Parameters
+    ----------
+    task, q0
+        The task and the start.
+    corners : (P, 3) array
+        The other corners, in m *from the start*, in order; the path returns to the start by itself. One is a
+        line there and back; a corner that is repeated is a stay, as long as the mean edge takes.
+    blend
+        Radius of the arcs that round the corners, m; the start then lies in the middle of the first corner's
+        arc, and the polygon beside it.
+
+    Returns
+    -------
+    TaskPath
+
+    Raises
+    ------
+    InputError
+        If there is no other corner, or an edge is too short for its arcs.
+    """
+    offsets = _points(corners, "corners")
+    start = wanted_task(task).placement(q0)
+    path = _polyline(
+        np.vstack([np.zeros(3), offsets, np.zeros(3)]) + start.translation, start.rotation, None, blend, name
+    )
+    aside = start.translation - path.point(0.0)
+    if not aside.any():
+        return path
+    return TaskPath(name, lambda s: path.point(s) + aside, path.slope, path.rotation, path.breaks)
+
+
+def waypoints(
+    points: ArrayLike | Sequence[pin.SE3],
+    rotation: Any = None,
+    *,
+    times: ArrayLike | None = None,
+    blend: float = 0.0,
+    name: str = "waypoints",
+) -> TaskPath:
+    """Join waypoints by straight lines, the orientation turning smoothly from one to the next.
+
+    The path is closed: the last waypoint repeats the first. Bring the arm there with :func:`solve_ik`.
+
+    Parameters
+    ----------
+    points : (P, 3) array, or P placements
+        Positions, m in the base frame; or rigid transforms, position and orientation in one. One that is
+        repeated is a stay there: as long as its times say, else as the mean edge takes.
+    rotation : (3, 3) array, or P of them
+        The orientation held, or that of each point, then led through by a spline on SO(3); matrices or scipy's
+        Rotation. Not with placements.
+    times : (P,) array, optional
+        When each point is passed, s, rising. By default the speed is constant.
+    blend
+        Radius of the arcs that round the corners, m; a way back on itself stays sharp. Not with times.
+
+    Returns
+    -------
+    TaskPath
+
+    Raises
+    ------
+    InputError
+        If there are fewer than three points, numbers that are not finite, the path is open, or an edge is too short
+        for its arcs.
+    """
+    if not isinstance(points, np.ndarray) and len(given := list(points)) and isinstance(given[0], pin.SE3):
+        if rotation is not None or not all(isinstance(x, pin.SE3) for x in given):
+            raise InputError("waypoints that are placements say their orientations themselves; leave rotation out")
+        corners, turns = np.array([x.translation for x in given]), [x.rotation for x in given]
+    else:
+        corners = _points(points, "waypoints")
+        if rotation is None:
+            raise InputError("waypoints want rotation=: the orientation to hold, such as task.placement(q0).rotation")
+        one = np.ndim(rotation) == 2 or getattr(rotation, "single", False)
+        turns = [rotation_matrix(R) for R in ([rotation] if one else rotation)]  # type: ignore[union-attr]
+        if len(turns) not in (1, len(corners)):
+            raise InputError(f"{len(corners)} waypoints want one rotation, or as many; got {len(turns)}")
+    if len(corners) < 3:
+        raise InputError(f"a closed path needs at least 3 waypoints (the last repeats the first), not {len(corners)}")
+    size = max(float(np.ptp(corners, axis=0).max()), 1e-3)
+    gap, turned = float(np.linalg.norm(corners[-1] - corners[0])), pin.log3(turns[0].T @ turns[-1])
+    if gap > 1e-6 * size or np.linalg.norm(turned) > 1e-6:
+        by = f"{gap:.3g} m" if gap > 1e-6 * size else f"{np.linalg.norm(turned):.3g} rad"
+        raise InputError(f"the path is open by {by}; end it with its first point again")
+    corners = np.vstack([corners[:-1], corners[0]])
+    return _polyline(corners, turns[0] if len(turns) == 1 else turns, times, blend, name)
+
+
+def _polyline(
+    corners: Array, rotation: Array | list[Array], times: ArrayLike | None, blend: float, name: str
+) -> TaskPath:
+    """Join corners (P, 3), the last equal to the first."""
+    if len(corners) > MOST_POINTS:
+        raise InputError(f"{name} has {len(corners)} points; thin them out to {MOST_POINTS} or fewer")
+    turns = np.zeros(len(corners) - 1)
+    if isinstance(rotation, list):
+        turns = np.array([np.linalg.norm(pin.log3(a.T @ b)) for a, b in pairwise(rotation)])
+    edges = np.diff(corners, axis=0)
+    sizes = np.hypot(np.linalg.norm(edges, axis=1), _PER_RADIAN * turns)
+    stays = sizes < 1e-9
+    if stays.all():
+        raise InputError(f"{name}: all points are the same; a path has to go somewhere")
+    blend = positive(blend, "blend", "m", zero=True)
+    if blend and times is not None:
+        raise InputError("corners are blended at constant speed; leave out times= or blend=")
+    period = None
+    if times is not None:
+        t = _rising(times, len(corners))
+        pieces, knots, period = [_line(*ends) for ends in zip(corners[:-1], edges, strict=True)], t - t[0], t[-1] - t[0]
+        at_corners = knots
+    else:
+        pieces, knots, at_corners = _rounded(corners, np.where(stays, sizes[~stays].mean(), sizes), blend, name)
+    s, widths = knots / knots[-1], np.diff(knots) / knots[-1]
+
+    def piece(x: float) -> tuple[int, float]:
+        i = int(np.clip(np.searchsorted(s, x, side="right") - 1, 0, len(pieces) - 1))
+        return i, (x - s[i]) / widths[i]
+
+    def point(x: float) -> Array:
+        i, u = piece(x)
+        return pieces[i](u)[0]
+
+    def slope(x: float) -> Array:
+        i, u = piece(x)
+        return pieces[i](u)[1] / widths[i]
+
+    breaks = tuple(float(x) for x in s[1:-1])
+    if not isinstance(rotation, list):
+        return TaskPath(name, point, slope, rotation, breaks, period=period)
+    try:
+        R, spin = smooth_turning(at_corners / knots[-1], rotation)
+    except InputError as error:
+        raise InputError(f"{name}: {error}") from None
+    return TaskPath(name, point, slope, R, breaks, spin=spin, period=period)
+
+
+Piece = Callable[[float], tuple[Array, Array]]
+"""u in [0, 1] → p and dp/du."""
+
+
+def _line(start: Array, edge: Array) -> Piece:
+    return lambda u: (start + u * edge, edge)
+
+
+def _arc(start: Array, along: Array, inward: Array, radius: float, begin: float, end: float) -> Piece:
+    """Part of an arc that begins at a point, along a unit vector, and turns to another."""
+
+    def at(u: float) -> tuple[Array, Array]:
+        a = begin + u * (end - begin)
+        c, s = np.cos(a), np.sin(a)
+        return start + radius * (s * along + (1 - c) * inward), (end - begin) * radius * (c * along + s * inward)
+
+    return at
+
+
+def _rounded(corners: Array, sizes: Array, radius: float, name: str) -> tuple[list[Piece], Array, Array]:
+    """Round the corners (P, 3) of a closed polyline: pieces, their knots, and where the corners are on these.
+
+    An arc of radius ρ round a corner of turning φ takes ρ tan(φ/2) of both edges. The first corner's arc is cut in the
+    middle: the path begins there.
+    """
+    edges = np.diff(corners, axis=0)
+    lengths = np.linalg.norm(edges, axis=1)
+    units = edges / np.maximum(lengths, 1e-300)[:, None]
+    before = np.roll(units, 1, axis=0)  # the edge into corner i, as units[i] is the one out of it
+    inward = units - np.einsum("ij,ij->i", units, before)[:, None] * before
+    across = np.linalg.norm(inward, axis=1)
+    phi = np.arctan2(across, np.einsum("ij,ij->i", units, before))
+    moving = lengths > 1e-9
+    phi[~(moving & np.roll(moving, 1)) | (phi > np.pi - 1e-3) | (phi < 1e-9) | (radius == 0)] = 0.0
+    cut = radius * np.tan(phi / 2)  # of both edges of corner i
+    room = lengths - cut - np.roll(cut, -1)
+    if (room < -1e-12).any():
+        at = int(np.argmin(room))
+        most = radius * lengths[at] / (lengths[at] - room[at])
+        raise InputError(
+            f"{name}: arcs of {radius:g} m do not fit the edge of {lengths[at]:.3g} m from point {at + 1} to "
+            f"{at + 2}; blend by {most:.2g} m or less"
+        )
+    pieces: list[Piece] = []
+    took: list[float] = []
+    upto = [0]  # pieces before the middle of each corner
+
+    def half_arc(i: int, half: int) -> None:
+        if phi[i] > 0:
+            start = corners[i] - cut[i] * before[i]
+            middle, end = phi[i] / 2, phi[i]
+            pieces.append(
+                _arc(start, before[i], inward[i] / across[i], radius, *((0.0, middle) if half == 0 else (middle, end)))
+            )
+            took.append(radius * middle)
+
+    for i, edge in enumerate(edges):
+        half_arc(i, 1)
+        share = room[i] / lengths[i] if moving[i] else 1.0
+        if share > 1e-9:
+            pieces.append(_line(corners[i] + cut[i] * units[i], share * edge))
+            took.append(share * sizes[i])
+        following = (i + 1) % len(edges)
+        half_arc(following, 0)
+        upto.append(len(pieces))
+    knots = np.concatenate([[0.0], np.cumsum(took)])
+    return pieces, knots, knots[upto]
+
+
+def _rising(times: ArrayLike, count: int) -> Array:
+    try:
+        t = np.array(times, dtype=float)
+    except (TypeError, ValueError):
+        t = np.empty(0)
+    if t.shape != (count,) or not np.isfinite(t).all() or not (np.diff(t) > 0).all():
+        raise InputError(f"times must be {count} finite numbers that rise, s, one a waypoint")
+    return t
+
+
+def _points(values: ArrayLike | Sequence, what: str) -> Array:
+    try:
+        points = np.array(values, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"{what} must be rows of three numbers, x, y, z in m") from None
+    if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
+        raise InputError(f"{what} must be rows of three finite numbers, x, y, z in m")
+    return points

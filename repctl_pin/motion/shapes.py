@@ -1,0 +1,153 @@
+"""Closed curves that start where the frame is: circles, figures of eight, roses."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike, NDArray
+
+from ..arguments import positive, vector, wanted, whole
+from ..errors import InputError
+from ..robot.task import Task, wanted_task
+from .orientation import facing, turning_about
+from .paths import TaskPath
+
+Array = NDArray[np.float64]
+
+PLANES: dict[str, tuple[int, int]] = {"xy": (0, 1), "yz": (1, 2), "xz": (0, 2)}
+_NORMALS = {"z": "xy", "x": "yz", "y": "-xz"}  # from z to x is the way round y
+
+
+def circle(
+    task: Task,
+    q0: ArrayLike,
+    radius: float = 0.1,
+    *,
+    normal: str = "z",
+    start_angle: float = 0.0,
+    rotation: str | ArrayLike = "fixed",
+) -> TaskPath:
+    """Draw a circle that starts where the frame is at q0.
+
+    Parameters
+    ----------
+    task, q0
+        The task and the start.
+    radius
+        In m.
+    normal
+        The axis it goes round: ``x``, ``y`` or ``z``, ``-z`` the other way round; or name its plane:
+        ``yz``, ``xz``, ``xy``.
+    start_angle
+        Where on the circle the start lies, rad from the plane's first axis: the centre is at
+        ``p − radius (cos, sin)``.
+    rotation
+        ``fixed``; ``tangent``: the frame turns with the circle, a full turn, on which a repeatable control
+        makes no promise; or a point (3,), m from the base: the frame keeps facing it as it does at the start.
+
+    Returns
+    -------
+    TaskPath
+
+    Raises
+    ------
+    InputError
+        If the radius is not positive, the plane has no such name, or the path runs through the point it faces.
+    """
+    radius = _positive(radius, "radius")
+    here, e1, e2 = _frame(task, q0, normal)
+
+    def around(angle: float) -> Array:
+        return radius * (np.cos(angle) * e1 + np.sin(angle) * e2)
+
+    def point(s: float) -> Array:
+        return center + around(start_angle + 2 * np.pi * s)
+
+    def slope(s: float) -> Array:
+        return 2 * np.pi * around(start_angle + 2 * np.pi * s + np.pi / 2)
+
+    center = here.translation - around(start_angle)
+    name = f"circle of radius {radius:g} m in {_plane(normal)}"
+    if isinstance(rotation, str):
+        if rotation not in ("fixed", "tangent"):
+            raise InputError(f"rotation of a circle is 'fixed', 'tangent' or a point to face, not {rotation!r}")
+        if rotation == "fixed":
+            return TaskPath(name, point, slope, here.rotation)
+        R, spin = turning_about(np.cross(e1, e2), here.rotation)
+        return TaskPath(f"{name}, turning along", point, slope, R, spin=spin)
+    target = vector(rotation, 3, "rotation, as a point to face,")
+    R, spin = facing(target, point, slope, here.rotation)
+    return TaskPath(f"{name}, facing ({', '.join(f'{v:g}' for v in target)})", point, slope, R, spin=spin)
+
+
+def figure_eight(
+    task: Task, q0: ArrayLike, radius: float = 0.1, *, normal: str = "z", start_angle: float = 0.0
+) -> TaskPath:
+    """Draw a figure eight (Gerono's lemniscate) of half-length ``radius``, m, crossing at the start.
+
+    Returns
+    -------
+    TaskPath
+    """
+    radius = _positive(radius, "radius")
+    here, e1, e2 = _frame(task, q0, normal)
+    along = np.cos(start_angle) * e1 + np.sin(start_angle) * e2
+    across = -np.sin(start_angle) * e1 + np.cos(start_angle) * e2
+    turn = 2 * np.pi
+    return TaskPath(
+        f"figure eight of half-length {radius:g} m in {_plane(normal)}",
+        lambda s: here.translation + radius * (np.sin(turn * s) * along + 0.5 * np.sin(2 * turn * s) * across),
+        lambda s: radius * turn * (np.cos(turn * s) * along + np.cos(2 * turn * s) * across),
+        here.rotation,
+    )
+
+
+def rose(task: Task, q0: ArrayLike, radius: float = 0.1, *, petals: int = 3, normal: str = "z") -> TaskPath:
+    """Draw a rose ρ = radius · sin(petals · φ), an odd number of petals, from its centre at the start.
+
+    Returns
+    -------
+    TaskPath
+    """
+    radius = _positive(radius, "radius")
+    if whole(petals, "petals", 1) % 2 == 0:
+        raise InputError(f"a rose closes in half a turn with an odd number of petals, not {petals}")
+    here, e1, e2 = _frame(task, q0, normal)
+
+    def ray(angle: float) -> Array:
+        return np.cos(angle) * e1 + np.sin(angle) * e2
+
+    return TaskPath(
+        f"rose of {petals} petals, {radius:g} m, in {_plane(normal)}",
+        lambda s: here.translation + radius * np.sin(petals * np.pi * s) * ray(np.pi * s),
+        lambda s: (
+            radius
+            * np.pi
+            * (
+                petals * np.cos(petals * np.pi * s) * ray(np.pi * s)
+                + np.sin(petals * np.pi * s) * ray(np.pi * (s + 0.5))
+            )
+        ),
+        here.rotation,
+    )
+
+
+def _frame(task: Task, q0: ArrayLike, normal: str) -> tuple[pin.SE3, Array, Array]:
+    """The start's placement and the two axes of the path's plane, the path going from the first to the second."""
+    plane = _plane(normal)
+    back = normal.startswith("-") != _NORMALS.get(normal.removeprefix("-"), "").startswith("-")
+    first, second = (np.eye(3)[k] for k in PLANES[plane])
+    return wanted_task(task).placement(q0), first, -second if back else second
+
+
+def _plane(normal: str) -> str:
+    normal = wanted(normal, str, "normal", "an axis, 'x', 'y' or 'z', or a plane, 'xy', 'yz' or 'xz'")
+    bare = normal.removeprefix("-")
+    plane = _NORMALS.get(bare, bare).removeprefix("-")
+    if plane not in PLANES:
+        raise InputError(f"no plane {normal!r}; there is {', '.join(PLANES)} (or a normal: x, y, z, -z …)")
+    return plane
+
+
+def _positive(value: float, what: str) -> float:
+    return positive(value, f"the {what} of a path", "m")
