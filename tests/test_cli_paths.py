@@ -160,7 +160,7 @@ MISWRITTEN = {
         [line.replace(",", ";") for line in GOOD],
         "line 1: '0.45;0;0.25' is not three numbers; write commas",
     ),
-    "semicolons below names": (["x;y;z", *(line.replace(",", ";") for line in GOOD)], "line 2: '0.45;0;0.25'"),
+    "semicolons below names": (["x;y;z", *(line.replace(",", ";") for line in GOOD)], "loop.csv: write commas between"),
     "decimal commas": ([line.replace(",", ";").replace(".", ",") for line in GOOD], "points for decimals"),
     "spaces": ([line.replace(",", " ") for line in GOOD], "line 1: '0.45 0 0.25' is not three numbers; write commas"),
     "a letter in the first line": (["O.45,0,0.25", *GOOD[1:]], "line 1: 'O.45,0,0.25'"),

@@ -213,13 +213,19 @@ def test_a_motion_into_a_singularity_says_where() -> None:
 
 
 BAD_CSV = {
-    "too few": ("0.5,0,0.5\n0.6,0,0.5\n0.5,0,0.5\n", "at least 4"),
+    "too few": ("0.5,0,0.5\n0.5,0,0.5\n", "at least 3"),
     "text": ("x,y,z\n0.5,0,0.5\n0.6,zero,0.5\n0.6,0.1,0.5\n0.5,0,0.5\n", "line 3"),
     "nan": ("0.5,0,0.5\n0.6,nan,0.5\n0.6,0.1,0.5\n0.5,0,0.5\n", "line 2"),
     "open": ("0.5,0,0.5\n0.6,0,0.5\n0.6,0.1,0.5\n0.5,0.2,0.5\n", "open by"),
     "two columns": ("0.5,0\n0.6,0\n0.6,0.1\n0.5,0\n", "line 1"),
     "empty": ("", "no waypoints"),
-    "repeated": ("0.5,0,0.5\n0.5,0,0.5\n0.6,0.1,0.5\n0.5,0,0.5\n", "the same"),
+    "nowhere": ("0.5,0,0.5\n0.5,0,0.5\n0.5,0,0.5\n0.5,0,0.5\n", "all points are the same"),
+    "columns unknown": ("x,z\n0.5,0\n", "called x, z; call them x, y, z"),
+    "a column twice": ("x,y,y\n0.5,0,0\n", "called x, y, y"),
+    "no quaternion": ("x,y,z,qx,qy,qz,qw\n0.5,0,0.5,0,0,0,2\n", "line 2: the quaternion has length 2"),
+    "six numbers": ("x,y,z,qx,qy,qz,qw\n0.5,0,0.5,0,0,0\n", "line 2: .* is not seven finite numbers"),
+    "time back": ("x,y,z,time\n0.5,0,0.5,0\n0.6,0,0.5,2\n0.5,0,0.5,1\n", "line 4: the time must rise"),
+    "too many": ("0.5,0,0.5\n" * 100_000, "100000 waypoints; thin them out"),
     "binary": ("\udcff\udcfe\x00", "not a text file|not three"),
 }
 

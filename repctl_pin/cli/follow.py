@@ -51,7 +51,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     path_options(parser)
     parser.add_argument("--cycles", type=whole, default=1, help="how often round (default 1)")
     parser.add_argument("--steps", type=whole, default=500, help="points a cycle (default 500)")
-    parser.add_argument("--period", type=positive, default=5.0, help="time of a cycle, s (default 5)")
+    parser.add_argument("--period", type=positive, help="time of a cycle, s (default: the path's own, else 5)")
     parser.add_argument("--best-leaf", action="store_true", help="start where limits and leaf margin have most room")
     parser.add_argument("--csv", metavar="FILE", help="write time, positions, velocities; at full speed at both ends")
     parser.add_argument("--yaml", metavar="FILE", help="write a ROS JointTrajectory; at full speed at both ends")

@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 _PATHS = (
     "circle:RADIUS, turned until the arm can follow it; circle:RADIUS:DEGREES, the start so far round it from the "
     "plane's first axis; square:SIDE, eight:RADIUS, rose:RADIUS, polygon:CORNERS:RADIUS, all in m; or FILE.csv, a "
-    "point a line: x,y,z in m from the base, not from the start, the first again last"
+    "point a line: x,y,z in m from the base, not from the start, the first again last, and qx,qy,qz,qw and time where "
+    "its first line names them; :blend=RADIUS at the end rounds corners"
 )
 
 

@@ -36,7 +36,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     path_options(parser)
     parser.add_argument("--cycles", type=whole, default=10, help="how often round (default 10)")
     parser.add_argument("--steps", type=whole, default=500, help="RK4 steps a cycle (default 500)")
-    parser.add_argument("--period", type=positive, default=5.0, help="time of a cycle, s (default 5)")
+    parser.add_argument("--period", type=positive, help="time of a cycle, s (default: the path's own, else 5)")
     parser.add_argument(
         "--region",
         type=positive,

@@ -4,7 +4,7 @@ from .best_leaf import BestLeaf, best_leaf
 from .elbow import elbow
 from .follow import follow
 from .motion import Motion
-from .paths import TaskPath, closed_path
+from .paths import ClosedPath, TaskPath, closed_path
 from .polyline import polygon, waypoints
 from .shapes import circle, figure_eight, rose
 from .solve_ik import check_reach, reach_start, solve_ik
@@ -12,6 +12,7 @@ from .waypoint_file import read_waypoints
 
 __all__ = [
     "BestLeaf",
+    "ClosedPath",
     "Motion",
     "TaskPath",
     "best_leaf",

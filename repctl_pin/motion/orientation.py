@@ -132,14 +132,13 @@ def facing(target: Array, point: Turning, slope: Turning, start: Array) -> tuple
         distance = float(np.linalg.norm(away))
         return away / max(distance, 1e-300), distance
 
-    d0 = direction(0.0)[0]
-    for s in np.linspace(0, 1, 129):
-        d, distance = direction(float(s))
-        if distance < 1e-6 or d0 @ d < -1 + 1e-4:
-            raise InputError(
-                f"the path cannot face {target.tolist()}: it runs through that point, or to its far side; "
-                "choose a point farther away"
-            )
+    D = np.array([direction(float(s))[0] for s in np.linspace(0, 1, 257)])
+    d0 = D[0]
+    if (D @ d0 < -1 + 1e-3).any() or (np.einsum("ij,ij->i", D[1:], D[:-1]) < 0.5).any():
+        raise InputError(
+            f"the path cannot face {target.tolist()}: it runs through that point, or to its far side; "
+            "choose a point farther away, or let the frame turn with a circle round it: rotation='tangent'"
+        )
 
     def rotation(s: float) -> Array:
         d = direction(s)[0]

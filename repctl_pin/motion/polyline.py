@@ -60,7 +60,7 @@ def polygon(task: Task, q0: ArrayLike, corners: ArrayLike, *, blend: float = 0.0
 
 
 def waypoints(
-    points: ArrayLike | Sequence[pin.SE3],
+    points: Any,
     rotation: Any = None,
     *,
     times: ArrayLike | None = None,
@@ -103,7 +103,7 @@ def waypoints(
         if rotation is None:
             raise InputError("waypoints want rotation=: the orientation to hold, such as task.placement(q0).rotation")
         one = np.ndim(rotation) == 2 or getattr(rotation, "single", False)
-        turns = [rotation_matrix(R) for R in ([rotation] if one else rotation)]  # type: ignore[union-attr]
+        turns = [rotation_matrix(R) for R in ([rotation] if one else rotation)]
         if len(turns) not in (1, len(corners)):
             raise InputError(f"{len(corners)} waypoints want one rotation, or as many; got {len(turns)}")
     if len(corners) < 3:
@@ -137,7 +137,11 @@ def _polyline(
     period = None
     if times is not None:
         t = _rising(times, len(corners))
-        pieces, knots, period = [_line(*ends) for ends in zip(corners[:-1], edges, strict=True)], t - t[0], t[-1] - t[0]
+        pieces, knots, period = (
+            [_line(*ends) for ends in zip(corners[:-1], edges, strict=True)],
+            t - t[0],
+            float(float(t[-1] - t[0])),
+        )
         at_corners = knots
     else:
         pieces, knots, at_corners = _rounded(corners, np.where(stays, sizes[~stays].mean(), sizes), blend, name)

@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import function, wanted
+from ..arguments import function
 from ..errors import RepctlError, SingularityError
-from ..motion import TaskPath, check_reach, reach_start
+from ..motion import ClosedPath, TaskPath, check_reach, closed_path, reach_start
 from ..motion.fitting import dexterity
 from ..robot.task import Task
 from . import defaults
@@ -36,7 +36,9 @@ class Setting(NamedTuple):
         return [*([] if self.where == GIVEN else [f"start: {self.where}"]), *self.moved]
 
 
-def choose_setting(task: Task, start: ArrayLike | None, path: TaskPath | Callable[[Task, Array], TaskPath]) -> Setting:
+def choose_setting(
+    task: Task, start: ArrayLike | None, path: ClosedPath | Callable[[Task, Array], TaskPath]
+) -> Setting:
     """Take the start, or the first good one from which the path can be followed; and say which it is.
 
     Parameters
@@ -55,7 +57,8 @@ def choose_setting(task: Task, start: ArrayLike | None, path: TaskPath | Callabl
     SingularityError
         If the start is singular.
     """
-    if not isinstance(path, TaskPath):
+    given = closed_path(path) if isinstance(path, ClosedPath) else None
+    if given is None:
         function(path, "path", "a closed path, such as rp.circle(task, q0), or a function (task, q0) → path")
     offered = defaults.starts(task) if start is None else [(task.check(start, "start"), GIVEN)]
     failure: RepctlError | None = None
@@ -65,11 +68,7 @@ def choose_setting(task: Task, start: ArrayLike | None, path: TaskPath | Callabl
                 raise SingularityError(
                     f"the start is at a singularity of {task.frame!r}, {task.kind}; choose another start"
                 )
-            found = (
-                path
-                if isinstance(path, TaskPath)
-                else wanted(path(task, q0), TaskPath, "what path() makes", "a closed path")
-            )
+            found = given or closed_path(path(task, q0))
             begin = reach_start(task, q0, found)
             check_reach(task, begin, found)
         except RepctlError as error:

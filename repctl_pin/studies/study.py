@@ -14,8 +14,9 @@ from ..arguments import wanted
 from ..design import Design, SingularRegionError, nearest_repeatable
 from ..errors import InputError, SingularityError
 from ..integrability import drift_per_area
-from ..motion import Motion, TaskPath, follow
+from ..motion import ClosedPath, Motion, TaskPath, follow
 from ..motion.fitting import fitting_circle
+from ..motion.spec import parse_path
 from ..redundancy import align, nullspace
 from ..regions import Box, Region, Tube
 from ..robot.robot import Robot
@@ -45,7 +46,7 @@ def study(
     frame: str | None = None,
     task: str | None = None,
     start: ArrayLike | None = None,
-    path: TaskPath | Callable[[Task, Array], TaskPath] | None = None,
+    path: str | ClosedPath | Callable[[Task, Array], TaskPath] | None = None,
     radius: float | None = None,
     plane: str | None = None,
     cycles: int = 10,
@@ -53,7 +54,7 @@ def study(
     region: float | Region | None = None,
     degree: int = 2,
     controls: Mapping[str, Control] | None = None,
-    period: float = 5.0,
+    period: float | None = None,
     seed: int = 0,
     progress: Callable[[str], None] | None = None,
 ) -> Study:
@@ -70,7 +71,8 @@ def study(
         q0; by default the first that can follow the path: the reference pose, the ready one, mid-range, or a
         dexterous pose near it.
     path
-        A closed path, or a function ``(task, q0) → path``; by default a circle the arm can follow inside
+        A closed path, its words as the command takes them (``"circle:0.1"``, ``"loop.csv"``), or a function
+        ``(task, q0) → path``; by default a circle the arm can follow inside
         its limits.
     radius, plane
         Of that circle, m, and ``xy``, ``yz`` or ``xz``.
@@ -84,7 +86,7 @@ def study(
         Controls of your own to set beside these, by the names they shall have: strategies on this task, or
         functions (q, ẋ) → q̇.
     period
-        Time of one cycle, s.
+        Time of one cycle, s; by default the path's own, else 5.
     seed
         Of the nodes.
     progress
@@ -108,7 +110,8 @@ def study(
     defaults.check_degree(moved, degree)
     own = _own_controls(moved, {} if controls is None else controls)
     say("finding a path" if path is None else "finding a start")
-    setting = choose_setting(moved, start, path or partial(fitting_circle, plane=plane, radius=radius))
+    wanted_path = parse_path(path, plane) if isinstance(path, str) else path
+    setting = choose_setting(moved, start, wanted_path or partial(fitting_circle, plane=plane, radius=radius))
     q0, drawn = setting.q0, setting.path
     notes = [*machine.warnings, *(defaults.kind_note(machine, moved) if task is None else []), *setting.notes]
 

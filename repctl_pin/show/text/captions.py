@@ -42,8 +42,8 @@ def summary(study: Study) -> list[str]:
     plain, closed = study.row("pseudoinverse"), study.row("repeatable")
     some = next(row.motion for row in study.rows if row.motion is not None)
     out = [
-        f"The frame {task.frame} of {study.robot.name} was led {some.cycles} {_times(some.cycles)} round a "
-        f"{path.name}. The task ({task.kind}) has {task.m} dimensions and the arm {task.n} joints, which leaves "
+        f"The frame {task.frame} of {study.robot.name} was led {some.cycles} {_times(some.cycles)} along a "
+        f"path, {path.name}. The task ({task.kind}) has {task.m} dimensions and the arm {task.n} joints, which leaves "
         f"{task.r} free: many motions of the joints move the frame alike."
     ]
     if plain.motion is not None:
