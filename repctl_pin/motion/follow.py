@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import function, positive, wanted, whole
+from ..arguments import function, positive, whole
 from ..errors import InputError, SingularityError
 from ..robot.task import Task, wanted_task
 from ..strategies import FunctionStrategy, OnLeaves, Strategy

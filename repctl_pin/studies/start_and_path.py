@@ -57,9 +57,10 @@ def choose_setting(
     SingularityError
         If the start is singular.
     """
-    given = closed_path(path) if isinstance(path, ClosedPath) else None
-    if given is None:
-        function(path, "path", "a closed path, such as rp.circle(task, q0), or a function (task, q0) → path")
+    if isinstance(path, ClosedPath):
+        given = closed_path(path)
+        path = lambda task, q0: given  # noqa: E731
+    function(path, "path", "a closed path, such as rp.circle(task, q0), or a function (task, q0) → path")
     offered = defaults.starts(task) if start is None else [(task.check(start, "start"), GIVEN)]
     failure: RepctlError | None = None
     for q0, where in offered:
@@ -68,7 +69,7 @@ def choose_setting(
                 raise SingularityError(
                     f"the start is at a singularity of {task.frame!r}, {task.kind}; choose another start"
                 )
-            found = given or closed_path(path(task, q0))
+            found = closed_path(path(task, q0))
             begin = reach_start(task, q0, found)
             check_reach(task, begin, found)
         except RepctlError as error:
