@@ -241,7 +241,7 @@ def test_bad_waypoint_files_get_one_clear_line(tmp_path, case: str) -> None:
 
 
 def test_missing_waypoint_file(tmp_path) -> None:
-    with pytest.raises(rp.InputError, match="cannot read waypoints.*No such file"):
+    with pytest.raises(rp.InputError, match="cannot read .*No such file"):
         parse_path(str(tmp_path / "none.csv"))
 
 
