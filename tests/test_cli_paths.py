@@ -129,7 +129,7 @@ def test_a_file_is_followed_and_named(tmp_path, monkeypatch, capsys) -> None:
 
 
 UNREACHABLE = {
-    "a point of the file": (["x,y,z", *GOOD[:2], "0.5,3,0.25", GOOD[0]], "loop.csv, line 4: ", "cannot reach [0.5 , 3."),
+    "a point of the file": (["x,y,z", *GOOD[:2], "0.5,3,0.25", GOOD[0]], "loop.csv, line 4: ", "reach [0.5 , 3."),
     "the first point": (["3,0,0.25", "3.1,0,0.25", "3.1,0.1,0.25", "3,0,0.25"], "loop.csv, line 1: ", "short; move"),
     "millimetres": (["450,0,250", "500,0,250", "500,50,250", "450,0,250"], "line 1: ", "are the numbers mm?"),
     "millimetres of an arm too short": (["4500,0,250", "5000,0,250", "5000,50,250", "4500,0,250"], "line 1", "another"),
