@@ -129,7 +129,7 @@ BAD = {
     "unknown type": (robot(links("a", "b"), joint(kind="ball")), ("line 3", "joint 'j'", "'ball'", "revolute")),
     "zero axis": (robot(links("a", "b"), joint(body='<axis xyz="0 0 0"/>')), ("line 3", "<axis> of joint 'j'")),
     "tiny axis": (robot(links("a", "b"), joint(body='<axis xyz="0 0 1e-320"/>')), ("line 3", "no direction")),
-    "huge axis": (robot(links("a", "b"), joint(body='<axis xyz="0 0 1e200"/>')), ("line 3", "no direction")),
+    "huge axis": (robot(links("a", "b"), joint(body='<axis xyz="0 0 1e200"/>')), ("line 3", "<axis>", "so large")),
     "axis of two": (robot(links("a", "b"), joint(body='<axis xyz="0 1"/>')), ("line 3", "3 numbers")),
     "inverted limits": (robot(links("a", "b"), joint(limit="1 -1")), ("line 3", "<limit> of joint 'j'", "above")),
     "equal limits": (robot(links("a", "b"), joint(limit="1 1")), ("line 3", "<limit> of joint 'j'", "fixed")),
@@ -189,7 +189,11 @@ BAD = {
         ("line 3", "<cylinder> of link 'b'"),
     ),
     # sizes that would exhaust or crash Pinocchio
-    "1000-link chain": (chain(1000), "one below the other"),
+    "1000-link chain": (chain(1000, "fixed"), "one below the other"),
+    "200 moving in all": (
+        robot(links("a"), *(links(f"b{i}") + joint(f"j{i}", child=f"b{i}") for i in range(201))),
+        ("line 1", "201 movable joints", "200"),
+    ),
     "101 moving": (chain(101), ("joint 'j100'", "movable")),
     "301 fixed": (chain(301, "fixed"), ("line 2", "link 'l0'", "300 links")),
     "5000-link star": (

@@ -13,7 +13,6 @@ import pytest
 from repctl_pin.errors import UrdfError
 from repctl_pin.robot.robot import Robot
 from repctl_pin.robot.visuals import Shape, Visuals, find_mesh
-from repctl_pin.urdf.catalogue import reference_posture
 
 
 def configurations(robot: Robot, count: int = 4) -> np.ndarray:
@@ -28,21 +27,17 @@ def pinocchios(robot: Robot) -> tuple[pin.Model, pin.GeometryModel]:
     model = pin.buildModelFromXML(robot.description.xml)
     kind = pin.GeometryType.VISUAL
     geometry = pin.buildGeomFromUrdfString(model, robot.description.xml, kind, package_dirs=list(robot.package_dirs))
-    q = pin.neutral(model)
-    named = reference_posture(robot.entry.srdf, robot.entry.posture) if robot.entry and robot.entry.srdf else {}
-    for joint in robot.description.joints:
-        if joint.name in robot.locked:
-            middle = (joint.lower + joint.upper) / 2
-            value = named.get(joint.name, middle if np.isfinite(middle) else 0.0)
-            if joint.mimic is not None:
-                leader = robot.reference[robot.joint_names.index(joint.mimic)]
-                value = joint.multiplier * leader + joint.offset
-            value = np.clip(value, joint.lower, joint.upper)
-            q[model.joints[model.getJointId(joint.name)].idx_q] = value
-    locked = [j for j in range(1, model.njoints) if model.names[j] not in robot.joint_names]
-    model, geometry = pin.buildReducedModel(model, geometry, locked, q)
-    assert tuple(model.names)[1:] == robot.joint_names
+    assert not robot.locked
     return model, geometry
+
+
+def all_joints(robot: Robot, model: pin.Model, q: np.ndarray) -> np.ndarray:
+    """Put the robot's joints, and those that mimic them, into Pinocchio's order."""
+    values = dict(zip(robot.joint_names, q, strict=True))
+    for joint in robot.description.joints:
+        if joint.mimic is not None:
+            values[joint.name] = joint.multiplier * values[joint.mimic] + joint.offset
+    return np.array([values[name] for name in tuple(model.names)[1:]])
 
 
 @pytest.mark.parametrize("name", ["panda", "talos", "ppr", "kinova"])
@@ -57,7 +52,7 @@ def test_placements_are_pinocchios(name: str) -> None:
     assert placements.shape == (len(Q), len(visuals.shapes), 4, 4)
     data, geometry_data = model.createData(), geometry.createData()
     for q, placed in zip(Q, placements, strict=True):
-        pin.updateGeometryPlacements(model, data, geometry, geometry_data, q)
+        pin.updateGeometryPlacements(model, data, geometry, geometry_data, all_joints(robot, model, q))
         for shape, M in zip(visuals.shapes, placed, strict=True):
             k = geometry.getGeometryId(shape.name)
             np.testing.assert_allclose(M, geometry_data.oMg[k].homogeneous, atol=1e-12, err_msg=shape.name)

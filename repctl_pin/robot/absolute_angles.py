@@ -34,6 +34,8 @@ def absolute_angles(task: Task) -> Array:
     """
     if wanted_task(task).coordinates is not None:
         raise InputError("this task is in joint coordinates already; take the absolute angles of the original task")
+    if task.drive is not None:
+        raise InputError("absolute angles need joints that move by themselves, but in this chain some mimic others")
     turning = np.flatnonzero(task.revolute)
     axes = task.axes(task.reference)[turning]  # (revolute joints, 3)
     signs = axes @ axes[0] if len(axes) else np.zeros(0)

@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 from scipy.linalg.blas import daxpy, dcopy
 
 from .axis import axis_turn
+from .model import SHARED
 from .task import Task
 
 Array = NDArray[np.float64]
-
-_SHARED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
 
 @dataclass(frozen=True)
@@ -52,7 +51,7 @@ def in_place(task: Task, J: Array, e: Array) -> InPlace:
 
 
 def _jacobian(task: Task, J: Array) -> Callable[[Array], None]:
-    evaluate, model, data, frame, shared = pin.computeFrameJacobian, task.model, task._data, task._frame_id, _SHARED
+    evaluate, model, data, frame, shared = pin.computeFrameJacobian, task.model, task._data, task._frame_id, SHARED
 
     def whole(q: Array) -> None:
         J[:] = evaluate(model, data, q, frame, shared)
@@ -60,13 +59,14 @@ def _jacobian(task: Task, J: Array) -> Callable[[Array], None]:
     def rows(q: Array) -> None:
         J[:] = task._task_rows(evaluate(model, data, q, frame, shared))
 
-    def changed(q: Array) -> None:
-        J[:] = task._task_rows(evaluate(model, data, T @ q, frame, shared)) @ T
-
-    if task.coordinates is None:
+    if task.drive is None:
         return whole if task.kind == "pose" else rows
-    T = task.coordinates.T
-    return changed
+    drive = task.drive
+
+    def driven(q: Array) -> None:
+        J[:] = task._task_rows(evaluate(model, data, drive.joints(q), frame, shared)) @ drive.S
+
+    return driven
 
 
 def _error(task: Task, e: Array, p: Array, R: Array) -> Callable[[pin.SE3], None]:

@@ -7,13 +7,16 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from ..urdf.catalogue import Entry
-from ..urdf.gate import Description
+from ..urdf.gate import Description, Joint
+from .coupling import Coupling
 
 Array = NDArray[np.float64]
 
 
 class Mechanism:
     """Movable joints, one number each, their limits, and a reference pose.
+
+    A joint that mimics another is driven by it, and is no joint of its own.
 
     Attributes
     ----------
@@ -23,32 +26,38 @@ class Mechanism:
         What the URDF says.
     entry : Entry or None
         Its entry in the catalogue.
+    joints : dict of Joint
+        All joints of the file that are not fixed, by name.
     model : pinocchio.Model
-        All movable joints; the others are fixed at the reference pose.
+        All joints that move, N of them, those that follow others included; the rest fixed at the reference pose.
+    coupling : Coupling
+        The model's joints out of the robot's: ``q_model = S q + o``.
     joint_names : tuple of str
-        Movable joints, in Pinocchio's order.
-    lower, upper : (nq,) arrays
-        Position limits, rad or m; −inf and inf where there is none.
-    velocity : (nq,) array
+        Movable joints, n of them, in Pinocchio's order.
+    lower, upper : (n,) arrays
+        Position limits, rad or m, that keep followers inside theirs too; −inf and inf where there is none.
+    velocity : (n,) array
         Speed limits, rad/s or m/s; inf where there is none.
-    revolute : (nq,) array of bool
+    revolute : (n,) array of bool
         False where the joint is prismatic.
-    reference : (nq,) array
+    reference : (n,) array
         The reference pose: the SRDF's, where the catalogue names one, else mid-range.
-    poses : dict of (nq,) arrays
+    poses : dict of (n,) arrays
         ``reference``; ``ready``, a pose to work from, where the catalogue has one; ``middle`` of the joints' range.
     locked : tuple of str
         Joints held at the reference pose.
     package_dirs : tuple of str
         Folders that resolve ``package://`` meshes.
     base : str or None
-        The link in whose frame placements are measured; the root where None.
+        The link in whose frame placements are measured, wherever in the tree; the root where None.
     """
 
     name: str
     description: Description
     entry: Entry | None
+    joints: dict[str, Joint]
     model: pin.Model
+    coupling: Coupling
     joint_names: tuple[str, ...]
     lower: Array
     upper: Array

@@ -1,14 +1,16 @@
-"""Around two oddities of Pinocchio: finding a frame by name, and holding joints still."""
+"""Around oddities of Pinocchio: finding a frame by name, holding joints still, the Jacobian of a single joint."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
 from ..errors import unknown
+
+SHARED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
 _MEANWHILE = "\N{NULL} link"
 
@@ -44,3 +46,18 @@ def lock_joints(model: pin.Model, ids: Sequence[int], posture: NDArray[np.float6
     for frame in reduced.frames:
         frame.name = frame.name.removesuffix(_MEANWHILE)
     return reduced
+
+
+def frame_jacobian(
+    model: pin.Model, data: pin.Data, frame: int
+) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
+    """Make the function q → a frame's Jacobian (6, nv), world axes, into Pinocchio's own memory."""
+    evaluate = pin.computeFrameJacobian
+
+    def jacobian(q: NDArray[np.float64]) -> NDArray[np.float64]:
+        return evaluate(model, data, q, frame, SHARED)
+
+    def single(q: NDArray[np.float64]) -> NDArray[np.float64]:  # Pinocchio gives (6,)
+        return jacobian(q).reshape(6, 1)
+
+    return jacobian if model.nv != 1 else single

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -14,17 +16,19 @@ from ..urdf.catalogue import READY, Entry, default_package_dirs, find, reference
 from ..urdf.end_effectors import arm_ends, is_sensor, task_links
 from ..urdf.gate import Description, read_urdf
 from ..urdf.meshes import find_mesh
+from .chain import path_between
+from .coupling import couple, limits
 from .mechanism import Mechanism
 from .model import frame_id, lock_joints
-from .poses import ONE_NUMBER, pose
+from .poses import pose
 from .task import KINDS, Task
 
 
 class Robot(Mechanism):
     """A robot as its URDF describes it, every movable joint one number.
 
-    Continuous joints are revolute joints without limits. Mimic joints, and joints with more than one
-    degree of freedom (planar, floating), are locked at the reference pose.
+    Continuous joints are revolute joints without limits, planar and floating ones are three and six joints of one
+    number. A joint that mimics another moves with it, and its limits are heeded.
 
     Make one with :meth:`Robot.load`.
 
@@ -58,45 +62,47 @@ class Robot(Mechanism):
         self.entry = entry
         self.package_dirs = tuple(str(p) for p in package_dirs)
         self.base = base
-        joints = {joint.name: joint for joint in description.joints if joint.kind != "fixed"}
-        for joint_name in lock:
-            if joint_name not in joints:
-                raise unknown("joint", joint_name, joints)
-        locked = [
-            j.name for j in joints.values() if j.mimic is not None or j.kind not in ONE_NUMBER or j.name in set(lock)
-        ]
+        self.joints = {joint.name: joint for joint in description.joints if joint.kind != "fixed"}
+        held = set(islice(lock, len(self.joints) + 1))
+        for joint_name in held:
+            if joint_name not in self.joints:
+                raise unknown("joint", joint_name, self.joints)
+        still = {j.name for j in self.joints.values() if j.name in held or j.mimic in held or j.multiplier == 0}
         try:
             model = pin.buildModelFromXML(description.xml)
         except (ValueError, RuntimeError, MemoryError) as error:
             raise UrdfError(f"{description.path}: Pinocchio cannot build a model of it ({error})") from error
         model.name = self.name
 
-        named, ready = {}, {}
-        if entry is not None and entry.srdf is not None:
-            named = reference_posture(entry.srdf, entry.posture)
-        if entry is not None and entry.ready is not None:
-            ready = reference_posture(urdf_folder() / READY, entry.ready)
         notes: list[str] = []
-        posture = pose(model, joints, named, notes)
-        poses = {"reference": named, "middle": {}} | ({"ready": ready} if ready else {})
-        for name, values in poses.items():
-            model.referenceConfigurations[name] = pose(model, joints, values, [])
-        model = lock_joints(model, [model.getJointId(j) for j in locked], posture)
+        names = tuple(model.names)[1:]
+        free = [name for name in names if self.joints[name].mimic is None]
+        moving = [joint for joint in self.joints.values() if joint.name not in still]
+        bounds = [limits(self.joints[j], [f for f in moving if f.mimic == j], notes) for j in free]
+        lower, upper, velocity = np.array(bounds).reshape(-1, 3).T
+        turns = np.array([self.joints[name].kind != "prismatic" for name in free], bool)
+        poses = {
+            name: pose(free, lower, upper, turns, values, notes if name == "reference" else [])
+            for name, values in _named_poses(entry).items()
+        }
+        whole = couple(names, free, self.joints)
+        for name, q in poses.items():
+            model.referenceConfigurations[name] = whole.joints(q)
+        model = lock_joints(model, [model.getJointId(j) for j in still], whole.joints(poses["reference"]))
 
         self.model = model
-        self.locked = tuple(locked)
-        self.joint_names = tuple(model.names)[1:]
-        movable = [joints[j] for j in self.joint_names]
-        self.lower = _frozen([j.lower for j in movable])
-        self.upper = _frozen([j.upper for j in movable])
-        self.velocity = _frozen([j.velocity for j in movable])
-        self.revolute = np.array([j.kind != "prismatic" for j in movable], bool)
-        self.poses = {name: _frozen(model.referenceConfigurations[name]) for name in poses}
+        self.locked = tuple(name for name in self.joints if name in still)
+        self.joint_names = tuple(name for name in free if name not in still)
+        self.coupling = couple(tuple(model.names)[1:], self.joint_names, self.joints)
+        mine = [free.index(name) for name in self.joint_names]
+        self.lower, self.upper, self.velocity = _frozen(lower[mine]), _frozen(upper[mine]), _frozen(velocity[mine])
+        self.revolute = turns[mine]
+        self.poses = {name: _frozen(q[mine]) for name, q in poses.items()}
         self.reference = self.poses["reference"]
         self.frames = tuple(f.name for f in model.frames if f.type == pin.FrameType.BODY)
         self.warnings = (*notes, *self._missing_meshes())
         if base is not None:
-            self._supports(base)  # or say that there is no such link
+            self._frame_id(base)  # or say that there is no such link
 
     @classmethod
     def load(
@@ -118,7 +124,8 @@ class Robot(Mechanism):
         lock
             Joints to hold at the reference pose.
         base
-            A link to hold still: joints below it are locked, and x is measured in its frame.
+            The link in whose frame x is measured, as if it stood still: a link on the way to the frame, or on
+            another branch, such as the other hand of two; the joints between the two links are the task's.
 
         Raises
         ------
@@ -129,12 +136,12 @@ class Robot(Mechanism):
         """
         text = str(name_or_path)
         given = [package_dirs] if isinstance(package_dirs, (str, Path)) else package_dirs
-        own = [str(Path(folder).expanduser()) for folder in given]
+        own = [os.path.expanduser(folder) for folder in given]
         for folder in own:
             if not Path(folder).is_dir():
                 raise InputError(f"there is no folder {folder!r} to look up package:// in; correct --package-dir")
         if _looks_like_a_path(text):
-            path = Path(text).expanduser()
+            path = Path(os.path.expanduser(text))
             folders = [*own, *default_package_dirs(path)]
             return cls(read_urdf(path), package_dirs=folders, lock=lock, base=base)
         entry = find(text)
@@ -175,18 +182,18 @@ class Robot(Mechanism):
         return Task(self, frame, kind, chain)
 
     def chain(self, frame: str) -> tuple[str, ...]:
-        """Name the movable joints that move a frame (relative to ``base``), from the base outward."""
-        supports = self._supports(frame)
-        below = set(self._supports(self.base)) if self.base is not None else set()
-        if not below <= set(supports):
-            raise InputError(f"base {self.base!r} is not on the chain to {frame!r}; choose a link that is")
-        return tuple(self.model.names[j] for j in supports if j not in below)
+        """Name the movable joints that move a frame relative to ``base``, from the base outward.
+
+        A joint that drives others is where the first of them is.
+        """
+        up, down = path_between(self.model, self._base_id(), self._frame_id(frame))
+        return tuple(dict.fromkeys(self.joint_names[self.coupling.leader(j - 1)] for j in (*up, *down)))
 
     def reference_positions(self) -> dict[str, NDArray[np.float64]]:
         """Place every link's origin at the reference pose: (3,) arrays by name, m, measured as tasks measure it."""
         data = self.model.createData()
-        pin.framesForwardKinematics(self.model, data, np.array(self.reference))
-        base = pin.SE3.Identity() if self.base is None else data.oMf[frame_id(self.model, self.base)]
+        pin.framesForwardKinematics(self.model, data, self.coupling.joints(self.reference))
+        base = data.oMf[self._base_id()]
         ids = {name: frame_id(self.model, name) for name in self.frames}
         return {name: base.actInv(data.oMf[i]).translation for name, i in ids.items()}
 
@@ -201,20 +208,23 @@ class Robot(Mechanism):
             "those links are drawn as tubes; say where the packages are with --package-dir"
         ]
 
-    def _supports(self, frame: str) -> list[int]:
+    def _base_id(self) -> int:
+        return 0 if self.base is None else frame_id(self.model, self.base)
+
+    def _frame_id(self, frame: str) -> int:
         try:
-            joint = self.model.frames[frame_id(self.model, frame)].parentJoint
+            return frame_id(self.model, frame)
         except InputError:
             likely = [link for links in self._ends() for link in links if not is_sensor(link)]
             raise unknown("frame", frame, self.frames, likely=likely) from None
-        return [int(j) for j in self.model.supports[joint] if j > 0]
 
     def _ends(self) -> list[list[str]]:
         """The links at the end of every arm, leg and head, the best first; the longest chain first."""
         return [task_links(body) for body in sorted(arm_ends(self.description), key=lambda body: -body.before)]
 
-    def _above_base(self, frame: str) -> bool:
-        return self.base is None or set(self._supports(self.base)) <= set(self._supports(frame))
+    def _beyond_base(self, frame: str) -> bool:
+        """Whether a frame is farther out than the base: what is offered, though any frame can carry a task."""
+        return not path_between(self.model, self._base_id(), self._frame_id(frame))[0]
 
     @property
     def default_frame(self) -> str:
@@ -229,8 +239,10 @@ class Robot(Mechanism):
     @property
     def offered_frames(self) -> tuple[str, ...]:
         """End frames worth offering: the catalogue's, else the default one."""
-        known = tuple(frame for frame in self.entry.frames if self._above_base(frame)) if self.entry is not None else ()
-        ends = [links[0] for links in self._ends() if self._above_base(links[0])]
+        known = (
+            tuple(frame for frame in self.entry.frames if self._beyond_base(frame)) if self.entry is not None else ()
+        )
+        ends = [links[0] for links in self._ends() if self._beyond_base(links[0])]
         return known or (max(ends, key=lambda frame: len(self.chain(frame)), default=self.base or self.frames[0]),)
 
     @property
@@ -242,7 +254,7 @@ class Robot(Mechanism):
         frames = list(self.offered_frames)
         most = len(self.chain(frames[0]))
         for links in self._ends():
-            if self._above_base(links[0]) and len(self.chain(links[0])) >= 2:
+            if self._beyond_base(links[0]) and len(self.chain(links[0])) >= 2:
                 meant = [link for link in links if not is_sensor(link)] or links
                 frames += meant if len(self.chain(links[0])) >= most else meant[:1]
         return tuple(dict.fromkeys(frames))
@@ -250,7 +262,7 @@ class Robot(Mechanism):
     @property
     def movable_frames(self) -> tuple[str, ...]:
         """Every frame that a joint moves, fingers and sensors too; those of :attr:`end_frames` first."""
-        moved = (frame for frame in self.frames if self._above_base(frame) and self.chain(frame))
+        moved = (frame for frame in self.frames if self._beyond_base(frame) and self.chain(frame))
         return tuple(dict.fromkeys([*self.end_frames, *moved]))
 
     def __repr__(self) -> str:
@@ -260,6 +272,16 @@ class Robot(Mechanism):
 def _looks_like_a_path(text: str) -> bool:
     """A catalogue name has no dot and no slash; whatever has is meant as a file."""
     return any(mark in text for mark in "./\\") or Path(text).is_file()
+
+
+def _named_poses(entry: Entry | None) -> dict[str, dict[str, float]]:
+    """Values by joint name of each pose that a robot has."""
+    poses: dict[str, dict[str, float]] = {"reference": {}, "middle": {}}
+    if entry is not None and entry.srdf is not None:
+        poses["reference"] = reference_posture(entry.srdf, entry.posture)
+    if entry is not None and entry.ready is not None:
+        poses["ready"] = reference_posture(urdf_folder() / READY, entry.ready)
+    return poses
 
 
 def _frozen(values: Sequence[float] | NDArray) -> NDArray[np.float64]:

@@ -69,7 +69,7 @@ def _joint_origin(model: pin.Model, links: dict[str, pin.Frame], joint: Joint) -
 def _extent(robot: Mechanism, links: dict[str, pin.Frame]) -> float:
     """The diagonal of the box round all link origins at the reference pose, m."""
     data = robot.model.createData()
-    pin.forwardKinematics(robot.model, data, np.array(robot.reference))
+    pin.forwardKinematics(robot.model, data, robot.coupling.joints(robot.reference))
     points = [(data.oMi[f.parentJoint] * f.placement).translation for f in links.values()]
     return float(np.linalg.norm(np.ptp(points, axis=0)))
 

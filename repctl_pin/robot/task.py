@@ -14,10 +14,12 @@ from scipy.linalg.blas import ddot
 from ..arguments import FLOAT, rows, vector, wanted
 from ..errors import InputError
 from .axis import axis_turn
+from .chain import path_between, seen_from
 from .coordinates import Coordinates, change_of
+from .coupling import Coupling
 from .hessian import chain_hessians
 from .mechanism import Mechanism
-from .model import frame_id, lock_joints
+from .model import frame_id, frame_jacobian, lock_joints
 
 Array = NDArray[np.float64]
 
@@ -34,8 +36,6 @@ KINDS: dict[str, tuple[int, ...]] = {
 v and ω are in world axes, v that of the frame's origin. For ``axis`` rows 3 and 4 are the angular
 velocity along the frame's own x and y: the two that turn its z axis, the tool's.
 """
-
-_SHARED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
 
 def unit_of(revolute: Iterable[bool]) -> str:
@@ -58,7 +58,8 @@ class Task:
     n, m, r : int
         Joints, task coordinates, degree of redundancy.
     joint_names : tuple of str
-        From the base outward; q, limits and Jacobian columns are in this order.
+        From the base outward; q, limits and Jacobian columns are in this order. A joint that others mimic drives
+        them all.
     lower, upper, velocity_limit : (n,) arrays
         Limits, rad or m, and per second.
     revolute : (n,) array of bool
@@ -67,6 +68,11 @@ class Task:
         The robot's reference pose on these joints.
     coordinates : Coordinates or None
         The change q = T ψ of :meth:`in_coordinates`; every q of every method is then a ψ.
+    model : pinocchio.Model
+        The chain: all else is fixed at the reference pose. Where ``base`` is given, it is the chain as seen from there,
+        and has no masses.
+    drive : Coupling or None
+        The joints of the model out of q; None where they are the same.
     """
 
     def __init__(self, robot: Mechanism, frame: str, kind: str, joint_names: Sequence[str]) -> None:
@@ -84,16 +90,30 @@ class Task:
         self.r = self.n - self.m
         self.rows = np.array(KINDS[kind])
 
-        keep = set(self.joint_names)
-        locked = [i for i, name in enumerate(robot.model.names) if i > 0 and name not in keep]
-        self.model = lock_joints(robot.model, locked, robot.reference)
+        driven = set((np.flatnonzero((robot.coupling.S[:, self._columns] != 0).any(axis=1)) + 1).tolist())
+        up, down = path_between(
+            robot.model, 0 if robot.base is None else frame_id(robot.model, robot.base), frame_id(robot.model, frame)
+        )
+        self._bodies = _held(robot, driven)
+        self.model = self._bodies if driven <= {*up, *down} else _held(robot, driven & {*up, *down})
         self._frame_id = frame_id(self.model, frame)
         if robot.base is not None:
-            _measure_from(self.model, frame_id(self.model, robot.base))
+            base = frame_id(self.model, robot.base)
+            self.model, self._frame_id = seen_from(self.model, base, self._frame_id, robot.joints)
+        self.drive, self._first = self._drive(self.model), self._first_driven()
         self._allocate()
 
     def _allocate(self) -> None:
         self._data = self.model.createData()
+        self._frame_jacobian = frame_jacobian(self.model, self._data, self._frame_id)
+
+    def _drive(self, model: pin.Model) -> Coupling | None:
+        """Make the map from q to the joints of a model of the chain; None where they are the same."""
+        rows, all_ = [self.robot.model.getJointId(name) - 1 for name in tuple(model.names)[1:]], self.robot.coupling
+        S, offset = all_.S[np.ix_(rows, self._columns)], all_.offset[rows]
+        if self.coordinates is not None:
+            S = S @ self.coordinates.T
+        return None if np.array_equal(S, np.eye(self.n)) and not offset.any() else Coupling(S, offset)
 
     def in_coordinates(self, T: ArrayLike) -> Task:
         """Make the same task in other joint coordinates ψ, ``q = T ψ``: every method then takes ψ.
@@ -111,6 +131,7 @@ class Task:
         change = change_of(self.joint_names, self.lower, self.upper, self.velocity_limit, self.revolute, T)
         task = copy(self)
         task.coordinates = change
+        task.drive = task._drive(task.model)
         task.joint_names, task.revolute = change.names, change.revolute
         task.lower, task.upper, task.velocity_limit = change.lower, change.upper, change.velocity
         task.reference = change.coordinates(self.reference)
@@ -132,7 +153,7 @@ class Task:
     def jacobian(self, q: ArrayLike) -> Array:
         """Evaluate J (m, n) of ẋ = J q̇ (2): m or m/s rows first, then rad."""
         J = self._task_rows(self._frame_jacobian(self._vector(q)))
-        return J if self.coordinates is None else J @ self.coordinates.T
+        return J if self.drive is None else J @ self.drive.S
 
     def hessian(self, q: ArrayLike) -> Array:
         """Evaluate H (m, n, n), ``H[a, i, k] = ∂J[a, i]/∂q[k]``."""
@@ -166,20 +187,10 @@ class Task:
     def jacobians(self, Q: ArrayLike) -> Array:
         """Evaluate J at every row of Q (K, n): an array (K, m, n)."""
         Q = self._matrix(Q)
-        Js = np.empty((len(Q), self.m, self.n))
-        into = Js[..., 0] if self.n == 1 else Js  # Pinocchio makes the Jacobian of a single joint flat
-        rows, full = self.rows, self.kind != "axis"
-        evaluate, model, data, frame = pin.computeFrameJacobian, self.model, self._data, self._frame_id
-        if full and self.m == 6:
-            for q, J in zip(Q, into, strict=True):
-                J[:] = evaluate(model, data, q, frame, _SHARED)
-        elif full:
-            for q, J in zip(Q, into, strict=True):
-                J[:] = evaluate(model, data, q, frame, _SHARED)[rows]
-        else:
-            for q, J in zip(Q, into, strict=True):
-                J[:] = self._task_rows(evaluate(model, data, q, frame, _SHARED))
-        return Js if self.coordinates is None else Js @ self.coordinates.T
+        Js = np.empty((len(Q), self.m, self.model.nv))
+        for q, J in zip(Q, Js, strict=True):
+            J[:] = self._task_rows(self._frame_jacobian(q))
+        return Js if self.drive is None else Js @ self.drive.S
 
     def hessians(self, Q: ArrayLike) -> Array:
         """Evaluate H at every row of Q (K, n): an array (K, m, n, n). See :func:`chain_hessians`."""
@@ -189,10 +200,10 @@ class Task:
             twists[k] = self._frame_jacobian(q).T
             R[k] = self._data.oMf[self._frame_id].rotation
         H = chain_hessians(twists, R if self.kind == "axis" else None)[:, self.rows]
-        if self.coordinates is None:
+        if self.drive is None:
             return H
-        T = self.coordinates.T
-        return np.einsum("Kaps,pi,sk->Kaik", H, T, T, optimize=True)
+        S = self.drive.S
+        return np.einsum("Kaps,pi,sk->Kaik", H, S, S, optimize=True)
 
     def positions(self, Q: ArrayLike) -> Array:
         """Place the frame's origin at every row of Q (K, n): an array (K, 3), m."""
@@ -203,22 +214,30 @@ class Task:
         return np.array(points).reshape(-1, 3)
 
     def joint_origins(self, q: ArrayLike) -> Array:
-        """Place the origins of the joints, from the base outward: an array (n, 3), m."""
+        """Place the origins of the joints, from the base outward: an array (n, 3), m.
+
+        Of several joints that one drives, the first on the way to the frame.
+        """
         pin.forwardKinematics(self.model, self._data, self._vector(q))
-        return np.array([self._data.oMi[j].translation for j in range(1, self.n + 1)])
+        return np.array([self._data.oMi[j].translation for j in self._first])
 
     def axes(self, q: ArrayLike) -> Array:
-        """Point along the joints, from the base outward: unit vectors (n, 3), world axes; 0 if prismatic."""
-        return self._frame_jacobian(self._vector(q))[3:].T.copy()
+        """Point along the joints, from the base outward: unit vectors (n, 3), world axes; 0 if prismatic.
+
+        Of several joints that one drives, the first on the way to the frame.
+        """
+        return self._frame_jacobian(self._vector(q))[3:].T[[j - 1 for j in self._first]]
 
     def inertias(self, Q: ArrayLike) -> Array:
-        """Evaluate the joint-space inertia M (K, n, n) of the chain, kg m² and kg."""
-        Q = self._matrix(Q)
-        Ms = np.empty((len(Q), self.n, self.n))
-        for q, M in zip(Q, Ms, strict=True):
-            upper = np.triu(pin.crba(self.model, self._data, q))
+        """Evaluate the joint-space inertia M (K, n, n) of the chain, kg m² and kg; the tree's root stands still."""
+        model, drive = self._bodies, self._drive(self._bodies)
+        Q = rows(Q, self.n, repr(self))
+        data = model.createData()
+        Ms = np.empty((len(Q), model.nv, model.nv))
+        for q, M in zip(Q if drive is None else drive.joints(Q), Ms, strict=True):
+            upper = np.triu(pin.crba(model, data, q))
             M[:] = upper + np.triu(upper, 1).T
-        return Ms if self.coordinates is None else self.coordinates.T.T @ Ms @ self.coordinates.T
+        return Ms if drive is None else drive.S.T @ Ms @ drive.S
 
     # ---- between the chain and the robot --------------------------------------------------------
 
@@ -283,11 +302,15 @@ class Task:
 
     # ---- inside --------------------------------------------------------------------------------
 
-    def _frame_jacobian(self, q: Array) -> Array:
-        return pin.computeFrameJacobian(self.model, self._data, q, self._frame_id, _SHARED).reshape(6, -1)
+    def _first_driven(self) -> list[int]:
+        """The first joint of the model, on the way to the frame, that each of the robot's joints drives."""
+        leaders = self.robot.coupling.S[:, self._columns] != 0  # (N, n)
+        ids = path_between(self.model, 0, self._frame_id)[1]
+        driven = leaders[[self.robot.model.getJointId(self.model.names[j]) - 1 for j in ids]]  # (path, n)
+        return [ids[k] for k in np.argmax(driven, axis=0)]
 
     def _task_rows(self, J: Array) -> Array:
-        """Cut the task's rows out of the frame's Jacobian (6, n), just evaluated."""
+        """Cut the task's rows out of the frame's Jacobian (6, N), just evaluated."""
         if self.kind == "pose":
             return J
         if self.kind != "axis":
@@ -299,14 +322,14 @@ class Task:
         values: Any = q
         if not (type(q) is np.ndarray and q.dtype is FLOAT and q.shape == (self.n,) and ddot(q, q) < np.inf):
             values = vector(q, self.n, f"q of {self!r}")  # ddot: quicker than np.isfinite
-        return values if self.coordinates is None else self.coordinates.T @ values
+        return values if self.drive is None else self.drive.joints(values)
 
     def _matrix(self, Q: ArrayLike) -> Array:
         Q = np.ascontiguousarray(rows(Q, self.n, repr(self)))
-        return Q if self.coordinates is None else self.coordinates.joints(Q)
+        return Q if self.drive is None else self.drive.joints(Q)
 
     def __getstate__(self) -> dict[str, Any]:
-        return {k: v for k, v in self.__dict__.items() if k != "_data"}
+        return {k: v for k, v in self.__dict__.items() if k not in ("_data", "_frame_jacobian")}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
@@ -317,6 +340,12 @@ class Task:
         return f"<Task {self.robot.name} {self.frame} {self.kind}: n = {self.n}, m = {self.m}, r = {self.r}{psi}>"
 
 
+def _held(robot: Mechanism, moving: set[int]) -> pin.Model:
+    """Hold all of a robot's joints at the reference pose but some, by their ids."""
+    still = [j for j in range(1, robot.model.njoints) if j not in moving]
+    return lock_joints(robot.model, still, robot.coupling.joints(robot.reference))
+
+
 def wanted_task(value: Any) -> Task:
     """Take an argument that has to be a task."""
     return wanted(value, Task, "task", "a task, such as rp.Robot.load('panda').task()")
@@ -325,17 +354,3 @@ def wanted_task(value: Any) -> Task:
 def own_task(value: Any) -> Task:
     """Take a task, with scratch memory of one's own; model and limits are shared."""
     return copy(wanted_task(value))
-
-
-def _measure_from(model: pin.Model, base: int) -> None:
-    """Re-root a model so that placements and twists are measured in a link's own frame."""
-    frame = model.frames[base]
-    assert frame.parentJoint == 0, "the chain holds no joint below the base"
-    to_base = frame.placement.inverse()
-    for j in range(1, model.njoints):
-        if model.parents[j] == 0:
-            model.jointPlacements[j] = to_base * model.jointPlacements[j]
-    for f in model.frames:
-        if f.parentJoint == 0:
-            f.placement = to_base * f.placement
-    model.gravity.linear = to_base.rotation @ model.gravity.linear

@@ -6,7 +6,6 @@ The table itself is ``arms.toml`` beside this file; importing this module reads 
 from __future__ import annotations
 
 import functools
-import math
 import os
 import sys
 from dataclasses import dataclass
@@ -138,6 +137,8 @@ def reference_posture(srdf: Path, state: str | None = None) -> dict[str, float]:
     """
     from lxml import etree
 
+    from .checks import finite
+
     options = {"resolve_entities": False, "no_network": True, "load_dtd": False, "huge_tree": False}
     try:
         root = etree.fromstring(Path(srdf).read_bytes(), etree.XMLParser(**options))
@@ -152,7 +153,10 @@ def reference_posture(srdf: Path, state: str | None = None) -> dict[str, float]:
     for joint in states[state].iter("joint"):
         words = joint.get("value", "").split()
         if len(words) == 1:
-            posture[joint.get("name", "").rpartition("/")[2]] = _finite(words[0], f"{srdf}: {joint.get('name')}")
+            value = finite(words[0])
+            if value is None:
+                raise InputError(f"{srdf}: {joint.get('name')} = {words[0]!r} is not a finite number; correct it")
+            posture[joint.get("name", "").rpartition("/")[2]] = value
     return posture
 
 
@@ -183,13 +187,3 @@ def _entry(name: str, row: dict[str, Any]) -> Entry:
         note=row.get("note", ""),
         ready=row.get("ready"),
     )
-
-
-def _finite(word: str, where: str) -> float:
-    try:
-        value = float(word)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise InputError(f"{where} = {word!r} is not a finite number; correct it")
-    return value

@@ -12,11 +12,18 @@ from .xml import bad, label, line, short
 
 MAX_JOINTS = 1000
 MAX_DEPTH = 300  # links, one below the other; Pinocchio crashes on thousands
-MAX_MOVING = 100  # movable joints, one below the other; Pinocchio's memory grows with the cube
+MAX_MOVING = 100  # movable joints, one below the other
+MAX_MOVING_IN_ALL = 200  # Pinocchio's memory grows with the cube
+LARGEST = 1e9  # of lengths, masses, … in SI units; limits may be larger: then they are none
+
+NO_LIMIT = 1e3
+"""Limits beyond it count as none, rad or m; ``Description.xml`` says it where a joint has none."""
 
 KINDS = ("revolute", "continuous", "prismatic", "fixed", "planar", "floating")
 
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+_NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
+_UNHANDY = re.compile(r'[,;"]')
+_FREEDOM = {"fixed": 0, "planar": 3, "floating": 6}  # numbers of a joint; else 1
 
 # element → attribute → how many numbers
 _NUMBERS: dict[str, dict[str, int]] = {
@@ -39,6 +46,7 @@ _NUMBERS: dict[str, dict[str, int]] = {
 _SHAPES = ("box", "cylinder", "capsule", "sphere", "mesh")
 _NEEDED = {("mass", "value"), ("box", "size"), ("sphere", "radius"), ("cylinder", "radius"), ("cylinder", "length")}
 _NOT_NEGATIVE = _NEEDED | {("capsule", "radius"), ("capsule", "length"), ("limit", "velocity"), ("limit", "effort")}
+_ANY_SIZE = ("limit", "safety_controller", "dynamics", "calibration")
 
 
 def check(robot: etree._Element) -> str:
@@ -60,9 +68,13 @@ def check(robot: etree._Element) -> str:
         raise bad(robot, f"{len(joints)} joints and {len(links)} links; no more than {MAX_JOINTS} can be read")
     for elements in (links, joints, robot.findall("material")):
         _check_names(elements)
-    names, leaders = {link.get("name") for link in links}, {joint.get("name") for joint in joints}
+    moving = sum(_freedom(joint) for joint in joints)
+    if moving > MAX_MOVING_IN_ALL:
+        raise bad(robot, f"{moving} movable joints; no more than {MAX_MOVING_IN_ALL} can be read: fix some")
+    names, leaders = {link.get("name") for link in links}, {joint.get("name"): joint for joint in joints}
     for joint in joints:
         _check_joint(joint, names)
+    for joint in joints:
         _check_mimic(joint, leaders)
     root = _check_tree(links, joints)
     for owner in (*links, *robot.findall("material")):
@@ -82,10 +94,18 @@ def numbers(element: etree._Element, attribute: str) -> list[float] | None:
     if len(words) != wanted:
         meant = "one number" if wanted == 1 else f"{wanted} numbers"
         raise bad(element, f"{attribute} = {short(text)} is not {meant}; correct it")
-    for word in words:
-        if not _NUMBER.fullmatch(word) or not math.isfinite(float(word)):
+    values = [finite(word) for word in words]
+    for word, value in zip(words, values, strict=True):
+        if value is None or not text.isascii():
             raise bad(element, f"{attribute} = {short(text)}: {short(word)} is not a finite number; correct it")
-    return [float(word) for word in words]
+        if abs(value) > LARGEST and element.tag not in _ANY_SIZE:
+            raise bad(element, f"{attribute} = {short(text)} is over {LARGEST:g}; no robot is so large: correct it")
+    return [value for value in values if value is not None]
+
+
+def finite(word: str) -> float | None:
+    """Read a finite decimal number, written as URDF has it; None if it is none."""
+    return float(word) if _NUMBER.fullmatch(word) and math.isfinite(float(word)) else None
 
 
 def axis_of(joint: etree._Element) -> tuple[float, float, float]:
@@ -104,6 +124,8 @@ def _check_names(elements: Sequence[etree._Element]) -> None:
             raise bad(element, "has no name; give it one")
         if name in seen:
             raise bad(element, f"the {element.tag} in {line(seen[name])} has this name too; rename one of them")
+        if not name.isprintable() or (element.tag == "joint" and _UNHANDY.search(name)):
+            raise bad(element, "a comma, a semicolon, a quote or a line break in a name breaks CSV files; rename it")
         if element.tag == "joint" and name == "universe":
             raise bad(element, "Pinocchio keeps this name for itself; rename the joint")
         seen[name] = element
@@ -137,6 +159,8 @@ def _check_body(link: etree._Element) -> None:
         if not shapes or shapes[0] not in _SHAPES:
             what = f"<{shapes[0][:40]}> is no shape" if shapes else "has no <geometry> with a shape in it"
             raise bad(visible, f"{what}; there is {', '.join(_SHAPES)}")
+        if shapes[0] == "capsule" and None in (geometry[0].get("radius"), geometry[0].get("length")):
+            raise bad(geometry[0], "has no radius or no length; write both")
 
 
 def _check_joint(joint: etree._Element, links: set[str]) -> None:
@@ -153,6 +177,8 @@ def _check_joint(joint: etree._Element, links: set[str]) -> None:
     for element in joint.iterdescendants():
         _check_numbers(element)
     axis, limit = joint.find("axis"), joint.find("limit")
+    if axis is None and kind == "planar":
+        raise bad(joint, "a planar joint needs an <axis>, the normal of its plane; write one")
     if axis is not None and kind not in ("fixed", "floating"):
         norm = math.hypot(*(numbers(axis, "xyz") or (1.0, 0.0, 0.0)))
         if not 1e-9 < norm < 1e9:
@@ -164,14 +190,30 @@ def _check_joint(joint: etree._Element, links: set[str]) -> None:
         _check_range(limit)
 
 
-def _check_mimic(joint: etree._Element, joints: set[str]) -> None:
-    mimic = joint.find("mimic")
+def _freedom(joint: etree._Element) -> int:
+    return _FREEDOM.get(joint.get("type"), 1)
+
+
+def _check_mimic(joint: etree._Element, joints: dict[str, etree._Element]) -> None:
+    mimic, name = joint.find("mimic"), joint.get("name")
     if mimic is None:
         return
-    if mimic.get("joint") in (None, "", joint.get("name")):
+    if mimic.get("joint") in (None, "", name):
         raise bad(mimic, "does not name another joint to follow; correct it, or delete it")
-    if leader(joint.get("name"), mimic.get("joint"), joints) is None:
+    if leader(name, mimic.get("joint"), joints) is None:
         raise bad(mimic, f"there is no joint {short(mimic.get('joint'))} to follow; correct the name, or delete it")
+    follower, seen = joint, {name}
+    while follower.find("mimic") is not None:
+        following = leader(follower.get("name"), follower.find("mimic").get("joint"), joints)
+        if following is None:
+            return  # it is named when its turn comes
+        if following in seen:
+            raise bad(mimic, f"joints follow each other in a circle: {', '.join(map(short, seen))}; delete one <mimic>")
+        seen.add(following)
+        follower = joints[following]
+    several = next((j for j in (joint, follower) if _freedom(j) > 1), None)
+    if several is not None:
+        raise bad(mimic, f"{label(several)} is {several.get('type')} and has no one position; delete the <mimic>")
 
 
 def leader(name: str, mimicked: str, joints: Collection[str]) -> str | None:
@@ -187,6 +229,8 @@ def leader(name: str, mimicked: str, joints: Collection[str]) -> str | None:
 
 def _check_range(limit: etree._Element) -> None:
     lower, upper = (numbers(limit, "lower") or [0.0])[0], (numbers(limit, "upper") or [0.0])[0]
+    if lower >= NO_LIMIT or upper <= -NO_LIMIT:
+        raise bad(limit, f"lower = {lower:g}, upper = {upper:g}: no robot gets there; correct it")
     if lower > upper:
         raise bad(limit, f"lower = {lower:g} is above upper = {upper:g}; swap them")
     if lower == upper != 0.0:  # both 0 is what exporters write where nobody gave a range
@@ -219,7 +263,7 @@ def _check_tree(links: Sequence[etree._Element], joints: Sequence[etree._Element
         following = []
         for link, moving in todo:
             for joint in below.get(link, ()):
-                count = moving + (joint.get("type") != "fixed")
+                count = moving + _freedom(joint)
                 if count > MAX_MOVING:
                     raise bad(joint, f"over {MAX_MOVING} movable joints hang one below the other; fix some")
                 following.append((joint.find("child").get("link"), count))

@@ -7,28 +7,25 @@ line, what is wrong and what to do.
 
 from __future__ import annotations
 
-import contextlib
-import copy
-import io
-import logging
 import math
-from collections.abc import Collection, Iterator
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from lxml import etree
 
 from ..errors import UrdfError
-from .checks import axis_of, check, leader
+from .checks import NO_LIMIT, axis_of, check, leader, numbers
+from .shapes import Visible, visible_shapes
+from .split import split_joints
+from .xacro import expand
 from .xml import one_line, parse
 
 MAX_BYTES = 5_000_000
 """The largest file read: over twenty times the largest robot of example-robot-data."""
 
-NO_LIMIT = 1e3
-"""What ``Description.xml`` says where a joint has no limit; limits beyond it count as none."""
-
+MAX_SHAPES = 1000
+"""The most shapes drawn: over five times as many as the largest robot of example-robot-data has."""
 
 MANY_TURNS = 4 * math.pi
 """A limit of a revolute joint beyond this may be meant in degrees."""
@@ -39,8 +36,8 @@ class Joint:
     """One joint, as plain data.
 
     ``lower``, ``upper`` (rad or m) and ``velocity`` (rad/s or m/s) are infinite where there is no limit;
-    ``mimic`` names the joint that this one copies, as ``multiplier · q + offset``; ``line`` is where it stands
-    in the file.
+    ``mimic`` names the joint that this one copies, as ``multiplier · q + offset``, and which itself copies none;
+    ``line`` is where it stands in the file.
     """
 
     name: str
@@ -65,14 +62,16 @@ class Description:
     ----------
     root : str
         The link nothing carries.
+    shapes : tuple of Visible
+        What is to be drawn.
     meshes : tuple of str
         Visual mesh files, as written in the file, each once.
     notes : tuple of str
         What was read kindly, or looks wrong: joints without a range, a mimic joint whose leader's name lacks
-        its prefix, limits that may be in degrees.
+        its prefix, limits that may be in degrees, what was ignored.
     xml : str
         The URDF as Pinocchio should read it: continuous joints are revolute ones with limits of
-        ±``NO_LIMIT``, so that every joint but planar and floating ones is one number; relative mesh names are
+        ±``NO_LIMIT``, planar and floating ones are split, so that every joint is one number; relative mesh names are
         absolute; what is neither link, joint nor material is gone.
     """
 
@@ -81,6 +80,7 @@ class Description:
     joints: tuple[Joint, ...]
     links: tuple[str, ...]
     root: str
+    shapes: tuple[Visible, ...]
     meshes: tuple[str, ...]
     notes: tuple[str, ...]
     xml: str
@@ -95,34 +95,40 @@ def read_urdf(path: str | Path) -> Description:
         In one line: the file, the line and the element, what is wrong, and the remedy.
     """
     path = Path(path)
+    notes: list[str] = []
     try:
-        robot = parse(_read(path))
+        robot = parse(_read(path), notes)
         root = check(robot)
-        notes: list[str] = []
-        links, joints, meshes = _plain_data(robot)
-        elements = {e.get("name"): e for e in robot.findall("joint")}
-        found = tuple(_joint(elements[name], joint, elements, notes) for name, joint in joints.items())
-        notes += _degrees(found)
+        split_joints(robot, notes)
+        elements = {joint.get("name"): joint for joint in robot.findall("joint")}
+        joints = tuple(_joint(element, elements, notes) for element in elements.values())
     except UrdfError as error:
         raise UrdfError(one_line(f"{path}: {error}")) from error
+    shapes = visible_shapes(robot)
+    if len(shapes) > MAX_SHAPES:
+        notes.append(f"{len(shapes)} shapes: only the first {MAX_SHAPES} are drawn")
     return Description(
         name=robot.get("name"),
         path=path,
-        joints=found,
-        links=links,
+        joints=joints,
+        links=tuple(link.get("name") for link in robot.findall("link")),
         root=root,
-        meshes=meshes,
-        notes=tuple(notes),
-        xml=_for_pinocchio(robot, found, path.absolute().parent),
+        shapes=tuple(shapes[:MAX_SHAPES]),
+        meshes=tuple(dict.fromkeys(shape.filename for shape in shapes if shape.filename)),
+        notes=tuple(one_line(note) for note in [*notes, *_degrees(joints)]),
+        xml=_for_pinocchio(robot, joints, path.absolute().parent),
     )
 
 
 def _read(path: Path) -> bytes:
-    """Read a regular file of a sane size."""
+    """Read a regular file of a sane size; a .xacro is expanded."""
     try:
         if path.is_file():
-            with path.open("rb") as file:
-                data = file.read(MAX_BYTES + 1)
+            if path.suffix == ".xacro":
+                data = expand(path, MAX_BYTES)
+            else:
+                with path.open("rb") as file:
+                    data = file.read(MAX_BYTES + 1)
         elif path.is_dir():
             raise UrdfError("is a folder; give the .urdf file inside it")
         elif path.exists():
@@ -136,74 +142,57 @@ def _read(path: Path) -> bytes:
     return data
 
 
-def _plain_data(robot: etree._Element) -> tuple[tuple[str, ...], dict[str, Any], tuple[str, ...]]:
-    """Links, joints by name, and visual mesh names, as yourdfpy reads them.
-
-    It is given a copy with only what it is asked for: it edits what it reads, and stumbles over materials
-    and shapes.
-    """
-    asked = copy.deepcopy(robot)
-    for element in asked.findall("material") + asked.findall("link/*"):
-        if element.tag != "visual" or element.find("geometry/mesh") is None:
-            element.getparent().remove(element)
-    for element in asked.findall("link/visual/material"):
-        element.getparent().remove(element)
-    with _quiet():
-        import yourdfpy
-
-        text = io.BytesIO(etree.tostring(asked))
-        model = yourdfpy.URDF.load(text, load_meshes=False, build_scene_graph=False).robot
-    meshes = [visual.geometry.mesh.filename for link in model.links for visual in link.visuals]
-    return (
-        tuple(link.name for link in model.links),
-        {joint.name: joint for joint in model.joints},
-        tuple(dict.fromkeys(meshes)),
-    )
-
-
-@contextlib.contextmanager
-def _quiet() -> Iterator[None]:
-    """Silence yourdfpy and trimesh, which log what they cannot find."""
-    loggers = [logging.getLogger(name) for name in ("yourdfpy", "yourdfpy.urdf", "trimesh")]
-    before = [logger.disabled for logger in loggers]
-    for logger in loggers:
-        logger.disabled = True
-    try:
-        yield
-    finally:
-        for logger, disabled in zip(loggers, before, strict=True):
-            logger.disabled = disabled
-
-
-def _joint(element: etree._Element, joint: Any, joints: Collection[str], notes: list[str]) -> Joint:
+def _joint(element: etree._Element, joints: Mapping[str, etree._Element], notes: list[str]) -> Joint:
     """One joint; a missing range or speed limit is none at all, and the notes say so."""
-    mimic = None if joint.mimic is None else leader(joint.name, joint.mimic.joint, joints)
-    if joint.mimic is not None and mimic != joint.mimic.joint:
-        notes.append(f"joint {joint.name!r} mimics {joint.mimic.joint!r}, which is not in this file: read as {mimic!r}")
-    lower = upper = float("inf")
-    velocity = float("inf")
-    if joint.type in ("revolute", "prismatic"):
-        lower, upper = joint.limit.lower or 0.0, joint.limit.upper or 0.0
+    name, kind, limit = element.get("name"), element.get("type"), element.find("limit")
+    lower, upper, velocity = -math.inf, math.inf, math.inf
+    if kind in ("revolute", "prismatic"):
+        lower, upper = _number(limit, "lower", 0.0), _number(limit, "upper", 0.0)
         if lower == upper == 0.0:  # what exporters write where nobody gave a range
-            notes.append(f"joint {joint.name!r} has no range (lower = upper = 0): taken as unlimited")
-            lower, upper = -float("inf"), float("inf")
-    if joint.type != "fixed" and joint.limit is not None and joint.limit.velocity:
-        velocity = joint.limit.velocity
-    unlimited = joint.type not in ("revolute", "prismatic")
+            notes.append(f"joint {name!r} has no range (lower = upper = 0): taken as unlimited")
+            lower, upper = -math.inf, math.inf
+    if kind != "fixed" and limit is not None:
+        velocity = _number(limit, "velocity", 0.0) or math.inf
+    mimic, multiplier, offset = _mimicked(element, joints, notes)
     return Joint(
-        name=joint.name,
-        kind=joint.type,
-        parent=joint.parent,
-        child=joint.child,
+        name=name,
+        kind=kind,
+        parent=element.find("parent").get("link"),
+        child=element.find("child").get("link"),
         axis=axis_of(element),
-        lower=-float("inf") if unlimited or lower < -NO_LIMIT else lower,
-        upper=float("inf") if unlimited or upper > NO_LIMIT else upper,
-        velocity=velocity,
+        lower=lower if lower >= -NO_LIMIT else -math.inf,
+        upper=upper if upper <= NO_LIMIT else math.inf,
+        velocity=velocity if velocity <= NO_LIMIT else math.inf,
         mimic=mimic,
         line=element.sourceline or 0,
-        multiplier=_number(joint.mimic, "multiplier", 1.0),
-        offset=_number(joint.mimic, "offset", 0.0),
+        multiplier=multiplier,
+        offset=offset,
     )
+
+
+def _mimicked(
+    element: etree._Element, joints: Mapping[str, etree._Element], notes: list[str]
+) -> tuple[str | None, float, float]:
+    """Whom a joint follows, whomever that one follows, and how: ``multiplier · q + offset``."""
+    following, multiplier, offset, name = None, 1.0, 0.0, element.get("name")
+    while (mimic := element.find("mimic")) is not None:
+        written, follower = mimic.get("joint"), element.get("name")
+        leading = leader(follower, written, joints)
+        assert leading is not None, "the checks have seen to it"
+        if leading != written and following is None:
+            notes.append(f"joint {follower!r} mimics {written!r}, which is not in this file: read as {leading!r}")
+        offset += multiplier * _number(mimic, "offset", 0.0)
+        multiplier *= _number(mimic, "multiplier", 1.0)
+        following, element = leading, joints[leading]
+    if following is not None and element.get("type") == "fixed":
+        notes.append(f"joint {name!r} mimics {following!r}, which is fixed: read as a joint of its own")
+        return None, 1.0, 0.0
+    return following, multiplier, offset
+
+
+def _number(element: etree._Element, attribute: str, default: float) -> float:
+    """An element's number; the URDF's default where it is not there."""
+    return (numbers(element, attribute) or [default])[0]
 
 
 def _degrees(joints: tuple[Joint, ...]) -> list[str]:
@@ -220,25 +209,19 @@ def _turns_far(joint: Joint) -> bool:
     return joint.kind == "revolute" and any(MANY_TURNS < abs(x) < math.inf for x in (joint.lower, joint.upper))
 
 
-def _number(mimic: Any, name: str, default: float) -> float:
-    """A number of a mimic joint; the URDF's default where it is not there."""
-    value = getattr(mimic, name, None)
-    return default if value is None else float(value)
-
-
 def _for_pinocchio(robot: etree._Element, joints: tuple[Joint, ...], folder: Path) -> str:
-    """Write the URDF that Pinocchio reads."""
-    robot = copy.deepcopy(robot)
+    """Write the URDF that Pinocchio reads, out of a tree that is used up by it."""
     elements = {e.get("name"): e for e in robot.findall("joint")}
     for joint in joints:
         element = elements[joint.name]
-        for tag in ("limit", "dynamics", "safety_controller", "calibration"):
+        for tag in ("axis", "limit", "dynamics", "safety_controller", "calibration"):
             for child in element.findall(tag):
                 element.remove(child)
-        if joint.kind not in ("revolute", "continuous", "prismatic"):
+        if joint.kind == "fixed":
             continue
         if joint.kind == "continuous":
             element.set("type", "revolute")
+        etree.SubElement(element, "axis", xyz=" ".join(map(repr, joint.axis)))
         limit = etree.SubElement(element, "limit", effort=repr(NO_LIMIT))
         limit.set("lower", repr(max(joint.lower, -NO_LIMIT)))
         limit.set("upper", repr(min(joint.upper, NO_LIMIT)))

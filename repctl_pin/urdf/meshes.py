@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -26,4 +27,4 @@ def find_mesh(filename: str, urdf: Path, package_dirs: Sequence[str | Path]) -> 
         candidates += [folder / inside for folder in folders if folder.name == package]
     else:
         candidates = []
-    return next((path.resolve() for path in candidates if path.is_file()), None)
+    return next((path.resolve() for path in candidates if os.path.isfile(path)), None)  # False for any name

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 
 from lxml import etree
 
 from ..errors import UrdfError
 
 MAX_NESTING = 64  # XML elements, one inside the other
+MAX_ATTRIBUTES = 100  # of one element; libxml2 takes quadratic time to list them
 _LAST_LINE = 65535  # libxml2 counts no further
 
 _OTHERS = {
@@ -17,29 +19,36 @@ _OTHERS = {
     "html": "this is a web page, not a URDF: download the raw file",
     "collada": "this is a COLLADA mesh, not a URDF: give the .urdf that uses it",
 }
-_XACRO = "this is xacro, not URDF: run `xacro file.xacro > robot.urdf` first"
+_XACRO = "this is xacro, not URDF: name the file .xacro, or run `xacro file.xacro > robot.urdf` first"
 _DOCTYPE = "has a <!DOCTYPE>, which a URDF does not need; delete it, and the entities it declares"
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")
 
 
-def parse(data: bytes) -> etree._Element:
+def parse(data: bytes, notes: list[str]) -> etree._Element:
     """Parse bytes into a plain tree: links, joints and materials, no namespaces, no comments.
+
+    Parameters
+    ----------
+    data
+        The file.
+    notes
+        Gets a line for each kind of thing that is not XML, or not URDF, and was ignored as Pinocchio ignores it:
+        an unknown XML version, prefixes that nobody declares, leftover xacro, zero bytes at the end.
 
     Raises
     ------
     UrdfError
         If the bytes are not XML, are XML of another kind, or hold more than XML should.
     """
-    _refuse_other_files(data)
-    options = {"resolve_entities": False, "no_network": True, "load_dtd": False, "huge_tree": False}
-    try:
-        root = etree.fromstring(data, etree.XMLParser(**options))
-    except etree.XMLSyntaxError as error:
-        where, what = error.lineno, error.msg or "unreadable"
-        raise UrdfError(f"line {where}: not well-formed XML ({what}); is the file complete?") from error
+    whole = data.rstrip(b"\0") if not data.startswith(_UTF16) else data
+    if whole != data:
+        notes.append("ignored: zero bytes at the end of the file")
+    _refuse_other_files(whole)
+    root = _read_xml(whole, notes)
     if root.getroottree().docinfo.doctype:
         raise UrdfError(_DOCTYPE)
     _check_root(root)
+    _note_foreign(root, notes)
     robot = _plain(root)
     for child in list(robot):
         nameless = child.tag == "material" and not child.get("name")  # no shape can mean it
@@ -49,6 +58,58 @@ def parse(data: bytes) -> etree._Element:
         if any("${" in value or "$(" in value for value in element.attrib.values()):
             raise bad(element, f"a value holds ${{…}} or $(…); {_XACRO}")
     return robot
+
+
+def _read_xml(data: bytes, notes: list[str]) -> etree._Element:
+    """Parse; of what the parser complains about, only what changes no element is let pass."""
+    options = {"resolve_entities": False, "no_network": True, "load_dtd": False, "huge_tree": False}
+    parser = etree.XMLParser(recover=True, **options)
+    try:
+        root = etree.fromstring(data, parser)
+    except etree.XMLSyntaxError as error:
+        raise _not_xml(error.lineno, error.msg) from error
+    for entry in parser.error_log:
+        if entry.type_name != "ERR_UNKNOWN_VERSION" and entry.domain_name != "NAMESPACE":
+            raise _not_xml(entry.line, entry.message)
+    if root is None:
+        raise _not_xml(1, None)
+    if any(entry.type_name == "ERR_UNKNOWN_VERSION" for entry in parser.error_log):
+        notes.append("ignored: the version in <?xml version=…?>, read as 1.0")
+    return root
+
+
+def _not_xml(where: int, what: str | None) -> UrdfError:
+    return UrdfError(f"line {where}: not well-formed XML ({what or 'unreadable'}); is the file complete?")
+
+
+def _note_foreign(root: etree._Element, notes: list[str]) -> None:
+    """Say which leftover xacro elements and undeclared prefixes are passed over."""
+    elements = [e for e in root.iter() if isinstance(e.tag, str)]
+    xacro = [e for e in elements if _prefix(e) == "xacro"]
+    if xacro:
+        tags = _some(f"<xacro:{_local(e)}>" for e in xacro)
+        notes.append(f"ignored: {tags} in {line(xacro[0])}, left over from xacro; what it would add is not here")
+    names = [e.tag for e in elements] + [name for e in elements for name in e.attrib]
+    undeclared = [name.split(":")[0] for name in names if ":" in name and not name.startswith(("{", "xacro:"))]
+    if undeclared:
+        notes.append(f"ignored: elements and attributes of {_some(f'{prefix}:' for prefix in undeclared)}")
+
+
+def _some(names: Iterable[str], most: int = 3) -> str:
+    """List a few different names, and count the others."""
+    different = [short(name)[1:-1] for name in dict.fromkeys(names)]
+    more = f" and {len(different) - most} more" if len(different) > most else ""
+    return ", ".join(different[:most]) + more
+
+
+def _prefix(element: etree._Element) -> str | None:
+    """An element's prefix, declared or not."""
+    prefix, colon, _ = element.tag.partition(":")
+    return prefix if colon and not element.tag.startswith("{") else element.prefix
+
+
+def _local(element: etree._Element) -> str:
+    return element.tag.rpartition("}")[2].rpartition(":")[2]
 
 
 def _refuse_other_files(data: bytes) -> None:
@@ -86,8 +147,8 @@ def _after_prolog(data: bytes) -> bytes:
 
 
 def _check_root(root: etree._Element) -> None:
-    """Check the root's name, the nesting, and that no xacro is left anywhere."""
-    tag = etree.QName(root).localname
+    """Check the root's name, the nesting, the number of attributes, and that it is not raw xacro, nor SRDF."""
+    tag = _local(root)
     if tag.lower() in _OTHERS:
         raise UrdfError(_OTHERS[tag.lower()])
     if tag != "robot":
@@ -95,22 +156,24 @@ def _check_root(root: etree._Element) -> None:
     depth = 0
     for event, element in etree.iterwalk(root, events=("start", "end")):
         depth += 1 if event == "start" else -1
-        where = f"{line(element)}: <{element.prefix}:{etree.QName(element).localname}>"
-        if element.prefix == "xacro":
-            raise UrdfError(f"{where}: {_XACRO}")
         if depth > MAX_NESTING:
             raise UrdfError(f"{line(element)}: elements nest over {MAX_NESTING} deep; no robot does")
+        if len(element.attrib) > MAX_ATTRIBUTES:
+            raise UrdfError(f"{line(element)}: {len(element.attrib)} attributes in one element; no robot has them")
     tags = {child.tag for child in root}
+    xacro = next((e for e in root.iter() if isinstance(e.tag, str) and _prefix(e) == "xacro"), None)
+    if "link" not in tags and xacro is not None:
+        raise UrdfError(f"{line(xacro)}: <xacro:{_local(xacro)}>: {_XACRO}")
     if "link" not in tags and tags & {"group", "group_state"}:
         raise UrdfError("this is an SRDF (groups and poses), not a URDF: give the robot's .urdf")
 
 
 def _plain(element: etree._Element) -> etree._Element:
     """Copy an element without namespaces, comments and foreign children; keep the line numbers."""
-    attributes = {k: v for k, v in element.attrib.items() if not k.startswith("{")}
-    copy = etree.Element(etree.QName(element).localname, attributes)
+    attributes = {k: v for k, v in element.attrib.items() if not k.startswith("{") and ":" not in k}
+    copy = etree.Element(_local(element), attributes)
     copy.sourceline = min(element.sourceline, _LAST_LINE)
-    copy.extend([_plain(c) for c in element if isinstance(c.tag, str) and c.prefix is None])
+    copy.extend([_plain(c) for c in element if isinstance(c.tag, str) and _prefix(c) is None])
     return copy
 
 

@@ -26,9 +26,9 @@ def inspection(robot: Robot, redundancy: Mapping[str, Mapping[str, int]]) -> dic
     Returns
     -------
     dict
-        ``robot``, ``file``, ``links``, ``joints``, ``locked``, ``default_frame``, ``frames`` (for each the joints
-        that move it, its position at the reference pose, m, and its redundancy), ``frames_left_out`` (how many
-        more can be moved), ``meshes`` and ``warnings``.
+        ``robot``, ``file``, ``links``, ``joints``, ``locked``, ``driven``, ``default_frame``, ``frames`` (for each
+        the joints that move it, its position at the reference pose, m, and its redundancy), ``frames_left_out`` (how
+        many more can be moved), ``meshes`` and ``warnings``.
     """
     positions = robot.reference_positions()
     joints = {joint.name: joint for joint in robot.description.joints}
@@ -50,6 +50,11 @@ def inspection(robot: Robot, redundancy: Mapping[str, Mapping[str, int]]) -> dic
         "locked": [
             {"name": name, "why": f"mimics {joints[name].mimic}" if joints[name].mimic else joints[name].kind}
             for name in robot.locked
+        ],
+        "driven": [
+            {"name": j.name, "by": j.mimic, "multiplier": j.multiplier, "offset": j.offset}
+            for j in robot.joints.values()
+            if j.mimic is not None and j.name not in robot.locked
         ],
         "default_frame": robot.default_frame,
         "frames": {
@@ -88,6 +93,8 @@ def inspection_text(found: Mapping[str, Any]) -> str:
     ]
     if found["locked"]:
         lines += ["", "locked: " + ", ".join(f"{j['name']} ({j['why']})" for j in found["locked"])]
+    if found["driven"]:
+        lines += ["", "driven: " + ", ".join(f"{j['name']} (mimics {j['by']})" for j in found["driven"])]
     lines += _chains(found)
     lines += ["", *_frames(found)]
     lines += [f"note: {text}" for text in found["warnings"]]

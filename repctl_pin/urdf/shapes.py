@@ -1,0 +1,91 @@
+"""The visible shapes of a checked URDF, as plain data."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from lxml import etree
+
+from .checks import numbers
+
+Color = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
+class Visible:
+    """One ``<visual>``: a shape and where it is fixed to its link.
+
+    Attributes
+    ----------
+    name
+        The link's name and the number of the shape.
+    kind
+        ``mesh``, ``box``, ``cylinder``, ``sphere`` or ``capsule``.
+    size
+        box: three edges; cylinder and capsule: radius, length along z; sphere: radius, m; mesh: nothing.
+    color
+        Red, green, blue, opacity, 0 to 1; None where the file names none.
+    xyz, rpy
+        Origin, m and rad.
+    filename
+        Of a mesh, as written in the file; else ``""``.
+    scale
+        Of a mesh, along its own axes.
+    """
+
+    name: str
+    link: str
+    kind: str
+    size: tuple[float, ...]
+    color: Color | None
+    xyz: tuple[float, ...]
+    rpy: tuple[float, ...]
+    filename: str
+    scale: tuple[float, ...]
+
+
+def visible_shapes(robot: etree._Element) -> list[Visible]:
+    """Read every visual of a checked tree."""
+    colors: dict[str, Color] = {}
+    for material in robot.iterchildren("material"):
+        _color(material, colors)
+    return [
+        _visible(link.get("name"), k, visual, colors)
+        for link in robot.iterchildren("link")
+        for k, visual in enumerate(link.iterchildren("visual"))
+    ]
+
+
+def _visible(link: str, k: int, visual: etree._Element, colors: dict[str, Color]) -> Visible:
+    shape, origin = visual.find("geometry")[0], visual.find("origin")
+    sizes = {"box": ("size",), "sphere": ("radius",)}.get(shape.tag, ("radius", "length"))
+    values = [] if shape.tag == "mesh" else [numbers(shape, size) or () for size in sizes]
+    return Visible(
+        name=f"{link}_{k}",
+        link=link,
+        kind=shape.tag,
+        size=tuple(number for part in values for number in part),
+        color=_color(visual.find("material"), colors),
+        xyz=_three(origin, "xyz", 0.0),
+        rpy=_three(origin, "rpy", 0.0),
+        filename=shape.get("filename", "") if shape.tag == "mesh" else "",
+        scale=_three(shape if shape.tag == "mesh" else None, "scale", 1.0),
+    )
+
+
+def _three(element: etree._Element | None, attribute: str, default: float) -> tuple[float, ...]:
+    return tuple((None if element is None else numbers(element, attribute)) or (default,) * 3)
+
+
+def _color(material: etree._Element | None, known: dict[str, Color]) -> Color | None:
+    """Read a material's colour; of several by one name the first counts, as it does for Pinocchio."""
+    if material is None:
+        return None
+    name, color = material.get("name", ""), material.find("color")
+    values = None if color is None else numbers(color, "rgba")
+    if values is not None and name not in known:
+        r, g, b, a = values
+        if not name:
+            return (r, g, b, a)
+        known[name] = (r, g, b, a)
+    return known.get(name)

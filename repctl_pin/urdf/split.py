@@ -1,0 +1,76 @@
+"""Joints of several numbers, planar and floating, as joints of one number each."""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import numpy as np
+from lxml import etree
+
+from .checks import axis_of
+from .xml import bad
+
+Step: TypeAlias = tuple[str, str, tuple[float, ...]]  # suffix, kind, axis
+
+_X, _Y, _Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+_FLOATING: tuple[Step, ...] = (
+    ("x", "prismatic", _X),
+    ("y", "prismatic", _Y),
+    ("z", "prismatic", _Z),
+    ("yaw", "continuous", _Z),
+    ("pitch", "continuous", _Y),
+    ("roll", "continuous", _X),
+)
+
+
+def split_joints(robot: etree._Element, notes: list[str]) -> None:
+    """Replace planar joints by two slides and a turn, floating ones by three slides and three turns.
+
+    A planar joint moves in the plane that is normal to its axis, and turns about it. The turns of a floating
+    one are yaw, pitch and roll, singular where the pitch is ±π/2.
+    """
+    names = {element.get("name") for element in robot}
+    for joint in robot.findall("joint"):
+        if joint.get("type") not in ("planar", "floating"):
+            continue
+        steps = _planar(axis_of(joint)) if joint.get("type") == "planar" else _FLOATING
+        named = [f"{joint.get('name')}_{suffix}" for suffix, _, _ in steps]
+        taken = names & {*named, *(f"{name}_link" for name in named)}
+        if taken:
+            raise bad(joint, f"is split into {', '.join(named)}, but {taken.pop()!r} is taken; rename it")
+        notes.append(
+            f"joint {joint.get('name')!r} is {joint.get('type')}: read as {', '.join(named)}; "
+            "to hold them still, use --lock, or --base with a link behind them"
+        )
+        _replace(robot, joint, steps, named)
+
+
+def _planar(axis: tuple[float, float, float]) -> tuple[Step, ...]:
+    """Two directions in the plane, x and y where the axis is z, and the axis itself."""
+    a = np.array(axis)
+    u = np.eye(3)[(int(np.argmax(np.abs(a))) + 1) % 3]
+    u = u - (u @ a) * a
+    u /= np.linalg.norm(u)
+    return (("x", "prismatic", (*u,)), ("y", "prismatic", (*np.cross(a, u),)), ("yaw", "continuous", axis))
+
+
+def _replace(robot: etree._Element, joint: etree._Element, steps: tuple[Step, ...], names: list[str]) -> None:
+    """Put one joint for each step, with links without a body between, in a joint's place."""
+    at, parent = robot.index(joint), joint.find("parent").get("link")
+    robot.remove(joint)
+    for name, (_, kind, axis) in zip(names, steps, strict=True):
+        new, last = etree.Element("joint", name=name, type=kind), name == names[-1]
+        child = joint.find("child").get("link") if last else f"{name}_link"
+        etree.SubElement(new, "parent", link=parent)
+        etree.SubElement(new, "child", link=child)
+        etree.SubElement(new, "axis", xyz=" ".join(repr(float(x)) for x in axis))
+        if kind == "prismatic":
+            etree.SubElement(new, "limit", lower="-1e16", upper="1e16")
+        if name == names[0] and joint.find("origin") is not None:
+            new.append(joint.find("origin"))
+        added = [new] if last else [new, etree.Element("link", name=child)]
+        for element in added:
+            element.sourceline = joint.sourceline
+            robot.insert(at, element)
+            at += 1
+        parent = child
