@@ -23,7 +23,7 @@ def drive(design: rp.Design, start: np.ndarray, cycles: int, *extra) -> tuple[np
     task, robot = design.task, design.task.robot
     path = rp.circle(task, start, 0.1, normal="yz", start_angle=np.pi)
     targets = [path.placement(s) for s in np.linspace(0, 1, STEPS + 1)[1:]]
-    configuration = pink.Configuration(robot.model, robot.model.createData(), task.full(start))
+    configuration = pink.Configuration(robot.model, robot.model.createData(), robot.coupling.joints(task.full(start)))
     frame = FrameTask(task.frame, position_cost=1.0, orientation_cost=1.0)
     for other in extra:
         other.set_target_from_configuration(configuration)
@@ -62,7 +62,9 @@ def test_with_our_task_pink_closes_its_cycles(panda_design, away) -> None:
 def test_a_posture_task_from_there_jumps(panda_design, away, q_panda) -> None:
     """The usual remedy, for comparison: a posture 0.57 rad away pulls at the start."""
     posture = PostureTask(cost=1e-2)
-    posture.set_target_from_configuration = lambda configuration: posture.set_target(panda_design.task.full(q_panda))
+    posture.set_target_from_configuration = lambda configuration: posture.set_target(
+        panda_design.task.robot.coupling.joints(panda_design.task.full(q_panda))
+    )
     _, speed = drive(panda_design, away, 1, posture)
     _, ours = drive(panda_design, away, 1, RepeatableTask(panda_design.inverse))
     assert speed.max() > 5 * ours.max()
@@ -72,7 +74,7 @@ def test_error_and_jacobian_are_h_and_its_derivative(panda_design, panda, q_pand
     """Central differences of the error in pink's whole model, its fingers included."""
     model, task = panda.model, RepeatableTask(panda_design.inverse)
     rng = np.random.default_rng(0)
-    q = panda_design.task.full(q_panda)
+    q = panda.coupling.joints(panda_design.task.full(q_panda))
     task.set_target_from_configuration(pink.Configuration(model, model.createData(), q))
 
     def error(q: np.ndarray) -> np.ndarray:
