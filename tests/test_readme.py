@@ -43,6 +43,10 @@ WRITES = {
         "motion.csv",
         "trajectory.yaml",
     },
+    "export repctl-out/my_arm/design.json --robot my_arm.urdf --to c": {
+        *(f"c/arm_control.{end}" for end in ("h", "c", "hpp")),
+        *(f"c/{name}" for name in ("test_vectors.h", "check.c", "loop.c", "CMakeLists.txt")),
+    },
     "animate my_arm.urdf --live": set(),
     "robots": set(),
 }
@@ -186,6 +190,7 @@ def test_the_main_jobs_table_is_what_the_command_prints(
 def test_the_python_runs_and_its_arm_comes_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The block, and then each line of code in the text, with the names it leaves to the reader."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     (code,) = blocks("python")
     names: dict = {}
     out = io.StringIO()
@@ -206,6 +211,8 @@ def test_the_python_runs_and_its_arm_comes_back(tmp_path: Path, monkeypatch: pyt
         "design.inverse.velocity",
         "design.inverse.leaf",
         "design.inverse.step",
+        "rp.compiled",
+        "rp.export_c",
         "rp.save",
         "rp.load",
         "rp.study",
@@ -217,6 +224,7 @@ def test_the_python_runs_and_its_arm_comes_back(tmp_path: Path, monkeypatch: pyt
     inverse = names["design"].inverse
     assert np.allclose(calls["design.inverse.velocity"], inverse(q0) @ names["xdot"])
     assert (tmp_path / "panda.json").is_file() and np.array_equal(calls["rp.load"].inverse(q0), inverse(q0))
+    assert np.allclose(calls["rp.compiled"].velocity(q0, names["xdot"]), inverse.velocity(q0, names["xdot"]))
     assert calls["rp.follow"].drift[-1] > 0.01 and not calls["rp.is_repeatable"]
     audited = calls["rp.study"]
     assert np.allclose(audited.row("mine").motion.q, audited.row("pseudoinverse").motion.q, atol=1e-9)
