@@ -53,6 +53,7 @@ if TYPE_CHECKING:
     from .regions import Tube as Tube
     from .regions import WorkspaceBox as WorkspaceBox
     from .robot.absolute_angles import absolute_angles as absolute_angles
+    from .robot.bodies import Bodies as Bodies
     from .robot.robot import Robot as Robot
     from .robot.task import Task as Task
     from .show.notebook import inline as inline
@@ -72,6 +73,7 @@ if TYPE_CHECKING:
 _DOOR = {
     "errors": ("InputError", "RepctlError", "SingularityError", "UrdfError"),
     "robot.absolute_angles": ("absolute_angles",),
+    "robot.bodies": ("Bodies",),
     "robot.robot": ("Robot",),
     "robot.task": ("Task",),
     "regions": ("Box", "Tube", "WorkspaceBox"),

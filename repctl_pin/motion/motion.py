@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..robot.bodies import Nearest, bodies_of
 from ..robot.task import Task
 from ..strategies.control_step import speeds
 from .paths import TaskPath
@@ -81,6 +83,21 @@ class Motion:
     def limit_margin(self) -> Array:
         """Distance of every joint to its nearer limit: (T + 1, n); negative outside, inf where none."""
         return np.minimum(self.q - self.task.lower, self.task.upper - self.q)
+
+    @cached_property
+    def body_distance(self) -> Array:
+        """Least distance between the robot's own bodies along the motion: (T + 1,), m; below 0 they overlap.
+
+        Bodies are the URDF's collision shapes, meshes as their convex hulls; inf where there are none. See
+        :class:`Bodies`.
+        """
+        return bodies_of(self.task).distances(self.q)
+
+    @property
+    def nearest_bodies(self) -> tuple[float, Nearest]:
+        """When two of the robot's bodies come nearest, in cycles and fractions of one, and which they are."""
+        row = int(np.argmin(self.body_distance))
+        return row / self.steps, bodies_of(self.task).nearest(self.q[row])
 
     @property
     def first_violation(self) -> tuple[float, str] | None:

@@ -228,9 +228,13 @@ class Task:
         """
         return self._frame_jacobian(self._vector(q))[3:].T[[j - 1 for j in self._first]]
 
+    def bodies_model(self) -> tuple[pin.Model, Coupling | None]:
+        """The tree of all links, its root standing still, with the joints that q moves; and those joints out of q."""
+        return self._bodies, self._drive(self._bodies)
+
     def inertias(self, Q: ArrayLike) -> Array:
         """Evaluate the joint-space inertia M (K, n, n) of the chain, kg m² and kg; the tree's root stands still."""
-        model, drive = self._bodies, self._drive(self._bodies)
+        model, drive = self.bodies_model()
         Q = rows(Q, self.n, repr(self))
         data = model.createData()
         Ms = np.empty((len(Q), model.nv, model.nv))

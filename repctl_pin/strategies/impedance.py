@@ -66,7 +66,8 @@ class LeafImpedance:
         self.damping = positive(damping, "damping", zero=True)
         self.leaf_frequency = positive(leaf_frequency, "leaf_frequency", "rad/s", zero=True)
         self.leaf_damping = positive(leaf_damping, "leaf_damping", zero=True)
-        self._data = task.model.createData()
+        self._model, self._drive = task.bodies_model()
+        self._data = self._model.createData()
         try:
             np.linalg.cholesky(task.inertias(task.reference[None])[0])
         except np.linalg.LinAlgError:
@@ -113,8 +114,15 @@ class LeafImpedance:
             raise SingularityError("the arm is at a singularity: J or J_V loses rank") from None
         omega = self.leaf_frequency
         pull = omega**2 * (c - field.value(q)) - 2 * self.leaf_damping * omega * (V.T @ qdot)
-        b = pin.rnea(task.model, self._data, q, qdot, np.zeros(task.n))
-        return J.T @ self._force(q, qdot, J, inertia, target, twist) + P_V @ (leaf_inertia @ pull) + b
+        hand, elbow = J.T @ self._force(q, qdot, J, inertia, target, twist), P_V @ (leaf_inertia @ pull)
+        return hand + elbow + self._balance(q, qdot)
+
+    def _balance(self, q: Array, qdot: Array) -> Array:
+        """b (n,): what gravity and velocities ask of the joints; joints that mimic load those they follow."""
+        drive, rest = self._drive, np.zeros(self._model.nv)
+        if drive is None:
+            return pin.rnea(self._model, self._data, q, qdot, rest)
+        return drive.S.T @ pin.rnea(self._model, self._data, drive.joints(q), drive.S @ qdot, rest)
 
     def _force(self, q: Array, qdot: Array, J: Array, inertia: Array, target: pin.SE3, twist: Array | None) -> Array:
         """F (m,) of the hand's spring and damper."""

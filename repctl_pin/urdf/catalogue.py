@@ -135,15 +135,9 @@ def reference_posture(srdf: Path, state: str | None = None) -> dict[str, float]:
     InputError
         If the file cannot be read, or has no such state.
     """
-    from lxml import etree
-
     from .checks import finite
 
-    options = {"resolve_entities": False, "no_network": True, "load_dtd": False, "huge_tree": False}
-    try:
-        root = etree.fromstring(Path(srdf).read_bytes(), etree.XMLParser(**options))
-    except (OSError, etree.XMLSyntaxError) as error:
-        raise InputError(f"{srdf}: cannot be read as SRDF ({error}); check the file") from error
+    root = _read_srdf(srdf)
     states = {group.get("name"): group for group in root.iter("group_state")}
     if state is None:
         state = next((name for name, group in states.items() if group.find("joint") is not None), None)
@@ -158,6 +152,28 @@ def reference_posture(srdf: Path, state: str | None = None) -> dict[str, float]:
                 raise InputError(f"{srdf}: {joint.get('name')} = {words[0]!r} is not a finite number; correct it")
             posture[joint.get("name", "").rpartition("/")[2]] = value
     return posture
+
+
+def disabled_pairs(srdf: Path) -> set[frozenset[str]]:
+    """Read the pairs of links that an SRDF says need no look at whether they collide.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read.
+    """
+    pairs = _read_srdf(srdf).iter("disable_collisions")
+    return {frozenset(pair.get(key, "").rpartition("/")[2] for key in ("link1", "link2")) for pair in pairs}
+
+
+def _read_srdf(srdf: Path) -> Any:
+    from lxml import etree
+
+    options = {"resolve_entities": False, "no_network": True, "load_dtd": False, "huge_tree": False}
+    try:
+        return etree.fromstring(Path(srdf).read_bytes(), etree.XMLParser(**options))
+    except (OSError, etree.XMLSyntaxError) as error:
+        raise InputError(f"{srdf}: cannot be read as SRDF ({error}); check the file") from error
 
 
 def default_package_dirs(urdf_path: str | Path) -> list[str]:

@@ -16,7 +16,7 @@ from lxml import etree
 
 from ..errors import UrdfError
 from .checks import NO_LIMIT, axis_of, check, leader, numbers
-from .shapes import Visible, visible_shapes
+from .shapes import Solid, shapes_of
 from .split import split_joints
 from .xacro import expand
 from .xml import one_line, parse
@@ -62,8 +62,10 @@ class Description:
     ----------
     root : str
         The link nothing carries.
-    shapes : tuple of Visible
+    shapes : tuple of Solid
         What is to be drawn.
+    collisions : tuple of Solid
+        The bodies that must not touch.
     meshes : tuple of str
         Visual mesh files, as written in the file, each once.
     notes : tuple of str
@@ -80,7 +82,8 @@ class Description:
     joints: tuple[Joint, ...]
     links: tuple[str, ...]
     root: str
-    shapes: tuple[Visible, ...]
+    shapes: tuple[Solid, ...]
+    collisions: tuple[Solid, ...]
     meshes: tuple[str, ...]
     notes: tuple[str, ...]
     xml: str
@@ -104,7 +107,7 @@ def read_urdf(path: str | Path) -> Description:
         joints = tuple(_joint(element, elements, notes) for element in elements.values())
     except UrdfError as error:
         raise UrdfError(one_line(f"{path}: {error}")) from error
-    shapes = visible_shapes(robot)
+    shapes = shapes_of(robot, "visual")
     if len(shapes) > MAX_SHAPES:
         notes.append(f"{len(shapes)} shapes: only the first {MAX_SHAPES} are drawn")
     return Description(
@@ -114,6 +117,7 @@ def read_urdf(path: str | Path) -> Description:
         links=tuple(link.get("name") for link in robot.findall("link")),
         root=root,
         shapes=tuple(shapes[:MAX_SHAPES]),
+        collisions=tuple(shapes_of(robot, "collision")[:MAX_SHAPES]),
         meshes=tuple(dict.fromkeys(shape.filename for shape in shapes if shape.filename)),
         notes=tuple(one_line(note) for note in [*notes, *_degrees(joints)]),
         xml=_for_pinocchio(robot, joints, path.absolute().parent),

@@ -1,4 +1,4 @@
-"""The visible shapes of a checked URDF, as plain data."""
+"""The shapes of a checked URDF, visible ones and bodies that collide, as plain data."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ Color = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True)
-class Visible:
-    """One ``<visual>``: a shape and where it is fixed to its link.
+class Solid:
+    """One ``<visual>`` or ``<collision>``: a shape and where it is fixed to its link.
 
     Attributes
     ----------
@@ -44,28 +44,28 @@ class Visible:
     scale: tuple[float, ...]
 
 
-def visible_shapes(robot: etree._Element) -> list[Visible]:
-    """Read every visual of a checked tree."""
+def shapes_of(robot: etree._Element, tag: str) -> list[Solid]:
+    """Read every ``visual`` or every ``collision`` of a checked tree."""
     colors: dict[str, Color] = {}
     for material in robot.iterchildren("material"):
         _color(material, colors)
     return [
-        _visible(link.get("name"), k, visual, colors)
+        _solid(link.get("name"), k, element, colors)
         for link in robot.iterchildren("link")
-        for k, visual in enumerate(link.iterchildren("visual"))
+        for k, element in enumerate(link.iterchildren(tag))
     ]
 
 
-def _visible(link: str, k: int, visual: etree._Element, colors: dict[str, Color]) -> Visible:
-    shape, origin = visual.find("geometry")[0], visual.find("origin")
+def _solid(link: str, k: int, element: etree._Element, colors: dict[str, Color]) -> Solid:
+    shape, origin = element.find("geometry")[0], element.find("origin")
     sizes = {"box": ("size",), "sphere": ("radius",)}.get(shape.tag, ("radius", "length"))
     values = [] if shape.tag == "mesh" else [numbers(shape, size) or () for size in sizes]
-    return Visible(
+    return Solid(
         name=f"{link}_{k}",
         link=link,
         kind=shape.tag,
         size=tuple(number for part in values for number in part),
-        color=_color(visual.find("material"), colors),
+        color=_color(element.find("material"), colors),
         xyz=_three(origin, "xyz", 0.0),
         rpy=_three(origin, "rpy", 0.0),
         filename=shape.get("filename", "") if shape.tag == "mesh" else "",
