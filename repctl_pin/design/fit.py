@@ -21,7 +21,7 @@ from .criterion import Builder, evaluate, oriented_nullspace
 from .descend import Descent, descend, start
 from .independence import Independent, independent
 from .judgement import judge
-from .progress import Report
+from ..progress import Report
 from .result import Design
 from .search import SingularRegionError, dexterity, refuse_singular, search, signed_leaf_margin
 from .workers import hand_out

@@ -15,7 +15,7 @@ from ..fields.field import Field
 from ..fields.polynomial import Polynomial
 from ..regions import Region
 from ..strategies.strategy import AN_INVERSE, Batched, Inverse
-from . import progress as reporting
+from .. import progress as reporting
 from .fit import fit
 from .judgement import REPLICATES
 from .result import Design

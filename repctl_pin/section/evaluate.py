@@ -1,0 +1,172 @@
+"""One evaluation of q = F(x), from nothing: a polynomial for where to begin, and two or three Newton steps.
+
+Closures over preallocated memory, see :mod:`repctl_pin.robot.inplace`: in 20 µs it is the calls that count.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+from scipy.linalg.blas import daxpy, dcopy, dgemv, idamax
+from scipy.linalg.lapack import dgesv
+
+from ..robot.inplace import in_place
+from ..robot.task import Task
+from .cell import TURNED, Cell
+from .chart import Chart
+
+Array = NDArray[np.float64]
+
+_MOST = 12
+_STEP = 0.3
+_EDGE = 1 + 1e-9
+_ENOUGH = 1e-5
+"""A Newton step, rad or m, after which the error, quadratic in it, is at rounding level."""
+
+
+class OutsideError(Exception):
+    """The target has to be looked at more closely: it is outside the cell, or Newton's method does not converge."""
+
+
+def evaluation(chart: Chart) -> Callable[[pin.SE3, Array | None], Array]:
+    """Make the function (target, leaf or None) → q (n,) of a chart. Not to be shared between threads."""
+    task = chart.cell.task
+    n, m, r = task.n, task.m, task.r
+    memory = np.zeros(n * n + n)
+    J_V, rhs = memory[: n * n].reshape((n, n), order="F"), memory[n * n :]
+    upper, lower, bottom = J_V[:m], J_V[m:], rhs[m:]
+    jacobian = in_place(task, upper, rhs[:m]).jacobian
+    aim, error = _errors(task, upper, rhs[:m])
+    u, locate = _locator(chart.cell)
+    T, monomials = _monomials(chart, u)
+    C_T = np.asfortranarray(np.moveaxis(chart.coefficients, 0, -1).swapaxes(0, 1).reshape(n * (1 + r), -1))
+    both = np.zeros(n * (1 + r))
+    q_ref, n_T = both[:n], both[n:].reshape(r, n)
+    n_F = n_T.T  # (n, r), column-major: a view
+    away, k, subtract = np.zeros(n), len(u), np.subtract
+
+    def evaluate(target: pin.SE3, leaf: Array | None = None) -> Array:
+        p, R = target.translation, target.rotation
+        locate(p, R)
+        if not abs(u[idamax(u, k)]) <= _EDGE:
+            raise OutsideError
+        monomials()
+        dgemv(1.0, C_T, T, 0.0, both, 0, 1, 0, 1, 0, 1)
+        q = q_ref.copy()
+        if leaf is not None:
+            q += leaf @ n_T
+        aim(target, p, R)
+        for _ in range(_MOST):
+            jacobian(q)
+            lower[:] = n_T
+            error()
+            subtract(q_ref, q, away)
+            dgemv(1.0, n_F, away, 0.0, bottom, 0, 1, 0, 1, 1, 1)
+            if leaf is not None:
+                bottom[:] += leaf
+            _, _, step, info = dgesv(J_V, rhs, 1, 0)
+            size = abs(step[idamax(step, n)])
+            if info or not size < np.inf:
+                raise OutsideError
+            daxpy(step, q, n, 1.0 if size <= _STEP else _STEP / size)
+            if size < _ENOUGH:
+                return q
+        raise OutsideError
+
+    return evaluate
+
+
+def _errors(task: Task, J: Array, e: Array) -> tuple[Callable[[pin.SE3, Array, Array], None], Callable[[], None]]:
+    """Take a target once, and write the task error to it, at the q of the last Jacobian, as often as asked."""
+    if task.kind == "pose":
+        here = task._data.oMf[task._frame_id]
+        p, R_T, turn, log3 = here.translation, here.rotation.T, np.empty((3, 3)), pin.log3
+        p_goal, R_goal, linear, angular = np.zeros(3), np.zeros((3, 3)), e[:3], e[3:]
+        multiply, subtract = R_goal.dot, np.subtract
+
+        def aim(target: pin.SE3, p: Array, R: Array) -> None:
+            p_goal[:] = p
+            R_goal[:] = R
+
+        def error() -> None:
+            subtract(p_goal, p, linear)
+            angular[:] = log3(multiply(R_T, turn))
+
+        return aim, error
+    write, goal = in_place(task, J, e).error, [pin.SE3.Identity()]
+
+    def aim_at(target: pin.SE3, p: Array, R: Array) -> None:
+        goal[0] = target
+
+    return aim_at, lambda: write(goal[0])
+
+
+def _locator(cell: Cell) -> tuple[Array, Callable[[Array, Array], None]]:
+    """Memory for u (k,), and the function that writes the coordinates of a position and rotation there."""
+    p_0, R_0T = cell.placement.translation.copy(), cell.placement.rotation.T.copy()
+    positions, on = len(cell.half_width), np.flatnonzero(cell.widths)
+    rows, inverse = cell.task.rows[on[on < positions]], 1.0 / cell.widths[on]
+    u, y, turn = np.zeros(cell.k), np.zeros(6), np.empty((3, 3))
+    linear, subtract, multiply, log3 = y[:3], np.subtract, np.multiply, pin.log3
+    held, off = np.flatnonzero(cell.widths == 0), np.zeros(6)
+    fixed, none = off[: len(held)], np.full(cell.k, np.inf)
+
+    def whole(p: Array, R: Array) -> None:
+        subtract(p, p_0, linear)
+        dcopy(log3(R.dot(R_0T, turn)), y, 3, 0, 1, 3)
+        multiply(y, inverse, u)
+
+    def poses(p: Array, R: Array) -> None:
+        subtract(p, p_0, linear)
+        dcopy(log3(R.dot(R_0T, turn)), y, 3, 0, 1, 3)
+        y.take(held, None, fixed, "clip")
+        multiply(y.take(on), inverse, u)
+        if not abs(fixed[idamax(fixed)]) <= TURNED:
+            u[:] = none
+
+    def points(p: Array, R: Array) -> None:
+        subtract(p, p_0, linear)
+        multiply(linear.take(rows), inverse, u)
+
+    def axes(p: Array, R: Array) -> None:
+        U, turned = cell.coordinates(p[None], R[None])
+        u[:] = U[0] if turned[0] <= TURNED else none
+
+    if cell.task.kind == "pose":
+        return u, poses if len(held) else whole
+    return u, axes if cell.task.kind == "axis" or len(held) else points
+
+
+def _monomials(chart: Chart, u: Array) -> tuple[Array, Callable[[], None]]:
+    """Memory for the monomials T (N,), and the function that evaluates them at u: by products of shorter ones."""
+    monomials = chart.monomials
+    T = np.ones(monomials.size)
+    at = {tuple(e): i for i, e in enumerate(monomials.exponents.tolist())}
+    linear = T[1 : 1 + monomials.k]
+    stages, done = [], 1
+    while done < monomials.degree:
+        following = min(2 * done, monomials.degree)
+        part = slice(monomials.starts[done + 1], monomials.starts[following + 1])
+        first, second = [], []
+        for alpha in monomials.exponents[part].tolist():
+            left, taken = [0] * len(alpha), 0
+            for i, power in enumerate(alpha):  # the factors of the first ``done`` degrees, and the rest
+                left[i] = min(power, done - taken)
+                taken += left[i]
+            first.append(at[tuple(left)])
+            second.append(at[tuple(a - b for a, b in zip(alpha, left, strict=True))])
+        stages.append((np.array(first), np.array(second), np.empty(len(first)), np.empty(len(first)), T[part]))
+        done = following
+    take, multiply = T.take, np.multiply
+
+    def evaluate() -> None:
+        linear[:] = u
+        for first, second, a, b, out in stages:
+            take(first, None, a, "clip")
+            take(second, None, b, "clip")
+            multiply(a, b, out)
+
+    return T, evaluate

@@ -1,0 +1,146 @@
+"""What a function of a cell is worth, on poses that it was not fitted to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..redundancy import leaf_margin
+from ..strategies.strategy import Batched
+from .chart import Chart, Points
+from .kinematics import bases, margins
+from .stops import Stop, broken_limit, folded, unreached
+
+Array = NDArray[np.float64]
+
+_BLOCK = 4096
+_FOLDED = 0.05
+"""The leaf margin at which a section counts as folded."""
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """Figures on held-out poses. Those of speed are over the poses that the function covers.
+
+    Attributes
+    ----------
+    cost, cost_error : float
+        ``mean ‖(∂F − G_d E) C‖²``, and its standard error.
+    extra_speed, extra_speed_error : float
+        ``√(mean ‖∂F C‖² / mean ‖G_d E C‖²) − 1``, and its standard error.
+    extra_speed_worst : float
+        The largest ``‖∂F C‖ / ‖G_d E C‖ − 1`` of one pose.
+    limit_margin : float
+        The least distance of a joint to its limit, rad or m.
+    smallest_singular_value : float
+        The least σ_min of J.
+    leaf_margin : float
+        The least ``σ_min(Nᵀ n̂_ref)``.
+    residual : float
+        The largest task error, m or rad.
+    coverage : float
+        The share of poses with joints inside the limits, on one sheet.
+    stops : tuple of Stop
+        What stops it elsewhere, and at the corners.
+    """
+
+    cost: float
+    cost_error: float
+    extra_speed: float
+    extra_speed_error: float
+    extra_speed_worst: float
+    limit_margin: float
+    smallest_singular_value: float
+    leaf_margin: float
+    residual: float
+    coverage: float
+    stops: tuple[Stop, ...]
+
+
+@dataclass(frozen=True)
+class Speeds:
+    """Joint speeds at points of a section, per unit of task speed, and where the section is sound.
+
+    Attributes
+    ----------
+    difference, own, wanted : (K,) arrays
+        ``‖(∂F − G_d E) C‖²``, ``‖∂F C‖²`` and ``‖G_d E C‖²``; NaN where it is not sound.
+    smallest, leaf : (K,) arrays
+        σ_min of J, and the leaf margin.
+    side : (K,) array
+        The sign of det [J; n_refᵀ].
+    """
+
+    difference: Array
+    own: Array
+    wanted: Array
+    smallest: Array
+    leaf: Array
+    side: Array
+
+
+def speeds(desired: Batched, chart: Chart, at: Points, ds: Array | None = None) -> Speeds:
+    """Measure a section at points of it."""
+    cell, K, r = chart.cell, len(at.U), chart.cell.task.r
+    J_V = np.concatenate([at.J, np.swapaxes(at.n_ref, 1, 2)], axis=1)
+    _, N, s = bases(at.J, at.n_ref)
+    leaf = leaf_margin(N, at.n_ref)
+    sound = at.found & (s[:, -1] > 1e-5 * s[:, 0]) & (leaf > 1e-6)
+    three = np.full((3, K), np.nan)
+    if sound.any():
+        good = at.chosen(sound)
+        dF, _ = chart.derivative(good, np.zeros((len(good.U), r, cell.k)) if ds is None else ds[sound])
+        C = cell.speeds(good.U)
+        wanted = desired.batch(good.Q, good.J) @ cell.twists(good.U, good.R) @ C
+        own = dF @ C
+        three[:, sound] = [((x) ** 2).sum(axis=(1, 2)) for x in (own - wanted, own, wanted)]
+    return Speeds(three[0], three[1], three[2], s[:, -1], leaf, np.sign(np.linalg.det(J_V)))
+
+
+def judge(desired: Batched, chart: Chart, count: int, seed: int) -> Judgement:
+    """Judge the section s = 0 of a chart on Sobol points, and on the cell's corners for what stops it."""
+    cell = chart.cell
+    U = np.concatenate([cell.sample(count, seed), cell.corners()])
+    parts, found = [], []
+    for start in range(0, len(U), _BLOCK):
+        points = chart.solve(U[start : start + _BLOCK], np.zeros((len(U[start : start + _BLOCK]), cell.task.r)))
+        parts.append(points)
+        found.append(speeds(desired, chart, points))
+    names = ("difference", "own", "wanted", "smallest", "leaf", "side")
+    every = Speeds(*(np.concatenate([getattr(x, name) for x in found]) for name in names))
+    Q, ok, residual = (np.concatenate([getattr(x, name) for x in parts]) for name in ("Q", "found", "residual"))
+    middle = chart.solve(np.zeros((1, cell.k)), np.zeros((1, cell.task.r)))
+    side = speeds(desired, chart, middle).side[0]
+    room = margins(cell.task, Q).min(axis=1)
+    ok &= np.isfinite(every.own)
+    sheet = ok & (every.side == side) & (every.leaf > _FOLDED)
+    covered = sheet & (room >= 0)
+    inner = slice(count)
+    c = covered[inner]
+    near = np.concatenate([middle.Q, Q[covered][:: max(1, len(U) // 7)][:7]])
+    stops = [
+        broken_limit(cell, U[sheet], Q[sheet], len(U)),
+        *unreached(cell, U[~ok], near, len(U)),
+        folded(cell, U[ok & ~sheet], len(U)),
+    ]
+    if not c.any():
+        nothing = float("nan")
+        return Judgement(*(nothing,) * 9, 0.0, tuple(s for s in stops if s))
+    difference, own, wanted = every.difference[inner][c], every.own[inner][c], every.wanted[inner][c]
+    ratio = own.mean() / wanted.mean()
+    spread = (own - ratio * wanted).std() / wanted.mean() / np.sqrt(len(own))  # of a ratio of means
+    return Judgement(
+        cost=float(difference.mean()),
+        cost_error=float(difference.std() / np.sqrt(len(difference))),
+        extra_speed=float(np.sqrt(ratio) - 1),
+        extra_speed_error=float(spread / (2 * np.sqrt(ratio))),
+        extra_speed_worst=float(np.sqrt((own / wanted).max()) - 1),
+        limit_margin=float(room[inner][sheet[inner]].min()),
+        smallest_singular_value=float(every.smallest[inner][c].min()),
+        leaf_margin=float(every.leaf[inner][c].min()),
+        residual=float(residual[inner][c].max()),
+        coverage=float(c.mean()),
+        stops=tuple(s for s in stops if s),
+    )

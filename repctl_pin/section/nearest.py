@@ -1,0 +1,340 @@
+"""Find the inverse kinematic function over a cell that is nearest to a desired control, and judge it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from math import comb
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .. import progress as reporting
+from ..arguments import positive, wanted, whole
+from ..errors import InputError
+from ..strategies.strategy import AN_INVERSE, Batched, Inverse
+from .cell import Cell
+from .chart import Chart
+from .cost import Cost
+from .descend import Descent, descend
+from .judgement import judge
+from .kinematics import bases, margins
+from .middle import given, searched
+from .monomials import Monomials
+from .reference import Rays, fitted, rays
+from .result import CellDesign
+from .stops import Stop, broken_limit, round_the_base, unreached
+
+Array = NDArray[np.float64]
+
+_FRESH = 8192
+_MOST_UNKNOWNS = 260
+_MOST_TERMS = 220
+_WORTHWHILE = 0.05
+_WEIGHTS = (1e2, 1e5)
+"""Of the joint limits in the cost: the first, and the last after raising it tenfold again and again."""
+
+_VIOLATORS = 96
+_CLOSE = 3e-5
+"""How closely, rad, the last chart follows the section; Newton's method then takes two steps."""
+
+
+class NoFunctionError(InputError):
+    """There is no single function over a cell: the sentence names the pose, what stops it there, and what would fit.
+
+    Attributes
+    ----------
+    stops : tuple of Stop
+    fits : float
+        The factor by which the cell, scaled about its middle, would work; 0 where none does.
+    """
+
+    def __init__(self, message: str, stops: tuple[Stop, ...], fits: float) -> None:
+        super().__init__(message)
+        self.stops, self.fits = stops, fits
+
+
+def nearest_inverse_function(
+    desired: Inverse,
+    cell: Cell,
+    *,
+    posture: ArrayLike | None = None,
+    degree: int | Literal["auto"] = "auto",
+    room: float = 0.05,
+    incomplete: Literal["refuse", "shrink", "keep"] = "refuse",
+    samples: int | None = None,
+    fresh: int = _FRESH,
+    seed: int = 0,
+    progress: bool | Callable[[str, float], None] = False,
+) -> CellDesign:
+    """Find ``q = F(x)`` over a cell, nearest to a desired control in the mean: ``min mean ‖∂F/∂x − G_d(F)‖_F²``.
+
+    A reference along the straight rays of the cell under G_d; then sections beside it, ``n_refᵀ (F − q_ref) = s(u)``
+    with s a polynomial, by Gauss–Newton; joint limits cost as they come near.
+
+    Parameters
+    ----------
+    desired
+        G_d, any strategy with ``J G = I``.
+    cell
+        The poses.
+    posture : (n,) array, optional
+        The joints in the cell's middle. By default the self-motion there is searched for the most room.
+    degree
+        Of s; ``"auto"`` raises it from 1 until the cost stops falling by 5 %.
+    room
+        The distance, rad or m, from joint limits that is kept where it can be.
+    incomplete
+        Where no single function covers the cell: ``"refuse"`` it and say what would fit, ``"shrink"`` the cell about
+        its middle, or ``"keep"`` the function on the part it covers.
+    samples, fresh
+        Nodes of the fit, by default as many as the unknowns ask for; and of the judgement.
+    seed
+        Fixes the nodes, and the search for a posture.
+    progress
+        True for a bar on stderr, or a function that takes what is being done, and its share done.
+
+    Returns
+    -------
+    CellDesign
+        ``function``, ``inverse``, and what they are worth; ``summary()`` says it in words.
+
+    Raises
+    ------
+    InputError
+        If the task is not redundant, the cell is another task's, or its middle cannot be reached.
+    NoFunctionError
+        If no single function covers the cell.
+    """
+    wanted(desired, Batched, "desired", AN_INVERSE)
+    wanted(cell, Cell, "cell", "a cell, such as rp.Cell(task, placement, 0.1)")
+    if incomplete not in ("refuse", "shrink", "keep"):
+        raise InputError(f"incomplete must be 'refuse', 'shrink' or 'keep', not {incomplete!r}")
+    if desired.task.as_dict() != cell.task.as_dict():
+        raise InputError(f"the control is for {desired.task!r}, the cell for {cell.task!r}; make both for one task")
+    if cell.task.r < 1:
+        raise InputError(f"{cell.task!r} is not redundant: with r = {cell.task.r} its joints are given by the pose")
+    if degree != "auto":
+        degree = whole(degree, "degree")
+        if comb(cell.k + degree, degree) * cell.task.r > 4 * _MOST_UNKNOWNS:
+            raise InputError(f"degree {degree} in {cell.k} coordinates makes more than {4 * _MOST_UNKNOWNS} unknowns")
+    work = _Work(
+        desired,
+        degree,
+        positive(room, "room", "rad", zero=True),
+        None if samples is None else whole(samples, "samples", 16),
+        whole(fresh, "fresh", 64),
+        int(seed),
+    )
+    with reporting.reporter(progress) as report:
+        report("the middle posture", 0.0)
+        postures = searched(desired, cell, work.seed) if posture is None else given(cell, posture)[None]
+        q, found = work.best(cell, postures, report)
+        if isinstance(found, CellDesign) and (found.coverage == 1.0 or incomplete == "keep"):
+            return found
+        stops = found.stops if isinstance(found, CellDesign) else found
+        fits, smaller = _largest(work, cell, q, report)
+        if incomplete == "shrink" and smaller is not None:
+            return smaller
+        raise _refusal(cell, stops, fits, keep=isinstance(found, CellDesign))
+
+
+@dataclass(frozen=True)
+class _Work:
+    """What a search was asked for."""
+
+    desired: Inverse
+    degree: int | Literal["auto"]
+    room: float
+    samples: int | None
+    fresh: int
+    seed: int
+
+    def best(
+        self, cell: Cell, postures: Array, report: reporting.Report
+    ) -> tuple[Array, CellDesign | tuple[Stop, ...]]:
+        """Design from the first posture; where that leaves too little room, from the best of the others too."""
+        first = self.design(cell, postures[0], report)
+        if len(postures) == 1 or _rank(first, self.room) >= (1.0, 0.4 * self.room):
+            return postures[0], first
+        quick = []
+        for i, q in enumerate(postures):
+            report(f"posture {i + 1} of {len(postures)}", 0.1)
+            quick.append(_rank(self.design(cell, q, _silent, quick=True), self.room))
+        order = sorted(range(len(postures)), key=lambda i: quick[i], reverse=True)
+        designs = [(postures[0], first)]
+        for i in [i for i in order if i][:2]:
+            designs.append((postures[i], self.design(cell, postures[i], report)))
+            if _rank(designs[-1][1], self.room) >= (1.0, 0.4 * self.room):
+                break
+        return max(designs, key=lambda pair: _rank(pair[1], self.room))
+
+    def design(
+        self, cell: Cell, q: Array, report: reporting.Report, *, quick: bool = False
+    ) -> CellDesign | tuple[Stop, ...]:
+        """Design over one cell; what stops it, where there is nothing to design with."""
+        report("the reference", 0.1)
+        edge = cell.corners()
+        count = self.samples or (128 if quick else max(256, _power_of_two(3 * _terms(cell, self._highest(cell)))))
+        U = cell.sample(count, self.seed + 1)
+        ends = rays(self.desired, cell, q, np.concatenate([U, edge]))
+        good = ends.reached == 1
+        if good[:count].mean() < 0.5:
+            return _why(cell, ends, len(U))
+        chart = fitted(cell, ends.U[good], ends.Q[good], ends.N[good], 2 if cell.k > 4 else 4)
+        U, edge = U[good[:count]], edge[good[count:]]
+        at_rest = chart.solve(np.concatenate([U, edge]), np.zeros((len(U) + len(edge), cell.task.r))).found
+        U, edge = U[at_rest[: len(U)]], edge[at_rest[len(U) :]]
+        if len(U) < count / 4:
+            return _why(cell, ends, count)
+        descent, terms, degrees = self._descended(cell, chart, U, edge, report, quick)
+        if not np.isfinite(descent.value.cost):
+            return _why(cell, ends, count)
+        report("the last chart", 0.7)
+        chart = _recharted(cell, chart, descent, terms)
+        report("the judgement", 0.8)
+        judgement = judge(self.desired, chart, 512 if quick else self.fresh, self.seed + 2)
+        return CellDesign.of(self.desired, chart, judgement, degrees=degrees, samples=len(U), fresh=self.fresh,
+                             seed=self.seed, room=self.room, steps=descent.steps)  # fmt: skip
+
+    def _highest(self, cell: Cell) -> int:
+        """The highest degree that is tried."""
+        if self.degree != "auto":
+            return int(self.degree)
+        d = 1
+        while d < 6 and _terms(cell, d + 1) * cell.task.r <= _MOST_UNKNOWNS:
+            d += 1
+        return d
+
+    def _descended(
+        self, cell: Cell, chart: Chart, U: Array, edge: Array, report: reporting.Report, quick: bool
+    ) -> tuple[Descent, Monomials, tuple[tuple[int, float], ...]]:
+        """Minimise the cost, degree by degree, then with the joint limits in it; and the degrees tried."""
+        highest = min(2, self._highest(cell)) if quick else self._highest(cell)
+        best: list[Descent] = []
+        tried: list[tuple[int, float]] = []
+        for d in [highest] if self.degree != "auto" or quick else range(1, highest + 1):
+            report(f"degree {d}", 0.2 + 0.3 * d / highest)
+            terms = Monomials(cell.k, d)
+            nodes = U[: max(256, _power_of_two(3 * terms.size))]
+            best.append(descend(Cost(self.desired, chart, terms, nodes, edge[:0]), _padded(best, terms, cell.task.r)))
+            tried.append((d, best[-1].value.nearness))
+            costs = [cost for _, cost in tried[-3:]]
+            if len(costs) == 3 and min(costs[1:]) > (1 - _WORTHWHILE) * costs[0]:
+                break
+        return self._kept_inside(cell, chart, nodes, edge, best[-1], terms, report, quick), terms, tuple(tried)
+
+    def _kept_inside(
+        self, cell: Cell, chart: Chart, nodes: Array, edge: Array, descent: Descent, terms: Monomials,
+        report: reporting.Report, quick: bool,
+    ) -> Descent:  # fmt: skip
+        """Put a price on the nearness of joint limits, and on the poses where they are broken, until they are kept."""
+        watched = np.concatenate([cell.sample(512 if quick else 4096, self.seed + 3), edge])
+        values, steps, weight = terms.values(watched), descent.steps, _WEIGHTS[0]
+        edge = edge[:0]
+        for i in range(5 if quick else 9):
+            report("joint limits", 0.5 + 0.03 * i)
+            points = chart.solve(watched, values @ descent.a)
+            close = np.where(points.found, margins(cell.task, points.Q).min(axis=1), np.inf)
+            if close.min() >= 0.6 * self.room:
+                break
+            worst = np.argsort(close)[:_VIOLATORS]
+            edge = np.unique(np.concatenate([edge, watched[worst[close[worst] < self.room]]]), axis=0)
+            cost = Cost(self.desired, chart, terms, nodes, edge, room=self.room, weight=weight)
+            stiffer = descend(cost, descent.a, enough=1e-3)
+            if not np.isfinite(stiffer.value.cost):
+                break
+            descent, steps = stiffer, steps + stiffer.steps
+            weight = min(10 * weight, _WEIGHTS[1])
+        return replace(descent, steps=steps)
+
+
+def _recharted(cell: Cell, chart: Chart, descent: Descent, terms: Monomials) -> Chart:
+    """Write a section in a chart that follows it closely: q_ref its joints, n_ref its null space, s = 0."""
+    degree = max(terms.degree, chart.monomials.degree, 3)
+    while degree < 8 and _terms(cell, degree + 1) <= _MOST_TERMS:
+        degree += 1
+    for d in range(max(terms.degree, 3), degree + 1):
+        U = np.concatenate([cell.sample(_power_of_two(3 * _terms(cell, d)), 7), cell.corners()])
+        U = np.concatenate([U, np.sign(U) * np.abs(U) ** 0.5])  # more of them near the edges
+        points = chart.solve(U, terms.values(U) @ descent.a)
+        good = points.found
+        N = bases(points.J[good], points.n_ref[good])[1]
+        found = fitted(cell, U[good], points.Q[good], N, d)
+        away = np.abs(found.reference(U[good])[0] - points.Q[good]).max()
+        if away < _CLOSE:
+            break
+    return found
+
+
+def _why(cell: Cell, ends: Rays, count: int) -> tuple[Stop, ...]:
+    """Say what stops rays that did not reach their ends."""
+    bad = ends.reached < 1
+    near = ends.Q[np.argsort(-ends.reached)[:8]]
+    stops = unreached(cell, ends.U[bad], near, count)
+    limit = broken_limit(cell, ends.U[~bad], ends.Q[~bad], count)
+    return tuple(stops) if limit is None else (*stops, limit)
+
+
+def _largest(work: _Work, cell: Cell, q: Array, report: reporting.Report) -> tuple[float, CellDesign | None]:
+    """Find the largest factor, to 3 %, by which the cell can be scaled about its middle so that it is covered."""
+    low, high, best = 0.0, 1.0, None
+    factor = 0.5
+    while high - low > 0.03 * max(high, 0.3):
+        report(f"what would fit: {factor:.0%}", 0.9)
+        found = work.design(cell.scaled(factor), q, _silent, quick=True)
+        if isinstance(found, CellDesign) and found.coverage == 1.0 and not found.stops:
+            low = factor
+        else:
+            high = factor
+        factor = (low + high) / 2
+    while low > 0.05:  # the quick look was coarse
+        found = work.design(cell.scaled(low), q, _silent)
+        if isinstance(found, CellDesign) and found.coverage == 1.0:
+            best = found
+            break
+        low *= 0.93
+    return (low if best is not None else 0.0), best
+
+
+def _refusal(cell: Cell, stops: tuple[Stop, ...], fits: float, *, keep: bool) -> NoFunctionError:
+    """Say in one line why there is no function, and what would fit."""
+    stops = tuple(sorted(stops, key=lambda stop: -stop.share))
+    why = stops[0].what if stops else "its joints do not fit together"
+    ring = round_the_base(cell)
+    remedy = (
+        f"a cell of {cell.scaled(fits).size()} works (incomplete='shrink' takes it)"
+        if fits > 0
+        else "no smaller cell round this middle works either; move it, or give another posture="
+    )
+    keeps = ", and incomplete='keep' the part that is covered" if keep else ""
+    because = f"; {ring}" if ring else ""
+    return NoFunctionError(f"no single function covers the cell: {why}{because}; {remedy}{keeps}", stops, fits)
+
+
+def _rank(found: CellDesign | tuple[Stop, ...], room: float) -> tuple[float, float, float]:
+    """Coverage, then the limit margin as far as it was asked for, then speed."""
+    if not isinstance(found, CellDesign) or found.coverage == 0:
+        return 0.0, -np.inf, -np.inf
+    return found.coverage, min(found.limit_margin, 0.4 * room), -found.cost
+
+
+def _padded(best: list[Descent], terms: Monomials, r: int) -> Array:
+    """Begin a degree where the one below ended: monomials are ordered by degree."""
+    a = np.zeros((terms.size, r))
+    if best:
+        a[: len(best[-1].a)] = best[-1].a
+    return a
+
+
+def _terms(cell: Cell, degree: int) -> int:
+    return comb(cell.k + degree, degree)
+
+
+def _power_of_two(count: int) -> int:
+    return 1 << max(0, int(np.ceil(np.log2(max(count, 1)))))
+
+
+def _silent(what: str, share: float) -> None:
+    return None

@@ -1,0 +1,140 @@
+"""A function over a cell, what it was made from, and what it is worth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..robot.task import Task
+from ..strategies import RepeatableInverse
+from ..strategies.strategy import Inverse
+from .cell import Cell
+from .chart import Chart
+from .function import InverseFunction
+from .judgement import Judgement
+from .stops import Stop
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class CellDesign:
+    """An inverse kinematic function over a cell and what it is worth.
+
+    Attributes
+    ----------
+    function : InverseFunction
+        The result: ``q = F(x)``.
+    desired : Inverse
+        G_d.
+    posture : (n,) array
+        The joints in the middle of the cell.
+    judgement : Judgement
+        All figures, on held-out poses; those that matter most are attributes of the design as well.
+    degrees : tuple of (degree, cost)
+        What was tried, in order; the last was taken.
+    samples, fresh : int
+        Nodes of the fit, and of the judgement.
+    seed, steps : int
+        What fixes both, and the Gauss–Newton steps taken.
+    room : float
+        The limit margin that was asked for, rad or m.
+    """
+
+    function: InverseFunction
+    desired: Inverse
+    posture: Array
+    judgement: Judgement
+    degrees: tuple[tuple[int, float], ...]
+    samples: int
+    fresh: int
+    seed: int
+    steps: int
+    room: float
+
+    @classmethod
+    def of(cls, desired: Inverse, chart: Chart, judgement: Judgement, **how: Any) -> CellDesign:
+        """Put a design together."""
+        middle = chart.solve(np.zeros((1, chart.cell.k)), np.zeros((1, chart.cell.task.r)))
+        function = InverseFunction(chart, keep_limits=judgement.coverage != 1.0)
+        return cls(function, desired, middle.Q[0], judgement, **how)
+
+    @property
+    def task(self) -> Task:
+        """The task."""
+        return self.function.task
+
+    @property
+    def cell(self) -> Cell:
+        """The poses."""
+        return self.function.cell
+
+    @property
+    def inverse(self) -> RepeatableInverse:
+        """The control whose leaf c = 0 is the function: ``q̇ = ∂F/∂x ẋ``."""
+        return self.function.inverse
+
+    @property
+    def cost(self) -> float:
+        """``mean ‖∂F/∂x − G_d(F)‖_F²``."""
+        return self.judgement.cost
+
+    @property
+    def extra_speed(self) -> float:
+        """By what share the joints move faster than under G_d at the same joints, root mean square over the cell."""
+        return self.judgement.extra_speed
+
+    @property
+    def extra_speed_worst(self) -> float:
+        """The same at the worst pose."""
+        return self.judgement.extra_speed_worst
+
+    @property
+    def limit_margin(self) -> float:
+        """The least distance of a joint to its limit, rad or m."""
+        return self.judgement.limit_margin
+
+    @property
+    def leaf_margin(self) -> float:
+        """The least ``σ_min(Nᵀ n̂_ref)``: 1 is best."""
+        return self.judgement.leaf_margin
+
+    @property
+    def coverage(self) -> float:
+        """The share of the cell that has joints, inside the limits."""
+        return self.judgement.coverage
+
+    @property
+    def stops(self) -> tuple[Stop, ...]:
+        """What stops the function elsewhere, and at the corners of the cell."""
+        return self.judgement.stops
+
+    def summary(self) -> str:
+        """Say in a few lines what the function is worth."""
+        j, task = self.judgement, self.task
+        margin = f"{j.limit_margin:.3g}" if np.isfinite(j.limit_margin) else "no limits"
+        lines = [
+            f"one function for the cell: {task!r}",
+            f"  cell               {self.cell.size()}",
+            f"  middle             {self.cell.where(np.zeros(self.cell.k))}",
+            f"  posture            {', '.join(f'{v:.4g}' for v in self.posture)}",
+            f"  degree             {self.degrees[-1][0]}, {self.function.chart.monomials.size} terms to begin from",
+            f"  extra joint speed  {100 * j.extra_speed:.3g} % ± {100 * j.extra_speed_error:.1g}, "
+            f"{j.extra_speed_worst:.1%} at the worst pose",
+            f"  mean ‖∂F − G_d‖²   {j.cost:.4g} ± {j.cost_error:.1g} (on {self.fresh} held-out poses)",
+            f"  limit margin       {margin}",
+            f"  σ_min(J)           {j.smallest_singular_value:.3g}",
+            f"  leaf margin        {j.leaf_margin:.3g}",
+            f"  residual           {j.residual:.1g} m or rad",
+            f"  coverage           {j.coverage:.2%}",
+        ]
+        return "\n".join(lines + [f"  stopped            {stop}" for stop in self.stops])
+
+    def __repr__(self) -> str:
+        return (
+            f"<CellDesign for {self.task.robot.name} {self.task.frame}, {self.cell.size()}: "
+            f"+{self.extra_speed:.2%} joint speed, limit margin {self.limit_margin:.3g}, {self.coverage:.0%} covered>"
+        )

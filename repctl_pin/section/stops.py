@@ -1,0 +1,141 @@
+"""What stops a function in a part of its cell: reach, a singularity, a joint limit, a fold; named with the pose."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .cell import Cell
+from .kinematics import margins, placed
+from .middle import reached
+
+Array = NDArray[np.float64]
+
+_SHORT = 1e-6
+_SPARSE = 24
+
+
+@dataclass(frozen=True)
+class Stop:
+    """One thing that stops a function, where it is worst.
+
+    Attributes
+    ----------
+    cause : str
+        ``reach``, ``singularity``, ``limit`` or ``fold``.
+    share : float
+        The part of the poses looked at that it stops.
+    u : (k,) array
+        The worst pose, in the cell's coordinates.
+    what : str
+        The sentence.
+    """
+
+    cause: str
+    share: float
+    u: Array
+    what: str
+
+    def __str__(self) -> str:
+        return self.what
+
+
+def broken_limit(cell: Cell, U: Array, Q: Array, looked_at: int) -> Stop | None:
+    """Name the joint and the pose where limits are broken worst, by configurations Q (K, n) at U (K, k)."""
+    task = cell.task
+    room = margins(task, Q)
+    broken = room.min(axis=1, initial=np.inf) < 0
+    if not broken.any():
+        return None
+    at, joint = np.unravel_index(int(np.argmin(room)), room.shape)
+    unit = "rad" if task.revolute[joint] else "m"
+    return Stop(
+        "limit",
+        float(broken.sum() / looked_at),
+        U[at],
+        f"at {cell.where(U[at])}, {task.joint_names[joint]} is {-room[at, joint]:.2g} {unit} beyond its limit",
+    )
+
+
+def unreached(cell: Cell, U: Array, near: Array, looked_at: int) -> list[Stop]:
+    """Say why poses U (K, k) have no joints: they are out of reach, or an arm that gets there passes a singularity.
+
+    Parameters
+    ----------
+    cell, U
+        The cell and the poses.
+    near : (L, n) array
+        Configurations to start looking from.
+    looked_at
+        The number of poses looked at in all.
+    """
+    if not len(U):
+        return []
+    some = U[np.linspace(0, len(U) - 1, min(_SPARSE, len(U))).astype(int)]
+    shortfall, spans = np.empty(len(some)), np.empty(len(some))
+    for i, u in enumerate(some):
+        Q, left = reached(cell, near, u, iterations=40)
+        best = int(np.argmin(left))
+        shortfall[i] = left[best]
+        s = np.linalg.svd(placed(cell.task, Q[best][None])[2][0], compute_uv=False)
+        spans[i] = s[-1] / s[0]
+    share = len(U) / looked_at
+    short = shortfall > _SHORT
+    stops = []
+    if short.any():
+        at = int(np.argmax(shortfall))
+        stops.append(
+            Stop(
+                "reach",
+                share * float(short.mean()),
+                some[at],
+                f"{cell.where(some[at])} is out of reach, by {shortfall[at]:.2g} m or rad",
+            )
+        )
+    if not short.all():
+        at = int(np.argmin(np.where(short, np.inf, spans)))
+        stops.append(
+            Stop(
+                "singularity",
+                share * float((~short).mean()),
+                some[at],
+                f"between the middle of the cell and {cell.where(some[at])} the arm passes a singularity",
+            )
+        )
+    return stops
+
+
+def folded(cell: Cell, U: Array, looked_at: int) -> Stop | None:
+    """Say that the section folds back at poses U (K, k): the leaf margin goes through 0 there."""
+    if not len(U):
+        return None
+    what = f"at {cell.where(U[0])} the section folds back on itself: its leaf margin goes through 0"
+    return Stop("fold", len(U) / looked_at, U[0], what)
+
+
+def round_the_base(cell: Cell) -> str:
+    """Say so where the axis of the arm's first turning joint passes through the box of positions; else nothing."""
+    task = cell.task
+    turning = np.flatnonzero(task.revolute) if task.coordinates is None else np.zeros(0, int)
+    if not len(turning) or turning[0] != 0:
+        return ""
+    q = np.array(task.reference)
+    point, axis = task.joint_origins(q)[0], task.axes(q)[0]
+    rows, w = task.rows[: len(cell.half_width)], cell.half_width
+    low, high = -np.inf, np.inf  # the part of the line point + t axis inside the slabs
+    for row, width in zip(rows, w, strict=True):
+        away, slope = cell.placement.translation[row] - point[row], axis[row]
+        if abs(slope) < 1e-9:
+            if abs(away) > width:
+                return ""
+            continue
+        ends = sorted(((away - width) / slope, (away + width) / slope))
+        low, high = max(low, ends[0]), min(high, ends[1])
+    if low > high:
+        return ""
+    return (
+        f"the cell goes round the axis of {task.joint_names[0]}, and no single function goes round the base; "
+        "keep it on one side of that axis"
+    )
