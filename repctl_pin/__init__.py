@@ -18,12 +18,12 @@ if TYPE_CHECKING:
     from .design import Design as Design
     from .design import FamilyDesign as FamilyDesign
     from .design import SingularRegionError as SingularRegionError
-    from .design import compare as compare
     from .design import load as load
     from .design import nearest_in_family as nearest_in_family
     from .design import nearest_repeatable as nearest_repeatable
     from .design import save as save
     from .design import settled as settled
+    from .design.compare import compare as compare
     from .errors import InputError as InputError
     from .errors import RepctlError as RepctlError
     from .errors import SingularityError as SingularityError
@@ -56,6 +56,11 @@ if TYPE_CHECKING:
     from .robot.bodies import Bodies as Bodies
     from .robot.robot import Robot as Robot
     from .robot.task import Task as Task
+    from .section import Cell as Cell
+    from .section import CellDesign as CellDesign
+    from .section import InverseFunction as InverseFunction
+    from .section import NoFunctionError as NoFunctionError
+    from .section import nearest_inverse_function as nearest_inverse_function
     from .show.notebook import inline as inline
     from .show.page.animation import Animation as Animation
     from .show.page.animation import animation as animation
@@ -100,6 +105,7 @@ _DOOR = {
         "settled",
     ),
     "codegen": ("compiled", "export_c"),
+    "section": ("Cell", "CellDesign", "InverseFunction", "NoFunctionError", "nearest_inverse_function"),
     "integrability": (
         "bracket_defect",
         "candidate_surface",

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..fields.field import Field
+from ..progress import Report
 from ..regions import Region
 from ..strategies.repeatable import RepeatableInverse
 from ..strategies.strategy import Inverse
@@ -21,7 +22,6 @@ from .criterion import Builder, evaluate, oriented_nullspace
 from .descend import Descent, descend, start
 from .independence import Independent, independent
 from .judgement import judge
-from ..progress import Report
 from .result import Design
 from .search import SingularRegionError, dexterity, refuse_singular, search, signed_leaf_margin
 from .workers import hand_out

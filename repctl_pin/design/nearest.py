@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from .. import progress as reporting
 from ..arguments import wanted
 from ..errors import InputError
 from ..fields.field import Field
 from ..fields.polynomial import Polynomial
 from ..regions import Region
 from ..strategies.strategy import AN_INVERSE, Batched, Inverse
-from .. import progress as reporting
 from .fit import fit
 from .judgement import REPLICATES
 from .result import Design

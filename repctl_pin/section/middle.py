@@ -16,7 +16,7 @@ from .reference import rays
 
 Array = NDArray[np.float64]
 
-_STARTS, _KEPT, _OFFERED = 192, 32, 10
+_STARTS, _KEPT, _OFFERED = 128, 24, 6
 _ENOUGH, _ALIKE = 0.1, 0.02
 """A limit margin, rad or m, beyond which more room is worth less than speed; and margins that count as alike."""
 

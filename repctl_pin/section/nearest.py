@@ -36,6 +36,8 @@ _WEIGHTS = (1e2, 1e5)
 """Of the joint limits in the cost: the first, and the last after raising it tenfold again and again."""
 
 _VIOLATORS = 96
+_NEARLY = 0.9
+"""The coverage below which another posture is not tried."""
 _CLOSE = 3e-5
 """How closely, rad, the last chart follows the section; Newton's method then takes two steps."""
 
@@ -156,7 +158,8 @@ class _Work:
     ) -> tuple[Array, CellDesign | tuple[Stop, ...]]:
         """Design from the first posture; where that leaves too little room, from the best of the others too."""
         first = self.design(cell, postures[0], report)
-        if len(postures) == 1 or _rank(first, self.room) >= (1.0, 0.4 * self.room):
+        rank = _rank(first, self.room)
+        if len(postures) == 1 or rank[0] < _NEARLY or rank >= (1.0, 0.4 * self.room):
             return postures[0], first
         quick = []
         for i, q in enumerate(postures):
@@ -278,24 +281,23 @@ def _why(cell: Cell, ends: Rays, count: int) -> tuple[Stop, ...]:
 
 
 def _largest(work: _Work, cell: Cell, q: Array, report: reporting.Report) -> tuple[float, CellDesign | None]:
-    """Find the largest factor, to 3 %, by which the cell can be scaled about its middle so that it is covered."""
-    low, high, best = 0.0, 1.0, None
-    factor = 0.5
-    while high - low > 0.03 * max(high, 0.3):
-        report(f"what would fit: {factor:.0%}", 0.9)
-        found = work.design(cell.scaled(factor), q, _silent, quick=True)
-        if isinstance(found, CellDesign) and found.coverage == 1.0 and not found.stops:
-            low = factor
-        else:
-            high = factor
+    """Find the factor, to about 10 %, by which the cell can be scaled about its middle so that it is covered.
+
+    Rays to the corners and some poses more find where to begin; a design has the last word.
+    """
+    U = np.concatenate([cell.corners(), cell.sample(32, work.seed)])
+    low, high = 0.0, 1.0
+    for _ in range(5):
         factor = (low + high) / 2
-    while low > 0.05:  # the quick look was coarse
-        found = work.design(cell.scaled(low), q, _silent)
+        report(f"what would fit: {factor:.0%}", 0.9)
+        ends = rays(work.desired, cell.scaled(factor), q, U)
+        low, high = (factor, high) if (ends.reached == 1).all() and ends.least.min() > 0 else (low, factor)
+    while low > 0.03:
+        found = work.design(cell.scaled(low), q, report)
         if isinstance(found, CellDesign) and found.coverage == 1.0:
-            best = found
-            break
-        low *= 0.93
-    return (low if best is not None else 0.0), best
+            return low, found
+        low *= 0.8
+    return 0.0, None
 
 
 def _refusal(cell: Cell, stops: tuple[Stop, ...], fits: float, *, keep: bool) -> NoFunctionError:
@@ -337,4 +339,4 @@ def _power_of_two(count: int) -> int:
 
 
 def _silent(what: str, share: float) -> None:
-    return None
+    """Report nothing."""

@@ -1,0 +1,393 @@
+"""One function for a cell: the sections' laws, the optimum, and the function that comes out."""
+
+from __future__ import annotations
+
+import pickle
+from functools import cache
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from arms import Q_PANDA, planar_task, spatial_task
+
+import repctl_pin as rp
+from repctl_pin.section.chart import Chart
+from repctl_pin.section.cost import Cost
+from repctl_pin.section.descend import descend
+from repctl_pin.section.judgement import judge
+from repctl_pin.section.monomials import Monomials
+from repctl_pin.section.reference import fitted, rays
+from repctl_pin.section.rotations import exp3, left_jacobian, log3, tilts
+
+
+@cache
+def panda(kind: str = "pose") -> rp.Task:
+    return rp.Robot.load("panda").task("panda_hand_tcp", kind)
+
+
+def middle(kind: str = "pose") -> pin.SE3:
+    x = panda(kind).placement(Q_PANDA)
+    return pin.SE3(x.rotation, x.translation + [0.15, 0.0, -0.19])
+
+
+def cell_of(kind: str = "pose", rotation: float = 0.0, half_width: float = 0.1) -> rp.Cell:
+    return rp.Cell(panda(kind), middle(kind), half_width, rotation)
+
+
+def chart_of(cell: rp.Cell, q: np.ndarray, degree: int = 3, count: int = 128) -> Chart:
+    ends = rays(rp.Pseudoinverse(cell.task), cell, q, cell.sample(count))
+    assert (ends.reached == 1).all()
+    return fitted(cell, ends.U, ends.Q, ends.N, degree)
+
+
+@cache
+def found(rotation: float = 0.0) -> rp.CellDesign:
+    cell = cell_of(rotation=rotation)
+    q = rp.solve_ik(cell.task, Q_PANDA, cell.placement)
+    return rp.nearest_inverse_function(rp.Pseudoinverse(cell.task), cell, posture=q, degree=2, fresh=512)
+
+
+# ---- cells ---------------------------------------------------------------------------------------
+
+
+def test_rotations_by_the_batch_agree_with_pinocchio() -> None:
+    omega = np.random.default_rng(0).normal(size=(20, 3))
+    omega[0] *= 1e-6
+    for w, R, J in zip(omega, exp3(omega), left_jacobian(omega), strict=True):
+        assert np.allclose(R, pin.exp3(w))
+        assert np.allclose(J, pin.Jexp3(w).T)  # the left one is the transpose of Pinocchio's right one
+        assert np.allclose(log3(R[None])[0], pin.log3(R))
+    goal = exp3(omega[::-1])
+    from repctl_pin.robot.axis import axis_turn
+
+    for R, aim, turn in zip(exp3(omega), goal, tilts(exp3(omega), goal), strict=True):
+        assert np.allclose(turn, axis_turn(R, aim))
+
+
+@pytest.mark.parametrize(
+    ("kind", "rotation"),
+    [("pose", 0.3), ("pose", (0.2, 0.0, 0.4)), ("pose", 0), ("axis", 0.3), ("position", 0), ("xy", 0)],
+)
+def test_coordinates_placements_and_their_velocities(kind: str, rotation: object) -> None:
+    task = panda(kind)
+    cell = rp.Cell(task, middle(kind), 0.1, rotation)
+    U = cell.sample(8)
+    p, R = cell.placements(U)
+    back, off = cell.coordinates(p, R)
+    assert np.allclose(back, U) and np.allclose(off, 0)
+    assert np.allclose([cell.coordinates_of(cell.at(u)) for u in U], U)
+    E, h = cell.twists(U, R), 1e-6
+    for k in range(cell.k):  # E is the velocity of the placement: errors to one a little further
+        step = h * np.eye(cell.k)[k]
+        assert np.allclose(cell.errors(*cell.placements(U + step), p, R) / h, E[:, :, k], atol=1e-5)
+    # a task's error in coordinates: u(f(q)) changes by ∂u/∂x J
+    Q = np.array([rp.solve_ik(task, Q_PANDA, cell.at(u)) for u in U[:3]])
+    placements = [task.placement(q) for q in Q]
+    p, R = (np.array([getattr(x, name) for x in placements]) for name in ("translation", "rotation"))
+    _, dU = cell.slopes(p, R)
+    for q, slope in zip(Q, dU @ task.jacobians(Q), strict=True):
+        d = 1e-6 * np.random.default_rng(1).normal(size=task.n)
+        ends = [task.placement(q + s * d) for s in (1, -1)]
+        up, down = (cell.coordinates(x.translation[None], x.rotation[None])[0][0] for x in ends)
+        assert np.allclose((up - down) / 2, slope @ d, atol=1e-11)
+
+
+def test_a_cell_goes_round_poses_and_paths() -> None:
+    task, cell = panda(), cell_of(rotation=0.3)
+    poses = [cell.at(u) for u in cell.sample(16)]
+    around = rp.Cell.around(task, poses, room=0.01)
+    U, off = around.coordinates(*(np.array([getattr(x, a) for x in poses]) for a in ("translation", "rotation")))
+    assert (np.abs(U) <= 1).all() and np.allclose(off, 0) and np.abs(U).max() > 0.8
+    path = rp.circle(task, Q_PANDA, 0.1, normal="x")
+    assert np.allclose(rp.Cell.around(task, path, room=0.01).half_width, [0.01, 0.11, 0.11], atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"half_width": -0.1}, "half_width must be 0 m or more"),
+        ({"half_width": (0.1, 0.2)}, "half_width must be one number"),
+        ({"half_width": 0.0}, "above 0"),
+        ({"rotation": 2.0}, "half a turn"),
+        ({"placement": "home"}, "placement"),
+        ({"task": 3}, "task must be"),
+    ],
+)
+def test_cells_that_make_no_sense(change: dict, says: str) -> None:
+    options = {"task": panda(), "placement": middle(), "half_width": 0.1} | change
+    with pytest.raises(rp.InputError, match=says):
+        rp.Cell(**options)
+    with pytest.raises(rp.InputError, match="leaves the rotation free"):
+        rp.Cell(panda("position"), middle(), 0.1, 0.2)
+
+
+# ---- sections ------------------------------------------------------------------------------------
+
+
+def test_monomials_differentiate() -> None:
+    monomials = Monomials(3, 4)
+    U = np.random.default_rng(0).uniform(-1, 1, (5, 3))
+    T = monomials.values(U)
+    assert monomials.size == 35 and np.allclose(T, np.prod(U[:, None] ** monomials.exponents, axis=2))
+    for j in range(3):
+        d = 1e-6 * np.eye(3)[j]
+        slope = (monomials.values(U + d) - monomials.values(U - d)) / 2e-6
+        assert np.allclose(monomials.slopes(T)[:, :, j], slope, atol=1e-8)
+    C = np.random.default_rng(1).normal(size=(35, 2))
+    assert np.allclose(np.einsum("KN,jNr->Krj", T, monomials.differentiated(C)),
+                       np.einsum("KNj,Nr->Krj", monomials.slopes(T), C))  # fmt: skip
+    assert np.allclose(monomials.fit(np.random.default_rng(2).uniform(-1, 1, (99, 3)),
+                                     np.ones((99, 2)))[0], 1)  # fmt: skip
+
+
+@pytest.mark.parametrize(("kind", "rotation"), [("pose", 0.2), ("axis", 0.2), ("position", 0.0), ("xy", 0.0)])
+def test_a_section_is_exact_and_its_derivative_is_its_derivative(kind: str, rotation: float) -> None:
+    cell = cell_of(kind, rotation, 0.08)
+    chart = chart_of(cell, rp.solve_ik(cell.task, Q_PANDA, cell.placement), degree=2)
+    U, r = 0.9 * cell.sample(6, 3), cell.task.r
+    terms = Monomials(cell.k, 2)
+    a = 0.05 * np.random.default_rng(0).normal(size=(terms.size, r))
+
+    def section(U: np.ndarray) -> np.ndarray:
+        points = chart.solve(U, terms.values(U) @ a)
+        assert points.found.all()
+        return points.Q
+
+    points = chart.solve(U, terms.values(U) @ a)
+    for q, u in zip(points.Q, U, strict=True):
+        assert np.abs(cell.task.error(q, cell.at(u))).max() < 1e-9
+    q_ref, n_ref = chart.reference(U)
+    assert np.allclose(np.einsum("Knr,Kn->Kr", n_ref, points.Q - q_ref), terms.values(U) @ a)
+    dF, B = chart.derivative(points, np.einsum("KNk,Nr->Krk", terms.slopes(terms.values(U)), a))
+    for j in range(cell.k):
+        d = 1e-5 * np.eye(cell.k)[j]
+        assert np.allclose((section(U + d) - section(U - d)) / 2e-5, dF[:, :, j], atol=1e-7)
+    for j in range(r):
+        d = 1e-5 * np.eye(r)[j]
+        up, down = (chart.solve(U, terms.values(U) @ a + w * d).Q for w in (1, -1))
+        assert np.allclose((up - down) / 2e-5, B[:, :, j], atol=1e-7)
+
+
+@pytest.mark.parametrize("kind", ["pose", "axis", "position"])
+def test_gradient_of_the_cost_against_finite_differences(kind: str) -> None:
+    cell = cell_of(kind, 0.2 if kind != "position" else 0.0, 0.08)
+    chart = chart_of(cell, rp.solve_ik(cell.task, Q_PANDA, cell.placement), degree=2, count=64)
+    terms = Monomials(cell.k, 2)
+    rng = np.random.default_rng(0)
+    cost = Cost(
+        rp.Pseudoinverse(cell.task), chart, terms, cell.sample(16), 0.9 * cell.sample(8, 5), room=0.75, weight=3.0
+    )
+    a = 0.03 * rng.normal(size=(terms.size, cell.task.r))
+    gradient, H = cost.model(cost.value(a))
+    value = cost.value(a)
+    assert value.cost > value.nearness  # the joint limits take part
+    for _ in range(3):
+        v = rng.normal(size=a.shape)
+        slope = (cost.value(a + 1e-5 * v).cost - cost.value(a - 1e-5 * v).cost) / 2e-5
+        assert gradient @ v.ravel() == pytest.approx(slope, rel=1e-5)
+    assert np.linalg.eigvalsh(H).min() > -1e-9 * np.linalg.eigvalsh(H).max()
+
+
+def test_no_section_beats_the_optimum_and_more_terms_help() -> None:
+    cell = rp.Cell(panda(), middle(), (0.15, 0.3, 0.2))
+    chart = chart_of(cell, rp.solve_ik(cell.task, Q_PANDA, cell.placement))
+    desired, U = rp.Pseudoinverse(cell.task), cell.sample(128)
+    costs = []
+    for degree in (0, 1, 2, 3):
+        terms = Monomials(3, degree)
+        costs.append(descend(Cost(desired, chart, terms, U, U[:0]), np.zeros((terms.size, 1))))
+    assert all(b.value.cost < a.value.cost * 1.0001 for a, b in pairwise(costs))
+    assert costs[-1].value.cost < 0.8 * costs[0].value.cost
+    rng = np.random.default_rng(1)
+    for _ in range(3):  # a random start elsewhere comes to the same
+        again = descend(Cost(desired, chart, terms, U, U[:0]), 0.1 * rng.normal(size=(terms.size, 1)))
+        assert again.value.cost > 0.999 * costs[-1].value.cost
+
+
+# ---- the function ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("rotation", [0.0, 0.25])
+def test_the_function_is_exact_and_without_history(rotation: float) -> None:
+    design = found(rotation)
+    F, cell, task = design.function, design.cell, design.task
+    U = cell.sample(64, 9)
+    targets = [cell.at(u) for u in U]
+    Q = F.batch(targets)
+    assert max(np.abs(task.error(q, x)).max() for q, x in zip(Q, targets, strict=True)) < 1e-9
+    order = np.random.default_rng(0).permutation(len(U))
+    for i in order:
+        assert np.abs(F(targets[i]) - Q[i]).max() < 1e-9
+    inverse, q = design.inverse, Q[0]
+    for i in order:  # the same joints by the control, step after step, whatever the way
+        q = inverse.solve(targets[i], q, leaf=np.zeros(1))
+        assert np.abs(q - Q[i]).max() < 1e-9
+    assert np.allclose(F.batch(U), Q) and np.allclose([inverse.leaf(q) for q in Q], 0, atol=1e-9)
+
+
+@pytest.mark.parametrize("kind", ["pose", "axis", "position"])
+def test_the_field_is_the_section_and_its_gradient(kind: str) -> None:
+    cell = cell_of(kind, 0.2 if kind != "position" else 0.0, 0.08)
+    task = cell.task
+    q = rp.solve_ik(task, Q_PANDA, cell.placement)
+    design = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, posture=q, degree=1, fresh=64)
+    field = design.inverse.field
+    rng = np.random.default_rng(0)
+    Q = design.function.batch(0.7 * cell.sample(4)) + 0.02 * rng.normal(size=(4, task.n))
+    for q, V in zip(Q, field.gradients(Q), strict=True):
+        for _ in range(2):
+            d = rng.normal(size=task.n)
+            slope = (field.value(q + 1e-6 * d) - field.value(q - 1e-6 * d)) / 2e-6
+            assert np.allclose(V.T @ d, slope, atol=1e-7)
+    u = 0.5 * np.ones(cell.k)
+    G = design.function.jacobian(cell.at(u))
+    assert np.allclose(task.jacobian(design.function(cell.at(u))) @ G, np.eye(task.m), atol=1e-9)
+    E = cell.twists(u[None], task.placement(design.function(cell.at(u))).rotation[None])[0]
+    for j in range(cell.k):
+        d = 1e-6 * np.eye(cell.k)[j]
+        slope = (design.function(cell.at(u + d)) - design.function(cell.at(u - d))) / 2e-6
+        assert np.allclose(G @ E[:, j], slope, atol=1e-6)
+
+
+def test_a_closed_tour_closes_and_a_pushed_arm_comes_back() -> None:
+    design = found()
+    path = rp.circle(design.task, design.function(design.cell.at(np.array([0.8, 0.0, 0.0]))), 0.08, normal="z")
+    q0 = design.function(path.placement(0.0))
+    motion = rp.follow(design.inverse, path, q0, cycles=2, steps=40, lock=3)
+    assert motion.drift.max() < 1e-9
+    for i in range(0, 41, 8):
+        assert np.abs(motion.q[i] - design.function(path.placement(i / 40))).max() < 1e-8
+    pushed = rp.follow(design.inverse, path, q0 + 0.05, cycles=2, steps=40, lock=3, leaf=np.zeros(1))
+    assert np.abs(pushed.q[-1] - q0).max() < 1e-9
+
+
+def test_leaves_are_an_interval_inside_the_limits() -> None:
+    design = found()
+    F, x = design.function, design.cell.at(np.array([0.3, -0.4, 0.2]))
+    low, high = F.leaves(x)[0]
+    assert low < -0.1 and high > 0.1
+    for c in (0.999 * low, 0.5 * high, 0.999 * high):
+        q = F(x, leaf=[c])
+        assert np.abs(design.task.error(q, x)).max() < 1e-9
+        assert design.inverse.leaf(q)[0] == pytest.approx(c)
+        design.task.check(q)
+
+
+def test_the_judgement_is_honest() -> None:
+    """Measured anew, pose by pose, from the function and its control alone."""
+    design = found()
+    j = judge(design.desired, design.function.chart, 1024, 77)
+    U = design.cell.sample(1024, 77)
+    Q = design.function.batch(U)
+    G, G_d = design.inverse.batch(Q)[:, :, :3], design.desired.batch(Q)[:, :, :3]
+    assert j.cost == pytest.approx(((G - G_d) ** 2).sum(axis=(1, 2)).mean(), rel=1e-6)
+    ratio = (G**2).sum(axis=(1, 2)).mean() / (G_d**2).sum(axis=(1, 2)).mean()
+    assert j.extra_speed == pytest.approx(np.sqrt(ratio) - 1, rel=1e-6)
+    assert 0 < j.extra_speed < 0.002 and j.coverage == 1.0
+    task = design.task
+    assert j.limit_margin == pytest.approx(np.minimum(Q - task.lower, task.upper - Q).min(), rel=1e-9)
+    assert abs(design.cost - j.cost) < 3 * (design.judgement.cost_error + j.cost_error)
+
+
+def test_limits_in_the_cost_keep_the_joints_inside(tmp_path: Path) -> None:
+    task = planar_task([1.0, 0.9, 0.8], tmp_path)
+    x = task.placement([0.6, -1.2, 1.4])
+    cell = rp.Cell(task, x, 0.35)
+    q = rp.solve_ik(task, [0.6, -1.2, 1.4], x)
+    free = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, posture=q, fresh=256)
+    Q = free.function.batch(cell.sample(256))
+    bound = float(Q[:, 2].max()) - 0.05  # a joint limit where the free function goes beyond it
+    text = (tmp_path / "planar3.urdf").read_text().split('name="theta3"')
+    text[1] = text[1].replace('upper="7.0"', f'upper="{bound}"', 1)
+    (tmp_path / "bound.urdf").write_text('name="theta3"'.join(text))
+    task = rp.Robot.load(tmp_path / "bound.urdf").task("tool", "xy")
+    cell = rp.Cell(task, x, 0.35)
+    kept = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, posture=q, fresh=256)
+    assert kept.limit_margin > 0.02 and kept.coverage == 1.0
+    assert kept.cost > free.cost
+
+
+@pytest.mark.parametrize(("n", "seed"), [(4, 5), (6, 3)])
+def test_arms_with_slides_and_more_joints_than_one_too_many(n: int, seed: int, tmp_path: Path) -> None:
+    task = spatial_task(n, tmp_path, seed=seed)
+    q = 0.4 * np.ones(n)
+    cell = rp.Cell(task, task.placement(q), 0.05)
+    design = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, posture=q, degree=2, samples=64, fresh=64)
+    assert design.coverage == 1.0 and design.extra_speed < 0.03 and design.judgement.residual < 1e-9
+    Q = design.function.batch(cell.sample(8))
+    assert np.allclose([design.function(task.placement(q)) for q in Q], Q, atol=1e-9)
+
+
+def test_functions_pickle_and_repeat_bit_for_bit() -> None:
+    F = found().function
+    again = pickle.loads(pickle.dumps(F))
+    x = F.cell.at(np.array([0.1, 0.7, -0.3]))
+    assert (again(x) == F(x)).all()
+
+
+# ---- what cannot be ----------------------------------------------------------------------------------
+
+
+def refused(cell: rp.Cell, posture: object = None, **options: object) -> str:
+    with pytest.raises(rp.InputError) as caught:
+        rp.nearest_inverse_function(
+            rp.Pseudoinverse(cell.task),
+            cell,
+            posture=posture,
+            degree=1,
+            samples=32,
+            fresh=64,
+            **options,  # type: ignore[arg-type]
+        )
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+def test_a_middle_out_of_reach() -> None:
+    assert "is out of reach" in refused(rp.Cell(panda(), pin.SE3(middle().rotation, np.array([1.5, 0, 0.4])), 0.1))
+
+
+def test_a_cell_that_reaches_too_far_and_what_would_fit() -> None:
+    x = pin.SE3(middle().rotation, np.array([0.6, 0.0, 0.4]))
+    cell = rp.Cell(panda(), x, 0.35)
+    q = rp.solve_ik(panda(), Q_PANDA, x)
+    says = refused(cell, q)
+    assert "no single function covers the cell" in says and "reach" in says and "works" in says
+
+
+@pytest.mark.slow
+def test_the_largest_cell_that_works() -> None:
+    x = pin.SE3(middle().rotation, np.array([0.6, 0.0, 0.4]))
+    q = rp.solve_ik(panda(), Q_PANDA, x)
+    cell = rp.Cell(panda(), x, 0.35)
+    smaller = rp.nearest_inverse_function(
+        rp.Pseudoinverse(panda()), cell, posture=q, degree=1, samples=32, fresh=64, incomplete="shrink"
+    )
+    assert smaller.coverage == 1.0 and 0.05 < smaller.cell.half_width[0] < 0.35
+
+
+def test_a_cell_round_the_base() -> None:
+    x = pin.SE3(middle().rotation, np.array([0.0, 0.0, 0.9]))
+    says = refused(rp.Cell(panda("position"), x, (0.7, 0.7, 0.1)))
+    assert "goes round the axis of panda_joint1" in says, says
+
+
+def test_targets_outside_and_other_wrong_things() -> None:
+    design = found()
+    F = design.function
+    with pytest.raises(rp.InputError, match=r"lies outside the cell: y is \+0.15 m from the middle"):
+        F(design.cell.at(np.array([0.0, 1.5, 0.0])))
+    turned = design.cell.at(np.zeros(3))
+    turned.rotation = pin.exp3(np.array([0.2, 0, 0])) @ turned.rotation
+    with pytest.raises(rp.InputError, match="off what the cell holds"):
+        F(turned)
+    with pytest.raises(rp.InputError, match="target"):
+        F(np.zeros(3))
+    with pytest.raises(rp.InputError, match="leaf"):
+        F(design.cell.at(np.zeros(3)), leaf=[1, 2])
+    with pytest.raises(rp.InputError, match="both for one task"):
+        rp.nearest_inverse_function(rp.Pseudoinverse(panda("position")), design.cell)
+    with pytest.raises(rp.InputError, match="incomplete"):
+        rp.nearest_inverse_function(rp.Pseudoinverse(panda()), design.cell, incomplete="yes")  # type: ignore[arg-type]
