@@ -55,6 +55,7 @@ def region_of(kind: str, task: rp.Task, q0: np.ndarray) -> rp.Box | rp.Tube | rp
 
 CASES = {
     "panda, pose, degree 2": "box",
+    "panda, pose, degree 1": "none",  # its velocity does not depend on the last joint
     "panda, axis, degree 2": "workspace",
     "ppr, degree 5 of some joints": "workspace",
     "panda, pose, joined": "tube",

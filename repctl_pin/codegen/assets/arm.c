@@ -195,12 +195,6 @@ static void arm_apply(arm_factors *factors, const double b[ARM_N], double x[ARM_
     }
 }
 
-/* Why there is no finite solution. */
-static arm_status arm_reason(const double q[ARM_N], const double *rhs, int count)
-{
-    return arm_finite(q, ARM_N) && arm_finite(rhs, count) ? ARM_SINGULAR : ARM_BAD_NUMBER;
-}
-
 /* ---- the task error ---------------------------------------------------------------------------------------- */
 
 @error
@@ -266,10 +260,11 @@ static arm_status arm_rates(const double q[ARM_N], const double xdot[ARM_M], dou
 {
     double A[ARM_N][ARM_N], x[ARM_N];
     int swap[ARM_N], i;
+    if (!arm_finite(q, ARM_N) || !arm_finite(xdot, ARM_M)) return ARM_BAD_NUMBER;
     for (i = 0; i < ARM_N; i++) x[i] = i < ARM_M ? xdot[i] : 0.0;
-    if (!arm_augmented(q, A, swap, tolerance)) return arm_reason(q, xdot, ARM_M);
+    if (!arm_augmented(q, A, swap, tolerance)) return ARM_SINGULAR;
     arm_solve(A, swap, x);
-    if (!arm_finite(x, ARM_N)) return arm_reason(q, xdot, ARM_M);
+    if (!arm_finite(x, ARM_N)) return ARM_SINGULAR;
     for (i = 0; i < ARM_N; i++) qdot[i] = x[i];
     return ARM_OK;
 }
