@@ -40,6 +40,8 @@ if TYPE_CHECKING:
     from .motion import BestLeaf as BestLeaf
     from .motion import Motion as Motion
     from .motion import TaskPath as TaskPath
+    from .motion import TimedMotion as TimedMotion
+    from .motion import approach as approach
     from .motion import best_leaf as best_leaf
     from .motion import circle as circle
     from .motion import figure_eight as figure_eight
@@ -48,6 +50,7 @@ if TYPE_CHECKING:
     from .motion import read_waypoints as read_waypoints
     from .motion import rose as rose
     from .motion import solve_ik as solve_ik
+    from .motion import timed as timed
     from .motion import waypoints as waypoints
     from .regions import Box as Box
     from .regions import Tube as Tube
@@ -117,6 +120,8 @@ _DOOR = {
         "BestLeaf",
         "Motion",
         "TaskPath",
+        "TimedMotion",
+        "approach",
         "best_leaf",
         "circle",
         "figure_eight",
@@ -125,6 +130,7 @@ _DOOR = {
         "solve_ik",
         "read_waypoints",
         "rose",
+        "timed",
         "waypoints",
     ),
     "show.page.animation": ("Animation", "animation"),

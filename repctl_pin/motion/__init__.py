@@ -1,5 +1,6 @@
 """Closed paths, and what a strategy does on them."""
 
+from .approach import approach
 from .best_leaf import BestLeaf, best_leaf
 from .elbow import elbow
 from .follow import follow
@@ -8,6 +9,7 @@ from .paths import ClosedPath, TaskPath, closed_path
 from .polyline import polygon, waypoints
 from .shapes import circle, figure_eight, rose
 from .solve_ik import check_reach, reach_start, solve_ik
+from .timing import TimedMotion, timed
 from .waypoint_file import read_waypoints
 
 __all__ = [
@@ -15,6 +17,8 @@ __all__ = [
     "ClosedPath",
     "Motion",
     "TaskPath",
+    "TimedMotion",
+    "approach",
     "best_leaf",
     "check_reach",
     "circle",
@@ -27,5 +31,6 @@ __all__ = [
     "read_waypoints",
     "rose",
     "solve_ik",
+    "timed",
     "waypoints",
 ]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,9 +15,11 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..files import read_whole
 from .motion import Motion
+from .timing import TimedMotion
 
 Array = NDArray[np.float64]
 
+_SUFFIX = re.compile("_(velocity|acceleration)$")
 _BESIDE = ("strategy", "cycle", "time")
 _LARGEST = 64_000_000
 
@@ -73,6 +76,24 @@ def csv_text(motions: Motion | Iterable[tuple[str, Motion]], *, most: int | None
             values = (i / motion.steps, *np.hstack(numbers))
             cells = [repr(float(v)) if most is None else f"{v:.10g}" for v in values]
             writer.writerow([name, *cells] if len(beside) == 3 else cells)
+    return out.getvalue()
+
+
+def timed_csv_text(timed: TimedMotion) -> str:
+    """Write time, positions, velocities, accelerations: s, rad or m, per s and per s²; all digits of each number.
+
+    Raises
+    ------
+    InputError
+        If two columns would have one name.
+    """
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    header = ["time", *(f"{name}{end}" for end in ("", "_velocity", "_acceleration") for name in timed.joints)]
+    _refuse_twice(header, "a CSV of this robot's joints")
+    writer.writerow(header)
+    for row in np.hstack([timed.t[:, None], timed.q, timed.qdot, timed.qddot]):
+        writer.writerow([repr(float(v)) for v in row])
     return out.getvalue()
 
 
@@ -143,7 +164,7 @@ def _joints(names: list[str], known: Sequence[str], where: str) -> tuple[str, ..
     _refuse_twice(names, where)
     joints = tuple(name for name in names if name in known)
     beside = {*_BESIDE, "t"}
-    strange = [n for n in names if n not in known and n not in beside and n.removesuffix("_velocity") not in known]
+    strange = [n for n in names if n not in known and n not in beside and _SUFFIX.sub("", n) not in known]
     if strange or not joints:
         what = f"no joint {strange[0]!r}" if strange else "no column of a joint"
         raise InputError(f"{where}: the robot has {what}; its joints are {', '.join(known)}")

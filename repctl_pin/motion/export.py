@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ..strategies import Strategy
 from .motion import Motion
+from .timing import TimedMotion
 
 Array = NDArray[np.float64]
 
@@ -25,18 +26,25 @@ def commanded(motion: Motion, strategy: Strategy) -> Motion:
     return replace(motion, qdot=np.array(Qdot))
 
 
-def yaml_text(motion: Motion) -> str:
-    """Write ROS 2's ``trajectory_msgs/msg/JointTrajectory``, as ``ros2 topic pub`` and controllers take it."""
+def yaml_text(motion: Motion | TimedMotion) -> str:
+    """Write ROS 2's ``trajectory_msgs/msg/JointTrajectory``, as ``ros2 topic pub`` and controllers take it.
+
+    With accelerations where the motion is timed.
+    """
+    if isinstance(motion, TimedMotion):
+        names, t = motion.joints, motion.t
+        rows = {"positions": motion.q, "velocities": motion.qdot, "accelerations": motion.qddot}
+    else:
+        names, t = motion.task.robot_joints, motion.t - motion.t[0]
+        rows = {"positions": motion.joints(motion.q), "velocities": motion.joints(motion.qdot)}
     lines = ["header:", "  stamp: {sec: 0, nanosec: 0}", "  frame_id: ''"]
-    lines.append("joint_names: [" + ", ".join(_quoted(name) for name in motion.task.robot_joints) + "]")
+    lines.append("joint_names: [" + ", ".join(_quoted(name) for name in names) + "]")
     lines.append("points:")
-    for t, q, qdot in zip(motion.t - motion.t[0], motion.joints(motion.q), motion.joints(motion.qdot), strict=True):
-        nanoseconds = round(float(t) * 1e9)
-        lines += [
-            f"- positions: {_row(q)}",
-            f"  velocities: {_row(qdot)}",
-            f"  time_from_start: {{sec: {nanoseconds // 10**9}, nanosec: {nanoseconds % 10**9}}}",
-        ]
+    for moment, *values in zip(t, *rows.values(), strict=True):
+        nanoseconds = round(float(moment) * 1e9)
+        said = [f"  {what}: {_row(row)}" for what, row in zip(rows, values, strict=True)]
+        said.append(f"  time_from_start: {{sec: {nanoseconds // 10**9}, nanosec: {nanoseconds % 10**9}}}")
+        lines += ["-" + said[0][1:], *said[1:]]
     return "\n".join(lines) + "\n"
 
 

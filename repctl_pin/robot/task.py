@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from copy import copy
 from typing import Any
 
@@ -242,6 +242,15 @@ class Task:
             upper = np.triu(pin.crba(model, data, q))
             M[:] = upper + np.triu(upper, 1).T
         return Ms if drive is None else drive.S.T @ Ms @ drive.S
+
+    def dynamics(self) -> Callable[[Array, Array, Array], Array]:
+        """Make the function (q, q̇, q̈) → ``τ = M q̈ + C q̇ + g`` (n,), N m and N; its scratch memory is its own."""
+        model, drive = self._bodies, self._drive(self._bodies)
+        data = model.createData()
+        if drive is None:
+            return lambda q, qdot, qddot: pin.rnea(model, data, q, qdot, qddot).copy()
+        S = drive.S
+        return lambda q, qdot, qddot: S.T @ pin.rnea(model, data, drive.joints(q), S @ qdot, S @ qddot)
 
     # ---- between the chain and the robot --------------------------------------------------------
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from lxml import etree
 
 from ..errors import UrdfError
-from .checks import NO_LIMIT, axis_of, check, leader, numbers
+from .checks import NO_EFFORT, NO_LIMIT, axis_of, check, leader, numbers
 from .shapes import Solid, shapes_of
 from .split import split_joints
 from .xacro import expand
@@ -218,6 +218,7 @@ def _for_pinocchio(robot: etree._Element, joints: tuple[Joint, ...], folder: Pat
     elements = {e.get("name"): e for e in robot.findall("joint")}
     for joint in joints:
         element = elements[joint.name]
+        effort = [float(limit.get("effort") or 0) for limit in element.findall("limit")]
         for tag in ("axis", "limit", "dynamics", "safety_controller", "calibration"):
             for child in element.findall(tag):
                 element.remove(child)
@@ -226,7 +227,7 @@ def _for_pinocchio(robot: etree._Element, joints: tuple[Joint, ...], folder: Pat
         if joint.kind == "continuous":
             element.set("type", "revolute")
         etree.SubElement(element, "axis", xyz=" ".join(map(repr, joint.axis)))
-        limit = etree.SubElement(element, "limit", effort=repr(NO_LIMIT))
+        limit = etree.SubElement(element, "limit", effort=repr(max(effort, default=0) or NO_EFFORT))
         limit.set("lower", repr(max(joint.lower, -NO_LIMIT)))
         limit.set("upper", repr(min(joint.upper, NO_LIMIT)))
         limit.set("velocity", repr(min(joint.velocity, NO_LIMIT)))

@@ -1,0 +1,56 @@
+"""The way in: from where an arm stands to where its cycle begins."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..arguments import positive, wanted
+from ..errors import InputError
+from .motion import Motion
+from .timing import TimedMotion, limits_of, rest_to_rest
+
+_POINTS = 101
+
+
+def approach(
+    q_now: ArrayLike,
+    motion: Motion,
+    *,
+    acceleration: ArrayLike | str | None = None,
+    velocity: ArrayLike | None = None,
+    torque: bool = False,
+    rate: float = 1000.0,
+) -> TimedMotion:
+    """Move the joints straight, from rest to rest, from where the arm is to the start of a motion.
+
+    ``q(s) = q_now + s (q_start − q_now)``, as quickly as the limits allow. Both ends are inside the joint limits, and
+    so is all between. Bodies in the way are not looked at.
+
+    Parameters
+    ----------
+    q_now : (n,) array
+        Where the arm is.
+    motion
+        Whose first configuration is the goal.
+    acceleration, velocity, torque, rate
+        As :func:`timed` takes them.
+
+    Returns
+    -------
+    TimedMotion
+        Of one cycle: there, not back.
+
+    Raises
+    ------
+    InputError
+        If q_now or the start is outside the joint limits, the arm is there already, or a limit cannot be used.
+    """
+    task = wanted(motion, Motion, "motion", "a motion, such as rp.follow makes").task
+    limits = limits_of(task, velocity, acceleration, torque=torque)
+    ends = [task.check(q_now, "q_now"), task.check(motion.q[0], "the motion's start")]
+    begin, end = motion.joints(np.array(ends))
+    if np.linalg.norm(end - begin) < 1e-9:
+        raise InputError("the arm is at the start of the motion already; there is nothing to approach")
+    line = begin + np.linspace(0, 1, _POINTS)[:, None] * (end - begin)
+    return rest_to_rest(line, task.robot_joints, positive(rate, "rate", "samples a second"), limits)

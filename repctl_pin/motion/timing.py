@@ -1,0 +1,248 @@
+"""Time for a motion: rest to rest, as quick as the limits allow, cycle for cycle the same."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..arguments import positive, spread, wanted
+from ..errors import InputError
+from ..robot.task import Task
+from ..urdf.checks import NO_EFFORT
+from .motion import Motion
+from .profile import Limits, Profile, corners_of, fastest
+
+Array = NDArray[np.float64]
+
+PRESETS: dict[str, tuple[tuple[float, ...], str]] = {
+    "panda": ((15, 7.5, 10, 12.5, 15, 20, 20), "frankaemika.github.io/docs/control_parameters.html, limits for Panda"),
+    "fr3": ((10,) * 7, "frankarobotics.github.io/docs/robot_specifications.html, limits for Franka Research 3"),
+    "ur": ((5,) * 6, "Universal_Robots_ROS2_Driver, ur_moveit_config/config/joint_limits.yaml"),
+}
+"""Published acceleration limits of arms, rad/s² from the base outward, and where they stand."""
+
+_SAME = 1e-6
+"""A motion that comes back so near, rad or m, is taken as closed."""
+
+_MOMENT = 1e-3
+"""Velocities and accelerations are means over this time to either side, s: the exact ones jump."""
+
+
+@dataclass(frozen=True)
+class TimedMotion:
+    """Joints over time, from rest to rest, at even steps; of the robot's own joints.
+
+    Attributes
+    ----------
+    joints : tuple of str
+        Whose positions these are.
+    t : (T,) array
+        Time, s, from 0.
+    q, qdot, qddot : (T, n) arrays
+        Positions, velocities and accelerations, rad or m. These are means over a millisecond (or a sample,
+        if that is shorter) to either side, as central differences of q are: in time-optimal motion q̈ jumps.
+    starts : (cycles + 1,) array
+        When each cycle begins, and the last ends.
+    length, speed : (K,) arrays
+        The phase-plane profile: ‖q‖ travelled from the start, and its rate, per s; the first three cycles if
+        there are more.
+    velocity, acceleration : (n,) arrays
+        The limits kept.
+    stops : int
+        Corners of a cycle's joint path, at which it stands still.
+    """
+
+    joints: tuple[str, ...]
+    t: Array
+    q: Array
+    qdot: Array
+    qddot: Array
+    starts: Array
+    length: Array
+    speed: Array
+    velocity: Array
+    acceleration: Array
+    stops: int
+
+    @property
+    def duration(self) -> float:
+        """Time from leaving rest to rest, s."""
+        return float(self.starts[-1] - self.starts[0])
+
+    @property
+    def cycle_time(self) -> float:
+        """Time of a steady cycle, s; of the mean one where there are fewer than three."""
+        times = np.diff(self.starts)
+        return float(times[1] if len(times) > 2 else times.mean())
+
+    def cycle(self, k: int) -> tuple[Array, Array, Array, Array]:
+        """Samples of cycle k, counted from 0: time from its start, q, q̇, q̈."""
+        if not 0 <= k < len(self.starts) - 1:
+            raise InputError(f"there are {len(self.starts) - 1} cycles, counted from 0; no cycle {k}")
+        rows = (self.t >= self.starts[k] - 1e-9) & (self.t < self.starts[k + 1] - 1e-9)
+        return self.t[rows] - self.starts[k], self.q[rows], self.qdot[rows], self.qddot[rows]
+
+
+def timed(
+    motion: Motion,
+    *,
+    acceleration: ArrayLike | str | None = None,
+    velocity: ArrayLike | None = None,
+    torque: bool = False,
+    rate: float = 1000.0,
+) -> TimedMotion:
+    """Run a motion's joint path as quickly as the limits allow, from rest to rest.
+
+    ``min T`` with ``|q̇| ≤ velocity``, ``|q̈| ≤ acceleration`` and, if asked, ``|τ(q, q̇, q̈)| ≤ τ_max``, by TOPP-RA.
+    The first cycle speeds up, the last slows down, and those between are the same in joints and time, where the
+    motion closes. The path stands still at its corners; round them with ``blend=``.
+
+    Parameters
+    ----------
+    motion
+        What :func:`follow` made; its times are not used, but for stays.
+    acceleration : float, (n,) array or str
+        Of the robot's joints, rad/s² or m/s²; a URDF has none. Or a name in ``PRESETS``, published limits:
+        ``panda``, ``fr3``, ``ur``.
+    velocity : float or (n,) array, optional
+        By default the URDF's.
+    torque
+        Keep the URDF's effort limits too, by Pinocchio's inverse dynamics.
+    rate
+        Samples a second. A steady cycle takes a whole number of them.
+
+    Returns
+    -------
+    TimedMotion
+
+    Raises
+    ------
+    InputError
+        If a limit is missing or not above 0, or no speed keeps them all.
+    """
+    wanted(motion, Motion, "motion", "a motion, such as rp.follow makes")
+    limits = limits_of(motion.task, velocity, acceleration, torque=torque)
+    rate = positive(rate, "rate", "samples a second")
+    Q, steps = motion.joints(motion.q), motion.steps
+    once = Q[: steps + 1]
+    closed = np.abs(Q - np.vstack([np.tile(once[:-1], (motion.cycles, 1)), once[:1]])).max() < _SAME
+    laps = min(motion.cycles, 3) if closed else motion.cycles
+    if closed:
+        Q = np.vstack([np.tile(once[:-1], (laps, 1)), once[:1]])
+    profile, stops = _profile(Q, motion, laps, limits)
+    if motion.cycles > laps and not profile.settled:  # speeding up takes longer than a cycle
+        laps = motion.cycles
+        profile, stops = _profile(np.vstack([np.tile(once[:-1], (laps, 1)), once[:1]]), motion, laps, limits)
+    return _sampled(profile, motion.task.robot_joints, motion.cycles - laps, rate, limits, stops)
+
+
+def limits_of(
+    task: Task, velocity: ArrayLike | None, acceleration: ArrayLike | str | None, *, torque: bool = False
+) -> Limits:
+    """Take the limits of a task's joints that a person gave, or the URDF's.
+
+    Raises
+    ------
+    InputError
+        If accelerations are missing, a number is not above 0, or the URDF lacks efforts or masses that are wanted.
+    """
+    names = task.robot_joints
+    known = ", ".join(PRESETS)
+    if acceleration is None:
+        raise InputError(
+            f"acceleration= is missing, and a URDF has none: give rad/s² a joint (m/s² if it slides), or one of {known}"
+        )
+    if isinstance(acceleration, str):
+        if acceleration not in PRESETS:
+            raise InputError(f"no accelerations of {acceleration!r} are known, only of {known}; give numbers")
+        acceleration = np.array(PRESETS[acceleration][0], dtype=float)
+        if len(acceleration) != len(names):
+            raise InputError(
+                f"these accelerations are of {len(acceleration)} joints, but {task.frame!r} is moved by {len(names)}: "
+                f"give {len(names)} numbers"
+            )
+    own = np.array([task.robot.velocity[task.robot.joint_names.index(name)] for name in names])
+    speeds = own if velocity is None else spread(velocity, len(names), "velocity")
+    most = spread(acceleration, len(names), "acceleration")
+    if not np.isfinite(most).all():
+        raise InputError("acceleration must be finite numbers")
+    if not torque:
+        return Limits(speeds, most)
+    if task.coordinates is not None:
+        raise InputError("torque limits are of the robot's own joints; follow the path with the original task")
+    model = task.robot.model
+    efforts = np.array([model.effortLimit[model.getJointId(name) - 1] for name in names])
+    if (efforts >= NO_EFFORT).any() or not sum(inertia.mass for inertia in model.inertias) > 0:
+        raise InputError("torque limits need efforts and masses, and this URDF lacks some; leave torque out")
+    return Limits(speeds, most, efforts, task.dynamics())
+
+
+def rest_to_rest(Q: Array, joints: Sequence[str], rate: float, limits: Limits) -> TimedMotion:
+    """Time one smooth joint path (T, n), once."""
+    profile = Profile([fastest(Q, limits)], [0.0], [0, len(Q) - 1], [0, len(Q) - 1], limits)
+    return _sampled(profile, tuple(joints), 0, rate, limits, 0)
+
+
+def _profile(Q: Array, motion: Motion, laps: int, limits: Limits) -> tuple[Profile, int]:
+    """Solve run after run between corners and stays; and count the corners of a cycle."""
+    steps, t = motion.steps, motion.t[: motion.steps + 1] - motion.t[0]
+    moving = np.linalg.norm(np.diff(Q, axis=0), axis=1) > 1e-9
+    if not moving.any():
+        raise InputError("the joints do not move; there is nothing to time")
+    kept = np.concatenate([[True], moving])  # points that are not those before them
+    place = np.cumsum(kept) - 1  # of every point among the kept
+    stays = np.zeros(int(place[-1]) + 1)
+    np.add.at(stays, place[1:][~moving], np.tile(np.diff(t), laps)[~moving])
+    breaks = np.rint(np.interp(motion.path.breaks, t / t[-1], np.arange(steps + 1))).astype(int)
+    marks = [int(place[k + lap * steps]) for k in (0, *breaks) for lap in range(laps)]
+    corners = corners_of(Q[kept], marks)
+    stops = sorted({0, int(place[-1]), *corners, *np.flatnonzero(stays).tolist()})
+    runs = [fastest(Q[kept][a : b + 1], limits) for a, b in pairwise(stops)]
+    laps_at = [int(place[lap * steps]) for lap in range(laps + 1)]
+    count = sum(0 < k <= laps_at[1] for k in {*corners, *np.flatnonzero(stays).tolist()})
+    return Profile(runs, [float(stays[k]) for k in stops[:-1]], stops, laps_at, limits), count
+
+
+def _sampled(
+    profile: Profile, joints: tuple[str, ...], more: int, rate: float, limits: Limits, stops: int
+) -> TimedMotion:
+    """Sample a profile at even steps, its second cycle so many times more."""
+    dt = 1.0 / rate
+    marks, factor = profile.marks * profile.stretch, profile.stretch
+    period = 0
+    if len(marks) > 3:  # a steady cycle takes a whole number of samples
+        steady = float(marks[2] - marks[1])
+        period = int(np.ceil(steady / dt - 1e-6))
+        factor *= period * dt / steady
+        marks = profile.marks * factor
+    moment = min(dt, _MOMENT)
+    lead = int(np.ceil(2 * moment / dt - 1e-9))
+    samples = int(np.ceil(marks[-1] / dt - 1e-9)) + 2 * lead + 1
+    clock = np.linspace(-lead, samples - 1 - lead, samples) * dt
+    back, before, q, after, beyond = (profile.positions((clock + k * moment) / factor) for k in (-2, -1, 0, 1, 2))
+    qdot, qddot = (after - before) / (2 * moment), (beyond - 2 * q + back) / (4 * moment**2)
+    begin = int(np.ceil((marks[1] / dt if more else 0) - 1e-6)) + lead
+    steady_rows = np.tile(np.arange(begin, begin + period), more)
+    rows = np.concatenate([np.arange(begin + period), steady_rows, np.arange(begin + period, len(clock))])
+    starts = marks
+    if more:
+        turns = marks[1] + period * dt * np.arange(more + 2)
+        starts = np.concatenate([marks[:1], turns, marks[3:] + more * period * dt])
+    length, speed = profile.phase
+    return TimedMotion(
+        joints=joints,
+        t=np.linspace(0.0, (len(rows) - 1) * dt, len(rows)),
+        q=q[rows],
+        qdot=qdot[rows],
+        qddot=qddot[rows],
+        starts=starts + lead * dt,
+        length=length,
+        speed=speed / factor,
+        velocity=limits.velocity,
+        acceleration=limits.acceleration,
+        stops=stops,
+    )
