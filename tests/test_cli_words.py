@@ -89,8 +89,7 @@ def test_help_says_what_is_done(tmp_path, monkeypatch, capsys) -> None:
     few = ["--cycles", "1", "--steps", "40", "--degree", "5", "--quiet", "--json"]
     assert json.loads(printed(capsys, "study", "ppr", *few)[0])["design"]["potentials"] == 55  # (3 + 5)! / 3! / 5! - 1
     text = helped("follow", capsys)
-    assert "begins and ends at full speed along the path, not at rest, and no option eases it in" in text
-    assert text.count("; at full speed at both ends") == 2
+    assert "begins and ends at full speed along the path. With --acceleration it goes from rest to rest" in text
 
 
 def test_the_motion_that_follow_writes_is_at_full_speed_at_both_ends(tmp_path, monkeypatch, capsys) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from pathlib import Path
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
@@ -24,15 +24,15 @@ from .saved import load_design
 from .terminal import clear_line, progress
 
 if TYPE_CHECKING:
-    from ..motion import BestLeaf, Motion
+    from ..motion import BestLeaf, Motion, TimedMotion
     from ..robot.task import Task
     from ..strategies import Strategy
 
 HELP = "follow a closed path with a saved design, or another control, and write the joints' motion"
 EXAMPLE = """example: repctl follow design.json --path circle:0.1 --plane yz --csv motion.csv --yaml traj.yaml
 
-The motion is what repeats: it begins and ends at full speed along the path, not at rest, and no option eases it in.
-A robot that stands still needs a ramp of its own before it and after it."""
+The motion is what repeats: it begins and ends at full speed along the path. With --acceleration it goes from rest to
+rest, as quickly as these and the URDF's speed limits allow, all cycles but the first and last alike."""
 
 OWN = ("pseudoinverse", "inertia")
 
@@ -53,8 +53,15 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--steps", type=whole, default=500, help="points a cycle (default 500)")
     parser.add_argument("--period", type=positive, help="time of a cycle, s (default: the path's own, else 5)")
     parser.add_argument("--best-leaf", action="store_true", help="start where limits and leaf margin have most room")
-    parser.add_argument("--csv", metavar="FILE", help="write time, positions, velocities; at full speed at both ends")
-    parser.add_argument("--yaml", metavar="FILE", help="write a ROS JointTrajectory; at full speed at both ends")
+    parser.add_argument(
+        "--acceleration",
+        metavar="A",
+        help="go from rest to rest within these: rad/s² (m/s²), one number or one a joint, or panda, fr3, ur",
+    )
+    parser.add_argument("--rate", type=positive, default=1000.0, help="with it: samples a second (default 1000)")
+    parser.add_argument("--profile", metavar="FILE", help="with it: draw joint speed over the path's length, as PNG")
+    parser.add_argument("--csv", metavar="FILE", help="write time, positions, velocities, and accelerations if timed")
+    parser.add_argument("--yaml", metavar="FILE", help="write a ROS JointTrajectory")
     parser.add_argument("--json", action="store_true", help="print JSON instead of text")
 
 
@@ -63,8 +70,8 @@ def run(options: argparse.Namespace) -> int:
     say = progress(options.json)
     say("starting up")
     from ..files import write_whole
-    from ..motion import best_leaf, follow
-    from ..motion.csv_file import csv_text
+    from ..motion import best_leaf, follow, timed
+    from ..motion.csv_file import csv_text, timed_csv_text
     from ..motion.export import commanded, yaml_text
     from ..motion.spec import parse_path
     from ..strategies import OnLeaves, RepeatableInverse
@@ -94,21 +101,32 @@ def run(options: argparse.Namespace) -> int:
     motion = follow(strategy, path, q0, cycles=options.cycles, steps=options.steps, period=options.period, lock=lock)
     if design is not None and (share := share_outside(design.region, motion)) > 0:
         notes.append(f"the motion spends {share:.1%} of its time outside the design's Ω, where nothing was designed")
-    timed = (commanded(motion, strategy) if lock else motion).retimed()
-    files = [
-        write_whole(name, text(timed))
-        for name, text in ((options.csv, csv_text), (options.yaml, yaml_text))
-        if name is not None
-    ]
+    slowed = (commanded(motion, strategy) if lock else motion).retimed()
+    result = _result(slowed, motion.t[-1], q0, notes)
+    contents: dict[str | None, Callable[[], str | bytes]] = {
+        options.csv: lambda: csv_text(slowed),
+        options.yaml: lambda: yaml_text(slowed),
+    }
+    if options.acceleration is not None:
+        say("timing the motion")
+        rest = timed(motion, acceleration=_accelerations(options.acceleration), rate=options.rate)
+        result |= {"duration": rest.duration, "slowed_by": None, "cycle_time": rest.cycle_time, "stops": rest.stops}
+        contents = {
+            options.csv: lambda: timed_csv_text(rest),
+            options.yaml: lambda: yaml_text(rest),
+            options.profile: lambda: _drawn(rest),
+        }
+    elif options.profile is not None:
+        raise InputError("--profile is of a timed motion; give --acceleration with it")
+    result["files"] = [str(write_whole(name, text())) for name, text in contents.items() if name is not None]
     clear_line()
-    result = _result(timed, motion.t[-1], q0, notes, files)
     if options.json:
         print(json.dumps(result, indent=2, ensure_ascii=False))
         return 0
     if found is not None:
         print(found.summary())
-    _print(result, timed)
-    _warn(timed, repeatable=isinstance(strategy, RepeatableInverse) and found is None)
+    _print(result, slowed)
+    _warn(slowed, repeatable=isinstance(strategy, RepeatableInverse) and found is None)
     return 0
 
 
@@ -142,7 +160,29 @@ def _control(options: argparse.Namespace, task: Task, q0: Any) -> Strategy:
     return strategy
 
 
-def _result(motion: Motion, asked: float, q0: Any, notes: list[str], files: list[Path]) -> dict[str, Any]:
+def _accelerations(text: str) -> str | list[float]:
+    """Take --acceleration: a name, a number, or one a joint."""
+    if text.strip().isidentifier():
+        return text.strip()
+    try:
+        return [float(part) for part in text.replace(" ", ",").split(",") if part]
+    except ValueError:
+        raise InputError(f"--acceleration {text!r} is neither numbers, separated by commas, nor a name") from None
+
+
+def _drawn(rest: TimedMotion) -> bytes:
+    """Draw the phase-plane profile."""
+    from matplotlib.figure import Figure
+
+    from ..show.plots.motions import png
+    from ..show.plots.phase_plane import phase_plane
+
+    figure = Figure(figsize=(6, 3.4), layout="constrained")
+    phase_plane(figure.add_subplot(), rest)
+    return png(figure)
+
+
+def _result(motion: Motion, asked: float, q0: Any, notes: list[str]) -> dict[str, Any]:
     margin = float(motion.limit_margin.min())
     violation = motion.first_violation
     return {
@@ -160,7 +200,6 @@ def _result(motion: Motion, asked: float, q0: Any, notes: list[str], files: list
         "duration": float(motion.t[-1]),
         "slowed_by": float(motion.t[-1] / asked),
         "notes": notes,
-        "files": [str(file) for file in files],
     }
 
 
@@ -176,13 +215,16 @@ def _print(result: dict[str, Any], motion: Motion) -> None:
     print(f"tracking error  {result['tracking_error']:.2g} m at most")
     margin = result["limit_margin"]
     print(f"limit margin    {'no limits' if margin is None else f'{margin:.3g}'}")
-    slowed = (
-        "" if result["slowed_by"] < 1.0001 else f", slowed down by {result['slowed_by']:.3g} to keep the speed limits"
-    )
-    print(f"time            {result['duration']:.4g} s{slowed}")
+    more = ""
+    if result["slowed_by"] is None:
+        stops = f", stopping {result['stops']} times in each; blend= rounds corners" if result["stops"] else ""
+        more = f" from rest to rest, {result['cycle_time']:.4g} s a cycle{stops}"
+    elif result["slowed_by"] > 1.0001:
+        more = f", slowed down by {result['slowed_by']:.3g} to keep the speed limits"
+    print(f"time            {result['duration']:.4g} s{more}")
     for note in result["notes"]:
         print(f"note: {note}")
-    if result["files"]:
+    if result["files"] and result["slowed_by"] is not None:
         print("note: the motion begins and ends at full speed along the path; a robot at rest needs a ramp")
     for file in result["files"]:
         print(f"wrote {file}")

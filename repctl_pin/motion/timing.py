@@ -53,7 +53,7 @@ class TimedMotion:
     velocity, acceleration : (n,) arrays
         The limits kept.
     stops : int
-        Corners of a cycle's joint path, at which it stands still.
+        How often it stands still within a cycle, its start not counted: at corners of the joint path, and stays.
     """
 
     joints: tuple[str, ...]
@@ -203,7 +203,7 @@ def _profile(Q: Array, motion: Motion, laps: int, limits: Limits) -> tuple[Profi
     stops = sorted({0, int(place[-1]), *corners, *np.flatnonzero(stays).tolist()})
     runs = [fastest(Q[kept][a : b + 1], limits) for a, b in pairwise(stops)]
     laps_at = [int(place[lap * steps]) for lap in range(laps + 1)]
-    count = sum(0 < k <= laps_at[1] for k in {*corners, *np.flatnonzero(stays).tolist()})
+    count = sum(0 < k < laps_at[1] for k in {*corners, *np.flatnonzero(stays).tolist()})
     return Profile(runs, [float(stays[k]) for k in stops[:-1]], stops, laps_at, limits), count
 
 
