@@ -21,7 +21,7 @@ from repctl_pin.cli import main, parser
 from repctl_pin.cli.check import strategy_of
 from repctl_pin.cli.completion import _WORDS, script
 from repctl_pin.cli.design import _desired
-from repctl_pin.motion.paths import PLANES
+from repctl_pin.motion.shapes import PLANES
 from repctl_pin.motion.spec import parse_path
 from repctl_pin.robot.task import KINDS
 from repctl_pin.show.plots.motions import COLOURS

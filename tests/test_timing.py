@@ -240,6 +240,17 @@ def test_what_cannot_be_approached_or_timed_is_refused(planar, ring) -> None:
         rp.timed(ring, acceleration=5.0).cycle(10)
 
 
+def test_the_way_in_does_not_lead_through_the_robot_itself(panda_pose, panda_motions) -> None:
+    folded = np.array([0.794, -0.812, -2.66, -3.022, 1.815, 3.424, 0.618])  # the hand at the base
+    motion = panda_motions["ours"]
+    least = rp.Bodies(panda_pose).distances(np.linspace(folded, motion.q[0], 101)).min()
+    assert least < 0
+    with pytest.raises(rp.InputError, match=r"'panda_\w+' and 'panda_\w+' touch, \d+% of it done: .* bodies=False"):
+        rp.approach(folded, motion, acceleration="panda")
+    judged(rp.approach(folded, motion, acceleration="panda", bodies=False))
+    judged(rp.approach(motion.q[0] + 0.2, motion, acceleration="panda"))
+
+
 def test_a_robot_reads_what_was_computed(ring, tmp_path) -> None:
     once = replace(ring, cycles=1, q=ring.q[:201], t=ring.t[:201])
     timed = rp.timed(once, velocity=2.0, acceleration=6.0, rate=100)

@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike
 
 from ..arguments import positive, wanted
 from ..errors import InputError
+from ..robot.bodies import bodies_of
 from .motion import Motion
 from .timing import TimedMotion, limits_of, rest_to_rest
 
@@ -21,11 +22,12 @@ def approach(
     velocity: ArrayLike | None = None,
     torque: bool = False,
     rate: float = 1000.0,
+    bodies: bool = True,
 ) -> TimedMotion:
     """Move the joints straight, from rest to rest, from where the arm is to the start of a motion.
 
     ``q(s) = q_now + s (q_start − q_now)``, as quickly as the limits allow. Both ends are inside the joint limits, and
-    so is all between. Bodies in the way are not looked at.
+    so is all between.
 
     Parameters
     ----------
@@ -35,6 +37,8 @@ def approach(
         Whose first configuration is the goal.
     acceleration, velocity, torque, rate
         As :func:`timed` takes them.
+    bodies
+        Make sure that the robot does not touch itself on the way; what stands round it is not looked at.
 
     Returns
     -------
@@ -44,7 +48,8 @@ def approach(
     Raises
     ------
     InputError
-        If q_now or the start is outside the joint limits, the arm is there already, or a limit cannot be used.
+        If q_now or the start is outside the joint limits, the arm is there already or would touch itself, or a limit
+        cannot be used.
     """
     task = wanted(motion, Motion, "motion", "a motion, such as rp.follow makes").task
     limits = limits_of(task, velocity, acceleration, torque=torque)
@@ -52,5 +57,16 @@ def approach(
     begin, end = motion.joints(np.array(ends))
     if np.linalg.norm(end - begin) < 1e-9:
         raise InputError("the arm is at the start of the motion already; there is nothing to approach")
-    line = begin + np.linspace(0, 1, _POINTS)[:, None] * (end - begin)
+    share = np.linspace(0, 1, _POINTS)[:, None]
+    if bodies:
+        straight = ends[0] + share * (ends[1] - ends[0])
+        known = bodies_of(task)
+        distances = known.distances(straight)
+        if distances[at := int(np.argmin(distances))] <= 0:
+            one, other = known.nearest(straight[at]).links
+            raise InputError(
+                f"on the straight way {one!r} and {other!r} touch, {share[at, 0]:.0%} of it done: go round by another "
+                "configuration, or give bodies=False if they do not"
+            )
+    line = begin + share * (end - begin)
     return rest_to_rest(line, task.robot_joints, positive(rate, "rate", "samples a second"), limits)
