@@ -70,6 +70,46 @@ class Local:
                 self._tick(min(1.0, (i + self._batch) / len(self._Q)))
 
 
+class Guarded:
+    """Batches, and points of Ω at which det(Nᵀ V) was found to vanish between the nodes.
+
+    Each point counts as one more node of the mean: its cost, which has no bound where det(Nᵀ V) goes to 0, keeps a
+    descent away from there.
+
+    Parameters
+    ----------
+    batches
+        The nodes.
+    builder
+        Evaluates the arm.
+    weight
+        Of each point.
+    guards
+        Points that are there already.
+    """
+
+    def __init__(self, batches: Batches, builder: Builder, weight: float, guards: Sequence[Array] = ()) -> None:
+        self.batches, self._builder, self._weight = batches, builder, weight
+        self.guards: list[Array] = []
+        self._built: list[Batch] = []
+        for Q in guards:
+            self.guard(Q)
+
+    def guard(self, Q: Array) -> None:
+        """Guard some more points Q (K, n)."""
+        self.guards.append(Q)
+        self._built.append(self._builder(Q, np.full(len(Q), self._weight)))
+
+    def total(self, function: Callable[..., tuple], *arguments: Any) -> tuple:
+        """Add ``function(batch, *arguments)`` up over all batches and guarded points, item by item."""
+        nodes = self.batches.total(function, *arguments)
+        return add([nodes, *(function(b, *arguments) for b in self._built)]) if self._built else nodes
+
+    def close(self) -> None:
+        """Let the batches go."""
+        self.batches.close()
+
+
 def add(parts: Iterable[tuple]) -> tuple:
     """Add tuples of sums up, item by item; sides of singularities are gathered."""
     total: list[Any] = []

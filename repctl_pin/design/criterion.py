@@ -1,13 +1,14 @@
 """The cost of a choice of potentials, its gradient and its Gauss–Newton matrix, on batches of nodes.
 
 Everything that depends on the arm is in E and F, built once (34), (36), (38). After that an evaluation is
-dense linear algebra. Each function here takes one batch and returns sums that add up over batches.
+dense linear algebra. Each function here takes one batch and returns sums that add up over batches; A with fewer rows
+than there are potentials speaks of the first of them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +55,10 @@ class Batch:
     def F(self) -> Array:
         """``G_dᵀ D`` (K, m, N)."""
         return self.EF[:, self.r :]
+
+    def first(self, size: int) -> Batch:
+        """The same nodes with the first potentials alone."""
+        return self if size == self.EF.shape[-1] else replace(self, EF=self.EF[..., :size])
 
 
 @dataclass(frozen=True)
@@ -181,7 +186,7 @@ def linear(b: Batch) -> tuple[Array, Array, Array]:
 
 def cost(b: Batch, A: Array) -> tuple[float, Sides]:
     """Evaluate this batch's part of ``C(A) = mean ‖F A (E A)⁻¹‖_F²`` (34), (36), (38), and its sides."""
-    X, _, sides = _difference(b, A)
+    X, _, sides = _difference(b.first(len(A)), A)
     return float(b.weights @ np.sum(X**2, axis=(1, 2))), sides
 
 
@@ -193,6 +198,7 @@ def gauss_newton(b: Batch, A: Array) -> tuple[float, Array, Array, Sides]:
     ``S = P⁻¹ P⁻ᵀ``.
     """
     size, r = A.shape
+    b = b.first(size)
     X, P_inv, sides = _difference(b, A)
     total = float(b.weights @ np.sum(X**2, axis=(1, 2)))
     L = b.F - X @ b.E  # (K, m, N)

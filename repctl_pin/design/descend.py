@@ -68,13 +68,23 @@ class Start:
     toward: Array
 
 
-def start(batches: Batches, basis: Array) -> Start:
+def start(batches: Batches, basis: Array, moments: tuple[Array, Array, Array]) -> Start:
     """Solve the linear problem that brings V closest to the null space's own field.
 
     ``min_A mean ε ‖F A‖² + ‖E A − Nᵀ N(center)‖²``: V should be N R with R = Nᵀ N(center), a smooth gauge,
     and have no part along G_d. ε = 1, or less where that runs into an algorithmic singularity.
+
+    Parameters
+    ----------
+    batches
+        The nodes.
+    basis : (N', N') array
+        Coordinates of the first N' potentials, which are all that is used.
+    moments
+        The sums of :func:`criterion.linear` over all potentials.
     """
-    EE, FF, toward = batches.total(criterion.linear)
+    size = len(basis)
+    EE, FF, toward = moments[0][:size, :size], moments[1][:size, :size], moments[2][:size]
     found = None
     for emphasis in _EMPHASIS:
         A = basis @ _solve(basis.T @ (EE + emphasis * FF) @ basis, basis.T @ toward)
@@ -94,6 +104,7 @@ def descend(
     *,
     penalty: float,
     tolerance: float,
+    most: int = _MAX_STEPS,
     report: Report | None = None,
 ) -> Descent:
     """Gauss–Newton with Levenberg's damping, and a line search that keeps det(Nᵀ V) of one sign.
@@ -121,7 +132,7 @@ def descend(
     size = len(C)
     total, cost, gradient, matrix, sides = evaluate(C)
     converged, steps, still, norm, damping = False, 0, 0, 0.0, _DAMPING
-    for steps in range(_MAX_STEPS):
+    for steps in range(most):
         if report is not None:
             report(steps, cost)
         g = gradient.T.ravel()  # (r N,)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -17,13 +16,14 @@ from ..regions import Region
 from ..strategies.repeatable import RepeatableInverse
 from ..strategies.strategy import Inverse
 from . import criterion
-from .batches import Batches, Local
+from .batches import Batches, Guarded, Local
 from .criterion import Builder, evaluate, oriented_nullspace
-from .descend import Descent, descend, start
+from .descend import Descent
 from .independence import Independent, independent
 from .judgement import judge
 from .result import Design
-from .search import SingularRegionError, dexterity, refuse_singular, search, signed_leaf_margin
+from .search import SingularRegionError, dexterity, refuse_singular, search
+from .way import Way
 from .workers import hand_out
 
 if TYPE_CHECKING:
@@ -35,9 +35,8 @@ _LEAST_NODES = 4096
 _DEFAULT_NODES = 16384
 _NODES_PER_UNKNOWN = 32
 _COARSE_TOLERANCE = 1e-4
-_PENALTIES: tuple[float, ...] = (1e-3, 1e-2, 1e-1)
-"""Tried in turn until no singularity is left between the nodes, after few nodes with the second; see
-:func:`descend`."""
+_PENALTY = 1e-3
+_ROUNDS = 4
 
 
 def fit(
@@ -54,8 +53,11 @@ def fit(
     executor: Executor | Client | None,
     restarts: int,
     tolerance: float,
+    warm: Array | None = None,
 ) -> Design:
     """Fit and judge in one region; see :func:`nearest_repeatable` for the options.
+
+    ``warm`` holds the coefficients (N_first, r) of a design with the first of the potentials: of a lower degree.
 
     Raises
     ------
@@ -65,9 +67,9 @@ def fit(
     task = desired.task
     report("searching Ω for singularities of the arm", 0.0)
     measure = dexterity(task)
-    found = search(measure, region, region.random(2048, seed))
-    if found.value <= 0:
-        raise refuse_singular("the Jacobian loses rank", task, measure, region, found.at)
+    lowest = search(measure, region, region.random(2048, seed))
+    if lowest.value <= 0:
+        raise refuse_singular("the Jacobian loses rank", task, measure, region, lowest.at)
 
     unknowns = (fields.size - task.r) * task.r
     few = max(_LEAST_NODES, _NODES_PER_UNKNOWN * unknowns // task.m)
@@ -76,7 +78,7 @@ def fit(
         least = -(-fields.size // task.m)
         raise InputError(f"{count} nodes are too few for {fields.size} potentials; give at least {least}")
     Q, weights = region.nodes(count, seed)
-    Q_few, w_few = region.nodes(few, seed) if len(Q) >= 4 * few else (Q, weights)
+    Q_few, w_few = region.nodes(few, seed) if len(Q) >= 2 * few else (Q, weights)
     chosen = independent(desired, fields, *region.nodes(max(512, 2 * fields.size), seed))
     N_center = oriented_nullspace(task.jacobian(region.center)[None], task, region.center[None])[0]
     builder = Builder(desired, fields, chosen.kept, N_center)
@@ -92,51 +94,34 @@ def fit(
     def step(number: int, cost: float) -> None:
         report(f"step {number}, cost {cost:.6g}", 1.0)
 
-    coarse = batches_of(Q_few, w_few, executor if len(Q_few) == len(Q) else None)
-    fine = coarse
+    few_nodes = batches_of(Q_few, w_few, executor if len(Q_few) == len(Q) else None)
+    all_nodes = few_nodes
     try:
-        begin = start(coarse, chosen.basis)
-        if not begin.sides.clear:
-            raise _crossing(desired, fields, chosen, begin.A, region, Q_few, begin.sides)
-
-        def rough(penalty: float) -> Descent:
-            """Descend on few nodes from the start, and from random changes of it; the best."""
-            found = [descend(coarse, chosen.basis, begin, begin.A, penalty=penalty, tolerance=enough, report=step)]
-            for attempt in range(restarts):
-                noise = np.random.default_rng([seed, attempt]).normal(size=begin.A.shape)
-                away = begin.A + 0.3 * chosen.basis @ noise / np.sqrt(len(noise))
-                if coarse.total(criterion.cost, away)[-1].clear:
-                    found.append(
-                        descend(coarse, chosen.basis, begin, away, penalty=penalty, tolerance=enough, report=step)
-                    )
-            return min(found, key=lambda one: one.cost)
-
-        enough = max(tolerance, _COARSE_TOLERANCE)
-        near = rough(_PENALTIES[1])
-        penalties = _PENALTIES
-        if _singular_between(desired, fields, chosen, near.A, region, seed):
-            penalties = _PENALTIES[-1:]
-            near = rough(penalties[0])
-        if len(Q_few) < len(Q):
-            fine = batches_of(Q, weights, executor)
-        for penalty in penalties:
-            result = descend(fine, chosen.basis, begin, near.A, penalty=penalty, tolerance=tolerance, report=step)
-            result = replace(result, steps=result.steps + near.steps)
-            last = penalty == penalties[-1]
-            if not result.sides.clear:
-                if last:
-                    raise _crossing(desired, fields, chosen, result.A, region, Q, result.sides)
-                continue
-            report("judging on held-out nodes", 0.0)
-            try:
-                return _judged(desired, fields, region, chosen, result, len(Q), held_out, seed, last)
-            except SingularRegionError:
-                if last:
-                    raise
+        coarse = Guarded(few_nodes, builder, 1 / len(Q_few))
+        way = Way(desired, fields, region, chosen, coarse, seed, restarts, max(tolerance, _COARSE_TOLERANCE), step)
+        refusal: SingularRegionError | None = None
+        fine = coarse
+        for near in way.regular(warm):
+            if all_nodes is few_nodes and len(Q_few) < len(Q):
+                all_nodes = batches_of(Q, weights, executor)
+                fine = Guarded(all_nodes, builder, 1 / len(Q), coarse.guards)
+            for _ in range(_ROUNDS):
+                found = way.descend(fine, near.A, _PENALTY, tolerance)
+                result = found or replace(near, converged=False)
+                cost, _ = all_nodes.total(criterion.cost, result.A)
+                result = replace(result, cost=cost, steps=result.steps + near.steps)
+                report("judging on held-out nodes", 0.0)
+                try:
+                    return _judged(desired, fields, region, chosen, result, len(Q), held_out, seed)
+                except SingularRegionError as error:
+                    refusal = error
+                if found is None or way.margin(near.A)(refusal.at[None])[0] <= 0:
+                    break
+                fine.guard(refusal.at[None])
+        raise way.refusal(Q_few, refusal)
     finally:
-        coarse.close()
-        fine.close()
-    raise AssertionError("the last penalty returns or raises")
+        few_nodes.close()
+        all_nodes.close()
 
 
 def _judged(
@@ -148,14 +133,13 @@ def _judged(
     samples: int,
     held_out: int,
     seed: int,
-    free: bool,
 ) -> Design:
     """Make the design, with figures from held-out nodes."""
-    A = _spread(fields, chosen, result.A)
+    A = chosen.spread(result.A)
     N, _, D = evaluate(desired, fields, region.center[None])
     A = A @ np.linalg.inv(N[0].T @ D[0] @ A)  # gauge: Nᵀ V = I at the center, J_V as well conditioned as J there
     inverse = RepeatableInverse(desired.task, fields.weighted(A))
-    verdict = judge(inverse, desired, region, samples=held_out, seed=seed + 1, free=free)
+    verdict = judge(inverse, desired, region, samples=held_out, seed=seed + 1, free=False)
     return Design(
         inverse=inverse,
         desired=desired,
@@ -177,43 +161,3 @@ def _judged(
         seed=seed,
         dropped=chosen.dropped,
     )
-
-
-def _spread(fields: Field, chosen: Independent, A: Array) -> Array:
-    """Put zeros where potentials were dropped: (N, r)."""
-    whole = np.zeros((fields.size, A.shape[1]))
-    whole[chosen.kept] = A
-    return whole
-
-
-def _one_sided(
-    desired: Inverse, fields: Field, chosen: Independent, A: Array, region: Region
-) -> Callable[[Array], Array]:
-    """Measure the leaf margin of V, positive on the side of the center."""
-    leaf_margin = signed_leaf_margin(desired.task, fields.weighted(_spread(fields, chosen, A)))
-    side = np.sign(leaf_margin(region.center[None]))[0]
-    return lambda Q: side * leaf_margin(Q)
-
-
-def _singular_between(
-    desired: Inverse, fields: Field, chosen: Independent, A: Array, region: Region, seed: int
-) -> bool:
-    """Whether a quick search finds an algorithmic singularity between the nodes."""
-    measure = _one_sided(desired, fields, chosen, A, region)
-    return search(measure, region, region.random(1024, seed + 7919)).value <= 0
-
-
-def _crossing(
-    desired: Inverse,
-    fields: Field,
-    chosen: Independent,
-    A: Array,
-    region: Region,
-    Q: Array,
-    sides: criterion.Sides,
-) -> SingularRegionError:
-    """Refuse Ω because det(Nᵀ V) has both signs on its nodes."""
-    measure = _one_sided(desired, fields, chosen, A, region)
-    nodes = Q[[sides.a_positive, sides.a_negative]]
-    bad = nodes[measure(nodes) <= 0]
-    return refuse_singular("an algorithmic singularity lies", desired.task, measure, region, bad[0], bad)

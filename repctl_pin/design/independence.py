@@ -31,12 +31,22 @@ class Independent:
         The others, each with the reason, for a person.
     basis : (N', N') array
         B: the gradients of ``B⁻¹``-combinations, D B, are orthonormal in the mean over Ω. The optimiser
-        works in these coordinates, so that it does not depend on the basis it was given.
+        works in these coordinates, so that it does not depend on the basis it was given. Upper triangular:
+        its leading blocks do the same for the first potentials.
+    size : int
+        N.
     """
 
     kept: NDArray[np.intp]
     dropped: tuple[str, ...]
     basis: Array
+    size: int
+
+    def spread(self, A: Array) -> Array:
+        """Put zeros where potentials were dropped, or where A has fewer rows than were kept: (N, r)."""
+        whole = np.zeros((self.size, A.shape[1]))
+        whole[self.kept[: len(A)]] = A
+        return whole
 
 
 def independent(desired: Inverse, fields: Field, Q: Array, weights: Array) -> Independent:
@@ -82,7 +92,7 @@ def independent(desired: Inverse, fields: Field, Q: Array, weights: Array) -> In
         raise InputError(
             f"{len(kept)} independent potentials cannot give r = {r} of them{why}; raise the degree or add others"
         )
-    return Independent(left[kept], tuple(dropped), scipy.linalg.solve_triangular(R, np.eye(len(R))))
+    return Independent(left[kept], tuple(dropped), scipy.linalg.solve_triangular(R, np.eye(len(R))), fields.size)
 
 
 def _sequential(triangle: Array) -> tuple[Array, list[int]]:

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 _HELD_OUT_NODES = 16384
 _SHRINKINGS = 12
-_MOST_DEGREE = 4
+_MOST_DEGREE = 6
 _MOST_UNKNOWNS = 1000
 _WORTHWHILE = 0.01
 
@@ -64,7 +64,7 @@ def nearest_repeatable(
         Ω.
     degree
         In place of fields: all polynomials of this degree over Ω's box; ``"auto"`` raises the degree from 1
-        until the cost on held-out nodes stops falling by 1 % (at most 4, or 8 for n ≤ 3, and 1000 unknowns).
+        until the cost on held-out nodes stops falling by 1 % (at most 6, or 8 for n ≤ 3, and 1000 unknowns).
     samples
         Nodes of the fit; by default 4096, or 32 times the unknowns where that is more.
     held_out
@@ -128,14 +128,15 @@ def _auto(desired: Inverse, region: Region, shrink: bool, report: reporting.Repo
     """Raise the degree until the cost on held-out nodes stops falling."""
     best: Design | None = None
     tried: list[tuple[int, float, float]] = []
-    for degree in range(1, (2 if desired.task.n <= 3 else 1) * _MOST_DEGREE + 1):
+    for degree in range(1, (_MOST_DEGREE + 2 if desired.task.n <= 3 else _MOST_DEGREE) + 1):
         fields = _polynomial(region, degree)
         if fields.size < desired.task.r:
             continue
         if best is not None and (fields.size - desired.task.r) * desired.task.r > _MOST_UNKNOWNS:
             break
         try:
-            design = _shrinking(desired, fields, region, shrink and best is None, report, options)
+            warm = None if best is None else best.coefficients
+            design = _shrinking(desired, fields, region, shrink and best is None, report, options | {"warm": warm})
         except SingularRegionError:
             if best is None:
                 raise

@@ -53,10 +53,20 @@ class SingularRegionError(SingularityError):
 
 @dataclass(frozen=True)
 class Lowest:
-    """The lowest value of a measure found in a region, and where."""
+    """The lowest value of a measure found in a region, and where.
+
+    Attributes
+    ----------
+    value : float
+    at : (n,) array
+    ends, values : (S, n), (S,) arrays
+        Where the local searches ended, and the values there.
+    """
 
     value: float
     at: Array
+    ends: Array
+    values: Array
 
 
 def dexterity(task: Task) -> Measure:
@@ -120,7 +130,7 @@ def lowest(measure: Measure, region: Region, starts: Array) -> Lowest:
         Q[better], value[better] = trial[better], found[better]
         bound = np.where(better, np.minimum(2 * bound, 0.5), bound / 4)
     worst = int(np.argmin(value))
-    return Lowest(float(value[worst]), Q[worst])
+    return Lowest(float(value[worst]), Q[worst], Q, value)
 
 
 def search(measure: Measure, region: Region, Q: Array, values: Array | None = None) -> Lowest:
