@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -151,3 +152,14 @@ def test_inspect_says_who_drives_whom(robot: rp.Robot) -> None:
 
     text = inspection_text(inspection(robot, {"l7": {"position": 1}}))
     assert "driven: j3 (mimics j2), j4 (mimics j1), j6 (mimics j5)" in text
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler")
+@pytest.mark.parametrize("base", [None, "l2"])
+def test_c_computes_the_same(robot: rp.Robot, base: str | None) -> None:
+    task = rp.Robot.load(robot.description.path, base=base).task("l7", "xy")
+    q0 = 0.3 + 0.2 * np.arange(task.n)
+    design = rp.nearest_repeatable(rp.Pseudoinverse(task), rp.Polynomial(q0, 1, 0.1), rp.Box(q0, 0.1))
+    fast = rp.compiled(design.inverse)
+    xdot = np.array([0.1, -0.2])
+    assert np.allclose(fast.velocity(q0 + 0.05, xdot), design.inverse.velocity(q0 + 0.05, xdot), atol=1e-12)

@@ -30,8 +30,15 @@ class Chain:
     def __init__(self, task: Task) -> None:
         self.graph = Graph()
         q = [self.graph.input(f"q[{i}]") for i in range(task.n)]
-        T = None if task.coordinates is None else task.coordinates.T
-        joints = q if T is None else [self._weighted(row, q) for row in T]
+        drive = task.drive
+        joints = (
+            q
+            if drive is None
+            else [
+                self._weighted(row, q) + self.graph.number(offset)
+                for row, offset in zip(drive.S, drive.offset, strict=True)
+            ]
+        )
         model, frame = task.model, task.model.frames[task._frame_id]
         self.p = self._numbers(np.zeros(3))
         self.R = [self._numbers(row) for row in np.eye(3)]
@@ -55,7 +62,7 @@ class Chain:
             J[3:] = [[self._dot([row[k] for row in self.R], c[3:]) for c in columns] for k in range(2)]
         else:
             J = [J[row] for row in task.rows]
-        self.J = J if T is None else [[self._weighted(column, row) for column in T.T] for row in J]
+        self.J = J if drive is None else [[self._weighted(column, row) for column in drive.S.T] for row in J]
 
     def _column(self, turns: bool, z: Vector, o: Vector) -> Vector:
         """The frame's twist (v, ω) per unit of a joint's speed."""

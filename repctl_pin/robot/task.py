@@ -100,12 +100,17 @@ class Task:
         if robot.base is not None:
             base = frame_id(self.model, robot.base)
             self.model, self._frame_id = seen_from(self.model, base, self._frame_id, robot.joints)
-        self.drive, self._first = self._drive(self.model), self._first_driven()
+        self._first = self._first_driven()
+        self._couple()
         self._allocate()
 
     def _allocate(self) -> None:
         self._data = self.model.createData()
+        self._body_data = self._data if self._bodies is self.model else self._bodies.createData()
         self._frame_jacobian = frame_jacobian(self.model, self._data, self._frame_id)
+
+    def _couple(self) -> None:
+        self.drive, self._body_drive = self._drive(self.model), self._drive(self._bodies)
 
     def _drive(self, model: pin.Model) -> Coupling | None:
         """Make the map from q to the joints of a model of the chain; None where they are the same."""
@@ -131,7 +136,7 @@ class Task:
         change = change_of(self.joint_names, self.lower, self.upper, self.velocity_limit, self.revolute, T)
         task = copy(self)
         task.coordinates = change
-        task.drive = task._drive(task.model)
+        task._couple()
         task.joint_names, task.revolute = change.names, change.revolute
         task.lower, task.upper, task.velocity_limit = change.lower, change.upper, change.velocity
         task.reference = change.coordinates(self.reference)
@@ -230,13 +235,12 @@ class Task:
 
     def bodies_model(self) -> tuple[pin.Model, Coupling | None]:
         """The tree of all links, its root standing still, with the joints that q moves; and those joints out of q."""
-        return self._bodies, self._drive(self._bodies)
+        return self._bodies, self._body_drive
 
     def inertias(self, Q: ArrayLike) -> Array:
         """Evaluate the joint-space inertia M (K, n, n) of the chain, kg m² and kg; the tree's root stands still."""
-        model, drive = self.bodies_model()
+        model, data, drive = self._bodies, self._body_data, self._body_drive
         Q = rows(Q, self.n, repr(self))
-        data = model.createData()
         Ms = np.empty((len(Q), model.nv, model.nv))
         for q, M in zip(Q if drive is None else drive.joints(Q), Ms, strict=True):
             upper = np.triu(pin.crba(model, data, q))
@@ -342,7 +346,7 @@ class Task:
         return Q if self.drive is None else self.drive.joints(Q)
 
     def __getstate__(self) -> dict[str, Any]:
-        return {k: v for k, v in self.__dict__.items() if k not in ("_data", "_frame_jacobian")}
+        return {k: v for k, v in self.__dict__.items() if k not in ("_data", "_body_data", "_frame_jacobian")}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)

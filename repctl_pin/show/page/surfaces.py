@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError
+
+KINDS = (".stl", ".dae", ".obj", ".ply", ".off", ".glb", ".gltf")
+"""Mesh files that are read; archives and formats that are archives are not: a few bytes of them can hold gigabytes."""
+
+MOST_BYTES = 100_000_000
+"""The largest mesh file, or texture, that is read."""
+
+MOST_FACES = 1_000_000
+"""The most triangles of a file that are drawn."""
 
 CREASE = np.cos(np.deg2rad(38))
 """Faces that meet at less than this angle are shaded as one round surface."""
@@ -46,38 +56,86 @@ class Surface:
 
 
 def read_surface(path: Path) -> Surface:
-    """Read a mesh file: .stl, .dae, .obj, .ply, .glb and whatever else trimesh reads.
+    """Read a mesh file: .stl, .dae, .obj, .ply, .off, .glb or .gltf.
 
     Raises
     ------
     InputError
-        If it cannot be read.
+        If it cannot be read, is of another kind, or is too large to draw.
     """
     import trimesh  # type: ignore[import-untyped, unused-ignore]
 
+    kind = path.suffix.lower()
+    if kind not in KINDS:
+        raise InputError(f"mesh {path} is not one of {', '.join(KINDS)}; convert it")
     try:
-        scene = trimesh.load_scene(path, process=False)
-        pieces = []
+        data = read_bytes(path)
+        scene = trimesh.load_scene(io.BytesIO(data), file_type=kind[1:], resolver=_Beside(path), process=False)
+        pieces, faces = [], 0
         for node in scene.graph.nodes_geometry:
             transform, name = scene.graph[node]
             mesh = scene.geometry[name]
             if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces):
+                faces += len(mesh.faces)
+                if faces > MOST_FACES:
+                    raise InputError(f"it has over {MOST_FACES} triangles: make it coarser")
                 pieces.append(_piece(mesh, np.asarray(transform)))
+        scale = unit(data) if kind == ".dae" else 1.0
+        if not all(np.isfinite(piece["points"]).all() for piece in pieces):
+            raise InputError("a corner of it is not finite")
+    except InputError as error:
+        raise InputError(f"mesh {path} cannot be drawn: {error}") from error
     except Exception as error:  # readers of many formats, each with its own errors
         raise InputError(f"mesh {path} cannot be read ({type(error).__name__}: {error})") from error
-    if not pieces:
+    if not any(len(piece["points"]) for piece in pieces):
         raise InputError(f"mesh {path} holds no triangles")
-    return _join(pieces, unit(path))
+    return _join(pieces, scale)
 
 
-def unit(path: Path) -> float:
-    """Tell how many metres one unit of a mesh file is: a COLLADA file says, others are in metres."""
-    if path.suffix.lower() != ".dae":
-        return 1.0
+def read_bytes(path: Path) -> bytes:
+    """Read a regular file of a size that can be drawn.
+
+    Raises
+    ------
+    InputError
+        If it is a pipe or a device, or too large.
+    """
+    if not path.is_file():
+        raise InputError(f"{path.name} is not a regular file")
     with path.open("rb") as file:
-        head = file.read(20_000)
-    found = re.search(rb"<unit\b[^>]*\bmeter\s*=\s*[\"']([^\"']+)", head)
-    return float(found[1]) if found else 1.0
+        data = file.read(MOST_BYTES + 1)
+    if len(data) > MOST_BYTES:
+        raise InputError(f"{path.name} is larger than {MOST_BYTES / 1e6:g} MB: make it coarser")
+    return data
+
+
+class _Beside(Resolver):
+    """Gives a mesh the textures and buffers it names: regular files in its folder, or below it."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def get(self, name: str) -> bytes:
+        """Read a file that the mesh names."""
+        folder = self.path.parent.resolve()
+        file = (folder / name.strip()).resolve()
+        if not file.is_relative_to(folder.parent):  # ../textures is common
+            raise InputError(f"it asks for {name[:60]!r}, outside its folder")
+        if not file.exists():
+            raise FileNotFoundError(name)  # trimesh does without
+        return read_bytes(file)
+
+
+def unit(data: bytes) -> float:
+    """Tell how many metres one unit of a COLLADA file is."""
+    found = re.search(rb"<unit\b[^>]*\bmeter\s*=\s*[\"']([^\"']+)", data[:20_000])
+    try:
+        meters = float(found[1].replace(b",", b".")) if found else 1.0
+    except ValueError:
+        meters = math.nan
+    if not 0 < meters < math.inf:
+        raise InputError(f"its unit is {found[1].decode(errors='replace')[:40] if found else ''!r} m; correct it")
+    return meters
 
 
 def _piece(mesh: Any, transform: NDArray[np.float64]) -> dict[str, Any]:
