@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import struct
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +13,7 @@ import pytest
 from repctl_pin.errors import InputError
 from repctl_pin.robot.robot import Robot
 from repctl_pin.robot.visuals import Visuals
-from repctl_pin.show.page.surfaces import read_surface, smooth
+from repctl_pin.show.page.surfaces import MOST_BYTES, read_surface, smooth
 
 
 def sphere(n: int = 40) -> np.ndarray:
@@ -140,3 +142,44 @@ def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
     write_stl(empty, np.zeros((0, 3, 3)))
     with pytest.raises(InputError, match=r"empty\.stl"):
         read_surface(empty)
+
+
+def test_odd_meshes_are_one_line_each(tmp_path: Path) -> None:
+    """Infinite corners, units that are none, archives, pipes beside them, sizes that cannot be drawn."""
+    infinite = cube()
+    infinite[0, 0, 0] = np.inf
+    write_stl(tmp_path / "infinite.stl", infinite)
+    for meter in ("nan", "0", "-1", "inf", "one"):
+        (tmp_path / f"unit_{meter}.dae").write_text(DAE.replace('meter="0.01"', f'meter="{meter}"'))
+    with zipfile.ZipFile(tmp_path / "mesh.zip", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("m.stl", bytes(10_000_000))
+    (tmp_path / "huge.stl").write_bytes(b"")
+    os.truncate(tmp_path / "huge.stl", MOST_BYTES + 1)
+    os.mkfifo(tmp_path / "pipe.stl")
+    expected = {"infinite.stl": "not finite", "mesh.zip": "not one of", "huge.stl": "larger than 50 MB"}
+    expected |= {"pipe.stl": "not a regular file"}
+    expected |= {f"unit_{meter}.dae": "its unit is" for meter in ("nan", "0", "-1", "inf", "one")}
+    for name, words in expected.items():
+        with pytest.raises(InputError, match=words) as caught:
+            read_surface(tmp_path / name)
+        assert str(caught.value).startswith(f"mesh {tmp_path / name} ")
+
+
+def test_a_pipe_that_a_mesh_names_is_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.mtl")
+    (tmp_path / "m.obj").write_text("mtllib pipe.mtl\nusemtl a\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    assert len(read_surface(tmp_path / "m.obj").faces) == 1
+
+
+def test_a_decimal_comma_in_a_unit_is_read(tmp_path: Path) -> None:
+    (tmp_path / "comma.dae").write_text(DAE.replace('meter="0.01"', 'meter="0,01"'))
+    (tmp_path / "point.dae").write_text(DAE)
+    comma, point = (read_surface(tmp_path / f"{name}.dae").points for name in ("comma", "point"))
+    np.testing.assert_array_equal(comma, point)
+
+
+def test_too_many_triangles_are_left_out(tmp_path: Path) -> None:
+    write_stl(tmp_path / "cube.stl", cube())
+    with pytest.raises(InputError, match="over 11 triangles"):
+        read_surface(tmp_path / "cube.stl", 11)
+    assert len(read_surface(tmp_path / "cube.stl", 12).faces) == 12

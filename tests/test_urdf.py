@@ -188,6 +188,28 @@ BAD = {
         robot(links("a"), with_shape('<cylinder radius="nan" length="1"/>'), joint()),
         ("line 3", "<cylinder> of link 'b'"),
     ),
+    "full-width mass": (robot(links("a"), with_inertia("１２"), joint()), ("line 3", "<mass> of link 'b'", "finite")),
+    "wide space": (robot(links("a", "b"), joint(body='<origin xyz="0\u30000\u30000"/>')), ("line 3", "<origin>")),
+    "origin of 1e308": (robot(links("a", "b"), joint(body='<origin xyz="1e308 0 0"/>')), ("line 3", "so large")),
+    "limits of 1e308": (robot(links("a", "b"), joint(limit="1e307 1e308")), ("line 3", "<limit>", "no robot gets")),
+    "limits far away": (robot(links("a", "b"), joint(limit="2000 3000")), ("line 3", "<limit>", "no robot gets")),
+    "comma in a name": (robot(links("a", "b"), joint("a,b")), ("line 3", "joint 'a,b'", "rename")),
+    "line break in a name": (robot(links("a", "b"), joint("a&#10;b")), ("line 3", "rename")),
+    "quote in a name": (robot(links("a", "b"), joint("a&quot;b")), ("line 3", "rename")),
+    "control in a link's name": (robot(links("a", "b&#9;"), joint(child="b&#9;")), ("line 2", "rename")),
+    "mimics a planar joint": (
+        robot(
+            links("a", "b", "c"),
+            joint("p", "planar", limit=""),
+            joint("k", parent="b", child="c", body='<mimic joint="p"/>'),
+        ),
+        ("line 4", "<mimic> of joint 'k'", "joint 'p' is planar"),
+    ),
+    "300,000 attributes": (
+        robot('<link name="a" ' + " ".join(f'a{i}="1"' for i in range(300_000)) + "/>"),
+        ("line 2", "300001 attributes"),
+    ),
+    "capsule of nothing": (robot(links("a"), with_shape("<capsule/>"), joint()), ("line 3", "<capsule>", "radius")),
     # sizes that would exhaust or crash Pinocchio
     "1000-link chain": (chain(1000, "fixed"), "one below the other"),
     "200 moving in all": (
@@ -358,6 +380,99 @@ def test_limits_that_look_like_degrees_are_asked_about(tmp_path: Path, limits: l
 def test_slides_may_be_long(tmp_path: Path) -> None:
     (tmp_path / "r.urdf").write_text(robot(links("a", "b"), joint(kind="prismatic", limit="-20 20")))
     assert read_urdf(tmp_path / "r.urdf").notes == ()
+
+
+KIND = {
+    "version": ('<?xml version="0.0"?>\n' + ONE_JOINT, ["ignored: the version in <?xml version=…?>, read as 1.0"]),
+    "zeros": (ONE_JOINT + "\0\0", ["ignored: zero bytes at the end of the file"]),
+    "prefix": (
+        robot(
+            links("a", "b"), '<drake:joint name="x"/><sensor:camera/>', joint().replace("<axis", '<axis drake:x="1"')
+        ),
+        ["ignored: elements and attributes of drake:, sensor:"],
+    ),
+    "prefix of links": (
+        robot(links("a", "b"), '<my:link name="c"/>', joint()),
+        ["ignored: elements and attributes of my:"],
+    ),
+    "xacro": (
+        robot(links("a", "b"), '<xacro:property name="x" value="${pi}"/><xacro:arm/>', joint()),
+        ["ignored: <xacro:property>, <xacro:arm> in line 3, left over from xacro; what it would add is not here"],
+    ),
+}
+
+
+@pytest.mark.parametrize("name", KIND)
+def test_what_pinocchio_reads_is_read_and_told(tmp_path: Path, name: str) -> None:
+    text, told = KIND[name]
+    (tmp_path / "r.urdf").write_text(text)
+    d = read_urdf(tmp_path / "r.urdf")
+    assert (d.links, [j.name for j in d.joints], list(d.notes)) == (("a", "b"), ["j"], told)
+    theirs, ours = pin.buildModelFromUrdf(str(tmp_path / "r.urdf")), pin.buildModelFromXML(d.xml)
+    assert tuple(theirs.names) == tuple(ours.names) and theirs.joints[1] == ours.joints[1]
+
+
+def test_an_axis_without_numbers_is_x(tmp_path: Path) -> None:
+    """Pinocchio alone takes the zero axis, and turns about nothing."""
+    (tmp_path / "r.urdf").write_text(robot(links("a", "b"), joint(body='<axis/><origin xyz="0 1 0"/>')))
+    task = Robot.load(tmp_path / "r.urdf").task("b", "pose")
+    np.testing.assert_allclose(task.jacobian([0.3])[:, 0], [0, 0, 0, 1, 0, 0], atol=1e-15)
+
+
+def test_a_color_without_numbers_is_none(tmp_path: Path) -> None:
+    shape = '<sphere radius="1"/></geometry><material name="m"><color/></material><geometry>'
+    (tmp_path / "r.urdf").write_text(robot(links("a"), with_shape(shape).replace("<geometry></geometry>", ""), joint()))
+    assert [shape.color for shape in read_urdf(tmp_path / "r.urdf").shapes] == [None]
+
+
+def test_many_shapes_are_capped(tmp_path: Path) -> None:
+    visual = '<visual><geometry><sphere radius="1"/></geometry></visual>'
+    (tmp_path / "r.urdf").write_text(robot('<link name="a">' + visual * 1001 + "</link>", links("b"), joint()))
+    d = read_urdf(tmp_path / "r.urdf")
+    assert len(d.shapes) == 1000 and d.notes == ("1001 shapes: only the first 1000 are drawn",)
+
+
+def test_names_that_no_file_can_have(tmp_path: Path) -> None:
+    long = "m" * 5000 + ".stl"
+    (tmp_path / "r.urdf").write_text(robot(links("a"), with_shape(f'<mesh filename="{long}"/>'), joint()))
+    (warning,) = Robot.load(tmp_path / "r.urdf").warnings
+    assert warning.startswith("1 of 1 meshes were not found (mmm") and len(warning) < 250
+    for name in ("~nosuchuser/x.urdf", "x" * 5000 + ".urdf"):
+        with pytest.raises(UrdfError, match="no such file|cannot be read"):
+            Robot.load(name)
+    with pytest.raises(InputError, match="no folder"):
+        Robot.load(tmp_path / "r.urdf", package_dirs=["~nosuchuser"])
+
+
+def test_a_mimic_of_a_fixed_joint_is_told(tmp_path: Path) -> None:
+    follower = joint("k", parent="b", child="c", body='<mimic joint="f"/>')
+    (tmp_path / "r.urdf").write_text(robot(links("a", "b", "c"), joint("f", "fixed", limit=""), follower))
+    d = read_urdf(tmp_path / "r.urdf")
+    assert d.joints[1].mimic is None
+    assert d.notes == ("joint 'k' mimics 'f', which is fixed: read as a joint of its own",)
+
+
+XACRO = """<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">
+<xacro:property name="length" value="0.5"/>
+<xacro:macro name="arm" params="k"><link name="l${k}"/>
+<joint name="j${k}" type="revolute"><parent link="l${k - 1}"/><child link="l${k}"/><origin xyz="${2 * length} 0 0"/>
+<limit lower="${-pi}" upper="${pi}" effort="1" velocity="1"/></joint></xacro:macro>
+<link name="l0"/><xacro:arm k="1"/><xacro:arm k="2"/></robot>"""
+
+
+def test_xacro_is_expanded_where_it_is_installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("xacro")
+    path = tmp_path / "r.xacro"
+    path.write_text(XACRO)
+    machine = Robot.load(path)
+    assert machine.joint_names == ("j1", "j2") and machine.upper == pytest.approx([math.pi] * 2)
+    assert machine.model.jointPlacements[2].translation[0] == 1.0
+    path.write_text(XACRO.replace("2 * length", "2 * nothing"))
+    assert "xacro cannot expand it" in (told := refusal(path)) and "nothing" in told
+    path.write_text(XACRO.replace('<link name="l${k}"/>', '<xacro:arm k="${k}"/>'))  # a macro that calls itself
+    assert "xacro" in refusal(path)
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    assert "pip install xacro" in refusal(path)
 
 
 @pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16"])

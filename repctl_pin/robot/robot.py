@@ -16,6 +16,7 @@ from ..urdf.catalogue import READY, Entry, default_package_dirs, find, reference
 from ..urdf.end_effectors import arm_ends, is_sensor, task_links
 from ..urdf.gate import Description, read_urdf
 from ..urdf.meshes import find_mesh
+from ..urdf.xml import short
 from .chain import path_between
 from .coupling import couple, limits
 from .mechanism import Mechanism
@@ -203,8 +204,9 @@ class Robot(Mechanism):
         missing = [name for name in names if find_mesh(name, self.description.path, self.package_dirs) is None]
         if not missing:
             return []
+        more = ", …" if len(missing) > 1 else ""
         return [
-            f"{len(missing)} of {len(names)} meshes were not found ({missing[0]}{', …' if len(missing) > 1 else ''}); "
+            f"{len(missing)} of {len(names)} meshes were not found ({short(missing[0])[1:-1]}{more}); "
             "those links are drawn as tubes; say where the packages are with --package-dir"
         ]
 

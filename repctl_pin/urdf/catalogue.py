@@ -181,7 +181,7 @@ def default_package_dirs(urdf_path: str | Path) -> list[str]:
 
     The file's ancestors, nearest first, then what ``ROS_PACKAGE_PATH`` and ``AMENT_PREFIX_PATH`` name.
     """
-    folders = list(Path(urdf_path).expanduser().absolute().parents)
+    folders = list(Path(os.path.expanduser(urdf_path)).absolute().parents)
     for place in filter(None, os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)):
         folders += [Path(place), Path(place).parent]  # the variable may name a workspace or a package
     for place in filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)):

@@ -16,7 +16,7 @@ from meshcat import geometry as g
 from numpy.typing import ArrayLike, NDArray
 
 from ...errors import InputError
-from .surfaces import Surface, read_surface
+from .surfaces import MOST_FACES, Surface, read_surface
 
 if TYPE_CHECKING:
     from ...robot.visuals import Shape
@@ -37,6 +37,9 @@ HIDDEN = (
 
 _ARRAYS = {"Int8Array": (0x11, "<i1"), "Uint8Array": (0x12, "<u1"), "Uint16Array": (0x14, "<u2"),
            "Uint32Array": (0x16, "<u4"), "Float32Array": (0x17, "<f4")}  # fmt: skip
+MOST_IN_ALL = 2_000_000
+"""The most triangles of mesh files on a page."""
+
 _GLOSS = {"specular": 0x1C1C1C, "shininess": 28}
 
 
@@ -84,16 +87,19 @@ def record(shapes: Iterable[Shape]) -> tuple[list[bytes], dict[Key, int], list[s
     objects: dict[Key, g.Object | None] = {}
     problems: list[str] = []
     library: dict[Key, int] = {}
+    room = MOST_IN_ALL
     for shape in shapes:
         body = key(shape)
         if body in objects:
             continue
         try:
-            objects[body] = thing = _object(shape)
+            objects[body] = thing = _object(shape, min(room, MOST_FACES))
         except InputError as error:
             objects[body] = None
             problems.append(str(error))
             continue
+        if isinstance(thing, _Painted):
+            room -= len(thing.surface.faces)
         library[body] = len(library)
         viewer[f"/library/{library[body]}"].set_object(thing)
     return recorder.commands, library, problems
@@ -104,13 +110,14 @@ def key(shape: Shape) -> Key:
     return ("mesh", str(shape.path)) if shape.kind == "mesh" else (shape.kind, *shape.size)
 
 
-def _object(shape: Shape) -> g.Object:
-    """Make meshcat's object for a shape; a cylinder's axis is z here, as in a URDF."""
+def _object(shape: Shape, most: int) -> g.Object:
+    """Make meshcat's object for a shape, of so many triangles at most; a cylinder's axis is z here, as in a URDF."""
     size = [float(s) for s in shape.size]
     if shape.kind == "mesh":
         assert shape.path is not None
-        surface = read_surface(shape.path)
-        return _Painted(_Triangles(surface), [image for *_, image in surface.groups])
+        if most <= 0:
+            raise InputError(f"mesh {shape.path} is left out: the page holds {MOST_IN_ALL} triangles already")
+        return _Painted(read_surface(shape.path, most))
     if shape.kind == "box":
         return g.Mesh(g.Box(size))
     if shape.kind == "sphere":
@@ -153,10 +160,12 @@ class _Painted(g.Object):
 
     _type = "Mesh"
 
-    def __init__(self, geometry: g.Geometry, images: list[bytes | None]) -> None:
-        super().__init__(geometry)
+    def __init__(self, surface: Surface) -> None:
+        super().__init__(_Triangles(surface))
+        self.surface = surface
         self.materials = [
-            g.MeshPhongMaterial(color=0xFFFFFF, vertexColors=True, map=_texture(image), **_GLOSS) for image in images
+            g.MeshPhongMaterial(color=0xFFFFFF, vertexColors=True, map=_texture(image), **_GLOSS)
+            for *_, image in surface.groups
         ]
         self.material = self.materials[0]
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
 
 from ...errors import InputError
 from ..plots.motions import VERMILLION
@@ -213,25 +214,7 @@ def poses_of(placements: Array) -> Array:
     Of the two quaternions of each rotation, the one nearer to the frame before.
     """
     R, p = placements[..., :3, :3], placements[..., :3, 3]
-    # Of the four ways to write a quaternion (Shepperd), the one with the largest pivot.
-    trace = np.einsum("...ii", R)
-    pivots = np.concatenate([np.einsum("...ii->...i", R), trace[..., None]], -1)  # (T, S, 4)
-    choice = pivots.argmax(-1)
-    q = np.empty((*R.shape[:-2], 4))
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        mine = choice == i
-        M = R[mine]
-        column = np.empty((len(M), 4))
-        column[:, i] = 1 + M[:, i, i] - M[:, j, j] - M[:, k, k]
-        column[:, j] = M[:, j, i] + M[:, i, j]
-        column[:, k] = M[:, k, i] + M[:, i, k]
-        column[:, 3] = M[:, k, j] - M[:, j, k]
-        q[mine] = column
-    mine = choice == 3
-    M = R[mine]
-    q[mine] = np.stack([M[:, 2, 1] - M[:, 1, 2], M[:, 0, 2] - M[:, 2, 0], M[:, 1, 0] - M[:, 0, 1], 1 + trace[mine]], -1)
-    q /= np.linalg.norm(q, axis=-1, keepdims=True)
+    q = Rotation.from_matrix(R.reshape(-1, 3, 3)).as_quat().reshape(*R.shape[:-2], 4)
     flips = np.einsum("tsi,tsi->ts", q[1:], q[:-1]) < 0
     q[1:][np.logical_xor.accumulate(flips, axis=0)] *= -1
     return np.concatenate([p, q], -1)

@@ -17,10 +17,10 @@ from ...errors import InputError
 KINDS = (".stl", ".dae", ".obj", ".ply", ".off", ".glb", ".gltf")
 """Mesh files that are read; archives and formats that are archives are not: a few bytes of them can hold gigabytes."""
 
-MOST_BYTES = 100_000_000
+MOST_BYTES = 50_000_000
 """The largest mesh file, or texture, that is read."""
 
-MOST_FACES = 1_000_000
+MOST_FACES = 500_000
 """The most triangles of a file that are drawn."""
 
 CREASE = np.cos(np.deg2rad(38))
@@ -55,8 +55,8 @@ class Surface:
     groups: tuple[tuple[int, int, bytes | None], ...]
 
 
-def read_surface(path: Path) -> Surface:
-    """Read a mesh file: .stl, .dae, .obj, .ply, .off, .glb or .gltf.
+def read_surface(path: Path, most: int = MOST_FACES) -> Surface:
+    """Read a mesh file of so many triangles at most: .stl, .dae, .obj, .ply, .off, .glb or .gltf.
 
     Raises
     ------
@@ -77,12 +77,10 @@ def read_surface(path: Path) -> Surface:
             mesh = scene.geometry[name]
             if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces):
                 faces += len(mesh.faces)
-                if faces > MOST_FACES:
-                    raise InputError(f"it has over {MOST_FACES} triangles: make it coarser")
+                if faces > most:
+                    raise InputError(f"it has over {most} triangles: make it coarser")
                 pieces.append(_piece(mesh, np.asarray(transform)))
         scale = unit(data) if kind == ".dae" else 1.0
-        if not all(np.isfinite(piece["points"]).all() for piece in pieces):
-            raise InputError("a corner of it is not finite")
     except InputError as error:
         raise InputError(f"mesh {path} cannot be drawn: {error}") from error
     except Exception as error:  # readers of many formats, each with its own errors
@@ -109,20 +107,20 @@ def read_bytes(path: Path) -> bytes:
     return data
 
 
-class _Beside(Resolver):
-    """Gives a mesh the textures and buffers it names: regular files in its folder, or below it."""
+class _Beside:
+    """Gives a mesh the textures and buffers it names: regular files near it. What trimesh calls a resolver."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
 
     def get(self, name: str) -> bytes:
-        """Read a file that the mesh names."""
+        """Read a file that the mesh names; trimesh does without those that are not there."""
         folder = self.path.parent.resolve()
         file = (folder / name.strip()).resolve()
         if not file.is_relative_to(folder.parent):  # ../textures is common
             raise InputError(f"it asks for {name[:60]!r}, outside its folder")
         if not file.exists():
-            raise FileNotFoundError(name)  # trimesh does without
+            raise FileNotFoundError(name)
         return read_bytes(file)
 
 
@@ -140,7 +138,10 @@ def unit(data: bytes) -> float:
 
 def _piece(mesh: Any, transform: NDArray[np.float64]) -> dict[str, Any]:
     """Take one mesh of a file out of trimesh, corner by corner (3F rows), in the file's frame."""
-    points = np.asarray(mesh.vertices, float) @ transform[:3, :3].T + transform[:3, 3]
+    vertices = np.asarray(mesh.vertices, float)
+    if not (np.abs(vertices) < 1e9).all() or not (np.abs(transform) < 1e9).all():
+        raise InputError("a corner of it is not finite, or is over 1e9 away")
+    points = vertices @ transform[:3, :3].T + transform[:3, 3]
     faces = np.asarray(mesh.faces)
     triangles = points[faces]
     flat = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])  # (F, 3), twice the area
