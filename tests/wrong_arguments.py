@@ -1,0 +1,401 @@
+"""Wrong arguments for everything at the door: the right calls, the values to spoil them with, and what came of it.
+
+    python tests/wrong_arguments.py [--seed 0] [--count 10000]
+
+spoils so many calls at random, one or two arguments each, and prints what was not refused by name.
+"""
+
+from __future__ import annotations
+
+import argparse
+import inspect
+import signal
+import sys
+import tempfile
+import warnings
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+import repctl_pin as rp
+
+PATIENCE = 20.0
+"""Seconds after which a call counts as hung."""
+
+RESULTS = {"Animation", "BestLeaf", "Design", "FamilyDesign", "Motion", "Robot", "Study", "Task"}
+"""Classes that functions make, not people: their methods are tried, their constructors are not."""
+
+
+@dataclass(frozen=True)
+class Call:
+    """A call that is right, and what it is called."""
+
+    name: str
+    function: Callable[..., Any]
+    good: dict[str, Any]
+
+
+def right_calls(folder: Path) -> list[Call]:
+    """Make a right call of every public function, class and method; all of them small."""
+    task = rp.Robot.load("planar3r").task("tool", "xy")
+    robot, q0 = task.robot, np.array([0.3, 0.8, 0.8])
+    Q, Xdot, target = q0 + np.array([[0.0, 0, 0], [0.1, 0, 0.05]]), np.ones((2, 2)), task.placement(q0 + 0.02)
+    control, box = rp.Pseudoinverse(task), rp.Box(q0, 0.2)
+    fields, waves = rp.Polynomial(q0, 2, 0.2), rp.Fourier(3, 1)
+    joined, potentials = fields + waves, rp.Potentials([lambda q: q[0], lambda q: q[1] * q[2]])
+    path = rp.circle(task, q0, 0.05)
+    square = np.array([[0, 0, 0], [0, 0.1, 0], [0.1, 0.1, 0], [0, 0, 0]]) + path.placement(0.0).translation
+    waypoint_file = folder / "square.csv"
+    waypoint_file.write_text("\n".join(",".join(map(str, row)) for row in square), encoding="utf-8")
+    design = rp.nearest_repeatable(control, fields, box, samples=64, held_out=256)
+    inverse, tube = design.inverse, rp.Tube(Q, 0.2)
+    middle = task.placement(q0).translation[:2]
+    workspace = rp.WorkspaceBox(task, middle, 0.2, within=box)
+    motion = rp.follow(inverse, path, q0, cycles=2, steps=24, lock=1)
+    study = rp.study(robot, task="xy", start=q0, path=path, cycles=1, steps=24, region=0.2)
+    saved = rp.save(design, folder / "design.json")
+    functions: dict[str, dict[str, Any]] = {
+        "absolute_angles": {"task": task},
+        "animation": {"motions": {"J⁺": motion}, "seconds": 1.0},
+        "best_leaf": {"inverse": inverse, "path": path, "q0": q0, "steps": 8, "seed": 0},
+        "bracket_defect": {"strategy": control, "q": q0, "relative": False},
+        "candidate_surface": {"strategy": control, "region": box, "samples": 8, "seed": 0},
+        "circle": {"task": task, "q0": q0, "radius": 0.05, "normal": "z", "start_angle": 0.0},
+        "compare": {"first": design, "others": design},
+        "drift_per_area": {"strategy": control, "q": q0},
+        "figure_eight": {"task": task, "q0": q0, "radius": 0.05, "normal": "z", "start_angle": 0.0},
+        "follow": {
+            "strategy": inverse, "path": path, "q0": q0, "cycles": 1, "steps": 12, "integrator": "rk4", "feedback": 0.0,
+            "period": 5.0, "lock": 1, "leaf": inverse.leaf(q0), "limit": 3.0, "damping": 0.01, "task": task,
+        },
+        "inline": {"shown": study, "height": 300},
+        "is_repeatable": {"strategy": control, "region": box, "samples": 8, "seed": 0},
+        "load": {"path": saved, "task": task},
+        "nearest_in_family": {
+            "desired": control, "family": lambda k: rp.WeightedInverse(task, [1, 1 + k * k, 1]), "region": box,
+            "bounds": (-1.0, 1.0), "samples": 64, "seed": 0,
+        },
+        "nearest_repeatable": {
+            "desired": control, "fields": fields, "region": box, "degree": None, "samples": 64, "held_out": 64,
+            "seed": 0, "batch": 64, "stream": False, "executor": None, "shrink": False, "restarts": 0,
+            "tolerance": 1e-3, "progress": False,
+        },
+        "polygon": {"task": task, "q0": q0, "corners": [[0.1, 0, 0], [0.1, 0.1, 0]], "name": "triangle"},
+        "read_waypoints": {"file": waypoint_file},
+        "rose": {"task": task, "q0": q0, "radius": 0.05, "petals": 3, "normal": "z"},
+        "save": {"design": design, "path": folder / "again.json"},
+        "settled": {"designs": [design, design], "tolerance": 1e-4},
+        "solve_ik": {"task": task, "q0": q0, "target": target, "tolerance": 1e-9, "iterations": 20, "limits": True},
+        "stable_surface": {"strategy": control, "region": box, "samples": 8, "seed": 0},
+        "study": {
+            "robot": "planar3r", "frame": "tool", "task": "xy", "start": q0, "path": None, "radius": 0.05, "plane": "xy",
+            "cycles": 1, "steps": 24, "region": 0.1, "degree": 1, "controls": {"mine": control}, "period": 5.0,
+            "seed": 0, "progress": None,
+        },
+        "waypoints": {"points": square, "rotation": np.eye(3), "name": "square"},
+        "Box": {"center": q0, "half_width": 0.2, "density": lambda Q: np.ones(len(Q))},
+        "CustomInverse": {"task": task, "function": control, "tolerance": 1e-8},
+        "ExtendedJacobian": {"task": task, "potential": q0, "gradient": None, "hessian": None, "reference": q0},
+        "Fourier": {"n": 3, "order": 1, "variables": [0, 1], "period": 6.0, "cross": True},
+        "Joined": {"parts": fields},
+        "LimitWeight": {"task": task, "gain": 1.0},
+        "Polynomial": {"center": q0, "degree": 2, "scale": 0.2, "variables": [0, 2], "cross": True},
+        "PostureControl": {"task": task, "posture": q0, "gain": 1.0},
+        "Potentials": {"functions": [lambda q: q[0]], "names": ["q1"]},
+        "Pseudoinverse": {"task": task},
+        "RepeatableInverse": {"task": task, "field": inverse.field},
+        "TaskPath": {
+            "name": "mine", "point": path.point, "slope": path.slope, "rotation": np.eye(3), "breaks": (0.5,),
+        },
+        "Tube": {"samples": Q, "radius": 0.2, "density": None},
+        "WeightedInverse": {"task": task, "weight": [1.0, 2.0, 3.0]},
+        "WorkspaceBox": {"task": task, "position": middle, "half_width": 0.2, "within": box, "density": None},
+    }  # fmt: skip
+    J, N = task.jacobian(q0), rp.redundancy.nullspace(task.jacobian(q0))
+    V, G = inverse.field.gradient(q0), control(q0)
+    formulas: dict[str, dict[str, Any]] = {
+        "align": {"N": N, "reference": N},
+        "augmented_inverse": {"J": J, "V": V},
+        "from_null_component": {"J": J, "N": N, "W": G.T @ N},
+        "leaf_margin": {"N": N, "V": V},
+        "null_component": {"G": G, "N": N},
+        "null_vector": {"J": J},
+        "nullspace": {"J": J},
+        "pseudoinverse": {"J": J},
+        "pseudoinverse_derivative": {"J": J, "H": task.hessian(q0)},
+        "repeatable_inverse": {"G_d": G, "N": N, "V": V},
+        "weighted_pseudoinverse": {"J": J, "M": np.eye(3)},
+    }
+    step = {"q": q0, "target": target, "dt": 0.01, "twist": np.zeros(6), "leaf": inverse.leaf(q0), "gain": 10.0,
+            "limit": 3.0, "damping": 0.01}  # fmt: skip
+    methods: dict[str, dict[str, Any]] = {
+        "__call__": {"q": q0},
+        "as_dict": {},
+        "axes": {"q": q0},
+        "batch": {"Q": Q, "J": task.jacobians(Q)},
+        "between": {"lower": q0 - 0.1, "upper": q0 + 0.1, "density": None},
+        "chain": {"frame": "tool"},
+        "check": {"q": q0, "what": "q"},
+        "clip": {"Q": Q},
+        "contains": {"Q": Q},
+        "cycle": {"k": 1},
+        "error": {"q": q0, "target": target},
+        "full": {"q": q0},
+        "gradients": {"Q": Q},
+        "hessian": {"q": q0},
+        "hessians": {"Q": Q},
+        "in_coordinates": {"T": np.tril(np.ones((3, 3)))},
+        "inertias": {"Q": Q},
+        "inside": {"lower": task.lower, "upper": task.upper},
+        "jacobian": {"q": q0},
+        "jacobians": {"Q": Q},
+        "joint_origins": {"q": q0},
+        "joints": {"values": Q},
+        "leaf": {"q": q0},
+        "load": {"name_or_path": "planar3r", "package_dirs": (), "lock": ("theta1",), "base": None},
+        "nodes": {"count": 8, "seed": 0},
+        "part": {"whole": q0},
+        "placement": {"q": q0},
+        "points": {"count": 5},
+        "positions": {"Q": Q},
+        "potentials": {"Q": Q},
+        "random": {"count": 8, "seed": 0},
+        "rate": {"q": q0, "twist": np.zeros(6)},
+        "ratio": {"Q": Q},
+        "reference_positions": {},
+        "retimed": {"limit": 1.0},
+        "row": {"key": "pseudoinverse"},
+        "save": {"file": folder / "page.html"},
+        "shrunk": {"factor": 0.5},
+        "solve": {"target": target, "q0": q0, "leaf": inverse.leaf(q0)},
+        "solve_all": {"targets": [target], "q0": q0, "leaf": inverse.leaf(q0)},
+        "step": step,
+        "summary": {},
+        "task": {"frame": "tool", "kind": "xy", "joints": list(robot.joint_names)},
+        "twist": {"s": 0.3},
+        "velocities": {"Q": Q, "Xdot": Xdot},
+        "velocity": {"q": q0, "xdot": np.ones(2)},
+        "weights": {"Q": Q},
+    }  # fmt: skip
+    things = [
+        robot, task, control, rp.WeightedInverse(task, [1, 2, 3]), rp.PostureControl(task, q0), inverse,
+        rp.CustomInverse(task, control), rp.ExtendedJacobian(task, q0), rp.LimitWeight(task), fields, waves, joined,
+        potentials, box, tube, workspace, design, motion, study, path,
+        rp.best_leaf(inverse, path, q0, steps=8), rp.animation({"J⁺": motion}, seconds=1.0),
+        rp.nearest_in_family(**functions["nearest_in_family"]),
+    ]  # fmt: skip
+    calls = [Call(name, getattr(rp, name), good) for name, good in functions.items()]
+    calls += [Call(f"redundancy.{name}", getattr(rp.redundancy, name), good) for name, good in formulas.items()]
+    for thing in things:
+        for name in public_methods(type(thing)):
+            good = methods.get(name)
+            if name in ("weighted", "split"):
+                good = {"A": np.ones((thing.size, 1))}
+            elif (type(thing), name) == (rp.TaskPath, "placement"):
+                good = {"s": 0.3}
+            elif name == "show":
+                continue  # it serves until it is stopped
+            assert good is not None, f"give {type(thing).__name__}.{name} a right call here"
+            if good:
+                calls.append(Call(f"{type(thing).__name__}.{name}", getattr(thing, name), good))
+    return calls
+
+
+def public_methods(kind: type) -> list[str]:
+    """Name a class's public methods."""
+    names = [n for n in dir(kind) if n == "__call__" or not n.startswith("_")]
+    return [n for n in names if not isinstance(inspect.getattr_static(kind, n), property) and callable(getattr(kind, n))]
+
+
+def broken(*_: Any) -> Any:
+    """A function that fails."""
+    raise RuntimeError("a person's own function fails")
+
+
+NONSENSE: list[tuple[str, Any]] = [
+    ("an object", object()),
+    ("a class", dict),
+    ("NaN", float("nan")),
+    ("text", "wörds"),
+    ("bytes", b"abc"),
+    ("a set", {1, 2}),
+    ("a complex number", 1j),
+    ("a dictionary of rubbish", {"a": None}),
+    ("a list of None", [None, None, None]),
+    ("a ragged list", [[1.0], [1.0, 2.0]]),
+    ("an array of NaN", np.full(3, np.nan)),
+    ("an array of text", np.array(["a", "b", "c"])),
+    ("an array of objects", np.array([object()] * 3)),
+    ("a module", np),
+]
+"""What is right for nothing at the door (text is, where text is taken)."""
+
+ODD: list[tuple[str, Any]] = [
+    ("None", None),
+    ("infinity", float("inf")),
+    ("-infinity", float("-inf")),
+    ("-1", -1),
+    ("-0.5", -0.5),
+    ("0", 0),
+    ("True", True),
+    ("1e308", 1e308),
+    ("1e-308", 1e-308),
+    ("1e9", 10**9),
+    ("1e19", 10**19),
+    ("2 ** 63", 2**63),
+    ("1e400", 10**400),
+    ("3", 3),
+    ("'3'", "3"),
+    ("no text", ""),
+    ("a NUL", "\0"),
+    ("a line break", "a\nb"),
+    ("long text", "x" * 5000),
+    ("no list", []),
+    ("an empty dictionary", {}),
+    ("an empty array", np.zeros((0, 3))),
+    ("two numbers", [0.1, 0.2]),
+    ("three numbers", [0.1, 0.2, 0.3]),
+    ("a column", np.zeros((3, 1))),
+    ("zeros", np.zeros((2, 3))),
+    ("a cube", np.zeros((2, 3, 4))),
+    ("numbers of 1e308", np.full(3, 1e308)),
+    ("numbers of 1e200", np.full((2, 3), 1e200)),
+    ("integers", np.arange(3)),
+    ("a failing function", broken),
+    ("a function of nothing", lambda: None),
+    ("a function to None", lambda *_: None),
+    ("a function to NaN", lambda *_: np.nan),
+    ("a path", Path("/nowhere/there")),
+    ("an SE3", pin.SE3.Identity()),
+    ("an SE3 of NaN", pin.SE3(np.eye(3), np.full(3, np.nan))),
+]
+"""What may be right here or there."""
+
+
+def spoilt(good: Any) -> list[tuple[str, Any]]:
+    """Spoil a right value in ways of its own kind."""
+    if isinstance(good, bool) or good is None or not isinstance(good, (int, float, list, tuple, np.ndarray)):
+        return []
+    if isinstance(good, (int, float)):
+        return [("negative", -good if good else -3), ("half", good + 0.5), ("huge", good + 10**12)]
+    try:
+        array = np.asarray(good)
+    except ValueError:  # a list of things that are no numbers
+        return [("its first", good[0])]
+    if array.dtype.kind not in "fiu" or not array.size:
+        return [("its first", good[0])] if len(good) else []
+    array = array.astype(float)
+    hole = array.copy()
+    hole.flat[-1] = np.nan
+    pole = array.copy()
+    pole.flat[0] = np.inf
+    return [
+        ("with a NaN", hole),
+        ("with an infinity", pole),
+        ("one short", array[..., :-1]),
+        ("twice", np.concatenate([array, array], axis=-1)),
+        ("one more axis", array[None]),
+        ("flat", array.ravel()),
+        ("as text", array.astype(str)),
+        ("big-endian", array.astype(">f8")),
+        ("whole numbers", np.rint(array).astype(int)),
+        ("negative", -array),
+        ("times 1e300", array * 1e300),
+    ]
+
+
+class Hung(BaseException):
+    """A call took too long."""
+
+
+@contextmanager
+def patience(seconds: float) -> Iterator[None]:
+    """Raise :class:`Hung` in here after so many seconds."""
+
+    def stop(*_: Any) -> None:
+        raise Hung
+
+    before = signal.signal(signal.SIGALRM, stop)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def outcome(call: Call, wrong: dict[str, Any]) -> str:
+    """Make a call with some of its arguments wrong: ``taken``, ``refused``, or what went wrong with that."""
+    given = call.good | wrong
+    parameters = inspect.signature(call.function).parameters.values()
+    stars = [p.name for p in parameters if p.kind is inspect.Parameter.VAR_POSITIONAL]
+    first = [given.pop(p.name) for p in parameters if stars and p.kind is inspect.Parameter.POSITIONAL_OR_KEYWORD]
+    first += [given.pop(name) for name in stars]
+    try:
+        with patience(PATIENCE), warnings.catch_warnings(), np.errstate(all="ignore"):
+            warnings.simplefilter("ignore")
+            partial(call.function, *first)(**given)
+    except Hung:
+        return "hung"
+    except rp.RepctlError as error:
+        text = str(error)
+        if not text.isprintable() or len(text) > 500:
+            return f"refused in no single short line: {text[:200]!r}"
+        return "refused"
+    except RecursionError:
+        return "raw RecursionError"
+    except Exception as error:
+        if wrong_function(wrong.values(), error):
+            return "refused"
+        return f"raw {type(error).__name__}: {' '.join(str(error).split())[:140]}"
+    return "taken"
+
+
+def wrong_function(values: Any, error: Exception) -> bool:
+    """A person's own function may fail in its own way: its own traceback is the best that can be had."""
+    return isinstance(error, RuntimeError) and "own function fails" in str(error) and broken in values
+
+
+def all_wrong(calls: list[Call]) -> list[tuple[Call, str, str, Any]]:
+    """Every call with each of its arguments wrong in every way, one at a time."""
+    return [
+        (call, name, what, value)
+        for call in calls
+        for name, good in call.good.items()
+        for what, value in [*NONSENSE, *ODD, *spoilt(good)]
+    ]
+
+
+def main() -> None:
+    """Try at random, one argument or two at a time, and print what was not refused by name."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--count", type=int, default=10_000)
+    parser.add_argument("--only", default="", help="calls whose name holds this")
+    parser.add_argument("--taken", action="store_true", help="print nonsense that was taken, too")
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        calls = [call for call in right_calls(Path(folder)) if options.only in call.name]
+        tries = all_wrong(calls)
+        rng = np.random.default_rng(options.seed)
+        order = rng.permutation(len(tries))[: options.count]
+        counts: Counter[str] = Counter()
+        for i in order:
+            call, name, what, value = tries[i]
+            came = outcome(call, {name: value})
+            counts[came.split(":")[0].split(" ")[0]] += 1
+            shout = came not in ("refused", "taken")
+            if shout or (options.taken and came == "taken" and any(value is v for _, v in NONSENSE)):
+                print(f"{call.name}({name} = {what}): {came}", flush=True)
+        print(dict(counts), "of", len(order), "(all:", len(tries), ")", file=sys.stderr)
+
+
+if __name__ == "__main__":
+    main()
