@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
+from os import PathLike
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
@@ -19,6 +21,12 @@ FLOAT = np.dtype(float)
 """A double in the machine's own byte order: what compiled code takes as it is."""
 
 NUMBER = (float, int)
+
+MOST_NODES = 2**22
+"""Nodes of a region: what a machine of today can bear, in memory and in patience."""
+
+MOST_STEPS = 10_000_000
+"""Steps of a motion."""
 
 
 def wanted(value: Any, kind: type[T], name: str, what: str) -> T:
@@ -113,13 +121,68 @@ def rows(values: ArrayLike, n: int | None, whose: str) -> Array:
     return array
 
 
-def matrix(values: ArrayLike, shape: tuple[int | None, int], name: str, what: str) -> Array:
-    """Take a matrix of finite numbers of a shape; None where any number of rows will do."""
-    array = _array(values)
-    wrong = array is None or array.ndim != 2 or array.shape[1] != shape[1] or shape[0] not in (None, array.shape[0])
-    if array is None or wrong or not np.isfinite(array).all():
-        raise InputError(f"{name} must be {what}, finite numbers; got {_shape(values, array)}")
-    return array
+def stacks(*given: tuple[str, ArrayLike, str], exact: bool = False) -> list[Array]:
+    """Take stacks of matrices whose last axes fit together: ``("J", J, "m n"), ("V", V, "n r")``.
+
+    An axis is a number, or a letter that means the same size in all of them: 1 at least, but for r. The axes
+    before must be such that NumPy broadcasts them; ``exact`` allows none.
+    """
+    sizes: dict[str, int] = {}
+    arrays = []
+    for name, values, axes in given:
+        letters = axes.split()
+        native = type(values) is np.ndarray and values.dtype is FLOAT
+        array = values if native else _array(values)
+        last = () if array is None else array.shape[-len(letters) :]
+        fits = len(last) == len(letters) and (not exact or array is None or array.ndim == len(last))
+        fits = fits and all(
+            size == (int(x) if x.isdecimal() else sizes.setdefault(x, size)) and (size or x == "r")
+            for x, size in zip(letters, last, strict=True)
+        )
+        if array is None or not fits or not np.isfinite(array).all():
+            known = ", ".join(f"{x} = {sizes[x]}" for x in letters if x in sizes and name != given[0][0])
+            raise InputError(
+                f"{name} must be finite numbers ({'' if exact else '..., '}{', '.join(letters)}){known and ' with '}{known}; "
+                f"got {_shape(values, array)}"
+            )
+        arrays.append(array)
+    leading = [a.shape[: a.ndim - len(axes.split())] for a, (_, _, axes) in zip(arrays, given, strict=True)]
+    if len(set(leading)) > 1 and not _broadcast(leading):
+        raise InputError(f"{', '.join(name for name, _, _ in given)} are stacks of other sizes: {leading}")
+    return arrays
+
+
+def flag(value: Any, name: str) -> bool:
+    """Take True or False."""
+    if isinstance(value, (bool, np.bool_)) or (isinstance(value, int) and value in (0, 1)):
+        return bool(value)
+    raise InputError(f"{name} must be True or False, not {shown(value)}")
+
+
+def names(values: Any, name: str, what: str) -> tuple[str, ...]:
+    """Take some names; a single one may stand by itself."""
+    if isinstance(values, str):
+        return (values,)
+    if isinstance(values, Iterable) and not isinstance(values, (bytes, type, Mapping)):
+        listed = tuple(values)
+        if all(isinstance(v, str) for v in listed):
+            return listed
+    raise InputError(f"{name} must be {what}, not {shown(values)}")
+
+
+def file_name(value: Any, name: str = "file") -> Path:
+    """Take the name of a file or a folder."""
+    if isinstance(value, (str, PathLike)) and str(value) and "\0" not in str(value):
+        return Path(value)
+    raise InputError(f"{name} must be a file's name, not {shown(value)}")
+
+
+def _broadcast(shapes: list[tuple[int, ...]]) -> bool:
+    try:
+        np.broadcast_shapes(*shapes)
+    except ValueError:
+        return False
+    return True
 
 
 def _number(value: Any) -> float:

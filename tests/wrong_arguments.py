@@ -95,8 +95,8 @@ def right_calls(folder: Path) -> list[Call]:
         "solve_ik": {"task": task, "q0": q0, "target": target, "tolerance": 1e-9, "iterations": 20, "limits": True},
         "stable_surface": {"strategy": control, "region": box, "samples": 8, "seed": 0},
         "study": {
-            "robot": "planar3r", "frame": "tool", "task": "xy", "start": q0, "path": None, "radius": 0.05, "plane": "xy",
-            "cycles": 1, "steps": 24, "region": 0.1, "degree": 1, "controls": {"mine": control}, "period": 5.0,
+            "robot": "planar3r", "frame": "tool", "task": "xy", "start": q0, "path": None, "radius": 0.05,
+            "plane": "xy", "cycles": 1, "steps": 24, "region": 0.1, "degree": 1, "controls": {"mine": control}, "period": 5.0,
             "seed": 0, "progress": None,
         },
         "waypoints": {"points": square, "rotation": np.eye(3), "name": "square"},
@@ -210,8 +210,8 @@ def right_calls(folder: Path) -> list[Call]:
 
 def public_methods(kind: type) -> list[str]:
     """Name a class's public methods."""
-    names = [n for n in dir(kind) if n == "__call__" or not n.startswith("_")]
-    return [n for n in names if not isinstance(inspect.getattr_static(kind, n), property) and callable(getattr(kind, n))]
+    names = [name for name in dir(kind) if name == "__call__" or not name.startswith("_")]
+    return [name for name in names if callable(getattr(kind, name))]
 
 
 def broken(*_: Any) -> Any:

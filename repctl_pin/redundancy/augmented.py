@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import SingularityError
+from ..arguments import stacks
+from ..errors import InputError, SingularityError
 
 Array = NDArray[np.float64]
 
@@ -27,7 +28,12 @@ def augmented_inverse(J: ArrayLike, V: ArrayLike) -> Array:
     SingularityError
         Where J_V is singular.
     """
-    J_V = np.concatenate([np.asarray(J, float), np.swapaxes(np.asarray(V, float), -1, -2)], axis=-2)
+    J, V = stacks(("J", J, "m n"), ("V", V, "n r"))
+    (m, n), r = J.shape[-2:], V.shape[-1]
+    if m + r != n:
+        raise InputError(f"J_V = [J; Vᵀ] must be square, m + r = n; J is {m} × {n}, and V has {r} columns")
+    J_V = np.empty((*np.broadcast_shapes(J.shape[:-2], V.shape[:-2]), n, n))
+    J_V[..., :m, :], J_V[..., m:, :] = J, np.swapaxes(V, -1, -2)
     try:
         return np.linalg.inv(J_V)
     except np.linalg.LinAlgError:
@@ -57,7 +63,7 @@ def repeatable_inverse(G_d: ArrayLike, N: ArrayLike, V: ArrayLike) -> Array:
     SingularityError
         At an algorithmic singularity, ``det(Nᵀ V) = 0``.
     """
-    G_d, N, V = (np.asarray(a, float) for a in (G_d, N, V))
+    G_d, N, V = stacks(("G_d", G_d, "n m"), ("N", N, "n r"), ("V", V, "n r"))
     V_T = np.swapaxes(V, -1, -2)
     try:
         return G_d - N @ np.linalg.solve(V_T @ N, V_T @ G_d)  # (32)
@@ -81,5 +87,6 @@ def leaf_margin(N: ArrayLike, V: ArrayLike) -> Array:
     -------
     (...) array
     """
-    V_hat, _ = np.linalg.qr(np.asarray(V, float))
-    return np.linalg.svd(np.swapaxes(np.asarray(N, float), -1, -2) @ V_hat, compute_uv=False)[..., -1]
+    N, V = stacks(("N", N, "n k"), ("V", V, "n k"))
+    V_hat, _ = np.linalg.qr(V)
+    return np.linalg.svd(np.swapaxes(N, -1, -2) @ V_hat, compute_uv=False)[..., -1]

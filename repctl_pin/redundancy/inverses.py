@@ -7,7 +7,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import SingularityError
+from ..arguments import stacks
+from ..errors import InputError, SingularityError
 
 Array = NDArray[np.float64]
 
@@ -58,9 +59,9 @@ def weighted_pseudoinverse(J: ArrayLike, M: ArrayLike) -> Array:
     SingularityError
         Where J loses rank, or M is not positive definite.
     """
-    J = np.asarray(J, float)
+    J, M = stacks(("J", J, "m n"), ("M", M, "n n"))
     try:
-        L = np.linalg.cholesky(np.asarray(M, float))  # M = L Lᵀ
+        L = np.linalg.cholesky(M)  # M = L Lᵀ
     except np.linalg.LinAlgError:
         raise SingularityError("the weight M is not positive definite") from None
     # In y = Lᵀ q̇ the weighted norm is the plain one: J⁺_M = L⁻ᵀ (J L⁻ᵀ)⁺.
@@ -85,7 +86,7 @@ def pseudoinverse_derivative(J: ArrayLike, H: ArrayLike) -> Array:
     (..., n, m, n) array
         ``[..., i, a, k] = ∂J⁺[..., i, a]/∂q[k]``.
     """
-    J, H = np.asarray(J, float), np.asarray(H, float)
+    J, H = stacks(("J", J, "m n"), ("H", H, "m n n"))
     G = pseudoinverse(J)
     onto_null = np.eye(J.shape[-1]) - G @ J
     Hk = np.moveaxis(H, -1, -3)  # (..., k, m, n)
@@ -97,12 +98,14 @@ def pseudoinverse_derivative(J: ArrayLike, H: ArrayLike) -> Array:
 
 def null_component(G: ArrayLike, N: ArrayLike) -> Array:
     """Take W out of ``G = J⁺ + N Wᵀ`` (21), (22): ``W = Gᵀ N``, an array (..., m, r)."""
-    return np.swapaxes(np.asarray(G, float), -1, -2) @ np.asarray(N, float)
+    G, N = stacks(("G", G, "n m"), ("N", N, "n r"))
+    return np.swapaxes(G, -1, -2) @ N
 
 
 def from_null_component(J: ArrayLike, N: ArrayLike, W: ArrayLike) -> Array:
     """Build the generalized inverse ``G = J⁺ + N Wᵀ`` (21), an array (..., n, m)."""
-    return pseudoinverse(J) + np.asarray(N, float) @ np.swapaxes(np.asarray(W, float), -1, -2)
+    J, N, W = stacks(("J", J, "m n"), ("N", N, "n r"), ("W", W, "m r"))
+    return pseudoinverse(J) + N @ np.swapaxes(W, -1, -2)
 
 
 def row_factor(J: ArrayLike, mode: Literal["reduced", "complete"] = "reduced") -> tuple[Array, Array]:
@@ -118,8 +121,10 @@ def row_factor(J: ArrayLike, mode: Literal["reduced", "complete"] = "reduced") -
     SingularityError
         Where J loses rank; the message counts how many of the batch do.
     """
-    J = np.asarray(J, float)
-    m = J.shape[-2]
+    (J,) = stacks(("J", J, "m n"))
+    m, n = J.shape[-2:]
+    if m > n:
+        raise InputError(f"J is {m} × {n}: with fewer joints than coordinates there is no right inverse")
     Q, R = np.linalg.qr(np.swapaxes(J, -1, -2), mode="complete")  # twice as quick as "reduced" and a cut
     R = R[..., :m, :]
     Q = Q if mode == "complete" else Q[..., :, :m]

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import stacks
+from ..errors import InputError
 from .inverses import row_factor
 
 Array = NDArray[np.float64]
@@ -31,9 +33,8 @@ def nullspace(J: ArrayLike) -> Array:
     SingularityError
         Where J loses rank.
     """
-    m = np.shape(J)[-2]
-    Q, _ = row_factor(J, mode="complete")
-    return Q[..., :, m:]
+    Q, R = row_factor(J, mode="complete")
+    return Q[..., :, R.shape[-1] :]
 
 
 def null_vector(J: ArrayLike) -> Array:
@@ -50,10 +51,10 @@ def null_vector(J: ArrayLike) -> Array:
     -------
     (..., m + 1) array
     """
-    J = np.asarray(J, float)
+    (J,) = stacks(("J", J, "m n"))
     m, n = J.shape[-2:]
     if n != m + 1:
-        raise ValueError(f"the cross product needs one column more than rows; J is {m} × {n}")
+        raise InputError(f"the cross product needs one column more than rows; J is {m} × {n}")
     minors = [np.linalg.det(np.delete(J, i, axis=-1)) for i in range(n)]
     return np.stack([(-1) ** i * minor for i, minor in enumerate(minors)], axis=-1)
 
@@ -73,6 +74,6 @@ def align(N: ArrayLike, reference: ArrayLike) -> Array:
     -------
     (..., n, r) array
     """
-    N = np.asarray(N, float)
-    U, _, Vt = np.linalg.svd(np.swapaxes(N, -1, -2) @ np.asarray(reference, float))
+    N, reference = stacks(("N", N, "n r"), ("reference", reference, "n r"))
+    U, _, Vt = np.linalg.svd(np.swapaxes(N, -1, -2) @ reference)
     return N @ U @ Vt

@@ -12,7 +12,7 @@ from ..arguments import positive, vector
 from ..errors import InputError
 from ..robot.task import Task
 from .control_step import row
-from .pseudoinverse import redundant
+from .pseudoinverse import at_rows, redundant
 
 Array = NDArray[np.float64]
 
@@ -51,8 +51,7 @@ class CustomInverse:
 
     def batch(self, Q: ArrayLike, J: Array | None = None) -> Array:
         """Evaluate G at every row of Q (K, n): (K, n, m)."""
-        J = self.task.jacobians(Q) if J is None else J
-        Q = np.asarray(Q, float)
+        Q, J = at_rows(self.task, Q, J)
         return np.array([self._checked(q, J_q) for q, J_q in zip(Q, J, strict=True)]).reshape(
             len(Q), self.task.n, self.task.m
         )

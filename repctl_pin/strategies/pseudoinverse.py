@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg.blas import ddot
 from scipy.linalg.lapack import dposv
 
-from ..arguments import FLOAT, shown, vector
+from ..arguments import FLOAT, rows, shown, stacks, vector
 from ..errors import InputError, SingularityError
 from ..redundancy.inverses import RANK_TOLERANCE, pseudoinverse, weighted_pseudoinverse
 from ..robot.inplace import in_place
@@ -41,7 +41,7 @@ class Pseudoinverse:
 
     def batch(self, Q: ArrayLike, J: Array | None = None) -> Array:
         """Evaluate J⁺ at every row of Q (K, n): (K, n, m)."""
-        return pseudoinverse(self.task.jacobians(Q) if J is None else J)
+        return pseudoinverse(at_rows(self.task, Q, J)[1])
 
     def velocity(self, q: Array, xdot: Array) -> Array:
         """Choose ``q̇ = Jᵀ (J Jᵀ)⁻¹ ẋ`` (n,).
@@ -92,8 +92,8 @@ class WeightedInverse:
 
     def batch(self, Q: ArrayLike, J: Array | None = None) -> Array:
         """Evaluate J⁺_M at every row of Q (K, n): (K, n, m)."""
-        J = self.task.jacobians(Q) if J is None else J
-        return weighted_pseudoinverse(J, self._weights(np.asarray(Q, float)))
+        Q, J = at_rows(self.task, Q, J)
+        return weighted_pseudoinverse(J, self._weights(Q))
 
     def _weights(self, Q: Array) -> Array:
         """Evaluate M at every row of Q (K, n): (K, n, n), or (n, n) where it is the same everywhere."""
@@ -164,6 +164,15 @@ def _positive(weight: ArrayLike, n: int) -> Array:
     if np.linalg.eigvalsh(M)[0] <= 0:
         raise InputError("the weight must be positive definite; every joint needs a weight above 0")
     return M
+
+
+def at_rows(task: Task, Q: ArrayLike, J: Array | None) -> tuple[Array, Array]:
+    """Take configurations Q (K, n), and J (K, m, n) there where it is at hand already."""
+    Q = rows(Q, task.n, "batch()")
+    if J is None:
+        return Q, task.jacobians(Q)
+    (J,) = stacks(("J", J, f"{len(Q)} {task.m} {task.n}"), exact=True)
+    return Q, J
 
 
 def redundant(value: Any) -> Task:

@@ -9,14 +9,14 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import NUMBER, matrix, rows, vector, wanted
+from ..arguments import NUMBER, rows, stacks, vector, wanted
 from ..errors import SingularityError
 from ..fields.field import FieldMap
 from ..redundancy.augmented import augmented_inverse
 from ..robot.task import Task, own_task
 from .control_step import Loop, make_loop
 from .on_leaf import solve, solve_all
-from .pseudoinverse import redundant
+from .pseudoinverse import at_rows, redundant
 
 Array = NDArray[np.float64]
 
@@ -63,8 +63,8 @@ class RepeatableInverse:
         """Evaluate G_r at every row of Q (K, n): (K, n, m)."""
         if self._loop.inverses is not None:
             return self._loop.inverses(rows(Q, self.task.n, "batch()"))
-        J = self.task.jacobians(Q) if J is None else J
-        return augmented_inverse(J, self.field.gradients(np.asarray(Q, float)))[:, :, : self.task.m]
+        Q, J = at_rows(self.task, Q, J)
+        return augmented_inverse(J, self.field.gradients(Q))[:, :, : self.task.m]
 
     # ---- the control loop ------------------------------------------------------------------------
 
@@ -83,7 +83,7 @@ class RepeatableInverse:
     def velocities(self, Q: ArrayLike, Xdot: ArrayLike) -> Array:
         """Choose q̇ for every row of Q (K, n) and of Ẋ (K, m): (K, n)."""
         Q = rows(Q, self.task.n, "velocities()")
-        Xdot = matrix(Xdot, (len(Q), self.task.m), "Ẋ", f"{len(Q)} × {self.task.m}, one row a row of Q")
+        (Xdot,) = stacks(("Ẋ", Xdot, f"{len(Q)} {self.task.m}"), exact=True)
         if self._loop.velocities is not None:
             return self._loop.velocities(Q, Xdot)
         J_V = np.concatenate([self.task.jacobians(Q), np.swapaxes(self.field.gradients(Q), 1, 2)], axis=1)
