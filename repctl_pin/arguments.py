@@ -103,12 +103,22 @@ def vector(values: ArrayLike, n: int | None, name: str, each: str = "one a joint
     return array
 
 
-def spread(values: ArrayLike, n: int, name: str, each: str = "one a joint") -> Array:
+def spread(values: ArrayLike, n: int, name: str, each: str = "one a joint", *, finite: bool = False) -> Array:
     """Take one number above 0 for all of n, or n of them: (n,); infinity is allowed."""
     array = _array(values)
-    if array is None or array.shape not in ((), (1,), (n,)) or not (array > 0).all():
-        raise InputError(f"{name} must be one number above 0 or {n} of them, {each}, not {shown(values)}")
+    most = array is not None and array.shape in ((), (1,), (n,)) and (not finite or np.isfinite(array).all())
+    if array is None or not most or not (array > 0).all():
+        what = "finite number" if finite else "number"
+        raise InputError(f"{name} must be one {what} above 0 or {n} of them, {each}; got {shown(values)}")
     return np.full(n, array) if array.size == 1 else array
+
+
+def limits(values: ArrayLike, n: int, name: str, each: str = "one a joint") -> Array:
+    """Take n limits (n,), infinity where there is none."""
+    array = _array(values)
+    if array is None or array.shape != (n,) or np.isnan(array).any():
+        raise InputError(f"{name} must be {n} numbers, {each}; got {shown(values)}")
+    return array
 
 
 def rows(values: ArrayLike, n: int | None, whose: str) -> Array:
@@ -141,10 +151,8 @@ def stacks(*given: tuple[str, ArrayLike, str], exact: bool = False) -> list[Arra
         )
         if array is None or not fits or not np.isfinite(array).all():
             known = ", ".join(f"{x} = {sizes[x]}" for x in letters if x in sizes and name != given[0][0])
-            raise InputError(
-                f"{name} must be finite numbers ({'' if exact else '..., '}{', '.join(letters)}){known and ' with '}{known}; "
-                f"got {_shape(values, array)}"
-            )
+            shape = f"({'' if exact else '..., '}{', '.join(letters)}){known and ' with '}{known}"
+            raise InputError(f"{name} must be finite numbers {shape}; got {_shape(values, array)}")
         arrays.append(array)
     leading = [a.shape[: a.ndim - len(axes.split())] for a, (_, _, axes) in zip(arrays, given, strict=True)]
     if len(set(leading)) > 1 and not _broadcast(leading):
@@ -159,14 +167,18 @@ def flag(value: Any, name: str) -> bool:
     raise InputError(f"{name} must be True or False, not {shown(value)}")
 
 
-def names(values: Any, name: str, what: str) -> tuple[str, ...]:
+def list_of(values: Any, name: str, what: str) -> list[Any]:
+    """Take a list, or anything else that gives one thing after another."""
+    if isinstance(values, Iterable) and not isinstance(values, (str, bytes, type, Mapping)) and np.ndim(values) == 1:
+        return list(values)
+    raise InputError(f"{name} must be {what}, not {shown(values)}")
+
+
+def list_of_names(values: Any, name: str, what: str) -> tuple[str, ...]:
     """Take some names; a single one may stand by itself."""
-    if isinstance(values, str):
-        return (values,)
-    if isinstance(values, Iterable) and not isinstance(values, (bytes, type, Mapping)):
-        listed = tuple(values)
-        if all(isinstance(v, str) for v in listed):
-            return listed
+    listed = (values,) if isinstance(values, str) else tuple(list_of(values, name, what))
+    if all(isinstance(v, str) for v in listed):
+        return listed
     raise InputError(f"{name} must be {what}, not {shown(values)}")
 
 

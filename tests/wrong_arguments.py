@@ -96,8 +96,8 @@ def right_calls(folder: Path) -> list[Call]:
         "stable_surface": {"strategy": control, "region": box, "samples": 8, "seed": 0},
         "study": {
             "robot": "planar3r", "frame": "tool", "task": "xy", "start": q0, "path": None, "radius": 0.05,
-            "plane": "xy", "cycles": 1, "steps": 24, "region": 0.1, "degree": 1, "controls": {"mine": control}, "period": 5.0,
-            "seed": 0, "progress": None,
+            "plane": "xy", "cycles": 1, "steps": 24, "region": 0.1, "degree": 1, "controls": {"mine": control},
+            "period": 5.0, "seed": 0, "progress": None,
         },
         "waypoints": {"points": square, "rotation": np.eye(3), "name": "square"},
         "Box": {"center": q0, "half_width": 0.2, "density": lambda Q: np.ones(len(Q))},

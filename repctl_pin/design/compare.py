@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..arguments import positive, wanted
 from ..errors import InputError, SingularityError
 from .judgement import REPLICATES, Judgement, judge
 from .result import Design
@@ -67,6 +68,8 @@ def compare(first: Design, *others: Design) -> Comparison:
         If a design is for another arm or task.
     """
     designs = (first, *others)
+    for design in designs:
+        wanted(design, Design, "what is compared", "a design, as rp.nearest_repeatable makes them")
     task = first.task
     for other in others:
         if (other.task.robot.name, other.task.frame, other.task.kind, other.task.joint_names) != (
@@ -120,6 +123,11 @@ def settled(designs: Sequence[Design | SingularityError], *, tolerance: float = 
     InputError
         If there are fewer than two.
     """
+    wanted(designs, Sequence, "designs", "a list of designs")
+    tolerance = positive(tolerance, "the tolerance")
+    for design in designs:
+        if not isinstance(design, SingularityError):
+            wanted(design, Design, "each of the designs", "what rp.nearest_repeatable makes, or its refusal")
     if len(designs) < 2:
         raise InputError("whether the cost has settled takes at least two designs, of rising degree")
     costs = [d.cost for d in designs if not isinstance(d, SingularityError) and d.converged]

@@ -13,7 +13,7 @@ import numpy as np
 import scipy.optimize
 from numpy.typing import NDArray
 
-from ..arguments import wanted
+from ..arguments import MOST_NODES, function, limits, shown, wanted, whole
 from ..errors import InputError, SingularityError
 from ..regions import Region
 from ..strategies.strategy import AN_INVERSE, Batched, Inverse
@@ -135,10 +135,12 @@ def nearest_in_family(
     """
     wanted(desired, Batched, "desired", AN_INVERSE)
     wanted(region, Region, "region", "a region of joint space, such as rp.Box(q0, 0.3)")
-    low, high = (float(b) for b in bounds)
+    function(family, "family", "a function k → inverse")
+    samples, seed = whole(samples, "samples", 1, MOST_NODES), whole(seed, "seed")
+    low, high = limits(bounds, 2, "bounds", "from where to where")
     projective = low == -np.inf and high == np.inf
     if not projective and not (np.isfinite([low, high]).all() and low < high):
-        raise InputError(f"bounds must be two finite numbers in order, or the whole line, not {bounds!r}")
+        raise InputError(f"bounds must be two finite numbers in order, or the whole line, not {shown(bounds)}")
     if projective:
         low, high = -np.pi / 2, np.pi / 2
 
@@ -151,9 +153,14 @@ def nearest_in_family(
 
     nodes = _Comparison(desired, region, samples, seed)
 
+    def member(k: float) -> Inverse:
+        made = family(k)
+        wanted(made, Batched, f"what the family makes of k = {k:g}", AN_INVERSE)
+        return made
+
     def cost(angle: float) -> float:
         try:
-            return nodes.cost(family(parameter(angle)))
+            return nodes.cost(member(parameter(angle)))
         except SingularityError:
             return np.inf
 
@@ -166,11 +173,11 @@ def nearest_in_family(
     unique = bool(spread > _FLAT * max(float(costs.mean()), 1e-15 * nodes.scale))
     if unique and np.isfinite(spread):
         # A spread that the finer nodes do not confirm is the search's own quadrature error.
-        worst, least = (judge.cost(family(parameter(angles[i]))) for i in (np.argmax(costs), np.argmin(costs)))
+        worst, least = (judge.cost(member(parameter(angles[i]))) for i in (np.argmax(costs), np.argmin(costs)))
         unique = bool(worst - least > spread / 2)
     best = _polish(cost, angles, costs, projective) if unique else (low + high) / 2
 
-    inverse = family(parameter(best))
+    inverse = member(parameter(best))
     value = judge.cost(inverse)
     return FamilyDesign(
         inverse=inverse,

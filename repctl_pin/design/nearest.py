@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from .. import progress as reporting
-from ..arguments import wanted
+from ..arguments import MOST_NODES, flag, positive, shown, wanted, whole
 from ..errors import InputError
 from ..fields.field import Field
 from ..fields.polynomial import Polynomial
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from distributed import Client
 
 _HELD_OUT_NODES = 16384
+_MOST_RESTARTS = 1000
 _SHRINKINGS = 12
 _MOST_DEGREE = 6
 _MOST_UNKNOWNS = 1000
@@ -105,17 +106,20 @@ def nearest_repeatable(
     wanted(region, Region, "region", "a region of joint space, such as rp.Box(q0, 0.3)")
     if fields is not None:
         wanted(fields, Field, "fields", "potentials, such as rp.Polynomial(q0, 2, 0.3)")
+    if executor is not None and not callable(getattr(executor, "submit", None)):
+        wanted(executor, Executor, "executor", "a concurrent.futures.Executor or a Dask client")
     options: dict[str, Any] = {
-        "samples": samples,
-        "held_out": int(held_out),
-        "seed": int(seed),
-        "batch": int(batch),
-        "stream": stream,
+        "samples": None if samples is None else whole(samples, "samples", 1, MOST_NODES),
+        "held_out": whole(held_out, "held_out", 2 * REPLICATES, MOST_NODES),
+        "seed": whole(seed, "seed"),
+        "batch": whole(batch, "batch", 1, MOST_NODES),
+        "stream": flag(stream, "stream"),
         "executor": executor,
-        "restarts": int(restarts),
-        "tolerance": float(tolerance),
+        "restarts": whole(restarts, "restarts", 0, _MOST_RESTARTS),
+        "tolerance": positive(tolerance, "the tolerance"),
     }
-    _check(desired, fields, region, degree, options)
+    shrink = flag(shrink, "shrink")
+    _check(desired, fields, region, degree)
     with reporting.reporter(progress) as report:
         if degree == "auto":
             return _auto(desired, region, shrink, report, options)
@@ -181,7 +185,7 @@ def _polynomial(region: Region, degree: Any) -> Polynomial:
 
 
 def _check(
-    desired: Inverse, fields: Field | None, region: Region, degree: int | str | None, options: dict[str, Any]
+    desired: Inverse, fields: Field | None, region: Region, degree: int | str | None
 ) -> None:
     """Refuse what cannot work, before anything is evaluated."""
     task = desired.task
@@ -192,7 +196,7 @@ def _check(
     if (fields is None) == (degree is None):
         raise InputError("give either fields, or None and degree=")
     if isinstance(degree, str) and degree != "auto":
-        raise InputError(f"degree is a whole number from 1 up, or 'auto', not {degree!r}")
+        raise InputError(f"degree is a whole number from 1 up, or 'auto', not {shown(degree)}")
     if len(region.center) != task.n:
         raise InputError(f"the region has {len(region.center)} joints, but the task has {task.n}")
     box = region.bounds
@@ -206,8 +210,3 @@ def _check(
             )
     if fields is not None and fields.size < task.r:
         raise InputError(f"{fields.size} potentials cannot give r = {task.r} independent ones; raise the degree")
-    for name, least in (("samples", 1), ("held_out", 2 * REPLICATES), ("batch", 1), ("restarts", 0)):
-        if options[name] is not None and options[name] < least:
-            raise InputError(f"{name} must be {least} or more, not {options[name]}")
-    if not options["tolerance"] > 0:
-        raise InputError(f"the tolerance must be above 0, not {options['tolerance']:g}")

@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 
 from .._version import __version__
+from ..arguments import file_name, wanted
 from ..errors import InputError, RepctlError
 from ..files import read_whole, write_whole
-from ..robot.task import Task
+from ..robot.task import Task, wanted_task
 from ..strategies.repeatable import RepeatableInverse
 from .encoding import (
     decode_desired,
@@ -58,8 +59,8 @@ def save(design: Design, path: str | Path) -> Path:
     InputError
         If the design holds functions of a person's own, or the file cannot be written; an old one stays.
     """
-    if not isinstance(design, Design):
-        raise InputError(f"save() writes what nearest_repeatable() returns, not a {type(design).__name__}")
+    wanted(design, Design, "design", "a design, as rp.nearest_repeatable makes them")
+    path = file_name(path)
     content: dict[str, Any] = {
         "format": FORMAT,
         "schema": SCHEMA,
@@ -97,6 +98,9 @@ def load(path: str | Path, task: Task | None = None) -> Design:
         If the file is not such a file, was changed after it was written, comes from a newer schema, or is
         for another robot, frame, task kind or joints; the difference is named.
     """
+    path = file_name(path)
+    if task is not None:
+        wanted_task(task)
     where = str(path)
     content = _read(Path(path), where)
     try:

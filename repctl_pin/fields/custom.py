@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import rows
+from ..arguments import list_of_names, rows, wanted
 from ..errors import InputError
 from .field import Field, coefficients
 from .joined import Joined
@@ -40,10 +40,8 @@ class Potentials:
     def __init__(
         self, functions: Sequence[Function | tuple[Function, Gradient]], *, names: Sequence[str] | None = None
     ) -> None:
-        try:
-            pairs = [f if isinstance(f, tuple) else (f, None) for f in functions]
-        except TypeError:
-            raise InputError("Potentials takes a list of functions q → h, or of pairs (h, gradient)") from None
+        wanted(functions, Sequence, "functions", "a list of functions q → h, or of pairs (h, gradient)")
+        pairs = [f if isinstance(f, tuple) else (f, None) for f in functions]
         if not pairs:
             raise InputError("Potentials needs at least one function q → h")
         for i, pair in enumerate(pairs):
@@ -51,11 +49,12 @@ class Potentials:
                 raise InputError(f"potential {i + 1} is no function q → h, nor a pair of one and its gradient")
         self._functions = [pair[0] for pair in pairs]
         self._gradients = [pair[1] for pair in pairs]
-        if names is not None and len(names) != len(pairs):
-            raise InputError(f"{len(names)} names for {len(pairs)} potentials")
+        given = () if names is None else list_of_names(names, "names", "one name a potential")
+        if names is not None and len(given) != len(pairs):
+            raise InputError(f"{len(given)} names for {len(pairs)} potentials")
         own = [getattr(f, "__name__", "h") for f in self._functions]
         own = [f"h_{i + 1}" if name in ("<lambda>", "h") else name for i, name in enumerate(own)]
-        self._names = tuple(own if names is None else names)
+        self._names = given or tuple(own)
 
     @property
     def size(self) -> int:

@@ -9,6 +9,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import shown, stacks
 from ..errors import InputError
 
 Array = NDArray[np.float64]
@@ -70,12 +71,7 @@ def coefficients(A: ArrayLike, size: int) -> Array:
     InputError
         If they are anything else.
     """
-    try:
-        A = np.asarray(A, float)
-    except (TypeError, ValueError):
-        raise InputError(f"the coefficients must be an array ({size}, r), one row a potential") from None
-    if A.ndim != 2 or len(A) != size or not np.isfinite(A).all():
-        raise InputError(f"the coefficients have shape {A.shape}, but {size} rows of finite numbers are wanted")
+    (A,) = stacks(("the coefficients", A, f"{size} r"), exact=True)
     return A
 
 
@@ -94,7 +90,7 @@ def chosen(variables: Sequence[int] | None, n: int) -> tuple[int, ...]:
     except TypeError:
         numbers = ()
     if not numbers or not set(numbers) <= set(range(n)):
-        raise InputError(f"variables must be joint numbers from 0 to {n - 1}, not {variables!r}")
+        raise InputError(f"variables must be joint numbers from 0 to {n - 1}, not {shown(variables)}")
     return numbers
 
 

@@ -8,7 +8,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import rows, whole
+from ..arguments import flag, rows, spread, whole
 from ..errors import InputError
 from .field import Field, chosen, coefficients
 from .joined import Joined
@@ -50,14 +50,10 @@ class Fourier:
         period: ArrayLike = 2 * np.pi,
         cross: bool = True,
     ) -> None:
-        self.n, self.order = whole(n, "the number of joints", 1), whole(order, "the order of a Fourier field", 1)
-        self.cross = bool(cross)
-        try:
-            self.period = np.broadcast_to(np.asarray(period, float), (self.n,)).copy()
-        except (TypeError, ValueError):
-            raise InputError(f"period must be one number or {self.n} of them") from None
-        if not (np.isfinite(self.period).all() and (self.period > 0).all()):
-            raise InputError("the periods of a Fourier field must be positive")
+        self.n = whole(n, "the number of joints", 1, _MAX_SIZE)
+        self.order = whole(order, "the order of a Fourier field", 1, _MAX_SIZE)
+        self.cross = flag(cross, "cross")
+        self.period = spread(period, self.n, "the period of a Fourier field", finite=True)
         self.variables = chosen(variables, self.n)
         if (2 * self.order + 1) ** (len(self.variables) if cross else 1) > 50 * _MAX_SIZE:
             raise InputError(f"order {order} in {len(self.variables)} joints is too much; lower it or choose variables")

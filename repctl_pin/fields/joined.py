@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import rows
+from ..arguments import rows, wanted
 from ..errors import InputError
 from .field import CurvedMap, Field, FieldMap, coefficients, name_of
 
@@ -39,8 +39,7 @@ class Joined:
         if not flat:
             raise InputError("joined fields need at least one family of potentials")
         for part in flat:
-            if not callable(getattr(part, "gradients", None)) or not callable(getattr(part, "weighted", None)):
-                raise InputError(f"{part!r} is no family of potentials; join fields such as rp.Polynomial")
+            wanted(part, Field, "a joined field", "a family of potentials, such as rp.Polynomial(q0, 2)")
         self.parts: tuple[Field, ...] = tuple(flat)
         self._ends = np.cumsum([part.size for part in self.parts])
 

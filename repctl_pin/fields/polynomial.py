@@ -11,7 +11,7 @@ import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import rows, whole
+from ..arguments import flag, rows, spread, vector, whole
 from ..errors import InputError
 from .field import Field, chosen, coefficients
 from .inplace import MOST_ENTRIES, Homogeneous, InPlace, plain
@@ -57,20 +57,10 @@ class Polynomial:
         *,
         cross: bool = True,
     ) -> None:
-        try:
-            self.center = np.array(center, dtype=float)
-        except (TypeError, ValueError):
-            self.center = np.array(np.nan)
-        if self.center.ndim != 1 or not np.isfinite(self.center).all():
-            raise InputError("the center of a polynomial field must be a list of finite numbers")
+        self.center = vector(center, None, "the center of a polynomial field")
         n = len(self.center)
-        try:
-            self.scale = np.broadcast_to(np.asarray(scale, float), (n,)).copy()
-        except (ValueError, TypeError):
-            raise InputError(f"scale must be one number or {n} of them") from None
-        if not (np.isfinite(self.scale).all() and (self.scale > 0).all()):
-            raise InputError("the scale of a polynomial field must be positive")
-        self.degree, self.cross = whole(degree, "the degree of a polynomial field", 1), bool(cross)
+        self.scale = spread(scale, n, "the scale of a polynomial field", finite=True)
+        self.degree, self.cross = whole(degree, "the degree of a polynomial field", 1), flag(cross, "cross")
         self.variables = chosen(variables, n)
         size = comb(len(self.variables) + self.degree, self.degree) - 1
         if size > _MAX_SIZE:

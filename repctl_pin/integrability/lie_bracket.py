@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import vector
+from ..arguments import flag, vector
 from ..strategies.strategy import Inverse
 from .derivative import derivative, joint_scale, wanted_inverse
 
@@ -141,7 +141,7 @@ def bracket_defect(strategy: Inverse, q: ArrayLike, *, relative: bool = False) -
         One row a pair, in the order (0, 1), (0, 2), …, (1, 2), …; row Δ_ab has the joints' units per unit
         of task coordinate a and of b (rad/m² for two lengths).
     """
-    found = measure(strategy, _one(strategy, q))
+    relative, found = flag(relative, "relative"), measure(strategy, _one(strategy, q))
     a, b = np.triu_indices(strategy.task.m, 1)
     return (found.relative if relative else found.delta)[0, a, b]
 

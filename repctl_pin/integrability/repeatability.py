@@ -8,7 +8,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import wanted, whole
+from ..arguments import MOST_NODES, wanted, whole
 from ..errors import InputError
 from ..strategies.strategy import Inverse
 from .derivative import wanted_inverse
@@ -133,7 +133,7 @@ def points_of(region: Region, strategy: Inverse, samples: int, seed: int) -> Arr
     """
     n = wanted_inverse(strategy).task.n
     wanted(region, Region, "region", "a region of joint space, such as rp.Box(q0, 0.3)")
-    Q = region.random(whole(samples, "samples", 1), whole(seed, "seed"))
+    Q = region.random(whole(samples, "samples", 1, MOST_NODES), whole(seed, "seed"))
     if Q.shape[1] != n:
         raise InputError(f"the region has {Q.shape[1]} joints, but the task has {n}")
     return Q

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import wanted
+from ..arguments import MOST_STEPS, wanted, whole
 from ..errors import InputError, SingularityError
 from ..redundancy import leaf_margin, nullspace
 from ..strategies import RepeatableInverse
@@ -119,6 +119,7 @@ def best_leaf(inverse: RepeatableInverse, path: TaskPath, q0: ArrayLike, *, step
     """
     wanted(inverse, RepeatableInverse, "inverse", "a repeatable inverse, such as design.inverse")
     path = closed_path(path)
+    steps, seed = whole(steps, "steps", 1, MOST_STEPS), whole(seed, "seed")
     task, target = inverse.task, path.placement(0.0)
     start = solve_ik(task, task.check(q0, "the start"), target)
     given = _judged(inverse, path, start, steps)

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import function, positive, whole
+from ..arguments import chosen, function, positive, vector, whole
 from ..errors import InputError, SingularityError
 from ..robot.task import Task, wanted_task
 from ..strategies import FunctionStrategy, OnLeaves, Strategy
@@ -26,6 +26,9 @@ INTEGRATORS: dict[str, tuple[tuple[float, ...], tuple[tuple[float, ...], ...], t
 
 _INSIDE = 1e-12
 """How far from a grid point, in cycles, a velocity is asked for: on the step's own side of a corner."""
+
+_MOST_CORRECTIONS = 1000
+"""Newton's method has converged after a handful."""
 
 _JUMP = 1.0
 """No arm moves a joint this far, rad or m, in one step: the integration has gone astray."""
@@ -103,9 +106,9 @@ def follow(
         strategy = FunctionStrategy(task, strategy)
     task = strategy.task
     q = task.check(q0, "the start")
-    if integrator not in INTEGRATORS:
-        raise InputError(f"no integrator {integrator!r}; there is {', '.join(INTEGRATORS)}")
-    cycles, steps, lock = whole(cycles, "cycles", 1), whole(steps, "steps", 1), whole(lock, "lock")
+    chosen(integrator, INTEGRATORS, "integrator")
+    cycles, steps = whole(cycles, "cycles", 1), whole(steps, "steps", 1)
+    lock, damping = whole(lock, "lock", 0, _MOST_CORRECTIONS), positive(damping, "damping", zero=True)
     if cycles * steps * task.n > _MOST:
         raise InputError(f"{cycles} cycles of {steps} steps are more than fit into memory; ask for fewer")
     period = positive((path.period or 5.0) if period is None else period, "the period", "s")
@@ -123,7 +126,7 @@ def follow(
     if lock:
         if not isinstance(strategy, OnLeaves):
             raise InputError("only a repeatable strategy, such as design.inverse, has leaves to lock to")
-        c = strategy.leaf(q) if leaf is None else np.array(leaf, dtype=float)
+        c = strategy.leaf(q) if leaf is None else vector(leaf, task.r, "the leaf c = h(q)", "one a potential")
         Q, Qdot, used = _locked(strategy, path, grid, q, cycles, period, lock, c, limit, damping)
     else:
         Q, Qdot = _integrated(strategy, path, grid, q, cycles, period, integrator, feedback)

@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..robot.bodies import Nearest, bodies_of
+from ..arguments import stacks, whole
+from ..errors import InputError
 from ..robot.task import Task
 from ..strategies.control_step import speeds
 from .paths import TaskPath
@@ -120,6 +122,9 @@ class Motion:
 
     def cycle(self, k: int) -> Array:
         """Joint positions of cycle k, counted from 0, both ends included: (steps + 1, n)."""
+        k = whole(k, "the cycle's number")
+        if k >= self.cycles:
+            raise InputError(f"there is no cycle {k}; this motion has {self.cycles}, counted from 0")
         return self.q[k * self.steps : (k + 1) * self.steps + 1]
 
     def retimed(self, limit: ArrayLike | None = None) -> Motion:
@@ -155,6 +160,7 @@ class Motion:
         t = self.t[0] + np.concatenate([[0.0], np.cumsum(times * stretch)])
         return replace(self, t=t, qdot=self.qdot / at_ends[:, None])
 
-    def joints(self, values: Array) -> Array:
+    def joints(self, values: ArrayLike) -> Array:
         """Turn positions or velocities (..., n) of the task's coordinates ψ into those of the robot's joints."""
+        (values,) = stacks(("values", values, f"{self.task.n}"))
         return values if self.task.coordinates is None else self.task.coordinates.joints(values)

@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import positive, vector, wanted, whole
+from ..arguments import finite, positive, shown, vector, wanted, whole
 from ..errors import InputError
 from ..robot.task import Task, wanted_task
 from .orientation import facing, turning_about
@@ -15,6 +15,7 @@ from .paths import TaskPath
 Array = NDArray[np.float64]
 
 PLANES: dict[str, tuple[int, int]] = {"xy": (0, 1), "yz": (1, 2), "xz": (0, 2)}
+_MOST_PETALS = 1001
 _NORMALS = {"z": "xy", "x": "yz", "y": "-xz"}  # from z to x is the way round y
 
 
@@ -54,7 +55,7 @@ def circle(
     InputError
         If the radius is not positive, the plane has no such name, or the path runs through the point it faces.
     """
-    radius = _positive(radius, "radius")
+    radius, start_angle = _positive(radius, "radius"), finite(start_angle, "start_angle", "rad")
     here, e1, e2 = _frame(task, q0, normal)
 
     def around(angle: float) -> Array:
@@ -89,7 +90,7 @@ def figure_eight(
     -------
     TaskPath
     """
-    radius = _positive(radius, "radius")
+    radius, start_angle = _positive(radius, "radius"), finite(start_angle, "start_angle", "rad")
     here, e1, e2 = _frame(task, q0, normal)
     along = np.cos(start_angle) * e1 + np.sin(start_angle) * e2
     across = -np.sin(start_angle) * e1 + np.cos(start_angle) * e2
@@ -110,7 +111,8 @@ def rose(task: Task, q0: ArrayLike, radius: float = 0.1, *, petals: int = 3, nor
     TaskPath
     """
     radius = _positive(radius, "radius")
-    if whole(petals, "petals", 1) % 2 == 0:
+    petals = whole(petals, "petals", 1, _MOST_PETALS)
+    if petals % 2 == 0:
         raise InputError(f"a rose closes in half a turn with an odd number of petals, not {petals}")
     here, e1, e2 = _frame(task, q0, normal)
 
@@ -145,7 +147,7 @@ def _plane(normal: str) -> str:
     bare = normal.removeprefix("-")
     plane = _NORMALS.get(bare, bare).removeprefix("-")
     if plane not in PLANES:
-        raise InputError(f"no plane {normal!r}; there is {', '.join(PLANES)} (or a normal: x, y, z, -z …)")
+        raise InputError(f"no plane {shown(normal)}; there is {', '.join(PLANES)} (or a normal: x, y, z, -z …)")
     return plane
 
 

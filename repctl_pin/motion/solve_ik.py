@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import vector, wanted
+from ..arguments import MOST_STEPS, flag, positive, vector, wanted, whole
 from ..errors import InputError, SingularityError
 from ..redundancy.inverses import pseudoinverse
 from ..robot.length import arm_length
@@ -54,7 +54,11 @@ def solve_ik(
         If the target cannot be reached from there, or only outside the joint limits.
     """
     wanted(target, pin.SE3, "target", "a rigid transform, such as path.placement(0)")
-    q = vector(q0, wanted_task(task).n, "q0").copy()
+    if not np.isfinite(target.homogeneous).all():
+        raise InputError("the target must be finite numbers, m and a rotation")
+    q = vector(q0, wanted_task(task).n, "q0")
+    tolerance, iterations = positive(tolerance, "the tolerance"), whole(iterations, "iterations", 1, MOST_STEPS)
+    limits = flag(limits, "limits")
     error = task.error(q, target)
     where = np.array2string(np.asarray(target.translation), precision=3, separator=", ")
     for _ in range(iterations):

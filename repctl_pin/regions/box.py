@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import qmc
 
-from ..arguments import rows
+from ..arguments import MOST_NODES, function, limits, positive, rows, spread, vector, whole
 from ..errors import InputError
 
 Array = NDArray[np.float64]
@@ -44,15 +44,9 @@ class Box:
     density: Density | None = None
 
     def __init__(self, center: ArrayLike, half_width: ArrayLike, *, density: Density | None = None) -> None:
-        try:
-            middle = np.array(center, dtype=float)
-            half = np.array(np.broadcast_to(np.asarray(half_width, float), middle.shape))
-        except (TypeError, ValueError):
-            raise InputError("a box needs a center (n numbers) and a half-width (one number, or n)") from None
-        if middle.ndim != 1 or middle.size == 0 or not np.isfinite(middle).all():
-            raise InputError("the center of a box must be a list of finite numbers")
-        if not (np.isfinite(half).all() and (half > 0).all()):
-            raise InputError("the half-widths of a box must be above 0 and finite")
+        middle = vector(center, None, "the center of a box")
+        half = spread(half_width, len(middle), "the half-widths of a box", finite=True)
+        check_density(density)
         middle.setflags(write=False)
         half.setflags(write=False)
         object.__setattr__(self, "center", middle)
@@ -62,12 +56,8 @@ class Box:
     @classmethod
     def between(cls, lower: ArrayLike, upper: ArrayLike, *, density: Density | None = None) -> Box:
         """Make the box between two opposite corners."""
-        try:
-            low, high = np.asarray(lower, float), np.asarray(upper, float)
-        except (TypeError, ValueError):
-            raise InputError("the corners of a box must be lists of numbers") from None
-        if low.shape != high.shape or low.ndim != 1:
-            raise InputError("the corners of a box must have one number a joint each")
+        low = vector(lower, None, "the lower corner of a box")
+        high = vector(upper, len(low), "the upper corner of a box")
         if not (low < high).all():
             bad = int(np.argmin(low < high))
             raise InputError(
@@ -100,6 +90,7 @@ class Box:
         if self.n > 3:
             Q = self.random(count, seed)
             return Q, self.weights(Q)
+        count = whole(count, "the number of nodes", 1, MOST_NODES)
         x, w = np.polynomial.legendre.leggauss(max(2, int(np.ceil(round(count ** (1 / self.n), 9)))))
         grid = np.stack(np.meshgrid(*[x] * self.n, indexing="ij"), -1).reshape(-1, self.n)
         weights = np.prod(np.stack(np.meshgrid(*[w / 2] * self.n, indexing="ij"), -1).reshape(-1, self.n), axis=1)
@@ -112,31 +103,28 @@ class Box:
 
     def weights(self, Q: Array) -> Array:
         """What each of the points of :meth:`random` counts for: (K,), sum 1."""
-        return normalised(evaluate_density(self.density, Q))
+        return normalised(evaluate_density(self.density, rows(Q, self.n, "this box")))
 
-    def ratio(self, Q: Array) -> Array:
+    def ratio(self, Q: ArrayLike) -> Array:
         """By what factor the box would have to shrink for each row of Q to lie on its face: (K,)."""
         return (np.abs(rows(Q, self.n, "this box") - self.center) / self.half_width).max(-1)
 
     def contains(self, Q: ArrayLike) -> NDArray[np.bool_]:
         """Say which rows of Q (K, n) lie inside."""
-        return self.ratio(rows(Q, self.n, "this box")) <= 1 + 1e-12
+        return self.ratio(Q) <= 1 + 1e-12
 
-    def clip(self, Q: Array) -> Array:
+    def clip(self, Q: ArrayLike) -> Array:
         """Move points that have left the box back to its faces: (K, n)."""
         return np.clip(rows(Q, self.n, "this box"), self.lower, self.upper)
 
     def shrunk(self, factor: float) -> Box:
         """Make the box of the same center and a fraction of the width."""
-        return Box(self.center, self.half_width * factor, density=self.density)
+        return Box(self.center, self.half_width * positive(factor, "the factor"), density=self.density)
 
     def inside(self, lower: ArrayLike, upper: ArrayLike) -> Box:
         """Cut the box to what lies inside limits, such as ``task.lower`` and ``task.upper``."""
-        try:
-            low, high = np.maximum(self.lower, lower), np.minimum(self.upper, upper)
-        except (TypeError, ValueError):
-            raise InputError(f"the limits of this box must be {self.n} numbers each, one a joint") from None
-        return Box.between(low, high, density=self.density)
+        low, high = (limits(values, self.n, "the limits of this box") for values in (lower, upper))
+        return Box.between(np.maximum(self.lower, low), np.minimum(self.upper, high), density=self.density)
 
     def __str__(self) -> str:
         widths = sorted({f"{w:.3g}" for w in self.half_width}, key=float)
@@ -146,7 +134,14 @@ class Box:
 
 def sobol(n: int, count: int, seed: int) -> Array:
     """Scrambled Sobol points in the unit cube: (K, n), K the power of two from count up."""
+    count, seed = whole(count, "the number of nodes", 1, MOST_NODES), whole(seed, "seed")
     return qmc.Sobol(n, scramble=True, rng=seed).random_base2(int(np.ceil(np.log2(max(count, 2)))))
+
+
+def check_density(density: Density | None) -> None:
+    """Make sure that a density is a function."""
+    if density is not None:
+        function(density, "the density", "a function of Q (K, n) that gives (K,) numbers")
 
 
 def evaluate_density(density: Density | None, Q: Array) -> Array:

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import rows
+from ..arguments import positive, rows, spread
 from ..errors import InputError
-from .box import Box, Density, evaluate_density, normalised, sobol
+from .box import Box, Density, check_density, evaluate_density, normalised, sobol
 
 Array = NDArray[np.float64]
 
@@ -43,15 +43,11 @@ class Tube:
     density: Density | None = None
 
     def __init__(self, samples: ArrayLike, radius: ArrayLike, *, density: Density | None = None) -> None:
-        try:
-            Q = np.array(samples, dtype=float)
-            wide = np.array(np.broadcast_to(np.asarray(radius, float), Q.shape[-1:]))
-        except (TypeError, ValueError):
-            raise InputError("a tube needs joint samples (S, n) and a radius (one number, or n)") from None
-        if Q.ndim != 2 or Q.size == 0 or not np.isfinite(Q).all():
+        Q = rows(samples, None, "a tube")
+        if Q.size == 0:
             raise InputError("the samples of a tube must be rows of finite numbers, one row a configuration")
-        if not (np.isfinite(wide).all() and (wide > 0).all()):
-            raise InputError("the radius of a tube must be above 0 and finite")
+        wide = spread(radius, Q.shape[1], "the radius of a tube", finite=True)
+        check_density(density)
         Q = Q[np.linspace(0, len(Q) - 1, min(len(Q), _MOST_SAMPLES)).round().astype(int)]
         Q.setflags(write=False)
         wide.setflags(write=False)
@@ -83,15 +79,15 @@ class Tube:
 
     def weights(self, Q: Array) -> Array:
         """What each of the points of :meth:`random` counts for: (K,), sum 1."""
-        return normalised(evaluate_density(self.density, Q))
+        return normalised(evaluate_density(self.density, rows(Q, self.samples.shape[1], "this tube")))
 
-    def ratio(self, Q: Array) -> Array:
+    def ratio(self, Q: ArrayLike) -> Array:
         """By what factor the radius would have to shrink for each row of Q to lie on the edge: (K,)."""
         return self._nearest(Q)[1]
 
     def contains(self, Q: ArrayLike) -> NDArray[np.bool_]:
         """Say which rows of Q (K, n) lie inside."""
-        return self.ratio(rows(Q, self.samples.shape[1], "this tube")) <= 1 + 1e-12
+        return self.ratio(Q) <= 1 + 1e-12
 
     def clip(self, Q: Array) -> Array:
         """Move points that have left the tube to the box of the nearest sample: (K, n)."""
@@ -100,9 +96,9 @@ class Tube:
 
     def shrunk(self, factor: float) -> Tube:
         """Make the tube round the same samples with a fraction of the radius."""
-        return Tube(self.samples, self.radius * factor, density=self.density)
+        return Tube(self.samples, self.radius * positive(factor, "the factor"), density=self.density)
 
-    def _nearest(self, Q: Array) -> tuple[NDArray[np.intp], Array]:
+    def _nearest(self, Q: ArrayLike) -> tuple[NDArray[np.intp], Array]:
         """Find each point's nearest sample, and how far it is in units of the radius."""
         Q = rows(Q, self.samples.shape[1], "this tube")
         which, distance = np.empty(len(Q), np.intp), np.empty(len(Q))

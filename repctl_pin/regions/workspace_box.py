@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import wanted
+from ..arguments import MOST_NODES, positive, rows, spread, vector, wanted, whole
 from ..errors import InputError
 from ..robot.task import Task, own_task
-from .box import Box, Density, evaluate_density, normalised
+from .box import Box, Density, check_density, evaluate_density, normalised
 
 Array = NDArray[np.float64]
 
@@ -61,17 +61,9 @@ class WorkspaceBox:
         task = own_task(task)
         axes = [row for row in task.rows if row < 3]
         wanted(within, Box, "within", "a box of the joints, such as rp.Box(q0, 0.5)")
-        try:
-            middle = np.array(position, dtype=float)
-            half = np.array(np.broadcast_to(np.asarray(half_width, float), (len(axes),)))
-        except (TypeError, ValueError):
-            raise InputError(
-                f"a workspace box needs {len(axes)} numbers for its center, one or as many widths"
-            ) from None
-        if middle.shape != (len(axes),) or not np.isfinite(middle).all():
-            raise InputError(f"the center of a workspace box must be {len(axes)} finite numbers, m")
-        if not (np.isfinite(half).all() and (half > 0).all()):
-            raise InputError("the half-widths of a workspace box must be above 0 m and finite")
+        middle = vector(position, len(axes), "the center of a workspace box", "m")
+        half = spread(half_width, len(axes), "the half-widths of a workspace box", "one an axis, m", finite=True)
+        check_density(density)
         if within.n != task.n:
             raise InputError(f"within= has {within.n} joints, but the task has {task.n}")
         for name, value in (
@@ -106,11 +98,12 @@ class WorkspaceBox:
 
     def weights(self, Q: Array) -> Array:
         """``√det(J Jᵀ)``, scaled to sum 1: (K,)."""
+        Q = rows(Q, self.task.n, "this box")
         J = self.task.jacobians(Q)
         volume = np.sqrt(np.maximum(np.linalg.det(J @ np.swapaxes(J, -1, -2)), 0.0))
         return normalised(volume * evaluate_density(self.density, Q))
 
-    def ratio(self, Q: Array) -> Array:
+    def ratio(self, Q: ArrayLike) -> Array:
         """By what factor both boxes would have to shrink for each row of Q to lie on the edge: (K,)."""
         axes = [row for row in self.task.rows if row < 3]
         away = np.abs(self.task.positions(Q)[:, axes] - self.position) / self.half_width
@@ -118,7 +111,7 @@ class WorkspaceBox:
 
     def contains(self, Q: ArrayLike) -> NDArray[np.bool_]:
         """Say which rows of Q (K, n) lie inside."""
-        return self.ratio(np.asarray(Q, float)) <= 1 + 1e-12
+        return self.ratio(Q) <= 1 + 1e-12
 
     def clip(self, Q: Array) -> Array:
         """Move joints that have left ``within`` back; the frame may still be outside its box."""
@@ -126,12 +119,14 @@ class WorkspaceBox:
 
     def shrunk(self, factor: float) -> WorkspaceBox:
         """Shrink both boxes, of joints and of the workspace."""
+        factor = positive(factor, "the factor")
         return WorkspaceBox(
             self.task, self.position, self.half_width * factor, within=self.within.shrunk(factor), density=self.density
         )
 
     def _draw(self, count: int, seed: int) -> Array:
         """Draw points of ``within`` until enough of them reach the box."""
+        count, seed = whole(count, "the number of nodes", 1, MOST_NODES), whole(seed, "seed")
         found: list[Array] = []
         size, drawn, part = max(1024, count), 0, 0
         while sum(map(len, found)) < count:

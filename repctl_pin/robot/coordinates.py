@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import stacks
 from ..errors import InputError
 
 Array = NDArray[np.float64]
@@ -67,12 +68,7 @@ def change_of(
         If T is not an invertible (n, n) matrix of finite numbers.
     """
     n = len(names)
-    try:
-        matrix = np.array(T, dtype=float)
-    except (TypeError, ValueError):
-        raise InputError(f"T of q = T ψ must be {n} × {n} numbers") from None
-    if matrix.shape != (n, n) or not np.isfinite(matrix).all():
-        raise InputError(f"T of q = T ψ must be {n} × {n} finite numbers, one row a joint; got shape {matrix.shape}")
+    matrix = np.array(stacks(("T of q = T ψ", T, f"{n} {n}"), exact=True)[0])
     values = np.linalg.svd(matrix, compute_uv=False)
     if values[-1] <= 1e-12 * values[0]:
         raise InputError("T of q = T ψ must be invertible; its rows are dependent")

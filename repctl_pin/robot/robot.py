@@ -11,6 +11,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from ..arguments import chosen, file_name, list_of, list_of_names, wanted
 from ..errors import InputError, UrdfError, unknown
 from ..urdf.catalogue import READY, Entry, default_package_dirs, find, reference_posture, urdf_folder
 from ..urdf.end_effectors import arm_ends, is_sensor, task_links
@@ -135,9 +136,12 @@ class Robot(Mechanism):
         UrdfError
             If the gatekeeper refuses the file.
         """
-        text = str(name_or_path)
-        given = [package_dirs] if isinstance(package_dirs, (str, Path)) else package_dirs
-        own = [os.path.expanduser(folder) for folder in given]
+        text = str(file_name(name_or_path, "robot"))
+        given = [package_dirs] if isinstance(package_dirs, (str, Path)) else list_of(package_dirs, "package_dirs", "a list of folders")
+        own = [os.path.expanduser(str(file_name(folder, "each of package_dirs"))) for folder in given]
+        lock = list_of_names(lock, "lock", "a list of joints' names")
+        if base is not None:
+            wanted(base, str, "base", "a link's name")
         for folder in own:
             if not Path(folder).is_dir():
                 raise InputError(f"there is no folder {folder!r} to look up package:// in; correct --package-dir")
@@ -168,10 +172,10 @@ class Robot(Mechanism):
             If there is no such frame, kind or joint, or no joint moves the frame.
         """
         frame = self.default_frame if frame is None else frame
-        if kind not in KINDS:
-            raise InputError(f"no task kind {kind!r}; there is {', '.join(KINDS)}")
+        chosen(kind, KINDS, "task kind")
         chain = self.chain(frame)
         if joints is not None:
+            joints = list_of_names(joints, "joints", "a list of joints' names")
             for joint in joints:
                 if joint not in self.joint_names:
                     raise unknown("joint", joint, self.joint_names)
@@ -214,6 +218,7 @@ class Robot(Mechanism):
         return 0 if self.base is None else frame_id(self.model, self.base)
 
     def _frame_id(self, frame: str) -> int:
+        wanted(frame, str, "frame", "a link's name")
         try:
             return frame_id(self.model, frame)
         except InputError:

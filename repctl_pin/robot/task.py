@@ -11,7 +11,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg.blas import ddot
 
-from ..arguments import FLOAT, rows, vector, wanted
+from ..arguments import FLOAT, rows, stacks, vector, wanted
 from ..errors import InputError
 from .axis import axis_turn
 from .chain import path_between, seen_from
@@ -162,7 +162,7 @@ class Task:
 
     def hessian(self, q: ArrayLike) -> Array:
         """Evaluate H (m, n, n), ``H[a, i, k] = ∂J[a, i]/∂q[k]``."""
-        return self.hessians(np.asarray(q, dtype=float)[None])[0]
+        return self.hessians(vector(q, self.n, "q")[None])[0]
 
     def error(self, q: ArrayLike, target: pin.SE3) -> Array:
         """Measure the task error (m,) from f(q) to a target: what ẋ would have to undo, m and rad.
@@ -182,6 +182,7 @@ class Task:
 
     def rate(self, q: ArrayLike, twist: Array) -> Array:
         """Take the task velocity ẋ (m,) out of a frame's twist (v, ω), world axes, m/s and rad/s."""
+        twist = vector(twist, 6, "the twist (v, ω)", "m/s and rad/s")
         if self.kind != "axis":
             return twist[self.rows]
         local = self.placement(q).rotation.T @ twist[3:]
@@ -260,7 +261,7 @@ class Task:
 
     def full(self, q: ArrayLike) -> Array:
         """Put q (n,) or Q (T, n) into the whole robot's configuration, the rest at the reference."""
-        q = np.asarray(q, float)
+        (q,) = stacks(("q", q, f"{self.n}"))
         if self.coordinates is not None:
             q = self.coordinates.joints(q)
         whole = np.broadcast_to(self.robot.reference, (*q.shape[:-1], len(self.robot.reference))).copy()
@@ -274,7 +275,8 @@ class Task:
 
     def part(self, whole: ArrayLike) -> Array:
         """Take this task's joints (n,) out of a configuration of the whole robot: the reverse of :meth:`full`."""
-        q = np.asarray(whole, float)[..., self._columns]
+        (whole,) = stacks(("the whole robot's q", whole, f"{len(self.robot.reference)}"))
+        q = whole[..., self._columns]
         return q if self.coordinates is None else self.coordinates.coordinates(q)
 
     def as_dict(self) -> dict[str, Any]:
@@ -297,18 +299,7 @@ class Task:
         InputError
             If it has the wrong size, is not finite, or is out of limits, naming the joint.
         """
-        try:
-            q = np.array(q, dtype=float)
-        except (TypeError, ValueError):
-            raise InputError(f"{what} must be {self.n} numbers, one a joint; got {q!r}") from None
-        if q.shape != (self.n,):
-            raise InputError(
-                f"{what} has {q.size} numbers, but {self.frame!r} is moved by {self.n} joints: "
-                f"{', '.join(self.joint_names)}"
-            )
-        if not np.isfinite(q).all():
-            bad = self.joint_names[int(np.argmin(np.isfinite(q)))]
-            raise InputError(f"{what}: the value of {bad!r} is not a finite number")
+        q = vector(q, self.n, what, f"one each for {', '.join(self.joint_names)}")
         joints = q if self.coordinates is None else self.coordinates.joints(q)
         lower, upper = self.robot.lower[self._columns], self.robot.upper[self._columns]
         names = [self.robot.joint_names[i] for i in self._columns]

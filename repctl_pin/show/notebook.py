@@ -8,6 +8,7 @@ import io
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from ..arguments import whole
 from ..errors import InputError
 from .plots.motions import drawn, drift_figure, joints_figure
 from .study_files import study_page
@@ -69,11 +70,12 @@ def inline(shown: Study | Figure | str, *, height: int = 640) -> Inline:
     """
     from matplotlib.figure import Figure
 
+    height = whole(height, "height", 1)
     if isinstance(shown, str):
         return Inline(frame(shown, height), f"<page of {len(shown) / 1e6:.1f} MB>")
     if isinstance(shown, Figure):
         return Inline(_picture(shown, "Figure"), repr(shown))
-    if not hasattr(shown, "rows"):
+    if not hasattr(shown, "rows") or isinstance(shown, type):
         raise InputError(f"a cell shows a study, a figure or a page's HTML; this is a {type(shown).__name__}")
     text = study_table(shown)
     parts = (

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arguments import chosen
 from ..design import Design
 from ..motion import Motion, TaskPath, elbow
 from ..regions import Region
@@ -70,6 +71,7 @@ class Study:
 
     def row(self, key: str) -> Row:
         """Find a strategy's row by its key."""
+        chosen(key, [row.key for row in self.rows], "strategy of this study")
         return next(row for row in self.rows if row.key == key)
 
     @property

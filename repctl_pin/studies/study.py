@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import wanted
+from ..arguments import chosen, function, positive, wanted, whole
 from ..design import Design, SingularRegionError, nearest_repeatable
 from ..errors import InputError, SingularityError
 from ..integrability import drift_per_area
 from ..motion import ClosedPath, Motion, TaskPath, follow
 from ..motion.fitting import fitting_circle
+from ..motion.shapes import PLANES
 from ..motion.spec import parse_path
 from ..redundancy import align, nullspace
 from ..regions import Box, Region, Tube
@@ -103,6 +104,17 @@ def study(
     SingularityError
         If the start is singular, or the design is, in every region tried.
     """
+    if progress is not None:
+        function(progress, "progress", "a function that takes a word on what is being done")
+    if region is not None and not isinstance(region, (int, float)):
+        wanted(region, Region, "region", "a half-width, rad, or a region of joint space, such as rp.Box(q0, 0.3)")
+    if radius is not None:
+        radius = positive(radius, "the radius of a circle", "m")
+    if plane is not None:
+        chosen(plane, PLANES, "plane")
+    cycles, steps, seed = whole(cycles, "cycles", 1), whole(steps, "steps", 1), whole(seed, "seed")
+    if period is not None:
+        period = positive(period, "the period", "s")
     say = progress or (lambda text: None)
     say("loading the robot")
     machine = robot if isinstance(robot, Robot) else Robot.load(robot)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arguments import file_name, positive
 from ...errors import InputError
 from ...files import prepare_folder, write_whole
 from ...motion import Motion, elbow
@@ -52,7 +53,7 @@ class Animation:
         InputError
             If it cannot be written.
         """
-        file = Path(file)
+        file = file_name(file)
         prepare_folder(file.parent)
         return write_whole(file, self.page)
 
@@ -107,6 +108,7 @@ def animation(motions: Mapping[str, Motion] | Study, *, seconds: float = 4.0) ->
     --------
     >>> rp.animation({"mine": motion}).save("mine.html")  # doctest: +SKIP
     """
+    seconds = positive(seconds, "seconds", "s")
     if isinstance(motions, Motion):
         raise InputError("an animation wants its motions by name; give it a name: {'mine': motion}")
     if not isinstance(motions, Mapping) and not hasattr(motions, "rows"):
