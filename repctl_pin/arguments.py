@@ -95,7 +95,7 @@ def finite(value: Any, name: str, unit: str = "") -> float:
 
 def vector(values: ArrayLike, n: int | None, name: str, each: str = "one a joint") -> Array:
     """Take n finite numbers (n,), copied; with n = None any number of them, but one at least."""
-    array = _array(values)
+    array = numbers(values)
     wrong = array is None or array.ndim != 1 or not array.size or n not in (None, array.size)
     if array is None or wrong or not np.isfinite(array).all():
         count = f"{n} finite numbers" if n is not None else "a list of finite numbers"
@@ -105,7 +105,7 @@ def vector(values: ArrayLike, n: int | None, name: str, each: str = "one a joint
 
 def spread(values: ArrayLike, n: int, name: str, each: str = "one a joint", *, finite: bool = False) -> Array:
     """Take one number above 0 for all of n, or n of them: (n,); infinity is allowed."""
-    array = _array(values)
+    array = numbers(values)
     most = array is not None and array.shape in ((), (1,), (n,)) and (not finite or np.isfinite(array).all())
     if array is None or not most or not (array > 0).all():
         what = "finite number" if finite else "number"
@@ -115,7 +115,7 @@ def spread(values: ArrayLike, n: int, name: str, each: str = "one a joint", *, f
 
 def limits(values: ArrayLike, n: int, name: str, each: str = "one a joint") -> Array:
     """Take n limits (n,), infinity where there is none."""
-    array = _array(values)
+    array = numbers(values)
     if array is None or array.shape != (n,) or np.isnan(array).any():
         raise InputError(f"{name} must be {n} numbers, {each}; got {shown(values)}")
     return array
@@ -123,7 +123,7 @@ def limits(values: ArrayLike, n: int, name: str, each: str = "one a joint") -> A
 
 def rows(values: ArrayLike, n: int | None, whose: str) -> Array:
     """Take configurations (K, n), finite, one a row; with n = None of any length."""
-    array = _array(values)
+    array = numbers(values)
     if array is None or array.ndim != 2 or n not in (None, array.shape[1]) or not np.isfinite(array).all():
         width = "(K, n), one number a joint" if n is None else f"(K, {n}), {n} finite numbers a row"
         single = ": write [q] for a single q" if array is not None and n in (None, array.size) else ""
@@ -141,8 +141,8 @@ def stacks(*given: tuple[str, ArrayLike, str], exact: bool = False) -> list[Arra
     arrays = []
     for name, values, axes in given:
         letters = axes.split()
-        native = type(values) is np.ndarray and values.dtype is FLOAT
-        array = values if native else _array(values)
+        native = type(values) is np.ndarray and values.dtype is FLOAT  # used as it is, not copied
+        array: Array | None = values if native else numbers(values)  # type: ignore[assignment]
         last = () if array is None else array.shape[-len(letters) :]
         fits = len(last) == len(letters) and (not exact or array is None or array.ndim == len(last))
         fits = fits and all(
@@ -169,7 +169,8 @@ def flag(value: Any, name: str) -> bool:
 
 def list_of(values: Any, name: str, what: str) -> list[Any]:
     """Take a list, or anything else that gives one thing after another."""
-    if isinstance(values, Iterable) and not isinstance(values, (str, bytes, type, Mapping)) and np.ndim(values) == 1:
+    no_list = isinstance(values, (str, bytes, type, Mapping)) or (isinstance(values, np.ndarray) and values.ndim != 1)
+    if isinstance(values, Iterable) and not no_list:
         return list(values)
     raise InputError(f"{name} must be {what}, not {shown(values)}")
 
@@ -205,7 +206,7 @@ def _number(value: Any) -> float:
         return math.nan
 
 
-def _array(values: ArrayLike) -> Array | None:
+def numbers(values: ArrayLike) -> Array | None:
     """Numbers as a new array of doubles in the machine's own order; None where they are none, or no rectangle."""
     try:
         array = np.asarray(values)

@@ -308,5 +308,5 @@ def test_lists_and_whole_numbers_are_taken(panda_design, panda_pose, q_panda) ->
     assert np.allclose(inverse.velocity(list(q_panda), [1, 0, 0, 0, 0, 0]), inverse(q_panda)[:, 0], atol=1e-12)
     whole = np.array([0, -1, 0, -2, 0, 2, 1])
     assert np.allclose(inverse.velocity(whole, np.ones(6)), inverse.velocity(whole.astype(float), np.ones(6)))
-    with pytest.raises(rp.InputError, match="Q"):
+    with pytest.raises(rp.InputError, match="Ẋ must be finite numbers .3, 6."):
         inverse.velocities(np.zeros((3, 7)), np.zeros((2, 6)))

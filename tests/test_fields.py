@@ -72,7 +72,7 @@ def test_weighted_sum_is_the_sum_of_the_basis(field: rp.Polynomial) -> None:
         (lambda: rp.Polynomial([0.0, np.nan], 2), "finite"),
         (lambda: rp.Polynomial([0.0, 1.0], 0), "degree"),
         (lambda: rp.Polynomial([0.0, 1.0], 2.5), "degree"),
-        (lambda: rp.Polynomial([0.0, 1.0], 2, -1.0), "positive"),
+        (lambda: rp.Polynomial([0.0, 1.0], 2, -1.0), "scale .* above 0"),
         (lambda: rp.Polynomial([0.0, 1.0], 2, [1.0, 1.0, 1.0]), "scale"),
         (lambda: rp.Polynomial([0.0, 1.0], 2, variables=[2]), "0 to 1"),
         (lambda: rp.Polynomial(np.zeros(30), 6), "lower the degree"),

@@ -145,7 +145,7 @@ def test_boxes_are_cut_to_limits(panda_pose: rp.Task) -> None:
         (lambda: rp.Box("ab", 1.0), "center"),
         (lambda: rp.Box.between([0.0, 1.0], [1.0, 0.5]), "joint 1 goes from 1 to 0.5"),
         (lambda: rp.Box.between([0.0, 1.0], [1.0, 1.0]), "lower < upper"),
-        (lambda: rp.Box.between([0.0, 1.0], [1.0]), "one number a joint"),
+        (lambda: rp.Box.between([0.0, 1.0], [1.0]), "upper corner of a box must be 2 finite numbers"),
         (lambda: rp.Tube([], 0.1), "samples"),
         (lambda: rp.Tube([[0.0, np.nan]], 0.1), "finite"),
         (lambda: rp.Tube([[0.0, 0.0]], 0.0), "radius"),

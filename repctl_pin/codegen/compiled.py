@@ -41,6 +41,10 @@ def compiled(inverse: RepeatableInverse) -> RepeatableInverse:
     inverse
         Of polynomials, Fourier series, or their sums.
 
+    Returns
+    -------
+    RepeatableInverse
+
     Raises
     ------
     InputError

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import positive, rows, spread
-from ..errors import InputError
+from ..arguments import positive, rows, spread, stacks
 from .box import Box, Density, check_density, evaluate_density, normalised, sobol
 
 Array = NDArray[np.float64]
@@ -43,9 +42,7 @@ class Tube:
     density: Density | None = None
 
     def __init__(self, samples: ArrayLike, radius: ArrayLike, *, density: Density | None = None) -> None:
-        Q = rows(samples, None, "a tube")
-        if Q.size == 0:
-            raise InputError("the samples of a tube must be rows of finite numbers, one row a configuration")
+        (Q,) = stacks(("the samples of a tube", samples, "S n"), exact=True)
         wide = spread(radius, Q.shape[1], "the radius of a tube", finite=True)
         check_density(density)
         Q = Q[np.linspace(0, len(Q) - 1, min(len(Q), _MOST_SAMPLES)).round().astype(int)]

@@ -68,7 +68,7 @@ def change_of(
         If T is not an invertible (n, n) matrix of finite numbers.
     """
     n = len(names)
-    matrix = np.array(stacks(("T of q = T ψ", T, f"{n} {n}"), exact=True)[0])
+    matrix: Array = np.array(stacks(("T of q = T ψ", T, f"{n} {n}"), exact=True)[0])
     values = np.linalg.svd(matrix, compute_uv=False)
     if values[-1] <= 1e-12 * values[0]:
         raise InputError("T of q = T ψ must be invertible; its rows are dependent")
@@ -85,7 +85,7 @@ def change_of(
         if factor == 1.0 and np.count_nonzero(matrix[:, j]) == 1:
             psi[j] = names[i]
     turns = np.array([revolute[np.nonzero(column)[0]].any() for column in matrix.T])
-    change = Coordinates(matrix, np.linalg.inv(matrix), tuple(psi), low, high, fastest, turns)
+    change = Coordinates(matrix, np.linalg.inv(matrix).astype(float), tuple(psi), low, high, fastest, turns)
     for array in (change.T, change.inverse, low, high, fastest, turns):
         array.setflags(write=False)
     return change

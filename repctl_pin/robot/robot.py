@@ -137,7 +137,8 @@ class Robot(Mechanism):
             If the gatekeeper refuses the file.
         """
         text = str(file_name(name_or_path, "robot"))
-        given = [package_dirs] if isinstance(package_dirs, (str, Path)) else list_of(package_dirs, "package_dirs", "a list of folders")
+        one = isinstance(package_dirs, (str, Path))
+        given = [package_dirs] if one else list_of(package_dirs, "package_dirs", "a list of folders")
         own = [os.path.expanduser(str(file_name(folder, "each of package_dirs"))) for folder in given]
         lock = list_of_names(lock, "lock", "a list of joints' names")
         if base is not None:

@@ -11,7 +11,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg.blas import ddot
 
-from ..arguments import FLOAT, rows, stacks, vector, wanted
+from ..arguments import FLOAT, numbers, rows, stacks, vector, wanted
 from ..errors import InputError
 from .axis import axis_turn
 from .chain import path_between, seen_from
@@ -299,7 +299,16 @@ class Task:
         InputError
             If it has the wrong size, is not finite, or is out of limits, naming the joint.
         """
-        q = vector(q, self.n, what, f"one each for {', '.join(self.joint_names)}")
+        given = numbers(q)
+        if given is not None and given.ndim == 1 and len(given) != self.n:
+            raise InputError(
+                f"{what} has {len(given)} numbers, but {self.frame!r} is moved by {self.n} joints: "
+                f"{', '.join(self.joint_names)}"
+            )
+        if given is not None and given.shape == (self.n,) and not np.isfinite(given).all():
+            bad = self.joint_names[int(np.argmin(np.isfinite(given)))]
+            raise InputError(f"{what}: the value of {bad!r} is not a finite number")
+        q = vector(q, self.n, what)
         joints = q if self.coordinates is None else self.coordinates.joints(q)
         lower, upper = self.robot.lower[self._columns], self.robot.upper[self._columns]
         names = [self.robot.joint_names[i] for i in self._columns]
