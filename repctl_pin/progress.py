@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from ..arguments import flag
-
 Report = Callable[[str, float], None]
 """Takes what is being done, and what share of it is done (0 to 1)."""
 
@@ -14,9 +12,9 @@ Report = Callable[[str, float], None]
 @contextmanager
 def reporter(progress: bool | Report) -> Iterator[Report]:
     """Make a report function: silent, a bar, or the person's own."""
-    if callable(progress) and not isinstance(progress, type):
+    if callable(progress):
         yield progress
-    elif flag(progress, "progress"):
+    elif progress:
         with _bar() as report:
             yield report
     else:

@@ -102,7 +102,7 @@ CALLS: dict[str, tuple[Callable[[Given], object], str]] = {
     "polynomial": (lambda g: g.fields.potentials(SHORT), r"this polynomial field takes Q .*\(K, 7\).*\(2, 3\)"),
     "polynomial, slopes": (lambda g: g.fields.gradients(g.q0), r"\(K, 7\).*write \[q\]"),
     "polynomial, nan": (lambda g: g.fields.potentials(np.full((2, 7), np.nan)), "not finite"),
-    "polynomial, weights": (lambda g: g.fields.weighted(np.ones((3, 1))), r"coefficients .*\(35, r\); got shape \(3, 1\)"),
+    "polynomial, weights": (lambda g: g.fields.weighted(np.ones((3, 1))), r"coefficients .*\(35, r\); got .*\(3, 1\)"),
     "polynomial, center": (lambda g: rp.Polynomial("home", 2), "center of a polynomial field must be a list"),
     "polynomial, degree": (lambda g: rp.Polynomial(g.q0, "two"), "degree .* must be a whole .*'two'"),
     "polynomial, joints": (lambda g: rp.Polynomial(g.q0, 2, variables=["elbow"]), "joint numbers from 0 to 6"),

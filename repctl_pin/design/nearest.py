@@ -119,6 +119,8 @@ def nearest_repeatable(
         "tolerance": positive(tolerance, "the tolerance"),
     }
     shrink = flag(shrink, "shrink")
+    if not callable(progress):
+        progress = flag(progress, "progress")
     _check(desired, fields, region, degree)
     with reporting.reporter(progress) as report:
         if degree == "auto":

@@ -8,9 +8,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..robot.bodies import Nearest, bodies_of
 from ..arguments import stacks, whole
 from ..errors import InputError
+from ..robot.bodies import Nearest, bodies_of
 from ..robot.task import Task
 from ..strategies.control_step import speeds
 from .paths import TaskPath
