@@ -186,9 +186,7 @@ def _polynomial(region: Region, degree: Any) -> Polynomial:
     return Polynomial(box.center, degree, box.half_width)
 
 
-def _check(
-    desired: Inverse, fields: Field | None, region: Region, degree: int | str | None
-) -> None:
+def _check(desired: Inverse, fields: Field | None, region: Region, degree: int | str | None) -> None:
     """Refuse what cannot work, before anything is evaluated."""
     task = desired.task
     if task.r < 1:
