@@ -56,11 +56,13 @@ def questions(inverse: rp.RepeatableInverse, q0: np.ndarray, q: np.ndarray, rng:
     yield lambda one: one.step(q, far, 0.01, twist, leaf=leaf, limit=0.5)
 
 
-def disagreement(inverse: rp.RepeatableInverse, q0: np.ndarray, count: int) -> tuple[float, int]:
+def disagreement(
+    inverse: rp.RepeatableInverse, q0: np.ndarray, count: int, *, spread: float = 0.5
+) -> tuple[float, int]:
     """The greatest difference between Python and C, relative where a result is above 1; and how many are refused."""
     fast, rng, worst, none = rp.compiled(inverse), np.random.default_rng(1), 0.0, 0
     for k in range(count):
-        q = q0 + rng.uniform(-0.5, 0.5, len(q0)) * (5.0 if k % 8 == 7 else 1.0)
+        q = q0 + spread * rng.uniform(-1, 1, len(q0)) * (5.0 if k % 8 == 7 else 1.0)
         if k % 16 == 15:
             q = np.zeros_like(q)  # stretched, for many an arm
         for ask in questions(inverse, q0, q, rng):

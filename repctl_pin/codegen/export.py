@@ -2,22 +2,32 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
 from ..files import prepare_folder, write_whole
 from ..regions import Region
+from ..robot.task import Task
+from ..section import InverseFunction
 from ..strategies.repeatable import RepeatableInverse
 from .source import about, write_source
-from .text import checked_name, filled, row, value
-from .vectors import STATUS, Vector, answers, vectors
+from .text import checked_name, filled, pose, row, value, whole
+from .vectors import BAD_NUMBER, OUTSIDE, STATUS, Vector, answers, asked, targets, vectors
+
+Array = NDArray[np.float64]
 
 
 def export_c(
-    inverse: RepeatableInverse, folder: str | Path, name: str = "arm_control", *, region: Region | None = None
+    control: RepeatableInverse | InverseFunction,
+    folder: str | Path,
+    name: str = "arm_control",
+    *,
+    region: Region | None = None,
 ) -> list[Path]:
     """Write a repeatable inverse as C99 (and C++17) that needs nothing but ``<math.h>``, and all that goes with it.
 
@@ -28,8 +38,9 @@ def export_c(
 
     Parameters
     ----------
-    inverse
-        Such as ``design.inverse``; of polynomials, Fourier series, or their sums.
+    control
+        Such as ``design.inverse``, of polynomials, Fourier series, or their sums. Or a cell's inverse kinematic
+        function, such as ``found.function``: then ``name_F(target)`` is there too.
     folder
         Made where it is not there.
     name
@@ -49,20 +60,25 @@ def export_c(
         cannot be written.
     """
     name = checked_name(name)
-    source = write_source(inverse, name, region)
-    parts = {"about": about(inverse.task, region)}
-    found = [(vector, answers(inverse, region, vector)) for vector in vectors(inverse, region)]
+    source = write_source(control, name, region)
+    function = control if isinstance(control, InverseFunction) else None
+    inverse = control.inverse if isinstance(control, InverseFunction) else control
+    start = _start(control, region)
+    found = [(vector, answers(inverse, region, vector)) for vector in vectors(inverse, region, start)]
+    parts = {
+        "about": about(control, region),
+        "count": len(found),
+        "vectors": ",\n".join(_vector(v, said, inverse, name) for v, said in found),
+        "function": filled("function.hpp", name, {}) if function is not None else "",
+        "functions": _function_vectors(function, name) if function is not None else "",
+    }
     texts = {
         f"{name}.h": source.header,
         f"{name}.c": source.code,
         f"{name}.hpp": filled("arm.hpp", name, parts),
-        "test_vectors.h": filled(
-            "test_vectors.h",
-            name,
-            parts | {"count": len(found), "vectors": ",\n".join(_vector(v, said, inverse, name) for v, said in found)},
-        ),
+        "test_vectors.h": filled("test_vectors.h", name, parts),
         "check.c": filled("check.c", name, {}),
-        "loop.c": filled("loop.c", name, _circle(inverse, region)),
+        "loop.c": filled("loop.c", name, _circle(inverse.task, start)),
         "CMakeLists.txt": filled("CMakeLists.txt", name, {}),
     }
     where = prepare_folder(Path(folder))
@@ -79,7 +95,7 @@ def _vector(vector: Vector, said: dict[str, Any], inverse: RepeatableInverse, na
     entries = [
         row(vector.q),
         row(vector.xdot),
-        _pose(vector.target),
+        pose(vector.target),
         value(vector.dt),
         str(int(vector.twist is not None)),
         row(np.zeros(6) if vector.twist is None else vector.twist),
@@ -87,7 +103,7 @@ def _vector(vector: Vector, said: dict[str, Any], inverse: RepeatableInverse, na
         row(np.zeros(r) if vector.leaf is None else vector.leaf),
         f"{{{value(gain)}, {row(limit)}, {value(vector.damping)}, 0}}",
         *(f"{name.upper()}_{STATUS[said[key]]}" for key in ("usable", "inside", "velocity", "step")),
-        _pose(placement),
+        pose(placement),
         row(np.ravel(said.get("J", np.zeros((m, n))))),
         row(said.get("c", np.zeros(r))),
         row(said["qdot"]),
@@ -96,13 +112,24 @@ def _vector(vector: Vector, said: dict[str, Any], inverse: RepeatableInverse, na
     return "    {" + ",\n     ".join(entries) + "}"
 
 
-def _pose(placement: pin.SE3) -> str:
-    return f"{{{row(placement.translation)}, {row(np.ravel(placement.rotation))}}}"
+def _function_vectors(function: InverseFunction, name: str) -> str:
+    """Write targets in and beyond the cell, and the joints that Python finds for them."""
+    rows = []
+    for target, leaf in targets(function):
+        status, q = asked(partial(function, target, leaf=leaf), function.task.n)
+        status = OUTSIDE if status == BAD_NUMBER else status  # the targets are numbers, so it is the cell that is left
+        rows.append(f"    {{{pose(target)}, {row(leaf)}, {name.upper()}_{STATUS[status]}, {row(q)}}}")
+    return filled("function_vectors.h", name, {"count": len(rows), "vectors": ",\n".join(rows)})
 
 
-def _circle(inverse: RepeatableInverse, region: Region | None) -> dict[str, object]:
-    """A circle of a tenth of the arm's reach at most, that stays near the start."""
-    task = inverse.task
-    start = task.reference if region is None else region.center
+def _start(control: RepeatableInverse | InverseFunction, region: Region | None) -> Array:
+    """Where the example and the test vectors begin."""
+    if isinstance(control, InverseFunction):
+        return control(control.cell.placement)
+    return control.task.reference if region is None else region.center
+
+
+def _circle(task: Task, start: Array) -> dict[str, object]:
+    """A small circle that begins at the start."""
     axes = [axis for axis in task.rows if axis < 3][:2]
-    return {"start": row(start), "radius": value(0.02), "axes": f"{{{axes[0]}, {axes[1]}}}"}
+    return {"start": row(start), "radius": value(0.02), "axes": whole(axes)}

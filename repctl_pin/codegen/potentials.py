@@ -13,11 +13,14 @@ from ..fields.fourier import FourierMap
 from ..fields.joined import SumMap
 from ..fields.partial import PartialMap
 from ..fields.polynomial import PolynomialMap
+from ..section.field import SectionField
 from .expressions import number
+from .section import section_potentials
 from .text import filled, row, table, whole
 
 Array = NDArray[np.float64]
 Powers = tuple[int, ...]
+Written = PolynomialMap | FourierMap | SectionField
 
 
 def field_functions(field: FieldMap, n: int, name: str) -> list[str]:
@@ -26,7 +29,7 @@ def field_functions(field: FieldMap, n: int, name: str) -> list[str]:
     Parameters
     ----------
     field
-        Polynomials, Fourier series, and sums and parts of them.
+        Polynomials, Fourier series, and sums and parts of them; or a section over a cell.
     n
         Joints of the arm.
     name
@@ -40,20 +43,24 @@ def field_functions(field: FieldMap, n: int, name: str) -> list[str]:
     written = []
     for index, (part, joints) in enumerate(_flat(field, list(range(n)))):
         common = {"number": index, "k": len(joints), "joints": whole(joints)}
-        if isinstance(part, PolynomialMap):
+        if isinstance(part, SectionField):
+            written.append(section_potentials(part.chart, name, index))
+        elif isinstance(part, PolynomialMap):
             written.append(filled("polynomial.c", name, common | _polynomial(part)))
         else:
             written.append(filled("fourier.c", name, common | _fourier(part)))
     return written
 
 
-def _flat(field: FieldMap, joints: Sequence[int]) -> list[tuple[PolynomialMap | FourierMap, Sequence[int]]]:
+def _flat(
+    field: FieldMap, joints: Sequence[int]
+) -> list[tuple[PolynomialMap | FourierMap | SectionField, Sequence[int]]]:
     """Take sums and parts apart: plain potentials, each with the joints that it is a function of."""
     if isinstance(field, SumMap):
         return [found for part in field.maps for found in _flat(part, joints)]
     if isinstance(field, PartialMap):
         return _flat(field.part, [joints[int(v)] for v in field.variables])
-    if isinstance(field, (PolynomialMap, FourierMap)):
+    if isinstance(field, (PolynomialMap, FourierMap, SectionField)):
         return [(field, joints)]
     raise InputError(
         f"potentials of the kind {type(field).__name__} cannot be written as C, for they hold functions; polynomials, "

@@ -9,9 +9,11 @@ from ..arguments import wanted
 from ..errors import InputError
 from ..regions import Box, Region, Tube, WorkspaceBox
 from ..robot.task import Task
+from ..section import InverseFunction
 from ..strategies.repeatable import RepeatableInverse
 from .kinematics import Chain
 from .potentials import field_functions
+from .section import function_code
 from .text import comment, filled, row, table, whole
 
 _MEANING = {
@@ -31,13 +33,13 @@ class Source(NamedTuple):
     code: str
 
 
-def write_source(inverse: RepeatableInverse, name: str, region: Region | None = None) -> Source:
-    """Write a repeatable inverse as C, every name beginning with ``name_``.
+def write_source(control: RepeatableInverse | InverseFunction, name: str, region: Region | None = None) -> Source:
+    """Write a repeatable inverse, or a cell's inverse kinematic function, as C; names begin with ``name_``.
 
     Parameters
     ----------
-    inverse
-        Of polynomials, Fourier series, or their sums.
+    control
+        Of polynomials, Fourier series, or their sums; or a function, whose own inverse is written with it.
     name
         A checked name.
     region
@@ -48,6 +50,8 @@ def write_source(inverse: RepeatableInverse, name: str, region: Region | None = 
     InputError
         If the potentials or the region hold functions, which cannot be written down.
     """
+    function = control if isinstance(control, InverseFunction) else None
+    inverse = control.inverse if isinstance(control, InverseFunction) else control
     wanted(inverse, RepeatableInverse, "inverse", "a repeatable inverse, such as design.inverse")
     task = inverse.task
     if task.r < 1:
@@ -58,7 +62,7 @@ def write_source(inverse: RepeatableInverse, name: str, region: Region | None = 
     potentials = field_functions(inverse.field, task.n, name)
     kind = task.kind if task.kind in ("pose", "axis") else "position"
     parts = {
-        "about": about(task, region),
+        "about": about(control, region),
         "n": task.n,
         "m": task.m,
         "r": task.r,
@@ -70,11 +74,16 @@ def write_source(inverse: RepeatableInverse, name: str, region: Region | None = 
         "error": filled(f"error_{kind}.c", name, {"rows": whole(task.rows)}).rstrip("\n"),
         "inside": _inside(region, task, name).rstrip("\n"),
     }
-    return Source(filled("arm.h", name, parts), filled("arm.c", name, parts))
+    declared = filled("function.h", name, {}) if function is not None else ""
+    defined = function_code(function, name) if function is not None else ""
+    return Source(
+        filled("arm.h", name, parts | {"function": declared}), filled("arm.c", name, parts | {"function": defined})
+    )
 
 
-def about(task: Task, region: Region | None) -> str:
+def about(control: RepeatableInverse | InverseFunction, region: Region | None) -> str:
     """Say in a comment what the code is for: robot, frame, task, joints, region, units, version."""
+    task = control.task
     robot = task.robot
     base = "the base" if robot.base is None else comment(robot.base)
     joints = [
@@ -92,6 +101,7 @@ def about(task: Task, region: Region | None) -> str:
         f"joints  {joints[0]}",
         *(f"        {line}" for line in joints[1:]),
         f"region  {'none given' if region is None else comment(str(region).replace('±', '+-'))}",
+        *([f"cell    {comment(repr(control.cell))}"] if isinstance(control, InverseFunction) else []),
         "units   m, rad, s; q that is outside the joints' ranges is not refused",
     ]
     if task.coordinates is not None:

@@ -8,6 +8,9 @@ from collections.abc import Iterable, Mapping
 from importlib.resources import files
 from typing import Any
 
+import numpy as np
+import pinocchio as pin
+
 from ..errors import InputError
 from .expressions import number
 
@@ -47,6 +50,11 @@ def table(rows: Iterable[Iterable[float]], indent: str = "        ") -> str:
 def row(values: Iterable[float]) -> str:
     """Write one row of doubles."""
     return f"{{{', '.join(map(value, values))}}}"
+
+
+def pose(placement: pin.SE3) -> str:
+    """Write a placement: position, and rotation row by row."""
+    return f"{{{row(placement.translation)}, {row(np.ravel(placement.rotation))}}}"
 
 
 def value(x: float) -> str:

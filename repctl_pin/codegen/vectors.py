@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError, SingularityError
 from ..regions import Region
+from ..section import InverseFunction
 from ..strategies.repeatable import RepeatableInverse
 
 Array = NDArray[np.float64]
@@ -36,13 +37,13 @@ class Vector:
     damping: float
 
 
-def vectors(inverse: RepeatableInverse, region: Region | None, count: int = 48, seed: int = 0) -> list[Vector]:
-    """Choose configurations in and near the region, or near the reference pose, and questions of every kind."""
+def vectors(
+    inverse: RepeatableInverse, region: Region | None, start: Array, count: int = 48, seed: int = 0
+) -> list[Vector]:
+    """Choose configurations in and near the region, or near the start, and questions of every kind."""
     task, rng = inverse.task, np.random.default_rng(seed)
-    if region is None:
-        Q = task.reference + rng.uniform(-0.4, 0.4, (count, task.n))
-    else:
-        Q = region.random(count, seed)[:count].copy()
+    near_start = start + rng.uniform(-0.2, 0.2, (count, task.n))
+    Q = near_start if region is None else region.random(count, seed)[:count]
     found = []
     for k, q in enumerate(Q):
         if k % 6 == 5:  # farther out
@@ -78,8 +79,10 @@ def answers(inverse: RepeatableInverse, region: Region | None, vector: Vector) -
         said |= {"placement": task.placement(q), "J": task.jacobian(q), "c": inverse.leaf(q)}
         if region is not None and not region.ratio(q[None])[0] <= 1 + 1e-12:
             said["inside"] = OUTSIDE
-    said["velocity"], said["qdot"] = _asked(lambda: inverse.velocity(q, vector.xdot), task.n)
-    said["step"], said["q_next"] = _asked(
+    if not usable:
+        return said | {"velocity": BAD_NUMBER, "step": BAD_NUMBER, "qdot": np.zeros(task.n), "q_next": np.zeros(task.n)}
+    said["velocity"], said["qdot"] = asked(lambda: inverse.velocity(q, vector.xdot), task.n)
+    said["step"], said["q_next"] = asked(
         lambda: inverse.step(
             q, vector.target, vector.dt, vector.twist, leaf=vector.leaf, gain=vector.gain, limit=vector.limit,
             damping=vector.damping,
@@ -89,7 +92,15 @@ def answers(inverse: RepeatableInverse, region: Region | None, vector: Vector) -
     return said
 
 
-def _asked(question: Any, n: int) -> tuple[int, Array]:
+def targets(function: InverseFunction, count: int = 24, seed: int = 0) -> list[tuple[pin.SE3, Array]]:
+    """Choose targets in the cell and beyond it, and leaves."""
+    rng = np.random.default_rng(seed)
+    U = rng.uniform(-1.1, 1.1, (count, function.cell.k)) * np.where(np.arange(count) % 3, 0.8, 1.0)[:, None]
+    return [(function.cell.at(u), 0.05 * (k % 2) * rng.normal(size=function.task.r)) for k, u in enumerate(U)]
+
+
+def asked(question: Any, n: int) -> tuple[int, Array]:
+    """Ask Python: a status, and the joints where it is OK."""
     try:
         with np.errstate(all="ignore"):  # where numbers that are not finite are asked about
             return OK, question()

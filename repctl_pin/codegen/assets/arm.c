@@ -25,6 +25,10 @@ static void arm_chain(const double q[ARM_N], double p[3], double R[9], double J[
 @chain
 }
 
+/* ---- the task error ---------------------------------------------------------------------------------------- */
+
+@error
+
 /* ---- the potentials h and V^T = dh/dq ---------------------------------------------------------------------- */
 
 @potentials
@@ -195,10 +199,6 @@ static void arm_apply(arm_factors *factors, const double b[ARM_N], double x[ARM_
     }
 }
 
-/* ---- the task error ---------------------------------------------------------------------------------------- */
-
-@error
-
 /* ---- what the header promises ------------------------------------------------------------------------------ */
 
 arm_status arm_placement(const double q[ARM_N], arm_pose *pose)
@@ -366,3 +366,4 @@ arm_status arm_step(const double q[ARM_N], const arm_pose *target, double dt, co
     }
     return ARM_OK;
 }
+@function

@@ -61,6 +61,13 @@ int main(void)
                  v->step))
             compare("q_next", k, q_next, v->q_next, ARM_N);
     }
+#ifdef ARM_FUNCTION_VECTORS
+    for (k = 0; k < ARM_FUNCTION_VECTORS; k++) {
+        const arm_function_vector *v = &arm_function_vectors[k];
+        double q[ARM_N];
+        if (same("F", k, arm_F(&v->target, v->leaf, q), v->status)) compare("q", k, q, v->q, ARM_N);
+    }
+#endif
     printf("%d vectors, %d differences, the greatest %.2g\n", ARM_VECTORS, failures, worst);
     return failures ? 1 : 0;
 }

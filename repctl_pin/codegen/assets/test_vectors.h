@@ -27,5 +27,5 @@ typedef struct {
 
 static const arm_vector arm_vectors[ARM_VECTORS] = {
 @vectors};
-
+@functions
 #endif

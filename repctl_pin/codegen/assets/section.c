@@ -1,0 +1,62 @@
+/* A section over a cell: h = n_ref(u)^T (q - q_ref(u)), u the cell's coordinates of the frame; q_ref and n_ref are
+ * polynomials of u. */
+enum { arm_section_k = @k, arm_section_count = @count, arm_section_width = ARM_N * (1 + ARM_R) };
+
+static const arm_pose arm_section_middle = @middle;
+static const double arm_section_widths[ARM_M] = @widths; /* 0: held */
+static const int arm_section_moved[@k] = @moved;
+static const unsigned short arm_section_parent[@count] = @parents; /* T[a] = T[parent[a]] u[factor[a]] */
+static const unsigned short arm_section_factor[@count] = @factors;
+static const double arm_section_weight[@count][ARM_N * (1 + ARM_R)] = { /* q_ref and n_ref, joint by joint */
+@weights};
+
+/* The cell's coordinates u, and all that they are scaled from, y, m and rad. */
+static void arm_section_coordinates(const arm_pose *pose, double y[ARM_M], double u[@k])
+{
+    int k;
+    arm_error(arm_section_middle.p, arm_section_middle.R, pose, y);
+    for (k = 0; k < @k; k++) u[k] = y[arm_section_moved[k]] / arm_section_widths[arm_section_moved[k]];
+}
+
+@rates
+
+static void arm_potential_@number(const double q[ARM_N], double h[ARM_R], double V[][ARM_N])
+{
+    double J[ARM_M][ARM_N], y[ARM_M], u[@k], T[@count], dT[@count][@k], both[ARM_N * (1 + ARM_R)] = {0.0};
+    double slopes[ARM_N * (1 + ARM_R)][@k], d[ARM_M], away;
+    arm_pose pose;
+    int a, i, j, k;
+    arm_chain(q, pose.p, pose.R, J);
+    arm_section_coordinates(&pose, y, u);
+    T[0] = 1.0;
+    for (k = 0; k < @k; k++) dT[0][k] = 0.0;
+    for (a = 1; a < @count; a++) {
+        const int parent = arm_section_parent[a], factor = arm_section_factor[a];
+        T[a] = T[parent] * u[factor];
+        for (k = 0; k < @k; k++) dT[a][k] = dT[parent][k] * u[factor];
+        dT[a][factor] += T[parent];
+    }
+    for (i = 0; i < arm_section_width; i++)
+        for (k = 0; k < @k; k++) slopes[i][k] = 0.0;
+    for (a = 0; a < @count; a++)
+        for (i = 0; i < arm_section_width; i++) {
+            both[i] += T[a] * arm_section_weight[a][i];
+            for (k = 0; k < @k; k++) slopes[i][k] += dT[a][k] * arm_section_weight[a][i];
+        }
+    for (j = 0; j < ARM_R; j++) {
+        for (a = 0; a < ARM_M; a++) d[a] = 0.0;
+        for (i = 0; i < ARM_N; i++) {
+            const int at = (1 + ARM_R) * i, n = at + 1 + j;
+            away = q[i] - both[at];
+            h[j] += both[n] * away;
+            V[j][i] += both[n];
+            for (k = 0; k < @k; k++) {
+                const int moved = arm_section_moved[k];
+                d[moved] += (slopes[n][k] * away - both[n] * slopes[at][k]) / arm_section_widths[moved];
+            }
+        }
+        arm_section_rates(pose.R, y, d);
+        for (i = 0; i < ARM_N; i++)
+            for (a = 0; a < ARM_M; a++) V[j][i] += d[a] * J[a][i];
+    }
+}
