@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from typing import Any
 
 _SNAP = 1e-15
 """Constants this near to 0, 1 or −1 are meant so: the cosine of a URDF's right angle."""
@@ -37,7 +38,7 @@ class Graph:
     """Makes expressions, each only once."""
 
     def __init__(self) -> None:
-        self._made: dict[tuple, Expression] = {}
+        self._made: dict[tuple[Any, ...], Expression] = {}
         self._order: dict[int, int] = {}
 
     def number(self, value: float) -> Expression:

@@ -21,7 +21,7 @@ Tick = Callable[[float], None]
 class Batches(Protocol):
     """All nodes of a fit."""
 
-    def total(self, function: Callable[..., tuple], *arguments: Any) -> tuple:
+    def total(self, function: Callable[..., tuple[Any, ...]], *arguments: Any) -> tuple[Any, ...]:
         """Add ``function(batch, *arguments)`` up over all batches, item by item."""
         ...
 
@@ -55,7 +55,7 @@ class Local:
         self._tick = tick
         self._kept: list[Batch] | None = None if stream else list(self._build())
 
-    def total(self, function: Callable[..., tuple], *arguments: Any) -> tuple:
+    def total(self, function: Callable[..., tuple[Any, ...]], *arguments: Any) -> tuple[Any, ...]:
         """Add ``function(batch, *arguments)`` up over all batches, item by item."""
         return add(function(b, *arguments) for b in (self._build() if self._kept is None else self._kept))
 
@@ -100,7 +100,7 @@ class Guarded:
         self.guards.append(Q)
         self._built.append(self._builder(Q, np.full(len(Q), self._weight)))
 
-    def total(self, function: Callable[..., tuple], *arguments: Any) -> tuple:
+    def total(self, function: Callable[..., tuple[Any, ...]], *arguments: Any) -> tuple[Any, ...]:
         """Add ``function(batch, *arguments)`` up over all batches and guarded points, item by item."""
         nodes = self.batches.total(function, *arguments)
         return add([nodes, *(function(b, *arguments) for b in self._built)]) if self._built else nodes
@@ -110,7 +110,7 @@ class Guarded:
         self.batches.close()
 
 
-def add(parts: Iterable[tuple]) -> tuple:
+def add(parts: Iterable[tuple[Any, ...]]) -> tuple[Any, ...]:
     """Add tuples of sums up, item by item; sides of singularities are gathered."""
     total: list[Any] = []
     sides: list[Sides] = []
@@ -137,6 +137,8 @@ def cut(Q: Array, weights: Array, most: int, batch: int) -> list[tuple[Array, Ar
     return [(Q[i : i + per_piece], weights[i : i + per_piece]) for i in range(0, len(Q), per_piece)]
 
 
-def over(batches: Sequence[Batch], function: Callable[..., tuple], arguments: tuple) -> tuple:
+def over(
+    batches: Sequence[Batch], function: Callable[..., tuple[Any, ...]], arguments: tuple[Any, ...]
+) -> tuple[Any, ...]:
     """Add a function up over some batches."""
     return add(function(b, *arguments) for b in batches)

@@ -83,10 +83,10 @@ class InExecutor:
         self._owners: dict[str, list[int]] = {}
         self._passes = 0
 
-    def total(self, function: Callable[..., tuple], *arguments: Any) -> tuple:
+    def total(self, function: Callable[..., tuple[Any, ...]], *arguments: Any) -> tuple[Any, ...]:
         """Add ``function(batch, *arguments)`` up over all batches, item by item."""
         self._passes += 1
-        found: dict[int, tuple] = {}
+        found: dict[int, tuple[Any, ...]] = {}
         if self._owners:
             key = (self._run, self._passes)
             self._collect(
@@ -118,7 +118,7 @@ class InExecutor:
         for _ in self._owners:
             self._executor.submit(_forget, self._run)
 
-    def _collect(self, futures: list[Future], found: dict[int, tuple]) -> None:
+    def _collect(self, futures: list[Future[Any]], found: dict[int, tuple[Any, ...]]) -> None:
         try:
             for future in as_completed(futures):
                 owner, parts = future.result()
@@ -153,7 +153,7 @@ class OnCluster:
         if not stream:
             self._batches = [client.submit(_build, self._builder, Q, w, batch, pure=False) for Q, w in pieces]
 
-    def total(self, function: Callable[..., tuple], *arguments: Any) -> tuple:
+    def total(self, function: Callable[..., tuple[Any, ...]], *arguments: Any) -> tuple[Any, ...]:
         """Add ``function(batch, *arguments)`` up over all batches, item by item."""
         client = self._client
         if self._stream:
@@ -188,8 +188,13 @@ def _build(payload: bytes, Q: Array, weights: Array, batch: int) -> list[Batch]:
 
 
 def _build_and_evaluate(
-    payload: bytes, Q: Array, weights: Array, batch: int, function: Callable[..., tuple], arguments: tuple
-) -> tuple:
+    payload: bytes,
+    Q: Array,
+    weights: Array,
+    batch: int,
+    function: Callable[..., tuple[Any, ...]],
+    arguments: tuple[Any, ...],
+) -> tuple[Any, ...]:
     builder = pickle.loads(payload)
     return add(function(builder(Q[i : i + batch], weights[i : i + batch]), *arguments) for i in range(0, len(Q), batch))
 
@@ -202,9 +207,9 @@ def _evaluate_piece(
     weights: Array,
     batch: int,
     stream: bool,
-    function: Callable[..., tuple],
-    arguments: tuple,
-) -> tuple[str, dict[int, tuple]]:
+    function: Callable[..., tuple[Any, ...]],
+    arguments: tuple[Any, ...],
+) -> tuple[str, dict[int, tuple[Any, ...]]]:
     """Build a piece, evaluate it, and keep it unless told otherwise."""
     if stream:
         return _me(), {number: _build_and_evaluate(payload, Q, weights, batch, function, arguments)}
@@ -216,8 +221,11 @@ def _evaluate_piece(
 
 
 def _evaluate_held(
-    key: tuple[str, int], owners: dict[str, list[int]], function: Callable[..., tuple], arguments: tuple
-) -> tuple[str, dict[int, tuple]]:
+    key: tuple[str, int],
+    owners: dict[str, list[int]],
+    function: Callable[..., tuple[Any, ...]],
+    arguments: tuple[Any, ...],
+) -> tuple[str, dict[int, tuple[Any, ...]]]:
     """Evaluate the pieces that this worker holds and is asked for, once a pass."""
     run, number = key
     if getattr(_held, "run", None) != run or _held.answered == number:

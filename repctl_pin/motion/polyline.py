@@ -248,7 +248,7 @@ def _rising(times: ArrayLike, count: int) -> Array:
     return t
 
 
-def _points(values: ArrayLike | Sequence, what: str) -> Array:
+def _points(values: ArrayLike | Sequence[Any], what: str) -> Array:
     try:
         points = np.array(values, dtype=float)
     except (TypeError, ValueError):

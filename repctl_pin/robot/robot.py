@@ -6,6 +6,7 @@ import os
 from collections.abc import Sequence
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -292,7 +293,7 @@ def _named_poses(entry: Entry | None) -> dict[str, dict[str, float]]:
     return poses
 
 
-def _frozen(values: Sequence[float] | NDArray) -> NDArray[np.float64]:
+def _frozen(values: Sequence[float] | NDArray[Any]) -> NDArray[np.float64]:
     array = np.array(values, dtype=float)
     array.setflags(write=False)
     return array

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
+from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -145,11 +146,8 @@ class InverseFunction:
         where = self.cell.where(self.cell.coordinates_of(target))
         return InputError(f"at {where}, {self.task.joint_names[joint]} = {q[joint]:.4g} would be outside its limits")
 
-    def __getstate__(self) -> dict:
-        return {"chart": self.chart, "keep_limits": self.keep_limits}
-
-    def __setstate__(self, state: dict) -> None:
-        self.__init__(state["chart"], keep_limits=state["keep_limits"])  # type: ignore[misc]
+    def __reduce__(self) -> tuple[Any, ...]:
+        return partial(type(self), keep_limits=self.keep_limits), (self.chart,)
 
     def __repr__(self) -> str:
         return f"<InverseFunction of {self.task.robot.name} {self.task.frame} over {self.cell.size()}>"

@@ -216,7 +216,7 @@ def _texture(image: bytes | None) -> g.ImageTexture | None:
     return g.ImageTexture(picture, wrap=[1000, 1000])
 
 
-def _array(kind: str, values: NDArray, size: int, *, normalized: bool = False) -> dict[str, Any]:
+def _array(kind: str, values: NDArray[Any], size: int, *, normalized: bool = False) -> dict[str, Any]:
     code, dtype = _ARRAYS[kind]
     data = umsgpack.Ext(code, np.ascontiguousarray(values).astype(dtype).tobytes())
     return {"itemSize": size, "type": kind, "array": data, "normalized": normalized}
