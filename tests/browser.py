@@ -90,27 +90,36 @@ def errors(driver: Any) -> list[str]:
     return console + driver.execute_script("return (window.repctl && repctl.errors) || []")
 
 
-def picture(driver: Any, cycles: float, *, traces: bool = False) -> NDArray[np.int16]:
+def picture(driver: Any, cycles: float, *, traces: bool = False, ghost: bool = True) -> NDArray[np.int16]:
     """Take the scene's picture at a time, in cycles: (height, width, 3), 0 to 255; with what drift leaves, or not."""
     from PIL import Image
 
     url = driver.execute_script(
-        "const [time, left] = arguments; repctl.setTraces(left); repctl.setDrift(left); repctl.seek(time);"
-        "return repctl.picture()",
+        "const [time, left, ghost] = arguments; repctl.set('traces', left); repctl.set('drift', left);"
+        "repctl.set('ghost', ghost); repctl.seek(time); return repctl.picture()",
         cycles,
         traces,
+        ghost,
     )
     image = Image.open(io.BytesIO(base64.b64decode(url.partition(",")[2])))
     return np.asarray(image.convert("RGB"), np.int16)
 
 
-def half(driver: Any, image: NDArray[np.int16], arm: int, arms: int = 2) -> NDArray[np.int16]:
-    """Cut out the part of the picture in which an arm stands."""
-    low, high = driver.execute_script("return repctl.columns(arguments[0])", arm)
-    others = [driver.execute_script("return repctl.columns(arguments[0])", k) for k in range(arms) if k != arm]
-    assert all(high < a or b < low for a, b in others), "the arms overlap in the picture"
-    width = image.shape[1]
-    return image[:, max(0, int(low * width) - 8) : int(high * width) + 8]
+def pane(driver: Any, image: NDArray[np.int16], arm: int) -> NDArray[np.int16]:
+    """Cut an arm's pane out of the picture."""
+    left, top, width, height = driver.execute_script("return repctl.pane(arguments[0])", arm)
+    tall, wide = image.shape[:2]
+    return image[round(top * tall) : round((top + height) * tall), round(left * wide) : round((left + width) * wide)]
+
+
+def schemes(driver: Any, *, width: int, height: int, dark: bool = False, still: bool = False) -> None:
+    """Set the size of the window's inside, and what the person has asked of colours and motion."""
+    size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 600}
+    driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    wishes = {"prefers-color-scheme": "dark" if dark else "light", "prefers-reduced-motion": "reduce" if still else ""}
+    driver.execute_cdp_cmd(
+        "Emulation.setEmulatedMedia", {"features": [{"name": k, "value": v} for k, v in wishes.items()]}
+    )
 
 
 def changed(a: NDArray[np.int16], b: NDArray[np.int16]) -> float:

@@ -131,7 +131,8 @@ def test_the_page_holds_what_the_motions_did(study: rp.Study) -> None:
         moving = np.ptp(placements, axis=0).reshape(len(visuals.shapes), -1).max(axis=1) > 1e-12
         tip = study.task.positions(Q)
         elbow = np.array([study.task.joint_origins(q)[2] for q in Q])
-        expected += [np.round(poses_of(placements), 7)[:, moving], tip, elbow]
+        off = np.linalg.norm(Q - np.tile(Q[: frames.per_cycle], (3, 1)), axis=1)
+        expected += [np.round(poses_of(placements), 7)[:, moving], tip, elbow, off, Q[:, [1, 2]]]
     path = expected[1][: frames.per_cycle]  # by default, what the first did in its first cycle
     np.testing.assert_allclose(numbers, np.concatenate([e.ravel() for e in [*expected, path]]), atol=1e-6)
     assert [a["label"] for a in scene["arms"]] == ["a", "b"] and scene["planar"] and scene["seconds"] == 3.0
@@ -150,12 +151,20 @@ def test_every_limb_leaves_its_traces() -> None:
     assert scene["paths"] == [4, 3] and scene["arms"][0]["limbs"] == 2
     np.testing.assert_allclose(numbers[-21:].reshape(7, 3), [*square, *(2 * square[:3])])
     rows = Q[choose_frames(21, 2).index]
-    ways = numbers[:-21][-2 * len(rows) * 2 * 3 :].reshape(2, len(rows), 2, 3)
+    broken, joints = scene["arms"][0]["broken"], 3 * len(rows)  # distance from cycle 1, and two joints
+    limbs = [robot.joint_names.index(name) for name in (*left.joint_names, *right.joint_names)]
+    outside = ((Q < robot.lower) | (Q > robot.upper))[:, limbs]
+    row = int(np.argmax(outside.any(axis=1)))
+    assert outside[row, [*left.joint_names, *right.joint_names].index(broken["joint"])]
+    assert broken["at"] == pytest.approx(row / 10)
+    task = left if broken["joint"] in left.joint_names else right
+    origins = [task.joint_origins(task.part(q))[task.joint_names.index(broken["joint"])] for q in rows]
+    np.testing.assert_allclose(numbers[-21 - joints : -21].reshape(-1, 3), origins, atol=1e-6)
+    ways = numbers[: -21 - 2 * joints][-2 * len(rows) * 2 * 3 :].reshape(2, len(rows), 2, 3)
     for k, (task, elbow) in enumerate(((left, 3), (right, 5))):
         np.testing.assert_allclose(ways[0, :, k], [task.placement(task.part(q)).translation for q in rows], atol=1e-6)
         np.testing.assert_allclose(ways[1, :, k], [task.joint_origins(task.part(q))[elbow] for q in rows], atol=1e-6)
     assert "left_gripper" in scene["caption"] and "right_gripper" in scene["caption"]
-    assert scene["caption"].endswith("moved: the joints are off by 0.2000 rad after 2 cycles")
 
 
 def test_motions_of_different_length_are_refused(study: rp.Study) -> None:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from browser import browser, changed, errors, half, open_page, picture, require_browser
+from browser import browser, changed, errors, open_page, pane, picture, require_browser, schemes, wait_until_drawn
 from numpy.typing import NDArray
 
 import repctl_pin as rp
@@ -50,7 +50,7 @@ def circling(robot: Robot, q0: NDArray[np.float64], kind: str, plane: tuple[int,
         drift = np.linalg.norm(Q[STEPS::STEPS] - q0, axis=1)
         elbow = np.array([task.joint_origins(q)[task.n // 2] for q in Q])
         arms.append(
-            Arm(label, visuals.shapes, visuals.placements(task.full(Q)), task.positions(Q), elbow, drift, color)
+            Arm(label, visuals.shapes, visuals.placements(task.full(Q)), task.positions(Q), elbow, Q, drift, color)
         )
     return arms
 
@@ -82,14 +82,14 @@ def test_the_page_of_a_study_shows_who_comes_back(driver: Any, tmp_path: Path) -
     assert driver.execute_script("return [repctl.meshes(0), repctl.meshes(1)]") == [len(visuals.shapes)] * 2
     start, quarter, one, two = (picture(driver, c) for c in (0, 0.25, 1, 2))
     for arm in (0, 1):
-        a, b = half(driver, start, arm), half(driver, quarter, arm)
+        a, b = pane(driver, start, arm), pane(driver, quarter, arm)
         assert np.ptp(a) > 150, "nothing is drawn"
         assert changed(a, b) > 0.02
     for later in (one, two):
-        assert changed(half(driver, start, 1), half(driver, later, 1)) < 0.001
-        assert changed(half(driver, start, 0), half(driver, later, 0)) > 0.01
+        assert changed(pane(driver, start, 1), pane(driver, later, 1)) < 0.001
+        assert changed(pane(driver, start, 0), pane(driver, later, 0)) > 0.01
     # with its traces shown, what the arm left behind is seen
-    assert changed(half(driver, one, 1), half(driver, picture(driver, 1, traces=True), 1)) > 0.002
+    assert changed(pane(driver, one, 1), pane(driver, picture(driver, 1, traces=True), 1)) > 0.002
     # the browser's own matrices are where the motion put the shapes, half a cycle into the second
     driver.execute_script("repctl.seek(1.5)")
     for k, motion in enumerate(motions):
@@ -99,6 +99,17 @@ def test_the_page_of_a_study_shows_who_comes_back(driver: Any, tmp_path: Path) -
                 "return repctl.placement(arguments[0], arguments[1])", k, visuals.shapes[s].name
             )
             np.testing.assert_allclose(np.reshape(told, (4, 4)).T, expected[s], atol=1e-5)
+
+
+def ghosts_show_drift_and_nothing_else(driver: Any, motions: list[rp.Motion]) -> None:
+    """At every moment the ghost of who repeats is hidden by the arm, that of who has crept by 0.1 rad is seen."""
+    for moment in (0, 0.5, 5.5, 10):
+        with_ghost, without = (picture(driver, moment, ghost=ghost) for ghost in (True, False))
+        for arm, motion in enumerate(motions):
+            at, phase = round(moment * motion.steps), round(moment % 1 * motion.steps)
+            off = np.linalg.norm(motion.q[at] - motion.q[phase])
+            seen = changed(pane(driver, with_ghost, arm), pane(driver, without, arm))
+            assert seen <= 0.0005 if off < 1e-6 else off < 0.1 or seen > 0.0005, (moment, arm, off, seen)
 
 
 @pytest.mark.parametrize("name", ["baxter", "tiago", "talos", "kinova", "ppr", "xarm7 without meshes"])
@@ -117,9 +128,10 @@ def test_every_kind_of_robot_moves_and_only_who_repeats_comes_back(driver: Any, 
     shapes = Visuals.of(robot).shapes
     assert all(shape.kind != "mesh" for shape in shapes) if bare or name == "ppr" else len(shapes) > 5
     assert driver.execute_script("return [repctl.meshes(0), repctl.meshes(1)]") == [len(shapes)] * 2
-    start, quarter, middle, one, end = (picture(driver, c) for c in (0, 0.25, 0.5, 1, 10))
+    ghosts_show_drift_and_nothing_else(driver, [study.row(key).motion for key in ("pseudoinverse", "repeatable")])
+    start, quarter, middle, one, end = (picture(driver, c, ghost=False) for c in (0, 0.25, 0.5, 1, 10))
     for arm, key in enumerate(("pseudoinverse", "repeatable")):
-        a, b, c, *whole = (half(driver, image, arm) for image in (start, quarter, middle, one, end))
+        a, b, c, *whole = (pane(driver, image, arm) for image in (start, quarter, middle, one, end))
         assert np.ptp(a) > 150, "nothing is drawn"
         assert min(changed(a, b), changed(b, c), changed(a, c)) > 0.004
         for drift, after in zip(study.row(key).motion.drift[[0, -1]], whole, strict=True):
@@ -164,19 +176,27 @@ def test_the_colour_is_how_far_a_body_is_off_its_start(driver: Any, tmp_path: Pa
     np.testing.assert_allclose(at_start, 0, atol=1e-12)
     np.testing.assert_allclose(at_end, off[:, moving], atol=2e-6)
     assert at_end[0, -1] < 1e-5 < 0.05 < at_end[0].max()  # the last shape is a finger
-    full = np.array([0xD5, 0x5E, 0x00])
+    full, grey = np.array([0xD5, 0x5E, 0x00]), np.array([0xC6, 0xCC, 0xD3])
     for s in range(len(moving)):
-        share = 0.85 * at_end[0, s] / at_end.max()
-        np.testing.assert_allclose(painted[0][s], (1 - share) * plain[0][s] + share * full, atol=1)
-        np.testing.assert_array_equal(painted[1][s], plain[1][s])  # who comes back keeps its colours
+        share = min(1.0, at_end[0, s] / 0.1)  # full at 10 cm
+        np.testing.assert_allclose(painted[0][s], (1 - share) * grey + share * full, atol=1)
+        np.testing.assert_array_equal(painted[1][s], grey)  # who comes back
+    np.testing.assert_array_equal(plain, np.broadcast_to(grey, np.shape(plain)))
+    # within a cycle, against the same moment of cycle 1
     between, _ = told(2.5)
-    assert (between[0] <= at_end[0] + 1e-9).all() and between[0].max() > 0.5 * at_end[0].max()
+    motion = study.row("pseudoinverse").motion
+    there = visuals.placements(study.task.full(motion.q[[60, 300]]))
+    for s, k in enumerate(moving):
+        points = read_surface(visuals.shapes[k].path).points
+        box = np.array(list(itertools.product(*zip(points.min(0), points.max(0), strict=True))))
+        corners = np.c_[box * visuals.shapes[k].scale, np.ones(8)] @ there[:, k].transpose(0, 2, 1)
+        assert between[0, s] == pytest.approx(np.linalg.norm(corners[1] - corners[0], axis=1).max(), abs=2e-6)
     driver.find_element("id", "show-drift").click()
-    _, without = told(3)
-    np.testing.assert_array_equal(without, plain)
+    _, own = told(3)
+    assert len({tuple(c) for c in own[0]}) > 1 or not np.array_equal(own[0][0], grey)  # the robot's own colours
     assert driver.find_element("id", "drift-note").text == ""
     driver.find_element("id", "show-drift").click()
-    assert driver.find_element("id", "drift-note").text.endswith(f"{float(f'{100 * off.max():.2g}'):g} cm")
+    assert driver.find_element("id", "drift-note").text.endswith("10 cm and more")
     assert errors(driver) == []
 
 
@@ -187,7 +207,9 @@ def test_mirrored_meshes_are_not_inside_out(driver: Any, tmp_path: Path) -> None
     assert len(keep) > 5
     placements = visuals.placements(np.array([robot.reference] * 2))[:, keep]
     shapes = tuple(visuals.shapes[k] for k in keep)
-    still = Arm("mirrored", shapes, placements, placements[:, 0, :3, 3], placements[:, 1, :3, 3], np.zeros(1))
+    still = Arm(
+        "mirrored", shapes, placements, placements[:, 0, :3, 3], placements[:, 1, :3, 3], np.zeros((2, 1)), np.zeros(1)
+    )
     open_page(driver, write(tmp_path, [still]))
     both = picture(driver, 0)
     show_only = "repctl.materials((m) => { m.side = arguments[0]; })"
@@ -210,7 +232,7 @@ def test_controls_work_when_clicked(driver: Any, tmp_path: Path) -> None:
         return driver.find_element("id", name)
 
     assert element("title").text == "<i>four</i> links"
-    assert [e.text for e in driver.find_elements("class name", "arm-label")] == ["J⁺", "repeatable"]
+    assert [e.text for e in driver.find_elements("css selector", ".arm-label .name")] == ["J⁺", "repeatable"]
     assert not driver.execute_script("return repctl.playing")
     element("play").click()
     assert driver.execute_script("return repctl.playing")
@@ -224,17 +246,46 @@ def test_controls_work_when_clicked(driver: Any, tmp_path: Path) -> None:
     time.sleep(0.2)
     assert driver.execute_script("return repctl.time") == held
     driver.execute_script("repctl.seek(2)")
-    assert element("clock").text == "cycle 2 of 2"
+    assert element("clock").text == "after 2 of 2"
     cards = driver.find_elements("class name", "card")
     assert [c.find_element("tag name", "h2").text for c in cards] == ["J⁺", "repeatable"]
     shown = float(re.match(r"[\d.]+", cards[0].find_element("class name", "drift").text)[0])  # type: ignore[index]
     assert shown == pytest.approx(arms[0].cycle_drift[-1], rel=5e-3)
-    assert cards[0].find_element("class name", "after").text == "off the start after 2 cycles"
+    assert cards[0].find_element("class name", "after").text == "off cycle 1 after 2 cycles"
     # the slider
     from selenium.webdriver.common.keys import Keys
 
     element("scrub").send_keys(Keys.HOME)
     assert driver.execute_script("return repctl.time") == 0
+    assert element("scrub").get_attribute("aria-valuetext") == "start"
+    # keys, wherever the focus is; what a pointer pressed does not keep them
+    element("show-traces").click()
+    element("show-traces").click()
+    time.sleep(0.1)
+    body = driver.switch_to.active_element
+    for keys, expected in ((Keys.END, 2), (Keys.PAGE_UP, 1), (Keys.ARROW_RIGHT, 1 + 1 / 60), (Keys.HOME, 0)):
+        body.send_keys(keys)
+        assert driver.execute_script("return repctl.time") == pytest.approx(expected)
+    body.send_keys(" ")
+    assert driver.execute_script("return repctl.playing")
+    body.send_keys(" ")
+    assert not driver.execute_script("return repctl.playing")
+    # once per cycle: whole cycles only
+    element("stepping").click()
+    driver.execute_script("repctl.pause()")
+    driver.execute_script("repctl.seek(0)")
+    driver.switch_to.active_element.send_keys(Keys.ARROW_RIGHT)
+    assert driver.execute_script("return repctl.time") == 1
+    element("running").click()
+    driver.execute_script("repctl.pause()")
+    # a click on a bar goes to that cycle's end
+    bars = cards[0].find_element("css selector", ".bars canvas")
+    driver.execute_script(
+        "const [c] = arguments, {left, top, width} = c.getBoundingClientRect(), half = width / 16;"
+        "c.dispatchEvent(new MouseEvent('click', {bubbles: true, clientX: left + half, clientY: top + 5}))",
+        bars,
+    )
+    assert driver.execute_script("return repctl.time") == 1
     # the boxes and the view
     before = picture(driver, 1.5, traces=True)
     element("show-traces").click()
@@ -244,7 +295,13 @@ def test_controls_work_when_clicked(driver: Any, tmp_path: Path) -> None:
     element("show-ghost").click()
     assert changed(before, picture(driver, 1.5, traces=True)) > 0.001
     element("show-ghost").click()
-    driver.execute_script("repctl.viewer.camera.position.multiplyScalar(1.5); repctl.viewer.controls.update()")
+    driver.execute_script("repctl.turn(0.5, 0.2, 0.8)")
+    labels = driver.execute_script(
+        "return [...document.querySelectorAll('.pane')].map((p) => [p, p.firstElementChild].map((n) => {"
+        "const r = n.getBoundingClientRect(); return [r.left, r.top, r.right, r.bottom]; }))"
+    )
+    for frame, label in np.array(labels):  # labels stay in their panes
+        assert (label[:2] >= frame[:2]).all() and (label[2:] <= frame[2:]).all()
     assert changed(before, picture(driver, 1.5, traces=True)) > 0.01
     element("view").click()
     assert changed(before, picture(driver, 1.5, traces=True)) < 0.001
@@ -264,4 +321,66 @@ def test_more_arms_and_none_to_read(driver: Any, tmp_path: Path) -> None:
     assert driver.execute_script("return [0, 1, 2].map(repctl.meshes)") == [len(arms[0].shapes)] * 3
     image = picture(driver, 0.5)
     for k in range(3):
-        assert np.ptp(half(driver, image, k, arms=3)) > 150
+        assert np.ptp(pane(driver, image, k)) > 150
+
+
+def test_it_opens_on_the_end_walks_the_cycles_and_runs(driver: Any, tmp_path: Path) -> None:
+    """The first ten seconds: what has crept is seen at once; who wants no motion gets none."""
+    robot = Robot.load("planar4r")
+    task = robot.task(kind="xy")
+    page = write(tmp_path, circling(robot, task.reference + np.array([0.3, -0.7, 0.6, 0.5]), "xy", (0, 1)), planar=True)
+    driver.get("about:blank")
+    driver.get(page.as_uri())
+    wait_until_drawn(driver, "the page")
+    times = [0.0]
+    assert driver.execute_script("return [repctl.time, repctl.playing]") == [2, True]
+    left, right = (pane(driver, picture_now(driver), k) for k in (0, 1))
+    assert changed(left[:, : right.shape[1]], right[:, : left.shape[1]]) > 0.01
+    deadline = time.monotonic() + 30
+    while times[-1] == int(times[-1]) or len(set(times)) < 4:  # whole cycles, then all moments
+        times.append(driver.execute_script("return repctl.time"))
+        assert time.monotonic() < deadline, times
+        time.sleep(0.02)
+    whole = [t for t in dict.fromkeys(times[1:]) if t == int(t)]
+    assert whole[:3] == [2, 0, 1]
+    schemes(driver, width=680, height=460, still=True)
+    driver.get("about:blank")
+    driver.get(page.as_uri())
+    wait_until_drawn(driver, "the page")
+    assert driver.execute_script("return [repctl.time, repctl.playing]") == [2, False]
+    assert errors(driver) == []
+    driver.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+
+
+def picture_now(driver: Any) -> NDArray[np.int16]:
+    """The scene as it is."""
+    import base64
+    import io
+
+    from PIL import Image
+
+    url = driver.execute_script("return repctl.picture()")
+    return np.asarray(Image.open(io.BytesIO(base64.b64decode(url.partition(",")[2]))).convert("RGB"), np.int16)
+
+
+@pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
+@pytest.mark.parametrize(("width", "height"), [(1400, 900), (390, 844)])
+def test_everybody_can_read_and_use_it(driver: Any, tmp_path: Path, width: int, height: int, dark: bool) -> None:
+    """No serious finding of axe-core's, nothing beside the window, panes of one size."""
+    axe = pytest.importorskip("axe_selenium_python").Axe(driver)
+    robot = Robot.load("planar3r")
+    page = write(tmp_path, circling(robot, np.array([0.3, 0.8, 0.8]), "xy", (0, 1)), planar=True)
+    schemes(driver, width=width, height=height, dark=dark)
+    open_page(driver, page)
+    driver.execute_script("repctl.seek(1.5)")
+    axe.inject()
+    found = [v for v in axe.run()["violations"] if v["impact"] in ("serious", "critical")]
+    assert found == [], [(v["id"], [n["html"] for n in v["nodes"]]) for v in found]
+    assert driver.execute_script("return document.documentElement.scrollWidth <= window.innerWidth")
+    (a, b, wide, tall), (c, d, *same) = (driver.execute_script("return repctl.pane(arguments[0])", k) for k in (0, 1))
+    np.testing.assert_allclose(same, [wide, tall], atol=0.01)
+    assert (a == c and d > b) if width < height else (b == d and c > a)  # stacked, or side by side
+    for figure in driver.find_elements("css selector", ".card canvas"):
+        assert figure.size["width"] > 60 and figure.size["height"] > 40
+    assert errors(driver) == []
+    driver.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})

@@ -35,7 +35,7 @@ def swinging(name: str, cycles: int = 2, steps: int = 20) -> tuple[Arm, Arm]:
     Q = robot.reference + 0.2 * np.sin(2 * np.pi * s)[:, None] * np.cos(np.arange(len(robot.reference)))
     placements = visuals.placements(Q)
     drift = 0.1 * np.arange(1, cycles + 1)
-    first = Arm("J⁺", visuals.shapes, placements, placements[:, -1, :3, 3], placements[:, 1, :3, 3], drift)
+    first = Arm("J⁺", visuals.shapes, placements, placements[:, -1, :3, 3], placements[:, 1, :3, 3], Q, drift)
     return first, replace(first, label="repeatable", color=BLUE, cycle_drift=1e-13 * drift)
 
 
@@ -85,6 +85,14 @@ def test_page_holds_what_went_in(name: str) -> None:
                 motion[at : at + 3 * len(frames.index)].reshape(-1, 3), point[frames.index], atol=1e-6
             )
             at += 3 * len(frames.index)
+        q = arm.q[frames.index]
+        np.testing.assert_allclose(
+            motion[at : at + len(q)], np.linalg.norm(q - np.tile(q[:21], (2, 1)), axis=1), atol=1e-6
+        )
+        at += len(q)
+        i, j = (int(name.removeprefix("joint ")) - 1 for name in scene["pair"]["names"])
+        np.testing.assert_allclose(motion[at : at + 2 * len(q)].reshape(-1, 2), q[:, [i, j]], atol=1e-6)
+        at += 2 * len(q)
     np.testing.assert_allclose(motion[at:].reshape(-1, 3), PATH, atol=1e-6)
 
 
@@ -141,7 +149,8 @@ def test_choose_frames(samples: int, cycles: int) -> None:
     numbers = np.array(frames.cycles)
     assert (np.diff(numbers) > 0).all()
     assert (numbers[0], numbers[-1]) == (1, cycles)
-    assert len(numbers) == cycles if cycles <= 24 else len(numbers) <= 24
+    assert len(numbers) == cycles if cycles <= 24 else 12 <= len(numbers) <= 24
+    assert len(set(np.diff(numbers)[1:].tolist())) <= 1  # evenly, from the last back
     table = frames.index.reshape(len(numbers), frames.per_cycle)
     np.testing.assert_array_equal(table[:, 0], (numbers - 1) * steps)  # both ends of every cycle
     np.testing.assert_array_equal(table[:, -1], numbers * steps)
@@ -158,7 +167,7 @@ def test_frames_chosen_before_or_by_the_page_are_the_same() -> None:
     arms = swinging("planar3r", cycles=30, steps=90)
     frames = choose_frames(30 * 90 + 1, 30)
     cut = [
-        replace(a, placements=a.placements[frames.index], tip=a.tip[frames.index], elbow=a.elbow[frames.index])
+        replace(a, **{name: getattr(a, name)[frames.index] for name in ("placements", "tip", "elbow", "q")})
         for a in arms
     ]
     assert animation_page(cut, [PATH], frames=frames, **WORDS) == animation_page(arms, [PATH], **WORDS)

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import base64
 import hashlib
-import html
 import io
 import platform
-import re
+import shlex
 import struct
 from collections.abc import Iterable, Mapping
 from importlib.metadata import PackageNotFoundError, version
-from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .._version import __version__
 from ..files import write_whole
+from .page.html import render
 from .page.snapshot import still_figure
 from .plots.cycles import cycle_figure
 from .plots.designs import cost_against_degree
@@ -26,6 +25,7 @@ from .plots.orbits import orbits_figure
 from .study_files import study_page
 from .text import captions
 from .text.table import study_cells, study_notes
+from .text.verdict import study_verdict
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -64,31 +64,32 @@ def report_page(
 
     Returns
     -------
-    The page's HTML: it asks nothing of a network, prints without cut figures, and every picture has captions.
+    The page's HTML: it asks nothing of a network, prints without cut figures, and every picture has words.
     """
-    folder = files("repctl_pin.show.page") / "assets"
     title = f"{study.robot.name}: {study.path.name}"
     header, rows, legend = study_cells(study)
-    parts = {
-        "TITLE": html.escape(title),
-        "STYLE": (folder / "report.css").read_text("utf-8"),
-        "LEAD": html.escape(f"{study.task.frame}, {study.task.kind} task, {study.path.name}"),
-        "SUMMARY": "\n".join(f"<p>{html.escape(text)}</p>" for text in captions.summary(study)),
-        "ANIMATION": html.escape(animation or study_page(study), quote=True),
-        "ANIMATION_TITLE": html.escape(f"Animation: {title}", quote=True),
-        "STILL": _picture(still_figure(study), captions.still_words(study)),
-        "TABLE": _table(header, rows, [colours(study)[row.key] for row in study.rows]),
-        "LEGEND": html.escape(" ".join(legend)),
-        "FIGURES": "\n".join(_figures(study, maps)),
-        "COMMAND": "" if command is None else f"<pre><code>{html.escape(command)}</code></pre>",
-        "SETTING": _list(_setting(study)),
-        "OPTIONS": "" if not options else f"<h3>Options</h3>\n{_list(_texts(options))}",
-        "VERSIONS": _list(versions()),
-        "GLOSSARY": _list(captions.GLOSSARY),
-        "NOTES": _notes(study_notes(study)),
-    }
-    template = (folder / "report.html").read_text("utf-8")
-    return re.sub(r"\{\{(\w+)\}\}", lambda found: parts[found[1]], template)
+    chips = colours(study)
+    given, rest = _chosen(options or {}, command)
+    return render(
+        "report.html",
+        style="report.css",
+        title=title,
+        caption=f"{study.task.frame}, {study.task.kind} task, {study.path.name}",
+        verdict=study_verdict(study),
+        summary=captions.summary(study),
+        # the page's own heading is this page's already
+        animation=(animation or study_page(study)).replace("<body>", '<body class="inside">', 1),
+        still=_picture(still_figure(study), captions.still_words(study)),
+        header=header,
+        rows=[(cells, chips[row.key]) for cells, row in zip(rows, study.rows, strict=True)],
+        legend=" ".join(legend),
+        figures=list(_figures(study, maps)),
+        glossary=captions.GLOSSARY,
+        notes=study_notes(study),
+        command=command,
+        setting=study.setting | given,
+        details=_in_full(study) | rest | versions(),
+    )
 
 
 def write_report(
@@ -116,16 +117,16 @@ def versions() -> dict[str, str]:
     return found | {"system": f"{platform.system()} {platform.machine()}"}
 
 
-def _figures(study: Study, maps: StudyMaps | None) -> Iterable[str]:
-    """Each figure with its heading, picture and captions."""
+def _figures(study: Study, maps: StudyMaps | None) -> Iterable[tuple[str, dict[str, object]]]:
+    """Each figure with its heading, picture and words."""
     moved = drawn(study)
     on = [m for m in moved if m[2] != COLOURS["posture_off"]]  # what comes from afar would hide the rest
-    yield _section("Drift", drift_figure(moved, ""), captions.drift_words(study))
-    yield _section("Joints", joints_figure(moved, ""), captions.joints_words(study))
-    yield _section("Orbits in joint space", orbits_figure(on, ""), captions.orbits_words(study))
-    yield _section("Speed and limits", cycle_figure(moved, ""), captions.cycles_words(study))
+    yield "Drift", _picture(drift_figure(moved, ""), captions.drift_words(study))
+    yield "Joints", _picture(joints_figure(moved, ""), captions.joints_words(study))
+    yield "Orbits in joint space", _picture(orbits_figure(on, ""), captions.orbits_words(study))
+    yield "Speed and limits", _picture(cycle_figure(moved, ""), captions.cycles_words(study))
     if maps is not None:
-        yield _section("The design over two joints", _maps_figure(study, maps), captions.maps_words(study, maps))
+        yield "The design over two joints", _picture(_maps_figure(study, maps), captions.maps_words(study, maps))
 
 
 def _maps_figure(study: Study, maps: StudyMaps) -> Figure:
@@ -147,52 +148,21 @@ def _maps_figure(study: Study, maps: StudyMaps) -> Figure:
     return figure
 
 
-def _section(heading: str, figure: Figure, text: str) -> str:
-    return f'<section class="figure">\n<h3>{html.escape(heading)}</h3>\n{_picture(figure, text)}\n</section>'
-
-
-def _picture(figure: Figure, text: str) -> str:
-    """A figure inside the page, with the words for it."""
+def _picture(figure: Figure, text: str) -> dict[str, object]:
+    """A figure as the page holds it, with the words for it."""
     held = io.BytesIO()
     figure.savefig(held, format="png", dpi=DPI, bbox_inches="tight", pad_inches=0.05, metadata={"Software": None})
     width, height = struct.unpack(">II", held.getvalue()[16:24])  # as the PNG's header says
-    data = base64.b64encode(held.getvalue()).decode("ascii")
-    return (
-        f'<figure><img src="data:image/png;base64,{data}" width="{width}" height="{height}" '
-        f'alt="{html.escape(text, quote=True)}"><figcaption>{html.escape(text)}</figcaption></figure>'
-    )
+    return {"data": base64.b64encode(held.getvalue()).decode("ascii"), "width": width, "height": height, "words": text}
 
 
-def _table(header: list[str], rows: list[list[str]], colours: list[str]) -> str:
-    head = "".join(f'<th scope="col">{html.escape(cell)}</th>' for cell in header)
-    body = "\n".join(
-        f'<tr><th scope="row"><span class="chip" style="background: {colour}"></span>{html.escape(row[0])}</th>'
-        + "".join(f"<td>{html.escape(cell)}</td>" for cell in row[1:])
-        + "</tr>"
-        for row, colour in zip(rows, colours, strict=True)
-    )
-    return f"<table>\n<thead><tr>{head}</tr></thead>\n<tbody>\n{body}\n</tbody>\n</table>"
-
-
-def _list(items: Mapping[str, str]) -> str:
-    return (
-        "<dl>\n"
-        + "\n".join(f"<dt>{html.escape(k)}</dt><dd>{html.escape(v)}</dd>" for k, v in items.items())
-        + "\n</dl>"
-    )
-
-
-def _notes(notes: list[str]) -> str:
-    return "<ul>\n" + "\n".join(f"<li>{html.escape(n)}</li>" for n in notes) + "\n</ul>" if notes else "<p>None.</p>"
-
-
-def _setting(study: Study) -> dict[str, str]:
+def _in_full(study: Study) -> dict[str, str]:
     """What was studied, in full: numbers as they are held, and the robot file's fingerprint."""
     center, width = study.region.bounds.center, study.region.bounds.half_width
-    return study.setting | {
-        "start": _row(study.q0),
+    return {
+        "start, in full": _row(study.q0),
         "joints": ", ".join(study.task.joint_names),
-        "region": f"{study.region}; the box round it has the centre {_row(center)} and the half-width {_row(width)}",
+        "region, in full": f"the box round it has the centre {_row(center)} and the half-width {_row(width)}",
         "URDF, SHA-256": _fingerprint(study.robot.description.path),
     }
 
@@ -209,18 +179,15 @@ def _row(values: Iterable[float]) -> str:
     return ", ".join(f"{v:.10g}" for v in values)
 
 
-def _texts(options: Mapping[str, object]) -> dict[str, str]:
-    def text(value: object) -> str:
-        if isinstance(value, list | tuple):
-            return ", ".join(map(str, value)) or "none"
-        return (
-            "chosen by the study"
-            if value is None
-            else "yes"
-            if value is True
-            else "no"
-            if value is False
-            else str(value)
-        )
+def _chosen(options: Mapping[str, object], command: str | None) -> tuple[dict[str, str], dict[str, str]]:
+    """Options that the command line names, and the rest."""
+    said = None if command is None else {word.partition("=")[0] for word in shlex.split(command)}
+    texts = {name: _text(value) for name, value in options.items()}
+    given = {name: text for name, text in texts.items() if said is None or f"--{name}" in said}
+    return given, {name: text for name, text in texts.items() if name not in given}
 
-    return {name: text(value) for name, value in options.items()}
+
+def _text(value: object) -> str:
+    if isinstance(value, list | tuple):
+        return ", ".join(map(str, value)) or "none"
+    return {"None": "chosen by the study", "True": "yes", "False": "no"}.get(str(value), str(value))

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 from ..files import prepare_folder, write_whole
 from ..motion.csv_file import csv_text
 from .page.playback import Limb, track_of, tracks_page
-from .plots.motions import colours, drawn, drift_figure, joints_figure, png, unit
-from .text.table import short
+from .plots.motions import colours, drawn, drift_figure, joints_figure, png
+from .text.verdict import study_verdict
 
 if TYPE_CHECKING:
-    from ..studies import Row, Study
+    from ..studies import Study
 
 CSV_ROWS_PER_CYCLE = 100
 """At most so many rows of a cycle go into ``motion.csv``."""
@@ -49,12 +49,5 @@ def study_page(study: Study) -> str:
     rows = [row for row in study.rows if row.key not in ("posture", "posture_off")]
     colour = colours(study)
     tracks = [track_of(row.label, row.motion, colour[row.key]) for row in rows if row.motion is not None]
-    drifts = "; ".join(f"{row.label}: {_drift_words(row)}" for row in rows)
     limb = Limb(study.task, study.elbow)
-    return tracks_page([limb], tracks, paths=[study.path.points()], name=study.path.name, words=drifts)
-
-
-def _drift_words(row: Row) -> str:
-    if row.motion is None:
-        return f"stuck ({row.stopped})"
-    return f"the joints are off by {short(row.motion.drift[-1])} {unit(row.motion)} after {row.motion.cycles} cycles"
+    return tracks_page([limb], tracks, paths=[study.path.points()], name=study.path.name, summary=study_verdict(study))

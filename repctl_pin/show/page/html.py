@@ -4,16 +4,16 @@ The page asks nothing of a network or a server. What is large goes in as base64 
 own ``DecompressionStream`` takes it out again.
 
 At the browser's console, and for tests: ``repctl.ready``, ``repctl.seek(cycles)``, ``repctl.play()``,
-``repctl.pause()``, ``repctl.setTraces(bool)``, ``repctl.setGhost(bool)``, ``repctl.setDrift(bool)``,
-``repctl.drift(arm, shape)``, ``repctl.picture()`` (a PNG's data URL), ``repctl.errors``. Times are in shown
-cycles: 1.25 is a quarter into the second. An address that ends in ``#paused`` does not start by itself.
+``repctl.pause()``, ``repctl.set("traces" or "ghost" or "drift", bool)``, ``repctl.drift(arm, shape)``,
+``repctl.picture()`` (a PNG's data URL), ``repctl.pane(arm)`` (where it is in the picture), ``repctl.errors``.
+Times are in shown cycles: 1.25 is a quarter into the second. An address that ends in ``#paused`` does not start by
+itself.
 """
 
 from __future__ import annotations
 
 import base64
 import gzip
-import html
 import json
 import re
 import struct
@@ -24,37 +24,64 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
+
 from ...errors import RepctlError
+from ..text.verdict import Verdict
 
-SCRIPTS = ("view.js", "arm.js", "traces.js", "cards.js", "player.js")
+SCRIPTS = ("dom", "numbers", "viewer", "eye", "panes", "arm", "traces", "cards", "clock", "controls", "main")
+"""The page's modules, each after those that it imports."""
 
 
-def page(scene: dict[str, Any], commands: Sequence[bytes], motion: bytes, *, title: str) -> str:
+def page(scene: dict[str, Any], commands: Sequence[bytes], motion: bytes, verdict: Verdict) -> str:
     """Write the page.
 
     Parameters
     ----------
     scene
-        What the page's own script reads; plain Python types.
+        What the page's own script reads, its title and caption among it; plain Python types.
     commands
         meshcat commands, msgpack each.
     motion
         float32 numbers, little-endian, laid out as ``scene`` says.
-    title
-        Of the page; any text.
+    verdict
+        What stands above it all.
     """
+    return render(
+        "page.html",
+        style="page.css",
+        title=scene["title"],
+        caption=scene["caption"],
+        verdict=verdict,
+        scene=scene,
+        data=Markup(as_script(scene)),
+        viewer=Markup(_viewer()),
+        commands=Markup(pack(b"".join(struct.pack("<I", len(c)) + c for c in commands))),
+        motion=Markup(pack(motion)),
+        script=Markup(_script()),
+    )
+
+
+def render(template: str, **parts: Any) -> str:
+    """Fill in one of the templates in ``assets``; text is escaped, :class:`markupsafe.Markup` stands as it is."""
+    return _templates().get_template(template).render(parts)
+
+
+@cache
+def _templates() -> Environment:
     folder = files(__package__) / "assets"
-    parts = {
-        "TITLE": html.escape(title),
-        "STYLE": (folder / "style.css").read_text("utf-8"),
-        "SCRIPT": "\n".join((folder / name).read_text("utf-8") for name in SCRIPTS),
-        "SCENE": as_script(scene),
-        "VIEWER": _viewer(),
-        "COMMANDS": pack(b"".join(struct.pack("<I", len(c)) + c for c in commands)),
-        "MOTION": pack(motion),
-    }
-    template = (folder / "page.html").read_text("utf-8")
-    return re.sub(r"\{\{(\w+)\}\}", lambda found: parts[found[1]], template)
+    made = Environment(loader=FileSystemLoader(str(folder)), autoescape=True, undefined=StrictUndefined)
+    made.globals["asset"] = lambda name: Markup((folder / name).read_text("utf-8"))
+    return made
+
+
+@cache
+def _script() -> str:
+    """The modules as one script: what they give each other is in one scope."""
+    folder = files(__package__) / "assets" / "scripts"
+    texts = [(folder / f"{name}.js").read_text("utf-8") for name in SCRIPTS]
+    return '"use strict";\n' + re.sub(r"(?m)^(import .*\n|export )", "", "\n".join(texts))
 
 
 def as_script(value: Any) -> str:

@@ -32,6 +32,7 @@ HIDDEN = (
     "/Lights/PointLightNegativeX",
     "/Lights/PointLightPositiveX",
     "/library",
+    "/Background",
 )
 """What meshcat's viewer shows by itself, and the page has its own of."""
 
@@ -82,8 +83,6 @@ def record(shapes: Iterable[Shape]) -> tuple[list[bytes], dict[Key, int], list[s
     viewer = meshcat.Visualizer(window=recorder)
     for name in HIDDEN:
         viewer[name].set_property("visible", False)
-    viewer["/Background"].set_property("top_color", [1.0, 1.0, 1.0])
-    viewer["/Background"].set_property("bottom_color", [0.905, 0.925, 0.945])
     objects: dict[Key, g.Object | None] = {}
     problems: list[str] = []
     library: dict[Key, int] = {}

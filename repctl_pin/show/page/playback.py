@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 from ...errors import InputError
 from ...motion.csv_file import read_motions
 from ...robot.task import unit_of
+from ...robot.visuals import Visuals
 from ...strategies.names import LABELS
 from ..plots.motions import BLUE, COLOURS, GREEN, ORANGE, PURPLE, SKY, VERMILLION, unit
-from ..text.table import short
-from .scene import Arm, animation_page, choose_frames
+from ..text.verdict import Deed, Verdict, verdict
+from .scene import Arm, Broken, Frames, animation_page, choose_frames
 
 if TYPE_CHECKING:
     from ...motion import Motion
@@ -111,7 +112,7 @@ def tracks_page(
     *,
     paths: Sequence[Array] | None = None,
     name: str = "motion",
-    words: str | None = None,
+    summary: Verdict | None = None,
     seconds: float = 4.0,
 ) -> str:
     """Make the page of some motions, side by side.
@@ -126,50 +127,76 @@ def tracks_page(
         The paths to draw, m; by default what the first motion's frames do in its first cycle.
     name
         Of the path.
-    words
-        The caption's last line; by default each motion's last drift.
+    summary
+        The verdict on them; by default that of these motions, the last beside the first.
     seconds
         Time of a cycle at normal speed.
     """
-    from ...robot.visuals import Visuals
-
     sizes = {(track.cycles, len(track.Q)) for track in tracks}
     if len(sizes) != 1:
         raise InputError("motions can be shown side by side only if all have as many cycles and steps")
     ((cycles, samples),) = sizes
     visuals, frames = Visuals.of(limbs[0].task.robot), choose_frames(samples, cycles)
-    arms = []
-    elbows = tuple(limb.task.joint_names[limb.elbow] for limb in limbs)
-    for track in tracks:
-        rows = track.Q[frames.index]
-        ways = [_ways(limb, rows) for limb in limbs]
-        tip, elbow = (np.stack(points, axis=1) for points in zip(*ways, strict=True))  # (T, K, 3)
-        placements = visuals.placements(rows)
-        arms.append(
-            Arm(
-                track.label,
-                visuals.shapes,
-                placements,
-                tip,
-                elbow,
-                track.drift,
-                track.color,
-                unit=track.unit,
-                elbows=elbows,
-            )
-        )
+    arms = [_arm(limbs, track, visuals, frames) for track in tracks]
     lines = list(arms[0].tip[: frames.per_cycle].swapaxes(0, 1)) if paths is None else list(paths)
-    drifts = "; ".join(
-        f"{t.label}: the joints are off by {short(t.drift[-1])} {t.unit} after {cycles} cycles" for t in tracks
-    )
     return animation_page(
         arms,
         lines,
         seconds=seconds,
         title=f"{limbs[0].task.robot.name}: {name}",
-        caption="\n".join([*(_limb_words(limb.task) for limb in limbs), drifts if words is None else words]),
+        caption="\n".join(_limb_words(limb.task) for limb in limbs),
         planar=_is_planar(limbs, [track.Q[0] for track in tracks], lines),
         frames=frames,
+        verdict=summary or verdict([_deed(limbs, track) for track in tracks], cycles),
+    )
+
+
+def _arm(limbs: Sequence[Limb], track: Track, visuals: Visuals, frames: Frames) -> Arm:
+    """What of a motion goes onto the page."""
+    robot, rows = limbs[0].task.robot, track.Q[frames.index]
+    tip, elbow = (np.stack(points, axis=1) for points in zip(*(_ways(limb, rows) for limb in limbs), strict=True))
+    found, broken = _violation(limbs, track), None
+    if found is not None:
+        at, task, joint = found
+        origin = np.array([task.joint_origins(task.part(q))[joint] for q in rows])
+        broken = Broken(task.robot_joints[joint], at, min(int(at) + 1, track.cycles), origin)
+    return Arm(
+        track.label,
+        visuals.shapes,
+        visuals.placements(rows),
+        tip,
+        elbow,
+        rows,
+        track.drift,
+        track.color,
+        unit=track.unit,
+        joint_names=robot.joint_names,
+        limits=np.stack([robot.lower, robot.upper]),
+        broken=broken,
+    )
+
+
+def _violation(limbs: Sequence[Limb], track: Track) -> tuple[float, Task, int] | None:
+    """The first time that a joint of a limb leaves its limits: cycle in fractions, whose task, which joint."""
+    robot, found = limbs[0].task.robot, []
+    outside = np.minimum(track.Q - robot.lower, robot.upper - track.Q) < -1e-9  # (T + 1, nq)
+    for limb in limbs:
+        own = outside[:, [robot.joint_names.index(name) for name in limb.task.robot_joints]]
+        if own.any():
+            row = int(np.argmax(own.any(axis=1)))
+            found.append((row * track.cycles / (len(track.Q) - 1), limb.task, int(np.argmax(own[row]))))
+    return min(found, key=lambda one: one[0], default=None)
+
+
+def _deed(limbs: Sequence[Limb], track: Track) -> Deed:
+    """What the verdict speaks of; of several limbs, the elbow that creeps most."""
+    ends = [_ways(limb, track.Q[[0, -1]])[1] for limb in limbs]
+    steps, found = (len(track.Q) - 1) // track.cycles, _violation(limbs, track)
+    return Deed(
+        track.label,
+        max(float(np.linalg.norm(b - a)) for a, b in ends),
+        float(np.sqrt(np.mean(np.sum(np.diff(track.Q[: steps + 1], axis=0) ** 2, axis=1)))),
+        None if found is None else (min(int(found[0]) + 1, track.cycles), found[1].robot_joints[found[2]]),
     )
 
 

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from ...errors import InputError
 from ..plots.motions import VERMILLION
+from ..text.verdict import NO_VERDICT, Verdict
 from .html import page
 from .meshes import Key, key, lifted, record
 
@@ -41,6 +42,16 @@ class Frames:
 
 
 @dataclass(frozen=True)
+class Broken:
+    """A joint that leaves its limits: which, when (in cycles), in which cycle, and where it is: (T, 3), m."""
+
+    joint: str
+    at: float
+    cycle: int
+    origin: Array
+
+
+@dataclass(frozen=True)
 class Arm:
     """One arm of the page.
 
@@ -54,16 +65,20 @@ class Arm:
         Where each shape stands: rigid, unscaled.
     tip, elbow : (T, 3) or (T, K, 3) arrays
         Points that leave a trace, m: of one limb, or of K limbs.
+    q : (T, n) array
+        Configurations, whose distance from cycle 1 is the drift.
     cycle_drift : (cycles,) array
         ‖q − q₀‖ after each cycle of the whole motion, rad.
     color : str
         Of its label and traces, ``#RRGGBB``.
-    offset : (3,) or None
-        Where this copy stands, m; None: beside its neighbour, as seen by the camera.
     unit : str
         Of the drift.
-    elbows : tuple of str
-        Names of the joints at the elbows; () leaves them without names.
+    joint_names : tuple of str
+        Of q; () numbers them.
+    limits : (2, n) array or None
+        Least and largest q; infinite where there is none.
+    broken : Broken or None
+        The joint that leaves its limits first.
     """
 
     label: str
@@ -71,17 +86,19 @@ class Arm:
     placements: Array
     tip: Array
     elbow: Array
+    q: Array
     cycle_drift: Array
     color: str = VERMILLION
-    offset: tuple[float, float, float] | None = None
     unit: str = "rad"
-    elbows: tuple[str, ...] = ()
+    joint_names: tuple[str, ...] = ()
+    limits: Array | None = None
+    broken: Broken | None = None
 
 
 def choose_frames(samples: int, cycles: int, *, per_cycle: int = 61, shown: int = 24) -> Frames:
     """Choose what to show of a motion of ``samples`` = cycles · steps + 1 configurations.
 
-    Of many cycles, all the early ones and ever sparser later ones are shown, and the last.
+    Of many cycles, the first, and back from the last every so many.
 
     Parameters
     ----------
@@ -95,10 +112,8 @@ def choose_frames(samples: int, cycles: int, *, per_cycle: int = 61, shown: int 
     steps, rest = divmod(samples - 1, cycles)
     if rest or steps < 1:
         raise InputError(f"{samples} samples are not {cycles} cycles of equal steps and a start")
-    numbers = np.arange(1, cycles + 1)
-    if cycles > shown:
-        early = shown // 2
-        numbers = np.unique(np.r_[1 : early + 1, np.round(np.geomspace(early + 1, cycles, shown - early))].astype(int))
+    stride = -(-(cycles - 1) // (shown - 1)) or 1
+    numbers = np.unique(np.r_[1, np.arange(cycles, 0, -stride)])
     inside = np.round(np.linspace(0, steps, min(per_cycle, steps + 1))).astype(int)  # (F,)
     index = ((numbers - 1)[:, None] * steps + inside).ravel()
     return Frames(index, tuple(numbers.tolist()), len(inside))
@@ -113,8 +128,9 @@ def animation_page(
     caption: str,
     planar: bool = False,
     frames: Frames | None = None,
+    verdict: Verdict = NO_VERDICT,
 ) -> str:
-    """Write one self-contained HTML page: arms side by side, moving through their cycles, looping.
+    """Write one self-contained HTML page: a pane an arm, moving through their cycles, looping.
 
     Parameters
     ----------
@@ -131,6 +147,8 @@ def animation_page(
     frames
         What :func:`choose_frames` gave, if the arms hold only those samples. None: they hold all samples
         of all cycles, and the page chooses.
+    verdict
+        What stands above it all.
 
     Returns
     -------
@@ -142,7 +160,8 @@ def animation_page(
     rows = slice(None) if frames else chosen.index
     commands, library, problems = record(shape for arm in arms for shape in arm.shapes)
     parts: list[Array] = []
-    described = [_describe(arm, rows, chosen, library, parts) for arm in arms]
+    pair = _liveliest([np.asarray(arm.q, float)[rows] for arm in arms], chosen)
+    described = [_describe(arm, rows, chosen, library, pair, parts) for arm in arms]
     lines = [np.asarray(path, float) for path in paths]
     odd = next((line.shape for line in lines if line.ndim != 2 or line.shape[1] != 3), None)
     if odd is not None:
@@ -156,17 +175,52 @@ def animation_page(
         "perCycle": chosen.per_cycle,
         "paths": [len(line) for line in lines],
         "problems": problems,
+        "pair": None if pair is None else _pair(arms[0], pair),
         "arms": described,
     }
     motion = np.concatenate([p.ravel() for p in [*parts, *lines]]).astype("<f4").tobytes()
-    return page(scene, commands, motion, title=title)
+    return page(scene, commands, motion, verdict)
+
+
+def _from_first(q: Array, frames: Frames) -> Array:
+    """How far every joint is off where it was in cycle 1, at the same part of the cycle: (T, n)."""
+    cycles = q.reshape(len(frames.cycles), frames.per_cycle, -1)
+    return (cycles - cycles[0]).reshape(q.shape)
+
+
+def _liveliest(every: Sequence[Array], frames: Frames) -> tuple[int, int] | None:
+    """Choose the two joints that creep most, or move most where none creeps; None where there are not two."""
+    if min(q.shape[-1] for q in every) < 2 or any(q.shape != (len(frames.index), every[0].shape[-1]) for q in every):
+        return None
+    most = np.max([np.abs(_from_first(q, frames)).max(axis=0) for q in every], axis=0)
+    if most.max() < 1e-4:
+        most = np.max([np.ptp(q, axis=0) for q in every], axis=0)
+    i, j = sorted(np.argsort(-most, kind="stable")[:2].tolist())
+    return i, j
+
+
+def _pair(arm: Arm, pair: tuple[int, int]) -> dict[str, Any]:
+    """The names and the limits of two joints."""
+    ends = np.full((2, max(pair) + 1), np.nan) if arm.limits is None else np.asarray(arm.limits, float)
+    return {
+        "names": [arm.joint_names[k] if arm.joint_names else f"joint {k + 1}" for k in pair],
+        "limits": [[float(v) if np.isfinite(v) else None for v in ends[:, k]] for k in pair],
+    }
 
 
 def _describe(
-    arm: Arm, rows: slice | NDArray[np.intp], frames: Frames, library: dict[Key, int], parts: list[Array]
+    arm: Arm,
+    rows: slice | NDArray[np.intp],
+    frames: Frames,
+    library: dict[Key, int],
+    pair: tuple[int, int] | None,
+    parts: list[Array],
 ) -> dict[str, Any]:
-    """Describe an arm in plain types; what moves goes to ``parts``: bodies (T, M, 7), tips, elbows (T, K, 3)."""
-    placements, tip, elbow = (np.asarray(a, float)[rows] for a in (arm.placements, arm.tip, arm.elbow))
+    """Describe an arm in plain types; what moves goes to ``parts``.
+
+    Bodies (T, M, 7), tips and elbows (T, K, 3), distance from cycle 1 (T,), two joints (T, 2), the broken joint (T, 3).
+    """
+    placements, tip, elbow, q = (np.asarray(a, float)[rows] for a in (arm.placements, arm.tip, arm.elbow, arm.q))
     tip, elbow = (a[:, None] if a.ndim == 2 else a for a in (tip, elbow))
     drift = np.asarray(arm.cycle_drift, float)
     T, S, K = len(frames.index), len(arm.shapes), tip.shape[1]
@@ -174,6 +228,7 @@ def _describe(
         "placements": (placements, (T, S, 4, 4)),
         "tip": (tip, (T, K, 3)),
         "elbow": (elbow, (T, K, 3)),
+        "q": (q, (T, q.shape[-1])),
         "cycle_drift": (drift, (max(frames.cycles[-1], len(drift)),)),
     }
     for name, (array, size) in wanted.items():
@@ -184,7 +239,9 @@ def _describe(
     # to 0.1 µm, so that a pose that returns is the same number again
     poses = np.round(poses_of(placements), 7)  # (T, S, 7)
     moving = np.ptp(placements, axis=0).reshape(S, -1).max(axis=1, initial=0.0) > 1e-12
-    parts += [poses[:, moving], tip, elbow]
+    parts += [poses[:, moving], tip, elbow, np.linalg.norm(_from_first(q, frames), axis=1)]
+    parts += [] if pair is None else [q[:, pair]]
+    parts += [] if arm.broken is None else [np.asarray(arm.broken.origin, float)[rows]]
     shapes = []
     for k, shape in enumerate(arm.shapes):
         shapes.append(
@@ -200,10 +257,12 @@ def _describe(
         "label": arm.label,
         "color": arm.color,
         "unit": arm.unit,
-        "offset": None if arm.offset is None else [float(v) for v in arm.offset],
         "drift": drift.tolist(),
         "limbs": K,
-        "elbows": list(arm.elbows),
+        "pair": pair is not None,
+        "broken": None
+        if arm.broken is None
+        else {"joint": arm.broken.joint, "at": float(arm.broken.at), "cycle": arm.broken.cycle},
         "shapes": shapes,
     }
 

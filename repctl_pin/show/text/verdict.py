@@ -54,6 +54,9 @@ class Verdict:
     tiles: tuple[Tile, ...]
 
 
+NO_VERDICT = Verdict("", ())
+
+
 def deed_of(label: str, motion: Motion, elbow: int) -> Deed:
     """Take from a motion what the verdict speaks of.
 
@@ -113,6 +116,6 @@ def study_verdict(study: Study) -> Verdict:
     stuck = [f"{row.label} is stuck: {row.stopped}." for row in rows if row.motion is None]
     moved = [(row.label, row.motion) for row in rows if row.motion is not None]
     if not moved:
-        return Verdict(" ".join(stuck), ())
+        return Verdict(" ".join(stuck), NO_VERDICT.tiles)
     told = verdict([deed_of(label, motion, study.elbow) for label, motion in moved], moved[0][1].cycles)
     return Verdict(" ".join([*stuck, told.sentence]), told.tiles)

@@ -2,7 +2,7 @@
 
 const SIDES = 6;
 
-class Trace {
+export class Trace {
   // cycles: arrays of points, one a cycle; shade(c, p): a colour
   constructor(parent, cycles, radius, shade) {
     const T = MeshCat.THREE, position = [], color = [], index = [];
@@ -51,13 +51,13 @@ class Trace {
   }
 }
 
-class Marker {
-  constructor(parent, radius, color) {
+export class Marker {
+  constructor(parent, radius, color, opacity = 1) {
     const T = MeshCat.THREE;
     this.node = new T.Group();
     const ball = new T.SphereGeometry(radius, 20, 14);
-    const plain = new T.MeshLambertMaterial({ color, emissive: color, emissiveIntensity: 0.35 });
-    const through = new T.MeshBasicMaterial({ color, transparent: true, opacity: 0.6, depthFunc: T.GreaterDepth, depthWrite: false });
+    const plain = new T.MeshLambertMaterial({ color, emissive: color, emissiveIntensity: 0.35, opacity, transparent: opacity < 1 });
+    const through = new T.MeshBasicMaterial({ color, transparent: true, opacity: 0.6 * opacity, depthFunc: T.GreaterDepth, depthWrite: false });
     for (const material of [plain, through]) {
       const mesh = new T.Mesh(ball, material);
       mesh.renderOrder = material === through ? 6 : 1;
@@ -68,7 +68,7 @@ class Marker {
 }
 
 // The colour grows from pale to full with the drift, where there is any; an arm that does not drift has one colour.
-function driftShade(arm, scene) {
+export function driftShade(arm, scene) {
   const T = MeshCat.THREE, full = new T.Color(arm.color), pale = full.clone().lerp(new T.Color(1, 1, 1), 0.62);
   const largest = Math.max(...scene.arms.flatMap((a) => a.drift)), mine = Math.max(...arm.drift);
   return (c, p) => {

@@ -1,0 +1,164 @@
+// One arm: its bodies, where they stand at each frame, and its ghost, which is where it stood in cycle 1.
+
+import { tone } from "./dom.js";
+
+export const FULL = 0.1; // m off its place, where a body's colour is full
+
+export class ArmView {
+  constructor(viewer, data, motion, start, frames, perCycle) {
+    const T = MeshCat.THREE;
+    Object.assign(this, { data, motion, frames, perCycle, limbs: data.limbs, rows: [], moving: [], still: [], meshes: [] });
+    this.group = new T.Group();
+    this.group.name = data.label;
+    for (const shape of data.shapes) {
+      const body = shape.body === null ? {} : viewer.scene_tree.find(["library", String(shape.body), "<object>"]).object;
+      if (!body.isMesh) { if (!shape.pose) this.rows.push(null); continue; } // it could not be read
+      const mesh = new T.Mesh(body.geometry, shape.color === null ? copied(body.material) : paint(shape.color));
+      mesh.quaternion.copy(body.quaternion);
+      mesh.scale.fromArray(shape.scale); // its own node: the placement above it stays rigid
+      mesh.castShadow = mesh.receiveShadow = true;
+      mesh.geometry.computeBoundingBox();
+      mesh.plain = mesh.material;
+      mesh.grey = paint([1, 1, 1, 1]);
+      const place = new T.Group();
+      place.name = shape.name;
+      place.add(mesh);
+      this.group.add(place);
+      this.meshes.push(mesh);
+      if (shape.pose) { setPose(place, shape.pose, 0); this.still.push(place); } else { this.moving.push(place); this.rows.push(place); }
+    }
+    // where in the motion each series of numbers is
+    this.stride = this.rows.length * 7;
+    let at = start;
+    for (const [name, width] of [["body", this.stride], ["tip", 3 * this.limbs], ["elbow", 3 * this.limbs], ["wander", 1], ["pair", data.pair ? 2 : 0], ["mark", data.broken ? 3 : 0]]) {
+      this[name + "Start"] = at;
+      at += frames * width;
+    }
+    this.end = at;
+    this.corners = this.moving.map((place) => boxCorners(place, place, []));
+    this.makeGhost();
+    viewer.scene.add(this.group);
+  }
+
+  // Stand as at frame i, a part f on the way to frame i + 1.
+  pose(i, f, rows = this.rows) {
+    const next = f > 0 ? i + 1 : i;
+    for (let k = 0; k < rows.length; k++)
+      if (rows[k]) setPose(rows[k], this.motion, this.bodyStart + i * this.stride + 7 * k, this.bodyStart + next * this.stride + 7 * k, f);
+  }
+
+  // Stand as at this part of a shown cycle, and the ghost as at the same part of cycle 1; a cycle's end is the start.
+  stand(cycle, part) {
+    const F = this.perCycle, row = Math.min(part * (F - 1), F - 1), i = Math.min(Math.floor(row + 1e-9), F - 1), f = Math.max(0, row - i);
+    this.now = { frame: cycle * F + i, first: part >= 1 ? 0 : i, f };
+    this.pose(this.now.frame, f);
+    this.pose(this.now.first, f, this.ghosts);
+  }
+
+  // How far the joints are off where they were in cycle 1, at the same part of the cycle.
+  wander(number) {
+    const { frame, first, f } = this.now, a = this.wanderStart + frame, m = this.motion;
+    return first === 0 && f === 0 ? (number ? this.data.drift[number - 1] : 0) : m[a] + f * ((f > 0 ? m[a + 1] : m[a]) - m[a]);
+  }
+
+  // The two liveliest joints at frame i.
+  pair(i) { return [this.motion[this.pairStart + 2 * i], this.motion[this.pairStart + 2 * i + 1]]; }
+
+  // Where the joint is that breaks its limit, now.
+  mark(out) { return out.fromArray(this.motion, this.markStart + 3 * this.now.frame); }
+
+  // Where a limb's tip or elbow is at frame i, a part f on the way to the next.
+  point(which, limb, i, f = 0, out = new MeshCat.THREE.Vector3()) {
+    const a = this[which + "Start"] + 3 * (this.limbs * i + limb), b = a + (f > 0 ? 3 * this.limbs : 0), m = this.motion;
+    return out.set(m[a] + f * (m[b] - m[a]), m[a + 1] + f * (m[b + 1] - m[a + 1]), m[a + 2] + f * (m[b + 2] - m[a + 2]));
+  }
+
+  // A see-through copy of the moving bodies. It stands behind what it coincides with, and is then not seen.
+  makeGhost() {
+    const T = MeshCat.THREE, shared = { transparent: true, polygonOffset: true, polygonOffsetFactor: 2, polygonOffsetUnits: 256 };
+    const veil = new T.MeshBasicMaterial({ ...shared, colorWrite: false, depthWrite: true });
+    const tint = new T.MeshLambertMaterial({ ...shared, opacity: 0.34, depthWrite: false });
+    this.tint = tint;
+    this.ghost = new T.Group();
+    this.ghosts = this.rows.map((place) => {
+      if (!place) return null;
+      const copy = new T.Group();
+      for (const mesh of place.children)
+        [veil, tint].forEach((material, order) => {
+          const pale = mesh.clone();
+          Object.assign(pale, { material, castShadow: false, receiveShadow: false, renderOrder: 2 + order });
+          copy.add(pale);
+        });
+      this.ghost.add(copy);
+      return copy;
+    });
+    this.group.add(this.ghost);
+  }
+
+  // Corners of the bodies: those that move, over the motion, and those that do not.
+  reach() {
+    const moving = [], still = [], step = Math.max(1, Math.floor(this.frames / 36));
+    for (let i = 0; i < this.frames; i += step) { this.pose(i, 0); this.moving.forEach((p) => boxCorners(p, this.group, moving)); }
+    this.still.forEach((p) => boxCorners(p, this.group, still));
+    for (let k = 0; k < this.limbs; k++)
+      for (let i = 0; i < this.frames; i += step) moving.push(this.point("tip", k, i), this.point("elbow", k, i));
+    return { moving, still };
+  }
+
+  // How far body k is off where it was in cycle 1, m: the way of its farthest corner.
+  drift(k) {
+    const T = MeshCat.THREE, p = new T.Vector3(), q = new T.Vector3(), here = this.moving[k], there = this.ghosts[this.rows.indexOf(here)];
+    for (const place of [here, there]) place.updateMatrix();
+    return this.corners[k].reduce((most, c) => Math.max(most, p.copy(c).applyMatrix4(here.matrix).distanceTo(q.copy(c).applyMatrix4(there.matrix))), 0);
+  }
+
+  // Grey, and the drift's colour as far as a body is off; or else the robot's own colours.
+  showDrift(on) {
+    const T = MeshCat.THREE, grey = new T.Color(tone("--body")), full = new T.Color(tone("--drift"));
+    this.tint.color.set(tone("--ghost"));
+    for (const place of [...this.moving, ...this.still])
+      for (const mesh of place.children) {
+        mesh.material = on ? mesh.grey : mesh.plain;
+        mesh.grey.color.copy(grey);
+      }
+    if (on)
+      this.moving.forEach((place, k) => {
+        const share = Math.min(1, this.drift(k) / FULL);
+        for (const mesh of place.children) mesh.grey.color.copy(grey).lerp(full, share);
+      });
+  }
+}
+
+function setPose(node, m, a, b = a, f = 0) {
+  node.position.set(m[a] + f * (m[b] - m[a]), m[a + 1] + f * (m[b + 1] - m[a + 1]), m[a + 2] + f * (m[b + 2] - m[a + 2]));
+  const q = [3, 4, 5, 6].map((k) => m[a + k] + f * (m[b + k] - m[a + k]));
+  node.quaternion.set(...q).normalize();
+}
+
+function paint([r, g, b, a]) {
+  const T = MeshCat.THREE;
+  return new T.MeshPhongMaterial({ color: new T.Color(r, g, b), specular: 0x1c1c1c, shininess: 28, side: T.DoubleSide, opacity: a, transparent: a < 1 });
+}
+
+function copied(material) {
+  const own = (one) => { const copy = one.clone(); copy.side = MeshCat.THREE.DoubleSide; return copy; };
+  return Array.isArray(material) ? material.map(own) : own(material);
+}
+
+// Corners of the bodies of a place, as seen from a group that it stands in, or from itself.
+function boxCorners(place, group, out) {
+  const T = MeshCat.THREE;
+  group.updateMatrixWorld(true);
+  const inverse = new T.Matrix4().copy(group.matrixWorld).invert();
+  for (const mesh of place.children) {
+    const { min, max } = mesh.geometry.boundingBox;
+    if (min.x > max.x) continue;
+    const M = new T.Matrix4().multiplyMatrices(inverse, mesh.matrixWorld);
+    for (const corner of cornersOf({ min, max })) out.push(corner.applyMatrix4(M));
+  }
+  return out;
+}
+
+export function cornersOf({ min, max }) {
+  return Array.from({ length: 8 }, (_, k) => new MeshCat.THREE.Vector3(k & 1 ? max.x : min.x, k & 2 ? max.y : min.y, k & 4 ? max.z : min.z));
+}

@@ -1,0 +1,45 @@
+// Time, in shown cycles: running, or once per cycle, when the hand stands still and the elbow walks.
+// It opens on the end for two seconds, goes through the cycles' ends once, and then runs.
+
+const END = 2, HOLD = 1.4; // s
+
+export class Clock {
+  constructor(cycles, seconds, changed) {
+    Object.assign(this, { cycles, seconds, changed, time: cycles, playing: false, stepping: false, opening: false, speed: 1, rest: 0 });
+  }
+
+  open() { Object.assign(this, { opening: true, stepping: true, playing: true }); this.changed(); }
+
+  // A hand is on it: the opening is over.
+  hold() { if (this.opening) Object.assign(this, { opening: false, stepping: false }); }
+
+  seek(time) { this.time = Math.min(Math.max(Number(time) || 0, 0), this.cycles); this.rest = 0; this.changed(); }
+
+  play(on) {
+    if (!on) this.hold();
+    this.playing = on;
+    this.changed();
+  }
+
+  step(on) {
+    Object.assign(this, { opening: false, stepping: on });
+    if (on) this.time = Math.round(this.time);
+    this.seek(this.time);
+  }
+
+  // Let this many seconds pass, however few pictures are drawn of them.
+  pass(seconds) {
+    if (!this.playing) return;
+    if (this.time >= this.cycles) {
+      this.rest += seconds;
+      if (this.rest < (this.opening ? END : HOLD)) return;
+      if (this.opening && this.opened) Object.assign(this, { opening: false, stepping: false });
+      this.opened = true;
+      this.seek(0);
+    } else if (this.stepping) {
+      this.rest += seconds * this.speed;
+      const hold = Math.min(Math.max(4 / this.cycles, 0.2), 0.5), count = Math.floor(this.rest / hold), left = this.rest - count * hold;
+      if (count) { this.seek(Math.floor(this.time) + count); this.rest = left; }
+    } else this.seek(this.time + (this.speed * seconds) / this.seconds);
+  }
+}

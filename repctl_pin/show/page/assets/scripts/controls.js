@@ -1,0 +1,41 @@
+// Hands: buttons, the slider, and keys, which work wherever the focus is.
+
+import { byId, element } from "./dom.js";
+
+// Gives a function that makes them say where time is: `done` cycles finished, and the part of the next.
+export function connect(clock, view, last) {
+  byId("scrub").max = clock.cycles;
+  if (clock.cycles > 1) for (let c = 0; c <= clock.cycles; c++) byId("ticks").append(element("i", { style: `left: ${(100 * c) / clock.cycles}%` }));
+  const seek = (time) => { clock.play(false); clock.seek(time); };
+  byId("play").addEventListener("click", () => clock.play(!clock.playing));
+  byId("scrub").addEventListener("input", (event) => seek(event.target.value));
+  byId("speed").addEventListener("change", (event) => { clock.speed = Number(event.target.value); event.target.blur(); });
+  byId("running").addEventListener("click", () => { clock.step(false); clock.play(true); });
+  byId("stepping").addEventListener("click", () => { clock.step(true); clock.play(true); });
+  byId("view").addEventListener("click", view.reset);
+  for (const name of ["traces", "ghost", "drift"]) byId(`show-${name}`).addEventListener("change", (event) => view.set(name, event.target.checked));
+  // what a pointer has pressed does not keep the keys
+  document.addEventListener("pointerup", (event) => { if (event.target.closest("footer button, footer label.switch, #scrub")) setTimeout(() => document.activeElement.blur()); });
+  document.addEventListener("keydown", (event) => {
+    const { target, key } = event;
+    if (event.ctrlKey || event.metaKey || event.altKey || target.closest("select")) return;
+    if (key === " " && target.closest("button, input[type=checkbox]")) return; // it is what presses them
+    const turns = { ArrowLeft: [-0.1, 0], ArrowRight: [0.1, 0], ArrowUp: [0, -0.1], ArrowDown: [0, 0.1] }, hop = clock.stepping ? 1 : 1 / 60;
+    const does = event.shiftKey && turns[key] ? () => view.turn(...turns[key])
+      : { " ": () => clock.play(!clock.playing), ArrowRight: () => seek(clock.time + hop), ArrowLeft: () => seek(clock.time - hop),
+        PageDown: () => seek(Math.floor(clock.time + 1)), PageUp: () => seek(Math.ceil(clock.time - 1)), Home: () => seek(0), End: () => seek(clock.cycles),
+        "+": () => view.turn(0, 0, 1.1), "-": () => view.turn(0, 0, 1 / 1.1) }[key];
+    if (does) { event.preventDefault(); does(); }
+  });
+
+  return (done, part) => {
+    const inside = part > 0 && part < 1, words = inside ? `cycle ${done + 1} of ${last}` : done ? `after ${done} of ${last}` : "start";
+    document.body.classList.toggle("playing", clock.playing);
+    byId("play").setAttribute("aria-label", clock.playing ? "Pause" : "Play");
+    byId("running").setAttribute("aria-pressed", String(!clock.stepping));
+    byId("stepping").setAttribute("aria-pressed", String(clock.stepping));
+    byId("clock").textContent = words;
+    byId("scrub").value = clock.time;
+    byId("scrub").setAttribute("aria-valuetext", inside ? `${words}, ${Math.round(100 * part)} %` : done ? `${words} cycles` : words);
+  };
+}

@@ -1,0 +1,95 @@
+// The one camera of all panes: where it looks from, and how far away it stands.
+
+export class Eye {
+  // `towards`: from what is looked at to the camera, robot axes (z up); `flat`: without perspective, as a drawing
+  constructor(viewer, towards, flat) {
+    const T = MeshCat.THREE;
+    this.viewer = viewer;
+    this.out = towards.clone().normalize();
+    this.right = new T.Vector3(0, 0, 1).cross(this.out).normalize();
+    this.up = new T.Vector3().crossVectors(this.out, this.right);
+    if (flat) {
+      const camera = new T.OrthographicCamera(-1, 1, 1, -1, 0.01, 100);
+      viewer.controls.dispose();
+      viewer.set_camera(camera);
+      viewer.set_object(["Cameras", "default", "rotated"], camera);
+    } else viewer.camera.fov = 16;
+    viewer.controls.addEventListener("start", () => { this.touched = true; });
+  }
+
+  span(points, axis) {
+    const along = points.map((p) => p.dot(this[axis]));
+    return [along.reduce((a, b) => Math.min(a, b), Infinity), along.reduce((a, b) => Math.max(a, b), -Infinity)];
+  }
+
+  // Go where all points are in a pane of this size, with room for its label above and the notes below.
+  fit(points, { width, height, label }) {
+    const { camera, controls } = this.viewer, T = MeshCat.THREE;
+    const free = { x: 0.92, top: 1 - Math.min(0.35, (2 * label) / height), bottom: 1 - Math.min(0.25, (1.6 * label) / height) };
+    const world = (v) => new T.Vector3(v.x, v.z, -v.y); // three's y is up
+    const center = new T.Vector3();
+    let distance;
+    if (camera.isOrthographicCamera) {
+      const [left, right] = this.span(points, "right"), [low, high] = this.span(points, "up"), depth = this.span(points, "out");
+      const half = Math.max((high - low) / (free.top + free.bottom), (right - left) / (2 * free.x * (width / height))) || 1;
+      Object.assign(camera, { top: half, bottom: -half, zoom: 1 });
+      center.addScaledVector(this.right, (left + right) / 2).addScaledVector(this.out, (depth[0] + depth[1]) / 2);
+      center.addScaledVector(this.up, (low + high - half * (free.top - free.bottom)) / 2);
+      distance = 4 * half + depth[1] - depth[0];
+    } else {
+      const tall = Math.tan((camera.fov * Math.PI) / 360), wide = (tall * width) / height;
+      for (const p of points) center.addScaledVector(p, 1 / points.length);
+      for (let round = 0; round < 12; round++) {
+        distance = 0.01;
+        for (const p of points) {
+          const v = p.clone().sub(center), y = v.dot(this.up);
+          distance = Math.max(distance, v.dot(this.out) + Math.max(Math.abs(v.dot(this.right)) / (wide * free.x), y / (tall * free.top), -y / (tall * free.bottom)));
+        }
+        const spread = { right: [Infinity, -Infinity], up: [Infinity, -Infinity] };
+        for (const p of points) {
+          const v = p.clone().sub(center), depth = distance - v.dot(this.out);
+          for (const axis of ["right", "up"]) {
+            const at = v.dot(this[axis]) / depth;
+            spread[axis] = [Math.min(spread[axis][0], at), Math.max(spread[axis][1], at)];
+          }
+        }
+        center.addScaledVector(this.right, (distance * (spread.right[0] + spread.right[1])) / 2);
+        center.addScaledVector(this.up, distance * ((spread.up[0] * free.top + spread.up[1] * free.bottom) / (free.top + free.bottom)));
+      }
+    }
+    Object.assign(camera, { near: distance / 100, far: distance * 20 });
+    camera.position.copy(world(center.clone().addScaledVector(this.out, distance)));
+    controls.target.copy(world(center));
+    this.aspect(width / height);
+    controls.update();
+    this.viewer.set_dirty();
+  }
+
+  aspect(ratio) {
+    const { camera } = this.viewer;
+    if (camera.isOrthographicCamera) Object.assign(camera, { left: camera.bottom * ratio, right: camera.top * ratio });
+    else camera.aspect = ratio;
+    camera.updateProjectionMatrix();
+  }
+
+  // Go round by these angles, and nearer by this factor.
+  turn(across, upward, nearer = 1) {
+    const T = MeshCat.THREE, { camera, controls } = this.viewer;
+    const way = new T.Spherical().setFromVector3(camera.position.clone().sub(controls.target));
+    way.theta -= across;
+    way.phi -= upward;
+    if (camera.isOrthographicCamera) camera.zoom *= nearer; else way.radius /= nearer;
+    camera.position.setFromSpherical(way.makeSafe()).add(controls.target);
+    this.touched = true;
+    this.viewer.set_dirty();
+  }
+}
+
+// Look at the arm from the front, from the side on which it works, a little from above.
+export function towards(tip, whole) {
+  const middle = whole.getCenter(new MeshCat.THREE.Vector3()), reach = { x: tip.x - middle.x, y: tip.y - middle.y };
+  const heading = Math.hypot(reach.x, reach.y) > 0.05 ? Math.atan2(reach.y, reach.x) : 0;
+  const turn = heading > 0.15 ? 0.75 : -0.75, rise = 0.33;
+  const azimuth = Math.abs(heading) > 1.2 ? heading + (heading > 0 ? -0.75 : 0.75) : turn;
+  return new MeshCat.THREE.Vector3(Math.cos(azimuth) * Math.cos(rise), Math.sin(azimuth) * Math.cos(rise), Math.sin(rise));
+}

@@ -1,0 +1,57 @@
+// One pane an arm, all drawn by one camera: turning one turns all.
+
+import { byId, element, tone } from "./dom.js";
+
+export class Panes {
+  // `ratio`: width to height of what a pane shows
+  constructor(viewer, eye, arms, ratio) {
+    Object.assign(this, { viewer, eye, arms, ratio });
+    this.frames = arms.map((arm) => {
+      arm.notice = element("span", { class: "past" });
+      return element("div", { class: "pane", style: `--arm: ${arm.data.color}` },
+        element("p", { class: "arm-label" }, element("span", { class: "chip" }), element("span", { class: "name" }, arm.data.label), arm.notice));
+    });
+    byId("panes").append(...this.frames);
+    viewer.render = () => this.render();
+    viewer.set_3d_pane_size = () => {};
+  }
+
+  // Give the stage as many columns as make the panes' pictures largest.
+  layout() {
+    const { clientWidth: width, clientHeight: height } = byId("panes"), count = this.arms.length;
+    const size = (columns) => Math.min(width / columns / this.ratio, height / Math.ceil(count / columns));
+    let best = count;
+    for (let columns = count; columns >= 1; columns--) if (size(columns) > 1.02 * size(best)) best = columns;
+    byId("panes").style.gridTemplateColumns = `repeat(${best}, minmax(0, 1fr))`;
+    this.viewer.renderer.setSize(width, height);
+    const { clientWidth, clientHeight } = this.frames[0];
+    this.size = { width: Math.max(clientWidth, 1), height: Math.max(clientHeight, 1), label: this.frames[0].firstChild.clientHeight * 1.5 };
+    this.eye.aspect(this.size.width / this.size.height);
+    this.colour();
+  }
+
+  colour() {
+    this.viewer.renderer.setClearColor(tone("--stage"), 1);
+    this.viewer.set_dirty();
+  }
+
+  // Where a pane is on the stage: left, top, width, height, in pixels.
+  place(k) {
+    const { offsetLeft: left, offsetTop: top, clientWidth: width, clientHeight: height } = this.frames[k];
+    return { left, top, width, height };
+  }
+
+  render() {
+    const { renderer, scene, camera, controls } = this.viewer, tall = byId("panes").clientHeight;
+    controls.update();
+    renderer.setScissorTest(true);
+    this.arms.forEach((arm, k) => {
+      const { left, top, width, height } = this.place(k), low = tall - top - height;
+      this.arms.forEach((other) => { other.group.visible = other === arm; });
+      renderer.setViewport(left, low, width, height);
+      renderer.setScissor(left, low, width, height);
+      renderer.render(scene, camera);
+    });
+    this.viewer.needs_render = false;
+  }
+}
