@@ -92,15 +92,21 @@ def errors(driver: Any) -> list[str]:
 
 def picture(driver: Any, cycles: float, *, traces: bool = False, ghost: bool = True) -> NDArray[np.int16]:
     """Take the scene's picture at a time, in cycles: (height, width, 3), 0 to 255; with what drift leaves, or not."""
-    from PIL import Image
-
-    url = driver.execute_script(
+    driver.execute_script(
         "const [time, left, ghost] = arguments; repctl.set('traces', left); repctl.set('drift', left);"
-        "repctl.set('ghost', ghost); repctl.seek(time); return repctl.picture()",
+        "repctl.set('ghost', ghost); repctl.seek(time)",
         cycles,
         traces,
         ghost,
     )
+    return picture_now(driver)
+
+
+def picture_now(driver: Any) -> NDArray[np.int16]:
+    """Take the scene's picture as it is."""
+    from PIL import Image
+
+    url = driver.execute_script("return repctl.picture()")
     image = Image.open(io.BytesIO(base64.b64decode(url.partition(",")[2])))
     return np.asarray(image.convert("RGB"), np.int16)
 

@@ -32,7 +32,12 @@ def axes():
 
 def test_drift_lines_hold_the_drift(motions) -> None:
     ax = drift_over_cycles(axes(), motions)
-    assert ax.get_yscale() == "log" and "(rad)" in ax.get_ylabel() and ax.get_xlabel() == "cycle"
+    assert ax.get_yscale() == "linear" and "(rad)" in ax.get_ylabel() and ax.get_xlabel() == "cycle"
+    said = {text.get_text() for text in ax.texts}
+    for label, motion, _ in motions:  # each line says its end, and what has come back is 0
+        end = f"{motion.drift[-1]:.3g} rad" if motion.drift[-1] > 1e-6 else f"0 ({motion.drift[-1]:.0e}"
+        assert any(text.startswith(f"{label}: {end.replace('e-0', 'e-')}") for text in said), (label, said)
+    assert drift_over_cycles(axes(), motions, log=True).get_yscale() == "log"
     for line, (label, motion, colour) in zip(ax.lines, motions, strict=True):
         assert line.get_label() == label and to_hex(line.get_color()) == colour.lower()
         np.testing.assert_array_equal(line.get_xdata(), [1, 2, 3])
@@ -130,7 +135,8 @@ def test_maps_hold_their_arrays(study: rp.Study) -> None:
     assert ax.figure.axes[1].get_ylabel() == "defect"
     holed = maps.defect.copy()
     holed[0, 0] = np.nan
-    ax = joint_map(axes(), study.task, (i, j), maps.design.x, maps.design.y, holed, label="", low_is_good=False)
+    ax = joint_map(axes(), study.task, (i, j), maps.design.x, maps.design.y, holed, label="", top=1.0)
+    assert ax.collections[0].get_clim() == (0.0, 1.0)
     assert np.ma.getmaskarray(ax.collections[0].get_array()).sum() == 1
 
 

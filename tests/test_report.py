@@ -22,6 +22,7 @@ from repctl_pin.show.report import report_page, versions
 from repctl_pin.show.study_files import study_page
 from repctl_pin.show.text import captions
 from repctl_pin.show.text.captions import amount, summary
+from repctl_pin.show.text.verdict import study_verdict
 from repctl_pin.studies.study_maps import study_maps
 
 COMMAND = "repctl study planar3r --cycles 2 --out 'my <folder>' --report"
@@ -49,7 +50,9 @@ def study() -> rp.Study:
 
 @pytest.fixture(scope="module")
 def page(study: rp.Study) -> str:
-    return report_page(study, maps=study_maps(study, points=9), options={"seed": 0, "frame": None}, command=COMMAND)
+    return report_page(
+        study, maps=study_maps(study, points=9), options={"seed": 0, "frame": None, "cycles": 2}, command=COMMAND
+    )
 
 
 def shortened(page: str) -> str:
@@ -83,7 +86,7 @@ def test_every_picture_has_words_and_is_a_picture(page: str) -> None:
 
 def test_it_asks_nothing_of_a_network(page: str, study: rp.Study) -> None:
     (frame,) = Tags(page).all("iframe")
-    assert frame["srcdoc"] == study_page(study)
+    assert frame["srcdoc"] == study_page(study).replace("<body>", '<body class="inside">')
     for tag, attributes in Tags(page).tags:
         for name in ("src", "href"):
             assert attributes.get(name, "data:").startswith("data:"), (tag, attributes)
@@ -95,9 +98,14 @@ def test_it_says_what_was_found_and_how_to_repeat_it(page: str, study: rp.Study)
     for sentence in summary(study):
         assert sentence in text
     plain, closed = study.row("pseudoinverse").motion, study.row("repeatable").motion
-    assert f"{plain.drift[-1]:.4f} rad after {plain.cycles} (the norm over all joints)" in summary(study)[1]
+    assert f"{plain.drift[-1]:.3g} rad after {plain.cycles} (the norm over all joints)" in summary(study)[1]
     assert amount(closed, -1) in summary(study)[2]
-    assert f"<code>{html.escape(COMMAND)}</code>" in page
+    assert f"<code>{COMMAND}</code>" in text
+    assert study_verdict(study).sentence in text
+    for tile in study_verdict(study).tiles:
+        assert f"<dt>{tile.name}</dt><dd>{tile.value}</dd>" in text
+    folded = text[text.index("<details>") :]  # what the command does not name
+    assert "<dt>seed</dt>" in folded and "<dt>cycles</dt><dd>2</dd>" in text[: text.index("<details>")]
     assert f"<dd>{', '.join(f'{v:.10g}' for v in study.q0)}</dd>" in text
     for name, number in versions().items():
         assert f"<dt>{name}</dt><dd>{number}</dd>" in text
@@ -138,7 +146,7 @@ def test_the_command_writes_it_for_ones_own_arm(
     assert written[-1] == "repctl-out/my_arm/report.html" and len(written) == 5
     text = html.unescape(Path(written[-1]).read_text(encoding="utf-8"))
     assert f"<code>repctl {' '.join(arguments)} --json</code>" in text
-    for option, value in (("cycles", "2"), ("steps", "60"), ("degree", "1"), ("period", "5.0"), ("seed", "0")):
+    for option, value in (("cycles", "2"), ("steps", "60"), ("degree", "1"), ("seed", "0")):
         assert f"<dt>{option}</dt><dd>{value}</dd>" in text
     assert hashlib.sha256(urdf.encode()).hexdigest() in text
     assert len(Tags(text).all("img")) >= 6

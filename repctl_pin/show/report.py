@@ -137,12 +137,12 @@ def _maps_figure(study: Study, maps: StudyMaps) -> Figure:
     rows = 2 if len(maps.degrees) > 1 else 1
     axes = list(figure.subplots(rows, 2 if rows == 2 else 3).ravel())
     mark = study.design.region.center[[i, j]]
-    for values, label, low in (
-        (maps.defect, "defect of J⁺ (0: repeatable)", True),
-        (grid.distance / grid.reference, "‖G − J⁺‖ / ‖J⁺‖", True),
-        (grid.leaf_margin, "leaf margin (0: singular)", False),
+    for values, label, top in (
+        (maps.defect, "defect of $J^+$ (0: repeatable)", None),
+        (grid.distance / grid.reference, r"distance $\|G_r - J^+\| / \|J^+\|$", None),
+        (grid.leaf_margin, "leaf margin (0: singular, 1: best)", 1.0),
     ):
-        joint_map(axes.pop(0), task, grid.joints, grid.x, grid.y, values, label=label, low_is_good=low, mark=mark)
+        joint_map(axes.pop(0), task, grid.joints, grid.x, grid.y, values, label=label, top=top, mark=mark)
     if axes:
         cost_against_degree(axes[0], maps.degrees, study.design.baselines).legend(frameon=False, fontsize=8.5)
     return figure

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...files import prepare_folder, write_whole
-from .motions import BLUE, GREEN, INK, ORANGE, axis_label, plain, png
+from .maps import joint_map
+from .motions import BLUE, GREEN, ORANGE, plain, png
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -58,21 +59,10 @@ def map_over_joints(ax: Axes, field: DesignMap, design: Design, what: str = "dis
     relative = what == "distance"
     with np.errstate(invalid="ignore"):
         values = field.distance / field.reference if relative else field.leaf_margin
-    shade = ax.pcolormesh(
-        field.x, field.y, values, cmap="viridis_r" if relative else "viridis", shading="gouraud", rasterized=True
-    )
-    if np.isfinite(values).all() and np.ptp(values) > 1e-9:
-        lines = ax.contour(field.x, field.y, values, levels=6, colors="white", linewidths=0.7, alpha=0.8)
-        ax.clabel(lines, fmt=lambda v: _percent(v) if relative else f"{v:.2f}", fontsize=7)
-    i, j = field.joints
-    ax.plot(*design.region.center[[i, j]], "+", color=INK, ms=9, mew=1.5)
-    ax.set_xlabel(axis_label(design.task, i))
-    ax.set_ylabel(axis_label(design.task, j))
-    bar = ax.figure.colorbar(shade, ax=ax, pad=0.02)
-    bar.ax.yaxis.set_major_formatter((lambda v, _: _percent(v)) if relative else (lambda v, _: f"{v:.3g}"))
-    bar.outline.set_visible(False)
-    ax.set_title("distance $\\|G_r - G_d\\| / \\|G_d\\|$" if relative else "leaf margin (0 is singular)", fontsize=10)
-    return ax
+    label = r"distance $\|G_r - G_d\| / \|G_d\|$" if relative else "leaf margin (0: singular, 1: best)"
+    mark = design.region.center[list(field.joints)]
+    top = None if relative else 1.0
+    return joint_map(ax, design.task, field.joints, field.x, field.y, values, label=label, top=top, mark=mark)
 
 
 def design_figure(
@@ -105,10 +95,6 @@ def write_design(
     figure = design_figure(design, field, degrees, title=title)
     prepare_folder(folder)
     return [write_whole(folder / "design.png", png(figure))]
-
-
-def _percent(share: float) -> str:
-    return f"{100 * share:.3g}%"
 
 
 def _plain_log_ticks(ax: Axes) -> None:

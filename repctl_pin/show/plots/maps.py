@@ -24,7 +24,7 @@ def joint_map(
     values: ArrayLike,
     *,
     label: str,
-    low_is_good: bool = True,
+    top: float | None = None,
     mark: ArrayLike | None = None,
 ) -> Axes:
     """Draw values over a grid of two joints, with level lines and a bar that says what they are.
@@ -43,8 +43,8 @@ def joint_map(
         Rows upward; nan where there is none, which stays blank.
     label
         What is drawn, and its unit.
-    low_is_good
-        True: small values are bright (a defect); False: large ones are (a leaf margin).
+    top
+        Where the colours end; by default at the largest value. They begin at 0, and bright is large.
     mark : (2,) array, optional
         A point to mark by a cross.
     """
@@ -55,14 +55,17 @@ def joint_map(
         np.asarray(x, float),
         np.asarray(y, float),
         shown,
-        cmap="viridis_r" if low_is_good else "viridis",
+        cmap="viridis",
+        vmin=0.0,
+        vmax=top,
         shading="nearest",
         rasterized=True,
     )
-    if shown.count() and np.ptp(shown) > 1e-9 * max(1.0, float(np.abs(shown).max())):
+    if shown.count() and np.ptp(shown) > 0.01 * float(np.abs(shown).max()):  # else all lines would say the same
         lines = ax.contour(x, y, shown, levels=6, colors="white", linewidths=0.7, alpha=0.85)
-        for number in ax.clabel(lines, fmt=lambda v: f"{v:.3g}", fontsize=7):
-            number.set_path_effects([withStroke(linewidth=1.6, foreground="#00000088")])
+        digits = max(0, 1 - int(np.floor(np.log10(np.ptp(np.array(lines.levels)) / 6))))
+        for value in ax.clabel(lines, fmt=lambda v: f"{v:.{digits}f}", fontsize=7):
+            value.set_path_effects([withStroke(linewidth=1.6, foreground="#00000088")])
     if mark is not None:
         ax.plot(*np.asarray(mark, float), "+", color=INK, ms=9, mew=1.5)
     ax.set_xlabel(axis_label(task, joints[0]))

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..text.numbers import number
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -19,6 +21,9 @@ if TYPE_CHECKING:
 # Okabe and Ito's palette: eight colours that colour-blind people can tell apart.
 ORANGE, SKY, GREEN, YELLOW = "#E69F00", "#56B4E9", "#009E73", "#F0E442"
 BLUE, VERMILLION, PURPLE, INK = "#0072B2", "#D55E00", "#CC79A7", "#222222"
+
+BACK = 1e-6
+"""A drift below this is an integrator's error: the motion has come back."""
 
 COLOURS = {"pseudoinverse": VERMILLION, "posture": GREEN, "posture_off": ORANGE, "repeatable": BLUE}
 """The colour of each strategy of a study, the same in every picture."""
@@ -40,8 +45,8 @@ def drawn(study: Study) -> list[tuple[str, Motion, str]]:
     return [(plain(row.label), row.motion, colour[row.key]) for row in study.rows if row.motion is not None]
 
 
-def drift_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> Axes:
-    """Draw joint drift after each cycle, on a log scale: what has crept since the start.
+def drift_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]], *, log: bool = False) -> Axes:
+    """Draw joint drift after each cycle: what has crept since the start, with its last value at the line's end.
 
     Parameters
     ----------
@@ -49,13 +54,35 @@ def drift_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> A
         Where to draw.
     motions
         Label, motion, colour.
+    log
+        On a log scale, without the values: how small what is left is.
     """
     for (label, motion, colour), marker in zip(motions, "osD^vPX" * len(motions), strict=False):
         cycles = np.arange(1, motion.cycles + 1)
-        ax.semilogy(cycles, np.maximum(motion.drift, 1e-17), marker=marker, ms=4, color=colour, label=label)
+        ax.plot(cycles, np.maximum(motion.drift, 1e-17), marker=marker, ms=4, color=colour, label=label)
+    if log:
+        ax.set_yscale("log")
+    else:
+        ax.set_ylim(bottom=0)
+        _end_labels(ax, motions)
     ax.set_xlabel("cycle")
-    ax.set_ylabel(f"joint drift ‖q − q₀‖ ({unit(motions[0][1])})")
+    ax.set_ylabel(f"joint drift $\\|q - q_0\\|$ ({unit(motions[0][1])})")
     return quiet(ax, whole=True)
+
+
+def _end_labels(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> None:
+    """Write each motion's name and last drift beside its line's end, from the lowest up, none over another."""
+    low, high = ax.get_ylim()
+    step, floor = 0.075 * (high - low), -np.inf
+    for label, motion, colour in sorted(motions, key=lambda one: float(one[1].drift[-1])):
+        drift = float(motion.drift[-1])
+        floor = max(drift, floor + step)
+        back = drift < BACK
+        value = f"0 ({number(drift)}, the integrator's error)" if back else f"{number(drift)} {unit(motion)}"
+        ax.annotate(
+            f"{label}: {value}", (motion.cycles, drift), (motion.cycles + 0.04 * motion.cycles, floor), color=colour,
+            fontsize=9, va="center", annotation_clip=False,
+        )  # fmt: skip
 
 
 def joint_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]], joint: int) -> Axes:
@@ -77,11 +104,31 @@ def drift_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Figu
     """Make the figure ``drift.png``."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(7.2, 4.4), layout="constrained")
+    figure = Figure(figsize=(8.6, 4.4), layout="constrained")
     ax = drift_over_cycles(figure.add_subplot(), motions)
     ax.set_title(plain(title), fontsize=10, loc="left")
-    ax.legend(frameon=False, fontsize=9, loc="center left", bbox_to_anchor=(1.0, 0.5))
+    corner = _free_corner(ax, motions)
+    if corner is not None:
+        inset = drift_over_cycles(ax.inset_axes((*corner, *_INSET)), motions, log=True)
+        inset.set(xlabel="", ylabel="")
+        inset.set_title("the same on a log scale", fontsize=8, loc="left")
+        inset.tick_params(labelsize=7)
+        for line in inset.lines:
+            line.set(markersize=2, linewidth=1)
     return figure
+
+
+_INSET = (0.38, 0.3)
+"""Width and height of the inset, in parts of the axes."""
+
+
+def _free_corner(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> tuple[float, float] | None:
+    """Find the highest place at the left where the inset covers no value; None where there is none."""
+    to_axes = ax.transData + ax.transAxes.inverted()
+    points = np.vstack([to_axes.transform(np.c_[1 : m.cycles + 1, m.drift]) for _, m, _ in motions])
+    y = points[points[:, 0] < 0.12 + _INSET[0], 1]
+    places = (low for low in np.arange(0.6, 0.15, -0.04) if not ((y > low - 0.08) & (y < low + _INSET[1] + 0.12)).any())
+    return next(((0.1, float(low)) for low in places), None)
 
 
 def joints_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Figure:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..plots.motions import COLOURS, unit
-from .table import short
+from .numbers import number
 
 if TYPE_CHECKING:
     from ...motion import Motion
@@ -79,13 +79,13 @@ def summary(study: Study) -> list[str]:
 
 def amount(motion: Motion, cycle: int) -> str:
     """Write the drift after a cycle with its unit."""
-    return f"{short(float(motion.drift[cycle]))} {unit(motion)}"
+    return f"{number(float(motion.drift[cycle]))} {unit(motion)}"
 
 
 def drift_words(study: Study) -> str:
     """Describe the figure of the drift."""
     parts = [
-        f"{label} from {short(motion.drift[0])} after the first cycle to {short(motion.drift[-1])} after the last"
+        f"{label} from {number(motion.drift[0])} after the first cycle to {number(motion.drift[-1])} after the last"
         for label, motion in _moved(study)
     ]
     return f"Joint drift after each cycle, on a logarithmic scale: {'; '.join(parts)}; in {_unit(study)}."

@@ -16,12 +16,12 @@ export class Panes {
     viewer.set_3d_pane_size = () => {};
   }
 
-  // Give the stage as many columns as make the panes' pictures largest.
+  // Stack a few panes in portrait; else give the stage as many columns as make their pictures largest.
   layout() {
     const { clientWidth: width, clientHeight: height } = byId("panes"), count = this.arms.length;
     const size = (columns) => Math.min(width / columns / this.ratio, height / Math.ceil(count / columns));
-    let best = count;
-    for (let columns = count; columns >= 1; columns--) if (size(columns) > 1.02 * size(best)) best = columns;
+    let best = height > width && count < 4 ? 1 : count;
+    for (let columns = best; columns >= 1; columns--) if (size(columns) > 1.02 * size(best)) best = columns;
     byId("panes").style.gridTemplateColumns = `repeat(${best}, minmax(0, 1fr))`;
     this.viewer.renderer.setSize(width, height);
     const { clientWidth, clientHeight } = this.frames[0];
