@@ -18,8 +18,11 @@ InverseDynamics = Callable[[Array, Array, Array], Array]
 _BEND = 0.05
 """A corner: the joint path turns by more than this, rad, from one side to the other."""
 
-_LEAST_STAGES = 200
-"""Stages of the profile between two stops, at least."""
+STAGES = 450
+"""Stages of a cycle's profile, at least: so many keep what the limits are exceeded by between them within 2 %."""
+
+_LEAST_STAGES = 50
+"""Stages between two stops, at least."""
 
 
 @dataclass(frozen=True)
@@ -148,8 +151,8 @@ def _tangent(points: Array) -> Array:
     return slope / max(np.linalg.norm(slope), 1e-300)
 
 
-def fastest(Q: Array, limits: Limits) -> Run:
-    """Find the time-optimal profile along a smooth joint path (T, n), from rest to rest.
+def fastest(Q: Array, limits: Limits, stages: float = STAGES) -> Run:
+    """Find the time-optimal profile along a smooth joint path (T, n), from rest to rest, in so many stages or more.
 
     Raises
     ------
@@ -162,7 +165,7 @@ def fastest(Q: Array, limits: Limits) -> Run:
 
     s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(Q, axis=0), axis=1))])
     curve = toppra.SplineInterpolator(s, Q, bc_type="not-a-knot")
-    finer = int(np.ceil(_LEAST_STAGES / (len(s) - 1)))
+    finer = int(np.ceil(max(stages, _LEAST_STAGES) / (len(s) - 1)))
     grid = np.interp(np.arange(finer * (len(s) - 1) + 1) / finer, np.arange(len(s)), s)
     constraints = [
         JointVelocityConstraint(np.minimum(limits.velocity, 1e6)),

@@ -14,7 +14,7 @@ from ..errors import InputError
 from ..robot.task import Task
 from ..urdf.checks import NO_EFFORT
 from .motion import Motion
-from .profile import Limits, Profile, corners_of, fastest
+from .profile import STAGES, Limits, Profile, corners_of, fastest
 
 Array = NDArray[np.float64]
 
@@ -201,7 +201,9 @@ def _profile(Q: Array, motion: Motion, laps: int, limits: Limits) -> tuple[Profi
     marks = [int(place[k + lap * steps]) for k in (0, *breaks) for lap in range(laps)]
     corners = corners_of(Q[kept], marks)
     stops = sorted({0, int(place[-1]), *corners, *np.flatnonzero(stays).tolist()})
-    runs = [fastest(Q[kept][a : b + 1], limits) for a, b in pairwise(stops)]
+    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(Q[kept], axis=0), axis=1))])
+    density = STAGES * laps / way[-1]
+    runs = [fastest(Q[kept][a : b + 1], limits, density * (way[b] - way[a])) for a, b in pairwise(stops)]
     laps_at = [int(place[lap * steps]) for lap in range(laps + 1)]
     count = sum(0 < k < laps_at[1] for k in {*corners, *np.flatnonzero(stays).tolist()})
     return Profile(runs, [float(stays[k]) for k in stops[:-1]], stops, laps_at, limits), count
