@@ -161,7 +161,7 @@ def test_blended_corners_are_arcs_of_the_radius(panda_pose, q_panda) -> None:
         ("square:0.1:blend=0.06", "do not fit the edge of 0.1 m from point . to .; blend by 0.05 m or less"),
         ("square:0.1:blend=", "not a number above 0"),
         ("circle:0.1:blend=0.01", "have corners to blend"),
-        ("polygon:100000:0.1", "more than 10000 corners"),
+        ("polygon:100000:0.1", "more than 3000 corners"),
     ):
         with pytest.raises(rp.InputError, match=why):
             parse_path(words)(panda_pose, q_panda)

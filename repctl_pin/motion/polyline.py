@@ -18,8 +18,8 @@ from .paths import TaskPath
 
 Array = NDArray[np.float64]
 
-MOST_POINTS = 10_000
-"""Waypoints of one path; every one of them is at least one step of every cycle."""
+MOST_POINTS = 3000
+"""Corners of one path: every one is a step of every cycle at least, so a study of them takes half a minute."""
 
 _PER_RADIAN = 0.1
 """Turning by a radian takes as long as moving by so many metres."""
@@ -121,7 +121,7 @@ def _polyline(
     corners: Array, rotation: Array | list[Array], times: ArrayLike | None, blend: float, name: str
 ) -> TaskPath:
     """Join corners (P, 3), the last equal to the first."""
-    if len(corners) > MOST_POINTS:
+    if len(corners) - 1 > MOST_POINTS:
         raise InputError(f"{name} has {len(corners)} points; thin them out to {MOST_POINTS} or fewer")
     turns = np.zeros(len(corners) - 1)
     if isinstance(rotation, list):

@@ -92,7 +92,7 @@ def _read(file: Path) -> _Table:
         names = _columns(rows.pop(0)[1], file)
     if not rows:
         raise InputError(f"{file} holds no waypoints; write x, y, z in m, one point a line")
-    if len(rows) > MOST_POINTS:
+    if len(rows) - 1 > MOST_POINTS:
         raise InputError(f"{file} holds {len(rows)} waypoints; thin them out to {MOST_POINTS} or fewer")
     numbers = tuple(line for line, _ in rows)
     values = np.array([_numbers(row, names, f"{file}, line {line}") for line, row in rows])
