@@ -43,6 +43,7 @@ WRITES = {
         "motion.csv",
         "trajectory.yaml",
     },
+    "follow repctl-out/my_arm/design.json --robot my_arm.urdf --acceleration 5 --csv timed.csv": {"timed.csv"},
     "export repctl-out/my_arm/design.json --robot my_arm.urdf --to c": {
         *(f"c/arm_control.{end}" for end in ("h", "c", "hpp")),
         *(f"c/{name}" for name in ("test_vectors.h", "check.c", "loop.c", "CMakeLists.txt")),
@@ -208,6 +209,7 @@ def test_the_python_runs_and_its_arm_comes_back(tmp_path: Path, monkeypatch: pyt
         found[line.rpartition(" = ")[2] if line[1:4] == " = " else line] = names["_"]
     calls = {line.partition("(")[0]: value for line, value in found.items()}
     assert list(calls) == [
+        "rp.timed",
         "design.inverse.velocity",
         "design.inverse.leaf",
         "design.inverse.step",
@@ -221,6 +223,8 @@ def test_the_python_runs_and_its_arm_comes_back(tmp_path: Path, monkeypatch: pyt
         "rp.is_repeatable",
         "rp.inline",
     ]
+    timed = calls["rp.timed"]
+    assert np.allclose(timed.cycle(3)[1], timed.cycle(4)[1], atol=1e-9) and not timed.qdot[[0, -1]].any()
     inverse = names["design"].inverse
     assert np.allclose(calls["design.inverse.velocity"], inverse(q0) @ names["xdot"])
     assert (tmp_path / "panda.json").is_file() and np.array_equal(calls["rp.load"].inverse(q0), inverse(q0))

@@ -82,7 +82,8 @@ def waypoints(
     times : (P,) array, optional
         When each point is passed, s, rising. By default the speed is constant.
     blend
-        Radius of the arcs that round the corners, m; a way back on itself stays sharp. Not with times.
+        Radius of the arcs that round the corners, m; the path begins in the middle of the first one's. A way back on
+        itself stays sharp. Not with times.
 
     Returns
     -------
