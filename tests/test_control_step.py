@@ -310,3 +310,35 @@ def test_lists_and_whole_numbers_are_taken(panda_design, panda_pose, q_panda) ->
     assert np.allclose(inverse.velocity(whole, np.ones(6)), inverse.velocity(whole.astype(float), np.ones(6)))
     with pytest.raises(rp.InputError, match="Ẋ must be finite numbers .3, 6."):
         inverse.velocities(np.zeros((3, 7)), np.zeros((2, 6)))
+
+
+def test_one_singularity_test_one_error() -> None:
+    """At an algorithmic singularity every way to ask for G_r refuses; 1 % beside it every one answers, and alike."""
+    task = rp.Robot.load("ppr").task("tool", "xy")
+    for size in (1.0, 1e-7, 1e7):  # of the potential: a gauge
+        A = size * np.array([[-(2**0.5)], [0], [1]])  # Vᵀ n = 1 − √2 sin θ₃, 0 at π/4
+        inverse = rp.RepeatableInverse(task, rp.Polynomial(np.zeros(3), 1).weighted(A))
+        n = rp.redundancy.null_vector(task.jacobian([0, 0, np.pi / 4]))
+        assert abs(inverse.field.gradient(np.array([0, 0, np.pi / 4]))[:, 0] @ n) < 1e-9 * size
+        xdot, bad, good = np.ones(2), np.array([0, 0, np.pi / 4]), np.array([0, 0, np.pi / 4 + 0.01])
+        asked = {
+            "call": lambda G, q, v: G(q) @ v,
+            "batch": lambda G, q, v: G.batch(q[None])[0] @ v,
+            "velocity": lambda G, q, v: G.velocity(q, v),
+            "velocities": lambda G, q, v: G.velocities(q[None], v[None])[0],
+        }
+        for ask in asked.values():
+            with pytest.raises(rp.SingularityError, match="J_V is singular"):
+                ask(inverse, bad, xdot)
+            J_V = np.vstack([task.jacobian(good), inverse.field.gradient(good).T])
+            assert np.allclose(ask(inverse, good, xdot), np.linalg.inv(J_V)[:, :2] @ xdot)
+
+
+def test_the_velocity_of_the_pseudoinverse_is_as_exact_as_its_matrix() -> None:
+    task = rp.Robot.load("planar3r").task("tool", "xy")
+    for angle in (1e-3, 1e-4, 1e-5):
+        q, xdot = np.array([0.3, angle, angle]), np.array([0.7, -0.4])
+        exact = np.linalg.pinv(task.jacobian(q), rcond=1e-15) @ xdot
+        got = rp.Pseudoinverse(task).velocity(q, xdot)
+        assert np.linalg.norm(got - exact) < 1e-9 * np.linalg.norm(exact)
+        assert np.abs(task.jacobian(q) @ got - xdot).max() < 1e-11 * np.linalg.norm(exact)

@@ -127,9 +127,9 @@ def test_an_axis_that_points_the_other_way_counts_negative(tmp_path: Path) -> No
 def test_what_is_no_change_of_coordinates_is_refused(prr: rp.Task, tmp_path: Path) -> None:
     with pytest.raises(rp.InputError, match="invertible"):
         prr.in_coordinates(np.ones((3, 3)))
-    with pytest.raises(rp.InputError, match="3 × 3"):
+    with pytest.raises(rp.InputError, match=r"(3, 3)"):
         prr.in_coordinates(np.eye(2))
-    with pytest.raises(rp.InputError, match="3 × 3"):
+    with pytest.raises(rp.InputError, match=r"(3, 3)"):
         prr.in_coordinates([[1, 2], [3]])
     with pytest.raises(rp.InputError, match="finite"):
         prr.in_coordinates(np.diag([1, np.nan, 1]))
@@ -149,3 +149,32 @@ def test_the_task_in_q_is_left_alone_and_both_pickle(prr: rp.Task) -> None:
     again = pickle.loads(pickle.dumps(task))
     assert np.array_equal(again.jacobian(q), task.jacobian(q))
     assert np.array_equal(prr.jacobian(q), before) and prr.coordinates is None
+
+
+def test_limits_are_those_of_the_joints(prr: rp.Task) -> None:
+    """θ₃ = ψ₃ − ψ₂ has no bound of its own in ψ, and must be seen all the same."""
+    T = rp.absolute_angles(prr)
+    task = prr.in_coordinates(T)
+    rng = np.random.default_rng(0)
+    Q = rng.uniform(-1, 1, (50, 3)) * [4, 5, 9]
+    psi = np.linalg.solve(T, Q.T).T
+    assert np.allclose(task.limit_margin(psi), np.minimum(Q - prr.lower, prr.upper - Q))
+    # a motion that takes θ₃ out of its limits, and turns it above its speed limit
+    q0 = np.array([0.0, 1.0, -5.2])
+    path = rp.circle(prr, q0, 0.3)
+    M = np.linalg.inv(T @ T.T)
+    here = rp.follow(rp.WeightedInverse(prr, (M + M.T) / 2), path, q0, cycles=2, steps=60, period=0.2)
+    there = rp.follow(rp.Pseudoinverse(task), path, np.linalg.solve(T, q0), cycles=2, steps=60, period=0.2)
+    assert here.limit_margin.min() < -0.01 and here.speed_ratio > 1.5
+    assert np.allclose(there.limit_margin, here.limit_margin, atol=1e-8)
+    assert there.speed_ratio == pytest.approx(here.speed_ratio, rel=1e-6)
+    assert there.first_violation == here.first_violation
+
+
+def test_a_design_in_psi_says_what_share_of_its_region_is_inside_the_joints_limits(prr: rp.Task) -> None:
+    T = rp.absolute_angles(prr)
+    task = prr.in_coordinates(T)
+    center = np.linalg.solve(T, [0.0, 1.0, prr.upper[2]])  # half of the box is outside
+    box = rp.Box(center, 0.1)
+    design = rp.nearest_repeatable(rp.Pseudoinverse(task), None, box, degree=1, samples=256, held_out=256)
+    assert design.inside_limits == pytest.approx(0.5, abs=0.05)

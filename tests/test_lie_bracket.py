@@ -11,7 +11,7 @@ from arms import planar_task, spatial_task
 
 import repctl_pin as rp
 from repctl_pin.integrability import brackets, curl_form, defects, differentiate, measure
-from repctl_pin.integrability.derivative import derivative
+from repctl_pin.integrability.derivative import derivative, inside_limits
 
 
 def swapped(H: np.ndarray) -> np.ndarray:
@@ -305,3 +305,37 @@ def test_an_extended_jacobian_is_repeatable(panda: rp.Robot, q_panda: np.ndarray
     task = panda.task(None, kind)
     verdict = rp.is_repeatable(rp.ExtendedJacobian(task, q_panda), rp.Box(q_panda, 0.1), samples=8)
     assert verdict and not verdict.exact and verdict.tolerance < 1e-5
+
+
+@pytest.mark.parametrize("robot, kind", [("ur5", "pose"), ("planar3r", "position")])
+def test_an_arm_without_redundancy_repeats_by_itself(robot: str, kind: str, tmp_path: Path) -> None:
+    task = rp.Robot.load("ur5").task(None, "pose") if robot == "ur5" else planar_task((1, 0.7), tmp_path)
+    q = np.array([0.1, -1.2, 1.3, -0.9, -1.1, 0.2])[: task.n] + (0.0 if robot == "ur5" else 1.6)
+    assert task.r == 0
+    found = rp.is_repeatable(rp.Pseudoinverse(task), rp.Box(q, 0.1), samples=16)
+    assert found and found.defect == 0 and "r = 0" in found.summary()
+    assert not rp.bracket_defect(rp.Pseudoinverse(task), q).any()
+
+
+def test_near_a_limit_the_differences_stay_inside(panda_pose: rp.Task, q_panda: np.ndarray) -> None:
+    desired = rp.WeightedInverse(panda_pose, rp.LimitWeight(panda_pose))
+    for room in (0.03, 1e-3):
+        q = q_panda.copy()
+        q[3] = panda_pose.upper[3] - room
+        found = rp.is_repeatable(desired, rp.Box(q, room / 2), samples=8)
+        assert not found and found.defect > 100 * found.tolerance
+    # in other coordinates too: ψ₁ alone moves two joints
+    T = np.eye(7)
+    T[3, 0] = 1.0
+    other = panda_pose.in_coordinates(T)
+    Q = np.linalg.solve(T, q)[None]
+    scale = inside_limits(other, Q)
+    for k, step in enumerate(np.diag(scale[0]) / 16):
+        margin = panda_pose.limit_margin((Q[0] + step) @ T.T)
+        assert (margin > 0).all() and (margin[3] < 0.6 * room) == (k in (0, 3))
+
+
+def test_near_a_singularity_it_is_the_singularity_that_is_blamed() -> None:
+    task = rp.Robot.load("planar3r").task("tool", "xy")
+    with pytest.raises(rp.SingularityError, match="too close to a singularity.*σ_min"):
+        rp.is_repeatable(rp.WeightedInverse(task, [1, 1, 1]), rp.Box([0.3, 1e-5, 1e-5], 5e-6), samples=4)

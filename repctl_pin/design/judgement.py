@@ -103,7 +103,7 @@ def judge(
         G_d = desired.batch(Q, J)
         costs.append(float(weights @ np.sum((inverse.batch(Q, J) - G_d) ** 2, axis=(1, 2))))
         norms.append(float(weights @ np.sum(G_d**2, axis=(1, 2))))
-        inside.append(float(weights @ ((Q >= task.lower) & (Q <= task.upper)).all(axis=1)))
+        inside.append(float(weights @ (task.limit_margin(Q) >= 0).all(axis=1)))
         few = np.argsort(sigma)[:_CANDIDATES]
         candidates.append((Q[few], sigma[few]))
     found = search(

@@ -12,7 +12,7 @@ from ..arguments import wanted
 from ..fields.field import CurvedMap
 from ..redundancy.augmented import augmented_inverse
 from ..redundancy.inverses import pseudoinverse_derivative
-from ..robot.length import arm_length
+from ..robot.length import joint_scale
 from ..robot.task import Task
 from ..strategies.pseudoinverse import Pseudoinverse
 from ..strategies.repeatable import RepeatableInverse
@@ -60,7 +60,7 @@ def derivative(strategy: Inverse, Q: Array) -> Derivative:
     """
     wanted_inverse(strategy)
     J = strategy.task.jacobians(Q)
-    dG, error = differentiate(strategy.batch, Q, joint_scale(strategy.task, Q[0]))
+    dG, error = differentiate(strategy.batch, Q, inside_limits(strategy.task, Q))
     return Derivative(J, strategy.batch(Q, J), dG, error, exact=False)
 
 
@@ -88,21 +88,23 @@ def _(strategy: RepeatableInverse, Q: Array) -> Derivative:
     return Derivative(J, G, dG, _rounding(J_V, dG), exact=True)
 
 
+def inside_limits(task: Task, Q: Array) -> Array:
+    """Choose the scale of a derivative's steps at every row of Q: a joint's unit, and less near a limit: (K, n).
+
+    The first step, 1/16 of it, takes no joint further than half the way to its limit; outside limits, where G may be
+    asked for all the same, nothing is changed.
+    """
+    room = task.limit_margin(Q)  # (K, n)
+    T = np.eye(task.n) if task.coordinates is None else task.coordinates.T
+    with np.errstate(divide="ignore"):
+        most = np.min(np.where(room > 0, 8 * room, np.inf)[:, :, None] / np.abs(T), axis=1)
+    return np.minimum(joint_scale(task, Q[0]), most)
+
+
 def wanted_inverse(strategy: Inverse) -> Inverse:
     """Take an argument that has to be an inverse, with a G(q)."""
     wanted(strategy, Batched, "strategy", AN_INVERSE)
     return strategy
-
-
-def joint_scale(task: Task, q: Array) -> Array:
-    """Choose a unit for every joint: 1 rad, and for a prismatic joint the length of the arm, m.
-
-    In these units joint motions of both kinds can be compared, and a derivative's steps chosen.
-    """
-    if task.revolute.all():
-        return np.ones(task.n)
-    length = arm_length(task, q)
-    return np.where(task.revolute, 1.0, length if length > 1e-9 else 1.0)
 
 
 def _rounding(matrix: Array, dG: Array) -> Array:

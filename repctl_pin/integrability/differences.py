@@ -34,7 +34,7 @@ def differentiate(function: Callable[[Array], Array], Q: Array, scale: Array) ->
         Q (P, n) → values (P, …).
     Q : (K, n) array
         Where.
-    scale : (n,) array
+    scale : (n,) or (K, n) array
         The first step is 1/16 of it.
 
     Returns
@@ -50,10 +50,11 @@ def differentiate(function: Callable[[Array], Array], Q: Array, scale: Array) ->
         If the function is singular at Q, or closer to it than the shortest step.
     """
     slope: Array | None = None
+    scale = np.broadcast_to(scale, Q.shape)
     error, open_rows = np.full(Q.shape, np.inf), np.arange(len(Q))
     for narrower in _NARROWER:
         try:
-            found, doubt = _extrapolate(function, Q[open_rows], _FIRST_STEP * narrower * scale)
+            found, doubt = _extrapolate(function, Q[open_rows], _FIRST_STEP * narrower * scale[open_rows])
         except SingularityError:
             if slope is None and narrower == _NARROWER[-1]:
                 raise
@@ -73,14 +74,14 @@ def differentiate(function: Callable[[Array], Array], Q: Array, scale: Array) ->
 
 def _extrapolate(function: Callable[[Array], Array], Q: Array, first: Array) -> tuple[Array, Array]:
     K, n = Q.shape
-    steps = first * 2.0 ** -np.arange(_LEVELS)[:, None]  # (L, n)
-    moves = np.einsum("ln,nk->lnk", steps, np.eye(n))
-    moves = np.stack([moves, -moves])  # (2, L, n, n)
+    steps = first[:, None] * 2.0 ** -np.arange(_LEVELS)[:, None]  # (K, L, n)
+    moves = steps[..., None] * np.eye(n)
+    moves = np.stack([moves, -moves], axis=1)  # (K, 2, L, n, n)
     stencil = Q[:, None, None, None] + moves  # (K, 2, L, n, n)
     values = np.asarray(function(stencil.reshape(-1, n)))
     shape = values.shape[1:]
     values = values.reshape(K, 2, _LEVELS, n, -1)
-    rows = [(values[:, 0, j] - values[:, 1, j]) / (2 * steps[j][:, None]) for j in range(_LEVELS)]  # (K, n, size)
+    rows = [(values[:, 0, j] - values[:, 1, j]) / (2 * steps[:, j, :, None]) for j in range(_LEVELS)]  # (K, n, size)
 
     best, error, level = rows[-1], np.full((K, n), np.inf), np.zeros((K, n), int)
     table = [[rows[0]]]
@@ -100,6 +101,6 @@ def _extrapolate(function: Callable[[Array], Array], Q: Array, first: Array) -> 
     # What the two shortest rows say is off by little but noise; at the steps chosen it is that much less.
     last, before = (np.abs(row[3] - best).max(-1, initial=0.0) for row in table[-2:][::-1])
     noise = np.maximum(last, before / 2) * 2.0 ** (level - _LEVELS + 1)
-    rounding = np.finfo(float).eps * np.abs(values).max(axis=(1, 2, 4), initial=0.0) / steps[-1]
+    rounding = np.finfo(float).eps * np.abs(values).max(axis=(1, 2, 4), initial=0.0) / steps[:, -1]
     slope = np.moveaxis(best, 1, -1).reshape(K, *shape, n)
     return slope, np.maximum(error, 4 * noise) + rounding

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import flag, vector
+from ..robot.length import joint_scale
 from ..strategies.strategy import Inverse
-from .derivative import derivative, joint_scale, wanted_inverse
+from .derivative import derivative, wanted_inverse
 
 Array = NDArray[np.float64]
 
@@ -36,8 +37,12 @@ def brackets(G: Array, dG: Array) -> Array:
 
 
 def defects(J: Array, G: Array, dG: Array) -> Array:
-    """Evaluate ``Δ_ab = (I − G J) [g_a, g_b]``: (..., m, m, n). All are 0 where the LBC holds (5), (24)."""
-    outside = np.eye(J.shape[-1]) - G @ J
+    """Evaluate ``Δ_ab = (I − G J) [g_a, g_b]``: (..., m, m, n). All are 0 where the LBC holds (5), (24).
+
+    Without redundancy ``G J = I``: no motion is left over, and they are 0 exactly.
+    """
+    m, n = J.shape[-2:]
+    outside = np.eye(n) - G @ J if n > m else np.zeros((n, n))
     return np.einsum("...ij,...abj->...abi", outside, brackets(G, dG))
 
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import MOST_NODES, wanted, whole
-from ..errors import InputError
+from ..errors import InputError, SingularityError
+from ..regions import Region
 from ..strategies.strategy import Inverse
 from .derivative import wanted_inverse
 from .lie_bracket import measure
@@ -19,19 +19,7 @@ Array = NDArray[np.float64]
 _SAFETY = 2.0
 _BATCH = 32
 _BLIND = 1e-3
-
-
-@runtime_checkable
-class Region(Protocol):
-    """What is asked of a region of joint space here."""
-
-    def random(self, count: int, seed: int) -> Array:
-        """Quasi-random points of it (K, n), K ≥ count."""
-        ...
-
-    def ratio(self, Q: Array) -> Array:
-        """By what factor it would have to shrink for each row of Q to lie on its edge: (K,); above 1 is outside."""
-        ...
+_NEAR_SINGULAR = 1e-3
 
 
 @dataclass(frozen=True)
@@ -52,6 +40,8 @@ class Repeatability:
         Configurations looked at.
     exact : bool
         True where ∂G/∂q is a formula's, False where it is a difference's.
+    redundancy : int
+        r. An arm without redundancy repeats by itself.
     """
 
     repeatable: bool
@@ -60,12 +50,15 @@ class Repeatability:
     tolerance: float
     samples: int
     exact: bool
+    redundancy: int
 
     def __bool__(self) -> bool:
         return self.repeatable
 
     def summary(self) -> str:
         """Say the verdict in one line."""
+        if self.redundancy == 0:
+            return "repeatable: r = 0, the task leaves no joint motion free, and a closed path brings every joint back"
         word = "repeatable" if self.repeatable else "not repeatable"
         how = "exact derivative" if self.exact else "differences"
         return (
@@ -100,7 +93,7 @@ def is_repeatable(strategy: Inverse, region: Region, *, samples: int = 128, seed
     InputError
         If the function is too noisy to tell: no defect exceeds the tolerance, but the tolerance exceeds 1e-3.
     SingularityError
-        If J, or G, is singular at one of the configurations.
+        If J, or G, is singular at one of the configurations, or so nearly that there is nothing to tell.
     """
     Q = points_of(region, strategy, samples, seed)
     found = [measure(strategy, Q[i : i + _BATCH]) for i in range(0, len(Q), _BATCH)]
@@ -109,6 +102,13 @@ def is_repeatable(strategy: Inverse, region: Region, *, samples: int = 128, seed
     repeatable = bool((norm <= tolerance).all())
     worst = int(np.argmax(norm if repeatable else np.where(norm > tolerance, norm, -1.0)))
     if repeatable and tolerance.max() > _BLIND:
+        blind = int(np.argmax(tolerance))
+        values = np.linalg.svd(strategy.task.jacobian(Q[blind]), compute_uv=False)
+        if found[0].exact or values[-1] < _NEAR_SINGULAR * values[0]:
+            raise SingularityError(
+                f"near q = ({', '.join(f'{v:.3g}' for v in Q[blind])}) G is too close to a singularity to be judged: "
+                f"σ_min / σ_max of J is {values[-1] / values[0]:.1g} there; make the region smaller"
+            )
         raise InputError(
             f"G is too noisy to judge: its derivative is only known to make defects of {tolerance.max():.2g} visible; "
             "evaluate it more accurately"
@@ -120,6 +120,7 @@ def is_repeatable(strategy: Inverse, region: Region, *, samples: int = 128, seed
         tolerance=float(tolerance[worst]),
         samples=len(Q),
         exact=all(part.exact for part in found),
+        redundancy=strategy.task.r,
     )
 
 

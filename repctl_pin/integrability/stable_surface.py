@@ -8,11 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..redundancy.nullspace import nullspace
+from ..regions import Region
+from ..robot.length import joint_scale
 from ..strategies.strategy import Inverse
-from .derivative import joint_scale
 from .differences import SHORTEST_STEP, differentiate
 from .lie_bracket import measure
-from .repeatability import Region, points_of
+from .repeatability import points_of
 
 Array = NDArray[np.float64]
 

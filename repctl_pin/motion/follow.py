@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import chosen, function, positive, vector, whole
 from ..errors import InputError, SingularityError
+from ..robot.length import joint_scale
 from ..robot.task import Task, wanted_task
 from ..strategies import FunctionStrategy, OnLeaves, Strategy
 from ..strategies.control_step import speeds
@@ -31,7 +32,8 @@ _MOST_CORRECTIONS = 1000
 """Newton's method has converged after a handful."""
 
 _JUMP = 1.0
-"""No arm moves a joint this far, rad or m, in one step: the integration has gone astray."""
+"""No arm moves a joint this far in one step: the integration has gone astray. In rad; of prismatic joints in lengths of
+the arm or of the path."""
 
 _MOST = 100_000_000
 """Numbers that a motion may hold: 0.8 GB of positions, and as much of velocities."""
@@ -170,6 +172,7 @@ def _integrated(
     inside = [[min(max(a + c * (b - a), a + _INSIDE), b - _INSIDE) for c in places] for a, b in ends]
     twists = [[path.twist(s) / period for s in row] for row in inside]
     stages = [(i, places.index(c), c, np.array(row)) for i, (c, row) in enumerate(zip(nodes, matrix, strict=True))]
+    most_step = _most_step(task, q, path, grid)
     b_T, slopes = np.array(weights), np.empty((len(nodes), task.n))
 
     def velocity(q: Array, twist: Array, s: float) -> Array:
@@ -193,7 +196,7 @@ def _integrated(
                 raise _where(error, path, step / n_steps) from None
             Qdot[step] = slopes[0]
             change = h * (b_T @ slopes)
-            if not np.abs(change).max() < _JUMP:
+            if not (np.abs(change) < most_step).all():
                 raise _jump(path, step / n_steps)
             q = q + change
             Q[step + 1] = q
@@ -216,7 +219,7 @@ def _locked(
     """Step from point to point on a leaf; joint positions, mean velocities (T + 1, n), and the largest λ."""
     n_steps, used = len(grid) - 1, 0.0
     targets = [path.placement(float(s)) for s in grid[1:]]
-    times = np.diff(grid) * period
+    times, most_step = np.diff(grid) * period, _most_step(strategy.task, q, path, grid)
     most = None if limit is None else speeds(limit, strategy.task.n) / corrections  # shared by the corrections
     Q = np.empty((cycles * n_steps + 1, strategy.task.n))
     Q[0] = q
@@ -230,7 +233,7 @@ def _locked(
                     used = max(used, strategy.damping)
         except SingularityError as error:
             raise _where(error, path, step / n_steps) from None
-        if not np.abs(q - start).max() < _JUMP:
+        if not (np.abs(q - start) < most_step).all():
             raise _jump(path, step / n_steps)
         Q[step + 1] = q
     Qdot = np.diff(Q, axis=0) / np.tile(times, cycles)[:, None]
@@ -241,10 +244,17 @@ def _where(error: SingularityError, path: TaskPath, cycle: float) -> Singularity
     return SingularityError(f"{error}, in cycle {1 + int(cycle)} of {path.name}")
 
 
+def _most_step(task: Task, q: Array, path: TaskPath, grid: Array) -> Array:
+    """Bound every joint's step: (n,)."""
+    points = np.array([path.placement(float(s)).translation for s in grid])
+    size = float(np.linalg.norm(np.ptp(points, axis=0)))
+    return _JUMP * np.where(task.revolute, 1.0, np.maximum(joint_scale(task, q), size))
+
+
 def _jump(path: TaskPath, cycle: float) -> SingularityError:
     return SingularityError(
-        f"the joints jump by more than {_JUMP:g} rad in one step, in cycle {1 + int(cycle)} of {path.name}: the arm is "
-        "at a singularity, the path out of reach, or the steps too few"
+        f"the joints jump by more than {_JUMP:g} rad, or the arm's length, in one step, in cycle {1 + int(cycle)} of "
+        f"{path.name}: the arm is at a singularity, the path out of reach, or the steps too few"
     )
 
 

@@ -68,8 +68,9 @@ class Motion:
 
     @property
     def rms_speed(self) -> float:
-        """Root mean square of the joint speed."""
-        return float(np.sqrt(np.mean(self.speed**2)))
+        """Root mean square over time of the steps' mean joint speed, ``√(Σ ‖Δq‖²/Δt / Σ Δt)``."""
+        times = np.diff(self.t)
+        return float(np.sqrt(np.sum(np.sum(np.diff(self.q, axis=0) ** 2, axis=1) / times) / times.sum()))
 
     @property
     def peak_speed(self) -> float:
@@ -79,12 +80,12 @@ class Motion:
     @property
     def speed_ratio(self) -> float:
         """Largest share of a joint's speed limit that was used; above 1 the path must be slowed down."""
-        return float(np.max(np.abs(self.qdot) / self.task.velocity_limit))
+        return float(np.max(np.abs(self.task.joints(self.qdot)) / self.task.joint_limits[2]))
 
     @property
     def limit_margin(self) -> Array:
-        """Distance of every joint to its nearer limit: (T + 1, n); negative outside, inf where none."""
-        return np.minimum(self.q - self.task.lower, self.task.upper - self.q)
+        """Distance of each of the robot's joints to its nearer limit: (T + 1, n); negative outside, inf where none."""
+        return self.task.limit_margin(self.q)
 
     @cached_property
     def body_distance(self) -> Array:
@@ -111,7 +112,7 @@ class Motion:
         if not outside.any():
             return None
         row = int(np.argmax(outside.any(axis=1)))
-        joint = self.task.joint_names[int(np.argmin(self.limit_margin[row]))]
+        joint = self.task.robot_joints[int(np.argmin(self.limit_margin[row]))]
         return row / self.steps, joint
 
     @property
@@ -150,8 +151,7 @@ class Motion:
             If a limit is not above 0, or has the wrong size.
         """
         task = self.task
-        own = [task.robot.velocity[task.robot.joint_names.index(name)] for name in task.robot_joints]
-        most = speeds(own if limit is None else limit, task.n)
+        most = speeds(task.joint_limits[2] if limit is None else limit, task.n)
         q, qdot = self.joints(self.q), self.joints(self.qdot)
         at_ends = np.maximum((np.abs(qdot) / most).max(axis=1), 1.0)  # (T + 1,)
         times = np.diff(self.t)
@@ -163,4 +163,4 @@ class Motion:
     def joints(self, values: ArrayLike) -> Array:
         """Turn positions or velocities (..., n) of the task's coordinates ψ into those of the robot's joints."""
         (values,) = stacks(("values", values, f"{self.task.n}"))
-        return values if self.task.coordinates is None else self.task.coordinates.joints(values)
+        return self.task.joints(values)

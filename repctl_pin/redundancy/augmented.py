@@ -7,8 +7,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import stacks
 from ..errors import InputError, SingularityError
+from .inverses import RANK_TOLERANCE
 
 Array = NDArray[np.float64]
+
+SINGULAR = "J_V is singular: the arm is at a singularity, or the control's V is in J's row space"
 
 
 def augmented_inverse(J: ArrayLike, V: ArrayLike) -> Array:
@@ -35,9 +38,34 @@ def augmented_inverse(J: ArrayLike, V: ArrayLike) -> Array:
     J_V = np.empty((*np.broadcast_shapes(J.shape[:-2], V.shape[:-2]), n, n))
     J_V[..., :m, :], J_V[..., m:, :] = J, np.swapaxes(V, -1, -2)
     try:
-        return np.linalg.inv(J_V)
+        inverse = np.linalg.inv(J_V)
     except np.linalg.LinAlgError:
-        raise SingularityError("the augmented Jacobian J_V is singular") from None
+        raise SingularityError(SINGULAR) from None
+    regular = is_regular(J_V, inverse)
+    if not np.all(regular):
+        raise SingularityError(
+            SINGULAR
+            + ("" if np.ndim(regular) == 0 else f", at {np.sum(~regular)} of {np.size(regular)} configurations")
+        )
+    return inverse
+
+
+def is_regular(A: Array, inverse: Array) -> NDArray[np.bool_]:
+    """Say which square matrices are far enough from singular for their inverses to be trusted.
+
+    The sine of the angle between a row of A and the span of the others is ``1 / (‖row_i‖ ‖column_i of A⁻¹‖)``;
+    the smallest must exceed 1e-6. It depends neither on the rows' units nor on the size of a potential.
+
+    Parameters
+    ----------
+    A, inverse : (..., n, n) arrays
+
+    Returns
+    -------
+    (...) array of bool
+    """
+    size = np.sum(A**2, axis=-1) * np.sum(inverse**2, axis=-2)
+    return size.max(axis=-1) < RANK_TOLERANCE**-2
 
 
 def repeatable_inverse(G_d: ArrayLike, N: ArrayLike, V: ArrayLike) -> Array:

@@ -13,7 +13,7 @@ from ..errors import InputError, SingularityError
 Array = NDArray[np.float64]
 
 RANK_TOLERANCE = 1e-6
-"""J counts as rank-deficient where a triangular factor's diagonal spreads further than this."""
+"""Sine of the angle of a row of J to the span of others below which J counts as rank-deficient."""
 
 
 def pseudoinverse(J: ArrayLike) -> Array:
@@ -128,8 +128,9 @@ def row_factor(J: ArrayLike, mode: Literal["reduced", "complete"] = "reduced") -
     Q, R = np.linalg.qr(np.swapaxes(J, -1, -2), mode="complete")  # twice as quick as "reduced" and a cut
     R = R[..., :m, :]
     Q = Q if mode == "complete" else Q[..., :, :m]
-    diagonal = np.abs(np.diagonal(R, axis1=-2, axis2=-1))
-    lost = ~(diagonal.min(-1) > RANK_TOLERANCE * diagonal.max(-1))
+    # |R_jj| / ‖R_:j‖ is the sine of the angle between row j of J and the span of those before: free of the rows' units
+    diagonal, size = np.diagonal(R, axis1=-2, axis2=-1), np.linalg.norm(R, axis=-2)
+    lost = ~(np.abs(diagonal) > RANK_TOLERANCE * size).all(axis=-1)
     if np.any(lost):
         where = "" if lost.ndim == 0 else f" at {int(lost.sum())} of {lost.size} configurations"
         raise SingularityError(f"the Jacobian loses rank{where}: the arm is at a singularity")

@@ -279,6 +279,21 @@ class Task:
         q = whole[..., self._columns]
         return q if self.coordinates is None else self.coordinates.coordinates(q)
 
+    def joints(self, values: Array) -> Array:
+        """Turn positions or velocities (..., n) of the coordinates ψ into those of the robot's own joints."""
+        return values if self.coordinates is None else self.coordinates.joints(values)
+
+    @property
+    def joint_limits(self) -> tuple[Array, Array, Array]:
+        """Lower and upper position limits and speed limits of the robot's own joints: (n,) each."""
+        robot, columns = self.robot, self._columns
+        return robot.lower[columns], robot.upper[columns], robot.velocity[columns]
+
+    def limit_margin(self, q: ArrayLike) -> Array:
+        """Measure every one of the robot's joints' distance to its nearer limit: (..., n); negative outside."""
+        joints, (lower, upper, _) = self.joints(np.asarray(q, float)), self.joint_limits
+        return np.minimum(joints - lower, upper - joints)
+
     def as_dict(self) -> dict[str, Any]:
         """Say what the task is, in plain Python types."""
         return {
@@ -309,10 +324,8 @@ class Task:
             bad = self.joint_names[int(np.argmin(np.isfinite(given)))]
             raise InputError(f"{what}: the value of {bad!r} is not a finite number")
         q = vector(q, self.n, what)
-        joints = q if self.coordinates is None else self.coordinates.joints(q)
-        lower, upper = self.robot.lower[self._columns], self.robot.upper[self._columns]
-        names = [self.robot.joint_names[i] for i in self._columns]
-        for name, value, low, high in zip(names, joints, lower, upper, strict=True):
+        lower, upper, _ = self.joint_limits
+        for name, value, low, high in zip(self.robot_joints, self.joints(q), lower, upper, strict=True):
             if not low - 1e-9 <= value <= high + 1e-9:
                 raise InputError(f"{what}: {name} = {value:g} is outside its limits [{low:g}, {high:g}]")
         return q

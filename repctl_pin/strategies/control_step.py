@@ -22,6 +22,7 @@ from ..arguments import FLOAT, NUMBER, positive, spread, vector, wanted
 from ..errors import InputError, SingularityError
 from ..fields import inplace as potentials_of
 from ..fields.field import FieldMap
+from ..redundancy.augmented import SINGULAR, is_regular
 from ..redundancy.inverses import RANK_TOLERANCE
 from ..robot import inplace as kinematics_of
 from ..robot.task import Task
@@ -60,17 +61,19 @@ def make_loop(task: Task, field: FieldMap) -> Loop:
     potentials = potentials_of.in_place(field, J_V[m:], bottom)
     jacobian, error, rate = kinematics.jacobian, kinematics.error, kinematics.rate
     slope, gap = potentials.slope, potentials.gap
-    whole, half, tolerance = task.kind == "pose", n / 2, RANK_TOLERANCE
+    whole, half, tolerance = task.kind == "pose", n / 2, RANK_TOLERANCE / n ** (n / 2)
 
     def solved(q: Array) -> Array:
-        """Solve ``J_V x = rhs``, leaving LAPACK's factors in J_V."""
+        """Solve ``J_V x = rhs``; J_V is overwritten."""
         square = ddot(memory, memory)
-        _, _, x, info = dgesv(J_V, rhs, 1, 0)
-        # The pivots p of a regular matrix: |∏ p| ≤ min |p| · max |p|ⁿ⁻¹ and max |p| ≲ ‖J_V‖, so this is enough;
+        _, order, x, info = dgesv(J_V, rhs, 1, 0)
+        # |det J_V| = |∏ pivots| ≤ sin θ ∏ ‖row‖ ≤ sin θ (‖J_V‖/√n)ⁿ, θ the least angle of is_regular: this is enough.
         # NaN fails it. Where it fails the exact test has the word.
         if not abs(prod(pivots.tolist())) > tolerance * square**half:
-            sizes = np.abs(pivots)
-            if info or not np.isfinite(x).all() or not sizes.min() > tolerance * sizes.max():
+            inverse = None if info else dgetri(J_V, order)[0]
+            jacobian(q)
+            slope(q)
+            if inverse is None or not (np.isfinite(x).all() and is_regular(J_V, inverse)):
                 raise failure(task, q, rhs)
         return x
 
@@ -218,8 +221,7 @@ def failure(task: Task, q: Array, rhs: Array, singular: str = "") -> Exception:
         return InputError(f"q must be {task.n} finite numbers; got {row(q)}")
     if not np.isfinite(rhs).all():
         return InputError("the task velocity ẋ or the target, the leaf and dt must be finite numbers")
-    singular = singular or "J_V is singular: the arm is at a singularity, or the control's V is in J's row space"
-    return SingularityError(f"{singular}, at q = {row(q)}")
+    return SingularityError(f"{singular or SINGULAR}, at q = {row(q)}")
 
 
 def share_of(gain: float, dt: float) -> float:

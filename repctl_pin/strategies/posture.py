@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import positive, vector
+from ..redundancy.inverses import pseudoinverse
 from ..robot.task import Task
-from .pseudoinverse import least_norm, redundant
+from .pseudoinverse import redundant
 
 Array = NDArray[np.float64]
 
@@ -37,4 +38,4 @@ class PostureControl:
         q, xdot = vector(q, self.task.n, "q"), vector(xdot, self.task.m, "ẋ", "m/s and rad/s")
         J = self.task.jacobian(q)
         pull = self.gain * (self.posture - q)
-        return pull + least_norm(J, xdot - J @ pull)
+        return pull + pseudoinverse(J) @ (xdot - J @ pull)

@@ -14,12 +14,15 @@ from scipy.linalg.lapack import dposv
 
 from ..arguments import FLOAT, rows, shown, stacks, vector
 from ..errors import InputError, SingularityError
-from ..redundancy.inverses import RANK_TOLERANCE, pseudoinverse, weighted_pseudoinverse
+from ..redundancy.inverses import pseudoinverse, weighted_pseudoinverse
 from ..robot.inplace import in_place
 from ..robot.task import Task, own_task
 from .control_step import failure
 
 Array = NDArray[np.float64]
+
+_WELL_CONDITIONED = 1e-2
+"""Sine of the least angle of a row of J to the span of the others above which J Jᵀ serves."""
 
 
 class Pseudoinverse:
@@ -108,30 +111,15 @@ class WeightedInverse:
         return self(q) @ vector(xdot, self.task.m, "ẋ", "m/s and rad/s")
 
 
-def least_norm(J: Array, xdot: Array) -> Array:
-    """Solve ``J q̇ = ẋ`` for the shortest q̇ (n,), one LAPACK call: ``q̇ = Jᵀ (J Jᵀ)⁻¹ ẋ``.
-
-    Raises
-    ------
-    SingularityError
-        Where J loses rank.
-    """
-    L, y, info = dposv(J @ J.T, xdot)
-    pivots = L.diagonal()
-    if info or pivots.min() < RANK_TOLERANCE * pivots.max():
-        raise SingularityError("the Jacobian loses rank: the arm is at a singularity")
-    return y @ J
-
-
 def _velocity(task: Task) -> Callable[[Array, Array], Array]:
-    """Make the quick form of :func:`least_norm` for a task: closures and BLAS, see :mod:`control_step`."""
+    """Make the quick ``q̇ = Jᵀ (J Jᵀ)⁻¹ ẋ`` for a task: closures and BLAS, see :mod:`control_step`."""
     m, n = task.m, task.n
     of_joints, of_task = (n,), (m,)
     memory = np.zeros(m * n + m)
     J, rhs, gram = memory[: m * n].reshape(m, n), memory[m * n :], np.empty((m, m))
     multiply, J_T, gram_T, pivots = J.dot, J.T, gram.T, gram.ravel()[:: m + 1]
     jacobian = in_place(task, J, rhs).jacobian
-    half, tolerance = m / 2, RANK_TOLERANCE
+    half, tolerance = m / 2, _WELL_CONDITIONED / m ** (m / 2)
 
     def velocity(q: Array, xdot: Array) -> Array:
         if not (type(q) is ndarray and q.dtype is FLOAT and q.shape == of_joints):
@@ -143,11 +131,14 @@ def _velocity(task: Task) -> Callable[[Array, Array], Array]:
         square = ddot(memory, memory)
         multiply(J_T, gram)
         _, y, info = dposv(gram_T, rhs, 0, 1)
-        # The pivots p of J Jᵀ = L Lᵀ: ∏ p ≤ min p · max pᵐ⁻¹ and max p ≤ ‖J‖, so this is enough; else look closely.
-        sure = not info and abs(prod(pivots.tolist())) > tolerance * square**half
-        if not sure and (info or not (np.isfinite(y).all() and pivots.min() > tolerance * pivots.max())):
-            raise failure(task, q, rhs, "the Jacobian loses rank: the arm is at a singularity")
-        return y.dot(J)
+        # The pivots p of J Jᵀ = L Lᵀ: ∏ p ≤ sin θ (‖J‖/√m)ᵐ, θ the least angle of a row to the span of the others. NaN
+        # fails it. Near a singularity J Jᵀ, which squares the condition of J, will not do.
+        if not info and abs(prod(pivots.tolist())) > tolerance * square**half:
+            return y.dot(J)
+        try:
+            return pseudoinverse(J) @ xdot
+        except (SingularityError, np.linalg.LinAlgError) as error:
+            raise failure(task, q, xdot, str(error)) from None
 
     return velocity
 

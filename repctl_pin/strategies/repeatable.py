@@ -10,7 +10,6 @@ import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import NUMBER, rows, stacks, vector, wanted
-from ..errors import SingularityError
 from ..fields.field import FieldMap
 from ..redundancy.augmented import augmented_inverse
 from ..robot.task import Task, own_task
@@ -86,12 +85,7 @@ class RepeatableInverse:
         (Xdot,) = stacks(("Ẋ", Xdot, f"{len(Q)} {self.task.m}"), exact=True)
         if self._loop.velocities is not None:
             return self._loop.velocities(Q, Xdot)
-        J_V = np.concatenate([self.task.jacobians(Q), np.swapaxes(self.field.gradients(Q), 1, 2)], axis=1)
-        rhs = np.concatenate([Xdot, np.zeros((len(Q), self.task.r))], axis=1)
-        try:
-            return np.linalg.solve(J_V, rhs[..., None])[..., 0]
-        except np.linalg.LinAlgError:
-            raise SingularityError("the augmented Jacobian J_V is singular at one of the configurations") from None
+        return (self.batch(Q) @ Xdot[..., None])[..., 0]
 
     def step(
         self,

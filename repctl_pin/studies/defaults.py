@@ -123,7 +123,7 @@ def starts(task: Task) -> Iterator[tuple[Array, str]]:
         if pose not in task.robot.poses:
             continue
         q = task.part(task.robot.poses[pose])
-        margin = np.minimum(q - task.lower, task.upper - q).min()
+        margin = task.limit_margin(q).min()
         least = _LEAST_DEXTERITY.get(task.m, _LEAST_DEXTERITY_OF_POSITION)
         if dexterity(task, q) >= least and margin >= _LEAST_MARGIN:
             yield q, where
