@@ -49,6 +49,7 @@ def unknown(
     listing
         Where a person can see them all, appended to the message.
     """
+    name = f"{name[:59]}…" if isinstance(name, str) and len(name) > 60 else name
     every = list(dict.fromkeys([*likely, *map(str, known)]))
     near = _near(str(name), {k: k for k in every} | dict(aliases))
     if near:

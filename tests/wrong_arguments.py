@@ -29,8 +29,11 @@ import repctl_pin as rp
 PATIENCE = 20.0
 """Seconds after which a call counts as hung."""
 
-RESULTS = {"Animation", "BestLeaf", "Design", "FamilyDesign", "Motion", "Robot", "Study", "Task"}
+RESULTS = {"Animation", "BestLeaf", "Design", "FamilyDesign", "Motion", "Robot", "Study", "Task", "TimedMotion"}
 """Classes that functions make, not people: their methods are tried, their constructors are not."""
+
+ELSEWHERE = {"Bodies", "CellDesign", "InverseFunction", "nearest_inverse_function"}
+"""What takes too long to be tried thousands of times."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +70,7 @@ def right_calls(folder: Path) -> list[Call]:
         "best_leaf": {"inverse": inverse, "path": path, "q0": q0, "steps": 8, "seed": 0},
         "bracket_defect": {"strategy": control, "q": q0, "relative": False},
         "candidate_surface": {"strategy": control, "region": box, "samples": 8, "seed": 0},
-        "circle": {"task": task, "q0": q0, "radius": 0.05, "normal": "z", "start_angle": 0.0},
+        "circle": {"task": task, "q0": q0, "radius": 0.05, "normal": "z", "start_angle": 0.0, "rotation": "fixed"},
         "compare": {"first": design, "others": design},
         "drift_per_area": {"strategy": control, "q": q0},
         "figure_eight": {"task": task, "q0": q0, "radius": 0.05, "normal": "z", "start_angle": 0.0},
@@ -87,7 +90,7 @@ def right_calls(folder: Path) -> list[Call]:
             "seed": 0, "batch": 64, "stream": False, "executor": None, "shrink": False, "restarts": 0,
             "tolerance": 1e-3, "progress": False,
         },
-        "polygon": {"task": task, "q0": q0, "corners": [[0.1, 0, 0], [0.1, 0.1, 0]], "name": "triangle"},
+        "polygon": {"task": task, "q0": q0, "corners": [[0.1, 0, 0], [0.1, 0.1, 0]], "blend": 0.0, "name": "tri"},
         "read_waypoints": {"file": waypoint_file},
         "rose": {"task": task, "q0": q0, "radius": 0.05, "petals": 3, "normal": "z"},
         "save": {"design": design, "path": folder / "again.json"},
@@ -99,7 +102,18 @@ def right_calls(folder: Path) -> list[Call]:
             "plane": "xy", "cycles": 1, "steps": 24, "region": 0.1, "degree": 1, "controls": {"mine": control},
             "period": 5.0, "seed": 0, "progress": None,
         },
-        "waypoints": {"points": square, "rotation": np.eye(3), "name": "square"},
+        "waypoints": {"points": square, "rotation": np.eye(3), "times": None, "blend": 0.0, "name": "square"},
+        "timed": {"motion": motion, "acceleration": 10.0, "velocity": 1.0, "torque": False, "rate": 100.0},
+        "approach": {
+            "q_now": q0 + 0.05, "motion": motion, "acceleration": 10.0, "velocity": 1.0, "torque": False, "rate": 100.0,
+            "bodies": False,
+        },
+        "compiled": {"inverse": inverse},
+        "export_c": {"control": inverse, "folder": folder / "c", "name": "arm_control", "region": box},
+        "Cell": {"task": task, "placement": target, "half_width": (0.05, 0.05), "rotation": 0.0},
+        "LeafImpedance": {
+            "inverse": inverse, "stiffness": (1000.0, 50.0), "damping": 1.0, "leaf_frequency": 5.0, "leaf_damping": 1.0,
+        },
         "Box": {"center": q0, "half_width": 0.2, "density": lambda Q: np.ones(len(Q))},
         "CustomInverse": {"task": task, "function": control, "tolerance": 1e-8},
         "ExtendedJacobian": {"task": task, "potential": q0, "gradient": None, "hessian": None, "reference": q0},
@@ -191,6 +205,8 @@ def right_calls(folder: Path) -> list[Call]:
         rp.best_leaf(inverse, path, q0, steps=8), rp.animation({"J⁺": motion}, seconds=1.0),
         rp.nearest_in_family(**functions["nearest_in_family"]),
     ]  # fmt: skip
+    public = {n for n in dir(rp) if callable(getattr(rp, n)) and not n.endswith("Error")}
+    assert public - RESULTS - ELSEWHERE == set(functions), "give each public name a right call here"
     calls = [Call(name, getattr(rp, name), good) for name, good in functions.items()]
     calls += [Call(f"redundancy.{name}", getattr(rp.redundancy, name), good) for name, good in formulas.items()]
     for thing in things:
@@ -200,8 +216,8 @@ def right_calls(folder: Path) -> list[Call]:
                 good = {"A": np.ones((thing.size, 1))}
             elif (type(thing), name) == (rp.TaskPath, "placement"):
                 good = {"s": 0.3}
-            elif name == "show":
-                continue  # it serves until it is stopped
+            elif name in ("show", "dynamics", "bodies_model"):
+                continue  # the first serves until it is stopped, the others take nothing
             assert good is not None, f"give {type(thing).__name__}.{name} a right call here"
             if good:
                 calls.append(Call(f"{type(thing).__name__}.{name}", getattr(thing, name), good))

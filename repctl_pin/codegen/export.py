@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from ..arguments import file_name, wanted
 from ..files import prepare_folder, write_whole
 from ..regions import Region
 from ..robot.task import Task
@@ -59,7 +60,9 @@ def export_c(
         If the name is no identifier, the inverse or the region holds functions of a person's own, or the folder
         cannot be written.
     """
-    name = checked_name(name)
+    name, folder = checked_name(name), file_name(folder, "folder")
+    if region is not None:
+        wanted(region, Region, "region", "a region of joint space, such as rp.Box(q0, 0.3)")
     source = write_source(control, name, region)
     function = control if isinstance(control, InverseFunction) else None
     inverse = control.inverse if isinstance(control, InverseFunction) else control
@@ -81,7 +84,7 @@ def export_c(
         "loop.c": filled("loop.c", name, _circle(inverse.task, start)),
         "CMakeLists.txt": filled("CMakeLists.txt", name, {}),
     }
-    where = prepare_folder(Path(folder))
+    where = prepare_folder(folder)
     return [write_whole(where / file, text) for file, text in texts.items()]
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import positive, wanted
+from ..arguments import flag, positive, wanted
 from ..errors import InputError
 from ..robot.bodies import bodies_of
 from .motion import Motion
@@ -52,7 +52,8 @@ def approach(
         cannot be used.
     """
     task = wanted(motion, Motion, "motion", "a motion, such as rp.follow makes").task
-    limits = limits_of(task, velocity, acceleration, torque=torque)
+    bodies = flag(bodies, "bodies")
+    limits = limits_of(task, velocity, acceleration, torque=flag(torque, "torque"))
     ends = [task.check(q_now, "q_now"), task.check(motion.q[0], "the motion's start")]
     begin, end = motion.joints(np.array(ends))
     if np.linalg.norm(end - begin) < 1e-9:

@@ -12,7 +12,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ..arguments import wanted
+from ..arguments import MOST_STEPS, finite, function, list_of, vector, wanted, whole
 from ..errors import InputError
 from .orientation import rotation_matrix, spin_of
 
@@ -86,6 +86,10 @@ class TaskPath:
     period: float | None = None
 
     def __post_init__(self) -> None:
+        for curve, what in ((self.point, "point"), (self.slope, "slope")):
+            function(curve, what, "a function of s that gives three numbers")
+        if len(list_of(self.breaks, "breaks", "values of s")):
+            vector(self.breaks, None, "breaks", "values of s")
         if not callable(self.rotation):
             object.__setattr__(self, "rotation", rotation_matrix(self.rotation))
         elif self.spin is None:
@@ -94,14 +98,17 @@ class TaskPath:
 
     def placement(self, s: float) -> pin.SE3:
         """Where the frame should be at s."""
+        s = finite(s, "s")
         return pin.SE3(self._turned(s), self.point(s))
 
     def twist(self, s: float) -> Array:
         """Evaluate d(pose)/ds: (6,), m and rad a cycle, world axes."""
+        s = finite(s, "s")
         return np.concatenate([self.slope(s), np.zeros(3) if self.spin is None else self.spin(s)])
 
     def points(self, count: int = 201) -> Array:
         """Sample the curve, corners included: (≥ count, 3), m."""
+        count = whole(count, "count", 2, MOST_STEPS)
         return np.array([self.point(s) for s in np.union1d(np.linspace(0, 1, count), self.breaks)])
 
     @property

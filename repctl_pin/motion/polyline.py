@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import positive
+from ..arguments import list_of, positive
 from ..errors import InputError
 from ..robot.task import Task, wanted_task
 from .orientation import rotation_matrix, smooth_turning
@@ -95,7 +95,11 @@ def waypoints(
         If there are fewer than three points, numbers that are not finite, the path is open, or an edge is too short
         for its arcs.
     """
-    if not isinstance(points, np.ndarray) and len(given := list(points)) and isinstance(given[0], pin.SE3):
+    if (
+        not isinstance(points, np.ndarray)
+        and len(given := list_of(points, "waypoints", "rows of three numbers"))
+        and isinstance(given[0], pin.SE3)
+    ):
         if rotation is not None or not all(isinstance(x, pin.SE3) for x in given):
             raise InputError("waypoints that are placements say their orientations themselves; leave rotation out")
         corners, turns = np.array([x.translation for x in given]), [x.rotation for x in given]
@@ -104,7 +108,10 @@ def waypoints(
         if rotation is None:
             raise InputError("waypoints want rotation=: the orientation to hold, such as task.placement(q0).rotation")
         one = np.ndim(rotation) == 2 or getattr(rotation, "single", False)
-        turns = [rotation_matrix(R) for R in ([rotation] if one else rotation)]
+        turns = [
+            rotation_matrix(R)
+            for R in ([rotation] if one else list_of(rotation, "rotation", "a rotation, or one a waypoint"))
+        ]
         if len(turns) not in (1, len(corners)):
             raise InputError(f"{len(corners)} waypoints want one rotation, or as many; got {len(turns)}")
     if len(corners) < 3:

@@ -12,6 +12,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import file_name
 from ..errors import InputError
 from ..files import read_whole
 from ..robot.task import Task
@@ -51,7 +52,7 @@ def read_waypoints(file: str | Path) -> Array | list[pin.SE3]:
     InputError
         If the file cannot be read, or a line is not as many finite numbers; the line is named.
     """
-    table = _read(Path(file))
+    table = _read(file_name(file))
     if table.rotations is None:
         return table.points
     return [pin.SE3(R, p) for R, p in zip(table.rotations, table.points, strict=True)]

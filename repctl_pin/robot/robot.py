@@ -280,7 +280,7 @@ class Robot(Mechanism):
 
 def _looks_like_a_path(text: str) -> bool:
     """A catalogue name has no dot and no slash; whatever has is meant as a file."""
-    return any(mark in text for mark in "./\\") or Path(text).is_file()
+    return any(mark in text for mark in "./\\") or os.path.isfile(text)
 
 
 def _named_poses(entry: Entry | None) -> dict[str, dict[str, float]]:

@@ -11,7 +11,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import qmc
 
-from ..arguments import wanted
+from ..arguments import shown, wanted
 from ..errors import InputError
 from ..robot.task import Task, wanted_task
 from .rotations import exp3, left_jacobian, log3, tilts
@@ -70,7 +70,7 @@ class Cell:
         w = _sizes(half_width, positions, "half_width", "m", "one a position that the task commands")
         if turns:
             theta = _sizes(rotation, turns, "rotation", "rad", "one an axis")
-        elif np.any(np.asarray(rotation, float)):
+        elif np.any(_sizes(rotation, 1, "rotation", "rad", "one an axis")):
             raise InputError(f"a {task.kind} task leaves the rotation free; leave rotation= out")
         else:
             theta = np.zeros(0)
@@ -346,14 +346,14 @@ def _placement(task: Task, value: pin.SE3 | ArrayLike) -> pin.SE3:
     else:
         try:
             array = np.array(value, dtype=float)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             array = np.zeros(0)
         if array.shape == (3,):
             middle = pin.SE3(task.placement(task.reference).rotation, array)
         elif array.shape == (4, 4):
             middle = pin.SE3(array)
         else:
-            raise InputError(f"a cell's placement is a pinocchio.SE3, a 4 × 4 matrix or a position; not {value!r}")
+            raise InputError(f"a cell's placement is a pinocchio.SE3, a 4 × 4 matrix or a position; not {shown(value)}")
     R = middle.rotation
     if not np.isfinite(middle.homogeneous).all() or np.abs(R @ R.T - np.eye(3)).max() > 1e-6:
         raise InputError("a cell's placement must be finite numbers, with a rotation of length 1")
@@ -363,8 +363,8 @@ def _placement(task: Task, value: pin.SE3 | ArrayLike) -> pin.SE3:
 def _sizes(value: ArrayLike, size: int, name: str, unit: str, each: str) -> Array:
     try:
         array = np.broadcast_to(np.asarray(value, float), (size,)).copy()
-    except (TypeError, ValueError):
-        raise InputError(f"{name} must be one number in {unit} or {size}, {each}; got {value!r}") from None
+    except (TypeError, ValueError, OverflowError):
+        raise InputError(f"{name} must be one number in {unit} or {size}, {each}; got {shown(value)}") from None
     if not (np.isfinite(array).all() and (array >= 0).all()):
         raise InputError(f"{name} must be 0 {unit} or more; got {value!r}")
     return array

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg.blas import daxpy, ddot, dscal
 from scipy.linalg.lapack import dgesv, dgetrf, dgetri
 
-from ..arguments import FLOAT, NUMBER, positive, spread, vector, wanted
+from ..arguments import FLOAT, positive, spread, vector, wanted
 from ..errors import InputError, SingularityError
 from ..fields import inplace as potentials_of
 from ..fields.field import FieldMap
@@ -99,7 +99,7 @@ def make_loop(task: Task, field: FieldMap) -> Loop:
     ) -> Array:
         if not (type(q) is ndarray and q.dtype is FLOAT and q.shape == of_joints):
             q = vector(q, n, "q")
-        if not (isinstance(dt, NUMBER) and 0.0 < dt < inf):
+        if not (isinstance(dt, float) and 0.0 < dt < inf):
             dt = positive(dt, "dt", "s")
         if not isinstance(target, pin.SE3):
             wanted(target, pin.SE3, "the target", "a placement (pinocchio.SE3)")
@@ -185,7 +185,7 @@ def damped(J_V: Array, rhs: Array, most: float) -> tuple[Array, float]:
         return np.full(len(rhs), np.nan), 0.0
     U, s, V_T = np.linalg.svd(J_V)
     ratio = s[-1] / (2 * most)
-    square = most**2 * (1 - ratio**2) if ratio < 1 else 0.0
+    square = most * most * (1 - ratio**2) if ratio < 1 else 0.0
     return V_T.T @ ((U.T @ rhs) * s / (s**2 + square)), float(np.sqrt(square))
 
 
@@ -226,7 +226,7 @@ def failure(task: Task, q: Array, rhs: Array, singular: str = "") -> Exception:
 
 def share_of(gain: float, dt: float) -> float:
     """Take a feedback gain, 1/s, that a person gave: the share gain · dt of the error that a step undoes."""
-    share = gain * dt if isinstance(gain, NUMBER) else positive(gain, "gain", "1/s", zero=True) * dt
+    share = (gain if isinstance(gain, float) else positive(gain, "gain", "1/s", zero=True)) * dt
     if not 0.0 <= share <= 2.0:
         raise InputError(f"gain · dt must be from 0 to 2, beyond which feedback diverges; got {gain!r} · {dt!r}")
     return share

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import vector, wanted
+from ..arguments import list_of, vector, wanted
 from ..errors import InputError, SingularityError
 from ..fields.field import FieldMap
 from ..redundancy.augmented import leaf_margin
@@ -104,6 +104,7 @@ def solve_all(inverse: WithField, targets: Sequence[pin.SE3], q0: ArrayLike, lea
     InputError
         If a target is out of reach; it is named by its number, counted from 0.
     """
+    targets = list_of(targets, "targets", "a list of placements (pinocchio.SE3)")
     Q = np.empty((len(targets), inverse.task.n))
     for k, target in enumerate(targets):
         try:

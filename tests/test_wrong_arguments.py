@@ -1,0 +1,65 @@
+"""Everything at the door refuses what is wrong by name: a seeded sample of wrong arguments, generated from a table."""
+
+from __future__ import annotations
+
+import warnings
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+from wrong_arguments import all_wrong, outcome, right_calls
+
+SLOW = ("animation", "best_leaf", "inline", "nearest_", "study", "stable_", "candidate_", "export_c", "compiled")
+"""What is left to the slow test: a call that is taken, though one of its arguments is odd, takes its time."""
+
+
+def tried(folder: Path, count: int, seed: int, *, quick: bool) -> tuple[Counter[str], list[str]]:
+    """Try so many wrong arguments at random: how many were refused, taken or mishandled, and which were that."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        calls = right_calls(folder)
+    tries = [one for one in all_wrong(calls) if not (quick and one[0].name.startswith(SLOW))]
+    counts: Counter[str] = Counter()
+    mishandled = []
+    for i in np.random.default_rng(seed).permutation(len(tries))[:count]:
+        call, name, what, value = tries[i]
+        came = outcome(call, {name: value})
+        counts[came if came in ("refused", "taken") else "mishandled"] += 1
+        if came not in ("refused", "taken"):
+            mishandled.append(f"{call.name}({name} = {what}): {came}")
+    return counts, mishandled
+
+
+def test_a_sample_is_refused_by_name(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    counts, mishandled = tried(tmp_path, 400, 0, quick=True)
+    assert len(mishandled) <= 4, "\n".join(mishandled)  # 1 %
+    assert counts["refused"] > 0.7 * counts.total()
+
+
+@pytest.mark.slow
+def test_ten_thousand_are_refused_by_name(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    _, mishandled = tried(tmp_path, 10_000, 1, quick=False)
+    assert len(mishandled) <= 100, "\n".join(mishandled)  # 1 %
+    assert not [line for line in mishandled if line.endswith("hung")]
+
+
+def test_the_right_calls_are_right(tmp_path: Path, monkeypatch) -> None:
+    """Else what is refused would say nothing."""
+    monkeypatch.chdir(tmp_path)
+    refused = {c.name: came for c in right_calls(tmp_path) if (came := outcome(c, {})) != "taken"}
+    assert refused == {}
+
+
+def test_huge_counts_are_refused(tmp_path: Path) -> None:
+    calls = {call.name: call for call in right_calls(tmp_path)}
+    designing, following = ("restarts", "held_out", "samples", "batch"), ("lock", "cycles", "steps")
+    for count in (10**9, 10**19):
+        assert [outcome(calls["nearest_repeatable"], {name: count}) for name in designing] == ["refused"] * 4
+        assert [outcome(calls["follow"], {name: count}) for name in following] == ["refused"] * 3
+        assert outcome(calls["Box.random"], {"count": count}) == "refused"
+        assert outcome(calls["rose"], {"petals": count + 1}) == "refused"
+    assert outcome(calls["Motion.cycle"], {"k": 99}) == "refused"
+    assert outcome(calls["solve_ik"], {"tolerance": np.inf}) == "refused"
