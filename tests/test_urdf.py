@@ -228,10 +228,10 @@ BAD = {
 
 def refusal(path: Path) -> str:
     """The message of the refusal: one line, soon, that begins with the file."""
-    start = time.perf_counter()
+    start = time.process_time()
     with pytest.raises(UrdfError) as caught:
         read_urdf(path)
-    assert time.perf_counter() - start < 5.0
+    assert time.process_time() - start < 5.0
     message = str(caught.value)
     assert message.startswith(f"{path}: ")
     assert message.isprintable()
@@ -419,10 +419,13 @@ def test_an_axis_without_numbers_is_x(tmp_path: Path) -> None:
     np.testing.assert_allclose(task.jacobian([0.3])[:, 0], [0, 0, 0, 1, 0, 0], atol=1e-15)
 
 
-def test_a_color_without_numbers_is_none(tmp_path: Path) -> None:
+def test_a_color_without_numbers_is_none(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     shape = '<sphere radius="1"/></geometry><material name="m"><color/></material><geometry>'
     (tmp_path / "r.urdf").write_text(robot(links("a"), with_shape(shape).replace("<geometry></geometry>", ""), joint()))
-    assert [shape.color for shape in read_urdf(tmp_path / "r.urdf").shapes] == [None]
+    d = read_urdf(tmp_path / "r.urdf")
+    assert [shape.color for shape in d.shapes] == [None]
+    pin.buildModelFromXML(d.xml)
+    assert "Error" not in capfd.readouterr().err
 
 
 def test_many_shapes_are_capped(tmp_path: Path) -> None:
@@ -560,6 +563,6 @@ def test_what_passes_pinocchio_reads(tmp_path: Path, capfd: pytest.CaptureFixtur
         many = sum({"planar": 1, "floating": 1}.get(j.kind, 0) for j in d.joints)
         assert model.nq == model.nv + many
         assert model.njoints == 1 + sum(j.kind != "fixed" for j in d.joints)
-        complaints = [c for c in capfd.readouterr().err.splitlines() if c.startswith("Error") and "aterial" not in c]
-        assert not complaints, etree.tostring(root)  # a colour that is not there harms nobody
+        complaints = [c for c in capfd.readouterr().err.splitlines() if c.startswith("Error")]
+        assert not complaints, etree.tostring(root)
     assert min(outcomes.values()) > 50, outcomes

@@ -49,7 +49,11 @@ def _loading_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--lock", action="append", default=[], metavar="JOINT", help="hold a joint at the reference pose"
     )
-    parser.add_argument("--base", metavar="LINK", help="link to hold still; x is measured in its frame")
+    parser.add_argument(
+        "--base",
+        metavar="LINK",
+        help="link to measure x from, as if it stood still: on the way to the frame, or another hand",
+    )
 
 
 def task_options(parser: argparse.ArgumentParser) -> None:

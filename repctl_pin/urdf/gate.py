@@ -231,10 +231,24 @@ def _for_pinocchio(robot: etree._Element, joints: tuple[Joint, ...], folder: Pat
         limit.set("lower", repr(max(joint.lower, -NO_LIMIT)))
         limit.set("upper", repr(min(joint.upper, NO_LIMIT)))
         limit.set("velocity", repr(min(joint.velocity, NO_LIMIT)))
-    for material in robot.iterfind("link/visual/material"):
-        material.set("name", material.get("name", ""))  # a shape whose colour has no name would be lost
+    _tidy_materials(robot)
     for mesh in robot.iter("mesh"):
         name = mesh.get("filename")
         if "://" not in name and not Path(name).is_absolute():
             mesh.set("filename", str(folder / name))
     return etree.tostring(robot, encoding="unicode")
+
+
+def _tidy_materials(robot: etree._Element) -> None:
+    """Take out materials without a colour or a texture, of which Pinocchio complains on stderr."""
+    for color in [c for c in robot.iter("color") if c.get("rgba") is None]:
+        color.getparent().remove(color)
+    told = [
+        m for m in robot.iter("material") if m.find("color") is not None or m.find("texture[@filename]") is not None
+    ]
+    colored = {material.get("name") for material in told}
+    for material in [m for m in robot.iter("material") if m not in told]:
+        if material.getparent() is robot or material.get("name") not in colored:
+            material.getparent().remove(material)
+    for material in robot.iterfind("link/visual/material"):
+        material.set("name", material.get("name", ""))  # a shape whose colour has no name would be lost

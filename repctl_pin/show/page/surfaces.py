@@ -70,7 +70,8 @@ def read_surface(path: Path, most: int = MOST_FACES) -> Surface:
         raise InputError(f"mesh {path} is not one of {', '.join(KINDS)}; convert it")
     try:
         data = read_bytes(path)
-        scene = trimesh.load_scene(io.BytesIO(data), file_type=kind[1:], resolver=_Beside(path), process=False)
+        with np.errstate(all="ignore"):  # what is not finite is told below
+            scene = trimesh.load_scene(io.BytesIO(data), file_type=kind[1:], resolver=_Beside(path), process=False)
         pieces, faces = [], 0
         for node in scene.graph.nodes_geometry:
             transform, name = scene.graph[node]
