@@ -9,12 +9,20 @@ import os
 import signal
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
+import msgspec
 import numpy as np
+import pinocchio as pin
 import pytest
+from numpy.polynomial.chebyshev import chebval
+from scipy.spatial.transform import Rotation
 
 import repctl_pin as rp
+from repctl_pin.design.schema import DesignFile, Figures
 from repctl_pin.design.storage import _checksum
+from repctl_pin.motion.cycle import Cycle
+from repctl_pin.motion.pieces import pieces_of
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +71,10 @@ def test_every_kind_of_field_region_desired_inverse_and_task(tmp_path, panda, pa
     inverse = rp.RepeatableInverse(panda_pose, family.weighted(A))
     tube = rp.Tube(q_panda + 0.01 * np.arange(21).reshape(3, 7), np.linspace(0.1, 0.7, 7))
     workspace = rp.WorkspaceBox(panda_pose, panda_pose.placement(q_panda).translation, 0.1, within=rp.Box(q_panda, 0.4))
-    weights = [rp.WeightedInverse(panda_pose, w) for w in ("inertia", np.linspace(0.1, 0.7, 7), np.eye(7) + 0.3)]
+    limits = rp.LimitWeight(panda_pose, 0.7)
+    weights = [
+        rp.WeightedInverse(panda_pose, w) for w in (limits, "inertia", np.linspace(0.1, 0.7, 7), np.eye(7) + 0.3)
+    ]
     for region in (tube, workspace):
         for desired in (*weights, rp.Pseudoinverse(panda_pose)):
             design = dataclasses.replace(
@@ -105,6 +116,59 @@ def test_what_no_file_can_hold_is_refused(tmp_path, panda_pose, q_panda, small) 
     with pytest.raises(rp.InputError, match="nearest_repeatable"):
         rp.save(small.inverse, tmp_path / "d.json")
     assert list(tmp_path.iterdir()) == []
+
+
+PATHS = {
+    "circle": lambda task, q: rp.circle(task, q, 0.1, start_angle=0.3),
+    "eight": lambda task, q: rp.figure_eight(task, q, 0.05),
+    "polygon": lambda task, q: rp.polygon(task, q, [(0.1, 0, 0), (0.1, 0.1, 0.05), (0, 0.07, 0.01)]),
+}
+
+
+@pytest.mark.parametrize("name", PATHS)
+def test_the_cycle_of_a_control_comes_back(name: str, tmp_path, small, panda_pose, q_panda) -> None:
+    """Start and time exactly; the path to rounding, corners included, and what is followed with it."""
+    path = PATHS[name](panda_pose, q_panda)
+    design = dataclasses.replace(small, cycle=Cycle(q_panda, path, 3.0))
+    file = rp.save(design, tmp_path / "control.json")
+    cycle = rp.load(file, panda_pose).cycle
+    assert np.array_equal(cycle.start, q_panda) and cycle.period == 3.0
+    assert (cycle.path.name, cycle.path.breaks) == (path.name, path.breaks)
+    for s in np.linspace(0, 1, 57):
+        assert np.abs(cycle.path.placement(s).homogeneous - path.placement(s).homogeneous).max() < 1e-12
+        assert np.abs(cycle.path.twist(s) - path.twist(s)).max() < 1e-9
+    again = [rp.follow(small.inverse, p, q_panda, cycles=1, steps=60).q for p in (path, cycle.path)]
+    assert np.abs(again[0] - again[1]).max() < 1e-9
+    again_file = rp.save(rp.load(file, panda_pose), tmp_path / "again.json")
+    one, two = (json.loads(f.read_text())["cycle"]["pieces"] for f in (file, again_file))
+    for a, b in zip(one, two, strict=True):
+        assert np.allclose(a["coefficients"], b["coefficients"], atol=1e-12)
+
+
+def test_a_turning_path_is_told_by_quaternions() -> None:
+    """A frame that goes round a circle and back and forth about a tilted axis, checked against itself."""
+    axis = np.array([1.0, 2.0, 2.0]) / 3
+
+    def turned(s: float) -> np.ndarray:
+        return Rotation.from_rotvec(2.0 * np.sin(2 * np.pi * s) * axis).as_matrix()
+
+    path = SimpleNamespace(
+        name="turning", breaks=(0.5,),
+        placement=lambda s: pin.SE3(turned(s), 0.1 * np.array([np.cos(6 * s), np.sin(6 * s), s])),
+    )  # fmt: skip
+    pieces = pieces_of(path)
+    assert {piece.coefficients.shape[1] for piece in pieces} == {7}
+    for s in np.linspace(0.01, 0.99, 23):
+        piece = next(p for p in pieces if p.begin <= s <= p.end)
+        values = chebval((2 * s - piece.begin - piece.end) / (piece.end - piece.begin), piece.coefficients)
+        assert np.abs(values[:3] - path.placement(s).translation).max() < 1e-12
+        assert np.abs(Rotation.from_quat(values[3:]).as_matrix() - turned(s)).max() < 1e-11
+
+
+def test_the_file_holds_every_figure_of_a_design() -> None:
+    own = {"inverse", "desired", "fields", "region", "coefficients", "cycle"}
+    assert {a.name for a in dataclasses.fields(rp.Design)} - own == set(Figures.__struct_fields__)
+    assert json.dumps(msgspec.json.schema(DesignFile))  # for the docs
 
 
 # ---- refusals --------------------------------------------------------------------------------------
@@ -241,8 +305,8 @@ def test_wrong_content_with_a_right_checksum_is_refused_too(tmp_path, small, pan
         ("{}", "format"),
         ('{"format": "repctl design"}', "schema"),
         ('{"format": "repctl design", "schema": true}', "schema"),
-        ('{"format": "repctl design", "schema": 1, "schema": 1}', "twice"),
-        ('{"format": "repctl design", "schema": 1, "x": NaN}', "NaN"),
+        ('{"format": "repctl design", "schema": 1, "schema": 1}', "written_by"),
+        ('{"format": "repctl design", "schema": 1, "x": NaN}', "no JSON"),
         ("[" * 100_000, "no design"),
     ],
 )

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from ..errors import InputError
 from ..robot.robot import Robot
 from ..robot.task import Task
+from .schema import Check, TaskFile
 
 _CHECKS = 4
 _TOLERANCE = 1e-9
 
 
-def identity(task: Task) -> dict[str, Any]:
+def identity(task: Task) -> TaskFile:
     """Describe a task: names, and where its frame lies at a few configurations.
 
     Placements are the fingerprint: they depend on every link and joint axis of the chain and on the joints that
@@ -23,42 +22,32 @@ def identity(task: Task) -> dict[str, Any]:
     robot = task.robot
     configurations = [task.reference, *(task.reference + 0.7 * np.sin(np.arange(1, task.n + 1) * (k + 1.3))
                                         for k in range(_CHECKS - 1))]  # fmt: skip
-    return {
-        "robot": robot.name,
-        "catalogue": robot.entry is not None,
-        "file": robot.description.path.name,
-        "base": robot.base,
-        "lock": list(robot.locked),
-        "frame": task.frame,
-        "kind": task.kind,
-        "joints": list(task.robot_joints),
-        "coordinates": None if task.coordinates is None else task.coordinates.T.tolist(),
-        "fingerprint": [
-            {"q": q.tolist(), "placement": np.round(task.placement(q).homogeneous[:3], 12).tolist()}
-            for q in configurations
+    return TaskFile(
+        robot=robot.name,
+        catalogue=robot.entry is not None,
+        file=robot.description.path.name.encode("utf-8", "replace").decode(),
+        base=robot.base,
+        lock=list(robot.locked),
+        frame=task.frame,
+        task=task.kind,
+        joints=list(task.robot_joints),
+        coordinates=None if task.coordinates is None else task.coordinates.T.tolist(),
+        fingerprint=[
+            Check(q.tolist(), np.round(task.placement(q).homogeneous[:3], 12).tolist()) for q in configurations
         ],
-    }
+    )
 
 
-def task_of(data: dict[str, Any], where: str) -> Task:
-    """Make the task that a design was made for, from the catalogue.
-
-    Raises
-    ------
-    InputError
-        If its robot is not from the catalogue.
-    """
-    if not data["catalogue"]:
-        raise InputError(
-            f"{where} is for {data['robot']} ({data['file']}), which is not in the catalogue; load it with the task: "
-            f"rp.load({where!r}, Robot.load({data['file']!r}).task({data['frame']!r}, {data['kind']!r}))"
-        )
-    robot = Robot.load(data["robot"], lock=data["lock"], base=data["base"])
-    task = robot.task(data["frame"], data["kind"], joints=data["joints"])
-    return task if data["coordinates"] is None else task.in_coordinates(data["coordinates"])
+def task_of(made_for: TaskFile, robot: Robot) -> Task:
+    """Make the task that a design was made for, of its robot."""
+    if set(robot.locked) != set(made_for.lock) or robot.base != made_for.base:
+        name = robot.entry.name if robot.entry is not None else robot.description.path
+        robot = Robot.load(name, package_dirs=robot.package_dirs, lock=made_for.lock, base=made_for.base)
+    task = robot.task(made_for.frame, made_for.task, joints=made_for.joints)
+    return task if made_for.coordinates is None else task.in_coordinates(made_for.coordinates)
 
 
-def compare(data: dict[str, Any], task: Task, where: str) -> None:
+def compare(made_for: TaskFile, task: Task, where: str) -> None:
     """Refuse a task that is not the one a design was made for.
 
     Raises
@@ -67,25 +56,29 @@ def compare(data: dict[str, Any], task: Task, where: str) -> None:
         Naming the first difference.
     """
     mine = identity(task)
-    names = {"robot": "robot", "base": "base", "frame": "frame", "kind": "task kind"}
-    for key, name in names.items():
-        if data[key] != mine[key]:
-            raise InputError(f"{where} is for the {name} {data[key]!r}, not {mine[key]!r}; give that {name}")
-    if data["joints"] != mine["joints"]:
+    for name, one, other in (
+        ("robot", made_for.robot, mine.robot),
+        ("base", made_for.base, mine.base),
+        ("frame", made_for.frame, mine.frame),
+        ("task kind", made_for.task, mine.task),
+    ):
+        if one != other:
+            raise InputError(f"{where} is for the {name} {one!r}, not {other!r}; give that {name}")
+    if made_for.joints != mine.joints:
         raise InputError(
-            f"{where} is for the joints {', '.join(data['joints'])}, in this order, not {', '.join(mine['joints'])}"
+            f"{where} is for the joints {', '.join(made_for.joints)}, in this order, not {', '.join(mine.joints)}"
         )
-    T, own = data["coordinates"], mine["coordinates"]
+    T, own = made_for.coordinates, mine.coordinates
     if (T is None) != (own is None) or (T is not None and not np.array_equal(np.array(T), np.array(own))):
         raise InputError(f"{where} is for other joint coordinates; its T of q = T ψ is {T}")
-    for check in data["fingerprint"]:
-        q, expected = np.array(check["q"], float), np.array(check["placement"], float)
+    for check in made_for.fingerprint:
+        q, expected = np.array(check.q), np.array(check.placement)
         if q.shape != (task.n,) or expected.shape != (3, 4):
             raise InputError(f"{where} has a damaged fingerprint; design again")
         away = task.placement(q).homogeneous[:3] - expected
         if not np.abs(away).max() < _TOLERANCE:
             raise InputError(
-                f"{where} is for another {data['robot']}: at its check configurations the frame {data['frame']!r} lies "
-                f"{np.abs(away[:, 3]).max():.3g} m and {np.abs(away[:, :3]).max():.3g} rad elsewhere; "
+                f"{where} is for another {made_for.robot}: at its check configurations the frame {made_for.frame!r} "
+                f"lies {np.abs(away[:, 3]).max():.3g} m and {np.abs(away[:, :3]).max():.3g} rad elsewhere; "
                 "the URDF or the held joints have changed, so design again"
             )

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..fields.field import Field
+from ..motion.cycle import Cycle
 from ..regions import Region
 from ..robot.task import Task
 from ..strategies.repeatable import RepeatableInverse
@@ -62,6 +63,8 @@ class Design:
         What is left of the width of the Ω that was asked for.
     degrees : tuple of (degree, cost, cost_error)
         With ``degree="auto"``: what was tried, in order.
+    cycle : Cycle, optional
+        The motion the control is for: start, path and time. It is saved with the design.
     """
 
     inverse: RepeatableInverse
@@ -85,6 +88,7 @@ class Design:
     dropped: tuple[str, ...] = ()
     shrunk: float = 1.0
     degrees: tuple[tuple[int, float, float], ...] = ()
+    cycle: Cycle | None = None
 
     def __repr__(self) -> str:
         task = self.task

@@ -1,0 +1,289 @@
+"""What a file of a design holds: one class for each part; they are the decoder, and the JSON schema of the docs."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from ..errors import InputError
+from ..fields import Field, Fourier, Joined, Polynomial
+from ..motion.cycle import Cycle
+from ..motion.pieces import Piece, path_of, pieces_of
+from ..regions import Box, Region, Tube, WorkspaceBox
+from ..robot.task import Task
+from ..strategies import Inverse, LimitWeight, Pseudoinverse, WeightedInverse
+
+Row = list[float]
+Rows = list[list[float]]
+
+
+class _Part(msgspec.Struct, forbid_unknown_fields=True, tag_field="kind"):
+    """Something that is one of several kinds."""
+
+
+class PolynomialFile(_Part, tag="polynomial"):
+    """Monomials of ``(q − center) / scale``, by total degree from 1 up, then in lexical order of the variables."""
+
+    center: Row
+    degree: int
+    scale: Row
+    variables: list[int]
+    cross: bool
+
+
+class FourierFile(_Part, tag="fourier"):
+    """Sines and cosines of up to ``order`` turns of the variables."""
+
+    n: int
+    order: int
+    variables: list[int]
+    period: Row
+    cross: bool
+
+
+class JoinedFile(_Part, tag="joined"):
+    """Families one after the other."""
+
+    parts: list[PolynomialFile | FourierFile | JoinedFile]
+
+
+class BoxFile(_Part, tag="box"):
+    """``|q_i − center_i| ≤ half_width_i``."""
+
+    center: Row
+    half_width: Row
+
+
+class TubeFile(_Part, tag="tube"):
+    """All q within ``radius`` of a sample."""
+
+    samples: Rows
+    radius: Row
+
+
+class WorkspaceFile(_Part, tag="workspace"):
+    """What of a box of joints brings the frame into a box of the workspace, m."""
+
+    position: Row
+    half_width: Row
+    within: BoxFile
+
+
+class PseudoinverseFile(_Part, tag="pseudoinverse"):
+    """J⁺."""
+
+
+class WeightedFile(_Part, tag="weighted"):
+    """J⁺_M: ``inertia``, or the diagonal of M, or M."""
+
+    weight: str | list[float | Row]
+
+
+class LimitsFile(_Part, tag="limits"):
+    """J⁺ weighted by the nearness of the joint limits."""
+
+    gain: float
+
+
+class _Plain(msgspec.Struct, forbid_unknown_fields=True):
+    """Something that there is one kind of."""
+
+
+class Check(_Plain):
+    """Where the frame lies at one configuration, (3, 4): a fingerprint of the kinematics."""
+
+    q: Row
+    placement: Rows
+
+
+class TaskFile(_Plain):
+    """What is controlled. ``coordinates`` is T of q = T ψ, where the joints are described by others."""
+
+    robot: str
+    catalogue: bool
+    file: str
+    base: str | None
+    lock: list[str]
+    frame: str
+    task: str
+    joints: list[str]
+    coordinates: Rows | None
+    fingerprint: list[Check]
+
+
+class PieceFile(_Plain):
+    """A path from ``begin`` to ``end``, see :class:`repctl_pin.motion.pieces.Piece`."""
+
+    begin: float
+    end: float
+    coefficients: Rows
+
+
+class CycleFile(_Plain):
+    """Where the motion starts, the path it follows, and the time of a cycle, s."""
+
+    start: Row
+    period: float
+    path: str
+    words: str
+    plane: str
+    rotation: Rows
+    pieces: list[PieceFile]
+
+
+class Figures(_Plain):
+    """What the design is worth, see :class:`Design`."""
+
+    cost: float
+    cost_error: float
+    relative_distance: float
+    leaf_margin: float
+    leaf_margin_at: Row
+    inside_limits: float
+    fit_cost: float
+    gradient_norm: float
+    converged: bool
+    steps: int
+    samples: int
+    held_out: int
+    seed: int
+    dropped: tuple[str, ...]
+    shrunk: float
+    degrees: tuple[tuple[int, float, float], ...]
+
+
+class DesignFile(_Plain):
+    """A repeatable inverse: h_j(q) = Σ_i φ_i(q) coefficients[i][j], the φ_i in the order of ``fields``."""
+
+    format: str
+    schema: int
+    written_by: str
+    checksum: str
+    task: TaskFile
+    cycle: CycleFile | None
+    desired: PseudoinverseFile | WeightedFile | LimitsFile
+    fields: PolynomialFile | FourierFile | JoinedFile
+    region: BoxFile | TubeFile | WorkspaceFile
+    coefficients: Rows
+    figures: Figures
+
+
+def field_file(field: Field) -> Any:
+    """Describe a family of potentials.
+
+    Raises
+    ------
+    InputError
+        If it holds functions of a person's own, which no file can hold.
+    """
+    if isinstance(field, Polynomial):
+        center, scale = field.center.tolist(), field.scale.tolist()
+        return PolynomialFile(center, field.degree, scale, list(field.variables), field.cross)
+    if isinstance(field, Fourier):
+        return FourierFile(field.n, field.order, list(field.variables), field.period.tolist(), field.cross)
+    if isinstance(field, Joined):
+        return JoinedFile([field_file(part) for part in field.parts])
+    raise InputError(
+        f"{field!r} cannot be saved: a file holds polynomials and Fourier series, no functions of your own"
+    )
+
+
+def field_of(data: PolynomialFile | FourierFile | JoinedFile) -> Field:
+    """Make a family of potentials."""
+    if isinstance(data, PolynomialFile):
+        return Polynomial(data.center, data.degree, data.scale, variables=data.variables, cross=data.cross)
+    if isinstance(data, FourierFile):
+        return Fourier(data.n, data.order, variables=data.variables, period=data.period, cross=data.cross)
+    return Joined(*(field_of(part) for part in data.parts))
+
+
+def region_file(region: Region) -> Any:
+    """Describe a region.
+
+    Raises
+    ------
+    InputError
+        If it has a density, or is of a person's own kind.
+    """
+    if isinstance(region, (Box, Tube, WorkspaceBox)) and region.density is not None:
+        raise InputError(
+            "a region with a density of your own cannot be saved, for a file holds no functions; "
+            "save dataclasses.replace(design, region=…) with one without"
+        )
+    if isinstance(region, Box):
+        return BoxFile(region.center.tolist(), region.half_width.tolist())
+    if isinstance(region, Tube):
+        return TubeFile(region.samples.tolist(), region.radius.tolist())
+    if isinstance(region, WorkspaceBox):
+        return WorkspaceFile(region.position.tolist(), region.half_width.tolist(), region_file(region.within))
+    raise InputError(f"a region {type(region).__name__} cannot be saved; a file holds boxes, tubes and workspace boxes")
+
+
+def region_of(data: BoxFile | TubeFile | WorkspaceFile, task: Task) -> Region:
+    """Make a region."""
+    if isinstance(data, BoxFile):
+        return Box(data.center, data.half_width)
+    if isinstance(data, TubeFile):
+        return Tube(data.samples, data.radius)
+    within = Box(data.within.center, data.within.half_width)
+    return WorkspaceBox(task, data.position, data.half_width, within=within)
+
+
+def desired_file(desired: Inverse) -> Any:
+    """Describe a desired inverse.
+
+    Raises
+    ------
+    InputError
+        If it holds functions of a person's own.
+    """
+    if isinstance(desired, Pseudoinverse):
+        return PseudoinverseFile()
+    if isinstance(desired, WeightedInverse):
+        weight = desired.weight
+        if isinstance(weight, LimitWeight) and np.array_equal(weight.lower, desired.task.lower):
+            return LimitsFile(weight.gain)
+        if not callable(weight):
+            return WeightedFile(weight if isinstance(weight, str) else np.asarray(weight).tolist())
+    raise InputError(
+        f"a design whose desired inverse is a {type(desired).__name__} of your own cannot be saved, for a file holds "
+        "no functions; save dataclasses.replace(design, desired=rp.Pseudoinverse(design.task)) to keep the result alone"
+    )
+
+
+def desired_of(data: PseudoinverseFile | WeightedFile | LimitsFile, task: Task) -> Inverse:
+    """Make a desired inverse."""
+    if isinstance(data, PseudoinverseFile):
+        return Pseudoinverse(task)
+    return WeightedInverse(task, LimitWeight(task, data.gain) if isinstance(data, LimitsFile) else data.weight)
+
+
+def cycle_file(cycle: Cycle) -> CycleFile:
+    """Describe the cycle that a control is for."""
+    path = cycle.path
+    pieces = [PieceFile(p.begin, p.end, p.coefficients.tolist()) for p in pieces_of(path)]
+    rotation = path.placement(0.0).rotation.tolist()
+    return CycleFile(cycle.start.tolist(), cycle.period, path.name, path.words, path.plane, rotation, pieces)
+
+
+def cycle_of(data: CycleFile, task: Task) -> Cycle:
+    """Make the cycle again.
+
+    Raises
+    ------
+    InputError
+        If its numbers are no closed path of this task.
+    """
+    ends = [0.0, *(piece.end for piece in data.pieces)]
+    sizes = {np.shape(piece.coefficients)[1:] for piece in data.pieces}
+    starts = [piece.begin for piece in data.pieces]
+    if starts != ends[:-1] or ends[-1] != 1 or not (np.diff(ends) > 0).all() or sizes not in ({(3,)}, {(7,)}):
+        raise InputError("the pieces of the path do not lead from s = 0 to 1")
+    pieces = [Piece(p.begin, p.end, np.array(p.coefficients)) for p in data.pieces]
+    what = {"name": data.path, "words": data.words, "plane": data.plane, "breaks": tuple(ends[1:-1])}
+    path = path_of(pieces, np.array(data.rotation), **what)
+    if not (0 < data.period < np.inf):
+        raise InputError("the period must be above 0 s")
+    return Cycle(task.check(data.start, "the start"), path, data.period)
