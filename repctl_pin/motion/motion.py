@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import stacks, whole
 from ..errors import InputError
+from ..regions import Region
 from ..robot.bodies import Nearest, bodies_of
 from ..robot.task import Task
 from ..strategies.control_step import speeds
@@ -42,6 +43,8 @@ class Motion:
         The same for orientation, rad; 0 where the task has none.
     damping : float
         The largest λ that was used near a singularity; 0 where every step was exact.
+    region : Region, optional
+        Ω, where the control was designed: see :attr:`outside`.
     """
 
     task: Task
@@ -55,11 +58,23 @@ class Motion:
     tracking_error: Array
     turning_error: Array
     damping: float = 0.0
+    region: Region | None = None
 
     def __repr__(self) -> str:
         task, cycles = self.task, "1 cycle" if self.cycles == 1 else f"{self.cycles} cycles"
         drift = " … ".join(f"{value:.3g}" for value in dict.fromkeys((self.drift[0], self.drift[-1])))
         return f"<Motion of {task.robot.name} {task.frame}: {self.path.name}, {cycles}, drift {drift}>"
+
+    @property
+    def cycle_drift(self) -> Array:
+        """``‖q(after cycle k) − q(after cycle k − 1)‖``, k = 1, 2, …: what each cycle adds, (cycles,)."""
+        ends = self.q[:: self.steps]
+        return np.linalg.norm(np.diff(ends, axis=0), axis=1)
+
+    @property
+    def outside(self) -> float | None:
+        """Share of the motion that lies outside Ω, where no promise is made; None where there is no Ω."""
+        return None if self.region is None else float(np.mean(self.region.ratio(self.q) > 1 + 1e-9))
 
     @property
     def speed(self) -> Array:
@@ -81,6 +96,11 @@ class Motion:
     def speed_ratio(self) -> float:
         """Largest share of a joint's speed limit that was used; above 1 the path must be slowed down."""
         return float(np.max(np.abs(self.task.joints(self.qdot)) / self.task.joint_limits[2]))
+
+    @property
+    def fastest_joint(self) -> str:
+        """The joint that uses the largest share of its speed limit."""
+        return self.task.joint_names[int(np.argmax(np.max(np.abs(self.qdot) / self.task.velocity_limit, axis=0)))]
 
     @property
     def limit_margin(self) -> Array:
@@ -127,6 +147,10 @@ class Motion:
         if k >= self.cycles:
             raise InputError(f"there is no cycle {k}; this motion has {self.cycles}, counted from 0")
         return self.q[k * self.steps : (k + 1) * self.steps + 1]
+
+    def slowed(self, factor: float) -> Motion:
+        """Let every cycle take ``factor`` times as long: for controls ``q̇ = G ẋ``, whose joint path stays the same."""
+        return replace(self, t=self.t[0] + (self.t - self.t[0]) * factor, qdot=self.qdot / factor)
 
     def retimed(self, limit: ArrayLike | None = None) -> Motion:
         """Slow the motion down where a joint is too fast: the joint path stays the same.

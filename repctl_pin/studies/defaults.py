@@ -5,17 +5,19 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.stats import qmc
 
-from ..errors import InputError
+from ..design import nearest_repeatable
+from ..errors import InputError, SingularityError
 from ..fields import Polynomial
-from ..motion import Motion
+from ..motion import Motion, TaskPath, follow
 from ..motion.fitting import dexterity, fitting_circle
 from ..regions import Region, Tube
 from ..robot.length import arm_length
 from ..robot.robot import Robot
 from ..robot.task import KINDS, Task
+from ..strategies import Inverse, LimitWeight, Pseudoinverse, WeightedInverse
 
 Array = NDArray[np.float64]
 
@@ -152,14 +154,37 @@ def choose_start(task: Task) -> tuple[Array, str]:
     return best
 
 
-def choose_region(task: Task, motion: Motion) -> Tube:
-    """Take the tube round one cycle of a motion, 0.1 rad or 0.05 m each way."""
-    return Tube(motion.cycle(0), np.where(task.revolute, 0.1, 0.05))
+def choose_desired(task: Task, weight: ArrayLike | str | None) -> tuple[Inverse, str]:
+    """Make the inverse to be near to, and a name for it: J⁺, or one weighted by ``inertia``, ``limits`` or numbers."""
+    if weight is None:
+        return Pseudoinverse(task), "J⁺"
+    if isinstance(weight, str) and weight == "limits":
+        return WeightedInverse(task, LimitWeight(task)), "J⁺ weighted by the nearness of joint limits"
+    desired = WeightedInverse(task, weight)
+    if isinstance(weight, str):
+        return desired, "J⁺ weighted by the inertia (least kinetic energy)"
+    return desired, f"J⁺ weighted by {', '.join(f'{x:g}' for x in np.ravel(weight))}"
 
 
-def share_outside(region: Region, motion: Motion) -> float:
-    """Share of its time that a motion spends outside Ω."""
-    return float(np.mean(region.ratio(motion.q) > 1))
+def choose_region(task: Task, motion: Motion, width: float | None = None) -> Tube:
+    """Take the tube round one cycle of a motion; 0.1 rad or 0.05 m each way, where no width is given."""
+    return Tube(motion.cycle(0), np.where(task.revolute, 0.1, 0.05) if width is None else width)
+
+
+def round_the_motion(desired: Inverse, path: TaskPath, q0: Array, *, width: float | None = None, seed: int = 0) -> Tube:
+    """Lay a tube where a repeatable motion will be: the desired one creeps away from there, a linear design does not.
+
+    Raises
+    ------
+    SingularityError
+        If the desired control cannot follow the path once.
+    """
+    tube = choose_region(desired.task, follow(desired, path, q0, cycles=1), width)
+    linear = nearest_repeatable(desired, None, tube, degree=1, seed=seed, shrink=True).inverse
+    try:
+        return choose_region(desired.task, follow(linear, path, q0, cycles=1), width)
+    except SingularityError:
+        return tube
 
 
 def half_width_within(region: Region) -> str:
@@ -184,6 +209,7 @@ def _spread(task: Task, count: int) -> Array:
 
 __all__ = [
     "check_degree",
+    "choose_desired",
     "choose_region",
     "choose_start",
     "choose_task",
@@ -191,6 +217,6 @@ __all__ = [
     "kind_note",
     "reaches_full_rank",
     "redundant_kinds",
-    "share_outside",
+    "round_the_motion",
     "starts",
 ]

@@ -41,6 +41,11 @@ class Row:
     leaf_margin: float | None = None
     distance: float | None = None
 
+    @property
+    def outside(self) -> float:
+        """Share of the motion that lies outside Ω; 0 where there is no Ω, or no motion."""
+        return 0.0 if self.motion is None else self.motion.outside or 0.0
+
 
 @dataclass(frozen=True)
 class Study:
@@ -53,6 +58,7 @@ class Study:
     design: Design
     rows: tuple[Row, ...]
     notes: tuple[str, ...]
+    period: float = 5.0
 
     def __repr__(self) -> str:
         done = [(row.label, row.motion) for row in self.rows]
@@ -85,6 +91,7 @@ class Study:
             "start": numbers,
             "path": self.path.name,
             **({"path again": self.path.options} if self.path.options else {}),
+            "cycle": f"{self.period:g} s",
             "region": str(self.region),
             "potentials": f"degree {getattr(self.design.fields, 'degree', '?')}, {self.design.fields.size} of them",
         }
@@ -96,6 +103,7 @@ class Study:
             **self.task.as_dict(),
             "start": [float(v) for v in self.q0],
             **self.path.as_dict(),
+            "period": self.period,
             "region": region_dict(self.region),
             "design": {
                 "cost": design.cost,
@@ -130,10 +138,13 @@ def _row_dict(row: Row) -> dict[str, Any]:
         "drift_first": float(motion.drift[0]),
         "drift_last": float(motion.drift[-1]),
         "drift": motion.drift.tolist(),
+        "cycle_drift": motion.cycle_drift.tolist(),
+        "outside": motion.outside,
         "tracking_error": float(motion.tracking_error.max()),
         "turning_error": float(motion.turning_error.max()),
         "rms_speed": motion.rms_speed,
         "peak_speed": motion.peak_speed,
+        "speed_ratio": motion.speed_ratio if np.isfinite(motion.speed_ratio) else None,
         "limit_margin": margin if np.isfinite(margin) else None,
         "first_violation": None if violation is None else {"cycle": violation[0], "joint": violation[1]},
         "leaf_margin": row.leaf_margin,

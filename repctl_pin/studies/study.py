@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -15,14 +15,15 @@ from ..design import Design, SingularRegionError, nearest_repeatable
 from ..errors import InputError, SingularityError
 from ..integrability import drift_per_area
 from ..motion import ClosedPath, Motion, TaskPath, follow
+from ..motion.cycle import Cycle
 from ..motion.fitting import fitting_circle
 from ..motion.shapes import PLANES
 from ..motion.spec import parse_path
 from ..redundancy import align, nullspace
-from ..regions import Box, Region, Tube
+from ..regions import Box, Region
 from ..robot.robot import Robot
 from ..robot.task import Task
-from ..strategies import FunctionStrategy, PostureControl, Pseudoinverse, Strategy
+from ..strategies import FunctionStrategy, Inverse, PostureControl, Pseudoinverse, Strategy
 from ..strategies.names import LABELS
 from . import defaults
 from .result import Row, Study
@@ -33,6 +34,12 @@ Control = Strategy | Callable[[Array, Array], ArrayLike]
 
 POSTURE_GAIN = 1.0
 """Gain of the posture in the null space, 1/s."""
+
+PERIOD = 5.0
+"""Time of a cycle, s, where nobody says another and the joints are quick enough."""
+
+SHARE = 0.9
+"""Share of a speed limit that a cycle uses at most, where its time is chosen."""
 
 LITTLE = 1e-4
 """Drift a cycle that nobody would see, rad or m."""
@@ -54,6 +61,7 @@ def study(
     steps: int = 500,
     region: float | Region | None = None,
     degree: int = 2,
+    weight: ArrayLike | str | None = None,
     controls: Mapping[str, Control] | None = None,
     period: float | None = None,
     seed: int = 0,
@@ -83,11 +91,13 @@ def study(
         Ω: a half-width round the start, rad (and m), or a region; by default a tube round the cycle.
     degree
         Of the polynomial potentials.
+    weight
+        What to be near to, in place of J⁺: ``"inertia"``, ``"limits"``, or numbers, see :class:`WeightedInverse`.
     controls
         Controls of your own to set beside these, by the names they shall have: strategies on this task, or
         functions (q, ẋ) → q̇.
     period
-        Time of one cycle, s; by default the path's own, else 5.
+        Time of one cycle, s; by default the path's own, else 5, or longer where that is too fast for a joint.
     seed
         Of the nodes.
     progress
@@ -128,44 +138,46 @@ def study(
     notes = [*machine.warnings, *(defaults.kind_note(machine, moved) if task is None else []), *setting.notes]
 
     plain = Pseudoinverse(moved)
-    options: dict[str, Any] = {"cycles": cycles, "steps": steps, "period": period}
-
-    def repeatable(design: Design) -> Row:
-        return _run("repeatable", design.inverse, drawn, q0, options)
+    desired, wished = defaults.choose_desired(moved, weight)
+    if weight is not None:
+        own = {wished: desired} | own
+    usual = period or drawn.period or PERIOD
+    options: dict[str, Any] = {"cycles": cycles, "steps": steps, "period": usual}
 
     box = Box(q0, float(region)) if isinstance(region, (int, float)) else region
     if box is None:
         say("finding where the motion will be")
-        box = _round_the_motion(plain, drawn, q0, seed, options)
+        box = _asked(defaults.round_the_motion, None)(desired, drawn, q0, seed=seed)
     say(f"designing the nearest repeatable inverse, degree {degree}")
-    design = _design(plain, box, degree, seed, asked=region)
+    design = _design(desired, box, degree, seed, asked=region)
     say(f"following the path for {cycles} cycles")
-    last = repeatable(design)
-    outside = _share_outside(design, last.motion)
-    if region is None and design.shrunk == 1 and last.motion is not None and outside > 0:
+    last = _of_design(design, drawn, q0, options)
+    if region is None and design.shrunk == 1 and last.outside:
         say("designing again, round the motion that came of it")
-        design = _design(plain, defaults.choose_region(moved, last.motion), degree, seed, asked=None)
-        last = repeatable(design)
-        outside = _share_outside(design, last.motion)
+        assert last.motion is not None
+        design = _design(desired, defaults.choose_region(moved, last.motion), degree, seed, asked=None)
+        last = _of_design(design, drawn, q0, options)
     if design.shrunk < 1:
         notes.append(f"Ω was shrunk to {design.shrunk:.0%} to keep clear of singularities")
 
+    first = replace(_run("pseudoinverse", plain, drawn, q0, options), distance=0.0 if weight is None else None)
+    if period is None:
+        options["period"], why = _in_time(usual, last.motion, first.motion)
+        notes.extend(why)
+        first, last = (_slowed(row, options["period"] / usual) for row in (first, last))
     N = align(nullspace(moved.jacobian(q0)), np.eye(moved.n)[:, : moved.r])
     away = np.clip(q0 + POSTURE_OFFSET * N[:, 0], moved.lower, moved.upper)
     rows = [
-        replace(_run("pseudoinverse", plain, drawn, q0, options), distance=0.0),
+        first,
         _run("posture", PostureControl(moved, q0, POSTURE_GAIN), drawn, q0, options),
         _run("posture_off", PostureControl(moved, away, POSTURE_GAIN), drawn, q0, options),
         *(_run(name, control, drawn, q0, options) for name, control in own.items()),
         replace(last, leaf_margin=_leaf_margin(design, last.motion), distance=design.relative_distance),
     ]
+    notes.extend(_beyond_limits(rows))
     notes.extend(_where_it_creeps(plain, q0, rows[0].motion))
-    if outside > 0:
-        remedy = "a larger region may cover it" if design.shrunk == 1 else "a smaller path may stay inside"
-        notes.append(
-            f"the repeatable motion spends {outside:.1%} of its time outside Ω, where nothing was designed; {remedy}"
-        )
-    return Study(moved, q0, drawn, design.region, design, tuple(rows), tuple(notes))
+    design = replace(design, cycle=Cycle(q0, drawn, options["period"]))
+    return Study(moved, q0, drawn, design.region, design, tuple(rows), tuple(notes), options["period"])
 
 
 def _own_controls(task: Task, controls: Mapping[str, Control]) -> dict[str, Strategy]:
@@ -200,33 +212,73 @@ def _run(key: str, strategy: Strategy, path: TaskPath, q0: Array, options: dict[
         return Row(key, label, None, stopped=str(error))
 
 
-def _round_the_motion(plain: Pseudoinverse, path: TaskPath, q0: Array, seed: int, options: dict[str, Any]) -> Tube:
-    """Lay a tube where the motion will be: J⁺ creeps away from there, so a linear design finds the way."""
-    once = options | {"cycles": 1}
-    tube = defaults.choose_region(plain.task, follow(plain, path, q0, **once))
-    linear = _run("", _design(plain, tube, 1, seed, asked=None).inverse, path, q0, once).motion
-    return tube if linear is None else defaults.choose_region(plain.task, linear)
+def _of_design(design: Design, path: TaskPath, q0: Array, options: dict[str, Any]) -> Row:
+    """Follow the path with the design's inverse, and look where it leaves Ω."""
+    row = _run("repeatable", design.inverse, path, q0, options)
+    return row if row.motion is None else replace(row, motion=replace(row.motion, region=design.region))
 
 
-def _design(plain: Pseudoinverse, box: Region, degree: int, seed: int, *, asked: float | Region | None) -> Design:
+def _design(desired: Inverse, box: Region, degree: int, seed: int, *, asked: float | Region | None) -> Design:
     """Design in the region; one that nobody asked for is shrunk until it is free of singularities."""
-    try:
-        return nearest_repeatable(plain, None, box, degree=degree, seed=seed, shrink=asked is None)
-    except SingularRegionError as error:
-        if asked is None:
-            remedy = "choose another start, or a smaller path"
-        elif error.free is None:
-            remedy = "choose another start"
-        elif isinstance(asked, (int, float)):
-            remedy = f"give region={defaults.half_width_within(error.free)}"
-        else:
-            remedy = "take that"
-        raise error.with_remedy(remedy) from None
+    return _asked(nearest_repeatable, asked)(desired, None, box, degree=degree, seed=seed, shrink=asked is None)
 
 
-def _share_outside(design: Design, motion: Motion | None) -> float:
-    """Share of its time that a motion, if there is one, spends where nothing was designed."""
-    return 0.0 if motion is None else defaults.share_outside(design.region, motion)
+def _asked(design: Callable[..., Any], region: float | Region | None) -> Callable[..., Any]:
+    """Let a function that designs say its remedy to who asked for a region, or for none."""
+
+    def said(*arguments: Any, **options: Any) -> Any:
+        try:
+            return design(*arguments, **options)
+        except SingularRegionError as error:
+            if region is None:
+                remedy = "choose another start, or a smaller path"
+            elif error.free is None:
+                remedy = "choose another start"
+            elif isinstance(region, (int, float)):
+                remedy = f"give region={defaults.half_width_within(error.free)}"
+            else:
+                remedy = "take that"
+            raise error.with_remedy(remedy) from None
+
+    return said
+
+
+def _in_time(usual: float, *motions: Motion | None) -> tuple[float, list[str]]:
+    """Choose the time of a cycle in which the first cycles keep the speed limits: the usual, or a longer one.
+
+    ``q̇ = G ẋ`` goes as fast as the path is driven, so the joints' path is the same in any time.
+    """
+    moved = [m for m in motions if m is not None]
+    first = [replace(m, qdot=m.qdot[: m.steps + 1]) for m in moved]
+    worst = max(first, key=lambda m: m.speed_ratio, default=None)
+    if worst is None or not 1 < worst.speed_ratio < np.inf:
+        return usual, []
+    longer = usual * worst.speed_ratio / SHARE
+    digit = 10.0 ** (np.floor(np.log10(longer)) - 1)
+    period = float(f"{np.ceil(longer / digit) * digit:.2g}")
+    return period, [
+        f"a cycle takes {period:g} s: in {usual:g} s {worst.fastest_joint} would go {worst.speed_ratio:.2g} times as "
+        "fast as its limit allows"
+    ]
+
+
+def _slowed(row: Row, factor: float) -> Row:
+    return row if row.motion is None else replace(row, motion=row.motion.slowed(factor))
+
+
+def _beyond_limits(rows: Sequence[Row]) -> list[str]:
+    """Say which joints leave their limits, of position or of speed, under which control."""
+    notes = []
+    for row in rows:
+        motion = row.motion
+        if motion is None:
+            continue
+        if motion.first_violation is not None:
+            notes.append(f"{row.label}: {motion.first_violation[1]} leaves its limits in cycle {motion.broken_cycle}")
+        if motion.speed_ratio > 1 + 1e-9:
+            times = f"{motion.speed_ratio:.2g} times as fast as its limit allows"
+            notes.append(f"{row.label}: {motion.fastest_joint} goes {times}")
+    return notes
 
 
 def _where_it_creeps(plain: Pseudoinverse, q0: Array, motion: Motion | None) -> list[str]:
