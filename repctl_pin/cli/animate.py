@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from .options import (
+    asked_path,
     is_saved,
     output_folder,
     path_options,
@@ -158,18 +159,15 @@ def _only(names: str, tracks: list[Track], file: str) -> list[Track]:
 def _from_design(design: Design, options: argparse.Namespace, say: Callable[[str], None]) -> _Shown:
     """A saved design, beside the inverse that it is the nearest to."""
     from ..motion import follow
-    from ..motion.spec import parse_path
     from ..show.page.playback import track_of
     from ..show.plots.motions import COLOURS
     from ..strategies import Pseudoinverse
     from ..strategies.names import LABELS
-    from ..studies.start_and_path import choose_setting
+    from ..studies.start_and_path import setting_of
 
-    make_path = parse_path(options.path, options.plane)
-    start = start_of(options, design.task)
     say("finding a path")
-    setting = choose_setting(design.task, design.region.center if start is None else start, make_path)
-    q0, path = setting.q0, setting.path
+    setting = setting_of(design, start_of(options, design.task), asked_path(options))
+    q0, path = setting.q0, setting.drawn
     cycles = options.cycles or 10
     say(f"following the path for {cycles} cycles")
     desired = LABELS["pseudoinverse"] if type(design.desired) is Pseudoinverse else "desired"
@@ -185,7 +183,6 @@ def _from_design(design: Design, options: argparse.Namespace, say: Callable[[str
 
 def _from_study(options: argparse.Namespace, say: Callable[[str], None]) -> _Shown:
     """J⁺ and the nearest repeatable inverse, as a study finds them."""
-    from ..motion.spec import parse_path
     from ..show.page.playback import track_of
     from ..show.plots.motions import COLOURS
     from ..studies import study
@@ -195,7 +192,7 @@ def _from_study(options: argparse.Namespace, say: Callable[[str], None]) -> _Sho
         frame=options.frame,
         task=options.task,
         start=start_of(options),
-        path=parse_path(options.path, options.plane),
+        path=asked_path(options),
         cycles=options.cycles or 10,
         steps=options.steps,
         degree=options.degree,

@@ -4,18 +4,31 @@ from __future__ import annotations
 
 import argparse
 import json
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
-from .options import box_round, is_saved, natural, positive, robot_of, start_of, task_options, what_options, whole
+from .options import (
+    REGION,
+    box_round,
+    is_saved,
+    natural,
+    positive,
+    robot_of,
+    start_of,
+    task_options,
+    weight_of,
+    weight_option,
+    what_options,
+    whole,
+)
 from .saved import load_design
 from .terminal import clear_line, progress
 
 if TYPE_CHECKING:
     from ..integrability import Repeatability, Surfaces
-    from ..regions import Region
     from ..robot.task import Task
     from ..strategies import Inverse
+    from ..studies.start_and_path import Setting
 
 HELP = "say whether J⁺, a weighted inverse or a saved design is repeatable, and how much it drifts if not"
 EXAMPLE = """examples:
@@ -27,24 +40,11 @@ SMALL = 4
 """Arms of up to so many joints are searched for stable surfaces."""
 
 
-class _Case(NamedTuple):
-    """What is to be checked."""
-
-    strategy: Inverse
-    name: str
-    q0: Any
-    where: str  # what the start is
-    region: Region
-    notes: list[str]
-
-
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of this subcommand."""
     what_options(parser)
     task_options(parser)
-    parser.add_argument(
-        "--weight", metavar="M", help="inertia, or one number a joint separated by commas (default: 1, which is J⁺)"
-    )
+    weight_option(parser)
     parser.add_argument(
         "--absolute", action="store_true", help="describe a planar arm by absolute angles, not by relative ones"
     )
@@ -52,7 +52,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--region",
         type=positive,
         metavar="W",
-        help="Ω: half-width round the start, rad, cut to the joint limits (default 0.25; a design's own)",
+        help="Ω: half-width round the start, rad, cut to the joint limits (default 0.4; a design's own)",
     )
     parser.add_argument("--samples", type=whole, default=128, help="configurations to look at (default 128)")
     parser.add_argument("--seed", type=natural, default=0, help="seed of those (default 0)")
@@ -68,90 +68,79 @@ def run(options: argparse.Namespace) -> int:
     from ..integrability import drift_per_area, is_repeatable, stable_surface
     from ..regions import Box
 
-    case = _saved(options) if is_saved(options.what) else _named(options)
-    task = case.strategy.task
+    strategy, name, setting = _saved(options) if is_saved(options.what) else _named(options)
+    task, q0 = strategy.task, setting.q0
+    assert setting.region is not None
     say("evaluating the Lie brackets")
-    verdict = is_repeatable(case.strategy, case.region, samples=options.samples, seed=options.seed)
-    drift = drift_per_area(case.strategy, case.q0)
+    verdict = is_repeatable(strategy, setting.region, samples=options.samples, seed=options.seed)
+    drift = drift_per_area(strategy, q0)
     surfaces = None
     if task.n <= SMALL and not verdict.repeatable:
         say("looking for stable surfaces")
-        low, high = np.maximum(task.lower, case.q0 - np.pi), np.minimum(task.upper, case.q0 + np.pi)
-        surfaces = stable_surface(case.strategy, Box.between(low, high), seed=options.seed)
+        low, high = np.maximum(task.lower, q0 - np.pi), np.minimum(task.upper, q0 + np.pi)
+        surfaces = stable_surface(strategy, Box.between(low, high), seed=options.seed)
     clear_line()
-    result = _as_dict(case, verdict, drift, surfaces)
+    result = _as_dict(strategy, name, setting, verdict, drift, surfaces)
     if options.json:
         print(json.dumps(result, indent=2, ensure_ascii=False))
     else:
-        _print(case, verdict, result["drift_per_m2"], surfaces, absolute=options.absolute)
+        said = f"{name}, in absolute angles" if options.absolute else name
+        _print(task, said, setting, verdict, result["drift_per_m2"], surfaces)
     return 0
 
 
-def _named(options: argparse.Namespace) -> _Case:
+def _named(options: argparse.Namespace) -> tuple[Inverse, str, Setting]:
     """J⁺, or a weighted inverse, of a robot."""
     from ..robot.absolute_angles import absolute_angles
-    from ..studies.defaults import choose_start, choose_task
+    from ..studies.defaults import choose_desired, choose_start, choose_task
+    from ..studies.start_and_path import GIVEN, Setting
 
     task = choose_task(robot_of(options), options.frame, options.task)
     given = start_of(options, task)
-    q0, where = choose_start(task) if given is None else (given, "as given")
+    q0, where = choose_start(task) if given is None else (given, GIVEN)
     if options.absolute:
         task = task.in_coordinates(absolute_angles(task))
         assert task.coordinates is not None
         q0 = task.coordinates.coordinates(q0)
-    strategy, name = strategy_of(task, options.weight)
-    return _Case(strategy, name, q0, where, *box_round(task, q0, options.region or 0.25))
+    region, notes = box_round(task, q0, options.region or REGION)
+    return (*choose_desired(task, weight_of(options)), Setting(q0, where, region=region, moved=tuple(notes)))
 
 
-def _saved(options: argparse.Namespace) -> _Case:
+def _saved(options: argparse.Namespace) -> tuple[Inverse, str, Setting]:
     """A saved design; what chooses a strategy has no place beside it."""
+    from ..studies.start_and_path import GIVEN, Setting
+
     for option in ("weight", "absolute"):
         if getattr(options, option):
             raise InputError(f"{options.what} is a strategy of its own; leave --{option} out")
     design = load_design(options)
     given = start_of(options, design.task)
-    q0, where = (design.region.center, "the region's center") if given is None else (given, "as given")
-    name = f"the design in {options.what}"
-    if options.region is None:
-        return _Case(design.inverse, name, q0, where, design.region, [])
-    return _Case(design.inverse, name, q0, where, *box_round(design.task, q0, options.region))
+    q0, where = (design.region.center, "the region's center") if given is None else (given, GIVEN)
+    region, notes = (design.region, []) if options.region is None else box_round(design.task, q0, options.region)
+    return design.inverse, f"the design in {options.what}", Setting(q0, where, region=region, moved=tuple(notes))
 
 
-def strategy_of(task: Task, weight: str | None) -> tuple[Inverse, str]:
-    """Make the strategy that ``--weight`` names, and a name for it."""
-    from ..strategies import Pseudoinverse, WeightedInverse
-
-    if weight is None:
-        return Pseudoinverse(task), "J⁺"
-    if weight == "inertia":
-        return WeightedInverse(task, "inertia"), "J⁺ weighted by the inertia (least kinetic energy)"
-    try:
-        numbers = [float(part) for part in weight.replace(" ", ",").split(",") if part]
-    except ValueError:
-        raise InputError(f"--weight {weight!r} is neither inertia nor numbers separated by commas") from None
-    if len(numbers) != task.n:
-        raise InputError(f"--weight has {len(numbers)} numbers, but the task has {task.n} joints")
-    return WeightedInverse(task, numbers), f"J⁺ weighted by {', '.join(f'{x:g}' for x in numbers)}"
-
-
-def _as_dict(case: _Case, verdict: Repeatability, drift: Any, surfaces: Surfaces | None) -> dict[str, Any]:
+def _as_dict(
+    strategy: Inverse, name: str, setting: Setting, verdict: Repeatability, drift: Any, surfaces: Surfaces | None
+) -> dict[str, Any]:
     from ..studies.result import region_dict
 
-    task = case.strategy.task
+    task = strategy.task
+    assert setting.region is not None
     axes = {"xz": "xz", "yz": "yz"}.get(task.kind, "xyz")
     planes = [(a, b) for a in range(len(drift)) for b in range(a + 1, len(drift))]
     result = {
         **task.as_dict(),
-        "strategy": case.name,
-        "start": [float(v) for v in case.q0],
-        "region": region_dict(case.region),
+        "strategy": name,
+        "start": [float(v) for v in setting.q0],
+        "region": region_dict(setting.region),
         "repeatable": verdict.repeatable,
         "defect": verdict.defect,
         "defect_at": verdict.at.tolist(),
         "tolerance": verdict.tolerance,
         "samples": verdict.samples,
         "drift_per_m2": {axes[a] + axes[b]: float(drift[a, b]) for a, b in planes},
-        "notes": case.notes,
+        "notes": list(setting.moved),
     }
     if surfaces is not None:
         result["surfaces"] = {
@@ -163,15 +152,15 @@ def _as_dict(case: _Case, verdict: Repeatability, drift: Any, surfaces: Surfaces
 
 
 def _print(
-    case: _Case, verdict: Repeatability, drift: dict[str, float], surfaces: Surfaces | None, *, absolute: bool
+    task: Task, name: str, setting: Setting, verdict: Repeatability, drift: dict[str, float], surfaces: Surfaces | None
 ) -> None:
-    task, robot = case.strategy.task, case.strategy.task.robot
+    robot = task.robot
     print(f"robot     {robot.name} ({robot.description.path.name})")
     print(f"task      {task.frame}, {task.kind}: n = {task.n} joints, m = {task.m}, r = {task.r}")
-    print(f"strategy  {case.name}{', in absolute angles' if absolute else ''}")
-    print(f"start     {_row(case.q0)} ({case.where})")
-    print(f"region    {case.region}")
-    for note in case.notes:
+    print(f"strategy  {name}")
+    print(f"start     {_row(setting.q0)} ({setting.where})")
+    print(f"region    {setting.region}")
+    for note in setting.moved:
         print(f"note: {note}")
     print()
     print(verdict.summary())

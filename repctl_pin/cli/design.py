@@ -8,9 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
-from .check import strategy_of
 from .executors import executor_of
 from .options import (
+    REGION,
+    asked_path,
+    box_round,
     load_robot,
     natural,
     output_folder,
@@ -18,17 +20,23 @@ from .options import (
     positive,
     robot_options,
     said_by_options,
+    save_control,
+    start_of,
     task_options,
+    weight_of,
+    weight_option,
     whole,
 )
-from .place import Place, choose_place
 from .terminal import clear_line, progress
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from ..design import Design
     from ..regions import Region
     from ..robot.task import Task
     from ..strategies import Inverse
+    from ..studies.start_and_path import Setting
 
 HELP = "find the repeatable inverse nearest to J⁺, or to a weighted inverse, over a region of joint space"
 EXAMPLE = """examples:
@@ -42,13 +50,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of this subcommand."""
     robot_options(parser)
     task_options(parser)
+    weight_option(parser)
     parser.add_argument(
-        "--weight",
-        metavar="M",
-        help="what to be near to: inertia, limits, or one number a joint separated by commas (default: 1, J⁺)",
-    )
-    parser.add_argument(
-        "--region", type=positive, default=0.4, metavar="W", help="Ω: half-width round the start, rad (default 0.4)"
+        "--region", type=positive, default=REGION, metavar="W", help="Ω: half-width round the start, rad (default 0.4)"
     )
     path_options(parser, "Ω: a tube of that half-width round one cycle of J⁺ on a path: ", "")
     parser.add_argument(
@@ -87,28 +91,29 @@ def _run(options: argparse.Namespace, folder: Path) -> int:
     say("starting up")
     degree = _degree(options)
 
-    from ..design import SingularRegionError, nearest_repeatable, save
+    from ..design import SingularRegionError, nearest_repeatable
     from ..design.design_map import degree_curve, design_map
+    from ..files import prepare_folder
     from ..show.plots.designs import write_design
-    from ..studies.defaults import check_degree, choose_task
+    from ..studies.defaults import check_degree, choose_desired, choose_task
 
     robot = load_robot(options)
     task = choose_task(robot, options.frame, options.task)
     if degree != "auto":
         check_degree(task, degree)
-    desired, name = _desired(task, options.weight)
-    place = choose_place(task, options)
-    fields = _fields(task, place.region, degree, options.fourier)
+    desired, name = choose_desired(task, weight_of(options))
 
     def report(what: str, share: float) -> None:
         say(f"{what} {share:.0%}" if 0 < share < 1 else what)
 
     with executor_of(options) as executor:
-        try:
-            design = nearest_repeatable(
+
+        def make(region: Region) -> Design:
+            fields = _fields(task, region, degree, options.fourier)
+            return nearest_repeatable(
                 desired,
                 fields,
-                place.region,
+                region,
                 degree=degree if fields is None else None,
                 samples=options.samples,
                 held_out=options.held_out,
@@ -119,26 +124,29 @@ def _run(options: argparse.Namespace, folder: Path) -> int:
                 restarts=options.restarts,
                 progress=report,
             )
+
+        try:
+            setting, design = _designed(desired, make, options, say)
         except SingularRegionError as error:
             raise said_by_options(error, shrink=True) from None
         degrees = degree_curve(design, report)
-    notes = [*place.notes]
+    notes = [*setting.moved]
     if design.shrunk < 1:
         notes.append(f"Ω was shrunk to {design.shrunk:.0%} of its width to keep clear of singularities")
+    say("finding a cycle inside Ω")
+    design, more = _with_cycle(design, setting)
+    notes.extend(more)
     say("comparing and drawing")
     title = f"{robot.name}, {task.frame}, {task.kind}: nearest repeatable inverse of {name}, over a {design.region}"
-    files = write_design(design, design_map(design), degrees, folder, title=title)
-    try:
-        files.append(save(design, folder / "design.json"))
-    except InputError as error:
-        notes.append(f"design.json was not written: {error}")
-    result = _as_dict(design, degrees, name, place, notes)
+    saved = save_control(design, prepare_folder(folder) / "design.json")
+    files = [*write_design(design, design_map(design), degrees, folder, title=title), saved]
+    result = _as_dict(design, degrees, name, setting, notes)
     text = design.summary()
     clear_line()
     if options.json:
         print(json.dumps(result | {"files": [str(f) for f in files]}, indent=2, ensure_ascii=False))
     elif not options.quiet:
-        print(f"desired  {name}\nstart    {', '.join(f'{v:.4g}' for v in place.q0)} ({place.where})\n")
+        print(f"desired  {name}\nstart    {', '.join(f'{v:.4g}' for v in setting.q0)} ({setting.where})\n")
         print(text)
         if len(degrees) > 1:
             print(f"\n{_degree_table(degrees)}")
@@ -160,13 +168,47 @@ def _degree(options: argparse.Namespace) -> Any:
         raise InputError(f"--degree {options.degree!r} is neither auto nor a whole number from 1 up") from None
 
 
-def _desired(task: Task, weight: str | None) -> tuple[Inverse, str]:
-    """Make the inverse that ``--weight`` names."""
-    if weight != "limits":
-        return strategy_of(task, weight)
-    from ..strategies import LimitWeight, WeightedInverse
+def _designed(
+    desired: Inverse, make: Callable[[Region], Design], options: argparse.Namespace, say: Callable[[str], None]
+) -> tuple[Setting, Design]:
+    """Design in a tube round a path's cycle, a box cut to the joint limits, or a workspace box in it."""
+    from ..regions import WorkspaceBox
+    from ..studies.defaults import choose_start
+    from ..studies.start_and_path import GIVEN, Setting, design_along, first_design, settings
 
-    return WeightedInverse(task, LimitWeight(task)), "J⁺ weighted by the nearness of joint limits"
+    task, start = desired.task, start_of(options, desired.task)
+    if options.path is not None:
+        width, seed = options.region, options.seed
+        return first_design(
+            settings(task, start, asked_path(options)),
+            lambda it: design_along(desired, it, make, width=width, seed=seed, say=say),
+            given=start is not None,
+        )
+    if options.plane is not None:
+        raise InputError("--plane is of a --path, round which Ω lies; give one")
+    q0, where = choose_start(task) if start is None else (start, GIVEN)
+    box, notes = box_round(task, q0, options.region)
+    region: Region = box
+    if options.workspace is not None:
+        axes = [row for row in task.rows if row < 3]
+        region = WorkspaceBox(task, task.placement(q0).translation[axes], options.workspace, within=box)
+    return Setting(q0, where, region=region, moved=tuple(notes)), make(region)
+
+
+def _with_cycle(design: Design, setting: Setting) -> tuple[Design, list[str]]:
+    """Say which cycle the design is for: on the path asked for, or the largest circle inside Ω."""
+    from ..studies.start_and_path import setting_of, with_cycle
+
+    try:
+        found = setting if setting.path is not None else setting_of(design, setting.q0)
+    except InputError:
+        return design, ["no circle from the start stays inside Ω; repctl follow wants a --path"]
+    design, notes = with_cycle(design, found)
+    assert design.cycle is not None
+    return design, [
+        *notes,
+        f"for {found.drawn.name}, {design.cycle.period:g} s a cycle: repctl follow takes it from there",
+    ]
 
 
 def _fields(task: Task, region: Region, degree: Any, fourier: int | None) -> Any:
@@ -194,16 +236,16 @@ def _degree_table(degrees: Any) -> str:
     return table(["degree", "cost", "± error"], rows)
 
 
-def _as_dict(design: Design, degrees: Any, name: str, place: Place, notes: list[str]) -> dict[str, Any]:
+def _as_dict(design: Design, degrees: Any, name: str, setting: Setting, notes: list[str]) -> dict[str, Any]:
     from ..studies.result import region_dict
 
     task = design.task
     return {
         **task.as_dict(),
         "desired": name,
-        "start": [float(v) for v in place.q0],
-        "start_is": place.where,
-        **({} if place.path is None else place.path.as_dict()),
+        "start": [float(v) for v in setting.q0],
+        "start_is": setting.where,
+        **({} if design.cycle is None else design.cycle.path.as_dict() | {"period": design.cycle.period}),
         "region": region_dict(design.region),
         "shrunk": design.shrunk,
         "potentials": design.fields.size,

@@ -6,10 +6,13 @@ import argparse
 import json
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from .options import (
+    REGION,
+    asked_path,
     is_saved,
     path_options,
     positive,
@@ -25,8 +28,8 @@ from .terminal import clear_line, progress
 
 if TYPE_CHECKING:
     from ..motion import BestLeaf, Motion, TimedMotion
-    from ..robot.task import Task
     from ..strategies import Strategy
+    from ..studies.start_and_path import Setting
 
 HELP = "follow a closed path with a saved design, or another control, and write the joints' motion"
 EXAMPLE = """example: repctl follow design.json --path circle:0.1 --plane yz --csv motion.csv --yaml traj.yaml
@@ -34,24 +37,28 @@ EXAMPLE = """example: repctl follow design.json --path circle:0.1 --plane yz --c
 The motion is what repeats: it begins and ends at full speed along the path. With --acceleration it goes from rest to
 rest, as quickly as these and the URDF's speed limits allow, all cycles but the first and last alike."""
 
-OWN = ("pseudoinverse", "inertia")
+OWN = ("repeatable", "pseudoinverse", "inertia")
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of this subcommand."""
     what_options(parser)
     parser.add_argument(
-        "--strategy", metavar="NAME", help=f"in place of a design: {', '.join(OWN)}, or a registered one"
+        "--strategy",
+        metavar="NAME",
+        help=f"in place of a design: {', '.join(OWN)}, or a registered one (default {OWN[0]})",
     )
     parser.add_argument(
         "--fields", metavar="NAME", help="in place of a design: design with registered fields, round the start"
     )
-    parser.add_argument("--region", type=positive, default=0.4, metavar="W", help="with --fields: Ω (default 0.4)")
+    parser.add_argument("--region", type=positive, default=REGION, metavar="W", help="with --fields: Ω (default 0.4)")
     task_options(parser)
     path_options(parser)
     parser.add_argument("--cycles", type=whole, default=1, help="how often round (default 1)")
     parser.add_argument("--steps", type=whole, default=500, help="points a cycle (default 500)")
-    parser.add_argument("--period", type=positive, help="time of a cycle, s (default: the path's own, else 5)")
+    parser.add_argument(
+        "--period", type=positive, help="time of a cycle, s (default: the design's or the path's own, else 5)"
+    )
     parser.add_argument("--best-leaf", action="store_true", help="start where limits and leaf margin have most room")
     parser.add_argument(
         "--acceleration",
@@ -73,22 +80,12 @@ def run(options: argparse.Namespace) -> int:
     from ..motion import best_leaf, follow, timed
     from ..motion.csv_file import csv_text, timed_csv_text
     from ..motion.export import commanded, yaml_text
-    from ..motion.spec import parse_path
+    from ..show.text.table import outside_words
     from ..strategies import OnLeaves, RepeatableInverse
-    from ..studies.defaults import choose_task, share_outside
-    from ..studies.start_and_path import choose_setting
 
-    make_path = parse_path(options.path, options.plane)
     _check_control(options)
-    design = load_design(options) if is_saved(options.what) else None
-    task = choose_task(robot_of(options), options.frame, options.task) if design is None else design.task
-    start = start_of(options, task)
-    if start is None and design is not None:
-        start = design.region.center
-    say("finding a path")
-    setting = choose_setting(task, start, make_path)
-    q0, path, notes = setting.q0, setting.path, setting.notes
-    strategy = _control(options, task, q0) if design is None else design.inverse
+    strategy, setting = _saved(options) if is_saved(options.what) else _made(options, say)
+    q0, path, notes = setting.q0, setting.drawn, setting.notes
     found: BestLeaf | None = None
     if options.best_leaf:
         if not isinstance(strategy, RepeatableInverse):
@@ -98,9 +95,9 @@ def run(options: argparse.Namespace) -> int:
         q0 = found.q0
     say("following the path")
     lock = 2 if isinstance(strategy, OnLeaves) else 0
-    motion = follow(strategy, path, q0, cycles=options.cycles, steps=options.steps, period=options.period, lock=lock)
-    if design is not None and (share := share_outside(design.region, motion)) > 0:
-        notes.append(f"the motion spends {share:.1%} of its time outside the design's Ω, where nothing was designed")
+    period = options.period or setting.period
+    motion = follow(strategy, path, q0, cycles=options.cycles, steps=options.steps, period=period, lock=lock)
+    motion = replace(motion, region=setting.region)
     slowed = (commanded(motion, strategy) if lock else motion).retimed()
     result = _result(slowed, motion.t[-1], q0, notes)
     contents: dict[str | None, Callable[[], str | bytes]] = {
@@ -123,6 +120,8 @@ def run(options: argparse.Namespace) -> int:
     if options.json:
         print(json.dumps(result, indent=2, ensure_ascii=False))
         return 0
+    for line in outside_words(motion.outside or 0.0):
+        print(line)
     if found is not None:
         print(found.summary())
     _print(result, slowed)
@@ -131,33 +130,60 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _check_control(options: argparse.Namespace) -> None:
-    """Refuse two controls, or none."""
-    other = options.strategy or options.fields
-    if is_saved(options.what) and other:
-        raise InputError("--strategy and --fields stand in place of a design; give a robot with them")
-    if not is_saved(options.what) and not other:
-        raise InputError(f"{options.what!r} is no saved design (.json); for a robot say --strategy, such as {OWN[0]}")
+    """Refuse two controls."""
+    given = [name for name in ("strategy", "fields") if getattr(options, name)]
+    if given and (is_saved(options.what) or len(given) > 1):
+        raise InputError("--strategy and --fields stand in place of a design and of each other; give a robot with one")
 
 
-def _control(options: argparse.Namespace, task: Task, q0: Any) -> Strategy:
-    """Make the control that is to be used in place of a design."""
+def _saved(options: argparse.Namespace) -> tuple[Strategy, Setting]:
+    """A saved design, on the cycle that it is for or on the path that is asked for."""
+    from ..studies.start_and_path import setting_of
+
+    design = load_design(options)
+    return design.inverse, setting_of(design, start_of(options, design.task), asked_path(options))
+
+
+def _made(options: argparse.Namespace, say: Callable[[str], None]) -> tuple[Strategy, Setting]:
+    """The control that ``--strategy`` or ``--fields`` names, or else the nearest repeatable, and where it goes."""
+    from functools import partial
+
     from ..design import SingularRegionError, nearest_repeatable
+    from ..motion.fitting import fitting_circle
     from ..plugins import plugin
     from ..regions import Box
     from ..strategies import Pseudoinverse, Strategy, WeightedInverse
+    from ..studies.defaults import choose_task
+    from ..studies.start_and_path import choose_setting, design_along, first_design, settings, with_cycle
 
+    task = choose_task(robot_of(options), options.frame, options.task)
+    plain, start, path = Pseudoinverse(task), start_of(options, task), asked_path(options) or partial(fitting_circle)
+    if not options.fields and options.strategy in (None, OWN[0]):
+        setting, design = first_design(
+            settings(task, start, path),
+            lambda it: design_along(
+                plain, it, lambda box: nearest_repeatable(plain, None, box, degree=2, shrink=True), say=say
+            ),
+            given=start is not None,
+        )
+        design, slower = with_cycle(design, setting, period=options.period)
+        assert design.cycle is not None
+        moved = (*setting.moved, *slower)
+        return design.inverse, setting._replace(region=design.region, period=design.cycle.period, moved=moved)
+    say("finding a path")
+    setting = choose_setting(task, start, path)
     if options.fields:
-        fields = plugin("fields", options.fields)(task, q0)
+        fields, box = plugin("fields", options.fields)(task, setting.q0), Box(setting.q0, options.region)
         try:
-            return nearest_repeatable(Pseudoinverse(task), fields, Box(q0, options.region)).inverse
+            return nearest_repeatable(plain, fields, box).inverse, setting._replace(region=box)
         except SingularRegionError as error:
             raise said_by_options(error) from None
     if options.strategy in OWN:
-        return Pseudoinverse(task) if options.strategy == OWN[0] else WeightedInverse(task, "inertia")
+        return plain if options.strategy == OWN[1] else WeightedInverse(task, "inertia"), setting
     strategy = plugin("strategies", options.strategy, known=OWN)(task)
     if not isinstance(strategy, Strategy):
-        raise InputError(f"--strategy {options.strategy} makes {strategy!r}, which has no task or no velocity(q, ẋ)")
-    return strategy
+        raise InputError(f"--strategy {options.strategy} makes something without a task or a velocity(q, ẋ)")
+    return strategy, setting
 
 
 def _accelerations(text: str) -> str | list[float]:
@@ -193,6 +219,7 @@ def _result(motion: Motion, asked: float, q0: Any, notes: list[str]) -> dict[str
         **motion.path.as_dict(),
         "start": [float(v) for v in q0],
         "drift": motion.drift.tolist(),
+        "outside": motion.outside,
         "tracking_error": float(motion.tracking_error.max()),
         "limit_margin": margin if margin < float("inf") else None,
         "first_violation": None if violation is None else {"cycle": violation[0], "joint": violation[1]},
@@ -222,6 +249,8 @@ def _print(result: dict[str, Any], motion: Motion) -> None:
     elif result["slowed_by"] > 1.0001:
         more = f", slowed down by {result['slowed_by']:.3g} to keep the speed limits"
     print(f"time            {result['duration']:.4g} s{more}")
+    if motion.outside is not None:
+        print(f"outside Ω       {motion.outside:.1%}")
     for note in result["notes"]:
         print(f"note: {note}")
     if result["files"] and result["slowed_by"] is not None:

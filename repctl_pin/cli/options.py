@@ -11,8 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 
+REGION = 0.4
+"""Half-width of Ω round a start, rad, where none is given."""
+
 if TYPE_CHECKING:
-    from ..design import SingularRegionError
+    from ..design import Design, SingularRegionError
     from ..regions import Box
     from ..robot.robot import Robot
     from ..robot.task import Task
@@ -75,6 +78,22 @@ def path_options(
     parser.add_argument("--plane", metavar="PLANE", help="of the path: xy, yz or xz (default: the first that fits)")
 
 
+def weight_option(parser: argparse.ArgumentParser) -> None:
+    """Add what says which inverse is meant, or should be come near to."""
+    parser.add_argument(
+        "--weight",
+        metavar="M",
+        help="of the joint speeds: inertia, limits, or one number a joint separated by commas (default: 1, J⁺)",
+    )
+
+
+def weight_of(options: argparse.Namespace) -> Any:
+    """Read ``--weight``: None, a word, or numbers."""
+    if options.weight in (None, "inertia", "limits"):
+        return options.weight
+    return numbers_of(options.weight, "--weight", "is neither inertia, nor limits, nor numbers separated by commas")
+
+
 def load_robot(options: argparse.Namespace, name: str | None = None) -> Robot:
     """Load a robot by name, or the one that the options name."""
     from ..robot.robot import Robot
@@ -90,6 +109,26 @@ def robot_of(options: argparse.Namespace) -> Robot:
     if options.robot is not None:
         raise InputError(f"--robot goes with a saved design; the robot is {options.what}")
     return load_robot(options, options.what)
+
+
+def save_control(design: Design, file: Path) -> Path:
+    """Save a design; where that fails, an older one is not left under the name.
+
+    Raises
+    ------
+    InputError
+        If it cannot be written; the message says where the older one is.
+    """
+    from ..design import save
+
+    try:
+        return save(design, file)
+    except InputError as error:
+        if not file.is_file():
+            raise
+        old = file.with_name(f"{file.stem}.old{file.suffix}")
+        file.replace(old)
+        raise InputError(f"{error}; what an earlier command wrote there is now {old}") from None
 
 
 def is_saved(name: str) -> bool:
@@ -115,11 +154,25 @@ def start_of(options: argparse.Namespace, task: Task | None = None) -> Any:
     """Read ``--start``, if it was given; for a task, check it too."""
     if options.start is None:
         return None
-    try:
-        numbers = [float(part) for part in options.start.replace(" ", ",").split(",") if part]
-    except ValueError:
-        raise InputError(f"--start {options.start!r} is not a list of numbers; separate them by commas") from None
+    numbers = numbers_of(options.start, "--start", "is not a list of numbers; separate them by commas")
     return numbers if task is None else task.check(numbers, "--start")
+
+
+def numbers_of(text: str, option: str, otherwise: str) -> list[float]:
+    """Read numbers separated by commas."""
+    try:
+        return [float(part) for part in text.replace(" ", ",").split(",") if part]
+    except ValueError:
+        raise InputError(f"{option} {text!r} {otherwise}") from None
+
+
+def asked_path(options: argparse.Namespace) -> Any:
+    """Read ``--path`` and ``--plane``: a function (task, q0) → path, or None where neither is given."""
+    from ..motion.spec import parse_path
+
+    if options.path is None and options.plane is None:
+        return None
+    return parse_path(options.path, options.plane)
 
 
 def box_round(task: Task, q0: Any, half_width: float) -> tuple[Box, list[str]]:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .options import (
+    asked_path,
     load_robot,
     natural,
     output_folder,
@@ -16,8 +17,11 @@ from .options import (
     positive,
     robot_options,
     said_by_options,
+    save_control,
     start_of,
     task_options,
+    weight_of,
+    weight_option,
     whole,
 )
 from .terminal import clear_line, progress
@@ -36,7 +40,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     path_options(parser)
     parser.add_argument("--cycles", type=whole, default=10, help="how often round (default 10)")
     parser.add_argument("--steps", type=whole, default=500, help="RK4 steps a cycle (default 500)")
-    parser.add_argument("--period", type=positive, help="time of a cycle, s (default: the path's own, else 5)")
+    parser.add_argument(
+        "--period",
+        type=positive,
+        help="time of a cycle, s (default: the path's own, else 5, or longer to keep the speed limits)",
+    )
     parser.add_argument(
         "--region",
         type=positive,
@@ -49,6 +57,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         default=2,
         help="degree of the potentials (default 2); 3 or 4 may come nearer to J⁺, and the work grows fast",
     )
+    weight_option(parser)
     parser.add_argument("--seed", type=natural, default=0, help="seed of the design's nodes (default 0)")
     parser.add_argument("--out", metavar="FOLDER", help="where the files go (default repctl-out/ROBOT)")
     parser.add_argument("--report", action="store_true", help="write report.html too: one page to mail, with all of it")
@@ -67,31 +76,33 @@ def _run(options: argparse.Namespace, folder: Path) -> int:
     say("starting up")
     start = start_of(options)
     from ..design import SingularRegionError
-    from ..motion.spec import parse_path
+    from ..files import prepare_folder
     from ..show.study_files import write_study
     from ..show.text.table import study_table
     from ..studies import study
 
-    path = parse_path(options.path, options.plane)
     try:
         result = study(
             load_robot(options),
             frame=options.frame,
             task=options.task,
             start=start,
-            path=path,
+            path=asked_path(options),
             cycles=options.cycles,
             steps=options.steps,
             period=options.period,
             region=options.region,
             degree=options.degree,
+            weight=weight_of(options),
             seed=options.seed,
             progress=say,
         )
     except SingularRegionError as error:
         raise error if options.region is None else said_by_options(error) from None
     say("drawing the figures and the animation")
-    files = write_study(result, folder)
+    prepare_folder(folder)
+    control = save_control(result.design, folder / "control.json")
+    files = [*write_study(result, folder), control]
     if options.report:
         say("writing the report")
         files.append(_report(result, files[0], folder / "report.html", options))

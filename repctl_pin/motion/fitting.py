@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError, SingularityError
+from ..regions import Region
 from ..robot.length import arm_length
 from ..robot.task import Task
-from ..strategies import Pseudoinverse
+from ..strategies import Pseudoinverse, Strategy
 from .follow import follow
 from .paths import TaskPath
 from .shapes import circle
@@ -18,13 +19,24 @@ from .shapes import circle
 Array = NDArray[np.float64]
 
 _RADII = (0.5, 0.3, 0.2, 0.1, 0.05, 0.03, 0.02, 0.01)
+_SMALL = (0.005, 0.003, 0.002, 0.001)
 _DEGREES = (180.0, 0.0, 90.0, -90.0)
 _LEAST_MARGIN = 0.02
 """To the joint limits, rad or m."""
 
 
-def fitting_circle(task: Task, q0: Array, *, plane: str | None = None, radius: float | None = None) -> TaskPath:
-    """Find a circle that J⁺ can follow for a cycle inside the joint limits, well away from singularities.
+def fitting_circle(
+    task: Task,
+    q0: Array,
+    *,
+    plane: str | None = None,
+    radius: float | None = None,
+    control: Strategy | None = None,
+    region: Region | None = None,
+) -> TaskPath:
+    """Find a circle that a control (J⁺) can follow for a cycle inside the joint limits, and inside a region.
+
+    It keeps well away from singularities.
 
     Where they are not given: the largest round radius up to a seventh of the reach; horizontal if possible,
     then upright. Where on the circle the start lies is always looked for.
@@ -32,12 +44,13 @@ def fitting_circle(task: Task, q0: Array, *, plane: str | None = None, radius: f
     Raises
     ------
     InputError
-        If there is none; without a radius, down to 1 cm.
+        If there is none; without a radius, down to 1 cm, or to 1 mm inside a region.
     """
     planes = (plane,) if plane is not None else planes_of(task)
     limit = 0.14 * arm_length(task, q0)
-    radii = (radius,) if radius is not None else [x for x in _RADII if x <= max(limit, _RADII[-1])]
-    strategy = Pseudoinverse(task)
+    sizes = _RADII if region is None else (*_RADII, *_SMALL)
+    radii = (radius,) if radius is not None else [x for x in sizes if x <= max(limit, _RADII[-1])]
+    strategy = control or Pseudoinverse(task)
     needed = 0.5 * dexterity(task, q0)
     for size in radii:
         for flat in planes:
@@ -48,11 +61,13 @@ def fitting_circle(task: Task, q0: Array, *, plane: str | None = None, radius: f
                 except SingularityError:
                     continue
                 clear = min(dexterity(task, q) for q in motion.q[::2]) > needed
-                if clear and motion.limit_margin.min() > _LEAST_MARGIN:
+                inside = region is None or not (region.ratio(motion.q) > 1).any()
+                if clear and inside and motion.limit_margin.min() > _LEAST_MARGIN:
                     return path
-    size_text = f"of radius {radius:g} m" if radius is not None else "of 1 cm or more"
+    size_text = f"of radius {radius:g} m" if radius is not None else f"of {100 * radii[-1]:g} cm or more"
+    where = "its joint limits" if region is None else "Ω and its joint limits"
     raise InputError(
-        f"from this start the arm follows no circle {size_text} in {' or '.join(planes)} inside its joint limits; "
+        f"from this start the arm follows no circle {size_text} in {' or '.join(planes)} inside {where}; "
         "choose another start, a smaller circle or another plane"
     )
 

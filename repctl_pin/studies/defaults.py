@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,9 +25,17 @@ Array = NDArray[np.float64]
 PREFERRED_KINDS = ("pose", "position", "xy", "xz", "yz")
 """Kinds tried in this order when none is named (``axis`` on request only)."""
 
+PERIOD = 5.0
+"""Time of a cycle, s, where nobody says another and the joints are quick enough."""
+
+SHARE = 0.9
+"""Share of a speed limit that a cycle uses at most, where its time is chosen."""
+
 _LEAST_DEXTERITY = {6: 0.05, 5: 0.05, 2: 0.1}
 _LEAST_DEXTERITY_OF_POSITION = 0.2
 _LEAST_MARGIN = 0.15
+_RANK = 1e-4
+_MOST_STARTS, _APART = 8, 0.5
 
 
 def redundant_kinds(robot: Robot, frame: str) -> dict[str, int]:
@@ -49,7 +58,7 @@ def reaches_full_rank(task: Task) -> bool:
     J = task.jacobians(_spread(task, 32))
     J[:, :3] /= max(arm_length(task, task.reference), 1e-9) if task.m > 2 else 1.0
     values = np.linalg.svd(J, compute_uv=False)
-    return bool((values[:, -1] > 1e-6 * values[:, 0]).any()) and task.r >= 0
+    return bool((values[:, -1] > _RANK * values[:, 0]).any()) and task.r >= 0
 
 
 def choose_task(robot: Robot, frame: str | None, kind: str | None, joints: list[str] | None = None) -> Task:
@@ -95,6 +104,24 @@ def kind_note(robot: Robot, task: Task) -> list[str]:
             f"{task.kind} was taken"]  # fmt: skip
 
 
+def choose_period(usual: float, *motions: Motion | None) -> tuple[float, list[str]]:
+    """Choose the time of a cycle in which first cycles keep the speed limits: the usual, or a longer one; and say so.
+
+    ``q̇ = G ẋ`` goes as fast as the path is driven: the joints' path is the same in any time.
+    """
+    first = [replace(m, qdot=m.qdot[: m.steps + 1]) for m in motions if m is not None]
+    worst = max(first, key=lambda m: m.speed_ratio, default=None)
+    if worst is None or not 1 < worst.speed_ratio < np.inf:
+        return usual, []
+    longer = usual * worst.speed_ratio / SHARE
+    digit = 10.0 ** (np.floor(np.log10(longer)) - 1)
+    period = float(f"{np.ceil(longer / digit) * digit:.2g}")
+    return period, [
+        f"a cycle takes {period:g} s: in {usual:g} s {worst.fastest_joint} would go {worst.speed_ratio:.2g} times as "
+        "fast as its limit allows"
+    ]
+
+
 def check_degree(task: Task, degree: int) -> None:
     """Refuse a degree that makes too many potentials of all joints.
 
@@ -136,8 +163,12 @@ def starts(task: Task) -> Iterator[tuple[Array, str]]:
     scores = np.array([dexterity(task, q) for q in points])
     # Of all poses at least half as dexterous as the best, the one nearest to mid-range.
     good = points[scores >= 0.5 * scores.max()]
-    nearest = good[int(np.argmin(np.linalg.norm(good - middle, axis=1)))]
-    yield np.round(nearest, 3), "a dexterous pose near mid-range"
+    good = good[np.argsort(np.linalg.norm(good - middle, axis=1))]
+    for _ in range(_MOST_STARTS):  # the nearest, then others that are no neighbours of it
+        yield np.round(good[0], 3), "a dexterous pose near mid-range"
+        good = good[np.abs(good - good[0]).max(axis=1) > _APART]
+        if not len(good):
+            return
 
 
 def choose_start(task: Task) -> tuple[Array, str]:
@@ -210,6 +241,7 @@ def _spread(task: Task, count: int) -> Array:
 __all__ = [
     "check_degree",
     "choose_desired",
+    "choose_period",
     "choose_region",
     "choose_start",
     "choose_task",

@@ -2,33 +2,51 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
+from functools import partial
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import function
+from ..design import Design, SingularRegionError
 from ..errors import RepctlError, SingularityError
-from ..motion import ClosedPath, TaskPath, check_reach, closed_path, reach_start
-from ..motion.fitting import dexterity
+from ..motion import ClosedPath, TaskPath, check_reach, closed_path, follow, reach_start
+from ..motion.cycle import Cycle
+from ..motion.fitting import dexterity, fitting_circle
+from ..regions import Region
 from ..robot.task import Task
+from ..strategies import Inverse
 from . import defaults
 
 Array = NDArray[np.float64]
 
 GIVEN = "as given"
 
+MOST_STARTS = 5
+"""So many starts are tried before a path is given up."""
+
 _SINGULAR = 1e-3
 
 
 class Setting(NamedTuple):
-    """A start, and a path that can be followed from there."""
+    """Where a motion begins, what it follows, and Ω: as far as each is known."""
 
     q0: Array
-    path: TaskPath
     where: str  # what the start is
-    moved: list[str]  # a note, where it is not quite that
+    path: TaskPath | None = None
+    region: Region | None = None
+    moved: tuple[str, ...] = ()  # notes, where it is not quite what was asked for
+    period: float | None = None
+
+    @property
+    def drawn(self) -> TaskPath:
+        """The path, where there is one."""
+        assert self.path is not None
+        return self.path
 
     @property
     def notes(self) -> list[str]:
@@ -36,17 +54,17 @@ class Setting(NamedTuple):
         return [*([] if self.where == GIVEN else [f"start: {self.where}"]), *self.moved]
 
 
-def choose_setting(
+def settings(
     task: Task, start: ArrayLike | None, path: ClosedPath | Callable[[Task, Array], TaskPath]
-) -> Setting:
-    """Take the start, or the first good one from which the path can be followed; and say which it is.
+) -> Iterator[Setting]:
+    """Offer starts from which a path can be followed, the best first.
 
     Parameters
     ----------
     task
         What to move.
     start : (n,) array, optional
-        q0; by default the first of :func:`starts` that will do.
+        q0; by default those of :func:`starts` that will do.
     path
         A closed path, or a function ``(task, q0) → path``. Where it begins elsewhere, the start is moved there.
 
@@ -61,21 +79,125 @@ def choose_setting(
         given = closed_path(path)
         path = lambda task, q0: given  # noqa: E731
     function(path, "path", "a closed path, such as rp.circle(task, q0), or a function (task, q0) → path")
-    offered = defaults.starts(task) if start is None else [(task.check(start, "start"), GIVEN)]
     failure: RepctlError | None = None
-    for q0, where in offered:
+    found = False
+    for q0, where in defaults.starts(task) if start is None else [(task.check(start, "start"), GIVEN)]:
         try:
             if dexterity(task, q0) < _SINGULAR:
-                raise SingularityError(
-                    f"the start is at a singularity of {task.frame!r}, {task.kind}; choose another start"
-                )
-            found = closed_path(path(task, q0))
-            begin = reach_start(task, q0, found)
-            check_reach(task, begin, found)
+                remedy = "choose another start" if start is not None else "no start was found that is not; give one"
+                raise SingularityError(f"the start is at a singularity of {task.frame!r}, {task.kind}; {remedy}")
+            drawn = closed_path(path(task, q0))
+            begin = reach_start(task, q0, drawn)
+            check_reach(task, begin, drawn)
         except RepctlError as error:
             failure = failure or error  # of the best start
             continue
+        found = True
         there = np.array_equal(begin, q0)
-        return Setting(begin, found, where, [] if there else ["the start was moved to the path's first point"])
-    assert failure is not None  # there is always a start to try
+        yield Setting(begin, where, drawn, moved=() if there else ("the start was moved to the path's first point",))
+    if not found:
+        assert failure is not None  # there is always a start to try
+        raise failure
+
+
+def choose_setting(
+    task: Task, start: ArrayLike | None, path: ClosedPath | Callable[[Task, Array], TaskPath]
+) -> Setting:
+    """Take the start, or the first good one from which the path can be followed, see :func:`settings`."""
+    return next(settings(task, start, path))
+
+
+def setting_of(
+    design: Design, start: ArrayLike | None = None, path: Callable[[Task, Array], TaskPath] | None = None
+) -> Setting:
+    """Take the cycle that a design is for; where another start or path is asked for, that.
+
+    A design that is for no cycle gets the largest circle inside Ω.
+
+    Raises
+    ------
+    InputError
+        If no circle lies inside Ω, or the path cannot be followed from the start.
+    """
+    cycle, task = design.cycle, design.task
+    if cycle is not None and start is None and path is None:
+        return Setting(cycle.start, "the design's own", cycle.path, design.region, (), cycle.period)
+    if start is None:
+        start = design.region.center if cycle is None else cycle.start
+    if path is None:
+        path = partial(fitting_circle, control=design.inverse, region=design.region)
+    return choose_setting(task, start, path)._replace(region=design.region)
+
+
+def design_along(
+    desired: Inverse,
+    setting: Setting,
+    make: Callable[[Region], Design],
+    *,
+    width: float | None = None,
+    seed: int = 0,
+    say: Callable[[str], None] = lambda text: None,
+) -> Design:
+    """Design in a tube round the motion that comes of it, so that the motion lies inside Ω.
+
+    Parameters
+    ----------
+    desired
+        What to be near to.
+    setting
+        Start and path.
+    make
+        Designs in a region.
+    width
+        Half-width of the tube; by default 0.1 rad or 0.05 m.
+    seed
+        Of the nodes.
+    say
+        Called with a word on what is being done.
+    """
+    path = setting.drawn
+    say("finding where the motion will be")
+    region = defaults.round_the_motion(desired, path, setting.q0, width=width, seed=seed)
+    say("designing")
+    design = make(region)
+    for _ in range(2):
+        motion = follow(design.inverse, path, setting.q0, cycles=1)
+        if design.shrunk < 1 or not (design.region.ratio(motion.q) > 1).any():
+            break
+        say("designing again, round the motion that came of it")
+        design = make(defaults.choose_region(desired.task, motion, width))
+    return design
+
+
+def with_cycle(design: Design, setting: Setting, *, period: float | None = None) -> tuple[Design, list[str]]:
+    """Give a design the cycle it is for, in a time that keeps the speed limits where none is asked for; and notes."""
+    path = setting.drawn
+    time = period or path.period or defaults.PERIOD
+    notes: list[str] = []
+    if period is None:
+        motion = follow(design.inverse, path, setting.q0, cycles=1, steps=200, period=time)
+        time, notes = defaults.choose_period(time, motion)
+    return replace(design, cycle=Cycle(setting.q0, path, time)), notes
+
+
+def first_design(
+    offered: Iterable[Setting], attempt: Callable[[Setting], Design], *, given: bool
+) -> tuple[Setting, Design]:
+    """Design for the first setting that allows it: a start that was chosen here is no one else's fault.
+
+    Raises
+    ------
+    SingularityError
+        What the first was refused for; ``given`` tells whether a person chose its start.
+    """
+    failure: SingularityError | None = None
+    for setting in islice(offered, MOST_STARTS):
+        try:
+            return setting, attempt(setting)
+        except SingularityError as error:
+            failure = failure or error
+    assert failure is not None
+    if isinstance(failure, SingularRegionError):
+        other = "choose another start" if given else f"none of {MOST_STARTS} starts does better; give one"
+        raise failure.with_remedy(f"{other}, or a smaller path") from None
     raise failure

@@ -23,23 +23,17 @@ from ..redundancy import align, nullspace
 from ..regions import Box, Region
 from ..robot.robot import Robot
 from ..robot.task import Task
-from ..strategies import FunctionStrategy, Inverse, PostureControl, Pseudoinverse, Strategy
+from ..strategies import FunctionStrategy, PostureControl, Pseudoinverse, Strategy
 from ..strategies.names import LABELS
 from . import defaults
 from .result import Row, Study
-from .start_and_path import choose_setting
+from .start_and_path import design_along, first_design, settings
 
 Array = NDArray[np.float64]
 Control = Strategy | Callable[[Array, Array], ArrayLike]
 
 POSTURE_GAIN = 1.0
 """Gain of the posture in the null space, 1/s."""
-
-PERIOD = 5.0
-"""Time of a cycle, s, where nobody says another and the joints are quick enough."""
-
-SHARE = 0.9
-"""Share of a speed limit that a cycle uses at most, where its time is chosen."""
 
 LITTLE = 1e-4
 """Drift a cycle that nobody would see, rad or m."""
@@ -133,37 +127,37 @@ def study(
     own = _own_controls(moved, {} if controls is None else controls)
     say("finding a path" if path is None else "finding a start")
     wanted_path = parse_path(path, plane) if isinstance(path, str) else path
-    setting = choose_setting(moved, start, wanted_path or partial(fitting_circle, plane=plane, radius=radius))
-    q0, drawn = setting.q0, setting.path
-    notes = [*machine.warnings, *(defaults.kind_note(machine, moved) if task is None else []), *setting.notes]
-
-    plain = Pseudoinverse(moved)
     desired, wished = defaults.choose_desired(moved, weight)
     if weight is not None:
         own = {wished: desired} | own
-    usual = period or drawn.period or PERIOD
-    options: dict[str, Any] = {"cycles": cycles, "steps": steps, "period": usual}
+    offered = settings(moved, start, wanted_path or partial(fitting_circle, plane=plane, radius=radius))
+    degree_text = f"designing the nearest repeatable inverse, degree {degree}"
 
-    box = Box(q0, float(region)) if isinstance(region, (int, float)) else region
-    if box is None:
-        say("finding where the motion will be")
-        box = _asked(defaults.round_the_motion, None)(desired, drawn, q0, seed=seed)
-    say(f"designing the nearest repeatable inverse, degree {degree}")
-    design = _design(desired, box, degree, seed, asked=region)
-    say(f"following the path for {cycles} cycles")
-    last = _of_design(design, drawn, q0, options)
-    if region is None and design.shrunk == 1 and last.outside:
-        say("designing again, round the motion that came of it")
-        assert last.motion is not None
-        design = _design(desired, defaults.choose_region(moved, last.motion), degree, seed, asked=None)
-        last = _of_design(design, drawn, q0, options)
+    def make(box: Region) -> Design:
+        say(degree_text)
+        return nearest_repeatable(desired, None, box, degree=degree, seed=seed, shrink=region is None)
+
+    if region is None:
+        setting, design = first_design(
+            offered, lambda it: design_along(desired, it, make, seed=seed, say=say), given=start is not None
+        )
+    else:
+        setting = next(offered)
+        design = _asked(make, region, setting.q0)
+    q0, drawn, plain = setting.q0, setting.drawn, Pseudoinverse(moved)
+    notes = [*machine.warnings, *(defaults.kind_note(machine, moved) if task is None else []), *setting.notes]
     if design.shrunk < 1:
         notes.append(f"Ω was shrunk to {design.shrunk:.0%} to keep clear of singularities")
-
+    usual = period or drawn.period or defaults.PERIOD
+    options: dict[str, Any] = {"cycles": cycles, "steps": steps, "period": usual}
+    say(f"following the path for {cycles} cycles")
+    last = _run("repeatable", design.inverse, drawn, q0, options)
+    if last.motion is not None:
+        last = replace(last, motion=replace(last.motion, region=design.region))
     first = replace(_run("pseudoinverse", plain, drawn, q0, options), distance=0.0 if weight is None else None)
     if period is None:
-        options["period"], why = _in_time(usual, last.motion, first.motion)
-        notes.extend(why)
+        options["period"], slower = defaults.choose_period(usual, last.motion, first.motion)
+        notes.extend(slower)
         first, last = (_slowed(row, options["period"] / usual) for row in (first, last))
     N = align(nullspace(moved.jacobian(q0)), np.eye(moved.n)[:, : moved.r])
     away = np.clip(q0 + POSTURE_OFFSET * N[:, 0], moved.lower, moved.upper)
@@ -212,54 +206,16 @@ def _run(key: str, strategy: Strategy, path: TaskPath, q0: Array, options: dict[
         return Row(key, label, None, stopped=str(error))
 
 
-def _of_design(design: Design, path: TaskPath, q0: Array, options: dict[str, Any]) -> Row:
-    """Follow the path with the design's inverse, and look where it leaves Ω."""
-    row = _run("repeatable", design.inverse, path, q0, options)
-    return row if row.motion is None else replace(row, motion=replace(row.motion, region=design.region))
-
-
-def _design(desired: Inverse, box: Region, degree: int, seed: int, *, asked: float | Region | None) -> Design:
-    """Design in the region; one that nobody asked for is shrunk until it is free of singularities."""
-    return _asked(nearest_repeatable, asked)(desired, None, box, degree=degree, seed=seed, shrink=asked is None)
-
-
-def _asked(design: Callable[..., Any], region: float | Region | None) -> Callable[..., Any]:
-    """Let a function that designs say its remedy to who asked for a region, or for none."""
-
-    def said(*arguments: Any, **options: Any) -> Any:
-        try:
-            return design(*arguments, **options)
-        except SingularRegionError as error:
-            if region is None:
-                remedy = "choose another start, or a smaller path"
-            elif error.free is None:
-                remedy = "choose another start"
-            elif isinstance(region, (int, float)):
-                remedy = f"give region={defaults.half_width_within(error.free)}"
-            else:
-                remedy = "take that"
-            raise error.with_remedy(remedy) from None
-
-    return said
-
-
-def _in_time(usual: float, *motions: Motion | None) -> tuple[float, list[str]]:
-    """Choose the time of a cycle in which the first cycles keep the speed limits: the usual, or a longer one.
-
-    ``q̇ = G ẋ`` goes as fast as the path is driven, so the joints' path is the same in any time.
-    """
-    moved = [m for m in motions if m is not None]
-    first = [replace(m, qdot=m.qdot[: m.steps + 1]) for m in moved]
-    worst = max(first, key=lambda m: m.speed_ratio, default=None)
-    if worst is None or not 1 < worst.speed_ratio < np.inf:
-        return usual, []
-    longer = usual * worst.speed_ratio / SHARE
-    digit = 10.0 ** (np.floor(np.log10(longer)) - 1)
-    period = float(f"{np.ceil(longer / digit) * digit:.2g}")
-    return period, [
-        f"a cycle takes {period:g} s: in {usual:g} s {worst.fastest_joint} would go {worst.speed_ratio:.2g} times as "
-        "fast as its limit allows"
-    ]
+def _asked(make: Callable[[Region], Design], region: float | Region, q0: Array) -> Design:
+    """Design in the region that was asked for; where it holds a singularity, say which one would do."""
+    try:
+        return make(Box(q0, float(region)) if isinstance(region, (int, float)) else region)
+    except SingularRegionError as error:
+        if error.free is None:
+            raise error.with_remedy("choose another start") from None
+        number = isinstance(region, (int, float))
+        remedy = f"give region={defaults.half_width_within(error.free)}" if number else "take that"
+        raise error.with_remedy(remedy) from None
 
 
 def _slowed(row: Row, factor: float) -> Row:
