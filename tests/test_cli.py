@@ -43,9 +43,9 @@ def test_study_prints_its_table_and_writes_its_files(tmp_path) -> None:
     done = repctl("study", "panda", "--cycles", "2", "--steps", "100", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""  # progress is for terminals
-    for word in ("panda_hand_tcp, pose", "circle of radius 0.1 m", "J⁺", "nearest repeatable", "drift, cycle 1"):
+    for word in ("panda_hand_tcp, pose", "circle of radius 0.1 m", "J⁺", "nearest repeatable", "outside"):
         assert word in done.stdout
-    names = {"animation.html", "drift.png", "joints.png", "motion.csv"}
+    names = {"animation.html", "drift.png", "joints.png", "motion.csv", "control.json"}
     assert {p.name for p in (tmp_path / "repctl-out" / "panda").iterdir()} == names
 
 

@@ -76,7 +76,7 @@ def study_cells(study: Study) -> tuple[list[str], list[list[str]], tuple[str, ..
     plain = type(study.design.desired) is Pseudoinverse
     header = [
         "strategy",
-        "drift after\ncycle 1",
+        "drift,\ncycle 1",
         f"\ncycle {cycles}",
         f"in\ncycle {cycles}",
         "\ntracking",
