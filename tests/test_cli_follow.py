@@ -117,7 +117,6 @@ def test_a_design_for_an_arm_of_ones_own(tmp_path, monkeypatch, capsys) -> None:
 
 BAD = {
     "no design": (["follow", "none.json"], "No such file"),
-    "a robot alone": (["follow", "panda"], "--strategy"),
     "no control": (["follow", "panda", "--strategy", "psuedoinverse"], "did you mean 'pseudoinverse'"),
     "a design and a strategy": (["follow", "design.json", "--strategy", "pseudoinverse"], "in place of a design"),
     "a frame for a design": (["follow", "design.json", "--frame", "panda_link8"], "its own frame"),
@@ -148,3 +147,9 @@ def test_in_a_process_of_its_own(saved, tmp_path) -> None:
     text = saved.read_text()
     saved.write_text(text[: len(text) // 2])
     refused(repctl("follow", "design.json", cwd=tmp_path), "design.json", "no design")
+
+
+def test_a_robot_alone_gets_the_nearest_repeatable(capsys) -> None:
+    assert main(["follow", "ppr", "--cycles", "2", "--steps", "100", "--json"]) == 0
+    followed = json.loads(capsys.readouterr().out)
+    assert max(followed["drift"]) < 1e-9 and followed["outside"] == 0

@@ -31,7 +31,9 @@ PROSE = re.sub(r"```.*?```", "", README, flags=re.DOTALL)
 OWN = [ROOT / "examples" / name for name in ("my_arm.urdf", "loop.csv")]
 """What the README says to copy."""
 
-STUDY = {f"repctl-out/my_arm/{name}" for name in ("animation.html", "drift.png", "joints.png", "motion.csv", "control.json")}
+STUDY = {
+    f"repctl-out/my_arm/{name}" for name in ("animation.html", "drift.png", "joints.png", "motion.csv", "control.json")
+}
 WRITES = {
     "inspect my_arm.urdf": set(),
     "study my_arm.urdf --report": STUDY | {"repctl-out/my_arm/report.html"},
