@@ -56,12 +56,9 @@ def test_a_design_round_a_path_is_round_the_studied_one(tmp_path, monkeypatch, c
     small = ["--degree", "1", "--samples", "512", "--held-out", "512", "--region", "0.1"]
     designed = told(capsys, "design", "panda", *WORDS, *small)
     assert (designed["path_words"], designed["plane"]) == ("circle:0.1:180", "xy")
-    (note,) = designed["notes"]
-    there = note.removeprefix("Ω follows circle of radius 0.1 m in xy; to follow it: ").split()
-    assert there[0].startswith("--start=0,-0.785") and there[1:] == ["--path", "circle:0.1:180", "--plane", "xy"]
-    followed = told(capsys, "follow", designed["files"][1], *there, *SHORT)
-    assert followed["notes"] == [] and followed["drift"][0] < 1e-6  # it stays in Ω
-    told(capsys, "follow", "panda", "--strategy", "pseudoinverse", *WORDS, *SHORT, "--csv", "m.csv")
+    assert designed["notes"] == ["for circle of radius 0.1 m in xy, 5 s a cycle: repctl follow takes it from there"]
+    followed = told(capsys, "follow", designed["files"][1], *SHORT, "--csv", "m.csv")
+    assert followed["outside"] == 0 and followed["drift"][0] < 1e-6 and followed["start"] == designed["start"]
     middle, half = (np.array(designed["region"][key]) for key in ("center", "half_width"))
     Q = joints("m.csv")
     np.testing.assert_allclose(2 * half, np.ptp(Q, axis=0) + 0.2, atol=2e-3)

@@ -80,13 +80,16 @@ def settings(
         path = lambda task, q0: given  # noqa: E731
     function(path, "path", "a closed path, such as rp.circle(task, q0), or a function (task, q0) → path")
     failure: RepctlError | None = None
-    found = False
+    found = fixed = False
     for q0, where in defaults.starts(task) if start is None else [(task.check(start, "start"), GIVEN)]:
+        if fixed and where == defaults.ANOTHER:
+            break  # a path that does not begin at the start is where its author says
         try:
             if dexterity(task, q0) < _SINGULAR:
                 remedy = "choose another start" if start is not None else "no start was found that is not; give one"
                 raise SingularityError(f"the start is at a singularity of {task.frame!r}, {task.kind}; {remedy}")
             drawn = closed_path(path(task, q0))
+            fixed = np.linalg.norm(task.error(q0, drawn.placement(0.0))) > 1e-6
             begin = reach_start(task, q0, drawn)
             check_reach(task, begin, drawn)
         except RepctlError as error:
