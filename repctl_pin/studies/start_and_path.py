@@ -89,7 +89,7 @@ def settings(
                 remedy = "choose another start" if start is not None else "no start was found that is not; give one"
                 raise SingularityError(f"the start is at a singularity of {task.frame!r}, {task.kind}; {remedy}")
             drawn = closed_path(path(task, q0))
-            fixed = np.linalg.norm(task.error(q0, drawn.placement(0.0))) > 1e-6
+            fixed = float(np.linalg.norm(task.error(q0, drawn.placement(0.0)))) > 1e-6
             begin = reach_start(task, q0, drawn)
             check_reach(task, begin, drawn)
         except RepctlError as error:
