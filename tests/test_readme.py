@@ -43,12 +43,9 @@ WRITES = {
         "motion.csv",
         "trajectory.yaml",
     },
-<<<<<<< HEAD
-    "follow repctl-out/my_arm/design.json --robot my_arm.urdf --acceleration 5 --csv timed.csv": {"timed.csv"},
-=======
     "check my_arm.urdf": set(),
     "design my_arm.urdf --region 0.4": {"repctl-out/my_arm/design.png", "repctl-out/my_arm/design.json"},
->>>>>>> 0c86845 (README: from study to the robot in one step; the table with drift from cycle to cycle and the share outside)
+    "follow repctl-out/my_arm/design.json --robot my_arm.urdf --acceleration 5 --csv timed.csv": {"timed.csv"},
     "export repctl-out/my_arm/design.json --robot my_arm.urdf --to c": {
         *(f"c/arm_control.{end}" for end in ("h", "c", "hpp")),
         *(f"c/{name}" for name in ("test_vectors.h", "check.c", "loop.c", "CMakeLists.txt")),
