@@ -4,10 +4,11 @@
     python examples/gallery.py ppr tiago        some of them
     python examples/gallery.py --out elsewhere
 
-Each picture is an animation page, opened in a headless Chromium and stopped at the end of the last lap: the
-ghosts are the arms at the start, the lines are what tip and elbow left behind, and the colour of a body is how
-far it is off its start. A browser and its driver are needed (Debian: ``chromium`` and ``chromium-driver``),
-``pip install selenium``, and for ``audit`` what `audit_pink.py` needs.
+Each picture is an animation page, opened in a headless Chromium and stopped at the end of the last cycle: the
+ghosts are the arms in cycle 1, the lines are what tip and elbow left behind, and the colour of a body is how far it is
+off. ``panda.webp`` goes through the cycles' ends: the hand stands still, the elbow walks. A browser and its driver are
+needed (Debian: ``chromium`` and ``chromium-driver``), ``pip install selenium``, and for ``audit`` what `audit_pink.py`
+needs.
 """
 
 from __future__ import annotations
@@ -28,8 +29,8 @@ import repctl_pin as rp
 from repctl_pin.show.study_files import study_page
 
 PICTURES = Path(__file__).parent / "pictures"
-SIZE = (1400, 1040)
-"""Of the browser's window; the page gets about 140 pixels less of its height."""
+SIZE = (720, 620)
+"""Of the browser's window: small, so that its words can be read at a gallery's width; drawn at twice that."""
 LIMIT = 150_000
 """At most so many bytes a picture."""
 
@@ -64,8 +65,8 @@ GALLERY: dict[str, Callable[[], str]] = {
 }
 
 
-def photograph(page: str, file: Path, *, seconds: float = 120.0) -> Path:
-    """Open a page, go to the end of its last lap, and keep the picture, small enough for a README."""
+def photograph(page: str, file: Path, *, seconds: float = 120.0, moving: bool = False) -> list[Path]:
+    """Open a page, go to the end of its last cycle, and keep heading and scene; ``moving``: every cycle's end, too."""
     options = webdriver.ChromeOptions()
     options.binary_location = shutil.which("chromium") or ""
     with tempfile.TemporaryDirectory() as folder:
@@ -73,38 +74,56 @@ def photograph(page: str, file: Path, *, seconds: float = 120.0) -> Path:
         source.write_text(page, encoding="utf-8")
         for flag in ("--headless=new", "--no-sandbox", "--hide-scrollbars", "--use-angle=swiftshader",
                      "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist", "--no-first-run",
-                     "--disable-background-networking", f"--user-data-dir={folder}/profile",
-                     f"--window-size={SIZE[0]},{SIZE[1]}"):  # fmt: skip
+                     "--disable-background-networking", f"--user-data-dir={folder}/profile"):  # fmt: skip
             options.add_argument(flag)
         driver = webdriver.Chrome(options=options, service=Service(shutil.which("chromedriver")))
         try:
+            size = {"width": SIZE[0], "height": SIZE[1], "deviceScaleFactor": 2, "mobile": False}
+            driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
             driver.get(source.as_uri() + "#paused")
             deadline = time.monotonic() + seconds
             while not driver.execute_script("return Boolean(window.repctl && repctl.ready)"):
                 if time.monotonic() > deadline:
                     raise SystemExit(f"{file.name}: the page did not become ready")
                 time.sleep(0.1)
-            driver.execute_script("repctl.seek(repctl.cycles)")
-            time.sleep(1.0)
-            shot = Image.open(io.BytesIO(driver.get_screenshot_as_png())).convert("RGB")
+            driver.execute_script(
+                "document.head.append(Object.assign(document.createElement('style'),"
+                "{ textContent: 'footer, #cards, .tiles { display: none !important }' }))"
+            )
+            last = driver.execute_script("return repctl.cycles")
+            shots = [_shot(driver, cycle) for cycle in (range(last + 1) if moving else [last])]
         finally:
             driver.quit()
     file.parent.mkdir(parents=True, exist_ok=True)
-    for width in (SIZE[0], 1250, 1100, 980, 840):
-        few_colours(shot.resize((width, round(width * shot.height / shot.width)), Image.Resampling.LANCZOS)).save(
-            file, optimize=True
-        )
+    for width in (shots[-1].width, 1250, 1100, 980, 840):
+        few_colours(_narrow(shots[-1], width)).save(file, optimize=True)
         if file.stat().st_size <= LIMIT:
             break
-    return file
+    if not moving:
+        return [file]
+    frames, strobe = [_narrow(shot, 1100) for shot in shots], file.with_suffix(".webp")
+    times = [450] * (len(frames) - 1) + [2000]
+    frames[0].save(strobe, save_all=True, append_images=frames[1:], duration=times, loop=0, quality=80, method=6)
+    return [file, strobe]
+
+
+def _shot(driver: webdriver.Chrome, cycle: int) -> Image.Image:
+    """The window at the end of a cycle."""
+    driver.execute_script("repctl.seek(arguments[0])", cycle)
+    time.sleep(1.0)
+    return Image.open(io.BytesIO(driver.get_screenshot_as_png())).convert("RGB")
+
+
+def _narrow(picture: Image.Image, width: int) -> Image.Image:
+    return picture.resize((width, round(width * picture.height / picture.width)), Image.Resampling.LANCZOS)
 
 
 def few_colours(picture: Image.Image) -> Image.Image:
-    """Draw with 256 colours, which is a quarter of the size: those the picture has most of, and the arms' own."""
+    """Draw with 256 colours, which is a quarter of the size, dithered: those the picture has most of, and the arms'."""
     own = [0xD5, 0x5E, 0x00, 0x00, 0x72, 0xB2, 255, 255, 255]
     palette = Image.new("P", (1, 1))
     palette.putpalette([*picture.quantize(253).getpalette()[: 253 * 3], *own])
-    return picture.quantize(palette=palette, dither=Image.Dither.NONE)
+    return picture.quantize(palette=palette, dither=Image.Dither.FLOYDSTEINBERG)
 
 
 def main() -> None:
@@ -117,8 +136,8 @@ def main() -> None:
     if unknown:
         parser.error(f"no picture {unknown[0]!r}; there is {', '.join(GALLERY)}")
     for name in options.names or GALLERY:
-        file = photograph(GALLERY[name](), options.out / f"{name}.png")
-        print(f"wrote {file} ({file.stat().st_size / 1000:.0f} kB)", flush=True)
+        for file in photograph(GALLERY[name](), options.out / f"{name}.png", moving=name == "panda"):
+            print(f"wrote {file} ({file.stat().st_size / 1000:.0f} kB)", flush=True)
 
 
 if __name__ == "__main__":

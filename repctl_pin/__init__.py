@@ -67,6 +67,7 @@ if TYPE_CHECKING:
     from .show.notebook import inline as inline
     from .show.page.animation import Animation as Animation
     from .show.page.animation import animation as animation
+    from .show.page.viewer import Viewer as Viewer
     from .strategies import CustomInverse as CustomInverse
     from .strategies import ExtendedJacobian as ExtendedJacobian
     from .strategies import LeafImpedance as LeafImpedance
@@ -134,6 +135,7 @@ _DOOR = {
         "waypoints",
     ),
     "show.page.animation": ("Animation", "animation"),
+    "show.page.viewer": ("Viewer",),
     "show.notebook": ("inline",),
     "studies": ("Study", "study"),
 }

@@ -30,7 +30,7 @@ from markupsafe import Markup
 from ...errors import RepctlError
 from ..text.verdict import Verdict
 
-SCRIPTS = ("dom", "numbers", "viewer", "eye", "panes", "arm", "traces", "cards", "clock", "controls", "main")
+SCRIPTS = ("dom", "numbers", "viewer", "eye", "panes", "arm", "traces", "cards", "clock", "controls", "live", "main")
 """The page's modules, each after those that it imports."""
 
 

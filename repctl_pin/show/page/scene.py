@@ -129,6 +129,7 @@ def animation_page(
     planar: bool = False,
     frames: Frames | None = None,
     verdict: Verdict = NO_VERDICT,
+    live: bool = False,
 ) -> str:
     """Write one self-contained HTML page: a pane an arm, moving through their cycles, looping.
 
@@ -149,6 +150,8 @@ def animation_page(
         of all cycles, and the page chooses.
     verdict
         What stands above it all.
+    live
+        The poses come from a :class:`~repctl_pin.show.page.viewer.Viewer`; what the arms hold is where they may be.
 
     Returns
     -------
@@ -170,6 +173,7 @@ def animation_page(
         "title": title,
         "caption": caption,
         "planar": bool(planar),
+        "live": live,
         "seconds": float(seconds),
         "cycles": list(chosen.cycles),
         "perCycle": chosen.per_cycle,

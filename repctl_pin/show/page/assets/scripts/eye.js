@@ -1,11 +1,11 @@
 // The one camera of all panes: where it looks from, and how far away it stands.
 
 export class Eye {
-  // `towards`: from what is looked at to the camera, robot axes (z up); `flat`: without perspective, as a drawing
-  constructor(viewer, towards, flat) {
+  // `out`: from what is looked at to the camera, robot axes (z up); `flat`: without perspective, as a drawing
+  constructor(viewer, out, flat) {
     const T = MeshCat.THREE;
     this.viewer = viewer;
-    this.out = towards.clone().normalize();
+    this.out = out.clone().normalize();
     this.right = new T.Vector3(0, 0, 1).cross(this.out).normalize();
     this.up = new T.Vector3().crossVectors(this.out, this.right);
     if (flat) {

@@ -4,8 +4,9 @@ import { ArmView, cornersOf } from "./arm.js";
 import { Card } from "./cards.js";
 import { Clock } from "./clock.js";
 import { connect } from "./controls.js";
-import { byId, element, forgetTones, unpack } from "./dom.js";
+import { byId, forgetTones, unpack } from "./dom.js";
 import { Eye, towards } from "./eye.js";
+import { follow } from "./live.js";
 import { inMetres } from "./numbers.js";
 import { Panes } from "./panes.js";
 import { driftShade, Marker, Trace } from "./traces.js";
@@ -38,7 +39,7 @@ function drawWays(arms, paths, scene, extent) {
   const T = MeshCat.THREE, F = scene.perCycle, thick = 0.0026 * extent, ways = [];
   for (const arm of arms) {
     const shade = driftShade(arm.data, scene), full = new T.Color(arm.data.color), ink = new T.Color("#6b7784");
-    const pieces = (which, limb) => scene.cycles.map((_, c) => Array.from({ length: F }, (_, i) => arm.point(which, limb, c * F + i)));
+    const pieces = (which, limb) => scene.cycles.map((n, c) => Array.from({ length: F }, (v, i) => arm.point(which, limb, c * F + i)));
     for (const way of paths) if (way.length > 1) new Trace(arm.group, [way], 0.75 * thick, () => ink).show(1, 0);
     arm.traces = new T.Group();
     arm.group.add(arm.traces);
@@ -74,22 +75,22 @@ async function main() {
   const shown = new T.Box3().setFromPoints(points), center = shown.getCenter(new T.Vector3());
   light(viewer, center, shown.getSize(new T.Vector3()).length() * 0.6, eye);
   byId("scale-note").textContent = `grid ${inMetres(floor(viewer, center, ground, extent))}`;
-  const ways = drawWays(arms, paths, scene, extent);
+  const ways = scene.live ? [] : drawWays(arms, paths, scene, extent);
   const [left, right] = eye.span(points, "right"), [low, high] = eye.span(points, "up");
   const panes = new Panes(viewer, eye, arms, (right - left) / (high - low));
 
   // ---- what is shown at each time
   const clock = new Clock(cycles, scene.seconds, () => show()), box = (name) => byId(`show-${name}`);
-  if (scene.pair) Card.frame(arms, scene);
+  if (scene.pair && !scene.live) Card.frame(arms, scene);
   const toCycle = (number) => { clock.play(false); clock.seek(scene.cycles.findIndex((n) => n >= number) + 1); };
-  const cards = arms.map((arm) => new Card(arm, scene, toCycle));
+  const cards = scene.live ? [] : arms.map((arm) => new Card(arm, scene, toCycle));
   let tell = () => {};
   function show() {
     const cycle = Math.min(Math.floor(clock.time), cycles - 1), part = clock.time - cycle, done = scene.cycles[cycle] - (part >= 1 ? 0 : 1);
     for (const arm of arms) {
-      arm.stand(cycle, part);
+      if (!scene.live) arm.stand(cycle, part);
       arm.ghost.visible = box("ghost").checked;
-      arm.traces.visible = box("traces").checked;
+      if (arm.traces) arm.traces.visible = box("traces").checked;
       arm.showDrift(box("drift").checked);
       if (!arm.past) continue;
       const past = scene.cycles[cycle] - 1 + part >= arm.data.broken.at;
@@ -97,6 +98,7 @@ async function main() {
       arm.mark(arm.past.node.position);
       arm.notice.textContent = past ? `${arm.data.broken.joint} past its limit` : "";
     }
+    if (scene.live) { viewer.set_dirty(); return; }
     for (const { arm, which, limb, trace, ball } of ways) { trace.show(cycle, part); arm.point(which, limb, arm.now.frame, arm.now.f, ball.node.position); }
     for (const card of cards) card.show(done, cycle, part);
     tell(done, part);
@@ -113,6 +115,9 @@ async function main() {
     turn(...way) { eye.turn(...way); },
   };
   tell = connect(clock, view, last);
+  document.body.classList.toggle("live", Boolean(scene.live));
+  if (scene.live) for (const arm of arms) delete arm.now;
+  if (scene.live) follow(arms, show);
   const dark = window.matchMedia("(prefers-color-scheme: dark)");
   dark.addEventListener("change", () => { forgetTones(); panes.colour(); show(); });
   if (window.parent !== window) { // inside another page the wheel scrolls that page, unless the picture has the focus
@@ -161,7 +166,7 @@ async function main() {
   if (problems.length) setTimeout(() => { byId("notice").hidden = true; }, 12000);
   viewer.render();
   api.ready = true;
-  if (!window.matchMedia("(prefers-reduced-motion: reduce)").matches && location.hash !== "#paused") clock.open();
+  if (!window.matchMedia("(prefers-reduced-motion: reduce)").matches && location.hash !== "#paused" && !scene.live) clock.open();
 }
 
 main().catch((error) => {

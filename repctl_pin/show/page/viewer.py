@@ -1,0 +1,209 @@
+"""A running control loop in the browser: poses go out over a websocket, keys come back and move the target.
+
+The server is a thread of this process on 127.0.0.1: however the process ends, nothing is left of it, no other process
+and no open port. Only a page that it served itself may connect.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import threading
+from collections.abc import Sequence
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from tornado.httpserver import HTTPServer
+from tornado.netutil import bind_sockets
+from tornado.web import Application, RequestHandler
+from tornado.websocket import WebSocketClosedError, WebSocketHandler
+
+from ...arguments import vector
+from ...errors import InputError
+from ...robot.task import Task
+from ...robot.visuals import Visuals
+from ..plots.motions import BLUE, GREEN, PURPLE, VERMILLION
+from .scene import Arm, Frames, animation_page, poses_of
+
+Array = NDArray[np.float64]
+
+HOST = "127.0.0.1"
+
+
+class Viewer:
+    """Shows a control loop while it runs, one pane a control: ``with rp.Viewer(task, ["J⁺", "ours"]) as view``.
+
+    Parameters
+    ----------
+    task
+        Whose joints are shown; the robot's others stay at the reference pose.
+    names
+        What the controls are called.
+    port
+        Where to listen; 0 takes a free one.
+
+    Attributes
+    ----------
+    url : str
+        Where the page is.
+    offset : (3,) array
+        How far the keys have moved the target, m, world axes: arrows (y, z), Page Up and Down (x), Home back to 0.
+
+    Raises
+    ------
+    InputError
+        If there is no name, or the port is taken or not allowed.
+
+    Examples
+    --------
+    >>> view = rp.Viewer(task, ["J⁺", "ours"])  # doctest: +SKIP
+    >>> while True:
+    ...     view.show(q1, q2)  # doctest: +SKIP
+    """
+
+    def __init__(self, task: Task, names: Sequence[str], *, port: int = 0) -> None:
+        if isinstance(names, str) or not names:
+            raise InputError("a viewer wants the controls' names, one a pane, such as ['J⁺', 'ours']")
+        self.task, self.names, self.offset = task, tuple(names), np.zeros(3)
+        self._visuals = Visuals.of(task.robot)
+        page = self._page()
+        try:
+            sockets = bind_sockets(port, HOST)
+        except (OSError, OverflowError) as error:
+            reason = getattr(error, "strerror", None) or "no such port"
+            raise InputError(f"cannot listen on port {port}: {reason}; choose another port, or none") from None
+        self._port = sockets[0].getsockname()[1]
+        self.url = f"http://{HOST}:{self._port}/"
+        self._clients: set[_Poses] = set()
+        self._last = b""
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._serve, args=(sockets, page), daemon=True)
+        self._thread.start()
+
+    def show(self, *configurations: ArrayLike) -> None:
+        """Show where the joints are: a configuration (n,) for each name, in their order. It does not wait.
+
+        Raises
+        ------
+        InputError
+            If there are not as many as names, or one has the wrong size.
+        """
+        if len(configurations) != len(self.names):
+            raise InputError(f"this viewer shows {len(self.names)} controls, but {len(configurations)} were given")
+        Q = np.array([self.task.full(vector(q, self.task.n, "q")) for q in configurations])
+        poses = poses_of(self._visuals.placements(Q))  # (K, S, 7)
+        self._last = poses[:, self._moving].astype("<f4").tobytes()
+        if not self._loop.is_closed():
+            self._loop.call_soon_threadsafe(self._send)
+
+    def close(self) -> None:
+        """Stop serving; the port is free afterwards."""
+        if self._thread.is_alive():
+            self._loop.call_soon_threadsafe(self._loop.stop)
+            self._thread.join()
+
+    def __enter__(self) -> Viewer:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self.close()
+
+    def _page(self) -> str:
+        """The page: the arm at its reference, and turned a little, which says what moves and what is in sight."""
+        task, q0 = self.task, np.array(self.task.reference)
+        Q = np.array([q0, np.clip(q0 + 0.3, task.lower, task.upper), np.clip(q0 - 0.3, task.lower, task.upper)])
+        placements = self._visuals.placements(task.full(Q))
+        self._moving = np.ptp(placements, axis=0).reshape(placements.shape[1], -1).max(axis=1) > 1e-12
+        points = task.positions(Q)
+        colours = (VERMILLION, BLUE, GREEN, PURPLE) * len(self.names)
+        arms = [
+            Arm(name, self._visuals.shapes, placements, points, points, Q, np.zeros(1), colour)
+            for name, colour in zip(self.names, colours, strict=False)
+        ]
+        caption = f"{task.frame}, {task.kind} task. Arrows, Page Up and Page Down move the target; Home brings it back."
+        frames = Frames(np.arange(3), (1,), 3)
+        return animation_page(
+            arms, [], seconds=1.0, title=f"{task.robot.name}: live", caption=caption, frames=frames, live=True
+        )
+
+    def _serve(self, sockets: Any, page: str) -> None:
+        asyncio.set_event_loop(self._loop)
+        server = HTTPServer(Application([("/", _Page, {"page": page}), ("/poses", _Poses, {"viewer": self})]))
+        self._loop.call_soon(server.add_sockets, sockets)
+        self._loop.run_forever()
+        server.stop()
+        for client in tuple(self._clients):
+            client.close()
+        self._loop.run_until_complete(server.close_all_connections())
+        self._loop.close()
+
+    def _send(self) -> None:
+        for client in tuple(self._clients):
+            client.give(self._last)
+
+    def _moved(self, message: str) -> None:
+        """Move the target as a key asks; anything else is passed over."""
+        try:
+            move = json.loads(message)
+        except ValueError:
+            return
+        if move == "home":
+            self.offset = np.zeros(3)
+        elif (
+            isinstance(move, list)
+            and len(move) == 3
+            and all(isinstance(v, int | float) and abs(v) <= 0.1 for v in move)
+        ):
+            self.offset = self.offset + move
+
+
+class _Page(RequestHandler):
+    def initialize(self, page: str) -> None:
+        self.page = page
+
+    def prepare(self) -> None:
+        if self.request.host_name not in (HOST, "localhost"):  # another site's name may be made to point here
+            self.send_error(403)
+
+    def get(self) -> None:
+        self.set_header("Cache-Control", "no-store")
+        self.finish(self.page)
+
+
+class _Poses(WebSocketHandler):
+    def initialize(self, viewer: Viewer) -> None:
+        self.viewer, self.busy = viewer, False
+
+    def prepare(self) -> None:
+        if self.request.host_name not in (HOST, "localhost"):
+            self.send_error(403)
+
+    def check_origin(self, origin: str) -> bool:
+        return origin in (f"http://{name}:{self.viewer._port}" for name in (HOST, "localhost"))
+
+    def open(self, *args: str, **kwargs: str) -> None:
+        self.viewer._clients.add(self)
+        if self.viewer._last:
+            self.give(self.viewer._last)
+
+    def on_close(self) -> None:
+        self.viewer._clients.discard(self)
+
+    def on_message(self, message: str | bytes) -> None:
+        if isinstance(message, str):
+            self.viewer._moved(message)
+
+    def give(self, poses: bytes) -> None:
+        """Send the newest poses; a browser that is late misses some, and is never behind."""
+        if self.busy:
+            return
+        self.busy = True
+        sent = asyncio.ensure_future(self.write_message(poses, binary=True))
+        sent.add_done_callback(self._given)
+
+    def _given(self, sent: asyncio.Future[None]) -> None:
+        self.busy = False
+        if not sent.cancelled() and isinstance(sent.exception(), WebSocketClosedError):
+            self.viewer._clients.discard(self)
