@@ -95,7 +95,7 @@ def photograph(page: str, file: Path, *, seconds: float = 120.0, moving: bool = 
         finally:
             driver.quit()
     file.parent.mkdir(parents=True, exist_ok=True)
-    for width in (shots[-1].width, 1250, 1100, 980, 840):
+    for width in (shots[-1].width, 1100, 980, 840, 760, 680):
         few_colours(_narrow(shots[-1], width)).save(file, optimize=True)
         if file.stat().st_size <= LIMIT:
             break
