@@ -35,7 +35,7 @@ def rotation_matrix(value: Any, what: str = "rotation") -> Array:
     """
     try:
         R = np.array(value.as_matrix() if isinstance(value, Rotation) else value, dtype=float)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         R = np.empty(0)
     off = np.abs(R.T @ R - np.eye(3)).max() if R.shape == (3, 3) else np.inf
     if not off < 1e-6 or np.linalg.det(R) < 0:

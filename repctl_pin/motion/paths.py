@@ -12,7 +12,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ..arguments import MOST_STEPS, finite, function, list_of, vector, wanted, whole
+from ..arguments import MOST_STEPS, finite, function, list_of, positive, vector, wanted, whole
 from ..errors import InputError
 from .orientation import rotation_matrix, spin_of
 
@@ -86,10 +86,14 @@ class TaskPath:
     period: float | None = None
 
     def __post_init__(self) -> None:
-        for curve, what in ((self.point, "point"), (self.slope, "slope")):
+        turn = self.point if self.spin is None else self.spin
+        for curve, what in ((self.point, "point"), (self.slope, "slope"), (turn, "spin")):
             function(curve, what, "a function of s that gives three numbers")
         if len(list_of(self.breaks, "breaks", "values of s")):
             vector(self.breaks, None, "breaks", "values of s")
+        object.__setattr__(self, "breaks", tuple(float(s) for s in self.breaks))
+        if self.period is not None:
+            positive(self.period, "the period", "s")
         if not callable(self.rotation):
             object.__setattr__(self, "rotation", rotation_matrix(self.rotation))
         elif self.spin is None:
@@ -157,11 +161,13 @@ def _check(path: TaskPath) -> None:
     knots = np.array([0.0, *path.breaks, 1.0])
     if not (np.diff(knots) > 0).all():
         raise InputError(f"{path.name}: breaks must rise between 0 and 1")
-    values = [np.asarray(f(0.0), float) for f in (path.point, path.slope)]
-    if any(value.shape != (3,) or not np.isfinite(value).all() for value in values):
-        raise InputError(f"{path.name}: point(s) and slope(s) must give three finite numbers")
     if callable(path.rotation):
         rotation_matrix(path.rotation(0.0), f"{path.name}: rotation(s)")
+    values = [
+        np.asarray(f(0.0), float) for f in (path.point, path.slope, path.point if path.spin is None else path.spin)
+    ]
+    if any(value.shape != (3,) or not np.isfinite(value).all() for value in values):
+        raise InputError(f"{path.name}: point(s), slope(s) and spin(s) must give three finite numbers")
 
     samples = []
     for j in range(16):  # inside the pieces, where everything is smooth

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
 
 from ..arguments import list_of, positive
 from ..errors import InputError
@@ -107,11 +108,10 @@ def waypoints(
         corners = _points(points, "waypoints")
         if rotation is None:
             raise InputError("waypoints want rotation=: the orientation to hold, such as task.placement(q0).rotation")
-        one = np.ndim(rotation) == 2 or getattr(rotation, "single", False)
-        turns = [
-            rotation_matrix(R)
-            for R in ([rotation] if one else list_of(rotation, "rotation", "a rotation, or one a waypoint"))
-        ]
+        if isinstance(rotation, Rotation):
+            rotation = rotation.as_matrix()
+        several = isinstance(rotation, (list, tuple, np.ndarray)) and not _is_matrix(rotation)
+        turns = [rotation_matrix(R) for R in (rotation if several else [rotation])]
         if len(turns) not in (1, len(corners)):
             raise InputError(f"{len(corners)} waypoints want one rotation, or as many; got {len(turns)}")
     if len(corners) < 3:
@@ -123,6 +123,14 @@ def waypoints(
         raise InputError(f"the path is open by {by}; end it with its first point again")
     corners = np.vstack([corners[:-1], corners[0]])
     return _polyline(corners, turns[0] if len(turns) == 1 else turns, times, blend, name)
+
+
+def _is_matrix(rotation: Any) -> bool:
+    """Whether this is one matrix, right or wrong, rather than several."""
+    try:
+        return np.array(rotation, dtype=float).ndim < 3
+    except (TypeError, ValueError, OverflowError):
+        return False
 
 
 def _polyline(
@@ -249,7 +257,7 @@ def _rounded(corners: Array, sizes: Array, radius: float, name: str) -> tuple[li
 def _rising(times: ArrayLike, count: int) -> Array:
     try:
         t = np.array(times, dtype=float)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         t = np.empty(0)
     if t.shape != (count,) or not np.isfinite(t).all() or not (np.diff(t) > 0).all():
         raise InputError(f"times must be {count} finite numbers that rise, s, one a waypoint")
@@ -259,7 +267,7 @@ def _rising(times: ArrayLike, count: int) -> Array:
 def _points(values: ArrayLike | Sequence[Any], what: str) -> Array:
     try:
         points = np.array(values, dtype=float)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InputError(f"{what} must be rows of three numbers, x, y, z in m") from None
     if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
         raise InputError(f"{what} must be rows of three finite numbers, x, y, z in m")

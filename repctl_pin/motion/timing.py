@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import MOST_STEPS, flag, positive, spread, wanted
+from ..arguments import MOST_STEPS, flag, positive, spread, wanted, whole
 from ..errors import InputError
 from ..robot.task import Task
 from ..urdf.checks import NO_EFFORT
@@ -81,7 +81,7 @@ class TimedMotion:
 
     def cycle(self, k: int) -> tuple[Array, Array, Array, Array]:
         """Samples of cycle k, counted from 0: time from its start, q, q̇, q̈."""
-        if not 0 <= k < len(self.starts) - 1:
+        if whole(k, "k") >= len(self.starts) - 1:
             raise InputError(f"there are {len(self.starts) - 1} cycles, counted from 0; no cycle {k}")
         rows = (self.t >= self.starts[k] - 1e-9) & (self.t < self.starts[k + 1] - 1e-9)
         return self.t[rows] - self.starts[k], self.q[rows], self.qdot[rows], self.qddot[rows]
