@@ -52,7 +52,7 @@ def test_defaults_work_for_every_redundant_arm(name: str, frame: str | None, kin
     assert creeping.drift[-1] > 100 * closed.drift[-1]
     assert closed.tracking_error.max() < 1e-8 and closed.turning_error.max() < 1e-8
     assert closed.limit_margin.min() > 0  # the default path stays inside the limits
-    assert creeping.cycle(0).min() > -np.inf and creeping.limit_margin[: creeping.steps].min() > 0
+    assert creeping.limit_margin[: creeping.steps].min() > 0
     assert study.design.leaf_margin > 0.2 and study.row("repeatable").leaf_margin > 0.2
     assert study.task.r == study.task.n - study.task.m >= 1
 

@@ -14,6 +14,7 @@ import scipy.optimize
 from numpy.typing import NDArray
 
 from ..arguments import MOST_NODES, function, limits, shown, wanted, whole
+from ..blas import one_blas_thread
 from ..errors import InputError, SingularityError
 from ..regions import Region
 from ..strategies.strategy import AN_INVERSE, Batched, Inverse
@@ -92,6 +93,7 @@ class _Comparison:
         return float(self.weights @ np.sum(difference**2, axis=(1, 2)))
 
 
+@one_blas_thread()
 def nearest_in_family(
     desired: Inverse,
     family: Callable[[float], Inverse],

@@ -11,6 +11,7 @@ import numpy as np
 
 from .. import progress as reporting
 from ..arguments import MOST_NODES, flag, positive, shown, wanted, whole
+from ..blas import one_blas_thread
 from ..errors import InputError
 from ..fields.field import Field
 from ..fields.polynomial import Polynomial
@@ -32,6 +33,7 @@ _MOST_UNKNOWNS = 1000
 _WORTHWHILE = 0.01
 
 
+@one_blas_thread()
 def nearest_repeatable(
     desired: Inverse,
     fields: Field | None,

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..blas import one_blas_thread
 from ..redundancy.nullspace import nullspace
 from ..regions import Region
 from ..robot.length import joint_scale
@@ -101,6 +102,7 @@ def candidate_surface(strategy: Inverse, region: Region, *, samples: int = 128, 
     return _search(strategy, region, samples, seed)[0]
 
 
+@one_blas_thread()
 def stable_surface(strategy: Inverse, region: Region, *, samples: int = 128, seed: int = 0) -> Surfaces:
     """Find the surfaces s(q) = 0 and say which are stable: on which every motion of G stays (9).
 

@@ -1,0 +1,31 @@
+"""One BLAS thread while the library works: on matrices of these sizes two are slower than one."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from threadpoolctl import threadpool_limits
+
+_lock = threading.Lock()
+_working = 0
+_limits: Any = None
+
+
+@contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Keep BLAS to one thread; the last to leave, of all threads, gives back what there was. Also a decorator."""
+    global _working, _limits
+    with _lock:
+        if _working == 0:
+            _limits = threadpool_limits(1, user_api="blas")
+        _working += 1
+    try:
+        yield
+    finally:
+        with _lock:
+            _working -= 1
+            if _working == 0:
+                _limits.restore_original_limits()
