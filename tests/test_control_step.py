@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import pickle
 import tracemalloc
+import warnings
 
 import numpy as np
 import pinocchio as pin
@@ -342,3 +344,31 @@ def test_the_velocity_of_the_pseudoinverse_is_as_exact_as_its_matrix() -> None:
         got = rp.Pseudoinverse(task).velocity(q, xdot)
         assert np.linalg.norm(got - exact) < 1e-9 * np.linalg.norm(exact)
         assert np.abs(task.jacobian(q) @ got - xdot).max() < 1e-11 * np.linalg.norm(exact)
+
+
+def test_outside_the_region_is_told_where_it_is_asked_for(panda_design, panda_pose, q_panda) -> None:
+    inverse, xdot, target = panda_design.inverse, np.ones(6), panda_pose.placement(q_panda)
+    assert inverse.region is panda_design.region
+    edge = panda_design.region.half_width
+    for q, out in ((q_panda + 0.99 * edge, False), (q_panda - 1.5 * edge * (np.arange(7) == 3), True)):
+        for call in (
+            lambda how, q=q: inverse.velocity(q, xdot, outside=how),
+            lambda how, q=q: inverse.step(q, target, 0.01, outside=how),
+        ):
+            plain = call("ignore")
+            with warnings.catch_warnings(record=True) as told:
+                warnings.simplefilter("always")
+                assert np.array_equal(call("warn"), plain)
+            assert ["nothing was designed there" in str(w.message) for w in told] == [True] * out
+            if out:
+                with pytest.raises(rp.InputError, match=r"outside Ω, 1\.50 times its width"):
+                    call("raise")
+            else:
+                assert np.array_equal(call("raise"), plain)
+    for other in (pickle.loads(pickle.dumps(inverse)), copy.copy(inverse)):
+        with pytest.raises(rp.InputError, match="outside Ω"):
+            other.velocity(q_panda + 2 * edge, xdot, outside="raise")
+    with pytest.raises(rp.InputError, match="no way to treat what is outside Ω 'shout'"):
+        inverse.velocity(q_panda, xdot, outside="shout")
+    with pytest.raises(rp.InputError, match="knows no Ω"):
+        rp.RepeatableInverse(panda_pose, inverse.field).velocity(q_panda, xdot, outside="warn")

@@ -51,7 +51,7 @@ def compiled(inverse: RepeatableInverse) -> RepeatableInverse:
         If its potentials are functions of a person's own, which cannot be written as C.
     """
     wanted(inverse, RepeatableInverse, "inverse", "a repeatable inverse, such as design.inverse")
-    return RepeatableInverse(inverse.task, inverse.field, loops=compiled_loop)
+    return RepeatableInverse(inverse.task, inverse.field, region=inverse.region, loops=compiled_loop)
 
 
 def compiled_loop(task: Task, field: FieldMap) -> Loop:

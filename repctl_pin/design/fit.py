@@ -138,7 +138,7 @@ def _judged(
     A = chosen.spread(result.A)
     N, _, D = evaluate(desired, fields, region.center[None])
     A = A @ np.linalg.inv(N[0].T @ D[0] @ A)  # gauge: Nᵀ V = I at the center, J_V as well conditioned as J there
-    inverse = RepeatableInverse(desired.task, fields.weighted(A))
+    inverse = RepeatableInverse(desired.task, fields.weighted(A), region=region)
     verdict = judge(inverse, desired, region, samples=held_out, seed=seed + 1, free=False)
     return Design(
         inverse=inverse,

@@ -162,7 +162,7 @@ def design_of(content: DesignFile, task: Task, where: str) -> Design:
             raise InputError(f"fields and region must be of {task.n} joints")
         figures = msgspec.structs.asdict(content.figures)
         return Design(
-            inverse=RepeatableInverse(task, fields.weighted(A)),
+            inverse=RepeatableInverse(task, fields.weighted(A), region=region),
             desired=desired_of(content.desired, task),
             fields=fields,
             region=region,

@@ -2,22 +2,36 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import NUMBER, rows, stacks, vector, wanted
+from ..arguments import NUMBER, chosen, rows, stacks, vector, wanted
+from ..errors import InputError
 from ..fields.field import FieldMap
 from ..redundancy.augmented import augmented_inverse
 from ..robot.task import Task, own_task
-from .control_step import Loop, make_loop
+from .control_step import Loop, make_loop, row
 from .on_leaf import solve, solve_all
 from .pseudoinverse import at_rows, redundant
 
 Array = NDArray[np.float64]
+
+
+_GUARDS = ("ignore", "warn", "raise")
+
+
+@runtime_checkable
+class Region(Protocol):
+    """What is asked of Ω here."""
+
+    def ratio(self, Q: Array) -> Array:
+        """By what factor it would have to shrink for each row of Q to lie on its edge: (K,); above 1 is outside."""
+        ...
 
 
 class RepeatableInverse:
@@ -31,6 +45,8 @@ class RepeatableInverse:
         The task to control.
     field
         r potentials h; their common level sets are the leaves on which the motion stays.
+    region
+        Ω, for which it was designed: what ``outside`` looks at.
     loops
         What makes the quick functions of the control loop; :func:`repctl_pin.codegen.compiled` has them in C.
 
@@ -42,12 +58,27 @@ class RepeatableInverse:
         By what factor the last :meth:`step` with a limit was scaled down; 1 where it was not.
     """
 
-    def __init__(self, task: Task, field: FieldMap, *, loops: Callable[[Task, FieldMap], Loop] = make_loop) -> None:
+    def __init__(
+        self,
+        task: Task,
+        field: FieldMap,
+        *,
+        region: Region | None = None,
+        loops: Callable[[Task, FieldMap], Loop] = make_loop,
+    ) -> None:
         field = wanted(field, FieldMap, "field", "potentials, such as fields.weighted(A)")
-        self._begin(redundant(task), field, loops)
+        if region is not None:
+            wanted(region, Region, "region", "a region of joint space, such as rp.Box(q0, 0.3)")
+        self._begin(redundant(task), field, region, loops)
 
-    def _begin(self, task: Task, field: FieldMap, loops: Callable[[Task, FieldMap], Loop] = make_loop) -> None:
-        self.task, self.field = task, field
+    def _begin(
+        self,
+        task: Task,
+        field: FieldMap,
+        region: Region | None = None,
+        loops: Callable[[Task, FieldMap], Loop] = make_loop,
+    ) -> None:
+        self.task, self.field, self.region = task, field, region
         self.damping, self.slowed = 0.0, 1.0
         self._loops, self._loop = loops, loops(task, field)
 
@@ -67,8 +98,14 @@ class RepeatableInverse:
 
     # ---- the control loop ------------------------------------------------------------------------
 
-    def velocity(self, q: Array, xdot: Array) -> Array:
+    def velocity(self, q: Array, xdot: Array, *, outside: str = "ignore") -> Array:
         """Choose q̇ (n,) with ``J q̇ = ẋ`` and ``Vᵀ q̇ = 0``.
+
+        Parameters
+        ----------
+        q, xdot : (n,), (m,) arrays
+        outside
+            What to do where q lies outside Ω: see :meth:`step`.
 
         Raises
         ------
@@ -77,6 +114,8 @@ class RepeatableInverse:
         SingularityError
             Where J_V is singular.
         """
+        if outside != "ignore":
+            self._guard(q, outside)
         return self._loop.velocity(q, xdot)
 
     def velocities(self, Q: ArrayLike, Xdot: ArrayLike) -> Array:
@@ -98,6 +137,7 @@ class RepeatableInverse:
         gain: float | None = None,
         limit: ArrayLike | None = None,
         damping: float = 0.0,
+        outside: str = "ignore",
     ) -> Array:
         """Take the next q (n,) of a control loop: feed-forward, and feedback of both errors.
 
@@ -124,6 +164,9 @@ class RepeatableInverse:
         damping
             λ_max of the damping near singularities, in the units of J; 0 raises there instead. The step
             is then at most ``‖error‖ / (√3 λ_max)`` long. See :attr:`damping`.
+        outside
+            What to do where q lies outside Ω, where nothing was designed: ``ignore``, ``warn``, or ``raise``
+            (InputError). To look takes as long as one or two steps, for a box; to ignore costs nothing.
 
         Raises
         ------
@@ -132,10 +175,25 @@ class RepeatableInverse:
         SingularityError
             Where J_V is singular and there is no damping.
         """
+        if outside != "ignore":
+            self._guard(q, outside)
         if limit is None and isinstance(damping, NUMBER) and not damping:
             return self._loop.step(q, target, dt, twist, leaf, gain)
         following, self.damping, self.slowed = self._loop.bounded(q, target, dt, twist, leaf, gain, limit, damping)
         return following
+
+    def _guard(self, q: ArrayLike, outside: str) -> None:
+        """Warn or raise where q lies outside Ω."""
+        chosen(outside, _GUARDS, "way to treat what is outside Ω")
+        if self.region is None:
+            raise InputError("this inverse knows no Ω to be outside of; a designed one does, or give it region=")
+        q = vector(q, self.task.n, "q")
+        ratio = float(self.region.ratio(q[None])[0])
+        if ratio > 1 + 1e-12:
+            told = f"q = {row(q)} is outside Ω, {ratio:.2f} times its width from the middle: nothing was designed there"
+            if outside == "raise":
+                raise InputError(told)
+            warnings.warn(told, UserWarning, stacklevel=3)
 
     # ---- the leaves ------------------------------------------------------------------------------
 
@@ -169,7 +227,7 @@ class RepeatableInverse:
         return solve_all(self, targets, q0, leaf)
 
     def __getstate__(self) -> dict[str, Any]:
-        return {"task": self.task, "field": self.field, "loops": self._loops}
+        return {"task": self.task, "field": self.field, "region": self.region, "loops": self._loops}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        self._begin(own_task(state["task"]), state["field"], state["loops"])
+        self._begin(own_task(state["task"]), state["field"], state["region"], state["loops"])
