@@ -68,6 +68,7 @@ if TYPE_CHECKING:
     from .show.page.animation import Animation as Animation
     from .show.page.animation import animation as animation
     from .show.page.viewer import Viewer as Viewer
+    from .strategies import ArmAngle as ArmAngle
     from .strategies import CustomInverse as CustomInverse
     from .strategies import ExtendedJacobian as ExtendedJacobian
     from .strategies import LeafImpedance as LeafImpedance
@@ -88,6 +89,7 @@ _DOOR = {
     "regions": ("Box", "Tube", "WorkspaceBox"),
     "fields": ("Fourier", "Joined", "Polynomial", "Potentials"),
     "strategies": (
+        "ArmAngle",
         "CustomInverse",
         "ExtendedJacobian",
         "LeafImpedance",

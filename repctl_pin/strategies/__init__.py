@@ -1,5 +1,6 @@
 """Control strategies on a task: ways to turn a task velocity ẋ into joint velocities q̇."""
 
+from .arm_angle import ArmAngle
 from .custom import CustomInverse
 from .extended import ExtendedJacobian
 from .function import FunctionStrategy
@@ -11,6 +12,7 @@ from .repeatable import RepeatableInverse
 from .strategy import Inverse, OnLeaves, Strategy
 
 __all__ = [
+    "ArmAngle",
     "CustomInverse",
     "ExtendedJacobian",
     "FunctionStrategy",

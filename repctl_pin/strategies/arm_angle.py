@@ -1,0 +1,180 @@
+"""The arm angle: how far the elbow has turned about the line from shoulder to wrist."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike, NDArray
+
+from ..arguments import rows
+from ..errors import InputError, SingularityError
+from ..fields.field import Field, coefficients
+from ..fields.joined import Joined
+from ..robot.model import frame_id
+from ..robot.task import Task, wanted_task
+
+Array = NDArray[np.float64]
+
+_SHARED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+_SINGULAR = 1e-6
+
+
+class ArmAngle:
+    r"""The angle ψ of the elbow about the line from shoulder to wrist, as a potential.
+
+    With ``e`` the elbow and ``w`` the wrist, seen from the shoulder, ``ŵ = w/‖w‖``, and a reference direction r:
+
+    .. math:: \psi = \operatorname{atan2}\left(\hat w \cdot (y \times e),\; y \cdot e\right), \qquad
+              y = r - \hat w (\hat w \cdot r) \quad\text{(conventional)},
+
+    singular where the wrist points along r *or against it*: a line. The stereographic one (Elias and Wen, 2024) has
+    ``y = r × (ŵ − t)`` with t ⊥ r, and is singular where ŵ = t alone: half a line, which is turned to where the arm
+    does not go.
+
+    Parameters
+    ----------
+    task
+        Whose joints move the three frames.
+    shoulder, elbow, wrist : str
+        Frames of the task's chain.
+    reference : (3,) array
+        r, in the base's axes.
+    singular : (3,) array, optional
+        t, for the stereographic angle: where the singular direction lies; its part across r is taken. Without it,
+        the angle is the conventional one.
+    """
+
+    def __init__(
+        self,
+        task: Task,
+        shoulder: str,
+        elbow: str,
+        wrist: str,
+        reference: ArrayLike = (0.0, 0.0, 1.0),
+        *,
+        singular: ArrayLike | None = None,
+    ) -> None:
+        self.task = wanted_task(task)
+        if task.coordinates is not None:
+            raise InputError("an arm angle is of the joints themselves; use the task before in_coordinates()")
+        self.frames = (shoulder, elbow, wrist)
+        self._ids = [frame_id(task.model, name) for name in self.frames]
+        self.reference = _unit(reference, "the reference direction")
+        self.singular = None if singular is None else _unit(singular, "the singular direction")
+        if self.singular is not None:
+            across = self.singular - self.reference * (self.reference @ self.singular)
+            if np.linalg.norm(across) < 0.1:
+                raise InputError("the singular direction must lie across the reference, not along it")
+            self.singular = across / np.linalg.norm(across)
+
+    @property
+    def size(self) -> int:
+        """One potential."""
+        return 1
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What it is called."""
+        kind = "arm angle" if self.singular is None else "stereographic arm angle"
+        return (f"{kind} {' '.join(self.frames)}",)
+
+    def potentials(self, Q: ArrayLike) -> Array:
+        """Evaluate ψ at every row of Q (K, n): (K, 1), rad, from −π to π."""
+        return np.array([[self._angle(q)[0]] for q in rows(Q, self.task.n, "an arm angle")]).reshape(-1, 1)
+
+    def gradients(self, Q: ArrayLike) -> Array:
+        """Evaluate ∂ψ/∂q: (K, n, 1)."""
+        Q = rows(Q, self.task.n, "an arm angle")
+        return np.array([self._angle(q)[1] for q in Q]).reshape(len(Q), self.task.n, 1)
+
+    def weighted(self, A: ArrayLike) -> ArmAngleMap:
+        """Choose ``h = ψ A`` with coefficients A (1, r)."""
+        return ArmAngleMap(self, coefficients(A, 1))
+
+    def distance(self, q: ArrayLike) -> float:
+        """The angle, rad, between the wrist's direction and the nearest singular one."""
+        w = self._points(np.asarray(q, float))[1][0]
+        w = w / np.linalg.norm(w)
+        if self.singular is not None:
+            return float(np.arccos(np.clip(w @ self.singular, -1, 1)))
+        return float(np.arccos(np.clip(abs(w @ self.reference), -1, 1)))
+
+    def __add__(self, other: Field) -> Joined:
+        return Joined(self, other)
+
+    def __repr__(self) -> str:
+        return f"<ArmAngle of {' '.join(self.frames)}>"
+
+    def _points(self, q: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+        """The elbow and the wrist from the shoulder, each with its Jacobian (3, n)."""
+        model, data = self.task.model, self.task._data
+        J = [pin.computeFrameJacobian(model, data, q, i, _SHARED)[:3].copy() for i in self._ids]
+        pin.framesForwardKinematics(model, data, q)
+        p = [data.oMf[i].translation.copy() for i in self._ids]
+        return (p[1] - p[0], J[1] - J[0]), (p[2] - p[0], J[2] - J[0])
+
+    def _angle(self, q: Array) -> tuple[float, Array]:
+        """ψ, and its gradient (n,) by the chain rule through elbow and wrist."""
+        (e, J_e), (w, J_w) = self._points(np.asarray(q, float))
+        length = float(np.linalg.norm(w))
+        if length < _SINGULAR:
+            raise SingularityError("the wrist lies on the shoulder: the arm angle is not defined there")
+        w_hat = w / length
+        dw_hat = (J_w - np.outer(w_hat, w_hat @ J_w)) / length
+        y, dy = self._zero(w_hat)
+        dy_q = dy @ dw_hat  # (3, n)
+        s, c = float(w_hat @ np.cross(y, e)), float(y @ e)
+        if s**2 + c**2 < _SINGULAR**2:
+            raise SingularityError(
+                "the arm angle is singular: the arm is straight, or the wrist points where ψ has no 0"
+            )
+        ds = np.cross(y, e) @ dw_hat + np.cross(e, w_hat) @ dy_q + np.cross(w_hat, y) @ J_e
+        dc = e @ dy_q + y @ J_e
+        return float(np.arctan2(s, c)), (c * ds - s * dc) / (s**2 + c**2)
+
+    def _zero(self, w_hat: Array) -> tuple[Array, Array]:
+        """Where ψ = 0: y, across ŵ, and ∂y/∂ŵ (3, 3). It need not be of length 1."""
+        r, t = self.reference, self.singular
+        if t is None:
+            return r - w_hat * (w_hat @ r), -(w_hat @ r) * np.eye(3) - np.outer(w_hat, r)
+        # k = (ŵ − t) × r, and y = k × ŵ: perpendicular to ŵ, 0 only at ŵ = t
+        k, dk = np.cross(w_hat - t, r), -_cross(r)
+        return np.cross(k, w_hat), -_cross(w_hat) @ dk + _cross(k)
+
+
+class ArmAngleMap:
+    """r multiples of an arm angle."""
+
+    def __init__(self, family: ArmAngle, A: Array) -> None:
+        self.family, self.A = family, A
+
+    def value(self, q: Array) -> Array:
+        """Evaluate h(q): (r,)."""
+        return self.family.potentials(np.asarray(q, float)[None])[0] @ self.A
+
+    def values(self, Q: Array) -> Array:
+        """Evaluate h at every row of Q (K, n): (K, r)."""
+        return self.family.potentials(Q) @ self.A
+
+    def gradient(self, q: Array) -> Array:
+        """Evaluate V = ∂hᵀ/∂q: (n, r)."""
+        return self.gradients(np.asarray(q, float)[None])[0]
+
+    def gradients(self, Q: Array) -> Array:
+        """Evaluate V at every row of Q (K, n): (K, n, r)."""
+        return self.family.gradients(Q) @ self.A
+
+
+def _unit(value: ArrayLike, what: str) -> Array:
+    try:
+        v = np.array(value, dtype=float)
+    except (TypeError, ValueError):
+        v = np.zeros(0)
+    if v.shape != (3,) or not np.isfinite(v).all() or not np.linalg.norm(v) > 0:
+        raise InputError(f"{what} must be three finite numbers, not all 0; got {value!r}")
+    return v / np.linalg.norm(v)
+
+
+def _cross(v: Array) -> Array:
+    """The matrix of v ×."""
+    return np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
