@@ -384,6 +384,10 @@ def test_slides_may_be_long(tmp_path: Path) -> None:
 
 KIND = {
     "version": ('<?xml version="0.0"?>\n' + ONE_JOINT, ["ignored: the version in <?xml version=…?>, read as 1.0"]),
+    "late declaration": (
+        '\n<!-- mine -->\n<?xml version="1.0"?>\n' + ONE_JOINT,
+        ["ignored: <?xml …?>, which is not at the start of the file"],
+    ),
     "zeros": (ONE_JOINT + "\0\0", ["ignored: zero bytes at the end of the file"]),
     "prefix": (
         robot(
@@ -408,6 +412,8 @@ def test_what_pinocchio_reads_is_read_and_told(tmp_path: Path, name: str) -> Non
     (tmp_path / "r.urdf").write_text(text)
     d = read_urdf(tmp_path / "r.urdf")
     assert (d.links, [j.name for j in d.joints], list(d.notes)) == (("a", "b"), ["j"], told)
+    if name == "late declaration":  # which Pinocchio reads after a line break, but not after a comment
+        (tmp_path / "r.urdf").write_text(text.replace("<!-- mine -->", ""))
     theirs, ours = pin.buildModelFromUrdf(str(tmp_path / "r.urdf")), pin.buildModelFromXML(d.xml)
     assert tuple(theirs.names) == tuple(ours.names) and theirs.joints[1] == ours.joints[1]
 

@@ -243,12 +243,13 @@ def _tidy_materials(robot: etree._Element) -> None:
     """Take out materials without a colour or a texture, of which Pinocchio complains on stderr."""
     for color in [c for c in robot.iter("color") if c.get("rgba") is None]:
         color.getparent().remove(color)
-    told = [
-        m for m in robot.iter("material") if m.find("color") is not None or m.find("texture[@filename]") is not None
-    ]
-    colored = {material.get("name") for material in told}
-    for material in [m for m in robot.iter("material") if m not in told]:
+    colored = {material.get("name") for material in robot.iter("material") if _has_look(material)}
+    for material in [m for m in robot.iter("material") if not _has_look(m)]:
         if material.getparent() is robot or material.get("name") not in colored:
             material.getparent().remove(material)
     for material in robot.iterfind("link/visual/material"):
         material.set("name", material.get("name", ""))  # a shape whose colour has no name would be lost
+
+
+def _has_look(material: etree._Element) -> bool:
+    return material.find("color") is not None or material.find("texture[@filename]") is not None

@@ -21,6 +21,12 @@ _OTHERS = {
 }
 _XACRO = "this is xacro, not URDF: name the file .xacro, or run `xacro file.xacro > robot.urdf` first"
 _DOCTYPE = "has a <!DOCTYPE>, which a URDF does not need; delete it, and the entities it declares"
+_HARMLESS = {
+    "ERR_UNKNOWN_VERSION": "ignored: the version in <?xml version=…?>, read as 1.0",
+    "ERR_RESERVED_XML_NAME": "ignored: <?xml …?>, which is not at the start of the file",
+}
+"""Complaints of the parser that change no element."""
+
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")
 
 
@@ -69,12 +75,12 @@ def _read_xml(data: bytes, notes: list[str]) -> etree._Element:
     except etree.XMLSyntaxError as error:
         raise _not_xml(error.lineno, error.msg) from error
     for entry in parser.error_log:
-        if entry.type_name != "ERR_UNKNOWN_VERSION" and entry.domain_name != "NAMESPACE":
+        if entry.type_name not in _HARMLESS and entry.domain_name != "NAMESPACE":
             raise _not_xml(entry.line, entry.message)
     if root is None:
         raise _not_xml(1, None)
-    if any(entry.type_name == "ERR_UNKNOWN_VERSION" for entry in parser.error_log):
-        notes.append("ignored: the version in <?xml version=…?>, read as 1.0")
+    told = {entry.type_name for entry in parser.error_log}
+    notes += [note for name, note in _HARMLESS.items() if name in told]
     return root
 
 

@@ -65,7 +65,7 @@ class Hang(BaseException):
 def fate(question: Callable[[], None]) -> str:
     """Say how a case ends: ``read``, ``refused``, or the fault."""
     start = time.process_time()
-    signal.alarm(SECONDS * 5)  # the machine may be busy: what counts is processor time
+    signal.alarm(SECONDS * 30)  # the machine may be busy: what counts is processor time
     try:
         question()
     except rp.InputError as error:
