@@ -32,8 +32,8 @@ PATIENCE = 20.0
 RESULTS = {"Animation", "BestLeaf", "Design", "FamilyDesign", "Motion", "Robot", "Study", "Task", "TimedMotion"}
 """Classes that functions make, not people: their methods are tried, their constructors are not."""
 
-ELSEWHERE = {"Bodies", "CellDesign", "InverseFunction", "nearest_inverse_function"}
-"""What takes too long to be tried thousands of times."""
+ELSEWHERE = {"ArmAngle", "Bodies", "CellDesign", "InverseFunction", "Viewer", "nearest_inverse_function"}
+"""What takes too long to be tried thousands of times, or wants another arm than this one."""
 
 
 @dataclass(frozen=True)
@@ -173,6 +173,8 @@ def right_calls(folder: Path) -> list[Call]:
         "joint_origins": {"q": q0},
         "joints": {"values": Q},
         "leaf": {"q": q0},
+        "limit_margin": {"q": q0},
+        "slowed": {"factor": 2.0},
         "load": {"name_or_path": "planar3r", "package_dirs": (), "lock": ("theta1",), "base": None},
         "nodes": {"count": 8, "seed": 0},
         "part": {"whole": q0},

@@ -135,6 +135,8 @@ def _velocity(task: Task) -> Callable[[Array, Array], Array]:
         # fails it. Near a singularity J Jᵀ, which squares the condition of J, will not do.
         if not info and abs(prod(pivots.tolist())) > tolerance * square**half:
             return y.dot(J)
+        if not (np.isfinite(q).all() and np.isfinite(xdot).all()):
+            raise failure(task, q, xdot)
         try:
             return pseudoinverse(J) @ xdot
         except (SingularityError, np.linalg.LinAlgError) as error:
