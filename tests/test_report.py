@@ -143,7 +143,7 @@ def test_the_command_writes_it_for_ones_own_arm(
     arguments = ["study", "my_arm.urdf", "--cycles", "2", "--steps", "60", "--degree", "1", "--report"]
     assert main([*arguments, "--json"]) == 0
     written = json.loads(capsys.readouterr().out)["files"]
-    assert written[-1] == "repctl-out/my_arm/report.html" and len(written) == 5
+    assert written[-1] == "repctl-out/my_arm/report.html" and len(written) == 6
     text = html.unescape(Path(written[-1]).read_text(encoding="utf-8"))
     assert f"<code>repctl {' '.join(arguments)} --json</code>" in text
     for option, value in (("cycles", "2"), ("steps", "60"), ("degree", "1"), ("seed", "0")):
