@@ -14,15 +14,16 @@ Array = NDArray[np.float64]
 
 def placed(task: Task, Q: Array) -> tuple[Array, Array, Array]:
     """Evaluate f and J at every row of Q (K, n): positions (K, 3), rotations (K, 3, 3) and J (K, m, n)."""
-    whole = np.ascontiguousarray(Q if task.coordinates is None else task.coordinates.joints(Q))
-    p, R, J = np.empty((len(Q), 3)), np.empty((len(Q), 3, 3)), np.empty((len(Q), task.m, task.n))
+    drive, nv = task.drive, task.model.nv
+    whole = np.ascontiguousarray(Q if drive is None else drive.joints(Q))
+    p, R, J = np.empty((len(Q), 3)), np.empty((len(Q), 3, 3)), np.empty((len(Q), task.m, nv))
     frame = task._data.oMf[task._frame_id]
     axis = task.kind == "axis"
     for k, q in enumerate(whole):
         full = task._frame_jacobian(q)
         p[k], R[k] = frame.translation, frame.rotation
         J[k] = task._task_rows(full) if axis else full[task.rows]
-    return p, R, J if task.coordinates is None else J @ task.coordinates.T
+    return p, R, J if drive is None else J @ drive.S
 
 
 def solved(A: Array, b: Array) -> Array:

@@ -7,7 +7,7 @@ import pinocchio as pin
 import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import positive, vector, wanted
+from ..arguments import numbers, positive, shown, vector, wanted
 from ..errors import InputError, SingularityError
 from .repeatable import RepeatableInverse
 
@@ -57,11 +57,12 @@ class LeafImpedance:
         self.task = task = inverse.task
         if task.coordinates is not None:
             raise InputError("torques are those of the robot's own joints; design in them, without in_coordinates()")
-        linear = min(3, task.m)
-        given = np.asarray(stiffness, float)
-        rows = np.repeat(given, [linear, task.m - linear]) if given.shape == (2,) and task.m != 2 else given
-        if rows.shape != (task.m,) or not (np.isfinite(rows) & (rows > 0)).all():
-            raise InputError(f"stiffness must be two numbers above 0, N/m and Nm/rad, or {task.m}; got {stiffness!r}")
+        linear, given = min(3, task.m), numbers(stiffness)
+        pair = given is not None and given.shape == (2,) and task.m != 2
+        rows = np.repeat(given, [linear, task.m - linear]) if given is not None and pair else given
+        if rows is None or rows.shape != (task.m,) or not (np.isfinite(rows) & (rows > 0)).all():
+            said = shown(stiffness)
+            raise InputError(f"stiffness must be two numbers above 0, N/m and Nm/rad, or {task.m}; got {said}")
         self.stiffness = np.diag(rows)
         self.damping = positive(damping, "damping", zero=True)
         self.leaf_frequency = positive(leaf_frequency, "leaf_frequency", "rad/s", zero=True)
