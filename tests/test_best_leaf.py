@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -76,6 +79,57 @@ def test_tiago_given_start_breaks_a_limit(tiago) -> None:
     assert violation is not None and violation[1] == "torso_lift_joint"
     found = rp.best_leaf(tiago.inverse, path, q0)
     assert dense(tiago.inverse, path, found.q0).first_violation is None
+
+
+def test_it_stays_in_the_region_and_says_how_near_it_is() -> None:
+    task, q0 = rp.Robot.load("planar3r").task("tool", "xy"), np.array([2.0, 0.6, 0.9])
+    path, desired = rp.circle(task, q0, 0.05), rp.Pseudoinverse(task)
+    design = rp.nearest_repeatable(desired, None, rp.Box(q0, 0.2), degree=2, samples=512, held_out=256)
+    options = {"desired": design.desired, "steps": 24}
+    free, kept = (rp.best_leaf(design.inverse, path, q0, region=r, **options) for r in (None, design.region))
+    assert design.region.ratio(free.best.motion.q).max() > 3  # with no region it leaves
+    assert free.best.motion.outside is None and "outside" not in free.summary()
+    assert design.region.ratio(kept.best.motion.q).max() <= 1 + 1e-9 and kept.best.motion.outside == 0
+    assert kept.best.margin >= kept.given.margin
+    assert "from G_d, 0% outside Ω" in kept.summary()
+    for found in (free.best, kept.best):
+        G, G_d = (np.array([it(q) for q in found.motion.q]) for it in (design.inverse, design.desired))
+        assert found.distance == pytest.approx(np.sqrt(np.sum((G - G_d) ** 2) / np.sum(G_d**2)))
+    assert kept.best.distance < free.best.distance / 2
+
+
+def test_margins_are_of_the_joints_in_any_coordinates() -> None:
+    task = rp.Robot.load("planar3r").task("tool", "xy")
+    T, q0 = rp.absolute_angles(task), np.array([0.3, 1.0, 0.8])
+    path = rp.circle(task, q0, 0.05)
+    psi = task.in_coordinates(T)
+    psi0 = np.linalg.solve(T, q0)
+    desired = rp.Pseudoinverse(psi)
+    design = rp.nearest_repeatable(desired, None, rp.Box(psi0, 0.3), degree=2, samples=512, held_out=256)
+    found = rp.best_leaf(design.inverse, path, psi0, region=design.region, steps=24).best
+    lower, upper, _ = psi.joint_limits
+    least = psi.limit_margin(found.motion.q).min(axis=0)
+    assert found.margin == pytest.approx(min(np.min(least / ((upper - lower) / 2)), found.leaf_margin))
+
+
+def test_no_leaf_is_preferred_that_comes_near_an_algorithmic_singularity(panda_design, q_panda, monkeypatch) -> None:
+    """A leaf with more room to limits, but a leaf margin under 0.1 and under the given one's, is refused."""
+    module = importlib.import_module("repctl_pin.motion.best_leaf")
+    path = rp.circle(panda_design.task, q_panda, 0.02)
+    judged, seen = module._judged, []
+
+    def rigged(*given):
+        """Every other start has a larger margin, and a leaf margin of next to nothing."""
+        candidate = judged(*given)
+        if candidate is not None and seen:
+            candidate = replace(candidate, margin=9.0, limit_margin=9.0, leaf_margin=0.05)
+        seen.append(candidate)
+        return candidate
+
+    monkeypatch.setattr(module, "_judged", rigged)
+    found = rp.best_leaf(panda_design.inverse, path, q_panda, steps=8)
+    assert len(seen) > 10 and found.given.leaf_margin > 0.1
+    assert found.best is found.given
 
 
 def test_the_seed_fixes_it(tiago) -> None:

@@ -67,7 +67,9 @@ def right_calls(folder: Path) -> list[Call]:
     functions: dict[str, dict[str, Any]] = {
         "absolute_angles": {"task": task},
         "animation": {"motions": {"J⁺": motion}, "seconds": 1.0},
-        "best_leaf": {"inverse": inverse, "path": path, "q0": q0, "steps": 8, "seed": 0},
+        "best_leaf": {
+            "inverse": inverse, "path": path, "q0": q0, "region": box, "desired": control, "steps": 8, "seed": 0,
+        },  # fmt: skip,
         "bracket_defect": {"strategy": control, "q": q0, "relative": False},
         "candidate_surface": {"strategy": control, "region": box, "samples": 8, "seed": 0},
         "circle": {"task": task, "q0": q0, "radius": 0.05, "normal": "z", "start_angle": 0.0, "rotation": "fixed"},

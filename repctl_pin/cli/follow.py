@@ -28,7 +28,7 @@ from .terminal import clear_line, progress
 
 if TYPE_CHECKING:
     from ..motion import BestLeaf, Motion, TimedMotion
-    from ..strategies import Strategy
+    from ..strategies import Inverse, Strategy
     from ..studies.start_and_path import Setting
 
 HELP = "follow a closed path with a saved design, or another control, and write the joints' motion"
@@ -84,14 +84,14 @@ def run(options: argparse.Namespace) -> int:
     from ..strategies import OnLeaves, RepeatableInverse
 
     _check_control(options)
-    strategy, setting = _saved(options) if is_saved(options.what) else _made(options, say)
+    strategy, setting, desired = _saved(options) if is_saved(options.what) else (*_made(options, say), None)
     q0, path, notes = setting.q0, setting.drawn, setting.notes
     found: BestLeaf | None = None
     if options.best_leaf:
         if not isinstance(strategy, RepeatableInverse):
             raise InputError("--best-leaf needs a repeatable control, such as a saved design")
         say("looking for the best leaf")
-        found = best_leaf(strategy, path, q0)
+        found = best_leaf(strategy, path, q0, region=setting.region, desired=desired)
         q0 = found.q0
     say("following the path")
     lock = 2 if isinstance(strategy, OnLeaves) else 0
@@ -136,12 +136,12 @@ def _check_control(options: argparse.Namespace) -> None:
         raise InputError("--strategy and --fields stand in place of a design and of each other; give a robot with one")
 
 
-def _saved(options: argparse.Namespace) -> tuple[Strategy, Setting]:
-    """A saved design, on the cycle that it is for or on the path that is asked for."""
+def _saved(options: argparse.Namespace) -> tuple[Strategy, Setting, Inverse]:
+    """A saved design, on the cycle that it is for or on the path that is asked for; and its G_d."""
     from ..studies.start_and_path import setting_of
 
     design = load_design(options)
-    return design.inverse, setting_of(design, start_of(options, design.task), asked_path(options))
+    return design.inverse, setting_of(design, start_of(options, design.task), asked_path(options)), design.desired
 
 
 def _made(options: argparse.Namespace, say: Callable[[str], None]) -> tuple[Strategy, Setting]:

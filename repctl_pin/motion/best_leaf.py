@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,7 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 from ..arguments import MOST_STEPS, wanted, whole
 from ..errors import InputError, SingularityError
 from ..redundancy import leaf_margin, nullspace
-from ..strategies import RepeatableInverse
+from ..regions import Region
+from ..robot.length import arm_length, joint_scale
+from ..strategies import Inverse, Pseudoinverse, RepeatableInverse
+from ..strategies.strategy import AN_INVERSE, Batched
 from .follow import follow
 from .motion import Motion
 from .paths import TaskPath, closed_path
@@ -20,7 +23,12 @@ from .solve_ik import solve_ik
 Array = NDArray[np.float64]
 
 _STRIDE = 0.1
+"""Of the walk along the self-motion, rad; of prismatic joints in lengths of the arm."""
+
 _FINEST = 0.01
+_LOST = 1e-3
+"""Tracking error and drift, in lengths of the arm and rad, of a cycle that lost the path or came back another way."""
+
 _DIRECTIONS = 8
 _LEAST_LEAF_MARGIN = 0.1
 """No leaf is preferred to the given one that comes nearer to an algorithmic singularity than this."""
@@ -42,8 +50,10 @@ class Candidate:
         Smallest distance of a joint to its limit over the cycle, rad or m; negative outside.
     leaf_margin : float
         Smallest σ_min(Nᵀ V̂) over the cycle.
+    distance : float
+        ``(Σ ‖G − G_d‖² / Σ ‖G_d‖²)^½`` over the cycle.
     motion : Motion
-        The cycle.
+        The cycle; ``motion.outside`` is its share outside Ω, where a region was given.
     """
 
     q0: Array
@@ -51,6 +61,7 @@ class Candidate:
     margin: float
     limit_margin: float
     leaf_margin: float
+    distance: float
     motion: Motion
 
 
@@ -86,13 +97,24 @@ class BestLeaf:
         )
 
 
-def best_leaf(inverse: RepeatableInverse, path: TaskPath, q0: ArrayLike, *, steps: int = 96, seed: int = 0) -> BestLeaf:
+def best_leaf(
+    inverse: RepeatableInverse,
+    path: TaskPath,
+    q0: ArrayLike,
+    *,
+    region: Region | None = None,
+    desired: Inverse | None = None,
+    steps: int = 96,
+    seed: int = 0,
+) -> BestLeaf:
     """Search the self-motion of the start for the leaf with the most room over the whole cycle.
 
     Under a repeatable control the joint path of all cycles is known after the first, so limits and
     leaf margin can be looked at before the robot moves. Starts are taken along the self-motion of the given
     one, both ways (for r > 1 in several directions), inside the joint limits; then the best is refined by
-    a pattern search. It is never worse than the given one, neither in margin nor in limit margin.
+    a pattern search. It is never worse than the given one, neither in margin nor in limit margin. With a region
+    no start is preferred whose cycle leaves it; without one a cycle may go far outside Ω, where the control is no
+    longer near G_d.
 
     Parameters
     ----------
@@ -102,6 +124,10 @@ def best_leaf(inverse: RepeatableInverse, path: TaskPath, q0: ArrayLike, *, step
         The closed path.
     q0 : (n,) array
         The start to begin from; it is moved to the path's first point where it is off it.
+    region
+        Ω, such as ``design.region``.
+    desired
+        G_d, such as ``design.desired``, that the distance is measured from; by default J⁺.
     steps
         Points of a cycle that are looked at.
     seed
@@ -110,23 +136,32 @@ def best_leaf(inverse: RepeatableInverse, path: TaskPath, q0: ArrayLike, *, step
     Returns
     -------
     BestLeaf
-        The best start found and the given one, each with its cycle, limit margin and leaf margin.
+        The best start found and the given one, each with its cycle, limit margin, leaf margin and distance.
 
     Raises
     ------
     InputError
-        If the path's first point is out of reach, or no leaf that was tried carries a whole cycle.
+        If the path's first point is out of reach, or no leaf that was tried carries a whole cycle (inside the region).
     """
     wanted(inverse, RepeatableInverse, "inverse", "a repeatable inverse, such as design.inverse")
     path = closed_path(path)
     steps, seed = whole(steps, "steps", 1, MOST_STEPS), whole(seed, "seed")
     task, target = inverse.task, path.placement(0.0)
+    if region is not None:
+        wanted(region, Region, "region", "a region, such as design.region")
+    if desired is not None:
+        wanted(desired, Batched, "desired", AN_INVERSE)
+    G_d = desired or Pseudoinverse(task)
     start = solve_ik(task, task.check(q0, "the start"), target)
-    given = _judged(inverse, path, start, steps)
+
+    def judged(q: Array) -> Candidate | None:
+        return _judged(inverse, G_d, path, q, region, steps)
+
+    given = judged(start)
     best, tried = given, 1
 
     def better(candidate: Candidate | None) -> bool:
-        if candidate is None:
+        if candidate is None or candidate.motion.outside:
             return False
         if best is None:
             return True
@@ -136,20 +171,21 @@ def best_leaf(inverse: RepeatableInverse, path: TaskPath, q0: ArrayLike, *, step
         return clear and candidate.margin > best.margin and candidate.limit_margin >= given.limit_margin
 
     for q in _self_motions(inverse, start, path, seed):
-        candidate = _judged(inverse, path, q, steps)
+        candidate = judged(q)
         tried += 1
         if better(candidate):
             best = candidate
     if best is None:
         raise InputError(
-            f"none of {tried} leaves through the start carries a whole cycle of {path.name}; "
+            f"none of {tried} leaves through the start carries a whole cycle of {path.name}"
+            f"{'' if region is None else ' inside the region'}; "
             "make the path smaller, or design over a larger region"
         )
-    size = _STRIDE / 2
+    size, L = _STRIDE / 2, joint_scale(task, start)
     while size >= _FINEST:
         N = nullspace(task.jacobian(best.q0))
-        moves = [size * sign * n for n in N.T for sign in (1, -1)]
-        found = [_judged(inverse, path, q, steps) for q in (_moved(inverse, best.q0, d, path) for d in moves)
+        moves = [size * sign * n / np.linalg.norm(n / L) for n in N.T for sign in (1, -1)]
+        found = [judged(q) for q in (_moved(inverse, best.q0, d, path) for d in moves)
                  if q is not None]  # fmt: skip
         tried += len(moves)
         improved = [c for c in found if better(c)]
@@ -160,26 +196,32 @@ def best_leaf(inverse: RepeatableInverse, path: TaskPath, q0: ArrayLike, *, step
     return BestLeaf(best, given, tried)
 
 
-def _judged(inverse: RepeatableInverse, path: TaskPath, q0: Array, steps: int) -> Candidate | None:
+def _judged(
+    inverse: RepeatableInverse, desired: Inverse, path: TaskPath, q0: Array, region: Region | None, steps: int
+) -> Candidate | None:
     """Follow one cycle from a start; None where it cannot be done."""
     task = inverse.task
     try:
-        motion = follow(inverse, path, q0, cycles=1, steps=steps, lock=2)
+        motion = replace(follow(inverse, path, q0, cycles=1, steps=steps, lock=2), region=region)
         N = nullspace(task.jacobians(motion.q))
+        G, G_d = inverse.batch(motion.q), desired.batch(motion.q)
     except SingularityError:
         return None
-    if motion.tracking_error.max() > 1e-3 or motion.drift[0] > 1e-3:
+    gap = np.linalg.norm((motion.q[-1] - motion.q[0]) / joint_scale(task, q0))
+    if motion.tracking_error.max() > _LOST * (arm_length(task, q0) or 1.0) or gap > _LOST:
         return None  # it lost the path, or came back another way
     clear = float(leaf_margin(N, inverse.field.gradients(motion.q)).min())
     least = motion.limit_margin.min(axis=0)
-    half = np.where(np.isfinite(least), (task.upper - task.lower) / 2, 1.0)
-    share = float(np.min(least / half))
-    return Candidate(motion.q[0], inverse.leaf(motion.q[0]), min(share, clear), float(least.min()), clear, motion)
+    lower, upper, _ = task.joint_limits
+    half = np.where(np.isfinite(upper - lower), (upper - lower) / 2, 1.0)
+    margin, limit = min(float(np.min(least / half)), clear), float(least.min())
+    distance = float(np.linalg.norm(G - G_d) / np.linalg.norm(G_d))
+    return Candidate(motion.q[0], inverse.leaf(motion.q[0]), margin, limit, clear, distance, motion)
 
 
 def _self_motions(inverse: RepeatableInverse, start: Array, path: TaskPath, seed: int) -> Iterator[Array]:
     """Walk from the start in its null space, the frame held, until a limit or a full turn ends the walk."""
-    task = inverse.task
+    task, L = inverse.task, joint_scale(inverse.task, start)
     N = nullspace(task.jacobian(start))
     directions = list(N.T)
     if task.r > 1:
@@ -191,7 +233,7 @@ def _self_motions(inverse: RepeatableInverse, start: Array, path: TaskPath, seed
             for _ in range(int(2 * np.pi / _STRIDE)):
                 N = nullspace(task.jacobian(q))
                 along = N @ (N.T @ along)
-                size = np.linalg.norm(along)
+                size = np.linalg.norm(along / L)
                 if size < 1e-6:
                     break
                 following = _moved(inverse, q, _STRIDE * along / size, path)
@@ -213,6 +255,7 @@ def _moved(inverse: RepeatableInverse, q: Array, step: Array, path: TaskPath) ->
 def _line(candidate: Candidate | None) -> str:
     if candidate is None:
         return "no whole cycle from there"
-    violation = candidate.motion.first_violation
+    violation, outside = candidate.motion.first_violation, candidate.motion.outside
     text = f"limit margin {candidate.limit_margin:.3g}, leaf margin {candidate.leaf_margin:.3g}"
+    text += f", {candidate.distance:.2g} from G_d" + ("" if outside is None else f", {outside:.0%} outside Ω")
     return text + ("" if violation is None else f"; {violation[1]} leaves its limits")
