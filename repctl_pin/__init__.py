@@ -18,10 +18,8 @@ if TYPE_CHECKING:
     from .design import Design as Design
     from .design import FamilyDesign as FamilyDesign
     from .design import SingularRegionError as SingularRegionError
-    from .design import load as load
     from .design import nearest_in_family as nearest_in_family
     from .design import nearest_repeatable as nearest_repeatable
-    from .design import save as save
     from .design import settled as settled
     from .design.compare import compare as compare
     from .errors import InputError as InputError
@@ -59,6 +57,8 @@ if TYPE_CHECKING:
     from .robot.bodies import Bodies as Bodies
     from .robot.robot import Robot as Robot
     from .robot.task import Task as Task
+    from .saving import load as load
+    from .saving import save as save
     from .section import Cell as Cell
     from .section import CellDesign as CellDesign
     from .section import InverseFunction as InverseFunction
@@ -104,13 +104,12 @@ _DOOR = {
         "FamilyDesign",
         "SingularRegionError",
         "compare",
-        "load",
         "nearest_in_family",
         "nearest_repeatable",
-        "save",
         "settled",
     ),
     "codegen": ("compiled", "export_c"),
+    "saving": ("load", "save"),
     "section": ("Cell", "CellDesign", "InverseFunction", "NoFunctionError", "nearest_inverse_function"),
     "integrability": (
         "bracket_defect",

@@ -46,7 +46,7 @@ def chart_of(cell: rp.Cell, q: np.ndarray, degree: int = 3, count: int = 128) ->
 def found(rotation: float = 0.0) -> rp.CellDesign:
     cell = cell_of(rotation=rotation)
     q = rp.solve_ik(cell.task, Q_PANDA, cell.placement)
-    return rp.nearest_inverse_function(rp.Pseudoinverse(cell.task), cell, posture=q, degree=2, fresh=512)
+    return rp.nearest_inverse_function(rp.Pseudoinverse(cell.task), cell, posture=q, degree=2, held_out=512)
 
 
 # ---- cells ---------------------------------------------------------------------------------------
@@ -232,7 +232,7 @@ def test_the_field_is_the_section_and_its_gradient(kind: str) -> None:
     cell = cell_of(kind, 0.2 if kind != "position" else 0.0, 0.08)
     task = cell.task
     q = rp.solve_ik(task, Q_PANDA, cell.placement)
-    design = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, posture=q, degree=1, fresh=64)
+    design = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, posture=q, degree=1, held_out=64)
     field = design.inverse.field
     rng = np.random.default_rng(0)
     Q = design.function.batch(0.7 * cell.sample(4)) + 0.02 * rng.normal(size=(4, task.n))
@@ -296,7 +296,7 @@ def test_limits_in_the_cost_keep_the_joints_inside(tmp_path: Path) -> None:
     x = task.placement([0.6, -1.2, 1.4])
     cell = rp.Cell(task, x, 0.35)
     q = rp.solve_ik(task, [0.6, -1.2, 1.4], x)
-    free = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, posture=q, fresh=256)
+    free = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, posture=q, held_out=256)
     Q = free.function.batch(cell.sample(256))
     bound = float(Q[:, 2].max()) - 0.05  # a joint limit where the free function goes beyond it
     text = (tmp_path / "planar3.urdf").read_text().split('name="theta3"')
@@ -304,7 +304,7 @@ def test_limits_in_the_cost_keep_the_joints_inside(tmp_path: Path) -> None:
     (tmp_path / "bound.urdf").write_text('name="theta3"'.join(text))
     task = rp.Robot.load(tmp_path / "bound.urdf").task("tool", "xy")
     cell = rp.Cell(task, x, 0.35)
-    kept = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, posture=q, fresh=256)
+    kept = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, posture=q, held_out=256)
     assert kept.limit_margin > 0.02 and kept.coverage == 1.0
     assert kept.cost > free.cost
 
@@ -314,7 +314,7 @@ def test_arms_with_slides_and_more_joints_than_one_too_many(n: int, seed: int, t
     task = spatial_task(n, tmp_path, seed=seed)
     q = 0.4 * np.ones(n)
     cell = rp.Cell(task, task.placement(q), 0.05)
-    design = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, posture=q, degree=2, samples=64, fresh=64)
+    design = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, posture=q, degree=2, samples=64, held_out=64)
     assert design.coverage == 1.0 and design.extra_speed < 0.03 and design.judgement.residual < 1e-9
     Q = design.function.batch(cell.sample(8))
     assert np.allclose([design.function(task.placement(q)) for q in Q], Q, atol=1e-9)
@@ -338,7 +338,7 @@ def refused(cell: rp.Cell, posture: object = None, **options: object) -> str:
             posture=posture,
             degree=1,
             samples=32,
-            fresh=64,
+            held_out=64,
             **options,  # type: ignore[arg-type]
         )
     assert "\n" not in str(caught.value)
@@ -363,7 +363,7 @@ def test_the_largest_cell_that_works() -> None:
     q = rp.solve_ik(panda(), Q_PANDA, x)
     cell = rp.Cell(panda(), x, 0.35)
     smaller = rp.nearest_inverse_function(
-        rp.Pseudoinverse(panda()), cell, posture=q, degree=1, samples=32, fresh=64, incomplete="shrink"
+        rp.Pseudoinverse(panda()), cell, posture=q, degree=1, samples=32, held_out=64, incomplete="shrink"
     )
     assert smaller.coverage == 1.0 and 0.05 < smaller.cell.half_width[0] < 0.35
 
@@ -391,3 +391,21 @@ def test_targets_outside_and_other_wrong_things() -> None:
         rp.nearest_inverse_function(rp.Pseudoinverse(panda("position")), design.cell)
     with pytest.raises(rp.InputError, match="incomplete"):
         rp.nearest_inverse_function(rp.Pseudoinverse(panda()), design.cell, incomplete="yes")  # type: ignore[arg-type]
+
+
+# ---- files -------------------------------------------------------------------------------------------
+
+
+def test_saved_and_loaded_it_gives_the_same_bits(tmp_path: Path) -> None:
+    design = found(0.25)
+    file = rp.save(design, tmp_path / "cell.json")
+    again = rp.load(file, panda())
+    assert isinstance(again, rp.CellDesign)
+    x = design.cell.at(np.array([0.1, 0.7, -0.3, 0.2, -0.9, 0.4]))
+    assert (again.function(x) == design.function(x)).all()
+    assert again.summary() == design.summary() and rp.save(again, tmp_path / "b.json").read_bytes() == file.read_bytes()
+    with pytest.raises(rp.InputError, match="is for the task kind 'pose'"):
+        rp.load(file, panda("axis"))
+    file.write_text(file.read_text().replace('"degree": ', '"degree":  1'))
+    with pytest.raises(rp.InputError, match="checksum"):
+        rp.load(file, panda())

@@ -11,18 +11,19 @@ import warnings
 from collections.abc import Sequence
 
 from .._version import __version__
-from . import animate, check, completion, design, export, follow, inspect, robots, study
+from . import animate, cell, check, completion, design, export, follow, inspect, robots, study
 from .endings import told
 from .executors import BLAS_THREADS
 from .parsing import Parser
 
-_COMMANDS = (study, design, follow, check, animate, export, robots, inspect, completion)
+_COMMANDS = (study, design, cell, follow, check, animate, export, robots, inspect, completion)
 
 _EXAMPLES = """examples:
   repctl study panda                            table, figures and animation in repctl-out/panda/
   repctl study my_arm.urdf --frame tool0        the same for an arm of your own
   repctl study xarm7 --task position --path square:0.2 --plane yz
   repctl design panda --degree auto             the nearest repeatable inverse, and what it is worth
+  repctl cell panda --half-width 0.1 --rotation 0.3   one function for a box of poses
   repctl check panda --weight inertia           is this control repeatable? how much does it drift?
   repctl follow design.json --csv motion.csv    one cycle of a saved design, ready for a robot
   repctl animate panda --live                   both arms in the browser, until Ctrl-C
@@ -85,8 +86,8 @@ def join_negative(arguments: list[str]) -> list[str]:
     """Let ``--start -0.1,0.2`` stand, which argparse would take for an option."""
     joined: list[str] = []
     for argument in arguments:
-        if joined and joined[-1] == "--start" and argument[:1] == "-" and argument[1:2] in "0123456789.":
-            joined[-1] = f"--start={argument}"
+        if joined and joined[-1] in ("--start", "--at") and argument[:1] == "-" and argument[1:2] in "0123456789.":
+            joined[-1] += f"={argument}"
         else:
             joined.append(argument)
     return joined

@@ -66,11 +66,11 @@ def run(options: argparse.Namespace) -> int:
     import numpy as np
 
     from ..integrability import drift_per_area, is_repeatable, stable_surface
-    from ..regions import Box
+    from ..regions import Box, Region
 
     strategy, name, setting = _saved(options) if is_saved(options.what) else _named(options)
     task, q0 = strategy.task, setting.q0
-    assert setting.region is not None
+    assert isinstance(setting.region, Region)
     say("evaluating the Lie brackets")
     verdict = is_repeatable(strategy, setting.region, samples=options.samples, seed=options.seed)
     drift = drift_per_area(strategy, q0)
@@ -123,10 +123,11 @@ def _saved(options: argparse.Namespace) -> tuple[Inverse, str, Setting]:
 def _as_dict(
     strategy: Inverse, name: str, setting: Setting, verdict: Repeatability, drift: Any, surfaces: Surfaces | None
 ) -> dict[str, Any]:
+    from ..regions import Region
     from ..studies.result import region_dict
 
     task = strategy.task
-    assert setting.region is not None
+    assert isinstance(setting.region, Region)
     axes = {"xz": "xz", "yz": "yz"}.get(task.kind, "xyz")
     planes = [(a, b) for a in range(len(drift)) for b in range(a + 1, len(drift))]
     result = {

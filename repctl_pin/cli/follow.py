@@ -23,7 +23,7 @@ from .options import (
     what_options,
     whole,
 )
-from .saved import load_design
+from .saved import load_saved
 from .terminal import clear_line, progress
 
 if TYPE_CHECKING:
@@ -140,7 +140,7 @@ def _saved(options: argparse.Namespace) -> tuple[Strategy, Setting, Inverse]:
     """A saved design, on the cycle that it is for or on the path that is asked for; and its G_d."""
     from ..studies.start_and_path import setting_of
 
-    design = load_design(options)
+    design = load_saved(options)
     return design.inverse, setting_of(design, start_of(options, design.task), asked_path(options)), design.desired
 
 

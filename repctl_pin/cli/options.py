@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from ..regions import Box
     from ..robot.robot import Robot
     from ..robot.task import Task
+    from ..section import CellDesign
 
 _PATHS = (
     "circle:RADIUS, turned until the arm can follow it; circle:RADIUS:DEGREES, the start so far round it from the "
@@ -111,7 +112,7 @@ def robot_of(options: argparse.Namespace) -> Robot:
     return load_robot(options, options.what)
 
 
-def save_control(design: Design, file: Path) -> Path:
+def save_control(design: Design | CellDesign, file: Path) -> Path:
     """Save a design; where that fails, an older one is not left under the name.
 
     Raises
@@ -119,7 +120,7 @@ def save_control(design: Design, file: Path) -> Path:
     InputError
         If it cannot be written; the message says where the older one is.
     """
-    from ..design import save
+    from ..saving import save
 
     try:
         return save(design, file)

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from ..design import Design
     from ..design.schema import TaskFile
     from ..robot.robot import Robot
+    from ..section import CellDesign
 
 
 def load_design(options: argparse.Namespace) -> Design:
@@ -19,14 +20,26 @@ def load_design(options: argparse.Namespace) -> Design:
     Raises
     ------
     InputError
-        If it is no design, its robot is not known, or an option contradicts it.
+        If it is no design over joint space, its robot is not known, or an option contradicts it.
     """
+    from ..section import CellDesign
+
+    design = load_saved(options)
+    if isinstance(design, CellDesign):
+        raise InputError(
+            f"{options.what} is the function of a cell, which this command does not take; repctl follow does"
+        )
+    return design
+
+
+def load_saved(options: argparse.Namespace) -> Design | CellDesign:
+    """Load the design of either kind that WHAT names, as :func:`load_design` does."""
     from ..design.identity import task_of
-    from ..design.storage import design_of, read_design
+    from ..saving.files import made_of, read_design
 
     content = read_design(options.what)
     robot = _robot(content.task, options)
-    return design_of(content, task_of(content.task, robot), options.what)
+    return made_of(content, task_of(content.task, robot), options.what)
 
 
 def _robot(made_for: TaskFile, options: argparse.Namespace) -> Robot:

@@ -5,16 +5,13 @@ from .family import FamilyDesign, nearest_in_family
 from .nearest import nearest_repeatable
 from .result import Design
 from .search import SingularRegionError
-from .storage import load, save
 
 __all__ = [
     "Design",
     "FamilyDesign",
     "SingularRegionError",
     "compare",
-    "load",
     "nearest_in_family",
     "nearest_repeatable",
-    "save",
     "settled",
 ]

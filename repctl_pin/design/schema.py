@@ -87,18 +87,18 @@ class LimitsFile(_Part, tag="limits"):
     gain: float
 
 
-class _Plain(msgspec.Struct, forbid_unknown_fields=True):
+class Plain(msgspec.Struct, forbid_unknown_fields=True):
     """Something that there is one kind of."""
 
 
-class Check(_Plain):
+class Check(Plain):
     """Where the frame lies at one configuration, (3, 4): a fingerprint of the kinematics."""
 
     q: Row
     placement: Rows
 
 
-class TaskFile(_Plain):
+class TaskFile(Plain):
     """What is controlled. ``coordinates`` is T of q = T ψ, where the joints are described by others."""
 
     robot: str
@@ -113,7 +113,7 @@ class TaskFile(_Plain):
     fingerprint: list[Check]
 
 
-class PieceFile(_Plain):
+class PieceFile(Plain):
     """A path from ``begin`` to ``end``, see :class:`repctl_pin.motion.pieces.Piece`."""
 
     begin: float
@@ -121,7 +121,7 @@ class PieceFile(_Plain):
     coefficients: Rows
 
 
-class CycleFile(_Plain):
+class CycleFile(Plain):
     """Where the motion starts, the path it follows, and the time of a cycle, s."""
 
     start: Row
@@ -133,7 +133,7 @@ class CycleFile(_Plain):
     pieces: list[PieceFile]
 
 
-class Figures(_Plain):
+class Figures(Plain):
     """What the design is worth, see :class:`Design`."""
 
     cost: float
@@ -154,14 +154,19 @@ class Figures(_Plain):
     degrees: tuple[tuple[int, float, float], ...]
 
 
-class DesignFile(_Plain):
-    """A repeatable inverse: h_j(q) = Σ_i φ_i(q) coefficients[i][j], the φ_i in the order of ``fields``."""
+class Sealed(Plain):
+    """What every file says first, and what it is for."""
 
     format: str
     schema: int
     written_by: str
     checksum: str
     task: TaskFile
+
+
+class DesignFile(Sealed):
+    """A repeatable inverse: h_j(q) = Σ_i φ_i(q) coefficients[i][j], the φ_i in the order of ``fields``."""
+
     cycle: CycleFile | None
     desired: PseudoinverseFile | WeightedFile | LimitsFile
     fields: PolynomialFile | FourierFile | JoinedFile

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..arguments import MOST_STEPS, wanted, whole
 from ..errors import InputError, SingularityError
 from ..redundancy import leaf_margin, nullspace
-from ..regions import Region
+from ..regions import Bounded
 from ..robot.length import arm_length, joint_scale
 from ..strategies import Inverse, Pseudoinverse, RepeatableInverse
 from ..strategies.strategy import AN_INVERSE, Batched
@@ -102,7 +102,7 @@ def best_leaf(
     path: TaskPath,
     q0: ArrayLike,
     *,
-    region: Region | None = None,
+    region: Bounded | None = None,
     desired: Inverse | None = None,
     steps: int = 96,
     seed: int = 0,
@@ -148,7 +148,7 @@ def best_leaf(
     steps, seed = whole(steps, "steps", 1, MOST_STEPS), whole(seed, "seed")
     task, target = inverse.task, path.placement(0.0)
     if region is not None:
-        wanted(region, Region, "region", "a region, such as design.region")
+        wanted(region, Bounded, "region", "a region, such as design.region")
     if desired is not None:
         wanted(desired, Batched, "desired", AN_INVERSE)
     G_d = desired or Pseudoinverse(task)
@@ -197,7 +197,7 @@ def best_leaf(
 
 
 def _judged(
-    inverse: RepeatableInverse, desired: Inverse, path: TaskPath, q0: Array, region: Region | None, steps: int
+    inverse: RepeatableInverse, desired: Inverse, path: TaskPath, q0: Array, region: Bounded | None, steps: int
 ) -> Candidate | None:
     """Follow one cycle from a start; None where it cannot be done."""
     task = inverse.task

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError, SingularityError
-from ..regions import Region
+from ..regions import Bounded
 from ..robot.length import arm_length
 from ..robot.task import Task
 from ..strategies import Pseudoinverse, Strategy
@@ -32,7 +32,7 @@ def fitting_circle(
     plane: str | None = None,
     radius: float | None = None,
     control: Strategy | None = None,
-    region: Region | None = None,
+    region: Bounded | None = None,
 ) -> TaskPath:
     """Find a circle that a control (J⁺) can follow for a cycle inside the joint limits, and inside a region.
 

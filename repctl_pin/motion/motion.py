@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import stacks, whole
 from ..errors import InputError
-from ..regions import Region
+from ..regions import Bounded
 from ..robot.bodies import Nearest, bodies_of
 from ..robot.task import Task
 from ..strategies.control_step import speeds
@@ -43,7 +43,7 @@ class Motion:
         The same for orientation, rad; 0 where the task has none.
     damping : float
         The largest λ that was used near a singularity; 0 where every step was exact.
-    region : Region, optional
+    region : Bounded, optional
         Ω, where the control was designed: see :attr:`outside`.
     """
 
@@ -58,7 +58,7 @@ class Motion:
     tracking_error: Array
     turning_error: Array
     damping: float = 0.0
-    region: Region | None = None
+    region: Bounded | None = None
 
     def __repr__(self) -> str:
         task, cycles = self.task, "1 cycle" if self.cycles == 1 else f"{self.cycles} cycles"

@@ -13,7 +13,16 @@ Array = NDArray[np.float64]
 
 
 @runtime_checkable
-class Region(Protocol):
+class Bounded(Protocol):
+    """What tells whether configurations lie in it."""
+
+    def ratio(self, Q: Array) -> Array:
+        """By what factor Ω would have to shrink for each row of Q to lie on its edge: (K,); above 1 is outside."""
+        ...
+
+
+@runtime_checkable
+class Region(Bounded, Protocol):
     """A region of joint space with quadrature nodes."""
 
     @property
@@ -36,10 +45,6 @@ class Region(Protocol):
 
     def weights(self, Q: Array) -> Array:
         """What each of the points of :meth:`random` counts for: (K,), sum 1."""
-        ...
-
-    def ratio(self, Q: Array) -> Array:
-        """By what factor Ω would have to shrink for each row of Q to lie on its edge: (K,); above 1 is outside."""
         ...
 
     def clip(self, Q: Array) -> Array:

@@ -14,6 +14,7 @@ from scipy.stats import qmc
 from ..arguments import shown, wanted
 from ..errors import InputError
 from ..robot.task import Task, wanted_task
+from .kinematics import placed
 from .rotations import exp3, left_jacobian, log3, tilts
 
 Array = NDArray[np.float64]
@@ -217,6 +218,11 @@ class Cell:
             f"and the cell goes to ±{width:.3g}"
         )
 
+    def ratio(self, Q: Array) -> Array:
+        """By what factor the cell would have to grow for each row of Q (K, n) to reach its edge: above 1 is outside."""
+        U, off = self.coordinates(*placed(self.task, Q)[:2])
+        return np.where(off <= TURNED, np.abs(U).max(axis=1), np.inf)
+
     # ---- velocities --------------------------------------------------------------------------------
 
     def twists(self, U: Array, R: Array) -> Array:
@@ -292,7 +298,7 @@ class Cell:
     def where(self, u: ArrayLike) -> str:
         """Say where a coordinate is, in m and rad: ``(0.1, 0.2, 0.5) m, turned by (0.3, 0, 0) rad``."""
         x = self.at(u)
-        text = f"({', '.join(f'{v:.3g}' for v in x.translation)}) m"
+        text = f"({', '.join(f'{v:.3g}' for v in np.round(x.translation, 9) + 0.0)}) m"
         if self.rotation.any():
             turn = self._spread(np.asarray(u, float)[None])[0, len(self.half_width) :]
             text += f", turned by ({', '.join(f'{v:.2g}' for v in turn)}) rad"

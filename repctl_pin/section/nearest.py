@@ -28,7 +28,7 @@ from .stops import Stop, broken_limit, round_the_base, unreached
 
 Array = NDArray[np.float64]
 
-_FRESH = 8192
+_HELD_OUT = 8192
 _MOST_UNKNOWNS = 260
 _MOST_TERMS = 220
 _WORTHWHILE = 0.05
@@ -66,7 +66,7 @@ def nearest_inverse_function(
     room: float = 0.05,
     incomplete: Literal["refuse", "shrink", "keep"] = "refuse",
     samples: int | None = None,
-    fresh: int = _FRESH,
+    held_out: int = _HELD_OUT,
     seed: int = 0,
     progress: bool | Callable[[str, float], None] = False,
 ) -> CellDesign:
@@ -90,7 +90,7 @@ def nearest_inverse_function(
     incomplete
         Where no single function covers the cell: ``"refuse"`` it and say what would fit, ``"shrink"`` the cell about
         its middle, or ``"keep"`` the function on the part it covers.
-    samples, fresh
+    samples, held_out
         Nodes of the fit, by default as many as the unknowns ask for; and of the judgement.
     seed
         Fixes the nodes, and the search for a posture.
@@ -126,7 +126,7 @@ def nearest_inverse_function(
         degree,
         positive(room, "room", "rad", zero=True),
         None if samples is None else whole(samples, "samples", 16),
-        whole(fresh, "fresh", 64),
+        whole(held_out, "held_out", 64),
         int(seed),
     )
     with reporting.reporter(progress) as report:
@@ -150,7 +150,7 @@ class _Work:
     degree: int | Literal["auto"]
     room: float
     samples: int | None
-    fresh: int
+    held_out: int
     seed: int
 
     def best(
@@ -197,8 +197,8 @@ class _Work:
         report("the last chart", 0.7)
         chart = _recharted(cell, chart, descent, terms)
         report("the judgement", 0.8)
-        judgement = judge(self.desired, chart, 512 if quick else self.fresh, self.seed + 2)
-        return CellDesign.of(self.desired, chart, judgement, degrees=degrees, samples=len(U), fresh=self.fresh,
+        judgement = judge(self.desired, chart, 512 if quick else self.held_out, self.seed + 2)
+        return CellDesign.of(self.desired, chart, judgement, degrees=degrees, samples=len(U), held_out=self.held_out,
                              seed=self.seed, room=self.room, steps=descent.steps)  # fmt: skip
 
     def _highest(self, cell: Cell) -> int:

@@ -36,7 +36,7 @@ class CellDesign:
         All figures, on held-out poses; those that matter most are attributes of the design as well.
     degrees : tuple of (degree, cost)
         What was tried, in order; the last was taken.
-    samples, fresh : int
+    samples, held_out : int
         Nodes of the fit, and of the judgement.
     seed, steps : int
         What fixes both, and the Gauss–Newton steps taken.
@@ -50,7 +50,7 @@ class CellDesign:
     judgement: Judgement
     degrees: tuple[tuple[int, float], ...]
     samples: int
-    fresh: int
+    held_out: int
     seed: int
     steps: int
     room: float
@@ -124,7 +124,7 @@ class CellDesign:
             f"  degree             {self.degrees[-1][0]}, {self.function.chart.monomials.size} terms to begin from",
             f"  extra joint speed  {100 * j.extra_speed:.3g} % ± {100 * j.extra_speed_error:.1g}, "
             f"{j.extra_speed_worst:.1%} at the worst pose",
-            f"  mean ‖∂F − G_d‖²   {j.cost:.4g} ± {j.cost_error:.1g} (on {self.fresh} held-out poses)",
+            f"  mean ‖∂F − G_d‖²   {j.cost:.4g} ± {j.cost_error:.1g} (on {self.held_out} held-out poses)",
             f"  limit margin       {margin}",
             f"  σ_min(J)           {j.smallest_singular_value:.3g}",
             f"  leaf margin        {j.leaf_margin:.3g}",

@@ -17,8 +17,9 @@ from ..errors import RepctlError, SingularityError
 from ..motion import ClosedPath, TaskPath, check_reach, closed_path, follow, reach_start
 from ..motion.cycle import Cycle
 from ..motion.fitting import dexterity, fitting_circle
-from ..regions import Region
+from ..regions import Bounded, Region
 from ..robot.task import Task
+from ..section import CellDesign
 from ..strategies import Inverse
 from . import defaults
 
@@ -38,7 +39,7 @@ class Setting(NamedTuple):
     q0: Array
     where: str  # what the start is
     path: TaskPath | None = None
-    region: Region | None = None
+    region: Bounded | None = None
     moved: tuple[str, ...] = ()  # notes, where it is not quite what was asked for
     period: float | None = None
 
@@ -111,17 +112,26 @@ def choose_setting(
 
 
 def setting_of(
-    design: Design, start: ArrayLike | None = None, path: Callable[[Task, Array], TaskPath] | None = None
+    design: Design | CellDesign, start: ArrayLike | None = None, path: Callable[[Task, Array], TaskPath] | None = None
 ) -> Setting:
     """Take the cycle that a design is for; where another start or path is asked for, that.
 
-    A design that is for no cycle gets the largest circle inside Ω.
+    A design that is for no cycle gets the largest circle inside Ω; the function of a cell is for none, and its Ω is
+    what brings the frame into the cell.
 
     Raises
     ------
     InputError
         If no circle lies inside Ω, or the path cannot be followed from the start.
     """
+    if isinstance(design, CellDesign):
+        q0 = design.posture if start is None else start
+        round_it = path or partial(fitting_circle, control=design.inverse, region=design.cell)
+        setting = choose_setting(design.task, q0, round_it)._replace(region=design.cell)
+        if start is not None:
+            return setting
+        begin = design.function(setting.drawn.placement(0.0))
+        return setting._replace(q0=begin, where="the function's joints where the path begins", moved=())
     cycle, task = design.cycle, design.task
     if cycle is not None and start is None and path is None:
         return Setting(cycle.start, "the design's own", cycle.path, design.region, (), cycle.period)

@@ -1,0 +1,162 @@
+"""``repctl cell``: one function for a whole cell of the workspace, and what it is worth."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..errors import InputError
+from .options import (
+    load_robot,
+    natural,
+    numbers_of,
+    output_folder,
+    positive,
+    robot_options,
+    save_control,
+    start_of,
+    task_options,
+    whole,
+)
+from .terminal import clear_line, progress
+
+if TYPE_CHECKING:
+    from ..robot.task import Task
+    from ..section import Cell, CellDesign
+
+HELP = "find one function for a whole cell: a pose in, the same joints out, everywhere in a box of poses"
+EXAMPLE = """examples:
+  repctl cell panda --half-width 0.1,0.15,0.1 --rotation 0.3
+  repctl cell panda --half-width 0.15,0.3,0.2 --at 0.46,0,0.3
+  repctl cell my_arm.urdf --frame tool0 --task position --half-width 0.2 --shrink
+  repctl follow repctl-out/panda/cell.json --path circle:0.05 --csv motion.csv"""
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of this subcommand."""
+    robot_options(parser)
+    task_options(parser)
+    parser.add_argument(
+        "--half-width", required=True, metavar="W", help="of the box, m: one number, or x,y,z along the base's axes"
+    )
+    parser.add_argument(
+        "--rotation", default="0", metavar="A", help="turns to ±A rad about each axis (default 0: none)"
+    )
+    parser.add_argument(
+        "--at", metavar="X,Y,Z", help="the middle, m from the base (default: where the start's frame is)"
+    )
+    parser.add_argument("--degree", default="auto", metavar="D", help="of the function's own part, or auto (default)")
+    parser.add_argument("--room", type=positive, default=0.05, help="distance kept from joint limits (default 0.05)")
+    parser.add_argument("--shrink", action="store_true", help="shrink the cell until one function covers it")
+    parser.add_argument("--keep", action="store_true", help="keep the function on the part of the cell that it covers")
+    parser.add_argument("--held-out", type=whole, default=8192, help="held-out poses (default 8192)")
+    parser.add_argument("--seed", type=natural, default=0, help="seed of all nodes (default 0)")
+    parser.add_argument("--out", metavar="FOLDER", help="where the files go (default repctl-out/ROBOT)")
+    parser.add_argument("--json", action="store_true", help="print JSON instead of the table")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Find the function, print the table, write cell.json and cell.png."""
+    with output_folder(options, Path(options.robot).stem) as folder:
+        return _run(options, folder)
+
+
+def _run(options: argparse.Namespace, folder: Path) -> int:
+    say = progress(options.json)
+    say("starting up")
+    from ..files import prepare_folder
+    from ..section import nearest_inverse_function
+    from ..strategies import Pseudoinverse
+    from ..studies.defaults import choose_task
+
+    if options.shrink and options.keep:
+        raise InputError("--shrink and --keep are two answers to one question; give one")
+    task = choose_task(load_robot(options), options.frame, options.task)
+    cell, posture = _cell(options, task)
+
+    def report(what: str, share: float) -> None:
+        say(f"{what} {share:.0%}")
+
+    design = nearest_inverse_function(
+        Pseudoinverse(task),
+        cell,
+        posture=posture,
+        degree="auto" if options.degree == "auto" else whole(options.degree),
+        room=options.room,
+        incomplete="shrink" if options.shrink else "keep" if options.keep else "refuse",
+        held_out=options.held_out,
+        seed=options.seed,
+        progress=report,
+    )
+    say("drawing")
+    prepare_folder(folder)
+    files = [save_control(design, folder / "cell.json"), *_pictures(design, folder)]
+    clear_line()
+    if options.json:
+        print(json.dumps(_as_dict(design) | {"files": [str(f) for f in files]}, indent=2, ensure_ascii=False))
+        return 0
+    print(design.summary())
+    print("\nextra joint speed: of the function over J⁺ at the same joints; J⁺ is the least that any control needs\n")
+    for file in files:
+        print(f"wrote {file}")
+    return 0
+
+
+def _cell(options: argparse.Namespace, task: Task) -> tuple[Cell, Any]:
+    """Read the cell; and the posture in its middle, where --start gives one."""
+    import numpy as np
+    import pinocchio as pin
+
+    from ..motion import solve_ik
+    from ..section import Cell
+
+    start = start_of(options, task)
+    x = task.placement(task.reference if start is None else start)
+    if options.at is not None:
+        x = pin.SE3(x.rotation, np.array(_numbers(options.at, "--at", 3)))
+    cell = Cell(task, x, _numbers(options.half_width, "--half-width"), _numbers(options.rotation, "--rotation"))
+    return cell, start if start is None or options.at is None else solve_ik(task, start, x)
+
+
+def _numbers(text: str, option: str, size: int | None = None) -> Any:
+    """Read one number, or numbers separated by commas."""
+    wrong = f"must be {size or 'one or more'} numbers separated by commas"
+    numbers = numbers_of(text, option, wrong)
+    if not numbers or size not in (None, len(numbers)):
+        raise InputError(f"{option} {text!r} {wrong}")
+    return numbers if len(numbers) > 1 else numbers[0]
+
+
+def _pictures(design: CellDesign, folder: Path) -> list[Path]:
+    """Draw the slices."""
+    from ..files import write_whole
+    from ..section.slices import slices
+    from ..show.plots.cells import cell_figure
+    from ..show.plots.motions import png
+
+    cuts = slices(design)
+    return [write_whole(folder / "cell.png", png(cell_figure(design, cuts)))] if cuts else []
+
+
+def _as_dict(design: CellDesign) -> dict[str, Any]:
+    from dataclasses import asdict
+
+    import numpy as np
+
+    figures = {
+        name: value if not isinstance(value, float) or np.isfinite(value) else None
+        for name, value in asdict(design.judgement).items()
+        if name != "stops"
+    }
+    return {
+        **design.task.as_dict(),
+        "middle": design.cell.placement.homogeneous.tolist(),
+        "half_width": design.cell.half_width.tolist(),
+        "rotation": design.cell.rotation.tolist(),
+        "posture": design.posture.tolist(),
+        **figures,
+        "stops": [{"cause": s.cause, "share": s.share, "what": s.what} for s in design.stops],
+        "degrees": [{"degree": d, "cost": c} for d, c in design.degrees],
+    }

@@ -1,0 +1,5 @@
+"""Designs as files, and back: over a region of joint space, or over a cell of the workspace."""
+
+from .files import load, save
+
+__all__ = ["load", "save"]

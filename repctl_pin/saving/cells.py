@@ -1,0 +1,132 @@
+"""The function of a cell as plain data, and back."""
+
+from __future__ import annotations
+
+from math import comb
+
+import msgspec
+import numpy as np
+import pinocchio as pin
+
+from .._version import __version__
+from ..design.identity import identity
+from ..design.schema import (
+    LimitsFile,
+    Plain,
+    PseudoinverseFile,
+    Row,
+    Rows,
+    Sealed,
+    WeightedFile,
+    desired_file,
+    desired_of,
+)
+from ..design.storage import SCHEMA
+from ..errors import InputError
+from ..robot.task import Task
+from ..section import Cell, CellDesign, InverseFunction, Stop
+from ..section.chart import Chart
+from ..section.judgement import Judgement
+from ..section.monomials import Monomials
+
+FORMAT = "repctl cell"
+
+
+class StopFile(Plain):
+    """What stops the function somewhere, see :class:`repctl_pin.section.stops.Stop`."""
+
+    cause: str
+    share: float
+    u: Row
+    what: str
+
+
+class CellFigures(Plain):
+    """What the function is worth, see :class:`repctl_pin.section.judgement.Judgement`; null: without limits."""
+
+    cost: float
+    cost_error: float
+    extra_speed: float
+    extra_speed_error: float
+    extra_speed_worst: float
+    limit_margin: float | None
+    smallest_singular_value: float
+    leaf_margin: float
+    residual: float
+    coverage: float
+    stops: list[StopFile]
+
+
+class CellFile(Sealed):
+    """A function over a cell: its poses, and q_ref and n_ref as polynomials of their coordinates."""
+
+    desired: PseudoinverseFile | WeightedFile | LimitsFile
+    placement: Rows
+    widths: Row
+    degree: int
+    coefficients: list[Rows]
+    posture: Row
+    figures: CellFigures
+    degrees: tuple[tuple[int, float], ...]
+    samples: int
+    held_out: int
+    seed: int
+    steps: int
+    room: float
+
+
+def cell_file(design: CellDesign) -> CellFile:
+    """Describe the function of a cell.
+
+    Raises
+    ------
+    InputError
+        If it holds functions of a person's own.
+    """
+    chart, cell, found = design.function.chart, design.cell, vars(design.judgement)
+    margin = design.limit_margin if np.isfinite(design.limit_margin) else None
+    stops = [StopFile(stop.cause, stop.share, stop.u.tolist(), stop.what) for stop in design.stops]
+    return CellFile(
+        format=FORMAT,
+        schema=SCHEMA,
+        written_by=__version__,
+        checksum="",
+        task=identity(design.task),
+        desired=desired_file(design.desired),
+        placement=cell.placement.homogeneous.tolist(),
+        widths=cell.widths.tolist(),
+        degree=chart.monomials.degree,
+        coefficients=chart.coefficients.tolist(),
+        posture=design.posture.tolist(),
+        figures=CellFigures(**found | {"limit_margin": margin, "stops": stops}),
+        degrees=design.degrees,
+        **{name: getattr(design, name) for name in ("samples", "held_out", "seed", "steps", "room")},
+    )
+
+
+def cell_of(content: CellFile, task: Task) -> CellDesign:
+    """Make the function of a cell again.
+
+    Raises
+    ------
+    InputError
+        If the numbers make none.
+    """
+    widths, at, positions = np.array(content.widths), np.array(content.placement), min(3, task.m)
+    if widths.shape != (task.m,) or at.shape != (4, 4):
+        raise InputError(f"a cell of this task has {task.m} widths and a placement of 4 × 4 numbers")
+    cell = Cell(task, pin.SE3(at), widths[:positions], widths[positions:] if task.m > positions else 0.0)
+    C, due = np.array(content.coefficients), (comb(cell.k + content.degree, cell.k), task.n, 1 + task.r)
+    if C.shape != due:
+        raise InputError(f"the coefficients must be {due[0]} × {due[1]} × {due[2]} numbers; they have shape {C.shape}")
+    figures = msgspec.structs.asdict(content.figures)
+    figures["limit_margin"] = np.inf if content.figures.limit_margin is None else content.figures.limit_margin
+    figures["stops"] = tuple(Stop(s.cause, s.share, np.array(s.u), s.what) for s in content.figures.stops)
+    judgement = Judgement(**figures)
+    return CellDesign(
+        InverseFunction(Chart(cell, Monomials(cell.k, content.degree), C), keep_limits=judgement.coverage != 1.0),
+        desired_of(content.desired, task),
+        task.check(content.posture, "the posture"),
+        judgement,
+        **{name: getattr(content, name) for name in ("degrees", "samples", "held_out", "seed", "steps", "room")},
+    )

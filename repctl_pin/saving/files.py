@@ -1,0 +1,100 @@
+"""Save and load a design of either kind: JSON that says what it is for, and is refused where it does not fit."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ..arguments import file_name, wanted
+from ..design import Design
+from ..design.identity import compare, task_of
+from ..design.schema import DesignFile
+from ..design.storage import FORMAT, design_file, design_of, read, write
+from ..errors import InputError, RepctlError
+from ..robot.robot import Robot
+from ..robot.task import Task, wanted_task
+from ..section import CellDesign
+from . import cells
+
+
+def save(design: Design | CellDesign, path: str | Path) -> Path:
+    """Write a design to a file, whole or not at all.
+
+    JSON: a schema version, the robot, frame, task kind and joints with a fingerprint of the kinematics, all that the
+    design is made of, every figure of it, and a checksum. The same design gives the same bytes.
+
+    Parameters
+    ----------
+    design
+        What :func:`nearest_repeatable` or :func:`nearest_inverse_function` found, or a study's.
+    path
+        The file, usually ``something.json``.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    InputError
+        If the design holds functions of a person's own, or the file cannot be written; an old one stays.
+    """
+    if isinstance(design, CellDesign):
+        return write(cells.cell_file(design), file_name(path))
+    wanted(design, Design, "design", "a design, as rp.nearest_repeatable makes them")
+    return write(design_file(design), file_name(path))
+
+
+def load(path: str | Path, task: Task | None = None) -> Design | CellDesign:
+    """Read a design from a file and make sure that it is for this task.
+
+    Parameters
+    ----------
+    path
+        A file that :func:`save` wrote.
+    task
+        What to control; by default made anew from the catalogue.
+
+    Returns
+    -------
+    Design or CellDesign
+        As it was saved: its inverse steps bit for bit as the saved one's.
+
+    Raises
+    ------
+    InputError
+        If the file is not such a file, was changed after it was written, comes from a newer schema, or is
+        for another robot, frame, task kind or joints; the difference is named.
+    """
+    path = file_name(path)
+    if task is not None:
+        wanted_task(task)
+    where, content = str(path), read_design(path)
+    made_for = content.task
+    if task is None and not made_for.catalogue:
+        raise InputError(
+            f"{where} is for {made_for.robot} ({made_for.file}), which is not in the catalogue; load it with the task: "
+            f"rp.load({where!r}, rp.Robot.load({made_for.file!r}).task({made_for.frame!r}, {made_for.task!r}))"
+        )
+    return made_of(content, task or task_of(made_for, Robot.load(made_for.robot)), where)
+
+
+def read_design(path: str | Path) -> DesignFile | cells.CellFile:
+    """Read a file and make sure that it is a design of either kind, as it was written."""
+    content: DesignFile | cells.CellFile = read(path, {FORMAT: DesignFile, cells.FORMAT: cells.CellFile})
+    return content
+
+
+def made_of(content: DesignFile | cells.CellFile, task: Task, where: str) -> Design | CellDesign:
+    """Make a design of a file's content, for the task it was made for.
+
+    Raises
+    ------
+    InputError
+        If the task is another one, or the numbers make no design.
+    """
+    try:
+        compare(content.task, task, where)
+        return design_of(content, task) if isinstance(content, DesignFile) else cells.cell_of(content, task)
+    except (ValueError, IndexError, OverflowError, TypeError, RepctlError) as error:
+        raise InputError(str(error) if where in str(error) else f"{where}: {error}") from None

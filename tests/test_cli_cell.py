@@ -1,0 +1,53 @@
+"""``repctl cell``: the table and the files, a path followed with what it saved, and what it refuses."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from arms import planar_urdf
+
+from repctl_pin.cli import main
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("cell")
+    (folder / "arm.urdf").write_text(planar_urdf([1.0, 0.9, 0.8]), encoding="utf-8")
+    words = ["cell", str(folder / "arm.urdf"), "--frame", "tool", "--task", "xy", "--start", "0.6,-1.2,1.4"]
+    words += ["--half-width", "0.2", "--degree", "2", "--held-out", "256", "--out", str(folder / "out")]
+    assert main(words) == 0
+    return folder
+
+
+def test_the_files_and_a_path_inside(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert sorted(file.name for file in (made / "out").iterdir()) == ["cell.json", "cell.png"]
+    assert (made / "out" / "cell.png").read_bytes()[:4] == b"\x89PNG"
+    words = ["follow", str(made / "out" / "cell.json"), "--robot", str(made / "arm.urdf"), "--path", "circle:0.05"]
+    assert main([*words, "--steps", "100", "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["drift"][0] < 1e-9 and said["outside"] == 0
+    assert main([*words[:-1], "circle:0.4", "--steps", "100", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["outside"] > 0.1
+
+
+def test_other_commands_say_that_it_is_a_cell(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["check", str(made / "out" / "cell.json"), "--robot", str(made / "arm.urdf")]) == 2
+    assert "is the function of a cell" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["--half-width", "wide"], "--half-width 'wide' must be one or more numbers"),
+        (["--half-width", "0.1", "--at", "1,2"], "--at '1,2' must be 3 numbers"),
+        (["--half-width", "0.1", "--shrink", "--keep"], "give one"),
+        (["--half-width", "0.1", "--rotation", "0.2"], "leaves the rotation free"),
+        (["--half-width", "0.1", "--at", "-9,0,0", "--start", "0.6,-1.2,1.4"], "cannot reach"),
+    ],
+)
+def test_what_cannot_be(words: list[str], says: str, made: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arm = ["cell", str(made / "arm.urdf"), "--frame", "tool", "--task", "xy", "--out", str(made / "no")]
+    assert main([*arm, *words]) == 2
+    assert says in capsys.readouterr().err
