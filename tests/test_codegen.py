@@ -127,6 +127,52 @@ def test_singular_configurations_are_refused_alike() -> None:
     assert count == 8
 
 
+def nearly_singular(task: rp.Task, q0: np.ndarray, size: float) -> rp.RepeatableInverse:
+    """V constant, its first column in J's row space at q0, and as long as asked."""
+    J, rng = task.jacobian(q0), np.random.default_rng(6)
+    V = rp.redundancy.nullspace(J)
+    V[:, 0] = J.T @ rng.normal(size=task.m)
+    return rp.RepeatableInverse(task, rp.Polynomial(q0, 1).weighted(size * V))
+
+
+def least_sine(A: np.ndarray) -> float:
+    """The least sine of the angle between a row and the span of the others, by projection."""
+    A = A / np.linalg.norm(A, axis=1)[:, None]
+    bases = [np.linalg.qr(np.delete(A, i, axis=0).T)[0] for i in range(len(A))]
+    return min(float(np.linalg.norm(a - Q @ (Q.T @ a))) for a, Q in zip(A, bases, strict=True))
+
+
+@NEEDS_C
+@pytest.mark.parametrize("size", [1.0, 1e-8, 1e8])
+@pytest.mark.parametrize("arm, kind", [("panda", "pose"), ("tiago", "position"), ("ppr", "xy")])
+def test_near_singular_configurations_are_refused_alike(arm: str, kind: str, size: float) -> None:
+    """Sines from 1e-8 to 1e-3, on both sides of the least, 1e-6: neither units nor the potential's size count."""
+    task, rng = rp.Robot.load(arm).task(None, kind), np.random.default_rng(4)
+    q0 = task.reference + rng.uniform(0.2, 0.6, task.n)
+    inverse = nearly_singular(task, q0, size)
+    fast, xdot, V_T = rp.compiled(inverse), rng.normal(size=task.m), inverse.field.gradient(q0).T
+    target, leaf, said = task.placement(q0), inverse.leaf(q0), []
+    questions = [
+        lambda one, q: one.velocity(q, xdot),
+        lambda one, q: one.step(q, target, 0.01, leaf=leaf),
+        lambda one, q: one.step(q, target, 0.01, limit=0.5),
+        lambda one, q: one.batch(q[None]),
+        lambda one, q: one.velocities(q[None], xdot[None]),
+    ]
+    for exponent in np.linspace(-8, -3, 60):
+        q = q0 + 10.0**exponent * rng.normal(size=task.n)
+        sine = least_sine(np.vstack([task.jacobian(q), V_T]))
+        if abs(sine / 1e-6 - 1) < 1e-3:
+            continue
+        expected = "singular" if sine < 1e-6 else "answered"
+        for ask in questions:
+            for one in (inverse, fast):
+                found = answer(lambda ask=ask, one=one, q=q: ask(one, q))
+                assert (found if isinstance(found, str) else "answered") == expected, (sine, exponent)
+        said.append(expected)
+    assert min(said.count("singular"), said.count("answered")) > 10
+
+
 @NEEDS_C
 @pytest.mark.parametrize("what", ["velocities", "batch"])
 def test_batches_are_rows(what: str, panda_design: rp.Design) -> None:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import pickle
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from arms import Q_PANDA
 from controls import NEEDS_C, own_cache  # noqa: F401
@@ -13,6 +16,7 @@ from test_codegen_builds import BUILDS, STRICT, needed, run
 from test_section import cell_of, chart_of
 
 import repctl_pin as rp
+from repctl_pin.codegen.vectors import targets
 
 CELLS = {
     "poses": ("pose", 0.3),
@@ -58,6 +62,107 @@ def test_its_control_steps_as_pythons(name: str) -> None:
     function = function_of(name)
     worst, _ = disagreement(function.inverse, function(function.cell.placement), 24, spread=0.1)
     assert worst < AGREE
+
+
+def words(question: Callable[[], object]) -> str:
+    """What an InputError says."""
+    with pytest.raises(rp.InputError) as caught:
+        question()
+    return str(caught.value)
+
+
+def compare_f(function: rp.InverseFunction, count: int) -> tuple[float, int]:
+    """The greatest difference between F in Python and in C in and beyond the cell, and how many are refused alike."""
+    fast, worst, none = rp.compiled(function), 0.0, 0
+    assert fast.inverse._loop.inverses is not None
+    for k, (target, c) in enumerate(targets(function, count, seed=3)):
+        leaf = None if k % 3 == 0 else c
+        try:
+            q = function(target, leaf=leaf)
+        except rp.InputError as error:
+            none += 1
+            assert words(lambda target=target, leaf=leaf: fast(target, leaf=leaf)) == str(error)
+        else:
+            worst = max(worst, float(np.abs(fast(target, leaf=leaf) - q).max()))
+    return worst, none
+
+
+@NEEDS_C
+@pytest.mark.parametrize("name", CELLS)
+def test_compiled_f_is_f(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    function = function_of(name)
+    worst, none = compare_f(function, 60)
+    assert worst < AGREE and none > 1
+    fast, U = rp.compiled(function), 0.8 * function.cell.sample(64)
+    c = np.full(function.task.r, 0.03)
+    assert isinstance(fast, rp.InverseFunction) and fast.cell is function.cell
+    poses = [function.cell.at(u) for u in U]
+    expected, moved = (np.array([function(x, leaf=leaf) for x in poses]) for leaf in (None, c))
+    assert np.abs(fast.batch(U) - function.batch(U)).max() < 1e-9  # which takes one Newton step more
+    with monkeypatch.context() as patch:  # neither F nor its batch comes back to Python's
+        patch.setattr(rp.InverseFunction, "__call__", None)
+        patch.setattr(rp.InverseFunction, "_batch", None)
+        for found in (fast.batch(U), fast.batch(poses), np.array([fast(x) for x in poses])):
+            assert np.abs(found - expected).max() < AGREE
+        assert np.abs(fast.batch(U, leaf=c) - moved).max() < AGREE
+    middle = function.cell.placement
+    assert np.abs(fast.jacobian(middle) - function.jacobian(middle)).max() < AGREE
+    assert np.array_equal(pickle.loads(pickle.dumps(fast))(middle), fast(middle))
+    assert fast.batch(U[:0]).shape == (0, function.task.n)
+
+
+@NEEDS_C
+def test_compiled_f_refuses_in_pythons_words() -> None:
+    function = function_of("poses")
+    middle, cell, fast = function.cell.placement, function.cell, rp.compiled(function)
+    nowhere, turned = pin.SE3(np.eye(3), np.full(3, np.nan)), pin.SE3(np.full((3, 3), np.nan), np.zeros(3))
+    for ask in (
+        lambda one: one(nowhere),
+        lambda one: one(turned),
+        lambda one: one("there"),
+        lambda one: one(middle, leaf=[np.nan]),
+        lambda one: one(middle, leaf=[1.0, 2.0]),
+        lambda one: one(middle, leaf=[50.0]),
+        lambda one: one.batch([middle, cell.at([3.0] * cell.k)]),
+        lambda one: one.batch(np.full((2, cell.k), 2 * np.pi / 0.3)),
+        lambda one: one.batch(np.zeros((2, 9))),
+        lambda one: one.batch([middle], leaf=[50.0]),
+    ):
+        said = [words(lambda one=one, ask=ask: ask(one)) for one in (function, fast)]
+        assert said[0] == said[1] and "\n" not in said[0]
+
+
+@pytest.mark.parametrize("name", CELLS)
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_a_bad_number_is_named_by_the_control_of_a_cell(name: str, bad: float) -> None:
+    """The logarithm of a rotation that is no number is none; it is not numpy's LinAlgError."""
+    function = function_of(name)
+    inverse, task, middle = function.inverse, function.task, function.cell.placement
+    q = np.append(bad, np.zeros(task.n - 1))
+    assert "q must be 7 finite numbers" in words(lambda: inverse.velocity(q, np.ones(task.m)))
+    for options in ({}, {"damping": 0.1}):
+        assert "q must be 7 finite numbers" in words(lambda options=options: inverse.step(q, middle, 0.01, **options))
+
+
+def test_without_a_compiler_pythons_f_serves(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CC", "no-such-compiler")
+    function = function_of("positions")
+    with pytest.warns(UserWarning, match="Python serves"):
+        slow = rp.compiled(function)
+    middle = function.cell.placement
+    assert np.array_equal(slow(middle), function(middle))
+    assert np.array_equal(slow.batch([middle]), function.batch([middle]))
+
+
+@NEEDS_C
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CELLS)
+def test_f_and_its_control_agree_at_10000(name: str) -> None:
+    function = function_of(name)
+    worst, none = compare_f(function, 10_000)
+    steps, refused = disagreement(function.inverse, function(function.cell.placement), 10_000, spread=0.1)
+    print(f"{name}: F {worst:.1e}, {none} refused; its control {steps:.1e}, {refused} refused")
+    assert max(worst, steps) < AGREE
 
 
 def test_limits_that_are_not_kept_are_not_written(tmp_path: Path) -> None:

@@ -176,7 +176,7 @@ def test_without_a_compiler_it_says_so_and_python_serves(
     cc: str, words: str, panda_design: rp.Design, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("CC", cc)
-    with pytest.warns(UserWarning, match=f"{words}.*; the Python loop serves"):
+    with pytest.warns(UserWarning, match=f"{words}.*; Python serves"):
         slow = rp.compiled(panda_design.inverse)
     assert np.array_equal(slow.velocity(Q_PANDA, np.ones(6)), panda_design.inverse.velocity(Q_PANDA, np.ones(6)))
 

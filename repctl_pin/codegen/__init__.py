@@ -1,6 +1,6 @@
 """A repeatable control as C: for a robot's own loop, and compiled for Python's."""
 
-from .compiled_loop import compiled
+from .compile import compiled
 from .export import export_c
 
 __all__ = ["compiled", "export_c"]

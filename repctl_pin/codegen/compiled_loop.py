@@ -16,6 +16,7 @@ from ..arguments import FLOAT, NUMBER, positive, vector, wanted
 from ..errors import SingularityError
 from ..fields.field import FieldMap
 from ..robot.task import Task
+from ..section import InverseFunction
 from ..strategies.control_step import Loop, failure, make_loop, share_of, speeds
 from ..strategies.repeatable import RepeatableInverse
 from .build import NoCompilerError, shared_library
@@ -24,60 +25,47 @@ from .text import filled
 
 Array = NDArray[np.float64]
 
-_NAME = "repctl_control"
+NAME = "repctl_control"
 _WHOLE_STEP = -1.0
-_TWIST, _LEAF, _BOUNDED = 1, 2, 4
+_TWIST, GIVEN_LEAF, _BOUNDED = 1, 2, 4
 _OK, _SINGULAR = 0, 1
-
-
-def compiled(inverse: RepeatableInverse) -> RepeatableInverse:
-    """Make the same inverse with ``velocity``, ``step``, ``batch`` and ``velocities`` in compiled C.
-
-    It is compiled once with the machine's C compiler, and kept in the user's cache. Where there is no compiler a
-    warning says so, and the Python loop serves. As any inverse: one for each thread.
-
-    Parameters
-    ----------
-    inverse
-        Of polynomials, Fourier series, or their sums.
-
-    Returns
-    -------
-    RepeatableInverse
-
-    Raises
-    ------
-    InputError
-        If its potentials are functions of a person's own, which cannot be written as C.
-    """
-    wanted(inverse, RepeatableInverse, "inverse", "a repeatable inverse, such as design.inverse")
-    return RepeatableInverse(inverse.task, inverse.field, region=inverse.region, loops=compiled_loop)
 
 
 def compiled_loop(task: Task, field: FieldMap) -> Loop:
     """Make the quick functions of a repeatable inverse in C; with a warning in Python, where there is no compiler."""
-    inverse = RepeatableInverse(task, field)
-    source = write_source(inverse, _NAME)
-    code = source.code.replace(f'#include "{_NAME}.h"', source.header) + filled("python.c", _NAME, {})
+    path = library(RepeatableInverse(task, field))
+    return make_loop(task, field) if path is None else _loop(task, ctypes.PyDLL(path), ctypes.CDLL(path))
+
+
+def library(control: RepeatableInverse | InverseFunction) -> str | None:
+    """Compile a control: the shared library's path; where there is no compiler None, with a warning."""
+    source = write_source(control, NAME)
+    function = filled("python_function.c", NAME, {}) if isinstance(control, InverseFunction) else ""
+    code = source.code.replace(f'#include "{NAME}.h"', source.header) + filled("python.c", NAME, {}) + function
     try:
-        library = str(shared_library(code))
+        return str(shared_library(code))
     except NoCompilerError as error:
-        warnings.warn(f"{error}; the Python loop serves", UserWarning, stacklevel=3)
-        return make_loop(task, field)
-    return _loop(task, ctypes.PyDLL(library), ctypes.CDLL(library))
+        warnings.warn(f"{error}; Python serves", UserWarning, stacklevel=4)
+        return None
+
+
+def call_memory(task: Task) -> tuple[dict[str, Array], ctypes.c_void_p]:
+    """Make the block of memory that a call works on: its parts by name, and its address."""
+    n, m, r = task.n, task.m, task.r
+    sizes = {"q": n, "xdot": m, "target": 16, "twist": 6, "leaf": r, "dt": 1, "report": 2, "result": n,
+             "gain": 1, "limit": n, "damping": 1}  # fmt: skip
+    memory = np.zeros(sum(sizes.values()))
+    parts = np.split(memory, np.cumsum(list(sizes.values()))[:-1])
+    return dict(zip(sizes, parts, strict=True)), ctypes.c_void_p(memory.ctypes.data)
 
 
 def _loop(task: Task, held: ctypes.PyDLL, released: ctypes.CDLL) -> Loop:
     """Wrap a library: quick calls hold the interpreter's lock, long ones release it."""
     n, m, r = task.n, task.m, task.r
-    sizes = {"q": n, "xdot": m, "target": 16, "twist": 6, "leaf": r, "dt": 1, "report": 2, "result": n,
-             "gain": 1, "limit": n, "damping": 1}  # fmt: skip
-    memory = np.zeros(sum(sizes.values()))
-    parts = dict(zip(sizes, np.split(memory, np.cumsum(list(sizes.values()))[:-1]), strict=True))
+    parts, address = call_memory(task)
     q_in, xdot_in, twist_in, leaf_in, result = (parts[key] for key in ("q", "xdot", "twist", "leaf", "result"))
     target_in, dt_in, gain_in, report = parts["target"].reshape(4, 4), parts["dt"], parts["gain"], parts["report"]
-    address = ctypes.c_void_p(memory.ctypes.data)
-    run_velocity, run_step = held[f"{_NAME}_call_velocity"], held[f"{_NAME}_call_step"]
+    run_velocity, run_step = held[f"{NAME}_call_velocity"], held[f"{NAME}_call_step"]
     flags = [ctypes.c_int(given) for given in range(8)]
 
     of_joints, of_task, of_twist, of_leaf = (n,), (m,), (6,), (r,)
@@ -119,7 +107,7 @@ def _loop(task: Task, held: ctypes.PyDLL, released: ctypes.CDLL) -> Loop:
             if not (type(leaf) is ndarray and leaf.dtype is FLOAT and leaf.shape == of_leaf):
                 leaf = vector(leaf, r, "the leaf c = h(q)", "one a potential")
             leaf_in[:] = leaf
-            given |= _LEAF
+            given |= GIVEN_LEAF
         if gain is None:
             gain_in[0] = _WHOLE_STEP
         else:
@@ -159,7 +147,7 @@ def _batches(task: Task, library: ctypes.CDLL) -> tuple[Callable[[Array], Array]
     n, m = task.n, task.m
 
     def run(name: str, count: int, *arrays: Array) -> None:
-        function = library[f"{_NAME}_call_{name}"]
+        function = library[f"{NAME}_call_{name}"]
         function.restype = ctypes.c_long
         done = function(ctypes.c_long(count), *(ctypes.c_void_p(array.ctypes.data) for array in arrays))
         if done < count:

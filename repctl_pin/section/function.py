@@ -98,7 +98,11 @@ class InverseFunction:
             U = cell.inside(np.asarray(targets, float), np.zeros(len(targets)))
         else:
             U = cell.inside(*cell.coordinates(*stacked(targets)))
-        c = np.zeros(self.task.r) if leaf is None else self._leaf(leaf)
+        return self._batch(U, np.zeros(self.task.r) if leaf is None else self._leaf(leaf))
+
+    def _batch(self, U: Array, c: Array) -> Array:
+        """Evaluate F at coordinates U (K, k) inside the cell, on the leaf c (r,)."""
+        cell = self.cell
         points = self.chart.solve(U, np.tile(c, (len(U), 1)))
         if not points.found.all():
             at = int(np.argmin(points.found))

@@ -15,8 +15,11 @@ def exp3(omega: Array) -> Array:
 
 
 def log3(R: Array) -> Array:
-    """Evaluate ω with exp(ω̂) = R, ‖ω‖ ≤ π: (K, 3, 3) → (K, 3)."""
-    return Rotation.from_matrix(R).as_rotvec()
+    """Evaluate ω with exp(ω̂) = R, ‖ω‖ ≤ π: (K, 3, 3) → (K, 3); NaN where R is not finite."""
+    usable = np.isfinite(R).all(axis=(1, 2))
+    omega = np.full((len(R), 3), np.nan)
+    omega[usable] = Rotation.from_matrix(R[usable]).as_rotvec()
+    return omega
 
 
 def left_jacobian(omega: Array) -> Array:

@@ -45,7 +45,7 @@ static void arm_field(const double q[ARM_N], double h[ARM_R], double V[][ARM_N])
 
 /* ---- numbers ----------------------------------------------------------------------------------------------- */
 
-#define ARM_TOLERANCE 1e-6 /* least pivot of J_V to its greatest */
+#define ARM_TOLERANCE 1e-6 /* least sine of the angle between a row of J_V and the span of the others */
 
 static int arm_finite(const double *x, int count)
 {
@@ -55,10 +55,9 @@ static int arm_finite(const double *x, int count)
     return 1;
 }
 
-/* A = P L U in place, with 1 / U on the diagonal; 0 where a pivot is not above tolerance times the greatest. */
-static int arm_factor(double A[ARM_N][ARM_N], int swap[ARM_N], double tolerance)
+/* A = P L U in place, with 1 / U on the diagonal; 0 where a pivot is 0 or no number. */
+static int arm_factor(double A[ARM_N][ARM_N], int swap[ARM_N])
 {
-    double least = HUGE_VAL, most = 0.0;
     int i, j, k;
     for (k = 0; k < ARM_N; k++) {
         double size = fabs(A[k][k]), scale;
@@ -76,15 +75,13 @@ static int arm_factor(double A[ARM_N][ARM_N], int swap[ARM_N], double tolerance)
                 A[k][j] = A[best][j];
                 A[best][j] = a;
             }
-        if (size < least) least = size;
-        if (size > most) most = size;
         scale = A[k][k] = 1.0 / A[k][k];
         for (i = k + 1; i < ARM_N; i++) {
             const double l = A[i][k] *= scale;
             for (j = k + 1; j < ARM_N; j++) A[i][j] -= l * A[k][j];
         }
     }
-    return least > tolerance * most;
+    return 1;
 }
 
 /* x <- A^-1 x with the factors of A. */
@@ -102,6 +99,32 @@ static void arm_solve(double LU[ARM_N][ARM_N], const int swap[ARM_N], double x[A
         x[k] *= LU[k][k];
         for (i = 0; i < k; i++) x[i] -= LU[i][k] * x[k];
     }
+}
+
+/*
+ * Factor A; 0 unless every row is far enough from the span of the others. The sine of that angle, theta, is
+ * 1 / (|row i of A| |column i of A^-1|), and at least |det A| / prod |row|: where that is large it is enough.
+ */
+static int arm_regular(double A[ARM_N][ARM_N], int swap[ARM_N])
+{
+    double rows[ARM_N], all = 1.0, det = 1.0;
+    int i, k;
+    for (i = 0; i < ARM_N; i++) {
+        rows[i] = 0.0;
+        for (k = 0; k < ARM_N; k++) rows[i] += A[i][k] * A[i][k];
+        all *= rows[i];
+    }
+    if (!arm_factor(A, swap)) return 0;
+    for (i = 0; i < ARM_N; i++) det *= A[i][i]; /* 1 / det */
+    if (all * det * det < 0.5 / (ARM_TOLERANCE * ARM_TOLERANCE) && all > 1e-200 && fabs(det) > 1e-100) return 1;
+    for (i = 0; i < ARM_N; i++) {
+        double column[ARM_N] = {0.0}, size = 0.0;
+        column[i] = 1.0;
+        arm_solve(A, swap, column);
+        for (k = 0; k < ARM_N; k++) size += column[k] * column[k];
+        if (!(rows[i] * size < 1.0 / (ARM_TOLERANCE * ARM_TOLERANCE))) return 0;
+    }
+    return 1;
 }
 
 /* A V = U S by one-sided Jacobi rotations: A becomes U S, V orthogonal. */
@@ -159,7 +182,7 @@ static void arm_damp(arm_factors *factors, double most)
         for (k = 0; k < ARM_N; k++) A[i][k] = factors->A[i][k];
     factors->by_values = 0;
     factors->square = 0.0;
-    if (arm_factor(factors->A, factors->swap, 0.0)) {
+    if (arm_factor(factors->A, factors->swap)) {
         for (k = 0; k < ARM_N; k++) {
             double column[ARM_N] = {0.0};
             column[k] = 1.0;
@@ -232,20 +255,20 @@ arm_status arm_leaf(const double q[ARM_N], double c[ARM_R])
 }
 
 /* Factors of J_V = [J; V^T] at q; 0 where it is singular. */
-static int arm_augmented(const double q[ARM_N], double A[ARM_N][ARM_N], int swap[ARM_N], double tolerance)
+static int arm_augmented(const double q[ARM_N], double A[ARM_N][ARM_N], int swap[ARM_N])
 {
     double h[ARM_R];
     arm_slope(q, A);
     arm_field(q, h, A + ARM_M);
-    return arm_factor(A, swap, tolerance);
+    return arm_regular(A, swap);
 }
 
-static arm_status arm_columns(const double q[ARM_N], double G[ARM_N * ARM_M], double tolerance)
+arm_status arm_inverse(const double q[ARM_N], double G[ARM_N * ARM_M])
 {
     double A[ARM_N][ARM_N], X[ARM_M][ARM_N];
     int swap[ARM_N], a, i;
     if (!arm_finite(q, ARM_N)) return ARM_BAD_NUMBER;
-    if (!arm_augmented(q, A, swap, tolerance)) return ARM_SINGULAR;
+    if (!arm_augmented(q, A, swap)) return ARM_SINGULAR;
     for (a = 0; a < ARM_M; a++) {
         for (i = 0; i < ARM_N; i++) X[a][i] = i == a ? 1.0 : 0.0;
         arm_solve(A, swap, X[a]);
@@ -256,27 +279,17 @@ static arm_status arm_columns(const double q[ARM_N], double G[ARM_N * ARM_M], do
     return ARM_OK;
 }
 
-static arm_status arm_rates(const double q[ARM_N], const double xdot[ARM_M], double qdot[ARM_N], double tolerance)
+arm_status arm_velocity(const double q[ARM_N], const double xdot[ARM_M], double qdot[ARM_N])
 {
     double A[ARM_N][ARM_N], x[ARM_N];
     int swap[ARM_N], i;
     if (!arm_finite(q, ARM_N) || !arm_finite(xdot, ARM_M)) return ARM_BAD_NUMBER;
     for (i = 0; i < ARM_N; i++) x[i] = i < ARM_M ? xdot[i] : 0.0;
-    if (!arm_augmented(q, A, swap, tolerance)) return ARM_SINGULAR;
+    if (!arm_augmented(q, A, swap)) return ARM_SINGULAR;
     arm_solve(A, swap, x);
     if (!arm_finite(x, ARM_N)) return ARM_SINGULAR;
     for (i = 0; i < ARM_N; i++) qdot[i] = x[i];
     return ARM_OK;
-}
-
-arm_status arm_inverse(const double q[ARM_N], double G[ARM_N * ARM_M])
-{
-    return arm_columns(q, G, ARM_TOLERANCE);
-}
-
-arm_status arm_velocity(const double q[ARM_N], const double xdot[ARM_M], double qdot[ARM_N])
-{
-    return arm_rates(q, xdot, qdot, ARM_TOLERANCE);
 }
 
 @inside
@@ -346,7 +359,7 @@ arm_status arm_step(const double q[ARM_N], const arm_pose *target, double dt, co
     factors.square = 0.0;
     if (damping > 0.0)
         arm_damp(&factors, damping);
-    else if (!arm_factor(factors.A, factors.swap, ARM_TOLERANCE))
+    else if (!arm_regular(factors.A, factors.swap))
         return ARM_SINGULAR;
     arm_apply(&factors, b, x);
     if (!arm_finite(x, ARM_N)) return ARM_SINGULAR;

@@ -35,7 +35,7 @@ arm_status arm_F(const arm_pose *target, const double *leaf, double q[ARM_N])
                 b[ARM_M + j] += A[ARM_M + j][i] * (both[(1 + ARM_R) * i] - x[i]);
             }
         }
-        if (!arm_factor(A, swap, 0.0)) return ARM_OUTSIDE;
+        if (!arm_factor(A, swap)) return ARM_OUTSIDE;
         arm_solve(A, swap, b);
         if (!arm_finite(b, ARM_N)) return ARM_OUTSIDE;
         for (i = 0; i < ARM_N; i++)

@@ -25,16 +25,23 @@ int arm_call_velocity(arm_call *call)
     return (int)arm_velocity(call->q, call->xdot, call->result);
 }
 
-/* given: 1 a twist, 2 a leaf, 4 limits and damping */
-int arm_call_step(arm_call *call, int given)
+static arm_pose arm_call_target(const arm_call *call)
 {
     arm_pose target;
-    arm_options options;
     int i, k;
     for (i = 0; i < 3; i++) {
         for (k = 0; k < 3; k++) target.R[3 * i + k] = call->target[4 * i + k];
         target.p[i] = call->target[4 * i + 3];
     }
+    return target;
+}
+
+/* given: 1 a twist, 2 a leaf, 4 limits and damping */
+int arm_call_step(arm_call *call, int given)
+{
+    const arm_pose target = arm_call_target(call);
+    arm_options options;
+    int i;
     arm_defaults(&options);
     options.gain = call->gain;
     if (given & 4) {
@@ -50,7 +57,7 @@ long arm_call_inverses(long count, const double *Q, double *G)
 {
     long a;
     for (a = 0; a < count; a++)
-        if (arm_columns(Q + a * ARM_N, G + a * ARM_N * ARM_M, 0.0) != ARM_OK) break;
+        if (arm_inverse(Q + a * ARM_N, G + a * ARM_N * ARM_M) != ARM_OK) break;
     return a;
 }
 
@@ -58,6 +65,6 @@ long arm_call_velocities(long count, const double *Q, const double *Xdot, double
 {
     long a;
     for (a = 0; a < count; a++)
-        if (arm_rates(Q + a * ARM_N, Xdot + a * ARM_M, Qdot + a * ARM_N, 0.0) != ARM_OK) break;
+        if (arm_velocity(Q + a * ARM_N, Xdot + a * ARM_M, Qdot + a * ARM_N) != ARM_OK) break;
     return a;
 }
