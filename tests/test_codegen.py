@@ -18,6 +18,7 @@ import repctl_pin as rp
 from repctl_pin.cli import main
 from repctl_pin.codegen.expressions import Graph, assignments, number
 from repctl_pin.codegen.text import checked_name, comment
+from repctl_pin.regions import Region
 
 AGREE = 1e-11
 
@@ -280,7 +281,7 @@ def test_names_that_c_cannot_have_are_refused(name: Any, panda_design: rp.Design
 
 
 def test_what_cannot_be_written_down_is_refused(panda_pose: rp.Task, panda_design: rp.Design, tmp_path: Path) -> None:
-    class Ball:
+    class Ball(Region):
         center = np.zeros(7)
 
     own = rp.Potentials([lambda q: float(q[0])]).weighted(np.ones((1, 1)))
@@ -293,7 +294,7 @@ def test_what_cannot_be_written_down_is_refused(panda_pose: rp.Task, panda_desig
             with pytest.raises(rp.InputError, match=words):
                 refuse(inverse)
     with pytest.raises(rp.InputError, match="a region Ball cannot be written"):
-        rp.export_c(panda_design.inverse, tmp_path, region=Ball())  # type: ignore[arg-type]
+        rp.export_c(panda_design.inverse, tmp_path, region=Ball())
     with pytest.raises(rp.InputError, match="the region has 3 joints, but the task has 7"):
         rp.export_c(panda_design.inverse, tmp_path, region=rp.Box(np.zeros(3), 1))
 
