@@ -12,6 +12,7 @@ import repctl_pin as rp
 from repctl_pin.design import criterion
 from repctl_pin.design.batches import Guarded, Local
 from repctl_pin.design.criterion import Builder
+from repctl_pin.design.search import dexterity, search
 
 
 def test_the_verdict_does_not_hang_on_the_sample() -> None:
@@ -64,3 +65,34 @@ def test_a_guarded_point_is_one_more_node(panda_pose: rp.Task) -> None:
     padded = guarded.total(criterion.gauss_newton, np.concatenate([A[:7], np.zeros((28, 1))]))
     assert alone[0] == pytest.approx(padded[0])
     assert np.allclose(alone[1], padded[1][:7]) and np.allclose(alone[2], padded[2][:, :7, :, :7])
+
+
+def test_an_arm_stretched_inside_the_region_is_found() -> None:
+    """Six joints at 0 at once: σ_min of planar7r is a cone there, on whose side every descent stops short."""
+    task = rp.Robot.load("planar7r").task("tool", "xy")
+    measure = dexterity(task)
+    for center, width in ((np.full(7, 0.3), 0.4), (np.full(7, -0.1), 0.3)):
+        box = rp.Box(center, width)
+        found = search(measure, box, box.random(2048, 0))
+        assert found.value == 0 and box.contains(found.at[None]).all()
+        sigma = np.linalg.svd(task.jacobian(found.at), compute_uv=False)
+        assert sigma[-1] <= 1e-5 * sigma[0] and np.abs(found.at[1:]).max() < 1e-3
+        with pytest.raises(rp.SingularityError, match="loses rank"):
+            rp.nearest_repeatable(rp.Pseudoinverse(task), None, box, degree=1, samples=64, held_out=64)
+    bent = rp.Box(np.full(7, 0.3), 0.25)  # without a stretched arm
+    assert search(measure, bent, bent.random(2048, 0)).value > 0.01
+
+
+class Open(rp.Box):
+    """A box that does not move points back, as a region may that cannot."""
+
+    def clip(self, Q: np.ndarray) -> np.ndarray:
+        return np.array(Q)
+
+
+def test_the_search_for_singularities_stays_in_the_region() -> None:
+    task = rp.Robot.load("planar7r").task("tool", "xy")
+    for box in (Open(np.full(7, 0.3), 0.25), Open(np.full(7, 0.5), 0.4)):
+        for measure in (dexterity(task), lambda Q: 2 + Q.sum(axis=1)):
+            found = search(measure, box, box.random(256, 0))
+            assert found.value > 0 and box.ratio(found.ends).max() <= 1 + 2e-9

@@ -21,6 +21,7 @@ Measure = Callable[[Array], Array]
 
 _STARTS = 16
 _STEPS = 60
+_NEWTON = 12
 _RANK = 1e-5
 _BISECTIONS = 12
 
@@ -69,14 +70,33 @@ class Lowest:
     values: Array
 
 
-def dexterity(task: Task) -> Measure:
-    """Measure J's distance from rank loss: ``σ_min(J) / σ_max(J)``."""
+class Dexterity:
+    """Measure J's distance from rank loss: ``σ_min(J) / σ_max(J)``, 0 from 1e-5 down."""
 
-    def measure(Q: Array) -> Array:
-        values = np.linalg.svd(task.jacobians(Q), compute_uv=False)
+    def __init__(self, task: Task) -> None:
+        self.task = task
+
+    def __call__(self, Q: Array) -> Array:
+        """Measure it at every row of Q (K, n): (K,)."""
+        values = np.linalg.svd(self.task.jacobians(Q), compute_uv=False)
         return np.where(values[:, -1] > _RANK * values[:, 0], values[:, -1] / values[:, 0], 0.0)
 
-    return measure
+    def newton(self, Q: Array, scale: Array) -> Array:
+        """Take the shortest step to rank loss to first order, (K, n), in units of scale (n,).
+
+        J = U Σ Vᵀ loses rank where ``V₂ᵀ Jᵀ u = 0``, u the last column of U and V₂ those of V from m on: n − m + 1
+        equations. An arm stretched out is such a cone's tip, which no descent of σ_min reaches.
+        """
+        m = self.task.m
+        U, sigma, Vt = np.linalg.svd(self.task.jacobians(Q))
+        slope = np.einsum("Kvi,Kaik,Ka->Kvk", Vt[:, m - 1 :], self.task.hessians(Q), U[:, :, -1], optimize=True)
+        step: Array = -np.linalg.pinv(slope * scale, rcond=1e-6)[:, :, 0] * sigma[:, -1:]
+        return step
+
+
+def dexterity(task: Task) -> Dexterity:
+    """Make the measure of J's distance from rank loss."""
+    return Dexterity(task)
 
 
 def signed_leaf_margin(task: Task, field: FieldMap) -> Measure:
@@ -129,6 +149,16 @@ def lowest(measure: Measure, region: Region, starts: Array) -> Lowest:
         better = (found < value) & (region.ratio(trial) <= 1 + 1e-9)
         Q[better], value[better] = trial[better], found[better]
         bound = np.where(better, np.minimum(2 * bound, 0.5), bound / 4)
+    if isinstance(measure, Dexterity) and value.min() > 0:
+        ends = Q.copy()
+        for _ in range(_NEWTON):
+            step = measure.newton(ends, scale)
+            ends = region.clip(ends + scale * step * np.minimum(1.0, 0.5 / _length(step))[:, None])
+            found = measure(ends)
+            better = (found < value) & (region.ratio(ends) <= 1 + 1e-9)
+            Q[better], value[better] = ends[better], found[better]
+            if value.min() <= 0:
+                break
     worst = int(np.argmin(value))
     return Lowest(float(value[worst]), Q[worst], Q, value)
 
