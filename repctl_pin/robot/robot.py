@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from ..arguments import chosen, file_name, list_of, list_of_names, wanted
+from ..arguments import file_name, list_of, list_of_names, shown, wanted
 from ..errors import InputError, UrdfError, unknown
 from ..urdf.catalogue import READY, Entry, default_package_dirs, find, reference_posture, urdf_folder
 from ..urdf.end_effectors import arm_ends, is_sensor, task_links
@@ -174,7 +174,8 @@ class Robot(Mechanism):
             If there is no such frame, kind or joint, or no joint moves the frame.
         """
         frame = self.default_frame if frame is None else frame
-        chosen(kind, KINDS, "task kind")
+        if not isinstance(kind, str) or kind not in KINDS:
+            raise InputError(f"no task kind {shown(kind)}; there is {', '.join(KINDS)}")
         chain = self.chain(frame)
         if joints is not None:
             joints = list_of_names(joints, "joints", "a list of joints' names")
