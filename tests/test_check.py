@@ -64,7 +64,7 @@ def test_check_stays_inside_the_joint_limits_and_says_so(tmp_path, capsys: pytes
         task = rp.Robot.load(arm).task(data["frame"], data["task"])
         middle, half = (np.array(data["region"][key]) for key in ("center", "half_width"))
         assert (middle - half >= task.lower - 1e-12).all() and (middle + half <= task.upper + 1e-12).all()
-        asked = 0.1 if "--region" in more else 0.25
+        asked = 0.1 if "--region" in more else 0.4
         wide = np.array([name != joint for name in task.joint_names])
         np.testing.assert_allclose(half[wide], asked)
         i = task.joint_names.index(joint)
@@ -74,14 +74,14 @@ def test_check_stays_inside_the_joint_limits_and_says_so(tmp_path, capsys: pytes
     assert main(["check", "panda", "--samples", "16", "--json"]) == 0
     data = json.loads(capsys.readouterr().out)
     assert (
-        data["notes"] == [] and data["region"]["center"] == data["start"] and data["region"]["half_width"] == [0.25] * 7
+        data["notes"] == [] and data["region"]["center"] == data["start"] and data["region"]["half_width"] == pytest.approx([0.4] * 7)
     )
 
 
 def test_check_refuses_in_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     for arguments, word in (
-        (["panda", "--weight", "heavy"], "neither inertia nor numbers"),
-        (["panda", "--weight", "1,2"], "2 numbers, but the task has 7"),
+        (["panda", "--weight", "heavy"], "neither inertia, nor limits, nor numbers"),
+        (["panda", "--weight", "1,2"], "must be 7 numbers or a symmetric"),
         (["panda", "--weight=-1,1,1,1,1,1,1"], "positive definite"),
         (["panda", "--absolute"], "parallel axes"),
         (["ur5", "--task", "pose"], "r = 0"),

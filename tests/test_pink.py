@@ -24,6 +24,7 @@ def drive(design: rp.Design, start: np.ndarray, cycles: int, *extra) -> tuple[np
     path = rp.circle(task, start, 0.1, normal="yz", start_angle=np.pi)
     targets = [path.placement(s) for s in np.linspace(0, 1, STEPS + 1)[1:]]
     configuration = pink.Configuration(robot.model, robot.model.createData(), robot.coupling.joints(task.full(start)))
+    leaders = [robot.model.getJointId(name) - 1 for name in robot.joint_names]
     frame = FrameTask(task.frame, position_cost=1.0, orientation_cost=1.0)
     for other in extra:
         other.set_target_from_configuration(configuration)
@@ -34,7 +35,7 @@ def drive(design: rp.Design, start: np.ndarray, cycles: int, *extra) -> tuple[np
             velocity = pink.solve_ik(configuration, [frame, *extra], 0.01, solver="daqp")
             configuration.integrate_inplace(velocity, 0.01)
             speeds.append(np.linalg.norm(velocity))
-        ends.append(task.part(configuration.q))
+        ends.append(task.part(configuration.q[leaders]))
     assert np.linalg.norm(task.error(ends[-1], targets[-1])) < 1e-4
     return np.array(ends), np.array(speeds)
 

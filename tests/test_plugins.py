@@ -100,7 +100,7 @@ def test_a_path_wherever_paths_are_named(panda_pose, q_panda, capsys) -> None:
         (["--strategy", "dampd"], "did you mean 'damped'"),
         (["--strategy", "broken"], "of tiny-plugin cannot be imported: ModuleNotFoundError"),
         (["--strategy", "number"], "of tiny-plugin must be something to call"),
-        (["--strategy", "nothing"], "has no task or no velocity"),
+        (["--strategy", "nothing"], "something without a task or a velocity"),
         (["--fields", "wavs"], "did you mean 'waves'"),
         (["--strategy", "damped", "--path", "elipse:1"], "no path 'elipse:1'"),
     ],
