@@ -130,9 +130,9 @@ class Potentials:
 
 
 class PotentialsMap:
-    """r weighted sums of given potentials."""
+    """r weighted sums of a family's potentials, evaluated by the family itself."""
 
-    def __init__(self, family: Potentials, A: Array) -> None:
+    def __init__(self, family: Field, A: Array) -> None:
         self.family, self.A = family, A
 
     def value(self, q: Array) -> Array:

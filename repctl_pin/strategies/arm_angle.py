@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import rows
 from ..errors import InputError, SingularityError
+from ..fields.custom import PotentialsMap
 from ..fields.field import Field, coefficients
 from ..fields.joined import Joined
 from ..robot.model import frame_id
@@ -87,9 +88,9 @@ class ArmAngle:
         Q = rows(Q, self.task.n, "an arm angle")
         return np.array([self._angle(q)[1] for q in Q]).reshape(len(Q), self.task.n, 1)
 
-    def weighted(self, A: ArrayLike) -> ArmAngleMap:
+    def weighted(self, A: ArrayLike) -> PotentialsMap:
         """Choose ``h = ψ A`` with coefficients A (1, r)."""
-        return ArmAngleMap(self, coefficients(A, 1))
+        return PotentialsMap(self, coefficients(A, 1))
 
     def distance(self, q: ArrayLike) -> float:
         """The angle, rad, between the wrist's direction and the nearest singular one."""
@@ -140,29 +141,6 @@ class ArmAngle:
         # k = (ŵ − t) × r, and y = k × ŵ: perpendicular to ŵ, 0 only at ŵ = t
         k, dk = np.cross(w_hat - t, r), -_cross(r)
         return np.cross(k, w_hat), -_cross(w_hat) @ dk + _cross(k)
-
-
-class ArmAngleMap:
-    """r multiples of an arm angle."""
-
-    def __init__(self, family: ArmAngle, A: Array) -> None:
-        self.family, self.A = family, A
-
-    def value(self, q: Array) -> Array:
-        """Evaluate h(q): (r,)."""
-        return self.family.potentials(np.asarray(q, float)[None])[0] @ self.A
-
-    def values(self, Q: Array) -> Array:
-        """Evaluate h at every row of Q (K, n): (K, r)."""
-        return self.family.potentials(Q) @ self.A
-
-    def gradient(self, q: Array) -> Array:
-        """Evaluate V = ∂hᵀ/∂q: (n, r)."""
-        return self.gradients(np.asarray(q, float)[None])[0]
-
-    def gradients(self, Q: Array) -> Array:
-        """Evaluate V at every row of Q (K, n): (K, n, r)."""
-        return self.family.gradients(Q) @ self.A
 
 
 def _unit(value: ArrayLike, what: str) -> Array:
