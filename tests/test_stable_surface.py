@@ -15,6 +15,20 @@ def wrapped(angle: np.ndarray) -> np.ndarray:
     return (angle + np.pi) % (2 * np.pi) - np.pi
 
 
+def slide_task(length: float, folder: Path) -> rp.Task:
+    """The paper's PRR arm with links of any length."""
+    joint = '<joint name="{0}" type="{1}"><parent link="{0}a"/><child link="{2}a"/><origin xyz="{3} 0 0"/>'
+    turning = '<axis xyz="0 0 1"/>'
+    limit = '<limit lower="{}" upper="{}" effort="1" velocity="1"/></joint>'
+    text = "".join(f'<link name="{name}a"/>' for name in ("d", "t", "u", "tip", "tool"))
+    text += joint.format("d", "prismatic", "t", 0) + limit.format(-5 * length, 5 * length)
+    text += joint.format("t", "revolute", "u", 0) + turning + limit.format(-7, 7)
+    text += joint.format("u", "revolute", "tip", length) + turning + limit.format(-7, 7)
+    text += joint.format("tip", "fixed", "tool", length) + "</joint>"
+    (folder / "prr.urdf").write_text(f'<robot name="prr">{text}</robot>')
+    return rp.Robot.load(folder / "prr.urdf").task("toola", "xy")
+
+
 def absolute(task: rp.Task) -> rp.Task:
     return task.in_coordinates(rp.absolute_angles(task))
 
@@ -101,15 +115,28 @@ def test_a_surface_on_which_the_gradient_of_s_vanishes(stable: bool) -> None:
     on it by itself: on q₃ = 0, which n_G is normal to, and on q₂ = 0, which it is not."""
     task = rp.Robot.load("ppr").task("tool", "xy")
 
-    def G(q: np.ndarray) -> np.ndarray:
-        a = q[1] * q[2] ** 2 if stable else q[1] ** 3 / 3 + 0.3
-        return rp.redundancy.augmented_inverse(task.jacobian(q), np.array([[a], [0], [1.0]]))[:, :2]
+    class Normal(rp.CustomInverse):
+        def batch(self, Q: np.ndarray, J: np.ndarray | None = None) -> np.ndarray:
+            a = Q[:, 1] * Q[:, 2] ** 2 if stable else Q[:, 1] ** 3 / 3 + 0.3
+            n_G = np.stack([a, 0 * a, 1 + 0 * a], axis=1)[:, :, None]
+            return rp.redundancy.augmented_inverse(task.jacobians(Q), n_G)[:, :, :2]
 
-    found = rp.stable_surface(rp.CustomInverse(task, G), rp.Box([0, 0.1, 0.1], 0.3), samples=8)
+    strategy = Normal(task, lambda q: Normal.batch(strategy, q[None])[0])
+    found = rp.stable_surface(strategy, rp.Box([0, 0.1, 0.1], 0.3), samples=8)
     kind, other = (found.stable, found.candidate) if stable else (found.candidate, found.stable)
     assert len(kind) >= 4 and len(other) == 0
     assert np.abs(kind[:, 2 if stable else 1]).max() < 1e-4
     assert found.rate.max() < 1e-3  # (9) alone could not tell them apart
+
+
+@pytest.mark.parametrize("length", [1e-3, 10.0])
+def test_the_surfaces_of_an_arm_in_millimetres_and_of_a_crane_are_found(length: float, tmp_path: Path) -> None:
+    """The s of (13) is length³ times a function of the angles alone: (14) and (15) hold at any size."""
+    task = absolute(slide_task(length, tmp_path))
+    found = rp.stable_surface(rp.Pseudoinverse(task), rp.Box([0, 0, 0], [length, 3, 3]), samples=32)
+    assert len(found.stable) > 5 and len(found.candidate) > 10
+    assert np.abs(wrapped(found.stable[:, 1] - found.stable[:, 2])).max() < 1e-7
+    assert np.abs(wrapped(found.candidate[:, 1] + found.candidate[:, 2])).max() < 1e-7
 
 
 def test_a_search_that_ends_at_a_singularity_says_so(tmp_path: Path) -> None:

@@ -35,7 +35,7 @@ class Derivative:
     dG : (K, n, m, n) array
         ``[:, i, a, k] = ∂G[i, a]/∂q[k]``.
     error : (K, n) array
-        Estimated largest error of any entry of ∂G/∂q_k.
+        Estimated largest error of any entry of ∂G/∂q_k, a prismatic joint's row in units of the arm's length.
     exact : bool
         True where a formula was evaluated and only rounding is left.
     """
@@ -59,8 +59,9 @@ def derivative(strategy: Inverse, Q: Array) -> Derivative:
         If a row of Q is singular.
     """
     wanted_inverse(strategy)
-    J = strategy.task.jacobians(Q)
-    dG, error = differentiate(strategy.batch, Q, inside_limits(strategy.task, Q))
+    J, L = strategy.task.jacobians(Q), joint_scale(strategy.task, Q[0])[:, None]
+    dG, error = differentiate(lambda P: strategy.batch(P) / L, Q, inside_limits(strategy.task, Q))
+    dG *= L[..., None]
     return Derivative(J, strategy.batch(Q, J), dG, error, exact=False)
 
 
@@ -69,7 +70,7 @@ def _(strategy: Pseudoinverse, Q: Array) -> Derivative:
     J = strategy.task.jacobians(Q)
     dG = pseudoinverse_derivative(J, strategy.task.hessians(Q))
     G = strategy.batch(Q, J)
-    return Derivative(J, G, dG, _rounding(J, dG), exact=True)
+    return Derivative(J, G, dG, _rounding(J, dG, joint_scale(strategy.task, Q[0])), exact=True)
 
 
 @derivative.register
@@ -85,7 +86,7 @@ def _(strategy: RepeatableInverse, Q: Array) -> Derivative:
     dJ_V = np.concatenate([strategy.task.hessians(Q), np.moveaxis(dV, -1, 1)], axis=1)  # (K, n, n, n)
     dG = -np.einsum("Kis,Kspk,Kpa->Kiak", inverse, dJ_V, G, optimize=True)
     J_V = np.concatenate([J, np.swapaxes(field.gradients(Q), 1, 2)], axis=1)
-    return Derivative(J, G, dG, _rounding(J_V, dG), exact=True)
+    return Derivative(J, G, dG, _rounding(J_V, dG, joint_scale(strategy.task, Q[0])), exact=True)
 
 
 def inside_limits(task: Task, Q: Array) -> Array:
@@ -107,8 +108,9 @@ def wanted_inverse(strategy: Inverse) -> Inverse:
     return strategy
 
 
-def _rounding(matrix: Array, dG: Array) -> Array:
-    """Rounding error of a formula that inverts a matrix (K, a, b), along every joint: (K, n)."""
-    values = np.linalg.svd(matrix, compute_uv=False)
+def _rounding(matrix: Array, dG: Array, L: Array) -> Array:
+    """Rounding error of a formula that inverts a matrix (K, a, b), along every joint, in their units L: (K, n)."""
+    values = np.linalg.svd(matrix * L, compute_uv=False)
     condition = values[:, 0] / values[:, -1]
-    return 4 * _EPS * matrix.shape[-1] * condition[:, None] * np.abs(dG).max(axis=(1, 2))
+    largest = np.abs(dG / L[:, None, None]).max(axis=(1, 2))
+    return 4 * _EPS * matrix.shape[-1] * condition[:, None] * largest

@@ -113,10 +113,10 @@ def measure(strategy: Inverse, Q: Array) -> Defects:
     R_inv = np.linalg.inv(R)
     relative = np.einsum("Kac,Kbd,Kabi->Kcdi", R_inv, R_inv, delta, optimize=True) / L
 
-    # An error e_k of ∂G/∂q_k moves Λ_cd by at most ‖P‖ √n Σ_k e_k (|Q_kc| ‖R⁻¹_d‖₁ + |Q_kd| ‖R⁻¹_c‖₁).
+    # An error e_k of L⁻¹ ∂G/∂q_k moves Λ_cd by at most ‖P‖ √n Σ_k e_k (|Q_kc| ‖R⁻¹_d‖₁ + |Q_kd| ‖R⁻¹_c‖₁).
     n = found.G.shape[1]
     P = (np.eye(n) - found.G @ found.J) * L / L[:, None]
-    size = np.linalg.norm(P, 2, axis=(1, 2)) * np.sqrt(n) / L.min()
+    size = np.linalg.norm(P, 2, axis=(1, 2)) * np.sqrt(n)
     along = np.einsum("Kk,Kkc->Kc", found.error * L, np.abs(basis))
     spread = np.abs(R_inv).sum(axis=1)
     pairs = along[:, :, None] * spread[:, None, :]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +13,7 @@ from ..redundancy.nullspace import nullspace
 from ..regions import Region
 from ..robot.length import joint_scale
 from ..strategies.strategy import Inverse
+from .derivative import derivative
 from .differences import SHORTEST_STEP, differentiate
 from .lie_bracket import measure
 from .repeatability import points_of
@@ -20,7 +22,7 @@ Array = NDArray[np.float64]
 
 STABLE, CANDIDATE, SINGULAR = "stable", "candidate", "singular"
 
-_ON_SURFACE = 1e-11  # ‖s‖ that counts as 0, per rad, where the derivative is exact
+_ON_SURFACE = 1e-11  # ‖s‖ that counts as 0, where the derivative is exact
 _RANK = 1e-5  # singular values of ∂s/∂q below this share of the largest are dependent rows
 _MAX_STEPS = 60
 _LONGEST_STEP = 0.3  # of Newton, rad
@@ -80,15 +82,38 @@ class Surfaces:
         return f"no stable surface: the {len(self.candidate)} points found on s = 0 are candidates only"
 
 
-def surface_function(strategy: Inverse, Q: Array) -> tuple[Array, Array]:
-    """Evaluate s(q), the stacked relative defects of all pairs: (K, pairs · n), and their error (K,).
+Surface = Callable[[Array], tuple[Array, Array]]
 
-    Its rows are dependent (each defect lies in the null space of J, so r of n count); the search allows for
-    that. For n = 3, m = 2 it is the paper's scalar s along n̂, up to a factor that does not vanish.
+
+def surface_function(strategy: Inverse, Q: Array) -> tuple[Array, Array]:
+    """Evaluate s(q), the stacked defects of all pairs: (K, pairs · n), and their error (K,).
+
+    The relative defects times ``det(BᵀB)``, ``B = L⁻¹ G J Jᵀ``: the normal of G's column space is then not of unit
+    length but as smooth as J itself. For J⁺, n = 3 and m = 2, B is Jᵀ and s the paper's scalar (6) along n̂. On an arm
+    whose slides are much longer or shorter than 1 m the unit normal turns over in a hair's breadth, and Newton's
+    method misses it. The rows of s are dependent (each defect lies in the null space of J, so r of n count); the
+    search allows for that.
     """
-    found = measure(strategy, Q)
-    a, b = np.triu_indices(strategy.task.m, 1)
-    return found.relative[:, a, b].reshape(len(Q), -1), found.error
+    found, task = measure(strategy, Q), strategy.task
+    J = task.jacobians(Q)
+    B = strategy.batch(Q, J) @ J @ np.swapaxes(J, 1, 2) / joint_scale(task, Q[0])[:, None]
+    size = np.linalg.det(np.swapaxes(B, 1, 2) @ B)
+    a, b = np.triu_indices(task.m, 1)
+    return size[:, None] * found.relative[:, a, b].reshape(len(Q), -1), size * found.error
+
+
+def _in_units_of_itself(strategy: Inverse, Q: Array) -> Surface:
+    """Divide s by its median length over Q, so that no tolerance hangs on the arm's size."""
+    regular = _dexterity(strategy, Q) > _SINGULAR
+    unit = 1.0
+    if regular.any():
+        unit = float(np.median(np.linalg.norm(surface_function(strategy, Q[regular])[0], axis=1))) or 1.0
+
+    def s(P: Array) -> tuple[Array, Array]:
+        values, error = surface_function(strategy, P)
+        return values / unit, error / unit
+
+    return s
 
 
 def candidate_surface(strategy: Inverse, region: Region, *, samples: int = 128, seed: int = 0) -> Array:
@@ -99,7 +124,8 @@ def candidate_surface(strategy: Inverse, region: Region, *, samples: int = 128, 
     (K, n) array
         The points reached inside the region, singular ones left out; empty if there are none.
     """
-    return _search(strategy, region, samples, seed)[0]
+    Q = points_of(region, strategy, samples, seed)
+    return _search(strategy, _in_units_of_itself(strategy, Q), region, Q)[0]
 
 
 @one_blas_thread()
@@ -133,19 +159,21 @@ def stable_surface(strategy: Inverse, region: Region, *, samples: int = 128, see
     SingularityError
         If G is singular where J is not.
     """
-    Q, singular = _search(strategy, region, samples, seed)
+    seeds = points_of(region, strategy, samples, seed)
+    function = _in_units_of_itself(strategy, seeds)
+    Q, singular = _search(strategy, function, region, seeds)
     rate, tolerance, residual = np.zeros(len(Q)), np.zeros(len(Q)), np.zeros(len(Q))
     kind = np.full(len(Q), CANDIDATE, dtype="U9")
     if len(Q):
-        rate, tolerance = _rates(strategy, Q)
-        s, error = surface_function(strategy, Q)
+        rate, tolerance = _rates(strategy, function, Q)
+        s, error = function(Q)
         residual = np.linalg.norm(s, axis=1)
         tangent = np.flatnonzero(rate <= tolerance)
         if len(tangent):
-            left, walked = _walk(strategy, Q[tangent])
+            left, walked = _walk(strategy, function, Q[tangent])
             stays = left <= 1e-7 + 100 * (residual + error)[tangent]
             kind[tangent[stays]] = STABLE
-            kind[tangent[walked < _WALK / 4]] = SINGULAR
+            kind[tangent[walked < 1 / 4]] = SINGULAR
     nowhere = np.full(len(singular), np.nan)
     return Surfaces(
         points=np.vstack([Q, singular]),
@@ -156,9 +184,9 @@ def stable_surface(strategy: Inverse, region: Region, *, samples: int = 128, see
     )
 
 
-def _search(strategy: Inverse, region: Region, samples: int, seed: int) -> tuple[Array, Array]:
+def _search(strategy: Inverse, function: Surface, region: Region, Q: Array) -> tuple[Array, Array]:
     """Bring seeds to s = 0 by Gauss–Newton: points on it (K, n), and where the search met a singularity."""
-    Q, task = points_of(region, strategy, samples, seed), strategy.task
+    task = strategy.task
     L = joint_scale(task, Q[0])
     found: list[Array] = []
     singular: list[Array] = []
@@ -170,18 +198,18 @@ def _search(strategy: Inverse, region: Region, samples: int, seed: int) -> tuple
         Q = Q[regular]
         if not len(Q):
             break
-        s, error = surface_function(strategy, Q)
+        s, error = function(Q)
         size = np.linalg.norm(s, axis=1)
         reached = size <= np.maximum(_ON_SURFACE, error)
         found.append(Q[reached])
         Q, s, size = Q[~reached], s[~reached], size[~reached]
         if not len(Q):
             break
-        step = _newton_step(strategy, Q, s, L)
+        step = _newton_step(strategy, function, Q, s, L)
         # The best of five lengths; a seed that none of them improves is in a valley that is not 0.
         lengths = 0.5 ** np.arange(5)
         trials = Q[:, None] + lengths[:, None] * step[:, None]  # (K, 5, n)
-        norms = _norms(strategy, trials.reshape(-1, task.n)).reshape(len(Q), -1)
+        norms = _norms(strategy, function, trials.reshape(-1, task.n)).reshape(len(Q), -1)
         best = norms.argmin(axis=1)
         improved = norms[np.arange(len(Q)), best] < size
         Q = trials[np.arange(len(Q)), best][improved]
@@ -189,13 +217,13 @@ def _search(strategy: Inverse, region: Region, samples: int, seed: int) -> tuple
     return points[region.ratio(points) <= 1 + 1e-9], stuck[region.ratio(stuck) <= 1 + 1e-9]
 
 
-def _newton_step(strategy: Inverse, Q: Array, s: Array, L: Array) -> Array:
+def _newton_step(strategy: Inverse, function: Surface, Q: Array, s: Array, L: Array) -> Array:
     """The shortest step to s = 0 to first order, (K, n), at most 0.3 rad long."""
     K, n = Q.shape
     h = 1e-4
     moves = h * np.diag(L)
     near = np.concatenate([Q[:, None] + moves, Q[:, None] - moves], axis=1)  # (K, 2 n, n)
-    values = surface_function(strategy, near.reshape(-1, n))[0].reshape(K, 2, n, -1, n)
+    values = function(near.reshape(-1, n))[0].reshape(K, 2, n, -1, n)
     slope = (values[:, 0] - values[:, 1]) / (2 * h)  # (K, n, pairs, n), in units of L
     # s = N σ turns with the null space; only the change of σ brings it to 0.
     N = nullspace(strategy.task.jacobians(Q) * L)  # (K, n, r)
@@ -206,32 +234,39 @@ def _newton_step(strategy: Inverse, Q: Array, s: Array, L: Array) -> Array:
     return L * step * np.minimum(1.0, _LONGEST_STEP / np.maximum(length, 1e-300))
 
 
-def _norms(strategy: Inverse, Q: Array) -> Array:
+def _norms(strategy: Inverse, function: Surface, Q: Array) -> Array:
     """‖s‖ at every row of Q; inf where J is singular."""
     norms = np.full(len(Q), np.inf)
     regular = _dexterity(strategy, Q) > _SINGULAR
     if regular.any():
-        norms[regular] = np.linalg.norm(surface_function(strategy, Q[regular])[0], axis=1)
+        norms[regular] = np.linalg.norm(function(Q[regular])[0], axis=1)
     return norms
 
 
-def _rates(strategy: Inverse, Q: Array) -> tuple[Array, Array]:
+def _rates(strategy: Inverse, function: Surface, Q: Array) -> tuple[Array, Array]:
     """``‖(∂s/∂q) G‖`` (9) along unit joint motions of the control, and its tolerance: (K,) each."""
     L = joint_scale(strategy.task, Q[0])
-    slope, error = differentiate(lambda P: surface_function(strategy, P)[0], Q, L)
+    slope, error = differentiate(lambda P: function(P)[0], Q, L)
     basis = np.linalg.qr(strategy.batch(Q) / L[:, None])[0]  # (K, n, m)
     along = (slope * L) @ basis  # (K, pairs · n, m)
     rate = np.linalg.norm(along, axis=(1, 2))
     size = np.linalg.norm(slope * L, axis=(1, 2))
     # The error of each entry, the error of s itself, and how far from s = 0 the point still is.
-    own = surface_function(strategy, Q)[1] / SHORTEST_STEP
+    own = function(Q)[1] / SHORTEST_STEP
     return rate, np.sqrt(slope.shape[1]) * (error * L).sum(axis=1) + own + 1e-5 * size
 
 
-def _walk(strategy: Inverse, Q: Array) -> tuple[Array, Array]:
-    """Move along the control in every task direction, ±: the largest ‖s‖ met at the ends, and the least way (K,)."""
+def _walk(strategy: Inverse, function: Surface, Q: Array) -> tuple[Array, Array]:
+    """Move along the control in every task direction, ±: the largest ‖s‖ met at the ends, and the least way (K,).
+
+    The way is given in shares of the whole. Where G turns within less than a radian, the whole is as much shorter.
+    """
     task = strategy.task
     L = joint_scale(task, Q[0])
+    found = derivative(strategy, Q)
+    G, dG = found.G / L[:, None], found.dG / L[:, None, None] * L
+    turns = np.sqrt(np.sum(dG**2, axis=(1, 2, 3)) / np.sum(G**2, axis=(1, 2)))
+    h = (_WALK / _WALK_STEPS / np.maximum(1.0, turns))[:, None]
     largest, least = np.zeros(len(Q)), np.full(len(Q), np.inf)
     mixed = np.ones(task.m) / np.sqrt(task.m)
     for direction in (*np.eye(task.m), *-np.eye(task.m), mixed):
@@ -241,20 +276,19 @@ def _walk(strategy: Inverse, Q: Array) -> tuple[Array, Array]:
             return qdot / np.linalg.norm(qdot / L, axis=1, keepdims=True)
 
         P, way = Q.copy(), np.zeros(len(Q))
-        h = _WALK / _WALK_STEPS
         for _ in range(_WALK_STEPS):
             # A walker that comes near a singularity of J stays where it is.
             free = np.flatnonzero(_dexterity(strategy, P) > 0.05)
-            p = P[free]
+            p, step = P[free], h[free]
             if not len(p):
                 break
             k1 = velocity(p)
-            k2 = velocity(p + h / 2 * k1)
-            k3 = velocity(p + h / 2 * k2)
-            k4 = velocity(p + h * k3)
-            P[free] = p + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-            way[free] += h
-        largest = np.maximum(largest, np.where(way > 0, _norms(strategy, P), 0.0))
+            k2 = velocity(p + step / 2 * k1)
+            k3 = velocity(p + step / 2 * k2)
+            k4 = velocity(p + step * k3)
+            P[free] = p + step / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+            way[free] += 1 / _WALK_STEPS
+        largest = np.maximum(largest, np.where(way > 0, _norms(strategy, function, P), 0.0))
         least = np.minimum(least, way)
     return largest, least
 
