@@ -178,3 +178,19 @@ def test_a_design_in_psi_says_what_share_of_its_region_is_inside_the_joints_limi
     box = rp.Box(center, 0.1)
     design = rp.nearest_repeatable(rp.Pseudoinverse(task), None, box, degree=1, samples=256, held_out=256)
     assert design.inside_limits == pytest.approx(0.5, abs=0.05)
+
+
+def test_limits_are_the_joints_own_in_any_coordinates(pair: tuple[rp.Task, rp.Task, np.ndarray]) -> None:
+    task, other, T = pair
+    assert np.array_equal(task.T, np.eye(7)) and np.array_equal(other.T, T)
+    outside = np.array(task.reference)
+    outside[3] = task.upper[3] + 0.5
+    region = rp.Box(np.linalg.solve(T, outside), 0.01)
+    with pytest.raises(rp.InputError, match="outside the joint limits: panda_joint4"):
+        rp.nearest_repeatable(rp.Pseudoinverse(other), None, region, degree=2)
+    with pytest.raises(rp.InputError, match="mixes joints"):
+        rp.LimitWeight(other)
+    with pytest.raises(rp.InputError, match="without in_coordinates"):
+        rp.Cell(other, other.placement(region.center), 0.1)
+    doubled = task.in_coordinates(2 * np.eye(7))  # a gear ratio mixes nothing
+    assert np.allclose(rp.LimitWeight(doubled)(task.reference / 2), rp.LimitWeight(task)(task.reference))

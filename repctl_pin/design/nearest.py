@@ -201,10 +201,11 @@ def _check(desired: Inverse, fields: Field | None, region: Region, degree: int |
         raise InputError(f"degree is a whole number from 1 up, or 'auto', not {shown(degree)}")
     if len(region.center) != task.n:
         raise InputError(f"the region has {len(region.center)} joints, but the task has {task.n}")
-    box = region.bounds
-    for name, low, high, least, most in zip(
-        task.joint_names, box.lower, box.upper, task.lower, task.upper, strict=True
-    ):
+    box, (lower, upper, _) = region.bounds, task.joint_limits
+    middle = task.joints((box.lower + box.upper) / 2)
+    reach = np.abs(task.T) @ box.half_width  # of q = T ψ
+    rows = zip(task.robot_joints, middle - reach, middle + reach, lower, upper, strict=True)
+    for name, low, high, least, most in rows:
         if high < least or low > most:
             raise InputError(
                 f"the region lies outside the joint limits: {name} from {low:.4g} to {high:.4g}, "

@@ -96,9 +96,8 @@ def inside_limits(task: Task, Q: Array) -> Array:
     asked for all the same, nothing is changed.
     """
     room = task.limit_margin(Q)  # (K, n)
-    T = np.eye(task.n) if task.coordinates is None else task.coordinates.T
     with np.errstate(divide="ignore"):
-        most = np.min(np.where(room > 0, 8 * room, np.inf)[:, :, None] / np.abs(T), axis=1)
+        most = np.min(np.where(room > 0, 8 * room, np.inf)[:, :, None] / np.abs(task.T), axis=1)
     return np.minimum(joint_scale(task, Q[0]), most)
 
 

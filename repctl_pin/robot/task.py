@@ -269,6 +269,11 @@ class Task:
         return whole
 
     @property
+    def T(self) -> Array:
+        """T of ``q = T ψ`` (n, n); the identity where the coordinates are the robot's own joints."""
+        return np.eye(self.n) if self.coordinates is None else self.coordinates.T
+
+    @property
     def robot_joints(self) -> tuple[str, ...]:
         """Names of the robot's own joints that move the frame, whatever the joint coordinates."""
         return tuple(self.robot.joint_names[i] for i in self._columns)

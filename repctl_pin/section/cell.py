@@ -66,7 +66,9 @@ class Cell:
     def __init__(
         self, task: Task, placement: pin.SE3 | ArrayLike, half_width: ArrayLike, rotation: ArrayLike = 0.0
     ) -> None:
-        positions = min(3, wanted_task(task).m)
+        if wanted_task(task).coordinates is not None:
+            raise InputError("a cell is of the robot's own joints; take the task without in_coordinates")
+        positions = min(3, task.m)
         turns = task.m - positions
         w = _sizes(half_width, positions, "half_width", "m", "one a position that the task commands")
         if turns:

@@ -25,10 +25,20 @@ class LimitWeight:
         The task whose limits count.
     gain : float
         How strongly; 0 is the plain pseudoinverse.
+
+    Raises
+    ------
+    InputError
+        If the task's coordinates mix joints: a weight per coordinate cannot spare a single joint then.
     """
 
     def __init__(self, task: Task, gain: float = 1.0) -> None:
-        self.lower, self.upper = np.array(wanted_task(task).lower), np.array(task.upper)
+        if (np.count_nonzero(wanted_task(task).T, axis=1) > 1).any():
+            raise InputError(
+                "a limit weight needs one joint for every coordinate, but q = T ψ of this task mixes joints; "
+                "take the task without in_coordinates"
+            )
+        self.lower, self.upper = np.array(task.lower), np.array(task.upper)
         self.names, self.gain = task.joint_names, positive(gain, "the gain of a limit weight", zero=True)
 
     def __call__(self, q: ArrayLike) -> Array:
