@@ -168,6 +168,7 @@ def test_limits_are_those_of_the_joints(prr: rp.Task) -> None:
     assert here.limit_margin.min() < -0.01 and here.speed_ratio > 1.5
     assert np.allclose(there.limit_margin, here.limit_margin, atol=1e-8)
     assert there.speed_ratio == pytest.approx(here.speed_ratio, rel=1e-6)
+    assert there.fastest_joint == here.fastest_joint
     assert there.first_violation == here.first_violation
 
 

@@ -95,12 +95,17 @@ class Motion:
     @property
     def speed_ratio(self) -> float:
         """Largest share of a joint's speed limit that was used; above 1 the path must be slowed down."""
-        return float(np.max(np.abs(self.task.joints(self.qdot)) / self.task.joint_limits[2]))
+        return float(self._speed_shares.max())
 
     @property
     def fastest_joint(self) -> str:
         """The joint that uses the largest share of its speed limit."""
-        return self.task.joint_names[int(np.argmax(np.max(np.abs(self.qdot) / self.task.velocity_limit, axis=0)))]
+        return self.task.robot_joints[int(self._speed_shares.argmax())]
+
+    @property
+    def _speed_shares(self) -> Array:
+        """The largest share of its speed limit that each of the robot's joints uses: (n,)."""
+        return np.max(np.abs(self.task.joints(self.qdot)) / self.task.joint_limits[2], axis=0)
 
     @property
     def limit_margin(self) -> Array:
