@@ -8,19 +8,57 @@ from types import MappingProxyType
 
 
 class RepctlError(Exception):
-    """Base of every error this package raises on purpose."""
+    """Base of every error this package raises on purpose.
+
+    Examples
+    --------
+    >>> try:
+    ...     rp.Robot.load("no_such_arm")
+    ... except rp.RepctlError as error:  # any of this package's
+    ...     print(type(error).__name__)
+    InputError
+    """
 
 
 class InputError(RepctlError, ValueError):
-    """Something a person gave (a name, a size, a file, an option) cannot be used."""
+    """Something a person gave (a name, a size, a file, an option) cannot be used.
+
+    Examples
+    --------
+    >>> try:
+    ...     rp.Box([0.0, 0.0], -1.0)
+    ... except rp.InputError as error:
+    ...     print(type(error).__name__)
+    InputError
+    """
 
 
 class UrdfError(InputError):
-    """The gatekeeper refuses a robot file."""
+    """The gatekeeper refuses a robot file.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> _ = Path("broken.urdf").write_text("<robot name='arm'>")
+    >>> try:
+    ...     rp.Robot.load("broken.urdf")
+    ... except rp.UrdfError as error:
+    ...     print(type(error).__name__)
+    UrdfError
+    """
 
 
 class SingularityError(RepctlError):
-    """J loses rank, or J_V does (an algorithmic singularity), where an inverse is asked for."""
+    """J loses rank, or J_V does (an algorithmic singularity), where an inverse is asked for.
+
+    Examples
+    --------
+    >>> try:
+    ...     control.velocity(np.zeros(3), [0.1, 0.0])  # stretched out
+    ... except rp.SingularityError as error:
+    ...     print(type(error).__name__)
+    SingularityError
+    """
 
 
 def unknown(

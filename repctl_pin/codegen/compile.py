@@ -35,6 +35,12 @@ def compiled(control: RepeatableInverse | InverseFunction) -> RepeatableInverse 
     ------
     InputError
         If its potentials are functions of a person's own, which cannot be written as C.
+
+    Examples
+    --------
+    >>> fast = rp.compiled(design.inverse)
+    >>> np.allclose(fast.velocity(q0, np.array([0.1, 0.0])), design.inverse.velocity(q0, np.array([0.1, 0.0])))
+    True
     """
     if isinstance(control, InverseFunction):
         return CompiledFunction(control.chart, keep_limits=control.keep_limits)

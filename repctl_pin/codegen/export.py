@@ -59,6 +59,12 @@ def export_c(
     InputError
         If the name is no identifier, the inverse or the region holds functions of a person's own, or the folder
         cannot be written.
+
+    Examples
+    --------
+    >>> files = rp.export_c(design.inverse, "c", name="planar")
+    >>> sorted(file.name for file in files)[:4]
+    ['CMakeLists.txt', 'check.c', 'loop.c', 'planar.c']
     """
     name, folder = checked_name(name), file_name(folder, "folder")
     if region is not None:

@@ -66,6 +66,13 @@ def compare(first: Design, *others: Design) -> Comparison:
     ------
     InputError
         If a design is for another arm or task.
+
+    Examples
+    --------
+    >>> plain = rp.nearest_repeatable(control, None, rp.Box(q0, 0.4), degree=1, samples=512, held_out=512)
+    >>> comparison = rp.compare(design, plain)
+    >>> comparison.designs[1].cost > comparison.designs[0].cost
+    True
     """
     designs = (first, *others)
     for design in designs:
@@ -122,6 +129,12 @@ def settled(designs: Sequence[Design | SingularityError], *, tolerance: float = 
     ------
     InputError
         If there are fewer than two.
+
+    Examples
+    --------
+    >>> plain = rp.nearest_repeatable(control, None, rp.Box(q0, 0.4), degree=1, samples=512, held_out=512)
+    >>> rp.settled([plain, design])  # a higher degree pays still
+    False
     """
     wanted(designs, Sequence, "designs", "a list of designs")
     tolerance = positive(tolerance, "the tolerance")

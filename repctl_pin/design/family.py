@@ -52,6 +52,15 @@ class FamilyDesign:
         Parameters of the first scan; inf among them on the whole line.
     scanned_costs : (S,) array
         Their costs; inf where a member is singular in Ω.
+
+    Examples
+    --------
+    >>> def tilted(k):
+    ...     return rp.RepeatableInverse(task, rp.Polynomial(q0, 1).weighted([[1.0], [k], [1.0]]))
+    ...
+    >>> found = rp.nearest_in_family(control, tilted, rp.Box(q0, 0.2), bounds=(-3.0, 0.0), samples=256)
+    >>> -3 < found.parameter < 0, found.cost > 0
+    (True, True)
     """
 
     inverse: Inverse
@@ -134,6 +143,15 @@ def nearest_in_family(
         If the bounds are neither finite and in order nor the whole line.
     SingularityError
         If no member of the family is free of singularities in Ω.
+
+    Examples
+    --------
+    >>> def tilted(k):
+    ...     return rp.RepeatableInverse(task, rp.Polynomial(q0, 1).weighted([[1.0], [k], [1.0]]))
+    ...
+    >>> found = rp.nearest_in_family(control, tilted, rp.Box(q0, 0.2), bounds=(-3.0, 0.0), samples=256)
+    >>> found.unique
+    True
     """
     wanted(desired, Batched, "desired", AN_INVERSE)
     wanted(region, Region, "region", "a region of joint space, such as rp.Box(q0, 0.3)")

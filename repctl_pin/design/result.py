@@ -65,6 +65,15 @@ class Design:
         With ``degree="auto"``: what was tried, in order.
     cycle : Cycle, optional
         The motion the control is for: start, path and time. It is saved with the design.
+
+    Examples
+    --------
+    >>> design.leaf_margin > 0.9  # 1 is best, 0 singular
+    True
+    >>> 0 < design.relative_distance < 0.2  # of ‖J⁺‖
+    True
+    >>> print(design.summary().splitlines()[0])
+    nearest repeatable inverse of <Task planar3r tool xy: n = 3, m = 2, r = 1>
     """
 
     inverse: RepeatableInverse

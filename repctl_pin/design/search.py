@@ -37,6 +37,15 @@ class SingularRegionError(SingularityError):
         Where.
     free : Region or None
         The largest region round the center, of the same shape, that was found free of it.
+
+    Examples
+    --------
+    >>> wide = rp.Box(q0, 3.0)  # reaches singular configurations
+    >>> try:
+    ...     rp.nearest_repeatable(control, rp.Polynomial(q0, 2, 3.0), wide, samples=512, held_out=512)
+    ... except rp.SingularRegionError as error:
+    ...     print(type(error).__name__)
+    SingularRegionError
     """
 
     def __init__(self, finding: str, at: Array, free: Region | None, remedy: str = "") -> None:

@@ -35,6 +35,14 @@ class Potentials:
     ------
     InputError
         If there is none, or one is no function. Values that are not finite are refused when they turn up.
+
+    Examples
+    --------
+    >>> fields = rp.Potentials([lambda q: q[0] + q[1] ** 2, lambda q: np.sin(q[2])], names=["a", "b"])
+    >>> fields.potentials(q0[None]).round(3)
+    array([[0.94 , 0.717]])
+    >>> fields.numerical  # their gradients are differences
+    (True, True)
     """
 
     def __init__(

@@ -39,6 +39,19 @@ class Fourier:
         2π for a revolute joint; of your choice for a prismatic one, m.
     cross
         Whether one potential may depend on several joints.
+
+    Raises
+    ------
+    InputError
+        If the order is below 1, a period is not positive, or a joint is not there.
+
+    Examples
+    --------
+    >>> fields = rp.Fourier(n=3, order=1)
+    >>> fields.names
+    ('sin(u_0)', 'sin(u_1)', 'sin(u_2)', 'cos(u_0)', 'cos(u_1)', 'cos(u_2)')
+    >>> fields.potentials(q0[None]).shape  # (K, N)
+    (1, 6)
     """
 
     def __init__(

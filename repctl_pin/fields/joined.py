@@ -30,6 +30,12 @@ class Joined:
     ------
     InputError
         If a part is no family of potentials.
+
+    Examples
+    --------
+    >>> fields = rp.Polynomial(q0, 2, 0.4) + rp.Fourier(3, 1, variables=[2])
+    >>> fields.size
+    11
     """
 
     def __init__(self, *parts: Field) -> None:

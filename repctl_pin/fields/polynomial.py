@@ -46,6 +46,19 @@ class Polynomial:
         Let the potentials depend on these joints alone (counted from 0).
     cross
         Whether one potential may depend on several joints.
+
+    Raises
+    ------
+    InputError
+        If the degree is below 1, a width is not positive, or a joint is not there.
+
+    Examples
+    --------
+    >>> fields = rp.Polynomial(q0, degree=2, scale=0.4)
+    >>> fields.size
+    9
+    >>> fields.gradients(q0[None]).shape  # (K, n, N)
+    (1, 3, 9)
     """
 
     def __init__(

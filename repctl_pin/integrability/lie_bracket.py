@@ -145,6 +145,20 @@ def bracket_defect(strategy: Inverse, q: ArrayLike, *, relative: bool = False) -
     (pairs, n) array
         One row a pair, in the order (0, 1), (0, 2), …, (1, 2), …; row Δ_ab has the joints' units per unit
         of task coordinate a and of b (rad/m² for two lengths).
+
+    Raises
+    ------
+    InputError
+        If q has not n numbers.
+    SingularityError
+        If J, or G, is singular at q.
+
+    Examples
+    --------
+    >>> rp.bracket_defect(control, q0).shape  # one pair of task coordinates
+    (1, 3)
+    >>> bool(np.abs(rp.bracket_defect(design.inverse, q0)).max() < 1e-9)
+    True
     """
     relative, found = flag(relative, "relative"), measure(strategy, _one(strategy, q))
     a, b = np.triu_indices(strategy.task.m, 1)
@@ -168,6 +182,19 @@ def drift_per_area(strategy: Inverse, q: ArrayLike) -> Array:
     (k, k) array
         rad/m² (m/m² for prismatic joints) for loops in the plane of translations a and b; k = 3, or the 2 of
         an ``xy``, ``xz`` or ``yz`` task. 0 on the diagonal.
+
+    Raises
+    ------
+    InputError
+        If q has not n numbers.
+    SingularityError
+        If J, or G, is singular at q.
+
+    Examples
+    --------
+    >>> rp.drift_per_area(control, q0).round(4)  # rad/m²
+    array([[0.    , 0.0147],
+           [0.0147, 0.    ]])
     """
     k = min(3, wanted_inverse(strategy).task.m)
     return np.linalg.norm(measure(strategy, _one(strategy, q)).delta[0, :k, :k], axis=-1)

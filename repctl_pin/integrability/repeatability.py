@@ -94,6 +94,14 @@ def is_repeatable(strategy: Inverse, region: Region, *, samples: int = 128, seed
         If the function is too noisy to tell: no defect exceeds the tolerance, but the tolerance exceeds 1e-3.
     SingularityError
         If J, or G, is singular at one of the configurations, or so nearly that there is nothing to tell.
+
+    Examples
+    --------
+    >>> verdict = rp.is_repeatable(control, rp.Box(q0, 0.3))
+    >>> bool(verdict)
+    False
+    >>> bool(rp.is_repeatable(design.inverse, rp.Box(q0, 0.3)))
+    True
     """
     Q = points_of(region, strategy, samples, seed)
     found = [measure(strategy, Q[i : i + _BATCH]) for i in range(0, len(Q), _BATCH)]

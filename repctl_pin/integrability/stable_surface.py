@@ -123,6 +123,17 @@ def candidate_surface(strategy: Inverse, region: Region, *, samples: int = 128, 
     -------
     (K, n) array
         The points reached inside the region, singular ones left out; empty if there are none.
+
+    Raises
+    ------
+    InputError
+        If the region does not fit the task.
+
+    Examples
+    --------
+    >>> points = rp.candidate_surface(control, rp.Box(q0, 0.8), samples=16)
+    >>> points.shape[1]
+    3
     """
     Q = points_of(region, strategy, samples, seed)
     return _search(strategy, _in_units_of_itself(strategy, Q), region, Q)[0]
@@ -158,6 +169,12 @@ def stable_surface(strategy: Inverse, region: Region, *, samples: int = 128, see
         If the region does not fit the task.
     SingularityError
         If G is singular where J is not.
+
+    Examples
+    --------
+    >>> surfaces = rp.stable_surface(control, rp.Box(q0, 0.8), samples=16)
+    >>> len(surfaces.stable)  # none: this arm has candidates alone
+    0
     """
     seeds = points_of(region, strategy, samples, seed)
     function = _in_units_of_itself(strategy, seeds)

@@ -50,6 +50,12 @@ def approach(
     InputError
         If q_now or the start is outside the joint limits, the arm is there already or would touch itself, or a limit
         cannot be used.
+
+    Examples
+    --------
+    >>> way = rp.approach(q0 + 0.2, motion, acceleration=5.0)
+    >>> np.allclose(way.q[-1], motion.q[0])
+    True
     """
     task = wanted(motion, Motion, "motion", "a motion, such as rp.follow makes").task
     bodies = flag(bodies, "bodies")

@@ -75,6 +75,14 @@ class BestLeaf:
         The best start found, and the given one; None where the given leaf carries no whole cycle.
     tried : int
         How many starts were looked at.
+
+    Examples
+    --------
+    >>> found = rp.best_leaf(design.inverse, path, q0, region=design.region, steps=24)
+    >>> found.tried > 1
+    True
+    >>> np.allclose(task.placement(found.q0).translation, path.point(0.0))
+    True
     """
 
     best: Candidate
@@ -142,6 +150,12 @@ def best_leaf(
     ------
     InputError
         If the path's first point is out of reach, or no leaf that was tried carries a whole cycle (inside the region).
+
+    Examples
+    --------
+    >>> found = rp.best_leaf(design.inverse, path, q0, region=design.region, steps=24)
+    >>> found.q0.shape
+    (3,)
     """
     wanted(inverse, RepeatableInverse, "inverse", "a repeatable inverse, such as design.inverse")
     path = closed_path(path)

@@ -97,6 +97,14 @@ def follow(
         If an option is out of its range, or the path starts elsewhere than the frame.
     SingularityError
         If the motion runs into a singularity; the message says in which cycle.
+
+    Examples
+    --------
+    >>> drifting = rp.follow(control, path, q0, cycles=3, steps=100)
+    >>> drifting.drift.round(4)  # rad, after each cycle
+    array([0.0027, 0.0053, 0.008 ])
+    >>> bool(rp.follow(design.inverse, path, q0, cycles=3, steps=100).drift[-1] < 1e-7)
+    True
     """
     if task is not None:
         wanted_task(task)

@@ -72,6 +72,18 @@ class TaskPath:
     ------
     InputError
         If the path is open, or a slope is not the curve's.
+
+    Examples
+    --------
+    >>> here = task.placement(q0)
+    >>> back = rp.TaskPath(
+    ...     "back and forth",
+    ...     lambda s: here.translation + [0.1 * np.sin(2 * np.pi * s), 0, 0],  # m
+    ...     lambda s: np.array([0.2 * np.pi * np.cos(2 * np.pi * s), 0, 0]),  # m a cycle
+    ...     here.rotation,
+    ... )
+    >>> back.placement(0.25).translation - here.translation
+    array([0.1, 0. , 0. ])
     """
 
     name: str

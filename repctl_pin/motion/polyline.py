@@ -48,6 +48,12 @@ def polygon(task: Task, q0: ArrayLike, corners: ArrayLike, *, blend: float = 0.0
     ------
     InputError
         If there is no other corner, or an edge is too short for its arcs.
+
+    Examples
+    --------
+    >>> square = rp.polygon(task, q0, [[0.1, 0, 0], [0.1, 0.1, 0], [0, 0.1, 0]])  # m from the start
+    >>> round(square.length, 3)
+    0.4
     """
     offsets = _points(corners, "corners")
     start = wanted_task(task).placement(q0)
@@ -95,6 +101,14 @@ def waypoints(
     InputError
         If there are fewer than three points, numbers that are not finite, the path is open, or an edge is too short
         for its arcs.
+
+    Examples
+    --------
+    >>> here = task.placement(q0)
+    >>> points = here.translation + np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0]])  # m
+    >>> path = rp.waypoints(points, here.rotation)
+    >>> path.breaks  # corners
+    (0.2928932188134524, 0.7071067811865475)
     """
     if (
         not isinstance(points, np.ndarray)

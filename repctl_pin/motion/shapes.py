@@ -54,6 +54,12 @@ def circle(
     ------
     InputError
         If the radius is not positive, the plane has no such name, or the path runs through the point it faces.
+
+    Examples
+    --------
+    >>> path = rp.circle(task, q0, radius=0.2)
+    >>> round(path.length, 3)  # m
+    1.257
     """
     radius, start_angle = _positive(radius, "radius"), finite(start_angle, "start_angle", "rad")
     here, e1, e2 = _frame(task, q0, normal)
@@ -89,6 +95,17 @@ def figure_eight(
     Returns
     -------
     TaskPath
+
+    Raises
+    ------
+    InputError
+        If the radius is not positive, or the plane has no such name.
+
+    Examples
+    --------
+    >>> path = rp.figure_eight(task, q0, radius=0.1)
+    >>> np.allclose(path.placement(0.0).translation, path.placement(0.5).translation)  # it crosses at the start
+    True
     """
     radius, start_angle = _positive(radius, "radius"), finite(start_angle, "start_angle", "rad")
     here, e1, e2 = _frame(task, q0, normal)
@@ -109,6 +126,17 @@ def rose(task: Task, q0: ArrayLike, radius: float = 0.1, *, petals: int = 3, nor
     Returns
     -------
     TaskPath
+
+    Raises
+    ------
+    InputError
+        If the radius is not positive, the petals are even, or the plane has no such name.
+
+    Examples
+    --------
+    >>> path = rp.rose(task, q0, radius=0.1, petals=3)
+    >>> path.name
+    'rose of 3 petals, 0.1 m, in xy'
     """
     radius = _positive(radius, "radius")
     petals = whole(petals, "petals", 1, _MOST_PETALS)

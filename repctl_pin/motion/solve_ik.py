@@ -52,6 +52,13 @@ def solve_ik(
     ------
     InputError
         If the target cannot be reached from there, or only outside the joint limits.
+
+    Examples
+    --------
+    >>> target = task.placement(q0 + 0.1)
+    >>> q = rp.solve_ik(task, q0, target)
+    >>> bool(np.abs(task.error(q, target)).max() < 1e-9)  # m
+    True
     """
     wanted(target, pin.SE3, "target", "a rigid transform, such as path.placement(0)")
     if not np.isfinite(target.homogeneous).all():

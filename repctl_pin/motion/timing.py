@@ -54,6 +54,14 @@ class TimedMotion:
         The limits kept.
     stops : int
         How often it stands still within a cycle, its start not counted: at corners of the joint path, and stays.
+
+    Examples
+    --------
+    >>> timed = rp.timed(motion, acceleration=5.0)
+    >>> timed.q.shape == timed.qdot.shape == (len(timed.t), 3)
+    True
+    >>> bool(np.abs(timed.qdot[[0, -1]]).max() < 0.02)  # rad/s: from rest to rest
+    True
     """
 
     joints: tuple[str, ...]
@@ -123,6 +131,12 @@ def timed(
     ------
     InputError
         If a limit is missing or not above 0, or no speed keeps them all.
+
+    Examples
+    --------
+    >>> timed = rp.timed(motion, acceleration=5.0)  # rad/s²
+    >>> bool(np.abs(timed.qddot).max() < 5.01)
+    True
     """
     wanted(motion, Motion, "motion", "a motion, such as rp.follow makes")
     limits = limits_of(motion.task, velocity, acceleration, torque=flag(torque, "torque"))

@@ -51,6 +51,12 @@ def read_waypoints(file: str | Path) -> Array | list[pin.SE3]:
     ------
     InputError
         If the file cannot be read, or a line is not as many finite numbers; the line is named.
+
+    Examples
+    --------
+    >>> np.savetxt("loop.csv", [[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0]], delimiter=",")  # m
+    >>> rp.read_waypoints("loop.csv").shape
+    (4, 3)
     """
     table = _read(file_name(file))
     if table.rotations is None:

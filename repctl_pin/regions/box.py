@@ -37,6 +37,14 @@ class Box:
     ------
     InputError
         If a number is not finite or a half-width not positive.
+
+    Examples
+    --------
+    >>> box = rp.Box(q0, 0.4)  # rad to either side
+    >>> box.contains([q0, q0 + 0.5])
+    array([ True, False])
+    >>> rp.Box.between(q0 - 0.1, q0 + 0.3).center
+    array([0.4, 0.9, 0.9])
     """
 
     center: Array

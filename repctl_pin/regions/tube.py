@@ -35,6 +35,12 @@ class Tube:
     ------
     InputError
         If there is no sample, a number is not finite or the radius not positive.
+
+    Examples
+    --------
+    >>> tube = rp.Tube(motion.q[:101], radius=0.05)  # round the first cycle
+    >>> bool(tube.contains(motion.q).all())
+    True
     """
 
     samples: Array

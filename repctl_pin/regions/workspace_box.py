@@ -41,6 +41,12 @@ class WorkspaceBox:
     InputError
         If sizes do not fit the task, a half-width is not positive, or no configuration of ``within``
         reaches the box.
+
+    Examples
+    --------
+    >>> region = rp.WorkspaceBox(task, task.placement(q0).translation[:2], 0.1, within=rp.Box(q0, 0.4))  # m
+    >>> region.contains([q0])
+    array([ True])
     """
 
     task: Task

@@ -73,6 +73,19 @@ class Bodies:
         Pairs left out because the SRDF rules them out.
     missing : tuple of str
         Meshes, as the URDF writes them, that were not found or cannot be read: those links have no body.
+
+    Raises
+    ------
+    InputError
+        If what is given is not a task.
+
+    Examples
+    --------
+    >>> bodies = rp.Bodies(panda)
+    >>> len(bodies.pairs) > 10
+    True
+    >>> bodies.nearest(panda.reference).distance > 0.05  # m
+    True
     """
 
     def __init__(self, task: Task) -> None:

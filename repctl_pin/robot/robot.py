@@ -48,6 +48,14 @@ class Robot(Mechanism):
         The frames that are worth a task, the default first.
     warnings : tuple of str
         What a person should know about this file: missing poses, poses moved inside the limits.
+
+    Examples
+    --------
+    >>> robot = rp.Robot.load("panda")  # or a path: rp.Robot.load("my_arm.urdf")
+    >>> robot.name, robot.default_frame
+    ('panda', 'panda_hand_tcp')
+    >>> robot.task("panda_hand_tcp", "position").r
+    4
     """
 
     def __init__(

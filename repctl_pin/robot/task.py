@@ -73,6 +73,15 @@ class Task:
         and has no masses.
     drive : Coupling or None
         The joints of the model out of q; None where they are the same.
+
+    Examples
+    --------
+    >>> task.n, task.m, task.r
+    (3, 2, 1)
+    >>> task.jacobian(q0).shape
+    (2, 3)
+    >>> task.placement(q0).translation.round(3)  # m
+    array([1.086, 2.133, 0.   ])
     """
 
     def __init__(self, robot: Mechanism, frame: str, kind: str, joint_names: Sequence[str]) -> None:

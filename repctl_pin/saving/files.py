@@ -38,6 +38,11 @@ def save(design: Design | CellDesign, path: str | Path) -> Path:
     ------
     InputError
         If the design holds functions of a person's own, or the file cannot be written; an old one stays.
+
+    Examples
+    --------
+    >>> rp.save(design, "design.json").name
+    'design.json'
     """
     if isinstance(design, CellDesign):
         return write(cells.cell_file(design), file_name(path))
@@ -65,6 +70,13 @@ def load(path: str | Path, task: Task | None = None) -> Design | CellDesign:
     InputError
         If the file is not such a file, was changed after it was written, comes from a newer schema, or is
         for another robot, frame, task kind or joints; the difference is named.
+
+    Examples
+    --------
+    >>> file = rp.save(design, "design.json")
+    >>> again = rp.load(file, task)
+    >>> np.array_equal(again.inverse(q0), design.inverse(q0))
+    True
     """
     path = file_name(path)
     if task is not None:

@@ -57,6 +57,14 @@ class Cell:
     ------
     InputError
         If a size is wrong, nothing is left to move, or the rotations go as far as half a turn.
+
+    Examples
+    --------
+    >>> cell = rp.Cell(task, task.placement(q0), 0.1)  # m to either side
+    >>> cell.k  # coordinates
+    2
+    >>> cell.at([1.0, -1.0]).translation - task.placement(q0).translation  # a corner, m
+    array([ 0.1, -0.1,  0. ])
     """
 
     task: Task

@@ -42,6 +42,18 @@ class InverseFunction:
         q_ref and n_ref.
     keep_limits : bool
         Refuse targets whose joints break limits; not needed where the whole cell keeps inside them.
+
+    Raises
+    ------
+    InputError
+        Where it is evaluated outside the cell, or, with ``keep_limits``, where the joints break limits.
+
+    Examples
+    --------
+    >>> F = found.function
+    >>> q = F(task.placement(q0))  # rad
+    >>> np.allclose(task.placement(q).translation, task.placement(q0).translation)
+    True
     """
 
     def __init__(self, chart: Chart, *, keep_limits: bool = True) -> None:

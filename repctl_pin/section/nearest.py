@@ -50,6 +50,15 @@ class NoFunctionError(InputError):
     stops : tuple of Stop
     fits : float
         The factor by which the cell, scaled about its middle, would work; 0 where none does.
+
+    Examples
+    --------
+    >>> far = rp.Cell(task, task.placement(q0), 3.0)  # farther than the arm reaches
+    >>> try:
+    ...     rp.nearest_inverse_function(control, far, degree=1, samples=64, held_out=64)
+    ... except rp.NoFunctionError as error:
+    ...     print(type(error).__name__)
+    NoFunctionError
     """
 
     def __init__(self, message: str, stops: tuple[Stop, ...], fits: float) -> None:
@@ -108,6 +117,14 @@ def nearest_inverse_function(
         If the task is not redundant, the cell is another task's, or its middle cannot be reached.
     NoFunctionError
         If no single function covers the cell.
+
+    Examples
+    --------
+    >>> cell = rp.Cell(task, task.placement(q0), 0.1)
+    >>> found = rp.nearest_inverse_function(control, cell, degree=2, samples=64, held_out=64)
+    >>> q = found.function(task.placement(q0))  # rad, from the pose alone
+    >>> bool(np.abs(task.error(q, task.placement(q0))).max() < 1e-9)
+    True
     """
     wanted(desired, Batched, "desired", AN_INVERSE)
     wanted(cell, Cell, "cell", "a cell, such as rp.Cell(task, placement, 0.1)")

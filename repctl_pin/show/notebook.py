@@ -67,6 +67,11 @@ def inline(shown: Study | Figure | str, *, height: int = 640) -> Inline:
     ------
     InputError
         If it is none of these.
+
+    Examples
+    --------
+    >>> rp.inline(rp.animation({"ours": motion}).page)  # in a notebook: the page in its cell
+    <page of 0.4 MB>
     """
     from matplotlib.figure import Figure
 

@@ -43,6 +43,19 @@ class ArmAngle:
     singular : (3,) array, optional
         t, for the stereographic angle: where the singular direction lies; its part across r is taken. Without it,
         the angle is the conventional one.
+
+    Raises
+    ------
+    InputError
+        If a frame is not on the task's chain, or a direction is zero.
+    SingularityError
+        Where it is evaluated at its singular direction.
+
+    Examples
+    --------
+    >>> psi = rp.ArmAngle(panda, "panda_link2", "panda_link4", "panda_link6", reference=(0.0, 1.0, 0.0))
+    >>> psi.potentials(np.array([panda.reference])).round(3)  # rad
+    array([[1.571]])
     """
 
     def __init__(

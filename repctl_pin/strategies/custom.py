@@ -31,6 +31,17 @@ class CustomInverse:
         q (n,) → G (n, m).
     tolerance : float
         Largest entry of ``J G − I`` that is let pass.
+
+    Raises
+    ------
+    InputError
+        Where it is evaluated and ``J G`` is not the identity, or G has another size.
+
+    Examples
+    --------
+    >>> G = rp.CustomInverse(task, lambda q: np.linalg.pinv(task.jacobian(q)))
+    >>> np.allclose(G(q0), control(q0))
+    True
     """
 
     def __init__(self, task: Task, function: Callable[[Array], ArrayLike], *, tolerance: float = 1e-8) -> None:

@@ -42,6 +42,12 @@ class ExtendedJacobian(RepeatableInverse):
     ------
     InputError
         If the potential is neither, or of another size.
+
+    Examples
+    --------
+    >>> G = rp.ExtendedJacobian(task, q0)  # stays where ½ ‖q − q0‖² is least
+    >>> bool(rp.follow(G, path, q0, cycles=2, steps=100).drift[-1] < 1e-6)  # rad
+    True
     """
 
     def __init__(

@@ -29,7 +29,15 @@ class LimitWeight:
     Raises
     ------
     InputError
-        If the task's coordinates mix joints: a weight per coordinate cannot spare a single joint then.
+        If the gain is negative, or the task's coordinates mix joints: a weight per coordinate cannot spare a single
+        joint then.
+
+    Examples
+    --------
+    >>> weight = rp.LimitWeight(panda)
+    >>> weight(panda.reference).shape
+    (7,)
+    >>> G = rp.WeightedInverse(panda, weight)
     """
 
     def __init__(self, task: Task, gain: float = 1.0) -> None:

@@ -26,6 +26,17 @@ class PostureControl:
         q_p, the posture to hold.
     gain : float
         K in 1/s.
+
+    Raises
+    ------
+    InputError
+        If the posture has not n numbers, or the gain is negative.
+
+    Examples
+    --------
+    >>> hold = rp.PostureControl(task, q0, gain=2.0)  # 1/s
+    >>> hold.velocity(q0 + 0.1, [0.0, 0.0]).round(3)  # rad/s: back to the posture, the tool at rest
+    array([-0.018,  0.041, -0.041])
     """
 
     def __init__(self, task: Task, posture: ArrayLike, gain: float = 1.0) -> None:

@@ -29,6 +29,21 @@ class Pseudoinverse:
     """Least joint speed: ``q̇ = J⁺ ẋ``, ``J⁺ = Jᵀ (J Jᵀ)⁻¹``. In general not repeatable.
 
     One for each thread, on a shared task or not: each works in memory of its own. ``copy.copy`` makes another.
+
+    Raises
+    ------
+    InputError
+        If the task has fewer joints than coordinates.
+    SingularityError
+        Where it is evaluated at a singularity of J.
+
+    Examples
+    --------
+    >>> G = rp.Pseudoinverse(task)
+    >>> np.allclose(task.jacobian(q0) @ G(q0), np.eye(2))
+    True
+    >>> G.velocity(q0, [0.1, 0.0]).shape  # rad/s, for ẋ in m/s
+    (3,)
     """
 
     def __init__(self, task: Task) -> None:
@@ -80,6 +95,12 @@ class WeightedInverse:
     ------
     InputError
         If the weight is none of these.
+
+    Examples
+    --------
+    >>> G = rp.WeightedInverse(task, [4.0, 1.0, 1.0])  # the first joint costs four times as much
+    >>> bool(abs(G.velocity(q0, [0.1, 0.0])[0]) < abs(control.velocity(q0, [0.1, 0.0])[0]))
+    True
     """
 
     def __init__(self, task: Task, weight: ArrayLike | Callable[[Array], ArrayLike] | str) -> None:

@@ -56,6 +56,21 @@ class RepeatableInverse:
         λ that the last :meth:`step` with damping used; 0 where it solved exactly.
     slowed : float
         By what factor the last :meth:`step` with a limit was scaled down; 1 where it was not.
+
+    Raises
+    ------
+    InputError
+        Where it is evaluated and the potentials are not r.
+    SingularityError
+        Where it is evaluated and J_V is singular.
+
+    Examples
+    --------
+    >>> control = rp.RepeatableInverse(task, design.inverse.field)  # what design.inverse is
+    >>> leaf = control.leaf(q0)  # c = h(q), (r,)
+    >>> q = control.step(q0, task.placement(q0 + 0.01), dt=0.01, leaf=leaf)
+    >>> np.allclose(control.leaf(q), leaf, atol=1e-4)
+    True
     """
 
     def __init__(

@@ -49,7 +49,15 @@ class Row:
 
 @dataclass(frozen=True)
 class Study:
-    """One arm, one closed path, every strategy side by side. See :func:`study`."""
+    """One arm, one closed path, every strategy side by side. See :func:`study`.
+
+    Examples
+    --------
+    >>> study.row("repeatable").motion.drift.shape  # one a cycle
+    (2,)
+    >>> study.design.leaf_margin > 0.5
+    True
+    """
 
     task: Task
     q0: Array

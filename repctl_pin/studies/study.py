@@ -107,6 +107,14 @@ def study(
         If anything given cannot be used; the message says what to give instead.
     SingularityError
         If the start is singular, or the design is, in every region tried.
+
+    Examples
+    --------
+    >>> study = rp.study("ppr", cycles=2, steps=50)
+    >>> bool(study.row("pseudoinverse").motion.drift[-1] > 1e-3)  # rad or m
+    True
+    >>> bool(study.row("repeatable").motion.drift[-1] < 1e-6)
+    True
     """
     if progress is not None:
         function(progress, "progress", "a function that takes a word on what is being done")

@@ -41,6 +41,12 @@ class Animation:
     ----------
     page : str
         The page's HTML: self-contained, it asks nothing of a network.
+
+    Examples
+    --------
+    >>> page = rp.animation({"ours": motion})
+    >>> "<html" in page.page
+    True
     """
 
     page: str
@@ -106,7 +112,9 @@ def animation(motions: Mapping[str, Motion] | Study, *, seconds: float = 4.0) ->
 
     Examples
     --------
-    >>> rp.animation({"mine": motion}).save("mine.html")  # doctest: +SKIP
+    >>> page = rp.animation({"ours": motion})
+    >>> page.save("ours.html").name
+    'ours.html'
     """
     seconds = positive(seconds, "seconds", "s")
     if isinstance(motions, Motion):

@@ -58,9 +58,9 @@ class Viewer:
 
     Examples
     --------
-    >>> view = rp.Viewer(task, ["J⁺", "ours"])  # doctest: +SKIP
-    >>> while True:
-    ...     view.show(q1, q2)  # doctest: +SKIP
+    >>> with rp.Viewer(task, ["J⁺", "ours"]) as view:
+    ...     view.show(q0, q0 + 0.1)  # one configuration a control, as often as the loop likes
+    ...     target = task.placement(q0).translation + view.offset  # m, moved by the keys
     """
 
     def __init__(self, task: Task, names: Sequence[str], *, port: int = 0) -> None:
