@@ -29,7 +29,8 @@ import repctl_pin as rp
 from repctl_pin.integrability import Repeatability, measure
 from repctl_pin.redundancy import null_vector
 from repctl_pin.show.plots.motions import BLUE, INK, VERMILLION
-from repctl_pin.show.text.table import short, table
+from repctl_pin.show.text.numbers import number
+from repctl_pin.show.text.table import table
 
 Q0 = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
 """Where the arm starts, rad."""
@@ -167,7 +168,7 @@ def main(out: Path, *, degrees: tuple[int, ...] = (1, 2, 3), steps: int = 200, c
     predicted = per_area * sides**2
     print(f"\none square in x–y from q0; predicted: {per_area:.4g} rad/m² times its area\n")
     rows = [
-        [f"{100 * s:g} cm", f"{p:.3e}", f"{m:.3e}", f"{m / p - 1:+.1%}", short(r)]
+        [f"{100 * s:g} cm", f"{p:.3e}", f"{m:.3e}", f"{m / p - 1:+.1%}", number(r)]
         for s, p, m, r in zip(sides, predicted, measured, repeatable, strict=True)
     ]
     print(table(["side", "predicted", "J⁺ measured", "off by", "nearest repeatable"], rows))

@@ -41,7 +41,8 @@ from scipy.optimize import brentq
 
 import repctl_pin as rp
 from repctl_pin.show.plots.motions import BLUE, GREEN, INK, VERMILLION
-from repctl_pin.show.text.table import short, table
+from repctl_pin.show.text.numbers import number
+from repctl_pin.show.text.table import table
 
 PI = np.pi
 SIDES = tuple(0.4 * i for i in range(1, 11))
@@ -126,9 +127,9 @@ def place(s: float) -> np.ndarray:
     return np.array([np.interp(s, SIDES[-1] * np.arange(5), x) for x in ring(SIDES[-1]).T])
 
 
-def turn(motion: rp.Motion, number: int = 0) -> Run:
+def turn(motion: rp.Motion, count: int = 0) -> Run:
     """Take one turn out of a motion that started at A."""
-    rows = slice(number * motion.steps, (number + 1) * motion.steps + 1)
+    rows = slice(count * motion.steps, (count + 1) * motion.steps + 1)
     return Run((motion.t[rows] - motion.t[rows][0]) * SPEED, motion.q[rows], motion.qdot[rows])
 
 
@@ -505,7 +506,7 @@ def main(out: Path, *, steps: int = 800, dpi: int = 150) -> Result:
     rows = []
     for side, by_J, by_k in zip(SIDES, result.squares["J⁺"], result.squares["k = 0"], strict=True):
         end = ", ".join(f"{value:.8f}".replace("-", "−") for value in by_J.q[-1])
-        rows.append([f"{side:.1f} m", end, f"{by_J.drift[0]:.4f}", short(by_k.drift[0])])
+        rows.append([f"{side:.1f} m", end, f"{by_J.drift[0]:.4f}", number(by_k.drift[0])])
     print(table(["side", "J⁺ ends at (d₁, d₂, θ₃)", "‖q − q₀‖ of J⁺", "of k = 0"], rows))
     G, H = result.points["G"], result.points["H"]
     print(f"\nk = 1, started at G = {G:.4f} m from A where J⁺ has θ₃ = −5π/4, is back there to {result.closed:.0e}.")
@@ -524,7 +525,7 @@ def main(out: Path, *, steps: int = 800, dpi: int = 150) -> Result:
         11: figure_11(result),
         12: figure_12(result),
     }
-    files = tuple(out / f"figure_{number:02d}.png" for number in figures)
+    files = tuple(out / f"figure_{k:02d}.png" for k in figures)
     for file, figure in zip(files, figures.values(), strict=True):
         figure.savefig(file, dpi=dpi, bbox_inches="tight", pad_inches=0.12)
     print(f"\nwrote {files[0]} … {files[-1].name}")

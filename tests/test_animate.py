@@ -25,7 +25,7 @@ from repctl_pin.show.study_files import write_study
 KEYS = {
     "J⁺": "pseudoinverse",
     "J⁺ + posture": "posture",
-    "J⁺ + posture, off it": "posture_off",
+    "J⁺ + other posture": "posture_off",
     "nearest repeatable": "repeatable",
 }
 

@@ -108,11 +108,11 @@ def test_the_motion_that_follow_writes_is_at_full_speed_at_both_ends(tmp_path, m
 def test_drift_is_said_once_and_with_its_unit(capsys) -> None:
     follow = ["follow", "planar3r", "--strategy", "pseudoinverse", "--steps", "100"]
     out, _ = printed(capsys, *follow)
-    assert re.search(r"^joint drift +0\.064 rad after 1 cycle$", out, flags=re.MULTILINE)
+    assert re.search(r"^joint drift +0\.0638 rad after 1 cycle$", out, flags=re.MULTILINE)
     out, _ = printed(capsys, *follow, "--cycles", "10")
-    assert re.search(r"^joint drift +0\.064 rad after 1 cycle, 0\.71 after 10$", out, flags=re.MULTILINE)
+    assert re.search(r"^joint drift +0\.0638 rad after 1 cycle, 0\.705 after 10$", out, flags=re.MULTILINE)
     out, _ = printed(capsys, "follow", "ppr", "--strategy", "pseudoinverse")
-    assert re.search(r"^joint drift +0\.012 rad and m after 1 cycle$", out, flags=re.MULTILINE)
+    assert re.search(r"^joint drift +0\.0117 rad and m after 1 cycle$", out, flags=re.MULTILINE)
 
 
 def test_leaving_the_limits_is_a_warning(capsys) -> None:
@@ -152,8 +152,8 @@ def test_strategies_are_chosen_by_key_or_by_label(tmp_path, monkeypatch, capsys)
     for names, labels in (
         ("repeatable,posture", ["nearest repeatable", "J⁺ + posture"]),
         ("J⁺, nearest repeatable", ["J⁺", "nearest repeatable"]),
-        ("J⁺ + posture, off it", ["J⁺ + posture, off it"]),
-        ("posture_off,J⁺", ["J⁺ + posture, off it", "J⁺"]),
+        ("J⁺ + other posture", ["J⁺ + other posture"]),
+        ("posture_off,J⁺", ["J⁺ + other posture", "J⁺"]),
     ):
         assert [track.label for track in _only(names, tracks, "motion.csv")] == labels
     error = refused(capsys, "animate", "ppr", "--motion", "motion.csv", "--only", "nope")

@@ -22,6 +22,7 @@ from repctl_pin.show.report import report_page, versions
 from repctl_pin.show.study_files import study_page
 from repctl_pin.show.text import captions
 from repctl_pin.show.text.captions import amount, summary
+from repctl_pin.show.text.numbers import number
 from repctl_pin.show.text.verdict import study_verdict
 from repctl_pin.studies.study_maps import study_maps
 
@@ -107,12 +108,12 @@ def test_it_says_what_was_found_and_how_to_repeat_it(page: str, study: rp.Study)
     folded = text[text.index("<details>") :]  # what the command does not name
     assert "<dt>seed</dt>" in folded and "<dt>cycles</dt><dd>2</dd>" in text[: text.index("<details>")]
     assert f"<dd>{', '.join(f'{v:.10g}' for v in study.q0)}</dd>" in text
-    for name, number in versions().items():
-        assert f"<dt>{name}</dt><dd>{number}</dd>" in text
+    for name, edition in versions().items():
+        assert f"<dt>{name}</dt><dd>{edition}</dd>" in text
     assert versions()["numpy"] == np.__version__ and versions()["repctl_pin"] == rp.__version__
     assert "<dt>seed</dt><dd>0</dd>" in text and "<dt>frame</dt><dd>chosen by the study</dd>" in text
     rows = re.findall(r"<tr>(.*?)</tr>", page)
-    assert len(rows) == 5 and f"<td>{plain.drift[-1]:.4f}</td>" in rows[1]
+    assert len(rows) == 11 and f"cycles, rad</th><td>{number(plain.drift[-1])}</td>" in rows[2]
 
 
 def test_a_strategy_that_is_stuck_is_said(study: rp.Study) -> None:

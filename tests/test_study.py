@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 
 import numpy as np
 import pytest
@@ -15,7 +16,9 @@ from repctl_pin.show.page.playback import read_tracks
 from repctl_pin.show.plots.motions import colours
 from repctl_pin.show.report import report_page
 from repctl_pin.show.study_files import write_study
+from repctl_pin.show.text.numbers import number
 from repctl_pin.show.text.table import study_table
+from repctl_pin.show.text.verdict import study_verdict
 from repctl_pin.studies import defaults
 
 REDUNDANT = [
@@ -151,10 +154,12 @@ def test_table_and_dict_say_what_the_motions_did(small: rp.Study) -> None:
     data = json.loads(json.dumps(small.as_dict()))
     text = study_table(small)
     for row in small.rows:
-        assert row.label in text
+        assert all(word in text for word in row.label.split())
         assert data["strategies"][row.key]["drift"] == row.motion.drift.tolist()
         assert data["strategies"][row.key]["rms_speed"] == row.motion.rms_speed
-    assert f"{small.row('pseudoinverse').motion.drift[-1]:.4f}" in text
+    plain = small.row("pseudoinverse").motion
+    assert re.search(rf"^drift after 2 cycles, rad +{number(plain.drift[-1])} ", text, flags=re.MULTILINE)
+    assert text.startswith(study_verdict(small).sentence + "\n")
     assert data["start"] == small.q0.tolist() and small.path.name in text
 
 
@@ -209,14 +214,17 @@ def test_controls_of_ones_own_stand_beside(tmp_path) -> None:
     np.testing.assert_allclose(by_hand.q, plain.q, atol=1e-9)
     weighted = rp.follow(own["M"], study.path, study.q0, cycles=2, steps=60)
     np.testing.assert_array_equal(study.row("M").motion.q, weighted.q)
-    assert "by <hand>" in study_table(study) and len(set(colours(study).values())) == 6
+    assert "<hand>" in study_table(study) and len(set(colours(study).values())) == 6
     page, _, _, table = write_study(study, tmp_path)
     assert [arm["label"] for arm in read(page.read_text(encoding="utf-8"))[0]["arms"]] == [
         "J⁺", "by <hand>", "M", "nearest repeatable",
     ]  # fmt: skip
     assert {track.label for track in read_tracks(table, robot)} == {row.label for row in study.rows}
     report = report_page(study)
-    assert f"Under your control M, they are off by {weighted.drift[-1]:.4f} rad" in report and "by <hand>" not in report
+    assert (
+        f"Under your control M, they are off by {number(weighted.drift[-1])} rad" in report
+        and "by <hand>" not in report
+    )
 
 
 def test_controls_that_cannot_be_used_are_named() -> None:

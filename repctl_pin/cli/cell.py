@@ -20,7 +20,7 @@ from .options import (
     task_options,
     whole,
 )
-from .terminal import clear_line, progress
+from .terminal import clear_line, progress, tell
 
 if TYPE_CHECKING:
     from ..robot.task import Task
@@ -97,8 +97,8 @@ def _run(options: argparse.Namespace, folder: Path) -> int:
     if options.json:
         print(json.dumps(_as_dict(design) | {"files": [str(f) for f in files]}, indent=2, ensure_ascii=False))
         return 0
-    print(design.summary())
-    print("\nextra joint speed: of the function over J⁺ at the same joints; J⁺ is the least that any control needs\n")
+    tell(design.summary())
+    tell("\nextra joint speed: of the function over J⁺ at the same joints; J⁺ is the least that any control needs\n")
     for file in files:
         print(f"wrote {file}")
     return 0

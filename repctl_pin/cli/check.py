@@ -22,7 +22,7 @@ from .options import (
     whole,
 )
 from .saved import load_design
-from .terminal import clear_line, progress
+from .terminal import clear_line, progress, tell
 
 if TYPE_CHECKING:
     from ..integrability import Repeatability, Surfaces
@@ -156,30 +156,30 @@ def _print(
     task: Task, name: str, setting: Setting, verdict: Repeatability, drift: dict[str, float], surfaces: Surfaces | None
 ) -> None:
     robot = task.robot
-    print(f"robot     {robot.name} ({robot.description.path.name})")
-    print(f"task      {task.frame}, {task.kind}: n = {task.n} joints, m = {task.m}, r = {task.r}")
-    print(f"strategy  {name}")
-    print(f"start     {_row(setting.q0)} ({setting.where})")
-    print(f"region    {setting.region}")
+    tell(f"{verdict.summary()}\n")
+    tell(f"robot     {robot.name} ({robot.description.path.name})")
+    tell(f"task      {task}")
+    tell(f"strategy  {name}")
+    tell(f"start     {_row(setting.q0)} ({setting.where})")
+    tell(f"region    {setting.region}")
     for note in setting.moved:
-        print(f"note: {note}")
-    print()
-    print(verdict.summary())
+        tell(f"note: {note}")
     if verdict.repeatable:
         return
-    print(f"worst at  {_row(verdict.at)}")
+    tell(f"worst at  {_row(verdict.at)}")
     print()
-    print(_drift_table(drift, task.unit))
+    tell(_drift_table(drift, task.unit))
     if surfaces is not None:
         print()
-        print(surfaces.summary())
+        tell(surfaces.summary())
 
 
 def _drift_table(drift: dict[str, float], unit: str) -> str:
+    from ..show.text.numbers import number
     from ..show.text.table import table
 
     rows = [
-        [f"{plane[0]}–{plane[1]}", *(f"{_clean(value) * scale:.{d}g}" for scale, d in ((1, 4), (1e-4, 3), (1e-2, 3)))]
+        [f"{plane[0]}–{plane[1]}", *(number(_clean(value) * scale) for scale in (1, 1e-4, 1e-2))]
         for plane, value in drift.items()
     ]
     header = ["plane", f"{unit} per m²", f"{unit} per cm²", "round a 10 cm square"]

@@ -27,7 +27,7 @@ from .options import (
     weight_option,
     whole,
 )
-from .terminal import clear_line, progress
+from .terminal import clear_line, progress, tell
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -146,12 +146,12 @@ def _run(options: argparse.Namespace, folder: Path) -> int:
     if options.json:
         print(json.dumps(result | {"files": [str(f) for f in files]}, indent=2, ensure_ascii=False))
     elif not options.quiet:
-        print(f"desired  {name}\nstart    {', '.join(f'{v:.4g}' for v in setting.q0)} ({setting.where})\n")
-        print(text)
+        tell(f"desired  {name}\nstart    {', '.join(f'{v:.4g}' for v in setting.q0)} ({setting.where})\n")
+        tell(text)
         if len(degrees) > 1:
-            print(f"\n{_degree_table(degrees)}")
+            tell(f"\n{_degree_table(degrees)}")
         for note in notes:
-            print(f"note: {note}")
+            tell(f"note: {note}")
         print()
         for file in files:
             print(f"wrote {file}")

@@ -24,7 +24,7 @@ from .options import (
     whole,
 )
 from .saved import load_saved
-from .terminal import clear_line, progress
+from .terminal import clear_line, progress, tell
 
 if TYPE_CHECKING:
     from ..motion import BestLeaf, Motion, TimedMotion
@@ -121,9 +121,9 @@ def run(options: argparse.Namespace) -> int:
         print(json.dumps(result, indent=2, ensure_ascii=False))
         return 0
     for line in outside_words(motion.outside or 0.0):
-        print(line)
+        tell(line)
     if found is not None:
-        print(found.summary())
+        tell(found.summary())
     _print(result, slowed)
     _warn(slowed, repeatable=isinstance(strategy, RepeatableInverse) and found is None)
     return 0
@@ -232,29 +232,30 @@ def _result(motion: Motion, asked: float, q0: Any, notes: list[str]) -> dict[str
 
 def _print(result: dict[str, Any], motion: Motion) -> None:
     from ..show.plots.motions import unit
+    from ..show.text.numbers import number
 
-    print(f"{result['robot']} {result['frame']}, {result['task']}: {result['path']}")
+    tell(f"{result['robot']} {result['frame']}, {result['task']}: {result['path']}")
     if motion.path.options:
-        print(f"path again      {motion.path.options}")
-    print(f"start           {', '.join(f'{v:.4g}' for v in result['start'])}")
-    last = "" if motion.cycles == 1 else f", {motion.drift[-1]:.2g} after {motion.cycles}"
-    print(f"joint drift     {motion.drift[0]:.2g} {unit(motion)} after 1 cycle{last}")
-    print(f"tracking error  {result['tracking_error']:.2g} m at most")
+        tell(f"path again      {motion.path.options}")
+    tell(f"start           {', '.join(f'{v:.4g}' for v in result['start'])}")
+    last = "" if motion.cycles == 1 else f", {number(motion.drift[-1])} after {motion.cycles}"
+    tell(f"joint drift     {number(motion.drift[0])} {unit(motion)} after 1 cycle{last}")
+    tell(f"tracking error  {number(result['tracking_error'])} m at most")
     margin = result["limit_margin"]
-    print(f"limit margin    {'no limits' if margin is None else f'{margin:.3g}'}")
+    tell(f"limit margin    {'no limits' if margin is None else number(margin)}")
     more = ""
     if result["slowed_by"] is None:
         stops = f", stopping {result['stops']} times in each; blend= rounds corners" if result["stops"] else ""
         more = f" from rest to rest, {result['cycle_time']:.4g} s a cycle{stops}"
     elif result["slowed_by"] > 1.0001:
         more = f", slowed down by {result['slowed_by']:.3g} to keep the speed limits"
-    print(f"time            {result['duration']:.4g} s{more}")
+    tell(f"time            {result['duration']:.4g} s{more}")
     if motion.outside is not None:
-        print(f"outside Ω       {motion.outside:.1%}")
+        tell(f"outside Ω       {motion.outside:.1%}")
     for note in result["notes"]:
-        print(f"note: {note}")
+        tell(f"note: {note}")
     if result["files"] and result["slowed_by"] is not None:
-        print("note: the motion begins and ends at full speed along the path; a robot at rest needs a ramp")
+        tell("note: the motion begins and ends at full speed along the path; a robot at rest needs a ramp")
     for file in result["files"]:
         print(f"wrote {file}")
 

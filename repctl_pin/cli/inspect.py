@@ -6,6 +6,7 @@ import argparse
 import json
 
 from .options import load_robot, robot_options
+from .terminal import tell
 
 HELP = "say what a robot or a URDF holds: joints, limits, frames, redundancy by task"
 EXAMPLE = """examples: repctl inspect my_arm.urdf          the frames at the ends of arms, and where they are
@@ -27,5 +28,8 @@ def run(options: argparse.Namespace) -> int:
     robot = load_robot(options)
     frames = robot.movable_frames if options.all else robot.end_frames
     found = inspection(robot, {frame: redundant_kinds(robot, frame) for frame in frames})
-    print(json.dumps(found, indent=2, ensure_ascii=False) if options.json else inspection_text(found))
+    if options.json:
+        print(json.dumps(found, indent=2, ensure_ascii=False))
+    else:
+        tell(inspection_text(found))
     return 0

@@ -6,7 +6,7 @@ import argparse
 import json
 from typing import Any
 
-from .terminal import clear_line, progress
+from .terminal import clear_line, progress, tell
 
 HELP = "list the catalogue: joints, chains, frames, redundancy by task"
 EXAMPLE = "example: repctl robots"
@@ -43,24 +43,24 @@ def run(options: argparse.Namespace) -> int:
     if options.json:
         print(json.dumps(rows, indent=2))
         return 0
-    kinds = ("pose", "axis", "position", "xy", "xz", "yz")
-    print(
-        table(
-            ["robot", "joints", "chain", *kinds, "frame"],
-            [
-                [
-                    row["robot"],
-                    str(row["joints"]),
-                    str(row["chain"]),
-                    *(str(row["redundancy"].get(kind, "–")) for kind in kinds),
-                    row["frame"],
-                ]
-                for row in rows
-            ],
-        )
-    )
-    print(
-        "joints: all that move; chain: those that move the frame; then r = chain − m for each kind of task,\n"
-        "– where the arm cannot do it at all. r ≥ 1 is redundant: the motion under J⁺ creeps."
+    header = ["robot", "frame", "joints", "pose", "axis", "position", "plane"]
+    tell(table(header, [_cells(row) for row in rows], left=2))
+    tell(
+        "joints: those that move the frame, of all that move; then r = joints − m for each kind of task, plane being\n"
+        "xy, xz, yz, and – where the arm cannot do it at all. r ≥ 1 is redundant: the motion under J⁺ creeps."
     )
     return 0
+
+
+def _cells(row: dict[str, Any]) -> list[str]:
+    """A line of the table."""
+    r = row["redundancy"]
+    planes = [kind for kind in ("xy", "xz", "yz") if kind in r]
+    plane = str(r[planes[0]]) if len({r[kind] for kind in planes}) == 1 else "–"
+    return [
+        row["robot"],
+        row["frame"],
+        f"{row['chain']} of {row['joints']}",
+        *(str(r.get(kind, "–")) for kind in ("pose", "axis", "position")),
+        plane if len(planes) != 1 else f"{plane} {planes[0]}",
+    ]

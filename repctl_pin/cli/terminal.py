@@ -5,10 +5,12 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 
+from ..show.text.lines import fitted, on_terminal
+
 
 def progress(quiet: bool) -> Callable[[str], None]:
     """Show what is being done on one line of a terminal; nothing anywhere else."""
-    if quiet or not _on_terminal():
+    if quiet or not on_terminal(sys.stderr):
         return lambda text: None
 
     def say(text: str) -> None:
@@ -20,10 +22,10 @@ def progress(quiet: bool) -> Callable[[str], None]:
 
 def clear_line() -> None:
     """Wipe the line of progress."""
-    if _on_terminal():
+    if on_terminal(sys.stderr):
         print("\r\x1b[2K", end="", file=sys.stderr, flush=True)
 
 
-def _on_terminal() -> bool:
-    """Say whether a person sees stderr; it may be closed."""
-    return sys.stderr is not None and sys.stderr.isatty()
+def tell(text: str) -> None:
+    """Print text, wrapped where a terminal is too narrow for it."""
+    print(fitted(text))

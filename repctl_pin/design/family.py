@@ -79,7 +79,7 @@ class FamilyDesign:
         best = f"{self.parameter:.6g}" if self.unique else "every value: the cost does not depend on it"
         return "\n".join(
             [
-                f"nearest member of a family of inverses of {self.desired.task!r}",
+                f"nearest member of a family of inverses for {self.desired.task.robot.name} {self.desired.task}",
                 f"  parameter          {best}",
                 f"  mean ‖G − G_d‖²    {self.cost:.6g} ± {self.cost_error:.1g}",
                 f"  relative distance  {self.relative_distance:.1%}",

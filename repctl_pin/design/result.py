@@ -122,13 +122,13 @@ class Design:
         unused = f", {len(self.dropped)} dropped" if self.dropped else ""
         width = max(len(b.name) for b in self.baselines)
         lines = [
-            f"nearest repeatable inverse of {self.task!r}",
+            f"nearest repeatable inverse for {self.task.robot.name} {self.task}",
             f"  region Ω           {self.region}",
-            f"  potentials         {self.fields!r}{unused}",
+            f"  potentials         {self.fields}{unused}",
             f"  mean ‖G_r − G_d‖²  {self.cost:.6g} ± {self.cost_error:.1g} (on {self.held_out} held-out nodes)",
             *(f"    {b.name.ljust(width)}  {b.text}" for b in self.baselines),
             f"  relative distance  {self.relative_distance:.1%}",
-            f"  leaf margin          {self.leaf_margin:.3f} at worst",
+            f"  leaf margin        {self.leaf_margin:.3f} at worst",
             f"  inside the limits  {self.inside_limits:.1%} of Ω",
             f"  optimiser          {state} in {self.steps} steps, gradient {self.gradient_norm:.1g}",
         ]

@@ -131,6 +131,9 @@ class Potentials:
     def __add__(self, other: Field) -> Joined:
         return Joined(self, other)
 
+    def __str__(self) -> str:
+        return repr(self).strip("<>")
+
     def __repr__(self) -> str:
         count = sum(self.numerical)
         how = f", {count} with gradients by differences" if count else ""

@@ -117,6 +117,9 @@ class Fourier:
     def __add__(self, other: Field) -> Joined:
         return Joined(self, other)
 
+    def __str__(self) -> str:
+        return f"{self.size} sines and cosines of order ≤ {self.order} in {len(self.variables)} joints"
+
     def __repr__(self) -> str:
         return f"<Fourier of order {self.order} in {len(self.variables)} joints: {self.size} potentials>"
 

@@ -82,6 +82,9 @@ class Joined:
     def __add__(self, other: Field) -> Joined:
         return Joined(self, other)
 
+    def __str__(self) -> str:
+        return " + ".join(map(str, self.parts))
+
     def __repr__(self) -> str:
         return f"<{' + '.join(repr(part).strip('<>') for part in self.parts)}: {self.size} potentials>"
 

@@ -167,6 +167,9 @@ class Polynomial:
     def __add__(self, other: Field) -> Joined:
         return Joined(self, other)
 
+    def __str__(self) -> str:
+        return f"{self.size} polynomials of degree ≤ {self.degree} in {len(self.variables)} joints"
+
     def __repr__(self) -> str:
         return f"<Polynomial of degree {self.degree} in {len(self.variables)} joints: {self.size} potentials>"
 

@@ -379,6 +379,9 @@ class Task:
         self.__dict__.update(state)
         self._allocate()
 
+    def __str__(self) -> str:
+        return f"{self.frame}, {self.kind}: n = {self.n} joints, m = {self.m}, r = {self.r}"
+
     def __repr__(self) -> str:
         psi = "" if self.coordinates is None else ", in ψ"
         return f"<Task {self.robot.name} {self.frame} {self.kind}: n = {self.n}, m = {self.m}, r = {self.r}{psi}>"

@@ -124,7 +124,7 @@ class CellDesign:
         j, task = self.judgement, self.task
         margin = f"{j.limit_margin:.3g}" if np.isfinite(j.limit_margin) else "no limits"
         lines = [
-            f"one function for the cell: {task!r}",
+            f"one function for a cell of {task.robot.name} {task}",
             f"  cell               {self.cell.size()}",
             f"  middle             {self.cell.where(np.zeros(self.cell.k))}",
             f"  posture            {', '.join(f'{v:.4g}' for v in self.posture)}",

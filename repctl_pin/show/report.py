@@ -24,7 +24,7 @@ from .plots.motions import COLOURS, colours, drawn, drift_figure, joints_figure
 from .plots.orbits import orbits_figure
 from .study_files import study_page
 from .text import captions
-from .text.table import study_cells, study_notes
+from .text.table import study_cells, study_legend, study_notes
 from .text.verdict import study_verdict
 
 if TYPE_CHECKING:
@@ -67,8 +67,7 @@ def report_page(
     The page's HTML: it asks nothing of a network, prints without cut figures, and every picture has words.
     """
     title = f"{study.robot.name}: {study.path.name}"
-    header, rows, legend = study_cells(study)
-    chips = colours(study)
+    colour = colours(study)
     given, rest = _chosen(options or {}, command)
     return render(
         "report.html",
@@ -80,9 +79,9 @@ def report_page(
         # the page's own heading is this page's already
         animation=(animation or study_page(study)).replace("<body>", '<body class="inside">', 1),
         still=_picture(still_figure(study), captions.still_words(study)),
-        header=header,
-        rows=[(cells, chips[row.key]) for cells, row in zip(rows, study.rows, strict=True)],
-        legend=" ".join(legend),
+        strategies=[(row.label, colour[row.key]) for row in study.rows],
+        measures=study_cells(study),
+        legend=study_legend(study),
         figures=list(_figures(study, maps)),
         glossary=captions.GLOSSARY,
         notes=study_notes(study),

@@ -3,7 +3,7 @@
 LABELS = {
     "pseudoinverse": "J⁺",
     "posture": "J⁺ + posture",
-    "posture_off": "J⁺ + posture, off it",
+    "posture_off": "J⁺ + other posture",
     "repeatable": "nearest repeatable",
 }
 """By the names they have in files, what people call them."""

@@ -92,16 +92,16 @@ class Study:
     def setting(self) -> dict[str, str]:
         """What was studied, as label and text; ``path again`` is the path as the command line takes it."""
         task = self.task
-        numbers = ", ".join(f"{v:.4g}" for v in self.q0)
+        start = ", ".join(f"{v:.4g}" for v in self.q0)
         return {
             "robot": f"{self.robot.name} ({self.robot.description.path.name})",
-            "task": f"{task.frame}, {task.kind}: n = {task.n} joints, m = {task.m}, r = {task.r}",
-            "start": numbers,
+            "task": str(task),
+            "start": start,
             "path": self.path.name,
             **({"path again": self.path.options} if self.path.options else {}),
             "cycle": f"{self.period:g} s",
             "region": str(self.region),
-            "potentials": f"degree {getattr(self.design.fields, 'degree', '?')}, {self.design.fields.size} of them",
+            "potentials": str(self.design.fields),
         }
 
     def as_dict(self) -> dict[str, Any]:

@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
-import shutil
-import sys
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from ...strategies import Pseudoinverse
 from ..plots.motions import unit
+from .lines import fitted, terminal_width
+from .numbers import number
+from .verdict import study_verdict
 
 if TYPE_CHECKING:
+    from ...motion import Motion
     from ...studies import Row, Study
 
+NARROW = 10
+"""Names of strategies are broken into lines of so many characters."""
 
-def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Align a table: the first column to the left, the others to the right; a header may have several lines.
+
+def table(header: Sequence[str], rows: Sequence[Sequence[str]], *, left: int = 1) -> str:
+    """Align a table: the first columns to the left, the others to the right; a header may have several lines.
 
     On a terminal that is too narrow for it, it goes on below with further columns.
     """
@@ -29,36 +36,31 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
         if sum(widths[k] + 2 for k in (*blocks[-1], i)) - 2 > room and len(blocks[-1]) > 1:
             blocks.append([0])
         blocks[-1].append(i)
-    return "\n\n".join(_block(lines, widths, block, high + 1) for block in blocks)
+    aligned = [
+        [cell.ljust(w) if i < left else cell.rjust(w) for i, (cell, w) in enumerate(zip(line, widths, strict=True))]
+        for line in lines
+    ]
+    return "\n\n".join(_block(aligned, widths, block, high + 1) for block in blocks)
 
 
 def _block(lines: Sequence[Sequence[str]], widths: Sequence[int], columns: Sequence[int], heads: int) -> str:
     """Write some columns of a table."""
-    out = [
-        "  ".join(line[i].rjust(widths[i]) if i else line[i].ljust(widths[i]) for i in columns).rstrip()
-        for line in lines
-    ]
+    out = ["  ".join(line[i] for i in columns).rstrip() for line in lines]
     rule = "─" * (sum(widths[i] for i in columns) + 2 * len(columns) - 2)
     return "\n".join([*out[:heads], rule, *out[heads:]])
 
 
-def terminal_width() -> int | None:
-    """Columns of the terminal that stdout is; None where it is none."""
-    try:
-        return shutil.get_terminal_size().columns if sys.stdout.isatty() else None
-    except (AttributeError, ValueError):  # it is closed
-        return None
-
-
 def study_table(study: Study) -> str:
-    """Write a study as its setting, a table of strategies, and notes; what lies outside Ω first of all."""
+    """Write a study as its verdict, its setting, a table of strategies, and notes; what lies outside Ω first of all."""
     width = max(map(len, study.setting))
     loud = outside_words(max(row.outside for row in study.rows))
     head = [f"{label.ljust(width)}  {text}" for label, text in study.setting.items()]
-    header, cells, legend = study_cells(study)
-    legend = tuple(textwrap.wrap(" ".join(legend), min(terminal_width() or 108, 108)))
+    header = ["", *("\n".join(textwrap.wrap(row.label, NARROW)) for row in study.rows)]
+    cells = table(header, [[name, *values] for name, values in study_cells(study)])
+    legend = textwrap.wrap(study_legend(study), min(terminal_width() or 80, 100))
     notes = [f"note: {note}" for note in study_notes(study)]
-    return "\n".join([*loud, *head, "", table(header, cells), *legend, *([""] if notes else []), *notes])
+    before = fitted("\n".join([*loud, study_verdict(study).sentence, "", *head]))
+    return "\n".join([before, "", cells, *legend, *(["", fitted("\n".join(notes))] if notes else [])])
 
 
 def outside_words(share: float) -> list[str]:
@@ -68,36 +70,44 @@ def outside_words(share: float) -> list[str]:
     return [f"!!! OUTSIDE Ω: {share:.1%} of the repeatable motion lies where nothing was designed !!!", ""]
 
 
-def study_cells(study: Study) -> tuple[list[str], list[list[str]], tuple[str, ...]]:
-    """Write the table of a study as its header, its rows, and lines that say what they are."""
+def study_cells(study: Study) -> list[tuple[str, list[str]]]:
+    """Write the table of a study: each measure with its unit, and its value for every strategy in turn."""
     some = next((row.motion for row in study.rows if row.motion is not None), None)
-    units = unit(some) if some is not None else "rad"
-    cycles = some.cycles if some is not None else 0
-    plain = type(study.design.desired) is Pseudoinverse
-    header = [
-        "strategy",
-        "drift,\ncycle 1",
-        f"\ncycle {cycles}",
-        f"in\ncycle {cycles}",
-        "\ntracking",
-        "speed\nrms",
-        "\npeak",
-        "limit\nmargin",
-        "leaf\nmargin",
-        "from\nJ⁺" if plain else "from\ndesired",
-        "outside\nΩ",
+    rad, cycles = ("rad", 0) if some is None else (unit(some), some.cycles)
+    speed = f"{rad}/s" if rad in ("rad", "m") else "per s"
+
+    def of_motions(say: Callable[[Motion], str]) -> list[str]:
+        return ["stuck" if row.motion is None else say(row.motion) for row in study.rows]
+
+    def of_rows(say: Callable[[Row], float | None]) -> list[str]:
+        return ["–" if value is None else f"{100 * value:.3g} %" for value in map(say, study.rows)]
+
+    later = [
+        (f"drift after {cycles} cycles, {rad}", of_motions(lambda motion: number(motion.drift[-1]))),
+        (f"drift in cycle {cycles}, {rad}", of_motions(lambda motion: number(motion.cycle_drift[-1]))),
     ]
-    desired = "J⁺" if plain else "G_d"
-    legend = (
-        f"drift in {units} from the start, and from cycle to cycle; tracking in m at worst; speed ‖q̇‖ per s; limit "
-        "margin: the least distance to a joint limit; ! beyond a limit;",
-        f"leaf margin: σ_min(Nᵀ V̂) at worst on the way, 1 is best, 0 singular; from {desired}: "
-        f"‖G − {desired}‖ / ‖{desired}‖ in the mean over Ω;",
-        "posture: J⁺ that holds the start's joints in its null space, off it: other joints, to which it first moves: "
-        "it too settles on a closed motion, after some cycles and by a second pull; nearest repeatable closes the "
-        "first cycle, from any start.",
+    return [
+        (f"drift after 1 cycle, {rad}", of_motions(lambda motion: number(motion.drift[0]))),
+        *(later if cycles > 1 else []),
+        ("tracking error, m", of_motions(lambda motion: number(motion.tracking_error.max()))),
+        (f"joint speed, rms, {speed}", of_motions(lambda motion: number(motion.rms_speed))),
+        (f"joint speed, peak, {speed}", of_motions(_peak)),
+        (f"margin to the limits, {rad}", of_motions(_limit_margin)),
+        ("leaf margin", ["–" if row.leaf_margin is None else number(row.leaf_margin) for row in study.rows]),
+        (f"distance from {_desired(study)}", of_rows(lambda row: row.distance)),
+        ("outside Ω", of_rows(lambda row: None if row.motion is None else row.motion.outside)),
+    ]
+
+
+def study_legend(study: Study) -> str:
+    """Say what the words of :func:`study_cells` mean."""
+    desired = _desired(study)
+    return (
+        f"! is beyond a limit. Leaf margin: σ_min(Nᵀ V̂) at worst on the way, 1 is best, 0 singular. Distance: "
+        f"‖G − {desired}‖ / ‖{desired}‖ in the mean over Ω. Posture: J⁺ that holds the start's joints in its null "
+        "space; other posture: other joints, to which it first moves. It too settles on a closed motion, after some "
+        "cycles and by a second pull; nearest repeatable closes the first cycle, from any start."
     )
-    return header, [_cells(row) for row in study.rows], legend
 
 
 def study_notes(study: Study) -> list[str]:
@@ -105,26 +115,14 @@ def study_notes(study: Study) -> list[str]:
     return [*study.notes, *(f"{row.label}: {row.stopped}" for row in study.rows if row.motion is None)]
 
 
-def _cells(row: Row) -> list[str]:
-    motion = row.motion
-    if motion is None:
-        return [row.label, *["stuck"] * 2, *["–"] * 8]
+def _desired(study: Study) -> str:
+    return "J⁺" if type(study.design.desired) is Pseudoinverse else "G_d"
+
+
+def _peak(motion: Motion) -> str:
+    return f"{number(motion.peak_speed)}{'!' if motion.speed_ratio > 1 + 1e-9 else ''}"
+
+
+def _limit_margin(motion: Motion) -> str:
     margin = float(motion.limit_margin.min())
-    return [
-        row.label,
-        short(motion.drift[0]),
-        short(motion.drift[-1]),
-        short(motion.cycle_drift[-1]),
-        short(float(motion.tracking_error.max())),
-        f"{motion.rms_speed:.3f}",
-        f"{motion.peak_speed:.3f}{'!' if motion.speed_ratio > 1 + 1e-9 else ''}",
-        "none" if margin > 1e6 else f"{margin:.3f}{'!' if motion.broken_cycle else ''}",
-        "–" if row.leaf_margin is None else f"{row.leaf_margin:.2f}",
-        "–" if row.distance is None else f"{row.distance:.1%}",
-        "–" if motion.outside is None else f"{motion.outside:.1%}" if motion.outside else "0",
-    ]
-
-
-def short(value: float) -> str:
-    """Write a number that may be tiny: 0.123, or 1e-12."""
-    return f"{value:.4f}" if value >= 1e-3 else f"{value:.0e}" if value > 0 else "0"
+    return f"{number(margin)}{'!' if motion.broken_cycle else ''}" if np.isfinite(margin) else "no limits"

@@ -1,0 +1,36 @@
+"""Text that fits the terminal it is printed on."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import sys
+import textwrap
+from typing import TextIO
+
+
+def terminal_width() -> int | None:
+    """Columns of the terminal that stdout is; None where it is none."""
+    return shutil.get_terminal_size().columns if on_terminal(sys.stdout) else None
+
+
+def on_terminal(stream: TextIO | None) -> bool:
+    """Say whether a person sees a stream; it may be closed."""
+    return stream is not None and not stream.closed and stream.isatty()
+
+
+def fitted(text: str) -> str:
+    """Wrap the lines that the terminal is too narrow for, between words; a pipe gets them whole.
+
+    What stands behind a label goes on below itself.
+    """
+    width = terminal_width()
+    return text if width is None else "\n".join(part for line in text.split("\n") for part in _wrapped(line, width))
+
+
+def _wrapped(line: str, width: int) -> list[str]:
+    if len(line) <= width or max(map(len, line.split())) > width:  # a path, to be copied
+        return [line]
+    label = re.match(r"\s*\S+(?: \S+){0,4} {2,}|note: |\s*", line)
+    hang = label.end() if label and label.end() <= width // 2 else 2
+    return textwrap.wrap(line, width, subsequent_indent=" " * hang, break_on_hyphens=False)
