@@ -6,9 +6,13 @@ import os
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # the tests run side by side; one core each
 
+from collections.abc import Iterator
+from typing import Any
+
 import numpy as np
 import pytest
 from arms import Q_PANDA
+from browser import browser, require_browser
 
 import repctl_pin as rp
 
@@ -32,3 +36,21 @@ def q_panda() -> np.ndarray:
 def panda_design(panda_pose: rp.Task) -> rp.Design:
     """The quadratic design of the theory: J⁺, box ±0.4 rad."""
     return rp.nearest_repeatable(rp.Pseudoinverse(panda_pose), rp.Polynomial(Q_PANDA, 2, 0.4), rp.Box(Q_PANDA, 0.4))
+
+
+@pytest.fixture(scope="session")
+def chromium() -> Iterator[Any]:
+    """One browser for all tests of a process; a small window, since software draws by the pixel."""
+    require_browser()
+    with browser(560, 480) as driver:
+        yield driver
+
+
+@pytest.fixture
+def driver(chromium: Any) -> Iterator[Any]:
+    """The browser, with nothing left of what another test asked of it."""
+    yield chromium
+    chromium.get("about:blank")
+    chromium.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+    chromium.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
+    chromium.get_log("browser")

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from test_cli import refused, repctl
+from commands import refused
 from test_scene import read
 
 import repctl_pin as rp
@@ -198,16 +198,15 @@ def test_the_command_from_a_csv_a_design_and_options(
         assert max(told["drift"]["repeatable"]) < 1e-6
 
 
-def test_the_command_refuses(folder: Path, tmp_path: Path) -> None:
+def test_the_command_refuses(folder: Path, tmp_path: Path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
     motion = str(folder / "motion.csv")
-    refused(
-        repctl("animate", "ppr", "--motion", motion, "--only", "mine", cwd=tmp_path),
-        "no strategy 'mine'; it has pseudoinverse, posture, posture_off, repeatable",
-    )
-    refused(repctl("animate", "panda", "--motion", motion, cwd=tmp_path), "no joint 'd1'", "panda_joint1")
-    assert main(["animate", "ppr", "--only", "repeatable"]) == 2
-    assert main(["animate", "none.json"]) == 2
-    assert main(["animate", "design.json", "--motion", motion]) == 2
+    there = "no strategy 'mine'; it has pseudoinverse, posture, posture_off, repeatable"
+    assert there in refused(capsys, "animate", "ppr", "--motion", motion, "--only", "mine")
+    unknown = refused(capsys, "animate", "panda", "--motion", motion)
+    assert "no joint 'd1'" in unknown and "panda_joint1" in unknown
+    for arguments in (["ppr", "--only", "repeatable"], ["none.json"], ["design.json", "--motion", motion]):
+        refused(capsys, "animate", *arguments)
     assert list(tmp_path.iterdir()) == []
 
 

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import threading
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from test_live import fetch
 from test_scene import read
 
 import repctl_pin as rp
@@ -67,24 +65,18 @@ def test_a_study_is_shown_as_its_own_page() -> None:
     assert rp.animation(study).page == study_page(study)
 
 
-def test_it_is_kept_and_shown(motions: dict[str, rp.Motion], tmp_path: Path, monkeypatch, capsys) -> None:
+def test_it_is_kept_and_shown(motions: dict[str, rp.Motion], tmp_path: Path, monkeypatch) -> None:
     made = rp.animation(motions)
     file = made.save(tmp_path / "new" / "motion.html")
     assert file.read_text(encoding="utf-8") == made.page and list(file.parent.iterdir()) == [file]
     with pytest.raises(rp.InputError, match="new"):
         made.save(tmp_path / "new")  # a folder
     assert "srcdoc" in made._repr_html_() and len(repr(made)) < 60
-    fetched = []
-
-    def look(live: room.LivePage) -> None:
-        reader = threading.Thread(target=lambda: fetched.append(fetch(live.url)))
-        reader.start()
-        reader.join(10)
-
-    monkeypatch.setattr(room.LivePage, "wait", look)
-    monkeypatch.setattr(room.LivePage, "open", lambda live: True)
-    made.show()
-    assert fetched == [(200, made.page)] and "until Ctrl-C" in capsys.readouterr().out
+    opened: list[str] = []
+    monkeypatch.setattr(room.webbrowser, "open", opened.append)
+    monkeypatch.setattr(room.tempfile, "mkdtemp", lambda prefix: str(tmp_path / prefix))
+    shown = made.show()
+    assert opened == [shown.as_uri()] and shown.read_text(encoding="utf-8") == made.page
 
 
 def test_results_are_short_at_the_prompt(motions: dict[str, rp.Motion]) -> None:

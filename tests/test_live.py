@@ -1,228 +1,246 @@
-"""The live view: this machine only, and nothing left behind however it ends."""
+"""The live view: this machine only, keys come back, strangers are refused, nothing is left behind however it ends."""
 
 from __future__ import annotations
 
+import asyncio
 import json
 import os
 import signal
 import socket
 import subprocess
 import sys
-import threading
+import time
 import urllib.error
 import urllib.request
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
-from browser import browser, changed, errors, open_page, picture, require_browser
+from browser import errors, pane, picture_now, wait_until_drawn
+from commands import refused
+from tornado.httpclient import HTTPClientError, HTTPRequest
+from tornado.websocket import websocket_connect
 
 import repctl_pin as rp
+from repctl_pin.cli.terminal import until_stopped
 from repctl_pin.robot.visuals import Visuals
-from repctl_pin.show.page.live import LivePage
+from repctl_pin.show.page.scene import poses_of
 
-PAGE = "<!DOCTYPE html><title>é</title>"
-
-
-def is_open(port: int, host: str = "127.0.0.1") -> bool:
-    with socket.socket() as probe:
-        probe.settimeout(2)
-        return probe.connect_ex((host, port)) == 0
-
-
-def fetch(url: str, host: str | None = None) -> tuple[int, str]:
-    request = urllib.request.Request(url, headers={"Host": host} if host else {})
-    try:
-        with urllib.request.build_opener(urllib.request.ProxyHandler({})).open(request, timeout=10) as answer:
-            return answer.status, answer.read().decode("utf-8")
-    except urllib.error.HTTPError as error:
-        return error.code, ""
-
-
-def listening(pid: int) -> set[str]:
-    """Local addresses on which a process and its children listen, as Linux tells."""
-    sockets = set()
-    for process in [pid, *children(pid)]:
-        for link in Path(f"/proc/{process}/fd").iterdir():
-            try:
-                target = os.readlink(link)
-            except OSError:
-                continue
-            if target.startswith("socket:["):
-                sockets.add(target[8:-1])
-    found = set()
-    for table in ("tcp", "tcp6"):
-        for line in Path(f"/proc/{pid}/net/{table}").read_text().splitlines()[1:]:
-            fields = line.split()
-            if fields[3] == "0A" and fields[9] in sockets:
-                found.add(fields[1].partition(":")[0])
-    return found
-
-
-def children(pid: int) -> list[int]:
-    own = [int(p) for task in Path(f"/proc/{pid}/task").iterdir() for p in (task / "children").read_text().split()]
-    return own + [grandchild for child in own for grandchild in children(child)]
-
-
-def test_it_serves_the_page_and_stops() -> None:
-    with LivePage(PAGE) as live:
-        port = int(live.url.rstrip("/").rpartition(":")[2])
-        assert live.url == f"http://127.0.0.1:{port}/"
-        assert fetch(live.url) == (200, PAGE)
-        assert fetch(live.url + "?x=1#paused") == (200, PAGE)
-        assert fetch(live.url + "etc/passwd")[0] == 404
-        assert fetch(live.url, host="evil.example:80")[0] == 403  # a name that was made to point here
-        assert fetch(live.url, host=f"localhost:{port}")[0] == 200
-    assert not is_open(port)
-    assert threading.active_count() == 1 or not any("serve_forever" in t.name for t in threading.enumerate())
-
-
-def test_an_exception_closes_it_too() -> None:
-    with pytest.raises(ZeroDivisionError), LivePage(PAGE) as live:
-        port = int(live.url.rstrip("/").rpartition(":")[2])
-        assert is_open(port)
-        raise ZeroDivisionError
-    assert not is_open(port)
-
-
-def test_a_browser_that_hangs_does_not_hold_it_up() -> None:
-    with LivePage(PAGE * 100_000) as live:
-        port = int(live.url.rstrip("/").rpartition(":")[2])
-        slow = socket.create_connection(("127.0.0.1", port))
-        slow.sendall(f"GET / HTTP/1.0\r\nHost: 127.0.0.1:{port}\r\n\r\n".encode())
-    slow.close()
-    assert not is_open(port)
-
-
-def test_a_port_that_is_taken_is_said() -> None:
-    with LivePage(PAGE) as live:
-        port = int(live.url.rstrip("/").rpartition(":")[2])
-        with pytest.raises(rp.InputError, match=f"port {port}.*--port"):
-            LivePage(PAGE, port=port)
-    with pytest.raises(rp.InputError, match="70000"):
-        LivePage(PAGE, port=70000)
+Q0 = np.array([0.3, 0.8, 0.8])
 
 
 @pytest.fixture(scope="module")
-def motion(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    file = tmp_path_factory.mktemp("live") / "motion.csv"
-    file.write_text("d1,d2,theta3\n" + "\n".join(f"{k / 10},0,{k / 5}" for k in range(6)), encoding="utf-8")
-    return file
+def task() -> rp.Task:
+    return rp.Robot.load("planar3r").task(kind="xy")
 
 
-@contextmanager
-def animating(motion: Path, *more: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
-    """``repctl animate --live`` in a process of its own, serving."""
-    command = [sys.executable, "-m", "repctl_pin", "animate", "ppr", "--motion", str(motion), "--live", "--json", *more]
-    environment = os.environ | {"OMP_NUM_THREADS": "1"}
-    environment.pop("DISPLAY", None)
-    with subprocess.Popen(
-        command, cwd=motion.parent, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as process:
-        try:
+def port_of(url: str) -> int:
+    return int(url.rstrip("/").rpartition(":")[2])
+
+
+def is_open(port: int) -> bool:
+    with socket.socket() as probe:
+        probe.settimeout(2)
+        return probe.connect_ex(("127.0.0.1", port)) == 0
+
+
+def fetch(url: str, host: str | None = None) -> int:
+    request = urllib.request.Request(url, headers={"Host": host} if host else {})
+    try:
+        with urllib.request.build_opener(urllib.request.ProxyHandler({})).open(request, timeout=10) as answer:
+            assert answer.read().startswith(b"<!DOCTYPE html>")
+            return answer.status
+    except urllib.error.HTTPError as error:
+        return error.code
+
+
+def listening(pid: int) -> set[str]:
+    """Local addresses on which a process listens, as Linux tells."""
+    links = [os.readlink(link) for link in Path(f"/proc/{pid}/fd").iterdir() if link.is_symlink()]
+    sockets = {target[8:-1] for target in links if target.startswith("socket:[")}
+    rows = [
+        line.split()
+        for table in ("tcp", "tcp6")
+        for line in Path(f"/proc/{pid}/net/{table}").read_text().splitlines()[1:]
+    ]
+    return {row[1].partition(":")[0] for row in rows if row[3] == "0A" and row[9] in sockets}
+
+
+async def connect(view: rp.Viewer, origin: str | None = None, host: str | None = None) -> Any:
+    headers = {"Origin": origin or view.url.rstrip("/"), **({"Host": host} if host else {})}
+    return await websocket_connect(HTTPRequest(view.url.replace("http", "ws") + "poses", headers=headers))
+
+
+def until(true: Callable[[], Any], seconds: float = 60.0) -> None:
+    deadline = time.monotonic() + seconds
+    while not true():
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+def test_poses_arrive_and_keys_come_back(task: rp.Task) -> None:
+    first, now = [Q0, Q0], [Q0 + 0.1, np.array([0.4, 0.5, 7.0])]  # past a limit
+    loop = asyncio.new_event_loop()
+
+    async def talk(view: rp.Viewer) -> list[np.ndarray]:
+        socket = await connect(view)
+        for message in ([0, 0.01, 0], [0.02, 0, 0], [9, 0, 0], [True, 0], "nonsense"):
+            await socket.write_message(json.dumps(message))
+        await socket.write_message("no json")
+        got = []
+        for shown, before in ((first, None), (now, None), (now, now)):
+            view.show(*shown, before=before)
+            got.append(np.frombuffer(await socket.read_message(), "<f4"))
+        return got
+
+    with rp.Viewer(task, ["a", "b"]) as view:
+        told = loop.run_until_complete(talk(view))
+        until(lambda: view.offset[0])
+        np.testing.assert_allclose(view.offset, [0.02, 0.01, 0])
+        visuals = Visuals.of(task.robot)
+        for numbers, shown, before in zip(told, (first, now, now), (first, first, now), strict=True):
+            expected = poses_of(visuals.placements(task.full(np.array([*shown, *before]))))[:, view._moving]
+            np.testing.assert_allclose(numbers[:-4], expected.ravel(), atol=1e-6)
+            drift = np.linalg.norm(np.array(shown) - before, axis=1)
+            np.testing.assert_allclose(numbers[-4:], [*drift, 0, shown is now], atol=1e-6)
+        with pytest.raises(rp.InputError, match="2 controls, but 1"):
+            view.show(Q0)
+        with pytest.raises(rp.InputError, match=f"port {port_of(view.url)}"):
+            rp.Viewer(task, ["a"], port=port_of(view.url))
+    assert not is_open(port_of(view.url))
+    view.show(*now)  # too late, and no fault
+    loop.close()
+    with pytest.raises(rp.InputError, match="names"):
+        rp.Viewer(task, "ours")
+    with pytest.raises(rp.InputError, match="70000"):
+        rp.Viewer(task, ["a"], port=70000)
+
+
+def test_strangers_are_refused(task: rp.Task) -> None:
+    with rp.Viewer(task, ["a"]) as view:
+        port = port_of(view.url)
+        assert fetch(view.url) == 200 and fetch(view.url, host=f"localhost:{port}") == 200
+        assert fetch(view.url, host="evil.example:80") == 403 and fetch(view.url + "etc/passwd") == 404
+        for stranger in ({"origin": "http://evil.example"}, {"host": f"evil.example:{port}"}, {"origin": "null"}):
+            with pytest.raises(HTTPClientError, match="403"):
+                asyncio.run(connect(view, **stranger))
+
+
+# ---- the command --------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def design(task: rp.Task, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    fields, region = rp.Polynomial(Q0, 1, 0.3), rp.Box(Q0, 0.3)
+    found = rp.nearest_repeatable(rp.Pseudoinverse(task), fields, region, samples=256, held_out=64)
+    return rp.save(found, tmp_path_factory.mktemp("live") / "design.json")
+
+
+LIVE = ("--path", "circle:0.15", "--plane", "xy", "--live")
+
+
+def test_the_command_leaves_nothing_behind(design: Path) -> None:
+    """A service manager's end, under nohup and with nobody who reads; and the worst; a browser's connection open."""
+    command = [sys.executable, "-m", "repctl_pin", "animate", design.name, *LIVE, "--json", "--no-browser"]
+
+    def start() -> subprocess.Popen[str]:
+        return subprocess.Popen(
+            command,
+            cwd=design.parent,
+            env=os.environ | {"OMP_NUM_THREADS": "1"},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN),
+        )
+
+    running = {signal.SIGTERM: start(), signal.SIGKILL: start()}  # side by side
+    try:
+        for number, process in running.items():
             assert process.stdout is not None and process.stderr is not None
             line = process.stdout.readline()
             assert line, process.stderr.read()
-            yield process, json.loads(line)["url"]
-        finally:
-            process.kill()
-
-
-ENDS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL]
-"""Ctrl-C, a service manager, a terminal that is closed, and the worst."""
-
-
-@pytest.mark.parametrize("number", ENDS, ids=lambda n: n.name)
-def test_the_command_leaves_nothing_behind(motion: Path, number: signal.Signals) -> None:
-    with animating(motion) as (process, url):
-        port = int(url.rstrip("/").rpartition(":")[2])
-        status, page = fetch(url)
-        assert status == 200 and page.startswith("<!DOCTYPE html>") and page.rstrip().endswith("</html>")
-        offspring: list[int] = []
-        if Path("/proc/self/net/tcp").exists():
-            assert listening(process.pid) == {"0100007F"}  # 127.0.0.1, and nothing else
-            offspring = children(process.pid)
-        process.send_signal(number)
-        output = process.communicate(timeout=20)
-        assert process.returncode == (-number if number is signal.SIGKILL else 0)
-        assert output == ("", "")
-        assert not is_open(port)
-        assert not any(Path(f"/proc/{pid}").exists() for pid in offspring)
-    assert sorted(p.name for p in motion.parent.iterdir()) == ["motion.csv"]  # live writes no files
-
-
-def test_two_signals_at_once_are_one(motion: Path) -> None:
-    """As a terminal and a wrapper that passes signals on send them; as soon as the address is told."""
-    with animating(motion) as (process, _):
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGINT):
-            process.send_signal(number)
-        assert process.communicate(timeout=20) == ("", "")
-        assert process.returncode == 0
-
-
-def test_it_outlives_its_terminal_where_that_is_wished(motion: Path) -> None:
-    """``nohup`` has hang-ups ignored."""
-    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)  # a child inherits it
-    try:
-        with animating(motion) as (process, url):
-            process.send_signal(signal.SIGHUP)
-            assert fetch(url)[0] == 200
-            process.send_signal(signal.SIGTERM)
-            assert process.communicate(timeout=20) == ("", "")
-            assert process.returncode == 0
+            port = port_of(json.loads(line)["url"])
+            if Path("/proc/self/net/tcp").exists():
+                assert listening(process.pid) == {"0100007F"}  # 127.0.0.1, and nothing else
+            process.stdout.close()
+            with socket.create_connection(("127.0.0.1", port)):
+                process.send_signal(signal.SIGHUP)
+                assert fetch(f"http://127.0.0.1:{port}/") == 200
+                process.send_signal(number)
+                assert process.wait(timeout=20) == (0 if number == signal.SIGTERM else -number)
+                assert process.stderr.read() == ""
+            assert not is_open(port)
     finally:
-        signal.signal(signal.SIGHUP, before)
+        for process in running.values():
+            process.kill()
+            process.wait()
+    assert [p.name for p in design.parent.iterdir()] == ["design.json"]  # live writes no files
 
 
-def test_it_ends_when_nobody_reads_what_it_prints(motion: Path) -> None:
-    with animating(motion) as (process, url):
-        assert process.stdout is not None and process.stderr is not None
-        process.stdout.close()
-        assert fetch(url)[0] == 200
-        process.send_signal(signal.SIGINT)
-        assert process.wait(timeout=20) == 0
-        assert process.stderr.read() == ""
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP], ids=lambda n: n.name)
+def test_ctrl_c_and_a_closed_terminal_end_the_loop(number: signal.Signals) -> None:
+    before = signal.signal(number, signal.SIG_DFL)
+    try:
+        with until_stopped() as stop:
+            assert not stop.is_set()
+            signal.raise_signal(number)
+            signal.raise_signal(number)  # twice is once
+            assert stop.wait(1)
+        assert signal.getsignal(number) == signal.SIG_DFL
+    finally:
+        signal.signal(number, before)
 
 
-def test_a_motion_from_a_pipe_is_refused_and_not_waited_for(tmp_path: Path) -> None:
-    """Nobody writes to this one: reading it would last for ever."""
-    pipe = tmp_path / "motion.csv"
-    os.mkfifo(pipe)
-    command = [sys.executable, "-m", "repctl_pin", "animate", "ppr", "--motion", str(pipe), "--live", "--no-browser"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False)
-    assert done.returncode == 2 and done.stdout == ""
-    assert done.stderr.startswith("repctl: ") and done.stderr.count("\n") == 1 and "a device or a pipe" in done.stderr
-    assert list(tmp_path.iterdir()) == [pipe]
+def test_what_does_not_go_with_live_is_refused(
+    design: Path, task: rp.Task, tmp_path: Path, monkeypatch, capsys
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for option in (["--motion", "m.csv"], ["--out", "there"], ["--cycles", "3"]):
+        assert f"leave {option[0]} out" in refused(capsys, "animate", "ppr", "--live", *option)
+    with rp.Viewer(task, ["a"]) as view:
+        port = str(port_of(view.url))
+        assert f"port {port}" in refused(capsys, "animate", str(design), *LIVE, "--port", port)
+    os.mkfifo(tmp_path / "motion.csv")  # nobody writes to it: reading it would last for ever
+    assert "a device or a pipe" in refused(capsys, "animate", "ppr", "--motion", "motion.csv")
+    assert [p.name for p in tmp_path.iterdir()] == ["motion.csv"]
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=lambda n: n.name)
-def test_a_real_browser_sees_it_and_does_not_hold_it(motion: Path, number: signal.Signals) -> None:
-    require_browser()
-    with browser(680, 600) as driver, animating(motion, "--no-browser") as (process, url):
-        port = int(url.rstrip("/").rpartition(":")[2])
-        open_page(driver, url)
+def test_a_real_browser_follows_the_loop(task: rp.Task, driver: Any) -> None:
+    from selenium.webdriver.common.keys import Keys
+
+    path = rp.circle(task, Q0, 0.15)
+    with rp.Viewer(task, ["J⁺", "ours"], path=path, start=Q0) as view:
+        view.show(Q0, Q0)
+        driver.get(view.url)
+        wait_until_drawn(driver, "the live page")
+        until(lambda: driver.execute_script("return repctl.received"))
+        before = picture_now(driver)
+        view.show(Q0, Q0 + [0.6, -0.6, -0.5])
+        until(lambda: driver.execute_script("return repctl.received") > 1)
+        after = picture_now(driver)
+        same, moved = (np.mean(np.abs(pane(driver, before, k) - pane(driver, after, k)).max(-1) > 8) for k in (0, 1))
+        assert same < 0.0005 and moved > 0.01
+        said = [note.text for note in driver.find_elements("class name", "past")]
+        assert said == ["0 rad off cycle 1", "0.985 rad off cycle 1"]
+        body = driver.find_element("tag name", "body")
+        for key, offset in (  # as it is seen from above
+            (Keys.ARROW_UP, [0, 0.01, 0]),
+            (Keys.ARROW_RIGHT, [0.01, 0.01, 0]),
+            (Keys.ARROW_LEFT, [0, 0.01, 0]),
+            (Keys.ARROW_DOWN, [0, 0, 0]),
+            (Keys.PAGE_DOWN, [0, 0, 0.01]),
+            (Keys.HOME, [0, 0, 0]),
+        ):
+            body.send_keys(key)
+            until(lambda want=offset: np.allclose(view.offset, want))
         assert errors(driver) == []
-        assert driver.execute_script("return location.href") == url + "#paused"
-        assert driver.execute_script("return repctl.meshes(0)") == len(Visuals.of(rp.Robot.load("ppr")).shapes)
-        assert changed(picture(driver, 0), picture(driver, 0.9)) > 0.004
-        with socket.create_connection(("127.0.0.1", port)):  # as a browser keeps one in store
-            process.send_signal(number)
-            output = process.communicate(timeout=20)
-        assert process.returncode == 0 and output == ("", "")
-        assert not is_open(port)
-        assert changed(picture(driver, 0), picture(driver, 0.9)) > 0.004  # the page needs it no more
-        assert errors(driver) == []
-
-
-def test_a_taken_port_is_one_clear_line(motion: Path) -> None:
-    with LivePage(PAGE) as live:
-        port = live.url.rstrip("/").rpartition(":")[2]
-        done = subprocess.run(
-            [sys.executable, "-m", "repctl_pin", "animate", "ppr", "--motion", str(motion), "--live", "--port", port],
-            capture_output=True,
-            text=True,
-            timeout=60,
-        )
-    assert done.returncode == 2 and done.stdout == "" and len(done.stderr.splitlines()) == 1
-    assert f"port {port}" in done.stderr
+        # a page from elsewhere, in the same browser, does not get in
+        driver.get("data:text/html,<p>elsewhere")
+        assert driver.execute_async_script(
+            "const done = arguments[1], s = new WebSocket(arguments[0]);"
+            "s.onopen = () => done('open'); s.onerror = () => done('refused')",
+            view.url.replace("http", "ws") + "poses",
+        ) == "refused"  # fmt: skip

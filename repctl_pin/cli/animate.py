@@ -1,9 +1,10 @@
-"""``repctl animate``: one page that shows motions, written to a file or opened live."""
+"""``repctl animate``: motions on a page, written to a file; or the controls themselves, running in the browser."""
 
 from __future__ import annotations
 
 import argparse
 import json
+import time
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,17 +23,21 @@ from .options import (
     whole,
 )
 from .saved import load_design
-from .terminal import clear_line, progress
+from .terminal import clear_line, progress, until_stopped
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from ..design import Design
+    from ..motion import TaskPath
     from ..robot.task import Task
     from ..show.page.playback import Track
 
 HELP = "show motions in the browser: from a CSV, from a saved design, or J⁺ beside the nearest repeatable"
 EXAMPLE = "example: repctl animate panda --motion repctl-out/panda/motion.csv --only pseudoinverse,repeatable --live"
+
+RATE = 60.0
+"""Pictures a second of a live view."""
 
 _Shown = tuple["Task", "list[Track]", "dict[str, Any]"]
 
@@ -47,22 +52,26 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--cycles", type=whole, help="how often round (default 10, or what the CSV says)")
     parser.add_argument("--steps", type=whole, default=200, help="steps a cycle (default 200)")
     parser.add_argument("--degree", type=whole, default=2, help="degree of the potentials (default 2)")
-    parser.add_argument("--seconds", type=positive, default=4.0, help="time of a cycle on the screen, s (default 4)")
+    parser.add_argument("--seconds", type=positive, default=4.0, help="time of a cycle, s (default 4)")
     parser.add_argument("--out", metavar="FOLDER", help="where animation.html goes (default repctl-out/ROBOT)")
-    parser.add_argument("--live", action="store_true", help="open it in the browser, served to this machine only")
+    parser.add_argument(
+        "--live",
+        action="store_true",
+        help="run both controls in real time, in the browser of this machine, where keys move the target",
+    )
     parser.add_argument("--port", type=int, help="with --live: where to listen (default: a free port)")
     parser.add_argument("--no-browser", action="store_true", help="with --live: only print the address")
     parser.add_argument("--json", action="store_true", help="print JSON instead of text")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Make the page; write it, or serve it until Ctrl-C."""
+    """Make the page and write it; or run the controls until Ctrl-C."""
     _check(options)
     say = progress(options.json)
     say("starting up")
     design = load_design(options) if is_saved(options.what) else None
-    if options.live and options.out is None:
-        return _run(options, design, None, say)
+    if options.live:
+        return _run_live(options, design, say)
     with output_folder(options, _name(options, design)) as folder:
         return _run(options, design, folder, say)
 
@@ -75,6 +84,9 @@ def _check(options: argparse.Namespace) -> None:
         raise InputError("--only chooses among the strategies of a --motion file")
     if not options.live and (options.port is not None or options.no_browser):
         raise InputError("--port and --no-browser go with --live")
+    for name in ("motion", "out", "cycles"):
+        if options.live and getattr(options, name) is not None:
+            raise InputError(f"--live runs the controls themselves, and writes nothing; leave --{name} out")
 
 
 def _name(options: argparse.Namespace, design: Design | None) -> str:
@@ -84,7 +96,7 @@ def _name(options: argparse.Namespace, design: Design | None) -> str:
     return design.task.robot.name if options.robot is None else Path(options.robot).stem
 
 
-def _run(options: argparse.Namespace, design: Design | None, folder: Path | None, say: Callable[[str], None]) -> int:
+def _run(options: argparse.Namespace, design: Design | None, folder: Path, say: Callable[[str], None]) -> int:
     make: Callable[[argparse.Namespace, Callable[[str], None]], _Shown]
     make = partial(_from_design, design) if design else _from_study if options.motion is None else _from_csv
     task, tracks, more = make(options, say)
@@ -97,35 +109,48 @@ def _run(options: argparse.Namespace, design: Design | None, folder: Path | None
     say("drawing")
     limb = Limb(task, elbow(task, task.part(tracks[0].Q[0])))
     page = tracks_page([limb], tracks, seconds=options.seconds, **more)
-    files = [] if folder is None else [str(write_whole(prepare_folder(folder) / "animation.html", page))]
+    file = str(write_whole(prepare_folder(folder) / "animation.html", page))
     result = {
         "robot": task.robot.name,
         "frame": task.frame,
         "cycles": tracks[0].cycles,
         "drift": {KEYS.get(track.label, track.label): track.drift.tolist() for track in tracks},
-        "files": files,
+        "files": [file],
     }
     clear_line()
-    if options.live:
-        return _serve(page, result, options)
-    print(json.dumps(result, indent=2, ensure_ascii=False) if options.json else f"wrote {files[0]}")
+    print(json.dumps(result, indent=2, ensure_ascii=False) if options.json else f"wrote {file}")
     return 0
 
 
-def _serve(page: str, result: dict[str, Any], options: argparse.Namespace) -> int:
-    """Show the page until Ctrl-C or SIGTERM."""
-    from ..show.page.live import LivePage
+def _run_live(options: argparse.Namespace, design: Design | None, say: Callable[[str], None]) -> int:
+    """Run both controls round the path in real time, where the browser shows them, until Ctrl-C or SIGTERM."""
+    from ..motion.loop import Loop
+    from ..show.page.viewer import Viewer
+    from ..studies import study
 
-    with LivePage(page, port=options.port or 0) as live:
-        if options.json:
-            print(json.dumps(result | {"url": live.url}, ensure_ascii=False), flush=True)
-        else:
-            for file in result["files"]:
-                print(f"wrote {file}")
-            print(f"showing at {live.url} until Ctrl-C", flush=True)
+    if design is None:
+        found = study(**_asked(options), cycles=1, steps=options.steps, degree=options.degree, progress=say)
+        design, q0, path = found.design, found.q0, found.path
+    else:
+        say("finding a path")
+        q0, path = _setting(design, options)
+    loop = Loop([design.desired, design.inverse], path, q0, period=options.seconds)
+    with (
+        until_stopped() as stop,
+        Viewer(design.task, _names(design), path=path, start=q0, port=options.port or 0) as view,
+    ):
+        clear_line()
+        told = {"robot": design.task.robot.name, "frame": design.task.frame, "url": view.url}
+        print(json.dumps(told) if options.json else f"showing at {view.url} until Ctrl-C", flush=True)
         if not options.no_browser:
-            live.open()
-        live.wait()
+            view.open()
+        before = due = time.monotonic()
+        while not stop.wait(max(0.0, due - time.monotonic())):
+            now = time.monotonic()
+            due = max(due + 1 / RATE, now)
+            loop.run(min(now - before, 0.25), view.offset)
+            before = now
+            view.show(*loop.q, before=loop.before)
     return 0
 
 
@@ -156,27 +181,36 @@ def _only(names: str, tracks: list[Track], file: str) -> list[Track]:
     return chosen
 
 
+def _setting(design: Design, options: argparse.Namespace) -> tuple[Any, TaskPath]:
+    """Where a saved design starts, and its path; or what the options ask for."""
+    from ..studies.start_and_path import setting_of
+
+    setting = setting_of(design, start_of(options, design.task), asked_path(options))
+    return setting.q0, setting.drawn
+
+
+def _names(design: Design) -> tuple[str, str]:
+    """What a design's two controls are called: the desired one, and the nearest repeatable."""
+    from ..strategies import Pseudoinverse
+    from ..strategies.names import LABELS
+
+    return LABELS["pseudoinverse"] if type(design.desired) is Pseudoinverse else "desired", LABELS["repeatable"]
+
+
 def _from_design(design: Design, options: argparse.Namespace, say: Callable[[str], None]) -> _Shown:
     """A saved design, beside the inverse that it is the nearest to."""
     from ..motion import follow
     from ..show.page.playback import track_of
     from ..show.plots.motions import COLOURS
-    from ..strategies import Pseudoinverse
-    from ..strategies.names import LABELS
-    from ..studies.start_and_path import setting_of
 
     say("finding a path")
-    setting = setting_of(design, start_of(options, design.task), asked_path(options))
-    q0, path = setting.q0, setting.drawn
+    q0, path = _setting(design, options)
     cycles = options.cycles or 10
     say(f"following the path for {cycles} cycles")
-    desired = LABELS["pseudoinverse"] if type(design.desired) is Pseudoinverse else "desired"
+    controls = zip(_names(design), ("pseudoinverse", "repeatable"), (design.desired, design.inverse), strict=True)
     tracks = [
         track_of(label, follow(strategy, path, q0, cycles=cycles, steps=options.steps), COLOURS[key])
-        for label, key, strategy in (
-            (desired, "pseudoinverse", design.desired),
-            (LABELS["repeatable"], "repeatable", design.inverse),
-        )
+        for label, key, strategy in controls
     ]
     return design.task, tracks, {"name": path.name, "paths": [path.points()]}
 
@@ -188,16 +222,19 @@ def _from_study(options: argparse.Namespace, say: Callable[[str], None]) -> _Sho
     from ..studies import study
 
     found = study(
-        robot_of(options),
-        frame=options.frame,
-        task=options.task,
-        start=start_of(options),
-        path=asked_path(options),
-        cycles=options.cycles or 10,
-        steps=options.steps,
-        degree=options.degree,
-        progress=say,
+        **_asked(options), cycles=options.cycles or 10, steps=options.steps, degree=options.degree, progress=say
     )
     rows = (found.row("pseudoinverse"), found.row("repeatable"))
     tracks = [track_of(row.label, row.motion, COLOURS[row.key]) for row in rows if row.motion is not None]
     return found.task, tracks, {"name": found.path.name, "paths": [found.path.points()]}
+
+
+def _asked(options: argparse.Namespace) -> dict[str, Any]:
+    """The robot, task, start and path of a study."""
+    return {
+        "robot": robot_of(options),
+        "frame": options.frame,
+        "task": options.task,
+        "start": start_of(options),
+        "path": asked_path(options),
+    }

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tempfile
+import webbrowser
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import cycle
@@ -18,7 +20,6 @@ from ...motion import Motion, elbow
 from ..notebook import frame
 from ..plots.motions import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION
 from ..study_files import study_page
-from .live import LivePage
 from .playback import Limb, track_of, tracks_page
 
 if TYPE_CHECKING:
@@ -63,23 +64,11 @@ class Animation:
         prepare_folder(file.parent)
         return write_whole(file, self.page)
 
-    def show(self, *, port: int = 0) -> None:
-        """Show the page in the browser, from this machine to this machine only, until Ctrl-C.
-
-        Parameters
-        ----------
-        port
-            Where to listen; 0 takes a free one.
-
-        Raises
-        ------
-        InputError
-            If the port is taken or not allowed.
-        """
-        with LivePage(self.page, port=port) as live:
-            print(f"showing at {live.url} until Ctrl-C", flush=True)
-            live.open()
-            live.wait()
+    def show(self) -> Path:
+        """Open the page in the browser: a file in a new temporary folder; say where it is."""
+        file = self.save(Path(tempfile.mkdtemp(prefix="repctl-")) / "animation.html")
+        webbrowser.open(file.as_uri())
+        return file
 
     def _repr_html_(self) -> str:
         return frame(self.page)

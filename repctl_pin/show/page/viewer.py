@@ -8,7 +8,10 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
+import sys
 import threading
+import webbrowser
 from collections.abc import Sequence
 from types import TracebackType
 from typing import Any
@@ -20,8 +23,9 @@ from tornado.netutil import bind_sockets
 from tornado.web import Application, RequestHandler
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
-from ...arguments import vector
+from ...arguments import vector, whole
 from ...errors import InputError
+from ...motion import TaskPath
 from ...robot.task import Task
 from ...robot.visuals import Visuals
 from ..plots.motions import BLUE, GREEN, PURPLE, VERMILLION
@@ -41,6 +45,10 @@ class Viewer:
         Whose joints are shown; the robot's others stay at the reference pose.
     names
         What the controls are called.
+    path
+        The path to draw.
+    start : (n,) array
+        Where the arm begins, by default the reference pose: the view shows what is near it.
     port
         Where to listen; 0 takes a free one.
 
@@ -49,7 +57,8 @@ class Viewer:
     url : str
         Where the page is.
     offset : (3,) array
-        How far the keys have moved the target, m, world axes: arrows (y, z), Page Up and Down (x), Home back to 0.
+        How far the keys have moved the target, m, world axes: arrows across and up the screen, Page Up and Down away
+        and nearer, Home back to 0.
 
     Raises
     ------
@@ -63,17 +72,25 @@ class Viewer:
     ...     target = task.placement(q0).translation + view.offset  # m, moved by the keys
     """
 
-    def __init__(self, task: Task, names: Sequence[str], *, port: int = 0) -> None:
+    def __init__(
+        self,
+        task: Task,
+        names: Sequence[str],
+        *,
+        path: TaskPath | None = None,
+        start: ArrayLike | None = None,
+        port: int = 0,
+    ) -> None:
         if isinstance(names, str) or not names:
             raise InputError("a viewer wants the controls' names, one a pane, such as ['J⁺', 'ours']")
         self.task, self.names, self.offset = task, tuple(names), np.zeros(3)
         self._visuals = Visuals.of(task.robot)
-        page = self._page()
+        self._first: Array | None = None
+        page = self._page(vector(task.reference if start is None else start, task.n, "the start"), path)
         try:
-            sockets = bind_sockets(port, HOST)
-        except (OSError, OverflowError) as error:
-            reason = getattr(error, "strerror", None) or "no such port"
-            raise InputError(f"cannot listen on port {port}: {reason}; choose another port, or none") from None
+            sockets = bind_sockets(whole(port, "the port", 0, 65535), HOST)
+        except OSError as error:
+            raise InputError(f"cannot listen on port {port}: {error.strerror}; choose another port, or none") from None
         self._port = sockets[0].getsockname()[1]
         self.url = f"http://{HOST}:{self._port}/"
         self._clients: set[_Poses] = set()
@@ -82,21 +99,41 @@ class Viewer:
         self._thread = threading.Thread(target=self._serve, args=(sockets, page), daemon=True)
         self._thread.start()
 
-    def show(self, *configurations: ArrayLike) -> None:
+    def show(self, *configurations: ArrayLike, before: Sequence[ArrayLike] | Array | None = None) -> None:
         """Show where the joints are: a configuration (n,) for each name, in their order. It does not wait.
+
+        Parameters
+        ----------
+        configurations
+            Where the joints are now.
+        before
+            Where they were when the hand was there first, which the ghosts show; by default as shown first.
 
         Raises
         ------
         InputError
             If there are not as many as names, or one has the wrong size.
         """
-        if len(configurations) != len(self.names):
-            raise InputError(f"this viewer shows {len(self.names)} controls, but {len(configurations)} were given")
-        Q = np.array([self.task.full(vector(q, self.task.n, "q")) for q in configurations])
-        poses = poses_of(self._visuals.placements(Q))  # (K, S, 7)
-        self._last = poses[:, self._moving].astype("<f4").tobytes()
+        now = self._each(configurations)
+        self._first = now if self._first is None else self._first
+        then = self._first if before is None else self._each(before)
+        drift = np.linalg.norm(now - then, axis=1)  # (K,)
+        past = self.task.limit_margin(now).min(axis=1) < -1e-9
+        placements = self._visuals.placements(self.task.full(np.vstack([now, then])))[:, self._moving]  # (2K, M, 4, 4)
+        self._last = np.concatenate([poses_of(placements).ravel(), drift, past]).astype("<f4").tobytes()
         if not self._loop.is_closed():
             self._loop.call_soon_threadsafe(self._send)
+
+    def _each(self, configurations: Sequence[ArrayLike] | Array) -> Array:
+        """One configuration a control: (K, n)."""
+        if len(configurations) != len(self.names):
+            raise InputError(f"this viewer shows {len(self.names)} controls, but {len(configurations)} were given")
+        return np.array([vector(q, self.task.n, "q") for q in configurations])
+
+    def open(self) -> bool:
+        """Open the page in the browser, where there is a screen; False where there is none."""
+        screen = sys.platform in ("darwin", "win32") or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+        return bool(screen) and webbrowser.open(self.url)
 
     def close(self) -> None:
         """Stop serving; the port is free afterwards."""
@@ -110,22 +147,31 @@ class Viewer:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
         self.close()
 
-    def _page(self) -> str:
-        """The page: the arm at its reference, and turned a little, which says what moves and what is in sight."""
-        task, q0 = self.task, np.array(self.task.reference)
+    def _page(self, q0: Array, path: TaskPath | None) -> str:
+        """The page: the arm at its start, and turned a little, which says what moves and what is in sight."""
+        task = self.task
         Q = np.array([q0, np.clip(q0 + 0.3, task.lower, task.upper), np.clip(q0 - 0.3, task.lower, task.upper)])
         placements = self._visuals.placements(task.full(Q))
         self._moving = np.ptp(placements, axis=0).reshape(placements.shape[1], -1).max(axis=1) > 1e-12
         points = task.positions(Q)
         colours = (VERMILLION, BLUE, GREEN, PURPLE) * len(self.names)
         arms = [
-            Arm(name, self._visuals.shapes, placements, points, points, Q, np.zeros(1), colour)
+            Arm(name, self._visuals.shapes, placements, points, points, Q, np.zeros(1), colour, unit=task.unit)
             for name, colour in zip(self.names, colours, strict=False)
         ]
         caption = f"{task.frame}, {task.kind} task. Arrows, Page Up and Page Down move the target; Home brings it back."
         frames = Frames(np.arange(3), (1,), 3)
+        lines = [] if path is None else [path.points()]
+        flat = bool(np.ptp(np.vstack([*map(task.joint_origins, Q), points, *lines])[:, 2]) < 1e-9)
         return animation_page(
-            arms, [], seconds=1.0, title=f"{task.robot.name}: live", caption=caption, frames=frames, live=True
+            arms,
+            lines,
+            seconds=1.0,
+            title=f"{task.robot.name}: live",
+            caption=caption,
+            planar=flat,
+            frames=frames,
+            live=True,
         )
 
     def _serve(self, sockets: Any, page: str) -> None:

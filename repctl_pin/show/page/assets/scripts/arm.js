@@ -55,12 +55,10 @@ export class ArmView {
     this.pose(this.now.first, f, this.ghosts);
   }
 
-  // Stand as a message says, from this number on; the ghost stays where the first one put it.
-  standAs(poses, at) {
-    const place = (rows) => rows.forEach((row, k) => { if (row) setPose(row, poses, at + 7 * k); });
-    place(this.rows);
-    if (!this.now) place(this.ghosts);
-    this.now = { frame: 0, first: 0, f: 0 };
+  // Stand as a message says, the bodies from this number on, the ghost from that.
+  standAs(poses, at, before) {
+    this.rows.forEach((row, k) => { if (row) setPose(row, poses, at + 7 * k); });
+    this.ghosts.forEach((row, k) => { if (row) setPose(row, poses, before + 7 * k); });
   }
 
   // How far the joints are off where they were in cycle 1, at the same part of the cycle.

@@ -43,7 +43,7 @@ function drawWays(arms, paths, scene, extent) {
     for (const way of paths) if (way.length > 1) new Trace(arm.group, [way], 0.75 * thick, () => ink).show(1, 0);
     arm.traces = new T.Group();
     arm.group.add(arm.traces);
-    for (let limb = 0; limb < arm.limbs; limb++)
+    for (let limb = 0; limb < arm.limbs && !scene.live; limb++)
       for (const [which, width, ball, tint] of [["tip", 1.35, 3.4, () => full], ["elbow", 1, 2.8, shade]])
         ways.push({ arm, which, limb, trace: new Trace(arm.traces, pieces(which, limb), width * thick, tint), ball: new Marker(arm.traces, ball * thick, arm.data.color) });
     if (arm.data.broken) arm.past = new Marker(arm.group, 14 * thick, "#e00020", 0.55);
@@ -75,7 +75,7 @@ async function main() {
   const shown = new T.Box3().setFromPoints(points), center = shown.getCenter(new T.Vector3());
   light(viewer, center, shown.getSize(new T.Vector3()).length() * 0.6, eye);
   byId("scale-note").textContent = `grid ${inMetres(floor(viewer, center, ground, extent))}`;
-  const ways = scene.live ? [] : drawWays(arms, paths, scene, extent);
+  const ways = drawWays(arms, paths, scene, extent);
   const [left, right] = eye.span(points, "right"), [low, high] = eye.span(points, "up");
   const panes = new Panes(viewer, eye, arms, (right - left) / (high - low));
 
@@ -88,7 +88,7 @@ async function main() {
   function show() {
     const cycle = Math.min(Math.floor(clock.time), cycles - 1), part = clock.time - cycle, done = scene.cycles[cycle] - (part >= 1 ? 0 : 1);
     for (const arm of arms) {
-      if (!scene.live) arm.stand(cycle, part);
+      if (!scene.live || !api.received) arm.stand(cycle, part);
       arm.ghost.visible = box("ghost").checked;
       if (arm.traces) arm.traces.visible = box("traces").checked;
       arm.showDrift(box("drift").checked);
@@ -116,8 +116,7 @@ async function main() {
   };
   tell = connect(clock, view, last);
   document.body.classList.toggle("live", Boolean(scene.live));
-  if (scene.live) for (const arm of arms) delete arm.now;
-  if (scene.live) follow(arms, show);
+  if (scene.live) follow(arms, viewer.camera, show);
   const dark = window.matchMedia("(prefers-color-scheme: dark)");
   dark.addEventListener("change", () => { forgetTones(); panes.colour(); show(); });
   if (window.parent !== window) { // inside another page the wheel scrolls that page, unless the picture has the focus
@@ -135,7 +134,7 @@ async function main() {
     const passed = Math.max(now - before, 0) / 1000;
     before = now;
     // no graphics card: after some late pictures in a row, do without shadows and draw fewer pixels
-    late = clock.playing && passed > 0.14 ? late + 1 : 0;
+    late = (clock.playing || scene.live) && passed > 0.14 ? late + 1 : 0;
     if (late === 8) { viewer.scene.traverse((node) => { if (node.isLight) node.castShadow = false; }); viewer.renderer.setPixelRatio(0.75); resize(); }
     clock.pass(passed);
     if (viewer.needs_render) viewer.render();
