@@ -75,3 +75,20 @@ def spatial_task(n: int, folder: Path, *, kind: str = "position", seed: int = 0)
     path = folder / f"spatial{n}_{seed}.urdf"
     path.write_text(spatial_urdf(n, seed), encoding="utf-8")
     return rp.Robot.load(path).task("tool", kind)
+
+
+def chain_with_bodies(folder: Path) -> Path:
+    """Three unit links in a plane; balls of 0.1 m at the root and at the tip, and a mesh that is not there."""
+    link = '<link name="{}"><collision><origin xyz="{} 0 0"/><geometry>{}</geometry></collision></link>'
+    joint = (
+        '<joint name="j{}" type="revolute"><parent link="{}"/><child link="{}"/><origin xyz="{} 0 0"/>'
+        '<axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="1" velocity="1"/></joint>'
+    )
+    ball, lost = '<sphere radius="0.1"/>', '<mesh filename="lost.stl"/>'
+    links = [("base", 0, ball), ("a", 0.5, lost), ("b", 0.5, '<box size="0.2 0.1 0.1"/>'), ("tip", 1, ball)]
+    joints = [("base", "a", 0), ("a", "b", 1), ("b", "tip", 1)]
+    text = "".join(link.format(*one) for one in links)
+    text += "".join(joint.format(k, *one) for k, one in enumerate(joints))
+    file = folder / "chain.urdf"
+    file.write_text(f'<robot name="chain">{text}</robot>', encoding="utf-8")
+    return file

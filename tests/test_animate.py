@@ -152,13 +152,14 @@ def test_every_limb_leaves_its_traces() -> None:
     np.testing.assert_allclose(numbers[-21:].reshape(7, 3), [*square, *(2 * square[:3])])
     rows = Q[choose_frames(21, 2).index]
     broken, joints = scene["arms"][0]["broken"], 3 * len(rows)  # distance from cycle 1, and two joints
+    joint = broken["words"].removesuffix(" past its limit")
     limbs = [robot.joint_names.index(name) for name in (*left.joint_names, *right.joint_names)]
     outside = ((Q < robot.lower) | (Q > robot.upper))[:, limbs]
     row = int(np.argmax(outside.any(axis=1)))
-    assert outside[row, [*left.joint_names, *right.joint_names].index(broken["joint"])]
+    assert outside[row, [*left.joint_names, *right.joint_names].index(joint)]
     assert broken["at"] == pytest.approx(row / 10)
-    task = left if broken["joint"] in left.joint_names else right
-    origins = [task.joint_origins(task.part(q))[task.joint_names.index(broken["joint"])] for q in rows]
+    task = left if joint in left.joint_names else right
+    origins = [task.joint_origins(task.part(q))[task.joint_names.index(joint)] for q in rows]
     np.testing.assert_allclose(numbers[-21 - joints : -21].reshape(-1, 3), origins, atol=1e-6)
     ways = numbers[: -21 - 2 * joints][-2 * len(rows) * 2 * 3 :].reshape(2, len(rows), 2, 3)
     for k, (task, elbow) in enumerate(((left, 3), (right, 5))):

@@ -7,29 +7,16 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from arms import chain_with_bodies
 
 import repctl_pin as rp
-
-LINK = """
-<link name="{name}"><collision><origin xyz="{x} 0 0"/><geometry>{shape}</geometry></collision></link>
-"""
-JOINT = """
-<joint name="j{k}" type="revolute"><parent link="{parent}"/><child link="{child}"/><origin xyz="{x} 0 0"/>
-<axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="1" velocity="1"/></joint>
-"""
+from repctl_pin.robot.joint_placements import JointPlacements
 
 
 @pytest.fixture
 def chain(tmp_path: Path) -> rp.Task:
     """Three unit links in a plane; balls of 0.1 m at the root and at the tip, and a mesh that is not there."""
-    ball, lost = '<sphere radius="0.1"/>', '<mesh filename="lost.stl"/>'
-    links = [("base", 0, ball), ("a", 0.5, lost), ("b", 0.5, '<box size="0.2 0.1 0.1"/>'), ("tip", 1, ball)]
-    text = "".join(LINK.format(name=name, x=x, shape=shape) for name, x, shape in links)
-    joints = [("base", "a", 0), ("a", "b", 1), ("b", "tip", 1)]
-    text += "".join(JOINT.format(k=k, parent=p, child=c, x=x) for k, (p, c, x) in enumerate(joints))
-    file = tmp_path / "chain.urdf"
-    file.write_text(f'<robot name="chain">{text}</robot>')
-    return rp.Robot.load(file).task("tip", "position")
+    return rp.Robot.load(chain_with_bodies(tmp_path)).task("tip", "position")
 
 
 def test_two_balls_and_a_box(chain: rp.Task) -> None:
@@ -48,6 +35,72 @@ def test_two_balls_and_a_box(chain: rp.Task) -> None:
 def test_bodies_that_overlap_are_below_zero(chain: rp.Task) -> None:
     q = np.array([0.0, 2 * np.pi / 3, 2 * np.pi / 3])  # an equilateral triangle: both balls in one place
     assert rp.Bodies(chain).nearest(q).distance < -0.1
+
+
+CELL = """<robot name="cell"><link name="room"/>
+<link name="wall"><collision><geometry><box size="0.2 4 4"/></geometry></collision></link>
+<link name="base"><collision><geometry><sphere radius="0.25"/></geometry></collision></link>
+<joint name="there" type="{kind}"><parent link="room"/><child link="wall"/><origin xyz="3.6 0 0"/>
+<axis xyz="0 0 1"/></joint>
+<joint name="here" type="fixed"><parent link="room"/><child link="base"/><origin xyz="0 0 0.3"/></joint></robot>"""
+
+
+def test_surroundings_stand_where_their_root_is(chain: rp.Task, tmp_path: Path) -> None:
+    """A wall ahead of the tip, and a post over the root whose link has a name that the robot has too."""
+    (tmp_path / "cell.urdf").write_text(CELL.format(kind="fixed"))
+    task = rp.Robot.load(tmp_path / "chain.urdf", surroundings=tmp_path / "cell.urdf").task("tip", "position")
+    bodies, alone = rp.Bodies(task), rp.Bodies(chain)
+    assert bodies.standing == {"wall", "surroundings/base"}
+    assert set(bodies.pairs) >= {*alone.pairs, ("tip", "wall"), ("b", "wall"), ("tip", "surroundings/base")}
+    straight = bodies.nearest(np.zeros(3))  # the tip's ball ends at 3.1 m, the wall begins at 3.5 m
+    assert straight.links == ("tip", "wall") and straight.distance == pytest.approx(0.4, abs=1e-6)
+    q = np.array([2.9, 1.9, 2.0])  # folded, far from the wall: the post is nearer than the root's ball
+    tip = abs(sum(np.exp(1j * angle) for angle in np.cumsum(q)))
+    assert bodies.nearest(q).links == ("tip", "surroundings/base")
+    assert np.isclose(bodies.nearest(q).distance, np.hypot(tip, 0.3) - 0.35, atol=1e-6)
+    assert bodies.nearest(q).distance < alone.nearest(q).distance
+    task = task.robot.task("tip", "xy")
+    motion = rp.follow(rp.Pseudoinverse(task), rp.circle(task, q, 0.05), q, cycles=1, steps=20)
+    assert motion.body_distance == pytest.approx(bodies.distances(motion.q))
+
+
+BAD_CELLS = {
+    "moves": (CELL.format(kind="continuous"), "line 4: joint 'there' moves, but surroundings stand still"),
+    "empty": ('<robot name="cell"><link name="room"/></robot>', "no <collision> in it"),
+    "torn": (CELL[:200], "cell.urdf"),
+    "mesh": (CELL.format(kind="fixed").replace('<sphere radius="0.25"/>', '<mesh filename="no.stl"/>'), "'no.stl'"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_CELLS)
+def test_surroundings_that_cannot_be_used_are_refused(chain: rp.Task, tmp_path: Path, case: str) -> None:
+    text, why = BAD_CELLS[case]
+    (tmp_path / "cell.urdf").write_text(text)
+    with pytest.raises(rp.InputError, match=why) as error:
+        rp.Bodies(rp.Robot.load(tmp_path / "chain.urdf", surroundings=tmp_path / "cell.urdf").task("tip", "position"))
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("name", ["talos", "tiago", "ppr", "baxter"])
+def test_joints_are_placed_as_pinocchio_does(name: str) -> None:
+    model = rp.Robot.load(name).model
+    Q = np.random.default_rng(0).uniform(-2, 2, (7, model.nq))
+    R, p = JointPlacements(model)(Q)
+    data = model.createData()
+    for q, rotations, origins in zip(Q, R, p, strict=True):
+        pin.forwardKinematics(model, data, q)
+        np.testing.assert_allclose(rotations, [joint.rotation for joint in data.oMi], atol=1e-12)
+        np.testing.assert_allclose(origins, [joint.translation for joint in data.oMi], atol=1e-12)
+
+
+def test_spheres_bound_every_pair_from_below(panda_pose: rp.Task) -> None:
+    bodies = rp.Bodies(panda_pose)
+    Q = np.random.default_rng(1).uniform(panda_pose.lower, panda_pose.upper, (20, 7))
+    for q, bounds in zip(Q, bodies._bounds(Q), strict=True):
+        pin.updateGeometryPlacements(bodies._model, bodies._data, bodies._shapes, bodies._placed, q)
+        exact = [bodies._exact(k) for k in range(len(bounds))]
+        assert (bounds <= np.array(exact) + 1e-9).all()
+        assert bodies.nearest(q).distance == pytest.approx(min(exact), abs=1e-5)
 
 
 def full_mesh_distances(task: rp.Task, pairs: set[frozenset[str]], Q: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ import pytest
 
 import repctl_pin as rp
 from repctl_pin.show.text.numbers import metres, number, percent
-from repctl_pin.show.text.verdict import Deed, study_verdict, verdict
+from repctl_pin.show.text.verdict import Deed, Tile, study_verdict, verdict
 
 J = Deed("J⁺", 0.4512, 0.464)
 
@@ -35,6 +35,11 @@ def test_the_words_of_every_outcome(deeds: list[Deed], words: str) -> None:
 
 
 def test_tiles_say_what_the_sentence_says() -> None:
+    near = verdict([replace(J, apart=0.0261, touch=0), Deed("ours", 0.0, 0.5, apart=0.1189)], 10)
+    assert near.sentence.endswith("Limits kept. Bodies 2.6 cm → 12 cm apart.")
+    assert near.tiles[-1] == Tile("Bodies apart, at least", "2.6 cm → 12 cm")
+    touching = verdict([replace(J, apart=-0.01, touch=3), Deed("ours", 0.0, 0.5, apart=0.1189)], 10)
+    assert touching.sentence.endswith("Bodies touch in cycle 3 → 12 cm apart.") and touching.tiles[-1].bad
     told = verdict([replace(J, broken=(7, "left_s0")), Deed("ours", 0.0, 0.5)], 1)
     assert [(t.name, t.value, t.bad) for t in told.tiles] == [
         ("Elbow creep in 1 cycle", "45 cm → 0", False),

@@ -19,6 +19,7 @@ from .options import (
     robot_of,
     said_by_options,
     start_of,
+    surroundings_option,
     task_options,
     what_options,
     whole,
@@ -52,6 +53,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--fields", metavar="NAME", help="in place of a design: design with registered fields, round the start"
     )
     parser.add_argument("--region", type=positive, default=REGION, metavar="W", help="with --fields: Ω (default 0.4)")
+    surroundings_option(parser)
     task_options(parser)
     path_options(parser)
     parser.add_argument("--cycles", type=whole, default=1, help="how often round (default 1)")
@@ -69,6 +71,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--profile", metavar="FILE", help="with it: draw joint speed over the path's length, as PNG")
     parser.add_argument("--csv", metavar="FILE", help="write time, positions, velocities, and accelerations if timed")
     parser.add_argument("--yaml", metavar="FILE", help="write a ROS JointTrajectory")
+    parser.add_argument(
+        "--allow-violations",
+        action="store_true",
+        help="write --csv and --yaml even where a joint leaves its limits, or bodies touch",
+    )
     parser.add_argument("--json", action="store_true", help="print JSON instead of text")
 
 
@@ -80,12 +87,15 @@ def run(options: argparse.Namespace) -> int:
     from ..motion import best_leaf, follow, timed
     from ..motion.csv_file import csv_text, timed_csv_text
     from ..motion.export import commanded, yaml_text
+    from ..motion.violations import refuse_violations
+    from ..robot.bodies import bodies_of
     from ..show.text.table import outside_words
     from ..strategies import OnLeaves, RepeatableInverse
 
     _check_control(options)
     strategy, setting, desired = _saved(options) if is_saved(options.what) else (*_made(options, say), None)
-    q0, path, notes = setting.q0, setting.drawn, setting.notes
+    q0, path = setting.q0, setting.drawn
+    notes = [*bodies_of(strategy.task).notes, *setting.notes]
     found: BestLeaf | None = None
     if options.best_leaf:
         if not isinstance(strategy, RepeatableInverse):
@@ -115,6 +125,9 @@ def run(options: argparse.Namespace) -> int:
         }
     elif options.profile is not None:
         raise InputError("--profile is of a timed motion; give --acceleration with it")
+    remedy = _remedy(repeatable=isinstance(strategy, RepeatableInverse) and found is None)
+    if (options.csv or options.yaml) and not options.allow_violations:
+        refuse_violations(slowed, f"try {remedy}; --allow-violations writes it all the same")
     result["files"] = [str(write_whole(name, text())) for name, text in contents.items() if name is not None]
     clear_line()
     if options.json:
@@ -125,7 +138,7 @@ def run(options: argparse.Namespace) -> int:
     if found is not None:
         tell(found.summary())
     _print(result, slowed)
-    _warn(slowed, repeatable=isinstance(strategy, RepeatableInverse) and found is None)
+    _warn(slowed, remedy)
     return 0
 
 
@@ -209,6 +222,8 @@ def _drawn(rest: TimedMotion) -> bytes:
 
 
 def _result(motion: Motion, asked: float, q0: Any, notes: list[str]) -> dict[str, Any]:
+    from ..studies.result import bodies_dict
+
     margin = float(motion.limit_margin.min())
     violation = motion.first_violation
     return {
@@ -223,6 +238,7 @@ def _result(motion: Motion, asked: float, q0: Any, notes: list[str]) -> dict[str
         "tracking_error": float(motion.tracking_error.max()),
         "limit_margin": margin if margin < float("inf") else None,
         "first_violation": None if violation is None else {"cycle": violation[0], "joint": violation[1]},
+        **bodies_dict(motion),
         "peak_speed": motion.peak_speed,
         "duration": float(motion.t[-1]),
         "slowed_by": float(motion.t[-1] / asked),
@@ -243,6 +259,9 @@ def _print(result: dict[str, Any], motion: Motion) -> None:
     tell(f"tracking error  {number(result['tracking_error'])} m at most")
     margin = result["limit_margin"]
     tell(f"limit margin    {'no limits' if margin is None else number(margin)}")
+    if result["body_distance"] is not None:
+        near = result["nearest_bodies"]
+        tell(f"bodies apart    {number(result['body_distance'])} m at least: {' and '.join(near['links'])}")
     more = ""
     if result["slowed_by"] is None:
         stops = f", stopping {result['stops']} times in each; blend= rounds corners" if result["stops"] else ""
@@ -260,14 +279,16 @@ def _print(result: dict[str, Any], motion: Motion) -> None:
         print(f"wrote {file}")
 
 
-def _warn(motion: Motion, *, repeatable: bool) -> None:
+def _remedy(*, repeatable: bool) -> str:
+    """What may keep a motion inside what the robot can do."""
+    return f"{'--best-leaf, another --start' if repeatable else 'another --start'} or a smaller --path"
+
+
+def _warn(motion: Motion, remedy: str) -> None:
     """Warn of a motion that no robot can follow."""
-    if motion.first_violation is None:
-        return
-    joint = motion.first_violation[1]
-    remedy = "--best-leaf, another --start" if repeatable else "another --start"
-    sys.stdout.flush()
-    print(
-        f"repctl: warning: {joint} leaves its limits in cycle {motion.broken_cycle}; try {remedy} or a smaller --path",
-        file=sys.stderr,
-    )
+    from ..motion.violations import violations_of
+
+    found = violations_of(motion)
+    if found:
+        sys.stdout.flush()
+        print(f"repctl: warning: {'; '.join(map(str, found))}; try {remedy}", file=sys.stderr)

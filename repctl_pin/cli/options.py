@@ -60,6 +60,15 @@ def _loading_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def surroundings_option(parser: argparse.ArgumentParser) -> None:
+    """Add what stands round the robot."""
+    parser.add_argument(
+        "--surroundings",
+        metavar="FILE",
+        help="URDF of what stands round the robot, all joints fixed, from the robot's root: it must not be touched",
+    )
+
+
 def task_options(parser: argparse.ArgumentParser) -> None:
     """Add what chooses a task and a start."""
     parser.add_argument("--frame", help="link to move (default: the arm's end)")
@@ -102,7 +111,8 @@ def load_robot(options: argparse.Namespace, name: str | None = None) -> Robot:
     name = options.robot if name is None else name
     if is_saved(name):
         raise InputError(f"{name} is a saved design: follow, check, animate and export take it; here a robot is wanted")
-    return Robot.load(name, package_dirs=options.package_dir, lock=options.lock, base=options.base)
+    around = getattr(options, "surroundings", None)
+    return Robot.load(name, package_dirs=options.package_dir, lock=options.lock, base=options.base, surroundings=around)
 
 
 def robot_of(options: argparse.Namespace) -> Robot:

@@ -59,7 +59,8 @@ def _robot(made_for: TaskFile, options: argparse.Namespace) -> Robot:
             f"{file} is for {made_for.robot} ({made_for.file}), which is not in the catalogue; "
             f"say where it is: --robot {made_for.file}"
         )
-    robot = Robot.load(options.robot or made_for.robot, package_dirs=options.package_dir)
+    around = getattr(options, "surroundings", None)
+    robot = Robot.load(options.robot or made_for.robot, package_dirs=options.package_dir, surroundings=around)
     if robot.name != made_for.robot:
         raise InputError(f"{file} is for the robot {made_for.robot!r}, not {robot.name!r}; give that with --robot")
     return robot

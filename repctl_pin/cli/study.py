@@ -19,6 +19,7 @@ from .options import (
     said_by_options,
     save_control,
     start_of,
+    surroundings_option,
     task_options,
     weight_of,
     weight_option,
@@ -36,6 +37,7 @@ EXAMPLE = "example: repctl study panda --path circle:0.1 --plane yz --cycles 20"
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of this subcommand."""
     robot_options(parser)
+    surroundings_option(parser)
     task_options(parser)
     path_options(parser)
     parser.add_argument("--cycles", type=whole, default=10, help="how often round (default 10)")

@@ -42,7 +42,10 @@ def task_of(made_for: TaskFile, robot: Robot) -> Task:
     """Make the task that a design was made for, of its robot."""
     if set(robot.locked) != set(made_for.lock) or robot.base != made_for.base:
         name = robot.entry.name if robot.entry is not None else robot.description.path
-        robot = Robot.load(name, package_dirs=robot.package_dirs, lock=made_for.lock, base=made_for.base)
+        around = None if robot.surroundings is None else robot.surroundings.path
+        robot = Robot.load(
+            name, package_dirs=robot.package_dirs, lock=made_for.lock, base=made_for.base, surroundings=around
+        )
     task = robot.task(made_for.frame, made_for.task, joints=made_for.joints)
     return task if made_for.coordinates is None else task.in_coordinates(made_for.coordinates)
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..files import read_whole
-from .motion import Motion
+from .motion import Motion, rows_of
 from .timing import TimedMotion
 
 Array = NDArray[np.float64]
@@ -70,7 +70,7 @@ def csv_text(motions: Motion | Iterable[tuple[str, Motion]], *, most: int | None
     _refuse_twice(header, "a CSV of this robot's joints")
     writer.writerow(header)
     for name, motion in named:
-        rows = _thinned(motion, most)
+        rows = rows_of(motion, most or motion.steps)
         q, qdot = motion.joints(motion.q[rows]), motion.joints(motion.qdot[rows])
         for i, *numbers in zip(rows, motion.t[rows], q, qdot, strict=True):
             values = (i / motion.steps, *np.hstack(numbers))
@@ -175,13 +175,6 @@ def _refuse_twice(names: Sequence[str], where: str) -> None:
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise InputError(f"{where}: two columns are called {twice[0]!r}; each needs a name of its own")
-
-
-def _thinned(motion: Motion, most: int | None) -> NDArray[np.intp]:
-    """Rows of a motion, at most so many a cycle, the ends of cycles among them."""
-    some = motion.steps if most is None else min(motion.steps, most)
-    cycle = np.rint(np.linspace(0, motion.steps, some + 1)).astype(np.intp)[:-1]
-    return np.append((np.arange(motion.cycles)[:, None] * motion.steps + cycle).ravel(), motion.cycles * motion.steps)
 
 
 def _number(text: str, name: str, line: str) -> float:

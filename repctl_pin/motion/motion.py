@@ -18,6 +18,13 @@ from .paths import TaskPath
 
 Array = NDArray[np.float64]
 
+CLOSED = 1e-6
+"""A motion that comes back so near, rad or m, is taken as closed: the rest is the integrator's error."""
+
+
+COARSE = 100
+"""Points of a cycle, at most, at which studies and pages look at bodies."""
+
 
 @dataclass(frozen=True)
 class Motion:
@@ -123,7 +130,7 @@ class Motion:
 
     @cached_property
     def body_distance(self) -> Array:
-        """Least distance between the robot's own bodies along the motion: (T + 1,), m; below 0 they overlap.
+        """Least distance between the robot's bodies, or to its surroundings: (T + 1,), m; below 0 they overlap.
 
         Bodies are the URDF's collision shapes, meshes as their convex hulls; inf where there are none. See
         :class:`Bodies`.
@@ -132,9 +139,23 @@ class Motion:
 
     @property
     def nearest_bodies(self) -> tuple[float, Nearest]:
-        """When two of the robot's bodies come nearest, in cycles and fractions of one, and which they are."""
+        """When two bodies come nearest, in cycles and fractions of one, and which they are."""
         row = int(np.argmin(self.body_distance))
         return row / self.steps, bodies_of(self.task).nearest(self.q[row])
+
+    @property
+    def first_touch(self) -> tuple[float, tuple[str, str]] | None:
+        """The first time two bodies touch: (cycle, as :attr:`first_violation` counts; their links), or None."""
+        touch = self.body_distance <= 0
+        if not touch.any():
+            return None
+        row = int(np.argmax(touch))
+        return row / self.steps, bodies_of(self.task).nearest(self.q[row]).links
+
+    @property
+    def closes(self) -> bool:
+        """Whether every cycle ends at the joints it began with, within 1e-6 rad or m."""
+        return bool(self.drift.max() < CLOSED)
 
     @property
     def first_violation(self) -> tuple[float, str] | None:
@@ -161,6 +182,17 @@ class Motion:
         if k >= self.cycles:
             raise InputError(f"there is no cycle {k}; this motion has {self.cycles}, counted from 0")
         return self.q[k * self.steps : (k + 1) * self.steps + 1]
+
+    def thinned(self, most: int) -> Motion:
+        """Keep at most so many points of a cycle, the ends of cycles among them."""
+        rows = rows_of(self, whole(most, "most", 1))
+        kept = {name: getattr(self, name)[rows] for name in ("t", "q", "qdot", "tracking_error", "turning_error")}
+        return replace(self, steps=len(rows) // self.cycles, **kept)
+
+    @cached_property
+    def coarse(self) -> Motion:
+        """The same at no more than 100 points a cycle: enough to see how near bodies come."""
+        return self.thinned(COARSE)
 
     def slowed(self, factor: float) -> Motion:
         """Let every cycle take ``factor`` times as long: for controls ``q̇ = G ẋ``, whose joint path stays the same."""
@@ -202,3 +234,9 @@ class Motion:
         """Turn positions or velocities (..., n) of the task's coordinates ψ into those of the robot's joints."""
         (values,) = stacks(("values", values, f"{self.task.n}"))
         return self.task.joints(values)
+
+
+def rows_of(motion: Motion, most: int) -> NDArray[np.intp]:
+    """Choose rows of a motion, at most so many a cycle, the ends of cycles among them."""
+    cycle = np.rint(np.linspace(0, motion.steps, min(motion.steps, most) + 1)).astype(np.intp)[:-1]
+    return np.append((np.arange(motion.cycles)[:, None] * motion.steps + cycle).ravel(), motion.cycles * motion.steps)

@@ -13,7 +13,7 @@ from ..arguments import MOST_STEPS, flag, positive, spread, wanted, whole
 from ..errors import InputError
 from ..robot.task import Task
 from ..urdf.checks import NO_EFFORT
-from .motion import Motion
+from .motion import CLOSED, Motion
 from .profile import STAGES, Limits, Profile, corners_of, fastest
 
 Array = NDArray[np.float64]
@@ -23,10 +23,30 @@ PRESETS: dict[str, tuple[tuple[float, ...], str]] = {
     "fr3": ((10,) * 7, "frankarobotics.github.io/docs/robot_specifications.html, limits for Franka Research 3"),
     "ur": ((5,) * 6, "Universal_Robots_ROS2_Driver, ur_moveit_config/config/joint_limits.yaml"),
 }
-"""Published acceleration limits of arms, rad/s² from the base outward, and where they stand."""
+"""Published accelerations of arms, rad/s² from the base outward, and where they stand.
 
-_SAME = 1e-6
-"""A motion that comes back so near, rad or m, is taken as closed."""
+Franka's are limits: its controller stops beyond them, and libfranka's ``rate_limiting.h`` has the same numbers (branch
+0.8 for Panda, main for FR3). UR's arms have none but torques: these are what their own MoveIt configuration chooses,
+"conservatively". Jerk and, of FR3, the joint speeds that depend on position are not among them.
+"""
+
+FULL_SPEED = 0.2
+"""Time, s, in which a joint is taken to reach its speed limit where nobody says how fast it speeds up."""
+
+_UNLIMITED = 10.0
+"""Acceleration, per s², of a joint that has no speed limit either."""
+
+
+def presumed_acceleration(task: Task) -> tuple[Array, str]:
+    """Presume accelerations (n,) of a task's joints: published ones of a known arm, else by their speeds; and words."""
+    entry, names = task.robot.entry, task.robot_joints
+    if entry is not None and entry.acceleration is not None:
+        published = PRESETS[entry.acceleration][0]
+        if len(published) == len(names):
+            return np.array(published, float), f"the published ones of {entry.acceleration}"
+    speed = task.joint_limits[2]
+    return np.where(np.isfinite(speed), speed / FULL_SPEED, _UNLIMITED), f"full speed in {FULL_SPEED:g} s"
+
 
 _MOMENT = 1e-3
 """Velocities and accelerations are means over this time to either side, s: the exact ones jump."""
@@ -143,7 +163,7 @@ def timed(
     rate = positive(rate, "rate", "samples a second")
     Q, steps = motion.joints(motion.q), motion.steps
     once = Q[: steps + 1]
-    closed = np.abs(Q - np.vstack([np.tile(once[:-1], (motion.cycles, 1)), once[:1]])).max() < _SAME
+    closed = np.abs(Q - np.vstack([np.tile(once[:-1], (motion.cycles, 1)), once[:1]])).max() < CLOSED
     laps = min(motion.cycles, 3) if closed else motion.cycles
     if closed:
         Q = np.vstack([np.tile(once[:-1], (laps, 1)), once[:1]])

@@ -1,4 +1,4 @@
-"""How near a robot's own bodies come to each other."""
+"""How near a robot's own bodies come to each other, and to what stands round it."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from weakref import WeakKeyDictionary
 
-import coal
 import numpy as np
 import pinocchio as pin
-import trimesh
 from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import rows, wanted
+from ..errors import InputError
 from ..urdf.catalogue import disabled_pairs
-from ..urdf.meshes import find_mesh
 from ..urdf.shapes import Solid
+from .body_shapes import body_shape, fixed_placements, origin
+from .joint_placements import JointPlacements
 from .task import Task
 
 Array = NDArray[np.float64]
@@ -28,9 +28,8 @@ _SAMPLES = 100
 _FREE = np.pi
 """How far, rad or m, from the reference pose they go where a joint has no limit."""
 
-_LARGEST = 100_000_000
-"""Bytes of a mesh file that is still read."""
-
+_BLOCK = 64
+"""Configurations whose bounds are worked out at once: they stay in the processor's cache."""
 
 _MADE: WeakKeyDictionary[Task, Bodies] = WeakKeyDictionary()
 
@@ -52,11 +51,12 @@ class Nearest:
 
 
 class Bodies:
-    """The collision bodies of a robot, and the pairs of them that a task's joints move against each other.
+    """The collision bodies of a robot and of what stands round it, and the pairs that a task's joints move.
 
-    A mesh is replaced by its convex hull, so no distance is above that of the mesh. Pairs that share a joint, that
-    the robot's SRDF rules out, or that touch at every configuration tried (as the hulls of neighbours do) are left
-    out. Not to be shared between threads.
+    A mesh is replaced by its convex hull, so no distance is above that of the mesh. Of the robot's own bodies, pairs
+    that share a joint, that its SRDF rules out, or that touch at every configuration tried (as the hulls of neighbours
+    do) are left out; of the surroundings (``rp.Robot.load(…, surroundings=)``) only the last. Not to be shared between
+    threads.
 
     Parameters
     ----------
@@ -73,11 +73,13 @@ class Bodies:
         Pairs left out because the SRDF rules them out.
     missing : tuple of str
         Meshes, as the URDF writes them, that were not found or cannot be read: those links have no body.
+    standing : frozenset of str
+        Links of the surroundings; one whose name the robot has too is ``surroundings/name``.
 
     Raises
     ------
     InputError
-        If what is given is not a task.
+        If what is given is not a task, or a mesh of the surroundings cannot be read.
 
     Examples
     --------
@@ -91,18 +93,22 @@ class Bodies:
     def __init__(self, task: Task) -> None:
         self.task = wanted(task, Task, "task", "a task, such as rp.Robot.load('panda').task()")
         self._model, self._drive = task.bodies_model()
-        self._data = self._model.createData()
+        self._data, self._joints = self._model.createData(), JointPlacements(self._model)
         self._shapes = pin.GeometryModel()
-        missing = [name for name in map(self._add, task.robot.description.collisions) if name]
+        robot = task.robot
+        self._links: list[str] = []
+        missing = [solid.filename for solid in robot.description.collisions if not self._add_own(solid)]
         self.missing = tuple(dict.fromkeys(missing))
-        self._links = [body.name.rpartition("_")[0] for body in self._shapes.geometryObjects]
-        self._joint = np.array([body.parentJoint for body in self._shapes.geometryObjects], int)
-        boxes = [(body.placement.act(body.geometry.aabb_center), body.geometry.aabb_radius)
-                 for body in self._shapes.geometryObjects]  # fmt: skip
-        self._centers = np.array([center for center, _ in boxes]).reshape(-1, 3)
-        self._radii = np.array([radius for _, radius in boxes])
-        pairs = self._moving_pairs()
-        entry = task.robot.entry
+        own = len(self._links)
+        self._add_surroundings()
+        self.standing = frozenset(self._links[own:])
+        bodies = list(self._shapes.geometryObjects)
+        self._joint = np.array([body.parentJoint for body in bodies], int)
+        centers = [body.placement.act(body.geometry.aabb_center) for body in bodies]
+        self._centers = np.array(centers).reshape(-1, 3)
+        self._radii = np.array([body.geometry.aabb_radius for body in bodies])
+        pairs = self._moving_pairs(own)
+        entry = robot.entry
         ruled_out = disabled_pairs(entry.srdf) if entry is not None and entry.srdf is not None else set()
         self.disabled = self._named(pair for pair in pairs if frozenset(self._pair(pair)) in ruled_out)
         self._measure([pair for pair in pairs if frozenset(self._pair(pair)) not in ruled_out])
@@ -110,6 +116,20 @@ class Bodies:
         self.touching = self._named(pair for pair, touch in zip(self._both, always, strict=True) if touch)
         self._measure([pair for pair, touch in zip(self._both, always, strict=True) if not touch])
         self.pairs = self._named(self._both)
+
+    @property
+    def notes(self) -> list[str]:
+        """What a person should know: where bodies are missing, and which of the surroundings are not looked at."""
+        notes = []
+        if self.missing:
+            more = f" and {len(self.missing) - 1} more" if len(self.missing) > 1 else ""
+            notes.append(f"collision mesh {self.missing[0]!r}{more} not found or not read: touches there are not seen")
+        elif not self.task.robot.description.collisions:
+            notes.append("the URDF has no collision shapes: how near the robot comes to itself is not known")
+        stuck = [" and ".join(pair) for pair in self.touching if self.standing & {*pair}]
+        if stuck:
+            notes.append(f"{', '.join(stuck)} touch at every configuration tried, and are not looked at")
+        return notes
 
     # ---- distances -----------------------------------------------------------------------------
 
@@ -127,15 +147,19 @@ class Bodies:
         """Least distance and its pair at every row of Q: (K,), (K,)."""
         Q = rows(Q, self.task.n, repr(self.task))
         found, which, last = np.full(len(Q), np.inf), np.full(len(Q), -1), 0
-        for k, q in enumerate(Q if self._drive is None else self._drive.joints(Q)):
-            if len(self._both):
-                found[k], last = self._least(q, last)
+        if not self._both:
+            return found, which
+        Q = Q if self._drive is None else self._drive.joints(Q)
+        for start in range(0, len(Q), _BLOCK):
+            block = Q[start : start + _BLOCK]
+            for k, (q, bounds) in enumerate(zip(block, self._bounds(block), strict=True), start):
+                found[k], last = self._least(q, bounds, last)
                 which[k] = last
         return found, which
 
-    def _least(self, q: Array, guess: int) -> tuple[float, int]:
+    def _least(self, q: Array, bounds: Array, guess: int) -> tuple[float, int]:
         """Measure exactly only where the spheres round two bodies are nearer than the best pair known."""
-        bounds = self._place(q)
+        pin.updateGeometryPlacements(self._model, self._data, self._shapes, self._placed, q)
         best, at = self._exact(guess), guess
         near = np.flatnonzero(bounds < best)
         for k in near[np.argsort(bounds[near])].tolist():
@@ -146,41 +170,58 @@ class Bodies:
                 best, at = distance, k
         return best, at
 
-    def _place(self, q: Array) -> Array:
-        """Move all bodies; bound the distance of every pair from below by spheres (P,)."""
-        pin.forwardKinematics(self._model, self._data, q)
-        pin.updateGeometryPlacements(self._model, self._data, self._shapes, self._placed)
-        M = np.array([joint.homogeneous for joint in self._data.oMi])[self._joint]
-        centers = (M[:, :3, :3] @ self._centers[:, :, None])[:, :, 0] + M[:, :3, 3]
-        gaps = centers[self._first] - centers[self._second]
-        return np.sqrt(np.einsum("pi,pi->p", gaps, gaps)) - self._reach
+    def _bounds(self, Q: Array) -> Array:
+        """Bound the distance of every pair from below by spheres, at the model's joints Q (K, N): (K, P)."""
+        R, p = self._joints(Q)
+        centers = np.einsum("kbij,bj->kbi", R[:, self._joint], self._centers) + p[:, self._joint]
+        gaps = centers[:, self._first] - centers[:, self._second]
+        return np.sqrt(np.einsum("kpi,kpi->kp", gaps, gaps)) - self._reach
 
     def _exact(self, k: int) -> float:
         return pin.computeDistance(self._shapes, self._placed, k).min_distance
 
     # ---- making them ---------------------------------------------------------------------------
 
-    def _add(self, solid: Solid) -> str:
-        """Add a body; return the name of its mesh where there is none."""
+    def _add_own(self, solid: Solid) -> bool:
+        """Add a body of the robot; say whether there is one."""
         robot = self.task.robot
-        geometry = _geometry(solid, robot.description.path, robot.package_dirs)
-        if geometry is None:
-            return solid.filename
-        geometry.computeLocalAABB()
         link = next(f for f in self._model.frames if f.name == solid.link and f.type == pin.FrameType.BODY)
-        origin = pin.SE3(pin.rpy.rpyToMatrix(np.array(solid.rpy)), np.array(solid.xyz))
-        body = pin.GeometryObject(solid.name, link.parentJoint, link.placement * origin, geometry)
-        self._shapes.addGeometryObject(body)
-        return ""
+        return self._add(solid, robot.description.path, link.parentJoint, link.placement, solid.link)
 
-    def _moving_pairs(self) -> list[tuple[int, int]]:
-        """Pairs of bodies that a joint moves against each other, but not those next to each other."""
+    def _add_surroundings(self) -> None:
+        """Add the bodies of what stands round the robot, measured from its root."""
+        robot = self.task.robot
+        around = robot.surroundings
+        if around is None:
+            return
+        places = fixed_placements(around)
+        for solid in around.collisions:
+            taken = solid.link in robot.description.links
+            name = f"surroundings/{solid.link}" if taken else solid.link
+            if not self._add(solid, around.path, 0, places[solid.link], name):
+                raise InputError(
+                    f"{around.path}: mesh {solid.filename!r} of {solid.link!r} was not found or cannot be read; "
+                    "say where it is (--package-dir), or give the link a box"
+                )
+
+    def _add(self, solid: Solid, urdf: Path, joint: int, place: pin.SE3, link: str) -> bool:
+        """Add a body of a link, carried by a joint; say whether there is one."""
+        geometry = body_shape(solid, urdf, self.task.robot.package_dirs)
+        if geometry is None:
+            return False
+        geometry.computeLocalAABB()
+        self._links.append(link)
+        self._shapes.addGeometryObject(pin.GeometryObject(solid.name, joint, place * origin(solid), geometry))
+        return True
+
+    def _moving_pairs(self, own: int) -> list[tuple[int, int]]:
+        """Pairs of bodies that a joint moves against each other, but not the robot's that are next to each other."""
         parent, joint, many = list(self._model.parents), self._joint.tolist(), range(len(self._joint))
         return [
             (a, b)
             for b in many
             for a in range(b)
-            if joint[a] != joint[b] and parent[joint[a]] != joint[b] and parent[joint[b]] != joint[a]
+            if joint[a] != joint[b] and (b >= own or (parent[joint[a]] != joint[b] and parent[joint[b]] != joint[a]))
         ]
 
     def _measure(self, pairs: list[tuple[int, int]]) -> None:
@@ -198,12 +239,13 @@ class Bodies:
         always, q0 = np.ones(len(self._both), bool), np.array(self.task.reference)
         low, high = np.maximum(self.task.lower, q0 - _FREE), np.minimum(self.task.upper, q0 + _FREE)
         random = np.random.default_rng(0).uniform(low, high, (_SAMPLES, self.task.n))
-        for q in np.vstack([q0, random]):
-            if always.any():
-                bounds = self._place(q if self._drive is None else self._drive.joints(q))
-                always &= bounds < 0
-                for k in np.flatnonzero(always).tolist():
-                    always[k] = self._exact(k) <= 0
+        Q = np.vstack([q0, random])
+        Q = Q if self._drive is None else self._drive.joints(Q)
+        always &= (self._bounds(Q) < 0).all(axis=0)
+        for q in Q:
+            pin.updateGeometryPlacements(self._model, self._data, self._shapes, self._placed, q)
+            for k in np.flatnonzero(always).tolist():
+                always[k] = self._exact(k) <= 0
         return always
 
     def _pair(self, pair: tuple[int, int]) -> Pair:
@@ -218,28 +260,3 @@ def bodies_of(task: Task) -> Bodies:
     if task not in _MADE:
         _MADE[task] = Bodies(task)
     return _MADE[task]
-
-
-def _geometry(solid: Solid, urdf: Path, package_dirs: tuple[str, ...]) -> coal.CollisionGeometry | None:
-    """Make a body: a mesh as its convex hull; None where it cannot be had."""
-    if solid.kind == "mesh":
-        path = find_mesh(solid.filename, urdf, package_dirs)
-        return None if path is None else _hull(path, np.array(solid.scale))
-    kinds = {"box": coal.Box, "sphere": coal.Sphere, "cylinder": coal.Cylinder, "capsule": coal.Capsule}
-    return kinds[solid.kind](*solid.size)
-
-
-def _hull(path: Path, scale: Array) -> coal.CollisionGeometry | None:
-    """Read a mesh and wrap it; None where it cannot be read, or is flat."""
-    try:
-        if path.stat().st_size > _LARGEST:
-            return None
-        mesh = trimesh.load(path, force="mesh", process=False)
-        points = np.asarray(mesh.convex_hull.vertices, float) * scale
-    except Exception:  # a stranger's file, read by a dozen libraries: whatever they raise, there is no body
-        return None
-    if len(points) < 4 or not np.isfinite(points).all():
-        return None
-    cloud = coal.StdVec_Vec3s()
-    cloud.extend(list(points))
-    return coal.ConvexBase.convexHull(cloud, True, "Qt")

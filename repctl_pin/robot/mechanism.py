@@ -50,6 +50,8 @@ class Mechanism:
         Folders that resolve ``package://`` meshes.
     base : str or None
         The link in whose frame placements are measured, wherever in the tree; the root where None.
+    surroundings : Description or None
+        What stands round the robot, measured from its root.
     """
 
     name: str
@@ -68,3 +70,4 @@ class Mechanism:
     locked: tuple[str, ...]
     package_dirs: tuple[str, ...]
     base: str | None
+    surroundings: Description | None

@@ -16,7 +16,7 @@ from ..arguments import file_name, list_of, list_of_names, shown, wanted
 from ..errors import InputError, UrdfError, unknown
 from ..urdf.catalogue import READY, Entry, default_package_dirs, find, reference_posture, urdf_folder
 from ..urdf.end_effectors import arm_ends, is_sensor, task_links
-from ..urdf.gate import Description, read_urdf
+from ..urdf.gate import Description, read_urdf, standing
 from ..urdf.meshes import find_mesh
 from ..urdf.xml import short
 from .chain import path_between
@@ -67,8 +67,10 @@ class Robot(Mechanism):
         package_dirs: Sequence[str] = (),
         lock: Sequence[str] = (),
         base: str | None = None,
+        surroundings: Description | None = None,
     ) -> None:
         self.description = description
+        self.surroundings = surroundings
         self.name = name or description.name
         self.entry = entry
         self.package_dirs = tuple(str(p) for p in package_dirs)
@@ -123,6 +125,7 @@ class Robot(Mechanism):
         package_dirs: Sequence[str | Path] = (),
         lock: Sequence[str] = (),
         base: str | None = None,
+        surroundings: str | Path | None = None,
     ) -> Robot:
         """Load a robot from the catalogue, or from a URDF of your own.
 
@@ -137,6 +140,9 @@ class Robot(Mechanism):
         base
             The link in whose frame x is measured, as if it stood still: a link on the way to the frame, or on
             another branch, such as the other hand of two; the joints between the two links are the task's.
+        surroundings
+            A URDF of what stands round the robot, its joints all fixed, its root where the robot's root is:
+            :class:`Bodies` measures the distances to it.
 
         Raises
         ------
@@ -155,13 +161,23 @@ class Robot(Mechanism):
         for folder in own:
             if not Path(folder).is_dir():
                 raise InputError(f"there is no folder {folder!r} to look up package:// in; correct --package-dir")
-        if _looks_like_a_path(text):
-            path = Path(os.path.expanduser(text))
-            folders = [*own, *default_package_dirs(path)]
-            return cls(read_urdf(path), package_dirs=folders, lock=lock, base=base)
-        entry = find(text)
-        folders = [*own, *entry.package_dirs]
-        return cls(read_urdf(entry.urdf), name=entry.name, entry=entry, package_dirs=folders, lock=lock, base=base)
+        entry = None if _looks_like_a_path(text) else find(text)
+        path = Path(os.path.expanduser(text)) if entry is None else entry.urdf
+        folders = [*own, *(default_package_dirs(path) if entry is None else entry.package_dirs)]
+        around = None
+        if surroundings is not None:
+            beside = Path(os.path.expanduser(str(file_name(surroundings, "surroundings"))))
+            around = standing(read_urdf(beside))
+            folders += default_package_dirs(beside)
+        return cls(
+            read_urdf(path),
+            name=None if entry is None else entry.name,
+            entry=entry,
+            package_dirs=folders,
+            lock=lock,
+            base=base,
+            surroundings=around,
+        )
 
     def task(self, frame: str | None = None, kind: str = "pose", *, joints: Sequence[str] | None = None) -> Task:
         """Make the task of moving a frame, with only the joints that move it.

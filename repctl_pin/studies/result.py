@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,10 @@ from numpy.typing import NDArray
 
 from ..arguments import chosen
 from ..design import Design
-from ..motion import Motion, TaskPath, elbow
+from ..errors import InputError
+from ..motion import Motion, TaskPath, elbow, timed
+from ..motion.timing import presumed_acceleration
+from ..motion.violations import Violation, violations_of
 from ..regions import Region
 from ..robot.mechanism import Mechanism
 from ..robot.task import Task
@@ -40,6 +44,33 @@ class Row:
     stopped: str = ""
     leaf_margin: float | None = None
     distance: float | None = None
+
+    @property
+    def body_distance(self) -> float | None:
+        """The least distance between bodies at 100 points a cycle, m; None where there are none, or no motion."""
+        least = np.inf if self.motion is None else float(self.motion.coarse.body_distance.min())
+        return least if np.isfinite(least) else None
+
+    @cached_property
+    def violations(self) -> tuple[Violation, ...]:
+        """When a joint first leaves its limits, and when two bodies first touch."""
+        return () if self.motion is None else violations_of(self.motion, self.motion.coarse)
+
+    @cached_property
+    def cycle_time(self) -> float | None:
+        """Time of the first cycle from rest to rest, s, as short as limits allow; None where it cannot be timed.
+
+        Speeds are the robot's, accelerations those of :func:`presumed_acceleration`.
+        """
+        motion = self.motion
+        if motion is None:
+            return None
+        end = motion.steps + 1
+        once = replace(motion, cycles=1, t=motion.t[:end], q=motion.q[:end], qdot=motion.qdot[:end])
+        try:
+            return timed(once, acceleration=presumed_acceleration(motion.task)[0]).duration
+        except InputError:  # it does not move, or no speed is slow enough
+            return None
 
     @property
     def outside(self) -> float:
@@ -101,6 +132,7 @@ class Study:
             **({"path again": self.path.options} if self.path.options else {}),
             "cycle": f"{self.period:g} s",
             "region": str(self.region),
+            "accelerations": presumed_acceleration(task)[1],
             "potentials": str(self.design.fields),
         }
 
@@ -135,6 +167,20 @@ def region_dict(region: Region) -> dict[str, Any]:
     }
 
 
+def bodies_dict(motion: Motion) -> dict[str, Any]:
+    """Say how near bodies come, when and which, and when they first touch, in plain Python types."""
+    least = float(motion.body_distance.min())
+    if not np.isfinite(least):
+        return {"body_distance": None, "nearest_bodies": None, "first_touch": None}
+    when, nearest = motion.nearest_bodies
+    touch = motion.first_touch
+    return {
+        "body_distance": least,
+        "nearest_bodies": {"cycle": when, "links": list(nearest.links)},
+        "first_touch": None if touch is None else {"cycle": touch[0], "links": list(touch[1])},
+    }
+
+
 def _row_dict(row: Row) -> dict[str, Any]:
     motion = row.motion
     if motion is None:
@@ -155,6 +201,9 @@ def _row_dict(row: Row) -> dict[str, Any]:
         "speed_ratio": motion.speed_ratio if np.isfinite(motion.speed_ratio) else None,
         "limit_margin": margin if np.isfinite(margin) else None,
         "first_violation": None if violation is None else {"cycle": violation[0], "joint": violation[1]},
+        **bodies_dict(motion.coarse),
+        "cycle_time": row.cycle_time,
+        "closes": motion.closes,
         "leaf_margin": row.leaf_margin,
         "distance": row.distance,
     }

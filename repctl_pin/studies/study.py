@@ -21,6 +21,7 @@ from ..motion.shapes import PLANES
 from ..motion.spec import parse_path
 from ..redundancy import align, nullspace
 from ..regions import Box, Region
+from ..robot.bodies import bodies_of
 from ..robot.robot import Robot
 from ..robot.task import Task
 from ..strategies import FunctionStrategy, PostureControl, Pseudoinverse, Strategy
@@ -154,6 +155,7 @@ def study(
         design = _asked(make, region, setting.q0)
     q0, drawn, plain = setting.q0, setting.drawn, Pseudoinverse(moved)
     notes = [*machine.warnings, *(defaults.kind_note(machine, moved) if task is None else []), *setting.notes]
+    notes.extend(bodies_of(moved).notes)
     if design.shrunk < 1:
         notes.append(f"Ω was shrunk to {design.shrunk:.0%} to keep clear of singularities")
     usual = period or drawn.period or defaults.PERIOD
@@ -231,14 +233,13 @@ def _slowed(row: Row, factor: float) -> Row:
 
 
 def _beyond_limits(rows: Sequence[Row]) -> list[str]:
-    """Say which joints leave their limits, of position or of speed, under which control."""
-    notes = []
+    """Say which joints leave their limits, of position or of speed, and which bodies touch, under which control."""
+    notes: list[str] = []
     for row in rows:
         motion = row.motion
         if motion is None:
             continue
-        if motion.first_violation is not None:
-            notes.append(f"{row.label}: {motion.first_violation[1]} leaves its limits in cycle {motion.broken_cycle}")
+        notes.extend(f"{row.label}: {violation}" for violation in row.violations)
         if motion.speed_ratio > 1 + 1e-9:
             times = f"{motion.speed_ratio:.2g} times as fast as its limit allows"
             notes.append(f"{row.label}: {motion.fastest_joint} goes {times}")

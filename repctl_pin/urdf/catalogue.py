@@ -47,6 +47,8 @@ class Entry:
         What a person should know.
     ready : str or None
         A pose in our own ``ready.srdf`` to work from, where the reference is singular or on a limit.
+    acceleration : str or None
+        Whose published accelerations its joints have, by their name in ``motion.timing``.
     """
 
     name: str
@@ -57,6 +59,7 @@ class Entry:
     posture: str | None
     note: str
     ready: str | None = None
+    acceleration: str | None = None
 
 
 def entries() -> tuple[Entry, ...]:
@@ -202,4 +205,5 @@ def _entry(name: str, row: dict[str, Any]) -> Entry:
         posture=row.get("posture"),
         note=row.get("note", ""),
         ready=row.get("ready"),
+        acceleration=row.get("acceleration"),
     )

@@ -124,6 +124,25 @@ def read_urdf(path: str | Path) -> Description:
     )
 
 
+def standing(description: Description) -> Description:
+    """Refuse what is to stand round a robot and has a joint that moves, or nothing to touch.
+
+    Raises
+    ------
+    UrdfError
+        The joint is named.
+    """
+    for joint in description.joints:
+        if joint.kind != "fixed":
+            raise UrdfError(
+                f"{description.path}, line {joint.line}: joint {joint.name!r} moves, but surroundings stand still; "
+                'give it type="fixed"'
+            )
+    if not description.collisions:
+        raise UrdfError(f"{description.path}: no <collision> in it, so nothing can be touched; give its links shapes")
+    return description
+
+
 def _read(path: Path) -> bytes:
     """Read a regular file of a sane size; a .xacro is expanded."""
     try:

@@ -8,10 +8,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...motion.csv_file import read_motions
+from ...motion.motion import COARSE
+from ...robot.bodies import bodies_of
+from ...robot.model import frame_id
 from ...robot.task import unit_of
 from ...robot.visuals import Visuals
 from ...strategies.names import LABELS
@@ -155,11 +159,6 @@ def _arm(limbs: Sequence[Limb], track: Track, visuals: Visuals, frames: Frames) 
     """What of a motion goes onto the page."""
     robot, rows = limbs[0].task.robot, track.Q[frames.index]
     tip, elbow = (np.stack(points, axis=1) for points in zip(*(_ways(limb, rows) for limb in limbs), strict=True))
-    found, broken = _violation(limbs, track), None
-    if found is not None:
-        at, task, joint = found
-        origin = np.array([task.joint_origins(task.part(q))[joint] for q in rows])
-        broken = Broken(task.robot_joints[joint], at, min(int(at) + 1, track.cycles), origin)
     return Arm(
         track.label,
         visuals.shapes,
@@ -172,8 +171,46 @@ def _arm(limbs: Sequence[Limb], track: Track, visuals: Visuals, frames: Frames) 
         unit=track.unit,
         joint_names=robot.joint_names,
         limits=np.stack([robot.lower, robot.upper]),
-        broken=broken,
+        broken=_broken(limbs, track, rows),
     )
+
+
+def _broken(limbs: Sequence[Limb], track: Track, rows: Array) -> Broken | None:
+    """Where a motion first goes beyond what the arm can do: out of a joint's limits, or into a body."""
+    found, touch = _violation(limbs, track), _bodies(limbs, track)[1]
+    if touch is not None and (found is None or touch[0] < found[0]):
+        at, links = touch
+        robot = limbs[0].task.robot
+        link = next(name for name in links if name in robot.description.links)
+        data, frame = robot.model.createData(), frame_id(robot.model, link)
+        origin = np.array([_frame_origin(robot.model, data, q, frame) for q in robot.coupling.joints(rows)])
+        words = f"{' and '.join(links)} have touched"
+    elif found is not None:
+        at, task, joint = found
+        origin = np.array([task.joint_origins(task.part(q))[joint] for q in rows])
+        words = f"{task.robot_joints[joint]} past its limit"
+    else:
+        return None
+    return Broken(words, at, min(int(at) + 1, track.cycles), origin)
+
+
+def _frame_origin(model: pin.Model, data: pin.Data, q: Array, frame: int) -> Array:
+    pin.framesForwardKinematics(model, data, q)
+    return data.oMf[frame].translation.copy()
+
+
+def _bodies(limbs: Sequence[Limb], track: Track) -> tuple[float, tuple[float, tuple[str, str]] | None]:
+    """How near bodies come at 100 points a cycle, and when which first touch; of a robot of one limb."""
+    if len(limbs) > 1:
+        return np.inf, None
+    task, last = limbs[0].task, len(track.Q) - 1
+    rows = np.unique(np.rint(np.linspace(0, last, COARSE * track.cycles + 1)).astype(int))
+    bodies, Q = bodies_of(task), task.part(track.Q[rows])
+    distances = bodies.distances(Q)
+    if not (distances <= 0).any():
+        return float(distances.min()), None
+    first = int(np.argmax(distances <= 0))
+    return float(distances.min()), (rows[first] * track.cycles / last, bodies.nearest(Q[first]).links)
 
 
 def _violation(limbs: Sequence[Limb], track: Track) -> tuple[float, Task, int] | None:
@@ -192,11 +229,14 @@ def _deed(limbs: Sequence[Limb], track: Track) -> Deed:
     """What the verdict speaks of; of several limbs, the elbow that creeps most."""
     ends = [_ways(limb, track.Q[[0, -1]])[1] for limb in limbs]
     steps, found = (len(track.Q) - 1) // track.cycles, _violation(limbs, track)
+    apart, touch = _bodies(limbs, track)
     return Deed(
         track.label,
         max(float(np.linalg.norm(b - a)) for a, b in ends),
         float(np.sqrt(np.mean(np.sum(np.diff(track.Q[: steps + 1], axis=0) ** 2, axis=1)))),
         None if found is None else (min(int(found[0]) + 1, track.cycles), found[1].robot_joints[found[2]]),
+        apart if np.isfinite(apart) else None,
+        0 if touch is None else min(int(touch[0]) + 1, track.cycles),
     )
 
 

@@ -43,9 +43,9 @@ class Frames:
 
 @dataclass(frozen=True)
 class Broken:
-    """A joint that leaves its limits: which, when (in cycles), in which cycle, and where it is: (T, 3), m."""
+    """A motion beyond what the arm can do: what is said, when (in cycles), in which cycle, and where: (T, 3), m."""
 
-    joint: str
+    words: str
     at: float
     cycle: int
     origin: Array
@@ -78,7 +78,7 @@ class Arm:
     limits : (2, n) array or None
         Least and largest q; infinite where there is none.
     broken : Broken or None
-        The joint that leaves its limits first.
+        The joint that leaves its limits first, or the two bodies that touch.
     """
 
     label: str
@@ -266,7 +266,7 @@ def _describe(
         "pair": pair is not None,
         "broken": None
         if arm.broken is None
-        else {"joint": arm.broken.joint, "at": float(arm.broken.at), "cycle": arm.broken.cycle},
+        else {"words": arm.broken.words, "at": float(arm.broken.at), "cycle": arm.broken.cycle},
         "shapes": shapes,
     }
 

@@ -68,18 +68,48 @@ def margin_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> 
     return quiet(ax, whole=True)
 
 
+def bodies_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> Axes:
+    """Draw the least distance between bodies in each cycle; at 0 they touch.
+
+    Parameters
+    ----------
+    ax
+        Where to draw.
+    motions
+        Label, motion, colour.
+    """
+    for (label, motion, colour), marker in zip(motions, "osD^vPX" * len(motions), strict=False):
+        least = _least_in_cycles(motion.coarse.body_distance, motion)
+        ax.plot(np.arange(1, motion.cycles + 1), least, marker=marker, ms=4, lw=1.4, color=colour, label=label)
+    low, high = ax.get_ylim()
+    ax.set_ylim(min(low, 0.0), high + 0.04 * (high - min(low, 0.0)))
+    ax.axhspan(min(low, 0.0), 0, color="#f0f0f0", zorder=0)
+    ax.axhline(0, color=INK, lw=0.9)
+    ax.set_xlim(0.5, motions[0][1].cycles + 0.5)
+    ax.set_xlabel("cycle")
+    ax.set_ylabel("least distance between bodies (m)")
+    return quiet(ax, whole=True)
+
+
 def least_margins(motion: Motion) -> np.ndarray:
     """The least limit margin of any joint in each cycle: (cycles,)."""
-    least = motion.limit_margin.min(axis=1)
-    return np.array([least[k * motion.steps : (k + 1) * motion.steps + 1].min() for k in range(motion.cycles)])
+    return _least_in_cycles(motion.limit_margin.min(axis=1), motion)
+
+
+def _least_in_cycles(values: np.ndarray, motion: Motion) -> np.ndarray:
+    steps = (len(values) - 1) // motion.cycles
+    return np.array([values[k * steps : (k + 1) * steps + 1].min() for k in range(motion.cycles)])
 
 
 def cycle_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Figure:
-    """Make the figure of speeds and limit margins, side by side."""
+    """Make the figure of speeds, limit margins, and distances between bodies where there are any, side by side."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(10, 4.0), layout="constrained")
-    left, right = figure.subplots(1, 2)
+    bodies = np.isfinite(motions[0][1].coarse.body_distance[0])
+    figure = Figure(figsize=(12 if bodies else 10, 4.0), layout="constrained")
+    left, right, *third = figure.subplots(1, 3 if bodies else 2)
+    for ax in third:
+        bodies_over_cycles(ax, motions).set_title("room between bodies", fontsize=9, loc="left")
     speed_over_cycle(left, motions)
     dashed = ", the last dashed" if motions[0][1].cycles > 1 else ""
     left.set_title(f"speed over the first cycle{dashed}", fontsize=9, loc="left")

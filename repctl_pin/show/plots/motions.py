@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...motion.motion import CLOSED
+from ...motion.violations import violations_of
 from ..text.numbers import number
 
 if TYPE_CHECKING:
@@ -22,12 +24,12 @@ if TYPE_CHECKING:
 ORANGE, SKY, GREEN, YELLOW = "#E69F00", "#56B4E9", "#009E73", "#F0E442"
 BLUE, VERMILLION, PURPLE, INK = "#0072B2", "#D55E00", "#CC79A7", "#222222"
 
-BACK = 1e-6
-"""A drift below this is an integrator's error: the motion has come back."""
-
 COLOURS = {"pseudoinverse": VERMILLION, "posture": GREEN, "posture_off": ORANGE, "repeatable": BLUE}
 """The colour of each strategy of a study, the same in every picture."""
 
+
+_BEYOND: dict[str, Any] = {"marker": "x", "color": INK, "ms": 9, "mew": 2, "ls": "none", "zorder": 5}
+"""The cross where a motion goes beyond what the arm can do."""
 
 _OWN = (PURPLE, SKY, YELLOW, INK)
 """For a person's own controls, one after the other."""
@@ -48,6 +50,8 @@ def drawn(study: Study) -> list[tuple[str, Motion, str]]:
 def drift_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]], *, log: bool = False) -> Axes:
     """Draw joint drift after each cycle: what has crept since the start, with its last value at the line's end.
 
+    A cross is the cycle in which a joint first leaves its limits, or two bodies touch.
+
     Parameters
     ----------
     ax
@@ -60,6 +64,8 @@ def drift_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]], *, l
     for (label, motion, colour), marker in zip(motions, "osD^vPX" * len(motions), strict=False):
         cycles = np.arange(1, motion.cycles + 1)
         ax.plot(cycles, np.maximum(motion.drift, 1e-17), marker=marker, ms=4, color=colour, label=label)
+        for beyond in violations_of(motion, motion.coarse):
+            ax.plot(beyond.cycle, max(motion.drift[beyond.cycle - 1], 1e-17), **_BEYOND)
     if log:
         ax.set_yscale("log")
     else:
@@ -77,19 +83,30 @@ def _end_labels(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> None:
     for label, motion, colour in sorted(motions, key=lambda one: float(one[1].drift[-1])):
         drift = float(motion.drift[-1])
         floor = max(drift, floor + step)
-        back = drift < BACK
+        back = drift < CLOSED
         value = f"0 ({number(drift)}, the integrator's error)" if back else f"{number(drift)} {unit(motion)}"
+        beyond = "".join(
+            f"\n$\\times$ {'limit' if len(it.names) == 1 else 'touch'} in cycle {it.cycle}"
+            for it in violations_of(motion, motion.coarse)
+        )
+        floor += 0.5 * step * beyond.count("\n")
         ax.annotate(
-            f"{label}: {value}", (motion.cycles, drift), (motion.cycles + 0.04 * motion.cycles, floor), color=colour,
+            f"{label}: {value}{beyond}", (motion.cycles, drift), (motion.cycles + 0.04 * motion.cycles, floor), color=colour,
             fontsize=9, va="center", annotation_clip=False,
         )  # fmt: skip
 
 
 def joint_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]], joint: int) -> Axes:
-    """Draw one joint against time in cycles, its limits as dashed lines where they are near."""
+    """Draw one joint against time in cycles, its limits as dashed lines where they are near.
+
+    A cross is where it first leaves them.
+    """
     task = motions[0][1].task
     for label, motion, colour in motions:
         ax.plot(motion.t / motion.t[-1] * motion.cycles, motion.q[:, joint], color=colour, lw=1.1, label=label)
+        for beyond in violations_of(motion, motion.coarse):
+            if beyond.names == task.joint_names[joint : joint + 1]:
+                ax.plot(beyond.moment, motion.q[round(beyond.moment * motion.steps), joint], **_BEYOND)
     low, high = ax.get_ylim()
     span = high - low
     for limit in (task.lower[joint], task.upper[joint]):

@@ -68,12 +68,25 @@ def summary(study: Study) -> list[str]:
         )
     else:
         out.append(f"The nearest repeatable inverse could not follow: {closed.stopped}.")
-    broken = [
-        f"{row.label} breaks a joint limit in cycle {row.motion.broken_cycle} ({row.motion.first_violation[1]})"
+    broken = [f"{row.label}: {violation}" for row in study.rows for violation in row.violations]
+    out.append(f"{'; '.join(broken)}." if broken else "No joint leaves its limits, and no two bodies touch.")
+    near = [
+        f"{row.label} {row.body_distance:.3f} m ({' and '.join(row.motion.coarse.nearest_bodies[1].links)})"
         for row in study.rows
-        if row.motion is not None and row.motion.first_violation is not None
+        if row.motion is not None and row.body_distance is not None
     ]
-    out.append(f"{'; '.join(broken)}." if broken else "No joint leaves its limits.")
+    if near:
+        out.append(f"The least distance between bodies, at 100 points a cycle: {'; '.join(near)}.")
+    times = [
+        f"{row.label} {row.cycle_time:.3f} s{'' if row.motion.closes else ' (does not close)'}"
+        for row in study.rows
+        if row.motion is not None and row.cycle_time is not None
+    ]
+    if times:
+        out.append(
+            f"The first cycle from rest to rest, as quick as the speed limits and these accelerations allow "
+            f"({study.setting['accelerations']}): {'; '.join(times)}."
+        )
     return out
 
 
@@ -119,8 +132,13 @@ def cycles_words(study: Study) -> str:
     for label, motion in _moved(study):
         margin = float(motion.limit_margin.min())
         room = f"limit margin at least {margin:.3g}" if margin < 1e6 else "no limits"
-        parts.append(f"{label}: speed up to {motion.peak_speed:.3g} per s in all cycles, {room}")
-    return f"Joint speed over the cycle, and the least distance to a joint limit in each. {'; '.join(parts)}."
+        apart = float(motion.coarse.body_distance.min())
+        bodies = f", bodies at least {apart:.3g} m apart" if np.isfinite(apart) else ""
+        parts.append(f"{label}: speed up to {motion.peak_speed:.3g} per s in all cycles, {room}{bodies}")
+    return (
+        "Joint speed over the cycle, and the least distance to a joint limit, and between bodies where there are any, "
+        f"in each. {'; '.join(parts)}."
+    )
 
 
 def maps_words(study: Study, maps: StudyMaps) -> str:

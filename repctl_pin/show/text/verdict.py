@@ -29,12 +29,18 @@ class Deed:
         Joint speed ‖q̇‖ over the first cycle, rms.
     broken : (int, str) or None
         The cycle in which a joint first leaves its limits, and which joint.
+    apart : float or None
+        The least distance between bodies, m; None where there are none.
+    touch : int
+        The cycle in which two bodies first touch; 0 where none do.
     """
 
     label: str
     creep: float
     speed: float
     broken: tuple[int, str] | None = None
+    apart: float | None = None
+    touch: int = 0
 
 
 @dataclass(frozen=True)
@@ -48,7 +54,7 @@ class Tile:
 
 @dataclass(frozen=True)
 class Verdict:
-    """A sentence, and the same in three tiles: creep, joint speed, limits."""
+    """A sentence, and the same in tiles: creep, joint speed, limits, bodies."""
 
     sentence: str
     tiles: tuple[Tile, ...]
@@ -70,12 +76,15 @@ def deed_of(label: str, motion: Motion, elbow: int) -> Deed:
         The joint whose origin is the elbow, of the task's.
     """
     start, end = (motion.task.joint_origins(q)[elbow] for q in (motion.q[0], motion.q[-1]))
-    violation = motion.first_violation
+    violation, coarse = motion.first_violation, motion.coarse
+    apart, touch = float(coarse.body_distance.min()), coarse.first_touch
     return Deed(
         label,
         float(np.linalg.norm(end - start)),
         float(np.sqrt(np.mean(motion.speed[: motion.steps] ** 2))),
         None if violation is None else (motion.broken_cycle, violation[1]),
+        apart if np.isfinite(apart) else None,
+        0 if touch is None else min(int(touch[0]) + 1, motion.cycles),
     )
 
 
@@ -107,6 +116,11 @@ def verdict(deeds: Sequence[Deed], cycles: int) -> Verdict:
         tiles.append(Tile("Joint speed", price))
     words.append(f"Limits {' → '.join(dict.fromkeys(limits))}.")
     tiles.append(Tile("Joint limits", " → ".join(dict.fromkeys(limits)), any(d.broken for d in deeds)))
+    if all(deed.apart is not None for deed in deeds):
+        apart = [f"touch in cycle {deed.touch}" if deed.touch else metres(deed.apart or 0.0) for deed in deeds]
+        said = " → ".join(dict.fromkeys(apart))
+        words.append(f"Bodies {said}{'' if deeds[-1].touch else ' apart'}.")
+        tiles.append(Tile("Bodies apart, at least", said, any(deed.touch for deed in deeds)))
     return Verdict(" ".join(words), tuple(tiles))
 
 

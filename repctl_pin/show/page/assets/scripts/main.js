@@ -96,7 +96,7 @@ async function main() {
       const past = scene.cycles[cycle] - 1 + part >= arm.data.broken.at;
       arm.past.node.visible = past;
       arm.mark(arm.past.node.position);
-      arm.notice.textContent = past ? `${arm.data.broken.joint} past its limit` : "";
+      arm.notice.textContent = past ? arm.data.broken.words : "";
     }
     if (scene.live) { viewer.set_dirty(); return; }
     for (const { arm, which, limb, trace, ball } of ways) { trace.show(cycle, part); arm.point(which, limb, arm.now.frame, arm.now.f, ball.node.position); }
