@@ -19,6 +19,7 @@ from .follow import follow
 from .motion import Motion
 from .paths import TaskPath, closed_path
 from .solve_ik import solve_ik
+from .violations import violations_of
 
 Array = NDArray[np.float64]
 
@@ -28,6 +29,9 @@ _STRIDE = 0.1
 _FINEST = 0.01
 _LOST = 1e-3
 """Tracking error and drift, in lengths of the arm and rad, of a cycle that lost the path or came back another way."""
+
+_ROOM = 0.1
+"""Bodies so far apart, in lengths of the arm, have as much room as a joint in the middle of its range."""
 
 _DIRECTIONS = 8
 _LEAST_LEAF_MARGIN = 0.1
@@ -45,9 +49,14 @@ class Candidate:
     leaf : (r,) array
         c = h(q0).
     margin : float
-        The smaller of the two below, the first as a share of half the joint's range: what is maximised.
+        The least of the three below, the first as a share of half the joint's range, the second as one of a tenth of
+        the arm's length: what is maximised.
+    binds : str
+        Which of them it is: ``limits``, ``bodies`` or ``leaf``.
     limit_margin : float
         Smallest distance of a joint to its limit over the cycle, rad or m; negative outside.
+    body_distance : float
+        Smallest distance between bodies over the cycle, m; inf where there are none.
     leaf_margin : float
         Smallest σ_min(Nᵀ V̂) over the cycle.
     distance : float
@@ -59,7 +68,9 @@ class Candidate:
     q0: Array
     leaf: Array
     margin: float
+    binds: str
     limit_margin: float
+    body_distance: float
     leaf_margin: float
     distance: float
     motion: Motion
@@ -117,8 +128,8 @@ def best_leaf(
 ) -> BestLeaf:
     """Search the self-motion of the start for the leaf with the most room over the whole cycle.
 
-    Under a repeatable control the joint path of all cycles is known after the first, so limits and
-    leaf margin can be looked at before the robot moves. Starts are taken along the self-motion of the given
+    Under a repeatable control the joint path of all cycles is known after the first, so limits, distances between
+    bodies and leaf margin can be looked at before the robot moves. Starts are taken along the self-motion of the given
     one, both ways (for r > 1 in several directions), inside the joint limits; then the best is refined by
     a pattern search. It is never worse than the given one, neither in margin nor in limit margin. With a region
     no start is preferred whose cycle leaves it; without one a cycle may go far outside Ω, where the control is no
@@ -144,7 +155,7 @@ def best_leaf(
     Returns
     -------
     BestLeaf
-        The best start found and the given one, each with its cycle, limit margin, leaf margin and distance.
+        The best start found and the given one, each with its cycle, its margins, which of them binds, and its distance.
 
     Raises
     ------
@@ -225,12 +236,26 @@ def _judged(
     if motion.tracking_error.max() > _LOST * (arm_length(task, q0) or 1.0) or gap > _LOST:
         return None  # it lost the path, or came back another way
     clear = float(leaf_margin(N, inverse.field.gradients(motion.q)).min())
-    least = motion.limit_margin.min(axis=0)
+    least, bodies = motion.limit_margin.min(axis=0), float(motion.body_distance.min())
     lower, upper, _ = task.joint_limits
     half = np.where(np.isfinite(upper - lower), (upper - lower) / 2, 1.0)
-    margin, limit = min(float(np.min(least / half)), clear), float(least.min())
-    distance = float(np.linalg.norm(G - G_d) / np.linalg.norm(G_d))
-    return Candidate(motion.q[0], inverse.leaf(motion.q[0]), margin, limit, clear, distance, motion)
+    rooms = {
+        "limits": float(np.min(least / half)),
+        "bodies": bodies / (_ROOM * (arm_length(task, q0) or 1.0)),
+        "leaf": clear,
+    }
+    binds = min(rooms, key=lambda room: rooms[room])
+    return Candidate(
+        q0=motion.q[0],
+        leaf=inverse.leaf(motion.q[0]),
+        margin=rooms[binds],
+        binds=binds,
+        limit_margin=float(least.min()),
+        body_distance=bodies,
+        leaf_margin=clear,
+        distance=float(np.linalg.norm(G - G_d) / np.linalg.norm(G_d)),
+        motion=motion,
+    )
 
 
 def _self_motions(inverse: RepeatableInverse, start: Array, path: TaskPath, seed: int) -> Iterator[Array]:
@@ -269,7 +294,10 @@ def _moved(inverse: RepeatableInverse, q: Array, step: Array, path: TaskPath) ->
 def _line(candidate: Candidate | None) -> str:
     if candidate is None:
         return "no whole cycle from there"
-    violation, outside = candidate.motion.first_violation, candidate.motion.outside
+    outside = candidate.motion.outside
     text = f"limit margin {candidate.limit_margin:.3g}, leaf margin {candidate.leaf_margin:.3g}"
+    text += f", bodies {candidate.body_distance:.3g} m apart" if np.isfinite(candidate.body_distance) else ""
+    text += f" ({candidate.binds} bind)" if candidate.binds != "leaf" else " (the leaf binds)"
     text += f", {candidate.distance:.2g} from G_d" + ("" if outside is None else f", {outside:.0%} outside Ω")
-    return text + ("" if violation is None else f"; {violation[1]} leaves its limits")
+    beyond = "; ".join(map(str, violations_of(candidate.motion)))
+    return text + (beyond and f"; {beyond}")

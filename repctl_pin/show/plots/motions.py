@@ -27,7 +27,6 @@ BLUE, VERMILLION, PURPLE, INK = "#0072B2", "#D55E00", "#CC79A7", "#222222"
 COLOURS = {"pseudoinverse": VERMILLION, "posture": GREEN, "posture_off": ORANGE, "repeatable": BLUE}
 """The colour of each strategy of a study, the same in every picture."""
 
-
 _BEYOND: dict[str, Any] = {"marker": "x", "color": INK, "ms": 9, "mew": 2, "ls": "none", "zorder": 5}
 """The cross where a motion goes beyond what the arm can do."""
 
@@ -77,7 +76,7 @@ def drift_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]], *, l
 
 
 def _end_labels(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> None:
-    """Write each motion's name and last drift beside its line's end, from the lowest up, none over another."""
+    """Write each motion's name, last drift, and where it goes beyond what the arm can do, beside its line's end."""
     low, high = ax.get_ylim()
     step, floor = 0.075 * (high - low), -np.inf
     for label, motion, colour in sorted(motions, key=lambda one: float(one[1].drift[-1])):
@@ -91,7 +90,7 @@ def _end_labels(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> None:
         )
         floor += 0.5 * step * beyond.count("\n")
         ax.annotate(
-            f"{label}: {value}{beyond}", (motion.cycles, drift), (motion.cycles + 0.04 * motion.cycles, floor), color=colour,
+            f"{label}: {value}{beyond}", (motion.cycles, drift), (1.04 * motion.cycles, floor), color=colour,
             fontsize=9, va="center", annotation_clip=False,
         )  # fmt: skip
 
