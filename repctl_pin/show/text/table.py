@@ -86,6 +86,8 @@ def study_cells(study: Study) -> list[tuple[str, list[str]]]:
         (f"drift after {cycles} cycles, {rad}", of_motions(lambda motion: number(motion.drift[-1]))),
         (f"drift in cycle {cycles}, {rad}", of_motions(lambda motion: number(motion.cycle_drift[-1]))),
     ]
+    apart = [("bodies apart in cycle 1, m", of_motions(lambda motion: _apart(motion, 1)))]
+    apart += [(f"bodies apart in {cycles} cycles, m", of_motions(lambda motion: _apart(motion, cycles)))] * (cycles > 1)
     return [
         (f"drift after 1 cycle, {rad}", of_motions(lambda motion: number(motion.drift[0]))),
         *(later if cycles > 1 else []),
@@ -93,6 +95,8 @@ def study_cells(study: Study) -> list[tuple[str, list[str]]]:
         (f"joint speed, rms, {speed}", of_motions(lambda motion: number(motion.rms_speed))),
         (f"joint speed, peak, {speed}", of_motions(_peak)),
         (f"margin to the limits, {rad}", of_motions(_limit_margin)),
+        *(apart if any(row.body_distance is not None for row in study.rows) else []),
+        ("time of a cycle, s", [_time(row) for row in study.rows]),
         ("leaf margin", ["–" if row.leaf_margin is None else number(row.leaf_margin) for row in study.rows]),
         (f"distance from {_desired(study)}", of_rows(lambda row: row.distance)),
         ("outside Ω", of_rows(lambda row: None if row.motion is None else row.motion.outside)),
@@ -103,7 +107,9 @@ def study_legend(study: Study) -> str:
     """Say what the words of :func:`study_cells` mean."""
     desired = _desired(study)
     return (
-        f"! is beyond a limit. Leaf margin: σ_min(Nᵀ V̂) at worst on the way, 1 is best, 0 singular. Distance: "
+        f"! is beyond a limit, or two bodies touch (100 points a cycle). Time: the first cycle from rest to rest, as "
+        f"quick as the speed limits and these accelerations allow: {study.setting['accelerations']}; ≠ does not close. "
+        f"Leaf margin: σ_min(Nᵀ V̂) at worst on the way, 1 is best, 0 singular. Distance: "
         f"‖G − {desired}‖ / ‖{desired}‖ in the mean over Ω. Posture: J⁺ that holds the start's joints in its null "
         "space; other posture: other joints, to which it first moves. It too settles on a closed motion, after some "
         "cycles and by a second pull; nearest repeatable closes the first cycle, from any start."
@@ -121,6 +127,17 @@ def _desired(study: Study) -> str:
 
 def _peak(motion: Motion) -> str:
     return f"{number(motion.peak_speed)}{'!' if motion.speed_ratio > 1 + 1e-9 else ''}"
+
+
+def _apart(motion: Motion, cycles: int) -> str:
+    least = float(motion.coarse.body_distance[: cycles * motion.coarse.steps + 1].min())
+    return f"{number(least)}{'' if least > 0 else '!'}"
+
+
+def _time(row: Row) -> str:
+    if row.motion is None or row.cycle_time is None:
+        return "–"
+    return f"{row.cycle_time:.3f}{'' if row.motion.closes else ' ≠'}"
 
 
 def _limit_margin(motion: Motion) -> str:
