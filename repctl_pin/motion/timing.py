@@ -43,9 +43,9 @@ def presumed_acceleration(task: Task) -> tuple[Array, str]:
     if entry is not None and entry.acceleration is not None:
         published = PRESETS[entry.acceleration][0]
         if len(published) == len(names):
-            return np.array(published, float), f"the published ones of {entry.acceleration}"
+            return np.array(published, float), f"{entry.acceleration}'s, as published"
     speed = task.joint_limits[2]
-    return np.where(np.isfinite(speed), speed / FULL_SPEED, _UNLIMITED), f"full speed in {FULL_SPEED:g} s"
+    return np.where(np.isfinite(speed), speed / FULL_SPEED, _UNLIMITED), f"full speed in {FULL_SPEED:g} s, presumed"
 
 
 _MOMENT = 1e-3
