@@ -13,7 +13,9 @@ from commands import refused, told
 
 import repctl_pin as rp
 from repctl_pin.cli import main
+from repctl_pin.motion.fitting import fitting_circle
 from repctl_pin.motion.violations import refuse_violations, violations_of
+from repctl_pin.show.plots.motions import drift_figure, joints_figure
 
 OUT = ["follow", "planar3r", "--strategy", "pseudoinverse", "--start", "6.2,1,-1.4", "--path", "circle:0.4:0",
        "--plane", "xy", "--steps", "100"]  # fmt: skip
@@ -91,3 +93,21 @@ def test_surroundings_must_not_be_touched(tmp_path, capsys) -> None:
     assert main([*near, "--json"]) == 0
     touch = json.loads(capsys.readouterr().out)["first_touch"]
     assert touch["links"] == ["tip", "post"] and 0 < touch["cycle"] < 1
+
+
+def test_baxter_breaks_a_limit_in_cycle_7_and_ours_none() -> None:
+    """Ten cycles of the study's circle, from the middle of the joints' ranges."""
+    task = rp.Robot.load("baxter").task("left_gripper", "pose")
+    q0 = task.part(task.robot.poses["middle"])
+    path = fitting_circle(task, q0)
+    design = rp.nearest_repeatable(
+        rp.Pseudoinverse(task), None, rp.Box(q0, 0.4), degree=1, samples=512, held_out=256, shrink=True
+    )
+    plain, ours = (rp.follow(it, path, q0, cycles=10, steps=80) for it in (rp.Pseudoinverse(task), design.inverse))
+    (violation,) = violations_of(plain, plain.thinned(10))
+    assert violation.cycle == 7 and violation.names == ("left_w2",)
+    assert ours.drift.max() < 1e-3 and violations_of(ours, ours.thinned(10)) == ()
+    drift, joints = (figure([("J⁺", plain, "#D55E00")], "") for figure in (drift_figure, joints_figure))
+    assert any("limit in cycle 7" in text.get_text() for text in drift.axes[0].texts)
+    crosses = [ax.get_title("left") for ax in joints.axes for line in ax.lines if line.get_marker() == "x"]
+    assert crosses == ["left_w2"]
