@@ -7,9 +7,11 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+import trimesh
 from arms import chain_with_bodies
 
 import repctl_pin as rp
+from repctl_pin.robot.bodies import Nearest
 from repctl_pin.robot.joint_placements import JointPlacements
 
 
@@ -62,6 +64,20 @@ def test_surroundings_stand_where_their_root_is(chain: rp.Task, tmp_path: Path) 
     task = task.robot.task("tip", "xy")
     motion = rp.follow(rp.Pseudoinverse(task), rp.circle(task, q, 0.05), q, cycles=1, steps=20)
     assert motion.body_distance == pytest.approx(bodies.distances(motion.q))
+
+
+def test_hulls_that_overlap_are_no_touch(chain: rp.Task, tmp_path: Path) -> None:
+    """The tip's ball is in the hole of a ring, where the ring's hull is full; then on the ring itself."""
+    trimesh.creation.torus(0.4, 0.1).export(tmp_path / "ring.stl")
+    ring = CELL.format(kind="fixed").replace('<box size="0.2 4 4"/>', '<mesh filename="ring.stl"/>')
+    (tmp_path / "cell.urdf").write_text(ring.replace("3.6 0 0", "3 0 0"))
+    bodies = rp.Bodies(
+        rp.Robot.load(tmp_path / "chain.urdf", surroundings=tmp_path / "cell.urdf").task("tip", "position")
+    )
+    assert bodies.nearest(np.zeros(3)) == Nearest(0.0, ("tip", "wall"))
+    on_it = bodies.nearest(np.array([0.4 / 3, 0.0, 0.0]))
+    assert on_it.links == ("tip", "wall") and on_it.distance < 0
+    assert bodies.nearest(np.array([0.7 / 3, 0.0, 0.0])).distance > 0
 
 
 BAD_CELLS = {

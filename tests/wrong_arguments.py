@@ -177,6 +177,7 @@ def right_calls(folder: Path) -> list[Call]:
         "leaf": {"q": q0},
         "limit_margin": {"q": q0},
         "slowed": {"factor": 2.0},
+        "thinned": {"most": 5},
         "load": {"name_or_path": "planar3r", "package_dirs": (), "lock": ("theta1",), "base": None},
         "nodes": {"count": 8, "seed": 0},
         "part": {"whole": q0},

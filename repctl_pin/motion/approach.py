@@ -69,7 +69,7 @@ def approach(
         straight = ends[0] + share * (ends[1] - ends[0])
         known = bodies_of(task)
         distances = known.distances(straight)
-        if distances[at := int(np.argmin(distances))] <= 0:
+        if distances[at := int(np.argmin(distances))] < 0:
             one, other = known.nearest(straight[at]).links
             raise InputError(
                 f"on the straight way {one!r} and {other!r} touch, {share[at, 0]:.0%} of it done: go round by another "

@@ -75,6 +75,11 @@ class Candidate:
     distance: float
     motion: Motion
 
+    @property
+    def order(self) -> tuple[int, float]:
+        """By what starts are compared: fewer kinds of violation first, then the margin."""
+        return -(self.limit_margin < -1e-9) - (self.body_distance < 0), self.margin
+
 
 @dataclass(frozen=True)
 class BestLeaf:
@@ -191,9 +196,9 @@ def best_leaf(
         if best is None:
             return True
         if given is None:
-            return candidate.margin > best.margin
+            return candidate.order > best.order
         clear = candidate.leaf_margin >= min(_LEAST_LEAF_MARGIN, given.leaf_margin)
-        return clear and candidate.margin > best.margin and candidate.limit_margin >= given.limit_margin
+        return clear and candidate.order > best.order and candidate.limit_margin >= given.limit_margin
 
     for q in _self_motions(inverse, start, path, seed):
         candidate = judged(q)
@@ -215,7 +220,7 @@ def best_leaf(
         tried += len(moves)
         improved = [c for c in found if better(c)]
         if improved:
-            best = max((c for c in improved if c is not None), key=lambda c: c.margin)
+            best = max((c for c in improved if c is not None), key=lambda c: c.order)
         else:
             size /= 2
     return BestLeaf(best, given, tried)

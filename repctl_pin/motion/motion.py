@@ -130,10 +130,10 @@ class Motion:
 
     @cached_property
     def body_distance(self) -> Array:
-        """Least distance between the robot's bodies, or to its surroundings: (T + 1,), m; below 0 they overlap.
+        """Least distance between the robot's bodies, or to its surroundings: (T + 1,), m; below 0 they touch.
 
-        Bodies are the URDF's collision shapes, meshes as their convex hulls; inf where there are none. See
-        :class:`Bodies`.
+        Bodies are the URDF's collision shapes, meshes as their convex hulls, 0 where only these touch; inf where there
+        are none. See :class:`Bodies`.
         """
         return bodies_of(self.task).distances(self.q)
 
@@ -146,7 +146,7 @@ class Motion:
     @property
     def first_touch(self) -> tuple[float, tuple[str, str]] | None:
         """The first time two bodies touch: (cycle, as :attr:`first_violation` counts; their links), or None."""
-        touch = self.body_distance <= 0
+        touch = self.body_distance < 0
         if not touch.any():
             return None
         row = int(np.argmax(touch))

@@ -15,7 +15,7 @@ from ..arguments import rows, wanted
 from ..errors import InputError
 from ..urdf.catalogue import disabled_pairs
 from ..urdf.shapes import Solid
-from .body_shapes import body_shape, fixed_placements, origin
+from .body_shapes import BodyShape, body_shape, fixed_placements, origin, touch
 from .joint_placements import JointPlacements
 from .task import Task
 
@@ -27,6 +27,9 @@ _SAMPLES = 100
 
 _FREE = np.pi
 """How far, rad or m, from the reference pose they go where a joint has no limit."""
+
+_TOUCHING = 1e-12
+"""Distance, m, below 0, of two bodies that touch in a point."""
 
 _BLOCK = 64
 """Configurations whose bounds are worked out at once: they stay in the processor's cache."""
@@ -41,7 +44,7 @@ class Nearest:
     Attributes
     ----------
     distance : float
-        m; below 0 they overlap. inf where no two bodies move against each other.
+        m; below 0 they touch, at 0 only their hulls do. inf where no two bodies move against each other.
     links : (str, str)
         Whose they are.
     """
@@ -53,10 +56,10 @@ class Nearest:
 class Bodies:
     """The collision bodies of a robot and of what stands round it, and the pairs that a task's joints move.
 
-    A mesh is replaced by its convex hull, so no distance is above that of the mesh. Of the robot's own bodies, pairs
-    that share a joint, that its SRDF rules out, or that touch at every configuration tried (as the hulls of neighbours
-    do) are left out; of the surroundings (``rp.Robot.load(…, surroundings=)``) only the last. Not to be shared between
-    threads.
+    A mesh is replaced by its convex hull, so no distance is above that of the mesh; where hulls overlap and what is in
+    them does not touch, it is 0. Of the robot's own bodies, pairs that share a joint, that its SRDF rules out, or whose
+    hulls overlap at every configuration tried (as those of neighbours do) are left out; of the surroundings
+    (``rp.Robot.load(…, surroundings=)``) only the last. Not to be shared between threads.
 
     Parameters
     ----------
@@ -68,7 +71,7 @@ class Bodies:
     pairs : tuple of (str, str)
         Links between which distances are measured.
     touching : tuple of (str, str)
-        Pairs left out because they touch at every configuration tried.
+        Pairs left out because they, or their hulls, touch at every configuration tried.
     disabled : tuple of (str, str)
         Pairs left out because the SRDF rules them out.
     missing : tuple of str
@@ -97,6 +100,7 @@ class Bodies:
         self._shapes = pin.GeometryModel()
         robot = task.robot
         self._links: list[str] = []
+        self._bodies: list[BodyShape] = []
         missing = [solid.filename for solid in robot.description.collisions if not self._add_own(solid)]
         self.missing = tuple(dict.fromkeys(missing))
         own = len(self._links)
@@ -140,7 +144,7 @@ class Bodies:
         return Nearest(float(distances[0]), links)
 
     def distances(self, Q: ArrayLike) -> Array:
-        """Measure the least distance between bodies at every row of Q (K, n): (K,), m; below 0 they overlap."""
+        """Measure the least distance between bodies at every row of Q (K, n): (K,), m; below 0 they touch."""
         return self._all(Q)[0]
 
     def _all(self, Q: ArrayLike) -> tuple[Array, NDArray[np.intp]]:
@@ -178,7 +182,14 @@ class Bodies:
         return np.sqrt(np.einsum("kpi,kpi->kp", gaps, gaps)) - self._reach
 
     def _exact(self, k: int) -> float:
-        return pin.computeDistance(self._shapes, self._placed, k).min_distance
+        """Measure a pair; 0 where their hulls overlap and they do not touch."""
+        distance = pin.computeDistance(self._shapes, self._placed, k).min_distance
+        if distance > 0:
+            return distance
+        (a, b), placed = self._both[k], self._placed.oMg
+        one, other = self._bodies[a], self._bodies[b]
+        wrapped = one.points is not None or other.points is not None
+        return 0.0 if wrapped and not touch(one, placed[a], other, placed[b]) else min(distance, -_TOUCHING)
 
     # ---- making them ---------------------------------------------------------------------------
 
@@ -206,12 +217,13 @@ class Bodies:
 
     def _add(self, solid: Solid, urdf: Path, joint: int, place: pin.SE3, link: str) -> bool:
         """Add a body of a link, carried by a joint; say whether there is one."""
-        geometry = body_shape(solid, urdf, self.task.robot.package_dirs)
-        if geometry is None:
+        body = body_shape(solid, urdf, self.task.robot.package_dirs)
+        if body is None:
             return False
-        geometry.computeLocalAABB()
+        body.hull.computeLocalAABB()
         self._links.append(link)
-        self._shapes.addGeometryObject(pin.GeometryObject(solid.name, joint, place * origin(solid), geometry))
+        self._bodies.append(body)
+        self._shapes.addGeometryObject(pin.GeometryObject(solid.name, joint, place * origin(solid), body.hull))
         return True
 
     def _moving_pairs(self, own: int) -> list[tuple[int, int]]:
@@ -245,7 +257,7 @@ class Bodies:
         for q in Q:
             pin.updateGeometryPlacements(self._model, self._data, self._shapes, self._placed, q)
             for k in np.flatnonzero(always).tolist():
-                always[k] = self._exact(k) <= 0
+                always[k] = pin.computeDistance(self._shapes, self._placed, k).min_distance <= 0
         return always
 
     def _pair(self, pair: tuple[int, int]) -> Pair:

@@ -1,7 +1,9 @@
-"""Collision bodies as the distance library takes them: primitives, and meshes as their convex hulls."""
+"""Collision bodies as the distance library takes them: primitives, and meshes with their convex hulls."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import coal
@@ -20,13 +22,41 @@ _LARGEST = 100_000_000
 """Bytes of a mesh file that is still read."""
 
 
-def body_shape(solid: Solid, urdf: Path, package_dirs: tuple[str, ...]) -> coal.CollisionGeometry | None:
-    """Make a body: a mesh as its convex hull; None where it cannot be had."""
+@dataclass(frozen=True)
+class BodyShape:
+    """A body: its convex hull, and the points (V, 3) and triangles (F, 3) of the mesh that it wraps, if it is one."""
+
+    hull: coal.CollisionGeometry
+    points: Array | None = None
+    faces: NDArray[np.intp] | None = None
+
+    @cached_property
+    def exact(self) -> coal.CollisionGeometry:
+        """The body as it is."""
+        if self.points is None or self.faces is None:
+            return self.hull
+        mesh, triangles = coal.BVHModelOBBRSS(), coal.StdVec_Triangle()
+        triangles.extend([coal.Triangle(*face) for face in self.faces.tolist()])
+        mesh.beginModel(len(self.faces), len(self.points))
+        mesh.addSubModel(_cloud(self.points), triangles)
+        mesh.endModel()
+        return mesh
+
+
+def body_shape(solid: Solid, urdf: Path, package_dirs: tuple[str, ...]) -> BodyShape | None:
+    """Make a body; None where its mesh cannot be had."""
     if solid.kind == "mesh":
         path = find_mesh(solid.filename, urdf, package_dirs)
-        return None if path is None else _hull(path, np.array(solid.scale))
+        return None if path is None else _wrapped(path, np.array(solid.scale))
     kinds = {"box": coal.Box, "sphere": coal.Sphere, "cylinder": coal.Cylinder, "capsule": coal.Capsule}
-    return kinds[solid.kind](*solid.size)
+    return BodyShape(kinds[solid.kind](*solid.size))
+
+
+def touch(one: BodyShape, here: pin.SE3, other: BodyShape, there: pin.SE3) -> bool:
+    """Say whether two bodies touch as they are, at their places."""
+    places = [coal.Transform3s(place.rotation, place.translation) for place in (here, there)]
+    request, result = coal.CollisionRequest(), coal.CollisionResult()
+    return bool(coal.collide(one.exact, places[0], other.exact, places[1], request, result))
 
 
 def origin(solid: Solid) -> pin.SE3:
@@ -40,17 +70,22 @@ def fixed_placements(description: Description) -> dict[str, pin.SE3]:
     return {frame.name: frame.placement for frame in model.frames if frame.type == pin.FrameType.BODY}
 
 
-def _hull(path: Path, scale: Array) -> coal.CollisionGeometry | None:
+def _wrapped(path: Path, scale: Array) -> BodyShape | None:
     """Read a mesh and wrap it; None where it cannot be read, or is flat."""
     try:
         if path.stat().st_size > _LARGEST:
             return None
         mesh = trimesh.load(path, force="mesh", process=False)
         points = np.asarray(mesh.convex_hull.vertices, float) * scale
+        vertices, faces = np.asarray(mesh.vertices, float) * scale, np.asarray(mesh.faces, np.intp)
     except Exception:  # a stranger's file, read by a dozen libraries: whatever they raise, there is no body
         return None
     if len(points) < 4 or not np.isfinite(points).all():
         return None
+    return BodyShape(coal.ConvexBase.convexHull(_cloud(points), True, "Qt"), vertices, faces)
+
+
+def _cloud(points: Array) -> coal.StdVec_Vec3s:
     cloud = coal.StdVec_Vec3s()
     cloud.extend(list(points))
-    return coal.ConvexBase.convexHull(cloud, True, "Qt")
+    return cloud

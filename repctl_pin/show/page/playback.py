@@ -207,9 +207,9 @@ def _bodies(limbs: Sequence[Limb], track: Track) -> tuple[float, tuple[float, tu
     rows = np.unique(np.rint(np.linspace(0, last, COARSE * track.cycles + 1)).astype(int))
     bodies, Q = bodies_of(task), task.part(track.Q[rows])
     distances = bodies.distances(Q)
-    if not (distances <= 0).any():
+    if not (distances < 0).any():
         return float(distances.min()), None
-    first = int(np.argmax(distances <= 0))
+    first = int(np.argmax(distances < 0))
     return float(distances.min()), (rows[first] * track.cycles / last, bodies.nearest(Q[first]).links)
 
 

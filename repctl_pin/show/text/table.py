@@ -131,7 +131,7 @@ def _peak(motion: Motion) -> str:
 
 def _apart(motion: Motion, cycles: int) -> str:
     least = float(motion.coarse.body_distance[: cycles * motion.coarse.steps + 1].min())
-    return f"{number(least)}{'' if least > 0 else '!'}"
+    return f"{number(least)}{'' if least >= 0 else '!'}"
 
 
 def _time(row: Row) -> str:
