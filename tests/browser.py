@@ -37,6 +37,15 @@ FLAGS = (
 )
 
 
+_THRIFT = """
+const { viewer, picture } = repctl, draw = viewer.render;
+viewer.scene.traverse((node) => { if (node.isLight) node.castShadow = false; });
+viewer.render = () => {};
+repctl.picture = () => { viewer.render = draw; try { return picture(); } finally { viewer.render = () => {}; } };
+"""
+"""A picture costs a second in software: none is drawn but those that are asked for, and without shadows."""
+
+
 def require_browser() -> None:
     """Skip the test where there is no Chromium; fail it on CI, where there must be one."""
     if CHROMIUM and DRIVER:
@@ -74,6 +83,7 @@ def open_page(driver: Any, page: Path | str, *, seconds: float = 60.0) -> None:
     driver.get_log("browser")  # what came before is not this page's
     driver.get(address + "#paused")
     wait_until_drawn(driver, address, seconds=seconds)
+    driver.execute_script(_THRIFT)
 
 
 def wait_until_drawn(driver: Any, name: str, *, seconds: float = 60.0) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from browser import browser, changed, errors, picture, require_browser, wait_until_drawn
+from browser import changed, errors, picture, schemes, wait_until_drawn
 
 import repctl_pin as rp
 from repctl_pin.robot.visuals import Visuals
@@ -112,27 +112,26 @@ def test_a_kernel_shows_the_scene_and_the_figures(notebook: Any, study: rp.Study
     assert not any(notebook.cells[k].outputs for k in (0, 1, 3))  # nothing is printed
 
 
-def test_the_exported_notebook_plays_in_a_browser(notebook: Any, tmp_path: Path) -> None:
-    require_browser()
+def test_the_exported_notebook_plays_in_a_browser(notebook: Any, tmp_path: Path, driver: Any) -> None:
     from nbconvert import HTMLExporter
 
     exporter = HTMLExporter(mathjax_url="", require_js_url="", jquery_url="")  # nothing of its own from a network
     file = tmp_path / "notebook.html"
     file.write_text(exporter.from_notebook_node(notebook)[0], encoding="utf-8")
-    with browser(1100, 900) as driver:
-        driver.get(file.as_uri())
-        (frame,) = driver.find_elements("tag name", "iframe")
-        assert frame.size["height"] == 500 and frame.size["width"] > 800
-        for image in driver.find_elements("css selector", "img[src^='data:image/png']"):
-            assert 0 < image.size["width"] <= frame.size["width"]
-        driver.switch_to.frame(frame)
-        wait_until_drawn(driver, "the cell")
-        assert driver.execute_script("return repctl.playing")
-        driver.execute_script("repctl.pause()")
-        count = len(Visuals.of(rp.Robot.load("ppr")).shapes)
-        assert driver.execute_script("return [repctl.meshes(0), repctl.meshes(1)]") == [count, count]
-        assert changed(picture(driver, 0), picture(driver, 0.25)) > 0.004
-        assert driver.execute_script("try { return String(parent.document.title) } catch (e) { return e.name }") == (
-            "SecurityError"  # the page cannot reach the notebook
-        )
-        assert errors(driver) == []
+    schemes(driver, width=1100, height=600)
+    driver.get(file.as_uri())
+    (frame,) = driver.find_elements("tag name", "iframe")
+    assert frame.size["height"] == 500 and frame.size["width"] > 800
+    for image in driver.find_elements("css selector", "img[src^='data:image/png']"):
+        assert 0 < image.size["width"] <= frame.size["width"]
+    driver.switch_to.frame(frame)
+    wait_until_drawn(driver, "the cell")
+    assert driver.execute_script("return repctl.playing")
+    driver.execute_script("repctl.pause()")
+    count = len(Visuals.of(rp.Robot.load("ppr")).shapes)
+    assert driver.execute_script("return [repctl.meshes(0), repctl.meshes(1)]") == [count, count]
+    assert changed(picture(driver, 0), picture(driver, 0.25)) > 0.004
+    assert driver.execute_script("try { return String(parent.document.title) } catch (e) { return e.name }") == (
+        "SecurityError"  # the page cannot reach the notebook
+    )
+    assert errors(driver) == []

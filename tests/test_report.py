@@ -6,14 +6,13 @@ import base64
 import html
 import io
 import re
-import subprocess
-import tempfile
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from browser import CHROMIUM, FLAGS, browser, require_browser
+from browser import errors, schemes, wait_until_drawn
 from PIL import Image
 
 import repctl_pin as rp
@@ -153,18 +152,23 @@ def test_the_command_writes_it_for_ones_own_arm(
     assert len(Tags(text).all("img")) >= 6
 
 
-def test_no_figure_is_cut_on_paper(page: str, tmp_path: Path) -> None:
+def test_it_plays_offline_and_no_figure_is_cut_on_paper(page: str, tmp_path: Path, driver: Any) -> None:
     """Each picture is on one page of the PDF, inside its margins, as wide against its height as it was drawn."""
     pdfium = pytest.importorskip("pypdfium2")
-    require_browser()
-    source, target = tmp_path / "report.html", tmp_path / "report.pdf"
+    source = tmp_path / "report.html"
     source.write_text(page, encoding="utf-8")
-    with tempfile.TemporaryDirectory(prefix="repctl-browser-") as profile:
-        arguments = [*FLAGS, f"--user-data-dir={profile}", "--no-pdf-header-footer", f"--print-to-pdf={target}"]
-        subprocess.run([str(CHROMIUM), *arguments, source.as_uri()], check=True, capture_output=True, timeout=120)
-    document = pdfium.PdfDocument(target)
+    schemes(driver, width=1000, height=600)
+    driver.get(source.as_uri())
+    driver.switch_to.frame(driver.find_element("tag name", "iframe"))
+    wait_until_drawn(driver, "the report's animation")
+    assert driver.execute_script("return repctl.playing") and errors(driver) == []
+    driver.execute_script("repctl.pause()")
+    driver.switch_to.default_content()
+    assert driver.execute_script("return [...document.images].every((i) => i.complete && i.naturalWidth > 100)")
+    assert driver.execute_script("return document.documentElement.scrollWidth <= window.innerWidth")
+    printed = driver.execute_cdp_cmd("Page.printToPDF", {"preferCSSPageSize": True, "printBackground": True})
     found = []
-    for sheet in document:
+    for sheet in pdfium.PdfDocument(base64.b64decode(printed["data"])):
         width, height = sheet.get_size()
         for thing in sheet.get_objects():
             if thing.type == 3:  # an image
@@ -175,28 +179,7 @@ def test_no_figure_is_cut_on_paper(page: str, tmp_path: Path) -> None:
     np.testing.assert_allclose(found, drawn, rtol=0.01)
 
 
-def test_it_opens_offline_with_the_animation_running(page: str, tmp_path: Path) -> None:
-    import time
-
-    require_browser()
-    source = tmp_path / "report.html"
-    source.write_text(page, encoding="utf-8")
-    with browser(1100, 900) as driver:
-        driver.get(source.as_uri())
-        driver.switch_to.frame(driver.find_element("tag name", "iframe"))
-        deadline = time.monotonic() + 60
-        while not driver.execute_script("return Boolean(window.repctl && repctl.ready && repctl.time > 0)"):
-            assert time.monotonic() < deadline, "the animation does not run"
-            time.sleep(0.05)
-        assert driver.execute_script("return repctl.errors") == []
-        driver.switch_to.default_content()
-        assert driver.execute_script("return [...document.images].every((i) => i.complete && i.naturalWidth > 100)")
-        assert driver.execute_script("return document.documentElement.scrollWidth <= window.innerWidth")
-        assert [e for e in driver.get_log("browser") if e["level"] == "SEVERE"] == []
-
-
-def test_what_the_report_speaks_of_is_explained(study: rp.Study) -> None:
-    page = report_page(study)
+def test_what_the_report_speaks_of_is_explained(page: str) -> None:
     for word in captions.GLOSSARY:
         assert f"<dt>{word}</dt>" in page
     for said in ("repeatable", "drift", "Ω", "leaf margin", "redundant"):
