@@ -51,7 +51,7 @@ def main() -> None:
     """Print both, and make sure of them with ten whole cycles."""
     for name, (found, inverse, path) in {"tiago": tiago(), "panda": panda()}.items():
         print(f"{name}: {found.summary()}")
-        motion = rp.follow(inverse, path, found.q0, cycles=10, lock=2)
+        motion = rp.follow(inverse, path, found.q0, cycles=10, leaf_lock=2)
         kept = "no joint leaves its limits" if motion.first_violation is None else f"{motion.first_violation[1]} leaves"
         print(f"  ten cycles   {kept}, margin {motion.limit_margin.min():.3g}, drift {motion.drift.max():.1e}\n")
 

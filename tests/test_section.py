@@ -255,11 +255,11 @@ def test_a_closed_tour_closes_and_a_pushed_arm_comes_back() -> None:
     design = found()
     path = rp.circle(design.task, design.function(design.cell.at(np.array([0.8, 0.0, 0.0]))), 0.08, normal="z")
     q0 = design.function(path.placement(0.0))
-    motion = rp.follow(design.inverse, path, q0, cycles=2, steps=40, lock=3)
+    motion = rp.follow(design.inverse, path, q0, cycles=2, steps=40, leaf_lock=3)
     assert motion.drift.max() < 1e-9
     for i in range(0, 41, 8):
         assert np.abs(motion.q[i] - design.function(path.placement(i / 40))).max() < 1e-8
-    pushed = rp.follow(design.inverse, path, q0 + 0.05, cycles=2, steps=40, lock=3, leaf=np.zeros(1))
+    pushed = rp.follow(design.inverse, path, q0 + 0.05, cycles=2, steps=40, leaf_lock=3, leaf=np.zeros(1))
     assert np.abs(pushed.q[-1] - q0).max() < 1e-9
 
 

@@ -55,7 +55,7 @@ def test_the_right_calls_are_right(tmp_path: Path, monkeypatch) -> None:
 
 def test_huge_counts_are_refused(tmp_path: Path) -> None:
     calls = {call.name: call for call in right_calls(tmp_path)}
-    designing, following = ("restarts", "held_out", "samples", "batch"), ("lock", "cycles", "steps")
+    designing, following = ("restarts", "held_out", "samples", "batch"), ("leaf_lock", "cycles", "steps")
     for count in (10**9, 10**19):
         assert [outcome(calls["nearest_repeatable"], {name: count}) for name in designing] == ["refused"] * 4
         assert [outcome(calls["follow"], {name: count}) for name in following] == ["refused"] * 3

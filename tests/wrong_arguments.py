@@ -61,7 +61,7 @@ def right_calls(folder: Path) -> list[Call]:
     inverse, tube = design.inverse, rp.Tube(Q, 0.2)
     middle = task.placement(q0).translation[:2]
     workspace = rp.WorkspaceBox(task, middle, 0.2, within=box)
-    motion = rp.follow(inverse, path, q0, cycles=2, steps=24, lock=1)
+    motion = rp.follow(inverse, path, q0, cycles=2, steps=24, leaf_lock=1)
     study = rp.study(robot, task="xy", start=q0, path=path, cycles=1, steps=24, region=0.2)
     saved = rp.save(design, folder / "design.json")
     functions: dict[str, dict[str, Any]] = {
@@ -78,7 +78,7 @@ def right_calls(folder: Path) -> list[Call]:
         "figure_eight": {"task": task, "q0": q0, "radius": 0.05, "normal": "z", "start_angle": 0.0},
         "follow": {
             "strategy": inverse, "path": path, "q0": q0, "cycles": 1, "steps": 12, "integrator": "rk4", "feedback": 0.0,
-            "period": 5.0, "lock": 1, "leaf": inverse.leaf(q0), "limit": 3.0, "damping": 0.01, "task": task,
+            "period": 5.0, "leaf_lock": 1, "leaf": inverse.leaf(q0), "limit": 3.0, "damping": 0.01, "task": task,
         },
         "inline": {"shown": study, "height": 300},
         "is_repeatable": {"strategy": control, "region": box, "samples": 8, "seed": 0},

@@ -106,7 +106,7 @@ def run(options: argparse.Namespace) -> int:
     say("following the path")
     lock = 2 if isinstance(strategy, OnLeaves) else 0
     period = options.period or setting.period
-    motion = follow(strategy, path, q0, cycles=options.cycles, steps=options.steps, period=period, lock=lock)
+    motion = follow(strategy, path, q0, cycles=options.cycles, steps=options.steps, period=period, leaf_lock=lock)
     motion = replace(motion, region=setting.region)
     slowed = (commanded(motion, strategy) if lock else motion).retimed()
     result = _result(slowed, motion.t[-1], q0, notes)

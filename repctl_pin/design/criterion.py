@@ -217,17 +217,6 @@ def gauss_newton(b: Batch, A: Array) -> tuple[float, Array, Array, Sides]:
     return total, gradient, matrix, sides
 
 
-def cost_and_gradient(batches: Sequence[Batch], A: Array) -> tuple[float, Array]:
-    """Evaluate C(A) and its gradient ``∂C/∂A = 2 mean (F − X E)ᵀ X P⁻ᵀ`` over batches: what an optimiser asks for."""
-    total, gradient = 0.0, np.zeros_like(A)
-    for b in batches:
-        X, P_inv, _ = _difference(b, A)
-        total += float(b.weights @ np.sum(X**2, axis=(1, 2)))
-        right = X @ np.swapaxes(P_inv, -1, -2) * b.weights[:, None, None]
-        gradient += 2 * (b.F - X @ b.E).reshape(-1, len(A)).T @ right.reshape(-1, A.shape[1])
-    return total, gradient
-
-
 def named(task: Task, q: Array) -> str:
     """Write a configuration so that a person can find it."""
     return ", ".join(f"{name} = {value:.3f}" for name, value in zip(task.joint_names, q, strict=True))

@@ -69,7 +69,7 @@ def nearest_repeatable(
         In place of fields: all polynomials of this degree over Ω's box; ``"auto"`` raises the degree from 1
         until the cost on held-out nodes stops falling by 1 % (at most 6, or 8 for n ≤ 3, and 1000 unknowns).
     samples
-        Nodes of the fit; by default 4096, or 32 times the unknowns where that is more.
+        Nodes of the fit; by default 16,384, or 32 times the unknowns divided by m where that is more.
     held_out
         Nodes of the judgement.
     seed
@@ -85,8 +85,8 @@ def nearest_repeatable(
     restarts
         Further descents, from random changes of the start; the best is taken.
     tolerance
-        Relative decrease of the cost, foretold for a step or not brought by three, below which the optimiser
-        is content.
+        The optimiser stops when a step is predicted to lower the cost by less than this share of it, or when
+        three steps together have not.
     progress
         True for a bar on stderr, or a function that takes what is being done, and its share done.
 

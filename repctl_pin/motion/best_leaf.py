@@ -232,7 +232,7 @@ def _judged(
     """Follow one cycle from a start; None where it cannot be done."""
     task = inverse.task
     try:
-        motion = replace(follow(inverse, path, q0, cycles=1, steps=steps, lock=2), region=region)
+        motion = replace(follow(inverse, path, q0, cycles=1, steps=steps, leaf_lock=2), region=region)
         N = nullspace(task.jacobians(motion.q))
         G, G_d = inverse.batch(motion.q), desired.batch(motion.q)
     except SingularityError:

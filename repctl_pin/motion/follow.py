@@ -49,7 +49,7 @@ def follow(
     integrator: str = "rk4",
     feedback: float = 0.0,
     period: float | None = None,
-    lock: int = 0,
+    leaf_lock: int = 0,
     leaf: ArrayLike | None = None,
     limit: ArrayLike | None = None,
     damping: float = 0.0,
@@ -57,7 +57,7 @@ def follow(
 ) -> Motion:
     """Integrate ``q̇ = strategy(q, ẋ)`` along a closed path, cycle after cycle.
 
-    With feedback, ``ẋ = ẋ_path + K e`` with e the task error. With ``lock=k`` a repeatable strategy steps
+    With feedback, ``ẋ = ẋ_path + K e`` with e the task error. With ``leaf_lock=k`` a repeatable strategy steps
     from point to point by k Newton corrections of both errors, ``q += J_V⁻¹ [x − f(q); c − h(q)]``.
 
     Parameters
@@ -76,10 +76,10 @@ def follow(
         K, 1/s; 0 is open loop. With Euler, K = steps / period undoes the whole error in one step.
     period
         Time of one cycle, s; by default the path's own, else 5.
-    lock
+    leaf_lock
         Corrections a step, in place of the integrator; 0 is no leaf lock.
     leaf, limit, damping
-        With lock: c, by default q0's own; joint speeds not to exceed; λ_max near singularities. See
+        With the leaf lock: c, by default q0's own; joint speeds not to exceed; λ_max near singularities. See
         :meth:`RepeatableInverse.step`.
     task
         What a plain function controls.
@@ -118,26 +118,26 @@ def follow(
     q = task.check(q0, "the start")
     chosen(integrator, INTEGRATORS, "integrator")
     cycles, steps = whole(cycles, "cycles", 1), whole(steps, "steps", 1)
-    lock, damping = whole(lock, "lock", 0, _MOST_CORRECTIONS), positive(damping, "damping", zero=True)
+    leaf_lock, damping = whole(leaf_lock, "leaf_lock", 0, _MOST_CORRECTIONS), positive(damping, "damping", zero=True)
     if cycles * steps * task.n > _MOST:
         raise InputError(f"{cycles} cycles of {steps} steps are more than fit into memory; ask for fewer")
     period = positive((path.period or 5.0) if period is None else period, "the period", "s")
     feedback = positive(feedback, "the feedback gain", zero=True)
-    if not lock and not (leaf is None and limit is None and not damping):
-        raise InputError("leaf=, limit= and damping= belong to the leaf lock; give lock=1 with them")
+    if not leaf_lock and not (leaf is None and limit is None and not damping):
+        raise InputError("leaf=, limit= and damping= belong to the leaf lock; give leaf_lock=1 with them")
     gap = float(np.linalg.norm(task.error(q, path.placement(0.0))))
-    if gap > 1e-3 and not feedback and not lock:
+    if gap > 1e-3 and not feedback and not leaf_lock:
         raise InputError(
             f"the path starts {gap:.3g} m (or rad) away from the frame; use rp.solve_ik() first, or feedback"
         )
 
     grid = _grid(path, steps)
     n_steps, used = len(grid) - 1, 0.0
-    if lock:
+    if leaf_lock:
         if not isinstance(strategy, OnLeaves):
             raise InputError("only a repeatable strategy, such as design.inverse, has leaves to lock to")
         c = strategy.leaf(q) if leaf is None else vector(leaf, task.r, "the leaf c = h(q)", "one a potential")
-        Q, Qdot, used = _locked(strategy, path, grid, q, cycles, period, lock, c, limit, damping)
+        Q, Qdot, used = _locked(strategy, path, grid, q, cycles, period, leaf_lock, c, limit, damping)
     else:
         Q, Qdot = _integrated(strategy, path, grid, q, cycles, period, integrator, feedback)
 
