@@ -6,15 +6,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import positive, vector
-from ..redundancy.inverses import pseudoinverse
 from ..robot.task import Task
-from .pseudoinverse import redundant
+from .pseudoinverse import Pseudoinverse, redundant
 
 Array = NDArray[np.float64]
 
 
 class PostureControl:
-    """``q̇ = J⁺ ẋ + (I − J⁺ J) K (q_p − q)``: track, and pull towards a posture where nobody looks.
+    """``q̇ = J⁺ ẋ + (I − J⁺ J) K (q_p − q)``: track, and pull towards a posture in the null space.
 
     Closes a cycle in the limit when it starts on the posture; started off it, it jumps or creeps there.
 
@@ -41,6 +40,7 @@ class PostureControl:
 
     def __init__(self, task: Task, posture: ArrayLike, gain: float = 1.0) -> None:
         self.task = redundant(task)
+        self._plain = Pseudoinverse(self.task)
         self.posture = vector(posture, self.task.n, "a posture")
         self.gain = positive(gain, "the gain of a posture", "1/s", zero=True)
 
@@ -49,4 +49,4 @@ class PostureControl:
         q, xdot = vector(q, self.task.n, "q"), vector(xdot, self.task.m, "ẋ", "m/s and rad/s")
         J = self.task.jacobian(q)
         pull = self.gain * (self.posture - q)
-        return pull + pseudoinverse(J) @ (xdot - J @ pull)
+        return pull + self._plain.velocity(q, xdot - J @ pull)  # (I − J⁺J) z = z − J⁺ J z

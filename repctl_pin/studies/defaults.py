@@ -161,7 +161,7 @@ def starts(task: Task) -> Iterator[tuple[Array, str]]:
             yield q, where
     middle = task.part(task.robot.poses["middle"])
     low, high = _inner(task)
-    low, high = np.maximum(middle - 1.2, low), np.minimum(middle + 1.2, high)
+    low, high = np.maximum(middle - 2.0, low), np.minimum(middle + 2.0, high)
     points = low + (high - low) * qmc.Sobol(task.n, scramble=True, rng=0).random_base2(9)
     scores = np.array([dexterity(task, q) for q in points])
     # Of all poses at least half as dexterous as the best, the one nearest to mid-range.

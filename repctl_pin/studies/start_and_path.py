@@ -20,7 +20,7 @@ from ..motion.fitting import dexterity, fitting_circle
 from ..regions import Bounded, Region
 from ..robot.task import Task
 from ..section import CellDesign
-from ..strategies import Inverse
+from ..strategies import Inverse, Pseudoinverse
 from . import defaults
 
 Array = NDArray[np.float64]
@@ -31,6 +31,7 @@ MOST_STARTS = 5
 """So many starts are tried before a path is given up."""
 
 _SINGULAR = 1e-3
+_FAR = 1.0  # rad
 
 
 class Setting(NamedTuple):
@@ -82,6 +83,7 @@ def settings(
     function(path, "path", "a closed path, such as rp.circle(task, q0), or a function (task, q0) → path")
     failure: RepctlError | None = None
     found = fixed = False
+    wild: list[Setting] = []
     for q0, where in defaults.starts(task) if start is None else [(task.check(start, "start"), GIVEN)]:
         if fixed and where == defaults.ANOTHER:
             break  # a path that does not begin at the start is where its author says
@@ -98,10 +100,24 @@ def settings(
             continue
         found = True
         there = np.array_equal(begin, q0)
-        yield Setting(begin, where, drawn, moved=() if there else ("the start was moved to the path's first point",))
+        moved = () if there else ("the start was moved to the path's first point",)
+        setting = Setting(begin, where, drawn, moved=moved)
+        if start is None and _turns_over(task, setting):
+            wild.append(setting)
+        else:
+            yield setting
+    yield from wild
     if not found:
         assert failure is not None  # there is always a start to try
         raise failure
+
+
+def _turns_over(task: Task, setting: Setting) -> bool:
+    """Say whether J⁺ ends one cycle in quite another posture: a start to take only for want of any."""
+    try:
+        return bool(follow(Pseudoinverse(task), setting.drawn, setting.q0, cycles=1, steps=96).drift[0] > _FAR)
+    except SingularityError:
+        return True
 
 
 def choose_setting(
