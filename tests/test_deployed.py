@@ -125,7 +125,7 @@ def test_no_stale_design_under_a_new_commands_name(tmp_path, monkeypatch, capsys
     saved = json.loads(Path("e/design.json").read_text(encoding="utf-8"))
     assert saved["desired"] == {"kind": "limits", "gain": 1.0} and saved["task"]["robot"] == "panda"
 
-    import repctl_pin.design as room
+    import repctl_pin.saving as room
 
     def refuse(design: rp.Design, file: Path) -> Path:
         raise rp.InputError("cannot write it")

@@ -102,8 +102,9 @@ def test_a_joint_without_limits_is_said(tmp_path) -> None:
     motion = study.row("repeatable").motion
     free = np.isinf(motion.task.lower)
     assert free.any() and not free.all()
-    only = rp.Robot.load("kinova").task(kind="position")
-    only.lower, only.upper = np.full(only.n, -np.inf), np.full(only.n, np.inf)
+    robot = rp.Robot.load("kinova")
+    robot.lower, robot.upper = np.full_like(robot.lower, -np.inf), np.full_like(robot.upper, np.inf)
+    only = robot.task(kind="position")
     ax = margin_over_cycles(axes(), [("a", replace(motion, task=only), "#000000")])
     assert [t.get_text() for t in ax.texts] == ["no joint limits"]
 

@@ -107,11 +107,11 @@ def test_the_default_region_holds_the_motion() -> None:
     tube, motion = study.region, study.row("repeatable").motion
     off = np.abs(motion.q[:, None] - tube.samples) / tube.radius  # (T + 1, S, n)
     assert off.max(axis=2).min(axis=1).max() <= 1
-    assert not [note for note in study.notes if "outside Ω" in note] and study.design.region is tube
+    assert study.row("repeatable").outside == 0 and "OUTSIDE" not in study_table(study) and study.design.region is tube
     small = rp.study("panda", path=parse_path("square:0.3", "xy"), cycles=1, steps=100, region=0.2, degree=1)
     share = np.mean((np.abs(small.row("repeatable").motion.q - small.q0) > 0.2).any(axis=1))
-    (note,) = [note for note in small.notes if "outside Ω" in note]
-    assert note.startswith(f"the repeatable motion spends {share:.1%} of its time") and "larger region may" in note
+    assert small.row("repeatable").outside == pytest.approx(share)
+    assert study_table(small).startswith(f"!!! OUTSIDE Ω: {share:.1%}")
 
 
 def test_elbow_of_a_panda_is_its_elbow(panda_pose, q_panda) -> None:
@@ -177,7 +177,7 @@ def test_files_hold_the_motions(small: rp.Study, tmp_path) -> None:
     assert len(ours) == 201 and [row["strategy"] for row in rows].count("pseudoinverse") == 201
     for i in (0, 77, 200):
         q = [float(ours[i][name]) for name in small.task.joint_names]
-        assert np.allclose(q, motion.q[i], atol=1e-9) and np.isclose(float(ours[i]["t"]), motion.t[i])
+        assert np.allclose(q, motion.q[i], atol=1e-9) and np.isclose(float(ours[i]["time"]), motion.t[i])
 
 
 def test_a_path_out_of_reach_is_refused() -> None:

@@ -110,7 +110,7 @@ def right_calls(folder: Path) -> list[Call]:
             "q_now": q0 + 0.05, "motion": motion, "acceleration": 10.0, "velocity": 1.0, "torque": False, "rate": 100.0,
             "bodies": False,
         },
-        "compiled": {"inverse": inverse},
+        "compiled": {"control": inverse},
         "export_c": {"control": inverse, "folder": folder / "c", "name": "arm_control", "region": box},
         "Cell": {"task": task, "placement": target, "half_width": (0.05, 0.05), "rotation": 0.0},
         "LeafImpedance": {
