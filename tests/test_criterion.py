@@ -63,8 +63,7 @@ def test_gradient_agrees_with_finite_differences_at_random_coefficients(setting,
         # Richardson: random coefficients lie near algorithmic singularities of some nodes, where C is steep
         e = 1e-6
         slopes = [
-            (criterion.cost(batch, A + s * D)[0] - criterion.cost(batch, A - s * D)[0]) / (2 * s)
-            for s in (e, 2 * e)
+            (criterion.cost(batch, A + s * D)[0] - criterion.cost(batch, A - s * D)[0]) / (2 * s) for s in (e, 2 * e)
         ]
         assert abs((4 * slopes[0] - slopes[1]) / 3 - np.sum(gradient * D)) < 2e-5 * scale + 1e-8 * value / e * 1e-4
 
