@@ -24,7 +24,7 @@ class _Part(msgspec.Struct, forbid_unknown_fields=True, tag_field="kind"):
 
 
 class PolynomialFile(_Part, tag="polynomial"):
-    """Monomials of ``(q − center) / scale``, by total degree from 1 up, then in lexical order of the variables."""
+    """Legendre products of ``(q − center) / scale``, by degree from 1 up, then in lexical order of the factors."""
 
     center: Row
     degree: int

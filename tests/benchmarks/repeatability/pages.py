@@ -1,0 +1,231 @@
+"""Write what was measured: every number as CSV, tables into the pages, and the figure."""
+
+from __future__ import annotations
+
+import csv
+import os
+import platform
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, fields, replace
+from datetime import date
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+from cycles import Row
+
+ROOT = Path(__file__).parents[3]
+CSV = ROOT / "docs" / "benchmark.csv"
+PACKAGES = ("repctl-pin", "pin", "pin-pink", "mink", "mujoco", "ssik", "daqp", "numpy")
+COLUMNS = (
+    "program",
+    "drift, cycle 1",
+    "cycle 10",
+    "cycle 100",
+    "in the last cycle",
+    "extra joint speed",
+    "largest jump",
+    "tracking",
+    "limits broken",
+    "body distance",
+    "time of pinv",
+)
+
+
+def timed(row: Row, microseconds: float, pinv: float) -> Row:
+    """Add what a step takes."""
+    return replace(row, microseconds=microseconds, of_pinv=microseconds / pinv)
+
+
+def write(rows: Sequence[Row], out: Path | None, said: str) -> None:
+    """Write everything: into the documentation, or into a folder."""
+    folder = CSV.parent if out is None else out
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / CSV.name).open("w", encoding="utf-8", newline="") as file:
+        file.write(f"# {said}\n")
+        lines = csv.writer(file, lineterminator="\n")
+        lines.writerow([field.name for field in fields(Row)])
+        lines.writerows([_short(value) for value in asdict(row).values()] for row in rows)
+    figure(rows, folder / "benchmark.png")
+    for page in (ROOT / "README.md", ROOT / "docs" / "benchmark.md"):
+        if out is None:
+            page.write_text(filled(page.read_text(encoding="utf-8"), rows, said), encoding="utf-8")
+    for name, lines in tables(rows).items():
+        print("", name, "", *lines, sep="\n")
+    print("", said, sep="\n")
+
+
+def read(path: Path = CSV) -> tuple[list[Row], str]:
+    """Read the CSV again: the rows, and the settings."""
+    said, *lines = path.read_text(encoding="utf-8").splitlines()
+    words = {"arm", "path", "start", "program", "failure"}
+    given = csv.DictReader(lines)
+    return [Row(**{k: v if k in words else float(v) for k, v in row.items()}) for row in given], said[2:]
+
+
+def settings() -> str:
+    """Say when, on what and with which versions."""
+    found = []
+    for name in PACKAGES:
+        try:
+            found.append(f"{name} {version(name)}")
+        except PackageNotFoundError:
+            found.append(f"{name} not installed")
+    machine = f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}"
+    return f"{date.today().isoformat()}; {machine}; {', '.join(found)}"
+
+
+def filled(text: str, rows: Sequence[Row], said: str) -> str:
+    """Put the tables where a page has their marks."""
+    made = tables(rows) | {"settings": [said]}
+    for name, lines in made.items():
+        before, mark, after = text.partition(f"<!-- benchmark: {name} -->\n")
+        if mark:
+            rest = after[after.index("<!-- end -->") :]
+            text = "\n".join([before + mark, *lines, "", rest])
+    return text
+
+
+def tables(rows: Sequence[Row]) -> dict[str, list[str]]:
+    """Make every table, by its name, as lines of Markdown."""
+    plain = [row for row in rows if row.lag_ms == 0]
+    found = {
+        "short": _short_table(plain),
+        "on": _summary(row for row in plain if row.start == "on"),
+        "off": _summary(row for row in plain if row.start == "off"),
+        "lag": _summary(row for row in rows if row.lag_ms > 0),
+        "arms": _by_arm([row for row in plain if row.start == "on" and row.path == "circle"]),
+        "times": _times([row for row in plain if row.start == "on" and row.path == "circle"]),
+        "failures": [
+            f"- {row.arm}, {row.path}, {row.start}, {row.program}: {row.failure}" for row in rows if row.failure
+        ],
+    }
+    found["failures"] = found["failures"] or ["None."]
+    return found
+
+
+def _summary(rows: Iterable[Row]) -> list[str]:
+    """One line a program: the median over arms and paths, and the worst."""
+    lines = []
+    for name, of in _grouped(rows, "program").items():
+        broken = sum(row.limit_margin < -1e-9 for row in of)
+        stuck = sum(bool(row.failure) for row in of)
+        cells = [
+            _middle([getattr(row, key) for row in of]) for key in ("drift_1", "drift_10", "drift_100", "last_cycle")
+        ]
+        speed = [row.extra_speed for row in of]
+        lines.append(
+            [
+                _bold(name),
+                *cells,
+                f"{100 * np.nanmedian(speed):+.1f} / {100 * np.nanmax(speed):+.1f} %",
+                _middle([row.jump for row in of]),
+                _middle([row.tracking for row in of]),
+                f"{broken} of {len(of)}" + (f", stuck {stuck}" if stuck else ""),
+                _number(min(row.body_distance for row in of)),
+                f"{np.nanmedian([row.of_pinv for row in of]):.2f}",
+            ]
+        )
+    return _markdown(COLUMNS, lines)
+
+
+def _short_table(rows: Sequence[Row]) -> list[str]:
+    """One line a program for the README: medians, from the posture and off it."""
+    header = ("program", "drift, cycle 1", "cycle 10", "cycle 100", "off the posture: cycle 10", "extra joint speed")
+    lines = []
+    for name, of in _grouped(rows, "program").items():
+        on, off = ([row for row in of if row.start == start] for start in ("on", "off"))
+        drift = [_median([getattr(row, key) for row in on]) for key in ("drift_1", "drift_10", "drift_100")]
+        speed = f"{100 * np.nanmedian([row.extra_speed for row in off]):+.1f} %"
+        jump = _median([row.jump for row in off])
+        took = f"{np.nanmedian([row.of_pinv for row in of]):.2f}"
+        lines.append([_bold(name), *drift, _median([row.drift_10 for row in off]), speed, jump, took])
+    return _markdown((*header, "largest step", "time of pinv"), lines)
+
+
+def _by_arm(rows: Sequence[Row]) -> list[str]:
+    """Drift after ten cycles: programs down, arms across."""
+    arms = list(_grouped(rows, "arm"))
+    lines = []
+    for name, of in _grouped(rows, "program").items():
+        drift = {row.arm: (row.failure and "stuck") or _number(row.drift_10) for row in of}
+        lines.append([_bold(name), *(drift.get(arm, "–") for arm in arms)])
+    return _markdown(("program", *arms), lines)
+
+
+def _times(rows: Sequence[Row]) -> list[str]:
+    """Microseconds a step: programs down, arms across; the pinv loop's own in the first line."""
+    arms = list(_grouped(rows, "arm"))
+    lines = []
+    for name, of in _grouped(rows, "program").items():
+        took = {row.arm: f"{row.microseconds:.1f} ({row.of_pinv:.2f})" for row in of}
+        lines.append([_bold(name), *(took.get(arm, "–") for arm in arms)])
+    return _markdown(("µs a step (of pinv)", *arms), lines)
+
+
+def figure(rows: Sequence[Row], path: Path) -> None:
+    """Draw drift after 1, 10 and 100 cycles: one panel an arm, circle, from the posture and off it."""
+    chosen = [row for row in rows if row.lag_ms == 0 and row.path == "circle"]
+    arms = list(_grouped(chosen, "arm"))
+    canvas, axes = plt.subplots(
+        2, len(arms), figsize=(2.4 * len(arms) + 1.6, 5.2), squeeze=False, sharex=True, sharey=True
+    )
+    names = [name for name in _grouped(chosen, "program") if name not in ("ours, compiled", "ours, C")]
+    colours = dict(zip(names, plt.get_cmap("tab10").colors, strict=False))
+    for row in chosen:
+        if row.program not in names:
+            continue
+        panel = axes[int(row.start == "off"), arms.index(row.arm)]
+        drift = [max(row.drift_1, 1e-15), max(row.drift_10, 1e-15), max(row.drift_100, 1e-15)]
+        own = row.program.startswith("ours")
+        panel.loglog([1, 10, 100], drift, "o-", color="black" if own else colours[row.program], markersize=3,
+                     linewidth=2.4 if own else 1.2, zorder=3 if own else 2, label=row.program)  # fmt: skip
+    for i, arm in enumerate(arms):
+        axes[0, i].set_title(arm)
+        axes[1, i].set_xlabel("cycles")
+    for line, start in zip(axes, ("from the posture", "0.5 rad off it"), strict=True):
+        line[0].set_ylabel(f"{start}\ndrift, rad")
+        for panel in line:
+            panel.grid(alpha=0.3)
+    labels = {text: line for panel in axes.flat for line, text in zip(*panel.get_legend_handles_labels(), strict=True)}
+    canvas.legend(labels.values(), labels, loc="outside lower center", ncols=5, frameon=False)
+    canvas.set_layout_engine("constrained")
+    canvas.savefig(path, dpi=110)
+    plt.close(canvas)
+
+
+def _grouped(rows: Iterable[Row], key: str) -> dict[str, list[Row]]:
+    found: dict[str, list[Row]] = {}
+    for row in rows:
+        found.setdefault(getattr(row, key), []).append(row)
+    return found
+
+
+def _middle(values: Sequence[float]) -> str:
+    """Median and worst."""
+    if np.isnan(values).all():
+        return "–"
+    return f"{_number(np.nanmedian(values))} / {_number(np.nanmax(values))}"
+
+
+def _median(values: Sequence[float]) -> str:
+    return "–" if np.isnan(values).all() else _number(float(np.nanmedian(values)))
+
+
+def _number(value: float) -> str:
+    if not np.isfinite(value):
+        return "–"
+    return f"{value:.0e}" if 0 < value < 1e-3 else f"{value:.2g}"
+
+
+def _short(value: object) -> object:
+    return f"{value:.4g}" if isinstance(value, float) else value
+
+
+def _bold(name: str) -> str:
+    return f"**{name}**" if name.startswith("ours") else name
+
+
+def _markdown(header: Sequence[str], lines: Sequence[Sequence[str]]) -> list[str]:
+    return [f"| {' | '.join(line)} |" for line in (header, ["---"] * len(header), *lines)]

@@ -1,0 +1,102 @@
+"""The arms of the benchmark, and each one as a bare chain: a URDF that every program can read."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+import repctl_pin as rp
+
+ARMS = {
+    "panda": "panda_hand_tcp",
+    "xarm7": "link_eef",
+    "gen3": None,
+    "iiwa14": None,
+    "tiago": "wrist_ft_tool_link",
+    "baxter": "left_gripper",
+}
+"""Arm: the frame that moves; None where the kinematics are those that ssik ships."""
+
+STARTS = {
+    "gen3": (0.0, 0.5, np.pi, -1.9, 0.0, 0.9, np.pi / 2),
+    "iiwa14": (0.0, 0.6, 0.0, -1.4, 0.0, 1.1, 0.0),
+}
+"""Where to begin on the arms that come without a reference pose: elbows bent in front of them."""
+
+Joint = tuple[str, pin.SE3, np.ndarray, bool, float, float, float]
+"""Name, placement in the link before it, axis, does it turn, lower and upper limit, speed limit."""
+
+
+def task_of(arm: str, folder: Path) -> rp.Task:
+    """Load the pose task of an arm."""
+    frame = ARMS[arm]
+    if frame is not None:
+        return rp.Robot.load(arm).task(frame, "pose")
+    path = folder / f"{arm}_from_ssik.urdf"
+    path.write_text(_urdf(*_ssik_joints(arm)), encoding="utf-8")
+    return rp.Robot.load(path).task("tool", "pose")
+
+
+def chain_urdf(task: rp.Task, folder: Path) -> Path:
+    """Write the joints that a task moves, and nothing else, as a URDF from ``base`` to ``tool``."""
+    model, limits = task.model, zip(task.lower, task.upper, task.velocity_limit, strict=True)
+    of = dict(zip(task.joint_names, limits, strict=True))
+    joints = []
+    for i in range(1, model.njoints):
+        said = task.robot.joints[model.names[i]]
+        turns = said.kind != "prismatic"
+        joints.append((model.names[i], model.jointPlacements[i], np.array(said.axis), turns, *of[model.names[i]]))
+    tool = model.frames[model.getFrameId(task.frame, pin.FrameType.BODY)].placement
+    path = folder / f"{task.robot.name}_chain.urdf"
+    path.write_text(_urdf(joints, tool), encoding="utf-8")
+    return path
+
+
+def ssik_arm(arm: str):
+    """Ask ssik for one of the arms that it ships."""
+    import ssik
+
+    return ssik.Manipulator.from_prebuilt(arm)
+
+
+def _ssik_joints(arm: str) -> tuple[list[Joint], pin.SE3]:
+    """Read the joints and the tool out of ssik's description of an arm: ``T_left R(axis, q) T_right`` each."""
+    joints, carried = [], np.eye(4)
+    for joint in ssik_arm(arm).kinbody.joints:
+        low, high = joint.limits or (-np.inf, np.inf)
+        joints.append((joint.name, pin.SE3(carried @ joint.T_left), joint.axis, True, low, high, 2.0))
+        carried = joint.T_right
+    return joints, pin.SE3(carried)
+
+
+def _urdf(joints: Iterable[Joint], tool: pin.SE3) -> str:
+    inertia = '<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
+    parts, parent = ['<link name="base"/>'], "base"
+    for name, placement, axis, turns, low, high, speed in joints:
+        bounded = np.isfinite([low, high]).all()
+        kind = ("revolute" if bounded else "continuous") if turns else "prismatic"
+        ends = f'lower="{low:.17g}" upper="{high:.17g}" ' if bounded else ""
+        parts.append(
+            f'<link name="link_{name}">{inertia}</link><joint name="{name}" type="{kind}"><parent link="{parent}"/>'
+            f'<child link="link_{name}"/>{_origin(placement)}<axis xyz="{_numbers(axis)}"/>'
+            f'<limit {ends}effort="1" velocity="{speed:.17g}"/></joint>'
+        )
+        parent = f"link_{name}"
+    parts.append(
+        f'<link name="tool">{inertia}</link><joint name="to_tool" type="fixed"><parent link="{parent}"/>'
+        f'<child link="tool"/>{_origin(tool)}</joint>'
+    )
+    return '<?xml version="1.0"?>\n<robot name="chain">\n' + "\n".join(parts) + "\n</robot>\n"
+
+
+def _origin(placement: pin.SE3) -> str:
+    return (
+        f'<origin xyz="{_numbers(placement.translation)}" rpy="{_numbers(pin.rpy.matrixToRpy(placement.rotation))}"/>'
+    )
+
+
+def _numbers(values: np.ndarray) -> str:
+    return " ".join(f"{value:.17g}" for value in values)
