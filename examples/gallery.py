@@ -1,4 +1,4 @@
-"""Make the README's pictures: arms after laps of a closed path, as the animation shows them.
+"""Make the README's pictures: arms after cycles of a closed path, as the animation shows them.
 
     python examples/gallery.py                  all pictures, into examples/pictures/
     python examples/gallery.py ppr tiago        some of them

@@ -1,6 +1,6 @@
 """Repeatable control for redundant robot arms.
 
-Load any URDF, see how far the arm creeps on a closed path, design the control that does not.
+Load any URDF, see how far the arm drifts on a closed path, design the control that does not.
 Everything is imported when it is first asked for.
 """
 

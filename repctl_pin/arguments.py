@@ -23,7 +23,7 @@ FLOAT = np.dtype(float)
 NUMBER = (float, int)
 
 MOST_NODES = 2**22
-"""Nodes of a region: what a machine of today can bear, in memory and in patience."""
+"""Most nodes of a region: more would take too much memory and time."""
 
 MOST_STEPS = 10_000_000
 """Steps of a motion."""
@@ -67,7 +67,7 @@ def chosen(value: Any, names: Iterable[str], kind: str) -> str:
 
 
 def whole(value: Any, name: str, least: int = 0, most: int | None = None) -> int:
-    """Take a whole number; ``most`` is what a machine can bear."""
+    """Take a whole number; ``most`` is what fits into memory."""
     number = _number(value)
     if not (math.isfinite(number) and number == int(number) and number >= least):
         raise InputError(f"{name} must be a whole number from {least} up, not {shown(value)}")

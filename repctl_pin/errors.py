@@ -1,4 +1,4 @@
-"""What goes wrong, in four kinds, each with one clear line for the person at the keyboard."""
+"""The four kinds of errors, each with a message of one line."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class RepctlError(Exception):
 
 
 class InputError(RepctlError, ValueError):
-    """Something a person gave (a name, a size, a file, an option) cannot be used.
+    """An argument (a name, a size, a file, an option) cannot be used.
 
     Examples
     --------
@@ -34,7 +34,7 @@ class InputError(RepctlError, ValueError):
 
 
 class UrdfError(InputError):
-    """The gatekeeper refuses a robot file.
+    """A robot file is refused; the message names the line at fault.
 
     Examples
     --------

@@ -132,7 +132,7 @@ def _target(path: str | Path) -> Path:
 
 
 def _replace(target: Path, data: bytes, old: os.stat_result | None) -> None:
-    """Write a temporary file beside the target, which nobody can foresee or share, and rename it."""
+    """Write a temporary file beside the target, under an unpredictable name, and rename it."""
     temporary = target.with_name(f".repctl-{secrets.token_hex(8)}")
     handle = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_NOFOLLOW", 0), 0o666)
     try:

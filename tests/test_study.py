@@ -88,7 +88,7 @@ def test_default_kind_is_the_first_redundant_one() -> None:
         ("panda", None),
         ("ur5", "pose has no redundancy: 6 joints; position was taken"),
         ("planar3r", "pose has no redundancy: 3 joints; xy was taken"),
-        ("planar7r", "pose is out of the question: 7 joints never move tool in all its coordinates; xy was taken"),
+        ("planar7r", "pose is not possible: 7 joints never move tool in all its coordinates; xy was taken"),
     ],
 )
 def test_why_a_kind_was_taken_is_said_where_nobody_chose_it(name: str, told: str | None) -> None:

@@ -35,14 +35,14 @@ _EXAMPLES = """examples:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; return its exit code: 0 done, 2 something given cannot be used, 1 a fault of ours."""
-    if argv is None:  # our own process: matrices of 7 joints go faster without threads that wait for each other
+    if argv is None:  # our own process: matrices of 7 joints are faster on one thread
         for variable in BLAS_THREADS:
             os.environ.setdefault(variable, "1")
         if not sys.warnoptions:
-            warnings.simplefilter("ignore")  # of libraries: they speak to programmers
+            warnings.simplefilter("ignore")  # of libraries: they are for programmers
         for stream in (sys.stdout, sys.stderr):  # None where it is closed
             if isinstance(stream, io.TextIOWrapper):
-                stream.reconfigure(errors="replace")  # a terminal that knows no ⁺ gets a ?
+                stream.reconfigure(errors="replace")  # a terminal that cannot show ⁺ gets a ?
     arguments = join_negative(list(sys.argv[1:] if argv is None else argv))
     if not arguments:
         parser().print_help(sys.stderr)

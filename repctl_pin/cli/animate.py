@@ -49,7 +49,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--only", metavar="NAMES", help="of the CSV's strategies, these, separated by commas")
     task_options(parser)
     path_options(parser)
-    parser.add_argument("--cycles", type=whole, help="how often round (default 10, or what the CSV says)")
+    parser.add_argument("--cycles", type=whole, help="number of cycles (default 10, or what the CSV says)")
     parser.add_argument("--steps", type=whole, default=200, help="steps a cycle (default 200)")
     parser.add_argument("--degree", type=whole, default=2, help="degree of the potentials (default 2)")
     parser.add_argument("--seconds", type=positive, default=4.0, help="time of a cycle, s (default 4)")

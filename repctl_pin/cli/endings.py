@@ -23,7 +23,7 @@ def told(run: Callable[[], int], arguments: list[str], *, debug: bool) -> int:
     arguments
         Its words, to say how to run it again.
     debug
-        Show the traceback of what nobody foresaw, in place of the line.
+        Show the traceback of an unexpected error instead of the line.
     """
     try:
         code = run()
@@ -53,7 +53,7 @@ def told(run: Callable[[], int], arguments: list[str], *, debug: bool) -> int:
 
 
 def _say(line: str, code: int) -> int:
-    """Say the line, where anybody hears it."""
+    """Print the line, unless stderr is closed."""
     clear_line()
     try:
         print(f"repctl: {' '.join(line.split())}", file=sys.stderr, flush=True)
@@ -63,7 +63,7 @@ def _say(line: str, code: int) -> int:
 
 
 def _drop_output() -> None:
-    """Let what is still to be written go nowhere: the interpreter would complain of it at its end."""
+    """Discard pending output: the interpreter would complain about it at exit."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     for stream in (sys.stdout, sys.stderr):
         try:

@@ -32,7 +32,7 @@ def executor_of(options: argparse.Namespace) -> Iterator[Any]:
         import os
         from concurrent.futures import ProcessPoolExecutor
 
-        # each worker does its own share: BLAS threads on top would only get into each other's way
+        # each worker does its own share: BLAS threads on top would only slow it down
         os.environ.update(dict.fromkeys(BLAS_THREADS, "1"))
         context = multiprocessing.get_context("spawn")
         pool = ProcessPoolExecutor(options.processes, mp_context=context, initializer=_ignore_interrupt)

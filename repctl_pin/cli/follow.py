@@ -56,7 +56,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     surroundings_option(parser)
     task_options(parser)
     path_options(parser)
-    parser.add_argument("--cycles", type=whole, default=1, help="how often round (default 1)")
+    parser.add_argument("--cycles", type=whole, default=1, help="number of cycles (default 1)")
     parser.add_argument("--steps", type=whole, default=500, help="points a cycle (default 500)")
     parser.add_argument(
         "--period", type=positive, help="time of a cycle, s (default: the design's or the path's own, else 5)"

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from ..section import CellDesign
 
 _PATHS = (
-    "circle:RADIUS, turned until the arm can follow it; circle:RADIUS:DEGREES, the start so far round it from the "
+    "circle:RADIUS, turned until the arm can follow it; circle:RADIUS:DEGREES, starting at that angle from the "
     "plane's first axis; square:SIDE, eight:RADIUS, rose:RADIUS, polygon:CORNERS:RADIUS, all in m; or FILE.csv, a "
     "point a line: x,y,z in m from the base, not from the start, the first again last, and qx,qy,qz,qw and time where "
     "its first line names them; :blend=RADIUS at the end rounds corners"

@@ -47,7 +47,7 @@ def run(options: argparse.Namespace) -> int:
     tell(table(header, [_cells(row) for row in rows], left=2))
     tell(
         "joints: those that move the frame, of all that move; then r = joints − m for each kind of task, plane being\n"
-        "xy, xz, yz, and – where the arm cannot do it at all. r ≥ 1 is redundant: the motion under J⁺ creeps."
+        "xy, xz, yz, and – where the arm cannot do it at all. r ≥ 1 is redundant: the motion under J⁺ drifts."
     )
     return 0
 

@@ -30,7 +30,7 @@ from .terminal import clear_line, progress
 if TYPE_CHECKING:
     from ..studies import Study
 
-HELP = "show how far an arm creeps on a closed path, and the control that does not"
+HELP = "show how far an arm drifts on a closed path, and the control that does not"
 EXAMPLE = "example: repctl study panda --path circle:0.1 --plane yz --cycles 20"
 
 
@@ -40,7 +40,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     surroundings_option(parser)
     task_options(parser)
     path_options(parser)
-    parser.add_argument("--cycles", type=whole, default=10, help="how often round (default 10)")
+    parser.add_argument("--cycles", type=whole, default=10, help="number of cycles (default 10)")
     parser.add_argument("--steps", type=whole, default=500, help="RK4 steps a cycle (default 500)")
     parser.add_argument(
         "--period",

@@ -1,4 +1,4 @@
-"""What a design should be seen beside: constant rows, and the extended Jacobian."""
+"""What a design is compared with: constant rows, and the extended Jacobian."""
 
 from __future__ import annotations
 

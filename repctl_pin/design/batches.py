@@ -1,7 +1,7 @@
 """Nodes in batches: kept or built anew at every pass, here, in other processes, or on a cluster.
 
 One seam, :class:`Batches`: add a function of the criterion up over all batches. Where the batches lie and who
-evaluates them is nobody else's business, and sums are taken in the order of the nodes whoever did the work.
+evaluates them is hidden behind it, and sums are taken in the order of the nodes whoever did the work.
 """
 
 from __future__ import annotations

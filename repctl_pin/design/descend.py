@@ -115,7 +115,7 @@ def descend(
     nodes. Of all V of next to the same cost the penalty takes the one closest to the null space's own field.
 
     In the coordinates C = B⁻¹ A, in which the potentials' gradients are orthonormal over Ω, the step solves
-    ``(H + τ mean EᵀE + μ I) dC = −g``; μ falls where Gauss–Newton foretells the decrease and rises where not.
+    ``(H + τ mean EᵀE + μ I) dC = −g``; μ falls where Gauss–Newton predicts the decrease and rises where not.
     """
     r = A.shape[1]
     EE, toward = basis.T @ begin.EE @ basis, basis.T @ begin.toward
@@ -151,11 +151,11 @@ def descend(
             if damping <= _LEAST_DAMPING:
                 converged = True
                 break
-            damping = max(damping / 100, _LEAST_DAMPING)  # content only where damping does not feign it
+            damping = max(damping / 100, _LEAST_DAMPING)  # stop only where an undamped step predicts nothing either
             continue
         dC = step.reshape(r, size).T
         length = 1.0
-        while length > 1e-6:  # the whole step is the rule: its matrix at once; after that costs alone, they are cheap
+        while length > 1e-6:  # the full step is usually taken: its matrix at once
             trial = C + length * dC
             if length == 1.0:
                 found = evaluate(trial)
@@ -175,7 +175,7 @@ def descend(
         damping = float(np.clip(damping * (0.2 if gain > 0.5 else 1 if gain > 0.2 else 5), _LEAST_DAMPING, 1.0))
         C = C + length * dC
         total, cost, gradient, matrix, sides = found
-        if still == _STILL:  # what goes on is but the penalty's, among V of one cost
+        if still == _STILL:  # only the penalty still falls, among V of equal cost
             converged = True
             break
     return Descent(basis @ C, cost, norm, converged, steps, sides)

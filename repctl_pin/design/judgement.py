@@ -67,7 +67,7 @@ def judge(
     region
         Ω.
     samples
-        Fresh nodes, in 32 independent scramblings; their scatter gives the standard error. It is that of a
+        Held-out nodes, in 32 independent scramblings; their scatter gives the standard error. It is that of a
         mean whose scatter is itself estimated: wider by √(31/29), the spread of Student's t.
     seed
         Of the nodes; another one than the fit's.

@@ -49,8 +49,8 @@ class Design:
         Of the cost on the nodes of the fit, in coordinates in which the potentials' gradients are
         orthonormal over Ω.
     converged : bool
-        The optimiser foretells no decrease above ``tolerance`` of the cost, or three steps brought none. This
-        speaks of these potentials alone; whether more would help, :func:`settled` says.
+        The optimiser predicts no relative decrease of the cost above ``tolerance``, or its last three steps gave
+        none. It says nothing about richer potentials; for that see :func:`settled`.
     steps : int
         Gauss–Newton steps taken.
     samples, held_out : int

@@ -1,4 +1,4 @@
-"""The way to a regular optimum: descents that a search of Ω keeps clear of singularities between the nodes.
+"""Descents to a regular optimum: a search of Ω keeps them clear of singularities between the nodes.
 
 A descent sees det(Nᵀ V) at the nodes alone, and potentials of high degree have room between them. So Ω is searched
 behind every descent. Where det(Nᵀ V) vanishes the point is guarded, and the descent begins again from where V is known

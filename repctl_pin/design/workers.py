@@ -2,7 +2,7 @@
 
 The nodes are cut into pieces. A worker that has evaluated a piece keeps its batches; at the next pass every
 worker is asked for the pieces that it holds, and what is missing then (a worker died, or was not reached) is
-built anew by whoever is free. So nothing depends on which worker does what but the time.
+built anew by whoever is free. Which worker does what affects only the time.
 """
 
 from __future__ import annotations

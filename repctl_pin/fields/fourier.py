@@ -1,4 +1,4 @@
-"""Trigonometric potentials of chosen joints, for regions that go far round."""
+"""Trigonometric potentials of chosen joints, for regions that span large angles."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Fourier:
     .. math:: \sin(k \cdot u), \quad \cos(k \cdot u), \qquad u_i = 2\pi q_i / \text{period}_i,
               \qquad 1 \le \sum_i |k_i| \le \text{order},
 
-    one of k and −k. They do not leave a continuous joint's turn, and stay bounded where polynomials do not.
+    one of k and −k. They are periodic in a continuous joint, and stay bounded where polynomials do not.
     Over a small box they are close to polynomials, and nearly dependent on them.
 
     Parameters

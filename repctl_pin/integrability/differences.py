@@ -61,7 +61,7 @@ def differentiate(function: Callable[[Array], Array], Q: Array, scale: Array) ->
             continue
         if slope is None:
             slope = np.empty((len(Q), *found.shape[1:]))
-        row, joint = np.nonzero(doubt < error[open_rows] / 4)  # by luck, noise makes a doubt a little smaller
+        row, joint = np.nonzero(doubt < error[open_rows] / 4)  # noise can make an error estimate a little too small
         slope[open_rows[row], ..., joint] = found[row, ..., joint]
         error[open_rows[row], joint] = doubt[row, joint]
         size = np.abs(slope[open_rows]).reshape(len(open_rows), -1).max(axis=1, initial=0.0)

@@ -35,7 +35,7 @@ class RepeatableTask(PinkTask):
         Weight of each of the r errors beside the other tasks' costs. The two kinds of tasks do not compete:
         together they fix all joints.
     gain
-        Share of the error that is undone in one step, from 0 to 1; below 1 a push is come back from slowly.
+        Share of the error that is undone in one step, from 0 to 1; below 1 the arm returns slowly after a push.
     lm_damping
         pink's Levenberg–Marquardt damping.
     """

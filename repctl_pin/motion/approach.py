@@ -1,4 +1,4 @@
-"""The way in: from where an arm stands to where its cycle begins."""
+"""The approach: from where the arm is to where its cycle begins."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def approach(
     acceleration, velocity, torque, rate
         As :func:`timed` takes them.
     bodies
-        Make sure that the robot does not touch itself on the way; what stands round it is not looked at.
+        Make sure that the robot does not touch itself on the way; obstacles are not modelled.
 
     Returns
     -------

@@ -37,7 +37,7 @@ class Recorded:
     q : (T + 1, k) array
         Their positions, rad or m.
     cycles : int
-        How often round; T is a multiple of it.
+        Number of cycles; T is a multiple of it.
     """
 
     strategy: str
@@ -109,7 +109,7 @@ def read_motions(file: str | Path, known: Sequence[str], *, cycles: int | None =
     known
         The robot's joints.
     cycles
-        How often round, where the file does not say; 1 if None.
+        Number of cycles, where the file does not say; 1 if None.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Where the creep is seen."""
+"""The elbow: where drift shows most."""
 
 from __future__ import annotations
 

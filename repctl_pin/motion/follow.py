@@ -32,7 +32,7 @@ _MOST_CORRECTIONS = 1000
 """Newton's method has converged after a handful."""
 
 _JUMP = 1.0
-"""No arm moves a joint this far in one step: the integration has gone astray. In rad; of prismatic joints in lengths of
+"""No arm moves a joint this far in one step: the integration has failed. In rad; of prismatic joints in lengths of
 the arm or of the path."""
 
 _MOST = 100_000_000
@@ -69,7 +69,7 @@ def follow(
     q0 : (n,) array
         The start, inside the joint limits.
     cycles, steps
-        How often round, and integration steps a cycle (a few more where corners ask for it).
+        Number of cycles, and integration steps in each (a few more where there are corners).
     integrator
         ``rk4`` or ``euler``.
     feedback

@@ -160,7 +160,7 @@ def _polyline(
     sizes = np.hypot(np.linalg.norm(edges, axis=1), _PER_RADIAN * turns)
     stays = sizes < 1e-9
     if stays.all():
-        raise InputError(f"{name}: all points are the same; a path has to go somewhere")
+        raise InputError(f"{name}: all points are the same; a path has to move")
     blend = positive(blend, "blend", "m", zero=True)
     if blend and times is not None:
         raise InputError("corners are blended at constant speed; leave out times= or blend=")

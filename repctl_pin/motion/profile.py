@@ -19,7 +19,7 @@ _BEND = 0.05
 """A corner: the joint path turns by more than this, rad, from one side to the other."""
 
 STAGES = 450
-"""Stages of a cycle's profile, at least: so many keep what the limits are exceeded by between them within 2 %."""
+"""Stages of a cycle's profile, at least: so many keep the limits exceeded by less than 2 % between them."""
 
 _LEAST_STAGES = 50
 """Stages between two stops, at least."""
@@ -86,7 +86,7 @@ class Profile:
 
     Attributes
     ----------
-    marks : (laps + 1,) array
+    marks : (cycles + 1,) array
         When each cycle begins and the last ends, s; before any stay there.
     stretch : float
         The factor that time needs for the limits to hold between the stages too.

@@ -19,7 +19,7 @@ _THERE = 1e-9
 """Task error, m and rad, of a point that is reached."""
 
 _FAR = 10
-"""Points so many lengths of the arm away are not meant in m."""
+"""Points this many arm lengths away were not meant in m."""
 
 
 def solve_ik(
@@ -130,7 +130,7 @@ def check_reach(task: Task, q0: ArrayLike, path: TaskPath, *, points: int = 48) 
 
 
 def _told(error: InputError, task: Task, start: Array, q: Array, path: TaskPath, s: float) -> InputError:
-    """Tell what is out of reach in the path's own words, where its corners have names, and why that may be."""
+    """Say what is out of reach in the path's own terms, where its corners have names, and why that may be."""
     if not path.corners:
         return error
     knots = (0.0, *path.breaks, 1.0)

@@ -25,7 +25,7 @@ class Tube:
     Parameters
     ----------
     samples : (S, n) array
-        Configurations along a motion, rad or m; thinned to 256. Denser than the radius, please.
+        Configurations along a motion, rad or m; thinned to 256. Space them more closely than the radius.
     radius : float or (n,) array
         The same for every joint, or one a joint.
     density : function, optional

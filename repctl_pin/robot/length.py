@@ -26,7 +26,7 @@ def arm_length(task: Task, q: NDArray[np.float64]) -> float:
 def joint_scale(task: Task, q: NDArray[np.float64]) -> NDArray[np.float64]:
     """Choose a unit for every joint: 1 rad, and for a prismatic joint the length of the arm, m: (n,).
 
-    In these units joint motions of both kinds can be compared, and steps be chosen. An arm that has no length, of
+    In these units joint motions of both kinds can be compared. An arm that has no length, of
     prismatic joints alone, is measured in m.
     """
     if task.revolute.all():

@@ -149,7 +149,7 @@ class Robot(Mechanism):
         InputError
             If there is no such robot, joint, link or folder.
         UrdfError
-            If the gatekeeper refuses the file.
+            If the file is refused.
         """
         text = str(file_name(name_or_path, "robot"))
         one = isinstance(package_dirs, (str, Path))

@@ -17,8 +17,8 @@ class SectionField:
     .. math:: V^T = n_{ref}^T + \left[ (\partial n_{ref}^T)(q - q_{ref}) - n_{ref}^T \partial q_{ref} \right]
               \frac{\partial u}{\partial x} J
 
-    An ordinary field: :class:`RepeatableInverse` takes it as it takes polynomials of q. On the way beyond the cell
-    the polynomials of u go on, and mean less and less.
+    An ordinary field: :class:`RepeatableInverse` takes it as it takes polynomials of q. Beyond the cell
+    the polynomials of u extrapolate, and lose their meaning.
 
     Parameters
     ----------

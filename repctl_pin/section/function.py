@@ -31,7 +31,7 @@ _LEAST = 0.1
 class InverseFunction:
     """``q = F(x; c)``, Baker and Wampler's inverse kinematic function, over a cell of the workspace.
 
-    From nothing: no start, no history, no randomness. The same pose gives the same joints, and the joints change
+    It needs no start and no history. The same pose gives the same joints, and the joints change
     smoothly with it: ``f(F(x)) = x``, ``n_ref(x)ᵀ (F(x) − q_ref(x)) = c``.
 
     One for each thread: an evaluation works in memory of its own.

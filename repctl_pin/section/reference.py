@@ -17,7 +17,7 @@ from .monomials import Monomials
 Array = NDArray[np.float64]
 
 _STEP = 0.5
-"""A joint step, rad or m, from one point of a ray to the next, that means that the arm has gone astray."""
+"""A joint step, rad or m, from one point of a ray to the next, that means that the arm has lost the path."""
 
 _SINGULAR = 0.01
 """σ_min / σ_max of J at which a ray ends."""

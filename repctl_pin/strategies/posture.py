@@ -1,4 +1,4 @@
-"""J⁺ with a posture held in the null space: what people do today against drift."""
+"""J⁺ with a posture held in the null space: the usual remedy for drift."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ Array = NDArray[np.float64]
 class PostureControl:
     """``q̇ = J⁺ ẋ + (I − J⁺ J) K (q_p − q)``: track, and pull towards a posture in the null space.
 
-    Closes a cycle in the limit when it starts on the posture; started off it, it jumps or creeps there.
+    Closes cycles in the limit when it starts on the posture. Started elsewhere it first moves there: in a jump with a
+    high gain, slowly with a low one.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Good defaults for an arm nobody has told us anything about: task kind, start, path, region."""
+"""Defaults where nothing is said: task kind, start, path, region."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ PREFERRED_KINDS = ("pose", "position", "xy", "xz", "yz")
 """Kinds tried in this order when none is named (``axis`` on request only)."""
 
 PERIOD = 5.0
-"""Time of a cycle, s, where nobody says another and the joints are quick enough."""
+"""Time of a cycle, s, where none is given and the joints are fast enough."""
 
 SHARE = 0.9
 """Share of a speed limit that a cycle uses at most, where its time is chosen."""
@@ -103,7 +103,7 @@ def kind_note(robot: Robot, task: Task) -> list[str]:
         return []
     if joints <= len(KINDS[first]):
         return [f"{first} has no redundancy: {joints} joints; {task.kind} was taken"]
-    return [f"{first} is out of the question: {joints} joints never move {task.frame} in all its coordinates; "
+    return [f"{first} is not possible: {joints} joints never move {task.frame} in all its coordinates; "
             f"{task.kind} was taken"]  # fmt: skip
 
 
@@ -206,7 +206,7 @@ def choose_region(task: Task, motion: Motion, width: float | None = None) -> Tub
 
 
 def round_the_motion(desired: Inverse, path: TaskPath, q0: Array, *, width: float | None = None, seed: int = 0) -> Tube:
-    """Lay a tube where a repeatable motion will be: the desired one creeps away from there, a linear design does not.
+    """Lay a tube where a repeatable motion will be: the desired one drifts away from there, a linear design does not.
 
     Raises
     ------

@@ -81,7 +81,7 @@ def study(
     radius, plane
         Of that circle, m, and ``xy``, ``yz`` or ``xz``.
     cycles, steps
-        How often round, and RK4 steps a cycle, open loop.
+        Number of cycles, and RK4 steps in each, open loop.
     region
         Ω: a half-width round the start, rad (and m), or a region; by default a tube round the cycle.
     degree

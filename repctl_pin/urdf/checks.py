@@ -234,7 +234,7 @@ def _check_range(limit: etree._Element) -> None:
         raise bad(limit, f"lower = {lower:g}, upper = {upper:g}: no robot gets there; correct it")
     if lower > upper:
         raise bad(limit, f"lower = {lower:g} is above upper = {upper:g}; swap them")
-    if lower == upper != 0.0:  # both 0 is what exporters write where nobody gave a range
+    if lower == upper != 0.0:  # both 0 is what exporters write where no range was given
         raise bad(limit, f"lower = upper = {lower:g} leaves no room; widen it, or make the joint fixed")
 
 

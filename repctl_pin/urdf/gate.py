@@ -69,7 +69,7 @@ class Description:
     meshes : tuple of str
         Visual mesh files, as written in the file, each once.
     notes : tuple of str
-        What was read kindly, or looks wrong: joints without a range, a mimic joint whose leader's name lacks
+        What was ignored, or looks wrong: joints without a range, a mimic joint whose leader's name lacks
         its prefix, limits that may be in degrees, what was ignored.
     xml : str
         The URDF as Pinocchio should read it: continuous joints are revolute ones with limits of
@@ -171,7 +171,7 @@ def _joint(element: etree._Element, joints: Mapping[str, etree._Element], notes:
     lower, upper, velocity = -math.inf, math.inf, math.inf
     if kind in ("revolute", "prismatic"):
         lower, upper = _number(limit, "lower", 0.0), _number(limit, "upper", 0.0)
-        if lower == upper == 0.0:  # what exporters write where nobody gave a range
+        if lower == upper == 0.0:  # what exporters write where no range was given
             notes.append(f"joint {name!r} has no range (lower = upper = 0): taken as unlimited")
             lower, upper = -math.inf, math.inf
     if kind != "fixed" and limit is not None:

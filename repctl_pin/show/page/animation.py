@@ -80,7 +80,7 @@ class Animation:
 def animation(motions: Mapping[str, Motion] | Study, *, seconds: float = 4.0) -> Animation:
     """Show motions of one robot side by side: path, traces, start pose, and the drift after each cycle.
 
-    What has crept has a warm colour, what has come back a cool one.
+    Motions that drift have warm colours, those that come back cool ones.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ def animation(motions: Mapping[str, Motion] | Study, *, seconds: float = 4.0) ->
 
 
 def _colours(drifts: Sequence[float]) -> list[str]:
-    """Give each motion a colour: a warm one if it has crept, a cool one if it has come back."""
+    """Give each motion a colour: a warm one if it drifts, a cool one if it comes back."""
     limit = max(_BACK * max(drifts), 1e-6)
     warm, cool = cycle(_WARM), cycle(_COOL)
     return [next(cool if drift <= limit else warm) for drift in drifts]

@@ -200,7 +200,7 @@ def _renamed(data: Any, names: dict[str, str]) -> Any:
 
 
 def lifted(color: ArrayLike) -> NDArray[np.float64]:
-    """Take the edge off a colour: an even black swallows all form, an even white all light."""
+    """Soften a colour: pure black and pure white hide the shading."""
     return 0.06 + 0.9 * np.asarray(color, float)
 
 

@@ -90,7 +90,7 @@ def read_tracks(file: str | Path, robot: Robot, *, cycles: int | None = None) ->
     robot
         Whose joints they are.
     cycles
-        How often round, where the file does not say; 1 if None.
+        Number of cycles, where the file does not say; 1 if None.
 
     Raises
     ------
@@ -226,7 +226,7 @@ def _violation(limbs: Sequence[Limb], track: Track) -> tuple[float, Task, int] |
 
 
 def _deed(limbs: Sequence[Limb], track: Track) -> Deed:
-    """What the verdict speaks of; of several limbs, the elbow that creeps most."""
+    """What the verdict speaks of; of several limbs, the elbow that drifts most."""
     ends = [_ways(limb, track.Q[[0, -1]])[1] for limb in limbs]
     steps, found = (len(track.Q) - 1) // track.cycles, _violation(limbs, track)
     apart, touch = _bodies(limbs, track)

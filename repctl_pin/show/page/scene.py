@@ -193,7 +193,7 @@ def _from_first(q: Array, frames: Frames) -> Array:
 
 
 def _liveliest(every: Sequence[Array], frames: Frames) -> tuple[int, int] | None:
-    """Choose the two joints that creep most, or move most where none creeps; None where there are not two."""
+    """Choose the two joints that drift most, or move most where none drifts; None where there are not two."""
     if min(q.shape[-1] for q in every) < 2 or any(q.shape != (len(frames.index), every[0].shape[-1]) for q in every):
         return None
     most = np.max([np.abs(_from_first(q, frames)).max(axis=0) for q in every], axis=0)

@@ -47,7 +47,7 @@ def margin_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> 
     ax
         Where to draw.
     motions
-        Label, motion, colour. Joints without limits leave room without end, and are not drawn.
+        Label, motion, colour. Joints without limits are not drawn.
     """
     drawn = False
     for (label, motion, colour), marker in zip(motions, "osD^vPX" * len(motions), strict=False):

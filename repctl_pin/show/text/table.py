@@ -64,7 +64,7 @@ def study_table(study: Study) -> str:
 
 
 def outside_words(share: float) -> list[str]:
-    """Say, so that nobody misses it, that a motion leaves Ω; nothing where it does not."""
+    """Warn prominently that a motion leaves Ω; nothing where it does not."""
     if share <= 0:
         return []
     return [f"!!! OUTSIDE Ω: {share:.1%} of the repeatable motion lies where nothing was designed !!!", ""]

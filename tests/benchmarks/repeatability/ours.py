@@ -77,7 +77,7 @@ def design_for(scenes: list[Scene]) -> rp.Design:
             q = step(q, target)
             ways.append(q)
     samples = np.array(ways)[:: max(1, len(ways) // 256)]
-    return rp.nearest_repeatable(rp.Pseudoinverse(task), None, rp.Tube(samples, 0.1), degree=2)
+    return rp.nearest_repeatable(rp.Pseudoinverse(task), None, rp.Tube(samples, 0.1), degree=2, shrink=True)
 
 
 def _errors(task: rp.Task) -> Callable[[np.ndarray, pin.SE3], tuple[np.ndarray, np.ndarray]]:
