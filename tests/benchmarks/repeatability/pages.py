@@ -18,6 +18,7 @@ from cycles import Row
 ROOT = Path(__file__).parents[3]
 CSV = ROOT / "docs" / "benchmark.csv"
 PACKAGES = ("repctl-pin", "pin", "pin-pink", "mink", "mujoco", "ssik", "daqp", "numpy")
+PAGES = (ROOT / "README.md", ROOT / "docs" / "benchmark.md", ROOT / "docs" / "which.md")
 COLUMNS = (
     "program",
     "drift, cycle 1",
@@ -48,7 +49,7 @@ def write(rows: Sequence[Row], out: Path | None, said: str) -> None:
         lines.writerow([field.name for field in fields(Row)])
         lines.writerows([_short(value) for value in asdict(row).values()] for row in rows)
     figure(rows, folder / "benchmark.png")
-    for page in (ROOT / "README.md", ROOT / "docs" / "benchmark.md"):
+    for page in PAGES:
         if out is None:
             page.write_text(filled(page.read_text(encoding="utf-8"), rows, said), encoding="utf-8")
     for name, lines in tables(rows).items():
@@ -132,7 +133,7 @@ def _summary(rows: Iterable[Row]) -> list[str]:
 
 def _short_table(rows: Sequence[Row]) -> list[str]:
     """One line a program for the README: medians, from the posture and off it."""
-    header = ("program", "drift, cycle 1", "cycle 10", "cycle 100", "off the posture: cycle 10", "extra joint speed")
+    header = ("program", "drift, cycle 1", "cycle 10", "cycle 100", "off the posture: cycle 10", "its extra speed")
     lines = []
     for name, of in _grouped(rows, "program").items():
         on, off = ([row for row in of if row.start == start] for start in ("on", "off"))
@@ -141,7 +142,7 @@ def _short_table(rows: Sequence[Row]) -> list[str]:
         jump = _median([row.jump for row in off])
         took = f"{np.nanmedian([row.of_pinv for row in of]):.2f}"
         lines.append([_bold(name), *drift, _median([row.drift_10 for row in off]), speed, jump, took])
-    return _markdown((*header, "largest step", "time of pinv"), lines)
+    return _markdown((*header, "its largest step", "time of pinv"), lines)
 
 
 def _by_arm(rows: Sequence[Row]) -> list[str]:

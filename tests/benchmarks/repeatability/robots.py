@@ -23,8 +23,9 @@ ARMS = {
 STARTS = {
     "gen3": (0.0, 0.5, np.pi, -1.9, 0.0, 0.9, np.pi / 2),
     "iiwa14": (0.0, 0.6, 0.0, -1.4, 0.0, 1.1, 0.0),
+    "tiago": (0.16, 0.64, -1.0, -1.15, 0.04, -0.09, -0.98, 0.6),
 }
-"""Where to begin on the arms that come without a reference pose: elbows bent in front of them."""
+"""Where to begin where the reference pose will not do: from here J⁺ goes round every path inside the limits once."""
 
 Joint = tuple[str, pin.SE3, np.ndarray, bool, float, float, float]
 """Name, placement in the link before it, axis, does it turn, lower and upper limit, speed limit."""
