@@ -72,8 +72,8 @@ class Design:
     True
     >>> 0 < design.relative_distance < 0.2  # of ‖J⁺‖
     True
-    >>> print(design.summary().splitlines()[0])
-    nearest repeatable inverse of <Task planar3r tool xy: n = 3, m = 2, r = 1>
+    >>> "leaf margin" in design.summary()
+    True
     """
 
     inverse: RepeatableInverse

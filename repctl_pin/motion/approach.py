@@ -38,7 +38,7 @@ def approach(
     acceleration, velocity, torque, rate
         As :func:`timed` takes them.
     bodies
-        Make sure that the robot does not touch itself on the way; obstacles are not modelled.
+        Make sure that the robot does not touch itself, or its surroundings, on the way.
 
     Returns
     -------

@@ -164,14 +164,14 @@ def timed(
     Q, steps = motion.joints(motion.q), motion.steps
     once = Q[: steps + 1]
     closed = np.abs(Q - np.vstack([np.tile(once[:-1], (motion.cycles, 1)), once[:1]])).max() < CLOSED
-    laps = min(motion.cycles, 3) if closed else motion.cycles
+    cycles = min(motion.cycles, 3) if closed else motion.cycles
     if closed:
-        Q = np.vstack([np.tile(once[:-1], (laps, 1)), once[:1]])
-    profile, stops = _profile(Q, motion, laps, limits)
-    if motion.cycles > laps and not profile.settled:  # speeding up takes longer than a cycle
-        laps = motion.cycles
-        profile, stops = _profile(np.vstack([np.tile(once[:-1], (laps, 1)), once[:1]]), motion, laps, limits)
-    return _sampled(profile, motion.task.robot_joints, motion.cycles - laps, rate, limits, stops)
+        Q = np.vstack([np.tile(once[:-1], (cycles, 1)), once[:1]])
+    profile, stops = _profile(Q, motion, cycles, limits)
+    if motion.cycles > cycles and not profile.settled:  # speeding up takes longer than a cycle
+        cycles = motion.cycles
+        profile, stops = _profile(np.vstack([np.tile(once[:-1], (cycles, 1)), once[:1]]), motion, cycles, limits)
+    return _sampled(profile, motion.task.robot_joints, motion.cycles - cycles, rate, limits, stops)
 
 
 def limits_of(
@@ -221,7 +221,7 @@ def rest_to_rest(Q: Array, joints: Sequence[str], rate: float, limits: Limits) -
     return _sampled(profile, tuple(joints), 0, rate, limits, 0)
 
 
-def _profile(Q: Array, motion: Motion, laps: int, limits: Limits) -> tuple[Profile, int]:
+def _profile(Q: Array, motion: Motion, cycles: int, limits: Limits) -> tuple[Profile, int]:
     """Solve run after run between corners and stays; and count the corners of a cycle."""
     steps, t = motion.steps, motion.t[: motion.steps + 1] - motion.t[0]
     moving = np.linalg.norm(np.diff(Q, axis=0), axis=1) > 1e-9
@@ -230,17 +230,17 @@ def _profile(Q: Array, motion: Motion, laps: int, limits: Limits) -> tuple[Profi
     kept = np.concatenate([[True], moving])  # points that are not those before them
     place = np.cumsum(kept) - 1  # of every point among the kept
     stays = np.zeros(int(place[-1]) + 1)
-    np.add.at(stays, place[1:][~moving], np.tile(np.diff(t), laps)[~moving])
+    np.add.at(stays, place[1:][~moving], np.tile(np.diff(t), cycles)[~moving])
     breaks = np.rint(np.interp(motion.path.breaks, t / t[-1], np.arange(steps + 1))).astype(int)
-    marks = [int(place[k + lap * steps]) for k in (0, *breaks) for lap in range(laps)]
+    marks = [int(place[k + cycle * steps]) for k in (0, *breaks) for cycle in range(cycles)]
     corners = corners_of(Q[kept], marks)
     stops = sorted({0, int(place[-1]), *corners, *np.flatnonzero(stays).tolist()})
     way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(Q[kept], axis=0), axis=1))])
-    density = STAGES * laps / way[-1]
+    density = STAGES * cycles / way[-1]
     runs = [fastest(Q[kept][a : b + 1], limits, density * (way[b] - way[a])) for a, b in pairwise(stops)]
-    laps_at = [int(place[lap * steps]) for lap in range(laps + 1)]
-    count = sum(0 < k < laps_at[1] for k in {*corners, *np.flatnonzero(stays).tolist()})
-    return Profile(runs, [float(stays[k]) for k in stops[:-1]], stops, laps_at, limits), count
+    ends = [int(place[cycle * steps]) for cycle in range(cycles + 1)]
+    count = sum(0 < k < ends[1] for k in {*corners, *np.flatnonzero(stays).tolist()})
+    return Profile(runs, [float(stays[k]) for k in stops[:-1]], stops, ends, limits), count
 
 
 def _sampled(

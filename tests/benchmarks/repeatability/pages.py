@@ -166,31 +166,33 @@ def _times(rows: Sequence[Row]) -> list[str]:
 
 
 def figure(rows: Sequence[Row], path: Path) -> None:
-    """Draw drift after 1, 10 and 100 cycles: one panel an arm, circle, from the posture and off it."""
+    """Draw drift over cycles on the circle: one panel an arm, started on the posture, and dashed off it."""
     chosen = [row for row in rows if row.lag_ms == 0 and row.path == "circle"]
-    arms = list(_grouped(chosen, "arm"))
+    chosen = [row for row in chosen if row.program not in ("ours, compiled", "ours, C")]
+    arms, names = list(_grouped(chosen, "arm")), list(_grouped(chosen, "program"))
+    colours = dict(zip(names, plt.get_cmap("tab10").colors, strict=False)) | {"ours, Python": "black"}
+    across = min(3, len(arms))
+    shape = (-(-len(arms) // across), across)
     canvas, axes = plt.subplots(
-        2, len(arms), figsize=(2.4 * len(arms) + 1.6, 5.2), squeeze=False, sharex=True, sharey=True
+        *shape, figsize=(3.2 * across, 2.7 * shape[0] + 1), squeeze=False, sharex=True, sharey=True
     )
-    names = [name for name in _grouped(chosen, "program") if name not in ("ours, compiled", "ours, C")]
-    colours = dict(zip(names, plt.get_cmap("tab10").colors, strict=False))
-    for row in chosen:
-        if row.program not in names:
-            continue
-        panel = axes[int(row.start == "off"), arms.index(row.arm)]
-        drift = [max(row.drift_1, 1e-15), max(row.drift_10, 1e-15), max(row.drift_100, 1e-15)]
-        own = row.program.startswith("ours")
-        panel.loglog([1, 10, 100], drift, "o-", color="black" if own else colours[row.program], markersize=3,
-                     linewidth=2.4 if own else 1.2, zorder=3 if own else 2, label=row.program)  # fmt: skip
-    for i, arm in enumerate(arms):
-        axes[0, i].set_title(arm)
-        axes[1, i].set_xlabel("cycles")
-    for line, start in zip(axes, ("from the posture", "0.5 rad off it"), strict=True):
-        line[0].set_ylabel(f"{start}\ndrift, rad")
-        for panel in line:
-            panel.grid(alpha=0.3)
+    for arm, panel in zip(arms, axes.flat, strict=False):
+        for row in (row for row in chosen if row.arm == arm):
+            drift = [max(value, 1e-16) for value in (row.drift_1, row.drift_10, row.drift_100)]
+            style = {"color": colours[row.program], "linewidth": 1.4} | (
+                {"linewidth": 4.0, "zorder": 1} if row.program.startswith("ours") else {}
+            )
+            label = row.program if row.start == "on" else None
+            panel.loglog([1, 10, 100], drift, "o-" if row.start == "on" else "o:", markersize=3, label=label, **style)
+        panel.set_title(arm)
+        panel.grid(alpha=0.3)
+    for panel in axes[:, 0]:
+        panel.set_ylabel("drift, rad")
+    for panel in axes[-1]:
+        panel.set_xlabel("cycles")
     labels = {text: line for panel in axes.flat for line, text in zip(*panel.get_legend_handles_labels(), strict=True)}
-    canvas.legend(labels.values(), labels, loc="outside lower center", ncols=5, frameon=False)
+    title = "dotted: started 0.5 rad off the posture"
+    canvas.legend(labels.values(), labels, loc="outside lower center", ncols=4, frameon=False, title=title)
     canvas.set_layout_engine("constrained")
     canvas.savefig(path, dpi=110)
     plt.close(canvas)
