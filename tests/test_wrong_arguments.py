@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 from wrong_arguments import all_wrong, outcome, right_calls
 
+import repctl_pin as rp
+
 SLOW = ("animation", "best_leaf", "inline", "nearest_", "study", "stable_", "candidate_", "export_c", "compiled")
 """What is left to the slow test: a call that is taken, though one of its arguments is odd, takes its time."""
 
@@ -61,5 +63,7 @@ def test_huge_counts_are_refused(tmp_path: Path) -> None:
         assert [outcome(calls["follow"], {name: count}) for name in following] == ["refused"] * 3
         assert outcome(calls["Box.random"], {"count": count}) == "refused"
         assert outcome(calls["rose"], {"petals": count + 1}) == "refused"
+        with pytest.raises(rp.InputError, match="fit into memory|cycles can be"):
+            rp.study("planar3r", cycles=count, progress=lambda text: pytest.fail(text) if "design" in text else None)
     assert outcome(calls["Motion.cycle"], {"k": 99}) == "refused"
     assert outcome(calls["solve_ik"], {"tolerance": np.inf}) == "refused"

@@ -3,7 +3,7 @@
 from .approach import approach
 from .best_leaf import BestLeaf, best_leaf
 from .elbow import elbow
-from .follow import follow
+from .follow import check_length, follow
 from .motion import Motion
 from .paths import ClosedPath, TaskPath, closed_path
 from .polyline import polygon, waypoints
@@ -20,6 +20,7 @@ __all__ = [
     "TimedMotion",
     "approach",
     "best_leaf",
+    "check_length",
     "check_reach",
     "circle",
     "closed_path",

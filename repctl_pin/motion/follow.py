@@ -119,8 +119,7 @@ def follow(
     chosen(integrator, INTEGRATORS, "integrator")
     cycles, steps = whole(cycles, "cycles", 1), whole(steps, "steps", 1)
     leaf_lock, damping = whole(leaf_lock, "leaf_lock", 0, _MOST_CORRECTIONS), positive(damping, "damping", zero=True)
-    if cycles * steps * task.n > _MOST:
-        raise InputError(f"{cycles} cycles of {steps} steps are more than fit into memory; ask for fewer")
+    check_length(task, cycles, steps)
     period = positive((path.period or 5.0) if period is None else period, "the period", "s")
     feedback = positive(feedback, "the feedback gain", zero=True)
     if not leaf_lock and not (leaf is None and limit is None and not damping):
@@ -158,6 +157,12 @@ def follow(
         turning_error=np.linalg.norm(errors[:, linear:], axis=1),
         damping=used,
     )
+
+
+def check_length(task: Task, cycles: int, steps: int) -> None:
+    """Refuse a motion that does not fit into memory, before anything long is begun."""
+    if cycles * steps * task.n > _MOST:
+        raise InputError(f"{cycles} cycles of {steps} steps are more than fit into memory; ask for fewer")
 
 
 def _integrated(

@@ -14,7 +14,7 @@ from ..arguments import chosen, function, positive, wanted, whole
 from ..design import Design, SingularRegionError, nearest_repeatable
 from ..errors import InputError, SingularityError
 from ..integrability import drift_per_area
-from ..motion import ClosedPath, Motion, TaskPath, follow
+from ..motion import ClosedPath, Motion, TaskPath, check_length, follow
 from ..motion.cycle import Cycle
 from ..motion.fitting import fitting_circle
 from ..motion.shapes import PLANES
@@ -133,6 +133,7 @@ def study(
     machine = robot if isinstance(robot, Robot) else Robot.load(robot)
     moved = defaults.choose_task(machine, frame, task)
     defaults.check_degree(moved, degree)
+    check_length(moved, cycles, steps)
     own = _own_controls(moved, {} if controls is None else controls)
     say("finding a path" if path is None else "finding a start")
     wanted_path = parse_path(path, plane) if isinstance(path, str) else path
