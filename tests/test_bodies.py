@@ -80,6 +80,19 @@ def test_hulls_that_overlap_are_no_touch(chain: rp.Task, tmp_path: Path) -> None
     assert bodies.nearest(np.array([0.7 / 3, 0.0, 0.0])).distance > 0
 
 
+def test_a_flat_mesh_is_a_thin_body(chain: rp.Task, tmp_path: Path) -> None:
+    """A square of no thickness 0.6 m before the tip's ball: a hull without volume crashes the distance library."""
+    corners = [[0, -0.5, -0.5], [0, 0.5, -0.5], [0, 0.5, 0.5], [0, -0.5, 0.5]]
+    trimesh.Trimesh(corners, [[0, 1, 2], [0, 2, 3]]).export(tmp_path / "flat.stl")
+    sign = CELL.format(kind="fixed").replace('<box size="0.2 4 4"/>', '<mesh filename="flat.stl"/>')
+    (tmp_path / "cell.urdf").write_text(sign)
+    bodies = rp.Bodies(
+        rp.Robot.load(tmp_path / "chain.urdf", surroundings=tmp_path / "cell.urdf").task("tip", "position")
+    )
+    assert bodies.nearest(np.zeros(3)).links == ("tip", "wall")
+    assert bodies.nearest(np.zeros(3)).distance == pytest.approx(0.5, abs=2e-4)
+
+
 BAD_CELLS = {
     "moves": (CELL.format(kind="continuous"), "line 4: joint 'there' moves, but surroundings stand still"),
     "empty": ('<robot name="cell"><link name="room"/></robot>', "no <collision> in it"),

@@ -22,6 +22,10 @@ _LARGEST = 100_000_000
 """Bytes of a mesh file that is still read."""
 
 
+_THIN = 1e-4
+"""Thinner than this, m, a body is given a thickness."""
+
+
 @dataclass(frozen=True)
 class BodyShape:
     """A body: its convex hull, and the points (V, 3) and triangles (F, 3) of the mesh that it wraps, if it is one."""
@@ -71,18 +75,26 @@ def fixed_placements(description: Description) -> dict[str, pin.SE3]:
 
 
 def _wrapped(path: Path, scale: Array) -> BodyShape | None:
-    """Read a mesh and wrap it; None where it cannot be read, or is flat."""
+    """Read a mesh and wrap it; None where it cannot be read."""
     try:
         if path.stat().st_size > _LARGEST:
             return None
         mesh = trimesh.load(path, force="mesh", process=False)
-        points = np.asarray(mesh.convex_hull.vertices, float) * scale
         vertices, faces = np.asarray(mesh.vertices, float) * scale, np.asarray(mesh.faces, np.intp)
+        points = trimesh.convex.convex_hull(_thickened(vertices)).vertices
     except Exception:  # a stranger's file, read by a dozen libraries: whatever they raise, there is no body
         return None
     if len(points) < 4 or not np.isfinite(points).all():
         return None
     return BodyShape(coal.ConvexBase.convexHull(_cloud(points), True, "Qt"), vertices, faces)
+
+
+def _thickened(points: Array) -> Array:
+    """Give a flat body a thickness, 0.2 mm: the distance library crashes on a hull without volume."""
+    spread, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[1:]
+    for axis in axes[spread < np.sqrt(len(points)) * _THIN]:
+        points = np.concatenate([points + _THIN * axis, points - _THIN * axis])
+    return points
 
 
 def _cloud(points: Array) -> coal.StdVec_Vec3s:
