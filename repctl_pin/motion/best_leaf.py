@@ -33,6 +33,12 @@ _LOST = 1e-3
 _ROOM = 0.1
 """Bodies so far apart, in lengths of the arm, have as much room as a joint in the middle of its range."""
 
+_ALIKE = 0.01
+"""Rooms that differ by less are taken as the same."""
+
+_BODY_POINTS = 32
+"""Points of a cycle at which bodies are looked at."""
+
 _DIRECTIONS = 8
 _LEAST_LEAF_MARGIN = 0.1
 """No leaf is preferred to the given one that comes nearer to an algorithmic singularity than this."""
@@ -48,11 +54,9 @@ class Candidate:
         The start, with the frame at the path's first point.
     leaf : (r,) array
         c = h(q0).
-    margin : float
-        The least of the three below, the first as a share of half the joint's range, the second as one of a tenth of
-        the arm's length: what is maximised.
-    binds : str
-        Which of them it is: ``limits``, ``bodies`` or ``leaf``.
+    rooms : dict
+        How much room ``limits``, ``bodies`` and ``leaf`` leave: the least limit margin as a share of half the joint's
+        range, the least distance as a share of a tenth of the arm's length, the least leaf margin.
     limit_margin : float
         Smallest distance of a joint to its limit over the cycle, rad or m; negative outside.
     body_distance : float
@@ -67,8 +71,7 @@ class Candidate:
 
     q0: Array
     leaf: Array
-    margin: float
-    binds: str
+    rooms: dict[str, float]
     limit_margin: float
     body_distance: float
     leaf_margin: float
@@ -76,9 +79,24 @@ class Candidate:
     motion: Motion
 
     @property
-    def order(self) -> tuple[int, float]:
-        """By what starts are compared: fewer kinds of violation first, then the margin."""
-        return -(self.limit_margin < -1e-9) - (self.body_distance < 0), self.margin
+    def binds(self) -> str:
+        """What leaves the least room: ``limits``, ``bodies`` or ``leaf``."""
+        return min(self.rooms, key=lambda room: self.rooms[room])
+
+    @property
+    def margin(self) -> float:
+        """The least room: what is maximised."""
+        return self.rooms[self.binds]
+
+    @property
+    def order(self) -> tuple[float, ...]:
+        """By what starts are compared: fewer kinds of violation, then the least room; where it is the same, the next.
+
+        A wrist whose links are always near each other would else hide how near the others come to a limit.
+        """
+        broken = (self.limit_margin < -1e-9) + (self.body_distance < 0)
+        rooms = np.rint(np.sort(list(self.rooms.values())) / _ALIKE)
+        return -broken, *rooms.tolist(), self.margin
 
 
 @dataclass(frozen=True)
@@ -136,7 +154,7 @@ def best_leaf(
     Under a repeatable control the joint path of all cycles is known after the first, so limits, distances between
     bodies and leaf margin can be looked at before the robot moves. Starts are taken along the self-motion of the given
     one, both ways (for r > 1 in several directions), inside the joint limits; then the best is refined by
-    a pattern search. It is never worse than the given one, neither in margin nor in limit margin. With a region
+    a pattern search. It breaks no more than the given one, and is never worse in limit margin. With a region
     no start is preferred whose cycle leaves it; without one a cycle may go far outside Ω, where the control is no
     longer near G_d.
 
@@ -241,7 +259,7 @@ def _judged(
     if motion.tracking_error.max() > _LOST * (arm_length(task, q0) or 1.0) or gap > _LOST:
         return None  # it lost the path, or came back another way
     clear = float(leaf_margin(N, inverse.field.gradients(motion.q)).min())
-    least, bodies = motion.limit_margin.min(axis=0), float(motion.body_distance.min())
+    least, bodies = motion.limit_margin.min(axis=0), float(motion.thinned(_BODY_POINTS).body_distance.min())
     lower, upper, _ = task.joint_limits
     half = np.where(np.isfinite(upper - lower), (upper - lower) / 2, 1.0)
     rooms = {
@@ -249,12 +267,10 @@ def _judged(
         "bodies": bodies / (_ROOM * (arm_length(task, q0) or 1.0)),
         "leaf": clear,
     }
-    binds = min(rooms, key=lambda room: rooms[room])
     return Candidate(
         q0=motion.q[0],
         leaf=inverse.leaf(motion.q[0]),
-        margin=rooms[binds],
-        binds=binds,
+        rooms=rooms,
         limit_margin=float(least.min()),
         body_distance=bodies,
         leaf_margin=clear,
