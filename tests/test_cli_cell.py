@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from html import unescape
 from pathlib import Path
 
 import pytest
@@ -22,7 +23,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_files_and_a_path_inside(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert sorted(file.name for file in (made / "out").iterdir()) == ["cell.json", "cell.png"]
+    assert sorted(file.name for file in (made / "out").iterdir()) == ["cell.html", "cell.json", "cell.png"]
     assert (made / "out" / "cell.png").read_bytes()[:4] == b"\x89PNG"
     words = ["follow", str(made / "out" / "cell.json"), "--robot", str(made / "arm.urdf"), "--path", "circle:0.05"]
     assert main([*words, "--steps", "100", "--json"]) == 0
@@ -30,6 +31,16 @@ def test_the_files_and_a_path_inside(made: Path, capsys: pytest.CaptureFixture[s
     assert said["drift"][0] < 1e-9 and said["outside"] == 0
     assert main([*words[:-1], "circle:0.4", "--steps", "100", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["outside"] > 0.1
+
+
+def test_the_page_shows_the_box_and_a_tour_that_closes(made: Path) -> None:
+    page = (made / "out" / "cell.html").read_text("utf-8")
+    assert "one function for a cell" in page and "limit margin" in page and "http" not in page.partition("<iframe")[0]
+    inner = unescape(page.partition('srcdoc="')[2].partition('"></iframe>')[0])
+    scene = json.loads(inner.partition('id="scene">')[2].partition("</script>")[0])
+    assert [arm["label"] for arm in scene["arms"]] == ["J⁺", "q = F(x)"]
+    assert scene["arms"][1]["drift"][-1] < 1e-9 < scene["arms"][0]["drift"][-1]
+    assert scene["paths"][0] == 16  # the edges of the cell
 
 
 def test_other_commands_say_that_it_is_a_cell(made: Path, capsys: pytest.CaptureFixture[str]) -> None:

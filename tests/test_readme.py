@@ -50,6 +50,7 @@ WRITES = {
         *(f"c/arm_control.{end}" for end in ("h", "c", "hpp")),
         *(f"c/{name}" for name in ("test_vectors.h", "check.c", "loop.c", "CMakeLists.txt")),
     },
+    "cell my_arm.urdf --half-width 0.05": {f"repctl-out/my_arm/cell.{end}" for end in ("html", "json", "png")},
     "animate my_arm.urdf --live": set(),
     "robots": set(),
 }

@@ -16,10 +16,13 @@ import repctl_pin as rp
 from repctl_pin.section.chart import Chart
 from repctl_pin.section.cost import Cost
 from repctl_pin.section.descend import descend
+from repctl_pin.section.field import SectionField
 from repctl_pin.section.judgement import judge
 from repctl_pin.section.monomials import Monomials
 from repctl_pin.section.reference import fitted, rays
 from repctl_pin.section.rotations import exp3, left_jacobian, log3, tilts
+from repctl_pin.section.stops import touching
+from repctl_pin.section.tour import tour
 
 
 @cache
@@ -251,6 +254,50 @@ def test_the_field_is_the_section_and_its_gradient(kind: str) -> None:
         assert np.allclose(G @ E[:, j], slope, atol=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("kind", "rotation"),
+    [
+        ("pose", 0.3),
+        ("pose", 0),
+        ("pose", (0.2, 0.0, 0.4)),
+        ("axis", 0.3),
+        ("axis", (0.2, 0)),
+        ("position", 0),
+        ("xy", 0),
+    ],
+)
+def test_potentials_in_place_are_the_potentials(kind: str, rotation: object) -> None:
+    """On random polynomials, inside the cell and off what it holds: the loop's own way, and finite differences."""
+    cell = rp.Cell(panda(kind), middle(kind), 0.3, rotation)
+    task, rng, monomials = cell.task, np.random.default_rng(0), Monomials(cell.k, 3)
+    field = SectionField(Chart(cell, monomials, rng.normal(size=(monomials.size, task.n, 1 + task.r))))
+    V_T, e = np.zeros((task.n, task.n), order="F")[: task.r], np.zeros(task.r)
+    quick = field.in_place(V_T, e)
+    for _ in range(3):
+        q, c, d = Q_PANDA + 0.1 * rng.normal(size=task.n), rng.normal(size=task.r), rng.normal(size=task.n)
+        quick.slope(q)
+        quick.gap(c)
+        size = np.abs(V_T).max()
+        assert np.allclose(V_T, field.gradient(q).T, rtol=0, atol=1e-12 * size)
+        assert np.allclose(e, c - field.value(q), rtol=0, atol=1e-12 * size)
+        slope = (field.value(q + 1e-6 * d) - field.value(q - 1e-6 * d)) / 2e-6
+        assert np.allclose(V_T @ d, slope, rtol=0, atol=1e-6 * size)
+
+
+def test_ten_laps_of_a_random_tour_through_all_turns() -> None:
+    design = found(0.25)
+    path = tour(design.cell, 1, reach=1.0)
+    U = np.array([design.cell.coordinates_of(path.placement(s)) for s in np.linspace(0, 1, 200)])
+    assert (np.abs(U).max(axis=0) > 0.99).all()  # through all of the cell
+    q0 = design.function(path.placement(0.0))
+    kept = rp.follow(design.inverse, path, q0, cycles=10, steps=200, lock=3)
+    crept = rp.follow(design.desired, path, q0, cycles=10, steps=200)
+    assert kept.drift.max() < 1e-9 < 1e-2 < crept.drift[-1]
+    Q = design.function.batch(U)
+    again = design.function.batch([path.placement(s) for s in np.linspace(0, 1, 200)])
+    assert np.abs(Q - again).max() < 1e-9
+
+
 def test_a_closed_tour_closes_and_a_pushed_arm_comes_back() -> None:
     design = found()
     path = rp.circle(design.task, design.function(design.cell.at(np.array([0.8, 0.0, 0.0]))), 0.08, normal="z")
@@ -289,6 +336,21 @@ def test_the_judgement_is_honest() -> None:
     task = design.task
     assert j.limit_margin == pytest.approx(np.minimum(Q - task.lower, task.upper - Q).min(), rel=1e-9)
     assert abs(design.cost - j.cost) < 3 * (design.judgement.cost_error + j.cost_error)
+    bodies, every = rp.Bodies(task), np.concatenate([Q, design.function.batch(design.cell.corners())])
+    distances = bodies.distances(every)
+    assert j.body_distance == pytest.approx(distances.min()) and j.body_distance > 0.05
+    assert j.nearest_bodies == bodies.nearest(every[int(np.argmin(distances))]).links
+    assert j.smallest_singular_value == pytest.approx(np.linalg.svd(task.jacobians(Q), compute_uv=False).min())
+
+
+def test_bodies_that_touch_are_named_with_the_pose() -> None:
+    cell = cell_of()
+    U, distances = cell.corners(), np.full(14, 0.1)
+    assert touching(cell, U, distances, ("hand", "link1")) is None
+    distances[3] = -0.02
+    stop = touching(cell, U, distances, ("hand", "link1"))
+    assert stop is not None and stop.cause == "collision" and stop.share == pytest.approx(1 / 14)
+    assert str(stop).startswith(f"at {cell.where(U[3])}, hand and link1 touch") and "0.02 m" in str(stop)
 
 
 def test_limits_in_the_cost_keep_the_joints_inside(tmp_path: Path) -> None:
@@ -306,6 +368,7 @@ def test_limits_in_the_cost_keep_the_joints_inside(tmp_path: Path) -> None:
     cell = rp.Cell(task, x, 0.35)
     kept = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, posture=q, held_out=256)
     assert kept.limit_margin > 0.02 and kept.coverage == 1.0
+    assert kept.judgement.attainable_margin >= kept.limit_margin
     assert kept.cost > free.cost
 
 

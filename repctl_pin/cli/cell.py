@@ -34,6 +34,10 @@ EXAMPLE = """examples:
   repctl follow repctl-out/panda/cell.json --path circle:0.05 --csv motion.csv"""
 
 
+_STEPS = 240
+"""Steps of a cycle of the tour."""
+
+
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of this subcommand."""
     robot_options(parser)
@@ -58,7 +62,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Find the function, print the table, write cell.json and cell.png."""
+    """Find the function, print the table, write cell.json, cell.html and cell.png."""
     with output_folder(options, Path(options.robot).stem) as folder:
         return _run(options, folder)
 
@@ -92,13 +96,16 @@ def _run(options: argparse.Namespace, folder: Path) -> int:
     )
     say("drawing")
     prepare_folder(folder)
-    files = [save_control(design, folder / "cell.json"), *_pictures(design, folder)]
+    pictures, note = _pictures(design, folder, options.command_line)
+    files = [save_control(design, folder / "cell.json"), *pictures]
     clear_line()
     if options.json:
         print(json.dumps(_as_dict(design) | {"files": [str(f) for f in files]}, indent=2, ensure_ascii=False))
         return 0
     tell(design.summary())
     tell("\nextra joint speed: of the function over J⁺ at the same joints; J⁺ is the least that any control needs\n")
+    if note:
+        tell(f"note: {note}\n")
     for file in files:
         print(f"wrote {file}")
     return 0
@@ -129,15 +136,29 @@ def _numbers(text: str, option: str, size: int | None = None) -> Any:
     return numbers if len(numbers) > 1 else numbers[0]
 
 
-def _pictures(design: CellDesign, folder: Path) -> list[Path]:
-    """Draw the slices."""
+def _pictures(design: CellDesign, folder: Path, command: str) -> tuple[list[Path], str]:
+    """Draw the slices, and the page with a tour through the cell; why there is no tour, where there is none."""
+    from ..errors import RepctlError
     from ..files import write_whole
+    from ..motion import follow
     from ..section.slices import slices
+    from ..section.tour import tour
+    from ..show.cell_page import cell_page
     from ..show.plots.cells import cell_figure
     from ..show.plots.motions import png
+    from ..strategies.names import LABELS
 
-    cuts = slices(design)
-    return [write_whole(folder / "cell.png", png(cell_figure(design, cuts)))] if cuts else []
+    cuts, motions, note = slices(design), {}, ""
+    path = tour(design.cell)
+    try:
+        q0 = design.function(path.placement(0.0))
+        motions["q = F(x)"] = follow(design.inverse, path, q0, steps=_STEPS, lock=2)
+        motions = {LABELS["pseudoinverse"]: follow(design.desired, path, q0, steps=_STEPS)} | motions
+    except RepctlError as error:
+        note = f"on the tour through the cell: {error}"
+    picture = png(cell_figure(design, cuts)) if cuts else None
+    files = [write_whole(folder / "cell.html", cell_page(design, picture, motions, command=command))]
+    return files if picture is None else [*files, write_whole(folder / "cell.png", picture)], note
 
 
 def _as_dict(design: CellDesign) -> dict[str, Any]:

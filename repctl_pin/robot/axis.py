@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import atan2, hypot, pi
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,10 +18,9 @@ def axis_turn(R: Array, goal: Array) -> Array:
     R, goal : (3, 3) arrays
         The tool's orientation, and the goal's.
     """
-    z, aim = R[:, 2], goal[:, 2]
-    turn = np.cross(z, aim)
-    sine = float(np.linalg.norm(turn))
-    angle = np.arctan2(sine, z @ aim)
+    x, y, z = R.T.dot(goal[:, 2]).tolist()  # the goal's axis as the tool sees it
+    sine = hypot(x, y)
     if sine < 1e-12:  # parallel: nothing to turn; opposite: any way round will do
-        turn, sine = (np.zeros(3), 1.0) if z @ aim > 0 else (R[:, 0], 1.0)
-    return (R.T @ turn)[:2] * (angle / sine)
+        return np.array([0.0 if z > 0 else pi, 0.0])
+    ratio = atan2(sine, z) / sine
+    return np.array([-y * ratio, x * ratio])

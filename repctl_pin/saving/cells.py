@@ -30,6 +30,7 @@ from ..section.judgement import Judgement
 from ..section.monomials import Monomials
 
 FORMAT = "repctl cell"
+_BOUNDLESS = ("limit_margin", "attainable_margin", "body_distance")
 
 
 class StopFile(Plain):
@@ -42,7 +43,7 @@ class StopFile(Plain):
 
 
 class CellFigures(Plain):
-    """What the function is worth, see :class:`repctl_pin.section.judgement.Judgement`; null: without limits."""
+    """What the function is worth, see :class:`repctl_pin.section.judgement.Judgement`; null: no limits, no bodies."""
 
     cost: float
     cost_error: float
@@ -50,7 +51,10 @@ class CellFigures(Plain):
     extra_speed_error: float
     extra_speed_worst: float
     limit_margin: float | None
+    attainable_margin: float | None
     smallest_singular_value: float
+    body_distance: float | None
+    nearest_bodies: tuple[str, str]
     leaf_margin: float
     residual: float
     coverage: float
@@ -84,7 +88,7 @@ def cell_file(design: CellDesign) -> CellFile:
         If it holds functions of a person's own.
     """
     chart, cell, found = design.function.chart, design.cell, vars(design.judgement)
-    margin = design.limit_margin if np.isfinite(design.limit_margin) else None
+    boundless = {name: found[name] if np.isfinite(found[name]) else None for name in _BOUNDLESS}
     stops = [StopFile(stop.cause, stop.share, stop.u.tolist(), stop.what) for stop in design.stops]
     return CellFile(
         format=FORMAT,
@@ -98,7 +102,7 @@ def cell_file(design: CellDesign) -> CellFile:
         degree=chart.monomials.degree,
         coefficients=chart.coefficients.tolist(),
         posture=design.posture.tolist(),
-        figures=CellFigures(**found | {"limit_margin": margin, "stops": stops}),
+        figures=CellFigures(**found | boundless | {"stops": stops}),
         degrees=design.degrees,
         **{name: getattr(design, name) for name in ("samples", "held_out", "seed", "steps", "room")},
     )
@@ -120,7 +124,7 @@ def cell_of(content: CellFile, task: Task) -> CellDesign:
     if C.shape != due:
         raise InputError(f"the coefficients must be {due[0]} × {due[1]} × {due[2]} numbers; they have shape {C.shape}")
     figures = msgspec.structs.asdict(content.figures)
-    figures["limit_margin"] = np.inf if content.figures.limit_margin is None else content.figures.limit_margin
+    figures |= {name: np.inf for name in _BOUNDLESS if figures[name] is None}
     figures["stops"] = tuple(Stop(s.cause, s.share, np.array(s.u), s.what) for s in content.figures.stops)
     judgement = Judgement(**figures)
     return CellDesign(

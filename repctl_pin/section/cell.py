@@ -127,7 +127,7 @@ class Cell:
         y = unit.coordinates(p, R)[0] * unit._active_widths
         if task.m > positions:  # again, with the orientation in the middle of all of them
             mean = (y[:, positions:].max(axis=0) + y[:, positions:].min(axis=0)) / 2
-            middle = pin.SE3(exp3(unit._vectors(mean[None]))[0] @ middle.rotation, middle.translation)
+            middle = pin.SE3(exp3(unit.vectors(mean[None]))[0] @ middle.rotation, middle.translation)
             unit = cls(task, middle, np.ones(positions), 0.1)
             y = unit.coordinates(p, R)[0] * unit._active_widths
         reach = np.abs(y).max(axis=0)
@@ -159,13 +159,13 @@ class Cell:
 
     def placements(self, U: ArrayLike) -> tuple[Array, Array]:
         """Place the coordinates U (K, k): positions (K, 3), m, and rotations (K, 3, 3)."""
-        Y = self._spread(np.asarray(U, float))
+        Y = self.spread(np.asarray(U, float))
         positions = len(self.half_width)
         p = np.tile(self.placement.translation, (len(Y), 1))
         p[:, self.task.rows[:positions]] += Y[:, :positions]
         R = np.broadcast_to(self.placement.rotation, (len(Y), 3, 3))
         if self.rotation.any():
-            R = exp3(self._vectors(Y[:, positions:])) @ R
+            R = exp3(self.vectors(Y[:, positions:])) @ R
         return p, R
 
     def at(self, u: ArrayLike) -> pin.SE3:
@@ -187,14 +187,7 @@ class Cell:
         off : (K,) array
             The largest distance along a held coordinate, m or rad.
         """
-        Y = np.empty((len(p), len(self.widths)))
-        positions = len(self.half_width)
-        Y[:, :positions] = (p - self.placement.translation)[:, self.task.rows[:positions]]
-        R_0 = self.placement.rotation
-        if self.task.kind == "pose":
-            Y[:, 3:] = log3(R @ R_0.T)
-        elif self.task.kind == "axis":
-            Y[:, 3:] = tilts(np.broadcast_to(R_0, R.shape), R)
+        Y = self._measured(p, R)
         on = self.widths > 0
         return Y[:, on] / self.widths[on], np.abs(Y[:, ~on]).max(axis=1, initial=0.0)
 
@@ -244,13 +237,13 @@ class Cell:
         R : (K, 3, 3) array
             The frame's rotations: for an axis task they may be spun about the tool's axis against the cell's.
         """
-        return self._all_twists(self._spread(U), R)[:, :, self.widths > 0] * self._active_widths
+        return self._all_twists(self.spread(U), R)[:, :, self.widths > 0] * self._active_widths
 
     def slopes(self, p: Array, R: Array) -> tuple[Array, Array]:
         """Evaluate u and ∂u/∂x at placements: (K, k) and (K, k, m)."""
-        U, _ = self.coordinates(p, R)
-        E = self._all_twists(self._spread(U), R)
-        return U, np.linalg.inv(E)[:, self.widths > 0] / self._active_widths[:, None]
+        Y, on = self._measured(p, R), self.widths > 0
+        slopes = np.linalg.inv(self._all_twists(Y, R))[:, on] / self._active_widths[:, None]
+        return Y[:, on] / self._active_widths, slopes
 
     def speeds(self, U: Array) -> Array:
         """Evaluate ``(EᵀE)^(−1/2)`` (K, k, k), which makes ∂F/∂u joint speeds per unit of task speed."""
@@ -310,7 +303,7 @@ class Cell:
         x = self.at(u)
         text = f"({', '.join(f'{v:.3g}' for v in np.round(x.translation, 9) + 0.0)}) m"
         if self.rotation.any():
-            turn = self._spread(np.asarray(u, float)[None])[0, len(self.half_width) :]
+            turn = self.spread(np.asarray(u, float)[None])[0, len(self.half_width) :]
             text += f", turned by ({', '.join(f'{v:.2g}' for v in turn)}) rad"
         return text
 
@@ -323,13 +316,25 @@ class Cell:
     def _active_widths(self) -> Array:
         return self.widths[self.widths > 0]
 
-    def _spread(self, U: Array) -> Array:
+    def spread(self, U: Array) -> Array:
         """All m coordinates, m and rad, of U (K, k)."""
         Y = np.zeros((len(U), len(self.widths)))
         Y[:, self.widths > 0] = U * self._active_widths
         return Y
 
-    def _vectors(self, turns: Array) -> Array:
+    def _measured(self, p: Array, R: Array) -> Array:
+        """All m coordinates, m and rad, of placements; where a coordinate is held, how far they are off it."""
+        Y = np.empty((len(p), len(self.widths)))
+        positions = len(self.half_width)
+        Y[:, :positions] = (p - self.placement.translation)[:, self.task.rows[:positions]]
+        R_0 = self.placement.rotation
+        if self.task.kind == "pose":
+            Y[:, 3:] = log3(R @ R_0.T)
+        elif self.task.kind == "axis":
+            Y[:, 3:] = tilts(np.broadcast_to(R_0, R.shape), R)
+        return Y
+
+    def vectors(self, turns: Array) -> Array:
         """Rotation vectors (K, 3), base axes, of the turns (K, 3) or (K, 2)."""
         return turns if turns.shape[1] == 3 else turns @ self.placement.rotation[:, :2].T
 

@@ -29,6 +29,8 @@ class Value:
         no solution.
     nearness : float
         ``mean ‖(∂F − G_d E) C‖_F²``.
+    wanted : float
+        ``mean ‖G_d E C‖_F²``: half of nearness / wanted is the share of extra joint speed, for J⁺.
     margin : float
         The least joint-limit margin of all nodes.
     points : Points
@@ -38,6 +40,7 @@ class Value:
 
     cost: float
     nearness: float
+    wanted: float
     margin: float
     points: Points
     ds: Array
@@ -61,8 +64,10 @@ class Cost:
         Nodes of the mean.
     edge : (L, k) array
         Further nodes, for the penalty alone, which is a mean over these: where limits are met first.
-    room, weight
-        The margin, rad or m, below which a joint limit costs, and how much.
+    room : float or (L,) array
+        The margin, rad or m, below which a joint limit costs, at each of these.
+    weight
+        How much it costs.
     """
 
     def __init__(
@@ -73,12 +78,12 @@ class Cost:
         U: Array,
         edge: Array,
         *,
-        room: float = 0.0,
+        room: float | Array = 0.0,
         weight: float = 0.0,
     ) -> None:
         self.desired, self.chart, self.terms = desired, chart, terms
         self.U, self.inner = np.concatenate([U, edge]), len(U)
-        self.room, self.weight = room, weight
+        self.room, self.weight = np.broadcast_to(np.asarray(room, float), len(edge))[:, None], weight
         self.edges = max(1, len(edge))
         self.r = chart.cell.task.r
         self.T = terms.values(self.U)  # (K, N)
@@ -94,14 +99,15 @@ class Cost:
             points = self.chart.solve(self.U, s)
         margin = float(margins(self.chart.cell.task, points.Q).min())
         if not points.found.all():
-            return Value(np.inf, np.inf, margin, points, ds)
-        residual, _ = self._residual(points, ds)
+            return Value(np.inf, np.inf, np.nan, margin, points, ds)
+        residual, _, wanted = self._residual(points, ds)
         nearness = float((residual[: self.inner] ** 2).sum() / self.inner)
         if not np.isfinite(nearness):
-            return Value(np.inf, np.inf, margin, points, ds)
+            return Value(np.inf, np.inf, np.nan, margin, points, ds)
         self._last = points.Q
         penalty = self.weight * float((self._hinge(points.Q) ** 2).sum() / self.edges)
-        return Value(nearness + penalty, nearness, margin, points, ds)
+        size = float((wanted[: self.inner] ** 2).sum() / self.inner)
+        return Value(nearness + penalty, nearness, size, margin, points, ds)
 
     def model(self, at: Value) -> tuple[Array, Array]:
         """Evaluate the gradient (N r,) and the Gauss–Newton Hessian (N r, N r) at coefficients just evaluated.
@@ -110,7 +116,7 @@ class Cost:
         central differences along the fibre.
         """
         points, chart, r = at.points, self.chart, self.r
-        residual, B = self._residual(points, at.ds)
+        residual, B, _ = self._residual(points, at.ds)
         K, n, k = residual.shape
         s = np.einsum("Knr,Kn->Kr", points.n_ref, points.Q - points.q_ref)
         M = np.zeros((K, n, k, r, 1 + k))  # ∂(residual)/∂(s_j, (∂s_j C)_c)
@@ -127,14 +133,14 @@ class Cost:
         gram = np.swapaxes(flat, 1, 2) @ flat / self.inner  # (K, r (1 + k), r (1 + k))
         slope = np.einsum("Kap,Ka->Kp", flat, residual.reshape(K, n * k)) / self.inner
         if self.weight:
+            task, Q = chart.cell.task, points.Q[self.inner :]
             hinge = self._hinge(points.Q)
-            task = chart.cell.task
-            side = np.where(points.Q - task.lower < task.upper - points.Q, -1.0, 1.0) * (hinge > 0)
-            D = side[:, :, None] * B  # ∂hinge/∂s
+            side = np.where(Q - task.lower < task.upper - Q, -1.0, 1.0) * (hinge > 0)
+            D = side[:, :, None] * B[self.inner :]  # ∂hinge/∂s
             share = self.weight / self.edges
             at_s = np.arange(r) * (1 + k)
-            gram[:, at_s[:, None], at_s] += share * np.swapaxes(D, 1, 2) @ D
-            slope[:, at_s] += share * np.einsum("Knr,Kn->Kr", D, hinge)
+            gram[self.inner :, at_s[:, None], at_s] += share * np.swapaxes(D, 1, 2) @ D
+            slope[self.inner :, at_s] += share * np.einsum("Knr,Kn->Kr", D, hinge)
         features = np.concatenate([self.T[:, :, None], self.dT @ self.C], axis=2)  # (K, N, 1 + k)
         N = features.shape[1]
         gradient = 2 * np.einsum("KNp,Krp->Nr", features, slope.reshape(K, r, 1 + k), optimize=True).ravel()
@@ -143,12 +149,12 @@ class Cost:
         rows = np.einsum("KNp,Krpz->KzNr", features, L, optimize=True).reshape(-1, N * r)
         return gradient, 2 * rows.T @ rows
 
-    def _residual(self, points: Points, ds: Array) -> tuple[Array, Array]:
-        """``(∂F − G_d E) C`` (K, n, k), and ∂F/∂s (K, n, r)."""
+    def _residual(self, points: Points, ds: Array) -> tuple[Array, Array, Array]:
+        """``(∂F − G_d E) C`` (K, n, k), ∂F/∂s (K, n, r), and ``G_d E C`` (K, n, k)."""
         dF, B = self.chart.derivative(points, ds)
-        E = self.chart.cell.twists(points.U, points.R)
-        return (dF - self.desired.batch(points.Q, points.J) @ E) @ self.C, B
+        wanted = self.desired.batch(points.Q, points.J) @ self.chart.cell.twists(points.U, points.R) @ self.C
+        return dF @ self.C - wanted, B, wanted
 
     def _hinge(self, Q: Array) -> Array:
-        """How far each joint is inside the room that is to be kept from its limits: (K, n)."""
-        return np.maximum(0.0, self.room - margins(self.chart.cell.task, Q))
+        """How far each joint is inside the room that is to be kept from its limits, at the edge: (L, n)."""
+        return np.maximum(0.0, self.room - margins(self.chart.cell.task, Q[self.inner :]))

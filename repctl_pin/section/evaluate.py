@@ -10,20 +10,21 @@ from collections.abc import Callable
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
-from scipy.linalg.blas import daxpy, dcopy, dgemv, idamax
+from scipy.linalg.blas import daxpy, dgemv, idamax
 from scipy.linalg.lapack import dgesv
 
-from ..robot.inplace import in_place
+from ..robot import inplace as kinematics_of
 from ..robot.task import Task
-from .cell import TURNED, Cell
+from .cell import TURNED
 from .chart import Chart
+from .inplace import in_place, monomials_at
 
 Array = NDArray[np.float64]
 
 _MOST = 12
 _STEP = 0.3
 _EDGE = 1 + 1e-9
-_ENOUGH = 1e-5
+_ENOUGH = 1e-6
 """A Newton step, rad or m, after which the error, quadratic in it, is at rounding level."""
 
 
@@ -38,10 +39,11 @@ def evaluation(chart: Chart) -> Callable[[pin.SE3, Array | None], Array]:
     memory = np.zeros(n * n + n)
     J_V, rhs = memory[: n * n].reshape((n, n), order="F"), memory[n * n :]
     upper, lower, bottom = J_V[:m], J_V[m:], rhs[m:]
-    jacobian = in_place(task, upper, rhs[:m]).jacobian
+    jacobian = kinematics_of.in_place(task, upper, rhs[:m]).jacobian
     aim, error = _errors(task, upper, rhs[:m])
-    u, locate = _locator(chart.cell)
-    T, monomials = _monomials(chart, u)
+    coordinates = in_place(chart.cell)
+    u, locate = coordinates.u, coordinates.locate
+    T, monomials = monomials_at(chart.monomials, u)
     C_T = np.asfortranarray(np.moveaxis(chart.coefficients, 0, -1).swapaxes(0, 1).reshape(n * (1 + r), -1))
     both = np.zeros(n * (1 + r))
     q_ref, n_T = both[:n], both[n:].reshape(r, n)
@@ -50,8 +52,7 @@ def evaluation(chart: Chart) -> Callable[[pin.SE3, Array | None], Array]:
 
     def evaluate(target: pin.SE3, leaf: Array | None = None) -> Array:
         p, R = target.translation, target.rotation
-        locate(p, R)
-        if not abs(u[idamax(u, k)]) <= _EDGE:
+        if not (locate(p, R) <= TURNED and abs(u[idamax(u, k)]) <= _EDGE):
             raise OutsideError
         monomials()
         dgemv(1.0, C_T, T, 0.0, both, 0, 1, 0, 1, 0, 1)
@@ -96,77 +97,9 @@ def _errors(task: Task, J: Array, e: Array) -> tuple[Callable[[pin.SE3, Array, A
             angular[:] = log3(multiply(R_T, turn))
 
         return aim, error
-    write, goal = in_place(task, J, e).error, [pin.SE3.Identity()]
+    write, goal = kinematics_of.in_place(task, J, e).error, [pin.SE3.Identity()]
 
     def aim_at(target: pin.SE3, p: Array, R: Array) -> None:
         goal[0] = target
 
     return aim_at, lambda: write(goal[0])
-
-
-def _locator(cell: Cell) -> tuple[Array, Callable[[Array, Array], None]]:
-    """Memory for u (k,), and the function that writes the coordinates of a position and rotation there."""
-    p_0, R_0T = cell.placement.translation.copy(), cell.placement.rotation.T.copy()
-    positions, on = len(cell.half_width), np.flatnonzero(cell.widths)
-    rows, inverse = cell.task.rows[on[on < positions]], 1.0 / cell.widths[on]
-    u, y, turn = np.zeros(cell.k), np.zeros(6), np.empty((3, 3))
-    linear, subtract, multiply, log3 = y[:3], np.subtract, np.multiply, pin.log3
-    held, off = np.flatnonzero(cell.widths == 0), np.zeros(6)
-    fixed, none = off[: len(held)], np.full(cell.k, np.inf)
-
-    def whole(p: Array, R: Array) -> None:
-        subtract(p, p_0, linear)
-        dcopy(log3(R.dot(R_0T, turn)), y, 3, 0, 1, 3)
-        multiply(y, inverse, u)
-
-    def poses(p: Array, R: Array) -> None:
-        subtract(p, p_0, linear)
-        dcopy(log3(R.dot(R_0T, turn)), y, 3, 0, 1, 3)
-        y.take(held, None, fixed, "clip")
-        multiply(y.take(on), inverse, u)
-        if not abs(fixed[idamax(fixed)]) <= TURNED:
-            u[:] = none
-
-    def points(p: Array, R: Array) -> None:
-        subtract(p, p_0, linear)
-        multiply(linear.take(rows), inverse, u)
-
-    def axes(p: Array, R: Array) -> None:
-        U, turned = cell.coordinates(p[None], R[None])
-        u[:] = U[0] if turned[0] <= TURNED else none
-
-    if cell.task.kind == "pose":
-        return u, poses if len(held) else whole
-    return u, axes if cell.task.kind == "axis" or len(held) else points
-
-
-def _monomials(chart: Chart, u: Array) -> tuple[Array, Callable[[], None]]:
-    """Memory for the monomials T (N,), and the function that evaluates them at u: by products of shorter ones."""
-    monomials = chart.monomials
-    T = np.ones(monomials.size)
-    at = {tuple(e): i for i, e in enumerate(monomials.exponents.tolist())}
-    linear = T[1 : 1 + monomials.k]
-    stages, done = [], 1
-    while done < monomials.degree:
-        following = min(2 * done, monomials.degree)
-        part = slice(monomials.starts[done + 1], monomials.starts[following + 1])
-        first, second = [], []
-        for alpha in monomials.exponents[part].tolist():
-            left, taken = [0] * len(alpha), 0
-            for i, power in enumerate(alpha):  # the factors of the first ``done`` degrees, and the rest
-                left[i] = min(power, done - taken)
-                taken += left[i]
-            first.append(at[tuple(left)])
-            second.append(at[tuple(a - b for a, b in zip(alpha, left, strict=True))])
-        stages.append((np.array(first), np.array(second), np.empty(len(first)), np.empty(len(first)), T[part]))
-        done = following
-    take, multiply = T.take, np.multiply
-
-    def evaluate() -> None:
-        linear[:] = u
-        for first, second, a, b, out in stages:
-            take(first, None, a, "clip")
-            take(second, None, b, "clip")
-            multiply(a, b, out)
-
-    return T, evaluate

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg.blas import dgemv
 
+from ..fields.inplace import InPlace
+from ..robot import inplace as kinematics_of
 from .chart import Chart
+from .inplace import in_place, monomials_at
 from .kinematics import placed
 
 Array = NDArray[np.float64]
@@ -53,3 +57,47 @@ class SectionField:
         dq, dn = self.chart.slopes(U)
         D = np.einsum("Knrk,Kn->Krk", dn, Q - q_ref) - np.einsum("Knr,Knk->Krk", n_ref, dq)
         return n_ref + np.swapaxes(D @ dU @ J, 1, 2)
+
+    def in_place(self, V_T: Array, e: Array) -> InPlace:
+        """Make the functions that write Vᵀ into an array (r, n), and c − h into one (r,): see :mod:`fields.inplace`."""
+        chart, task = self.chart, self.chart.cell.task
+        n, m, r, k, N = task.n, task.m, task.r, chart.cell.k, chart.monomials.size
+        J = np.zeros((m, n))
+        jacobian = kinematics_of.in_place(task, J, np.zeros(m)).jacobian
+        here = task._data.oMf[task._frame_id]
+        p, R = here.translation, here.rotation
+        cell = in_place(chart.cell)
+        locate, pull = cell.locate, cell.pull
+        T, monomials = monomials_at(chart.monomials, cell.u)
+        C = np.moveaxis(chart.coefficients, 0, -1).swapaxes(0, 1)  # (1 + r, n, N)
+        C_T = np.asfortranarray(C.reshape(n * (1 + r), N))
+        C_q, C_n = np.ascontiguousarray(C[0]), np.ascontiguousarray(C[1:].swapaxes(1, 2).reshape(r * N, n))
+        lower, powers = chart.monomials.lower, np.ascontiguousarray(chart.monomials.exponents.T, float)  # (k, N)
+        both, away, h = np.zeros(n * (1 + r)), np.zeros(n), np.zeros(r)
+        q_ref, n_T = both[:n], both[n:].reshape(r, n)
+        dT, turned, moved = np.zeros((k, N)), np.zeros(r * N), np.zeros((r, N))
+        D, X, bent = np.zeros((r, k)), np.zeros((r, m)), np.zeros((r, n))
+        by_terms = turned.reshape(r, N)
+        take, multiply, subtract, add, dot, dT_T = T.take, np.multiply, np.subtract, np.add, np.dot, dT.T
+
+        def slope(q: Array) -> None:
+            jacobian(q)
+            locate(p, R)
+            monomials()
+            dgemv(1.0, C_T, T, 0.0, both, 0, 1, 0, 1, 0, 1)
+            subtract(q, q_ref, away)
+            dot(n_T, away, h)
+            dot(C_n, away, turned)
+            dot(n_T, C_q, moved)
+            subtract(by_terms, moved, moved)  # (r, N): D = ∂h/∂u at this q is the slope of the polynomials with these
+            take(lower, None, dT, "clip")
+            multiply(dT, powers, dT)
+            dot(moved, dT_T, D)
+            pull(D, X)
+            dot(X, J, bent)
+            add(n_T, bent, V_T)
+
+        def gap(leaf: Array) -> None:
+            subtract(leaf, h, e)
+
+        return InPlace(slope, gap)

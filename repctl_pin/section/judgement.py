@@ -8,14 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..redundancy import leaf_margin
+from ..robot.bodies import bodies_of
 from ..strategies.strategy import Batched
-from .chart import Chart, Points
+from .chart import Chart, Points, attainable
 from .kinematics import bases, margins
-from .stops import Stop, broken_limit, folded, unreached
+from .stops import Stop, broken_limit, folded, touching, unreached
 
 Array = NDArray[np.float64]
 
 _BLOCK = 4096
+_BODIES = 1024
+"""Held-out poses at which distances between bodies are measured: each takes a quarter of a millisecond."""
+
 _FOLDED = 0.05
 """The leaf margin at which a section counts as folded."""
 
@@ -34,14 +38,22 @@ class Judgement:
         The largest ``‖∂F C‖ / ‖G_d E C‖ − 1`` of one pose.
     limit_margin : float
         The least distance of a joint to its limit, rad or m.
+    attainable_margin : float
+        What the best of the leaves beside it has at that pose: where it is no larger, the arm itself sets the margin.
     smallest_singular_value : float
         The least σ_min of J.
+    body_distance : float
+        The least distance between the robot's own bodies, m, on the first 1024 poses and the corners; below 0 they
+        overlap, and infinite where the URDF has no collision bodies that move against each other.
+    nearest_bodies : (str, str)
+        Whose they are; ("", "") where there are none.
     leaf_margin : float
         The least ``σ_min(Nᵀ n̂_ref)``.
     residual : float
         The largest task error, m or rad.
     coverage : float
-        The share of poses with joints inside the limits, on one sheet.
+        The share of poses with joints inside the limits, on one sheet. Bodies that touch do not count here, as
+        they are convex hulls of what they stand for: they are among the stops.
     stops : tuple of Stop
         What stops it elsewhere, and at the corners.
     """
@@ -52,7 +64,10 @@ class Judgement:
     extra_speed_error: float
     extra_speed_worst: float
     limit_margin: float
+    attainable_margin: float
     smallest_singular_value: float
+    body_distance: float
+    nearest_bodies: tuple[str, str]
     leaf_margin: float
     residual: float
     coverage: float
@@ -127,7 +142,15 @@ def judge(desired: Batched, chart: Chart, count: int, seed: int) -> Judgement:
     ]
     if not c.any():
         nothing = float("nan")
-        return Judgement(*(nothing,) * 9, 0.0, tuple(s for s in stops if s))
+        none = dict.fromkeys(Judgement.__dataclass_fields__, nothing)
+        return Judgement(**none | {"nearest_bodies": ("", ""), "coverage": 0.0, "stops": tuple(s for s in stops if s)})  # type: ignore[arg-type]
+    bodies, looked_at = bodies_of(cell.task), np.concatenate([np.arange(min(count, _BODIES)), np.arange(count, len(U))])
+    looked_at = looked_at[covered[looked_at]]
+    distances = bodies.distances(Q[looked_at])
+    nearest = bodies.nearest(Q[looked_at[int(np.argmin(distances))]])
+    stops.append(touching(cell, U[looked_at], distances, nearest.links))
+    tightest = int(np.argmin(np.where(sheet[inner], room[inner], np.inf)))
+    most = attainable(chart, chart.solve(U[tightest][None], np.zeros((1, cell.task.r))))
     difference, own, wanted = every.difference[inner][c], every.own[inner][c], every.wanted[inner][c]
     ratio = own.mean() / wanted.mean()
     spread = (own - ratio * wanted).std() / wanted.mean() / np.sqrt(len(own))  # of a ratio of means
@@ -137,8 +160,11 @@ def judge(desired: Batched, chart: Chart, count: int, seed: int) -> Judgement:
         extra_speed=float(np.sqrt(ratio) - 1),
         extra_speed_error=float(spread / (2 * np.sqrt(ratio))),
         extra_speed_worst=float(np.sqrt((own / wanted).max()) - 1),
-        limit_margin=float(room[inner][sheet[inner]].min()),
+        limit_margin=float(room[tightest]),
+        attainable_margin=float(most[0]),
         smallest_singular_value=float(every.smallest[inner][c].min()),
+        body_distance=float(distances.min()),
+        nearest_bodies=nearest.links,
         leaf_margin=float(every.leaf[inner][c].min()),
         residual=float(residual[inner][c].max()),
         coverage=float(c.mean()),

@@ -15,7 +15,7 @@ from ..arguments import positive, wanted, whole
 from ..errors import InputError
 from ..strategies.strategy import AN_INVERSE, Batched, Inverse
 from .cell import Cell
-from .chart import Chart
+from .chart import Chart, attainable
 from .cost import Cost
 from .descend import Descent, descend
 from .judgement import judge
@@ -32,10 +32,16 @@ _HELD_OUT = 8192
 _MOST_UNKNOWNS = 260
 _MOST_TERMS = 220
 _WORTHWHILE = 0.05
+_NOTHING = 2e-4
+"""The part of ‖G_d‖² below which a cost is not worth lowering: 0.01 % of joint speed."""
+
 _WEIGHTS = (1e2, 1e5)
 """Of the joint limits in the cost: the first, and the last after raising it tenfold again and again."""
 
 _VIOLATORS = 96
+_HOPELESS = 0.98
+"""The part of the rays that reach their ends below which a cell is not covered, and not worth long work."""
+
 _NEARLY = 0.9
 """The coverage below which another posture is not tried."""
 _CLOSE = 3e-5
@@ -93,7 +99,7 @@ def nearest_inverse_function(
     posture : (n,) array, optional
         The joints in the cell's middle. By default the self-motion there is searched for the most room.
     degree
-        Of s; ``"auto"`` raises it from 1 until the cost stops falling by 5 %.
+        Of s; ``"auto"`` raises it from 1 until the cost stops falling by 5 %, or is below 0.01 % of joint speed.
     room
         The distance, rad or m, from joint limits that is kept where it can be.
     incomplete
@@ -145,6 +151,7 @@ def nearest_inverse_function(
         None if samples is None else whole(samples, "samples", 16),
         whole(held_out, "held_out", 64),
         int(seed),
+        incomplete == "keep",
     )
     with reporting.reporter(progress) as report:
         report("the middle posture", 0.0)
@@ -169,6 +176,7 @@ class _Work:
     samples: int | None
     held_out: int
     seed: int
+    keep: bool
 
     def best(
         self, cell: Cell, postures: Array, report: reporting.Report
@@ -202,6 +210,7 @@ class _Work:
         good = ends.reached == 1
         if good[:count].mean() < 0.5:
             return _why(cell, ends, len(U))
+        quick = quick or (not self.keep and good[:count].mean() < _HOPELESS)
         chart = fitted(cell, ends.U[good], ends.Q[good], ends.N[good], 2 if cell.k > 4 else 4)
         U, edge = U[good[:count]], edge[good[count:]]
         at_rest = chart.solve(np.concatenate([U, edge]), np.zeros((len(U) + len(edge), cell.task.r))).found
@@ -243,25 +252,34 @@ class _Work:
             costs = [cost for _, cost in tried[-3:]]
             if len(costs) == 3 and min(costs[1:]) > (1 - _WORTHWHILE) * costs[0]:
                 break
+            if best[-1].value.nearness < _NOTHING * best[-1].value.wanted:
+                break
         return self._kept_inside(cell, chart, nodes, edge, best[-1], terms, report, quick), terms, tuple(tried)
 
     def _kept_inside(
         self, cell: Cell, chart: Chart, nodes: Array, edge: Array, descent: Descent, terms: Monomials,
         report: reporting.Report, quick: bool,
     ) -> Descent:  # fmt: skip
-        """Put a price on the nearness of joint limits, and on the poses where they are broken, until they are kept."""
+        """Put a price on the nearness of joint limits, until they are kept wherever they can be."""
         watched = np.concatenate([cell.sample(512 if quick else 4096, self.seed + 3), edge])
         values, steps, weight = terms.values(watched), descent.steps, _WEIGHTS[0]
-        edge = edge[:0]
-        for i in range(5 if quick else 9):
+        edge, room = edge[:0], np.zeros(0)
+        for i in range(4 if quick else 7):
             report("joint limits", 0.5 + 0.03 * i)
             points = chart.solve(watched, values @ descent.a)
             close = np.where(points.found, margins(cell.task, points.Q).min(axis=1), np.inf)
-            if close.min() >= 0.6 * self.room:
+            worst = np.argsort(close)[: 4 * _VIOLATORS]
+            worst = worst[close[worst] < self.room]
+            most = attainable(chart, points.chosen(worst))
+            wanted = np.minimum(self.room, 0.9 * most)
+            short = np.where(most > 0, wanted - close[worst], -np.inf)  # where nothing helps, nothing is asked for
+            if not (short > 0.4 * wanted).any():
                 break
-            worst = np.argsort(close)[:_VIOLATORS]
-            edge = np.unique(np.concatenate([edge, watched[worst[close[worst] < self.room]]]), axis=0)
-            cost = Cost(self.desired, chart, terms, nodes, edge, room=self.room, weight=weight)
+            chosen = np.argsort(-short)[:_VIOLATORS]
+            chosen = chosen[short[chosen] > 0]
+            edge, first = np.unique(np.concatenate([edge, watched[worst[chosen]]]), axis=0, return_index=True)
+            room = np.concatenate([room, wanted[chosen]])[first]
+            cost = Cost(self.desired, chart, terms, nodes, edge, room=room, weight=weight)
             stiffer = descend(cost, descent.a, enough=1e-3)
             if not np.isfinite(stiffer.value.cost):
                 break

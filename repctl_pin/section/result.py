@@ -119,26 +119,37 @@ class CellDesign:
         """What stops the function elsewhere, and at the corners of the cell."""
         return self.judgement.stops
 
+    @property
+    def body_distance(self) -> float:
+        """The least distance between the robot's own bodies, m; infinite where there are none."""
+        return self.judgement.body_distance
+
+    def figures(self) -> dict[str, str]:
+        """Say what the function is worth: the name of each figure, and the figure in words."""
+        j, unit = self.judgement, self.task.unit
+        margin = f"{j.limit_margin:.3g} {unit}, where no leaf nearby has more than {j.attainable_margin:.3g}"
+        bodies = f"{j.body_distance:.3g} m, {' and '.join(j.nearest_bodies)}"
+        return {
+            "cell": self.cell.size(),
+            "middle": self.cell.where(np.zeros(self.cell.k)),
+            "posture": ", ".join(f"{v:.4g}" for v in np.round(self.posture, 4) + 0.0),
+            "degree": f"{self.degrees[-1][0]}, {self.function.chart.monomials.size} terms to begin from",
+            "extra joint speed": f"{100 * j.extra_speed:.3g} % ± {100 * j.extra_speed_error:.1g}, "
+            f"{j.extra_speed_worst:.1%} at the worst pose",
+            "mean ‖∂F − G_d‖²": f"{j.cost:.4g} ± {j.cost_error:.1g} (on {self.held_out} held-out poses)",
+            "limit margin": margin if np.isfinite(j.limit_margin) else "no limits",
+            "body distance": bodies if np.isfinite(j.body_distance) else "no collision bodies",
+            "σ_min(J)": f"{j.smallest_singular_value:.3g}",
+            "leaf margin": f"{j.leaf_margin:.3g}",
+            "residual": f"{j.residual:.1g} m or rad",
+            "coverage": f"{j.coverage:.2%}",
+        } | ({"stopped": "\n".join(map(str, j.stops))} if j.stops else {})
+
     def summary(self) -> str:
         """Say in a few lines what the function is worth."""
-        j, task = self.judgement, self.task
-        margin = f"{j.limit_margin:.3g}" if np.isfinite(j.limit_margin) else "no limits"
-        lines = [
-            f"one function for a cell of {task.robot.name} {task}",
-            f"  cell               {self.cell.size()}",
-            f"  middle             {self.cell.where(np.zeros(self.cell.k))}",
-            f"  posture            {', '.join(f'{v:.4g}' for v in self.posture)}",
-            f"  degree             {self.degrees[-1][0]}, {self.function.chart.monomials.size} terms to begin from",
-            f"  extra joint speed  {100 * j.extra_speed:.3g} % ± {100 * j.extra_speed_error:.1g}, "
-            f"{j.extra_speed_worst:.1%} at the worst pose",
-            f"  mean ‖∂F − G_d‖²   {j.cost:.4g} ± {j.cost_error:.1g} (on {self.held_out} held-out poses)",
-            f"  limit margin       {margin}",
-            f"  σ_min(J)           {j.smallest_singular_value:.3g}",
-            f"  leaf margin        {j.leaf_margin:.3g}",
-            f"  residual           {j.residual:.1g} m or rad",
-            f"  coverage           {j.coverage:.2%}",
-        ]
-        return "\n".join(lines + [f"  stopped            {stop}" for stop in self.stops])
+        task = self.task
+        lines = [f"  {name:17}  {line}" for name, text in self.figures().items() for line in text.split("\n")]
+        return "\n".join([f"one function for a cell of {task.robot.name} {task}", *lines])
 
     def __repr__(self) -> str:
         return (

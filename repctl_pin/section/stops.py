@@ -1,4 +1,4 @@
-"""What stops a function in a part of its cell: reach, a singularity, a joint limit, a fold; named with the pose."""
+"""What stops a function in a part of its cell: reach, a singularity, a limit, a fold, a collision; with the pose."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Stop:
     Attributes
     ----------
     cause : str
-        ``reach``, ``singularity``, ``limit`` or ``fold``.
+        ``reach``, ``singularity``, ``limit``, ``fold`` or ``collision``.
     share : float
         The part of the poses looked at that it stops.
     u : (k,) array
@@ -113,6 +113,16 @@ def folded(cell: Cell, U: Array, looked_at: int) -> Stop | None:
         return None
     what = f"at {cell.where(U[0])} the section folds back on itself: its leaf margin goes through 0"
     return Stop("fold", len(U) / looked_at, U[0], what)
+
+
+def touching(cell: Cell, U: Array, distances: Array, links: tuple[str, str]) -> Stop | None:
+    """Say that two bodies of the robot touch, by the least distances (K,) at poses U (K, k)."""
+    touch = distances <= 0
+    if not touch.any():
+        return None
+    at, (one, other) = int(np.argmin(distances)), links
+    what = f"at {cell.where(U[at])}, {one} and {other} touch, or their convex hulls do: they overlap by "
+    return Stop("collision", float(touch.mean()), U[at], f"{what}{-distances[at]:.2g} m")
 
 
 def round_the_base(cell: Cell) -> str:

@@ -151,8 +151,13 @@ def _picture(figure: Figure, text: str) -> dict[str, object]:
     """A figure as the page holds it, with the words for it."""
     held = io.BytesIO()
     figure.savefig(held, format="png", dpi=DPI, bbox_inches="tight", pad_inches=0.05, metadata={"Software": None})
-    width, height = struct.unpack(">II", held.getvalue()[16:24])  # as the PNG's header says
-    return {"data": base64.b64encode(held.getvalue()).decode("ascii"), "width": width, "height": height, "words": text}
+    return framed(held.getvalue(), text)
+
+
+def framed(png: bytes, text: str) -> dict[str, object]:
+    """A PNG as a page holds it, with the words for it."""
+    width, height = struct.unpack(">II", png[16:24])  # as its header says
+    return {"data": base64.b64encode(png).decode("ascii"), "width": width, "height": height, "words": text}
 
 
 def _in_full(study: Study) -> dict[str, str]:

@@ -42,7 +42,7 @@ arm_status arm_F(const arm_pose *target, const double *leaf, double q[ARM_N])
             if (fabs(b[i]) > size) size = fabs(b[i]);
         share = size <= 0.3 ? 1.0 : 0.3 / size;
         for (i = 0; i < ARM_N; i++) x[i] += share * b[i];
-        if (size < 1e-5) {
+        if (size < 1e-6) {
             for (i = 0; i < ARM_N; i++)
                 if (x[i] < lower[i] || x[i] > upper[i]) return ARM_OUTSIDE;
             for (i = 0; i < ARM_N; i++) q[i] = x[i];

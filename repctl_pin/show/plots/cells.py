@@ -19,19 +19,21 @@ if TYPE_CHECKING:
 _WHAT = {"limit_margin": ("limit margin", "viridis", 1.0), "extra_speed": ("extra joint speed, %", "magma_r", 100.0)}
 
 
-def slice_of_cell(ax: Axes, design: CellDesign, cut: Slice, what: str = "limit_margin") -> Axes:
-    """Draw ``limit_margin`` or ``extra_speed`` over one slice; what is not covered stays grey."""
-    label, colours, scale = _WHAT[what]
-    label = f"{label}, {design.task.unit}" if what == "limit_margin" else label
+def slice_of_cell(
+    ax: Axes, design: CellDesign, cut: Slice, what: str = "limit_margin", ends: tuple[float, float] | None = None
+) -> Axes:
+    """Draw ``limit_margin`` or ``extra_speed`` over one slice, coloured from ``ends``; what is not covered is grey."""
+    _, colours, scale = _WHAT[what]
     values = scale * getattr(cut, what)
     values = np.ma.array(values, mask=~np.isfinite(values))
     centre, widths = _centre(design), design.cell.widths[design.cell.widths > 0]
     (i, j), u = cut.axes, cut.u
+    low, high = (None, None) if ends is None else ends
     ax.set_facecolor("#dddddd")
-    mesh = ax.pcolormesh(centre[i] + widths[i] * u, centre[j] + widths[j] * u, values, cmap=colours, shading="gouraud")
-    ax.figure.colorbar(mesh, ax=ax, shrink=0.85)
-    ax.set_title(label, color=INK, fontsize=10, loc="left")
+    ax.pcolormesh(centre[i] + widths[i] * u, centre[j] + widths[j] * u, values,
+                  cmap=colours, shading="gouraud", vmin=low, vmax=high)  # fmt: skip
     ax.plot(centre[i], centre[j], "+", color=VERMILLION, ms=10, mew=2)
+    ax.locator_params(nbins=4)
     ax.set_xlabel(f"{design.cell.names[i]} ({design.cell.units[i]})")
     ax.set_ylabel(f"{design.cell.names[j]} ({design.cell.units[j]})")
     ax.set_aspect("equal" if design.cell.units[i] == design.cell.units[j] else "auto")
@@ -39,20 +41,22 @@ def slice_of_cell(ax: Axes, design: CellDesign, cut: Slice, what: str = "limit_m
 
 
 def cell_figure(design: CellDesign, cuts: Sequence[Slice]) -> Figure:
-    """Draw every slice twice: by limit margin above, by extra joint speed below."""
+    """Draw every slice twice: by limit margin above, by extra joint speed below; a row has one scale of colours."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(4.6 * len(cuts), 7.4), layout="constrained")
-    for row, what in zip(figure.subplots(2, len(cuts), squeeze=False), _WHAT, strict=True):
-        for ax, cut in zip(row, cuts, strict=True):
-            slice_of_cell(ax, design, cut, what)
-    figure.suptitle(
-        f"{design.task.robot.name}, {design.task.frame}, {design.task.kind}: one function for {design.cell.size()}; "
-        f"{100 * design.extra_speed:.3g} % more joint speed than the desired control",
-        fontsize=10,
-        x=0.01,
-        ha="left",
-    )
+    shapes = [design.cell.widths[design.cell.widths > 0][list(cut.axes)] for cut in cuts]
+    shares = [min(max(w / h, 0.5), 2.0) if h else 1.0 for w, h in shapes]
+    figure = Figure(figsize=(2.0 + 2.7 * sum(shares), 6.7), layout="constrained")
+    grid = figure.subplots(2, len(cuts), squeeze=False, width_ratios=shares)
+    for row, (what, (label, _, scale)) in zip(grid, _WHAT.items(), strict=True):
+        every = scale * np.concatenate([getattr(cut, what).ravel() for cut in cuts])
+        ends = (float(np.nanmin(every)), float(np.nanmax(every))) if np.isfinite(every).any() else (0.0, 1.0)
+        for ax, cut, share in zip(row, cuts, shares, strict=True):
+            slice_of_cell(ax, design, cut, what, ends).locator_params("x", nbins=round(2 + 2 * share))
+        label = f"{label}, {design.task.unit}" if what == "limit_margin" else label
+        figure.colorbar(row[0].collections[0], ax=list(row), shrink=0.9, aspect=30).set_label(label, color=INK)
+    words = f"{design.task.robot.name}, {design.task.frame}, {design.task.kind}: one function for {design.cell.size()}"
+    figure.suptitle(words, fontsize=10, x=0.01, ha="left")
     return figure
 
 

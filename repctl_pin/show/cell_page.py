@@ -1,0 +1,93 @@
+"""The page of a function over a cell: the box round the arm, a tour through it, slices, and all figures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import product
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..motion import elbow
+from .page.html import render
+from .page.playback import Limb, track_of, tracks_page
+from .plots.motions import BLUE, VERMILLION
+from .report import framed, versions
+from .text.verdict import NO_VERDICT, Verdict, deed_of, verdict
+
+if TYPE_CHECKING:
+    from ..motion import Motion
+    from ..section import Cell, CellDesign
+
+Array = NDArray[np.float64]
+
+_ROUND = [0, 1, 3, 2, 0, 4, 5, 1, 5, 7, 3, 7, 6, 2, 6, 4]
+"""The corners of a box, counted in binary, in an order that goes along every edge."""
+
+
+def box_of(cell: Cell) -> Array:
+    """Go along the edges of a cell's box of positions: (P, 3), m; a rectangle or a line where some are held."""
+    positions = len(cell.half_width)
+    low_high = np.zeros((3, 2))
+    low_high[cell.task.rows[:positions]] = cell.half_width[:, None] * [-1, 1]
+    corners = np.array(list(product(*low_high))) + cell.placement.translation
+    return corners[_ROUND]
+
+
+def cell_page(
+    design: CellDesign, slices: bytes | None, motions: Mapping[str, Motion], *, command: str | None = None
+) -> str:
+    """Write the page of a function as one self-contained HTML page.
+
+    Parameters
+    ----------
+    design
+        The function, and what it is worth.
+    slices
+        The figure of its slices, a PNG; None where it has none.
+    motions
+        A tour through the cell, by each control's name: the desired one's, if there is one, and the function's.
+    command
+        The command line that made it.
+    """
+    task, joint = design.task, elbow(design.task, design.posture)
+    words = (
+        "Slices through the middle of the cell (+). Above: how far the joint nearest to its limit is from it. Below: "
+        "by how much the joints move faster than under the desired control at the same joints."
+    )
+    animation, tiles = "", NO_VERDICT.tiles
+    if motions:
+        cycles = next(iter(motions.values())).cycles
+        tiles = verdict([deed_of(name, motion, joint) for name, motion in motions.items()], cycles).tiles
+        animation = _tour_page(design, motions, joint, f"{cycles} times round a tour of the cell")
+    return render(
+        "cell.html",
+        style="report.css",
+        title=f"{task.robot.name}: one function for a cell",
+        caption=f"{task.frame}, {task.kind} task, n = {task.n}, r = {task.r}: {design.cell.size()}",
+        verdict=Verdict(_sentence(design), tiles),
+        animation=animation.replace("<body>", '<body class="inside">', 1),
+        slices=None if slices is None else framed(slices, words),
+        figures=design.figures(),
+        command=command,
+        details={"joints": ", ".join(task.joint_names), "seed": str(design.seed)} | versions(),
+    )
+
+
+def _tour_page(design: CellDesign, motions: Mapping[str, Motion], joint: int, name: str) -> str:
+    """Show the motions side by side, and the box round them."""
+    colours = [VERMILLION, BLUE][-len(motions) :]
+    tracks = [track_of(label, motions[label], colour) for label, colour in zip(motions, colours, strict=True)]
+    way = next(iter(motions.values())).path.points()
+    return tracks_page([Limb(design.task, joint)], tracks, paths=[box_of(design.cell), way], name=name, seconds=8.0)
+
+
+def _sentence(design: CellDesign) -> str:
+    """Say in a sentence what the function costs, and what it covers."""
+    margin, unit = design.limit_margin, design.task.unit
+    limits = f"limits {'kept' if margin >= 0 else 'broken'} by {abs(margin):.2g} {unit}"
+    return (
+        f"One set of joints for every pose: {100 * design.extra_speed:.2g} % more joint speed, {design.coverage:.0%} "
+        f"of the cell covered, {limits if np.isfinite(margin) else 'no joint limits'}."
+    )
