@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import re
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
@@ -10,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from arms import Q_PANDA, planar_task, spatial_task
+from arms import Q_PANDA, planar_task, planar_urdf, spatial_task
 
 import repctl_pin as rp
 from repctl_pin.section.chart import Chart
@@ -358,7 +359,7 @@ def test_limits_in_the_cost_keep_the_joints_inside(tmp_path: Path) -> None:
     x = task.placement([0.6, -1.2, 1.4])
     cell = rp.Cell(task, x, 0.35)
     q = rp.solve_ik(task, [0.6, -1.2, 1.4], x)
-    free = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, posture=q, held_out=256)
+    free = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, posture=q, degree=3, held_out=256)
     Q = free.function.batch(cell.sample(256))
     bound = float(Q[:, 2].max()) - 0.05  # a joint limit where the free function goes beyond it
     text = (tmp_path / "planar3.urdf").read_text().split('name="theta3"')
@@ -366,7 +367,7 @@ def test_limits_in_the_cost_keep_the_joints_inside(tmp_path: Path) -> None:
     (tmp_path / "bound.urdf").write_text('name="theta3"'.join(text))
     task = rp.Robot.load(tmp_path / "bound.urdf").task("tool", "xy")
     cell = rp.Cell(task, x, 0.35)
-    kept = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, posture=q, held_out=256)
+    kept = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, posture=q, degree=3, held_out=256)
     assert kept.limit_margin > 0.02 and kept.coverage == 1.0
     assert kept.judgement.attainable_margin >= kept.limit_margin
     assert kept.cost > free.cost
@@ -418,6 +419,18 @@ def test_a_cell_that_reaches_too_far_and_what_would_fit() -> None:
     q = rp.solve_ik(panda(), Q_PANDA, x)
     says = refused(cell, q)
     assert "no single function covers the cell" in says and "reach" in says and "works" in says
+
+
+def test_a_cell_beyond_the_joint_limits_and_one_through_a_singularity(tmp_path: Path) -> None:
+    (tmp_path / "narrow.urdf").write_text(planar_urdf([1.0, 0.9, 0.8], range_=1.0), encoding="utf-8")
+    narrow = rp.Robot.load(tmp_path / "narrow.urdf").task("tool", "xy")
+    q = [-0.5, 0.9, 0.6]
+    says = refused(rp.Cell(narrow, narrow.placement(q), 0.35), q)
+    assert re.search(r"at \(1\.\d+, .*\) m, theta\d is [\d.]+ rad beyond its limit; a cell of .* works", says), says
+    task = planar_task([1.0, 0.9, 0.8], tmp_path)  # folded together, it has no way outward along its links
+    x = pin.SE3(np.eye(3), np.array([0.9, 0.0, 0.0]))
+    says = refused(rp.Cell(task, x, (0.3, 0.1)), rp.solve_ik(task, [0.0, np.pi - 0.02, np.pi + 0.02], x))
+    assert re.search(r"between the middle of the cell and \(.*\) m the arm passes a singularity", says), says
 
 
 @pytest.mark.slow

@@ -16,13 +16,16 @@ def placed(task: Task, Q: Array) -> tuple[Array, Array, Array]:
     """Evaluate f and J at every row of Q (K, n): positions (K, 3), rotations (K, 3, 3) and J (K, m, n)."""
     drive, nv = task.drive, task.model.nv
     whole = np.ascontiguousarray(Q if drive is None else drive.joints(Q))
-    p, R, J = np.empty((len(Q), 3)), np.empty((len(Q), 3, 3)), np.empty((len(Q), task.m, nv))
-    frame = task._data.oMf[task._frame_id]
-    axis = task.kind == "axis"
+    p, R, full = np.empty((len(Q), 3)), np.empty((len(Q), 3, 3)), np.empty((len(Q), 6, nv))
+    here, evaluate = task._data.oMf[task._frame_id], task._frame_jacobian
+    position, rotation = here.translation, here.rotation  # views that follow every evaluation
     for k, q in enumerate(whole):
-        full = task._frame_jacobian(q)
-        p[k], R[k] = frame.translation, frame.rotation
-        J[k] = task._task_rows(full) if axis else full[task.rows]
+        full[k] = evaluate(q)
+        p[k], R[k] = position, rotation
+    if task.kind == "axis":
+        J = np.concatenate([full[:, :3], np.swapaxes(R[:, :, :2], 1, 2) @ full[:, 3:]], axis=1)
+    else:
+        J = full if task.kind == "pose" else full[:, task.rows]
     return p, R, J if drive is None else J @ drive.S
 
 

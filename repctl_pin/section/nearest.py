@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import comb
-from typing import Literal
+from typing import Literal, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,11 +15,12 @@ from ..arguments import positive, wanted, whole
 from ..errors import InputError
 from ..strategies.strategy import AN_INVERSE, Batched, Inverse
 from .cell import Cell
-from .chart import Chart, attainable
+from .chart import Chart
 from .cost import Cost
 from .descend import Descent, descend
 from .judgement import judge
-from .kinematics import bases, margins
+from .kinematics import bases
+from .limits import LimitKeeper, padded
 from .middle import given, searched
 from .monomials import Monomials
 from .reference import Rays, fitted, rays
@@ -35,12 +36,11 @@ _WORTHWHILE = 0.05
 _NOTHING = 2e-4
 """The part of ‖G_d‖² below which a cost is not worth lowering: 0.01 % of joint speed."""
 
-_WEIGHTS = (1e2, 1e5)
-"""Of the joint limits in the cost: the first, and the last after raising it tenfold again and again."""
-
-_VIOLATORS = 96
 _HOPELESS = 0.98
 """The part of the rays that reach their ends below which a cell is not covered, and not worth long work."""
+
+_DEAR = 0.02
+"""The extra joint speed above which other postures are tried."""
 
 _NEARLY = 0.9
 """The coverage below which another posture is not tried."""
@@ -160,7 +160,7 @@ def nearest_inverse_function(
         if isinstance(found, CellDesign) and (found.coverage == 1.0 or incomplete == "keep"):
             return found
         stops = found.stops if isinstance(found, CellDesign) else found
-        fits, smaller = _largest(work, cell, q, report)
+        fits, smaller = _largest(work, cell, q, report, quick=incomplete != "shrink")
         if incomplete == "shrink" and smaller is not None:
             return smaller
         raise _refusal(cell, stops, fits, keep=isinstance(found, CellDesign))
@@ -181,10 +181,9 @@ class _Work:
     def best(
         self, cell: Cell, postures: Array, report: reporting.Report
     ) -> tuple[Array, CellDesign | tuple[Stop, ...]]:
-        """Design from the first posture; where that leaves too little room, from the best of the others too."""
+        """Design from the first posture; where that leaves too little room or costs much, from the best others too."""
         first = self.design(cell, postures[0], report)
-        rank = _rank(first, self.room)
-        if len(postures) == 1 or rank[0] < _NEARLY or rank >= (1.0, 0.4 * self.room):
+        if len(postures) == 1 or _rank(first, self.room)[0] < _NEARLY or self.good(first):
             return postures[0], first
         quick = []
         for i, q in enumerate(postures):
@@ -194,9 +193,13 @@ class _Work:
         designs = [(postures[0], first)]
         for i in [i for i in order if i][:2]:
             designs.append((postures[i], self.design(cell, postures[i], report)))
-            if _rank(designs[-1][1], self.room) >= (1.0, 0.4 * self.room):
+            if self.good(designs[-1][1]):
                 break
         return max(designs, key=lambda pair: _rank(pair[1], self.room))
+
+    def good(self, found: CellDesign | tuple[Stop, ...]) -> bool:
+        """Whether it covers the cell, with room, and costs little."""
+        return _rank(found, self.room) >= (1.0, 0.4 * self.room) and cast(CellDesign, found).extra_speed < _DEAR
 
     def design(
         self, cell: Cell, q: Array, report: reporting.Report, *, quick: bool = False
@@ -210,20 +213,21 @@ class _Work:
         good = ends.reached == 1
         if good[:count].mean() < 0.5:
             return _why(cell, ends, len(U))
-        quick = quick or (not self.keep and good[:count].mean() < _HOPELESS)
+        hopeless = not self.keep and bool(good[:count].mean() < _HOPELESS)
         chart = fitted(cell, ends.U[good], ends.Q[good], ends.N[good], 2 if cell.k > 4 else 4)
         U, edge = U[good[:count]], edge[good[count:]]
         at_rest = chart.solve(np.concatenate([U, edge]), np.zeros((len(U) + len(edge), cell.task.r))).found
         U, edge = U[at_rest[: len(U)]], edge[at_rest[len(U) :]]
         if len(U) < count / 4:
             return _why(cell, ends, count)
-        descent, terms, degrees = self._descended(cell, chart, U, edge, report, quick)
+        rounds = 0 if hopeless else 4 if quick else 7
+        descent, terms, degrees = self._descended(cell, chart, U, edge, report, quick or hopeless, rounds)
         if not np.isfinite(descent.value.cost):
             return _why(cell, ends, count)
         report("the last chart", 0.7)
         chart = _recharted(cell, chart, descent, terms)
         report("the judgement", 0.8)
-        judgement = judge(self.desired, chart, 512 if quick else self.held_out, self.seed + 2)
+        judgement = judge(self.desired, chart, 512 if quick or hopeless else self.held_out, self.seed + 2)
         return CellDesign.of(self.desired, chart, judgement, degrees=degrees, samples=len(U), held_out=self.held_out,
                              seed=self.seed, room=self.room, steps=descent.steps)  # fmt: skip
 
@@ -237,7 +241,7 @@ class _Work:
         return d
 
     def _descended(
-        self, cell: Cell, chart: Chart, U: Array, edge: Array, report: reporting.Report, quick: bool
+        self, cell: Cell, chart: Chart, U: Array, edge: Array, report: reporting.Report, quick: bool, rounds: int
     ) -> tuple[Descent, Monomials, tuple[tuple[int, float], ...]]:
         """Minimise the cost, degree by degree, then with the joint limits in it; and the degrees tried."""
         highest = min(2, self._highest(cell)) if quick else self._highest(cell)
@@ -247,45 +251,17 @@ class _Work:
             report(f"degree {d}", 0.2 + 0.3 * d / highest)
             terms = Monomials(cell.k, d)
             nodes = U[: max(256, _power_of_two(3 * terms.size))]
-            best.append(descend(Cost(self.desired, chart, terms, nodes, edge[:0]), _padded(best, terms, cell.task.r)))
+            below = best[-1].a if best else np.zeros((0, cell.task.r))
+            best.append(descend(Cost(self.desired, chart, terms, nodes, edge[:0]), padded(below, terms)))
             tried.append((d, best[-1].value.nearness))
             costs = [cost for _, cost in tried[-3:]]
             if len(costs) == 3 and min(costs[1:]) > (1 - _WORTHWHILE) * costs[0]:
                 break
             if best[-1].value.nearness < _NOTHING * best[-1].value.wanted:
                 break
-        return self._kept_inside(cell, chart, nodes, edge, best[-1], terms, report, quick), terms, tuple(tried)
-
-    def _kept_inside(
-        self, cell: Cell, chart: Chart, nodes: Array, edge: Array, descent: Descent, terms: Monomials,
-        report: reporting.Report, quick: bool,
-    ) -> Descent:  # fmt: skip
-        """Put a price on the nearness of joint limits, until they are kept wherever they can be."""
-        watched = np.concatenate([cell.sample(512 if quick else 4096, self.seed + 3), edge])
-        values, steps, weight = terms.values(watched), descent.steps, _WEIGHTS[0]
-        edge, room = edge[:0], np.zeros(0)
-        for i in range(4 if quick else 7):
-            report("joint limits", 0.5 + 0.03 * i)
-            points = chart.solve(watched, values @ descent.a)
-            close = np.where(points.found, margins(cell.task, points.Q).min(axis=1), np.inf)
-            worst = np.argsort(close)[: 4 * _VIOLATORS]
-            worst = worst[close[worst] < self.room]
-            most = attainable(chart, points.chosen(worst))
-            wanted = np.minimum(self.room, 0.9 * most)
-            short = np.where(most > 0, wanted - close[worst], -np.inf)  # where nothing helps, nothing is asked for
-            if not (short > 0.4 * wanted).any():
-                break
-            chosen = np.argsort(-short)[:_VIOLATORS]
-            chosen = chosen[short[chosen] > 0]
-            edge, first = np.unique(np.concatenate([edge, watched[worst[chosen]]]), axis=0, return_index=True)
-            room = np.concatenate([room, wanted[chosen]])[first]
-            cost = Cost(self.desired, chart, terms, nodes, edge, room=room, weight=weight)
-            stiffer = descend(cost, descent.a, enough=1e-3)
-            if not np.isfinite(stiffer.value.cost):
-                break
-            descent, steps = stiffer, steps + stiffer.steps
-            weight = min(10 * weight, _WEIGHTS[1])
-        return replace(descent, steps=steps)
+        watched = np.concatenate([cell.sample(512 if quick else min(4096, 256 << cell.k), self.seed + 3), edge])
+        keeper = LimitKeeper(self.desired, chart, nodes, watched, self.room, rounds)
+        return keeper.kept(best[-1], terms, report), terms, tuple(tried)
 
 
 def _recharted(cell: Cell, chart: Chart, descent: Descent, terms: Monomials) -> Chart:
@@ -315,7 +291,9 @@ def _why(cell: Cell, ends: Rays, count: int) -> tuple[Stop, ...]:
     return tuple(stops) if limit is None else (*stops, limit)
 
 
-def _largest(work: _Work, cell: Cell, q: Array, report: reporting.Report) -> tuple[float, CellDesign | None]:
+def _largest(
+    work: _Work, cell: Cell, q: Array, report: reporting.Report, *, quick: bool
+) -> tuple[float, CellDesign | None]:
     """Find the factor, to about 10 %, by which the cell can be scaled about its middle so that it is covered.
 
     Rays to the corners and some poses more find where to begin; a design has the last word.
@@ -328,7 +306,7 @@ def _largest(work: _Work, cell: Cell, q: Array, report: reporting.Report) -> tup
         ends = rays(work.desired, cell.scaled(factor), q, U)
         low, high = (factor, high) if (ends.reached == 1).all() and ends.least.min() > 0 else (low, factor)
     while low > 0.03:
-        found = work.design(cell.scaled(low), q, report)
+        found = work.design(cell.scaled(low), q, report, quick=quick)
         if isinstance(found, CellDesign) and found.coverage == 1.0:
             return low, found
         low *= 0.8
@@ -355,14 +333,6 @@ def _rank(found: CellDesign | tuple[Stop, ...], room: float) -> tuple[float, flo
     if not isinstance(found, CellDesign) or found.coverage == 0:
         return 0.0, -np.inf, -np.inf
     return found.coverage, min(found.limit_margin, 0.4 * room), -found.cost
-
-
-def _padded(best: list[Descent], terms: Monomials, r: int) -> Array:
-    """Begin a degree where the one below ended: monomials are ordered by degree."""
-    a = np.zeros((terms.size, r))
-    if best:
-        a[: len(best[-1].a)] = best[-1].a
-    return a
 
 
 def _terms(cell: Cell, degree: int) -> int:
