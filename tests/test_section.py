@@ -291,7 +291,7 @@ def test_ten_laps_of_a_random_tour_through_all_turns() -> None:
     U = np.array([design.cell.coordinates_of(path.placement(s)) for s in np.linspace(0, 1, 200)])
     assert (np.abs(U).max(axis=0) > 0.99).all()  # through all of the cell
     q0 = design.function(path.placement(0.0))
-    kept = rp.follow(design.inverse, path, q0, cycles=10, steps=200, lock=3)
+    kept = rp.follow(design.inverse, path, q0, cycles=10, steps=200, leaf_lock=3)
     crept = rp.follow(design.desired, path, q0, cycles=10, steps=200)
     assert kept.drift.max() < 1e-9 < 1e-2 < crept.drift[-1]
     Q = design.function.batch(U)
@@ -351,7 +351,7 @@ def test_bodies_that_touch_are_named_with_the_pose() -> None:
     distances[3] = -0.02
     stop = touching(cell, U, distances, ("hand", "link1"))
     assert stop is not None and stop.cause == "collision" and stop.share == pytest.approx(1 / 14)
-    assert str(stop).startswith(f"at {cell.where(U[3])}, hand and link1 touch") and "0.02 m" in str(stop)
+    assert str(stop) == f"at {cell.where(U[3])}, hand and link1 touch"
 
 
 def test_limits_in_the_cost_keep_the_joints_inside(tmp_path: Path) -> None:

@@ -152,7 +152,7 @@ def _pictures(design: CellDesign, folder: Path, command: str) -> tuple[list[Path
     path = tour(design.cell)
     try:
         q0 = design.function(path.placement(0.0))
-        motions["q = F(x)"] = follow(design.inverse, path, q0, steps=_STEPS, lock=2)
+        motions["q = F(x)"] = follow(design.inverse, path, q0, steps=_STEPS, leaf_lock=2)
         motions = {LABELS["pseudoinverse"]: follow(design.desired, path, q0, steps=_STEPS)} | motions
     except RepctlError as error:
         note = f"on the tour through the cell: {error}"

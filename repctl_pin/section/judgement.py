@@ -43,8 +43,8 @@ class Judgement:
     smallest_singular_value : float
         The least σ_min of J.
     body_distance : float
-        The least distance between the robot's own bodies, m, on the first 1024 poses and the corners; below 0 they
-        overlap, and infinite where the URDF has no collision bodies that move against each other.
+        The least distance between bodies, the robot's own and what stands round it, m, on the first 1024 poses and
+        the corners: see :class:`rp.Bodies`; infinite where there are none that move against each other.
     nearest_bodies : (str, str)
         Whose they are; ("", "") where there are none.
     leaf_margin : float
@@ -52,8 +52,8 @@ class Judgement:
     residual : float
         The largest task error, m or rad.
     coverage : float
-        The share of poses with joints inside the limits, on one sheet. Bodies that touch do not count here, as
-        they are convex hulls of what they stand for: they are among the stops.
+        The share of poses with joints inside the limits, on one sheet. Bodies that touch are among the stops, and
+        do not count here.
     stops : tuple of Stop
         What stops it elsewhere, and at the corners.
     """

@@ -116,13 +116,13 @@ def folded(cell: Cell, U: Array, looked_at: int) -> Stop | None:
 
 
 def touching(cell: Cell, U: Array, distances: Array, links: tuple[str, str]) -> Stop | None:
-    """Say that two bodies of the robot touch, by the least distances (K,) at poses U (K, k)."""
-    touch = distances <= 0
+    """Say that two bodies touch, by the least distances (K,) at poses U (K, k) and whose they are at the least."""
+    touch = distances < 0
     if not touch.any():
         return None
-    at, (one, other) = int(np.argmin(distances)), links
-    what = f"at {cell.where(U[at])}, {one} and {other} touch, or their convex hulls do: they overlap by "
-    return Stop("collision", float(touch.mean()), U[at], f"{what}{-distances[at]:.2g} m")
+    at = int(np.argmin(distances))
+    what = f"at {cell.where(U[at])}, {links[0]} and {links[1]} touch"
+    return Stop("collision", float(touch.mean()), U[at], what)
 
 
 def round_the_base(cell: Cell) -> str:
