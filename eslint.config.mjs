@@ -1,6 +1,6 @@
 // The page's scripts: npx eslint repctl_pin/show/page/assets/scripts
 const browser = ["window", "document", "location", "performance", "MeshCat", "atob", "Blob", "Response", "TextDecoder",
-  "DecompressionStream", "ResizeObserver", "requestAnimationFrame", "getComputedStyle", "setTimeout"];
+  "DecompressionStream", "ResizeObserver", "requestAnimationFrame", "getComputedStyle", "setTimeout", "WebSocket"];
 
 export default [{
   files: ["repctl_pin/show/page/assets/scripts/*.js"],

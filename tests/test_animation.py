@@ -47,6 +47,8 @@ def test_who_creeps_is_warm_and_who_comes_back_is_cool(motions: dict[str, rp.Mot
     assert [arm["color"] for arm in scene["arms"]] == [VERMILLION, BLUE, ORANGE, GREEN]
     alone, _, _ = read(rp.animation({"b": still}).page)
     assert alone["arms"][0]["color"] == BLUE
+    known, _, _ = read(rp.animation({"mine": motions["a"], "J⁺": motions["b"]}).page)  # J⁺ has one colour everywhere
+    assert [arm["color"] for arm in known["arms"]] == [ORANGE, VERMILLION]
 
 
 def test_two_hands_are_two_limbs() -> None:

@@ -128,6 +128,16 @@ def test_the_exported_notebook_plays_in_a_browser(notebook: Any, tmp_path: Path,
     wait_until_drawn(driver, "the cell")
     assert driver.execute_script("return repctl.playing")
     driver.execute_script("repctl.pause()")
+    # the wheel scrolls the notebook, unless the picture has the focus
+    wheel = (
+        "const w = new WheelEvent('wheel', { deltaY: 100, cancelable: true, bubbles: true });"
+        "repctl.viewer.renderer.domElement.dispatchEvent(w); return w.defaultPrevented"
+    )
+    assert not driver.execute_script(wheel)
+    driver.execute_script("document.getElementById('panes').focus()")
+    assert driver.execute_script(wheel)
+    driver.execute_script("document.activeElement.blur()")
+    assert not driver.execute_script(wheel)
     count = len(Visuals.of(rp.Robot.load("ppr")).shapes)
     assert driver.execute_script("return [repctl.meshes(0), repctl.meshes(1)]") == [count, count]
     assert changed(picture(driver, 0), picture(driver, 0.25)) > 0.004

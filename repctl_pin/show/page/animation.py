@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 import webbrowser
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import cycle
 from pathlib import Path
@@ -17,8 +17,9 @@ from ...arguments import file_name, positive
 from ...errors import InputError
 from ...files import prepare_folder, write_whole
 from ...motion import Motion, elbow
+from ...strategies.names import KEYS
 from ..notebook import frame
-from ..plots.motions import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION
+from ..plots.motions import BLUE, COLOURS, GREEN, ORANGE, PURPLE, SKY, VERMILLION
 from ..study_files import study_page
 from .playback import Limb, track_of, tracks_page
 
@@ -80,7 +81,7 @@ class Animation:
 def animation(motions: Mapping[str, Motion] | Study, *, seconds: float = 4.0) -> Animation:
     """Show motions of one robot side by side: path, traces, start pose, and the drift after each cycle.
 
-    Motions that drift have warm colours, those that come back cool ones.
+    J⁺ and the nearest repeatable have their own colours; other motions that drift warm ones, those that come back cool.
 
     Parameters
     ----------
@@ -121,7 +122,7 @@ def animation(motions: Mapping[str, Motion] | Study, *, seconds: float = 4.0) ->
     other = next((m.task.robot for m in every if m.task.robot.joint_names != robot.joint_names), None)
     if other is not None:
         raise InputError(f"an animation shows one robot; these are motions of {robot.name} and {other.name}")
-    colours = _colours([motion.drift[-1] for motion in every])
+    colours = _colours({name: motion.drift[-1] for name, motion in motions.items()})
     tracks = [track_of(name, motion, colour) for (name, motion), colour in zip(motions.items(), colours, strict=True)]
     limbs: dict[str, Limb] = {}
     paths: list[Array] = []
@@ -134,8 +135,9 @@ def animation(motions: Mapping[str, Motion] | Study, *, seconds: float = 4.0) ->
     return Animation(tracks_page(list(limbs.values()), tracks, paths=paths, name=name, seconds=seconds))
 
 
-def _colours(drifts: Sequence[float]) -> list[str]:
-    """Give each motion a colour: a warm one if it drifts, a cool one if it comes back."""
-    limit = max(_BACK * max(drifts), 1e-6)
-    warm, cool = cycle(_WARM), cycle(_COOL)
-    return [next(cool if drift <= limit else warm) for drift in drifts]
+def _colours(drifts: Mapping[str, float]) -> list[str]:
+    """Give each motion a colour: that of its name in every figure; else a warm one if it drifts, or a cool one."""
+    limit = max(_BACK * max(drifts.values()), 1e-6)
+    known = {name: COLOURS[KEYS[name]] for name in drifts if name in KEYS}
+    warm, cool = (cycle([c for c in colours if c not in known.values()] or colours) for colours in (_WARM, _COOL))
+    return [known.get(name) or next(cool if drift <= limit else warm) for name, drift in drifts.items()]

@@ -30,7 +30,10 @@ from markupsafe import Markup
 from ...errors import RepctlError
 from ..text.verdict import Verdict
 
-SCRIPTS = ("dom", "numbers", "viewer", "eye", "panes", "arm", "traces", "cards", "clock", "controls", "live", "main")
+SCRIPTS = (
+    *("dom", "numbers", "viewer", "eye", "panes", "arm", "traces", "stage"),
+    *("cards", "clock", "controls", "live", "console", "main"),
+)
 """The page's modules, each after those that it imports."""
 
 

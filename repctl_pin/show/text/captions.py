@@ -22,8 +22,8 @@ GLOSSARY = {
     "repeatable": "Every closed path of the frame ends at the joints it began with.",
     "drift": "How far the joints are off the start after a cycle: the norm over all joints, so it may exceed what any "
     "one of them has moved.",
-    "J⁺ + posture": "J⁺, and with the freedom that is left a pull towards given joints: those of the start, or (off "
-    "it) others, to which it first moves.",
+    "J⁺ + posture": "J⁺, and with the freedom that is left a pull towards given joints: those of the start, or "
+    "others (other posture), to which it first moves.",
     "potentials": "Functions of the joints that the repeatable control holds constant. A higher degree leaves more to "
     "choose from, and comes nearer to J⁺.",
     "Ω": "The region of joint space for which the repeatable control was designed; outside, nothing is promised.",
@@ -101,7 +101,7 @@ def drift_words(study: Study) -> str:
         f"{label} from {number(motion.drift[0])} after the first cycle to {number(motion.drift[-1])} after the last"
         for label, motion in _moved(study)
     ]
-    return f"Joint drift after each cycle, on a logarithmic scale: {'; '.join(parts)}; in {_unit(study)}."
+    return f"Joint drift after each cycle: {'; '.join(parts)}; in {_unit(study)}."
 
 
 def joints_words(study: Study) -> str:
