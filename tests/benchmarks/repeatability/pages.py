@@ -107,7 +107,7 @@ def tables(rows: Sequence[Row]) -> dict[str, list[str]]:
 
 
 def _summary(rows: Iterable[Row]) -> list[str]:
-    """One line a program: the median over arms and paths, and the worst."""
+    """One line a program: the median over arms and paths, and below it the worst."""
     lines = []
     for name, of in _grouped(rows, "program").items():
         broken = sum(row.limit_margin < -1e-9 for row in of)
@@ -120,10 +120,10 @@ def _summary(rows: Iterable[Row]) -> list[str]:
             [
                 _bold(name),
                 *cells,
-                f"{100 * np.nanmedian(speed):+.1f} / {100 * np.nanmax(speed):+.1f} %",
+                f"{_percent(np.nanmedian(speed))}<br>{_percent(np.nanmax(speed))}",
                 _middle([row.jump for row in of]),
                 _middle([row.tracking for row in of]),
-                f"{broken} of {len(of)}" + (f", stuck {stuck}" if stuck else ""),
+                f"{broken} of {len(of)}" + (f"<br>{stuck} stuck" if stuck else ""),
                 _number(min(row.body_distance for row in of)),
                 f"{np.nanmedian([row.of_pinv for row in of]):.2f}",
             ]
@@ -138,7 +138,7 @@ def _short_table(rows: Sequence[Row]) -> list[str]:
     for name, of in _grouped(rows, "program").items():
         on, off = ([row for row in of if row.start == start] for start in ("on", "off"))
         drift = [_median([getattr(row, key) for row in on]) for key in ("drift_1", "drift_10", "drift_100")]
-        speed = f"{100 * np.nanmedian([row.extra_speed for row in off]):+.1f} %"
+        speed = _percent(np.nanmedian([row.extra_speed for row in off]))
         jump = _median([row.jump for row in off])
         took = f"{np.nanmedian([row.of_pinv for row in of]):.2f}"
         lines.append([_bold(name), *drift, _median([row.drift_10 for row in off]), speed, jump, took])
@@ -209,7 +209,7 @@ def _middle(values: Sequence[float]) -> str:
     """Median and worst."""
     if np.isnan(values).all():
         return "–"
-    return f"{_number(np.nanmedian(values))} / {_number(np.nanmax(values))}"
+    return f"{_number(np.nanmedian(values))}<br>{_number(np.nanmax(values))}"
 
 
 def _median(values: Sequence[float]) -> str:
@@ -219,7 +219,11 @@ def _median(values: Sequence[float]) -> str:
 def _number(value: float) -> str:
     if not np.isfinite(value):
         return "–"
-    return f"{value:.0e}" if 0 < value < 1e-3 else f"{value:.2g}"
+    return (f"{value:.0e}" if 0 < abs(value) < 1e-3 else f"{value:.2g}").replace("-", "−")  # no line ends there
+
+
+def _percent(share: float) -> str:
+    return f"{round(100 * share, 1) + 0.0:+.1f} %".replace("-", "−").replace(" ", "\u202f")
 
 
 def _short(value: object) -> object:
