@@ -10,11 +10,13 @@ import numpy as np
 import pytest
 from arms import chain_with_bodies
 from commands import refused, told
+from test_scene import read
 
 import repctl_pin as rp
 from repctl_pin.cli import main
 from repctl_pin.motion.fitting import fitting_circle
 from repctl_pin.motion.violations import refuse_violations, violations_of
+from repctl_pin.show.page.playback import Limb, track_of, tracks_page
 from repctl_pin.show.plots.motions import drift_figure, joints_figure
 
 OUT = ["follow", "planar3r", "--strategy", "pseudoinverse", "--start", "6.2,1,-1.4", "--path", "circle:0.4:0",
@@ -111,3 +113,16 @@ def test_baxter_breaks_a_limit_in_cycle_7_and_ours_none() -> None:
     assert any("limit in cycle 7" in text.get_text() for text in drift.axes[0].texts)
     crosses = [ax.get_title("left") for ax in joints.axes for line in ax.lines if line.get_marker() == "x"]
     assert crosses == ["left_w2"]
+
+
+def test_the_page_marks_the_touch(tmp_path) -> None:
+    """The words and the moment, and a point that moves with the link."""
+    words = follow_past((2.035, 1.684), tmp_path)
+    task = rp.Robot.load(tmp_path / "chain.urdf", surroundings=words[-1]).task("tip", "xy")
+    q0 = np.array([0.2, 0.5, 0.3])
+    motion = rp.follow(rp.Pseudoinverse(task), rp.circle(task, q0, 0.2), q0, cycles=2, steps=100)
+    assert motion.first_touch is not None and 0 < motion.first_touch[0] < 1
+    scene, _, _ = read(tracks_page([Limb(task, 1)], [track_of("J⁺", motion, "#D55E00")]))
+    broken = scene["arms"][0]["broken"]
+    assert broken["words"] == "tip and post have touched" and broken["cycle"] == 1
+    assert np.isclose(broken["at"], motion.first_touch[0], atol=0.011)
