@@ -61,11 +61,11 @@ def _loading_options(parser: argparse.ArgumentParser) -> None:
 
 
 def surroundings_option(parser: argparse.ArgumentParser) -> None:
-    """Add what stands round the robot."""
+    """Add the robot's surroundings."""
     parser.add_argument(
         "--surroundings",
         metavar="FILE",
-        help="URDF of what stands round the robot, all joints fixed, from the robot's root: it must not be touched",
+        help="URDF of the robot's surroundings, all joints fixed, from the robot's root: it must not be touched",
     )
 
 

@@ -1,4 +1,4 @@
-"""How near a robot's own bodies come to each other, and to what stands round it."""
+"""How near a robot's own bodies come to each other, and to its surroundings."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Nearest:
 
 
 class Bodies:
-    """The collision bodies of a robot and of what stands round it, and the pairs that a task's joints move.
+    """The collision bodies of a robot and of its surroundings, and the pairs that a task's joints move.
 
     A mesh is replaced by its convex hull, so no distance is above that of the mesh; where hulls overlap and what is in
     them does not touch, it is 0. Of the robot's own bodies, pairs that share a joint, that its SRDF rules out, or whose
@@ -200,7 +200,7 @@ class Bodies:
         return self._add(solid, robot.description.path, link.parentJoint, link.placement, solid.link)
 
     def _add_surroundings(self) -> None:
-        """Add the bodies of what stands round the robot, measured from its root."""
+        """Add the bodies of the robot's surroundings, measured from its root."""
         robot = self.task.robot
         around = robot.surroundings
         if around is None:

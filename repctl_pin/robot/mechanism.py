@@ -51,7 +51,7 @@ class Mechanism:
     base : str or None
         The link in whose frame placements are measured, wherever in the tree; the root where None.
     surroundings : Description or None
-        What stands round the robot, measured from its root.
+        The robot's surroundings, measured from its root.
     """
 
     name: str

@@ -31,7 +31,7 @@ class Robot(Mechanism):
     """A robot as its URDF describes it, every movable joint one number.
 
     Continuous joints are revolute joints without limits, planar and floating ones are three and six joints of one
-    number. A joint that mimics another moves with it, and its limits are heeded.
+    number. A joint that mimics another moves with it, within the limits of both.
 
     Make one with :meth:`Robot.load`.
 
@@ -141,7 +141,7 @@ class Robot(Mechanism):
             The link in whose frame x is measured, as if it stood still: a link on the way to the frame, or on
             another branch, such as the other hand of two; the joints between the two links are the task's.
         surroundings
-            A URDF of what stands round the robot, its joints all fixed, its root where the robot's root is:
+            A URDF of the robot's surroundings, its joints all fixed, its root where the robot's root is:
             :class:`Bodies` measures the distances to it.
 
         Raises

@@ -43,7 +43,7 @@ class Judgement:
     smallest_singular_value : float
         The least σ_min of J.
     body_distance : float
-        The least distance between bodies, the robot's own and what stands round it, m, on the first 1024 poses and
+        The least distance between bodies, the robot's own and those of its surroundings, m, on the first 1024 poses and
         the corners: see :class:`rp.Bodies`; infinite where there are none that move against each other.
     nearest_bodies : (str, str)
         Whose they are; ("", "") where there are none.

@@ -121,7 +121,7 @@ class CellDesign:
 
     @property
     def body_distance(self) -> float:
-        """The least distance between bodies, the robot's own and what stands round it, m; infinite without any."""
+        """The least distance between bodies, the robot's own and those of its surroundings, m; infinite without any."""
         return self.judgement.body_distance
 
     def figures(self) -> dict[str, str]:

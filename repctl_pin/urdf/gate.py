@@ -125,7 +125,7 @@ def read_urdf(path: str | Path) -> Description:
 
 
 def standing(description: Description) -> Description:
-    """Refuse what is to stand round a robot and has a joint that moves, or nothing to touch.
+    """Refuse surroundings that have a joint that moves, or nothing to touch.
 
     Raises
     ------
