@@ -141,20 +141,17 @@ def _run(options: argparse.Namespace, folder: Path) -> int:
     saved = save_control(design, prepare_folder(folder) / "design.json")
     files = [*write_design(design, design_map(design), degrees, folder, title=title), saved]
     result = _as_dict(design, degrees, name, setting, notes)
-    text = design.summary()
     clear_line()
     if options.json:
         print(json.dumps(result | {"files": [str(f) for f in files]}, indent=2, ensure_ascii=False))
     elif not options.quiet:
-        tell(f"desired  {name}\nstart    {', '.join(f'{v:.4g}' for v in setting.q0)} ({setting.where})\n")
-        tell(text)
+        start = ", ".join(f"{v:.4g}" for v in setting.q0)
+        tell(f"desired  {name}\nstart    {start} ({setting.where})\n\n{design.summary()}")
         if len(degrees) > 1:
             tell(f"\n{_degree_table(degrees)}")
         for note in notes:
             tell(f"note: {note}")
-        print()
-        for file in files:
-            print(f"wrote {file}")
+        print("\n" + "\n".join(f"wrote {file}" for file in files))
     return 0
 
 

@@ -18,6 +18,7 @@ Report = Callable[[int, float], None]
 
 _MAX_STEPS = 100
 _STILL = 3
+_HALVINGS = 20
 _DAMPING, _LEAST_DAMPING = 1e-4, 1e-7
 _EMPHASIS = (1.0, 0.1, 0.01)
 
@@ -128,6 +129,15 @@ def descend(
         cost, gradient, matrix, sides = batches.total(criterion.gauss_newton, basis @ C)
         return cost + closeness(C), cost, basis.T @ gradient + tau * (EE @ C - toward), matrix, sides
 
+    def shorter(C: Array, dC: Array, total: float, predicted: float) -> float:
+        """Halve a step until it lowers the cost and det(Nᵀ V) keeps its sign; 0 if no length does."""
+        for length in 0.5 ** np.arange(1, _HALVINGS):
+            trial = C + length * dC
+            value, around = batches.total(criterion.cost, basis @ trial)
+            if around.clear and value + closeness(trial) < total - 1e-4 * length * predicted:
+                return float(length)
+        return 0.0
+
     C = scipy.linalg.solve_triangular(basis, A)
     size = len(C)
     total, cost, gradient, matrix, sides = evaluate(C)
@@ -154,22 +164,12 @@ def descend(
             damping = max(damping / 100, _LEAST_DAMPING)  # stop only where an undamped step predicts nothing either
             continue
         dC = step.reshape(r, size).T
-        length = 1.0
-        while length > 1e-6:  # the full step is usually taken: its matrix at once
-            trial = C + length * dC
-            if length == 1.0:
-                found = evaluate(trial)
-                value, clear = found[0], found[4].clear
-            else:
-                value, around = batches.total(criterion.cost, basis @ trial)
-                value, clear = value + closeness(trial), around.clear
-            if clear and value < total - 1e-4 * length * predicted:
-                break
-            length /= 2
-        else:
+        found = evaluate(C + dC)  # the full step is usually taken: its matrix at once
+        length = 1.0 if found[4].clear and found[0] < total - 1e-4 * predicted else shorter(C, dC, total, predicted)
+        if not length:
             break
         if length < 1.0:
-            found = evaluate(trial)
+            found = evaluate(C + length * dC)
         gain = (total - found[0]) / predicted
         still = still + 1 if abs(cost - found[1]) <= tolerance * cost else 0
         damping = float(np.clip(damping * (0.2 if gain > 0.5 else 1 if gain > 0.2 else 5), _LEAST_DAMPING, 1.0))

@@ -164,13 +164,7 @@ def nearest_in_family(
     if projective:
         low, high = -np.pi / 2, np.pi / 2
 
-    def parameter(angle: float) -> float:
-        if not projective:
-            return angle
-        # One period of tan; its pole is k = ∞.
-        folded = (angle + np.pi / 2) % np.pi - np.pi / 2
-        return np.inf if abs(abs(folded) - np.pi / 2) < 1e-12 else float(np.tan(folded))
-
+    parameter = _on_the_line if projective else float
     nodes = _Comparison(desired, region, samples, seed)
 
     def member(k: float) -> Inverse:
@@ -211,6 +205,12 @@ def nearest_in_family(
         scanned=np.array([parameter(a) for a in angles]),
         scanned_costs=costs,
     )
+
+
+def _on_the_line(angle: float) -> float:
+    """Turn φ into k = tan φ (57): one period of tan; its pole is k = ∞."""
+    folded = (angle + np.pi / 2) % np.pi - np.pi / 2
+    return np.inf if abs(abs(folded) - np.pi / 2) < 1e-12 else float(np.tan(folded))
 
 
 def _polish(cost: Callable[[float], float], angles: Array, costs: Array, projective: bool) -> float:

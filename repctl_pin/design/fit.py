@@ -13,6 +13,7 @@ from ..errors import InputError
 from ..fields.field import Field
 from ..progress import Report
 from ..regions import Region
+from ..robot.task import Task
 from ..strategies.repeatable import RepeatableInverse
 from ..strategies.strategy import Inverse
 from . import criterion
@@ -66,11 +67,7 @@ def fit(
     """
     task = desired.task
     report("searching Ω for singularities of the arm", 0.0)
-    measure = dexterity(task)
-    lowest = search(measure, region, region.random(2048, seed))
-    if lowest.value <= 0:
-        raise refuse_singular("the Jacobian loses rank", task, measure, region, lowest.at)
-
+    _check_rank(task, region, seed)
     unknowns = (fields.size - task.r) * task.r
     few = max(_LEAST_NODES, _NODES_PER_UNKNOWN * unknowns // task.m)
     count = max(few, _DEFAULT_NODES) if samples is None else int(samples)
@@ -122,6 +119,14 @@ def fit(
     finally:
         few_nodes.close()
         all_nodes.close()
+
+
+def _check_rank(task: Task, region: Region, seed: int) -> None:
+    """Refuse a region in which J loses rank."""
+    measure = dexterity(task)
+    lowest = search(measure, region, region.random(2048, seed))
+    if lowest.value <= 0:
+        raise refuse_singular("the Jacobian loses rank", task, measure, region, lowest.at)
 
 
 def _judged(
