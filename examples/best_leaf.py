@@ -3,10 +3,11 @@
 Under a repeatable control every start has its leaf h(q) = c, and the joint path of all cycles is known after
 the first. So the choice that redundancy leaves at the start can be made once, with the whole cycle in view:
 `rp.best_leaf` walks along the self-motion of the start, follows one cycle from each point, and keeps the one
-with the most room to joint limits and to algorithmic singularities.
+with the most room to joint limits, between bodies, and to algorithmic singularities.
 
 tiago's reference pose holds its torso half-way up its short lift. On a circle of 5 cm the torso leaves the lift;
-from the start that is found it does not. So with a panda that begins with its elbow far out.
+from the start that is found it does not. (The collision shapes of its column and first arm link overlap by a
+centimetre from every start tried, which is said too.) So with a panda that begins with its elbow far out.
 
     python examples/best_leaf.py
 """
