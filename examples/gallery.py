@@ -77,6 +77,7 @@ def photograph(page: str, file: Path, *, seconds: float = 120.0, moving: bool = 
                      "--disable-background-networking", f"--user-data-dir={folder}/profile"):  # fmt: skip
             options.add_argument(flag)
         driver = webdriver.Chrome(options=options, service=Service(shutil.which("chromedriver")))
+        driver.set_script_timeout(seconds)
         try:
             size = {"width": SIZE[0], "height": SIZE[1], "deviceScaleFactor": 2, "mobile": False}
             driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
@@ -110,7 +111,7 @@ def photograph(page: str, file: Path, *, seconds: float = 120.0, moving: bool = 
 def _shot(driver: webdriver.Chrome, cycle: int) -> Image.Image:
     """The window at the end of a cycle."""
     driver.execute_script("repctl.seek(arguments[0])", cycle)
-    time.sleep(1.0)
+    driver.execute_async_script("requestAnimationFrame(() => requestAnimationFrame(arguments[0]))")  # it is drawn
     return Image.open(io.BytesIO(driver.get_screenshot_as_png())).convert("RGB")
 
 

@@ -12,7 +12,7 @@ export class Card {
     this.after = element("p", { class: "after" });
     this.bars = element("canvas", { role: "img", "aria-label": `${data.label}: drift after each of ${last} cycles, ${inWords(data.drift[last - 1])} ${data.unit} after the last` });
     const past = data.broken ? `; hatched: beyond what the arm can do` : "";
-    const figures = [element("figure", { class: "bars" }, this.bars, element("figcaption", {}, `after each cycle; tallest ${inWords(this.largest)} ${data.unit}${past}`))];
+    const figures = [element("figure", { class: "bars" }, this.bars, element("figcaption", {}, `each cycle; tallest ${inWords(this.largest)} ${data.unit}${past}`))];
     if (pair) {
       this.orbit = element("canvas", { role: "img", "aria-label": `${data.label}: ${pair.names[0]} against ${pair.names[1]}, the two joints that creep most` });
       const [across, upward] = apart(pair.names).map(shortened);
