@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from weakref import WeakKeyDictionary
@@ -33,6 +33,9 @@ _TOUCHING = 1e-12
 
 _BLOCK = 64
 """Configurations whose bounds are worked out at once: they stay in the processor's cache."""
+
+_MOST_BOUNDS = 1_000_000
+"""Bounds held at once, at most, where there are very many pairs."""
 
 _MADE: WeakKeyDictionary[Task, Bodies] = WeakKeyDictionary()
 
@@ -154,12 +157,17 @@ class Bodies:
         if not self._both:
             return found, which
         Q = Q if self._drive is None else self._drive.joints(Q)
-        for start in range(0, len(Q), _BLOCK):
-            block = Q[start : start + _BLOCK]
-            for k, (q, bounds) in enumerate(zip(block, self._bounds(block), strict=True), start):
-                found[k], last = self._least(q, bounds, last)
-                which[k] = last
+        for k, (q, bounds) in enumerate(self._with_bounds(Q)):
+            found[k], last = self._least(q, bounds, last)
+            which[k] = last
         return found, which
+
+    def _with_bounds(self, Q: Array) -> Iterator[tuple[Array, Array]]:
+        """Go through the model's joints Q (K, N), each with its bounds (P,)."""
+        size = min(_BLOCK, max(1, _MOST_BOUNDS // len(self._both)))
+        for start in range(0, len(Q), size):
+            block = Q[start : start + size]
+            yield from zip(block, self._bounds(block), strict=True)
 
     def _least(self, q: Array, bounds: Array, guess: int) -> tuple[float, int]:
         """Measure exactly only where the spheres round two bodies are nearer than the best pair known."""
@@ -253,8 +261,8 @@ class Bodies:
         random = np.random.default_rng(0).uniform(low, high, (_SAMPLES, self.task.n))
         Q = np.vstack([q0, random])
         Q = Q if self._drive is None else self._drive.joints(Q)
-        always &= (self._bounds(Q) < 0).all(axis=0)
-        for q in Q:
+        for q, bounds in self._with_bounds(Q) if self._both else ():
+            always &= bounds < 0
             pin.updateGeometryPlacements(self._model, self._data, self._shapes, self._placed, q)
             for k in np.flatnonzero(always).tolist():
                 always[k] = pin.computeDistance(self._shapes, self._placed, k).min_distance <= 0
