@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+from arms import planar_task
 
 import repctl_pin as rp
 
@@ -82,3 +85,9 @@ def test_singular_configurations_are_named_errors() -> None:
             strategy(stretched)
         with pytest.raises(rp.SingularityError, match="singularity"):
             strategy.velocity(stretched, np.ones(2))
+
+
+def test_a_link_without_inertia_is_named(tmp_path: Path) -> None:
+    task = planar_task((1, 1, 1), tmp_path)
+    with pytest.raises(rp.InputError, match="nothing that theta1 moves .* link 'link1' needs an <inertial>"):
+        rp.WeightedInverse(task, "inertia")

@@ -107,6 +107,8 @@ class WeightedInverse:
         self.task = redundant(task)
         if isinstance(weight, str) and weight != "inertia":
             raise InputError(f"no weight named {weight!r}; give 'inertia', n numbers, a matrix or a function")
+        if isinstance(weight, str):
+            _check_inertia(self.task)
         n = self.task.n
         self.weight: Any = weight if isinstance(weight, str) or callable(weight) else _positive(weight, n)
 
@@ -178,6 +180,16 @@ def _positive(weight: ArrayLike, n: int) -> Array:
     if np.linalg.eigvalsh(M)[0] <= 0:
         raise InputError("the weight must be positive definite; every joint needs a weight above 0")
     return M
+
+
+def _check_inertia(task: Task) -> None:
+    """Refuse the inertia as a weight where a joint moves nothing that has any."""
+    own = np.diagonal(task.inertias(task.reference[None])[0])
+    light = own <= 1e-12 * own.max()
+    if light.any():
+        name = task.joint_names[int(np.argmax(light))]
+        link = f"; link {task.robot.joints[name].child!r} needs an <inertial>" if name in task.robot.joints else ""
+        raise InputError(f"nothing that {name} moves has a mass or an inertia, so there is no 'inertia' weight{link}")
 
 
 def at_rows(task: Task, Q: ArrayLike, J: Array | None) -> tuple[Array, Array]:
