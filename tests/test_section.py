@@ -19,6 +19,7 @@ from repctl_pin.section.cost import Cost
 from repctl_pin.section.descend import descend
 from repctl_pin.section.field import SectionField
 from repctl_pin.section.judgement import judge
+from repctl_pin.section.middle import searched
 from repctl_pin.section.monomials import Monomials
 from repctl_pin.section.reference import fitted, rays
 from repctl_pin.section.rotations import exp3, left_jacobian, log3, tilts
@@ -429,8 +430,20 @@ def test_a_cell_beyond_the_joint_limits_and_one_through_a_singularity(tmp_path: 
     assert re.search(r"at \(1\.\d+, .*\) m, theta\d is [\d.]+ rad beyond its limit; a cell of .* works", says), says
     task = planar_task([1.0, 0.9, 0.8], tmp_path)  # folded together, it has no way outward along its links
     x = pin.SE3(np.eye(3), np.array([0.9, 0.0, 0.0]))
-    says = refused(rp.Cell(task, x, (0.3, 0.1)), rp.solve_ik(task, [0.0, np.pi - 0.02, np.pi + 0.02], x))
+    says = refused(rp.Cell(task, x, (0.3, 0.1)), rp.solve_ik(task, [0.0, np.pi - 0.15, np.pi + 0.15], x))
     assert re.search(r"between the middle of the cell and \(.*\) m the arm passes a singularity", says), says
+
+
+def test_a_middle_at_a_singularity_and_postures_at_one(tmp_path: Path) -> None:
+    task = planar_task([1.0, 0.9, 0.8], tmp_path)
+    stretched = rp.Cell(task, task.placement([0.1, 0.0, 0.0]), 0.02)
+    assert "the arm is at a singularity" in refused(stretched, [0.1, 0.0, 0.0])
+    xarm = rp.Robot.load("xarm7").task("link_eef", "pose")  # of its postures some are singular, in others links touch
+    cell = rp.Cell(xarm, xarm.placement(xarm.reference), 0.03, 0.1)
+    q = searched(rp.Pseudoinverse(xarm), cell)[0]
+    s = np.linalg.svd(xarm.jacobian(q), compute_uv=False)
+    assert rp.Bodies(xarm).nearest(q).distance > 0
+    assert s[-1] > 0.01 * s[0] and np.abs(xarm.error(q, cell.placement)).max() < 1e-8
 
 
 @pytest.mark.slow

@@ -9,14 +9,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import vector
 from ..errors import InputError
+from ..robot.bodies import bodies_of
 from ..strategies.strategy import Batched
 from .cell import Cell
 from .kinematics import bases, bounded, margins, placed
-from .reference import rays
+from .reference import SINGULAR, rays
 
 Array = NDArray[np.float64]
 
 _STARTS, _KEPT, _OFFERED = 128, 24, 6
+_SINGULAR_MIDDLE = "the arm is at a singularity; move the cell, or turn it"
 _ENOUGH, _ALIKE = 0.1, 0.02
 """A limit margin, rad or m, beyond which more room is worth less than speed; and margins that count as alike."""
 
@@ -70,6 +72,8 @@ def given(cell: Cell, posture: ArrayLike) -> Array:
     Q, left = reached(cell, q[None], u)
     if left[0] > 1e-9:
         raise InputError(f"the posture does not lead to the middle of the cell, {cell.where(u)}; leave posture= out")
+    if not _regular(cell, Q)[0]:
+        raise InputError(f"at the posture, brought to {cell.where(u)}, {_SINGULAR_MIDDLE}; or give another posture=")
     return task.check(Q[0], f"the posture, brought to {cell.where(u)},")
 
 
@@ -77,7 +81,8 @@ def searched(desired: Batched, cell: Cell, seed: int = 0) -> Array:
     """Find postures (K, n) in the middle from which the cell is reached with the most room, the best first.
 
     Every candidate drives the arm along rays to the corners of the cell. Those that reach most corners count, of
-    them those with the largest joint-limit margin (up to 0.1 rad), and of them the quickest, near the reference.
+    them those whose bodies do not touch, with the largest joint-limit margin (up to 0.1 rad), and of them the
+    quickest, near the reference.
 
     Raises
     ------
@@ -104,16 +109,22 @@ def searched(desired: Batched, cell: Cell, seed: int = 0) -> Array:
             f"the middle of the cell, {cell.where(u)}, is reached only outside the limits of {joint!r}, "
             f"{-margins(task, Q[best]).min():.3g} beyond them at best; move the cell, or turn it"
         )
-    candidates = [judged(desired, cell, q) for q in _spread(Q[inside], _KEPT)]
+    regular = inside & _regular(cell, Q)
+    if not regular.any():
+        raise InputError(f"in the middle of the cell, {cell.where(u)}, {_SINGULAR_MIDDLE}")
+    candidates = [judged(desired, cell, q) for q in _spread(Q[regular], _KEPT)]
     for size in (0.3, 0.15, 0.07):
         q = chosen(candidates, task.reference).q
         N = bases(task.jacobian(q)[None], np.zeros((1, task.n, task.r)))[1][0]
         beside = q + size * np.concatenate([N.T, -N.T])
         Q, left = reached(cell, beside, u, iterations=8)
-        good = (left < 1e-9) & (margins(task, Q).min(axis=1) > 0)
+        good = (left < 1e-9) & (margins(task, Q).min(axis=1) > 0) & _regular(cell, Q)
         candidates += [judged(desired, cell, q) for q in Q[good]]
     first = chosen(candidates, task.reference)
-    rest = sorted((c for c in candidates if c is not first), key=lambda c: (-c.share, -min(c.margin, _ENOUGH), c.speed))
+    rest = sorted(
+        (c for c in candidates if c is not first),
+        key=lambda c: (-c.share, c.apart < 0, -min(c.margin, _ENOUGH), c.speed),
+    )
     return _apart(np.array([first.q, *(c.q for c in rest)]), _OFFERED)
 
 
@@ -128,6 +139,8 @@ class Candidate:
         Of the corners reached.
     margin : float
         The least joint-limit margin on the rays, rad or m.
+    apart : float
+        The least distance between bodies in the middle and at the ends of the rays, m.
     speed : float
         ``mean ‖G_d E C‖²`` at the ends of the rays.
     """
@@ -135,6 +148,7 @@ class Candidate:
     q: Array
     share: float
     margin: float
+    apart: float
     speed: float
 
 
@@ -148,17 +162,25 @@ def judged(desired: Batched, cell: Cell, q: Array) -> Candidate:
         _, R, J = placed(cell.task, ends.Q[good])
         G = desired.batch(ends.Q[good], J)
         speed = float(((G @ cell.twists(U[good], R) @ cell.speeds(U[good])) ** 2).sum() / good.sum())
-    return Candidate(q, float(good.mean()), float(ends.least[good].min(initial=np.inf)), speed)
+    apart = bodies_of(cell.task).distances(np.concatenate([q[None], ends.Q[good]])).min()
+    return Candidate(q, float(good.mean()), float(ends.least[good].min(initial=np.inf)), float(apart), speed)
 
 
 def chosen(candidates: list[Candidate], reference: Array) -> Candidate:
-    """Choose by share, then margin, then speed, then the distance from a reference."""
+    """Choose by share, then bodies that do not touch, then margin, speed, and the distance from a reference."""
     most = max(c.share for c in candidates)
     candidates = [c for c in candidates if c.share > most - 1e-9]
+    candidates = [c for c in candidates if c.apart >= 0] or candidates
     best = max(min(c.margin, _ENOUGH) for c in candidates)
     candidates = [c for c in candidates if min(c.margin, _ENOUGH) > best - _ALIKE]
     quick = _AS_QUICK * min(c.speed for c in candidates)
     return min((c for c in candidates if c.speed <= quick), key=lambda c: np.linalg.norm(c.q - reference))
+
+
+def _regular(cell: Cell, Q: Array) -> NDArray[np.bool_]:
+    """Say which configurations (K, n) are far enough from a singularity to begin at."""
+    s = np.linalg.svd(placed(cell.task, Q)[2], compute_uv=False)
+    return np.asarray(s[:, -1] > SINGULAR * s[:, 0])
 
 
 def _apart(Q: Array, count: int) -> Array:

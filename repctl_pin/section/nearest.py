@@ -198,8 +198,8 @@ class _Work:
         return max(designs, key=lambda pair: _rank(pair[1], self.room))
 
     def good(self, found: CellDesign | tuple[Stop, ...]) -> bool:
-        """Whether it covers the cell, with room, and costs little."""
-        return _rank(found, self.room) >= (1.0, 0.4 * self.room) and cast(CellDesign, found).extra_speed < _DEAR
+        """Whether it covers the cell, no bodies touch, with room for the joints, and costs little."""
+        return _rank(found, self.room) >= (1.0, True, 0.4 * self.room) and cast(CellDesign, found).extra_speed < _DEAR
 
     def design(
         self, cell: Cell, q: Array, report: reporting.Report, *, quick: bool = False
@@ -328,11 +328,11 @@ def _refusal(cell: Cell, stops: tuple[Stop, ...], fits: float, *, keep: bool) ->
     return NoFunctionError(f"no single function covers the cell: {why}{because}; {remedy}{keeps}", stops, fits)
 
 
-def _rank(found: CellDesign | tuple[Stop, ...], room: float) -> tuple[float, float, float]:
-    """Coverage, then the limit margin as far as it was asked for, then speed."""
+def _rank(found: CellDesign | tuple[Stop, ...], room: float) -> tuple[float, bool, float, float]:
+    """Coverage, then bodies that do not touch, then the limit margin as far as it was asked for, then speed."""
     if not isinstance(found, CellDesign) or found.coverage == 0:
-        return 0.0, -np.inf, -np.inf
-    return found.coverage, min(found.limit_margin, 0.4 * room), -found.cost
+        return 0.0, False, -np.inf, -np.inf
+    return found.coverage, found.body_distance >= 0, min(found.limit_margin, 0.4 * room), -found.cost
 
 
 def _terms(cell: Cell, degree: int) -> int:

@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 _STEP = 0.5
 """A joint step, rad or m, from one point of a ray to the next, that means that the arm has lost the path."""
 
-_SINGULAR = 0.01
+SINGULAR = 0.01
 """σ_min / σ_max of J at which a ray ends."""
 
 
@@ -72,7 +72,7 @@ def rays(desired: Batched, cell: Cell, q_middle: Array, U: Array, *, steps: int 
         _, N[on], s = bases(J, N[on])
         smallest[on] = np.minimum(smallest[on], s[:, -1])
         least[on] = np.minimum(least[on], margins(task, Q[on]).min(axis=1))
-        good = s[:, -1] > _SINGULAR * s[:, 0]
+        good = s[:, -1] > SINGULAR * s[:, 0]
         on, p, R, J = on[good], p[good], R[good], J[good]
         if not len(on):
             break
