@@ -169,6 +169,7 @@ def test_never_above_the_meshes(name: str, count: int) -> None:
     apart = ours > 0
     assert apart.sum() > count // 10
     assert (ours[apart] - meshes[apart]).max() < 1e-6
+    assert (meshes[ours < 0] < 1e-6).all() and (meshes[ours == 0] > 0).all()  # it touches where the meshes do
     if name == "panda":
         assert (meshes[apart] - ours[apart]).max() < 0.02
 

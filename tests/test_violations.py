@@ -89,7 +89,7 @@ def test_surroundings_must_not_be_touched(tmp_path, capsys) -> None:
     assert "tip and post touch in cycle 1, " in error and not (tmp_path / "m.yaml").exists()
     assert main(near) == 0
     out, warning = capsys.readouterr()
-    assert "bodies apart    -" in out and "tip and post" in out
+    assert "\nbodies overlap  0." in out and " m at most: tip and post\n" in out
     assert "note: collision mesh 'lost.stl' not found or not read" in out
     assert warning.startswith("repctl: warning: tip and post touch in cycle 1, ") and warning.count("\n") == 1
     assert main([*near, "--json"]) == 0

@@ -260,8 +260,11 @@ def _print(result: dict[str, Any], motion: Motion) -> None:
     margin = result["limit_margin"]
     tell(f"limit margin    {'no limits' if margin is None else number(margin)}")
     if result["body_distance"] is not None:
-        near = result["nearest_bodies"]
-        tell(f"bodies apart    {number(result['body_distance'])} m at least: {' and '.join(near['links'])}")
+        room, links = result["body_distance"], " and ".join(result["nearest_bodies"]["links"])
+        apart = (
+            f"bodies apart    {number(room)} m at least" if room >= 0 else f"bodies overlap  {number(-room)} m at most"
+        )
+        tell(f"{apart}: {links}")
     more = ""
     if result["slowed_by"] is None:
         stops = f", stopping {result['stops']} times in each; blend= rounds corners" if result["stops"] else ""
