@@ -459,7 +459,7 @@ def test_the_largest_cell_that_works() -> None:
 
 def test_a_cell_round_the_base() -> None:
     x = pin.SE3(middle().rotation, np.array([0.0, 0.0, 0.9]))
-    says = refused(rp.Cell(panda("position"), x, (0.7, 0.7, 0.1)))
+    says = refused(rp.Cell(panda("position"), x, (0.7, 0.7, 0.1)), rp.solve_ik(panda("position"), Q_PANDA, x))
     assert "goes round the axis of panda_joint1" in says, says
 
 
