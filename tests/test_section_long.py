@@ -35,7 +35,7 @@ def found(half_width: tuple[float, float, float] = (0.1, 0.15, 0.1), rotation: f
         ((0.1, 0.2, 0.1), 0.0, 0.0006, 0.2),
         ((0.15, 0.3, 0.2), 0.0, 0.0020, 0.05),
         ((0.1, 0.15, 0.1), 0.3, 0.0030, 0.05),
-        ((0.15, 0.25, 0.15), 0.4, 0.02, 0.0),  # at the worst of 8192 poses no leaf nearby has more than 0.003 rad
+        ((0.15, 0.25, 0.15), 0.4, 0.02, 0.0),  # at one of its 8192 poses no leaf nearby has more than 0.003 rad
     ],
 )
 def test_the_prototypes_cells(
