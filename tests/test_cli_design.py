@@ -140,6 +140,7 @@ def test_processes_and_interruption(tmp_path: Path) -> None:
     assert err.strip() == "repctl: interrupted; nothing half-written was left"
 
 
+@pytest.mark.slow
 def test_a_cluster_gives_the_same_figures(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     distributed = pytest.importorskip("distributed")
     command = ["design", "ppr", "--degree", "1", "--region", "0.4", "--out", str(tmp_path), "--json"]

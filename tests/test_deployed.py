@@ -109,7 +109,8 @@ def test_a_cycle_takes_as_long_as_the_joints_need(tmp_path, monkeypatch, capsys)
     assert told(capsys, "follow", "repctl-out/slow/control.json", "--robot", "slow.urdf")["slowed_by"] < 1 + 1e-6
     assert main(["study", *few, "--period", "5"]) == 0
     out = capsys.readouterr().out
-    assert re.search(r"^J⁺ .*\d!", out, flags=re.MULTILINE) and "times as fast as its limit allows" in out
+    assert re.search(r"^joint speed, peak.*\d!", out, flags=re.MULTILINE) and "times as fast as its limit allows" in out
+    assert "Speed limits broken" in out.splitlines()[0]
 
 
 def test_no_stale_design_under_a_new_commands_name(tmp_path, monkeypatch, capsys) -> None:

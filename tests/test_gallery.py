@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pytest
 from browser import require_browser
 from PIL import Image
 
@@ -15,6 +16,7 @@ ROOT = Path(__file__).parent.parent
 PICTURES = ROOT / "examples" / "pictures"
 
 
+@pytest.mark.slow
 def test_the_script_makes_a_picture(tmp_path: Path) -> None:
     require_browser()
     command = [sys.executable, str(ROOT / "examples" / "gallery.py"), "ppr", "--out", str(tmp_path)]

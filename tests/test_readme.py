@@ -14,6 +14,7 @@ import subprocess
 import sys
 import time
 import urllib.request
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -133,7 +134,13 @@ def test_every_command_for_ones_own_arm_runs(
     assert len({line.split()[0] for line in printed["robots"].splitlines()[2:-2]}) == int(robots)
 
 
-@pytest.mark.parametrize("command", re.findall(r"`repctl (study [^`]+)`", PROSE))
+@pytest.mark.parametrize(
+    "command",
+    [
+        pytest.param(command, marks=() if "my_arm" in command or "ppr" in command else pytest.mark.slow)
+        for command in re.findall(r"`repctl (study [^`]+)`", PROSE)
+    ],
+)
 def test_the_gallerys_commands_run(
     command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -198,6 +205,7 @@ def test_the_python_runs_and_its_arm_comes_back(tmp_path: Path, monkeypatch: pyt
     """The block, and then each line of code in the text, with the names it leaves to the reader."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setattr(rp, "study", partial(rp.study, cycles=2, steps=100, degree=1))  # the same in less time
     (code,) = blocks("python")
     names: dict = {}
     out = io.StringIO()

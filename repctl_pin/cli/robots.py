@@ -46,8 +46,9 @@ def run(options: argparse.Namespace) -> int:
     header = ["robot", "frame", "joints", "pose", "axis", "position", "plane"]
     tell(table(header, [_cells(row) for row in rows], left=2))
     tell(
-        "joints: those that move the frame, of all that move; then r = joints − m for each kind of task, plane being\n"
-        "xy, xz, yz, and – where the arm cannot do it at all. r ≥ 1 is redundant: the motion under J⁺ drifts."
+        "joints: those that move the frame, of all that move; then r = joints − m for\n"
+        "each kind of task, plane being xy, xz, yz, and – where the arm cannot do it at\n"
+        "all. r ≥ 1 is redundant: the motion under J⁺ drifts."
     )
     return 0
 

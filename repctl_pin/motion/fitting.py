@@ -23,6 +23,8 @@ _SMALL = (0.005, 0.003, 0.002, 0.001)
 _DEGREES = (180.0, 0.0, 90.0, -90.0)
 _LEAST_MARGIN = 0.02
 """To the joint limits, rad or m."""
+_LOOKS = 12
+"""So often in a cycle it is looked whether bodies touch."""
 
 
 def fitting_circle(
@@ -36,7 +38,7 @@ def fitting_circle(
 ) -> TaskPath:
     """Find a circle that a control (J⁺) can follow for a cycle inside the joint limits, and inside a region.
 
-    It keeps well away from singularities.
+    It keeps well away from singularities, and the robot's bodies apart if there is such a circle.
 
     Where they are not given: the largest round radius up to a seventh of the reach; horizontal if possible,
     then upright. Where on the circle the start lies is always looked for.
@@ -52,6 +54,7 @@ def fitting_circle(
     radii = (radius,) if radius is not None else [x for x in sizes if x <= max(limit, _RADII[-1])]
     strategy = control or Pseudoinverse(task)
     needed = 0.5 * dexterity(task, q0)
+    touching: TaskPath | None = None
     for size in radii:
         for flat in planes:
             for degrees in _DEGREES:
@@ -62,8 +65,13 @@ def fitting_circle(
                     continue
                 clear = min(dexterity(task, q) for q in motion.q[::2]) > needed
                 inside = region is None or not (region.ratio(motion.q) > 1).any()
-                if clear and inside and motion.limit_margin.min() > _LEAST_MARGIN:
+                if not (clear and inside and motion.limit_margin.min() > _LEAST_MARGIN):
+                    continue
+                if not motion.thinned(_LOOKS).body_distance.min() <= 0:
                     return path
+                touching = touching or path
+    if touching is not None:
+        return touching
     size_text = f"of radius {radius:g} m" if radius is not None else f"of {100 * radii[-1]:g} cm or more"
     where = "its joint limits" if region is None else "Ω and its joint limits"
     raise InputError(

@@ -31,8 +31,8 @@ PERIOD = 5.0
 SHARE = 0.9
 """Share of a speed limit that a cycle uses at most, where its time is chosen."""
 
-ANOTHER = "another dexterous pose"
-"""What a start is that is looked for only where better-known ones fail."""
+SEARCHED = ("a dexterous pose near mid-range", "another dexterous pose")
+"""What starts are that are looked for only where better-known ones fail."""
 
 _LEAST_DEXTERITY = {6: 0.05, 5: 0.05, 2: 0.1}
 _LEAST_DEXTERITY_OF_POSITION = 0.2
@@ -168,7 +168,7 @@ def starts(task: Task) -> Iterator[tuple[Array, str]]:
     good = points[scores >= 0.5 * scores.max()]
     good = good[np.argsort(np.linalg.norm(good - middle, axis=1))]
     for k in range(_MOST_STARTS):  # the nearest, then others that are no neighbours of it
-        yield np.round(good[0], 3), ANOTHER if k else "a dexterous pose near mid-range"
+        yield np.round(good[0], 3), SEARCHED[min(k, 1)]
         good = good[np.abs(good - good[0]).max(axis=1) > _APART]
         if not len(good):
             return

@@ -85,7 +85,7 @@ def settings(
     found = fixed = False
     wild: list[Setting] = []
     for q0, where in defaults.starts(task) if start is None else [(task.check(start, "start"), GIVEN)]:
-        if fixed and where == defaults.ANOTHER:
+        if fixed and where in defaults.SEARCHED:
             break  # a path that does not begin at the start is where its author says
         try:
             if dexterity(task, q0) < _SINGULAR:

@@ -33,6 +33,8 @@ class Deed:
         The least distance between bodies, m; None where there are none.
     touch : int
         The cycle in which two bodies first touch; 0 where none do.
+    haste : float
+        The largest share of a joint's speed limit; above 1 it is broken.
     """
 
     label: str
@@ -41,6 +43,7 @@ class Deed:
     broken: tuple[int, str] | None = None
     apart: float | None = None
     touch: int = 0
+    haste: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -85,6 +88,7 @@ def deed_of(label: str, motion: Motion, elbow: int) -> Deed:
         None if violation is None else (motion.broken_cycle, violation[1]),
         apart if np.isfinite(apart) else None,
         0 if touch is None else min(int(touch[0]) + 1, motion.cycles),
+        motion.speed_ratio,
     )
 
 
@@ -114,6 +118,10 @@ def verdict(deeds: Sequence[Deed], cycles: int) -> Verdict:
         price = percent(last.speed / first.speed - 1) if first.speed > 0 else "–"
         words.append(f"Joint speed {price}.")
         tiles.append(Tile("Joint speed", price))
+    haste = max(deed.haste for deed in deeds)
+    if haste > 1 + 1e-9:
+        words.append(f"Speed limits broken: {haste:.2g} × the limit.")
+        tiles.append(Tile("Speed limits", f"broken: {haste:.2g} × the limit", bad=True))
     words.append(f"Limits {' → '.join(dict.fromkeys(limits))}.")
     tiles.append(Tile("Joint limits", " → ".join(dict.fromkeys(limits)), any(d.broken for d in deeds)))
     if all(deed.apart is not None for deed in deeds):
