@@ -60,6 +60,7 @@ def test_baselines_stand_beside_it(panda: rp.Robot, panda_design: rp.Design) -> 
     assert "constant rows" in text and "extended Jacobian" in text and "converged" in text
 
 
+@pytest.mark.slow
 def test_the_extended_jacobian_is_singular_in_the_wide_box_and_said_so(panda: rp.Robot) -> None:
     design = panda_design_of(panda, "pose", 0.8, 1)
     extended = design.baselines[1]
@@ -140,6 +141,7 @@ def test_higher_redundancy(robot: str, kind: str, r: int, width: float) -> None:
 # ---- honesty -------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_standard_error_is_true() -> None:
     """30 of the benchmark's 100 seeded designs, with 2¹⁵ nodes for its 10⁶."""
     task = rp.Robot.load("planar3r").task(None, "xy")

@@ -9,11 +9,12 @@ import pytest
 import repctl_pin as rp
 
 
-def test_ten_thousand_targets_by_two_routes(panda_design, panda_pose, q_panda) -> None:
+@pytest.mark.parametrize("count", [1000, pytest.param(10_000, marks=pytest.mark.slow)])
+def test_targets_by_two_routes(panda_design, panda_pose, q_panda, count: int) -> None:
     """Straight from the start, and over another target of the region: the same q to 1e-9."""
     inverse, rng = panda_design.inverse, np.random.default_rng(0)
     leaf = inverse.leaf(q_panda)
-    targets = [panda_pose.placement(q) for q in q_panda + rng.uniform(-0.4, 0.4, (10_000, 7))]
+    targets = [panda_pose.placement(q) for q in q_panda + rng.uniform(-0.4, 0.4, (count, 7))]
     straight = inverse.solve_all(targets, q_panda)
     worst = 0.0
     for k, target in enumerate(targets):

@@ -46,7 +46,14 @@ REDUNDANT = [
 ]
 
 
-@pytest.mark.parametrize("name, frame, kind", REDUNDANT, ids=lambda v: str(v))
+QUICK = {("panda", "pose"), ("tiago", "pose"), ("z1", "position"), ("ppr", "xy"), ("prr", "xy"), ("planar7r", "xy")}
+
+
+@pytest.mark.parametrize(
+    "name, frame, kind",
+    [pytest.param(*arm, marks=() if (arm[0], arm[2]) in QUICK else pytest.mark.slow) for arm in REDUNDANT],
+    ids=lambda v: str(v),
+)
 def test_defaults_work_for_every_redundant_arm(name: str, frame: str | None, kind: str) -> None:
     study = rp.study(name, frame=frame, task=kind, cycles=3, steps=200)
     creeping, closed = study.row("pseudoinverse").motion, study.row("repeatable").motion
