@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import coal
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -11,6 +12,7 @@ import trimesh
 from arms import chain_with_bodies
 
 import repctl_pin as rp
+from repctl_pin.robot import body_shapes
 from repctl_pin.robot.bodies import Nearest
 from repctl_pin.robot.joint_placements import JointPlacements
 
@@ -91,6 +93,16 @@ def test_a_flat_mesh_is_a_thin_body(chain: rp.Task, tmp_path: Path) -> None:
     )
     assert bodies.nearest(np.zeros(3)).links == ("tip", "wall")
     assert bodies.nearest(np.zeros(3)).distance == pytest.approx(0.5, abs=2e-4)
+
+
+def test_a_hull_with_a_corner_of_many_neighbours_is_made_coarser() -> None:
+    """A cone of 400 sides: its tip has more neighbours than the distance library takes."""
+    cone = trimesh.creation.cone(0.1, 0.3, sections=400)
+    hull = body_shapes._hull(np.asarray(cone.convex_hull.vertices, float))
+    ball, far = coal.Sphere(0.05), np.array([0.5, 0.0, 0.0])
+    request, result = coal.DistanceRequest(), coal.DistanceResult()
+    apart = coal.distance(hull, coal.Transform3s(), ball, coal.Transform3s(np.eye(3), far), request, result)
+    assert 0.35 - 2e-3 < apart <= 0.35 + 1e-9  # never farther than it is
 
 
 BAD_CELLS = {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -86,7 +87,24 @@ def _wrapped(path: Path, scale: Array) -> BodyShape | None:
         return None
     if len(points) < 4 or not np.isfinite(points).all():
         return None
-    return BodyShape(coal.ConvexBase.convexHull(_cloud(points), True, "Qt"), vertices, faces)
+    return BodyShape(_hull(points), vertices, faces)
+
+
+def _hull(points: Array) -> coal.CollisionGeometry:
+    """Wrap the corners of a convex body; where one has more neighbours than coal takes, 255, on a coarser grid."""
+    size = float(np.ptp(points, axis=0).max())
+    for grid in size * np.array([0, 1 / 1024, 1 / 256, 1 / 64]):
+        corners = points
+        if grid:
+            # outwards by as much as the rounding may have moved them inwards
+            out = points - points.mean(axis=0)
+            out /= np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-300)
+            corners = np.unique(np.round((points + grid * out) / grid), axis=0) * grid
+        with suppress(RuntimeError):
+            return coal.ConvexBase.convexHull(_cloud(corners), True, "Qt")
+    low, high = points.min(axis=0), points.max(axis=0)
+    box = np.array([[(low, high)[k >> i & 1][i] for i in range(3)] for k in range(8)])
+    return coal.ConvexBase.convexHull(_cloud(box), True, "Qt")
 
 
 def _thickened(points: Array) -> Array:
