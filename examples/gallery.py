@@ -1,7 +1,7 @@
 """Make the README's pictures: arms after cycles of a closed path, as the animation shows them.
 
     python examples/gallery.py                  all pictures, into examples/pictures/
-    python examples/gallery.py ppr tiago        some of them
+    python examples/gallery.py ppr talos        some of them
     python examples/gallery.py --out elsewhere
 
 Each picture is an animation page, opened in a headless Chromium and stopped at the end of the last cycle: the
@@ -57,7 +57,7 @@ def audit() -> str:
 GALLERY: dict[str, Callable[[], str]] = {
     "panda": lambda: one_arm("panda"),
     "my_arm": lambda: one_arm(str(Path(__file__).parent / "my_arm.urdf")),
-    "tiago": lambda: one_arm("tiago"),
+    "talos": lambda: one_arm("talos"),
     "baxter": both_arms,
     "ppr": lambda: one_arm("ppr", radius=0.4),
     "planar7r": lambda: one_arm("planar7r"),
