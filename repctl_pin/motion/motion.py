@@ -137,13 +137,13 @@ class Motion:
         """
         return bodies_of(self.task).distances(self.q)
 
-    @property
+    @cached_property
     def nearest_bodies(self) -> tuple[float, Nearest]:
         """When two bodies come nearest, in cycles and fractions of one, and which they are."""
         row = int(np.argmin(self.body_distance))
         return row / self.steps, bodies_of(self.task).nearest(self.q[row])
 
-    @property
+    @cached_property
     def first_touch(self) -> tuple[float, tuple[str, str]] | None:
         """The first time two bodies touch: (cycle, as :attr:`first_violation` counts; their links), or None."""
         touch = self.body_distance < 0

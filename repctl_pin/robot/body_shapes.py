@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 
 import coal
@@ -52,7 +52,7 @@ def body_shape(solid: Solid, urdf: Path, package_dirs: tuple[str, ...]) -> BodyS
     """Make a body; None where its mesh cannot be had."""
     if solid.kind == "mesh":
         path = find_mesh(solid.filename, urdf, package_dirs)
-        return None if path is None else _wrapped(path, np.array(solid.scale))
+        return None if path is None else _wrapped(path, tuple(solid.scale), path.stat().st_mtime_ns)
     kinds = {"box": coal.Box, "sphere": coal.Sphere, "cylinder": coal.Cylinder, "capsule": coal.Capsule}
     return BodyShape(kinds[solid.kind](*solid.size))
 
@@ -75,8 +75,9 @@ def fixed_placements(description: Description) -> dict[str, pin.SE3]:
     return {frame.name: frame.placement for frame in model.frames if frame.type == pin.FrameType.BODY}
 
 
-def _wrapped(path: Path, scale: Array) -> BodyShape | None:
-    """Read a mesh and wrap it; None where it cannot be read."""
+@lru_cache(maxsize=256)
+def _wrapped(path: Path, scale: tuple[float, ...], changed: int) -> BodyShape | None:
+    """Read a mesh and wrap it, once for all tasks; None where it cannot be read."""
     try:
         if path.stat().st_size > _LARGEST:
             return None
