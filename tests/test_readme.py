@@ -131,7 +131,7 @@ def test_every_command_for_ones_own_arm_runs(
     assert all(abs(rows[name][-1] - rows[name][0]) < 1e-9 for name in names) and np.ptp(rows["joint1"]) > 0.1
     assert max(map(len, printed["robots"].splitlines())) <= 80
     (robots,) = re.findall(r"repctl robots +# (\d+) robots", README)
-    assert len({line.split()[0] for line in printed["robots"].splitlines()[2:-2]}) == int(robots)
+    assert len({line.split()[0] for line in printed["robots"].splitlines()[2:-3]}) == int(robots)
 
 
 @pytest.mark.parametrize(
