@@ -23,6 +23,8 @@ _SMALL = (0.005, 0.003, 0.002, 0.001)
 _DEGREES = (180.0, 0.0, 90.0, -90.0)
 _LEAST_MARGIN = 0.02
 """To the joint limits, rad or m."""
+_INSIDE = 0.999
+"""Share of Ω's width that a circle keeps to: between the points looked at it comes a little nearer to the edge."""
 _LOOKS = 12
 """So often in a cycle it is looked whether bodies touch."""
 
@@ -64,7 +66,7 @@ def fitting_circle(
                 except SingularityError:
                     continue
                 clear = min(dexterity(task, q) for q in motion.q[::2]) > needed
-                inside = region is None or not (region.ratio(motion.q) > 1).any()
+                inside = region is None or not (region.ratio(motion.q) > _INSIDE).any()
                 if not (clear and inside and motion.limit_margin.min() > _LEAST_MARGIN):
                     continue
                 if not motion.thinned(_LOOKS).body_distance.min() <= 0:
