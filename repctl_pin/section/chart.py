@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .cell import Cell
-from .kinematics import bounded, margins, placed, solved
+from .kinematics import bounded, placed, solved
 from .monomials import Monomials
 
 Array = NDArray[np.float64]
@@ -151,12 +151,12 @@ def attainable(chart: Chart, at: Points) -> Array:
     Along every direction of the label, and back.
     """
     task, r = chart.cell.task, at.n_ref.shape[2]
-    most = margins(task, at.Q).min(axis=1)
+    most = task.limit_margin(at.Q).min(axis=1)
     s = np.einsum("Knr,Kn->Kr", at.n_ref, at.Q - at.q_ref)
     for way in np.concatenate([np.eye(r), -np.eye(r)]):
         Q = at.Q
         for i in range(1, _LEAVES + 1):
             points = chart.solve(at.U, s + i * _APART * way, Q, iterations=4)
             Q = points.Q
-            most = np.where(points.found, np.maximum(most, margins(task, Q).min(axis=1)), most)
+            most = np.where(points.found, np.maximum(most, task.limit_margin(Q).min(axis=1)), most)
     return most

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from ..strategies.strategy import Batched
 from .chart import Chart, Points
-from .kinematics import margins
 from .monomials import Monomials
 
 Array = NDArray[np.float64]
@@ -97,7 +96,7 @@ class Cost:
         points = self.chart.solve(self.U, s, self._last)
         if not points.found.all():
             points = self.chart.solve(self.U, s)
-        margin = float(margins(self.chart.cell.task, points.Q).min())
+        margin = float(self.chart.cell.task.limit_margin(points.Q).min())
         if not points.found.all():
             return Value(np.inf, np.inf, np.nan, margin, points, ds)
         residual, _, wanted = self._residual(points, ds)
@@ -157,4 +156,4 @@ class Cost:
 
     def _hinge(self, Q: Array) -> Array:
         """How far each joint is inside the room that is to be kept from its limits, at the edge: (L, n)."""
-        return np.maximum(0.0, self.room - margins(self.chart.cell.task, Q[self.inner :]))
+        return np.maximum(0.0, self.room - self.chart.cell.task.limit_margin(Q[self.inner :]))

@@ -19,7 +19,7 @@ from .cell import Cell, stacked
 from .chart import Chart
 from .evaluate import OutsideError, evaluation
 from .field import SectionField
-from .kinematics import bases, margins
+from .kinematics import bases
 
 Array = NDArray[np.float64]
 
@@ -91,7 +91,7 @@ class InverseFunction:
         except (OutsideError, AttributeError, TypeError):
             u = self.cell.coordinates_of(target)  # says what is wrong with the target
             raise InputError(f"there are no joints on this leaf at {self.cell.where(u)}") from None
-        if self.keep_limits and margins(self.task, q).min() < 0:
+        if self.keep_limits and self.task.limit_margin(q).min() < 0:
             raise self._beyond(q, target)
         return q
 
@@ -119,7 +119,7 @@ class InverseFunction:
         if not points.found.all():
             at = int(np.argmin(points.found))
             raise InputError(f"target {at}: there are no joints on this leaf at {cell.where(U[at])}")
-        broken = margins(self.task, points.Q).min(axis=1, initial=np.inf) < 0
+        broken = self.task.limit_margin(points.Q).min(axis=1, initial=np.inf) < 0
         if self.keep_limits and broken.any():
             at = int(np.argmax(broken))
             raise InputError(f"target {at}: {self._beyond(points.Q[at], cell.at(U[at]))}")
@@ -148,7 +148,7 @@ class InverseFunction:
             ahead = done + step
             points = self.chart.solve(U, ahead[:, None] * ways, Q)
             leaf = leaf_margin(bases(points.J, points.n_ref)[1], points.n_ref)
-            good = points.found & (margins(task, points.Q).min(axis=1) >= 0) & (leaf > _LEAST)
+            good = points.found & (task.limit_margin(points.Q).min(axis=1) >= 0) & (leaf > _LEAST)
             good &= (np.abs(points.Q - Q).max(axis=1) < 1.0) & (done < np.pi)
             Q[good], done[good] = points.Q[good], ahead[good]
             step[~good] /= 2
@@ -158,7 +158,7 @@ class InverseFunction:
         return vector(np.atleast_1d(leaf), self.task.r, "the leaf c")
 
     def _beyond(self, q: Array, target: pin.SE3) -> InputError:
-        joint = int(np.argmin(margins(self.task, q)))
+        joint = int(np.argmin(self.task.limit_margin(q)))
         where = self.cell.where(self.cell.coordinates_of(target))
         return InputError(f"at {where}, {self.task.joint_names[joint]} = {q[joint]:.4g} would be outside its limits")
 

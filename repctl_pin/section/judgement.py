@@ -11,7 +11,7 @@ from ..redundancy import leaf_margin
 from ..robot.bodies import bodies_of
 from ..strategies.strategy import Batched
 from .chart import Chart, Points, attainable
-from .kinematics import bases, margins
+from .kinematics import bases
 from .stops import Stop, broken_limit, folded, touching, unreached
 
 Array = NDArray[np.float64]
@@ -128,7 +128,7 @@ def judge(desired: Batched, chart: Chart, count: int, seed: int) -> Judgement:
     Q, ok, residual = (np.concatenate([getattr(x, name) for x in parts]) for name in ("Q", "found", "residual"))
     middle = chart.solve(np.zeros((1, cell.k)), np.zeros((1, cell.task.r)))
     side = speeds(desired, chart, middle).side[0]
-    room = margins(cell.task, Q).min(axis=1)
+    room = cell.task.limit_margin(Q).min(axis=1)
     ok &= np.isfinite(every.own)
     sheet = ok & (every.side == side) & (every.leaf > _FOLDED)
     covered = sheet & (room >= 0)

@@ -73,11 +73,6 @@ def bases(J: Array, near: Array) -> tuple[Array, Array, Array]:
     return G, align(np.swapaxes(Vt[:, m:], 1, 2), near), s
 
 
-def margins(task: Task, Q: Array) -> Array:
-    """The distance of every joint to its nearer limit, (K, n), rad or m; infinite where there is none."""
-    return np.minimum(Q - task.lower, task.upper - Q)
-
-
 def placement_of(p: Array, R: Array) -> pin.SE3:
     """One placement out of its position and rotation."""
     return pin.SE3(np.array(R), np.array(p))

@@ -12,7 +12,6 @@ from ..strategies.strategy import Batched
 from .chart import Chart, attainable
 from .cost import Cost
 from .descend import Descent, descend
-from .kinematics import margins
 from .monomials import Monomials
 
 Array = NDArray[np.float64]
@@ -89,7 +88,7 @@ class LimitKeeper:
         task = self.chart.cell.task
         points = self.chart.solve(self.watched, terms.values(self.watched) @ a, self._last)
         self._last = points.Q if points.found.all() else None
-        close = np.where(points.found, margins(task, points.Q).min(axis=1), np.inf)
+        close = np.where(points.found, task.limit_margin(points.Q).min(axis=1), np.inf)
         worst = np.argsort(close)[: 4 * _VIOLATORS]
         worst = worst[close[worst] < self.room]
         most = attainable(self.chart, points.chosen(worst))

@@ -12,7 +12,7 @@ from ..errors import InputError
 from ..robot.bodies import bodies_of
 from ..strategies.strategy import Batched
 from .cell import Cell
-from .kinematics import bases, bounded, margins, placed
+from .kinematics import bases, bounded, placed
 from .reference import SINGULAR, rays
 
 Array = NDArray[np.float64]
@@ -101,13 +101,13 @@ def searched(desired: Batched, cell: Cell, seed: int = 0) -> Array:
             f"the middle of the cell, {cell.where(u)}, is out of reach: {task.frame!r} stays "
             f"{left.min():.3g} m or rad short of it; move the cell nearer"
         )
-    inside = there & (margins(task, Q).min(axis=1) > 0)
+    inside = there & (task.limit_margin(Q).min(axis=1) > 0)
     if not inside.any():
-        best = int(np.argmax(np.where(there, margins(task, Q).min(axis=1), -np.inf)))
-        joint = task.joint_names[int(np.argmin(margins(task, Q[best])))]
+        best = int(np.argmax(np.where(there, task.limit_margin(Q).min(axis=1), -np.inf)))
+        joint = task.joint_names[int(np.argmin(task.limit_margin(Q[best])))]
         raise InputError(
             f"the middle of the cell, {cell.where(u)}, is reached only outside the limits of {joint!r}, "
-            f"{-margins(task, Q[best]).min():.3g} beyond them at best; move the cell, or turn it"
+            f"{-task.limit_margin(Q[best]).min():.3g} beyond them at best; move the cell, or turn it"
         )
     regular = inside & _regular(cell, Q)
     if not regular.any():
@@ -118,7 +118,7 @@ def searched(desired: Batched, cell: Cell, seed: int = 0) -> Array:
         N = bases(task.jacobian(q)[None], np.zeros((1, task.n, task.r)))[1][0]
         beside = q + size * np.concatenate([N.T, -N.T])
         Q, left = reached(cell, beside, u, iterations=8)
-        good = (left < 1e-9) & (margins(task, Q).min(axis=1) > 0) & _regular(cell, Q)
+        good = (left < 1e-9) & (task.limit_margin(Q).min(axis=1) > 0) & _regular(cell, Q)
         candidates += [judged(desired, cell, q) for q in Q[good]]
     first = chosen(candidates, task.reference)
     rest = sorted(

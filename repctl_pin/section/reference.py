@@ -11,7 +11,7 @@ from ..redundancy import nullspace
 from ..strategies.strategy import Batched
 from .cell import Cell
 from .chart import Chart
-from .kinematics import bases, margins, placed
+from .kinematics import bases, placed
 from .monomials import Monomials
 
 Array = NDArray[np.float64]
@@ -71,7 +71,7 @@ def rays(desired: Batched, cell: Cell, q_middle: Array, U: Array, *, steps: int 
         p, R, J = placed(task, Q[on])
         _, N[on], s = bases(J, N[on])
         smallest[on] = np.minimum(smallest[on], s[:, -1])
-        least[on] = np.minimum(least[on], margins(task, Q[on]).min(axis=1))
+        least[on] = np.minimum(least[on], task.limit_margin(Q[on]).min(axis=1))
         good = s[:, -1] > SINGULAR * s[:, 0]
         on, p, R, J = on[good], p[good], R[good], J[good]
         if not len(on):

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .judgement import speeds
-from .kinematics import margins
 from .result import CellDesign
 
 Array = NDArray[np.float64]
@@ -47,7 +46,7 @@ def slices(design: CellDesign, count: int = 33) -> list[Slice]:
         U[:, second], U[:, first] = (grid.ravel() for grid in np.meshgrid(u, u, indexing="ij"))
         points = chart.solve(U, np.zeros((len(U), cell.task.r)))
         found = speeds(design.desired, chart, points)
-        margin = np.where(points.found, margins(cell.task, points.Q).min(axis=1), np.nan)
+        margin = np.where(points.found, cell.task.limit_margin(points.Q).min(axis=1), np.nan)
         extra = np.sqrt(found.own / found.wanted) - 1
         made.append(Slice((first, second), u, margin.reshape(count, count), extra.reshape(count, count)))
     return made

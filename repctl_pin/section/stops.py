@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .cell import Cell
-from .kinematics import margins, placed
+from .kinematics import placed
 from .middle import reached
 
 Array = NDArray[np.float64]
@@ -45,7 +45,7 @@ class Stop:
 def broken_limit(cell: Cell, U: Array, Q: Array, looked_at: int) -> Stop | None:
     """Name the joint and the pose where limits are broken worst, by configurations Q (K, n) at U (K, k)."""
     task = cell.task
-    room = margins(task, Q)
+    room = task.limit_margin(Q)
     broken = room.min(axis=1, initial=np.inf) < 0
     if not broken.any():
         return None
