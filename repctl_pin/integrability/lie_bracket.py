@@ -83,12 +83,16 @@ class Defects:
         Estimated error of ``norm``, from the derivative's.
     exact : bool
         True where the derivative is a formula's.
+    J, G : (K, m, n), (K, n, m) arrays
+        The Jacobian and the inverse there.
     """
 
     delta: Array
     relative: Array
     error: Array
     exact: bool
+    J: Array
+    G: Array
 
     @property
     def norm(self) -> Array:
@@ -121,7 +125,7 @@ def measure(strategy: Inverse, Q: Array) -> Defects:
     spread = np.abs(R_inv).sum(axis=1)
     pairs = along[:, :, None] * spread[:, None, :]
     error = size * np.sqrt(np.sum((pairs + np.swapaxes(pairs, 1, 2)) ** 2, axis=(1, 2)) / 2)
-    return Defects(delta, relative, error, found.exact)
+    return Defects(delta, relative, error, found.exact, found.J, found.G)
 
 
 def bracket_defect(strategy: Inverse, q: ArrayLike, *, relative: bool = False) -> Array:

@@ -95,8 +95,7 @@ def surface_function(strategy: Inverse, Q: Array) -> tuple[Array, Array]:
     search allows for that.
     """
     found, task = measure(strategy, Q), strategy.task
-    J = task.jacobians(Q)
-    B = strategy.batch(Q, J) @ J @ np.swapaxes(J, 1, 2) / joint_scale(task, Q[0])[:, None]
+    B = found.G @ found.J @ np.swapaxes(found.J, 1, 2) / joint_scale(task, Q[0])[:, None]
     size = np.linalg.det(np.swapaxes(B, 1, 2) @ B)
     a, b = np.triu_indices(task.m, 1)
     return size[:, None] * found.relative[:, a, b].reshape(len(Q), -1), size * found.error
