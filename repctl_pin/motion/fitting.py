@@ -69,7 +69,7 @@ def fitting_circle(
                 inside = region is None or not (region.ratio(motion.q) > _INSIDE).any()
                 if not (clear and inside and motion.limit_margin.min() > _LEAST_MARGIN):
                     continue
-                if not motion.thinned(_LOOKS).body_distance.min() <= 0:
+                if motion.thinned(_LOOKS).body_distance.min() > 0:
                     return path
                 touching = touching or path
     if touching is not None:

@@ -174,7 +174,7 @@ class Motion:
     def broken_cycle(self) -> int:
         """Number, from 1, of the cycle in which a joint first leaves its limits; 0 if none does."""
         violation = self.first_violation
-        return 0 if violation is None else min(int(violation[0]) + 1, self.cycles)
+        return 0 if violation is None else cycle_of(violation[0], self.cycles)
 
     def cycle(self, k: int) -> Array:
         """Joint positions of cycle k, counted from 0, both ends included: (steps + 1, n)."""
@@ -234,6 +234,11 @@ class Motion:
         """Turn positions or velocities (..., n) of the task's coordinates ψ into those of the robot's joints."""
         (values,) = stacks(("values", values, f"{self.task.n}"))
         return self.task.joints(values)
+
+
+def cycle_of(moment: float, cycles: int) -> int:
+    """Number, from 1, of the cycle that a moment is in, which counts cycles in fractions: the end is in the last."""
+    return min(int(moment) + 1, cycles)
 
 
 def rows_of(motion: Motion, most: int) -> NDArray[np.intp]:

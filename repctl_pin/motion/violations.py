@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..errors import InputError
-from .motion import Motion
+from .motion import Motion, cycle_of
 
 
 @dataclass(frozen=True)
@@ -50,8 +50,7 @@ def violations_of(motion: Motion, bodies: Motion | None = None) -> tuple[Violati
     touch = (bodies or motion).first_touch
     if touch is not None:
         found.append(touch)
-    last = motion.cycles
-    return tuple(Violation(moment, min(int(moment) + 1, last), names) for moment, names in sorted(found))
+    return tuple(Violation(moment, cycle_of(moment, motion.cycles), names) for moment, names in sorted(found))
 
 
 def refuse_violations(motion: Motion, remedy: str) -> None:

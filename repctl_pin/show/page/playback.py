@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...motion.csv_file import read_motions
-from ...motion.motion import COARSE
+from ...motion.motion import COARSE, cycle_of
 from ...robot.bodies import bodies_of
 from ...robot.model import frame_id
 from ...robot.task import unit_of
@@ -191,7 +191,7 @@ def _broken(limbs: Sequence[Limb], track: Track, rows: Array) -> Broken | None:
         words = f"{task.robot_joints[joint]} past its limit"
     else:
         return None
-    return Broken(words, at, min(int(at) + 1, track.cycles), origin)
+    return Broken(words, at, cycle_of(at, track.cycles), origin)
 
 
 def _frame_origin(model: pin.Model, data: pin.Data, q: Array, frame: int) -> Array:
@@ -234,9 +234,9 @@ def _deed(limbs: Sequence[Limb], track: Track) -> Deed:
         track.label,
         max(float(np.linalg.norm(b - a)) for a, b in ends),
         float(np.sqrt(np.mean(np.sum(np.diff(track.Q[: steps + 1], axis=0) ** 2, axis=1)))),
-        None if found is None else (min(int(found[0]) + 1, track.cycles), found[1].robot_joints[found[2]]),
+        None if found is None else (cycle_of(found[0], track.cycles), found[1].robot_joints[found[2]]),
         apart if np.isfinite(apart) else None,
-        0 if touch is None else min(int(touch[0]) + 1, track.cycles),
+        0 if touch is None else cycle_of(touch[0], track.cycles),
     )
 
 

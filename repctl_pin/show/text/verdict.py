@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...motion.motion import cycle_of
 from .numbers import metres, percent
 
 if TYPE_CHECKING:
@@ -87,7 +88,7 @@ def deed_of(label: str, motion: Motion, elbow: int) -> Deed:
         float(np.sqrt(np.mean(motion.speed[: motion.steps] ** 2))),
         None if violation is None else (motion.broken_cycle, violation[1]),
         apart if np.isfinite(apart) else None,
-        0 if touch is None else min(int(touch[0]) + 1, motion.cycles),
+        0 if touch is None else cycle_of(touch[0], motion.cycles),
         motion.speed_ratio,
     )
 
