@@ -28,7 +28,7 @@ from matplotlib.figure import Figure
 import repctl_pin as rp
 from repctl_pin.integrability import Repeatability, measure
 from repctl_pin.redundancy import null_vector
-from repctl_pin.show.plots.motions import BLUE, INK, VERMILLION
+from repctl_pin.show.palette import BLUE, INK, VERMILLION
 from repctl_pin.show.text.numbers import number
 from repctl_pin.show.text.table import table
 

@@ -40,7 +40,7 @@ from matplotlib.figure import Figure
 
 import repctl_pin as rp
 from repctl_pin.integrability import Surfaces, curl_form
-from repctl_pin.show.plots.motions import BLUE, INK, VERMILLION
+from repctl_pin.show.palette import BLUE, INK, VERMILLION
 from repctl_pin.show.text.table import table
 
 

@@ -40,7 +40,7 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import brentq
 
 import repctl_pin as rp
-from repctl_pin.show.plots.motions import BLUE, GREEN, INK, VERMILLION
+from repctl_pin.show.palette import BLUE, GREEN, INK, VERMILLION
 from repctl_pin.show.text.numbers import number
 from repctl_pin.show.text.table import table
 

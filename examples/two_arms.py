@@ -19,7 +19,7 @@ import numpy as np
 import repctl_pin as rp
 from repctl_pin.files import prepare_folder, write_whole
 from repctl_pin.show.page.playback import Limb, Track, track_of, tracks_page
-from repctl_pin.show.plots.motions import COLOURS
+from repctl_pin.show.palette import COLOURS
 
 
 def study_both(robot: rp.Robot, frames: tuple[str, str], *, cycles: int = 3, radius: float = 0.1) -> list[rp.Study]:

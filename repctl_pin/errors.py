@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable, Mapping, Sequence
+from importlib.util import find_spec
 from types import MappingProxyType
 
 
@@ -59,6 +60,23 @@ class SingularityError(RepctlError):
     ...     print(type(error).__name__)
     SingularityError
     """
+
+
+_PACKAGES = {"collada": "pycollada", "PIL": "pillow", "umsgpack": "meshcat"}
+"""Modules whose package has another name."""
+
+
+def needed(*modules: str, by: str) -> None:
+    """Refuse to begin without packages that the installation on a robot's computer may have left out.
+
+    Raises
+    ------
+    InputError
+        If one is missing, with the command that installs it.
+    """
+    missing = " ".join(dict.fromkeys(_PACKAGES.get(name, name) for name in modules if find_spec(name) is None))
+    if missing:
+        raise InputError(f"{by} needs what is not installed here: run `pip install {missing}`")
 
 
 def unknown(

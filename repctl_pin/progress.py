@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+from .errors import needed
+
 Report = Callable[[str, float], None]
 """Takes what is being done, and what share of it is done (0 to 1)."""
 
@@ -23,6 +25,7 @@ def reporter(progress: bool | Report) -> Iterator[Report]:
 
 @contextmanager
 def _bar() -> Iterator[Report]:
+    needed("tqdm", by="a progress bar")
     from tqdm import tqdm
 
     with tqdm(total=1.0, bar_format="{desc:32.32} {percentage:3.0f}%|{bar}| {elapsed}", leave=False) as bar:

@@ -11,7 +11,7 @@ from test_scene import read
 
 import repctl_pin as rp
 from repctl_pin.show.page import animation as room
-from repctl_pin.show.plots.motions import BLUE, GREEN, ORANGE, VERMILLION
+from repctl_pin.show.palette import BLUE, GREEN, ORANGE, VERMILLION
 from repctl_pin.show.study_files import study_page
 
 

@@ -28,7 +28,7 @@ from repctl_pin.robot.robot import Robot
 from repctl_pin.robot.visuals import Visuals
 from repctl_pin.show.page.scene import Arm, animation_page
 from repctl_pin.show.page.surfaces import read_surface
-from repctl_pin.show.plots.motions import BLUE, VERMILLION
+from repctl_pin.show.palette import BLUE, VERMILLION
 from repctl_pin.show.study_files import study_page
 from repctl_pin.show.text.verdict import Tile, Verdict
 

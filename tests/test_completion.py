@@ -15,7 +15,7 @@ from repctl_pin.cli.completion import SHELLS, WORDS, script
 from repctl_pin.motion.shapes import PLANES
 from repctl_pin.motion.spec import parse_path
 from repctl_pin.robot.task import KINDS
-from repctl_pin.show.plots.motions import COLOURS
+from repctl_pin.show.palette import COLOURS
 from repctl_pin.studies.defaults import choose_desired
 from repctl_pin.urdf.catalogue import entries
 

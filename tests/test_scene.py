@@ -21,7 +21,7 @@ from repctl_pin.show.page.html import split, unpack
 from repctl_pin.show.page.meshes import key
 from repctl_pin.show.page.scene import Arm, Frames, animation_page, choose_frames, poses_of
 from repctl_pin.show.page.surfaces import read_surface
-from repctl_pin.show.plots.motions import BLUE
+from repctl_pin.show.palette import BLUE
 
 PATH = np.stack([np.cos(np.linspace(0, 6.3, 50)), np.sin(np.linspace(0, 6.3, 50)), np.zeros(50)], 1)
 WORDS: dict[str, Any] = {"seconds": 4.0, "title": "a title", "caption": "a caption"}

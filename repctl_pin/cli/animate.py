@@ -201,7 +201,7 @@ def _from_design(design: Design, options: argparse.Namespace, say: Callable[[str
     """A saved design, beside the inverse that it is the nearest to."""
     from ..motion import follow
     from ..show.page.playback import track_of
-    from ..show.plots.motions import COLOURS
+    from ..show.palette import COLOURS
 
     say("finding a path")
     q0, path = _setting(design, options)
@@ -218,7 +218,7 @@ def _from_design(design: Design, options: argparse.Namespace, say: Callable[[str
 def _from_study(options: argparse.Namespace, say: Callable[[str], None]) -> _Shown:
     """J⁺ and the nearest repeatable inverse, as a study finds them."""
     from ..show.page.playback import track_of
-    from ..show.plots.motions import COLOURS
+    from ..show.palette import COLOURS
     from ..studies import study
 
     found = study(

@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..errors import InputError
+from ..errors import InputError, needed
 from .options import (
     load_robot,
     natural,
@@ -75,6 +75,7 @@ def _run(options: argparse.Namespace, folder: Path) -> int:
     from ..strategies import Pseudoinverse
     from ..studies.defaults import choose_task
 
+    needed("matplotlib", "meshcat", by="repctl cell")
     if options.shrink and options.keep:
         raise InputError("--shrink and --keep are two answers to one question; give one")
     task = choose_task(load_robot(options), options.frame, options.task)

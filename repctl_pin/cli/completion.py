@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 
+from ..errors import needed
 from .follow import OWN
 
 SHELLS = ("bash", "zsh", "fish")
@@ -38,6 +39,7 @@ def run(options: argparse.Namespace) -> int:
 
 def script(whole: argparse.ArgumentParser, shell: str) -> str:
     """Write the script: all words stand in it, and nothing is run to complete. The parser is of no use after that."""
+    needed("shtab", by="completion")
     import shtab
 
     from ..urdf.catalogue import entries

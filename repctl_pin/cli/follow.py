@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from ..errors import InputError
+from ..errors import InputError, needed
 from .options import (
     REGION,
     asked_path,
@@ -211,6 +211,7 @@ def _accelerations(text: str) -> str | list[float]:
 
 def _drawn(rest: TimedMotion) -> bytes:
     """Draw the phase-plane profile."""
+    needed("matplotlib", by="--profile")
     from matplotlib.figure import Figure
 
     from ..show.plots.motions import png
@@ -247,7 +248,6 @@ def _result(motion: Motion, asked: float, q0: Any, notes: list[str]) -> dict[str
 
 
 def _print(result: dict[str, Any], motion: Motion) -> None:
-    from ..show.plots.motions import unit
     from ..show.text.numbers import number
 
     tell(f"{result['robot']} {result['frame']}, {result['task']}: {result['path']}")
@@ -255,7 +255,7 @@ def _print(result: dict[str, Any], motion: Motion) -> None:
         tell(f"path again      {motion.path.options}")
     tell(f"start           {', '.join(f'{v:.4g}' for v in result['start'])}")
     last = "" if motion.cycles == 1 else f", {number(motion.drift[-1])} after {motion.cycles}"
-    tell(f"joint drift     {number(motion.drift[0])} {unit(motion)} after 1 cycle{last}")
+    tell(f"joint drift     {number(motion.drift[0])} {motion.task.unit} after 1 cycle{last}")
     tell(f"tracking error  {number(result['tracking_error'])} m at most")
     margin = result["limit_margin"]
     tell(f"limit margin    {'no limits' if margin is None else number(margin)}")

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError
+from ..errors import InputError, needed
 
 Array = NDArray[np.float64]
 InverseDynamics = Callable[[Array, Array, Array], Array]
@@ -159,6 +159,7 @@ def fastest(Q: Array, limits: Limits, stages: float = STAGES) -> Run:
     InputError
         If no speed at all is within the limits: a joint's torque does not hold the arm.
     """
+    needed("toppra", by="a motion from rest to rest")
     import toppra
     from toppra.algorithm import TOPPRA
     from toppra.constraint import JointAccelerationConstraint, JointTorqueConstraint, JointVelocityConstraint

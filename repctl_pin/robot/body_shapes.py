@@ -10,9 +10,9 @@ from pathlib import Path
 import coal
 import numpy as np
 import pinocchio as pin
-import trimesh
 from numpy.typing import NDArray
 
+from ..errors import needed
 from ..urdf.gate import Description
 from ..urdf.meshes import find_mesh
 from ..urdf.shapes import Solid
@@ -78,6 +78,10 @@ def fixed_placements(description: Description) -> dict[str, pin.SE3]:
 @lru_cache(maxsize=256)
 def _wrapped(path: Path, scale: tuple[float, ...], changed: int) -> BodyShape | None:
     """Read a mesh and wrap it, once for all tasks; None where it cannot be read."""
+    collada = ["collada"] if path.suffix.lower() == ".dae" else []
+    needed("trimesh", *collada, by=f"the distance to the mesh {path.name}")
+    import trimesh
+
     try:
         if path.stat().st_size > _LARGEST:
             return None

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..motion import elbow
 from .page.html import render
 from .page.playback import Limb, track_of, tracks_page
-from .plots.motions import BLUE, VERMILLION
+from .palette import BLUE, VERMILLION
 from .report import framed, versions
 from .text.verdict import NO_VERDICT, Verdict, deed_of, verdict
 

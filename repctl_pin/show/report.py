@@ -17,10 +17,11 @@ from .._version import __version__
 from ..files import write_whole
 from .page.html import render
 from .page.snapshot import still_figure
+from .palette import COLOURS, colours
 from .plots.cycles import cycle_figure
 from .plots.designs import cost_against_degree
 from .plots.maps import joint_map
-from .plots.motions import COLOURS, colours, drawn, drift_figure, joints_figure
+from .plots.motions import drawn, drift_figure, joints_figure
 from .plots.orbits import orbits_figure
 from .study_files import study_page
 from .text import captions

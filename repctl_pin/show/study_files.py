@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 from ..files import prepare_folder, write_whole
 from ..motion.csv_file import csv_text
 from .page.playback import Limb, track_of, tracks_page
-from .plots.motions import colours, drawn, drift_figure, joints_figure, png
+from .palette import colours
+from .plots.motions import drawn, drift_figure, joints_figure, png
 from .text.verdict import study_verdict
 
 if TYPE_CHECKING:

@@ -19,7 +19,7 @@ from ...files import prepare_folder, write_whole
 from ...motion import Motion, elbow
 from ...strategies.names import KEYS
 from ..notebook import frame
-from ..plots.motions import BLUE, COLOURS, GREEN, ORANGE, PURPLE, SKY, VERMILLION
+from ..palette import BLUE, COLOURS, GREEN, ORANGE, PURPLE, SKY, VERMILLION
 from ..study_files import study_page
 from .playback import Limb, track_of, tracks_page
 

@@ -19,7 +19,7 @@ from ...robot.model import frame_id
 from ...robot.task import unit_of
 from ...robot.visuals import Visuals
 from ...strategies.names import LABELS
-from ..plots.motions import BLUE, COLOURS, GREEN, ORANGE, PURPLE, SKY, VERMILLION, unit
+from ..palette import BLUE, COLOURS, GREEN, ORANGE, PURPLE, SKY, VERMILLION
 from ..text.verdict import Deed, Verdict, verdict
 from .scene import Arm, Broken, Frames, animation_page, choose_frames
 
@@ -77,7 +77,7 @@ class Limb:
 
 def track_of(label: str, motion: Motion, color: str) -> Track:
     """Take a motion as it is."""
-    return Track(label, color, motion.task.full(motion.q), motion.cycles, motion.drift, unit(motion))
+    return Track(label, color, motion.task.full(motion.q), motion.cycles, motion.drift, motion.task.unit)
 
 
 def read_tracks(file: str | Path, robot: Robot, *, cycles: int | None = None) -> list[Track]:

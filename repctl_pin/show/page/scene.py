@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from ...errors import InputError
-from ..plots.motions import VERMILLION
+from ..palette import VERMILLION
 from ..text.verdict import NO_VERDICT, Verdict
 from .html import page
 from .meshes import Key, key, lifted, record

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..plots.motions import COLOURS, INK, plain
+from ..palette import COLOURS, INK
+from ..plots.motions import plain
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

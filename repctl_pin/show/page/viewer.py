@@ -28,7 +28,7 @@ from ...errors import InputError
 from ...motion import TaskPath
 from ...robot.task import Task
 from ...robot.visuals import Visuals
-from ..plots.motions import BLUE, GREEN, PURPLE, VERMILLION
+from ..palette import BLUE, GREEN, PURPLE, VERMILLION
 from .scene import Arm, Frames, animation_page, poses_of
 
 Array = NDArray[np.float64]

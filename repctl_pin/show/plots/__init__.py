@@ -1,0 +1,5 @@
+"""Figures, drawn with matplotlib."""
+
+from ...errors import needed
+
+needed("matplotlib", by="a figure")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .motions import INK, VERMILLION
+from ..palette import INK, VERMILLION
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

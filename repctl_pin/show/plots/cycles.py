@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .motions import INK, plain, quiet, unit
+from ..palette import INK
+from .motions import plain, quiet
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -35,7 +36,7 @@ def speed_over_cycle(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> Ax
     ax.set_xlim(0, 1)
     ax.set_ylim(bottom=0)
     ax.set_xlabel("part of the cycle")
-    ax.set_ylabel(f"joint speed ‖q̇‖ ({unit(motions[0][1])}/s)".replace("rad and m/s", "rad/s and m/s"))
+    ax.set_ylabel(f"joint speed ‖q̇‖ ({motions[0][1].task.unit}/s)".replace("rad and m/s", "rad/s and m/s"))
     return quiet(ax)
 
 
@@ -64,7 +65,7 @@ def margin_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> 
         ax.text(0.5, 0.5, "no joint limits", transform=ax.transAxes, ha="center", color=INK)
     ax.set_xlim(0.5, motions[0][1].cycles + 0.5)
     ax.set_xlabel("cycle")
-    ax.set_ylabel(f"least distance to a joint limit ({unit(motions[0][1])})")
+    ax.set_ylabel(f"least distance to a joint limit ({motions[0][1].task.unit})")
     return quiet(ax, whole=True)
 
 

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...files import prepare_folder, write_whole
+from ..palette import BLUE, GREEN, ORANGE
 from .maps import joint_map
-from .motions import BLUE, GREEN, ORANGE, plain, png
+from .motions import plain, png
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .motions import INK, axis_label
+from ..palette import INK
+from .motions import axis_label
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -10,6 +10,7 @@ import numpy as np
 
 from ...motion.motion import CLOSED
 from ...motion.violations import violations_of
+from ..palette import INK, colours
 from ..text.numbers import number
 
 if TYPE_CHECKING:
@@ -20,24 +21,8 @@ if TYPE_CHECKING:
     from ...robot.task import Task
     from ...studies import Study
 
-# Okabe and Ito's palette: eight colours that colour-blind people can tell apart.
-ORANGE, SKY, GREEN, YELLOW = "#E69F00", "#56B4E9", "#009E73", "#F0E442"
-BLUE, VERMILLION, PURPLE, INK = "#0072B2", "#D55E00", "#CC79A7", "#222222"
-
-COLOURS = {"pseudoinverse": VERMILLION, "posture": GREEN, "posture_off": ORANGE, "repeatable": BLUE}
-"""The colour of each strategy of a study, the same in every picture."""
-
 _BEYOND: dict[str, Any] = {"marker": "x", "color": INK, "ms": 9, "mew": 2, "ls": "none", "zorder": 5}
 """The cross where a motion goes beyond what the arm can do."""
-
-_OWN = (PURPLE, SKY, YELLOW, INK)
-"""For a person's own controls, one after the other."""
-
-
-def colours(study: Study) -> dict[str, str]:
-    """Give every row of a study its colour, by its key."""
-    own = [row.key for row in study.rows if row.key not in COLOURS]
-    return COLOURS | {key: _OWN[k % len(_OWN)] for k, key in enumerate(own)}
 
 
 def drawn(study: Study) -> list[tuple[str, Motion, str]]:
@@ -71,7 +56,7 @@ def drift_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]], *, l
         ax.set_ylim(bottom=0)
         _end_labels(ax, motions)
     ax.set_xlabel("cycle")
-    ax.set_ylabel(f"joint drift $\\|q - q_0\\|$ ({unit(motions[0][1])})")
+    ax.set_ylabel(f"joint drift $\\|q - q_0\\|$ ({motions[0][1].task.unit})")
     return quiet(ax, whole=True)
 
 
@@ -83,7 +68,7 @@ def _end_labels(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> None:
         drift = float(motion.drift[-1])
         floor = max(drift, floor + step)
         back = drift < CLOSED
-        value = f"0 ({number(drift)}, the integrator's error)" if back else f"{number(drift)} {unit(motion)}"
+        value = f"0 ({number(drift)}, the integrator's error)" if back else f"{number(drift)} {motion.task.unit}"
         beyond = "".join(
             f"\n$\\times$ {'limit' if len(it.names) == 1 else 'touch'} in cycle {it.cycle}"
             for it in violations_of(motion, motion.coarse)
@@ -181,11 +166,6 @@ def png(figure: Figure) -> bytes:
     held = io.BytesIO()
     figure.savefig(held, format="png", dpi=150)
     return held.getvalue()
-
-
-def unit(motion: Motion) -> str:
-    """The unit of a norm over the joints: rad, m, or both."""
-    return motion.task.unit
 
 
 def axis_label(task: Task, joint: int) -> str:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from .motions import BLUE, quiet
+from ..palette import BLUE
+from .motions import quiet
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..plots.motions import COLOURS, unit
+from ..palette import COLOURS
 from .numbers import number
 
 if TYPE_CHECKING:
@@ -92,7 +92,7 @@ def summary(study: Study) -> list[str]:
 
 def amount(motion: Motion, cycle: int) -> str:
     """Write the drift after a cycle with its unit."""
-    return f"{number(float(motion.drift[cycle]))} {unit(motion)}"
+    return f"{number(float(motion.drift[cycle]))} {motion.task.unit}"
 
 
 def drift_words(study: Study) -> str:
@@ -188,7 +188,7 @@ def _moved(study: Study, without: str = "") -> list[tuple[str, Motion]]:
 
 
 def _unit(study: Study) -> str:
-    return unit(_moved(study)[0][1])
+    return _moved(study)[0][1].task.unit
 
 
 def _times(count: int, word: str = "time") -> str:

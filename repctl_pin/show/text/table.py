@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...strategies import Pseudoinverse
-from ..plots.motions import unit
 from .lines import fitted, terminal_width
 from .numbers import number
 from .verdict import study_verdict
@@ -73,7 +72,7 @@ def outside_words(share: float) -> list[str]:
 def study_cells(study: Study) -> list[tuple[str, list[str]]]:
     """Write the table of a study: each measure with its unit, and its value for every strategy in turn."""
     some = next((row.motion for row in study.rows if row.motion is not None), None)
-    rad, cycles = ("rad", 0) if some is None else (unit(some), some.cycles)
+    rad, cycles = ("rad", 0) if some is None else (some.task.unit, some.cycles)
     speed = f"{rad}/s" if rad in ("rad", "m") else "per s"
 
     def of_motions(say: Callable[[Motion], str]) -> list[str]:
