@@ -5,12 +5,14 @@ from __future__ import annotations
 import json
 import os
 import re
+import runpy
 import subprocess
 import sys
 from pathlib import Path
 
 import msgspec
 import pytest
+from shown import likeness
 
 import repctl_pin as rp
 from repctl_pin.design.schema import DesignFile
@@ -52,3 +54,16 @@ def test_the_python_of_a_page_runs(page: Path, tmp_path: Path, monkeypatch: pyte
 def test_the_schema_of_a_design_file_is_the_decoders() -> None:
     schema = json.loads((ROOT / "docs" / "design.schema.json").read_text(encoding="utf-8"))
     assert schema == msgspec.json.schema(DesignFile)
+
+
+def test_the_figures_of_the_theory_are_what_the_package_draws(tmp_path: Path) -> None:
+    """Drawn anew; those of the examples are held to their scripts by test_examples.py."""
+    script = ROOT / "docs" / "figures.py"
+    runpy.run_path(str(script))["main"](tmp_path)
+    kept = sorted((ROOT / "docs" / "figures").glob("*.png"))
+    assert [file.name for file in kept] == sorted(file.name for file in tmp_path.iterdir())
+    for file in kept:
+        assert file.stat().st_size < 150_000
+        assert likeness(tmp_path / file.name, file) > 0.95, file.name
+    linked = re.findall(r"\]\((\S+\.png)\)", (ROOT / "docs" / "theory.md").read_text(encoding="utf-8"))
+    assert len(linked) == 5 and all((ROOT / "docs" / name).resolve().is_file() for name in linked)

@@ -1,0 +1,86 @@
+"""Bring the examples into the site: their figures, and each script as a notebook.
+
+``python docs/hooks/examples.py FOLDER`` writes the notebooks into a folder.
+"""
+
+from __future__ import annotations
+
+import ast
+import sys
+from pathlib import Path
+from textwrap import dedent
+from typing import Any
+
+from nbformat import v4, writes
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+WITHOUT = {"gallery"}
+"""Needs a browser, and takes pictures for the README."""
+
+_PICTURES = """\
+from IPython.display import Image, display
+
+for file in sorted(Path("repctl-out").rglob("*.png")):
+    display(Image(file))"""
+
+
+def notebook(script: Path) -> str:
+    """Cut a script into cells: its words, its imports, each function, and what it does when it is run."""
+    text = script.read_text(encoding="utf-8")
+    lines, body = text.splitlines(), ast.parse(text).body
+    title, _, words = str(ast.literal_eval(body[0].value)).strip().partition("\n")  # type: ignore[attr-defined]
+    cells = [v4.new_markdown_cell(f"# {title}\n\n{dedent(words).strip()}\n\nNeeds `pip install repctl-pin`.")]
+    pieces: list[str] = []
+
+    def cut() -> None:
+        if pieces:
+            cells.append(v4.new_code_cell("\n".join(pieces).strip()))
+            pieces.clear()
+
+    begin = body[0].end_lineno or 0
+    for node in body[1:]:
+        end = node.end_lineno or 0
+        piece, begin = "\n".join(lines[begin:end]), end
+        if isinstance(node, ast.If) and ast.unparse(node.test) == "__name__ == '__main__'":
+            cut()
+            run = dedent("\n".join(lines[node.body[0].lineno - 1 : end]))
+            pieces.append(f"import sys\nfrom pathlib import Path\n\nsys.argv = [{script.name!r}]\n{run}")
+        elif isinstance(node, (ast.FunctionDef, ast.ClassDef)):
+            cut()
+            pieces.append(piece)
+            cut()
+        else:
+            pieces.append(piece)
+    cut()
+    if ".savefig(" in text:
+        cells.append(v4.new_code_cell(_PICTURES))
+    for k, cell in enumerate(cells):
+        cell["id"] = f"cell-{k}"  # the same file each time
+    kernel = {"display_name": "Python 3", "language": "python", "name": "python3"}
+    return writes(v4.new_notebook(cells=cells, metadata={"kernelspec": kernel})) + "\n"
+
+
+def scripts() -> list[Path]:
+    """List what becomes a notebook."""
+    return [script for script in sorted(EXAMPLES.glob("*.py")) if script.stem not in WITHOUT]
+
+
+def on_files(files: Any, *, config: Any) -> Any:
+    """Add figures and notebooks to the site's files."""
+    from mkdocs.structure.files import File
+
+    for figure in sorted((EXAMPLES / "figures").glob("*.png")):
+        files.append(File.generated(config, f"figures/{figure.name}", abs_src_path=str(figure)))
+    for script in scripts():
+        files.append(File.generated(config, f"notebooks/{script.stem}.ipynb", content=notebook(script)))
+    return files
+
+
+def on_page_markdown(text: str, /, **_: object) -> str:
+    """Take the examples' figures from the site."""
+    return text.replace("](../examples/figures/", "](figures/")
+
+
+if __name__ == "__main__":
+    for source in scripts():
+        (Path(sys.argv[1]) / f"{source.stem}.ipynb").write_text(notebook(source), encoding="utf-8")
