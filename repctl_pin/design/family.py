@@ -10,7 +10,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-import scipy.optimize
 from numpy.typing import NDArray
 
 from ..arguments import MOST_NODES, function, limits, shown, wanted, whole
@@ -220,5 +219,7 @@ def _polish(cost: Callable[[float], float], angles: Array, costs: Array, project
     low, high = angles[i] - spacing, angles[i] + spacing
     if not projective:
         low, high = max(low, angles[0]), min(high, angles[-1])
-    found = scipy.optimize.minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": 1e-10})
+    from scipy.optimize import minimize_scalar  # slow to import
+
+    found = minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": 1e-10})
     return float(angles[i]) if costs[i] <= found.fun + _SAME * abs(found.fun) else float(found.x)

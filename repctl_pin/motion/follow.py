@@ -140,9 +140,9 @@ def follow(
     else:
         Q, Qdot = _integrated(strategy, path, grid, q, cycles, period, integrator, feedback)
 
-    s_all = np.concatenate([np.tile(grid[:-1], cycles), [1.0]])
     t = np.concatenate([(np.arange(cycles)[:, None] + grid[:-1]).ravel(), [float(cycles)]]) * period
-    errors = np.array([task.error(q, path.placement(s)) for q, s in zip(Q, s_all, strict=True)])
+    *targets, end = [path.placement(s) for s in grid]
+    errors = np.array([task.error(q, target) for q, target in zip(Q, targets * cycles + [end], strict=True)])
     linear = min(3, task.m)
     return Motion(
         task=task,
@@ -179,17 +179,21 @@ def _integrated(
     task, n_steps = strategy.task, len(grid) - 1
     nodes, matrix, weights = INTEGRATORS[integrator]
 
-    # A path's twists are the same in every cycle: evaluated once, on the step's own side of a corner.
+    # A path's twists are the same in every cycle: evaluated once, on the step's own side of a corner. So is ẋ, but
+    # for an axis task, whose ẋ depends on how the frame stands.
     ends = [(float(a), float(b)) for a, b in pairwise(grid)]
     places = sorted(set(nodes))
     inside = [[min(max(a + c * (b - a), a + _INSIDE), b - _INSIDE) for c in places] for a, b in ends]
     twists = [[path.twist(s) / period for s in row] for row in inside]
+    turning = task.kind == "axis"
+    if not turning:
+        twists = [[task.rate(q, twist) for twist in row] for row in twists]
     stages = [(i, places.index(c), c, np.array(row)) for i, (c, row) in enumerate(zip(nodes, matrix, strict=True))]
     most_step = _most_step(task, q, path, grid)
     b_T, slopes = np.array(weights), np.empty((len(nodes), task.n))
 
     def velocity(q: Array, twist: Array, s: float) -> Array:
-        xdot = task.rate(q, twist)
+        xdot = task.rate(q, twist) if turning else twist
         if feedback:
             xdot = xdot + feedback * task.error(q, path.placement(s))
         return strategy.velocity(q, xdot)
@@ -213,7 +217,8 @@ def _integrated(
                 raise _jump(path, step / n_steps)
             q = q + change
             Q[step + 1] = q
-    Qdot[-1] = velocity(q, path.twist(1.0 - _INSIDE) / period, 1.0)
+    last = path.twist(1.0 - _INSIDE) / period
+    Qdot[-1] = velocity(q, last if turning else task.rate(q, last), 1.0)
     return Q, Qdot
 
 

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import qmc
 
 from ..arguments import MOST_NODES, function, limits, positive, rows, spread, vector, whole
 from ..errors import InputError
@@ -143,6 +142,8 @@ class Box:
 def sobol(n: int, count: int, seed: int) -> Array:
     """Scrambled Sobol points in the unit cube: (K, n), K the power of two from count up."""
     count, seed = whole(count, "the number of nodes", 1, MOST_NODES), whole(seed, "seed")
+    from scipy.stats import qmc  # slow to import
+
     return qmc.Sobol(n, scramble=True, rng=seed).random_base2(int(np.ceil(np.log2(max(count, 2)))))
 
 

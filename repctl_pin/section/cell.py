@@ -9,7 +9,6 @@ from itertools import product
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import qmc
 
 from ..arguments import shown, wanted
 from ..errors import InputError
@@ -266,6 +265,8 @@ class Cell:
     def sample(self, count: int, seed: int = 0) -> Array:
         """Draw coordinates U (count, k), uniform in the cell: scrambled Sobol points."""
         power = int(np.ceil(np.log2(max(count, 2))))
+        from scipy.stats import qmc  # slow to import
+
         return 2 * qmc.Sobol(self.k, seed=seed).random_base2(power)[:count] - 1
 
     def corners(self) -> Array:

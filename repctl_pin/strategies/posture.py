@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import positive, vector
-from ..robot.task import Task
-from .pseudoinverse import Pseudoinverse, redundant
+from ..robot.task import Task, own_task
+from .pseudoinverse import least_speed, redundant
 
 Array = NDArray[np.float64]
 
@@ -40,14 +42,20 @@ class PostureControl:
     """
 
     def __init__(self, task: Task, posture: ArrayLike, gain: float = 1.0) -> None:
-        self.task = redundant(task)
-        self._plain = Pseudoinverse(self.task)
-        self.posture = vector(posture, self.task.n, "a posture")
-        self.gain = positive(gain, "the gain of a posture", "1/s", zero=True)
+        self._begin(redundant(task), vector(posture, task.n, "a posture"), gain)
 
-    def velocity(self, q: ArrayLike, xdot: ArrayLike) -> Array:
+    def _begin(self, task: Task, posture: Array, gain: float) -> None:
+        self.task = task
+        self.posture = posture
+        self.gain = positive(gain, "the gain of a posture", "1/s", zero=True)
+        self._quick = least_speed(task, lambda q: self.gain * (self.posture - q))
+
+    def velocity(self, q: Array, xdot: Array) -> Array:
         """Choose q̇ (n,) for a task velocity ẋ (m,)."""
-        q, xdot = vector(q, self.task.n, "q"), vector(xdot, self.task.m, "ẋ", "m/s and rad/s")
-        J = self.task.jacobian(q)
-        pull = self.gain * (self.posture - q)
-        return pull + self._plain.velocity(q, xdot - J @ pull)  # (I − J⁺J) z = z − J⁺ J z
+        return self._quick(q, xdot)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"task": self.task, "posture": self.posture, "gain": self.gain}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self._begin(own_task(state["task"]), state["posture"], state["gain"])

@@ -51,7 +51,7 @@ class Pseudoinverse:
 
     def _begin(self, task: Task) -> None:
         self.task = task
-        self._quick = _velocity(task)
+        self._quick = least_speed(task)
 
     def __call__(self, q: ArrayLike) -> Array:
         """Evaluate J⁺ (n, m)."""
@@ -134,8 +134,16 @@ class WeightedInverse:
         return self(q) @ vector(xdot, self.task.m, "ẋ", "m/s and rad/s")
 
 
-def _velocity(task: Task) -> Callable[[Array, Array], Array]:
-    """Make the quick ``q̇ = Jᵀ (J Jᵀ)⁻¹ ẋ`` for a task: closures and BLAS, see :mod:`control_step`."""
+def least_speed(task: Task, pull: Callable[[Array], Array] | None = None) -> Callable[[Array, Array], Array]:
+    """Make the quick ``q̇ = z + J⁺ (ẋ − J z)``, ``J⁺ = Jᵀ (J Jᵀ)⁻¹``: closures and BLAS, see :mod:`control_step`.
+
+    Parameters
+    ----------
+    task
+        What is controlled.
+    pull : function q (n,) → z (n,), optional
+        The joint velocity to come near to; by default 0, and ``q̇ = J⁺ ẋ``.
+    """
     m, n = task.m, task.n
     of_joints, of_task = (n,), (m,)
     memory = np.zeros(m * n + m)
@@ -151,17 +159,21 @@ def _velocity(task: Task) -> Callable[[Array, Array], Array]:
             xdot = vector(xdot, m, "ẋ", "m/s and rad/s")
         jacobian(q)
         rhs[:] = xdot
+        z = None if pull is None else pull(q)
+        if z is not None:
+            rhs[:] -= multiply(z)
         square = ddot(memory, memory)
         multiply(J_T, gram)
         _, y, info = dposv(gram_T, rhs, 0, 1)
         # The pivots p of J Jᵀ = L Lᵀ: ∏ p ≤ sin θ (‖J‖/√m)ᵐ, θ the least angle of a row to the span of the others. NaN
         # fails it. Near a singularity J Jᵀ, which squares the condition of J, will not do.
         if not info and abs(prod(pivots.tolist())) > tolerance * square**half:
-            return y.dot(J)
+            return y.dot(J) if z is None else z + y.dot(J)
         if not (np.isfinite(q).all() and np.isfinite(xdot).all()):
             raise failure(task, q, xdot)
         try:
-            return pseudoinverse(J) @ xdot
+            G = pseudoinverse(J)
+            return G @ xdot if z is None else z + G @ (xdot - J @ z)
         except (SingularityError, np.linalg.LinAlgError) as error:
             raise failure(task, q, xdot, str(error)) from None
 

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import qmc
 
 from ..design import nearest_repeatable
 from ..errors import InputError, SingularityError
@@ -15,6 +14,7 @@ from ..fields import Polynomial
 from ..motion import Motion, TaskPath, follow
 from ..motion.fitting import dexterity, fitting_circle
 from ..regions import Region, Tube
+from ..regions.box import sobol
 from ..robot.length import arm_length
 from ..robot.robot import Robot
 from ..robot.task import KINDS, Task
@@ -162,7 +162,7 @@ def starts(task: Task) -> Iterator[tuple[Array, str]]:
     middle = task.part(task.robot.poses["middle"])
     low, high = _inner(task)
     low, high = np.maximum(middle - 2.0, low), np.minimum(middle + 2.0, high)
-    points = low + (high - low) * qmc.Sobol(task.n, scramble=True, rng=0).random_base2(9)
+    points = low + (high - low) * sobol(task.n, 512, 0)
     scores = np.array([dexterity(task, q) for q in points])
     # Of all poses at least half as dexterous as the best, the one nearest to mid-range.
     good = points[scores >= 0.5 * scores.max()]
@@ -238,7 +238,7 @@ def _inner(task: Task) -> tuple[Array, Array]:
 def _spread(task: Task, count: int) -> Array:
     """Configurations spread over the inside of the joint limits (count, n)."""
     low, high = _inner(task)
-    return low + (high - low) * qmc.Sobol(task.n, scramble=True, rng=0).random(count)
+    return low + (high - low) * sobol(task.n, count, 0)[:count]
 
 
 __all__ = [
