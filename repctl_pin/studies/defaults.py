@@ -214,8 +214,10 @@ def round_the_motion(desired: Inverse, path: TaskPath, q0: Array, *, width: floa
         If the desired control cannot follow the path once.
     """
     tube = choose_region(desired.task, follow(desired, path, q0, cycles=1), width)
-    few = {"samples": 4096, "held_out": 1024}  # it is not to be used, but to say where to design
-    linear = nearest_repeatable(desired, None, tube, degree=1, seed=seed, shrink=True, **few).inverse
+    # it only says where to design: few nodes will do
+    linear = nearest_repeatable(
+        desired, None, tube, degree=1, seed=seed, shrink=True, samples=4096, held_out=1024
+    ).inverse
     try:
         return choose_region(desired.task, follow(linear, path, q0, cycles=1), width)
     except SingularityError:
