@@ -8,6 +8,8 @@ control reads encoders with noise and runs at 500 Hz. In the fourth cycle somebo
 3. *Torques on the leaf.* No servos: `rp.LeafImpedance`, a spring for the hand, and one for the leaf that the hand does
    not feel. A push of 20 N moves the elbow; it comes back, and the hand hardly moves.
 
+What the engine did is written as pages: `servos.html`, both side by side, and `torques.html`.
+
 Needs MuJoCo: pip install mujoco.
 
     python examples/physics.py
@@ -16,14 +18,18 @@ Needs MuJoCo: pip install mujoco.
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
 
 import repctl_pin as rp
+from repctl_pin.files import prepare_folder, write_whole
 from repctl_pin.motion import elbow
 from repctl_pin.redundancy import nullspace
+from repctl_pin.show.page.playback import Limb, Track, tracks_page
+from repctl_pin.show.plots.motions import COLOURS
 
 DT = 2e-3
 """Of the control and of the simulation, s."""
@@ -88,18 +94,17 @@ class Pushed:
 
 
 def ten_cycles(task: rp.Task, path: rp.TaskPath, q0: np.ndarray, control: Control) -> np.ndarray:
-    """Move by a control through servos; joints at the end of every cycle (CYCLES + 1, n)."""
+    """Move by a control through servos; joints after every step (T + 1, n)."""
     arm, noise = Pushed(task, q0, servos=True), np.random.default_rng(1)
-    q, command, ends = q0.copy(), q0.copy(), [q0]
+    q, command, went = q0.copy(), q0.copy(), [q0]
     steps = round(PERIOD / DT)
     for k in range(CYCLES * steps):
         measured = q + NOISE * noise.normal(size=task.n)
         command = command + DT * control(measured, (k % steps) / steps)
         since = k * DT - (PUSH_CYCLE - 1) * PERIOD
         q = arm.step(command, PUSH[0] if 0 <= since < PUSH[1] else 0.0)
-        if (k + 1) % steps == 0:
-            ends.append(q)
-    return np.array(ends)
+        went.append(q)
+    return np.array(went)
 
 
 def controls(design: rp.Design, path: rp.TaskPath, q0: np.ndarray) -> dict[str, Control]:
@@ -118,18 +123,27 @@ def controls(design: rp.Design, path: rp.TaskPath, q0: np.ndarray) -> dict[str, 
     return {"J⁺": creeping, "nearest repeatable": repeatable}
 
 
-def shoved(design: rp.Design, q0: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Hold the hand still by torques while the elbow is pushed; distances (T,) of joints, rad, and hand, m."""
+def shoved(design: rp.Design, q0: np.ndarray) -> np.ndarray:
+    """Hold the hand still by torques while the elbow is pushed; joints after every step (T + 1, n)."""
     task, inverse = design.task, design.inverse
     arm = Pushed(task, q0, servos=False)
     torques = rp.LeafImpedance(inverse, stiffness=(2000.0, 100.0))
-    home, leaf, q, joints, hand = task.placement(q0), inverse.leaf(q0), q0, [], []
+    home, leaf, q, went = task.placement(q0), inverse.leaf(q0), q0, [q0]
     for k in range(round(3.0 / DT)):
         torque = torques.torque(q, arm.data.qvel, home, leaf=leaf)
         q = arm.step(torque, SHOVE[0] if k * DT < SHOVE[1] else 0.0)
-        joints.append(np.linalg.norm(q - q0))
-        hand.append(np.linalg.norm(task.placement(q).translation - home.translation))
-    return np.array(joints), np.array(hand)
+        went.append(q)
+    return np.array(went)
+
+
+def page(task: rp.Task, moved: dict[str, np.ndarray], colours: list[str], cycles: int, name: str) -> str:
+    """Show side by side what the engine did, a hundred moments a cycle."""
+    tracks = []
+    for (label, Q), colour in zip(moved.items(), colours, strict=True):
+        rows = np.rint(np.linspace(0, len(Q) - 1, 100 * cycles + 1)).astype(int)
+        drift = np.linalg.norm(Q[rows[100::100]] - Q[0], axis=1)
+        tracks.append(Track(label, colour, task.full(Q[rows]), cycles, drift, t=rows * DT))
+    return tracks_page([Limb(task, elbow(task, task.part(tracks[0].Q[0])))], tracks, name=name)
 
 
 def main() -> dict[str, np.ndarray]:
@@ -139,16 +153,22 @@ def main() -> dict[str, np.ndarray]:
     design = rp.nearest_repeatable(rp.Pseudoinverse(task), rp.Polynomial(q0, 2, 0.4), rp.Box(q0, 0.4))
     path = rp.circle(task, q0, radius=0.1, normal="x")
     print(f"{CYCLES} cycles with servos; in cycle {PUSH_CYCLE} a push of {PUSH[0]:g} N for {PUSH[1]:g} s")
-    found = {}
+    found, moved = {}, {}
     for name, control in controls(design, path, q0).items():
-        ends = ten_cycles(task, path, q0, control)
+        moved[name] = ten_cycles(task, path, q0, control)
+        ends = moved[name][:: round(PERIOD / DT)]
         off = found[name] = np.linalg.norm(ends - ends[2], axis=1)
         shown = ", ".join(f"{off[k]:.2f}" if off[k] > 1e-4 else "< 1e-4" for k in (3, 4, 5, 10))
         print(f"  {name:19s} joints off the end of cycle 2, after cycles 3, 4, 5, 10: {shown} rad")
-    joints, hand = shoved(design, q0)
+    held = shoved(design, q0)
+    joints, hand = (np.linalg.norm(x - x[0], axis=1) for x in (held, task.positions(held)))
     print(f"torques on the leaf; a push of {SHOVE[0]:g} N for {SHOVE[1]:g} s")
     print(f"  joints moved by {joints.max():.2f} rad, {joints[round(2.5 / DT)]:.0e} rad off 2 s later; "
           f"hand by {1000 * hand.max():.1f} mm")  # fmt: skip
+    folder = prepare_folder(Path("repctl-out"))
+    servos = page(task, moved, [COLOURS["pseudoinverse"], COLOURS["repeatable"]], CYCLES, path.name)
+    torques = page(task, {"torques on the leaf": held}, [COLOURS["repeatable"]], 1, "a push at the elbow")
+    print(f"wrote {write_whole(folder / 'servos.html', servos)} and {write_whole(folder / 'torques.html', torques)}")
     return found | {"joints": joints, "hand": hand}
 
 

@@ -92,6 +92,25 @@ def test_joints_without_a_column_stay_at_the_reference(tmp_path: Path) -> None:
     np.testing.assert_allclose(track.Q, expected)
 
 
+def test_a_files_times_say_how_fast_its_joints_are(study: rp.Study, tmp_path: Path) -> None:
+    """In the second of two cycles the lift moves at three times its speed limit; without times nobody knows."""
+    limit = study.task.joint_limits[2][0]
+    speeds = np.where(np.arange(40) == 30, 3.0, 0.5) * np.where(np.arange(40) % 2, -1, 1) * limit
+    rows = np.c_[np.arange(41) / 20, 0.1 * np.arange(41), 0.3 + np.r_[0, np.cumsum(0.1 * speeds)]]
+    for header, told in (("cycle,time,d1", True), ("cycle,d1", False)):
+        cells = rows if told else rows[:, [0, 2]]
+        lines = "\n".join(",".join(map(repr, map(float, row))) for row in cells)
+        (tmp_path / "fast.csv").write_text(f"{header}\n{lines}\n", encoding="utf-8")
+        (track,) = read_tracks(tmp_path / "fast.csv", study.robot)
+        page = tracks_page([Limb(study.task, 0)], [track])
+        (arm,) = read(page)[0]["arms"]
+        assert ("Speed limits broken" in page) == told
+        assert (arm["broken"] is not None) == told
+        if told:
+            assert arm["broken"]["words"] == "d1 past its speed limit" and arm["broken"]["cycle"] == 2
+            assert arm["broken"]["at"] == pytest.approx(1.5, abs=0.06)
+
+
 BAD = {
     "no such file": (None, "cannot read .*No such file"),
     "not text": (b"\xff\xfe\x00\x01", "not a text file"),
@@ -105,6 +124,8 @@ BAD = {
     "half a cycle": (b"cycle,d1\n0,0\n0.5,1\n", "ends in cycle 0.5"),
     "uneven": (b"cycle,d1\n0,0\n1,0\n1.5,1\n2,0\n", "not 2 cycles of equal steps"),
     "one row": (b"d1\n0\n", "not 1 cycles of equal steps"),
+    "back in time": (b"time,d1\n0,0\n0.1,0\n0.1,1\n", "line 4: time does not go on"),
+    "no time": (b"t,d1\n0,0\nsoon,1\n", "line 3: t = 'soon'"),
 }
 
 

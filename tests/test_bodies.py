@@ -134,7 +134,7 @@ def test_joints_are_placed_as_pinocchio_does(name: str) -> None:
         np.testing.assert_allclose(origins, [joint.translation for joint in data.oMi], atol=1e-12)
 
 
-def test_spheres_bound_every_pair_from_below(panda_pose: rp.Task) -> None:
+def test_balls_and_boxes_bound_every_pair_from_below(panda_pose: rp.Task) -> None:
     bodies = rp.Bodies(panda_pose)
     Q = np.random.default_rng(1).uniform(panda_pose.lower, panda_pose.upper, (20, 7))
     for q, bounds in zip(Q, bodies._bounds(Q), strict=True):

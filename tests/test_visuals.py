@@ -198,3 +198,23 @@ def test_find_mesh(tmp_path: Path) -> None:
 def test_a_shape_that_cannot_be_read_is_named(tmp_path: Path) -> None:
     with pytest.raises(UrdfError, match="upper"):
         Visuals.of(arm(tmp_path, upper='<sphere radius="wide"/>'))
+
+
+def test_surroundings_are_drawn_where_they_stand(tmp_path: Path) -> None:
+    """A shelf, turned, on a panda: its collision shape, measured from the root, however the joints are."""
+    (tmp_path / "cell.urdf").write_text(
+        """<robot name="cell"><link name="room"/>
+<link name="shelf"><collision><origin xyz="0 0 0.1"/><geometry><box size="0.4 1 0.02"/></geometry></collision></link>
+<joint name="at" type="fixed"><parent link="room"/><child link="shelf"/><origin xyz="0.5 0 0.4" rpy="0 1.5 0"/></joint>
+</robot>"""
+    )
+    robot = Robot.load("panda", surroundings=tmp_path / "cell.urdf")
+    visuals, alone = Visuals.of(robot), Visuals.of(Robot.load("panda"))
+    assert visuals.shapes[:-1] == alone.shapes
+    assert (visuals.shapes[-1].kind, visuals.shapes[-1].size) == ("box", (0.4, 1, 0.02)) and visuals.shapes[-1].standing
+    expected = np.eye(4)
+    expected[:3, :3] = [[np.cos(1.5), 0, np.sin(1.5)], [0, 1, 0], [-np.sin(1.5), 0, np.cos(1.5)]]
+    expected[:3, 3] = [0.5 + 0.1 * np.sin(1.5), 0, 0.4 + 0.1 * np.cos(1.5)]
+    Q = configurations(robot)
+    np.testing.assert_allclose(visuals.placements(Q)[:, -1], np.broadcast_to(expected, (len(Q), 4, 4)), atol=1e-12)
+    np.testing.assert_array_equal(visuals.placements(Q)[:, :-1], alone.placements(Q))

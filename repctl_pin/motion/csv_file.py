@@ -14,13 +14,15 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..files import read_whole
-from .motion import Motion, rows_of
+from .joint_motion import rows_of
+from .motion import Motion
 from .timing import TimedMotion
 
 Array = NDArray[np.float64]
 
 _SUFFIX = re.compile("_(velocity|acceleration)$")
 _BESIDE = ("strategy", "cycle", "time")
+_CLOCKS = ("time", "t")
 _LARGEST = 64_000_000
 
 
@@ -38,12 +40,15 @@ class Recorded:
         Their positions, rad or m.
     cycles : int
         Number of cycles; T is a multiple of it.
+    t : (T + 1,) array or None
+        Time, s, where the file has a column of it.
     """
 
     strategy: str
     joints: tuple[str, ...]
     q: Array
     cycles: int
+    t: Array | None = None
 
 
 def csv_text(motions: Motion | Iterable[tuple[str, Motion]], *, most: int | None = None) -> str:
@@ -100,7 +105,7 @@ def timed_csv_text(timed: TimedMotion) -> str:
 def read_motions(file: str | Path, known: Sequence[str], *, cycles: int | None = None) -> list[Recorded]:
     """Read the motions of a CSV file that :func:`csv_text` wrote, or that has a column for each joint.
 
-    Velocities and times are passed over.
+    Velocities are passed over.
 
     Parameters
     ----------
@@ -114,15 +119,16 @@ def read_motions(file: str | Path, known: Sequence[str], *, cycles: int | None =
     Raises
     ------
     InputError
-        If the file cannot be read, names a joint that the robot does not have, has a column twice, or holds no
-        whole cycles of equal steps; the line is named where there is one.
+        If the file cannot be read, names a joint that the robot does not have, has a column twice, goes back in
+        time, or holds no whole cycles of equal steps; the line is named where there is one.
     """
     lines = csv.reader(io.StringIO(read_whole(file, _LARGEST), newline=""))
     where = str(file)
     try:
         names = [name if name in known else name.strip() for name in next(lines, [])]
         joints = _joints(names, known, where)
-        columns = [names.index(name) for name in joints]
+        clock = next((name for name in _CLOCKS if name in names and name not in known), None)
+        columns = [names.index(name) for name in (*joints, *([clock] if clock else []))]
         groups: dict[str, list[tuple[int, float | None, list[float]]]] = {}
         for row in lines:
             if not row:
@@ -156,14 +162,18 @@ def _recorded(
     steps, rest = divmod(len(rows) - 1, count)
     if rest or not steps:
         raise InputError(f"{where}: {len(rows)} rows of {key!r} are not {count} cycles of equal steps and a start")
-    return Recorded(key, joints, np.array([values for _, _, values in rows]), count)
+    values = np.array([numbers for _, _, numbers in rows])
+    times = values[:, len(joints)] if values.shape[1] > len(joints) else None
+    if times is not None and (late := np.flatnonzero(np.diff(times) <= 0)).size:
+        raise InputError(f"{where}, line {rows[late[0] + 1][0]}: time does not go on")
+    return Recorded(key, joints, values[:, : len(joints)], count, times)
 
 
 def _joints(names: list[str], known: Sequence[str], where: str) -> tuple[str, ...]:
     """Choose the columns that hold joints."""
     _refuse_twice(names, where)
     joints = tuple(name for name in names if name in known)
-    beside = {*_BESIDE, "t"}
+    beside = {*_BESIDE, *_CLOCKS}
     strange = [n for n in names if n not in known and n not in beside and _SUFFIX.sub("", n) not in known]
     if strange or not joints:
         what = f"no joint {strange[0]!r}" if strange else "no column of a joint"

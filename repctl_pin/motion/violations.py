@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..errors import InputError
-from .motion import Motion, cycle_of
+from .joint_motion import JointMotion, cycle_of
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Violation:
         return f"{names} touch {f'in cycle {self.cycle}, {share:.0%} round' if self.moment else 'from the start'}"
 
 
-def violations_of(motion: Motion, bodies: Motion | None = None) -> tuple[Violation, ...]:
+def violations_of(motion: JointMotion, bodies: JointMotion | None = None) -> tuple[Violation, ...]:
     """List the first limit that a motion leaves and the first touch of two bodies, whichever comes first.
 
     Parameters
@@ -53,7 +53,7 @@ def violations_of(motion: Motion, bodies: Motion | None = None) -> tuple[Violati
     return tuple(Violation(moment, cycle_of(moment, motion.cycles), names) for moment, names in sorted(found))
 
 
-def refuse_violations(motion: Motion, remedy: str) -> None:
+def refuse_violations(motion: JointMotion, remedy: str) -> None:
     """Refuse to give a robot a motion that leaves its limits or touches itself.
 
     Raises

@@ -15,8 +15,8 @@ from ..arguments import rows, wanted
 from ..errors import InputError
 from ..urdf.catalogue import disabled_pairs
 from ..urdf.shapes import Solid
+from .body_bounds import BodyBounds
 from .body_shapes import BodyShape, body_shape, fixed_placements, origin, touch
-from .joint_placements import JointPlacements
 from .task import Task
 
 Array = NDArray[np.float64]
@@ -99,7 +99,7 @@ class Bodies:
     def __init__(self, task: Task) -> None:
         self.task = wanted(task, Task, "task", "a task, such as rp.Robot.load('panda').task()")
         self._model, self._drive = task.bodies_model()
-        self._data, self._joints = self._model.createData(), JointPlacements(self._model)
+        self._data = self._model.createData()
         self._shapes = pin.GeometryModel()
         robot = task.robot
         self._links: list[str] = []
@@ -111,9 +111,6 @@ class Bodies:
         self.standing = frozenset(self._links[own:])
         bodies = list(self._shapes.geometryObjects)
         self._joint = np.array([body.parentJoint for body in bodies], int)
-        centers = [body.placement.act(body.geometry.aabb_center) for body in bodies]
-        self._centers = np.array(centers).reshape(-1, 3)
-        self._radii = np.array([body.geometry.aabb_radius for body in bodies])
         pairs = self._moving_pairs(own)
         entry = robot.entry
         ruled_out = disabled_pairs(entry.srdf) if entry is not None and entry.srdf is not None else set()
@@ -170,7 +167,7 @@ class Bodies:
             yield from zip(block, self._bounds(block), strict=True)
 
     def _least(self, q: Array, bounds: Array, guess: int) -> tuple[float, int]:
-        """Measure exactly only where the spheres round two bodies are nearer than the best pair known."""
+        """Measure exactly only where the bound of two bodies is below the best pair known."""
         pin.updateGeometryPlacements(self._model, self._data, self._shapes, self._placed, q)
         best, at = self._exact(guess), guess
         near = np.flatnonzero(bounds < best)
@@ -181,13 +178,6 @@ class Bodies:
             if distance < best:
                 best, at = distance, k
         return best, at
-
-    def _bounds(self, Q: Array) -> Array:
-        """Bound the distance of every pair from below by spheres, at the model's joints Q (K, N): (K, P)."""
-        R, p = self._joints(Q)
-        centers = np.einsum("kbij,bj->kbi", R[:, self._joint], self._centers) + p[:, self._joint]
-        gaps = centers[:, self._first] - centers[:, self._second]
-        return np.sqrt(np.einsum("kpi,kpi->kp", gaps, gaps)) - self._reach
 
     def _exact(self, k: int) -> float:
         """Measure a pair; 0 where their hulls overlap and they do not touch."""
@@ -251,8 +241,7 @@ class Bodies:
         for a, b in pairs:
             self._shapes.addCollisionPair(pin.CollisionPair(a, b))
         self._placed = pin.GeometryData(self._shapes)
-        self._first, self._second = np.array(pairs, int).reshape(-1, 2).T
-        self._reach = self._radii[self._first] + self._radii[self._second]
+        self._bounds = BodyBounds(self._model, self._shapes)
 
     def _touching_always(self) -> NDArray[np.bool_]:
         """Say which of the measured pairs touch at the reference and at random configurations: (P,)."""

@@ -1,7 +1,8 @@
 """What a robot looks like: the shapes its URDF names, and where they stand at a configuration.
 
 Mesh files are found but not read here: whoever draws them reads them. A robot without shapes, and a
-link whose mesh is missing, are drawn from the kinematics: links as tubes, joints as cylinders.
+link whose mesh is missing, are drawn from the kinematics: links as tubes, joints as cylinders. Of the robot's
+surroundings the collision shapes are drawn: they are what must not be touched.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import InputError
 from ..urdf.meshes import find_mesh
 from ..urdf.shapes import Color
+from .body_shapes import fixed_placements, origin
 from .coupling import Coupling
 from .mechanism import Mechanism
 from .model import frame_id
@@ -26,6 +28,9 @@ Array = NDArray[np.float64]
 
 PLAIN: Color = (0.80, 0.82, 0.85, 1.0)
 """The colour of a shape whose URDF names none."""
+
+AROUND: Color = (0.62, 0.66, 0.71, 0.45)
+"""The colour of the robot's surroundings: the arm is seen through them."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +51,8 @@ class Shape:
         Red, green, blue, opacity, 0 to 1.
     textured
         True where the mesh keeps the materials of its own file (the URDF names none).
+    standing
+        True where it is of the robot's surroundings.
     """
 
     name: str
@@ -56,6 +63,7 @@ class Shape:
     size: tuple[float, ...] = ()
     color: Color = PLAIN
     textured: bool = False
+    standing: bool = False
 
 
 @dataclass(frozen=True)
@@ -84,21 +92,24 @@ class Visuals:
         links = _link_frames(robot.model)
         riding: list[tuple[Shape, pin.SE3]] = []
         missing: dict[str, str] = {}  # link: mesh name
-        for shape, origin, filename in _find_shapes(robot):
+        for shape, place, filename in _find_shapes(robot):
             if shape.kind == "mesh" and shape.path is None:
                 missing.setdefault(shape.link, filename)
             elif shape.color[3] > 0:
-                riding.append((shape, origin))
+                riding.append((shape, place))
         moving = any(links[shape.link].parentJoint > 0 for shape, _ in riding)
         bones = skeleton(robot, links, missing if moving else links)
         riding += [(Shape(name, kind, link, None, (1.0, 1.0, 1.0), size, color), M)
                    for name, kind, link, size, color, M in bones]  # fmt: skip
+        around = list(_surroundings(robot))
+        joints = [links[shape.link].parentJoint for shape, _ in riding] + [0] * len(around)
+        placed = [links[shape.link].placement * M for shape, M in riding] + [M for _, M in around]
         return cls(
-            shapes=tuple(shape for shape, _ in riding),
+            shapes=tuple(shape for shape, _ in [*riding, *around]),
             missing=tuple(dict.fromkeys(missing.values())),
             _model=robot.model,
-            _joint=np.array([links[shape.link].parentJoint for shape, _ in riding], np.intp),
-            _on_joint=np.array([(links[s.link].placement * M).homogeneous for s, M in riding]).reshape(-1, 4, 4),
+            _joint=np.array(joints, np.intp),
+            _on_joint=np.array([M.homogeneous for M in placed]).reshape(-1, 4, 4),
             _coupling=robot.coupling,
             _base=0 if robot.base is None else frame_id(robot.model, robot.base),
         )
@@ -137,7 +148,20 @@ def _find_shapes(robot: Mechanism) -> Iterator[tuple[Shape, pin.SE3, str]]:
         path = find_mesh(seen.filename, robot.description.path, robot.package_dirs) if seen.filename else None
         own = seen.kind == "mesh" and seen.color is None and path is not None and path.suffix.lower() != ".stl"
         shape = Shape(seen.name, seen.kind, seen.link, path, seen.scale, seen.size, seen.color or PLAIN, own)
-        yield shape, pin.SE3(pin.rpy.rpyToMatrix(np.array(seen.rpy)), np.array(seen.xyz)), seen.filename
+        yield shape, origin(seen), seen.filename
+
+
+def _surroundings(robot: Mechanism) -> Iterator[tuple[Shape, pin.SE3]]:
+    """Place what stands round the robot, measured from its root; a mesh that is missing is refused by its bodies."""
+    around = robot.surroundings
+    if around is None:
+        return
+    places = fixed_placements(around)
+    for solid in around.collisions:
+        path = find_mesh(solid.filename, around.path, robot.package_dirs) if solid.filename else None
+        if path is not None or solid.kind != "mesh":
+            name, M = f"surroundings/{solid.name}", places[solid.link] * origin(solid)
+            yield Shape(name, solid.kind, solid.link, path, solid.scale, solid.size, AROUND, standing=True), M
 
 
 def _link_frames(model: pin.Model) -> dict[str, pin.Frame]:

@@ -5,9 +5,9 @@ own ``DecompressionStream`` takes it out again.
 
 At the browser's console, and for tests: ``repctl.ready``, ``repctl.seek(cycles)``, ``repctl.play()``,
 ``repctl.pause()``, ``repctl.set("traces" or "ghost" or "drift", bool)``, ``repctl.drift(arm, shape)``,
-``repctl.picture()`` (a PNG's data URL), ``repctl.pane(arm)`` (where it is in the picture), ``repctl.errors``.
-Times are in shown cycles: 1.25 is a quarter into the second. An address that ends in ``#paused`` does not start by
-itself.
+``repctl.picture()`` (a PNG's data URL), ``repctl.still()`` (a canvas, for print), ``repctl.pane(arm)`` (where it is in
+the picture), ``repctl.errors``. Times are in shown cycles: 1.25 is a quarter into the second. An address that ends in
+``#paused`` does not start by itself.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,14 +13,13 @@ from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...motion.csv_file import read_motions
-from ...motion.motion import COARSE, cycle_of
-from ...robot.bodies import bodies_of
+from ...motion.joint_motion import JointMotion, cycle_of
 from ...robot.model import frame_id
 from ...robot.task import unit_of
 from ...robot.visuals import Visuals
 from ...strategies.names import LABELS
 from ..palette import BLUE, COLOURS, GREEN, ORANGE, PURPLE, SKY, VERMILLION
-from ..text.verdict import Deed, Verdict, verdict
+from ..text.verdict import Deed, Verdict, deed_of, verdict
 from .scene import Arm, Broken, Frames, animation_page, choose_frames
 
 if TYPE_CHECKING:
@@ -49,6 +48,8 @@ class Track:
         ‖q − q₀‖ after each cycle.
     unit : str
         Of the drift.
+    t : (T + 1,) array or None
+        Time, s, where it is known.
     """
 
     label: str
@@ -57,6 +58,7 @@ class Track:
     cycles: int
     drift: Array
     unit: str = "rad"
+    t: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -77,7 +79,7 @@ class Limb:
 
 def track_of(label: str, motion: Motion, color: str) -> Track:
     """Take a motion as it is."""
-    return Track(label, color, motion.task.full(motion.q), motion.cycles, motion.drift, motion.task.unit)
+    return Track(label, color, motion.task.full(motion.q), motion.cycles, motion.drift, motion.task.unit, motion.t)
 
 
 def read_tracks(file: str | Path, robot: Robot, *, cycles: int | None = None) -> list[Track]:
@@ -106,7 +108,7 @@ def read_tracks(file: str | Path, robot: Robot, *, cycles: int | None = None) ->
         drift = np.linalg.norm(found.q[steps::steps] - found.q[0], axis=1)
         color = COLOURS.get(found.strategy, _OTHERS[k % len(_OTHERS)])
         label, unit = LABELS.get(found.strategy, found.strategy), unit_of(turns[name] for name in found.joints)
-        tracks.append(Track(label, color, Q, found.cycles, drift, unit))
+        tracks.append(Track(label, color, Q, found.cycles, drift, unit, found.t))
     return tracks
 
 
@@ -141,7 +143,8 @@ def tracks_page(
         raise InputError("motions can be shown side by side only if all have as many cycles and steps")
     ((cycles, samples),) = sizes
     visuals, frames = Visuals.of(limbs[0].task.robot), choose_frames(samples, cycles)
-    arms = [_arm(limbs, track, visuals, frames) for track in tracks]
+    played = [[_played(limb, track) for limb in limbs] for track in tracks]
+    arms = [_arm(limbs, track, done, visuals, frames) for track, done in zip(tracks, played, strict=True)]
     lines = list(arms[0].tip[: frames.per_cycle].swapaxes(0, 1)) if paths is None else list(paths)
     return animation_page(
         arms,
@@ -151,11 +154,11 @@ def tracks_page(
         caption="\n".join(_limb_words(limb.task) for limb in limbs),
         planar=_is_planar(limbs, [track.Q[0] for track in tracks], lines),
         frames=frames,
-        verdict=summary or verdict([_deed(limbs, track) for track in tracks], cycles),
+        verdict=summary or verdict([_deed(limbs, *one) for one in zip(played, tracks, strict=True)], cycles),
     )
 
 
-def _arm(limbs: Sequence[Limb], track: Track, visuals: Visuals, frames: Frames) -> Arm:
+def _arm(limbs: Sequence[Limb], track: Track, played: Sequence[JointMotion], visuals: Visuals, frames: Frames) -> Arm:
     """What of a motion goes onto the page."""
     robot, rows = limbs[0].task.robot, track.Q[frames.index]
     tip, elbow = (np.stack(points, axis=1) for points in zip(*(_ways(limb, rows) for limb in limbs), strict=True))
@@ -171,27 +174,35 @@ def _arm(limbs: Sequence[Limb], track: Track, visuals: Visuals, frames: Frames) 
         unit=track.unit,
         joint_names=robot.joint_names,
         limits=np.stack([robot.lower, robot.upper]),
-        broken=_broken(limbs, track, rows),
+        broken=_broken(played, rows, track.t is not None),
     )
 
 
-def _broken(limbs: Sequence[Limb], track: Track, rows: Array) -> Broken | None:
-    """Where a motion first goes beyond what the arm can do: out of a joint's limits, or into a body."""
-    found, touch = _violation(limbs, track), _bodies(limbs, track)[1]
+def _played(limb: Limb, track: Track) -> JointMotion:
+    """What a limb's joints do; a second a row, where nobody says when."""
+    q, t = limb.task.part(track.Q), np.arange(float(len(track.Q))) if track.t is None else track.t
+    return JointMotion(limb.task, t, q, np.gradient(q, t, axis=0), track.cycles, (len(q) - 1) // track.cycles)
+
+
+def _broken(played: Sequence[JointMotion], rows: Array, timed: bool) -> Broken | None:
+    """Where a motion first goes beyond what the arm can do: past a joint's limits, or into a body."""
+    said = [(one.first_violation, one.task, "past its limit") for one in played]
+    said += [(one.first_overspeed, one.task, "past its speed limit") for one in played if timed]
+    found = min(((*first, task, words) for first, task, words in said if first), key=lambda one: one[0], default=None)
+    touch = played[0].coarse.first_touch if len(played) == 1 else None
+    cycles, robot = played[0].cycles, played[0].task.robot
     if touch is not None and (found is None or touch[0] < found[0]):
         at, links = touch
-        robot = limbs[0].task.robot
         link = next(name for name in links if name in robot.description.links)
         data, frame = robot.model.createData(), frame_id(robot.model, link)
         origin = np.array([_frame_origin(robot.model, data, q, frame) for q in robot.coupling.joints(rows)])
-        words = f"{' and '.join(links)} have touched"
-    elif found is not None:
-        at, task, joint = found
-        origin = np.array([task.joint_origins(task.part(q))[joint] for q in rows])
-        words = f"{task.robot_joints[joint]} past its limit"
-    else:
+        return Broken(f"{' and '.join(links)} have touched", at, cycle_of(at, cycles), origin)
+    if found is None:
         return None
-    return Broken(words, at, cycle_of(at, track.cycles), origin)
+    at, joint, task, words = found
+    k = task.robot_joints.index(joint)
+    origin = np.array([task.joint_origins(task.part(q))[k] for q in rows])
+    return Broken(f"{joint} {words}", at, cycle_of(at, cycles), origin)
 
 
 def _frame_origin(model: pin.Model, data: pin.Data, q: Array, frame: int) -> Array:
@@ -199,44 +210,17 @@ def _frame_origin(model: pin.Model, data: pin.Data, q: Array, frame: int) -> Arr
     return data.oMf[frame].translation.copy()
 
 
-def _bodies(limbs: Sequence[Limb], track: Track) -> tuple[float, tuple[float, tuple[str, str]] | None]:
-    """How near bodies come at 100 points a cycle, and when which first touch; of a robot of one limb."""
-    if len(limbs) > 1:
-        return np.inf, None
-    task, last = limbs[0].task, len(track.Q) - 1
-    rows = np.unique(np.rint(np.linspace(0, last, COARSE * track.cycles + 1)).astype(int))
-    bodies, Q = bodies_of(task), task.part(track.Q[rows])
-    distances = bodies.distances(Q)
-    if not (distances < 0).any():
-        return float(distances.min()), None
-    first = int(np.argmax(distances < 0))
-    return float(distances.min()), (rows[first] * track.cycles / last, bodies.nearest(Q[first]).links)
-
-
-def _violation(limbs: Sequence[Limb], track: Track) -> tuple[float, Task, int] | None:
-    """The first time that a joint of a limb leaves its limits: cycle in fractions, whose task, which joint."""
-    robot, found = limbs[0].task.robot, []
-    outside = np.minimum(track.Q - robot.lower, robot.upper - track.Q) < -1e-9  # (T + 1, nq)
-    for limb in limbs:
-        own = outside[:, [robot.joint_names.index(name) for name in limb.task.robot_joints]]
-        if own.any():
-            row = int(np.argmax(own.any(axis=1)))
-            found.append((row * track.cycles / (len(track.Q) - 1), limb.task, int(np.argmax(own[row]))))
-    return min(found, key=lambda one: one[0], default=None)
-
-
-def _deed(limbs: Sequence[Limb], track: Track) -> Deed:
-    """What the verdict speaks of; of several limbs, the elbow that drifts most."""
-    ends = [_ways(limb, track.Q[[0, -1]])[1] for limb in limbs]
-    steps, found = (len(track.Q) - 1) // track.cycles, _violation(limbs, track)
-    apart, touch = _bodies(limbs, track)
-    return Deed(
-        track.label,
-        max(float(np.linalg.norm(b - a)) for a, b in ends),
-        float(np.sqrt(np.mean(np.sum(np.diff(track.Q[: steps + 1], axis=0) ** 2, axis=1)))),
-        None if found is None else (cycle_of(found[0], track.cycles), found[1].robot_joints[found[2]]),
-        apart if np.isfinite(apart) else None,
-        0 if touch is None else cycle_of(touch[0], track.cycles),
+def _deed(limbs: Sequence[Limb], played: Sequence[JointMotion], track: Track) -> Deed:
+    """What the verdict speaks of; of several limbs, which move each other's bodies, the worst of each."""
+    deeds = [
+        deed_of(track.label, one, limb.elbow, bodies=len(limbs) == 1) for limb, one in zip(limbs, played, strict=True)
+    ]
+    return replace(
+        deeds[0],
+        creep=max(deed.creep for deed in deeds),
+        speed=float(np.linalg.norm([deed.speed for deed in deeds])),
+        broken=min((deed.broken for deed in deeds if deed.broken is not None), default=None),
+        haste=0.0 if track.t is None else max(deed.haste for deed in deeds),
     )
 
 

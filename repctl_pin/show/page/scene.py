@@ -255,6 +255,7 @@ def _describe(
                 "scale": [float(s) for s in shape.scale],
                 "color": None if shape.textured else [*lifted(shape.color[:3]).tolist(), float(shape.color[3])],
                 "pose": None if moving[k] else poses[0, k].tolist(),
+                "standing": shape.standing,
             }
         )
     return {

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...motion.motion import cycle_of
+from ...motion.joint_motion import cycle_of
 from .numbers import metres, percent
 
 if TYPE_CHECKING:
-    from ...motion import Motion
+    from ...motion.joint_motion import JointMotion
     from ...studies import Study
 
 
@@ -67,7 +67,7 @@ class Verdict:
 NO_VERDICT = Verdict("", ())
 
 
-def deed_of(label: str, motion: Motion, elbow: int) -> Deed:
+def deed_of(label: str, motion: JointMotion, elbow: int, *, bodies: bool = True) -> Deed:
     """Take from a motion what the verdict speaks of.
 
     Parameters
@@ -78,10 +78,12 @@ def deed_of(label: str, motion: Motion, elbow: int) -> Deed:
         What it did.
     elbow
         The joint whose origin is the elbow, of the task's.
+    bodies
+        Whether the robot's other joints stand still, so that its bodies are where the task has them.
     """
     start, end = (motion.task.joint_origins(q)[elbow] for q in (motion.q[0], motion.q[-1]))
     violation, coarse = motion.first_violation, motion.coarse
-    apart, touch = float(coarse.body_distance.min()), coarse.first_touch
+    apart, touch = (float(coarse.body_distance.min()), coarse.first_touch) if bodies else (np.inf, None)
     return Deed(
         label,
         float(np.linalg.norm(end - start)),

@@ -19,7 +19,7 @@ export class ArmView {
       mesh.castShadow = mesh.receiveShadow = true;
       mesh.geometry.computeBoundingBox();
       mesh.plain = mesh.material;
-      mesh.grey = paint([1, 1, 1, 1]);
+      mesh.grey = shape.standing ? mesh.plain : paint([1, 1, 1, 1]);
       const place = new T.Group();
       place.name = shape.name;
       place.add(mesh);
@@ -125,7 +125,7 @@ export class ArmView {
     for (const place of [...this.moving, ...this.still])
       for (const mesh of place.children) {
         mesh.material = on ? mesh.grey : mesh.plain;
-        mesh.grey.color.copy(grey);
+        if (mesh.grey !== mesh.plain) mesh.grey.color.copy(grey);
       }
     if (on)
       this.moving.forEach((place, k) => {

@@ -1,0 +1,69 @@
+"""How near two bodies can be at least: a bound from below that costs little, for all pairs at many configurations."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from .joint_placements import JointPlacements
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+_TELLING = 1e-6
+"""Distance, m, of two bodies' centres from which on the direction between them is known."""
+
+
+class BodyBounds:
+    """Bounds the distances of pairs of convex bodies from below, by balls and boxes round them.
+
+    With c the centres of two bodies and u = (c_a − c_b) / |c_a − c_b|, no two points of theirs are nearer than
+
+        |c_a − c_b| − h_a(u) − h_b(u),
+
+    where h(u) is how far along u the ball round a body reaches, or the box with half-widths w: Σ w_i |(Rᵀ u)_i|.
+
+    Parameters
+    ----------
+    model
+        Whose joints carry the bodies, all of one number.
+    shapes
+        The bodies, and the pairs of them.
+    """
+
+    def __init__(self, model: pin.Model, shapes: pin.GeometryModel) -> None:
+        bodies = list(shapes.geometryObjects)
+        self._joints, self._joint = JointPlacements(model), np.array([body.parentJoint for body in bodies], int)
+        centers = [body.placement.act(body.geometry.aabb_center) for body in bodies]
+        boxes = [body.geometry.aabb_local for body in bodies]
+        self._centers = np.array(centers).reshape(-1, 3)
+        self._radii = np.array([body.geometry.aabb_radius for body in bodies])
+        self._turns = np.array([body.placement.rotation for body in bodies]).reshape(-1, 3, 3)
+        self._half = np.array([(box.max_ - box.min_) / 2 for box in boxes]).reshape(-1, 3)
+        self._first, self._second = np.array([(p.first, p.second) for p in shapes.collisionPairs], int).reshape(-1, 2).T
+        self._flat = self._first * len(bodies) + self._second
+        self._reach = self._radii[self._first] + self._radii[self._second]
+
+    def __call__(self, Q: Array) -> Array:
+        """Bound every pair at the model's joints Q (K, N): (K, P), m; by boxes only where balls leave it near."""
+        R, p = self._joints(Q)
+        centers = np.einsum("kbij,bj->kbi", R[:, self._joint], self._centers) + p[:, self._joint]
+        squares = np.einsum("kbi,kbi->kb", centers, centers)
+        products = (centers @ centers.swapaxes(1, 2)).reshape(len(Q), -1)[:, self._flat]  # (K, P)
+        gaps = squares[:, self._first] + squares[:, self._second] - 2 * products
+        gaps = np.sqrt(np.maximum(gaps, 0.0, out=gaps), out=gaps)
+        bounds = gaps - self._reach
+        k, pair = np.nonzero((bounds < gaps.min(axis=1, keepdims=True) / 2) & (gaps > _TELLING))
+        a, b = self._first[pair], self._second[pair]
+        u = centers[k, a] - centers[k, b]
+        gap = np.sqrt(np.einsum("mi,mi->m", u, u))
+        u /= gap[:, None]
+        bounds[k, pair] = gap - self._extent(R, k, a, u) - self._extent(R, k, b, u)
+        return bounds
+
+    def _extent(self, R: Array, k: Index, body: Index, u: Array) -> Array:
+        """How far bodies (M,) at configurations k (M,) reach at most from their centres along u (M, 3), m."""
+        local = np.einsum("mij,mi->mj", R[k, self._joint[body]], u)
+        box = np.abs(np.einsum("mij,mi->mj", self._turns[body], local))
+        return np.minimum(self._radii[body], np.einsum("mi,mi->m", box, self._half[body]))
