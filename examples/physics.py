@@ -29,7 +29,7 @@ from repctl_pin.files import prepare_folder, write_whole
 from repctl_pin.motion import elbow
 from repctl_pin.redundancy import nullspace
 from repctl_pin.show.page.playback import Limb, Track, tracks_page
-from repctl_pin.show.plots.motions import COLOURS
+from repctl_pin.show.palette import COLOURS
 
 DT = 2e-3
 """Of the control and of the simulation, s."""
