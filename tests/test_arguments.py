@@ -52,6 +52,29 @@ CALLS: dict[str, tuple[Callable[[Given], object], str]] = {
         "gain must be 0 or more",
     ),
     "best_leaf, inverse": (lambda g: rp.best_leaf(g.control, g.path, g.q0), "inverse must be a repeatable inverse"),
+    "RepeatableInverse, potentials of other joints": (
+        lambda g: rp.RepeatableInverse(g.task, rp.Polynomial(np.zeros(3), 1).weighted(np.ones((3, 1)))),
+        "the potentials are of 3 joints, but the task has 7",
+    ),
+    "RepeatableInverse, waves of other joints": (
+        lambda g: rp.RepeatableInverse(g.task, rp.Fourier(3, 1).weighted(np.ones((6, 1)))),
+        "of 3 joints, .* has 7",
+    ),
+    "RepeatableInverse, some of other joints": (
+        lambda g: rp.RepeatableInverse(
+            g.task, (rp.Potentials([lambda q: q[0]]) + rp.Fourier(9, 1, variables=[0])).weighted(np.ones((3, 1)))
+        ),
+        "of 9 joints, .* has 7",
+    ),
+    "nearest_repeatable, fields of other joints": (
+        lambda g: rp.nearest_repeatable(g.control, rp.Fourier(9, 1, variables=[0]), g.box),
+        "of 9 joints, .* has 7",
+    ),
+    "Joined, other joints": (lambda g: g.fields + rp.Fourier(9, 1, variables=[0]), "these are of 7 and of 9"),
+    "ExtendedJacobian, a joint that is not there": (
+        lambda g: rp.ExtendedJacobian(g.task, lambda q: q[8])(g.q0),
+        "the value of the potential U .* index 8 is out of bounds",
+    ),
     "reach, task": (lambda g: rp.solve_ik("panda", g.q0, pin.SE3.Identity()), A_TASK),
     "reach, target": (lambda g: rp.solve_ik(g.task, g.q0, [0.3, 0, 0.5]), "target must be a rigid transform"),
     "reach, q0": (lambda g: rp.solve_ik(g.task, "home", pin.SE3.Identity()), "q0 must be 7 finite numbers.*'home'"),

@@ -13,7 +13,7 @@ from .. import progress as reporting
 from ..arguments import MOST_NODES, flag, positive, shown, wanted, whole
 from ..blas import one_blas_thread
 from ..errors import InputError
-from ..fields.field import Field
+from ..fields.field import Field, check_joints
 from ..fields.polynomial import Polynomial
 from ..regions import Region
 from ..strategies.strategy import AN_INVERSE, Batched, Inverse
@@ -218,5 +218,8 @@ def _check(desired: Inverse, fields: Field | None, region: Region, degree: int |
                 f"the region lies outside the joint limits: {name} from {low:.4g} to {high:.4g}, "
                 f"but its limits are [{least:.4g}, {most:.4g}]"
             )
-    if fields is not None and fields.size < task.r:
+    if fields is None:
+        return
+    check_joints(fields, task.n)
+    if fields.size < task.r:
         raise InputError(f"{fields.size} potentials cannot give r = {task.r} independent ones; raise the degree")

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import list_of_names, rows, wanted
 from ..errors import InputError
-from .field import Field, coefficients
+from .field import Field, coefficients, joints_of
 from .joined import Joined
 
 Array = NDArray[np.float64]
@@ -144,7 +144,7 @@ class PotentialsMap:
     """r weighted sums of a family's potentials, evaluated by the family itself."""
 
     def __init__(self, family: Field, A: Array) -> None:
-        self.family, self.A = family, A
+        self.family, self.A, self.n = family, A, joints_of(family)
 
     def value(self, q: Array) -> Array:
         """Evaluate h(q): (r,)."""

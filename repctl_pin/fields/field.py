@@ -63,6 +63,25 @@ class Field(Protocol):
         ...
 
 
+
+def joints_of(potentials: Field | FieldMap) -> int | None:
+    """How many joints potentials are of, as their own ``n`` says; None where they take any number."""
+    return getattr(potentials, "n", None)
+
+
+def check_joints(potentials: Field | FieldMap, n: int) -> None:
+    """Refuse potentials of another number of joints than a task's n.
+
+    Raises
+    ------
+    InputError
+        If they are; it names both numbers.
+    """
+    of = joints_of(potentials)
+    if of not in (None, n):
+        raise InputError(f"the potentials are of {of} joints, but the task has {n}")
+
+
 def coefficients(A: ArrayLike, size: int) -> Array:
     """Take the coefficients of ``h = Aᵀ (h_1 … h_N)``: (N, r) finite numbers, one row a potential.
 

@@ -128,7 +128,7 @@ class FourierMap:
     """r potentials ``h = aᵀ sin(k · q) + bᵀ cos(k · q)``."""
 
     def __init__(self, waves: Array, A: Array) -> None:
-        self.waves = waves
+        self.waves, self.n = waves, waves.shape[1]
         self.sines, self.cosines = np.split(A, 2)  # (N / 2, r)
 
     def value(self, q: Array) -> Array:

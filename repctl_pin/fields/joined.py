@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import rows, wanted
 from ..errors import InputError
-from .field import CurvedMap, Field, FieldMap, coefficients, name_of
+from .field import CurvedMap, Field, FieldMap, coefficients, joints_of, name_of
 
 Array = NDArray[np.float64]
 
@@ -29,7 +29,7 @@ class Joined:
     Raises
     ------
     InputError
-        If a part is no family of potentials.
+        If a part is no family of potentials, or they are of different numbers of joints.
 
     Examples
     --------
@@ -47,6 +47,7 @@ class Joined:
         for part in flat:
             wanted(part, Field, "a joined field", "a family of potentials, such as rp.Polynomial(q0, 2)")
         self.parts: tuple[Field, ...] = tuple(flat)
+        self.n = one_number_of_joints(flat)
         self._ends = np.cumsum([part.size for part in self.parts])
 
     @property
@@ -89,11 +90,20 @@ class Joined:
         return f"<{' + '.join(repr(part).strip('<>') for part in self.parts)}: {self.size} potentials>"
 
 
+
+def one_number_of_joints(parts: Sequence[Field | FieldMap]) -> int | None:
+    """Take the number of joints that all parts are of; None where they take any."""
+    numbers = sorted({n for part in parts if (n := joints_of(part)) is not None})
+    if len(numbers) > 1:
+        raise InputError(f"joined potentials must be of the same joints; these are of {numbers[0]} and of {numbers[1]}")
+    return numbers[0] if numbers else None
+
+
 class SumMap:
     """The sum of r potentials of each part: h = h_a + h_b + …"""
 
     def __init__(self, maps: Sequence[FieldMap]) -> None:
-        self.maps = tuple(maps)
+        self.maps, self.n = tuple(maps), one_number_of_joints(maps)
 
     def value(self, q: Array) -> Array:
         """Evaluate h(q): (r,)."""

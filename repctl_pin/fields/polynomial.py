@@ -71,7 +71,7 @@ class Polynomial:
         cross: bool = True,
     ) -> None:
         self.center = vector(center, None, "the center of a polynomial field")
-        n = len(self.center)
+        self.n = n = len(self.center)
         self.scale = spread(scale, n, "the scale of a polynomial field", finite=True)
         self.degree, self.cross = whole(degree, "the degree of a polynomial field", 1), flag(cross, "cross")
         self.variables = chosen(variables, n)
@@ -134,7 +134,7 @@ class Polynomial:
     def weighted(self, A: ArrayLike) -> PolynomialMap | PartialMap:
         """Choose ``h = Aᵀ (h_1 … h_N)`` with coefficients A (N, r) (35), as dense tensors."""
         A = coefficients(A, self.size)
-        n, d = len(self.center), self.degree
+        n, d = self.n, self.degree
         if len(self.variables) < n:
             chosen = list(self.variables)
             part = Polynomial(self.center[chosen], d, self.scale[chosen], cross=self.cross).weighted(A)
@@ -156,7 +156,7 @@ class Polynomial:
 
     def _tables(self, Q: ArrayLike) -> tuple[Array, Array]:
         """Tabulate P_k(u_i) and P'_k(u_i): two arrays (K, n, d + 1)."""
-        u = (rows(Q, len(self.center), "this polynomial field") - self.center) / self.scale
+        u = (rows(Q, self.n, "this polynomial field") - self.center) / self.scale
         P, dP = np.ones((2, *u.shape, self.degree + 1))
         P[..., 1], dP[..., 0] = u, 0.0
         for k in range(1, self.degree):
@@ -208,7 +208,7 @@ class PolynomialMap:
             for d in range(1, degree + 1)
         ]
         self._slope = [s / np.repeat(scale, len(s) // n) for s in self._slope]
-        self._shape, self._n = (n, r), n
+        self._shape, self.n = (n, r), n
         small = degree <= 4 and r * (n + 1) ** degree <= MOST_ENTRIES
         self._quick = Homogeneous(center, scale, degree, terms) if small else None
 
@@ -229,7 +229,7 @@ class PolynomialMap:
         u = (q - self.center) * self._inverse_scale
         V = self._slope[-1]
         for lower in self._slope[-2::-1]:
-            V = lower + V.reshape(-1, self._n) @ u
+            V = lower + V.reshape(-1, self.n) @ u
         return V.reshape(self._shape)
 
     def in_place(self, V_T: Array, e: Array) -> InPlace:
@@ -239,7 +239,7 @@ class PolynomialMap:
     def hessian(self, q: Array) -> Array:
         """Evaluate ``∂V/∂q = ∂²h/∂q²``: (n, n, r), ``[i, k, j] = ∂²h_j/∂q_i∂q_k``."""
         u = (q - self.center) * self._inverse_scale
-        n, r = self._n, self._shape[1]
+        n, r = self._shape
         C = np.zeros((r, n, n))
         for d in range(len(self._value) - 1, 1, -1):  # h of degree d curves by d (d − 1) T_d u^(d−2)
             curvature = d * (d - 1) * self._value[d]

@@ -31,7 +31,7 @@ class SectionField:
     """
 
     def __init__(self, chart: Chart) -> None:
-        self.chart = chart
+        self.chart, self.n = chart, chart.cell.task.n
 
     def value(self, q: Array) -> Array:
         """Evaluate h(q): (r,)."""

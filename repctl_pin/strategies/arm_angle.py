@@ -68,7 +68,7 @@ class ArmAngle:
         *,
         singular: ArrayLike | None = None,
     ) -> None:
-        self.task = wanted_task(task)
+        self.task, self.n = wanted_task(task), task.n
         if task.coordinates is not None:
             raise InputError("an arm angle is of the joints themselves; use the task before in_coordinates()")
         self.frames = (shoulder, elbow, wrist)

@@ -79,7 +79,7 @@ class ExtendedMap:
     """The r functions ``h = Nᵀ ∇U`` of an extended Jacobian, and their gradients."""
 
     def __init__(self, task: Task, potential: Shape, N_reference: Array) -> None:
-        self.task, self.potential, self.N_reference = task, potential, N_reference
+        self.task, self.potential, self.N_reference, self.n = task, potential, N_reference, task.n
 
     def value(self, q: Array) -> Array:
         """Evaluate h(q): (r,)."""
@@ -179,7 +179,7 @@ class Given:
     def hessians(self, Q: Array) -> Array:
         """Evaluate ∂²U/∂q², or central differences of ∇U: (K, n, n)."""
         if self.hessian is not None:
-            return np.array([_checked(self.hessian(q), (len(q), len(q)), "Hessian", q) for q in Q])
+            return np.array([_checked(self.hessian, q, (len(q), len(q)), "Hessian") for q in Q])
         step = 1e-6 if self.gradient is not None else 1e-4
         H = np.array(
             [
@@ -194,20 +194,20 @@ class Given:
 
     def _gradient(self, q: Array, step: float = _DIFFERENCE) -> Array:
         if self.gradient is not None:
-            return _checked(self.gradient(q), (len(q),), "gradient", q)
+            return _checked(self.gradient, q, (len(q),), "gradient")
         moves = step * np.eye(len(q))
-        values = [[_checked(self.function(q + s * d), (), "value", q) for s in (1, -1)] for d in moves]
+        values = [[_checked(self.function, q + s * d, (), "value") for s in (1, -1)] for d in moves]
         return np.array([(up - down) / (2 * step) for up, down in values])
 
 
-def _checked(value: ArrayLike, shape: tuple[int, ...], what: str, q: Array) -> Array:
+def _checked(function: Callable[[Array], ArrayLike], q: Array, shape: tuple[int, ...], what: str) -> Array:
     try:
-        array = np.asarray(value, float)
-    except (TypeError, ValueError):
-        array = np.full(shape, np.nan)
+        array, why = np.asarray(function(q), float), ""
+    except (TypeError, ValueError, IndexError) as error:
+        array, why = np.full(shape, np.nan), f": {error}"
     if array.shape != shape or not np.isfinite(array).all():
         at = ", ".join(f"{x:.3f}" for x in q)
         raise InputError(
-            f"the {what} of the potential U must be {shape or 'one'} finite numbers; at q = ({at}) it is not"
+            f"the {what} of the potential U must be {shape or 'one'} finite numbers; at q = ({at}) it is not{why}"
         )
     return array

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import NUMBER, chosen, rows, stacks, vector, wanted
 from ..errors import InputError
-from ..fields.field import FieldMap
+from ..fields.field import FieldMap, check_joints
 from ..redundancy.augmented import augmented_inverse
 from ..robot.task import Task, own_task
 from .control_step import Loop, make_loop, row
@@ -60,7 +60,7 @@ class RepeatableInverse:
     Raises
     ------
     InputError
-        Where it is evaluated and the potentials are not r.
+        If the potentials are of another number of joints; where it is evaluated and they are not r.
     SingularityError
         Where it is evaluated and J_V is singular.
 
@@ -84,7 +84,9 @@ class RepeatableInverse:
         field = wanted(field, FieldMap, "field", "potentials, such as fields.weighted(A)")
         if region is not None:
             wanted(region, Region, "region", "a region of joint space, such as rp.Box(q0, 0.3)")
-        self._begin(redundant(task), field, region, loops)
+        task = redundant(task)
+        check_joints(field, task.n)
+        self._begin(task, field, region, loops)
 
     def _begin(
         self,
