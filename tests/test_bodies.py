@@ -41,6 +41,18 @@ def test_bodies_that_overlap_are_below_zero(chain: rp.Task) -> None:
     assert rp.Bodies(chain).nearest(q).distance < -0.1
 
 
+def test_what_always_touches_is_asked_inside_the_limits_in_any_coordinates(chain: rp.Task, tmp_path: Path) -> None:
+    text = (tmp_path / "chain.urdf").read_text()
+    for j in (1, 2):  # folded to a triangle, whatever they do: both balls in one place
+        at = text.index(f'"j{j}"')
+        text = text[:at] + text[at:].replace('lower="-3" upper="3"', 'lower="2.07" upper="2.12"', 1)
+    (tmp_path / "chain.urdf").write_text(text)
+    task = rp.Robot.load(tmp_path / "chain.urdf").task("tip", "position")
+    absolute = rp.Bodies(task.in_coordinates(rp.absolute_angles(task)))
+    assert ("base", "tip") in rp.Bodies(task).touching
+    assert (absolute.touching, absolute.pairs) == (rp.Bodies(task).touching, rp.Bodies(task).pairs)
+
+
 CELL = """<robot name="cell"><link name="room"/>
 <link name="wall"><collision><geometry><box size="0.2 4 4"/></geometry></collision></link>
 <link name="base"><collision><geometry><sphere radius="0.25"/></geometry></collision></link>

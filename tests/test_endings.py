@@ -119,6 +119,12 @@ def test_files_that_cannot_be(name: str, tmp_path: Path, capsys, monkeypatch) ->
         assert told.out == "" and told.err.count("\n") == 1 and "cannot write" in told.err
 
 
+def test_names_that_are_too_long(capsys) -> None:
+    for arguments in (["inspect", "ppr", "--package-dir", "x" * 5000], ["follow", "ppr", "--path", "x" * 5000]):
+        assert main(arguments) == 2
+        assert capsys.readouterr().err.count("\n") == 1
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

@@ -170,6 +170,11 @@ def test_the_longest_arm_is_taken_fingers_not_counted(tmp_path: Path) -> None:
     assert robot.end_frames == ("right_hand", "right7", "left6", "head2")
 
 
+def test_a_robot_that_is_a_finger_ends_at_its_tip(tmp_path: Path) -> None:
+    robot = load(tmp_path, [*turns(3, prefix="finger_"), joint("finger_tip", "finger_3")])
+    assert robot.default_frame == "finger_tip" and len(robot.chain("finger_tip")) == 3
+
+
 def test_locked_joints_and_a_base_are_heeded(tmp_path: Path) -> None:
     robot = load(tmp_path, two_arms(), lock=["to_right1", "to_right2"])
     assert robot.default_frame == "left6" and len(robot.chain("left6")) == 8

@@ -8,10 +8,12 @@ import re
 
 import numpy as np
 import pytest
+from arms import planar_urdf
 from test_scene import read
 
 import repctl_pin as rp
 from repctl_pin.motion import elbow
+from repctl_pin.motion.fitting import fitting_circle
 from repctl_pin.show.page.playback import read_tracks
 from repctl_pin.show.palette import colours
 from repctl_pin.show.report import report_page
@@ -87,6 +89,23 @@ def test_no_redundancy_is_said_with_the_kinds_that_have_it(name: str, kind: str,
 def test_default_kind_is_the_first_redundant_one() -> None:
     for name, kind in (("panda", "pose"), ("ur5", "position"), ("planar3r", "xy")):
         assert defaults.choose_task(rp.Robot.load(name), None, None).kind == kind
+
+
+def test_where_no_task_is_redundant_another_frame_is_named_if_there_is_one(tmp_path) -> None:
+    arm = rp.Robot.load("planar3r")
+    with pytest.raises(rp.InputError, match=r"moved by 2 joints: .* but one is at 'tool', for example; choose another"):
+        defaults.choose_task(arm, "link2", None)
+    (tmp_path / "two.urdf").write_text(planar_urdf([1.0, 1.0]))
+    with pytest.raises(rp.InputError, match="moved by 2 joints: no kind of task is redundant there, nor at another"):
+        defaults.choose_task(rp.Robot.load(tmp_path / "two.urdf"), None, None)
+
+
+def test_the_default_circle_of_a_finger_is_small(tmp_path) -> None:
+    (tmp_path / "finger.urdf").write_text(planar_urdf([0.04, 0.03, 0.02], range_=0.8))
+    task = rp.Robot.load(tmp_path / "finger.urdf").task("tool", "xy")
+    q0 = np.array([0.2, 0.6, 0.7])
+    points = np.array([fitting_circle(task, q0).point(s) for s in (0.0, 0.5)])
+    assert 0.001 <= np.linalg.norm(points[0] - points[1]) / 2 < 0.01
 
 
 @pytest.mark.parametrize(

@@ -399,6 +399,10 @@ KIND = {
         robot(links("a", "b"), '<my:link name="c"/>', joint()),
         ["ignored: elements and attributes of my:"],
     ),
+    "colour": (
+        robot('<link name="a"/>', '<material name="m">\n<color rgba="1 0 0 0 1"/></material>', links("b"), joint()),
+        ["ignored: the colour in line 4, rgba = '1 0 0 0 1' is not 4 numbers"],
+    ),
     "xacro": (
         robot(links("a", "b"), '<xacro:property name="x" value="${pi}"/><xacro:arm/>', joint()),
         ["ignored: <xacro:property>, <xacro:arm> in line 3, left over from xacro; what it would add is not here"],

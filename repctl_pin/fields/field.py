@@ -63,7 +63,6 @@ class Field(Protocol):
         ...
 
 
-
 def joints_of(potentials: Field | FieldMap) -> int | None:
     """How many joints potentials are of, as their own ``n`` says; None where they take any number."""
     return getattr(potentials, "n", None)

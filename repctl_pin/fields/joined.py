@@ -90,7 +90,6 @@ class Joined:
         return f"<{' + '.join(repr(part).strip('<>') for part in self.parts)}: {self.size} potentials>"
 
 
-
 def one_number_of_joints(parts: Sequence[Field | FieldMap]) -> int | None:
     """Take the number of joints that all parts are of; None where they take any."""
     numbers = sorted({n for part in parts if (n := joints_of(part)) is not None})

@@ -20,6 +20,7 @@ Array = NDArray[np.float64]
 
 _RADII = (0.5, 0.3, 0.2, 0.1, 0.05, 0.03, 0.02, 0.01)
 _SMALL = (0.005, 0.003, 0.002, 0.001)
+_SHORT = 0.05
 _DEGREES = (180.0, 0.0, 90.0, -90.0)
 _LEAST_MARGIN = 0.02
 """To the joint limits, rad or m."""
@@ -48,11 +49,12 @@ def fitting_circle(
     Raises
     ------
     InputError
-        If there is none; without a radius, down to 1 cm, or to 1 mm inside a region.
+        If there is none; without a radius, down to 1 cm, or to 1 mm inside a region, and for an arm as short as a
+        finger.
     """
     planes = (plane,) if plane is not None else planes_of(task)
     limit = 0.14 * arm_length(task, q0)
-    sizes = _RADII if region is None else (*_RADII, *_SMALL)
+    sizes = _RADII if region is None and limit > _SHORT else (*_RADII, *_SMALL)
     radii = (radius,) if radius is not None else [x for x in sizes if x <= max(limit, _RADII[-1])]
     strategy = control or Pseudoinverse(task)
     needed = 0.5 * dexterity(task, q0)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,7 +53,7 @@ def parse_path(text: str | None, plane: str | None = None) -> PathMaker:
         return lambda task, q0: fitting_circle(task, q0, plane=plane)
     words, _, blended = text.partition(":blend=")
     blend = _length(blended, text) if blended or text.endswith(":blend=") else 0.0
-    if words.lower().endswith(".csv") or Path(words).is_file():
+    if words.lower().endswith(".csv") or os.path.isfile(words):
         if plane is not None:
             raise InputError(f"{words} says itself where its points lie; leave --plane out")
         return waypoint_path(words, blend)

@@ -245,10 +245,11 @@ class Bodies:
 
     def _touching_always(self) -> NDArray[np.bool_]:
         """Say which of the measured pairs touch at the reference and at random configurations: (P,)."""
-        always, q0 = np.ones(len(self._both), bool), np.array(self.task.reference)
-        low, high = np.maximum(self.task.lower, q0 - _FREE), np.minimum(self.task.upper, q0 + _FREE)
-        random = np.random.default_rng(0).uniform(low, high, (_SAMPLES, self.task.n))
-        Q = np.vstack([q0, random])
+        always, task = np.ones(len(self._both), bool), self.task
+        (lower, upper, _), q0 = task.joint_limits, task.joints(task.reference)  # limits are the joints', whatever ψ
+        low, high = np.maximum(lower, q0 - _FREE), np.minimum(upper, q0 + _FREE)
+        Q = np.vstack([q0, np.random.default_rng(0).uniform(low, high, (_SAMPLES, task.n))])
+        Q = Q if task.coordinates is None else task.coordinates.coordinates(Q)
         Q = Q if self._drive is None else self._drive.joints(Q)
         for q, bounds in self._with_bounds(Q) if self._both else ():
             always &= bounds < 0

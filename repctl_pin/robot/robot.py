@@ -159,7 +159,7 @@ class Robot(Mechanism):
         if base is not None:
             wanted(base, str, "base", "a link's name")
         for folder in own:
-            if not Path(folder).is_dir():
+            if not os.path.isdir(folder):  # as a path's own is_dir, but for names that are too long
                 raise InputError(f"there is no folder {folder!r} to look up package:// in; correct --package-dir")
         entry = None if _looks_like_a_path(text) else find(text)
         path = Path(os.path.expanduser(text)) if entry is None else entry.urdf

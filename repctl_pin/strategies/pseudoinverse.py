@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy import ndarray
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg.blas import ddot
 from scipy.linalg.lapack import dposv
 
 from ..arguments import FLOAT, rows, shown, stacks, vector
@@ -146,11 +145,10 @@ def least_speed(task: Task, pull: Callable[[Array], Array] | None = None) -> Cal
     """
     m, n = task.m, task.n
     of_joints, of_task = (n,), (m,)
-    memory = np.zeros(m * n + m)
-    J, rhs, gram = memory[: m * n].reshape(m, n), memory[m * n :], np.empty((m, m))
+    J, rhs, gram = np.zeros((m, n)), np.zeros(m), np.empty((m, m))
     multiply, J_T, gram_T, pivots = J.dot, J.T, gram.T, gram.ravel()[:: m + 1]
     jacobian = in_place(task, J, rhs).jacobian
-    half, tolerance = m / 2, _WELL_CONDITIONED / m ** (m / 2)
+    tolerance = _WELL_CONDITIONED**2
 
     def velocity(q: Array, xdot: Array) -> Array:
         if not (type(q) is ndarray and q.dtype is FLOAT and q.shape == of_joints):
@@ -162,12 +160,12 @@ def least_speed(task: Task, pull: Callable[[Array], Array] | None = None) -> Cal
         z = None if pull is None else pull(q)
         if z is not None:
             rhs[:] -= multiply(z)
-        square = ddot(memory, memory)
         multiply(J_T, gram)
+        squares = prod(pivots.tolist())  # of the rows' norms, whatever their units
         _, y, info = dposv(gram_T, rhs, 0, 1)
-        # The pivots p of J Jᵀ = L Lᵀ: ∏ p ≤ sin θ (‖J‖/√m)ᵐ, θ the least angle of a row to the span of the others. NaN
+        # The pivots p of J Jᵀ = L Lᵀ: ∏ p ≤ sin θ ∏ ‖row‖, θ the least angle of a row to the span of the others. NaN
         # fails it. Near a singularity J Jᵀ, which squares the condition of J, will not do.
-        if not info and abs(prod(pivots.tolist())) > tolerance * square**half:
+        if not info and prod(pivots.tolist()) ** 2 > tolerance * squares:
             return y.dot(J) if z is None else z + y.dot(J)
         if not (np.isfinite(q).all() and np.isfinite(xdot).all()):
             raise failure(task, q, xdot)

@@ -90,10 +90,19 @@ def choose_task(robot: Robot, frame: str | None, kind: str | None, joints: list[
     for preferred in PREFERRED_KINDS:
         if kinds.get(preferred, 0) >= 1:
             return robot.task(frame, preferred, joints=joints)
+    count, other = len(robot.chain(frame)), _redundant_frame(robot)
     raise InputError(
-        f"{robot.name} {frame!r} is moved by {len(robot.chain(frame))} joints: no kind of task is redundant there; "
-        "choose another frame"
+        f"{robot.name} {frame!r} is moved by {count} joint{'s' * (count != 1)}: no kind of task is redundant there, "
+        + ("nor at another frame" if other is None else f"but one is at {other!r}, for example; choose another frame")
     )
+
+
+def _redundant_frame(robot: Robot) -> str | None:
+    """Find a frame at which some kind of task is redundant, one that many joints move."""
+    chains = {tuple(robot.chain(frame)): frame for frame in robot.frames}
+    most = sorted(chains, key=len, reverse=True)
+    redundant = (chains[chain] for chain in most if max(redundant_kinds(robot, chains[chain]).values(), default=0) > 0)
+    return next(redundant, None)
 
 
 def kind_note(robot: Robot, task: Task) -> list[str]:

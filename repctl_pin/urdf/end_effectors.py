@@ -68,7 +68,8 @@ def arm_ends(description: Description) -> list[Body]:
 
     An arm ends at a **hand**: a body most of whose longest branches are fingers. A finger moves little (half a
     turn, 0.1 m, or as another joint moves), has no more joints than the arm before it, and stands beside others,
-    mimics, slides, is called a finger, or comes after a link that is called a tool.
+    mimics, slides, is called a finger, or comes after a link that is called a tool. Where all is called a finger, the
+    robot is one, and ends at its tip.
     """
     below: dict[str, list[Joint]] = {}
     for joint in description.joints:
@@ -88,10 +89,11 @@ def arm_ends(description: Description) -> list[Body]:
     for body in reversed(bodies):
         body.after = max((1 + tip.after for _, tip in body.branches), default=0)
         body.narrow = all(_moves_little(joint) and tip.narrow for joint, tip in body.branches)
+    whole = all(_says_finger(joint) for joint in description.joints if joint.kind != "fixed")
     ends, todo = [], [root]
     while todo:
         body = todo.pop()
-        if not body.branches or body.is_hand:
+        if not body.branches or (body.is_hand and not whole):
             ends.append(body)
         else:
             todo.extend(tip for _, tip in reversed(body.branches))

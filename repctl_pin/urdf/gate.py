@@ -15,11 +15,11 @@ from pathlib import Path
 from lxml import etree
 
 from ..errors import UrdfError
-from .checks import NO_EFFORT, NO_LIMIT, axis_of, check, leader, numbers
+from .checks import NO_EFFORT, NO_LIMIT, axis_of, check, finite, leader, numbers
 from .shapes import Solid, shapes_of
 from .split import split_joints
 from .xacro import expand
-from .xml import one_line, parse
+from .xml import line, one_line, parse, short
 
 MAX_BYTES = 5_000_000
 """The largest file read: over twenty times the largest robot of example-robot-data."""
@@ -101,6 +101,7 @@ def read_urdf(path: str | Path) -> Description:
     notes: list[str] = []
     try:
         robot = parse(_read(path), notes)
+        _drop_colors(robot, notes)
         root = check(robot)
         split_joints(robot, notes)
         elements = {joint.get("name"): joint for joint in robot.findall("joint")}
@@ -256,6 +257,15 @@ def _for_pinocchio(robot: etree._Element, joints: tuple[Joint, ...], folder: Pat
         if "://" not in name and not Path(name).is_absolute():
             mesh.set("filename", str(folder / name))
     return etree.tostring(robot, encoding="unicode")
+
+
+def _drop_colors(robot: etree._Element, notes: list[str]) -> None:
+    """Take out colours that are not four numbers, as Pinocchio does; the notes say where."""
+    for color in list(robot.iter("color")):
+        words = color.get("rgba", "0 0 0 0").split()
+        if len(words) != 4 or any(finite(word) is None for word in words):
+            notes.append(f"ignored: the colour in {line(color)}, rgba = {short(color.get('rgba'))} is not 4 numbers")
+            color.getparent().remove(color)
 
 
 def _tidy_materials(robot: etree._Element) -> None:

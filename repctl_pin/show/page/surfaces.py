@@ -248,5 +248,12 @@ def _join(pieces: list[dict[str, Any]], scale: float) -> Surface:
 
 def _equal_rows(rows: NDArray[np.int64]) -> NDArray[np.int64]:
     """Number the rows of an integer array (N, k) so that equal rows, and only they, have equal numbers."""
-    packed = np.ascontiguousarray(rows).view(np.dtype((np.void, rows.dtype.itemsize * rows.shape[1]))).ravel()
-    return np.unique(packed, return_inverse=True)[1].ravel()
+    same, count = np.zeros(len(rows), np.int64), 1
+    for column in rows.T:  # as digits of one number, which is shortened before it is too long
+        low, high = int(column.min(initial=0)), int(column.max(initial=0))
+        if high - low >= 2**40:
+            column, low, high = np.unique(column, return_inverse=True)[1], 0, len(rows)
+        if count * (high - low + 1) >= 2**63:
+            same, count = np.unique(same, return_inverse=True)[1], len(rows)
+        same, count = same * (high - low + 1) + (column - low), count * (high - low + 1)
+    return np.unique(same, return_inverse=True)[1].ravel()
