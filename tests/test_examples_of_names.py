@@ -41,3 +41,29 @@ def test_what_a_name_raises_is_said(name: str) -> None:
     text = inspect.getdoc(thing) or ""
     if inspect.isfunction(thing) or "Parameters\n---" in text:
         assert "Raises\n------\n" in text
+
+
+PURE = re.findall(
+    r"\w+",
+    "cost cost_error fit_cost gradient_norm scanned_costs degrees relative_distance leaf_margin inside_limits shrunk "
+    "tolerance damping leaf_damping gain parameter scanned bounds leaf path rate weight",
+)
+"""Shares, costs and gains: numbers without a unit, or with that of a user's own function."""
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_numbers_have_units_and_arrays_have_shapes(name: str) -> None:
+    """Of every parameter, and of every field of a result, that is a number or an array of them."""
+    thing = getattr(rp, name)
+    if isinstance(thing, type) and issubclass(thing, Exception):
+        return
+    entries: dict[str, str] = {}
+    for head, body in re.findall(r"^(\w.*)\n((?:[ ]{4}.*\n?)+)", inspect.getdoc(thing) or "", flags=re.MULTILINE):
+        entries |= {key.strip(): f"{head} {body}" for key in head.split(":")[0].split(",")}
+    for key, parameter in inspect.signature(thing).parameters.items():
+        kind = str(parameter.annotation)
+        if not re.search(r"Array|float", kind) or "Callable" in kind:
+            continue
+        text = entries.get(key, "")
+        assert key in PURE or re.search(r"\b(rad|m|s|Hz|N|Nm|1/s|radius)\b|axes|as `|As :func:", text), (key, text)
+        assert "Array" not in kind or re.search(r"\(\w+(, \w+)*,?( \+ 1)?,?\)|\([A-Za-z] ?\+", text), (key, text)

@@ -40,7 +40,7 @@ class Design:
     leaf_margin : float
         The smallest σ_min(Nᵀ V̂) that a search of Ω found: 1 is best, 0 is an algorithmic singularity.
     leaf_margin_at : (n,) array
-        Where.
+        Where, rad (m for sliding joints).
     inside_limits : float
         Share of Ω inside the joint limits.
     fit_cost : float

@@ -34,7 +34,7 @@ class SingularRegionError(SingularityError):
     finding : str
         What was found; the message is this and a remedy.
     at : (n,) array
-        Where.
+        Where, rad (m for sliding joints).
     free : Region or None
         The largest region round the center, of the same shape, that was found free of it.
 

@@ -41,7 +41,7 @@ class Polynomial:
     degree : int
         Highest total degree, 1 or more.
     scale : float or (n,) array
-        Half-widths of the box on which the basis is orthonormal.
+        Half-widths of the box on which the basis is orthonormal, rad (m for sliding joints).
     variables : sequence of int, optional
         Let the potentials depend on these joints alone (counted from 0).
     cross

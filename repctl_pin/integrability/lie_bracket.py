@@ -139,7 +139,7 @@ def bracket_defect(strategy: Inverse, q: ArrayLike, *, relative: bool = False) -
     strategy
         Any inverse ``q̇ = G(q) ẋ``.
     q : (n,) array
-        Where.
+        Where, rad (m for sliding joints).
     relative
         Give instead the defects of an orthonormal basis of G's column space, which are free of units and of
         the task's axes (see :func:`measure`); the pairs are then the basis' own.
@@ -179,7 +179,7 @@ def drift_per_area(strategy: Inverse, q: ArrayLike) -> Array:
     strategy
         Any inverse.
     q : (n,) array
-        Where the loop is.
+        Where the loop is, rad (m for sliding joints).
 
     Returns
     -------

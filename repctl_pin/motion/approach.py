@@ -32,10 +32,14 @@ def approach(
     Parameters
     ----------
     q_now : (n,) array
-        Where the arm is.
+        Where the arm is, rad (m for sliding joints).
     motion
         Whose first configuration is the goal.
-    acceleration, velocity, torque, rate
+    acceleration : float or (n,) array, or str
+        rad/s² (m/s²), as :func:`timed` takes it.
+    velocity : float or (n,) array, optional
+        rad/s (m/s); by default the URDF's.
+    torque, rate
         As :func:`timed` takes them.
     bodies
         Make sure that the robot does not touch itself, or its surroundings, on the way.

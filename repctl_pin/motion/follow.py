@@ -63,11 +63,11 @@ def follow(
     Parameters
     ----------
     strategy
-        What turns ẋ into q̇; any function (q, ẋ) → q̇ with ``task=``.
+        What turns ẋ, m/s and rad/s, into q̇, rad/s; any function (q, ẋ) → q̇, (n,) and (m,) → (n,), with ``task=``.
     path
         The closed path; it should start where the frame is at q0.
     q0 : (n,) array
-        The start, inside the joint limits.
+        The start, rad (m for sliding joints), inside the joint limits.
     cycles, steps
         Number of cycles, and integration steps in each (a few more where there are corners).
     integrator
@@ -78,9 +78,12 @@ def follow(
         Time of one cycle, s; by default the path's own, else 5.
     leaf_lock
         Corrections a step, in place of the integrator; 0 is no leaf lock.
-    leaf, limit, damping
-        With the leaf lock: c, by default q0's own; joint speeds not to exceed; λ_max near singularities. See
-        :meth:`RepeatableInverse.step`.
+    leaf : (r,) array, optional
+        With the leaf lock: c, by default h(q0).
+    limit : float or (n,) array, optional
+        With the leaf lock: joint speeds not to exceed, rad/s.
+    damping
+        With the leaf lock: λ_max near singularities, see :meth:`RepeatableInverse.step`.
     task
         What a plain function controls.
 

@@ -35,13 +35,13 @@ class Motion(JointMotion):
     cycles, steps : int
         T = cycles · steps.
     drift : (cycles,) array
-        ``‖q(after cycle k) − q(0)‖``, k = 1, 2, …
+        ``‖q(after cycle k) − q(0)‖``, k = 1, 2, …, rad (m for sliding joints).
     tracking_error : (T + 1,) array
         Distance of the frame from where it should be, m, in the task's coordinates.
     turning_error : (T + 1,) array
         The same for orientation, rad; 0 where the task has none.
     damping : float
-        The largest λ that was used near a singularity; 0 where every step was exact.
+        The largest λ, in J's units, that was used near a singularity; 0 where every step was exact.
     region : Bounded, optional
         Ω, where the control was designed: see :attr:`outside`.
 

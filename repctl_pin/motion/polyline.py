@@ -31,8 +31,10 @@ def polygon(task: Task, q0: ArrayLike, corners: ArrayLike, *, blend: float = 0.0
 
     Parameters
     ----------
-    task, q0
-        The task and the start.
+    task
+        Whose frame moves.
+    q0 : (n,) array
+        The start, rad (m for sliding joints).
     corners : (P, 3) array
         The other corners, in m *from the start*, in order; the path returns to the start by itself. One is a
         line there and back; a corner that is repeated is a stay, as long as the mean edge takes.

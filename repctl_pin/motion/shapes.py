@@ -32,8 +32,10 @@ def circle(
 
     Parameters
     ----------
-    task, q0
-        The task and the start.
+    task
+        Whose frame moves.
+    q0 : (n,) array
+        The start, rad (m for sliding joints).
     radius
         In m.
     normal
@@ -92,6 +94,19 @@ def figure_eight(
 ) -> TaskPath:
     """Draw a figure eight (Gerono's lemniscate) of half-length ``radius``, m, crossing at the start.
 
+    Parameters
+    ----------
+    task
+        Whose frame moves.
+    q0 : (n,) array
+        The start, rad (m for sliding joints).
+    radius
+        Half the length, m.
+    normal
+        As for :func:`circle`.
+    start_angle
+        Direction of the length, rad from the plane's first axis.
+
     Returns
     -------
     TaskPath
@@ -122,6 +137,19 @@ def figure_eight(
 
 def rose(task: Task, q0: ArrayLike, radius: float = 0.1, *, petals: int = 3, normal: str = "z") -> TaskPath:
     """Draw a rose ρ = radius · sin(petals · φ), an odd number of petals, from its centre at the start.
+
+    Parameters
+    ----------
+    task
+        Whose frame moves.
+    q0 : (n,) array
+        The start, rad (m for sliding joints).
+    radius
+        Length of a petal, m.
+    petals
+        An odd number.
+    normal
+        As for :func:`circle`.
 
     Returns
     -------

@@ -35,8 +35,10 @@ def solve_ik(
 
     Parameters
     ----------
-    task, q0
-        The task and where to start looking.
+    task
+        Whose frame is to be placed.
+    q0 : (n,) array
+        Where to start looking, rad (m for sliding joints).
     target
         Where the frame should be.
     tolerance, iterations

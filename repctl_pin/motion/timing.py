@@ -66,12 +66,12 @@ class TimedMotion:
         Positions, velocities and accelerations, rad or m. These are means over a millisecond (or a sample,
         if that is shorter) to either side, as central differences of q are: in time-optimal motion q̈ jumps.
     starts : (cycles + 1,) array
-        When each cycle begins, and the last ends.
+        When each cycle begins, and the last ends, s.
     length, speed : (K,) arrays
         The phase-plane profile: ‖q‖ travelled from the start, and its rate, per s; the first three cycles if
         there are more.
     velocity, acceleration : (n,) arrays
-        The limits kept.
+        The limits kept, rad/s and rad/s² (m for sliding joints).
     stops : int
         How often it stands still within a cycle, its start not counted: at corners of the joint path, and stays.
 
@@ -137,11 +137,11 @@ def timed(
         Of the robot's joints, rad/s² or m/s²; a URDF has none. Or a name in ``PRESETS``, published limits:
         ``panda``, ``fr3``, ``ur``.
     velocity : float or (n,) array, optional
-        By default the URDF's.
+        Speed limits, rad/s (m/s); by default the URDF's.
     torque
         Keep the URDF's effort limits too, by Pinocchio's inverse dynamics.
     rate
-        Samples a second. A steady cycle takes a whole number of them.
+        Samples a second, Hz. A steady cycle takes a whole number of them.
 
     Returns
     -------

@@ -39,9 +39,9 @@ class Cell:
     placement
         The middle: a rigid transform, a homogeneous matrix (4, 4), or a position (3,) with the orientation of the
         task's reference.
-    half_width : float or sequence
-        w, m: one number, or one for each position that the task commands, in base axes.
-    rotation : float or sequence
+    half_width : float or (k,) array
+        w, m: one number, or one for each of the k positions that the task commands, in base axes.
+    rotation : float or (3,) array
         θ, rad: one number, or one for each axis; 0 is one orientation. Every rotation up to θ is inside, and,
         as the components of ω are bounded, some further ones.
 

@@ -31,7 +31,7 @@ class CellDesign:
     desired : Inverse
         G_d.
     posture : (n,) array
-        The joints in the middle of the cell.
+        The joints in the middle of the cell, rad (m for sliding joints).
     judgement : Judgement
         All figures, on held-out poses; those that matter most are attributes of the design as well.
     degrees : tuple of (degree, cost)

@@ -41,8 +41,8 @@ class ArmAngle:
     reference : (3,) array
         r, in the base's axes.
     singular : (3,) array, optional
-        t, for the stereographic angle: where the singular direction lies; its part across r is taken. Without it,
-        the angle is the conventional one.
+        t, in the base's axes, for the stereographic angle: where the singular direction lies; its part across r is
+        taken. Without it, the angle is the conventional one.
 
     Raises
     ------

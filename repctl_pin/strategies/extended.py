@@ -31,7 +31,7 @@ class ExtendedJacobian(RepeatableInverse):
     task
         The task to control.
     potential
-        U: a posture (n,), for ``U = ½ ‖q − posture‖²``, or a function q (n,) → U.
+        U: a posture (n,), rad, for ``U = ½ ‖q − posture‖²``, or a function q (n,) → U.
     gradient, hessian
         ∇U (n,) and ∂²U/∂q² (n, n) as functions of q, where U is a function; without them they are
         differentiated numerically, with a relative error of about 1e-9 and 1e-5.

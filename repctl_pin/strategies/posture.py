@@ -25,7 +25,7 @@ class PostureControl:
     task
         The task to control.
     posture : (n,) array
-        q_p, the posture to hold.
+        q_p, the posture to hold, rad (m for sliding joints).
     gain : float
         K in 1/s.
 

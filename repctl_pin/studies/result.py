@@ -82,6 +82,22 @@ class Row:
 class Study:
     """One arm, one closed path, every strategy side by side. See :func:`study`.
 
+    Attributes
+    ----------
+    task : Task
+    q0 : (n,) array
+        The start, rad (m for sliding joints).
+    path : TaskPath
+    region : Region
+        Ω, for which the repeatable control was designed.
+    design : Design
+    rows : tuple of Row
+        One a strategy: what it is called, and its motion.
+    notes : tuple of str
+        What a person should know.
+    period : float
+        Time of one cycle, s.
+
     Examples
     --------
     >>> study.row("repeatable").motion.drift.shape  # one a cycle

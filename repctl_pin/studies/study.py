@@ -72,8 +72,8 @@ def study(
         The frame to move and the kind of task; by default the arm's end and the first of pose, position,
         xy, xz, yz that is redundant.
     start : (n,) array, optional
-        q0; by default the first that can follow the path: the reference pose, the ready one, mid-range, or a
-        dexterous pose near it.
+        q0, rad (m for sliding joints); by default the first that can follow the path: the reference pose, the ready
+        one, mid-range, or a dexterous pose near it.
     path
         A closed path, its words as the command takes them (``"circle:0.1"``, ``"loop.csv"``), or a function
         ``(task, q0) → path``; by default a circle the arm can follow inside
@@ -86,8 +86,8 @@ def study(
         Ω: a half-width round the start, rad (and m), or a region; by default a tube round the cycle.
     degree
         Of the polynomial potentials.
-    weight
-        What to be near to, in place of J⁺: ``"inertia"``, ``"limits"``, or numbers, see :class:`WeightedInverse`.
+    weight : str or (n,) or (n, n) array, optional
+        What to be near to, in place of J⁺: ``"inertia"``, ``"limits"``, or a weight, see :class:`WeightedInverse`.
     controls
         Controls of your own to set beside these, by the names they shall have: strategies on this task, or
         functions (q, ẋ) → q̇.

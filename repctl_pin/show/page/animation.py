@@ -88,7 +88,7 @@ def animation(motions: Mapping[str, Motion] | Study, *, seconds: float = 4.0) ->
     motions
         The motions by the names they shall have, all of as many cycles and steps; or a study.
     seconds
-        Time of a cycle at normal speed.
+        Time of a cycle at normal speed, s.
 
     Returns
     -------

@@ -136,7 +136,7 @@ def tracks_page(
     summary
         The verdict on them; by default that of these motions, the last beside the first.
     seconds
-        Time of a cycle at normal speed.
+        Time of a cycle at normal speed, s.
     """
     sizes = {(track.cycles, len(track.Q)) for track in tracks}
     if len(sizes) != 1:

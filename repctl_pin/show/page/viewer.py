@@ -48,7 +48,7 @@ class Viewer:
     path
         The path to draw.
     start : (n,) array
-        Where the arm begins, by default the reference pose: the view shows what is near it.
+        Where the arm begins, rad (m for sliding joints), by default the reference pose: the view shows what is near it.
     port
         Where to listen; 0 takes a free one.
 
