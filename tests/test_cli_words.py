@@ -119,7 +119,7 @@ def test_leaving_the_limits_is_a_warning(capsys) -> None:
     # theta1 ends at 2π; a circle so drawn takes it there in the first cycle (test_motion finds the row)
     out_of = ["follow", "planar3r", "--strategy", "pseudoinverse", "--start", "6.2,1,-1.4", "--path", "circle:0.4:0"]
     out, error = printed(capsys, *out_of, "--plane", "xy", "--steps", "100")
-    where = r"theta1 leaves its limits in cycle 1, \d+% round"
+    where = r"theta1 leaves its limits in cycle 1, \d+% of the way round"
     assert re.fullmatch(rf"repctl: warning: {where}; try another --start or a smaller --path\n", error)
     assert "limit margin    -" in out and "LIMITS" not in out
     out, error = printed(capsys, *out_of, "--plane", "xy", "--steps", "100", "--json")

@@ -115,7 +115,8 @@ def test_every_command_for_ones_own_arm_runs(
     assert "frame tool0, moved by 7: joint1, " in inspected and "  pose r = 1, " in inspected
     for text, path in zip(studies, ("circle of radius 0.1 m in xy", "circle of radius 0.1 m in yz", "loop.csv"),
                           strict=True):  # fmt: skip
-        assert re.search(rf"^path +{path}$", text, flags=re.MULTILINE) and "note: start: the reference pose\n" in text
+        assert re.search(rf"^path +{path}$", text, flags=re.MULTILINE)
+        assert "note: the start is the reference pose\n" in text
         first, last = drifts(text, "J⁺")
         assert last > 4 * first > 0.15
         assert max(drifts(text, "nearest repeatable")) < 1e-9

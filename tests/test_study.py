@@ -280,7 +280,7 @@ def test_the_first_start_that_can_follow_the_path_is_taken() -> None:
 
     study = rp.study("panda", path=path, cycles=1, steps=60, degree=1)
     assert len(offered) > 1 and np.array_equal(asked, offered[:2]) and np.array_equal(study.q0, offered[1])
-    assert sum(note.startswith("start: ") for note in study.notes) == 1
+    assert sum(note.startswith("the start is ") for note in study.notes) == 1
     with pytest.raises(rp.InputError, match="not from here"):
         asked.clear()
         rp.study("panda", path=path, start=offered[0])

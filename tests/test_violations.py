@@ -38,9 +38,9 @@ def test_the_first_limit_and_the_first_touch_in_order(panda_pose: rp.Task, q_pan
     q[13], q[17] = folded, q_panda + [0, 0, 0, -0.9, 0, 0, 0]  # in cycle 2: 30 % and 70 % round
     touch, limit = violations_of(replace(motion, q=q))
     assert limit.names == ("panda_joint4",) and (limit.moment, limit.cycle) == (1.7, 2)
-    assert str(limit) == "panda_joint4 leaves its limits in cycle 2, 70% round"
+    assert str(limit) == "panda_joint4 leaves its limits in cycle 2, 70% of the way round"
     assert set(touch.names) == set(rp.Bodies(panda_pose).nearest(folded).links) and touch.moment == 1.3
-    assert str(touch) == f"{' and '.join(touch.names)} touch in cycle 2, 30% round"
+    assert str(touch) == f"{' and '.join(touch.names)} touch in cycle 2, 30% of the way round"
     with pytest.raises(rp.InputError, match=f"^{touch}; {limit}: no file for a robot is written; go home$"):
         refuse_violations(replace(motion, q=q), "go home")
 
@@ -58,7 +58,7 @@ def test_no_file_for_a_robot_beyond_the_limits(tmp_path, monkeypatch, capsys) ->
     monkeypatch.chdir(tmp_path)
     for more in (["--csv", "m.csv"], ["--yaml", "m.yaml"], ["--csv", "m.csv", "--acceleration", "2"]):
         error = refused(capsys, *OUT, *more)
-        assert "theta1 leaves its limits in cycle 1, " in error and "--allow-violations writes it all the same" in error
+        assert "theta1 leaves its limits in cycle 1, " in error and "--allow-violations writes it anyway" in error
         assert not list(tmp_path.iterdir())
     data = told(capsys, *OUT, "--csv", "m.csv", "--allow-violations")
     assert data["files"] == ["m.csv"] and data["first_violation"]["joint"] == "theta1"

@@ -46,7 +46,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of this subcommand."""
     what_options(parser)
     parser.add_argument("--motion", metavar="FILE", help="a CSV of joint positions, as study and follow write it")
-    parser.add_argument("--only", metavar="NAMES", help="of the CSV's strategies, these, separated by commas")
+    parser.add_argument("--only", metavar="NAMES", help="show only these of the CSV's strategies, separated by commas")
     task_options(parser)
     path_options(parser)
     parser.add_argument("--cycles", type=whole, help="number of cycles (default 10, or what the CSV says)")
@@ -59,7 +59,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="run both controls in real time, in the browser of this machine, where keys move the target",
     )
-    parser.add_argument("--port", type=int, help="with --live: where to listen (default: a free port)")
+    parser.add_argument("--port", type=int, help="with --live: port of the page (default: a free one)")
     parser.add_argument("--no-browser", action="store_true", help="with --live: only print the address")
     parser.add_argument("--json", action="store_true", help="print JSON instead of text")
 

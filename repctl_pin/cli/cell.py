@@ -46,13 +46,16 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--half-width", required=True, metavar="W", help="of the box, m: one number, or x,y,z along the base's axes"
     )
     parser.add_argument(
-        "--rotation", default="0", metavar="A", help="turns to ±A rad about each axis (default 0: none)"
+        "--rotation",
+        default="0",
+        metavar="A",
+        help="rotations of up to A rad about each axis (default 0)",
     )
     parser.add_argument(
         "--at", metavar="X,Y,Z", help="the middle, m from the base (default: where the start's frame is)"
     )
-    parser.add_argument("--degree", default="auto", metavar="D", help="of the function's own part, or auto (default)")
-    parser.add_argument("--room", type=positive, default=0.05, help="distance kept from joint limits (default 0.05)")
+    parser.add_argument("--degree", default="auto", metavar="D", help="degree of the polynomial, or auto (default)")
+    parser.add_argument("--room", type=positive, default=0.05, help="distance kept from limits, rad (default 0.05)")
     parser.add_argument("--shrink", action="store_true", help="shrink the cell until one function covers it")
     parser.add_argument("--keep", action="store_true", help="keep the function on the part of the cell that it covers")
     parser.add_argument("--held-out", type=whole, default=8192, help="held-out poses (default 8192)")

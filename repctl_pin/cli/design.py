@@ -59,19 +59,19 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--workspace",
         type=positive,
         metavar="M",
-        help="Ω: only what brings the frame within M metres (each way) of where it starts",
+        help="Ω: only configurations with the frame within M metres of its start, along each axis",
     )
     parser.add_argument("--shrink", action="store_true", help="shrink Ω until it is free of singularities")
     parser.add_argument("--degree", default="auto", metavar="D", help="of the polynomials, or auto (default)")
     parser.add_argument(
         "--fourier", type=whole, metavar="K", help="add sines and cosines of up to K turns of the revolute joints"
     )
-    parser.add_argument("--samples", type=whole, help="nodes of the fit (default: as many as the unknowns ask for)")
-    parser.add_argument("--held-out", type=whole, default=16384, help="nodes of the judgement (default 16384)")
-    parser.add_argument("--restarts", type=natural, default=0, metavar="K", help="further starts of the optimiser")
+    parser.add_argument("--samples", type=whole, help="nodes of the fit (default: by the number of unknowns)")
+    parser.add_argument("--held-out", type=whole, default=16384, help="nodes that judge the design (default 16384)")
+    parser.add_argument("--restarts", type=natural, default=0, metavar="K", help="more starts of the optimiser")
     parser.add_argument("--stream", action="store_true", help="do not keep the nodes in memory")
-    parser.add_argument("--processes", type=whole, default=1, metavar="P", help="spread the work (default 1)")
-    parser.add_argument("--dask", metavar="ADDRESS", help="spread it over a Dask cluster, by its scheduler's address")
+    parser.add_argument("--processes", type=whole, default=1, metavar="P", help="number of processes (default 1)")
+    parser.add_argument("--dask", metavar="ADDRESS", help="use a Dask cluster: the address of its scheduler")
     parser.add_argument("--seed", type=natural, default=0, help="seed of all nodes (default 0)")
     parser.add_argument(
         "--out", metavar="FOLDER", help="where design.png and design.json go (default repctl-out/ROBOT)"

@@ -22,7 +22,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(frame=None, task=None)
     parser.add_argument("--to", metavar="FOLDER", default="arm_control", help="folder to write (default arm_control)")
     parser.add_argument(
-        "--name", default="arm_control", help="what every name in C and the files begin with (default arm_control)"
+        "--name", default="arm_control", help="prefix of the files and of every name in C (default arm_control)"
     )
     parser.add_argument("--json", action="store_true", help="print JSON instead of text")
 

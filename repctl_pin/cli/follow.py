@@ -61,11 +61,15 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--period", type=positive, help="time of a cycle, s (default: the design's or the path's own, else 5)"
     )
-    parser.add_argument("--best-leaf", action="store_true", help="start where limits and leaf margin have most room")
+    parser.add_argument(
+        "--best-leaf",
+        action="store_true",
+        help="start on the leaf with the most room",
+    )
     parser.add_argument(
         "--acceleration",
         metavar="A",
-        help="go from rest to rest within these: rad/s² (m/s²), one number or one a joint, or panda, fr3, ur",
+        help="go from rest to rest within these limits: rad/s² (m/s²), a number, one for each joint, or panda, fr3, ur",
     )
     parser.add_argument("--rate", type=positive, default=1000.0, help="with it: samples a second (default 1000)")
     parser.add_argument("--profile", metavar="FILE", help="with it: draw joint speed over the path's length, as PNG")
@@ -127,7 +131,7 @@ def run(options: argparse.Namespace) -> int:
         raise InputError("--profile is of a timed motion; give --acceleration with it")
     remedy = _remedy(repeatable=isinstance(strategy, RepeatableInverse) and found is None)
     if (options.csv or options.yaml) and not options.allow_violations:
-        refuse_violations(slowed, f"try {remedy}; --allow-violations writes it all the same")
+        refuse_violations(slowed, f"try {remedy}; --allow-violations writes it anyway")
     result["files"] = [str(write_whole(name, text())) for name, text in contents.items() if name is not None]
     clear_line()
     if options.json:

@@ -23,9 +23,9 @@ if TYPE_CHECKING:
 
 _PATHS = (
     "circle:RADIUS, turned until the arm can follow it; circle:RADIUS:DEGREES, starting at that angle from the "
-    "plane's first axis; square:SIDE, eight:RADIUS, rose:RADIUS, polygon:CORNERS:RADIUS, all in m; or FILE.csv, a "
-    "point a line: x,y,z in m from the base, not from the start, the first again last, and qx,qy,qz,qw and time where "
-    "its first line names them; :blend=RADIUS at the end rounds corners"
+    "plane's first axis; square:SIDE, eight:RADIUS, rose:RADIUS, polygon:CORNERS:RADIUS, all in m; or FILE.csv, "
+    "one point a line: x,y,z in m in the base's frame, the first point repeated at the end; a header may add "
+    "qx,qy,qz,qw and time; append :blend=RADIUS to round corners"
 )
 
 
@@ -48,7 +48,11 @@ def what_options(parser: argparse.ArgumentParser) -> None:
 
 def _loading_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "--package-dir", action="append", default=[], metavar="DIR", help="where package:// is looked up"
+        "--package-dir",
+        action="append",
+        default=[],
+        metavar="DIR",
+        help="folder of package:// paths",
     )
     parser.add_argument(
         "--lock", action="append", default=[], metavar="JOINT", help="hold a joint at the reference pose"
@@ -56,7 +60,7 @@ def _loading_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--base",
         metavar="LINK",
-        help="link to measure x from, as if it stood still: on the way to the frame, or another hand",
+        help="link in which x is measured, taken as fixed: one on the way to the frame, or another hand",
     )
 
 
@@ -65,7 +69,7 @@ def surroundings_option(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--surroundings",
         metavar="FILE",
-        help="URDF of the robot's surroundings, all joints fixed, from the robot's root: it must not be touched",
+        help="URDF of what stands round the robot: all joints fixed, placed in the frame of the robot's root",
     )
 
 

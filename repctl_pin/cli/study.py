@@ -62,7 +62,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     weight_option(parser)
     parser.add_argument("--seed", type=natural, default=0, help="seed of the design's nodes (default 0)")
     parser.add_argument("--out", metavar="FOLDER", help="where the files go (default repctl-out/ROBOT)")
-    parser.add_argument("--report", action="store_true", help="write report.html too: one page to mail, with all of it")
+    parser.add_argument("--report", action="store_true", help="also write report.html: one page with all of it")
     parser.add_argument("--json", action="store_true", help="print JSON instead of the table")
     parser.add_argument("--quiet", action="store_true", help="print nothing but errors, and what --json asks for")
 
@@ -110,7 +110,7 @@ def _run(options: argparse.Namespace, folder: Path) -> int:
         files.append(_report(result, files[0], folder / "report.html", options))
     elif (folder / "report.html").exists():
         result = replace(
-            result, notes=(*result.notes, "report.html there is of an earlier study; --report makes it anew")
+            result, notes=(*result.notes, "the report.html there is from an earlier study; --report writes a new one")
         )
     clear_line()
     if options.json:

@@ -28,9 +28,10 @@ class Violation:
 
     def __str__(self) -> str:
         names, share = " and ".join(self.names), self.moment - self.cycle + 1
+        where = f"in cycle {self.cycle}, {share:.0%} of the way round"
         if len(self.names) == 1:
-            return f"{names} leaves its limits in cycle {self.cycle}, {share:.0%} round"
-        return f"{names} touch {f'in cycle {self.cycle}, {share:.0%} round' if self.moment else 'from the start'}"
+            return f"{names} leaves its limits {where}"
+        return f"{names} touch {where if self.moment else 'from the start'}"
 
 
 def violations_of(motion: JointMotion, bodies: JointMotion | None = None) -> tuple[Violation, ...]:

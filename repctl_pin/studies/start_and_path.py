@@ -53,7 +53,7 @@ class Setting(NamedTuple):
     @property
     def notes(self) -> list[str]:
         """What a person should know of it."""
-        return [*([] if self.where == GIVEN else [f"start: {self.where}"]), *self.moved]
+        return [*([] if self.where == GIVEN else [f"the start is {self.where}"]), *self.moved]
 
 
 def settings(

@@ -15,15 +15,15 @@ if TYPE_CHECKING:
     from ...studies.study_maps import StudyMaps
 
 GLOSSARY = {
-    "redundant": "The arm has more joints than its task has coordinates: many motions of the joints move the frame "
-    "alike.",
+    "redundant": "The arm has more joints than its task has coordinates: many joint motions move the frame in the "
+    "same way.",
     "J⁺": "The pseudoinverse of the Jacobian J: of all joint velocities that move the frame as asked, the one with the "
     "least norm. The usual control, and the desired one here.",
     "repeatable": "Every closed path of the frame ends at the joints it began with.",
     "drift": "How far the joints are off the start after a cycle: the norm over all joints, so it may exceed what any "
     "one of them has moved.",
-    "J⁺ + posture": "J⁺, and with the freedom that is left a pull towards given joints: those of the start, or "
-    "others (other posture), to which it first moves.",
+    "J⁺ + posture": "J⁺, plus a pull in its null space towards given joints: those of the start, or others (other "
+    "posture), to which it moves first.",
     "potentials": "Functions of the joints that the repeatable control holds constant. A higher degree leaves more to "
     "choose from, and comes nearer to J⁺.",
     "Ω": "The region of joint space for which the repeatable control was designed; outside, nothing is promised.",
@@ -42,9 +42,9 @@ def summary(study: Study) -> list[str]:
     plain, closed = study.row("pseudoinverse"), study.row("repeatable")
     some = next(row.motion for row in study.rows if row.motion is not None)
     out = [
-        f"The frame {task.frame} of {study.robot.name} was led {some.cycles} {_times(some.cycles)} along a "
-        f"path, {path.name}. The task ({task.kind}) has {task.m} dimensions and the arm {task.n} joints, which leaves "
-        f"{task.r} free: many motions of the joints move the frame alike."
+        f"The frame {task.frame} of {study.robot.name} followed a closed path, {path.name}, {some.cycles} "
+        f"{_times(some.cycles)}. The task ({task.kind}) has {task.m} dimensions and the arm {task.n} joints, which "
+        f"leaves {task.r} free: many joint motions move the frame in the same way."
     ]
     if plain.motion is not None:
         out.append(
@@ -84,7 +84,7 @@ def summary(study: Study) -> list[str]:
     ]
     if times:
         out.append(
-            f"The first cycle from rest to rest, as quick as the speed limits and these accelerations allow "
+            f"The first cycle from rest to rest, as fast as the speed limits and these accelerations allow "
             f"({study.setting['accelerations']}): {'; '.join(times)}."
         )
     return out
@@ -123,7 +123,7 @@ def orbits_words(study: Study) -> str:
         else f"{label}: ends {amount(motion, -1)} off its start"
         for label, motion in _moved(study, without="posture_off")
     ]
-    return f"The three joints that creep most against each other, in three views. {'; '.join(said)}."
+    return f"The three joints that drift most, plotted against each other in three views. {'; '.join(said)}."
 
 
 def cycles_words(study: Study) -> str:
@@ -170,13 +170,13 @@ def still_words(study: Study) -> str:
 
 def _end(row: Row) -> str:
     if row.motion is None:
-        return "did not get there"
+        return "did not finish"
     return f"is off the start by {amount(row.motion, -1)}"
 
 
 def _price(plain: Row, closed: Row) -> str:
     if plain.motion is None or closed.motion is None:
-        return "the price in speed cannot be told"
+        return "the cost in joint speed is not known"
     own, least = (float(np.sqrt(np.mean(r.motion.speed[: r.motion.steps] ** 2))) for r in (closed, plain))  # type: ignore[union-attr]
     price = own / least - 1
     worth = f"costs {price:+.1%} of" if abs(price) >= 5e-4 else "costs no"

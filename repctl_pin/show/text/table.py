@@ -106,12 +106,12 @@ def study_legend(study: Study) -> str:
     """Say what the words of :func:`study_cells` mean."""
     desired = _desired(study)
     return (
-        f"! is beyond a limit, or two bodies touch (100 points a cycle). Time: the first cycle from rest to rest, as "
-        f"quick as the speed limits and these accelerations allow: {study.setting['accelerations']}; ≠ does not close. "
-        f"Leaf margin: σ_min(Nᵀ V̂) at worst on the way, 1 is best, 0 singular. Distance: "
-        f"‖G − {desired}‖ / ‖{desired}‖ in the mean over Ω. Posture: J⁺ that holds the start's joints in its null "
-        "space; other posture: other joints, to which it first moves. It too settles on a closed motion, after some "
-        "cycles and by a second pull; nearest repeatable closes the first cycle, from any start."
+        f"! a limit is broken, or two bodies touch (checked at 100 points a cycle). Time: the first cycle from rest to "
+        f"rest, as fast as the speed limits and these accelerations allow: {study.setting['accelerations']}; "
+        f"≠ the cycle does not close. Leaf margin: the smallest σ_min(Nᵀ V̂) along the path; 1 is best, 0 is singular. "
+        f"Distance: ‖G − {desired}‖ / ‖{desired}‖, averaged over Ω. Posture: J⁺ with a pull towards the start's joints "
+        "in its null space; other posture: towards other joints, to which it moves first. Both settle on a closed "
+        "motion after some cycles; nearest repeatable closes the first cycle, from any start."
     )
 
 

@@ -103,7 +103,7 @@ def verdict(deeds: Sequence[Deed], cycles: int) -> Verdict:
     deeds
         One for each motion.
     cycles
-        How often round.
+        Their number.
     """
     first, last = deeds[0], deeds[-1]
     times = "1 cycle" if cycles == 1 else f"{cycles} cycles"
