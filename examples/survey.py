@@ -1,11 +1,11 @@
-"""Every arm of a list, one line each: how far it creeps, how far the repeatable inverse does, and the price.
+"""Every arm of a list, one line each: how far it drifts under J⁺ and under the repeatable inverse, and the price.
 
     python examples/survey.py            # the table of the README, as Markdown
     python examples/survey.py panda ur5  # only these, pose and position
 
 Each arm runs `repctl study` with its defaults: start, path and region are chosen for it, ten cycles of 500
 RK4 steps, open loop. *Price* compares the root mean square joint speed over the first cycle, before J⁺ has
-crept away from the common start: what closing the cycle costs. J⁺ is the fastest way to lose the least speed
+drifted away from the common start: what closing the cycle costs. J⁺ is the fastest way to lose the least speed
 at every instant, but not over a whole cycle, so the price can be negative.
 """
 

@@ -1,4 +1,4 @@
-"""Both arms of a robot at work, each on a circle of its own: under J⁺ both elbows creep, under ours neither.
+"""Both arms of a robot at work, each on a circle of its own: under J⁺ both elbows drift, under ours neither does.
 
 Each arm has its own task and its own design; the two motions are put together into motions of the whole robot
 and shown on one page, with the traces of both hands and both elbows. Any robot with two arms that share no
@@ -47,7 +47,7 @@ def both_arms_page(studies: list[rp.Study]) -> str:
 
 
 def main() -> None:
-    """Study both arms, say how far they creep, and write the page."""
+    """Study both arms, say how far they drift, and write the page."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("robot", nargs="?", default="baxter")
     parser.add_argument("frames", nargs="*", default=["left_gripper", "right_gripper"], metavar="FRAME")

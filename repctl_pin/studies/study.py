@@ -180,7 +180,7 @@ def study(
         replace(last, leaf_margin=_leaf_margin(design, last.motion), distance=design.relative_distance),
     ]
     notes.extend(_beyond_limits(rows))
-    notes.extend(_where_it_creeps(plain, q0, rows[0].motion))
+    notes.extend(_where_it_drifts(plain, q0, rows[0].motion))
     design = replace(design, cycle=Cycle(q0, drawn, options["period"]))
     return Study(moved, q0, drawn, design.region, design, tuple(rows), tuple(notes), options["period"])
 
@@ -247,8 +247,8 @@ def _beyond_limits(rows: Sequence[Row]) -> list[str]:
     return notes
 
 
-def _where_it_creeps(plain: Pseudoinverse, q0: Array, motion: Motion | None) -> list[str]:
-    """Say in which plane J⁺ does creep, where it hardly does on the path: an arm is not repeatable for that."""
+def _where_it_drifts(plain: Pseudoinverse, q0: Array, motion: Motion | None) -> list[str]:
+    """Say in which plane J⁺ drifts, where it hardly does on the path: an arm is not repeatable for that."""
     task = plain.task
     if motion is None or motion.drift[0] > LITTLE or task.m < 3:
         return []
@@ -258,7 +258,7 @@ def _where_it_creeps(plain: Pseudoinverse, q0: Array, motion: Motion | None) -> 
     if most < 0.01:
         return []
     plane = "".join("xyz"[k] for k in sorted((a, b)))
-    return [f"J⁺ hardly creeps on this path, but small loops in {plane} make it creep by {most:.2g} {task.unit} per m²"]
+    return [f"J⁺ hardly drifts on this path, but on small loops in {plane} it drifts by {most:.2g} {task.unit} per m²"]
 
 
 def _leaf_margin(design: Design, motion: Motion | None) -> float:

@@ -32,7 +32,7 @@ def drawn(study: Study) -> list[tuple[str, Motion, str]]:
 
 
 def drift_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]], *, log: bool = False) -> Axes:
-    """Draw joint drift after each cycle: what has crept since the start, with its last value at the line's end.
+    """Draw joint drift after each cycle: how far the joints are from the start, with its last value at the line's end.
 
     A cross is the cycle in which a joint first leaves its limits, or two bodies touch.
 

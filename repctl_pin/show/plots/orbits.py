@@ -1,4 +1,4 @@
-"""Orbits in joint space: what closes is a loop, what creeps is a coil."""
+"""Orbits in joint space: a motion that repeats is a loop, one that drifts is a coil."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def orbits_figure(
     title
         Of the figure.
     joints
-        Which three; by default those that creep most.
+        Which three; by default those that drift most.
     """
     from matplotlib.figure import Figure
 
