@@ -291,9 +291,9 @@ def test_where_an_arm_creeps_is_said_when_it_does_not_here() -> None:
     level = rp.study("so100", cycles=1, steps=100, degree=1)
     plain = rp.Pseudoinverse(level.task)
     assert level.path.name.endswith("xy") and level.row("pseudoinverse").motion.drift[0] < 1e-6
-    (note,) = [note for note in level.notes if "hardly creeps" in note]
+    (note,) = [note for note in level.notes if "hardly drifts" in note]
     rate = rp.drift_per_area(plain, level.q0)
-    assert f"loops in yz make it creep by {rate[1, 2]:.2g} rad per m²" in note and rate.argmax() == 5
+    assert f"small loops in yz it drifts by {rate[1, 2]:.2g} rad per m²" in note and rate.argmax() == 5
     upright = rp.study("so100", plane="yz", cycles=1, steps=100, degree=1)
     assert upright.row("pseudoinverse").motion.drift[0] > 0.05
     assert not [note for note in upright.notes if "hardly" in note]

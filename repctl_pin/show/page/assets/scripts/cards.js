@@ -14,7 +14,7 @@ export class Card {
     const tallest = `tallest ${inWords(this.largest)} ${data.unit}`, told = data.broken ? `${tallest}; hatched: violated` : `each cycle; ${tallest}`;
     const figures = [element("figure", { class: "bars" }, this.bars, element("figcaption", {}, told))];
     if (pair) {
-      this.orbit = element("canvas", { role: "img", "aria-label": `${data.label}: ${pair.names[0]} against ${pair.names[1]}, the two joints that creep most` });
+      this.orbit = element("canvas", { role: "img", "aria-label": `${data.label}: ${pair.names[0]} against ${pair.names[1]}, the two joints that drift most` });
       const [across, upward] = apart(pair.names).map(shortened);
       figures.push(element("figure", { class: "orbit", title: `${pair.names[0]} across, ${pair.names[1]} upward; lines: their limits` }, this.orbit, element("figcaption", {}, `${across} → ${upward} ↑`)));
     }
