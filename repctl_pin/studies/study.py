@@ -28,7 +28,7 @@ from ..strategies import FunctionStrategy, PostureControl, Pseudoinverse, Strate
 from ..strategies.names import LABELS
 from . import defaults
 from .result import Row, Study
-from .start_and_path import design_along, first_design, settings
+from .start_and_path import Setting, design_along, first_design, settings
 
 Array = NDArray[np.float64]
 Control = Strategy | Callable[[Array, Array], ArrayLike]
@@ -154,35 +154,55 @@ def study(
     else:
         setting = next(offered)
         design = _asked(make, region, setting.q0)
-    q0, drawn, plain = setting.q0, setting.drawn, Pseudoinverse(moved)
+    q0, drawn = setting.q0, setting.drawn
     notes = [*machine.warnings, *(defaults.kind_note(machine, moved) if task is None else []), *setting.notes]
     notes.extend(bodies_of(moved).notes)
     if design.shrunk < 1:
         notes.append(f"Ω was shrunk to {design.shrunk:.0%} to keep clear of singularities")
+    say(f"following the path for {cycles} cycles")
+    rows, time, slower = _followed(
+        setting, design, own, cycles=cycles, steps=steps, period=period, plain=weight is None
+    )
+    notes.extend([*slower, *_beyond_limits(rows), *_where_it_drifts(Pseudoinverse(moved), q0, rows[0].motion)])
+    design = replace(design, cycle=Cycle(q0, drawn, time))
+    return Study(moved, q0, drawn, design.region, design, tuple(rows), tuple(notes), time)
+
+
+def _followed(
+    setting: Setting,
+    design: Design,
+    own: Mapping[str, Strategy],
+    *,
+    cycles: int,
+    steps: int,
+    period: float | None,
+    plain: bool,
+) -> tuple[list[Row], float, list[str]]:
+    """Follow the path with every control: their rows, the time of a cycle, and why it is longer than usual.
+
+    ``plain`` says that J⁺ is what the design is near to: its distance from itself is 0.
+    """
+    q0, drawn, task = setting.q0, setting.drawn, design.inverse.task
     usual = period or drawn.period or defaults.PERIOD
     options: dict[str, Any] = {"cycles": cycles, "steps": steps, "period": usual}
-    say(f"following the path for {cycles} cycles")
     last = _run("repeatable", design.inverse, drawn, q0, options)
     if last.motion is not None:
         last = replace(last, motion=replace(last.motion, region=design.region))
-    first = replace(_run("pseudoinverse", plain, drawn, q0, options), distance=0.0 if weight is None else None)
+    first = replace(_run("pseudoinverse", Pseudoinverse(task), drawn, q0, options), distance=0.0 if plain else None)
+    slower: list[str] = []
     if period is None:
         options["period"], slower = defaults.choose_period(usual, last.motion, first.motion)
-        notes.extend(slower)
         first, last = (_slowed(row, options["period"] / usual) for row in (first, last))
-    N = align(nullspace(moved.jacobian(q0)), np.eye(moved.n)[:, : moved.r])
-    away = np.clip(q0 + POSTURE_OFFSET * N[:, 0], moved.lower, moved.upper)
+    N = align(nullspace(task.jacobian(q0)), np.eye(task.n)[:, : task.r])
+    away = np.clip(q0 + POSTURE_OFFSET * N[:, 0], task.lower, task.upper)
     rows = [
         first,
-        _run("posture", PostureControl(moved, q0, POSTURE_GAIN), drawn, q0, options),
-        _run("posture_off", PostureControl(moved, away, POSTURE_GAIN), drawn, q0, options),
+        _run("posture", PostureControl(task, q0, POSTURE_GAIN), drawn, q0, options),
+        _run("posture_off", PostureControl(task, away, POSTURE_GAIN), drawn, q0, options),
         *(_run(name, control, drawn, q0, options) for name, control in own.items()),
         replace(last, leaf_margin=_leaf_margin(design, last.motion), distance=design.relative_distance),
     ]
-    notes.extend(_beyond_limits(rows))
-    notes.extend(_where_it_drifts(plain, q0, rows[0].motion))
-    design = replace(design, cycle=Cycle(q0, drawn, options["period"]))
-    return Study(moved, q0, drawn, design.region, design, tuple(rows), tuple(notes), options["period"])
+    return rows, options["period"], slower
 
 
 def _own_controls(task: Task, controls: Mapping[str, Control]) -> dict[str, Strategy]:
