@@ -176,7 +176,11 @@ def test_it_plays_offline_and_no_figure_is_cut_on_paper(page: str, tmp_path: Pat
                 assert 40 < left < right < width - 40 and 40 < bottom < top < height - 40
                 found.append((right - left) / (top - bottom))
     drawn = [int(image["width"]) / int(image["height"]) for image in Tags(page).all("img")]
-    np.testing.assert_allclose(found, drawn, rtol=0.01)
+    url = driver.execute_script("return document.querySelector('.still canvas').toDataURL()")
+    rendered = Image.open(io.BytesIO(base64.b64decode(url.partition(",")[2]))).convert("RGB")
+    pixels = np.asarray(rendered, float)  # what the animation draws, on white
+    assert (pixels[-1, 0] == 255).all() and np.ptp(pixels) > 150 and (pixels < 250).mean() > 0.01
+    np.testing.assert_allclose(found, [rendered.width / rendered.height, *drawn[1:]], rtol=0.01)
 
 
 def test_what_the_report_speaks_of_is_explained(page: str) -> None:

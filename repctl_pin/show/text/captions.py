@@ -165,7 +165,7 @@ def maps_words(study: Study, maps: StudyMaps) -> str:
 def still_words(study: Study) -> str:
     """Describe the still picture of the animation."""
     parts = [f"{row.label} {_end(row)}" for row in (study.row("pseudoinverse"), study.row("repeatable"))]
-    return f"The arm as bones, at the start in grey and at the end in colour: {'; '.join(parts)}."
+    return f"The arm at the start, in grey, and at the end: {'; '.join(parts)}."
 
 
 def _end(row: Row) -> str:
