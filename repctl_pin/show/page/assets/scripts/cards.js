@@ -97,10 +97,11 @@ export class Card {
   }
 }
 
-// Two names without what both begin with, up to a word's end.
+// Two names without what both begin with, up to a word's end; a number keeps the word before it.
 function apart([a, b]) {
-  let same = 0;
-  for (let k = 0; k < a.length && a[k] === b[k]; k++) if (/[_/. -]/.test(a[k])) same = k + 1;
+  let same = 0, before = 0;
+  for (let k = 0; k < a.length && a[k] === b[k]; k++) if (/[_/. -]/.test(a[k])) [before, same] = [same, k + 1];
+  if (/^\d/.test(a.slice(same))) same = before;
   return [a.slice(same), b.slice(same)];
 }
 
