@@ -20,6 +20,11 @@ class RepctlError(Exception):
     InputError
     """
 
+    def __str__(self) -> str:
+        """The message, on one line whatever it quotes."""
+        text = super().__str__()
+        return text if text.isprintable() else " ".join(text.split())
+
 
 class InputError(RepctlError, ValueError):
     """An argument (a name, a size, a file, an option) cannot be used.

@@ -214,6 +214,15 @@ def edited(saved: Path, **changes) -> Path:
     return saved
 
 
+def test_a_file_without_a_fingerprint_is_refused(saved) -> None:
+    content = json.loads(saved.read_text())
+    content["task"]["fingerprint"] = []
+    content["checksum"] = _checksum(content)
+    saved.write_text(json.dumps(content))
+    with pytest.raises(rp.InputError, match="no fingerprint"):
+        rp.load(saved)
+
+
 def test_a_newer_schema_is_refused_with_a_remedy(saved) -> None:
     with pytest.raises(rp.InputError, match=r"schema 2.*reads up to 1; upgrade: pip install -U"):
         rp.load(edited(saved, schema=2, written_by="9.0"))
@@ -279,7 +288,7 @@ def test_wrong_content_with_a_right_checksum_is_refused_too(tmp_path, small, pan
     """Every entry in turn replaced by what it cannot be: an error of ours, or a design; never a crash."""
     good = json.loads(rp.save(small, tmp_path / "good.json").read_text())
     mutant = tmp_path / "mutant.json"
-    others = (None, "text", -1, [], {}, True, [[0.5]], 1e30)
+    others = (None, "two\nlines", -1, [], {}, True, [[0.5]], 1e30)
     refused = 0
     for k, path in enumerate(p for p in _paths(good) if p and p[0] not in ("checksum",)):
         content = json.loads(json.dumps(good))
@@ -307,6 +316,7 @@ def test_wrong_content_with_a_right_checksum_is_refused_too(tmp_path, small, pan
         ('{"format": "repctl design", "schema": true}', "schema"),
         ('{"format": "repctl design", "schema": 1, "schema": 1}', "written_by"),
         ('{"format": "repctl design", "schema": 1, "x": NaN}', "no JSON"),
+        ('{"format": "repctl design", "schema": 0}', "no schema 0"),
         ("[" * 100_000, "no design"),
     ],
 )

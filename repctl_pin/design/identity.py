@@ -74,6 +74,8 @@ def compare(made_for: TaskFile, task: Task, where: str) -> None:
     T, own = made_for.coordinates, mine.coordinates
     if (T is None) != (own is None) or (T is not None and not np.array_equal(np.array(T), np.array(own))):
         raise InputError(f"{where} is for other joint coordinates; its T of q = T ψ is {T}")
+    if not made_for.fingerprint:
+        raise InputError(f"{where} has no fingerprint of the kinematics; design again")
     for check in made_for.fingerprint:
         q, expected = np.array(check.q), np.array(check.placement)
         if q.shape != (task.n,) or expected.shape != (3, 4):

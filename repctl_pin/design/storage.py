@@ -63,6 +63,8 @@ def read(path: str | Path, kinds: Mapping[str, type[Sealed]]) -> Any:
                 f"{where} was written by repctl-pin {head.written_by} with schema {head.schema}, and this is "
                 f"{__version__}, which reads up to {SCHEMA}; upgrade: pip install -U repctl-pin"
             )
+        if head.schema < 1:
+            raise InputError(f"{where} is no design: there is no schema {head.schema}")
         content = msgspec.json.decode(text, type=kinds[head.format])
     except msgspec.ValidationError as error:
         raise InputError(f"{where} is no design: {error}") from None
