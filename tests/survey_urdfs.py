@@ -61,8 +61,8 @@ MOVING = re.compile(rb'<joint[^>]*type\s*=\s*["\'](revolute|continuous|prismatic
 
 HEAD = """# Tried on robots that others wrote
 
-`repctl study FILE`, nothing else, on every URDF with three or more movable joints of {count} packages of PyPI, each
-different file once. {date}, repctl_pin {version}, Pinocchio {pinocchio}, {seconds} s of processor time and
+`repctl study FILE`, nothing else, on URDFs of {count} packages of PyPI: {of} of the {all} different files with three or
+more movable joints. {date}, repctl_pin {version}, Pinocchio {pinocchio}, {seconds} s of processor time and
 {gigabytes} GB allowed. Written by `python tests/survey_urdfs.py --table docs/tried.md`.
 
 **{summary}**
@@ -175,21 +175,25 @@ def recorded(file: Path) -> dict[str, dict[str, Outcome]]:
 
 def summary(found: dict[str, dict[str, Outcome]]) -> str:
     """Count how they ended."""
-    counts = Counter(f"{one.kind}s of {name}" for row in found.values() for name, one in row.items())
+
+    def counts(command: str) -> str:
+        kinds = Counter(row[command].kind for row in found.values())
+        return ", ".join(f"{kinds[kind]} {kind}s" for kind in ("result", "sentence", "fault"))
+
     slow = sorted(row["study"].seconds for row in found.values())
-    ends = ", ".join(f"{counts[f'{kind}s of {name}']} {kind}s of {name}" for name in reversed(COMMANDS)
-                     for kind in ("result", "sentence", "fault"))  # fmt: skip
-    most = max(one.gigabytes for row in found.values() for one in row.values())
     times = f"Slowest study {slow[-1]:.0f} s, half below {slow[len(slow) // 2]:.0f} s"
-    return f"{len(found)} files: {ends}. {times}; {most:.2f} GB at most."
+    most = max(one.gigabytes for row in found.values() for one in row.values())
+    told = f"{len(found)} files: `study` ends in {counts('study')}; `inspect` in {counts('inspect')}."
+    return f"{told} {times}; {most:.2f} GB at most."
 
 
-def table(found: dict[str, dict[str, Outcome]], folder: Path, seconds: int) -> str:
+def table(found: dict[str, dict[str, Outcome]], folder: Path, every: int, seconds: int) -> str:
     """Write the page of the documentation."""
     packages = sorted({path.partition("/")[0] for path in found})
     text = HEAD.format(
-        count=len(packages), date=time.strftime("%d %B %Y").lstrip("0"), version=repctl_pin.__version__,
-        pinocchio=pinocchio.__version__, seconds=seconds, gigabytes=GIGABYTES, summary=summary(found),
+        count=len(packages), of=len(found), all=every, date=time.strftime("%d %B %Y").lstrip("0"),
+        version=repctl_pin.__version__, pinocchio=pinocchio.__version__,
+        seconds=seconds, gigabytes=GIGABYTES, summary=summary(found),
     )  # fmt: skip
     for package in packages:
         distributions = importlib.metadata.distributions(path=[str(folder / package)])
@@ -231,7 +235,7 @@ def main() -> int:
             print(f"{name[-60:]:60} {command:7} {one.kind:8} {took}  {one.words}", flush=True)
     print(summary(found))
     if options.table:
-        options.table.write_text(table(found, folder, options.seconds), encoding="utf-8")
+        options.table.write_text(table(found, folder, len(robots(folder)), options.seconds), encoding="utf-8")
     return int(any(one.kind == "fault" for row in found.values() for one in row.values()))
 
 
