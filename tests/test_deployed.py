@@ -113,6 +113,17 @@ def test_a_cycle_takes_as_long_as_the_joints_need(tmp_path, monkeypatch, capsys)
     assert "Speed limits broken" in out.splitlines()[0]
 
 
+def test_a_studys_weight_is_its_controls(tmp_path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    few = ["study", "planar3r", "--degree", "1", "--cycles", "1", "--steps", "40", "--out", "o"]
+    costs = {}
+    for weight in ([], ["--weight", "9,1,1"]):
+        told(capsys, *few, *weight)
+        design = rp.load("o/control.json")
+        costs[len(weight)] = np.abs(design.inverse(design.cycle.start)[0]).sum()
+    assert isinstance(design.desired, rp.WeightedInverse) and costs[2] < 0.7 * costs[0]  # the first joint moves less
+
+
 def test_no_stale_design_under_a_new_commands_name(tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     few = ["design", "ppr", "--degree", "1", "--region", "0.2", "--samples", "64", "--held-out", "64", "--out", "e"]

@@ -58,6 +58,7 @@ def test_every_name_at_the_door_exists() -> None:
 
 def test_door_and_type_checker_see_the_same_names() -> None:
     lines = Path(repctl_pin.__file__).read_text().split("_DOOR")[0].splitlines()
+    assert (Path(repctl_pin.__file__).parent / "py.typed").exists()
     typed = {line.split(" as ")[1] for line in lines if line.startswith("    from ") and " as " in line}
     assert typed == set(dir(repctl_pin)) - {"__version__"}
 

@@ -161,6 +161,9 @@ def test_posture_closes_on_the_posture_and_creeps_to_it_when_started_off_it(pand
     assert np.ptp(on.drift[1:]) < 1e-4  # settles in the first cycle
     assert away.drift[0] > 0.1 > 2 * np.abs(np.diff(away.drift))[-1]
     assert away.tracking_error.max() < 1e-8
+    # from the start it stays away, from cycle to cycle it closes: each adds a small share of the one before
+    np.testing.assert_allclose(away.cycle_drift[0], away.drift[0], rtol=1e-12)
+    assert (away.cycle_drift[1:] < 0.2 * away.cycle_drift[:-1]).all() and away.drift[-1] > 0.1
 
 
 def test_the_cycle_that_breaks_a_limit_is_counted_as_people_count(panda_pose, q_panda) -> None:
