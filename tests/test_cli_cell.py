@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 from html import unescape
 from pathlib import Path
+from typing import Any
 
 import pytest
 from arms import planar_urdf
+from browser import errors, schemes, wait_until_drawn
 
 from repctl_pin.cli import main
 
@@ -43,6 +45,34 @@ def test_the_page_shows_the_box_and_a_tour_that_closes(made: Path) -> None:
     assert scene["paths"][0] == 16  # the edges of the cell
 
 
+def test_the_page_plays_and_fits_a_phone(made: Path, driver: Any) -> None:
+    for width in (390, 1400):
+        schemes(driver, width=width, height=844)
+        driver.get((made / "out" / "cell.html").as_uri() + "#paused")
+        assert driver.execute_script("return document.documentElement.scrollWidth <= window.innerWidth"), width
+        assert driver.execute_script("return [...document.images].every((i) => i.complete && i.naturalWidth > 100)")
+        driver.switch_to.frame(driver.find_element("tag name", "iframe"))
+        wait_until_drawn(driver, "the tour")
+        assert driver.execute_script("return [repctl.meshes(0), repctl.meshes(1)].every((m) => m > 0)")
+        assert errors(driver) == []
+        driver.switch_to.default_content()
+
+
+def test_a_cell_round_a_path_and_round_poses(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arm = ["cell", str(made / "arm.urdf"), "--frame", "tool", "--task", "xy", "--start", "0.6,-1.2,1.4"]
+    words = ["--half-width", "0.05", "--degree", "1", "--held-out", "64", "--out", str(made / "path"), "--json"]
+    assert main([*arm, *words, "--path", "circle:0.1"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["half_width"] == pytest.approx([0.15, 0.15], abs=1e-3)
+    x, y = said["middle"][0][3], said["middle"][1][3]
+    poses = made / "poses.csv"
+    poses.write_text("x,y,z\n" + "".join(f"{x + a},{y + b},0\n" for a, b in ((0, 0), (0.1, 0), (0, 0.06), (0, 0))))
+    assert main([*arm, *words, "--path", str(poses)]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["half_width"] == pytest.approx([0.1, 0.08], abs=1e-4)
+    assert said["middle"][0][3] == pytest.approx(x + 0.05, abs=1e-4)
+
+
 def test_other_commands_say_that_it_is_a_cell(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["check", str(made / "out" / "cell.json"), "--robot", str(made / "arm.urdf")]) == 2
     assert "is the function of a cell" in capsys.readouterr().err
@@ -54,6 +84,7 @@ def test_other_commands_say_that_it_is_a_cell(made: Path, capsys: pytest.Capture
         (["--half-width", "wide"], "--half-width 'wide' must be one or more numbers"),
         (["--half-width", "0.1", "--at", "1,2"], "--at '1,2' must be 3 numbers"),
         (["--half-width", "0.1", "--shrink", "--keep"], "give one"),
+        (["--half-width", "0.1", "--at", "1,2,0", "--path", "circle:0.1"], "give one"),
         (["--half-width", "0.1", "--rotation", "0.2"], "leaves the rotation free"),
         (["--half-width", "0.1", "--at", "-9,0,0", "--start", "0.6,-1.2,1.4"], "cannot reach"),
     ],

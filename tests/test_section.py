@@ -5,7 +5,7 @@ from __future__ import annotations
 import pickle
 import re
 from functools import cache
-from itertools import pairwise
+from itertools import pairwise, product
 from pathlib import Path
 
 import numpy as np
@@ -15,16 +15,19 @@ from arms import Q_PANDA, planar_task, planar_urdf, spatial_task
 
 import repctl_pin as rp
 from repctl_pin.section.chart import Chart
-from repctl_pin.section.cost import Cost
+from repctl_pin.section.cost import Cost, Kept
 from repctl_pin.section.descend import descend
 from repctl_pin.section.field import SectionField
 from repctl_pin.section.judgement import judge
+from repctl_pin.section.margins import distances_of, limits_of, singular_values_of
 from repctl_pin.section.middle import searched
 from repctl_pin.section.monomials import Monomials
 from repctl_pin.section.reference import fitted, rays
 from repctl_pin.section.rotations import exp3, left_jacobian, log3, tilts
 from repctl_pin.section.stops import touching
 from repctl_pin.section.tour import tour
+from repctl_pin.section.worst import Section
+from repctl_pin.section.worst import searched as searched_poses
 
 
 @cache
@@ -177,22 +180,37 @@ def test_a_section_is_exact_and_its_derivative_is_its_derivative(kind: str, rota
 
 @pytest.mark.parametrize("kind", ["pose", "axis", "position"])
 def test_gradient_of_the_cost_against_finite_differences(kind: str) -> None:
+    """With the joint limits, the bodies and σ_min in it, each below what is asked for somewhere."""
     cell = cell_of(kind, 0.2 if kind != "position" else 0.0, 0.08)
     chart = chart_of(cell, rp.solve_ik(cell.task, Q_PANDA, cell.placement), degree=2, count=64)
-    terms = Monomials(cell.k, 2)
+    terms, edge = Monomials(cell.k, 2), 0.9 * cell.sample(8, 5)
     rng = np.random.default_rng(0)
-    cost = Cost(
-        rp.Pseudoinverse(cell.task), chart, terms, cell.sample(16), 0.9 * cell.sample(8, 5), room=0.75, weight=3.0
-    )
-    a = 0.03 * rng.normal(size=(terms.size, cell.task.r))
-    gradient, H = cost.model(cost.value(a))
-    value = cost.value(a)
-    assert value.cost > value.nearness  # the joint limits take part
-    for _ in range(3):
-        v = rng.normal(size=a.shape)
-        slope = (cost.value(a + 1e-5 * v).cost - cost.value(a - 1e-5 * v).cost) / 2e-5
-        assert gradient @ v.ravel() == pytest.approx(slope, rel=1e-5)
-    assert np.linalg.eigvalsh(H).min() > -1e-9 * np.linalg.eigvalsh(H).max()
+    margins = [(limits_of(cell.task), 0.75), (distances_of(cell.task), 0.2), (singular_values_of(cell.task), 1.0)]
+    for chosen, exact in [(margins[:1], 1e-5), (margins, 1e-3)]:
+        kept = [Kept(margin, edge, np.full(len(edge), asked)) for margin, asked in chosen]
+        cost = Cost(rp.Pseudoinverse(cell.task), chart, terms, cell.sample(16), kept, weight=3.0)
+        a = 0.03 * rng.normal(size=(terms.size, cell.task.r))
+        value = cost.value(a)
+        gradient, H = cost.model(value)
+        assert all((part.margin.measure(value.points.Q[16:24]) < part.asked[:, None]).any() for part in kept)
+        for _ in range(3):
+            v = rng.normal(size=a.shape)
+            slope = (cost.value(a + 1e-5 * v).cost - cost.value(a - 1e-5 * v).cost) / 2e-5
+            assert gradient @ v.ravel() == pytest.approx(slope, rel=exact)
+        assert np.linalg.eigvalsh(H).min() > -1e-9 * np.linalg.eigvalsh(H).max()
+
+
+def test_the_worst_pose_is_found_by_search(tmp_path: Path) -> None:
+    """Lower than at any node of a fine grid, from a few poses; every pose is in the cell."""
+    task = planar_task([1.0, 0.9, 0.8], tmp_path)
+    q = rp.solve_ik(task, [0.6, -1.2, 1.4], task.placement([0.6, -1.2, 1.4]))
+    cell = rp.Cell(task, task.placement(q), 0.3)
+    section = Section.zero(chart_of(cell, q, degree=4))
+    grid = np.array(list(product(np.linspace(-1, 1, 41), repeat=2)))
+    for margin in (limits_of(task), singular_values_of(task)):
+        ends = searched_poses(section, margin, cell.sample(8))
+        lowest = margin.least(section.at(ends[-8:])).min()
+        assert (np.abs(ends) <= 1).all() and lowest <= margin.least(section.at(grid)).min() + 1e-6
 
 
 def test_no_section_beats_the_optimum_and_more_terms_help() -> None:
@@ -202,12 +220,12 @@ def test_no_section_beats_the_optimum_and_more_terms_help() -> None:
     costs = []
     for degree in (0, 1, 2, 3):
         terms = Monomials(3, degree)
-        costs.append(descend(Cost(desired, chart, terms, U, U[:0]), np.zeros((terms.size, 1))))
+        costs.append(descend(Cost(desired, chart, terms, U), np.zeros((terms.size, 1))))
     assert all(b.value.cost < a.value.cost * 1.0001 for a, b in pairwise(costs))
     assert costs[-1].value.cost < 0.8 * costs[0].value.cost
     rng = np.random.default_rng(1)
     for _ in range(3):  # a random start elsewhere comes to the same
-        again = descend(Cost(desired, chart, terms, U, U[:0]), 0.1 * rng.normal(size=(terms.size, 1)))
+        again = descend(Cost(desired, chart, terms, U), 0.1 * rng.normal(size=(terms.size, 1)))
         assert again.value.cost > 0.999 * costs[-1].value.cost
 
 
@@ -236,23 +254,22 @@ def test_the_function_is_exact_and_without_history(rotation: float) -> None:
 def test_the_field_is_the_section_and_its_gradient(kind: str) -> None:
     cell = cell_of(kind, 0.2 if kind != "position" else 0.0, 0.08)
     task = cell.task
-    q = rp.solve_ik(task, Q_PANDA, cell.placement)
-    design = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, posture=q, degree=1, held_out=64)
-    field = design.inverse.field
+    F = rp.InverseFunction(chart_of(cell, rp.solve_ik(task, Q_PANDA, cell.placement), degree=2, count=64))
+    field = F.inverse.field
     rng = np.random.default_rng(0)
-    Q = design.function.batch(0.7 * cell.sample(4)) + 0.02 * rng.normal(size=(4, task.n))
+    Q = F.batch(0.7 * cell.sample(4)) + 0.02 * rng.normal(size=(4, task.n))
     for q, V in zip(Q, field.gradients(Q), strict=True):
         for _ in range(2):
             d = rng.normal(size=task.n)
             slope = (field.value(q + 1e-6 * d) - field.value(q - 1e-6 * d)) / 2e-6
             assert np.allclose(V.T @ d, slope, atol=1e-7)
     u = 0.5 * np.ones(cell.k)
-    G = design.function.jacobian(cell.at(u))
-    assert np.allclose(task.jacobian(design.function(cell.at(u))) @ G, np.eye(task.m), atol=1e-9)
-    E = cell.twists(u[None], task.placement(design.function(cell.at(u))).rotation[None])[0]
+    G = F.jacobian(cell.at(u))
+    assert np.allclose(task.jacobian(F(cell.at(u))) @ G, np.eye(task.m), atol=1e-9)
+    E = cell.twists(u[None], task.placement(F(cell.at(u))).rotation[None])[0]
     for j in range(cell.k):
         d = 1e-6 * np.eye(cell.k)[j]
-        slope = (design.function(cell.at(u + d)) - design.function(cell.at(u - d))) / 2e-6
+        slope = (F(cell.at(u + d)) - F(cell.at(u - d))) / 2e-6
         assert np.allclose(G @ E[:, j], slope, atol=1e-6)
 
 
@@ -338,6 +355,7 @@ def test_the_judgement_is_honest() -> None:
     task = design.task
     assert j.limit_margin == pytest.approx(np.minimum(Q - task.lower, task.upper - Q).min(), rel=1e-9)
     assert abs(design.cost - j.cost) < 3 * (design.judgement.cost_error + j.cost_error)
+    assert j.limit_margin_worst <= j.limit_margin and j.attainable_margin >= j.limit_margin_worst
     bodies, every = rp.Bodies(task), np.concatenate([Q, design.function.batch(design.cell.corners())])
     distances = bodies.distances(every)
     assert j.body_distance == pytest.approx(distances.min()) and j.body_distance > 0.05
@@ -348,9 +366,9 @@ def test_the_judgement_is_honest() -> None:
 def test_bodies_that_touch_are_named_with_the_pose() -> None:
     cell = cell_of()
     U, distances = cell.corners(), np.full(14, 0.1)
-    assert touching(cell, U, distances, ("hand", "link1")) is None
+    assert touching(cell, U, distances, ("hand", "link1"), 1 / 14) is None
     distances[3] = -0.02
-    stop = touching(cell, U, distances, ("hand", "link1"))
+    stop = touching(cell, U, distances, ("hand", "link1"), 1 / 14)
     assert stop is not None and stop.cause == "collision" and stop.share == pytest.approx(1 / 14)
     assert str(stop) == f"at {cell.where(U[3])}, hand and link1 touch"
 
@@ -360,7 +378,8 @@ def test_limits_in_the_cost_keep_the_joints_inside(tmp_path: Path) -> None:
     x = task.placement([0.6, -1.2, 1.4])
     cell = rp.Cell(task, x, 0.35)
     q = rp.solve_ik(task, [0.6, -1.2, 1.4], x)
-    free = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, posture=q, degree=3, held_out=256)
+    small = {"posture": q, "degree": 2, "samples": 64, "held_out": 256}
+    free = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, **small)
     Q = free.function.batch(cell.sample(256))
     bound = float(Q[:, 2].max()) - 0.05  # a joint limit where the free function goes beyond it
     text = (tmp_path / "planar3.urdf").read_text().split('name="theta3"')
@@ -368,10 +387,28 @@ def test_limits_in_the_cost_keep_the_joints_inside(tmp_path: Path) -> None:
     (tmp_path / "bound.urdf").write_text('name="theta3"'.join(text))
     task = rp.Robot.load(tmp_path / "bound.urdf").task("tool", "xy")
     cell = rp.Cell(task, x, 0.35)
-    kept = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, posture=q, degree=3, held_out=256)
+    kept = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, **small)
     assert kept.limit_margin > 0.02 and kept.coverage == 1.0
-    assert kept.judgement.attainable_margin >= kept.limit_margin
+    assert kept.judgement.attainable_margin >= kept.limit_margin_worst > 0.0
     assert kept.cost > free.cost
+
+
+def test_bodies_and_singularities_in_the_cost_are_kept_away() -> None:
+    """With the elbow turned in, the panda's hand comes near its own first link: less so where that costs."""
+    cell = rp.Cell(panda(), middle(), 0.12)
+    q = rp.solve_ik(panda(), [-1.54, 1.32, 1.93, -2.31, -1.14, 1.48, 1.62], cell.placement)
+
+    def designed(**asked: float) -> rp.CellDesign:
+        options = {"posture": q, "degree": 2, "samples": 128, "held_out": 256, "incomplete": "keep"} | asked
+        return rp.nearest_inverse_function(rp.Pseudoinverse(panda()), cell, **options)  # type: ignore[arg-type]
+
+    free, apart, dexterous = designed(apart=0.0), designed(apart=0.02), designed(apart=0.0, dexterity=0.12)
+    print(free.summary(), apart.summary(), dexterous.summary())
+    assert free.body_distance < 0 < apart.body_distance
+    assert any(stop.cause == "collision" for stop in free.stops)
+    assert not any(stop.cause == "collision" for stop in apart.stops)
+    assert dexterous.judgement.smallest_singular_value > free.judgement.smallest_singular_value
+    assert free.cost < min(apart.cost, dexterous.cost)
 
 
 @pytest.mark.parametrize(("n", "seed"), [(4, 5), (6, 3)])

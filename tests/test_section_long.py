@@ -109,7 +109,7 @@ def test_twenty_random_starts_find_nothing_better() -> None:
     cell, desired, rng = design.cell, design.desired, np.random.default_rng(0)
     ends = rays(desired, cell, design.posture, cell.sample(512))
     chart, terms = fitted(cell, ends.U, ends.Q, ends.N, 2), Monomials(cell.k, 2)
-    cost = Cost(desired, chart, terms, ends.U, ends.U[:0])
+    cost = Cost(desired, chart, terms, ends.U)
     best, ended = descend(cost, np.zeros((terms.size, 1))).value.cost, []
     for _ in range(20):
         ended.append(descend(cost, 0.15 * rng.normal(size=(terms.size, 1))).value.cost)

@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError, needed
 from .options import (
+    asked_path,
     load_robot,
     natural,
     numbers_of,
     output_folder,
+    path_options,
     positive,
     robot_options,
     save_control,
@@ -30,6 +32,7 @@ HELP = "find one function for a whole cell: a pose in, the same joints out, ever
 EXAMPLE = """examples:
   repctl cell panda --half-width 0.1,0.15,0.1 --rotation 0.3
   repctl cell panda --half-width 0.15,0.3,0.2 --at 0.46,0,0.3
+  repctl cell panda --path circle:0.1 --half-width 0.03
   repctl cell my_arm.urdf --frame tool0 --task position --half-width 0.2 --shrink
   repctl follow repctl-out/panda/cell.json --path circle:0.05 --csv motion.csv"""
 
@@ -43,7 +46,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     robot_options(parser)
     task_options(parser)
     parser.add_argument(
-        "--half-width", required=True, metavar="W", help="of the box, m: one number, or x,y,z along the base's axes"
+        "--half-width",
+        required=True,
+        metavar="W",
+        help="of the box, m: one number, or x,y,z along the base's axes; with --path, the room around it",
     )
     parser.add_argument(
         "--rotation",
@@ -54,8 +60,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--at", metavar="X,Y,Z", help="the middle, m from the base (default: where the start's frame is)"
     )
+    path_options(parser, "the box goes round this closed path, or these poses, starting at --start: ", "")
     parser.add_argument("--degree", default="auto", metavar="D", help="degree of the polynomial, or auto (default)")
     parser.add_argument("--room", type=positive, default=0.05, help="distance kept from limits, rad (default 0.05)")
+    parser.add_argument("--apart", type=positive, default=0.01, help="distance kept between bodies, m (default 0.01)")
+    parser.add_argument("--dexterity", type=positive, help="σ_min of J that is kept (default: left alone)")
     parser.add_argument("--shrink", action="store_true", help="shrink the cell until one function covers it")
     parser.add_argument("--keep", action="store_true", help="keep the function on the part of the cell that it covers")
     parser.add_argument("--held-out", type=whole, default=8192, help="held-out poses (default 8192)")
@@ -93,6 +102,8 @@ def _run(options: argparse.Namespace, folder: Path) -> int:
         posture=posture,
         degree="auto" if options.degree == "auto" else whole(options.degree),
         room=options.room,
+        apart=options.apart,
+        dexterity=options.dexterity or 0.0,
         incomplete="shrink" if options.shrink else "keep" if options.keep else "refuse",
         held_out=options.held_out,
         seed=options.seed,
@@ -123,11 +134,18 @@ def _cell(options: argparse.Namespace, task: Task) -> tuple[Cell, Any]:
     from ..motion import solve_ik
     from ..section import Cell
 
-    start = start_of(options, task)
+    start, path_of = start_of(options, task), asked_path(options)
+    sizes = _numbers(options.half_width, "--half-width"), _numbers(options.rotation, "--rotation")
+    if path_of is not None:
+        if options.at is not None:
+            raise InputError("--path and --at are two answers to one question; give one")
+        q0 = task.reference if start is None else start
+        cell = Cell.around(task, path_of(task, q0), *sizes)
+        return cell, None if start is None else solve_ik(task, start, cell.placement)
     x = task.placement(task.reference if start is None else start)
     if options.at is not None:
         x = pin.SE3(x.rotation, np.array(_numbers(options.at, "--at", 3)))
-    cell = Cell(task, x, _numbers(options.half_width, "--half-width"), _numbers(options.rotation, "--rotation"))
+    cell = Cell(task, x, *sizes)
     return cell, start if start is None or options.at is None else solve_ik(task, start, x)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from weakref import WeakKeyDictionary
@@ -147,15 +147,23 @@ class Bodies:
         """Measure the least distance between bodies at every row of Q (K, n): (K,), m; below 0 they touch."""
         return self._all(Q)[0]
 
-    def _all(self, Q: ArrayLike) -> tuple[Array, NDArray[np.intp]]:
+    def hull_distances(self, Q: ArrayLike) -> Array:
+        """Measure the least distance between convex hulls at every row of Q (K, n): (K,), m.
+
+        Below 0 it is how deep they overlap, touching bodies or not: what moves them apart can be told from it.
+        """
+        return self._all(Q, hulls=True)[0]
+
+    def _all(self, Q: ArrayLike, *, hulls: bool = False) -> tuple[Array, NDArray[np.intp]]:
         """Least distance and its pair at every row of Q: (K,), (K,)."""
         Q = rows(Q, self.task.n, repr(self.task))
         found, which, last = np.full(len(Q), np.inf), np.full(len(Q), -1), 0
+        measure = self._of_hulls if hulls else self._exact
         if not self._both:
             return found, which
         Q = Q if self._drive is None else self._drive.joints(Q)
         for k, (q, bounds) in enumerate(self._with_bounds(Q)):
-            found[k], last = self._least(q, bounds, last)
+            found[k], last = self._least(q, bounds, last, measure)
             which[k] = last
         return found, which
 
@@ -166,22 +174,26 @@ class Bodies:
             block = Q[start : start + size]
             yield from zip(block, self._bounds(block), strict=True)
 
-    def _least(self, q: Array, bounds: Array, guess: int) -> tuple[float, int]:
+    def _least(self, q: Array, bounds: Array, guess: int, measure: Callable[[int], float]) -> tuple[float, int]:
         """Measure exactly only where the bound of two bodies is below the best pair known."""
         pin.updateGeometryPlacements(self._model, self._data, self._shapes, self._placed, q)
-        best, at = self._exact(guess), guess
+        best, at = measure(guess), guess
         near = np.flatnonzero(bounds < best)
         for k in near[np.argsort(bounds[near])].tolist():
             if bounds[k] >= best:
                 break
-            distance = self._exact(k)
+            distance = measure(k)
             if distance < best:
                 best, at = distance, k
         return best, at
 
+    def _of_hulls(self, k: int) -> float:
+        """Measure the hulls of a pair."""
+        return float(pin.computeDistance(self._shapes, self._placed, k).min_distance)
+
     def _exact(self, k: int) -> float:
         """Measure a pair; 0 where their hulls overlap and they do not touch."""
-        distance = pin.computeDistance(self._shapes, self._placed, k).min_distance
+        distance = self._of_hulls(k)
         if distance > 0:
             return distance
         (a, b), placed = self._both[k], self._placed.oMg

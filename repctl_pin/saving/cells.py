@@ -30,7 +30,8 @@ from ..section.judgement import Judgement
 from ..section.monomials import Monomials
 
 FORMAT = "repctl cell"
-_BOUNDLESS = ("limit_margin", "attainable_margin", "body_distance")
+_BOUNDLESS = ("limit_margin", "attainable_margin", "limit_margin_worst", "body_distance")
+_HOW = ("samples", "held_out", "seed", "steps", "room", "apart", "dexterity")
 
 
 class StopFile(Plain):
@@ -59,6 +60,7 @@ class CellFigures(Plain):
     residual: float
     coverage: float
     stops: list[StopFile]
+    limit_margin_worst: float | None = None
 
 
 class CellFile(Sealed):
@@ -77,6 +79,8 @@ class CellFile(Sealed):
     seed: int
     steps: int
     room: float
+    apart: float = 0.0
+    dexterity: float = 0.0
 
 
 def cell_file(design: CellDesign) -> CellFile:
@@ -104,7 +108,7 @@ def cell_file(design: CellDesign) -> CellFile:
         posture=design.posture.tolist(),
         figures=CellFigures(**found | boundless | {"stops": stops}),
         degrees=design.degrees,
-        **{name: getattr(design, name) for name in ("samples", "held_out", "seed", "steps", "room")},
+        **{name: getattr(design, name) for name in _HOW},
     )
 
 
@@ -124,13 +128,15 @@ def cell_of(content: CellFile, task: Task) -> CellDesign:
     if C.shape != due:
         raise InputError(f"the coefficients must be {due[0]} × {due[1]} × {due[2]} numbers; they have shape {C.shape}")
     figures = msgspec.structs.asdict(content.figures)
+    figures["limit_margin_worst"] = figures["limit_margin_worst"] or figures["limit_margin"]  # not in older files
     figures |= {name: np.inf for name in _BOUNDLESS if figures[name] is None}
     figures["stops"] = tuple(Stop(s.cause, s.share, np.array(s.u), s.what) for s in content.figures.stops)
     judgement = Judgement(**figures)
     return CellDesign(
-        InverseFunction(Chart(cell, Monomials(cell.k, content.degree), C), keep_limits=judgement.coverage != 1.0),
+        InverseFunction(Chart(cell, Monomials(cell.k, content.degree), C), keep_limits=not judgement.everywhere),
         desired_of(content.desired, task),
         task.check(content.posture, "the posture"),
         judgement,
-        **{name: getattr(content, name) for name in ("degrees", "samples", "held_out", "seed", "steps", "room")},
+        degrees=content.degrees,
+        **{name: getattr(content, name) for name in _HOW},
     )

@@ -116,7 +116,7 @@ class Cell:
         """
         wanted_task(task)
         if hasattr(poses, "placement"):
-            poses = [poses.placement(s) for s in np.linspace(0, 1, 201)]
+            poses = [poses.placement(s) for s in np.linspace(0, 1, 2001)]
         if not isinstance(poses, Sequence) or not poses or not all(isinstance(x, pin.SE3) for x in poses):
             raise InputError("a cell goes around a list of placements (pinocchio.SE3), or a closed path")
         p, R = stacked(poses)
@@ -133,7 +133,7 @@ class Cell:
         reach[positions:][reach[positions:] < TURNED] = 0.0
         more = _sizes(room, positions, "room", "m", "one a position that the task commands")
         turn = _sizes(rotation, task.m - positions, "rotation", "rad", "one an axis") if task.m > positions else 0.0
-        return cls(task, middle, reach[:positions] + more, reach[positions:] + turn if task.m > positions else 0.0)
+        return cls(task, middle, reach[:positions] + more, reach[positions:] + turn if task.m > positions else rotation)
 
     @property
     def k(self) -> int:

@@ -16,9 +16,6 @@ Array = NDArray[np.float64]
 _STEP = 0.3
 """Longest Newton step of any joint, rad or m."""
 
-_LEAVES, _APART = 12, 0.06
-"""How many leaves to either side are looked at for a larger limit margin, and how far apart they are, rad."""
-
 _ITERATIONS = 12
 _EXACT = 1e-11
 
@@ -140,23 +137,13 @@ class Points:
     residual: Array
     found: NDArray[np.bool_]
 
-    def chosen(self, at: NDArray[np.bool_ | np.intp]) -> Points:
+    def chosen(self, at: NDArray[np.bool_ | np.intp] | slice) -> Points:
         """Take some of them."""
         return Points(*(getattr(self, name)[at] for name in self.__dataclass_fields__))
 
-
-def attainable(chart: Chart, at: Points) -> Array:
-    """Find the largest joint-limit margin (K,), rad or m, that any leaf near a section has at points of it.
-
-    Along every direction of the label, and back.
-    """
-    task, r = chart.cell.task, at.n_ref.shape[2]
-    most = task.limit_margin(at.Q).min(axis=1)
-    s = np.einsum("Knr,Kn->Kr", at.n_ref, at.Q - at.q_ref)
-    for way in np.concatenate([np.eye(r), -np.eye(r)]):
-        Q = at.Q
-        for i in range(1, _LEAVES + 1):
-            points = chart.solve(at.U, s + i * _APART * way, Q, iterations=4)
-            Q = points.Q
-            most = np.where(points.found, np.maximum(most, task.limit_margin(Q).min(axis=1)), most)
-    return most
+    def replaced(self, at: NDArray[np.intp], other: Points) -> Points:
+        """Put others in the place of some of them."""
+        new = Points(*(getattr(self, name).copy() for name in self.__dataclass_fields__))
+        for name in self.__dataclass_fields__:
+            getattr(new, name)[at] = getattr(other, name)
+        return new

@@ -10,15 +10,20 @@ from numpy.typing import NDArray
 from ..redundancy import leaf_margin
 from ..robot.bodies import bodies_of
 from ..strategies.strategy import Batched
-from .chart import Chart, Points, attainable
+from .chart import Chart, Points
 from .kinematics import bases
+from .margins import Margin, distances_of, limits_of
 from .stops import Stop, broken_limit, folded, touching, unreached
+from .worst import Section, searched
 
 Array = NDArray[np.float64]
 
 _BLOCK = 4096
 _BODIES = 1024
 """Held-out poses at which distances between bodies are measured: each takes a quarter of a millisecond."""
+
+_NEAR = 0.05
+"""A distance between bodies, m, below which still nearer ones are searched for."""
 
 _FOLDED = 0.05
 """The leaf margin at which a section counts as folded."""
@@ -36,15 +41,17 @@ class Judgement:
         ``√(mean ‖∂F C‖² / mean ‖G_d E C‖²) − 1``, and its standard error.
     extra_speed_worst : float
         The largest ``‖∂F C‖ / ‖G_d E C‖ − 1`` of one pose.
-    limit_margin : float
-        The least distance of a joint to its limit, rad or m.
+    limit_margin, limit_margin_worst : float
+        The least distance of a joint to its limit, rad or m: at the held-out poses, and at the worst pose that a search
+        from the lowest of them, and from the corners, has found.
     attainable_margin : float
-        What the best of the leaves beside it has at that pose: where it is no larger, the arm itself sets the margin.
+        What the best of the leaves beside it has at that worst pose: where it is no larger, the arm sets the margin.
     smallest_singular_value : float
         The least σ_min of J.
     body_distance : float
-        The least distance between bodies, the robot's own and those of its surroundings, m, on the first 1024 poses and
-        the corners: see :class:`rp.Bodies`; infinite where there are none that move against each other.
+        The least distance between bodies, the robot's own and those of its surroundings, m, on the first 1024 poses,
+        the corners, and poses that a search from there has found: see :class:`rp.Bodies`; infinite where there are
+        none that move against each other.
     nearest_bodies : (str, str)
         Whose they are; ("", "") where there are none.
     leaf_margin : float
@@ -72,6 +79,12 @@ class Judgement:
     residual: float
     coverage: float
     stops: tuple[Stop, ...]
+    limit_margin_worst: float
+
+    @property
+    def everywhere(self) -> bool:
+        """Whether no pose was found, held-out or by search, without joints inside the limits."""
+        return self.coverage == 1.0 and self.limit_margin_worst >= 0
 
 
 @dataclass(frozen=True)
@@ -114,44 +127,69 @@ def speeds(desired: Batched, chart: Chart, at: Points, ds: Array | None = None) 
     return Speeds(three[0], three[1], three[2], s[:, -1], leaf, np.sign(np.linalg.det(J_V)))
 
 
-def judge(desired: Batched, chart: Chart, count: int, seed: int) -> Judgement:
-    """Judge the section s = 0 of a chart on Sobol points, and on the cell's corners for what stops it."""
-    cell = chart.cell
-    U = np.concatenate([cell.sample(count, seed), cell.corners()])
+@dataclass(frozen=True)
+class _Looked:
+    """A section at some poses.
+
+    Attributes
+    ----------
+    U, Q : (K, k) and (K, n) arrays
+    speeds : Speeds
+    residual, room : (K,) arrays
+        The task error, and the least joint-limit margin.
+    ok, sheet : (K,) arrays of bool
+        Where it exists, and where it is the sheet of the middle.
+    """
+
+    U: Array
+    Q: Array
+    speeds: Speeds
+    residual: Array
+    room: Array
+    ok: NDArray[np.bool_]
+    sheet: NDArray[np.bool_]
+
+
+def _look(desired: Batched, section: Section, U: Array, side: float) -> _Looked:
+    """Look at a section at poses U (K, k)."""
     parts, found = [], []
     for start in range(0, len(U), _BLOCK):
-        points = chart.solve(U[start : start + _BLOCK], np.zeros((len(U[start : start + _BLOCK]), cell.task.r)))
-        parts.append(points)
-        found.append(speeds(desired, chart, points))
-    names = ("difference", "own", "wanted", "smallest", "leaf", "side")
-    every = Speeds(*(np.concatenate([getattr(x, name) for x in found]) for name in names))
+        parts.append(section.at(U[start : start + _BLOCK]))
+        found.append(speeds(desired, section.chart, parts[-1]))
+    every = Speeds(*(np.concatenate([getattr(x, name) for x in found]) for name in Speeds.__dataclass_fields__))
     Q, ok, residual = (np.concatenate([getattr(x, name) for x in parts]) for name in ("Q", "found", "residual"))
-    middle = chart.solve(np.zeros((1, cell.k)), np.zeros((1, cell.task.r)))
-    side = speeds(desired, chart, middle).side[0]
-    room = cell.task.limit_margin(Q).min(axis=1)
     ok &= np.isfinite(every.own)
-    sheet = ok & (every.side == side) & (every.leaf > _FOLDED)
-    covered = sheet & (room >= 0)
-    inner = slice(count)
-    c = covered[inner]
-    near = np.concatenate([middle.Q, Q[covered][:: max(1, len(U) // 7)][:7]])
+    room = section.chart.cell.task.limit_margin(Q).min(axis=1)
+    return _Looked(U, Q, every, residual, room, ok, ok & (every.side == side) & (every.leaf > _FOLDED))
+
+
+def judge(desired: Batched, chart: Chart, count: int, seed: int) -> Judgement:
+    """Judge the section s = 0 of a chart on Sobol points, and on the cell's corners for what stops it."""
+    cell, section, limits = chart.cell, Section.zero(chart), limits_of(chart.cell.task)
+    middle = section.at(np.zeros((1, cell.k)))
+    side = float(speeds(desired, chart, middle).side[0])
+    at = _look(desired, section, np.concatenate([cell.sample(count, seed), cell.corners()]), side)
+    U, every, held_out = at.U, at.speeds, slice(count)
+    covered = at.sheet & (at.room >= 0)
+    c = covered[held_out]
+    near = np.concatenate([middle.Q, at.Q[covered][:: max(1, len(U) // 7)][:7]])
+    start = U[at.sheet][np.argsort(at.room[at.sheet])[: limits.starts]]
+    low = _look(desired, section, _lowest(section, limits, start), side)
+    beyond = np.concatenate([U[at.sheet], low.U[low.sheet]]), np.concatenate([at.Q[at.sheet], low.Q[low.sheet]])
     stops = [
-        broken_limit(cell, U[sheet], Q[sheet], len(U)),
-        *unreached(cell, U[~ok], near, len(U)),
-        folded(cell, U[ok & ~sheet], len(U)),
+        broken_limit(cell, *beyond, float((at.sheet & ~covered).mean())),
+        *unreached(cell, U[~at.ok], near, len(U)),
+        folded(cell, U[at.ok & ~at.sheet], len(U)),
     ]
     if not c.any():
         nothing = float("nan")
         none = dict.fromkeys(Judgement.__dataclass_fields__, nothing)
         return Judgement(**none | {"nearest_bodies": ("", ""), "coverage": 0.0, "stops": tuple(s for s in stops if s)})  # type: ignore[arg-type]
-    bodies, looked_at = bodies_of(cell.task), np.concatenate([np.arange(min(count, _BODIES)), np.arange(count, len(U))])
-    looked_at = looked_at[covered[looked_at]]
-    distances = bodies.distances(Q[looked_at])
-    nearest = bodies.nearest(Q[looked_at[int(np.argmin(distances))]])
-    stops.append(touching(cell, U[looked_at], distances, nearest.links))
-    tightest = int(np.argmin(np.where(sheet[inner], room[inner], np.inf)))
-    most = attainable(chart, chart.solve(U[tightest][None], np.zeros((1, cell.task.r))))
-    difference, own, wanted = every.difference[inner][c], every.own[inner][c], every.wanted[inner][c]
+    distances, links, stop = _bodies(section, at, covered, count)
+    stops.append(stop)
+    worst = int(np.argmin(np.where(low.sheet, low.room, np.inf)))
+    least = float(np.min(at.room[held_out], where=at.sheet[held_out], initial=np.inf))
+    difference, own, wanted = every.difference[held_out][c], every.own[held_out][c], every.wanted[held_out][c]
     ratio = own.mean() / wanted.mean()
     spread = (own - ratio * wanted).std() / wanted.mean() / np.sqrt(len(own))  # of a ratio of means
     return Judgement(
@@ -160,13 +198,38 @@ def judge(desired: Batched, chart: Chart, count: int, seed: int) -> Judgement:
         extra_speed=float(np.sqrt(ratio) - 1),
         extra_speed_error=float(spread / (2 * np.sqrt(ratio))),
         extra_speed_worst=float(np.sqrt((own / wanted).max()) - 1),
-        limit_margin=float(room[tightest]),
-        attainable_margin=float(most[0]),
-        smallest_singular_value=float(every.smallest[inner][c].min()),
-        body_distance=float(distances.min()),
-        nearest_bodies=nearest.links,
-        leaf_margin=float(every.leaf[inner][c].min()),
-        residual=float(residual[inner][c].max()),
+        limit_margin=least,
+        attainable_margin=float(limits.attainable(chart, section.at(low.U[[worst]]))[0]),
+        smallest_singular_value=float(every.smallest[held_out][c].min()),
+        body_distance=float(distances),
+        nearest_bodies=links,
+        leaf_margin=float(every.leaf[held_out][c].min()),
+        residual=float(at.residual[held_out][c].max()),
         coverage=float(c.mean()),
         stops=tuple(s for s in stops if s),
+        limit_margin_worst=min(least, float(low.room[worst])),
     )
+
+
+def _lowest(section: Section, margin: Margin, U: Array) -> Array:
+    """Where a search from poses U (K, k) down a margin ends: (L, k), U itself among them."""
+    return np.concatenate([U, searched(section, margin, U)[-len(U) :]])
+
+
+def _bodies(
+    section: Section, at: _Looked, covered: NDArray[np.bool_], count: int
+) -> tuple[float, tuple[str, str], Stop | None]:
+    """Measure the least distance between bodies, and whose they are; where they touch."""
+    cell, margin, bodies = section.chart.cell, distances_of(section.chart.cell.task), bodies_of(section.chart.cell.task)
+    looked_at = np.concatenate([np.arange(min(count, _BODIES)), np.arange(count, len(at.U))])
+    looked_at = looked_at[covered[looked_at]]
+    U, Q = at.U[looked_at], at.Q[looked_at]
+    distances = bodies.distances(Q)
+    share = float((distances < 0).mean())
+    if distances.min() < _NEAR:
+        nearer = section.at(_lowest(section, margin, U[np.argsort(distances)[: margin.starts]]))
+        inside = nearer.found & (cell.task.limit_margin(nearer.Q).min(axis=1) >= 0)
+        U, Q = np.concatenate([U, nearer.U[inside]]), np.concatenate([Q, nearer.Q[inside]])
+        distances = np.concatenate([distances, bodies.distances(nearer.Q[inside])])
+    links = bodies.nearest(Q[int(np.argmin(distances))]).links
+    return float(distances.min()), links, touching(cell, U, distances, links, share)

@@ -19,13 +19,15 @@ from .chart import Chart
 from .cost import Cost
 from .descend import Descent, descend
 from .judgement import judge
+from .keeper import Keeper, Watch, padded
 from .kinematics import bases
-from .limits import LimitKeeper, padded
+from .margins import Margin, distances_of, limits_of, singular_values_of
 from .middle import given, searched
 from .monomials import Monomials
 from .reference import Rays, fitted, rays
 from .result import CellDesign
 from .stops import Stop, broken_limit, round_the_base, unreached
+from .worst import Section
 
 Array = NDArray[np.float64]
 
@@ -79,6 +81,8 @@ def nearest_inverse_function(
     posture: ArrayLike | None = None,
     degree: int | Literal["auto"] = "auto",
     room: float = 0.05,
+    apart: float = 0.01,
+    dexterity: float = 0.0,
     incomplete: Literal["refuse", "shrink", "keep"] = "refuse",
     samples: int | None = None,
     held_out: int = _HELD_OUT,
@@ -88,7 +92,8 @@ def nearest_inverse_function(
     """Find ``q = F(x)`` over a cell, nearest to a desired control in the mean: ``min mean ‖∂F/∂x − G_d(F)‖_F²``.
 
     A reference along the straight rays of the cell under G_d; then sections beside it, ``n_refᵀ (F − q_ref) = s(u)``
-    with s a polynomial, by Gauss–Newton; joint limits cost as they come near.
+    with s a polynomial, by Gauss–Newton; what comes nearer than it should to joint limits, to other bodies or to a
+    singularity costs.
 
     Parameters
     ----------
@@ -102,6 +107,10 @@ def nearest_inverse_function(
         Of s; ``"auto"`` raises it from 1 until the cost stops falling by 5 %, or is below 0.01 % of joint speed.
     room
         The distance, rad or m, from joint limits that is kept where it can be.
+    apart
+        The distance between bodies, m, that is kept where it can be; 0 leaves bodies out of the cost.
+    dexterity
+        The σ_min of J that is kept where it can be; 0 leaves it out.
     incomplete
         Where no single function covers the cell: ``"refuse"`` it and say what would fit, ``"shrink"`` the cell about
         its middle, or ``"keep"`` the function on the part it covers.
@@ -148,6 +157,8 @@ def nearest_inverse_function(
         desired,
         degree,
         positive(room, "room", "rad", zero=True),
+        positive(apart, "apart", "m", zero=True),
+        positive(dexterity, "dexterity", zero=True),
         None if samples is None else whole(samples, "samples", 16),
         whole(held_out, "held_out", 64),
         int(seed),
@@ -173,6 +184,8 @@ class _Work:
     desired: Inverse
     degree: int | Literal["auto"]
     room: float
+    apart: float
+    dexterity: float
     samples: int | None
     held_out: int
     seed: int
@@ -229,7 +242,8 @@ class _Work:
         report("the judgement", 0.8)
         judgement = judge(self.desired, chart, 512 if quick or hopeless else self.held_out, self.seed + 2)
         return CellDesign.of(self.desired, chart, judgement, degrees=degrees, samples=len(U), held_out=self.held_out,
-                             seed=self.seed, room=self.room, steps=descent.steps)  # fmt: skip
+                             seed=self.seed, room=self.room, apart=self.apart, dexterity=self.dexterity,
+                             steps=descent.steps)  # fmt: skip
 
     def _highest(self, cell: Cell) -> int:
         """The highest degree that is tried."""
@@ -252,16 +266,23 @@ class _Work:
             terms = Monomials(cell.k, d)
             nodes = U[: max(256, _power_of_two(3 * terms.size))]
             below = best[-1].a if best else np.zeros((0, cell.task.r))
-            best.append(descend(Cost(self.desired, chart, terms, nodes, edge[:0]), padded(below, terms)))
+            best.append(descend(Cost(self.desired, chart, terms, nodes), padded(below, terms)))
             tried.append((d, best[-1].value.nearness))
             costs = [cost for _, cost in tried[-3:]]
             if len(costs) == 3 and min(costs[1:]) > (1 - _WORTHWHILE) * costs[0]:
                 break
             if best[-1].value.nearness < _NOTHING * best[-1].value.wanted:
                 break
-        watched = np.concatenate([cell.sample(512 if quick else min(4096, 256 << cell.k), self.seed + 3), edge])
-        keeper = LimitKeeper(self.desired, chart, nodes, watched, self.room, rounds)
+        watched = cell.sample(512 if quick else min(4096, 256 << cell.k), self.seed + 3)
+        watches = [Watch(m, np.concatenate([watched[: m.watched], edge])) for m in self.margins(cell)]
+        keeper = Keeper(self.desired, chart, nodes, watches, rounds)
         return keeper.kept(best[-1], terms, report), terms, tuple(tried)
+
+    def margins(self, cell: Cell) -> list[Margin]:
+        """What the function is to keep away from."""
+        found = [limits_of(cell.task, self.room)]
+        found += [distances_of(cell.task, self.apart)] if self.apart else []
+        return found + ([singular_values_of(cell.task, self.dexterity)] if self.dexterity else [])
 
 
 def _recharted(cell: Cell, chart: Chart, descent: Descent, terms: Monomials) -> Chart:
@@ -272,7 +293,7 @@ def _recharted(cell: Cell, chart: Chart, descent: Descent, terms: Monomials) -> 
     for d in range(max(terms.degree, 3), degree + 1):
         U = np.concatenate([cell.sample(_power_of_two(3 * _terms(cell, d)), 7), cell.corners()])
         U = np.concatenate([U, np.sign(U) * np.abs(U) ** 0.5])  # more of them near the edges
-        points = chart.solve(U, terms.values(U) @ descent.a)
+        points = Section(chart, terms, descent.a).at(U)
         good = points.found
         N = bases(points.J[good], points.n_ref[good])[1]
         found = fitted(cell, U[good], points.Q[good], N, d)
@@ -287,7 +308,8 @@ def _why(cell: Cell, ends: Rays, count: int) -> tuple[Stop, ...]:
     bad = ends.reached < 1
     near = ends.Q[np.argsort(-ends.reached)[:8]]
     stops = unreached(cell, ends.U[bad], near, count)
-    limit = broken_limit(cell, ends.U[~bad], ends.Q[~bad], count)
+    beyond = cell.task.limit_margin(ends.Q[~bad]).min(axis=1, initial=np.inf) < 0
+    limit = broken_limit(cell, ends.U[~bad], ends.Q[~bad], float(beyond.sum() / count))
     return tuple(stops) if limit is None else (*stops, limit)
 
 

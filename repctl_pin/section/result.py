@@ -40,8 +40,8 @@ class CellDesign:
         Nodes of the fit, and of the judgement.
     seed, steps : int
         What fixes both, and the Gauss–Newton steps taken.
-    room : float
-        The limit margin that was asked for, rad or m.
+    room, apart, dexterity : float
+        The limit margin, rad or m, the distance between bodies, m, and σ_min of J that were asked for.
 
     Examples
     --------
@@ -61,12 +61,14 @@ class CellDesign:
     seed: int
     steps: int
     room: float
+    apart: float
+    dexterity: float
 
     @classmethod
     def of(cls, desired: Inverse, chart: Chart, judgement: Judgement, **how: Any) -> CellDesign:
         """Put a design together."""
         middle = chart.solve(np.zeros((1, chart.cell.k)), np.zeros((1, chart.cell.task.r)))
-        function = InverseFunction(chart, keep_limits=judgement.coverage != 1.0)
+        function = InverseFunction(chart, keep_limits=not judgement.everywhere)
         return cls(function, desired, middle.Q[0], judgement, **how)
 
     @property
@@ -101,8 +103,13 @@ class CellDesign:
 
     @property
     def limit_margin(self) -> float:
-        """The least distance of a joint to its limit, rad or m."""
+        """The least distance of a joint to its limit on the held-out poses, rad or m."""
         return self.judgement.limit_margin
+
+    @property
+    def limit_margin_worst(self) -> float:
+        """The same at the worst pose that a search over the cell has found."""
+        return self.judgement.limit_margin_worst
 
     @property
     def leaf_margin(self) -> float:
@@ -127,7 +134,10 @@ class CellDesign:
     def figures(self) -> dict[str, str]:
         """Say what the function is worth: the name of each figure, and the figure in words."""
         j, unit = self.judgement, self.task.unit
-        margin = f"{j.limit_margin:.3g} {unit}, where no leaf nearby has more than {j.attainable_margin:.3g}"
+        margin = (
+            f"{j.limit_margin:.3g} {unit}, {j.limit_margin_worst:.3g} at the worst pose that a search has found, "
+            f"where no leaf nearby has more than {j.attainable_margin:.3g}"
+        )
         bodies = f"{j.body_distance:.3g} m, {' and '.join(j.nearest_bodies)}"
         return {
             "cell": self.cell.size(),

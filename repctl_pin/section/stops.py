@@ -42,8 +42,11 @@ class Stop:
         return self.what
 
 
-def broken_limit(cell: Cell, U: Array, Q: Array, looked_at: int) -> Stop | None:
-    """Name the joint and the pose where limits are broken worst, by configurations Q (K, n) at U (K, k)."""
+def broken_limit(cell: Cell, U: Array, Q: Array, share: float) -> Stop | None:
+    """Name the joint and the pose where limits are broken worst, by configurations Q (K, n) at U (K, k).
+
+    ``share`` is the part of the poses looked at that break one.
+    """
     task = cell.task
     room = task.limit_margin(Q)
     broken = room.min(axis=1, initial=np.inf) < 0
@@ -53,7 +56,7 @@ def broken_limit(cell: Cell, U: Array, Q: Array, looked_at: int) -> Stop | None:
     unit = "rad" if task.revolute[joint] else "m"
     return Stop(
         "limit",
-        float(broken.sum() / looked_at),
+        share,
         U[at],
         f"at {cell.where(U[at])}, {task.joint_names[joint]} is {-room[at, joint]:.2g} {unit} beyond its limit",
     )
@@ -115,14 +118,17 @@ def folded(cell: Cell, U: Array, looked_at: int) -> Stop | None:
     return Stop("fold", len(U) / looked_at, U[0], what)
 
 
-def touching(cell: Cell, U: Array, distances: Array, links: tuple[str, str]) -> Stop | None:
-    """Say that two bodies touch, by the least distances (K,) at poses U (K, k) and whose they are at the least."""
+def touching(cell: Cell, U: Array, distances: Array, links: tuple[str, str], share: float) -> Stop | None:
+    """Say that two bodies touch, by the least distances (K,) at poses U (K, k) and whose they are at the least.
+
+    ``share`` is the part of the poses looked at where any do.
+    """
     touch = distances < 0
     if not touch.any():
         return None
     at = int(np.argmin(distances))
     what = f"at {cell.where(U[at])}, {links[0]} and {links[1]} touch"
-    return Stop("collision", float(touch.mean()), U[at], what)
+    return Stop("collision", share, U[at], what)
 
 
 def round_the_base(cell: Cell) -> str:

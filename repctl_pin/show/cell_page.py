@@ -85,8 +85,9 @@ def _tour_page(design: CellDesign, motions: Mapping[str, Motion], joint: int, na
 
 def _sentence(design: CellDesign) -> str:
     """Say in a sentence what the function costs, and what it covers."""
-    margin, unit = design.limit_margin, design.task.unit
+    margin, worst, unit = design.limit_margin, design.limit_margin_worst, design.task.unit
     limits = f"limits {'kept' if margin >= 0 else 'broken'} by {abs(margin):.2g} {unit}"
+    limits += f", broken by {-worst:.2g} at the worst pose" if worst < 0 <= margin else ""
     return (
         f"One set of joints for every pose: {100 * design.extra_speed:.2g} % more joint speed, {design.coverage:.0%} "
         f"of the cell covered, {limits if np.isfinite(margin) else 'no joint limits'}."

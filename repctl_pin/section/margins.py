@@ -1,0 +1,88 @@
+"""What a section keeps away from, where it can: joint limits, bodies that touch, singularities."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..robot.bodies import bodies_of
+from ..robot.task import Task
+from .chart import Chart, Points
+
+Array = NDArray[np.float64]
+
+_DIFFERENCE = 3e-4
+"""Of q, per unit of the direction, in central differences of a margin."""
+
+_LEAVES, _APART = 12, 0.06
+"""How many leaves to either side are looked at for more room, and how far apart they are, rad."""
+
+
+@dataclass(frozen=True)
+class Margin:
+    """A quantity that is to stay above some room.
+
+    Attributes
+    ----------
+    name : str
+    measure : function (K, n) → (K, P)
+        The P margins at joints: one for each joint and its limits, one of all bodies, or σ_min of J.
+    room : float
+        What is asked for.
+    watched, starts, violators : int
+        Poses at which it is looked at, from which it is searched for lower ones, and that a round may add to the
+        cost, at most: a distance between bodies costs a hundred times a joint limit.
+    """
+
+    name: str
+    measure: Callable[[Array], Array]
+    room: float
+    watched: int
+    starts: int
+    violators: int
+
+    def least(self, at: Points) -> Array:
+        """The least of the margins at points (K,); infinite where the section does not exist."""
+        return np.where(at.found, self.measure(at.Q).min(axis=1, initial=np.inf), np.inf)
+
+    def slopes(self, Q: Array, D: Array) -> Array:
+        """Differentiate at every row of Q (K, n) along the p columns of D (K, n, p): (K, P, p)."""
+        K, n, p = D.shape
+        step = _DIFFERENCE * np.swapaxes(D, 1, 2)
+        ends = [self.measure((Q[:, None] + w * step).reshape(K * p, n)) for w in (1.0, -1.0)]
+        return np.swapaxes((ends[0] - ends[1]).reshape(K, p, -1), 1, 2) / (2 * _DIFFERENCE)
+
+    def attainable(self, chart: Chart, at: Points) -> Array:
+        """Find the most (K,) that any leaf near a section has at points of it: along every direction of its label."""
+        r, most = at.n_ref.shape[2], self.least(at)
+        s = np.einsum("Knr,Kn->Kr", at.n_ref, at.Q - at.q_ref)
+        for way in np.concatenate([np.eye(r), -np.eye(r)]):
+            Q = at.Q
+            for i in range(1, _LEAVES + 1):
+                points = chart.solve(at.U, s + i * _APART * way, Q, iterations=4)
+                Q = points.Q
+                most = np.where(points.found, np.maximum(most, self.least(points)), most)
+        return most
+
+
+def limits_of(task: Task, room: float = 0.0) -> Margin:
+    """Every joint's distance to its nearer limit, rad or m."""
+    return Margin("joint limits", task.limit_margin, room, watched=4096, starts=48, violators=96)
+
+
+def distances_of(task: Task, room: float = 0.0) -> Margin:
+    """The least distance between the hulls of bodies, m."""
+    bodies = bodies_of(task)
+    return Margin("bodies", lambda Q: bodies.hull_distances(Q)[:, None], room, watched=256, starts=4, violators=16)
+
+
+def singular_values_of(task: Task, room: float = 0.0) -> Margin:
+    """σ_min of J."""
+
+    def measure(Q: Array) -> Array:
+        return np.asarray(np.linalg.svd(task.jacobians(Q), compute_uv=False)[:, -1:], float)
+
+    return Margin("singularities", measure, room, watched=2048, starts=24, violators=96)
