@@ -393,22 +393,31 @@ def test_limits_in_the_cost_keep_the_joints_inside(tmp_path: Path) -> None:
     assert kept.cost > free.cost
 
 
-def test_bodies_and_singularities_in_the_cost_are_kept_away() -> None:
-    """With the elbow turned in, the panda's hand comes near its own first link: less so where that costs."""
-    cell = rp.Cell(panda(), middle(), 0.12)
-    q = rp.solve_ik(panda(), [-1.54, 1.32, 1.93, -2.31, -1.14, 1.48, 1.62], cell.placement)
+def test_bodies_in_the_cost_are_kept_apart(tmp_path: Path) -> None:
+    """A post beside the forearm: under J⁺'s own section it is touched, with bodies in the cost it is not."""
+    (tmp_path / "post.urdf").write_text(
+        '<robot name="post"><link name="post"><collision><origin xyz="0.2 0.185 0.6"/>'
+        '<geometry><box size="0.1 0.1 0.1"/></geometry></collision></link></robot>'
+    )
+    task = rp.Robot.load("panda", surroundings=tmp_path / "post.urdf").task("panda_hand_tcp", "position")
+    cell = rp.Cell(task, middle(), 0.08)
+    small = {"posture": rp.solve_ik(panda(), Q_PANDA, middle()), "degree": 2, "samples": 64, "held_out": 128}
+    free, kept = (rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, apart=a, **small) for a in (0.0, 0.02))
+    assert free.body_distance < 0 and any(stop.cause == "collision" for stop in free.stops)
+    assert kept.body_distance > 0.01 and not kept.stops
+    assert "post" in kept.judgement.nearest_bodies and kept.extra_speed < 0.001
+    Q = kept.function.batch(cell.sample(200, 31))
+    assert rp.Bodies(task).distances(Q).min() > 0.01
 
-    def designed(**asked: float) -> rp.CellDesign:
-        options = {"posture": q, "degree": 2, "samples": 128, "held_out": 256, "incomplete": "keep"} | asked
-        return rp.nearest_inverse_function(rp.Pseudoinverse(panda()), cell, **options)  # type: ignore[arg-type]
 
-    free, apart, dexterous = designed(apart=0.0), designed(apart=0.02), designed(apart=0.0, dexterity=0.12)
-    print(free.summary(), apart.summary(), dexterous.summary())
-    assert free.body_distance < 0 < apart.body_distance
-    assert any(stop.cause == "collision" for stop in free.stops)
-    assert not any(stop.cause == "collision" for stop in apart.stops)
-    assert dexterous.judgement.smallest_singular_value > free.judgement.smallest_singular_value
-    assert free.cost < min(apart.cost, dexterous.cost)
+def test_singularities_in_the_cost_are_kept_away(tmp_path: Path) -> None:
+    task, q = planar_task([1.0, 0.9, 0.8], tmp_path), [0.3, 0.5, 2.4]
+    cell = rp.Cell(task, task.placement(q), 0.2)
+    small = {"posture": q, "degree": 2, "samples": 64, "held_out": 128}
+    free, kept = (rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, dexterity=a, **small) for a in (0.0, 0.9))
+    least = [np.linalg.svd(task.jacobians(d.function.batch(cell.sample(200, 31))), compute_uv=False).min()
+             for d in (free, kept)]  # fmt: skip
+    assert least[0] < 0.6 and least[1] > 0.85 and kept.extra_speed < 0.01
 
 
 @pytest.mark.parametrize(("n", "seed"), [(4, 5), (6, 3)])
