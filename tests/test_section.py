@@ -407,7 +407,11 @@ def test_bodies_in_the_cost_are_kept_apart(tmp_path: Path) -> None:
     assert kept.body_distance > 0.01 and not kept.stops
     assert "post" in kept.judgement.nearest_bodies and kept.extra_speed < 0.001
     Q = kept.function.batch(cell.sample(200, 31))
-    assert rp.Bodies(task).distances(Q).min() > 0.01
+    anywhere = np.random.default_rng(0).uniform(task.lower, task.upper, (50, task.n))
+    bodies, Q = rp.Bodies(task), np.concatenate([Q, free.function.batch(cell.corners()), anywhere])
+    distances, hulls = bodies.distances(Q), bodies.hull_distances(Q)
+    assert distances[:200].min() > 0.01 and (hulls[distances <= 0] <= 0).all() and (hulls < -0.001).any()
+    assert np.allclose(hulls[distances > 0], distances[distances > 0])
 
 
 def test_singularities_in_the_cost_are_kept_away(tmp_path: Path) -> None:

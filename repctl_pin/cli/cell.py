@@ -61,10 +61,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--at", metavar="X,Y,Z", help="the middle, m from the base (default: where the start's frame is)"
     )
     path_options(parser, "the box goes round this closed path, or these poses, starting at --start: ", "")
+    path_options(parser, "the box goes round this closed path, or these poses, starting at --start: ", "")
     parser.add_argument("--degree", default="auto", metavar="D", help="degree of the polynomial, or auto (default)")
     parser.add_argument("--room", type=positive, default=0.05, help="distance kept from limits, rad (default 0.05)")
-    parser.add_argument("--apart", type=positive, default=0.01, help="distance kept between bodies, m (default 0.01)")
-    parser.add_argument("--dexterity", type=positive, help="σ_min of J that is kept (default: left alone)")
+    parser.add_argument("--apart", type=float, default=0.01, help="distance kept between bodies, m (default 0.01)")
+    parser.add_argument("--dexterity", type=float, default=0.0, help="σ_min of J that is kept (default 0: left alone)")
     parser.add_argument("--shrink", action="store_true", help="shrink the cell until one function covers it")
     parser.add_argument("--keep", action="store_true", help="keep the function on the part of the cell that it covers")
     parser.add_argument("--held-out", type=whole, default=8192, help="held-out poses (default 8192)")
@@ -103,7 +104,7 @@ def _run(options: argparse.Namespace, folder: Path) -> int:
         degree="auto" if options.degree == "auto" else whole(options.degree),
         room=options.room,
         apart=options.apart,
-        dexterity=options.dexterity or 0.0,
+        dexterity=options.dexterity,
         incomplete="shrink" if options.shrink else "keep" if options.keep else "refuse",
         held_out=options.held_out,
         seed=options.seed,
