@@ -435,6 +435,19 @@ def test_arms_with_slides_and_more_joints_than_one_too_many(n: int, seed: int, t
     assert np.allclose([design.function(task.placement(q)) for q in Q], Q, atol=1e-9)
 
 
+def test_an_arm_without_limits(tmp_path: Path) -> None:
+    text = planar_urdf([1.0, 0.9, 0.8]).replace('type="revolute"', 'type="continuous"')
+    (tmp_path / "endless.urdf").write_text(text, encoding="utf-8")
+    task = rp.Robot.load(tmp_path / "endless.urdf").task("tool", "xy")
+    cell = rp.Cell(task, task.placement([0.6, -1.2, 1.4]), 0.1)
+    design = rp.nearest_inverse_function(
+        rp.Pseudoinverse(task), cell, posture=[0.6, -1.2, 1.4], degree=1, samples=32, held_out=64
+    )
+    assert design.limit_margin == design.limit_margin_worst == np.inf and "no limits" in design.summary()
+    again = rp.load(rp.save(design, tmp_path / "cell.json"), task)
+    assert isinstance(again, rp.CellDesign) and again.limit_margin_worst == np.inf
+
+
 def test_functions_pickle_and_repeat_bit_for_bit() -> None:
     F = found().function
     again = pickle.loads(pickle.dumps(F))
@@ -454,6 +467,7 @@ def refused(cell: rp.Cell, posture: object = None, **options: object) -> str:
             degree=1,
             samples=32,
             held_out=64,
+            apart=0.0,
             **options,  # type: ignore[arg-type]
         )
     assert "\n" not in str(caught.value)

@@ -173,7 +173,7 @@ def judge(desired: Batched, chart: Chart, count: int, seed: int) -> Judgement:
     covered = at.sheet & (at.room >= 0)
     c = covered[held_out]
     near = np.concatenate([middle.Q, at.Q[covered][:: max(1, len(U) // 7)][:7]])
-    start = U[at.sheet][np.argsort(at.room[at.sheet])[: limits.starts]]
+    start = np.concatenate([middle.U, U[at.sheet][np.argsort(at.room[at.sheet])[: limits.starts]]])
     low = _look(desired, section, _lowest(section, limits, start), side)
     beyond = np.concatenate([U[at.sheet], low.U[low.sheet]]), np.concatenate([at.Q[at.sheet], low.Q[low.sheet]])
     stops = [

@@ -17,6 +17,9 @@ Array = NDArray[np.float64]
 _DIFFERENCE = 3e-4
 """Of q, per unit of the direction, in central differences of a margin."""
 
+_ENDLESS = 1e6
+"""What stands for an infinite margin, of a joint without limits, in a difference."""
+
 _LEAVES, _APART = 12, 0.06
 """How many leaves to either side are looked at for more room, and how far apart they are, rad."""
 
@@ -52,7 +55,7 @@ class Margin:
         """Differentiate at every row of Q (K, n) along the p columns of D (K, n, p): (K, P, p)."""
         K, n, p = D.shape
         step = _DIFFERENCE * np.swapaxes(D, 1, 2)
-        ends = [self.measure((Q[:, None] + w * step).reshape(K * p, n)) for w in (1.0, -1.0)]
+        ends = [np.minimum(self.measure((Q[:, None] + w * step).reshape(K * p, n)), _ENDLESS) for w in (1.0, -1.0)]
         return np.swapaxes((ends[0] - ends[1]).reshape(K, p, -1), 1, 2) / (2 * _DIFFERENCE)
 
     def attainable(self, chart: Chart, at: Points) -> Array:
