@@ -61,7 +61,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--at", metavar="X,Y,Z", help="the middle, m from the base (default: where the start's frame is)"
     )
     path_options(parser, "the box goes round this closed path, or these poses, starting at --start: ", "")
-    path_options(parser, "the box goes round this closed path, or these poses, starting at --start: ", "")
     parser.add_argument("--degree", default="auto", metavar="D", help="degree of the polynomial, or auto (default)")
     parser.add_argument("--room", type=positive, default=0.05, help="distance kept from limits, rad (default 0.05)")
     parser.add_argument("--apart", type=float, default=0.01, help="distance kept between bodies, m (default 0.01)")
