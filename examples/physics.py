@@ -167,7 +167,10 @@ def main() -> dict[str, np.ndarray]:
           f"hand by {1000 * hand.max():.1f} mm")  # fmt: skip
     folder = prepare_folder(Path("repctl-out"))
     servos = page(task, moved, [COLOURS["pseudoinverse"], COLOURS["repeatable"]], CYCLES, path.name)
-    torques = page(task, {"torques on the leaf": held}, [COLOURS["repeatable"]], 1, "a push at the elbow")
+    unpushed = np.repeat(held[:1], len(held) - 1, axis=0)  # for comparison, a cycle without a push
+    torques = page(
+        task, {"torques on the leaf": np.vstack([unpushed, held])}, [COLOURS["repeatable"]], 2, "a push at the elbow"
+    )
     print(f"wrote {write_whole(folder / 'servos.html', servos)} and {write_whole(folder / 'torques.html', torques)}")
     return found | {"joints": joints, "hand": hand}
 
