@@ -26,14 +26,14 @@ function leaveTheWheel(viewer) {
 
 // Let time pass, a picture at a time; a machine that is late loses pictures, not time.
 function run(clock, viewer, live, resize) {
-  let before = performance.now(), late = 0;
+  let before = performance.now(), late = 0, plain = false;
   document.addEventListener("visibilitychange", () => { before = performance.now(); });
   (function tick(now) {
     const passed = Math.max(now - before, 0) / 1000;
     before = now;
-    // no graphics card: after some late pictures in a row, do without shadows and draw fewer pixels
-    late = (clock.playing || live) && passed > 0.14 ? late + 1 : 0;
-    if (late === 8) { viewer.scene.traverse((node) => { if (node.isLight) node.castShadow = false; }); viewer.renderer.setPixelRatio(0.75); resize(); }
+    // no graphics card: after some late pictures in a row, or two very late ones, do without shadows and draw fewer pixels
+    late = (clock.playing || live) && passed > 0.14 ? late + Math.min(passed / 0.14, 4) : 0;
+    if (late >= 8 && !plain) { plain = true; viewer.scene.traverse((node) => { if (node.isLight) node.castShadow = false; }); viewer.renderer.setPixelRatio(0.75); resize(); }
     clock.pass(passed);
     if (viewer.needs_render) viewer.render();
     requestAnimationFrame(tick);
