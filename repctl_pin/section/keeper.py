@@ -27,9 +27,6 @@ _LOW = 2
 _FAR = 2
 """How many times the room a margin has everywhere if it is not worth a search."""
 
-_SHORT = 0.25
-"""The part of what is asked for that may be missing."""
-
 _GRID = 0.05
 """Poses that a search has found are taken from a grid in u, so that they do not crowd."""
 
@@ -75,7 +72,7 @@ class Watch:
         short = asked - near[worst]
         edge = self.U[worst]
         self.lost, self.U = np.concatenate([self.lost, self.U[lost]]), np.delete(self.U, lost, axis=0)
-        if not (short > _SHORT * asked).any():
+        if not (short > margin.slack * asked).any():
             return False
         chosen = np.argsort(-short)[: margin.violators]
         chosen = chosen[short[chosen] > 0]

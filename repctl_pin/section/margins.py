@@ -35,6 +35,8 @@ class Margin:
         The P margins at joints: one for each joint and its limits, one of all bodies, or σ_min of J.
     room : float
         What is asked for.
+    slack : float
+        The part of it that may be missing.
     watched, starts, violators : int
         Poses at which it is looked at, from which it is searched for lower ones, and that a round may add to the
         cost, at most: a distance between bodies costs a hundred times a joint limit.
@@ -43,6 +45,7 @@ class Margin:
     name: str
     measure: Callable[[Array], Array]
     room: float
+    slack: float
     watched: int
     starts: int
     violators: int
@@ -73,13 +76,17 @@ class Margin:
 
 def limits_of(task: Task, room: float = 0.0) -> Margin:
     """Every joint's distance to its nearer limit, rad or m."""
-    return Margin("joint limits", task.limit_margin, room, watched=4096, starts=48, violators=96)
+    return Margin("joint limits", task.limit_margin, room, 0.4, watched=4096, starts=48, violators=96)
 
 
 def distances_of(task: Task, room: float = 0.0) -> Margin:
     """The least distance between the hulls of bodies, m."""
     bodies = bodies_of(task)
-    return Margin("bodies", lambda Q: bodies.hull_distances(Q)[:, None], room, watched=256, starts=4, violators=16)
+
+    def measure(Q: Array) -> Array:
+        return bodies.hull_distances(Q)[:, None]
+
+    return Margin("bodies", measure, room, 0.25, watched=256, starts=4, violators=16)
 
 
 def singular_values_of(task: Task, room: float = 0.0) -> Margin:
@@ -88,4 +95,4 @@ def singular_values_of(task: Task, room: float = 0.0) -> Margin:
     def measure(Q: Array) -> Array:
         return np.asarray(np.linalg.svd(task.jacobians(Q), compute_uv=False)[:, -1:], float)
 
-    return Margin("singularities", measure, room, watched=2048, starts=24, violators=96)
+    return Margin("singularities", measure, room, 0.25, watched=2048, starts=24, violators=96)

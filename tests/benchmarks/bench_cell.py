@@ -36,7 +36,7 @@ def test_a_pose_and_a_step_beside_frame_jacobians(panda_pose: rp.Task, say) -> N
         "quadratic step": lambda: [quadratic.step(q, x, 0.01, leaf=none) for q, x in zip(Q, near, strict=True)],
     }
     best = dict.fromkeys(loops, np.inf)
-    for _ in range(20):  # they take turns, so that a ratio holds on a busy machine too
+    for _ in range(100):  # they take turns, so that a ratio holds on a busy machine too
         for name, loop in loops.items():
             best[name] = min(best[name], 1e6 * seconds(loop, 1) / len(U))
     in_jacobians, beside = best["F"] / best["a Jacobian"], best["step"] / best["quadratic step"]
