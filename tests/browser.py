@@ -37,7 +37,17 @@ FLAGS = (
 )
 
 
+_ASLEEP = """
+for (const context of [WebGLRenderingContext.prototype, WebGL2RenderingContext.prototype])
+  for (const name of ["drawElements", "drawArrays"]) {
+    const draw = context[name];
+    context[name] = function (...what) { if (window.awake) draw.apply(this, what); };
+  }
+"""
+"""What is drawn while a page opens is looked at by nobody, and takes ten seconds in software."""
+
 _THRIFT = """
+window.awake = true;
 const { viewer, picture } = repctl, draw = viewer.render;
 viewer.scene.traverse((node) => { if (node.isLight) node.castShadow = false; });
 viewer.render = () => {};
@@ -81,7 +91,9 @@ def open_page(driver: Any, page: Path | str, *, seconds: float = 60.0) -> None:
     address = page.resolve().as_uri() if isinstance(page, Path) else page
     driver.get("about:blank")  # an address that differs by nothing, or by its #, would not load anew
     driver.get_log("browser")  # what came before is not this page's
+    asleep = driver.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument", {"source": _ASLEEP})
     driver.get(address + "#paused")
+    driver.execute_cdp_cmd("Page.removeScriptToEvaluateOnNewDocument", asleep)
     wait_until_drawn(driver, address, seconds=seconds)
     driver.execute_script(_THRIFT)
 
