@@ -45,7 +45,7 @@ def presumed_acceleration(task: Task) -> tuple[Array, str]:
         if len(published) == len(names):
             return np.array(published, float), f"{entry.acceleration}'s, as published"
     speed = task.joint_limits[2]
-    return np.where(np.isfinite(speed), speed / FULL_SPEED, _UNLIMITED), f"full speed in {FULL_SPEED:g} s, presumed"
+    return np.where(np.isfinite(speed), speed / FULL_SPEED, _UNLIMITED), f"full speed in {FULL_SPEED:g} s, assumed"
 
 
 _MOMENT = 1e-3
