@@ -54,7 +54,9 @@ def chart_of(cell: rp.Cell, q: np.ndarray, degree: int = 3, count: int = 128) ->
 def found(rotation: float = 0.0) -> rp.CellDesign:
     cell = cell_of(rotation=rotation)
     q = rp.solve_ik(cell.task, Q_PANDA, cell.placement)
-    return rp.nearest_inverse_function(rp.Pseudoinverse(cell.task), cell, posture=q, degree=2, held_out=512)
+    return rp.nearest_inverse_function(
+        rp.Pseudoinverse(cell.task), cell, posture=q, degree=2, samples=128, held_out=256
+    )
 
 
 # ---- cells ---------------------------------------------------------------------------------------
