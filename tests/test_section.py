@@ -469,7 +469,6 @@ def refused(cell: rp.Cell, posture: object = None, **options: object) -> str:
             degree=1,
             samples=32,
             held_out=64,
-            apart=0.0,
             **options,  # type: ignore[arg-type]
         )
     assert "\n" not in str(caught.value)

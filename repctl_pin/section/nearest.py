@@ -81,7 +81,7 @@ def nearest_inverse_function(
     posture: ArrayLike | None = None,
     degree: int | Literal["auto"] = "auto",
     room: float = 0.05,
-    apart: float = 0.01,
+    apart: float = 0.0,
     dexterity: float = 0.0,
     incomplete: Literal["refuse", "shrink", "keep"] = "refuse",
     samples: int | None = None,
@@ -108,7 +108,8 @@ def nearest_inverse_function(
     room
         The distance, rad or m, from joint limits that is kept where it can be.
     apart
-        The distance between bodies, m, that is kept where it can be; 0 leaves bodies out of the cost.
+        The distance between bodies, m, that is kept where it can be; 0 leaves bodies out of the cost. Where there is
+        little room it can cost much joint speed.
     dexterity
         The σ_min of J that is kept where it can be; 0 leaves it out.
     incomplete
