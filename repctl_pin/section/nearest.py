@@ -111,7 +111,7 @@ def nearest_inverse_function(
         The distance between bodies, m, that is kept where it can be; 0 leaves bodies out of the cost. Where there is
         little room it can cost much joint speed.
     dexterity
-        The σ_min of J that is kept where it can be; 0 leaves it out.
+        The σ_min of J, in m and rad, that is kept where it can be; 0 leaves it out.
     incomplete
         Where no single function covers the cell: ``"refuse"`` it and say what would fit, ``"shrink"`` the cell about
         its middle, or ``"keep"`` the function on the part it covers.
