@@ -268,7 +268,7 @@ def test_a_class_of_ones_own_goes_everywhere_and_is_tried_first(q_panda) -> None
 def test_a_study_takes_the_words_of_a_path() -> None:
     found = rp.study("planar3r", path="circle:0.3", cycles=1, steps=60, degree=1)
     assert found.path.words.startswith("circle:0.3:") and found.path.plane == "xy"
-    assert "along a path, circle of radius 0.3 m" in "".join(_summary(found))
+    assert "a closed path, circle of radius 0.3 m" in "".join(_summary(found))
 
 
 def _summary(found: rp.Study) -> list[str]:
