@@ -73,7 +73,7 @@ def whole(value: Any, name: str, least: int = 0, most: int | None = None) -> int
         raise InputError(f"{name} must be a whole number from {least} up, not {shown(value)}")
     if most is not None and number > most:
         raise InputError(f"{name} can be {most:,} at most, not {shown(value)}")
-    return value if isinstance(value, int) else int(number)
+    return int(value) if isinstance(value, int) else int(number)
 
 
 def positive(value: Any, name: str, unit: str = "", *, zero: bool = False) -> float:

@@ -70,6 +70,13 @@ CALLS: dict[str, tuple[Callable[[Given], object], str]] = {
         lambda g: rp.nearest_repeatable(g.control, rp.Fourier(9, 1, variables=[0]), g.box),
         "of 9 joints, .* has 7",
     ),
+    "study, a path of numbers": (lambda g: rp.study("planar3r", path=np.zeros(3)), "path must be"),
+    "limit_margin, text": (lambda g: g.task.limit_margin("home"), "q must be .* 7"),
+    "limit_margin, one short": (lambda g: g.task.limit_margin(g.q0[:-1]), "q must be .* 7"),
+    "slowed, a row": (
+        lambda g: rp.follow(g.control, g.path, g.q0, cycles=1, steps=8).slowed(np.ones(3)),
+        "the factor must be above 0",
+    ),
     "Joined, other joints": (lambda g: g.fields + rp.Fourier(9, 1, variables=[0]), "these are of 7 and of 9"),
     "ExtendedJacobian, a joint that is not there": (
         lambda g: rp.ExtendedJacobian(g.task, lambda q: q[8])(g.q0),

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import flag, rows, spread, vector, whole
+from ..arguments import flag, rows, shown, spread, vector, whole
 from ..errors import InputError
 from .field import Field, chosen, coefficients
 from .inplace import MOST_ENTRIES, Homogeneous, InPlace, plain
@@ -78,7 +78,7 @@ class Polynomial:
         size = comb(len(self.variables) + self.degree, self.degree) - 1
         if size > _MAX_SIZE:
             raise InputError(
-                f"degree {self.degree} in {len(self.variables)} joints makes {size} potentials; "
+                f"degree {shown(self.degree)} in {len(self.variables)} joints makes {shown(size)} potentials; "
                 "lower the degree or choose variables"
             )
         # One row a potential: the variable of each of its factors, repeated as often as its power.

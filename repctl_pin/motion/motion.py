@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import positive
 from ..regions import Bounded
 from ..strategies.control_step import speeds
 from .joint_motion import JointMotion
@@ -79,6 +80,7 @@ class Motion(JointMotion):
 
     def slowed(self, factor: float) -> Motion:
         """Let every cycle take ``factor`` times as long: for controls ``q̇ = G ẋ``, whose joint path stays the same."""
+        factor = positive(factor, "the factor")
         return replace(self, t=self.t[0] + (self.t - self.t[0]) * factor, qdot=self.qdot / factor)
 
     def retimed(self, limit: ArrayLike | None = None) -> Motion:

@@ -305,6 +305,8 @@ class Task:
 
     def limit_margin(self, q: ArrayLike) -> Array:
         """Measure every one of the robot's joints' distance to its nearer limit: (..., n); negative outside."""
+        if not (isinstance(q, np.ndarray) and q.dtype.kind == "f" and q.shape[-1:] == (self.n,)):
+            (q,) = stacks(("q", q, f"{self.n}"))
         joints, (lower, upper, _) = self.joints(np.asarray(q, float)), self.joint_limits
         return np.minimum(joints - lower, upper - joints)
 

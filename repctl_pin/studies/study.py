@@ -140,7 +140,8 @@ def study(
     desired, wished = defaults.choose_desired(moved, weight)
     if weight is not None:
         own = {wished: desired} | own
-    offered = settings(moved, start, wanted_path or partial(fitting_circle, plane=plane, radius=radius))
+    round_it = partial(fitting_circle, plane=plane, radius=radius) if wanted_path is None else wanted_path
+    offered = settings(moved, start, round_it)
     degree_text = f"designing the nearest repeatable inverse, degree {degree}"
 
     def make(box: Region) -> Design:
