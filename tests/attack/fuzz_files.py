@@ -99,7 +99,7 @@ def alike(one: Any, other: Any) -> bool:
         return len(one) == len(other) and all(map(alike, one, other))
     numbers = (int, float)
     if isinstance(one, numbers) and isinstance(other, numbers):
-        return bool(np.isclose(one, other, rtol=1e-9, atol=1e-9))
+        return one == other or abs(one - other) <= 1e-9 * max(1, abs(one))
     return bool(one == other)
 
 
