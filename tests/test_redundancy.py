@@ -113,6 +113,10 @@ def test_repeatable_inverse_is_the_first_block_of_the_augmented_inverse(J: np.nd
     assert np.abs(G_r - redundancy.augmented_inverse(J, V)[:, :, :m]).max() < 1e-10 * scale  # (31)
     assert np.abs(J @ G_r - np.eye(m)).max() < 1e-10 * scale
     assert np.abs(transpose(V) @ G_r).max() < 1e-10 * scale
+    one_V = redundancy.augmented_inverse(J, V[0])  # one V at many configurations, and many V at one
+    assert np.array_equal(one_V, redundancy.augmented_inverse(J, np.broadcast_to(V[0], V.shape)))
+    one_J = redundancy.augmented_inverse(J[0], V)
+    assert np.array_equal(one_J, redundancy.augmented_inverse(np.broadcast_to(J[0], J.shape), V))
     # (38), with the minus sign that (33) lacks
     difference = redundancy.null_component(G_r, N) - redundancy.null_component(G_d, N)
     assert np.abs(difference + transpose(G_d) @ V @ np.linalg.inv(transpose(N) @ V)).max() < 1e-9 * scale
