@@ -19,7 +19,7 @@ from repctl_pin.show.plots.orbits import orbit
 
 
 def drift() -> Figure:
-    """Joint drift over ten cycles of a Panda's circle, and two of its joints over the same cycles."""
+    """Two joints of a Panda over ten cycles of a circle, and the joint drift after each."""
     task = rp.Robot.load("panda").task("panda_hand_tcp", "pose")
     q0 = np.array(task.reference)
     desired, path = rp.Pseudoinverse(task), rp.circle(task, q0, radius=0.1, normal="x")
@@ -32,9 +32,9 @@ def drift() -> Figure:
     ]
     motions = [(name, rp.follow(it, path, q0, cycles=10, steps=200), colour) for name, it, colour in controls]
     figure = Figure(figsize=(9.6, 3.6), layout="constrained")
-    left, right = figure.subplots(1, 2, width_ratios=(1, 1))
-    drift_over_cycles(left, motions)
-    orbit(right, [motions[0], motions[2]], 0, 1)
+    left, right = figure.subplots(1, 2)
+    orbit(left, [motions[0], motions[2]], 0, 1)
+    drift_over_cycles(right, motions)
     return figure
 
 
