@@ -81,7 +81,7 @@ def positive(value: Any, name: str, unit: str = "", *, zero: bool = False) -> fl
     number = _number(value)
     if not (math.isfinite(number) and (number > 0 or (zero and number == 0))):
         least = f"0{unit and ' '}{unit} or more" if zero else f"above 0{unit and ' '}{unit}"
-        raise InputError(f"{name} must be {least}, not {shown(value)}")
+        raise InputError(f"{name} must be {least}{' and finite' if number > 0 else ''}, not {shown(value)}")
     return number
 
 

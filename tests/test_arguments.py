@@ -70,6 +70,11 @@ CALLS: dict[str, tuple[Callable[[Given], object], str]] = {
         lambda g: rp.nearest_repeatable(g.control, rp.Fourier(9, 1, variables=[0]), g.box),
         "of 9 joints, .* has 7",
     ),
+    "study, a region no double holds": (lambda g: rp.study("planar3r", region=10**400), "region.* must be above 0 rad"),
+    "WeightedInverse, a weight no double holds": (
+        lambda g: rp.WeightedInverse(g.task, [10**400] + 6 * [1]),
+        "weight must be 7 numbers",
+    ),
     "study, a path of numbers": (lambda g: rp.study("planar3r", path=np.zeros(3)), "path must be"),
     "limit_margin, text": (lambda g: g.task.limit_margin("home"), "q must be .* 7"),
     "limit_margin, one short": (lambda g: g.task.limit_margin(g.q0[:-1]), "q must be .* 7"),

@@ -182,7 +182,7 @@ def _positive(weight: ArrayLike, n: int) -> Array:
     """Check a weight: n numbers or an (n, n) symmetric positive definite matrix."""
     try:
         M = np.asarray(weight, float)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InputError(f"the weight must be {n} numbers or a {n} × {n} matrix, not {shown(weight)}") from None
     M = np.diag(M) if M.shape == (n,) else M
     if M.shape != (n, n) or not np.isfinite(M).all() or not np.allclose(M, M.T):

@@ -119,7 +119,9 @@ def study(
     """
     if progress is not None:
         function(progress, "progress", "a function that takes a word on what is being done")
-    if region is not None and not isinstance(region, (int, float)):
+    if isinstance(region, (int, float)):
+        region = positive(region, "region, a half-width,", "rad")
+    elif region is not None:
         wanted(region, Region, "region", "a half-width, rad, or a region of joint space, such as rp.Box(q0, 0.3)")
     if radius is not None:
         radius = positive(radius, "the radius of a circle", "m")
