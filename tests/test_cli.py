@@ -62,7 +62,7 @@ def test_study_prints_its_table_and_writes_its_files(tmp_path) -> None:
     done = repctl_alone("study", "panda", "--cycles", "2", "--steps", "100", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""  # progress is for terminals
-    for word in ("panda_hand_tcp, pose", "circle of radius 0.1 m", "J⁺", "nearest repeatable", "outside"):
+    for word in ("panda_hand_tcp, pose", "circle of radius 0.1 m", "J⁺", "nearest", "repeatable", "outside"):
         assert word in done.stdout
     names = {"animation.html", "drift.png", "joints.png", "motion.csv", "control.json"}
     assert {p.name for p in (tmp_path / "repctl-out" / "panda").iterdir()} == names
@@ -221,5 +221,5 @@ def test_a_report_of_before_is_said_to_be_old(tmp_path: Path) -> None:
     assert done.returncode == 0 and "earlier" not in done.stdout
     report = (tmp_path / "out" / "report.html").read_bytes()
     done = repctl("study", *small, cwd=tmp_path)
-    assert "note: report.html there is of an earlier study; --report makes it anew" in done.stdout
+    assert "note: the report.html there is from an earlier study; --report writes a new one" in done.stdout
     assert (tmp_path / "out" / "report.html").read_bytes() == report

@@ -188,8 +188,8 @@ def test_the_help_says_what_a_path_is(command: str, capsys) -> None:
     for words in (
         "circle:RADIUS:DEGREES",
         "turned until the arm can follow it",
-        "in m from the base",
-        "the first again",
+        "in m in the base's frame",
+        "the first point repeated",
     ):
         assert words in text
     assert "first redundant of pose, position, xy, xz, yz" in text

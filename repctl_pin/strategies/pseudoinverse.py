@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import prod
+from math import inf, prod
 from typing import Any
 
 import numpy as np
 from numpy import ndarray
 from numpy.typing import ArrayLike, NDArray
+from scipy.linalg.blas import ddot
 from scipy.linalg.lapack import dposv
 
 from ..arguments import FLOAT, rows, shown, stacks, vector
@@ -164,8 +165,8 @@ def least_speed(task: Task, pull: Callable[[Array], Array] | None = None) -> Cal
         squares = prod(pivots.tolist())  # of the rows' norms, whatever their units
         _, y, info = dposv(gram_T, rhs, 0, 1)
         # The pivots p of J Jᵀ = L Lᵀ: ∏ p ≤ sin θ ∏ ‖row‖, θ the least angle of a row to the span of the others. NaN
-        # fails it. Near a singularity J Jᵀ, which squares the condition of J, will not do.
-        if not info and prod(pivots.tolist()) ** 2 > tolerance * squares:
+        # fails it, in ẋ the second test. Near a singularity J Jᵀ, which squares the condition of J, will not do.
+        if not info and prod(pivots.tolist()) ** 2 > tolerance * squares and ddot(y, y) < inf:
             return y.dot(J) if z is None else z + y.dot(J)
         if not (np.isfinite(q).all() and np.isfinite(xdot).all()):
             raise failure(task, q, xdot)
