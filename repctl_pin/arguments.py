@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
+from inspect import signature
 from os import PathLike
 from pathlib import Path
 from typing import Any, TypeVar
@@ -51,11 +52,22 @@ def wanted(value: Any, kind: type[T], name: str, what: str) -> T:
     raise InputError(f"{name} must be {what}; got {shown(value)}")
 
 
-def function(value: F, name: str, what: str) -> F:
-    """Take a function."""
-    if callable(value) and not isinstance(value, type):
+def function(value: F, name: str, what: str, takes: int = 1) -> F:
+    """Take a function of so many arguments."""
+    if callable(value) and not isinstance(value, type) and _binds(value, takes):
         return value
     raise InputError(f"{name} must be {what}; got {shown(value)}")
+
+
+def _binds(value: Callable[..., Any], takes: int) -> bool:
+    """Whether a function can be called with so many arguments; true of what does not say."""
+    try:
+        signature(value).bind(*[None] * takes)
+    except TypeError:
+        return False
+    except ValueError:  # a built-in function
+        return True
+    return True
 
 
 def chosen(value: Any, names: Iterable[str], kind: str) -> str:

@@ -7,6 +7,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from importlib.util import find_spec
 from types import MappingProxyType
 
+_LONGEST = 800
+"""Characters of a message: a name that is quoted may have any number."""
+
 
 class RepctlError(Exception):
     """Base of every error this package raises on purpose.
@@ -21,9 +24,10 @@ class RepctlError(Exception):
     """
 
     def __str__(self) -> str:
-        """The message, on one line whatever it quotes."""
+        """The message, on one line of bounded length whatever it quotes."""
         text = super().__str__()
-        return text if text.isprintable() else " ".join(text.split())
+        text = text if text.isprintable() else " ".join(text.split())
+        return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 200]} … {text[-200:]}"
 
 
 class InputError(RepctlError, ValueError):

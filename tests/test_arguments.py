@@ -75,6 +75,15 @@ CALLS: dict[str, tuple[Callable[[Given], object], str]] = {
         lambda g: rp.WeightedInverse(g.task, [10**400] + 6 * [1]),
         "weight must be 7 numbers",
     ),
+    "TaskPath, a point of nothing": (
+        lambda g: rp.TaskPath("path", lambda: np.zeros(3), lambda s: np.zeros(3), np.eye(3)),
+        "point must be a function of s",
+    ),
+    "nearest_in_family, a family of nothing": (
+        lambda g: rp.nearest_in_family(g.control, lambda: 0, g.box),
+        "family must be",
+    ),
+    "save, a name no folder takes": (lambda g: rp.save(g.control, 5000 * "x"), "^.{1,803}$"),
     "study, a path of numbers": (lambda g: rp.study("planar3r", path=np.zeros(3)), "path must be"),
     "limit_margin, text": (lambda g: g.task.limit_margin("home"), "q must be .* 7"),
     "limit_margin, one short": (lambda g: g.task.limit_margin(g.q0[:-1]), "q must be .* 7"),

@@ -367,7 +367,7 @@ def outcome(call: Call, wrong: dict[str, Any]) -> str:
         return "hung"
     except rp.RepctlError as error:
         text = str(error)
-        if not text.isprintable() or len(text) > 500:
+        if not text.isprintable() or len(text) > 800 + 3:
             return f"refused in no single short line: {text[:200]!r}"
         return "refused"
     except RecursionError:

@@ -113,7 +113,7 @@ def follow(
         wanted_task(task)
     path = closed_path(path)
     if not isinstance(strategy, Strategy):
-        function(strategy, "strategy", "a control, such as rp.Pseudoinverse(task) or design.inverse")
+        function(strategy, "strategy", "a control, such as rp.Pseudoinverse(task) or design.inverse", 2)
         if task is None:
             raise InputError("to follow a path with a plain function (q, ẋ) → q̇, say what it controls: task=")
         strategy = FunctionStrategy(task, strategy)

@@ -80,7 +80,7 @@ def settings(
     if isinstance(path, ClosedPath):
         given = closed_path(path)
         path = lambda task, q0: given  # noqa: E731
-    function(path, "path", "a closed path, such as rp.circle(task, q0), or a function (task, q0) → path")
+    function(path, "path", "a closed path, such as rp.circle(task, q0), or a function (task, q0) → path", 2)
     failure: RepctlError | None = None
     found = fixed = False
     wild: list[Setting] = []
