@@ -95,6 +95,19 @@ def test_a_working_folder_that_is_gone(tmp_path: Path) -> None:
     assert done.returncode == 2 and done.stderr.count("\n") == 1 and "No such file or directory" in done.stderr
 
 
+def test_what_a_person_has_set_for_other_programs_does_not_matter(tmp_path: Path) -> None:
+    small = ["study", "planar3r", "--cycles", "1", "--steps", "40", "--region", "0.3", "--degree", "1", "--quiet"]
+    nonsense = {"MPLBACKEND": "nonsense", "MPLCONFIGDIR": "/dev/null", "PYTHONWARNINGS": "error"}
+    done = subprocess.run(
+        [sys.executable, "-m", "repctl_pin", *small],
+        cwd=tmp_path,
+        env=os.environ | nonsense,
+        capture_output=True,
+        text=True,
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
 def test_names_that_are_no_text_and_names_with_dollars(tmp_path: Path) -> None:
     name = os.fsdecode(b"arm\xff.urdf")
     urdf = planar_urdf([1, 0.8, 0.6]).replace('"planar"', '"arm_$a_$b"').replace("theta", "$th$eta_{")

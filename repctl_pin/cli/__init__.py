@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import io
+import logging
 import os
 import shlex
 import sys
@@ -38,8 +39,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     if argv is None:  # our own process: matrices of 7 joints are faster on one thread
         for variable in BLAS_THREADS:
             os.environ.setdefault(variable, "1")
-        if not sys.warnoptions:
-            warnings.simplefilter("ignore")  # of libraries: they are for programmers
+        os.environ["MPLBACKEND"] = "agg"  # no window is opened, whatever a person's programs open
+        logging.getLogger("matplotlib").setLevel(logging.ERROR)
+        # of libraries: they are for programmers
+        warnings.simplefilter("ignore", Warning if not sys.warnoptions else DeprecationWarning)
         for stream in (sys.stdout, sys.stderr):  # None where it is closed
             if isinstance(stream, io.TextIOWrapper):
                 stream.reconfigure(errors="replace")  # a terminal that cannot show ⁺ gets a ?
