@@ -75,6 +75,10 @@ CALLS: dict[str, tuple[Callable[[Given], object], str]] = {
         lambda g: rp.WeightedInverse(g.task, [10**400] + 6 * [1]),
         "weight must be 7 numbers",
     ),
+    "waypoints, out of reach": (
+        lambda g: rp.waypoints(1e300 * np.array([[0, 0, 1], [0, 1, 1], [0, 0, 1]]), np.eye(3)),
+        "waypoints: a coordinate of 1e\\+300 m",
+    ),
     "TaskPath, a point of nothing": (
         lambda g: rp.TaskPath("path", lambda: np.zeros(3), lambda s: np.zeros(3), np.eye(3)),
         "point must be a function of s",

@@ -280,6 +280,10 @@ def _rising(times: ArrayLike, count: int) -> Array:
     return t
 
 
+_FARTHEST = 1e9
+"""m; squares of coordinates beyond 1e154 overflow."""
+
+
 def _points(values: ArrayLike | Sequence[Any], what: str) -> Array:
     try:
         points = np.array(values, dtype=float)
@@ -287,4 +291,8 @@ def _points(values: ArrayLike | Sequence[Any], what: str) -> Array:
         raise InputError(f"{what} must be rows of three numbers, x, y, z in m") from None
     if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
         raise InputError(f"{what} must be rows of three finite numbers, x, y, z in m")
+    if np.abs(points).max(initial=0.0) > _FARTHEST:
+        raise InputError(
+            f"{what}: a coordinate of {np.abs(points).max():.3g} m is out of any arm's reach; give them in m"
+        )
     return points
