@@ -11,14 +11,15 @@ Array = NDArray[np.float64]
 
 def exp3(omega: Array) -> Array:
     """Evaluate exp(ω̂): (K, 3) → (K, 3, 3)."""
-    return Rotation.from_rotvec(omega).as_matrix()
+    return Rotation.from_rotvec(omega).as_matrix() if len(omega) else np.empty((0, 3, 3))  # SciPy 1.15 refuses K = 0
 
 
 def log3(R: Array) -> Array:
     """Evaluate ω with exp(ω̂) = R, ‖ω‖ ≤ π: (K, 3, 3) → (K, 3); NaN where R is not finite."""
     usable = np.isfinite(R).all(axis=(1, 2))
     omega = np.full((len(R), 3), np.nan)
-    omega[usable] = Rotation.from_matrix(R[usable]).as_rotvec()
+    if usable.any():
+        omega[usable] = Rotation.from_matrix(R[usable]).as_rotvec()
     return omega
 
 
