@@ -28,7 +28,7 @@ class FunctionStrategy:
 
     def __init__(self, task: Task, function: Callable[[Array, Array], ArrayLike]) -> None:
         self.task = own_task(task)
-        self.function = wanted_function(function, "a strategy", "a function (q, ẋ) → q̇, or have a velocity(q, ẋ)")
+        self.function = wanted_function(function, "a strategy", "a function (q, ẋ) → q̇, or have a velocity(q, ẋ)", 2)
 
     def velocity(self, q: ArrayLike, xdot: ArrayLike) -> Array:
         """Ask the function for q̇ (n,).
