@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 import re
+from dataclasses import replace
 from functools import cache
 from itertools import pairwise, product
 from pathlib import Path
@@ -558,6 +559,8 @@ def test_saved_and_loaded_it_gives_the_same_bits(tmp_path: Path) -> None:
     x = design.cell.at(np.array([0.1, 0.7, -0.3, 0.2, -0.9, 0.4]))
     assert (again.function(x) == design.function(x)).all()
     assert again.summary() == design.summary() and rp.save(again, tmp_path / "b.json").read_bytes() == file.read_bytes()
+    touching = replace(design, judgement=replace(design.judgement, limit_margin=0.1, limit_margin_worst=0.0))
+    assert rp.load(rp.save(touching, tmp_path / "c.json"), panda()).limit_margin_worst == 0.0
     with pytest.raises(rp.InputError, match="is for the task kind 'pose'"):
         rp.load(file, panda("axis"))
     file.write_text(file.read_text().replace('"degree": ', '"degree":  1'))

@@ -128,7 +128,8 @@ def cell_of(content: CellFile, task: Task) -> CellDesign:
     if C.shape != due:
         raise InputError(f"the coefficients must be {due[0]} × {due[1]} × {due[2]} numbers; they have shape {C.shape}")
     figures = msgspec.structs.asdict(content.figures)
-    figures["limit_margin_worst"] = figures["limit_margin_worst"] or figures["limit_margin"]  # not in older files
+    if figures["limit_margin_worst"] is None:  # infinite, or not in older files
+        figures["limit_margin_worst"] = figures["limit_margin"]
     figures |= {name: np.inf for name in _BOUNDLESS if figures[name] is None}
     figures["stops"] = tuple(Stop(s.cause, s.share, np.array(s.u), s.what) for s in content.figures.stops)
     judgement = Judgement(**figures)
