@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from matplotlib.colors import to_hex
@@ -12,8 +14,9 @@ from repctl_pin.show.page.snapshot import bones, still, still_figure
 from repctl_pin.show.palette import COLOURS
 from repctl_pin.show.plots.cycles import cycle_figure, least_margins, margin_over_cycles, speed_over_cycle
 from repctl_pin.show.plots.maps import joint_map
-from repctl_pin.show.plots.motions import drift_figure, drift_over_cycles, joint_over_cycles, joints_figure
+from repctl_pin.show.plots.motions import drawn, drift_figure, drift_over_cycles, joint_over_cycles, joints_figure
 from repctl_pin.show.plots.orbits import liveliest_joints, orbit, orbits_figure
+from repctl_pin.show.text.numbers import number
 from repctl_pin.studies.study_maps import study_maps
 
 
@@ -163,3 +166,34 @@ def test_every_axis_of_every_figure_has_a_name_and_its_unit(study: rp.Study, mot
     joints = joints_figure(motions, "")
     assert [ax.get_ylabel() for ax in joints.axes] == ["rad"] * 4
     assert {to_hex(line.get_color()) for line in joints.axes[0].lines} >= {c.lower() for c in COLOURS.values()}
+
+
+def test_a_control_that_goes_away_at_once_does_not_hide_the_drift() -> None:
+    """The axis ends a little above what drifts; who is beyond it is named there, with its value."""
+    shown = drawn(rp.study("ppr", cycles=4, steps=60, degree=1))
+    away = next(motion for label, motion, _ in shown if "other" in label)
+    rest = [motion for _, motion, _ in shown if motion is not away]
+    ax = drift_over_cycles(Figure().add_subplot(), shown)
+    assert max(m.drift.max() for m in rest) < ax.get_ylim()[1] < away.drift.min() / 2
+    assert [note.get_text() for note in ax.texts if "↑" in note.get_text()] == [
+        f"J⁺ + other posture: {number(away.drift[-1])} rad and m ↑"
+    ]
+    ax = drift_over_cycles(Figure().add_subplot(), [m for m in shown if m[1] in (rest[0], rest[-1])])
+    assert not any("↑" in note.get_text() for note in ax.texts)  # J⁺ and ours: nothing is left out
+
+
+@pytest.mark.parametrize("name", ["ppr", "my_arm"])
+def test_the_inset_covers_no_line(name: str) -> None:
+    robot = Path(__file__).parents[1] / "examples" / "my_arm.urdf" if name == "my_arm" else name
+    study = rp.study(robot, cycles=4, steps=60, degree=1)
+    figure = drift_figure(drawn(study), "")
+    figure.canvas.draw()
+    ax = figure.axes[0]
+    for inset in ax.child_axes:
+        box = inset.get_window_extent()
+        for line in ax.lines:
+            points = ax.transData.transform(line.get_xydata())
+            along = np.linspace(0, len(points) - 1, 200)
+            x, y = (np.interp(along, np.arange(len(points)), column) for column in points.T)
+            assert not ((x > box.x0) & (x < box.x1) & (y > box.y0) & (y < box.y1)).any()
+    assert ax.child_axes or name == "my_arm"

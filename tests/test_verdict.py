@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import repctl_pin as rp
-from repctl_pin.show.text.numbers import metres, number, percent
-from repctl_pin.show.text.verdict import Deed, Tile, study_verdict, verdict
+from repctl_pin.show.text.numbers import metres, number, percent, radians
+from repctl_pin.show.text.verdict import Deed, Tile, deed_of, study_verdict, verdict
 
 J = Deed("J⁺", 0.4512, 0.464)
 
@@ -27,6 +27,20 @@ J = Deed("J⁺", 0.4512, 0.464)
         ),
         ([J], "The elbow creeps 45 cm in 10 cycles. Limits kept."),
         ([Deed("a", 0, 1.0), Deed("b", 9e-5, 1.0)], "The elbow is back after 10 cycles. Joint speed 0 %. Limits kept."),
+        (  # a wrist that has turned while the elbow hardly moved
+            [replace(J, creep=0.043, turn=(3.72, "left_w0")), Deed("ours", 0, 0.464, turn=(2e-9, "left_w1"))],
+            "The elbow creeps 4.3 cm and left_w0 turns 3.7 rad in 10 cycles → 0. Joint speed 0 %. Limits kept.",
+        ),
+        (
+            [replace(J, creep=0.043, turn=(3.72, "left_w0")), Deed("ours", 0.002, 0.464, turn=(0.02, "left_w1"))],
+            "The elbow creeps 4.3 cm and left_w0 turns 3.7 rad in 10 cycles → 2 mm and left_w1 turns 0.02 rad. "
+            "Joint speed 0 %. Limits kept.",
+        ),
+        (  # what the elbow tells of already, and what nobody sees
+            [replace(J, turn=(4.4, "joint1"))],
+            "The elbow creeps 45 cm in 10 cycles. Limits kept.",
+        ),
+        ([replace(J, creep=0.002, turn=(0.09, "joint1"))], "The elbow creeps 2 mm in 10 cycles. Limits kept."),
         ([J, J], "The elbow creeps 45 cm in 10 cycles. Joint speed 0 %. Limits kept."),
     ],
 )
@@ -47,6 +61,8 @@ def test_tiles_say_what_the_sentence_says() -> None:
         ("Joint limits", "broken in cycle 7 (left_s0) → kept", True),
     ]
     assert verdict([Deed("ours", 0.0, 0.5), J], 1).tiles[0].bad
+    twisted = verdict([replace(J, creep=0.043, turn=(3.72, "left_w0")), Deed("ours", 0, 0.5)], 10).tiles[0]
+    assert twisted == Tile("Elbow and joint creep in 10 cycles", "4.3 cm, left_w0 3.7 rad → 0")
 
 
 def test_a_studys_verdict_holds_its_motions_numbers() -> None:
@@ -64,9 +80,18 @@ def test_a_studys_verdict_holds_its_motions_numbers() -> None:
     assert study_verdict(replace(study, rows=none)).tiles == ()
 
 
+def test_the_joint_that_turns_most_is_named_from_the_motion() -> None:
+    motion = rp.study("ur5", cycles=3, steps=60, degree=1).row("pseudoinverse").motion
+    off, told = np.abs(motion.q[-1] - motion.q[0]), deed_of("J⁺", motion, 3)
+    assert told.turn == (off.max(), motion.task.joint_names[off.argmax()])
+    slides = rp.study("ppr", cycles=2, steps=60, degree=1).row("pseudoinverse").motion
+    assert deed_of("J⁺", slides, 1).turn == (abs(slides.q[-1, 2] - slides.q[0, 2]), "theta3")  # d1 and d2 slide
+
+
 def test_numbers_are_written_one_way() -> None:
     assert [number(v) for v in (1.7495, 0.0238, 2.1e-11, 0.0, 1234.5, np.inf)] == [
         "1.75", "0.0238", "2e-11", "0", "1234", "–",
     ]  # fmt: skip
     assert [metres(v) for v in (9e-5, 2.6e-3, 0.45, 0.999, 1.234)] == ["0", "2.6 mm", "45 cm", "1 m", "1.2 m"]
+    assert [radians(v) for v in (9e-4, 0.0213, 3.719)] == ["0", "0.021 rad", "3.7 rad"]
     assert [percent(v) for v in (4e-4, 0.003, -0.01, 0.25)] == ["0 %", "+0.3 %", "−1.0 %", "+25 %"]

@@ -221,6 +221,7 @@ def _deed(limbs: Sequence[Limb], played: Sequence[JointMotion], track: Track) ->
         speed=float(np.linalg.norm([deed.speed for deed in deeds])),
         broken=min((deed.broken for deed in deeds if deed.broken is not None), default=None),
         haste=0.0 if track.t is None else max(deed.haste for deed in deeds),
+        turn=max(deed.turn for deed in deeds),
     )
 
 

@@ -16,6 +16,7 @@ from ..text.numbers import number
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from numpy.typing import NDArray
 
     from ...motion import Motion
     from ...robot.task import Task
@@ -53,11 +54,26 @@ def drift_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]], *, l
     if log:
         ax.set_yscale("log")
     else:
-        ax.set_ylim(bottom=0)
+        ax.set_ylim(0, _top(motions) or ax.get_ylim()[1])
         _end_labels(ax, motions)
     ax.set_xlabel("cycle")
     ax.set_ylabel(f"joint drift $\\|q - q_0\\|$ ({motions[0][1].task.unit})")
     return quiet(ax, whole=True)
+
+
+def _top(motions: Sequence[tuple[str, Motion, str]]) -> float | None:
+    """Where the axis ends if a control that moves away in cycle 1 and stays there would hide all other drift."""
+    drifts = [motion.drift for _, motion, _ in motions]
+    rest = max((float(d.max()) for d in drifts if not _stays(d)), default=0.0)
+    if not rest > CLOSED:
+        return None
+    kept = [float(d.max()) for d in drifts if not (_stays(d) and d[0] > 4 * rest)]
+    return 1.2 * max(kept) if len(kept) < len(drifts) else None
+
+
+def _stays(drift: NDArray[np.float64]) -> bool:
+    """Whether nearly all of a drift is there after the first of several cycles."""
+    return len(drift) > 1 and bool(drift[-1] < 1.1 * drift[0])
 
 
 def _end_labels(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> None:
@@ -66,7 +82,7 @@ def _end_labels(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> None:
     step, floor = 0.075 * (high - low), -np.inf
     for label, motion, colour in sorted(motions, key=lambda one: float(one[1].drift[-1])):
         drift = float(motion.drift[-1])
-        floor = max(drift, floor + step)
+        above, floor = drift > high, max(min(drift, high), floor + step)
         back = drift < CLOSED
         value = f"0 ({number(drift)}, the integrator's error)" if back else f"{number(drift)} {motion.task.unit}"
         beyond = "".join(
@@ -75,8 +91,8 @@ def _end_labels(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> None:
         )
         floor += 0.5 * step * beyond.count("\n")
         ax.annotate(
-            f"{label}: {value}{beyond}", (motion.cycles, drift), (1.04 * motion.cycles, floor), color=colour,
-            fontsize=9, va="center", annotation_clip=False,
+            f"{label}: {value}{' ↑' if above else ''}{beyond}", (motion.cycles, drift), (1.055 * motion.cycles, floor),
+            color=colour, fontsize=9, va="center", annotation_clip=False,
         )  # fmt: skip
 
 
@@ -124,12 +140,16 @@ _INSET = (0.38, 0.3)
 
 
 def _free_corner(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> tuple[float, float] | None:
-    """Find the highest place at the left where the inset covers no value; None where there is none."""
-    to_axes = ax.transData + ax.transAxes.inverted()
-    points = np.vstack([to_axes.transform(np.c_[1 : m.cycles + 1, m.drift]) for _, m, _ in motions])
-    y = points[points[:, 0] < 0.12 + _INSET[0], 1]
-    places = (low for low in np.arange(0.6, 0.15, -0.04) if not ((y > low - 0.08) & (y < low + _INSET[1] + 0.12)).any())
-    return next(((0.1, float(low)) for low in places), None)
+    """Find the highest place, at the left or else at the right, where the inset covers no line; None where all do."""
+    to_axes, shares = ax.transData + ax.transAxes.inverted(), np.linspace(0, 1, 101)
+    lines = [to_axes.transform(np.c_[1 : m.cycles + 1, m.drift]).T for _, m, _ in motions]
+    for left in (0.1, 0.6):
+        near = (shares > left - 0.08) & (shares < left + _INSET[0])
+        y = np.concatenate([np.interp(shares[near], *line) for line in lines])
+        for low in np.arange(0.6, 0.1, -0.04):
+            if not ((y > low - 0.08) & (y < low + _INSET[1] + 0.12)).any():
+                return left, float(low)
+    return None
 
 
 def joints_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Figure:

@@ -25,6 +25,11 @@ def metres(value: float) -> str:
     return f"{float(f'{scale * value:.2g}'):g} {unit}"
 
 
+def radians(value: float) -> str:
+    """Write an angle: 3.7 rad; below a thousandth it is 0."""
+    return "0" if abs(value) < 1e-3 else f"{value:.2g} rad"
+
+
 def percent(share: float) -> str:
     """Write a change in per cent, with its sign: +0.3 %, −1 %; 0 % below a twentieth of one."""
     if abs(share) < 5e-4:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...motion.joint_motion import cycle_of
-from .numbers import metres, percent
+from .numbers import metres, percent, radians
 
 if TYPE_CHECKING:
     from ...motion.joint_motion import JointMotion
@@ -36,6 +36,8 @@ class Deed:
         The cycle in which two bodies first touch; 0 where none do.
     haste : float
         The largest share of a joint's speed limit; above 1 it is broken.
+    turn : (float, str)
+        How far the turning joint that is farthest off its start at the end has turned, rad, and which it is.
     """
 
     label: str
@@ -45,6 +47,12 @@ class Deed:
     apart: float | None = None
     touch: int = 0
     haste: float = 0.0
+    turn: tuple[float, str] = (0.0, "")
+
+    @property
+    def twists(self) -> bool:
+        """Whether a joint turns that the elbow does not tell of: by 0.1 rad, and over 1 rad for each 10 cm of creep."""
+        return self.turn[0] >= 0.1 and self.turn[0] > 10 * self.creep
 
 
 @dataclass(frozen=True)
@@ -83,6 +91,7 @@ def deed_of(label: str, motion: JointMotion, elbow: int, *, bodies: bool = True)
     """
     start, end = (motion.task.joint_origins(q)[elbow] for q in (motion.q[0], motion.q[-1]))
     violation, coarse = motion.first_violation, motion.coarse
+    turned = np.abs(motion.q[-1] - motion.q[0]) * motion.task.revolute  # (n,)
     apart, touch = (float(coarse.body_distance.min()), coarse.first_touch) if bodies else (np.inf, None)
     return Deed(
         label,
@@ -92,6 +101,7 @@ def deed_of(label: str, motion: JointMotion, elbow: int, *, bodies: bool = True)
         apart if np.isfinite(apart) else None,
         0 if touch is None else cycle_of(touch[0], motion.cycles),
         motion.speed_ratio,
+        (float(turned.max()), motion.task.joint_names[int(turned.argmax())]),
     )
 
 
@@ -107,7 +117,8 @@ def verdict(deeds: Sequence[Deed], cycles: int) -> Verdict:
     """
     first, last = deeds[0], deeds[-1]
     times = "1 cycle" if cycles == 1 else f"{cycles} cycles"
-    creeps = [metres(deed.creep) for deed in deeds]
+    twists = any(deed.twists for deed in deeds)
+    creeps = [_creep(deed, " and {} turns {}" if twists else "") for deed in deeds]
     limits = [f"broken in cycle {d.broken[0]} ({d.broken[1]})" if d.broken else "kept" for d in deeds]
     words = [
         f"The elbow creeps {' → '.join(dict.fromkeys(creeps))} in {times}."
@@ -116,7 +127,8 @@ def verdict(deeds: Sequence[Deed], cycles: int) -> Verdict:
     ]
     if creeps[0] == creeps[-1] == "0":
         words = [f"The elbow is back after {times}."]
-    tiles = [Tile(f"Elbow creep in {times}", " → ".join(creeps), creeps[-1] != "0")]
+    told = [_creep(deed, ", {} {}" if twists else "") for deed in deeds]
+    tiles = [Tile(f"{'Elbow and joint' if twists else 'Elbow'} creep in {times}", " → ".join(told), told[-1] != "0")]
     if len(deeds) > 1:
         price = percent(last.speed / first.speed - 1) if first.speed > 0 else "–"
         words.append(f"Joint speed {price}.")
@@ -133,6 +145,12 @@ def verdict(deeds: Sequence[Deed], cycles: int) -> Verdict:
         words.append(f"Bodies {said}{'' if deeds[-1].touch else ' apart'}.")
         tiles.append(Tile("Bodies apart, at least", said, any(deed.touch for deed in deeds)))
     return Verdict(" ".join(words), tuple(tiles))
+
+
+def _creep(deed: Deed, joint: str) -> str:
+    """How far the elbow is off at the end, and, where they are asked for, the words on the joint that turned most."""
+    name, turn = deed.turn[1], radians(deed.turn[0])
+    return metres(deed.creep) + (joint.format(name, turn) if turn != "0" else "")
 
 
 def study_verdict(study: Study) -> Verdict:
