@@ -19,9 +19,9 @@ function say(text, trouble) {
 
 // Inside another page the wheel scrolls that page, unless the picture has the focus.
 function leaveTheWheel(viewer) {
-  viewer.controls.enableZoom = false;
-  byId("panes").addEventListener("focus", () => { viewer.controls.enableZoom = true; });
-  byId("panes").addEventListener("blur", () => { viewer.controls.enableZoom = false; });
+  byId("picture").addEventListener("wheel", () => {
+    viewer.controls.enableZoom = document.hasFocus() && document.activeElement === byId("panes");
+  }, { capture: true });
 }
 
 // Let time pass, a picture at a time; a machine that is late loses pictures, not time.
@@ -94,7 +94,7 @@ async function main() {
   const dark = window.matchMedia("(prefers-color-scheme: dark)");
   dark.addEventListener("change", () => { forgetTones(); panes.colour(); show(); });
   if (window.parent !== window) leaveTheWheel(viewer);
-  byId("picture").addEventListener("pointerdown", () => byId("panes").focus());
+  byId("picture").addEventListener("click", () => byId("panes").focus({ preventScroll: true }));
   new ResizeObserver(resize).observe(byId("panes"));
   resize();
 
