@@ -109,7 +109,8 @@ def picture(found: Result, plain: rp.Pseudoinverse, count: int) -> Figure:
     """Draw drift against the size of the loop, the defect along the self-motion, and a map of it."""
     figure = Figure(figsize=(15, 4.6), layout="constrained")
     loops, way, area = figure.subplots(1, 3)
-    loops.loglog(found.sides * 100, found.predicted, color=INK, lw=1, ls="--", label="A ‖Δ_xy‖, from one evaluation")
+    law = r"$A\,\|\Delta_{xy}\|$, from one evaluation"
+    loops.loglog(found.sides * 100, found.predicted, color=INK, lw=1, ls="--", label=law)
     loops.loglog(found.sides * 100, found.measured, "o", color=VERMILLION, label="J⁺, measured")
     floor = np.maximum(found.repeatable, 1e-16)
     loops.loglog(found.sides * 100, floor, "s", color=BLUE, label="nearest repeatable, measured")

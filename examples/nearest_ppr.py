@@ -249,9 +249,9 @@ def foliation_figure(task: rp.Task, design: rp.Design, count: int) -> Figure:
         ax.set(xticks=(-1, 0, 1), yticks=(-1, 0, 1), zticks=(-1, -0.5, 0, 0.5, 1))
         ax.set_box_aspect((1, 1, 0.85), zoom=0.92)
         ax.view_init(20, -60)
-        ax.set_title(f"{title}\nmean ‖G_r − J⁺‖² over |d₁|, |d₂|, |θ₃| ≤ 1: {cost:.4f}", fontsize=10.5, y=0.97)
+        ax.set_title(f"{title}\nmean $\\|G_r - J^+\\|^2$ over |d₁|, |d₂|, |θ₃| ≤ 1: {cost:.4f}", fontsize=10.5, y=0.97)
     bar = figure.colorbar(mapper, cax=figure.add_axes((0.925, 0.2, 0.013, 0.55)))
-    bar.set_label("‖G_r − J⁺‖ on the leaf")
+    bar.set_label(r"$\|G_r - J^+\|$ on the leaf")
     return figure
 
 

@@ -147,7 +147,7 @@ def draw(ax: Axes, case: Case, seen: Callable[[np.ndarray], np.ndarray], at: Cal
     ax.set(xlim=(-np.pi, np.pi), ylim=(-np.pi, np.pi), xlabel=labels[0], ylabel=labels[1], aspect="equal")
     ax.set_title(f"{case.name}\n{case.coordinates} angles", fontsize=10, loc="left")
     ax.legend(loc="lower right", bbox_to_anchor=(1, 1), fontsize=8, frameon=False, borderpad=0)
-    ax.figure.colorbar(image, ax=ax, shrink=0.72, label="s = n_J · ∇×n_J")
+    ax.figure.colorbar(image, ax=ax, shrink=0.72, label=r"$s = n_J \cdot \nabla \times n_J$")
 
 
 def picture(prr: Case, relative: Case, turned: Case) -> Figure:

@@ -277,14 +277,14 @@ def figure_4(task: rp.Task) -> Figure:
     phi = np.linspace(-1.32, 1.32, 200)
     for turn_by in (-PI, 0, PI):
         flat.plot(turn_by - phi, np.tan(phi), color=VERMILLION, lw=1.6)
-    flat.plot([], [], color=VERMILLION, lw=1.6, label="k = −tan θ₃: G_r = J⁺")
+    flat.plot([], [], color=VERMILLION, lw=1.6, label=r"k = −tan θ₃: $G_r = J^+$")
     flat.set(xlabel="θ₃ (rad)", ylabel="k", xlim=(-PI, PI), ylim=(-4, 4))
     flat.set_xticks(*pi_ticks(-1, 1))
     flat.legend(loc="lower right", bbox_to_anchor=(1, 1), frameon=False, fontsize=9)
     bar = figure.colorbar(mesh, cax=figure.add_axes((0.93, 0.13, 0.012, 0.75)))
     bar.set_ticks(np.arange(0, 0.71, 0.1))
     bar.set_label("‖w‖₂")
-    figure.text(0.01, 0.96, "Fig. 4: the norm of the difference between G_r(θ, k) and J⁺", fontsize=11, va="top")
+    figure.text(0.01, 0.96, r"Fig. 4: the norm of the difference between $G_r$(θ, k) and $J^+$", fontsize=11, va="top")
     return figure
 
 

@@ -304,12 +304,7 @@ def test_controls_work_when_clicked(driver: Any, tmp_path: Path) -> None:
     assert changed(before, picture_now(driver)) > 0.0002  # the ghost is no more than what one cycle's drift leaves bare
     element("show-ghost").click()
     driver.execute_script("repctl.turn(0.5, 0.2, 0.8)")
-    labels = driver.execute_script(
-        "return [...document.querySelectorAll('.pane')].map((p) => [p, p.firstElementChild].map((n) => {"
-        "const r = n.getBoundingClientRect(); return [r.left, r.top, r.right, r.bottom]; }))"
-    )
-    for frame, label in np.array(labels):  # labels stay in their panes
-        assert (label[:2] >= frame[:2]).all() and (label[2:] <= frame[2:]).all()
+    labels_are_in_their_panes(driver)
     assert changed(before, picture(driver, 1.5, traces=True)) > 0.01
     element("view").click()
     assert changed(before, picture(driver, 1.5, traces=True)) < 0.001
@@ -362,6 +357,60 @@ def test_it_opens_on_the_end_walks_the_cycles_and_runs(driver: Any, tmp_path: Pa
     assert errors(driver) == []
 
 
+def every_word_is_read(driver: Any, axe: Any) -> None:
+    """No serious finding of axe-core's, no word cut, nothing beside the window."""
+    axe.inject()
+    groups = "{rules: {dlitem: {enabled: false}}}"  # since HTML 5.2 a <div> may group <dt> and <dd>
+    found = [v for v in axe.run(options=groups)["violations"] if v["impact"] in ("serious", "critical")]
+    assert found == [], [(v["id"], [n["html"] for n in v["nodes"]]) for v in found]
+    assert driver.execute_script("return document.documentElement.scrollWidth <= window.innerWidth")
+    cut = driver.execute_script(
+        "return [...document.querySelectorAll('.name, .past, .tiles dd, #verdict, .card :is(h2, p, figcaption)')]"
+        ".filter("
+        "(n) => n.scrollWidth > n.clientWidth || n.getBoundingClientRect().right > window.innerWidth)"
+        ".map((n) => n.textContent)"
+    )
+    assert cut == []
+
+
+def labels_are_in_their_panes(driver: Any) -> None:
+    labels = driver.execute_script(
+        "return [...document.querySelectorAll('.pane')].map((p) => [p, p.firstElementChild].map((n) => {"
+        "const r = n.getBoundingClientRect(); return [r.left, r.top, r.right, r.bottom]; }))"
+    )
+    for frame, label in np.array(labels):
+        assert (label[:2] >= frame[:2]).all() and (label[2:] <= frame[2:]).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["ppr", *(name for name in SHOWN if " " not in name)])
+def test_a_studys_page_is_whole_at_every_size(driver: Any, tmp_path: Path, name: str) -> None:
+    """A desk, a phone, a wall; light and dark: words, labels after any orbit, ghosts, and what is seen first."""
+    axe = pytest.importorskip("axe_selenium_python").Axe(driver)
+    robot = Path(__file__).parents[1] / "examples" / "my_arm.urdf" if name == "my_arm" else name
+    study, page = rp.study(robot, cycles=10, steps=120, degree=1), tmp_path / "animation.html"
+    page.write_text(study_page(study), encoding="utf-8")
+    drift = study.row("pseudoinverse").motion.drift[-1]
+    for width, height in ((1400, 900), (390, 844), (3840, 2160)):
+        schemes(driver, width=width, height=height)
+        open_page(driver, page)
+        for dark in (False, True):
+            schemes(driver, width=width, height=height, dark=dark)
+            driver.execute_async_script("requestAnimationFrame(() => requestAnimationFrame(arguments[0]))")
+            driver.execute_script("repctl.seek(10)")
+            every_word_is_read(driver, axe)
+        for way in ((0.5, 0.2, 0.8), (1.5, 0, 1), (-3, 0.4, 2)):
+            driver.execute_script("repctl.turn(...arguments)", *way)
+            labels_are_in_their_panes(driver)
+        driver.execute_script("document.getElementById('view').click()")
+        ghosts_show_drift_and_nothing_else(driver, motions_of(study), (5.5,))
+        first = picture(driver, 10, traces=True)  # what it opens on
+        left, right = (pane(driver, first, k) for k in (0, 1))
+        tall, wide = np.minimum(left.shape, right.shape)[:2]
+        assert drift < 0.1 or changed(left[:tall, :wide], right[:tall, :wide]) > 0.005
+    assert errors(driver) == []
+
+
 def test_everybody_can_read_and_use_it(driver: Any, tmp_path: Path) -> None:
     """No serious finding of axe-core's, nothing beside the window, panes of one size; in every size and scheme."""
     axe = pytest.importorskip("axe_selenium_python").Axe(driver)
@@ -372,22 +421,10 @@ def test_everybody_can_read_and_use_it(driver: Any, tmp_path: Path) -> None:
     arms[1] = replace(arms[1], label="nearest repeatable")
     open_page(driver, write(tmp_path, arms, planar=True, verdict=words))
     driver.execute_script("repctl.seek(1.5)")
-    axe.inject()
-    groups = "{rules: {dlitem: {enabled: false}}}"  # since HTML 5.2 a <div> may group <dt> and <dd>
     for (width, height), dark in itertools.product(((1400, 900), (390, 844)), (False, True)):
         schemes(driver, width=width, height=height, dark=dark)
         driver.execute_async_script("requestAnimationFrame(() => requestAnimationFrame(arguments[0]))")
-        found = [v for v in axe.run(options=groups)["violations"] if v["impact"] in ("serious", "critical")]
-        assert found == [], [(v["id"], [n["html"] for n in v["nodes"]]) for v in found]
-        assert driver.execute_script("return document.documentElement.scrollWidth <= window.innerWidth")
-        assert (
-            driver.execute_script(
-                "return [...document.querySelectorAll('.name, .tiles dd, .card :is(h2, p, figcaption)')].filter("
-                "(n) => n.scrollWidth > n.clientWidth || n.getBoundingClientRect().right > window.innerWidth)"
-                ".map((n) => n.textContent)"
-            )
-            == []
-        )  # no word is cut
+        every_word_is_read(driver, axe)
         ask = "return repctl.pane(arguments[0])"
         (a, b, wide, tall), (c, d, *same) = (driver.execute_script(ask, k) for k in (0, 1))
         np.testing.assert_allclose(same, [wide, tall], atol=0.01)

@@ -180,6 +180,37 @@ def test_the_command_leaves_nothing_behind(design: Path) -> None:
     assert [p.name for p in design.parent.iterdir()] == ["design.json"]  # live writes no files
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="terminals are POSIX's")
+def test_nothing_is_left_when_its_terminal_is_closed(design: Path) -> None:
+    """A terminal of its own: when the window goes, its shell's programs are hung up on."""
+    import fcntl
+    import termios
+
+    window, terminal = os.openpty()
+    process = subprocess.Popen(
+        [sys.executable, "-m", "repctl_pin", "animate", design.name, *LIVE, "--json", "--no-browser"],
+        cwd=design.parent,
+        env=os.environ | {"OMP_NUM_THREADS": "1"},
+        stdin=terminal,
+        stdout=subprocess.PIPE,
+        stderr=terminal,
+        text=True,
+        start_new_session=True,
+        preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
+    )
+    try:
+        os.close(terminal)
+        assert process.stdout is not None
+        port = port_of(json.loads(process.stdout.readline())["url"])
+        assert fetch(f"http://127.0.0.1:{port}/") == 200
+        os.close(window)
+        assert process.wait(timeout=20) == 0
+        assert not is_open(port)
+    finally:
+        process.kill()
+        process.wait()
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP], ids=lambda n: n.name)
 def test_ctrl_c_and_a_closed_terminal_end_the_loop(number: signal.Signals) -> None:
     before = signal.signal(number, signal.SIG_DFL)

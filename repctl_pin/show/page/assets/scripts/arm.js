@@ -3,6 +3,7 @@
 import { tone } from "./dom.js";
 
 export const FULL = 0.1; // m off its place, where a body's colour is full
+const SAME = 1e-4; // m, within which a body covers its ghost
 
 export class ArmView {
   constructor(viewer, data, motion, start, frames, perCycle) {
@@ -53,12 +54,20 @@ export class ArmView {
     this.now = { frame: cycle * F + i, first: part >= 1 ? 0 : i, f };
     this.pose(this.now.frame, f);
     this.pose(this.now.first, f, this.ghosts);
+    this.measure();
   }
 
   // Stand as a message says, the bodies from this number on, the ghost from that.
   standAs(poses, at, before) {
     this.rows.forEach((row, k) => { if (row) setPose(row, poses, at + 7 * k); });
     this.ghosts.forEach((row, k) => { if (row) setPose(row, poses, before + 7 * k); });
+    this.measure();
+  }
+
+  // How far each body is off its place in cycle 1; what its body covers is not drawn.
+  measure() {
+    this.off = this.moving.map((place, k) => this.drift(k));
+    this.shades.forEach((shade, k) => { shade.visible = this.off[k] > SAME; });
   }
 
   // How far the joints are off where they were in cycle 1, at the same part of the cycle.
@@ -79,7 +88,7 @@ export class ArmView {
     return out.set(m[a] + f * (m[b] - m[a]), m[a + 1] + f * (m[b + 1] - m[a + 1]), m[a + 2] + f * (m[b + 2] - m[a + 2]));
   }
 
-  // A see-through copy of the moving bodies. It stands behind what it coincides with, and is then not seen.
+  // A see-through copy of the moving bodies, one in this.shades for each; it stands behind what it nearly coincides with.
   makeGhost() {
     const T = MeshCat.THREE, shared = { transparent: true, polygonOffset: true, polygonOffsetFactor: 2, polygonOffsetUnits: 256 };
     const veil = new T.MeshBasicMaterial({ ...shared, colorWrite: false, depthWrite: true });
@@ -98,6 +107,7 @@ export class ArmView {
       this.ghost.add(copy);
       return copy;
     });
+    this.shades = this.moving.map((place) => this.ghosts[this.rows.indexOf(place)]);
     this.group.add(this.ghost);
   }
 
@@ -113,7 +123,7 @@ export class ArmView {
 
   // How far body k is off where it was in cycle 1, m: the way of its farthest corner.
   drift(k) {
-    const T = MeshCat.THREE, p = new T.Vector3(), q = new T.Vector3(), here = this.moving[k], there = this.ghosts[this.rows.indexOf(here)];
+    const T = MeshCat.THREE, p = new T.Vector3(), q = new T.Vector3(), here = this.moving[k], there = this.shades[k];
     for (const place of [here, there]) place.updateMatrix();
     return this.corners[k].reduce((most, c) => Math.max(most, p.copy(c).applyMatrix4(here.matrix).distanceTo(q.copy(c).applyMatrix4(there.matrix))), 0);
   }
@@ -129,7 +139,7 @@ export class ArmView {
       }
     if (on)
       this.moving.forEach((place, k) => {
-        const share = Math.min(1, this.drift(k) / FULL);
+        const share = Math.min(1, this.off[k] / FULL);
         for (const mesh of place.children) mesh.grey.color.copy(grey).lerp(full, share);
       });
   }

@@ -97,12 +97,13 @@ export class Card {
   }
 }
 
-// Two names without what both begin with, up to a word's end; a number keeps the word before it.
+// Two names without what both begin and end with, up to a word's end; a number keeps the word before it.
 function apart([a, b]) {
-  let same = 0, before = 0;
+  let same = 0, before = 0, end = 0;
   for (let k = 0; k < a.length && a[k] === b[k]; k++) if (/[_/. -]/.test(a[k])) [before, same] = [same, k + 1];
+  for (let k = 1; k < a.length - same && a.at(-k) === b.at(-k); k++) if (/[_/. -]/.test(a.at(-k))) end = k;
   if (/^\d/.test(a.slice(same))) same = before;
-  return [a.slice(same), b.slice(same)];
+  return [a, b].map((name) => name.slice(same, name.length - end));
 }
 
 function hatch(draw, x, y, width, height, step) {

@@ -37,7 +37,7 @@ function inSight(arms, path, eye) {
   const extent = near.getSize(new T.Vector3()).length() || 1;
   const across = (box, axis) => { const [a, b] = eye.span(cornersOf(box), axis); return b - a; };
   const room = near.clone().expandByScalar(0.2 * extent), [low, high] = eye.span(cornersOf(room), "up"), wide = across(whole, "right") < 3 * extent;
-  const all = across(whole, "up") < Math.max(1.45 * across(near, "up"), wide ? 1.3 * across(near, "right") : 0);
+  const all = across(whole, "up") < Math.max(1.45 * across(near, "up"), wide ? Math.max(1.3 * across(near, "right"), across(whole, "right")) : 0);
   const level = (p) => p.clone().addScaledVector(eye.up, Math.min(Math.max(p.dot(eye.up), low), high) - p.dot(eye.up));
   const kept = (p) => (all ? p : wide ? level(p) : room.clampPoint(p, new T.Vector3()));
   return { points: [...moving, ...path, ...still.map(kept)], extent, ground: whole.min.z };
