@@ -12,7 +12,7 @@ import repctl_pin as rp
 from repctl_pin.design import criterion
 from repctl_pin.design.batches import Guarded, Local
 from repctl_pin.design.criterion import Builder
-from repctl_pin.design.search import dexterity, search
+from repctl_pin.design.singularities import Dexterity, search
 
 
 def test_the_verdict_does_not_hang_on_the_sample() -> None:
@@ -70,7 +70,7 @@ def test_a_guarded_point_is_one_more_node(panda_pose: rp.Task) -> None:
 def test_an_arm_stretched_inside_the_region_is_found() -> None:
     """Six joints at 0 at once: σ_min of planar7r is a cone there, on whose side every descent stops short."""
     task = rp.Robot.load("planar7r").task("tool", "xy")
-    measure = dexterity(task)
+    measure = Dexterity(task)
     for center, width in ((np.full(7, 0.3), 0.4), (np.full(7, -0.1), 0.3)):
         box = rp.Box(center, width)
         found = search(measure, box, box.random(2048, 0))
@@ -93,6 +93,6 @@ class Open(rp.Box):
 def test_the_search_for_singularities_stays_in_the_region() -> None:
     task = rp.Robot.load("planar7r").task("tool", "xy")
     for box in (Open(np.full(7, 0.3), 0.25), Open(np.full(7, 0.5), 0.4)):
-        for measure in (dexterity(task), lambda Q: 2 + Q.sum(axis=1)):
+        for measure in (Dexterity(task), lambda Q: 2 + Q.sum(axis=1)):
             found = search(measure, box, box.random(256, 0))
             assert found.value > 0 and box.ratio(found.ends).max() <= 1 + 2e-9

@@ -13,7 +13,7 @@ from test_scene import read
 
 import repctl_pin as rp
 from repctl_pin.motion import elbow
-from repctl_pin.motion.fitting import fitting_circle
+from repctl_pin.motion.fitting_circle import fitting_circle
 from repctl_pin.show.page.playback import read_tracks
 from repctl_pin.show.palette import colours
 from repctl_pin.show.report import report_page

@@ -90,8 +90,8 @@ def run(options: argparse.Namespace) -> int:
     from ..files import write_whole
     from ..motion import best_leaf, follow, timed
     from ..motion.csv_file import csv_text, timed_csv_text
-    from ..motion.export import commanded, yaml_text
     from ..motion.violations import refuse_violations
+    from ..motion.yaml_file import commanded, yaml_text
     from ..robot.bodies import bodies_of
     from ..show.text.table import outside_words
     from ..strategies import OnLeaves, RepeatableInverse
@@ -166,7 +166,7 @@ def _made(options: argparse.Namespace, say: Callable[[str], None]) -> tuple[Stra
     from functools import partial
 
     from ..design import SingularRegionError, nearest_repeatable
-    from ..motion.fitting import fitting_circle
+    from ..motion.fitting_circle import fitting_circle
     from ..plugins import plugin
     from ..regions import Box
     from ..strategies import Pseudoinverse, Strategy, WeightedInverse

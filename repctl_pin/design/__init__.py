@@ -4,7 +4,7 @@ from .compare import compare, settled
 from .family import FamilyDesign, nearest_in_family
 from .nearest import nearest_repeatable
 from .result import Design
-from .search import SingularRegionError
+from .singularities import SingularRegionError
 
 __all__ = [
     "Design",

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..errors import InputError, SingularityError
 from ..fields.polynomial import Polynomial
 from .result import Design
-from .search import signed_leaf_margin
+from .singularities import signed_leaf_margin
 
 Array = NDArray[np.float64]
 

@@ -23,7 +23,7 @@ from .descend import Descent
 from .independence import Independent, independent
 from .judgement import judge
 from .result import Design
-from .search import SingularRegionError, dexterity, refuse_singular, search
+from .singularities import Dexterity, SingularRegionError, refuse_singular, search
 from .way import Way
 from .workers import hand_out
 
@@ -123,7 +123,7 @@ def fit(
 
 def _check_rank(task: Task, region: Region, seed: int) -> None:
     """Refuse a region in which J loses rank."""
-    measure = dexterity(task)
+    measure = Dexterity(task)
     lowest = search(measure, region, region.random(2048, seed))
     if lowest.value <= 0:
         raise refuse_singular("the Jacobian loses rank", task, measure, region, lowest.at)

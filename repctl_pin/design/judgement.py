@@ -12,7 +12,7 @@ from ..regions import Region
 from ..strategies.repeatable import RepeatableInverse
 from ..strategies.strategy import Inverse
 from .criterion import oriented_nullspace
-from .search import refuse_singular, search, signed_leaf_margin
+from .singularities import refuse_singular, search, signed_leaf_margin
 
 Array = NDArray[np.float64]
 

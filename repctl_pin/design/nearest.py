@@ -20,7 +20,7 @@ from ..strategies.strategy import AN_INVERSE, Batched, Inverse
 from .fit import fit
 from .judgement import REPLICATES
 from .result import Design
-from .search import SingularRegionError
+from .singularities import SingularRegionError
 
 if TYPE_CHECKING:
     from distributed import Client

@@ -21,7 +21,7 @@ from . import criterion
 from .batches import Guarded
 from .descend import Descent, Report, Start, descend, start
 from .independence import Independent
-from .search import Lowest, Measure, SingularRegionError, refuse_singular, search, signed_leaf_margin
+from .singularities import Lowest, Measure, SingularRegionError, refuse_singular, search, signed_leaf_margin
 
 Array = NDArray[np.float64]
 

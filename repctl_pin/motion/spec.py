@@ -13,7 +13,7 @@ from ..arguments import wanted
 from ..errors import InputError
 from ..plugins import plugin, registered
 from ..robot.task import Task
-from .fitting import circle_at, fitting_circle, planes_of
+from .fitting_circle import circle_at, fitting_circle, planes_of
 from .paths import TaskPath
 from .polyline import MOST_POINTS, polygon
 from .shapes import PLANES, figure_eight, rose

@@ -12,7 +12,7 @@ from ..design import nearest_repeatable
 from ..errors import InputError, SingularityError
 from ..fields import Polynomial
 from ..motion import Motion, TaskPath, follow
-from ..motion.fitting import dexterity, fitting_circle
+from ..motion.fitting_circle import dexterity, fitting_circle
 from ..regions import Region, Tube
 from ..regions.box import sobol
 from ..robot.length import arm_length

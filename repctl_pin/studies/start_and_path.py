@@ -16,7 +16,7 @@ from ..design import Design, SingularRegionError
 from ..errors import RepctlError, SingularityError
 from ..motion import ClosedPath, TaskPath, check_reach, closed_path, follow, reach_start
 from ..motion.cycle import Cycle
-from ..motion.fitting import dexterity, fitting_circle
+from ..motion.fitting_circle import dexterity, fitting_circle
 from ..regions import Bounded, Region
 from ..robot.task import Task
 from ..section import CellDesign

@@ -16,7 +16,7 @@ from ..errors import InputError, SingularityError
 from ..integrability import drift_per_area
 from ..motion import ClosedPath, Motion, TaskPath, check_length, follow
 from ..motion.cycle import Cycle
-from ..motion.fitting import fitting_circle
+from ..motion.fitting_circle import fitting_circle
 from ..motion.shapes import PLANES
 from ..motion.spec import parse_path
 from ..redundancy import align, nullspace

@@ -17,8 +17,10 @@ MAX_MOVING_IN_ALL = 200  # Pinocchio's memory grows with the cube
 LARGEST = 1e9  # of lengths, masses, … in SI units; limits may be larger: then they are none
 
 NO_LIMIT = 1e3
+"""Limits beyond it count as none, rad or m, rad/s or m/s; ``Description.xml`` says it where a joint has none."""
+
 NO_EFFORT = 1e9
-"""Limits beyond it count as none, rad or m; ``Description.xml`` says it where a joint has none."""
+"""What ``Description.xml`` says where a joint has no effort limit, N m or N."""
 
 KINDS = ("revolute", "continuous", "prismatic", "fixed", "planar", "floating")
 

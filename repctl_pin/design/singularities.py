@@ -103,11 +103,6 @@ class Dexterity:
         return step
 
 
-def dexterity(task: Task) -> Dexterity:
-    """Make the measure of J's distance from rank loss."""
-    return Dexterity(task)
-
-
 def signed_leaf_margin(task: Task, field: FieldMap) -> Measure:
     """Measure ``σ_min(Nᵀ V̂)`` with the sign of ``det [J; Vᵀ]``, which changes at an algorithmic singularity.
 
