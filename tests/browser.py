@@ -86,14 +86,23 @@ def browser(width: int = 1280, height: int = 760) -> Iterator[Any]:
             driver.quit()
 
 
+@contextmanager
+def asleep(driver: Any, more: str = "") -> Iterator[None]:
+    """Pages that are opened within draw nothing until they are awake; ``more`` runs before their own scripts."""
+    script = driver.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument", {"source": _ASLEEP + more})
+    try:
+        yield
+    finally:
+        driver.execute_cdp_cmd("Page.removeScriptToEvaluateOnNewDocument", script)
+
+
 def open_page(driver: Any, page: Path | str, *, seconds: float = 60.0) -> None:
     """Open an animation from its file or address and wait until all of it is drawn; it stands still."""
     address = page.resolve().as_uri() if isinstance(page, Path) else page
     driver.get("about:blank")  # an address that differs by nothing, or by its #, would not load anew
     driver.get_log("browser")  # what came before is not this page's
-    asleep = driver.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument", {"source": _ASLEEP})
-    driver.get(address + "#paused")
-    driver.execute_cdp_cmd("Page.removeScriptToEvaluateOnNewDocument", asleep)
+    with asleep(driver):
+        driver.get(address + "#paused")
     wait_until_drawn(driver, address, seconds=seconds)
     driver.execute_script(_THRIFT)
 

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from browser import errors, pane, picture_now, wait_until_drawn
+from browser import asleep, errors, pane, picture_now, wait_until_drawn
 from commands import refused
 from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.websocket import websocket_connect
@@ -275,3 +275,31 @@ def test_a_real_browser_follows_the_loop(task: rp.Task, driver: Any) -> None:
             "s.onopen = () => done('open'); s.onerror = () => done('refused')",
             view.url.replace("http", "ws") + "poses",
         ) == "refused"  # fmt: skip
+
+
+def test_two_pandas_leave_time_for_sixty_pictures_a_second(panda_pose: rp.Task, q_panda: Any, driver: Any) -> None:
+    """All that a picture takes but the graphics card's part: Python's, and the page's own."""
+    timed = (
+        "window.frames_ = new Map(); const ask = window.requestAnimationFrame;"
+        "window.requestAnimationFrame = (f) => ask((t) => { const start = performance.now(); f(t);"
+        "frames_.set(t, (frames_.get(t) || 0) + performance.now() - start); });"
+    )
+    ways = (q_panda, q_panda + 0.3 * np.sin(np.arange(7)))
+    with rp.Viewer(panda_pose, ["J⁺", "ours"], start=q_panda) as view:
+        view.show(*ways)
+        with asleep(driver, timed):
+            driver.get(view.url)
+            wait_until_drawn(driver, "the live page")
+        until(lambda: driver.execute_script("return repctl.received"))
+        driver.execute_script("frames_.clear(); window.before = repctl.received")
+        spent = []
+        for k in range(90):
+            start = time.perf_counter()
+            view.show(*(q + 0.1 * np.sin(0.1 * k) for q in ways))
+            spent.append(time.perf_counter() - start)
+            time.sleep(max(0.0, 1 / 60 - spent[-1]))
+        pictures = driver.execute_script("return [...frames_.values()]")
+        assert driver.execute_script("return repctl.received - before") > 10
+        assert np.median(spent) < 1 / 60
+        assert np.median(pictures) < 1000 / 60, "ms"  # of JavaScript
+        assert errors(driver) == []
