@@ -279,7 +279,7 @@ def test_any_inverse_can_be_desired(panda_pose: rp.Task, weight: str) -> None:
     desired = {
         "fixed": lambda: rp.WeightedInverse(task, M),
         "inertia": lambda: rp.WeightedInverse(task, "inertia"),
-        "limits": lambda: rp.WeightedInverse(task, rp.LimitWeight(task)),
+        "limits": lambda: rp.WeightedInverse(task, rp.LimitWeight(task, room=0.5)),
         "function": lambda: rp.WeightedInverse(task, lambda q: 1 + q**2),
         "extended": lambda: rp.ExtendedJacobian(task, Q0),
         "custom": lambda: rp.CustomInverse(task, lambda q: np.linalg.pinv(task.jacobian(q))),
@@ -298,16 +298,52 @@ def test_any_inverse_can_be_desired(panda_pose: rp.Task, weight: str) -> None:
 
 
 def test_limit_weight_is_smooth_one_in_the_middle_and_grows(panda_pose: rp.Task) -> None:
-    weight = rp.LimitWeight(panda_pose)
-    middle = (panda_pose.lower + panda_pose.upper) / 2
-    assert np.allclose(weight(middle), 1)
-    near = middle + 0.999 * (panda_pose.upper - middle)
-    assert (weight(near) > 400).all()
+    weight = rp.LimitWeight(panda_pose, 30.0)
+    middle, half = (panda_pose.lower + panda_pose.upper) / 2, (panda_pose.upper - panda_pose.lower) / 2
+    assert np.allclose(weight(middle), 1, atol=0.01)
     assert np.allclose(weight(middle + 0.3), weight(middle - 0.3))
-    with pytest.raises(rp.InputError, match="panda_joint1 = "):
-        weight(panda_pose.upper + 0.1)
-    with pytest.raises(rp.InputError, match="0 or more"):
-        rp.LimitWeight(panda_pose, -1)
+    shares = np.linspace(-1.2, 1.2, 4001)
+    w = np.array([weight(middle + share * half) for share in shares])
+    assert (np.diff(w[2000:3667], axis=0) > 0).all() and np.allclose(w[3667:], 31, atol=0.01)  # as much beyond
+    slope = np.gradient(w, shares, axis=0)
+    assert np.abs(np.diff(slope, axis=0)).max() < 0.03 * np.abs(slope).max()  # no jump, not at the limit either
+    assert (rp.LimitWeight(panda_pose, 30.0, 0.3)(middle + 0.8 * half) > weight(middle + 0.8 * half)).all()
+    for wrong, why in (((-1,), "0 or more"), ((1, 0), "the room"), ((1, np.nan), "the room")):
+        with pytest.raises(rp.InputError, match=why):
+            rp.LimitWeight(panda_pose, *wrong)
+
+
+def test_a_weighted_inverse_is_what_a_penalty_on_the_rates_asks_for(panda: rp.Robot) -> None:
+    """``‖G − J⁺‖² + Σ (w − 1) ‖e_iᵀ G‖² = ‖G − J⁺_M‖²_M + constant`` for every G with J G = I."""
+    task, rng = panda.task("panda_hand_tcp", "position"), np.random.default_rng(2)
+    q = np.array(task.reference)
+    q[0] = task.upper[0] + 0.05
+    w = rp.LimitWeight(task, 3.0)(q)
+    plain, weighted = rp.Pseudoinverse(task)(q), rp.WeightedInverse(task, rp.LimitWeight(task, 3.0))(q)
+    N = rp.redundancy.nullspace(task.jacobian(q))
+    some = [plain + N @ rng.normal(size=(task.r, task.m)) for _ in range(5)]
+    left = [np.sum((G - plain) ** 2) + (w - 1) @ np.sum(G**2, axis=1) for G in some]
+    right = [w @ np.sum((G - weighted) ** 2, axis=1) for G in some]
+    assert np.isclose(w[0], 4, atol=1e-3) and np.ptp(left) > 1 and np.ptp(np.subtract(left, right)) < 1e-9
+
+
+def test_a_start_near_a_limit_is_left_with_more_room() -> None:
+    """z1, position, 0.12 rad from the limit of joint 1: random corners up to 5 cm away, at the same start."""
+    task = rp.Robot.load("z1").task(kind="position")
+    q0 = np.clip(task.reference, task.lower + 0.3, task.upper - 0.3)
+    q0[0] = task.upper[0] - 0.12
+    box, plain = rp.Box(q0, 0.3), rp.Pseudoinverse(task)
+    spared = rp.WeightedInverse(task, rp.LimitWeight(task))
+    corners, margins, distances = np.random.default_rng(0).uniform(-0.05, 0.05, (60, 3, 3)), [], []
+    for desired in (plain, spared):
+        inverse = rp.nearest_repeatable(desired, None, box, degree=2, samples=1024, held_out=256).inverse
+        loops = (rp.polygon(task, q0, few) for few in corners)
+        loops = [rp.follow(inverse, loop, q0, cycles=1, steps=32, leaf_lock=2) for loop in loops]
+        margins.append([loop.limit_margin.min() for loop in loops])
+        distances.append(judge(inverse, plain, box, samples=1024).relative_distance)
+    least, broken = np.min(margins, axis=1), np.sum(np.less(margins, 0), axis=1)
+    assert least[1] > least[0] + 0.03 and broken[1] < 0.75 * broken[0]
+    assert distances[1] < distances[0] + 0.05
 
 
 # ---- refusals ------------------------------------------------------------------------------------

@@ -26,7 +26,8 @@ def test_damping_is_continuous_and_bounds_the_step(least: float) -> None:
 
 def test_a_limit_weight_is_its_formula(panda_pose: rp.Task) -> None:
     quarter = panda_pose.lower + 0.25 * (panda_pose.upper - panda_pose.lower)
-    assert rp.LimitWeight(panda_pose, 0.6)(quarter) == pytest.approx(1 + 0.6 * (1 / (4 * 0.25 * 0.75) - 1))
+    near, far = (1 + (share / 0.4) ** 2 for share in (0.5, 1.5))  # shares of half the range
+    assert rp.LimitWeight(panda_pose, 0.6, 0.4)(quarter) == pytest.approx(1 + 0.6 * (near**-2 + far**-2))
 
 
 def test_the_standard_error_is_widened_as_students(panda_design: rp.Design) -> None:

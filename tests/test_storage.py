@@ -71,7 +71,7 @@ def test_every_kind_of_field_region_desired_inverse_and_task(tmp_path, panda, pa
     inverse = rp.RepeatableInverse(panda_pose, family.weighted(A))
     tube = rp.Tube(q_panda + 0.01 * np.arange(21).reshape(3, 7), np.linspace(0.1, 0.7, 7))
     workspace = rp.WorkspaceBox(panda_pose, panda_pose.placement(q_panda).translation, 0.1, within=rp.Box(q_panda, 0.4))
-    limits = rp.LimitWeight(panda_pose, 0.7)
+    limits = rp.LimitWeight(panda_pose, 0.7, 0.2)
     weights = [
         rp.WeightedInverse(panda_pose, w) for w in (limits, "inertia", np.linspace(0.1, 0.7, 7), np.eye(7) + 0.3)
     ]

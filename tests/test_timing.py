@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -118,7 +119,10 @@ def test_panda_takes_hardly_longer_than_under_the_pseudoinverse(panda_motions) -
     for name, motion in panda_motions.items():
         one = replace(motion, cycles=1, q=motion.q[:301], t=motion.t[:301])
         times[name] = rp.timed(one, acceleration="panda").duration
-        judged(rp.timed(motion, acceleration="panda"))
+        begin = time.process_time()
+        ten = rp.timed(motion, acceleration="panda")
+        assert time.process_time() - begin < 1
+        judged(ten)
     assert 1.20 < times["plain"] < 1.24  # the prototype's 1.225 s
     assert times["ours"] < 1.03 * times["plain"]
 

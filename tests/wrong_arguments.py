@@ -121,7 +121,7 @@ def right_calls(folder: Path) -> list[Call]:
         "ExtendedJacobian": {"task": task, "potential": q0, "gradient": None, "hessian": None, "reference": q0},
         "Fourier": {"n": 3, "order": 1, "variables": [0, 1], "period": 6.0, "cross": True},
         "Joined": {"parts": fields},
-        "LimitWeight": {"task": task, "gain": 1.0},
+        "LimitWeight": {"task": task, "gain": 1.0, "room": 0.1},
         "Polynomial": {"center": q0, "degree": 2, "scale": 0.2, "variables": [0, 2], "cross": True},
         "PostureControl": {"task": task, "posture": q0, "gain": 1.0},
         "Potentials": {"functions": [lambda q: q[0]], "names": ["q1"]},

@@ -85,6 +85,7 @@ class LimitsFile(_Part, tag="limits"):
     """J⁺ weighted by the nearness of the joint limits."""
 
     gain: float
+    room: float
 
 
 class Plain(msgspec.Struct, forbid_unknown_fields=True):
@@ -249,7 +250,7 @@ def desired_file(desired: Inverse) -> Any:
     if isinstance(desired, WeightedInverse):
         weight = desired.weight
         if isinstance(weight, LimitWeight) and np.array_equal(weight.lower, desired.task.lower):
-            return LimitsFile(weight.gain)
+            return LimitsFile(weight.gain, weight.room)
         if not callable(weight):
             return WeightedFile(weight if isinstance(weight, str) else np.asarray(weight).tolist())
     raise InputError(
@@ -262,7 +263,8 @@ def desired_of(data: PseudoinverseFile | WeightedFile | LimitsFile, task: Task) 
     """Make a desired inverse."""
     if isinstance(data, PseudoinverseFile):
         return Pseudoinverse(task)
-    return WeightedInverse(task, LimitWeight(task, data.gain) if isinstance(data, LimitsFile) else data.weight)
+    weight = LimitWeight(task, data.gain, data.room) if isinstance(data, LimitsFile) else data.weight
+    return WeightedInverse(task, weight)
 
 
 def cycle_file(cycle: Cycle) -> CycleFile:

@@ -15,9 +15,12 @@ Array = NDArray[np.float64]
 class LimitWeight:
     r"""Weights that grow as a joint nears a limit, for ``WeightedInverse(task, LimitWeight(task))``:
 
-    .. math:: w_i = 1 + \text{gain} \left( \frac{(u_i - l_i)^2}{4 (u_i - q_i)(q_i - l_i)} - 1 \right),
+    .. math:: w_i = 1 + \text{gain} \sum_\mu \left( 1 + (\max(\mu, 0) / \rho_i)^2 \right)^{-2},
 
-    1 in the middle, without bound at the limits l and u, smooth between; 1 for joints without limits.
+    μ the distances of q_i to its lower and upper limit, ρ_i the share ``room`` of half its range: 1 in the middle,
+    1 + gain at a limit and beyond, its slope continuous; 1 for joints without limits. To be near to this inverse is to
+    be near to J⁺ and slow towards limits: ``‖G − J⁺‖² + Σ_i (w_i − 1) ‖e_iᵀ G‖²`` is, up to a constant,
+    ``‖G − J⁺_M‖²_M`` with M = diag w.
 
     Parameters
     ----------
@@ -25,12 +28,14 @@ class LimitWeight:
         The task whose limits count.
     gain : float
         How strongly; 0 is the plain pseudoinverse.
+    room : float
+        How far from a limit, as a share of half the joint's range.
 
     Raises
     ------
     InputError
-        If the gain is negative, or the task's coordinates mix joints: a weight per coordinate cannot spare a single
-        joint then.
+        If the gain is negative, the room not above 0, or the task's coordinates mix joints: a weight per coordinate
+        cannot spare a single joint then.
 
     Examples
     --------
@@ -40,31 +45,20 @@ class LimitWeight:
     >>> G = rp.WeightedInverse(panda, weight)
     """
 
-    def __init__(self, task: Task, gain: float = 1.0) -> None:
+    def __init__(self, task: Task, gain: float = 1.0, room: float = 0.1) -> None:
         if (np.count_nonzero(wanted_task(task).T, axis=1) > 1).any():
             raise InputError(
                 "a limit weight needs one joint for every coordinate, but q = T ψ of this task mixes joints; "
                 "take the task without in_coordinates"
             )
-        self.lower, self.upper = np.array(task.lower), np.array(task.upper)
-        self.names, self.gain = task.joint_names, positive(gain, "the gain of a limit weight", zero=True)
+        self.lower, self.upper, self.n = np.array(task.lower), np.array(task.upper), task.n
+        self.gain = positive(gain, "the gain of a limit weight", zero=True)
+        self.room = positive(room, "the room of a limit weight")
 
     def __call__(self, q: ArrayLike) -> Array:
-        """Evaluate the weights (n,).
-
-        Raises
-        ------
-        InputError
-            If a joint is on or outside its limits.
-        """
-        q = vector(q, len(self.names), "q")
+        """Evaluate the weights (n,)."""
+        q = vector(q, self.n, "q")
         limited = np.isfinite(self.lower) & np.isfinite(self.upper)
-        below, above = np.where(limited, q - self.lower, 1.0), np.where(limited, self.upper - q, 1.0)
-        if not ((below > 0) & (above > 0)).all():
-            i = int(np.argmin(np.minimum(below, above)))
-            raise InputError(
-                f"{self.names[i]} = {q[i]:g} is not inside its limits [{self.lower[i]:g}, {self.upper[i]:g}], "
-                "where a limit weight is defined; make the region smaller"
-            )
-        span = np.where(limited, self.upper - self.lower, 2.0)
-        return 1 + self.gain * (span**2 / (4 * below * above) - 1)
+        room = np.where(limited, self.room * (self.upper - self.lower) / 2, 1.0)
+        margins = np.where(limited, [q - self.lower, self.upper - q], np.inf)
+        return 1 + self.gain * np.sum((1 + (np.maximum(margins, 0) / room) ** 2) ** -2, axis=0)
