@@ -2,10 +2,12 @@
 
     python -m pytest tests/benchmarks/bench_bodies.py -o python_files="bench_*.py" -n 0
 
-A frame's Jacobian takes about 0.6 µs on a quiet machine, so 100 of them are 60 µs.
+Processor time, in short runs, so that a busy machine counts little. A frame's Jacobian takes 0.6 to 1.4 µs.
 """
 
 from __future__ import annotations
+
+from time import thread_time
 
 import numpy as np
 import pinocchio as pin
@@ -17,13 +19,13 @@ import repctl_pin as rp
 
 @pytest.mark.parametrize("name", ["panda", "talos", "baxter"])
 def test_distances_beside_frame_jacobians(name: str, say) -> None:
-    """256 random configurations, and as many on the way from one to another, where bodies do not touch."""
+    """64 random configurations, and as many on the way from one to another, where bodies do not touch."""
     task = rp.Robot.load(name).task()
     bodies, rng = rp.Bodies(task), np.random.default_rng(3)
     low, high = np.maximum(task.lower, -np.pi), np.minimum(task.upper, np.pi)
     Q = rng.uniform(low, high, (1024, task.n))
-    Q = Q[bodies.distances(Q) > 0][:256]
-    way = task.reference + np.linspace(0, 0.5, 256)[:, None] * rng.uniform(-1, 1, task.n)
+    Q = Q[bodies.distances(Q) > 0][:64]
+    way = task.reference + np.linspace(0, 0.5, 64)[:, None] * rng.uniform(-1, 1, task.n)
     model, data = task.model, task.model.createData()
     frame = model.getFrameId(task.frame, pin.FrameType.BODY)
 
@@ -31,10 +33,10 @@ def test_distances_beside_frame_jacobians(name: str, say) -> None:
         for q in Q:
             pin.computeFrameJacobian(model, data, q, frame)
 
-    base = seconds(bare, 15) / len(Q)
-    random, along = (seconds(lambda P=P: bodies.distances(P), 15) / len(P) for P in (Q, way))
+    base = seconds(bare, 60, thread_time) / len(Q)
+    random, along = (seconds(lambda P=P: bodies.distances(P), 60, thread_time) / len(P) for P in (Q, way))
     say(
         f"{name}, {len(bodies.pairs)} pairs of links: {random / base:.0f} × a frame's Jacobian at random, "
         f"{along / base:.0f} × along a way ({1e6 * random:.0f} and {1e6 * along:.0f} µs, {1e6 * base:.2f} µs)"
     )
-    assert max(random, along) < 150 * base
+    assert max(random, along) < min(100 * base, 100e-6)
