@@ -30,7 +30,7 @@ from ..section.judgement import Judgement
 from ..section.monomials import Monomials
 
 FORMAT = "repctl cell"
-_BOUNDLESS = ("limit_margin", "attainable_margin", "limit_margin_worst", "body_distance")
+_BOUNDLESS = ("limit_margin", "attainable_margin", "limit_margin_worst", "attainable_margin_worst", "body_distance")
 _HOW = ("samples", "held_out", "seed", "steps", "room", "apart", "dexterity")
 
 
@@ -61,6 +61,7 @@ class CellFigures(Plain):
     coverage: float
     stops: list[StopFile]
     limit_margin_worst: float | None = None
+    attainable_margin_worst: float | None = None
 
 
 class CellFile(Sealed):
@@ -128,8 +129,9 @@ def cell_of(content: CellFile, task: Task) -> CellDesign:
     if C.shape != due:
         raise InputError(f"the coefficients must be {due[0]} × {due[1]} × {due[2]} numbers; they have shape {C.shape}")
     figures = msgspec.structs.asdict(content.figures)
-    if figures["limit_margin_worst"] is None:  # infinite, or not in older files
-        figures["limit_margin_worst"] = figures["limit_margin"]
+    for name in ("limit_margin", "attainable_margin"):
+        if figures[f"{name}_worst"] is None:  # infinite, or not in older files
+            figures[f"{name}_worst"] = figures[name]
     figures |= {name: np.inf for name in _BOUNDLESS if figures[name] is None}
     figures["stops"] = tuple(Stop(s.cause, s.share, np.array(s.u), s.what) for s in content.figures.stops)
     judgement = Judgement(**figures)

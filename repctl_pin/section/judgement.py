@@ -44,8 +44,9 @@ class Judgement:
     limit_margin, limit_margin_worst : float
         The least distance of a joint to its limit, rad or m: at the held-out poses, and at the worst pose that a search
         from the lowest of them, and from the corners, has found.
-    attainable_margin : float
-        What the best of the leaves beside it has at that worst pose: where it is no larger, the arm sets the margin.
+    attainable_margin, attainable_margin_worst : float
+        What the best of the leaves beside it has at the lowest of the held-out poses, and at that worst pose: where it
+        is no larger, the arm sets the margin.
     smallest_singular_value : float
         The least σ_min of J.
     body_distance : float
@@ -72,6 +73,7 @@ class Judgement:
     extra_speed_worst: float
     limit_margin: float
     attainable_margin: float
+    attainable_margin_worst: float
     smallest_singular_value: float
     body_distance: float
     nearest_bodies: tuple[str, str]
@@ -188,7 +190,9 @@ def judge(desired: Batched, chart: Chart, count: int, seed: int) -> Judgement:
     distances, links, stop = _bodies(section, at, covered, count)
     stops.append(stop)
     worst = int(np.argmin(np.where(low.sheet, low.room, np.inf)))
-    least = float(np.min(at.room[held_out], where=at.sheet[held_out], initial=np.inf))
+    lowest = int(np.argmin(np.where(at.sheet, at.room, np.inf)[held_out]))
+    least = float(at.room[lowest])
+    most = limits.attainable(chart, section.at(np.stack([U[lowest], low.U[worst]])), far=True)
     difference, own, wanted = every.difference[held_out][c], every.own[held_out][c], every.wanted[held_out][c]
     ratio = own.mean() / wanted.mean()
     spread = (own - ratio * wanted).std() / wanted.mean() / np.sqrt(len(own))  # of a ratio of means
@@ -199,7 +203,8 @@ def judge(desired: Batched, chart: Chart, count: int, seed: int) -> Judgement:
         extra_speed_error=float(spread / (2 * np.sqrt(ratio))),
         extra_speed_worst=float(np.sqrt((own / wanted).max()) - 1),
         limit_margin=least,
-        attainable_margin=float(limits.attainable(chart, section.at(low.U[[worst]]))[0]),
+        attainable_margin=float(most[0]),
+        attainable_margin_worst=float(most[1]),
         smallest_singular_value=float(every.smallest[held_out][c].min()),
         body_distance=float(distances),
         nearest_bodies=links,

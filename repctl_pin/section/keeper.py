@@ -27,6 +27,9 @@ _LOW = 2
 _FAR = 2
 """How many times the room a margin has everywhere if it is not worth a search."""
 
+_NEARLY = 0.1
+"""The part of the margin that the arm has somewhere, and of the room, that is not asked for."""
+
 _GRID = 0.05
 """Poses that a search has found are taken from a grid in u, so that they do not crowd."""
 
@@ -41,15 +44,15 @@ class Watch:
 
     Attributes
     ----------
-    edge, lost : (L, k) arrays
-        Those with a price, and those where no leaf nearby has any margin, which are left alone.
+    edge : (L, k) array
+        Those with a price.
     asked : (L,) array
         The margin asked for there: the room, or where the arm has less on every leaf nearby, nearly that.
     """
 
     def __init__(self, margin: Margin, U: Array) -> None:
         self.margin, self.U = margin, U
-        self.edge, self.lost, self.asked = U[:0], U[:0], np.zeros(0)
+        self.edge, self.asked = U[:0], np.zeros(0)
 
     def short(self, section: Section) -> bool:
         """Whether the margin is too small somewhere; give the worst of these poses a price.
@@ -61,18 +64,15 @@ class Watch:
         if near.min(initial=np.inf) > _FAR * margin.room:
             return False
         found = searched(section, margin, self.U[np.argsort(near)[: margin.starts]])
-        new = _without(_GRID * np.round(found / _GRID), np.concatenate([self.lost, self.U]))
+        new = _without(_GRID * np.round(found / _GRID), self.U)
         self.U, near = np.concatenate([self.U, new]), np.concatenate([near, margin.least(section.at(new))])
-        worst = np.argsort(near)[: 2 * margin.violators]
+        worst = np.argsort(near)[: 4 * margin.violators]
         worst = worst[near[worst] < margin.room]
         most = margin.attainable(section.chart, section.at(self.U[worst]))
-        lost = worst[most <= 0]
-        worst, most = worst[most > 0], most[most > 0]
-        asked = np.minimum(margin.room, 0.9 * most)
+        asked = np.minimum(margin.room, most - _NEARLY * np.abs(most))
         short = asked - near[worst]
         edge = self.U[worst]
-        self.lost, self.U = np.concatenate([self.lost, self.U[lost]]), np.delete(self.U, lost, axis=0)
-        if not (short > margin.slack * asked).any():
+        if not (short > np.maximum(margin.slack * asked, _NEARLY * margin.room)).any():
             return False
         chosen = np.argsort(-short)[: margin.violators]
         chosen = chosen[short[chosen] > 0]
@@ -137,7 +137,7 @@ class Keeper:
         return max([watch.short(section) for watch in self.watches])  # every one of them is looked at
 
 
-def _without(U: Array, lost: Array) -> Array:
+def _without(U: Array, known: Array) -> Array:
     """Take every row of U once, those of another array left out."""
-    once, first = np.unique(np.concatenate([lost, U]), axis=0, return_index=True)
-    return once[first >= len(lost)]
+    once, first = np.unique(np.concatenate([known, U]), axis=0, return_index=True)
+    return once[first >= len(known)]

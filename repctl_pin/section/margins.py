@@ -20,8 +20,11 @@ _DIFFERENCE = 3e-4
 _ENDLESS = 1e6
 """What stands for an infinite margin, of a joint without limits, in a difference."""
 
-_LEAVES, _APART = 12, 0.06
-"""How many leaves to either side are looked at for more room, and how far apart they are, rad."""
+_NEARBY, _FAR, _APART = 12, 40, 0.06
+"""How many leaves to either side are looked at for more room, near a section and far, and how far apart, rad."""
+
+_HALVINGS = 6
+"""How often that distance is halved about the best of them."""
 
 
 @dataclass(frozen=True)
@@ -61,16 +64,35 @@ class Margin:
         ends = [np.minimum(self.measure((Q[:, None] + w * step).reshape(K * p, n)), _ENDLESS) for w in (1.0, -1.0)]
         return np.swapaxes((ends[0] - ends[1]).reshape(K, p, -1), 1, 2) / (2 * _DIFFERENCE)
 
-    def attainable(self, chart: Chart, at: Points) -> Array:
-        """Find the most (K,) that any leaf near a section has at points of it: along every direction of its label."""
-        r, most = at.n_ref.shape[2], self.least(at)
-        s = np.einsum("Knr,Kn->Kr", at.n_ref, at.Q - at.q_ref)
-        for way in np.concatenate([np.eye(r), -np.eye(r)]):
+    def attainable(self, chart: Chart, at: Points, *, far: bool = False) -> Array:
+        """Find the most (K,) that any leaf near a section has at points of it: along every direction of its label.
+
+        Near is 0.7 rad, or ``far`` off 2.4 rad, which for r = 1 is as far as the self-motion stays inside the limits.
+
+        Leaf by leaf first, then about the best of them by ever smaller steps.
+        """
+        r, most, best = at.n_ref.shape[2], self.least(at), at.Q
+        here = np.einsum("Knr,Kn->Kr", at.n_ref, at.Q - at.q_ref)
+        s = here.copy()
+
+        def look(label: Array, Q: Array) -> Array:
+            """Take the leaves of a label (K, r) where they are better; their joints, looked for from Q."""
+            nonlocal most, best, s
+            points = chart.solve(at.U, label, Q, iterations=4)
+            least = np.where(points.found, self.least(points), -np.inf)
+            better = least > most
+            most, best, s = (np.where(better, least, most), np.where(better[:, None], points.Q, best),
+                             np.where(better[:, None], label, s))  # fmt: skip
+            return points.Q
+
+        ways = np.concatenate([np.eye(r), -np.eye(r)])
+        for way in ways:
             Q = at.Q
-            for i in range(1, _LEAVES + 1):
-                points = chart.solve(at.U, s + i * _APART * way, Q, iterations=4)
-                Q = points.Q
-                most = np.where(points.found, np.maximum(most, self.least(points)), most)
+            for i in range(1, (_FAR if far else _NEARBY) + 1):
+                Q = look(here + i * _APART * way, Q)
+        for i in range(1, _HALVINGS + 1):
+            for way in ways:
+                look(s + 0.5**i * _APART * way, best)
         return most
 
 

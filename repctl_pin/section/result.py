@@ -134,9 +134,11 @@ class CellDesign:
     def figures(self) -> dict[str, str]:
         """Say what the function is worth: the name of each figure, and the figure in words."""
         j, unit = self.judgement, self.task.unit
+        most = "the self-motion has at most" if self.task.r == 1 else "the leaves looked at have at most"
         margin = (
-            f"{j.limit_margin:.3g} {unit}, {j.limit_margin_worst:.3g} at the worst pose that a search has found, "
-            f"where no leaf nearby has more than {j.attainable_margin:.3g}"
+            f"{j.limit_margin:.3g} {unit}, where {most} {j.attainable_margin:.3g}\n"
+            f"{j.limit_margin_worst:.3g} {unit} at the worst pose that a search has found, "
+            f"where {most} {j.attainable_margin_worst:.3g}"
         )
         bodies = f"{j.body_distance:.3g} m, {' and '.join(j.nearest_bodies)}"
         return {
