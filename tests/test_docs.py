@@ -33,6 +33,17 @@ def test_the_site_builds_strictly(tmp_path: Path) -> None:
     )
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "theory" / "index.html").read_text(encoding="utf-8").count("<math") > 20
+    commands = (tmp_path / "commands" / "index.html").read_text(encoding="utf-8")
+    assert "--allow-violations" in commands and "<!-- commands -->" not in commands
+
+
+def test_the_page_of_the_command_line_says_when_to_use_each() -> None:
+    """Their help is put there from the parser when the site is built."""
+    text = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")
+    helps = runpy.run_path(str(ROOT / "docs" / "hooks" / "commands.py"))["commands"]()
+    assert sorted(re.findall(r"^\| \[`(\w+)`\]\(#\1\) \| ", text, flags=re.MULTILINE)) == sorted(helps)
+    for name, words in helps.items():
+        assert words.startswith(f"usage: repctl {name} ") and "\x1b" not in words
 
 
 def test_the_reference_names_everything_public() -> None:
