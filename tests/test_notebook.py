@@ -32,6 +32,20 @@ CELLS = (
 )
 
 
+def test_results_print_in_words() -> None:
+    """As a cell shows them, in one line: what it is, and the numbers that are asked for first."""
+    panda, arm = rp.Robot.load("panda").task(), rp.Robot.load("planar3r").task("tool", "xy")
+    bodies, q0 = rp.Bodies(panda), np.array([0.3, 0.8, 0.8])
+    counts = f"{len(bodies.pairs)} pairs measured; left out: {len(bodies.disabled)} disabled by the SRDF, 0 that"
+    assert repr(bodies) == f"<Bodies of panda: {counts} always touch>" and len(bodies.pairs) > 10
+    control = rp.Pseudoinverse(arm)
+    verdict = rp.is_repeatable(control, rp.Box(q0, 0.2))
+    assert repr(verdict) == f"<Repeatability: {verdict.summary()}>"
+    timed = rp.timed(rp.follow(control, rp.circle(arm, q0, 0.2), q0, cycles=1, steps=60), acceleration=5.0, rate=100)
+    said = f"<TimedMotion of 3 joints: {timed.duration:.4g} s from rest to rest, {len(timed.t)} samples>"
+    assert repr(timed) == said and abs(len(timed.t) / 100 - timed.duration) < 0.05
+
+
 @pytest.fixture(scope="module")
 def study() -> rp.Study:
     return rp.study("ppr", **SETTING)

@@ -55,6 +55,9 @@ class Repeatability:
     def __bool__(self) -> bool:
         return self.repeatable
 
+    def __repr__(self) -> str:
+        return f"<Repeatability: {self.summary()}>"
+
     def summary(self) -> str:
         """Say the verdict in one line."""
         if self.redundancy == 0:

@@ -96,6 +96,10 @@ class TimedMotion:
     acceleration: Array
     stops: int
 
+    def __repr__(self) -> str:
+        many = f"{len(self.joints)} joint{'s' if len(self.joints) > 1 else ''}"
+        return f"<TimedMotion of {many}: {self.duration:.4g} s from rest to rest, {len(self.t):,} samples>"
+
     @property
     def duration(self) -> float:
         """Time from leaving rest to rest, s."""
@@ -141,7 +145,7 @@ def timed(
     torque
         Keep the URDF's effort limits too, by Pinocchio's inverse dynamics.
     rate
-        Samples a second, Hz. A steady cycle takes a whole number of them.
+        Samples per second, Hz. A steady cycle takes a whole number of them.
 
     Returns
     -------

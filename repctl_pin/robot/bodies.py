@@ -121,6 +121,10 @@ class Bodies:
         self._measure([pair for pair, touch in zip(self._both, always, strict=True) if not touch])
         self.pairs = self._named(self._both)
 
+    def __repr__(self) -> str:
+        left_out = f"{len(self.disabled)} disabled by the SRDF, {len(self.touching)} that always touch"
+        return f"<Bodies of {self.task.robot.name}: {len(self.pairs)} pairs measured; left out: {left_out}>"
+
     @property
     def notes(self) -> list[str]:
         """What a person should know: where bodies are missing, and which of the surroundings are not looked at."""
