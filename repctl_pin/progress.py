@@ -13,7 +13,7 @@ Report = Callable[[str, float], None]
 
 @contextmanager
 def reporter(progress: bool | Report) -> Iterator[Report]:
-    """Make a report function: silent, a bar, or the person's own."""
+    """Make a report function: silent, a bar, or the user's own."""
     if callable(progress):
         yield progress
     elif progress:

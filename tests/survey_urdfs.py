@@ -68,8 +68,8 @@ more movable joints. {date}, repctl_pin {version}, Pinocchio {pinocchio}, {secon
 **{summary}**
 
 What a study says first: how far the elbow is from where it was after ten cycles of J⁺, and of ours; what ours costs in
-joint speed; limits and bodies, J⁺'s before the arrow where they differ. The other lines are the sentences that `study`
-ends with where it has no result. s: processor time on a busy virtual machine, for `study` alone.
+joint speed; limits and bodies, J⁺'s before the arrow where they differ. The other lines are
+refusals, as `study` explains them. s: processor time on a busy virtual machine, for `study` alone.
 
 """
 
@@ -178,7 +178,8 @@ def summary(found: dict[str, dict[str, Outcome]]) -> str:
 
     def counts(command: str) -> str:
         kinds = Counter(row[command].kind for row in found.values())
-        return ", ".join(f"{kinds[kind]} {kind}s" for kind in ("result", "sentence", "fault"))
+        words = {"result": "results", "sentence": "explained refusals", "fault": "crashes"}
+        return ", ".join(f"{kinds[kind]} {said}" for kind, said in words.items())
 
     slow = sorted(row["study"].seconds for row in found.values())
     times = f"Slowest study {slow[-1]:.0f} s, half below {slow[len(slow) // 2]:.0f} s"

@@ -18,8 +18,8 @@ def compiled(control: InverseFunction) -> InverseFunction: ...
 def compiled(control: RepeatableInverse | InverseFunction) -> RepeatableInverse | InverseFunction:
     """Make the same inverse with ``velocity``, ``step``, ``batch`` and ``velocities`` in compiled C, or the same F.
 
-    It is compiled once with the machine's C compiler, and kept in the user's cache. Where there is no compiler a
-    warning says so, and Python serves. As any inverse: one for each thread.
+    It is compiled once with the machine's C compiler, and kept in the user's cache. Without a compiler there is a
+    warning, and Python is used. Not thread-safe: make one per thread.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ def compiled(control: RepeatableInverse | InverseFunction) -> RepeatableInverse 
     Raises
     ------
     InputError
-        If its potentials are functions of a person's own, which cannot be written as C.
+        If its potentials are user-defined functions, which cannot be written as C.
 
     Examples
     --------

@@ -57,7 +57,7 @@ def export_c(
     Raises
     ------
     InputError
-        If the name is no identifier, the inverse or the region holds functions of a person's own, or the folder
+        If the name is no identifier, the inverse or the region holds user-defined functions, or the folder
         cannot be written.
 
     Examples

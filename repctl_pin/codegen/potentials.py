@@ -38,7 +38,7 @@ def field_functions(field: FieldMap, n: int, name: str) -> list[str]:
     Raises
     ------
     InputError
-        If the potentials are functions of a person's own, which cannot be written down.
+        If the potentials are user-defined functions, which cannot be written down.
     """
     written = []
     for index, (part, joints) in enumerate(_flat(field, list(range(n)))):

@@ -182,7 +182,7 @@ def field_file(field: Field) -> Any:
     Raises
     ------
     InputError
-        If it holds functions of a person's own, which no file can hold.
+        If it holds user-defined functions, which no file can hold.
     """
     if isinstance(field, Polynomial):
         center, scale = field.center.tolist(), field.scale.tolist()
@@ -211,7 +211,7 @@ def region_file(region: Region) -> Any:
     Raises
     ------
     InputError
-        If it has a density, or is of a person's own kind.
+        If it has a density, or is user-defined.
     """
     if isinstance(region, (Box, Tube, WorkspaceBox)) and region.density is not None:
         raise InputError(
@@ -243,7 +243,7 @@ def desired_file(desired: Inverse) -> Any:
     Raises
     ------
     InputError
-        If it holds functions of a person's own.
+        If it holds user-defined functions.
     """
     if isinstance(desired, Pseudoinverse):
         return PseudoinverseFile()

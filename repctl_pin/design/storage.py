@@ -81,7 +81,7 @@ def design_file(design: Design) -> DesignFile:
     Raises
     ------
     InputError
-        If it holds functions of a person's own.
+        If it holds user-defined functions.
     """
     return DesignFile(
         format=FORMAT,

@@ -82,7 +82,7 @@ def check_joints(potentials: Field | FieldMap, n: int) -> None:
 
 
 def coefficients(A: ArrayLike, size: int) -> Array:
-    """Take the coefficients of ``h = Aᵀ (h_1 … h_N)``: (N, r) finite numbers, one row a potential.
+    """Take the coefficients of ``h = Aᵀ (h_1 … h_N)``: (N, r) finite numbers, one row per potential.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Motions as CSV, one layout for all: ``strategy``, ``cycle``, ``time``, a column a joint, one a joint's velocity."""
+"""Motions as CSV, one layout for all: ``strategy``, ``cycle``, ``time``, columns for joints and their velocities."""
 
 from __future__ import annotations
 

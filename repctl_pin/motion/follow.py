@@ -77,7 +77,7 @@ def follow(
     period
         Time of one cycle, s; by default the path's own, else 5.
     leaf_lock
-        Corrections a step, in place of the integrator; 0 is no leaf lock.
+        Corrections per step, in place of the integrator; 0 is no leaf lock.
     leaf : (r,) array, optional
         With the leaf lock: c, by default h(q0).
     limit : float or (n,) array, optional

@@ -156,7 +156,7 @@ class JointMotion:
 
     @cached_property
     def coarse(self) -> Self:
-        """The same at no more than 100 points a cycle: enough to see how near bodies come."""
+        """The same at no more than 100 points per cycle: enough to see how near bodies come."""
         return self.thinned(COARSE)
 
     def joints(self, values: ArrayLike) -> Array:
@@ -171,6 +171,6 @@ def cycle_of(moment: float, cycles: int) -> int:
 
 
 def rows_of(motion: JointMotion, most: int) -> NDArray[np.intp]:
-    """Choose rows of a motion, at most so many a cycle, the ends of cycles among them."""
+    """Choose rows of a motion, at most so many per cycle, the ends of cycles among them."""
     cycle = np.rint(np.linspace(0, motion.steps, min(motion.steps, most) + 1)).astype(np.intp)[:-1]
     return np.append((np.arange(motion.cycles)[:, None] * motion.steps + cycle).ravel(), motion.cycles * motion.steps)

@@ -44,7 +44,7 @@ class Loop:
     q : list of (n,) arrays
         Where each control has brought the joints.
     offset : (3,) array
-        How far the target is off the path, m, world axes.
+        How far the target is off the path, m, base axes.
     cycle : (steps + 1, strategies, n) array
         What each did in an undisturbed first cycle.
     """

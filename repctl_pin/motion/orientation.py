@@ -1,4 +1,4 @@
-"""Orientations along a closed path: R(s), and its angular velocity ω(s), ``dR/ds = [ω]× R``, world axes."""
+"""Orientations along a closed path: R(s), and its angular velocity ω(s), ``dR/ds = [ω]× R``, base axes."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ class ClosedPath(Protocol):
         ...
 
     def twist(self, s: float) -> Array:
-        """Evaluate d(pose)/ds: (6,), m and rad a cycle, world axes."""
+        """Evaluate d(pose)/ds: (6,), m and rad per cycle, base axes."""
         ...
 
 
@@ -53,7 +53,7 @@ class TaskPath:
     name : str
         What a person would call it.
     point, slope : functions of s
-        p(s), m, and dp/ds, m a cycle; p(0) = p(1).
+        p(s), m, and dp/ds, m per cycle; p(0) = p(1).
     rotation : (3, 3) array, or function of s
         The orientation that is held; or R(s), a matrix or scipy's Rotation, R(0) = R(1).
     breaks : tuple of float
@@ -64,7 +64,7 @@ class TaskPath:
     corners : tuple of str
         What the corners are called, from the start to the end: lines of a file. Empty where they have no names.
     spin : function of s, optional
-        ω(s) with ``dR/ds = [ω]× R``, rad a cycle, world axes; by default differences of R(s).
+        ω(s) with ``dR/ds = [ω]× R``, rad per cycle, base axes; by default differences of R(s).
     period : float, optional
         The time that a cycle should take, s: where waypoints have times.
 
@@ -79,7 +79,7 @@ class TaskPath:
     >>> back = rp.TaskPath(
     ...     "back and forth",
     ...     lambda s: here.translation + [0.1 * np.sin(2 * np.pi * s), 0, 0],  # m
-    ...     lambda s: np.array([0.2 * np.pi * np.cos(2 * np.pi * s), 0, 0]),  # m a cycle
+    ...     lambda s: np.array([0.2 * np.pi * np.cos(2 * np.pi * s), 0, 0]),  # m per cycle
     ...     here.rotation,
     ... )
     >>> back.placement(0.25).translation - here.translation
@@ -118,7 +118,7 @@ class TaskPath:
         return pin.SE3(self._turned(s), self.point(s))
 
     def twist(self, s: float) -> Array:
-        """Evaluate d(pose)/ds: (6,), m and rad a cycle, world axes."""
+        """Evaluate d(pose)/ds: (6,), m and rad per cycle, base axes."""
         s = finite(s, "s")
         return np.concatenate([self.slope(s), np.zeros(3) if self.spin is None else self.spin(s)])
 
@@ -207,7 +207,7 @@ def _check(path: TaskPath) -> None:
 
 
 def _difference(a: pin.SE3, b: pin.SE3) -> Array:
-    """Subtract two placements: (6,), m and rad, world axes."""
+    """Subtract two placements: (6,), m and rad, base axes."""
     return np.concatenate([b.translation - a.translation, pin.log3(b.rotation @ a.rotation.T)])
 
 

@@ -28,7 +28,7 @@ class Box:
     center : (n,) array
         rad or m.
     half_width : float or (n,) array
-        rad (m for sliding joints): the same for every joint, or one a joint.
+        rad (m for sliding joints): the same for every joint, or one per joint.
     density : function, optional
         Q (K, n) → (K,) weights from 0 up; by default every configuration counts the same.
 

@@ -27,7 +27,7 @@ class Tube:
     samples : (S, n) array
         Configurations along a motion, rad or m; thinned to 256. Space them more closely than the radius.
     radius : float or (n,) array
-        rad (m for sliding joints): the same for every joint, or one a joint.
+        rad (m for sliding joints): the same for every joint, or one per joint.
     density : function, optional
         Q (K, n) → (K,) weights from 0 up.
 

@@ -33,7 +33,7 @@ KINDS: dict[str, tuple[int, ...]] = {
 }
 """Rows of the frame's twist (v, ω) that each kind of task commands.
 
-v and ω are in world axes, v that of the frame's origin. For ``axis`` rows 3 and 4 are the angular
+v and ω are in base axes, v that of the frame's origin. For ``axis`` rows 3 and 4 are the angular
 velocity along the frame's own x and y: the two that turn its z axis, the tool's.
 """
 
@@ -138,7 +138,7 @@ class Task:
         Parameters
         ----------
         T : (n, n) array
-            Invertible, one row a joint.
+            Invertible, one row per joint.
         """
         if self.coordinates is not None:
             raise InputError("this task is in joint coordinates already; start from the original task")
@@ -190,7 +190,7 @@ class Task:
         return p[self.rows]
 
     def rate(self, q: ArrayLike, twist: Array) -> Array:
-        """Take the task velocity ẋ (m,) out of a frame's twist (v, ω), world axes, m/s and rad/s."""
+        """Take the task velocity ẋ (m,) out of a frame's twist (v, ω), base axes, m/s and rad/s."""
         twist = vector(twist, 6, "the twist (v, ω)", "m/s and rad/s")
         if self.kind != "axis":
             return twist[self.rows]
@@ -237,7 +237,7 @@ class Task:
         return np.array([self._data.oMi[j].translation for j in self._first])
 
     def axes(self, q: ArrayLike) -> Array:
-        """Point along the joints, from the base outward: unit vectors (n, 3), world axes; 0 if prismatic.
+        """Point along the joints, from the base outward: unit vectors (n, 3), base axes; 0 if prismatic.
 
         Of several joints that one drives, the first on the way to the frame.
         """

@@ -90,7 +90,7 @@ def cell_file(design: CellDesign) -> CellFile:
     Raises
     ------
     InputError
-        If it holds functions of a person's own.
+        If it holds user-defined functions.
     """
     chart, cell, found = design.function.chart, design.cell, vars(design.judgement)
     boundless = {name: found[name] if np.isfinite(found[name]) else None for name in _BOUNDLESS}

@@ -37,7 +37,7 @@ def save(design: Design | CellDesign, path: str | Path) -> Path:
     Raises
     ------
     InputError
-        If the design holds functions of a person's own, or the file cannot be written; an old one stays.
+        If the design holds user-defined functions, or the file cannot be written; an old one stays.
 
     Examples
     --------

@@ -34,7 +34,7 @@ class InverseFunction:
     It needs no start and no history. The same pose gives the same joints, and the joints change
     smoothly with it: ``f(F(x)) = x``, ``n_ref(x)ᵀ (F(x) − q_ref(x)) = c``.
 
-    One for each thread: an evaluation works in memory of its own.
+    Not thread-safe: make one per thread.
 
     Parameters
     ----------

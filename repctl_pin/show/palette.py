@@ -14,7 +14,7 @@ COLOURS = {"pseudoinverse": VERMILLION, "posture": GREEN, "posture_off": ORANGE,
 """The colour of each strategy of a study, the same in every picture."""
 
 _OWN = (PURPLE, SKY, YELLOW, INK)
-"""For a person's own controls, one after the other."""
+"""For user-defined controls, one after the other."""
 
 
 def colours(study: Study) -> dict[str, str]:

@@ -46,7 +46,7 @@ def write_study(study: Study, folder: Path) -> list[Path]:
 
 
 def study_page(study: Study) -> str:
-    """Make the animation of a study: J⁺, a person's own controls and the repeatable inverse, side by side."""
+    """Make the animation of a study: J⁺, user-defined controls and the repeatable inverse, side by side."""
     rows = [row for row in study.rows if row.key not in ("posture", "posture_off")]
     colour = colours(study)
     tracks = [track_of(row.label, row.motion, colour[row.key]) for row in rows if row.motion is not None]

@@ -162,7 +162,7 @@ class Posture:
 
 
 class Given:
-    """A function of a person's own, with the derivatives it came with or numerical ones."""
+    """A user-defined function, with its own derivatives or numerical ones."""
 
     def __init__(
         self,

@@ -97,7 +97,7 @@ class LeafImpedance:
         target
             Where the frame should be.
         twist : (6,) array, optional
-            Velocity (v, ω) of the target, world axes; at rest by default.
+            Velocity (v, ω) of the target, base axes; at rest by default.
         leaf : (r,) array
             c, from ``inverse.leaf(q)`` at the start.
 

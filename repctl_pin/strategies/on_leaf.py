@@ -140,7 +140,7 @@ def _side(inverse: WithField, q: Array) -> int:
 
 
 def _turn(kind: str, start: pin.SE3, target: pin.SE3) -> Array:
-    """The rotation vector (3,), world axes, of the way from start to target; 0 where the task has no axis."""
+    """The rotation vector (3,), base axes, of the way from start to target; 0 where the task has no axis."""
     if kind == "pose":
         return pin.log3(target.rotation @ start.rotation.T)
     if kind == "axis":

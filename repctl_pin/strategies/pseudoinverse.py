@@ -28,7 +28,7 @@ _WELL_CONDITIONED = 1e-2
 class Pseudoinverse:
     """Least joint speed: ``q̇ = J⁺ ẋ``, ``J⁺ = Jᵀ (J Jᵀ)⁻¹``. In general not repeatable.
 
-    One for each thread, on a shared task or not: each works in memory of its own. ``copy.copy`` makes another.
+    Not thread-safe: make one per thread, with ``copy.copy``; they may share the task.
 
     Raises
     ------
@@ -88,7 +88,7 @@ class WeightedInverse:
     task
         The task to control.
     weight
-        M: n positive numbers (one a joint), a positive definite (n, n) matrix, a function of q that
+        M: n positive numbers (one per joint), a positive definite (n, n) matrix, a function of q that
         returns one, or ``"inertia"`` for the joint-space inertia (least kinetic energy).
 
     Raises

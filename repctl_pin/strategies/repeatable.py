@@ -37,7 +37,7 @@ class Region(Protocol):
 class RepeatableInverse:
     """``q̇ = G_r ẋ`` with G_r the first m columns of ``[J; Vᵀ]⁻¹`` (31), (37), ``V = ∂hᵀ/∂q``.
 
-    One for each thread, on a shared task or not: each works in memory of its own. ``copy.copy`` makes another.
+    Not thread-safe: make one per thread, with ``copy.copy``; they may share the task.
 
     Parameters
     ----------
@@ -166,11 +166,11 @@ class RepeatableInverse:
         q : (n,) array
             Where the joints are.
         target
-            Where the frame should be: at the end of the step without a twist, now with one.
+            Where the frame should be; without ``twist``: at the end of the step; with ``twist``: now.
         dt
             Time of the step, s.
         twist : (6,) array, optional
-            Velocity (v, ω) of the target, world axes, m/s and rad/s.
+            Velocity (v, ω) of the target, base axes, m/s and rad/s.
         leaf : (r,) array, optional
             c, from :meth:`leaf` at the start; without it h is held, but not brought back.
         gain

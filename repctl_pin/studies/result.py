@@ -47,7 +47,7 @@ class Row:
 
     @property
     def body_distance(self) -> float | None:
-        """The least distance between bodies at 100 points a cycle, m; None where there are none, or no motion."""
+        """The least distance between bodies at 100 points per cycle, m; None where there are none, or no motion."""
         least = np.inf if self.motion is None else float(self.motion.coarse.body_distance.min())
         return least if np.isfinite(least) else None
 
@@ -100,7 +100,7 @@ class Study:
 
     Examples
     --------
-    >>> study.row("repeatable").motion.drift.shape  # one a cycle
+    >>> study.row("repeatable").motion.drift.shape  # one per cycle
     (2,)
     >>> study.design.leaf_margin > 0.5
     True

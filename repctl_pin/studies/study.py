@@ -37,7 +37,7 @@ POSTURE_GAIN = 1.0
 """Gain of the posture in the null space, 1/s."""
 
 LITTLE = 1e-4
-"""Drift a cycle that nobody would see, rad or m."""
+"""Drift per cycle that nobody would see, rad or m."""
 
 POSTURE_OFFSET = 0.57
 """How far off the start the posture of the third strategy lies, rad, along the null space."""
@@ -209,7 +209,7 @@ def _followed(
 
 
 def _own_controls(task: Task, controls: Mapping[str, Control]) -> dict[str, Strategy]:
-    """Make strategies of a person's own controls."""
+    """Make strategies of user-defined controls."""
     own: dict[str, Strategy] = {}
     wanted(controls, Mapping, "controls", "a dictionary that gives each control a name, such as {'mine': control}")
     for name, control in controls.items():

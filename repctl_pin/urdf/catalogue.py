@@ -180,7 +180,7 @@ def _read_srdf(srdf: Path) -> Any:
 
 
 def default_package_dirs(urdf_path: str | Path) -> list[str]:
-    """List the folders in which ``package://`` names of a person's own file are looked up.
+    """List the folders in which ``package://`` names of a user's own file are looked up.
 
     The file's ancestors, nearest first, then what ``ROS_PACKAGE_PATH`` and ``AMENT_PREFIX_PATH`` name.
     """

@@ -59,7 +59,7 @@ arm_status arm_leaf(const double q[ARM_N], double c[ARM_R]);
 /* Joint velocity qdot for a task velocity xdot: J qdot = xdot and V^T qdot = 0. */
 arm_status arm_velocity(const double q[ARM_N], const double xdot[ARM_M], double qdot[ARM_N]);
 
-/* Whether q lies in the region that the control was designed for: ARM_OK or ARM_OUTSIDE. */
+/* Whether q lies in the region that the control was designed for: ARM_OK (which is 0) or ARM_OUTSIDE. */
 arm_status arm_inside(const double q[ARM_N]);
 
 /* Whole Newton steps, no limits, no damping, no refusal outside the region. */
@@ -68,7 +68,7 @@ void arm_defaults(arm_options *options);
 /*
  * The next q of a control loop: q + J_V^-1 (dt [xdot; 0] + K dt [x - f(q); c - h(q)]).
  *
- * target   where the frame should be: at the end of the step without a twist, now with one
+ * target   where the frame should be; without a twist: at the end of the step; with a twist: now
  * dt       time of the step, s
  * twist    velocity (v, omega) of the target, base axes, m/s and rad/s; NULL: none
  * leaf     c, from arm_leaf() at the start; NULL: h is held, but not brought back

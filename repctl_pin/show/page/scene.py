@@ -105,7 +105,7 @@ def choose_frames(samples: int, cycles: int, *, per_cycle: int = 61, shown: int 
     samples, cycles
         Of the motion; each cycle has the same number of steps.
     per_cycle
-        At most so many pictures a cycle.
+        At most so many pictures per cycle.
     shown
         At most so many cycles.
     """

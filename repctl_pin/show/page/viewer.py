@@ -57,7 +57,7 @@ class Viewer:
     url : str
         Where the page is.
     offset : (3,) array
-        How far the keys have moved the target, m, world axes: arrows across and up the screen, Page Up and Down away
+        How far the keys have moved the target, m, base axes: arrows across and up the screen, Page Up and Down away
         and nearer, Home back to 0.
 
     Raises
