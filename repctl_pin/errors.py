@@ -59,7 +59,7 @@ class UrdfError(InputError):
 
 
 class SingularityError(RepctlError):
-    """J loses rank, or J_V does (an algorithmic singularity), where an inverse is asked for.
+    """J loses rank, or J_V does (an algorithmic singularity), so there is no inverse.
 
     Examples
     --------

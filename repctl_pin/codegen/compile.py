@@ -25,7 +25,7 @@ def compiled(control: RepeatableInverse | InverseFunction) -> RepeatableInverse 
     ----------
     control
         An inverse of polynomials, Fourier series, or their sums. Or a cell's inverse kinematic function, such as
-        ``found.function``: then F of one pose and of many are in C, and its own ``inverse`` too.
+        ``found.function``: then F, ``batch`` and its ``inverse`` are in C.
 
     Returns
     -------

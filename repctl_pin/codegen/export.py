@@ -33,7 +33,7 @@ def export_c(
     """Write a repeatable inverse as C99 (and C++17) that needs nothing but ``<math.h>``, and all that goes with it.
 
     ``name.h`` and ``name.c``: placement, jacobian, inverse, leaf, velocity, step, inside, every name beginning with
-    ``name_``. They allocate nothing and keep nothing, and return a status. ``name.hpp``: the same with
+    ``name_``. They allocate and keep nothing, and return a status. ``name.hpp``: the same with
     ``std::array``. ``test_vectors.h`` and ``check.c`` compare a build with Python; ``loop.c`` is an example at 1 kHz;
     ``CMakeLists.txt`` builds all. The same inverse gives the same bytes.
 
@@ -43,11 +43,11 @@ def export_c(
         Such as ``design.inverse``, of polynomials, Fourier series, or their sums. Or a cell's inverse kinematic
         function, such as ``found.function``: then ``name_F(target)`` is there too.
     folder
-        Made where it is not there.
+        Created if it does not exist.
     name
-        What every name and the files begin with.
+        What the files and every name in C begin with.
     region
-        Such as ``design.region``: what ``name_inside`` asks for, and where the test vectors lie.
+        Such as ``design.region``: what ``name_inside`` checks, and from where the test vectors are drawn.
 
     Returns
     -------
@@ -57,7 +57,7 @@ def export_c(
     Raises
     ------
     InputError
-        If the name is no identifier, the inverse or the region holds user-defined functions, or the folder
+        If the name is not an identifier, the inverse or the region holds user-defined functions, or the folder
         cannot be written.
 
     Examples

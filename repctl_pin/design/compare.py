@@ -110,14 +110,14 @@ def compare(first: Design, *others: Design) -> Comparison:
 def settled(designs: Sequence[Design | SingularityError], *, tolerance: float = 1e-4) -> bool:
     """Say whether the cost has stopped falling as the potentials grew richer.
 
-    A design's ``converged`` is about the optimiser; that every design converged does not mean that the family
-    comes near the best repeatable inverse. Where the best foliation is none of any smooth potential of the
-    chosen form, the cost goes on falling from degree to degree, or the design is refused: not settled.
+    A design's ``converged`` is about the optimiser: even if every design converged, the family may be far from
+    the best repeatable inverse. If smooth potentials of the chosen form cannot reach the best foliation, the cost
+    keeps falling from degree to degree, or the design is refused: not settled.
 
     Parameters
     ----------
     designs
-        Of the same G_d and Ω, richer and richer potentials; a refusal stands where there was one.
+        Designs with the same G_d and Ω and ever richer potentials; an error in place of a refused one.
     tolerance
         Relative change of the cost between the last two that counts as none.
 
@@ -133,7 +133,7 @@ def settled(designs: Sequence[Design | SingularityError], *, tolerance: float = 
     Examples
     --------
     >>> plain = rp.nearest_repeatable(control, None, rp.Box(q0, 0.4), degree=1, samples=512, held_out=512)
-    >>> rp.settled([plain, design])  # a higher degree pays still
+    >>> rp.settled([plain, design])  # a higher degree still pays
     False
     """
     wanted(designs, Sequence, "designs", "a list of designs")

@@ -40,9 +40,9 @@ class FamilyDesign:
     region : Region
         Ω.
     parameter : float
-        The best k; may be inf on the whole line. Where every k costs the same, the middle of the bounds.
+        The best k; may be inf on the whole line. If every k costs the same, the middle of the bounds.
     unique : bool
-        False where every parameter costs the same.
+        False if every parameter costs the same.
     cost, cost_error : float
         Mean over Ω of ‖G − G_d‖_F² (26), on finer nodes than the search's, and how far the two disagree.
     relative_distance : float
@@ -50,7 +50,7 @@ class FamilyDesign:
     scanned : (S,) array
         Parameters of the first scan; inf among them on the whole line.
     scanned_costs : (S,) array
-        Their costs; inf where a member is singular in Ω.
+        Their costs; inf if a member is singular in Ω.
 
     Examples
     --------
@@ -74,7 +74,7 @@ class FamilyDesign:
     scanned_costs: Array = field(repr=False)
 
     def summary(self) -> str:
-        """Say in a few lines what the choice is worth."""
+        """Say in a few lines how good the choice is."""
         best = f"{self.parameter:.6g}" if self.unique else "every value: the cost does not depend on it"
         return "\n".join(
             [
@@ -122,12 +122,12 @@ def nearest_in_family(
         G_d, any inverse with ``J G = I``.
     family
         ``k → G``: a function that makes an inverse of the same task for every k within the bounds; on the
-        whole line it is asked for k = ∞ too. Members made of potentials do as well:
+        whole line, k = ∞ too. Members made of potentials do as well:
         ``lambda k: rp.RepeatableInverse(task, fields.weighted(A(k)))``.
     region
         Ω.
     bounds
-        Between which values k is sought: two finite numbers, or the whole line.
+        The range of k: two finite numbers, or the whole line.
     samples, seed
         Nodes of the search.
 

@@ -54,8 +54,8 @@ def nearest_repeatable(
     """Find the repeatable inverse nearest to a desired one in the mean over Ω (26), (36), (38).
 
     A linear least-squares start, then Gauss–Newton on the Grassmann manifold of span A: only the column
-    space of V matters. The line search never lets det(Nᵀ V) change sign at a node. Many nodes are first
-    fitted on few of them.
+    space of V matters. The line search never lets det(Nᵀ V) change sign at a node. Large fits
+    begin on a few of the nodes.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def nearest_repeatable(
         In place of fields: all polynomials of this degree over Ω's box; ``"auto"`` raises the degree from 1
         until the cost on held-out nodes stops falling by 1 % (at most 6, or 8 for n ≤ 3, and 1000 unknowns).
     samples
-        Nodes of the fit; by default 16,384, or 32 times the unknowns divided by m where that is more.
+        Nodes of the fit; by default 16,384, or 32 times the unknowns divided by m if that is more.
     held_out
         Nodes of the judgement.
     seed
@@ -77,23 +77,23 @@ def nearest_repeatable(
     batch
         Nodes evaluated at a time.
     stream
-        Build the batches anew at each pass instead of keeping them; the memory is that of one batch.
+        Rebuild the batches at each pass instead of keeping them; the memory is that of one batch.
     executor
         Any ``concurrent.futures.Executor``, or a Dask client: the batches are built and stay there.
     shrink
-        Where Ω holds a singularity, take the largest region round its center that is free of it.
+        If Ω holds a singularity, take the largest region round its center that is free of it.
     restarts
         Further descents, from random changes of the start; the best is taken.
     tolerance
-        The optimiser stops when a step is predicted to lower the cost by less than this share of it, or when
-        three steps together have not.
+        The optimiser stops when a step is predicted to lower the cost by less than this share, or when
+        three steps together did not lower it.
     progress
-        True for a bar on stderr, or a function that takes what is being done, and its share done.
+        True for a bar on stderr, or a function of what is being done and the share that is done.
 
     Returns
     -------
     Design
-        ``inverse``, the control, and what it is worth: ``cost``, ``relative_distance``, ``leaf_margin`` …;
+        ``inverse``, the control, and how good it is: ``cost``, ``relative_distance``, ``leaf_margin`` …;
         ``summary()`` says it in words.
 
     Raises

@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Design:
-    """A repeatable inverse and what it is worth.
+    """A repeatable inverse, and how good it is.
 
     All figures but ``fit_cost`` are taken on nodes that the fit did not see.
 
@@ -30,7 +30,7 @@ class Design:
     inverse : RepeatableInverse
         The result: ``q̇ = G_r ẋ``.
     desired : Inverse
-        What it should be near to, G_d.
+        The desired inverse, G_d.
     fields, region, coefficients
         The potentials (35), Ω, and A (N, r).
     cost, cost_error : float
@@ -44,13 +44,13 @@ class Design:
     inside_limits : float
         Share of Ω inside the joint limits.
     fit_cost : float
-        The cost on the nodes of the fit: lower, by what was fitted to the nodes alone.
+        The cost on the nodes of the fit: lower, by the amount of overfitting.
     gradient_norm : float
         Of the cost on the nodes of the fit, in coordinates in which the potentials' gradients are
         orthonormal over Ω.
     converged : bool
         The optimiser predicts no relative decrease of the cost above ``tolerance``, or its last three steps gave
-        none. It says nothing about richer potentials; for that see :func:`settled`.
+        none. Richer potentials may still lower the cost: see :func:`settled`.
     steps : int
         Gauss–Newton steps taken.
     samples, held_out : int
@@ -60,7 +60,7 @@ class Design:
     dropped : tuple of str
         Potentials of the family that were left out, each with the reason.
     shrunk : float
-        What is left of the width of the Ω that was asked for.
+        Share of the requested Ω's width that is left; 1 if it was not shrunk.
     degrees : tuple of (degree, cost, cost_error)
         With ``degree="auto"``: what was tried, in order.
     cycle : Cycle, optional
@@ -117,7 +117,7 @@ class Design:
         return baselines(self.desired, self.region, samples=self.held_out, seed=self.seed + 1)
 
     def summary(self) -> str:
-        """Say in a few lines what the design is worth."""
+        """Say in a few lines how good the design is."""
         state = "converged" if self.converged else "NOT converged"
         unused = f", {len(self.dropped)} dropped" if self.dropped else ""
         width = max(len(b.name) for b in self.baselines)

@@ -32,7 +32,7 @@ class SingularRegionError(SingularityError):
     Attributes
     ----------
     finding : str
-        What was found; the message is this and a remedy.
+        What was found; the message adds a remedy.
     at : (n,) array
         Where, rad (m for sliding joints).
     free : Region or None

@@ -21,20 +21,20 @@ STEP = 1e-5
 
 
 class Potentials:
-    """Potentials of one's own, ``h_i(q)``.
+    """User-defined potentials, ``h_i(q)``.
 
     Parameters
     ----------
     functions : sequence
-        Each a function q (n,) → h, or a pair of it and its gradient q → ∇h (n,). A gradient that is not
-        given is differentiated numerically, and :attr:`numerical` and the name say so.
+        Each a function q (n,) → h, or a pair of it and its gradient q → ∇h (n,). A missing gradient is
+        computed numerically, and :attr:`numerical` and the name say so.
     names : sequence of str, optional
         What to call them; by default the functions' own names.
 
     Raises
     ------
     InputError
-        If there is none, or one is no function. Values that are not finite are refused when they turn up.
+        If there is none, or one is not a function. Values that are not finite are refused when they appear.
 
     Examples
     --------

@@ -29,7 +29,7 @@ class Joined:
     Raises
     ------
     InputError
-        If a part is no family of potentials, or they are of different numbers of joints.
+        If a part is not a family of potentials, or their numbers of joints differ.
 
     Examples
     --------

@@ -147,7 +147,7 @@ def bracket_defect(strategy: Inverse, q: ArrayLike, *, relative: bool = False) -
     Returns
     -------
     (pairs, n) array
-        One row a pair, in the order (0, 1), (0, 2), …, (1, 2), …; row Δ_ab has the joints' units per unit
+        One row per pair, in the order (0, 1), (0, 2), …, (1, 2), …; row Δ_ab has the joints' units per unit
         of task coordinate a and of b (rad/m² for two lengths).
 
     Raises

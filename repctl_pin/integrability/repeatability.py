@@ -24,22 +24,22 @@ _NEAR_SINGULAR = 1e-3
 
 @dataclass(frozen=True)
 class Repeatability:
-    """The verdict on an inverse in a region; true in an ``if`` where it is repeatable.
+    """The verdict on an inverse in a region; true in an ``if`` when repeatable.
 
     Attributes
     ----------
     repeatable : bool
-        No defect exceeds its tolerance at any configuration looked at.
+        No defect exceeds its tolerance at any configuration checked.
     defect : float
         The worst relative defect, per rad, free of units and of the task's axes.
     at : (n,) array
-        Where it is.
+        Where it occurs.
     tolerance : float
-        What the derivative's error could make of a defect of 0 there.
+        The defect that the derivative's error alone could produce there.
     samples : int
-        Configurations looked at.
+        Configurations checked.
     exact : bool
-        True where ∂G/∂q is a formula's, False where it is a difference's.
+        True if ∂G/∂q is a formula, False if it is taken by differences.
     redundancy : int
         r. An arm without redundancy repeats by itself.
     """
@@ -71,32 +71,32 @@ class Repeatability:
 
 
 def is_repeatable(strategy: Inverse, region: Region, *, samples: int = 128, seed: int = 0) -> Repeatability:
-    """Test the Lie bracket condition (24) all over a region.
+    """Test the Lie bracket condition (24) throughout a region.
 
-    The tolerance is not chosen: it is twice the error that the derivative's own estimate makes possible.
+    The tolerance is not a choice: it is twice the defect that the estimated error of ∂G/∂q could produce.
 
     Parameters
     ----------
     strategy
-        Any inverse ``q̇ = G(q) ẋ``.
+        Any exact inverse, ``q̇ = G(q) ẋ`` with ``J G = I``.
     region
         Ω, such as a :class:`Box`.
     samples
-        Configurations to look at, at least.
+        Least number of configurations to check.
     seed
-        Of those.
+        Seed of these configurations.
 
     Returns
     -------
     Repeatability
-        True in an ``if`` where it is repeatable; with the worst ``defect``, where it is, and the tolerance.
+        True in an ``if`` when repeatable; with the worst ``defect``, where it occurs, and the tolerance.
 
     Raises
     ------
     InputError
         If the function is too noisy to tell: no defect exceeds the tolerance, but the tolerance exceeds 1e-3.
     SingularityError
-        If J, or G, is singular at one of the configurations, or so nearly that there is nothing to tell.
+        If J, or G, is singular at one of the configurations, or nearly so.
 
     Examples
     --------

@@ -140,11 +140,11 @@ def candidate_surface(strategy: Inverse, region: Region, *, samples: int = 128, 
 
 @one_blas_thread()
 def stable_surface(strategy: Inverse, region: Region, *, samples: int = 128, seed: int = 0) -> Surfaces:
-    """Find the surfaces s(q) = 0 and say which are stable: on which every motion of G stays (9).
+    """Find the surfaces s(q) = 0, and which of them are stable: every motion of G stays on them (9).
 
     A point of s = 0 is on a stable surface if ``(∂s/∂q) G = 0`` there, within the error of ∂s/∂q, *and* s is
-    still 0 after moving 0.2 rad along the control in every task direction. The second settles what the first
-    cannot: a single point of contact, and an s whose gradient vanishes on the surface.
+    still 0 after moving 0.2 rad along the control in every task direction. The second test settles what the first
+    cannot: a single point of contact, or an s whose gradient vanishes on the surface.
 
     Parameters
     ----------
@@ -172,7 +172,7 @@ def stable_surface(strategy: Inverse, region: Region, *, samples: int = 128, see
     Examples
     --------
     >>> surfaces = rp.stable_surface(control, rp.Box(q0, 0.8), samples=16)
-    >>> len(surfaces.stable)  # none: this arm has candidates alone
+    >>> len(surfaces.stable)  # none: this arm has only candidates
     0
     """
     seeds = points_of(region, strategy, samples, seed)

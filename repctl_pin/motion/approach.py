@@ -26,15 +26,15 @@ def approach(
 ) -> TimedMotion:
     """Move the joints straight, from rest to rest, from where the arm is to the start of a motion.
 
-    ``q(s) = q_now + s (q_start − q_now)``, as quickly as the limits allow. Both ends are inside the joint limits, and
-    so is all between.
+    ``q(s) = q_now + s (q_start − q_now)``, as quickly as the limits allow. Both ends are inside the joint limits,
+    hence so is all between.
 
     Parameters
     ----------
     q_now : (n,) array
         Where the arm is, rad (m for sliding joints).
     motion
-        Whose first configuration is the goal.
+        Its first configuration is the goal.
     acceleration : float or (n,) array, or str
         rad/s² (m/s²), as :func:`timed` takes it.
     velocity : float or (n,) array, optional
@@ -42,7 +42,7 @@ def approach(
     torque, rate
         As :func:`timed` takes them.
     bodies
-        Make sure that the robot does not touch itself, or its surroundings, on the way.
+        Check that the robot does not touch itself, or its surroundings, on the way.
 
     Returns
     -------

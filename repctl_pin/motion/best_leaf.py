@@ -106,7 +106,7 @@ class BestLeaf:
     Attributes
     ----------
     best, given : Candidate or None
-        The best start found, and the given one; None where the given leaf carries no whole cycle.
+        The best start found, and the given one; None if the given leaf carries no whole cycle.
     tried : int
         How many starts were looked at.
 
@@ -152,11 +152,11 @@ def best_leaf(
     """Search the self-motion of the start for the leaf with the most room over the whole cycle.
 
     Under a repeatable control the joint path of all cycles is known after the first, so limits, distances between
-    bodies and leaf margin can be looked at before the robot moves. Starts are taken along the self-motion of the given
-    one, both ways (for r > 1 in several directions), inside the joint limits; then the best is refined by
-    a pattern search. It breaks no more than the given one, and is never worse in limit margin. With a region
-    no start is preferred whose cycle leaves it; without one a cycle may go far outside Ω, where the control is no
-    longer near G_d.
+    bodies and leaf margin can be checked before the robot moves. Starts are taken along the self-motion of the given
+    one, both ways (for r > 1 in several directions), inside the joint limits; the best is then refined by
+    a pattern search. It breaks no more limits than the given one, and its limit margin is never smaller. With a region,
+    starts whose cycle stays inside it are preferred; without one a cycle may go far outside Ω, where the control is
+    no longer near G_d.
 
     Parameters
     ----------
@@ -165,13 +165,13 @@ def best_leaf(
     path
         The closed path.
     q0 : (n,) array
-        The start to begin from; it is moved to the path's first point where it is off it.
+        The start to begin from; moved to the path's first point if it is off it.
     region
         Ω, such as ``design.region``.
     desired
-        G_d, such as ``design.desired``, that the distance is measured from; by default J⁺.
+        G_d, such as ``design.desired``, from which the distance is measured; by default J⁺.
     steps
-        Points of a cycle that are looked at.
+        Points per cycle that are checked.
     seed
         Of the directions for r > 1.
 

@@ -90,7 +90,7 @@ def follow(
     Returns
     -------
     Motion
-        Joint positions ``q`` and velocities ``qdot`` at the times ``t``, and what became of them: ``drift`` after
+        Joint positions ``q`` and velocities ``qdot`` at the times ``t``, and what is measured on them: ``drift`` after
         each cycle, ``tracking_error`` and ``turning_error`` of the frame, ``speed`` (``rms_speed``,
         ``peak_speed``), ``limit_margin`` and ``first_violation``. ``retimed()`` slows it down to the speed limits.
 

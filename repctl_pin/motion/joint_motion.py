@@ -95,10 +95,10 @@ class JointMotion:
 
     @cached_property
     def body_distance(self) -> Array:
-        """Least distance between the robot's bodies, or to its surroundings: (T + 1,), m; below 0 they touch.
+        """Smallest distance between the robot's bodies, or to its surroundings: (T + 1,), m; below 0 they touch.
 
-        Bodies are the URDF's collision shapes, meshes as their convex hulls, 0 where only these touch; inf where there
-        are none. See :class:`Bodies`.
+        Bodies are the URDF's collision shapes, meshes as their convex hulls. 0 if only hulls touch, inf without
+        shapes. See :class:`Bodies`.
         """
         return bodies_of(self.task).distances(self.q)
 
@@ -156,7 +156,7 @@ class JointMotion:
 
     @cached_property
     def coarse(self) -> Self:
-        """The same at no more than 100 points per cycle: enough to see how near bodies come."""
+        """The same at no more than 100 points per cycle: enough to see how close bodies come."""
         return self.thinned(COARSE)
 
     def joints(self, values: ArrayLike) -> Array:

@@ -23,12 +23,12 @@ CLOSED = 1e-6
 class Motion(JointMotion):
     """What a strategy did on a closed path.
 
-    Norms over joints count a radian and a metre alike where an arm has both kinds of joints.
+    If an arm has both kinds of joints, norms over joints count a radian like a metre.
 
     Attributes
     ----------
     task, path
-        What was moved, and along what.
+        The task, and the path it followed.
     t : (T + 1,) array
         Time, s.
     q, qdot : (T + 1, n) arrays
@@ -40,9 +40,9 @@ class Motion(JointMotion):
     tracking_error : (T + 1,) array
         Distance of the frame from where it should be, m, in the task's coordinates.
     turning_error : (T + 1,) array
-        The same for orientation, rad; 0 where the task has none.
+        The same for orientation, rad; 0 if the task has none.
     damping : float
-        The largest λ, in J's units, that was used near a singularity; 0 where every step was exact.
+        The largest λ, in J's units, that was used near a singularity; 0 if every step was exact.
     region : Bounded, optional
         Ω, where the control was designed: see :attr:`outside`.
 
@@ -70,7 +70,7 @@ class Motion(JointMotion):
 
     @property
     def outside(self) -> float | None:
-        """Share of the motion that lies outside Ω, where no promise is made; None where there is no Ω."""
+        """Share of the motion that lies outside Ω, where no promise is made; None without an Ω."""
         return None if self.region is None else float(np.mean(self.region.ratio(self.q) > 1 + 1e-9))
 
     @property
@@ -84,7 +84,7 @@ class Motion(JointMotion):
         return replace(self, t=self.t[0] + (self.t - self.t[0]) * factor, qdot=self.qdot / factor)
 
     def retimed(self, limit: ArrayLike | None = None) -> Motion:
-        """Slow the motion down where a joint is too fast: the joint path stays the same.
+        """Slow the motion down wherever a joint is too fast; the joint path stays the same.
 
         Scaling ẋ by a positive number scales q̇ of every strategy ``q̇ = G ẋ`` alike. Each step is stretched
         by the largest share of a speed limit that it, or one of its ends, uses; steps below the limits keep
@@ -98,7 +98,7 @@ class Motion(JointMotion):
         Returns
         -------
         Motion
-            With ``speed_ratio`` at most 1 where the limits are the arm's.
+            With ``speed_ratio`` at most 1 if the limits are the arm's.
 
         Raises
         ------

@@ -25,7 +25,7 @@ class ClosedPath(Protocol):
 
     @property
     def name(self) -> str:
-        """What a person would call it."""
+        """A name to read."""
         ...
 
     @property
@@ -46,27 +46,27 @@ class ClosedPath(Protocol):
 class TaskPath:
     """A closed path: a curve of the frame's origin, and its orientation, held or turning.
 
-    It is tried when it is made: that it closes, and that the slopes are those of the curves.
+    It is checked when created: it must close, and the slopes must be the curves' derivatives.
 
     Attributes
     ----------
     name : str
-        What a person would call it.
+        A name to read.
     point, slope : functions of s
         p(s), m, and dp/ds, m per cycle; p(0) = p(1).
     rotation : (3, 3) array, or function of s
         The orientation that is held; or R(s), a matrix or scipy's Rotation, R(0) = R(1).
     breaks : tuple of float
-        Values of s in (0, 1) where the twist or its rate jumps: corners.
+        Values of s in (0, 1) at which the twist or its rate jumps: corners.
     words, plane : str
-        What the command line calls it: ``circle:0.1:180``, ``xy``. Empty for a path made in Python, and where
-        it lies in no plane of its own.
+        What the command line calls it: ``circle:0.1:180``, ``xy``. Empty for a path made in Python, or one
+        that lies in no plane.
     corners : tuple of str
-        What the corners are called, from the start to the end: lines of a file. Empty where they have no names.
+        What the corners are called, from the start to the end: lines of a file. Empty if they have no names.
     spin : function of s, optional
         ω(s) with ``dR/ds = [ω]× R``, rad per cycle, base axes; by default differences of R(s).
     period : float, optional
-        The time that a cycle should take, s: where waypoints have times.
+        The time that a cycle should take, s, if waypoints have times.
 
     Raises
     ------

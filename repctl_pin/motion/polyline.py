@@ -36,8 +36,8 @@ def polygon(task: Task, q0: ArrayLike, corners: ArrayLike, *, blend: float = 0.0
     q0 : (n,) array
         The start, rad (m for sliding joints).
     corners : (P, 3) array
-        The other corners, in m *from the start*, in order; the path returns to the start by itself. One is a
-        line there and back; a corner that is repeated is a stay, as long as the mean edge takes.
+        The other corners, in m *from the start*, in order; the path returns to the start by itself. A single one
+        gives a line there and back; a repeated corner is a stay, as long as the mean edge takes.
     blend
         Radius of the arcs that round the corners, m; the start then lies in the middle of the first corner's
         arc, and the polygon beside it.
@@ -83,8 +83,8 @@ def waypoints(
     Parameters
     ----------
     points : (P, 3) array, or P placements
-        Positions, m in the base frame; or rigid transforms, position and orientation in one. One that is
-        repeated is a stay there: as long as its times say, else as the mean edge takes.
+        Positions, m in the base frame; or rigid transforms, position and orientation in one. A repeated
+        one is a stay: as long as its times say, else as the mean edge takes.
     rotation : (3, 3) array, or P of them
         The orientation held, or that of each point, then led through by a spline on SO(3); matrices or scipy's
         Rotation. Not with placements.

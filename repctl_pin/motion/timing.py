@@ -54,17 +54,17 @@ _MOMENT = 1e-3
 
 @dataclass(frozen=True)
 class TimedMotion:
-    """Joints over time, from rest to rest, at even steps; of the robot's own joints.
+    """Positions of the robot's own joints over time, from rest to rest, at even time steps.
 
     Attributes
     ----------
     joints : tuple of str
-        Whose positions these are.
+        Their names.
     t : (T,) array
-        Time, s, from 0.
+        Time, s, from 0; the samples begin and end a little outside the motion, at rest.
     q, qdot, qddot : (T, n) arrays
-        Positions, velocities and accelerations, rad or m. These are means over a millisecond (or a sample,
-        if that is shorter) to either side, as central differences of q are: in time-optimal motion q̈ jumps.
+        Positions, velocities and accelerations, rad or m. Velocities and accelerations are central differences
+        over a millisecond (or a sample, if shorter) to either side, because time-optimal q̈ jumps.
     starts : (cycles + 1,) array
         When each cycle begins, and the last ends, s.
     length, speed : (K,) arrays
@@ -73,7 +73,7 @@ class TimedMotion:
     velocity, acceleration : (n,) arrays
         The limits kept, rad/s and rad/s² (m for sliding joints).
     stops : int
-        How often it stands still within a cycle, its start not counted: at corners of the joint path, and stays.
+        How often it stands still within a cycle, not counting its start: at corners of the joint path, and stays.
 
     Examples
     --------
@@ -107,7 +107,7 @@ class TimedMotion:
 
     @property
     def cycle_time(self) -> float:
-        """Time of a steady cycle, s; of the mean one where there are fewer than three."""
+        """Time of a steady cycle, s; of the mean one if there are fewer than three."""
         times = np.diff(self.starts)
         return float(times[1] if len(times) > 2 else times.mean())
 
@@ -130,13 +130,13 @@ def timed(
     """Run a motion's joint path as quickly as the limits allow, from rest to rest.
 
     ``min T`` with ``|q̇| ≤ velocity``, ``|q̈| ≤ acceleration`` and, if asked, ``|τ(q, q̇, q̈)| ≤ τ_max``, by TOPP-RA.
-    The first cycle speeds up, the last slows down, and those between are the same in joints and time, where the
-    motion closes. The path stands still at its corners; round them with ``blend=``.
+    The first cycle speeds up, the last slows down, and those between are the same in joints and time, if the
+    motion closes. The arm stops at sharp corners; round them with ``blend=``.
 
     Parameters
     ----------
     motion
-        What :func:`follow` made; its times are not used, but for stays.
+        What :func:`follow` made; its times are ignored, except for stays.
     acceleration : float, (n,) array or str
         Of the robot's joints, rad/s² or m/s²; a URDF has none. Or a name in ``PRESETS``, published limits:
         ``panda``, ``fr3``, ``ur``.
@@ -145,7 +145,7 @@ def timed(
     torque
         Keep the URDF's effort limits too, by Pinocchio's inverse dynamics.
     rate
-        Samples per second, Hz. A steady cycle takes a whole number of them.
+        Samples per second, Hz. A steady cycle takes a whole number of samples.
 
     Returns
     -------

@@ -37,7 +37,7 @@ class _Table:
 
 
 def read_waypoints(file: str | Path) -> Array | list[pin.SE3]:
-    """Read waypoints from a CSV file: x, y, z in m, and a quaternion qx, qy, qz, qw where the frame shall turn.
+    """Read waypoints from a CSV file: x, y, z in m, and a quaternion qx, qy, qz, qw if the frame is to turn.
 
     A first line of names says which column is which, in any order, ``time`` among them; without it there are three
     columns or seven, in the order above.
@@ -45,7 +45,7 @@ def read_waypoints(file: str | Path) -> Array | list[pin.SE3]:
     Returns
     -------
     (P, 3) array, or list of placements
-        What :func:`waypoints` takes; placements where the file has quaternions.
+        What :func:`waypoints` takes; placements if the file has quaternions.
 
     Raises
     ------

@@ -19,8 +19,8 @@ _MOST_SAMPLES = 256
 class Tube:
     """All q within ``|q_i − s_i| ≤ radius_i`` of a joint sample s: a box drawn along a motion.
 
-    The mean over a tube is the mean over its samples of the mean over each one's box, so that places
-    where the motion lingers count for more. Nodes are scrambled Sobol points for any n.
+    The mean over a tube is the average, over its samples, of the mean over each one's box, so places
+    where the motion lingers count more. Nodes are scrambled Sobol points for any n.
 
     Parameters
     ----------

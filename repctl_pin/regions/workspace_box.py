@@ -21,18 +21,18 @@ _MOST_DRAWS = 2**18
 class WorkspaceBox:
     """All q of a box of joints whose frame lies in a box of the workspace, ``|p_i − center_i| ≤ half_width_i``.
 
-    The mean is one over the workspace *and* the self-motions that reach each of its points: by the coarea
-    formula ``∫∫ … dσ dx = ∫ … √det(J Jᵀ) dq``, so every q counts with the weight ``√det(J Jᵀ)``.
+    The mean is over the workspace *and* the self-motions that reach each of its points. By the coarea
+    formula, ``∫∫ … dσ dx = ∫ … √det(J Jᵀ) dq``, so each q has the weight ``√det(J Jᵀ)``.
 
     Parameters
     ----------
     task
-        The task; its frame's position, m, is what the box bounds.
+        The task; the box bounds its frame's position, m.
     position, half_width : (3,) arrays
         The box, in m in the base frame; two numbers for the tasks ``xy``, ``xz``, ``yz``. One half-width
         serves all axes.
     within : Box
-        The joints' own box: which of the arm's postures are meant.
+        A box of joints: it selects among the arm's postures.
     density : function, optional
         Q (K, n) → (K,) weights from 0 up, on top of the above.
 

@@ -47,7 +47,7 @@ class Nearest:
     Attributes
     ----------
     distance : float
-        m; below 0 they touch, at 0 only their hulls do. inf where no two bodies move against each other.
+        m; below 0 they touch, at 0 only their hulls do. inf if no two bodies move against each other.
     links : (str, str)
         Whose they are.
     """
@@ -59,15 +59,15 @@ class Nearest:
 class Bodies:
     """The collision bodies of a robot and of its surroundings, and the pairs that a task's joints move.
 
-    A mesh is replaced by its convex hull, so no distance is above that of the mesh; where hulls overlap and what is in
-    them does not touch, it is 0. Of the robot's own bodies, pairs that share a joint, that its SRDF rules out, or whose
-    hulls overlap at every configuration tried (as those of neighbours do) are left out; of the surroundings
-    (``rp.Robot.load(…, surroundings=)``) only the last. Not to be shared between threads.
+    A mesh is replaced by its convex hull, so no distance is larger than that of the mesh; if hulls overlap but the
+    meshes do not touch, it is 0. Among the robot's own bodies, pairs are left out that share a joint, that its SRDF
+    rules out, or whose hulls overlap at every configuration tried (as neighbours' do); with the surroundings
+    (``rp.Robot.load(…, surroundings=)``), only the last kind. Not thread-safe.
 
     Parameters
     ----------
     task
-        Whose joints move; the others stand at the reference pose.
+        The task whose joints move; the other joints stay at the reference pose.
 
     Attributes
     ----------
@@ -80,7 +80,7 @@ class Bodies:
     missing : tuple of str
         Meshes, as the URDF writes them, that were not found or cannot be read: those links have no body.
     standing : frozenset of str
-        Links of the surroundings; one whose name the robot has too is ``surroundings/name``.
+        Links of the surroundings; if the robot has a link of the same name, it is called ``surroundings/name``.
 
     Raises
     ------
@@ -127,7 +127,7 @@ class Bodies:
 
     @property
     def notes(self) -> list[str]:
-        """What a person should know: where bodies are missing, and which of the surroundings are not looked at."""
+        """What a user should know: which bodies are missing, and which of the surroundings are ignored."""
         notes = []
         if self.missing:
             more = f" and {len(self.missing) - 1} more" if len(self.missing) > 1 else ""
@@ -148,13 +148,13 @@ class Bodies:
         return Nearest(float(distances[0]), links)
 
     def distances(self, Q: ArrayLike) -> Array:
-        """Measure the least distance between bodies at every row of Q (K, n): (K,), m; below 0 they touch."""
+        """Measure the smallest distance between bodies at every row of Q (K, n): (K,), m; below 0 they touch."""
         return self._all(Q)[0]
 
     def hull_distances(self, Q: ArrayLike) -> Array:
-        """Measure the least distance between convex hulls at every row of Q (K, n): (K,), m.
+        """Measure the smallest distance between convex hulls at every row of Q (K, n): (K,), m.
 
-        Below 0 it is how deep they overlap, touching bodies or not: what moves them apart can be told from it.
+        Below 0 it is how deep the hulls overlap, whether or not the bodies touch: its slope says what moves them apart.
         """
         return self._all(Q, hulls=True)[0]
 

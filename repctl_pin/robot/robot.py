@@ -28,7 +28,7 @@ from .task import KINDS, Task
 
 
 class Robot(Mechanism):
-    """A robot as its URDF describes it, every movable joint one number.
+    """A robot as its URDF describes it, with one number per movable joint.
 
     Continuous joints are revolute joints without limits, planar and floating ones are three and six joints of one
     number. A joint that mimics another moves with it, within the limits of both.
@@ -42,12 +42,12 @@ class Robot(Mechanism):
     frames : tuple of str
         Every link, by name; any of them can carry a task.
     default_frame : str
-        The frame that is moved where none is named: the catalogue's, else the end of the longest arm, before
+        The frame that is moved if none is named: the catalogue's, else the end of the longest arm, before
         the fingers of a gripper. ``repctl inspect`` shows it.
     end_frames : tuple of str
-        The frames that are worth a task, the default first.
+        The frames at the ends of arms, the default first.
     warnings : tuple of str
-        What a person should know about this file: missing poses, poses moved inside the limits.
+        What a user should know about this file: missing poses, poses moved inside the limits.
 
     Examples
     --------
@@ -139,7 +139,7 @@ class Robot(Mechanism):
             Joints to hold at the reference pose.
         base
             The link in whose frame x is measured, as if it stood still: a link on the way to the frame, or on
-            another branch, such as the other hand of two; the joints between the two links are the task's.
+            another branch, such as the other hand. The task's joints are those between the two links.
         surroundings
             A URDF of the robot's surroundings, its joints all fixed, its root where the robot's root is:
             :class:`Bodies` measures the distances to it.
@@ -216,7 +216,7 @@ class Robot(Mechanism):
     def chain(self, frame: str) -> tuple[str, ...]:
         """Name the movable joints that move a frame relative to ``base``, from the base outward.
 
-        A joint that drives others is where the first of them is.
+        A joint that drives others stands at the first of them.
         """
         up, down = path_between(self.model, self._base_id(), self._frame_id(frame))
         return tuple(dict.fromkeys(self.joint_names[self.coupling.leader(j - 1)] for j in (*up, *down)))
@@ -262,7 +262,7 @@ class Robot(Mechanism):
 
     @property
     def default_frame(self) -> str:
-        """The frame to move where none is named: the catalogue's, else the best at the end of the longest arm.
+        """The frame to move if none is named: the catalogue's, else the best at the end of the longest arm.
 
         An arm ends before its fingers; how these are told, :func:`repctl_pin.urdf.end_effectors.arm_ends` says. Of the
         links there that no joint moves against each other, one that is called a tool (``tcp``, ``tool0``,

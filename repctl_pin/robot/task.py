@@ -50,8 +50,8 @@ class Task:
     ``ẋ = J q̇`` (2), with ``x`` the pose, the position, the position and tool axis, or two coordinates of
     the position. Redundant when r = n − m ≥ 1.
 
-    Made by :meth:`Robot.task`. Its methods share scratch memory of Pinocchio's, so each thread wants a task of
-    its own: ``copy.copy(task)`` makes one, and every control takes one for itself. It pickles.
+    Made by :meth:`Robot.task`. Its methods share scratch memory, so it is not thread-safe:
+    ``copy.copy(task)`` makes another, and every control makes one for itself. It can be pickled.
 
     Attributes
     ----------
@@ -67,12 +67,12 @@ class Task:
     reference : (n,) array
         The robot's reference pose on these joints.
     coordinates : Coordinates or None
-        The change q = T ψ of :meth:`in_coordinates`; every q of every method is then a ψ.
+        The change q = T ψ of :meth:`in_coordinates`; every method's q is then a ψ.
     model : pinocchio.Model
-        The chain: all else is fixed at the reference pose. Where ``base`` is given, it is the chain as seen from there,
+        The chain; all else is fixed at the reference pose. With ``base``, it is the chain as seen from there,
         and has no masses.
     drive : Coupling or None
-        The joints of the model out of q; None where they are the same.
+        Gives the model's joints from q; None if they are the same.
 
     Examples
     --------
@@ -132,8 +132,8 @@ class Task:
     def in_coordinates(self, T: ArrayLike) -> Task:
         """Make the same task in other joint coordinates ψ, ``q = T ψ``: every method then takes ψ.
 
-        ``J_ψ = J T``, so J⁺ in ψ is a weighted inverse in q. Only limits that bound a ψ_i by itself are
-        stated in ``lower`` and ``upper``; :meth:`check` tests the joints. See :func:`absolute_angles`.
+        ``J_ψ = J T``, so J⁺ in ψ is a weighted inverse in q. ``lower`` and ``upper`` hold only limits that
+        bound a single ψ_i; :meth:`check` tests the joints. See :func:`absolute_angles`.
 
         Parameters
         ----------
@@ -190,7 +190,7 @@ class Task:
         return p[self.rows]
 
     def rate(self, q: ArrayLike, twist: Array) -> Array:
-        """Take the task velocity ẋ (m,) out of a frame's twist (v, ω), base axes, m/s and rad/s."""
+        """Take the task velocity ẋ (m,) from a frame's twist (v, ω), base axes, m/s and rad/s."""
         twist = vector(twist, 6, "the twist (v, ω)", "m/s and rad/s")
         if self.kind != "axis":
             return twist[self.rows]
@@ -288,7 +288,7 @@ class Task:
         return tuple(self.robot.joint_names[i] for i in self._columns)
 
     def part(self, whole: ArrayLike) -> Array:
-        """Take this task's joints (n,) out of a configuration of the whole robot: the reverse of :meth:`full`."""
+        """Take this task's joints (n,) from a configuration of the whole robot: the reverse of :meth:`full`."""
         (whole,) = stacks(("the whole robot's q", whole, f"{len(self.robot.reference)}"))
         q = whole[..., self._columns]
         return q if self.coordinates is None else self.coordinates.coordinates(q)
@@ -323,7 +323,7 @@ class Task:
         }
 
     def check(self, q: ArrayLike, what: str = "q") -> Array:
-        """Check a configuration a person gave: (n,) finite numbers inside the limits.
+        """Check a configuration that a user gave: (n,) finite numbers inside the limits.
 
         Raises
         ------

@@ -58,17 +58,17 @@ def load(path: str | Path, task: Task | None = None) -> Design | CellDesign:
     path
         A file that :func:`save` wrote.
     task
-        What to control; by default made anew from the catalogue.
+        The task to control; by default made from the catalogue. A URDF of your own needs it.
 
     Returns
     -------
     Design or CellDesign
-        As it was saved: its inverse steps bit for bit as the saved one's.
+        As it was saved: its inverse steps bit for bit like the saved one.
 
     Raises
     ------
     InputError
-        If the file is not such a file, was changed after it was written, comes from a newer schema, or is
+        If it is not such a file, was changed after it was written, has a newer schema, or is
         for another robot, frame, task kind or joints; the difference is named.
 
     Examples

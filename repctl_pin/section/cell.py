@@ -35,7 +35,7 @@ class Cell:
     Parameters
     ----------
     task
-        What is placed.
+        The task.
     placement
         The middle: a rigid transform, a homogeneous matrix (4, 4), or a position (3,) with the orientation of the
         task's reference.
@@ -55,7 +55,7 @@ class Cell:
     Raises
     ------
     InputError
-        If a size is wrong, nothing is left to move, or the rotations go as far as half a turn.
+        If a size is wrong, nothing is left to move, or the rotations reach half a turn.
 
     Examples
     --------

@@ -41,12 +41,12 @@ class InverseFunction:
     chart
         q_ref and n_ref.
     keep_limits : bool
-        Refuse targets whose joints break limits; not needed where the whole cell keeps inside them.
+        Refuse targets whose joints break limits; not needed if the whole cell keeps them.
 
     Raises
     ------
     InputError
-        Where it is evaluated outside the cell, or, with ``keep_limits``, where the joints break limits.
+        If it is evaluated outside the cell or, with ``keep_limits``, if the joints break limits.
 
     Examples
     --------

@@ -51,13 +51,13 @@ _CLOSE = 3e-5
 
 
 class NoFunctionError(InputError):
-    """There is no single function over a cell: the sentence names the pose, what stops it there, and what would fit.
+    """There is no single function over a cell: the message names the pose, what stops it there, and what would fit.
 
     Attributes
     ----------
     stops : tuple of Stop
     fits : float
-        The factor by which the cell, scaled about its middle, would work; 0 where none does.
+        The factor by which the cell, scaled about its middle, would work; 0 if none does.
 
     Examples
     --------
@@ -91,9 +91,9 @@ def nearest_inverse_function(
 ) -> CellDesign:
     """Find ``q = F(x)`` over a cell, nearest to a desired control in the mean: ``min mean ‖∂F/∂x − G_d(F)‖_F²``.
 
-    A reference along the straight rays of the cell under G_d; then sections beside it, ``n_refᵀ (F − q_ref) = s(u)``
-    with s a polynomial, by Gauss–Newton; what comes nearer than it should to joint limits, to other bodies or to a
-    singularity costs.
+    G_d, driven along straight rays from the middle, gives a reference; among the sections beside it,
+    ``n_refᵀ (F − q_ref) = s(u)`` with s a polynomial, Gauss–Newton finds the best. Coming too close to joint limits, to
+    bodies or to a singularity is penalised.
 
     Parameters
     ----------
@@ -102,30 +102,31 @@ def nearest_inverse_function(
     cell
         The poses.
     posture : (n,) array, optional
-        The joints in the cell's middle. By default the self-motion there is searched for the most room.
+        The joints in the cell's middle, rad (m for sliding joints). By default, those with the most room on the
+        self-motion there.
     degree
         Of s; ``"auto"`` raises it from 1 until the cost stops falling by 5 %, or is below 0.01 % of joint speed.
     room
-        The distance, rad or m, from joint limits that is kept where it can be.
+        The distance, rad or m, from joint limits that is kept where possible.
     apart
-        The distance between bodies, m, that is kept where it can be; 0 leaves bodies out of the cost. Where there is
-        little room it can cost much joint speed.
+        The distance between bodies, m, that is kept where possible; 0 leaves bodies out of the cost. In tight
+        places it can cost much joint speed.
     dexterity
-        The σ_min of J, in m and rad, that is kept where it can be; 0 leaves it out.
+        The σ_min of J, in m and rad, that is kept where possible; 0 leaves it out.
     incomplete
-        Where no single function covers the cell: ``"refuse"`` it and say what would fit, ``"shrink"`` the cell about
+        If no single function covers the cell: ``"refuse"`` it and say what would fit, ``"shrink"`` the cell about
         its middle, or ``"keep"`` the function on the part it covers.
     samples, held_out
         Nodes of the fit, by default as many as the unknowns ask for; and of the judgement.
     seed
         Fixes the nodes, and the search for a posture.
     progress
-        True for a bar on stderr, or a function that takes what is being done, and its share done.
+        True for a bar on stderr, or a function of what is being done and the share that is done.
 
     Returns
     -------
     CellDesign
-        ``function``, ``inverse``, and what they are worth; ``summary()`` says it in words.
+        ``function``, ``inverse``, and how good they are; ``summary()`` says it in words.
 
     Raises
     ------

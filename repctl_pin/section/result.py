@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class CellDesign:
-    """An inverse kinematic function over a cell and what it is worth.
+    """An inverse kinematic function over a cell, and how good it is.
 
     Attributes
     ----------
@@ -33,13 +33,13 @@ class CellDesign:
     posture : (n,) array
         The joints in the middle of the cell, rad (m for sliding joints).
     judgement : Judgement
-        All figures, on held-out poses; those that matter most are attributes of the design as well.
+        All figures, on held-out poses; the main ones are attributes of the design as well.
     degrees : tuple of (degree, cost)
-        What was tried, in order; the last was taken.
+        What was tried, in order; the last was chosen.
     samples, held_out : int
         Nodes of the fit, and of the judgement.
     seed, steps : int
-        What fixes both, and the Gauss–Newton steps taken.
+        The seed of both, and the Gauss–Newton steps taken.
     room, apart, dexterity : float
         The limit margin, rad or m, the distance between bodies, m, and σ_min of J that were asked for.
 
@@ -103,7 +103,7 @@ class CellDesign:
 
     @property
     def limit_margin(self) -> float:
-        """The least distance of a joint to its limit on the held-out poses, rad or m."""
+        """The smallest distance of a joint from its limit on the held-out poses, rad or m."""
         return self.judgement.limit_margin
 
     @property

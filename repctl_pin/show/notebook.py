@@ -49,7 +49,7 @@ class Inline:
 
 
 def inline(shown: Study | Figure | str, *, height: int = 640) -> Inline:
-    """Show in a notebook's cell what ``repctl study`` prints and writes; no file is written.
+    """Show in a notebook's cell what ``repctl study`` would print and write; no file is written.
 
     Parameters
     ----------

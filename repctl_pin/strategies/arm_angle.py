@@ -28,9 +28,9 @@ class ArmAngle:
     .. math:: \psi = \operatorname{atan2}\left(\hat w \cdot (y \times e),\; y \cdot e\right), \qquad
               y = r - \hat w (\hat w \cdot r) \quad\text{(conventional)},
 
-    singular where the wrist points along r *or against it*: a line. The stereographic one (Elias and Wen, 2024) has
-    ``y = r × (ŵ − t)`` with t ⊥ r, and is singular where ŵ = t alone: half a line, which is turned to where the arm
-    does not go.
+    singular if the wrist points along r *or against it*: on a line. The stereographic one (Elias and Wen, 2024) has
+    ``y = r × (ŵ − t)`` with t ⊥ r, and is singular only at ŵ = t: on half a line, which can be turned away from
+    where the arm goes.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ class ArmAngle:
     reference : (3,) array
         r, in the base's axes.
     singular : (3,) array, optional
-        t, in the base's axes, for the stereographic angle: where the singular direction lies; its part across r is
+        t, in the base's axes, for the stereographic angle: the singular direction; its part across r is
         taken. Without it, the angle is the conventional one.
 
     Raises
@@ -49,7 +49,7 @@ class ArmAngle:
     InputError
         If a frame is not on the task's chain, or a direction is zero.
     SingularityError
-        Where it is evaluated at its singular direction.
+        If it is evaluated at its singular direction.
 
     Examples
     --------

@@ -18,10 +18,9 @@ Array = NDArray[np.float64]
 
 
 class CustomInverse:
-    """``q̇ = G(q) ẋ`` (3) with a G of your own.
+    """``q̇ = G(q) ẋ`` (3) with a user-defined G.
 
-    ``J G = I`` is checked wherever G is evaluated: a function that breaks it would track another path than
-    the one it is given.
+    ``J G = I`` is checked at every evaluation: a G that breaks it would not follow the path it is given.
 
     Parameters
     ----------
@@ -30,12 +29,12 @@ class CustomInverse:
     function
         q (n,) → G (n, m).
     tolerance : float
-        Largest entry of ``J G − I`` that is let pass.
+        Largest entry of ``J G − I`` that is accepted.
 
     Raises
     ------
     InputError
-        Where it is evaluated and ``J G`` is not the identity, or G has another size.
+        If, at an evaluation, ``J G`` is not the identity or G has the wrong size.
 
     Examples
     --------

@@ -21,10 +21,10 @@ _DIFFERENCE = 1e-5
 
 
 class ExtendedJacobian(RepeatableInverse):
-    """``q̇ = G_r ẋ`` with ``V = ∂hᵀ/∂q``, ``h = Nᵀ ∇U``: on the leaf h = 0, U stays at a minimum under f(q) = x.
+    """``q̇ = G_r ẋ`` with ``V = ∂hᵀ/∂q``, ``h = Nᵀ ∇U``: on the leaf h = 0, U stays minimal for the given x = f(q).
 
-    N is the basis that lies closest to the one at a reference configuration, so that h is a true function
-    of q; for r = 1 that is the unit null vector with a sign, for r > 1 the leaves h ≠ 0 depend on it.
+    N is the basis closest to the one at a reference configuration, so that h is a function of q alone;
+    for r = 1 this fixes the null vector's sign, for r > 1 the leaves h ≠ 0 depend on it.
 
     Parameters
     ----------
@@ -33,10 +33,10 @@ class ExtendedJacobian(RepeatableInverse):
     potential
         U: a posture (n,), rad, for ``U = ½ ‖q − posture‖²``, or a function q (n,) → U.
     gradient, hessian
-        ∇U (n,) and ∂²U/∂q² (n, n) as functions of q, where U is a function; without them they are
-        differentiated numerically, with a relative error of about 1e-9 and 1e-5.
+        ∇U (n,) and ∂²U/∂q² (n, n) as functions of q, if U is a function; without them, numerical
+        differentiation has a relative error of about 1e-9 and 1e-5.
     reference : (n,) array, optional
-        Where N is the basis that h is aligned to; by default the posture, or the task's reference.
+        The configuration whose basis N is aligned to; by default the posture, or the task's reference.
 
     Raises
     ------

@@ -20,17 +20,17 @@ class LeafImpedance:
     ``τ = Jᵀ F + P V Λ_h (ω² (c − h) − 2 ζ_h ω Vᵀ q̇) + b(q, q̇)`` with ``F = K e + D (ẋ* − J q̇)``,
     ``P = I − Jᵀ J̄ᵀ``, ``J̄ = M⁻¹ Jᵀ Λ``, ``Λ = (J M⁻¹ Jᵀ)⁻¹``, ``Λ_h = (Vᵀ M⁻¹ P V)⁻¹``; b balances
     gravity and the velocity terms. ``J M⁻¹ P = 0``: the second term does not move the hand (Khatib). There is no home
-    posture: the leaf is where this spring rests, so it pulls at nothing while the arm is on it. Beyond the paper.
+    posture: this spring rests on the whole leaf, and does nothing while the arm is on it. Beyond the paper.
 
-    D is chosen so that the hand, with its own inertia Λ, is damped by the same share in every direction; the leaf
-    answers like a body of one frequency, ``ḧ = ω² (c − h) − 2 ζ_h ω ḣ``, up to terms in the squares of velocities.
+    D is chosen so that the hand, with its own inertia Λ, has the same damping ratio in every direction; the leaf
+    responds with a single frequency, ``ḧ = ω² (c − h) − 2 ζ_h ω ḣ``, up to terms in the squares of velocities.
 
     Parameters
     ----------
     inverse
         A repeatable inverse, such as ``design.inverse``; its task moves the robot's own joints.
     stiffness : (float, float) or (m,) array
-        K: N/m along the rows that move, Nm/rad along those that turn; or one number for each row of J.
+        K: N/m for translations and Nm/rad for rotations; or one number per row of J.
     damping
         ζ of the hand: 1 is critical.
     leaf_frequency
@@ -106,7 +106,7 @@ class LeafImpedance:
         InputError
             If a size is wrong or a number not finite.
         SingularityError
-            Where J or J_V loses rank.
+            If J or J_V loses rank.
         """
         task, field = self.task, self.inverse.field
         q, qdot = vector(q, task.n, "q"), vector(qdot, task.n, "q̇")

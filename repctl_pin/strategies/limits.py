@@ -17,25 +17,25 @@ class LimitWeight:
 
     .. math:: w_i = 1 + \text{gain} \sum_\mu \left( 1 + (\max(\mu, 0) / \rho_i)^2 \right)^{-2},
 
-    μ the distances of q_i to its lower and upper limit, ρ_i the share ``room`` of half its range: 1 in the middle,
-    1 + gain at a limit and beyond, its slope continuous; 1 for joints without limits. To be near to this inverse is to
-    be near to J⁺ and slow towards limits: ``‖G − J⁺‖² + Σ_i (w_i − 1) ‖e_iᵀ G‖²`` is, up to a constant,
+    with μ the distances of q_i from its lower and upper limit, ρ_i = ``room`` · half its range: about 1 in the middle,
+    1 + gain at a limit and beyond, with a continuous slope; 1 for joints without limits. An inverse near this one is
+    near J⁺ and slow near limits: ``‖G − J⁺‖² + Σ_i (w_i − 1) ‖e_iᵀ G‖²`` is, up to a constant,
     ``‖G − J⁺_M‖²_M`` with M = diag w.
 
     Parameters
     ----------
     task
-        The task whose limits count.
+        The task whose limits are used.
     gain : float
-        How strongly; 0 is the plain pseudoinverse.
+        How strongly joints are slowed; 0 gives the plain pseudoinverse.
     room : float
-        How far from a limit, as a share of half the joint's range.
+        How far from a limit this begins, as a share of half the joint's range.
 
     Raises
     ------
     InputError
-        If the gain is negative, the room not above 0, or the task's coordinates mix joints: a weight per coordinate
-        cannot spare a single joint then.
+        If the gain is negative, the room not above 0, or the task's coordinates mix joints, so that no weight on
+        a coordinate slows a single joint.
 
     Examples
     --------

@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 class PostureControl:
     """``q̇ = J⁺ ẋ + (I − J⁺ J) K (q_p − q)``: track, and pull towards a posture in the null space.
 
-    Closes cycles in the limit when it starts on the posture. Started elsewhere it first moves there: in a jump with a
+    Cycles close after a while if it starts on the posture. Started elsewhere it first moves there: in a jump with a
     high gain, slowly with a low one.
 
     Parameters

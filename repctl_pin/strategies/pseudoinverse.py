@@ -35,7 +35,7 @@ class Pseudoinverse:
     InputError
         If the task has fewer joints than coordinates.
     SingularityError
-        Where it is evaluated at a singularity of J.
+        If it is evaluated at a singularity of J.
 
     Examples
     --------

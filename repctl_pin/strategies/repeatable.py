@@ -46,23 +46,23 @@ class RepeatableInverse:
     field
         r potentials h; their common level sets are the leaves on which the motion stays.
     region
-        Ω, for which it was designed: what ``outside`` looks at.
+        Ω, for which it was designed: what ``outside`` checks.
     loops
-        What makes the quick functions of the control loop; :func:`repctl_pin.codegen.compiled` has them in C.
+        Makes the fast functions of the control loop; :func:`repctl_pin.codegen.compiled` has them in C.
 
     Attributes
     ----------
     damping : float
-        λ that the last :meth:`step` with damping used; 0 where it solved exactly.
+        λ that the last :meth:`step` with damping used; 0 if it solved exactly.
     slowed : float
-        By what factor the last :meth:`step` with a limit was scaled down; 1 where it was not.
+        By what factor the last :meth:`step` with a limit was scaled down; 1 if it was not.
 
     Raises
     ------
     InputError
-        If the potentials are of another number of joints; where it is evaluated and they are not r.
+        If the potentials are for another number of joints, or, when evaluated, are not r.
     SingularityError
-        Where it is evaluated and J_V is singular.
+        If J_V is singular where it is evaluated.
 
     Examples
     --------
@@ -122,14 +122,14 @@ class RepeatableInverse:
         ----------
         q, xdot : (n,), (m,) arrays
         outside
-            What to do where q lies outside Ω: see :meth:`step`.
+            What to do if q lies outside Ω: see :meth:`step`.
 
         Raises
         ------
         InputError
             If a size is wrong or a number not finite.
         SingularityError
-            Where J_V is singular.
+            If J_V is singular.
         """
         if outside != "ignore":
             self._guard(q, outside)
@@ -158,13 +158,13 @@ class RepeatableInverse:
     ) -> Array:
         """Take the next q (n,) of a control loop: feed-forward, and feedback of both errors.
 
-        ``q + J_V⁻¹ (dt [ẋ; 0] + K dt [x − f(q); c − h(q)])``, beyond the paper: the leaf lock. Nothing but
-        the result is allocated, and nothing is changed where it raises.
+        ``q + J_V⁻¹ (dt [ẋ; 0] + K dt [x − f(q); c − h(q)])``, beyond the paper: the leaf lock. Only the
+        result is allocated; nothing has changed if it raises.
 
         Parameters
         ----------
         q : (n,) array
-            Where the joints are.
+            The joints, measured or commanded.
         target
             Where the frame should be; without ``twist``: at the end of the step; with ``twist``: now.
         dt
@@ -172,25 +172,25 @@ class RepeatableInverse:
         twist : (6,) array, optional
             Velocity (v, ω) of the target, base axes, m/s and rad/s.
         leaf : (r,) array, optional
-            c, from :meth:`leaf` at the start; without it h is held, but not brought back.
+            c, from :meth:`leaf` at the start; without it, h is held at its present value.
         gain
             K, 1/s; by default 1 / dt, a whole Newton step.
         limit : float or (n,) array, optional
             Joint speeds that are not exceeded, rad/s or m/s: first the return to the leaf is slowed down,
-            then, where that is not enough, the step as a whole. See :attr:`slowed`.
+            then, if that is not enough, the whole step. See :attr:`slowed`.
         damping
-            λ_max of the damping near singularities, in the units of J; 0 raises there instead. The step
-            is then at most ``‖error‖ / (√3 λ_max)`` long. See :attr:`damping`.
+            λ_max of the damping near singularities, in the units of J; 0 raises there instead. A damped step
+            is at most ``‖error‖ / (√3 λ_max)`` long. See :attr:`damping`.
         outside
-            What to do where q lies outside Ω, where nothing was designed: ``ignore``, ``warn``, or ``raise``
-            (InputError). To look takes as long as one or two steps, for a box; to ignore costs nothing.
+            What to do if q lies outside Ω, for which nothing was designed: ``ignore``, ``warn``, or ``raise``
+            (InputError). For a box, checking takes as long as one or two steps; ignoring costs nothing.
 
         Raises
         ------
         InputError
             If an argument cannot be used; it is named.
         SingularityError
-            Where J_V is singular and there is no damping.
+            If J_V is singular and there is no damping.
         """
         if outside != "ignore":
             self._guard(q, outside)
@@ -221,7 +221,7 @@ class RepeatableInverse:
     def solve(self, target: pin.SE3, q0: ArrayLike, *, leaf: ArrayLike | None = None) -> Array:
         """Evaluate the inverse kinematic function q = F(x; c): the q on a leaf with the frame at the target.
 
-        The same x on the same leaf gives the same q, whatever the way there. See :func:`on_leaf.solve`.
+        The same x on the same leaf gives the same q, by whatever way the arm came. See :func:`on_leaf.solve`.
 
         Parameters
         ----------

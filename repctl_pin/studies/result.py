@@ -92,9 +92,9 @@ class Study:
         Ω, for which the repeatable control was designed.
     design : Design
     rows : tuple of Row
-        One a strategy: what it is called, and its motion.
+        One per strategy: its name and its motion.
     notes : tuple of str
-        What a person should know.
+        What a user should know.
     period : float
         Time of one cycle, s.
 

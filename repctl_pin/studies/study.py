@@ -75,9 +75,8 @@ def study(
         q0, rad (m for sliding joints); by default the first that can follow the path: the reference pose, the ready
         one, mid-range, or a dexterous pose near it.
     path
-        A closed path, its words as the command takes them (``"circle:0.1"``, ``"loop.csv"``), or a function
-        ``(task, q0) → path``; by default a circle the arm can follow inside
-        its limits.
+        A closed path, its name on the command line (``"circle:0.1"``, ``"loop.csv"``), or a function
+        ``(task, q0) → path``; by default a circle the arm can follow inside its limits.
     radius, plane
         Of that circle, m, and ``xy``, ``yz`` or ``xz``.
     cycles, steps
@@ -87,12 +86,12 @@ def study(
     degree
         Of the polynomial potentials.
     weight : str or (n,) or (n, n) array, optional
-        What to be near to, in place of J⁺: ``"inertia"``, ``"limits"``, or a weight, see :class:`WeightedInverse`.
+        Of the desired inverse, in place of J⁺: ``"inertia"``, ``"limits"``, or as :class:`WeightedInverse` takes it.
     controls
-        Controls of your own to set beside these, by the names they shall have: strategies on this task, or
+        Controls of your own to compare, by name: strategies on this task, or
         functions (q, ẋ) → q̇.
     period
-        Time of one cycle, s; by default the path's own, else 5, or longer where that is too fast for a joint.
+        Time of one cycle, s; by default the path's own, else 5, or longer if that is too fast for a joint.
     seed
         Of the nodes.
     progress

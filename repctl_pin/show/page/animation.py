@@ -42,7 +42,7 @@ class Animation:
     Attributes
     ----------
     page : str
-        The page's HTML: self-contained, it asks nothing of a network.
+        The page's HTML: self-contained, with no network access.
 
     Examples
     --------
@@ -81,12 +81,12 @@ class Animation:
 def animation(motions: Mapping[str, Motion] | Study, *, seconds: float = 4.0) -> Animation:
     """Show motions of one robot side by side: path, traces, start pose, and the drift after each cycle.
 
-    J⁺ and the nearest repeatable have their own colours; other motions that drift warm ones, those that come back cool.
+    J⁺ and the nearest repeatable have colours of their own; other motions are warm if they drift, cool if they return.
 
     Parameters
     ----------
     motions
-        The motions by the names they shall have, all of as many cycles and steps; or a study.
+        The motions by name, all of as many cycles and steps; or a study.
     seconds
         Time of a cycle at normal speed, s.
 

@@ -37,18 +37,18 @@ HOST = "127.0.0.1"
 
 
 class Viewer:
-    """Shows a control loop while it runs, one pane a control: ``with rp.Viewer(task, ["J⁺", "ours"]) as view``.
+    """Shows a control loop while it runs, one pane per control: ``with rp.Viewer(task, ["J⁺", "ours"]) as view``.
 
     Parameters
     ----------
     task
-        Whose joints are shown; the robot's others stay at the reference pose.
+        The task whose joints are shown; the robot's others stay at the reference pose.
     names
         What the controls are called.
     path
         The path to draw.
     start : (n,) array
-        Where the arm begins, rad (m for sliding joints), by default the reference pose: the view shows what is near it.
+        Where the arm begins, rad (m for sliding joints), by default the reference pose.
     port
         Where to listen; 0 takes a free one.
 
@@ -68,7 +68,7 @@ class Viewer:
     Examples
     --------
     >>> with rp.Viewer(task, ["J⁺", "ours"]) as view:
-    ...     view.show(q0, q0 + 0.1)  # one configuration a control, as often as the loop likes
+    ...     view.show(q0, q0 + 0.1)  # one configuration per control, as often as the loop likes
     ...     target = task.placement(q0).translation + view.offset  # m, moved by the keys
     """
 
@@ -100,19 +100,19 @@ class Viewer:
         self._thread.start()
 
     def show(self, *configurations: ArrayLike, before: Sequence[ArrayLike] | Array | None = None) -> None:
-        """Show where the joints are: a configuration (n,) for each name, in their order. It does not wait.
+        """Show where the joints are: a configuration (n,) for each name, in order. It returns at once.
 
         Parameters
         ----------
         configurations
             Where the joints are now.
         before
-            Where they were when the hand was there first, which the ghosts show; by default as shown first.
+            The joints when the hand was first there, shown as ghosts; by default what was shown first.
 
         Raises
         ------
         InputError
-            If there are not as many as names, or one has the wrong size.
+            If their number differs from that of the names, or one has the wrong size.
         """
         now = self._each(configurations)
         self._first = now if self._first is None else self._first
@@ -131,7 +131,7 @@ class Viewer:
         return np.array([vector(q, self.task.n, "q") for q in configurations])
 
     def open(self) -> bool:
-        """Open the page in the browser, where there is a screen; False where there is none."""
+        """Open the page in the browser; False without a screen."""
         screen = sys.platform in ("darwin", "win32") or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
         return bool(screen) and webbrowser.open(self.url)
 
