@@ -105,7 +105,7 @@ def finite(value: Any, name: str, unit: str = "") -> float:
     return number
 
 
-def vector(values: ArrayLike, n: int | None, name: str, each: str = "one a joint") -> Array:
+def vector(values: ArrayLike, n: int | None, name: str, each: str = "one per joint") -> Array:
     """Take n finite numbers (n,), copied; with n = None any number of them, but one at least."""
     array = numbers(values)
     wrong = array is None or array.ndim != 1 or not array.size or n not in (None, array.size)
@@ -115,7 +115,7 @@ def vector(values: ArrayLike, n: int | None, name: str, each: str = "one a joint
     return array
 
 
-def spread(values: ArrayLike, n: int, name: str, each: str = "one a joint", *, finite: bool = False) -> Array:
+def spread(values: ArrayLike, n: int, name: str, each: str = "one per joint", *, finite: bool = False) -> Array:
     """Take one number above 0 for all of n, or n of them: (n,); infinity is allowed."""
     array = numbers(values)
     most = array is not None and array.shape in ((), (1,), (n,)) and (not finite or np.isfinite(array).all())
@@ -125,7 +125,7 @@ def spread(values: ArrayLike, n: int, name: str, each: str = "one a joint", *, f
     return np.full(n, array) if array.size == 1 else array
 
 
-def limits(values: ArrayLike, n: int, name: str, each: str = "one a joint") -> Array:
+def limits(values: ArrayLike, n: int, name: str, each: str = "one per joint") -> Array:
     """Take n limits (n,), infinity where there is none."""
     array = numbers(values)
     if array is None or array.shape != (n,) or np.isnan(array).any():

@@ -120,7 +120,7 @@ def unknown(
     if near:
         hint = f"did you mean {' or '.join(map(repr, near))}?"
     elif len(every) <= 12:
-        hint = f"there is {', '.join(every)}" if every else "there is none"
+        hint = f"choose from {', '.join(every)}" if every else "there is none"
     else:
         hint = f"there are {len(every)}, such as {', '.join(every[:6])}"
     return InputError(f"no {kind} {name!r}; {hint}{' ' + listing if listing else ''}")

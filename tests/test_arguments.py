@@ -167,8 +167,8 @@ CALLS: dict[str, tuple[Callable[[Given], object], str]] = {
     "task, nan": (lambda g: g.task.jacobian(np.full(7, np.nan)), "q of <Task panda .* must be 7 finite numbers"),
     "task, one nan": (lambda g: g.task.placement(np.where(np.arange(7) == 3, np.nan, g.q0)), "not finite"),
     "task, inf": (lambda g: g.task.placement(np.full(7, -np.inf)), "not finite"),
-    "task, six": (lambda g: g.task.jacobian(g.q0[:6]), r"7 finite numbers, one a joint; got shape \(6,\)"),
-    "task, words": (lambda g: g.task.jacobian("home"), "7 finite numbers, one a joint; got 'home'"),
+    "task, six": (lambda g: g.task.jacobian(g.q0[:6]), r"7 finite numbers, one per joint; got shape \(6,\)"),
+    "task, words": (lambda g: g.task.jacobian("home"), "7 finite numbers, one per joint; got 'home'"),
     "task, rows of nan": (lambda g: g.task.jacobians(np.full((2, 7), np.nan)), "takes Q as .* not finite"),
     "task, no rows": (lambda g: g.task.positions(g.q0), r"write \[q\] for a single q"),
 }

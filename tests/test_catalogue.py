@@ -237,7 +237,7 @@ def test_frames_at_the_ends_of_arms_are_named_where_none_is_near(typed: str, nea
     with pytest.raises(InputError) as error:
         Robot.load("panda").task(typed)
     assert str(error.value).startswith(f"no frame {typed!r}; {near}")
-    with pytest.raises(InputError, match="no frame 'nope'; there is tool, link4, base, .*link1, link2, link3$"):
+    with pytest.raises(InputError, match="no frame 'nope'; choose from tool, link4, base, .*link1, link2, link3$"):
         Robot.load("planar4r").task("nope")
 
 

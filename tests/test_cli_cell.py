@@ -73,6 +73,26 @@ def test_a_cell_round_a_path_and_round_poses(made: Path, capsys: pytest.CaptureF
     assert said["middle"][0][3] == pytest.approx(x + 0.05, abs=1e-4)
 
 
+def test_a_cell_is_exported_with_its_function(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["export", str(made / "out" / "cell.json"), "--robot", str(made / "arm.urdf"), "--to", str(made / "c")]
+    assert main([*words, "--name", "arm"]) == 0
+    capsys.readouterr()
+    assert "arm_F(" in (made / "c" / "arm.h").read_text("utf-8")
+
+
+def test_remedies_are_options(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """What is refused names the options of the command, not Python's arguments."""
+    arm = ["cell", str(made / "arm.urdf"), "--frame", "tool", "--task", "xy", "--start", "0.6,-1.2,1.4"]
+    small = ["--degree", "1", "--held-out", "64", "--out", str(made / "large")]
+    assert main([*arm, "--half-width", "2", *small]) == 2
+    refusal = capsys.readouterr().err
+    assert "--shrink takes it" in refusal and "incomplete=" not in refusal
+    assert main([*arm, "--half-width", "-1", *small]) == 2
+    assert "--half-width" in capsys.readouterr().err
+    assert main([*arm, "--half-width", "2", "--shrink", *small]) == 0
+    assert "note: --shrink: no single function covers ±(2, 2) m" in capsys.readouterr().out
+
+
 def test_other_commands_say_that_it_is_a_cell(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["check", str(made / "out" / "cell.json"), "--robot", str(made / "arm.urdf")]) == 2
     assert "is the function of a cell" in capsys.readouterr().err

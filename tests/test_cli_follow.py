@@ -126,6 +126,7 @@ BAD = {
     "best leaf of what has none": (["follow", "panda", "--strategy", "pseudoinverse", "--best-leaf"], "repeatable"),
     "folder": (["follow", "design.json", "--csv", "none/motion.csv", "--steps", "20"], "cannot write none"),
     "period": (["follow", "design.json", "--period", "0"], "--period"),
+    "a rate of no time": (["follow", "design.json", "--rate", "100"], "--rate is for a timed motion"),
 }
 
 
@@ -146,7 +147,7 @@ def test_in_a_process_of_its_own(saved, tmp_path) -> None:
     assert done.returncode == 0 and done.stderr == "" and (tmp_path / "t.yaml").is_file()
     text = saved.read_text()
     saved.write_text(text[: len(text) // 2])
-    refused(repctl("follow", "design.json", cwd=tmp_path), "design.json", "no design")
+    refused(repctl("follow", "design.json", cwd=tmp_path), "design.json", "not a design file")
 
 
 def test_a_robot_alone_gets_the_nearest_repeatable(capsys) -> None:

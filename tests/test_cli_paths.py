@@ -56,7 +56,9 @@ def test_a_design_round_a_path_is_round_the_studied_one(tmp_path, monkeypatch, c
     small = ["--degree", "1", "--samples", "512", "--held-out", "512", "--region", "0.1"]
     designed = told(capsys, "design", "panda", *WORDS, *small)
     assert (designed["path_words"], designed["plane"]) == ("circle:0.1:180", "xy")
-    assert designed["notes"] == ["for circle of radius 0.1 m in xy, 5 s a cycle: repctl follow takes it from there"]
+    assert designed["notes"] == [
+        "for circle of radius 0.1 m in xy, 5 s per cycle; repctl follow uses it unless --path is given"
+    ]
     followed = told(capsys, "follow", designed["files"][1], *SHORT, "--csv", "m.csv")
     assert followed["outside"] == 0 and followed["drift"][0] < 1e-6 and followed["start"] == designed["start"]
     middle, half = (np.array(designed["region"][key]) for key in ("center", "half_width"))

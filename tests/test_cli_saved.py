@@ -53,6 +53,19 @@ def test_a_design_in_joint_coordinates_keeps_them(tmp_path, monkeypatch, capsys)
     assert told(capsys, "check", "absolute.json", "--samples", "16")["repeatable"] is True
 
 
+def test_another_elbow_keeps_the_designs_path(tmp_path, monkeypatch, capsys) -> None:
+    """Started elsewhere on the self-motion, the hand where it was, the arm follows the path of the design."""
+    monkeypatch.chdir(tmp_path)
+    told(capsys, "design", "planar3r", "--path", "square:0.2", *SMALL[:-1], "--out", ".")
+    own = told(capsys, "follow", "design.json", "--steps", "60")
+    task, q0 = rp.Robot.load("planar3r").task("tool", "xy"), np.array(own["start"])
+    N = np.linalg.svd(task.jacobian(q0))[2][-1]
+    q = rp.solve_ik(task, q0 + 0.05 * N, task.placement(q0))
+    assert np.linalg.norm(q - q0) > 0.03
+    other = told(capsys, "follow", "design.json", "--steps", "60", "--start=" + ",".join(map(repr, map(float, q))))
+    assert other["path"] == own["path"] and other["start"] == pytest.approx(q) and max(other["drift"]) < 1e-6
+
+
 def test_what_contradicts_the_file_is_named_by_its_option(rail: Path, capsys) -> None:
     (rail.parent / "planar.urdf").write_text(planar_urdf([1, 0.8, 0.6]).replace('"planar"', '"other"'))
     for command in ("follow", "check", "animate"):

@@ -308,12 +308,14 @@ def test_the_command_writes_a_saved_design(tmp_path: Path, monkeypatch: pytest.M
     small = ["--degree", "1", "--samples", "256", "--held-out", "256", "--region", "0.2", "--quiet"]
     assert main(["design", "arm.urdf", "--start", "0.3,0.8,0.8", *small, "--out", "."]) == 0
     capsys.readouterr()
-    assert "is no saved design" in refused(capsys, "export", "arm.urdf")
+    assert "is not a saved design" in refused(capsys, "export", "arm.urdf")
     assert "say where it is: --robot arm.urdf" in refused(capsys, "export", "design.json")
     given = ["export", "design.json", "--robot", "arm.urdf"]
     assert "means something else" in refused(capsys, *given, "--name", "double")
     said = told(capsys, *given, "--to", "c", "--name", "planar")
     assert said["n"] == 3 and {Path(f).name for f in said["files"]} >= {"planar.h", "planar.c", "check.c"}
+    assert "holds the control 'planar' already" in refused(capsys, *given, "--to", "c", "--name", "other")
+    assert told(capsys, *given, "--to", "c", "--name", "planar")["files"] == said["files"]
     assert main([*given, "--to", "d"]) == 0
     assert capsys.readouterr().out.splitlines()[0] == "wrote d/arm_control.h"
     assert "box +-0.2" in Path("d/arm_control.c").read_text()

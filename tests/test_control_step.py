@@ -259,11 +259,11 @@ def test_speed_limits_are_kept_and_the_task_goes_first(panda_design, panda_pose,
 
 GOOD = {"dt": 0.01}
 BAD_STEPS: dict[str, tuple[dict, str]] = {
-    "q short": ({"q": np.zeros(6)}, r"q must be 7 finite numbers, one a joint; got shape \(6,\)"),
+    "q short": ({"q": np.zeros(6)}, r"q must be 7 finite numbers, one per joint; got shape \(6,\)"),
     "q matrix": ({"q": np.zeros((1, 7))}, r"q must be 7 .*; got shape \(1, 7\)"),
     "q nan": ({"q": np.full(7, np.nan)}, "7 finite numbers"),
     "q inf": ({"q": np.full(7, np.inf)}, "7 finite numbers"),
-    "q text": ({"q": "zero"}, "q must be 7 finite numbers, one a joint; got 'zero'"),
+    "q text": ({"q": "zero"}, "q must be 7 finite numbers, one per joint; got 'zero'"),
     "target": ({"target": np.eye(4)}, "placement"),
     "target none": ({"target": None}, "placement"),
     "target nan": ({"target": pin.SE3(np.eye(3), np.full(3, np.nan))}, "finite"),

@@ -118,6 +118,32 @@ def test_poses_arrive_and_keys_come_back(task: rp.Task) -> None:
         rp.Viewer(task, ["a"], port=70000)
 
 
+def test_the_last_poses_always_arrive(task: rp.Task, monkeypatch: pytest.MonkeyPatch) -> None:
+    """To a browser that is slow some are left out, but never the last."""
+    from repctl_pin.show.page.viewer import _Poses
+
+    quick = _Poses.write_message
+
+    async def slow(self: _Poses, message: Any, binary: bool = False) -> None:
+        await asyncio.sleep(0.1)
+        await quick(self, message, binary)
+
+    monkeypatch.setattr(_Poses, "write_message", slow)
+
+    async def flood(view: rp.Viewer) -> list[float]:
+        socket, drifts = await connect(view), [0.0]
+        for k in range(100):
+            view.show(Q0 + [0, 0, 0.001 * k])
+        while drifts[-1] < 0.0989:
+            drifts.append(float(np.frombuffer(await asyncio.wait_for(socket.read_message(), 20), "<f4")[-2]))
+        return drifts
+
+    with rp.Viewer(task, ["a"]) as view:
+        view.show(Q0)
+        drifts = asyncio.run(flood(view))
+    assert drifts == sorted(drifts) and len(drifts) < 50
+
+
 def test_strangers_are_refused(task: rp.Task) -> None:
     with rp.Viewer(task, ["a"]) as view:
         port = port_of(view.url)

@@ -137,7 +137,7 @@ def test_the_default_region_holds_the_motion() -> None:
     small = rp.study("panda", path=parse_path("square:0.3", "xy"), cycles=1, steps=100, region=0.2, degree=1)
     share = np.mean((np.abs(small.row("repeatable").motion.q - small.q0) > 0.2).any(axis=1))
     assert small.row("repeatable").outside == pytest.approx(share)
-    assert study_table(small).startswith(f"!!! OUTSIDE Ω: {share:.1%}")
+    assert study_table(small).startswith(f"warning: {100 * share:.1f} % of the motion lies outside Ω")
 
 
 def test_elbow_of_a_panda_is_its_elbow(panda_pose, q_panda) -> None:

@@ -151,7 +151,7 @@ def test_a_task_pickles_to_the_same_numbers(panda_pose: rp.Task) -> None:
 def test_bad_names_get_one_helpful_line(panda: rp.Robot) -> None:
     with pytest.raises(rp.InputError, match="no frame 'panda_hand_tpc'; did you mean 'panda_hand_tcp'"):
         panda.task("panda_hand_tpc")
-    with pytest.raises(rp.InputError, match="no task kind 'poses'; there is pose, axis"):
+    with pytest.raises(rp.InputError, match="no task kind 'poses'; choose from pose, axis"):
         panda.task("panda_hand_tcp", "poses")
     with pytest.raises(rp.InputError, match="no joint 'panda_joint9'; did you mean"):
         panda.task("panda_hand_tcp", joints=["panda_joint9"])

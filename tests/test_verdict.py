@@ -42,6 +42,11 @@ J = Deed("J⁺", 0.4512, 0.464)
         ),
         ([replace(J, creep=0.002, turn=(0.09, "joint1"))], "The elbow creeps 2 mm in 10 cycles. Limits kept."),
         ([J, J], "The elbow creeps 45 cm in 10 cycles. Joint speed 0 %. Limits kept."),
+        (
+            [replace(J, haste=1.31), J],
+            "The elbow creeps 45 cm in 10 cycles. Joint speed 0 %. Speed limits broken, 1.3 × the limit → kept. "
+            "Joint limits kept.",
+        ),
     ],
 )
 def test_the_words_of_every_outcome(deeds: list[Deed], words: str) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +20,7 @@ from .options import (
     robot_options,
     save_control,
     start_of,
+    surroundings_option,
     task_options,
     whole,
 )
@@ -37,6 +39,14 @@ EXAMPLE = """examples:
   repctl follow repctl-out/panda/cell.json --path circle:0.05 --csv motion.csv"""
 
 
+_OPTIONS = {
+    "incomplete='shrink'": "--shrink",
+    "incomplete='keep'": "--keep",
+    "posture=": "--start",
+    "half_width": "--half-width",
+}
+"""What the words of Python's messages are called here."""
+
 _STEPS = 240
 """Steps of a cycle of the tour."""
 
@@ -45,6 +55,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of this subcommand."""
     robot_options(parser)
     task_options(parser)
+    surroundings_option(parser)
     parser.add_argument(
         "--half-width",
         required=True,
@@ -75,8 +86,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Find the function, print the table, write cell.json, cell.html and cell.png."""
-    with output_folder(options, Path(options.robot).stem) as folder:
-        return _run(options, folder)
+    try:
+        with output_folder(options, Path(options.robot).stem) as folder:
+            return _run(options, folder)
+    except InputError as error:
+        raise InputError(re.sub("|".join(map(re.escape, _OPTIONS)), lambda m: _OPTIONS[m[0]], str(error))) from None
 
 
 def _run(options: argparse.Namespace, folder: Path) -> int:
@@ -118,6 +132,8 @@ def _run(options: argparse.Namespace, folder: Path) -> int:
         print(json.dumps(_as_dict(design) | {"files": [str(f) for f in files]}, indent=2, ensure_ascii=False))
         return 0
     tell(design.summary())
+    if design.cell.size() != cell.size():
+        tell(f"\nnote: --shrink: no single function covers {cell.size()}; this is for {design.cell.size()}")
     tell("\nextra joint speed: of the function over J⁺ at the same joints; J⁺ is the least that any control needs\n")
     if note:
         tell(f"note: {note}\n")

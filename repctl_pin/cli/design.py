@@ -199,12 +199,12 @@ def _with_cycle(design: Design, setting: Setting) -> tuple[Design, list[str]]:
     try:
         found = setting if setting.path is not None else setting_of(design, setting.q0)
     except InputError:
-        return design, ["no circle from the start stays inside Ω; repctl follow wants a --path"]
+        return design, ["no circle from the start stays inside Ω; repctl follow needs a --path"]
     design, notes = with_cycle(design, found)
     assert design.cycle is not None
     return design, [
         *notes,
-        f"for {found.drawn.name}, {design.cycle.period:g} s a cycle: repctl follow takes it from there",
+        f"for {found.drawn.name}, {design.cycle.period:g} s per cycle; repctl follow uses it unless --path is given",
     ]
 
 

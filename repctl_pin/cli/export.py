@@ -7,18 +7,20 @@ import json
 
 from ..errors import InputError
 from .options import is_saved, what_options
-from .saved import load_design
+from .saved import load_saved
 
-HELP = "write a saved design as C that a robot's own loop runs"
-EXAMPLE = """example: repctl export design.json --to panda_control --name panda_control
+HELP = "write a saved design or cell as C that a robot's own loop runs"
+EXAMPLE = """examples:
+  repctl export repctl-out/panda/design.json --to panda_c --name panda
+  repctl export repctl-out/my_arm/control.json --robot my_arm.urdf --to my_arm_c --name my_arm
 
 C99 and C++17 that need nothing but <math.h>; check.c tells whether a build computes what Python does:
-  cmake -S panda_control -B build && cmake --build build && ctest --test-dir build"""
+  cmake -S panda_c -B build && cmake --build build && ctest --test-dir build"""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of this subcommand."""
-    what_options(parser)
+    what_options(parser, "a saved design or cell (.json), made by repctl design, study or cell")
     parser.set_defaults(frame=None, task=None)
     parser.add_argument("--to", metavar="FOLDER", default="arm_control", help="folder to write (default arm_control)")
     parser.add_argument(
@@ -30,11 +32,16 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Write the folder."""
     from ..codegen import export_c
+    from ..section import CellDesign
 
     if not is_saved(options.what):
-        raise InputError(f"{options.what!r} is no saved design (.json); repctl design makes one")
-    design = load_design(options)
-    files = [str(file) for file in export_c(design.inverse, options.to, options.name, region=design.region)]
+        raise InputError(f"{options.what!r} is not a saved design (.json); repctl design, study and cell make one")
+    design = load_saved(options)
+    if isinstance(design, CellDesign):
+        written = export_c(design.function, options.to, options.name)
+    else:
+        written = export_c(design.inverse, options.to, options.name, region=design.region)
+    files = [str(file) for file in written]
     if options.json:
         task = design.task
         print(json.dumps({**task.as_dict(), "name": options.name, "files": files}, indent=2, ensure_ascii=False))

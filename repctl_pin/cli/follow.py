@@ -71,8 +71,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         metavar="A",
         help="go from rest to rest within these limits: rad/s² (m/s²), a number, one for each joint, or panda, fr3, ur",
     )
-    parser.add_argument("--rate", type=positive, default=1000.0, help="with it: samples a second (default 1000)")
-    parser.add_argument("--profile", metavar="FILE", help="with it: draw joint speed over the path's length, as PNG")
+    parser.add_argument("--rate", type=positive, help="with --acceleration: samples per second (default 1000)")
+    parser.add_argument(
+        "--profile", metavar="FILE", help="with --acceleration: draw joint speed over the path's length, as PNG"
+    )
     parser.add_argument("--csv", metavar="FILE", help="write time, positions, velocities, and accelerations if timed")
     parser.add_argument("--yaml", metavar="FILE", help="write a ROS JointTrajectory")
     parser.add_argument(
@@ -120,16 +122,14 @@ def run(options: argparse.Namespace) -> int:
     }
     if options.acceleration is not None:
         say("timing the motion")
-        rest = timed(motion, acceleration=_accelerations(options.acceleration), rate=options.rate)
+        rest = timed(motion, acceleration=_accelerations(options.acceleration), rate=options.rate or 1000.0)
         result |= {"duration": rest.duration, "slowed_by": None, "cycle_time": rest.cycle_time, "stops": rest.stops}
         contents = {
             options.csv: lambda: timed_csv_text(rest),
             options.yaml: lambda: yaml_text(rest),
             options.profile: lambda: _drawn(rest),
         }
-    elif options.profile is not None:
-        raise InputError("--profile is of a timed motion; give --acceleration with it")
-    remedy = _remedy(repeatable=isinstance(strategy, RepeatableInverse) and found is None)
+    remedy = _remedy(slowed, repeatable=isinstance(strategy, RepeatableInverse) and found is None)
     if (options.csv or options.yaml) and not options.allow_violations:
         refuse_violations(slowed, f"try {remedy}; --allow-violations writes it anyway")
     result["files"] = [str(write_whole(name, text())) for name, text in contents.items() if name is not None]
@@ -147,10 +147,13 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _check_control(options: argparse.Namespace) -> None:
-    """Refuse two controls."""
+    """Refuse two controls, and options of a timed motion for one that is not."""
     given = [name for name in ("strategy", "fields") if getattr(options, name)]
     if given and (is_saved(options.what) or len(given) > 1):
         raise InputError("--strategy and --fields stand in place of a design and of each other; give a robot with one")
+    for option in ("rate", "profile"):
+        if getattr(options, option) is not None and options.acceleration is None:
+            raise InputError(f"--{option} is for a timed motion; give --acceleration with it")
 
 
 def _saved(options: argparse.Namespace) -> tuple[Strategy, Setting, Inverse]:
@@ -286,9 +289,13 @@ def _print(result: dict[str, Any], motion: Motion) -> None:
         print(f"wrote {file}")
 
 
-def _remedy(*, repeatable: bool) -> str:
+def _remedy(motion: Motion, *, repeatable: bool) -> str:
     """What may keep a motion inside what the robot can do."""
-    return f"{'--best-leaf, another --start' if repeatable else 'another --start'} or a smaller --path"
+    from ..motion.violations import violations_of
+
+    start = "--best-leaf, another --start" if repeatable else "another --start"
+    at_once = any(violation.moment == 0 for violation in violations_of(motion))
+    return start if at_once else f"{start} or a smaller --path"
 
 
 def _warn(motion: Motion, remedy: str) -> None:

@@ -35,13 +35,12 @@ def robot_options(parser: argparse.ArgumentParser) -> None:
     _loading_options(parser)
 
 
-def what_options(parser: argparse.ArgumentParser) -> None:
+def what_options(
+    parser: argparse.ArgumentParser,
+    what: str = "a robot (catalogue name or URDF), or a saved design (.json), which knows its own frame and task",
+) -> None:
     """Add WHAT, which is a robot or a saved design, and what says how to load it."""
-    parser.add_argument(
-        "what",
-        metavar="WHAT",
-        help="a robot (catalogue name or URDF), or a saved design (.json), which knows its own frame and task",
-    )
+    parser.add_argument("what", metavar="WHAT", help=what)
     parser.add_argument("--robot", metavar="ROBOT", help="the robot of a design that is not in the catalogue")
     _loading_options(parser)
 

@@ -105,7 +105,7 @@ def _loop(task: Task, held: ctypes.PyDLL, released: ctypes.CDLL) -> Loop:
         dt_in[0] = dt
         if leaf is not None:
             if not (type(leaf) is ndarray and leaf.dtype is FLOAT and leaf.shape == of_leaf):
-                leaf = vector(leaf, r, "the leaf c = h(q)", "one a potential")
+                leaf = vector(leaf, r, "the leaf c = h(q)", "one per potential")
             leaf_in[:] = leaf
             given |= GIVEN_LEAF
         if gain is None:

@@ -11,6 +11,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from ..arguments import file_name, wanted
+from ..errors import InputError
 from ..files import prepare_folder, write_whole
 from ..regions import Region
 from ..robot.task import Task
@@ -57,8 +58,8 @@ def export_c(
     Raises
     ------
     InputError
-        If the name is not an identifier, the inverse or the region holds user-defined functions, or the folder
-        cannot be written.
+        If the name is not an identifier, the inverse or the region holds user-defined functions, or the folder cannot be
+        written or holds another control.
 
     Examples
     --------
@@ -91,6 +92,9 @@ def export_c(
         "CMakeLists.txt": filled("CMakeLists.txt", name, {}),
     }
     where = prepare_folder(folder)
+    for other in where.glob("*.hpp"):
+        if other.stem != name and where.joinpath("test_vectors.h").exists():
+            raise InputError(f"{where} holds the control {other.stem!r} already; choose another folder")
     return [write_whole(where / file, text) for file, text in texts.items()]
 
 

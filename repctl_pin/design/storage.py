@@ -57,19 +57,19 @@ def read(path: str | Path, kinds: Mapping[str, type[Sealed]]) -> Any:
     try:
         head = msgspec.json.decode(text, type=_Head)
         if head.format not in kinds:
-            raise InputError(f'{where} is no design: it does not say "format": "{next(iter(kinds))}"')
+            raise InputError(f'{where} is not a design file: it does not say "format": "{next(iter(kinds))}"')
         if head.schema > SCHEMA:
             raise InputError(
                 f"{where} was written by repctl-pin {head.written_by} with schema {head.schema}, and this is "
                 f"{__version__}, which reads up to {SCHEMA}; upgrade: pip install -U repctl-pin"
             )
         if head.schema < 1:
-            raise InputError(f"{where} is no design: there is no schema {head.schema}")
+            raise InputError(f"{where} is not a design file: there is no schema {head.schema}")
         content = msgspec.json.decode(text, type=kinds[head.format])
     except msgspec.ValidationError as error:
-        raise InputError(f"{where} is no design: {error}") from None
+        raise InputError(f"{where} is not a valid design file: {error}") from None
     except (msgspec.DecodeError, RecursionError, UnicodeError) as error:
-        raise InputError(f"{where} is no design: it is no JSON ({error})") from None
+        raise InputError(f"{where} is not a design file: not valid JSON ({error})") from None
     if content.checksum != _checksum(msgspec.to_builtins(content)):
         raise InputError(f"{where} was changed after it was written: its checksum does not fit; design again")
     return content

@@ -60,7 +60,7 @@ class RepeatableTask(PinkTask):
 
     def set_target(self, leaf: ArrayLike) -> None:
         """Set c (r,), the leaf to stay on: ``inverse.leaf(q)``."""
-        self.leaf = vector(leaf, self.inverse.task.r, "the leaf c", "one a potential")
+        self.leaf = vector(leaf, self.inverse.task.r, "the leaf c", "one per potential")
 
     def set_target_from_configuration(self, configuration: Configuration) -> None:
         """Stay on the leaf of a configuration."""

@@ -113,7 +113,8 @@ def follow(
         wanted_task(task)
     path = closed_path(path)
     if not isinstance(strategy, Strategy):
-        function(strategy, "strategy", "a control, such as rp.Pseudoinverse(task) or design.inverse", 2)
+        what = "a control, such as rp.Pseudoinverse(task) or design.inverse, or a function of (q, xdot)"
+        function(strategy, "strategy", what, 2)
         if task is None:
             raise InputError("to follow a path with a plain function (q, ẋ) → q̇, say what it controls: task=")
         strategy = FunctionStrategy(task, strategy)
@@ -138,7 +139,7 @@ def follow(
     if leaf_lock:
         if not isinstance(strategy, OnLeaves):
             raise InputError("only a repeatable strategy, such as design.inverse, has leaves to lock to")
-        c = strategy.leaf(q) if leaf is None else vector(leaf, task.r, "the leaf c = h(q)", "one a potential")
+        c = strategy.leaf(q) if leaf is None else vector(leaf, task.r, "the leaf c = h(q)", "one per potential")
         Q, Qdot, used = _locked(strategy, path, grid, q, cycles, period, leaf_lock, c, limit, damping)
     else:
         Q, Qdot = _integrated(strategy, path, grid, q, cycles, period, integrator, feedback)

@@ -64,6 +64,11 @@ class JointMotion:
         return float(np.sqrt(np.sum(np.sum(np.diff(self.q, axis=0) ** 2, axis=1) / times) / times.sum()))
 
     @property
+    def first_rms_speed(self) -> float:
+        """Root mean square of ‖q̇‖ over the first cycle, in which controls can be compared: later, J⁺ is elsewhere."""
+        return float(np.sqrt(np.mean(self.speed[: self.steps] ** 2)))
+
+    @property
     def peak_speed(self) -> float:
         """Largest joint speed."""
         return float(self.speed.max())

@@ -203,7 +203,7 @@ def _plane(normal: str) -> str:
     bare = normal.removeprefix("-")
     plane = _NORMALS.get(bare, bare).removeprefix("-")
     if plane not in PLANES:
-        raise InputError(f"no plane {shown(normal)}; there is {', '.join(PLANES)} (or a normal: x, y, z, -z …)")
+        raise InputError(f"no plane {shown(normal)}; choose from {', '.join(PLANES)} (or a normal: x, y, z, -z …)")
     return plane
 
 

@@ -48,7 +48,7 @@ def parse_path(text: str | None, plane: str | None = None) -> PathMaker:
         If the form is unknown, a number is missing or not above 0, or the CSV cannot be used.
     """
     if plane is not None and plane not in PLANES:
-        raise InputError(f"no plane {plane!r}; there is {', '.join(PLANES)}")
+        raise InputError(f"no plane {plane!r}; choose from {', '.join(PLANES)}")
     if text is None:
         return lambda task, q0: fitting_circle(task, q0, plane=plane)
     words, _, blended = text.partition(":blend=")

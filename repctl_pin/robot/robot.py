@@ -199,7 +199,7 @@ class Robot(Mechanism):
         """
         frame = self.default_frame if frame is None else frame
         if not isinstance(kind, str) or kind not in KINDS:
-            raise InputError(f"no task kind {shown(kind)}; there is {', '.join(KINDS)}")
+            raise InputError(f"no task kind {shown(kind)}; choose from {', '.join(KINDS)}")
         chain = self.chain(frame)
         if joints is not None:
             joints = list_of_names(joints, "joints", "a list of joints' names")

@@ -77,7 +77,7 @@ class Cell:
             raise InputError("a cell is of the robot's own joints; take the task without in_coordinates")
         positions = min(3, task.m)
         turns = task.m - positions
-        w = _sizes(half_width, positions, "half_width", "m", "one a position that the task commands")
+        w = _sizes(half_width, positions, "half_width", "m", "one per position that the task commands")
         if turns:
             theta = _sizes(rotation, turns, "rotation", "rad", "one an axis")
         elif np.any(_sizes(rotation, 1, "rotation", "rad", "one an axis")):
@@ -131,7 +131,7 @@ class Cell:
             y = unit.coordinates(p, R)[0] * unit._active_widths
         reach = np.abs(y).max(axis=0)
         reach[positions:][reach[positions:] < TURNED] = 0.0
-        more = _sizes(room, positions, "room", "m", "one a position that the task commands")
+        more = _sizes(room, positions, "room", "m", "one per position that the task commands")
         turn = _sizes(rotation, task.m - positions, "rotation", "rad", "one an axis") if task.m > positions else 0.0
         return cls(task, middle, reach[:positions] + more, reach[positions:] + turn if task.m > positions else rotation)
 

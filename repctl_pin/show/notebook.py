@@ -81,7 +81,7 @@ def inline(shown: Study | Figure | str, *, height: int = 640) -> Inline:
     if isinstance(shown, Figure):
         return Inline(_picture(shown, "Figure"), repr(shown))
     if not hasattr(shown, "rows") or isinstance(shown, type):
-        raise InputError(f"a cell shows a study, a figure or a page's HTML; this is a {type(shown).__name__}")
+        raise InputError(f"a cell shows a study, a figure or a page's HTML; got {type(shown).__name__}")
     text = study_table(shown)
     parts = (
         frame(study_page(shown), height),

@@ -110,7 +110,7 @@ def make_loop(task: Task, field: FieldMap) -> Loop:
             bottom[:] = 0.0
         else:
             if not (type(leaf) is ndarray and leaf.dtype is FLOAT and leaf.shape == of_leaf):
-                leaf = vector(leaf, r, "the leaf c = h(q)", "one a potential")
+                leaf = vector(leaf, r, "the leaf c = h(q)", "one per potential")
             gap(leaf)
         if gain is not None:
             dscal(share_of(gain, dt), rhs)

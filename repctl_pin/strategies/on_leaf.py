@@ -74,7 +74,7 @@ def solve(inverse: WithField, target: pin.SE3, q0: ArrayLike, leaf: ArrayLike | 
     if not np.isfinite(target.homogeneous).all():
         raise InputError("the target must be finite numbers, m and a rotation")
     c_start = inverse.field.value(q)
-    c_end = c_start if leaf is None else vector(leaf, task.r, "the leaf c", "one a potential")
+    c_end = c_start if leaf is None else vector(leaf, task.r, "the leaf c", "one per potential")
     start = task.placement(q)
     turn = _turn(task.kind, start, target)
     side = _side(inverse, q)

@@ -153,6 +153,8 @@ def setting_of(
         return Setting(cycle.start, "the design's own", cycle.path, design.region, (), cycle.period)
     if start is None:
         start = design.region.center if cycle is None else cycle.start
+    if path is None and cycle is not None and np.abs(task.error(start, cycle.path.placement(0.0))).max() < 1e-6:
+        return choose_setting(task, start, cycle.path)._replace(region=design.region)  # the same hand, another elbow
     if path is None:
         path = partial(fitting_circle, control=design.inverse, region=design.region)
     return choose_setting(task, start, path)._replace(region=design.region)

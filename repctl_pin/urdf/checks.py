@@ -161,7 +161,7 @@ def _check_body(link: etree._Element) -> None:
         shapes = [] if geometry is None else [child.tag for child in geometry]
         if not shapes or shapes[0] not in _SHAPES:
             what = f"<{shapes[0][:40]}> is no shape" if shapes else "has no <geometry> with a shape in it"
-            raise bad(visible, f"{what}; there is {', '.join(_SHAPES)}")
+            raise bad(visible, f"{what}; choose from {', '.join(_SHAPES)}")
         if shapes[0] == "capsule" and None in (geometry[0].get("radius"), geometry[0].get("length")):
             raise bad(geometry[0], "has no radius or no length; write both")
 
@@ -170,7 +170,7 @@ def _check_joint(joint: etree._Element, links: set[str]) -> None:
     kind = joint.get("type")
     if kind not in KINDS:
         what = "has no type" if kind is None else f"type {short(kind)} is unknown"
-        raise bad(joint, f"{what}; there is {', '.join(KINDS)}")
+        raise bad(joint, f"{what}; choose from {', '.join(KINDS)}")
     for end in ("parent", "child"):
         element = joint.find(end)
         if element is None or not element.get("link"):

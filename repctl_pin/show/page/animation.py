@@ -110,7 +110,7 @@ def animation(motions: Mapping[str, Motion] | Study, *, seconds: float = 4.0) ->
     if isinstance(motions, Motion):
         raise InputError("an animation wants its motions by name; give it a name: {'mine': motion}")
     if not isinstance(motions, Mapping) and not hasattr(motions, "rows"):
-        raise InputError(f"an animation wants motions by name, or a study; this is a {type(motions).__name__}")
+        raise InputError(f"an animation needs motions by name, or a study; got {type(motions).__name__}")
     if not isinstance(motions, Mapping):
         return Animation(study_page(motions))
     wrong = next((name for name, motion in motions.items() if not isinstance(motion, Motion)), None)

@@ -220,7 +220,7 @@ class _Page(RequestHandler):
 
 class _Poses(WebSocketHandler):
     def initialize(self, viewer: Viewer) -> None:
-        self.viewer, self.busy = viewer, False
+        self.viewer, self.busy, self.sent = viewer, False, b""
 
     def prepare(self) -> None:
         if self.request.host_name not in (HOST, "localhost"):
@@ -242,14 +242,19 @@ class _Poses(WebSocketHandler):
             self.viewer._moved(message)
 
     def give(self, poses: bytes) -> None:
-        """Send the newest poses; a browser that is late misses some, and is never behind."""
-        if self.busy:
+        """Send the newest poses, once; a browser that is late misses some, but never the last."""
+        if self.busy or poses is self.sent:
             return
-        self.busy = True
-        sent = asyncio.ensure_future(self.write_message(poses, binary=True))
-        sent.add_done_callback(self._given)
+        try:
+            given = asyncio.ensure_future(self.write_message(poses, binary=True))
+        except WebSocketClosedError:
+            return self.on_close()
+        self.busy, self.sent = True, poses
+        given.add_done_callback(self._given)
 
-    def _given(self, sent: asyncio.Future[None]) -> None:
+    def _given(self, given: asyncio.Future[None]) -> None:
         self.busy = False
-        if not sent.cancelled() and isinstance(sent.exception(), WebSocketClosedError):
-            self.viewer._clients.discard(self)
+        if given.cancelled() or given.exception():  # the browser has gone
+            self.on_close()
+        else:
+            self.give(self.viewer._last)  # what has been shown meanwhile

@@ -69,7 +69,9 @@ def summary(study: Study) -> list[str]:
     else:
         out.append(f"The nearest repeatable inverse could not follow: {closed.stopped}.")
     broken = [f"{row.label}: {violation}" for row in study.rows for violation in row.violations]
-    out.append(f"{'; '.join(broken)}." if broken else "No joint leaves its limits, and no two bodies touch.")
+    known = any(row.body_distance is not None for row in study.rows)
+    kept = "No joint leaves its limits" + (", and no two bodies touch." if known else ".")
+    out.append(f"{'; '.join(broken)}." if broken else kept)
     near = [
         f"{row.label} {row.body_distance:.3f} m ({' and '.join(row.motion.coarse.nearest_bodies[1].links)})"
         for row in study.rows
@@ -177,8 +179,7 @@ def _end(row: Row) -> str:
 def _price(plain: Row, closed: Row) -> str:
     if plain.motion is None or closed.motion is None:
         return "the cost in joint speed is not known"
-    own, least = (float(np.sqrt(np.mean(r.motion.speed[: r.motion.steps] ** 2))) for r in (closed, plain))  # type: ignore[union-attr]
-    price = own / least - 1
+    price = closed.motion.first_rms_speed / plain.motion.first_rms_speed - 1
     worth = f"costs {price:+.1%} of" if abs(price) >= 5e-4 else "costs no"
     return f"{worth} joint speed (rms) over the first cycle"
 

@@ -66,7 +66,11 @@ def outside_words(share: float) -> list[str]:
     """Warn prominently that a motion leaves Ω; nothing where it does not."""
     if share <= 0:
         return []
-    return [f"!!! OUTSIDE Ω: {share:.1%} of the repeatable motion lies where nothing was designed !!!", ""]
+    return [
+        f"warning: {100 * share:.1f} % of the motion lies outside Ω, where nothing is promised;",
+        "repctl design ROBOT --path PATH designs round a path",
+        "",
+    ]
 
 
 def study_cells(study: Study) -> list[tuple[str, list[str]]]:
@@ -91,8 +95,8 @@ def study_cells(study: Study) -> list[tuple[str, list[str]]]:
         (f"drift after 1 cycle, {rad}", of_motions(lambda motion: number(motion.drift[0]))),
         *(later if cycles > 1 else []),
         ("tracking error, m", of_motions(lambda motion: number(motion.tracking_error.max()))),
-        (f"joint speed, rms, {speed}", of_motions(lambda motion: number(motion.rms_speed))),
-        (f"joint speed, peak, {speed}", of_motions(_peak)),
+        (f"joint speed in cycle 1, {speed}", of_motions(lambda motion: number(motion.first_rms_speed))),
+        (f"peak joint speed, {speed}", of_motions(_peak)),
         (f"margin to the limits, {rad}", of_motions(_limit_margin)),
         *(apart if any(row.body_distance is not None for row in study.rows) else []),
         ("time of a cycle, s", [_time(row) for row in study.rows]),
@@ -106,7 +110,8 @@ def study_legend(study: Study) -> str:
     """Say what the words of :func:`study_cells` mean."""
     desired = _desired(study)
     return (
-        f"! a limit is broken, or two bodies touch (checked at 100 points a cycle). Time: the first cycle from rest to "
+        f"! a limit is broken, or two bodies touch (checked at 100 points per cycle). Joint "
+        f"speed: ‖q̇‖, root mean square. Time: the first cycle from rest to "
         f"rest, as fast as the speed limits and these accelerations allow: {study.setting['accelerations']}; "
         f"≠ the cycle does not close. Leaf margin: the smallest σ_min(Nᵀ V̂) along the path; 1 is best, 0 is singular. "
         f"Distance: ‖G − {desired}‖ / ‖{desired}‖, averaged over Ω. Posture: J⁺ with a pull towards the start's joints "

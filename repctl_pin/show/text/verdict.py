@@ -96,7 +96,7 @@ def deed_of(label: str, motion: JointMotion, elbow: int, *, bodies: bool = True)
     return Deed(
         label,
         float(np.linalg.norm(end - start)),
-        float(np.sqrt(np.mean(motion.speed[: motion.steps] ** 2))),
+        motion.first_rms_speed,
         None if violation is None else (motion.broken_cycle, violation[1]),
         apart if np.isfinite(apart) else None,
         0 if touch is None else cycle_of(touch[0], motion.cycles),
@@ -133,11 +133,13 @@ def verdict(deeds: Sequence[Deed], cycles: int) -> Verdict:
         price = percent(last.speed / first.speed - 1) if first.speed > 0 else "–"
         words.append(f"Joint speed {price}.")
         tiles.append(Tile("Joint speed", price))
-    haste = max(deed.haste for deed in deeds)
-    if haste > 1 + 1e-9:
-        words.append(f"Speed limits broken: {haste:.2g} × the limit.")
-        tiles.append(Tile("Speed limits", f"broken: {haste:.2g} × the limit", bad=True))
-    words.append(f"Limits {' → '.join(dict.fromkeys(limits))}.")
+    hasty = any(deed.haste > 1 + 1e-9 for deed in deeds)
+    if hasty:
+        hastes = [f"broken, {d.haste:.2g} × the limit" if d.haste > 1 + 1e-9 else "kept" for d in deeds]
+        said = " → ".join(dict.fromkeys(hastes))
+        words.append(f"Speed limits {said}.")
+        tiles.append(Tile("Speed limits", said, bad=True))
+    words.append(f"{'Joint limits' if hasty else 'Limits'} {' → '.join(dict.fromkeys(limits))}.")
     tiles.append(Tile("Joint limits", " → ".join(dict.fromkeys(limits)), any(d.broken for d in deeds)))
     if all(deed.apart is not None for deed in deeds):
         apart = [f"touch in cycle {deed.touch}" if deed.touch else metres(deed.apart or 0.0) for deed in deeds]
