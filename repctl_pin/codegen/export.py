@@ -58,8 +58,8 @@ def export_c(
     Raises
     ------
     InputError
-        If the name is not an identifier, the inverse or the region holds user-defined functions, or the folder cannot be
-        written or holds another control.
+        If the name is not an identifier, the inverse or the region holds user-defined functions, or the folder
+        cannot be written or holds another control.
 
     Examples
     --------

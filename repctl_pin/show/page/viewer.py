@@ -248,7 +248,8 @@ class _Poses(WebSocketHandler):
         try:
             given = asyncio.ensure_future(self.write_message(poses, binary=True))
         except WebSocketClosedError:
-            return self.on_close()
+            self.on_close()
+            return
         self.busy, self.sent = True, poses
         given.add_done_callback(self._given)
 
