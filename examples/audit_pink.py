@@ -10,7 +10,7 @@ of 0.1 m ten times, from the same start, under
 
 A loop of roboticstoolbox, Drake or mink is audited in the same way: write the function, call follow.
 
-    pip install 'repctl-pin[pink]' daqp
+    pip install '.[pink]' daqp
     python examples/audit_pink.py
 """
 

@@ -29,7 +29,8 @@ def notebook(script: Path) -> str:
     text = script.read_text(encoding="utf-8")
     lines, body = text.splitlines(), ast.parse(text).body
     title, _, words = str(ast.literal_eval(body[0].value)).strip().partition("\n")  # type: ignore[attr-defined]
-    cells = [v4.new_markdown_cell(f"# {title}\n\n{dedent(words).strip()}\n\nNeeds `pip install repctl-pin`.")]
+    needs = "Needs `repctl_pin`, installed from the repository's folder or a wheel."
+    cells = [v4.new_markdown_cell(f"# {title}\n\n{dedent(words).strip()}\n\n{needs}")]
     pieces: list[str] = []
 
     def cut() -> None:

@@ -1,4 +1,4 @@
-"""A pink task that gives a pink program a repeatable null space: ``pip install repctl-pin[pink]``."""
+"""A pink task that gives a pink program a repeatable null space; it needs the extra ``pink``."""
 
 from __future__ import annotations
 
