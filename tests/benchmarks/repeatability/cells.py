@@ -1,4 +1,4 @@
-"""Functions of cells beside other programs: ten laps of random closed tours through all of a cell with rotations.
+"""Functions of cells beside other programs: ten cycles of random closed tours through all of a cell with rotations.
 
 One command, one process, some minutes; it prints the table of docs/how-to/cell.md:
 
@@ -63,7 +63,7 @@ def extra_speed(task: rp.Task, Q: np.ndarray) -> float:
 
 def main() -> None:
     """Go round and print a row for every program on every arm, the worst of its tours."""
-    print("| arm | program | drift, lap 1 | drift, lap 10 | extra joint speed | largest step | µs a query | of pinv |")
+    print("| arm | program | drift, cycle 1 | drift, cycle 10 | extra joint speed | largest step | µs per query | of pinv |")
     print("|---|---|---|---|---|---|---|---|")
     with tempfile.TemporaryDirectory() as folder:
         for arm in ARMS:
