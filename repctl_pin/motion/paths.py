@@ -129,7 +129,7 @@ class TaskPath:
 
     @property
     def options(self) -> str:
-        """The options that make the command line draw it again; empty where there are none."""
+        """The options that make the command line draw it again; empty if there are none."""
         path = f"--path {shlex.quote(self.words)}" if self.words else ""
         return f"{path} --plane {self.plane}" if path and self.plane else path
 

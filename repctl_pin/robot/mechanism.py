@@ -39,7 +39,7 @@ class Mechanism:
     velocity : (n,) array
         Speed limits, rad/s or m/s; inf where there is none.
     revolute : (n,) array of bool
-        False where the joint is prismatic.
+        False if the joint is prismatic.
     reference : (n,) array
         The reference pose: the SRDF's, where the catalogue names one, else mid-range.
     poses : dict of (n,) arrays

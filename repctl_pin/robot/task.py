@@ -63,7 +63,7 @@ class Task:
     lower, upper, velocity_limit : (n,) arrays
         Limits, rad or m, and per second.
     revolute : (n,) array of bool
-        False where the joint is prismatic.
+        False if the joint is prismatic.
     reference : (n,) array
         The robot's reference pose on these joints.
     coordinates : Coordinates or None

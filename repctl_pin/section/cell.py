@@ -147,7 +147,7 @@ class Cell:
 
     @property
     def rotation(self) -> Array:
-        """θ, rad: one number for each axis; of size 0 where the task leaves the rotation free."""
+        """θ, rad: one number for each axis; of size 0 if the task leaves the rotation free."""
         return self.widths[min(3, self.task.m) :]
 
     def scaled(self, factor: float) -> Cell:

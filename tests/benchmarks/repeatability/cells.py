@@ -63,7 +63,7 @@ def extra_speed(task: rp.Task, Q: np.ndarray) -> float:
 
 def main() -> None:
     """Go round and print a row for every program on every arm, the worst of its tours."""
-    print("| arm | program | drift, cycle 1 | drift, cycle 10 | extra joint speed | largest step | µs per query | of pinv |")
+    print("| arm | program | drift, cycle 1 | cycle 10 | extra joint speed | largest step | µs per query | of pinv |")
     print("|---|---|---|---|---|---|---|---|")
     with tempfile.TemporaryDirectory() as folder:
         for arm in ARMS:
