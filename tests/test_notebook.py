@@ -139,6 +139,7 @@ def test_the_exported_notebook_plays_in_a_browser(notebook: Any, tmp_path: Path,
     assert frame.size["height"] == 500 and frame.size["width"] > 800
     for image in driver.find_elements("css selector", "img[src^='data:image/png']"):
         assert 0 < image.size["width"] <= frame.size["width"]
+    driver.execute_script("arguments[0].scrollIntoView({ block: 'center' })", frame)
     driver.switch_to.frame(frame)
     wait_until_drawn(driver, "the cell")
     assert driver.execute_script("return repctl.playing")
