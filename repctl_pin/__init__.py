@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     from .motion import solve_ik as solve_ik
     from .motion import timed as timed
     from .motion import waypoints as waypoints
+    from .motion import write_motion as write_motion
     from .regions import Box as Box
     from .regions import Tube as Tube
     from .regions import WorkspaceBox as WorkspaceBox
@@ -134,6 +135,7 @@ _DOOR = {
         "rose",
         "timed",
         "waypoints",
+        "write_motion",
     ),
     "show.page.animation": ("Animation", "animation"),
     "show.page.viewer": ("Viewer",),

@@ -14,7 +14,7 @@ from arms import planar_task
 from commands import refused, told
 
 import repctl_pin as rp
-from repctl_pin.motion.csv_file import read_motions, timed_csv_text
+from repctl_pin.motion.csv_file import csv_text, read_motions, timed_csv_text
 from repctl_pin.motion.spec import parse_path
 from repctl_pin.motion.timing import PRESETS
 from repctl_pin.motion.yaml_file import yaml_text
@@ -271,6 +271,29 @@ def test_a_robot_reads_what_was_computed(ring, tmp_path) -> None:
         assert np.isclose(point["time_from_start"]["sec"] + 1e-9 * point["time_from_start"]["nanosec"], t, atol=1e-9)
         for name, row in zip(("positions", "velocities", "accelerations"), rows, strict=True):
             np.testing.assert_allclose(point[name], row, atol=1e-12)
+
+
+def test_a_motion_is_written_for_a_robot(ring, tmp_path) -> None:
+    timed = rp.timed(ring, acceleration=6.0, rate=100)
+    way = rp.approach(Q3 + 0.2, ring, acceleration=6.0, rate=100)
+    for motion, text in ((ring, csv_text(ring)), (timed, timed_csv_text(timed)), (way, timed_csv_text(way))):
+        assert rp.write_motion(motion, tmp_path / "m.csv").read_text(encoding="utf-8") == text
+        assert rp.write_motion(motion, str(tmp_path / "m.yaml")).read_text(encoding="utf-8") == yaml_text(motion)
+    beyond = replace(ring, q=ring.q + 9.0)
+    for motion in (beyond, replace(timed, motion=beyond)):
+        with pytest.raises(rp.InputError, match="leaves its limits in cycle 1.*allow_violations=True"):
+            rp.write_motion(motion, tmp_path / "no.csv")
+        assert rp.write_motion(motion, tmp_path / "yes.csv", allow_violations=True).exists()
+    assert not (tmp_path / "no.csv").exists()
+    for wrong, why in (
+        (tmp_path / "m.txt", "must end in .csv or .yaml"),
+        (None, "file must be"),
+        (tmp_path / "n" / "m.csv", "cannot write"),
+    ):
+        with pytest.raises(rp.InputError, match=why):
+            rp.write_motion(timed, wrong)
+    with pytest.raises(rp.InputError, match="motion must be"):
+        rp.write_motion(ring.q, tmp_path / "m.csv")
 
 
 def test_follow_times_a_motion(tmp_path, monkeypatch, capsys) -> None:

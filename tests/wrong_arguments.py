@@ -106,6 +106,7 @@ def right_calls(folder: Path) -> list[Call]:
         },
         "waypoints": {"points": square, "rotation": np.eye(3), "times": None, "blend": 0.0, "name": "square"},
         "timed": {"motion": motion, "acceleration": 10.0, "velocity": 1.0, "torque": False, "rate": 100.0},
+        "write_motion": {"motion": motion, "file": folder / "motion.csv", "allow_violations": True},
         "approach": {
             "q_now": q0 + 0.05, "motion": motion, "acceleration": 10.0, "velocity": 1.0, "torque": False, "rate": 100.0,
             "bodies": False,

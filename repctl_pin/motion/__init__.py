@@ -11,6 +11,7 @@ from .shapes import circle, figure_eight, rose
 from .solve_ik import check_reach, reach_start, solve_ik
 from .timing import TimedMotion, timed
 from .waypoint_file import read_waypoints
+from .write_motion import write_motion
 
 __all__ = [
     "BestLeaf",
@@ -34,4 +35,5 @@ __all__ = [
     "solve_ik",
     "timed",
     "waypoints",
+    "write_motion",
 ]

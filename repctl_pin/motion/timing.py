@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -74,6 +74,8 @@ class TimedMotion:
         The limits kept, rad/s and rad/s² (m for sliding joints).
     stops : int
         How often it stands still within a cycle, not counting its start: at corners of the joint path, and stays.
+    motion : Motion, optional
+        What was timed; None for the way in of :func:`approach`.
 
     Examples
     --------
@@ -95,6 +97,7 @@ class TimedMotion:
     velocity: Array
     acceleration: Array
     stops: int
+    motion: Motion | None = None
 
     def __repr__(self) -> str:
         many = f"{len(self.joints)} joint{'s' if len(self.joints) > 1 else ''}"
@@ -175,7 +178,8 @@ def timed(
     if motion.cycles > cycles and not profile.settled:  # speeding up takes longer than a cycle
         cycles = motion.cycles
         profile, stops = _profile(np.vstack([np.tile(once[:-1], (cycles, 1)), once[:1]]), motion, cycles, limits)
-    return _sampled(profile, motion.task.robot_joints, motion.cycles - cycles, rate, limits, stops)
+    timed = _sampled(profile, motion.task.robot_joints, motion.cycles - cycles, rate, limits, stops)
+    return replace(timed, motion=motion)
 
 
 def limits_of(

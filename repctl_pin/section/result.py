@@ -145,7 +145,7 @@ class CellDesign:
             "cell": self.cell.size(),
             "middle": self.cell.where(np.zeros(self.cell.k)),
             "posture": ", ".join(f"{v:.4g}" for v in np.round(self.posture, 4) + 0.0),
-            "degree": f"{self.degrees[-1][0]}; evaluated from a polynomial of {self.function.chart.monomials.size} terms",
+            "degree": f"{self.degrees[-1][0]}, evaluated from {self.function.chart.monomials.size} terms",
             "extra joint speed": f"{100 * j.extra_speed:.3g} % ± {100 * j.extra_speed_error:.1g}, "
             f"{j.extra_speed_worst:.1%} at the worst pose",
             "mean ‖∂F − G_d‖²": f"{j.cost:.4g} ± {j.cost_error:.1g} (on {self.held_out} held-out poses)",
