@@ -20,7 +20,7 @@ def executor_of(options: argparse.Namespace) -> Iterator[Any]:
         try:
             from distributed import Client
         except ImportError:
-            raise InputError("--dask needs the extra: pip install 'repctl-pin[dask]'") from None
+            raise InputError("--dask needs Dask: pip install 'dask[distributed]'") from None
         try:
             client = Client(options.dask, timeout=10)
         except (OSError, ValueError, TimeoutError) as error:

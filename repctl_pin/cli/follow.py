@@ -57,7 +57,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     task_options(parser)
     path_options(parser)
     parser.add_argument("--cycles", type=whole, default=1, help="number of cycles (default 1)")
-    parser.add_argument("--steps", type=whole, default=500, help="points a cycle (default 500)")
+    parser.add_argument("--steps", type=whole, default=500, help="points per cycle (default 500)")
     parser.add_argument(
         "--period", type=positive, help="time of a cycle, s (default: the design's or the path's own, else 5)"
     )
@@ -275,7 +275,7 @@ def _print(result: dict[str, Any], motion: Motion) -> None:
     more = ""
     if result["slowed_by"] is None:
         stops = f", stopping {result['stops']} times in each; blend= rounds corners" if result["stops"] else ""
-        more = f" from rest to rest, {result['cycle_time']:.4g} s a cycle{stops}"
+        more = f" from rest to rest, {result['cycle_time']:.4g} s per cycle{stops}"
     elif result["slowed_by"] > 1.0001:
         more = f", slowed down by {result['slowed_by']:.3g} to keep the speed limits"
     tell(f"time            {result['duration']:.4g} s{more}")

@@ -61,7 +61,7 @@ def read(path: str | Path, kinds: Mapping[str, type[Sealed]]) -> Any:
         if head.schema > SCHEMA:
             raise InputError(
                 f"{where} was written by repctl-pin {head.written_by} with schema {head.schema}, and this is "
-                f"{__version__}, which reads up to {SCHEMA}; upgrade: pip install -U repctl-pin"
+                f"{__version__}, which reads up to {SCHEMA}; upgrade repctl-pin"
             )
         if head.schema < 1:
             raise InputError(f"{where} is not a design file: there is no schema {head.schema}")

@@ -16,7 +16,7 @@ try:
     from pink import Configuration
     from pink.tasks import Task as PinkTask
 except ImportError as error:
-    raise ImportError("this needs pink: pip install 'repctl-pin[pink]'") from error
+    raise ImportError("this needs pink: pip install pin-pink") from error
 
 Array = NDArray[np.float64]
 

@@ -80,4 +80,4 @@ def approach(
                 "configuration, or give bodies=False if they do not"
             )
     line = begin + share * (end - begin)
-    return rest_to_rest(line, task.robot_joints, positive(rate, "rate", "samples a second"), limits)
+    return rest_to_rest(line, task.robot_joints, positive(rate, "rate", "samples per second"), limits)

@@ -167,7 +167,7 @@ def timed(
     """
     wanted(motion, Motion, "motion", "a motion, such as rp.follow makes")
     limits = limits_of(motion.task, velocity, acceleration, torque=flag(torque, "torque"))
-    rate = positive(rate, "rate", "samples a second")
+    rate = positive(rate, "rate", "samples per second")
     Q, steps = motion.joints(motion.q), motion.steps
     once = Q[: steps + 1]
     closed = np.abs(Q - np.vstack([np.tile(once[:-1], (motion.cycles, 1)), once[:1]])).max() < CLOSED
@@ -261,14 +261,14 @@ def _sampled(
     if len(marks) > 3:  # a steady cycle takes a whole number of samples
         steady = float(marks[2] - marks[1])
         if not steady / dt < MOST_STEPS:
-            raise InputError(f"a cycle of {steady:.3g} s at {rate:g} samples a second is too much; lower the rate")
+            raise InputError(f"a cycle of {steady:.3g} s at {rate:g} samples per second is too much; lower the rate")
         period = int(np.ceil(steady / dt - 1e-6))
         factor *= period * dt / steady
         marks = profile.marks * factor
     moment = min(dt, _MOMENT)
     lead = int(np.ceil(2 * moment / dt - 1e-9))
     if not marks[-1] / dt + (more * period) + 2 * lead < MOST_STEPS:
-        raise InputError(f"{marks[-1]:.3g} s at {rate:g} samples a second are over {MOST_STEPS:,}; lower the rate")
+        raise InputError(f"{marks[-1]:.3g} s at {rate:g} samples per second are over {MOST_STEPS:,}; lower the rate")
     samples = int(np.ceil(marks[-1] / dt - 1e-9)) + 2 * lead + 1
     clock = np.linspace(-lead, samples - 1 - lead, samples) * dt
     back, before, q, after, beyond = (profile.positions((clock + k * moment) / factor) for k in (-2, -1, 0, 1, 2))

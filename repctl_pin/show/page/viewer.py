@@ -82,7 +82,7 @@ class Viewer:
         port: int = 0,
     ) -> None:
         if isinstance(names, str) or not names:
-            raise InputError("a viewer wants the controls' names, one a pane, such as ['J⁺', 'ours']")
+            raise InputError("a viewer needs the controls' names, one per pane, such as ['J⁺', 'ours']")
         self.task, self.names, self.offset = task, tuple(names), np.zeros(3)
         self._visuals = Visuals.of(task.robot)
         self._first: Array | None = None

@@ -78,7 +78,7 @@ def summary(study: Study) -> list[str]:
         if row.motion is not None and row.body_distance is not None
     ]
     if near:
-        out.append(f"The least distance between bodies, at 100 points a cycle: {'; '.join(near)}.")
+        out.append(f"The least distance between bodies, at 100 points per cycle: {'; '.join(near)}.")
     times = [
         f"{row.label} {row.cycle_time:.3f} s{'' if row.motion.closes else ' (does not close)'}"
         for row in study.rows
