@@ -206,7 +206,7 @@ def test_a_path_of_ones_own_class_will_do(given: Given) -> None:
 def test_every_function_at_the_door_says_what_it_returns() -> None:
     functions = [getattr(rp, name) for name in dir(rp) if inspect.isfunction(getattr(rp, name))]
     assert len(functions) > 15
-    silent = [f.__name__ for f in functions if "\n    Returns\n    -------\n" not in (f.__doc__ or "")]
+    silent = [f.__name__ for f in functions if "\nReturns\n-------\n" not in (inspect.getdoc(f) or "")]
     assert silent == []
 
 

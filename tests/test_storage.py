@@ -224,7 +224,7 @@ def test_a_file_without_a_fingerprint_is_refused(saved) -> None:
 
 
 def test_a_newer_schema_is_refused_with_a_remedy(saved) -> None:
-    with pytest.raises(rp.InputError, match=r"schema 2.*reads up to 1; upgrade: pip install -U"):
+    with pytest.raises(rp.InputError, match=r"schema 2.*reads up to 1; upgrade repctl-pin"):
         rp.load(edited(saved, schema=2, written_by="9.0"))
 
 

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import argparse
+import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
+
+if TYPE_CHECKING:
+    from concurrent.futures import Executor
 
 BLAS_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 """Where the libraries of linear algebra read how many threads they may use, when they are loaded."""
@@ -34,9 +38,9 @@ def executor_of(options: argparse.Namespace) -> Iterator[Any]:
 
         # each worker does its own share: BLAS threads on top would only slow it down
         os.environ.update(dict.fromkeys(BLAS_THREADS, "1"))
-        context = multiprocessing.get_context("spawn")
-        pool = ProcessPoolExecutor(options.processes, mp_context=context, initializer=_ignore_interrupt)
+        pool = ProcessPoolExecutor(options.processes, mp_context=multiprocessing.get_context("spawn"))
         try:
+            _start(pool, options.processes)
             yield pool
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
@@ -44,8 +48,11 @@ def executor_of(options: argparse.Namespace) -> Iterator[Any]:
         yield None
 
 
-def _ignore_interrupt() -> None:
-    """Leave Ctrl-C to the process that started the workers."""
-    import signal
-
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+def _start(pool: Executor, processes: int) -> None:
+    """Start the workers without Ctrl-C, from their first moment on: it is for the process that starts them."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        for _ in range(processes):
+            pool.submit(int)
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
