@@ -134,7 +134,7 @@ def touching(cell: Cell, U: Array, distances: Array, links: tuple[str, str], sha
 def round_the_base(cell: Cell) -> str:
     """Say so where the axis of the arm's first turning joint passes through the box of positions; else nothing."""
     task = cell.task
-    turning = np.flatnonzero(task.revolute) if task.coordinates is None else np.zeros(0, int)
+    turning = np.flatnonzero(task.revolute)
     if not len(turning) or turning[0] != 0:
         return ""
     q = np.array(task.reference)
