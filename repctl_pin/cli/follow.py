@@ -91,7 +91,7 @@ def run(options: argparse.Namespace) -> int:
     say("starting up")
     from ..files import write_whole
     from ..motion import best_leaf, follow, timed
-    from ..motion.csv_file import csv_text, timed_csv_text
+    from ..motion.csv_file import csv_text
     from ..motion.violations import refuse_violations
     from ..motion.yaml_file import commanded, yaml_text
     from ..robot.bodies import bodies_of
@@ -116,19 +116,18 @@ def run(options: argparse.Namespace) -> int:
     motion = replace(motion, region=setting.region)
     slowed = (commanded(motion, strategy) if lock else motion).retimed()
     result = _result(slowed, motion.t[-1], q0, notes)
-    contents: dict[str | None, Callable[[], str | bytes]] = {
-        options.csv: lambda: csv_text(slowed),
-        options.yaml: lambda: yaml_text(slowed),
-    }
+    rest: TimedMotion | None = None
     if options.acceleration is not None:
         say("timing the motion")
         rest = timed(motion, acceleration=_accelerations(options.acceleration), rate=options.rate or 1000.0)
         result |= {"duration": rest.duration, "slowed_by": None, "cycle_time": rest.cycle_time, "stops": rest.stops}
-        contents = {
-            options.csv: lambda: timed_csv_text(rest),
-            options.yaml: lambda: yaml_text(rest),
-            options.profile: lambda: _drawn(rest),
-        }
+    written = slowed if rest is None else rest
+    contents: dict[str | None, Callable[[], str | bytes]] = {
+        options.csv: lambda: csv_text(written),
+        options.yaml: lambda: yaml_text(written),
+    }
+    if rest is not None:
+        contents[options.profile] = lambda: _drawn(rest)
     remedy = _remedy(slowed, repeatable=isinstance(strategy, RepeatableInverse) and found is None)
     if (options.csv or options.yaml) and not options.allow_violations:
         refuse_violations(slowed, f"try {remedy}; --allow-violations writes it anyway")

@@ -51,13 +51,13 @@ class Recorded:
     t: Array | None = None
 
 
-def csv_text(motions: Motion | Iterable[tuple[str, Motion]], *, most: int | None = None) -> str:
+def csv_text(motions: Motion | TimedMotion | Iterable[tuple[str, Motion]], *, most: int | None = None) -> str:
     """Write motions of one task as CSV: s, rad or m, rad/s or m/s; cycles are counted from 0, in fractions.
 
     Parameters
     ----------
     motions
-        One motion, or several, each with the name of its strategy.
+        One motion, or several, each with the name of its strategy; a timed one as :func:`timed_csv_text` does.
     most
         At most so many rows of a cycle, cycle ends included; by default all, and every digit of each number.
 
@@ -66,6 +66,8 @@ def csv_text(motions: Motion | Iterable[tuple[str, Motion]], *, most: int | None
     InputError
         If two columns would have one name: a joint is called ``time``, or ``a_velocity`` beside ``a``.
     """
+    if isinstance(motions, TimedMotion):
+        return timed_csv_text(motions)
     named = list(motions) if isinstance(motions, Iterable) else [("", motions)]
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")

@@ -7,7 +7,7 @@ from pathlib import Path
 from ..arguments import file_name, flag, wanted
 from ..errors import InputError
 from ..files import write_whole
-from .csv_file import csv_text, timed_csv_text
+from .csv_file import csv_text
 from .motion import Motion
 from .timing import TimedMotion
 from .violations import refuse_violations
@@ -50,6 +50,4 @@ def write_motion(motion: Motion | TimedMotion, file: str | Path, *, allow_violat
     followed = motion.motion if isinstance(motion, TimedMotion) else motion
     if followed is not None and not flag(allow_violations, "allow_violations"):
         refuse_violations(followed, "choose another start or path; allow_violations=True writes it anyway")
-    if path.suffix != ".csv":
-        return write_whole(path, yaml_text(motion))
-    return write_whole(path, timed_csv_text(motion) if isinstance(motion, TimedMotion) else csv_text(motion))
+    return write_whole(path, csv_text(motion) if path.suffix == ".csv" else yaml_text(motion))
