@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import io
-import logging
 import os
 import shlex
 import sys
@@ -40,7 +39,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         for variable in BLAS_THREADS:
             os.environ.setdefault(variable, "1")
         os.environ["MPLBACKEND"] = "agg"  # no window is opened, whatever a person's programs open
-        logging.getLogger("matplotlib").setLevel(logging.ERROR)
         # of libraries: they are for programmers
         warnings.simplefilter("ignore", Warning if not sys.warnoptions else DeprecationWarning)
         for stream in (sys.stdout, sys.stderr):  # None where it is closed
@@ -54,6 +52,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     def run() -> int:
         options = parser().parse_all(arguments)
         options.command_line = shlex.join(["repctl", *arguments])
+        if argv is None:
+            import logging  # --help has no need of it
+
+            logging.getLogger("matplotlib").setLevel(logging.ERROR)
         return options.run(options)
 
     return told(run, [word for word in arguments if word != "--debug"], debug="--debug" in arguments)
