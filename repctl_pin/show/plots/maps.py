@@ -62,9 +62,7 @@ def joint_map(
         shading="nearest",
         rasterized=True,
     )
-    if shown.count() and np.ptp(shown) > 0.1 * (
-        top or float(np.abs(shown).max())
-    ):  # else all would read nearly the same
+    if shown.count() and np.ptp(shown) > 0.1 * (top or np.abs(shown).max()):  # else all lines would read alike
         lines = ax.contour(x, y, shown, levels=6, colors="white", linewidths=0.7, alpha=0.85)
         digits = max(0, 1 - int(np.floor(np.log10(np.ptp(np.array(lines.levels)) / 6))))
         for value in ax.clabel(lines, fmt=lambda v: f"{v:.{digits}f}", fontsize=7):

@@ -110,9 +110,9 @@ def study_legend(study: Study) -> str:
     """Say what the words of :func:`study_cells` mean."""
     desired = _desired(study)
     return (
-        f"! a limit is broken, or two bodies touch (checked at 100 points per cycle). Joint "
-        f"speed: ‖q̇‖, root mean square. Time: the first cycle from rest to "
-        f"rest, as fast as the speed limits and these accelerations allow: {study.setting['accelerations']}; "
+        "! a limit is broken, or two bodies touch (checked at 100 points per cycle). Joint speed: ‖q̇‖, root mean "
+        "square. Time: the first cycle from rest to rest, as fast as the speed limits and these accelerations allow: "
+        f"{study.setting['accelerations']}; "
         f"≠ the cycle does not close. Leaf margin: the smallest σ_min(Nᵀ V̂) along the path; 1 is best, 0 is singular. "
         f"Distance: ‖G − {desired}‖ / ‖{desired}‖, averaged over Ω. Posture: J⁺ with a pull towards the start's joints "
         "in its null space; other posture: towards other joints, to which it moves first. Both settle on a closed "
