@@ -7,15 +7,14 @@ from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..arguments import Array
 from ..section import InverseFunction
 from ..section.chart import Chart
 from ..section.field import SectionField
 from ..strategies.repeatable import RepeatableInverse
 from .compiled_loop import GIVEN_LEAF, NAME, call_memory, compiled_loop, library
-
-Array = NDArray[np.float64]
 
 
 class CompiledFunction(InverseFunction):

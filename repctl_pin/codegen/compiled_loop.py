@@ -10,9 +10,9 @@ from math import inf
 import numpy as np
 import pinocchio as pin
 from numpy import ndarray
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from ..arguments import FLOAT, NUMBER, positive, vector, wanted
+from ..arguments import FLOAT, NUMBER, Array, positive, vector, wanted
 from ..errors import SingularityError
 from ..fields.field import FieldMap
 from ..robot.task import Task
@@ -22,8 +22,6 @@ from ..strategies.repeatable import RepeatableInverse
 from .build import NoCompilerError, shared_library
 from .source import write_source
 from .text import filled
-
-Array = NDArray[np.float64]
 
 NAME = "repctl_control"
 _WHOLE_STEP = -1.0

@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
-from ..arguments import file_name, wanted
+from ..arguments import Array, file_name, wanted
 from ..errors import InputError
 from ..files import prepare_folder, write_whole
 from ..regions import Region
@@ -20,8 +19,6 @@ from ..strategies.repeatable import RepeatableInverse
 from .source import about, write_source
 from .text import checked_name, filled, pose, row, value, whole
 from .vectors import BAD_NUMBER, OUTSIDE, STATUS, Vector, answers, asked, targets, vectors
-
-Array = NDArray[np.float64]
 
 
 def export_c(

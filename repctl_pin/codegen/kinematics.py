@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from ..arguments import Array
 from ..robot.task import Task
 from .expressions import Expression, Graph, assignments
 
-Array = NDArray[np.float64]
 Vector = list[Expression]
 Matrix = list[Vector]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arguments import Array
 from ..errors import InputError
 from ..fields.field import FieldMap
 from ..fields.fourier import FourierMap
@@ -18,7 +18,6 @@ from .expressions import number
 from .section import section_potentials
 from .text import filled, row, table, whole
 
-Array = NDArray[np.float64]
 Powers = tuple[int, ...]
 Written = PolynomialMap | FourierMap | SectionField
 

@@ -7,14 +7,12 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from ..arguments import Array
 from ..errors import InputError, SingularityError
 from ..regions import Region
 from ..section import InverseFunction
 from ..strategies.repeatable import RepeatableInverse
-
-Array = NDArray[np.float64]
 
 STATUS = ("OK", "SINGULAR", "BAD_NUMBER", "OUTSIDE")
 OK, SINGULAR, BAD_NUMBER, OUTSIDE = range(4)

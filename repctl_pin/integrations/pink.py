@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from ..arguments import vector, wanted
+from ..arguments import Array, vector, wanted
 from ..errors import InputError
 from ..strategies import RepeatableInverse
 
@@ -17,8 +17,6 @@ try:
     from pink.tasks import Task as PinkTask
 except ImportError as error:
     raise ImportError("this needs pink: pip install pin-pink") from error
-
-Array = NDArray[np.float64]
 
 
 class RepeatableTask(PinkTask):

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from ..arguments import MOST_STEPS, wanted, whole
+from ..arguments import MOST_STEPS, Array, wanted, whole
 from ..errors import InputError, SingularityError
 from ..redundancy import leaf_margin, nullspace
 from ..regions import Bounded
@@ -20,8 +20,6 @@ from .motion import Motion
 from .paths import TaskPath, closed_path
 from .solve_ik import solve_ik
 from .violations import violations_of
-
-Array = NDArray[np.float64]
 
 _STRIDE = 0.1
 """Of the walk along the self-motion, rad; of prismatic joints in lengths of the arm."""

@@ -10,15 +10,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arguments import Array
 from ..errors import InputError
 from ..files import read_whole
 from .joint_motion import rows_of
 from .motion import Motion
 from .timing import TimedMotion
-
-Array = NDArray[np.float64]
 
 _SUFFIX = re.compile("_(velocity|acceleration)$")
 _BESIDE = ("strategy", "cycle", "time")

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arguments import Array
 from ..errors import InputError, SingularityError
 from ..regions import Bounded
 from ..robot.length import arm_length
@@ -15,8 +15,6 @@ from ..strategies import Pseudoinverse, Strategy
 from .follow import follow
 from .paths import TaskPath
 from .shapes import circle
-
-Array = NDArray[np.float64]
 
 _RADII = (0.5, 0.3, 0.2, 0.1, 0.05, 0.03, 0.02, 0.01)
 _SMALL = (0.005, 0.003, 0.002, 0.001)

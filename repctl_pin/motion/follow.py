@@ -6,9 +6,9 @@ from collections.abc import Callable
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from ..arguments import chosen, function, positive, vector, whole
+from ..arguments import Array, chosen, function, positive, vector, whole
 from ..errors import InputError, SingularityError
 from ..robot.length import joint_scale
 from ..robot.task import Task, wanted_task
@@ -16,8 +16,6 @@ from ..strategies import FunctionStrategy, OnLeaves, Strategy
 from ..strategies.control_step import speeds
 from .motion import Motion
 from .paths import ClosedPath, TaskPath, closed_path
-
-Array = NDArray[np.float64]
 
 # Butcher tableaux: nodes c, matrix A (lower triangle, row by row), weights b.
 INTEGRATORS: dict[str, tuple[tuple[float, ...], tuple[tuple[float, ...], ...], tuple[float, ...]]] = {

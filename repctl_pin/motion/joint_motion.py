@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import stacks, whole
+from ..arguments import Array, stacks, whole
 from ..errors import InputError
 from ..robot.bodies import Nearest, bodies_of
 from ..robot.task import Task
@@ -17,7 +17,6 @@ from ..robot.task import Task
 if TYPE_CHECKING:
     from typing_extensions import Self
 
-Array = NDArray[np.float64]
 
 COARSE = 100
 """Points of a cycle, at most, at which studies and pages look at bodies."""

@@ -6,13 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..arguments import Array
 from ..errors import SingularityError
 from ..strategies import OnLeaves, Strategy
 from .paths import TaskPath
-
-Array = NDArray[np.float64]
 
 STEP = 0.004
 """Time of a step, s."""

@@ -5,15 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from ..arguments import positive
+from ..arguments import Array, positive
 from ..regions import Bounded
 from ..strategies.control_step import speeds
 from .joint_motion import JointMotion
 from .paths import TaskPath
-
-Array = NDArray[np.float64]
 
 CLOSED = 1e-6
 """A motion that comes back so near, rad or m, is taken as closed: the rest is the integrator's error."""

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation, RotationSpline
 
+from ..arguments import Array
 from ..errors import InputError
 
-Array = NDArray[np.float64]
 Turning = Callable[[float], Array]
 """A function of s."""
 

@@ -9,14 +9,11 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ..arguments import MOST_STEPS, finite, function, list_of, positive, vector, wanted, whole
+from ..arguments import MOST_STEPS, Array, finite, function, list_of, positive, vector, wanted, whole
 from ..errors import InputError
 from .orientation import rotation_matrix, spin_of
-
-Array = NDArray[np.float64]
 
 
 @runtime_checkable

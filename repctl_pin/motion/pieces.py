@@ -9,13 +9,11 @@ from typing import Any
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from ..arguments import Array
 from ..errors import InputError
 from .paths import TaskPath
-
-Array = NDArray[np.float64]
 
 _DEGREES = (1, 2, 4, 8, 16, 32, 64)
 _EXACT = 1e-12

@@ -8,16 +8,14 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from ..arguments import list_of, positive
+from ..arguments import Array, list_of, positive
 from ..errors import InputError
 from ..robot.task import Task, wanted_task
 from .orientation import rotation_matrix, smooth_turning
 from .paths import TaskPath
-
-Array = NDArray[np.float64]
 
 MOST_POINTS = 3000
 """Corners of one path: every one is a step of every cycle at least, so a study of them takes half a minute."""

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arguments import Array
 from ..errors import InputError, needed
 
-Array = NDArray[np.float64]
 InverseDynamics = Callable[[Array, Array, Array], Array]
 """q, q̇, q̈ → τ."""
 

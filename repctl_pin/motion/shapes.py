@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from ..arguments import finite, positive, shown, vector, wanted, whole
+from ..arguments import Array, finite, positive, shown, vector, wanted, whole
 from ..errors import InputError
 from ..robot.task import Task, wanted_task
 from .orientation import facing, turning_about
 from .paths import TaskPath
-
-Array = NDArray[np.float64]
 
 PLANES: dict[str, tuple[int, int]] = {"xy": (0, 1), "yz": (1, 2), "xz": (0, 2)}
 _MOST_PETALS = 1001

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from ..arguments import MOST_STEPS, flag, positive, vector, wanted, whole
+from ..arguments import MOST_STEPS, Array, flag, positive, vector, wanted, whole
 from ..errors import InputError, SingularityError
 from ..redundancy.inverses import pseudoinverse
 from ..robot.length import arm_length
 from ..robot.task import Task, wanted_task
 from .paths import TaskPath
-
-Array = NDArray[np.float64]
 
 _THERE = 1e-9
 """Task error, m and rad, of a point that is reached."""

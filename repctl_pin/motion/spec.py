@@ -7,9 +7,8 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..arguments import wanted
+from ..arguments import Array, wanted
 from ..errors import InputError
 from ..plugins import plugin, registered
 from ..robot.task import Task
@@ -19,7 +18,6 @@ from .polyline import MOST_POINTS, polygon
 from .shapes import PLANES, figure_eight, rose
 from .waypoint_file import number, waypoint_path
 
-Array = NDArray[np.float64]
 PathMaker = Callable[[Task, Array], TaskPath]
 Drawn = Callable[[Task, Array, str], TaskPath]
 """(task, q0, plane) → path."""

@@ -7,16 +7,14 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from ..arguments import MOST_STEPS, flag, positive, spread, wanted, whole
+from ..arguments import MOST_STEPS, Array, flag, positive, spread, wanted, whole
 from ..errors import InputError
 from ..robot.task import Task
 from ..urdf.checks import NO_EFFORT
 from .motion import CLOSED, Motion
 from .profile import STAGES, Limits, Profile, corners_of, fastest
-
-Array = NDArray[np.float64]
 
 PRESETS: dict[str, tuple[tuple[float, ...], str]] = {
     "panda": ((15, 7.5, 10, 12.5, 15, 20, 20), "frankaemika.github.io/docs/control_parameters.html, limits for Panda"),

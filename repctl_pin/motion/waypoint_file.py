@@ -10,16 +10,14 @@ from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from ..arguments import file_name
+from ..arguments import Array, file_name
 from ..errors import InputError
 from ..files import read_whole
 from ..robot.task import Task
 from .paths import TaskPath
 from .polyline import MOST_POINTS, waypoints
-
-Array = NDArray[np.float64]
 
 _POINT, _TURN, _TIME = ("x", "y", "z"), ("qx", "qy", "qz", "qw"), ("time",)
 _LAYOUTS = (_POINT, _POINT + _TURN, _POINT + _TIME, _POINT + _TURN + _TIME)

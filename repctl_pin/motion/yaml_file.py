@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arguments import Array
 from ..strategies import Strategy
 from .motion import Motion
 from .timing import TimedMotion
-
-Array = NDArray[np.float64]
 
 
 def commanded(motion: Motion, strategy: Strategy) -> Motion:

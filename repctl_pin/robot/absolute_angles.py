@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arguments import Array
 from ..errors import InputError
 from .task import Task, wanted_task
-
-Array = NDArray[np.float64]
 
 
 def absolute_angles(task: Task) -> Array:

@@ -5,9 +5,8 @@ from __future__ import annotations
 from math import atan2, hypot, pi
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from ..arguments import Array
 
 
 def axis_turn(R: Array, goal: Array) -> Array:

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import rows, wanted
+from ..arguments import Array, rows, wanted
 from ..errors import InputError
 from ..urdf.catalogue import disabled_pairs
 from ..urdf.shapes import Solid
@@ -19,7 +19,6 @@ from .body_bounds import BodyBounds
 from .body_shapes import BodyShape, body_shape, fixed_placements, origin, touch
 from .task import Task
 
-Array = NDArray[np.float64]
 Pair = tuple[str, str]
 
 _SAMPLES = 100

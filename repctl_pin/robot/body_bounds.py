@@ -6,9 +6,9 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from ..arguments import Array
 from .joint_placements import JointPlacements
 
-Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 _TELLING = 1e-6

@@ -12,12 +12,11 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from ..arguments import Array
 from ..errors import needed
 from ..urdf.gate import Description
 from ..urdf.meshes import find_mesh
 from ..urdf.shapes import Solid
-
-Array = NDArray[np.float64]
 
 _LARGEST = 100_000_000
 """Bytes of a mesh file that is still read."""

@@ -6,11 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arguments import Array
 from ..urdf.gate import Joint
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from ..arguments import Array
 
 
 def chain_hessians(twists: Array, R: Array | None = None) -> Array:

@@ -11,14 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 from scipy.linalg.blas import daxpy, dcopy
 
+from ..arguments import Array
 from .axis import axis_turn
 from .model import SHARED
 from .task import Task
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -6,11 +6,10 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from ..arguments import Array
 from ..urdf.catalogue import Entry
 from ..urdf.gate import Description, Joint
 from .coupling import Coupling
-
-Array = NDArray[np.float64]
 
 
 class Mechanism:

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.linalg.blas import ddot
 
-from ..arguments import FLOAT, numbers, rows, stacks, vector, wanted
+from ..arguments import FLOAT, Array, numbers, rows, stacks, vector, wanted
 from ..errors import InputError
 from .axis import axis_turn
 from .chain import path_between, seen_from
@@ -20,8 +20,6 @@ from .coupling import Coupling
 from .hessian import chain_hessians
 from .mechanism import Mechanism
 from .model import frame_id, frame_jacobian, lock_joints
-
-Array = NDArray[np.float64]
 
 KINDS: dict[str, tuple[int, ...]] = {
     "pose": (0, 1, 2, 3, 4, 5),

@@ -15,6 +15,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import Array
 from ..errors import InputError
 from ..urdf.meshes import find_mesh
 from ..urdf.shapes import Color
@@ -23,8 +24,6 @@ from .coupling import Coupling
 from .mechanism import Mechanism
 from .model import frame_id
 from .skeleton import skeleton
-
-Array = NDArray[np.float64]
 
 PLAIN: Color = (0.80, 0.82, 0.85, 1.0)
 """The colour of a shape whose URDF names none."""
