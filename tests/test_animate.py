@@ -16,7 +16,7 @@ import repctl_pin as rp
 from repctl_pin.cli import main, parser
 from repctl_pin.files import write_whole
 from repctl_pin.motion.csv_file import csv_text, read_motions
-from repctl_pin.motion.yaml_file import yaml_text
+from repctl_pin.motion.write_motion import yaml_text
 from repctl_pin.robot.visuals import Visuals
 from repctl_pin.show.page.playback import Limb, Track, read_tracks, track_of, tracks_page
 from repctl_pin.show.page.scene import choose_frames, poses_of

@@ -14,7 +14,7 @@ from arms import chain_with_bodies
 import repctl_pin as rp
 from repctl_pin.robot import body_shapes
 from repctl_pin.robot.bodies import Nearest
-from repctl_pin.robot.joint_placements import JointPlacements
+from repctl_pin.robot.body_bounds import JointPlacements
 
 
 @pytest.fixture

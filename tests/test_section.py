@@ -71,7 +71,7 @@ def test_rotations_by_the_batch_agree_with_pinocchio() -> None:
         assert np.allclose(J, pin.Jexp3(w).T)  # the left one is the transpose of Pinocchio's right one
         assert np.allclose(log3(R[None])[0], pin.log3(R))
     goal = exp3(omega[::-1])
-    from repctl_pin.robot.axis import axis_turn
+    from repctl_pin.robot.formulas import axis_turn
 
     for R, aim, turn in zip(exp3(omega), goal, tilts(exp3(omega), goal), strict=True):
         assert np.allclose(turn, axis_turn(R, aim))

@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 import repctl_pin as rp
 from repctl_pin.design.schema import DesignFile, Figures
 from repctl_pin.design.storage import _checksum
-from repctl_pin.motion.cycle import Cycle
+from repctl_pin.motion.paths import Cycle
 from repctl_pin.motion.pieces import pieces_of
 
 

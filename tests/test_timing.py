@@ -17,7 +17,7 @@ import repctl_pin as rp
 from repctl_pin.motion.csv_file import csv_text, read_motions, timed_csv_text
 from repctl_pin.motion.spec import parse_path
 from repctl_pin.motion.timing import PRESETS
-from repctl_pin.motion.yaml_file import yaml_text
+from repctl_pin.motion.write_motion import yaml_text
 
 PANDA = np.array(PRESETS["panda"][0], float)
 Q3 = np.array([0.3, 0.8, 0.8])

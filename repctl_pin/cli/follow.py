@@ -93,7 +93,7 @@ def run(options: argparse.Namespace) -> int:
     from ..motion import best_leaf, follow, timed
     from ..motion.csv_file import csv_text
     from ..motion.violations import refuse_violations
-    from ..motion.yaml_file import commanded, yaml_text
+    from ..motion.write_motion import commanded, yaml_text
     from ..robot.bodies import bodies_of
     from ..show.text.table import outside_words
     from ..strategies import OnLeaves, RepeatableInverse

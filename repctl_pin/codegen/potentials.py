@@ -1,4 +1,4 @@
-"""Potentials h(q) and their gradients as C: tables of numbers, and one loop over each."""
+"""Potentials h(q), their gradients, and a cell's function q = F(x; c) as C: tables of numbers, and loops over them."""
 
 from __future__ import annotations
 
@@ -13,10 +13,11 @@ from ..fields.fourier import FourierMap
 from ..fields.joined import SumMap
 from ..fields.partial import PartialMap
 from ..fields.polynomial import PolynomialMap
+from ..section import InverseFunction
+from ..section.chart import Chart
 from ..section.field import SectionField
 from .expressions import number
-from .section import section_potentials
-from .text import filled, row, table, whole
+from .text import filled, pose, row, table, whole
 
 Powers = tuple[int, ...]
 Written = PolynomialMap | FourierMap | SectionField
@@ -51,15 +52,13 @@ def field_functions(field: FieldMap, n: int, name: str) -> list[str]:
     return written
 
 
-def _flat(
-    field: FieldMap, joints: Sequence[int]
-) -> list[tuple[PolynomialMap | FourierMap | SectionField, Sequence[int]]]:
+def _flat(field: FieldMap, joints: Sequence[int]) -> list[tuple[Written, Sequence[int]]]:
     """Take sums and parts apart: plain potentials, each with the joints that it is a function of."""
     if isinstance(field, SumMap):
         return [found for part in field.maps for found in _flat(part, joints)]
     if isinstance(field, PartialMap):
         return _flat(field.part, [joints[int(v)] for v in field.variables])
-    if isinstance(field, (PolynomialMap, FourierMap, SectionField)):
+    if isinstance(field, Written):
         return [(field, joints)]
     raise InputError(
         f"potentials of the kind {type(field).__name__} cannot be written as C, for they hold functions; polynomials, "
@@ -126,4 +125,40 @@ def _fourier(field: FourierMap) -> dict[str, object]:
         "count": len(weights),
         "waves": table(field.waves[used]),
         "weights": table(weights.reshape(len(weights), -1)),
+    }
+
+
+def section_potentials(chart: Chart, name: str, index: int) -> str:
+    """Write ``h(q) = n_ref(u)ᵀ (q − q_ref(u))`` and its gradient as a C function, and the tables that it reads.
+
+    Parameters
+    ----------
+    chart
+        q_ref and n_ref.
+    name, index
+        What all names begin with, and the function's own number.
+    """
+    kind = chart.cell.task.kind
+    rates = f"rates_{kind if kind in ('pose', 'axis') else 'position'}.c"
+    return filled("section.c", name, {"number": index, "rates": filled(rates, name, {}), **_tables(chart)})
+
+
+def function_code(function: InverseFunction, name: str) -> str:
+    """Write F as a C function; its limits are infinite where it does not keep them."""
+    task = function.task
+    lower, upper = (task.lower, task.upper) if function.keep_limits else (np.full(task.n, s * np.inf) for s in (-1, 1))
+    return filled("function.c", name, {"lower": row(lower), "upper": row(upper), **_tables(function.chart)})
+
+
+def _tables(chart: Chart) -> dict[str, object]:
+    cell, monomials = chart.cell, chart.monomials
+    return {
+        "k": cell.k,
+        "count": monomials.size,
+        "middle": pose(cell.placement),
+        "widths": row(cell.widths),
+        "moved": whole(np.flatnonzero(cell.widths)),
+        "parents": whole(monomials.parent),
+        "factors": whole(monomials.variable),
+        "weights": table(chart.coefficients.reshape(monomials.size, -1)),
     }

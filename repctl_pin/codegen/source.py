@@ -12,8 +12,7 @@ from ..robot.task import Task
 from ..section import InverseFunction
 from ..strategies.repeatable import RepeatableInverse
 from .kinematics import Chain
-from .potentials import field_functions
-from .section import function_code
+from .potentials import field_functions, function_code
 from .text import comment, filled, row, table, whole
 
 _MEANING = {

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..fields.field import Field
-from ..motion.cycle import Cycle
+from ..motion.paths import Cycle
 from ..regions import Region
 from ..robot.task import Task
 from ..strategies.repeatable import RepeatableInverse

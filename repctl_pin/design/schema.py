@@ -9,7 +9,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..fields import Field, Fourier, Joined, Polynomial
-from ..motion.cycle import Cycle
+from ..motion.paths import Cycle
 from ..motion.pieces import Piece, path_of, pieces_of
 from ..regions import Box, Region, Tube, WorkspaceBox
 from ..robot.task import Task

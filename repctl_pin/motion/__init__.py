@@ -1,8 +1,8 @@
 """Closed paths, and what a strategy does on them."""
 
+from ..robot.length import elbow
 from .approach import approach
 from .best_leaf import BestLeaf, best_leaf
-from .elbow import elbow
 from .follow import check_length, follow
 from .motion import Motion
 from .paths import ClosedPath, TaskPath, closed_path

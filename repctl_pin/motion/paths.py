@@ -210,3 +210,22 @@ def _difference(a: pin.SE3, b: pin.SE3) -> Array:
 
 def _short(values: Array) -> str:
     return "(" + ", ".join(f"{v:.3g}" for v in values) + ")"
+
+
+@dataclass(frozen=True)
+class Cycle:
+    """One cycle of a closed motion.
+
+    Attributes
+    ----------
+    start : (n,) array
+        Where the joints begin and end, rad or m.
+    path : TaskPath
+        What the frame follows.
+    period : float
+        Time of the cycle, s.
+    """
+
+    start: Array
+    path: TaskPath
+    period: float

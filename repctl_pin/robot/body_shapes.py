@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from ..arguments import Array
 from ..errors import needed
 from ..urdf.gate import Description
-from ..urdf.meshes import find_mesh
-from ..urdf.shapes import Solid
+from ..urdf.shapes import Solid, find_mesh
 
 _LARGEST = 100_000_000
 """Bytes of a mesh file that is still read."""

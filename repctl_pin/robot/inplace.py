@@ -14,7 +14,7 @@ import pinocchio as pin
 from scipy.linalg.blas import daxpy, dcopy
 
 from ..arguments import Array
-from .axis import axis_turn
+from .formulas import axis_turn
 from .model import SHARED
 from .task import Task
 

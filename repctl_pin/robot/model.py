@@ -1,14 +1,15 @@
-"""Around oddities of Pinocchio: finding a frame by name, holding joints still, the Jacobian of a single joint."""
+"""Around Pinocchio's models: a frame by name, joints held still, the chain between two links, its Jacobian."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from ..arguments import Array
 from ..errors import unknown
+from ..urdf.gate import Joint
 
 SHARED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
@@ -28,7 +29,7 @@ def frame_id(model: pin.Model, name: str) -> int:
     return ids[name]
 
 
-def lock_joints(model: pin.Model, ids: Sequence[int], posture: NDArray[np.float64]) -> pin.Model:
+def lock_joints(model: pin.Model, ids: Sequence[int], posture: Array) -> pin.Model:
     """Build the reduced model, some joints held at a posture.
 
     Pinocchio looks locked joints up by name among all frames and raises where a link has a joint's name, so
@@ -48,16 +49,58 @@ def lock_joints(model: pin.Model, ids: Sequence[int], posture: NDArray[np.float6
     return reduced
 
 
-def frame_jacobian(
-    model: pin.Model, data: pin.Data, frame: int
-) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
+def frame_jacobian(model: pin.Model, data: pin.Data, frame: int) -> Callable[[Array], Array]:
     """Make the function q → a frame's Jacobian (6, nv), world axes, into Pinocchio's own memory."""
     evaluate = pin.computeFrameJacobian
 
-    def jacobian(q: NDArray[np.float64]) -> NDArray[np.float64]:
+    def jacobian(q: Array) -> Array:
         return evaluate(model, data, q, frame, SHARED)
 
-    def single(q: NDArray[np.float64]) -> NDArray[np.float64]:  # Pinocchio gives (6,)
+    def single(q: Array) -> Array:  # Pinocchio gives (6,)
         return jacobian(q).reshape(6, 1)
 
     return jacobian if model.nv != 1 else single
+
+
+def path_between(model: pin.Model, base: int, frame: int) -> tuple[list[int], list[int]]:
+    """List the joints from the base's frame up to where the two branches meet, and from there down to the other."""
+    up, down = ([int(j) for j in model.supports[model.frames[f].parentJoint] if j > 0] for f in (base, frame))
+    shared = set(up) & set(down)
+    return [j for j in reversed(up) if j not in shared], [j for j in down if j not in shared]
+
+
+def seen_from(model: pin.Model, base: int, frame: int, joints: Mapping[str, Joint]) -> tuple[pin.Model, int]:
+    """Make the serial chain from one frame of a tree to another, with the first one held still.
+
+    A joint that is passed from its child to its parent turns about its axis the other way:
+    ``(P E(q))⁻¹ = E(−q) P⁻¹``, with P its placement. Joint i of the chain keeps its name and the sign of its q.
+
+    Parameters
+    ----------
+    model
+        Whose joints on the path are the only ones that move the two frames against each other.
+    base, frame
+        Ids of the frames.
+    joints
+        The joints of the model, by name.
+
+    Returns
+    -------
+    A model that has kinematics only, and the id of the frame in it.
+    """
+    up, down = path_between(model, base, frame)
+    chain, at, here = pin.Model(), 0, model.frames[base].placement.inverse()
+    chain.name = model.name
+    for j in up:
+        at = _append(chain, at, here, joints[model.names[j]], -1.0)
+        here = model.jointPlacements[j].inverse()
+    for j in down:
+        at = _append(chain, at, here * model.jointPlacements[j], joints[model.names[j]], 1.0)
+        here = pin.SE3.Identity()
+    end = model.frames[frame]
+    return chain, chain.addFrame(pin.Frame(end.name, at, 0, here * end.placement, pin.FrameType.BODY))
+
+
+def _append(chain: pin.Model, parent: int, placement: pin.SE3, joint: Joint, sign: float) -> int:
+    kind = pin.JointModelPrismaticUnaligned if joint.kind == "prismatic" else pin.JointModelRevoluteUnaligned
+    return int(chain.addJoint(parent, kind(sign * np.array(joint.axis)), placement, joint.name))

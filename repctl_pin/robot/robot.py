@@ -12,18 +12,16 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from ..arguments import file_name, list_of, list_of_names, shown, wanted
+from ..arguments import Array, file_name, list_of, list_of_names, shown, wanted
 from ..errors import InputError, UrdfError, unknown
 from ..urdf.catalogue import READY, Entry, default_package_dirs, find, reference_posture, urdf_folder
 from ..urdf.end_effectors import arm_ends, is_sensor, task_links
 from ..urdf.gate import Description, read_urdf, standing
-from ..urdf.meshes import find_mesh
+from ..urdf.shapes import find_mesh
 from ..urdf.xml import short
-from .chain import path_between
-from .coupling import couple, limits
+from .coupling import couple, limits, pose
 from .mechanism import Mechanism
-from .model import frame_id, lock_joints
-from .poses import pose
+from .model import frame_id, lock_joints, path_between
 from .task import KINDS, Task
 
 
@@ -221,7 +219,7 @@ class Robot(Mechanism):
         up, down = path_between(self.model, self._base_id(), self._frame_id(frame))
         return tuple(dict.fromkeys(self.joint_names[self.coupling.leader(j - 1)] for j in (*up, *down)))
 
-    def reference_positions(self) -> dict[str, NDArray[np.float64]]:
+    def reference_positions(self) -> dict[str, Array]:
         """Place every link's origin at the reference pose: (3,) arrays by name, m, measured as tasks measure it."""
         data = self.model.createData()
         pin.framesForwardKinematics(self.model, data, self.coupling.joints(self.reference))
@@ -318,7 +316,7 @@ def _named_poses(entry: Entry | None) -> dict[str, dict[str, float]]:
     return poses
 
 
-def _frozen(values: Sequence[float] | NDArray[Any]) -> NDArray[np.float64]:
+def _frozen(values: Sequence[float] | NDArray[Any]) -> Array:
     array = np.array(values, dtype=float)
     array.setflags(write=False)
     return array

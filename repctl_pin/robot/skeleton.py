@@ -6,8 +6,9 @@ from collections.abc import Container, Iterator
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..arguments import Array
 from ..urdf.gate import Joint
 from .mechanism import Mechanism
 
@@ -74,7 +75,7 @@ def _extent(robot: Mechanism, links: dict[str, pin.Frame]) -> float:
     return float(np.linalg.norm(np.ptp(points, axis=0)))
 
 
-def _turn_z_to(direction: ArrayLike) -> NDArray[np.float64]:
+def _turn_z_to(direction: ArrayLike) -> Array:
     """Find a rotation that takes the z axis to a direction."""
     z = np.asarray(direction, float) / np.linalg.norm(direction)
     if z[2] < -1 + 1e-12:

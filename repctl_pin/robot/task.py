@@ -13,13 +13,11 @@ from scipy.linalg.blas import ddot
 
 from ..arguments import FLOAT, Array, numbers, rows, stacks, vector, wanted
 from ..errors import InputError
-from .axis import axis_turn
-from .chain import path_between, seen_from
 from .coordinates import Coordinates, change_of
 from .coupling import Coupling
-from .hessian import chain_hessians
+from .formulas import axis_turn, chain_hessians
 from .mechanism import Mechanism
-from .model import frame_id, frame_jacobian, lock_joints
+from .model import frame_id, frame_jacobian, lock_joints, path_between, seen_from
 
 KINDS: dict[str, tuple[int, ...]] = {
     "pose": (0, 1, 2, 3, 4, 5),

@@ -17,8 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import Array
 from ..errors import InputError
-from ..urdf.meshes import find_mesh
-from ..urdf.shapes import Color
+from ..urdf.shapes import Color, find_mesh
 from .body_shapes import fixed_placements, origin
 from .coupling import Coupling
 from .mechanism import Mechanism

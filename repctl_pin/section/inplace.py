@@ -13,7 +13,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.linalg.blas import dcopy, idamax
 
-from ..robot.axis import axis_turn
+from ..robot.formulas import axis_turn
 from .cell import Cell
 from .monomials import Monomials
 

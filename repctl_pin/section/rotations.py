@@ -57,7 +57,7 @@ def skew(omega: Array) -> Array:
 def tilts(R: Array, goal: Array) -> Array:
     """Measure the turns (K, 2) about the tools' own x and y that take their z axes to the goals', rad.
 
-    The batch form of :func:`repctl_pin.robot.axis.axis_turn`.
+    The batch form of :func:`repctl_pin.robot.formulas.axis_turn`.
     """
     aim = np.einsum("Kab,Ka->Kb", R, goal[..., :, 2])  # the goal's axis as the tool sees it
     sine = np.hypot(aim[:, 0], aim[:, 1])

@@ -15,8 +15,8 @@ from ..arguments import function
 from ..design import Design, SingularRegionError
 from ..errors import RepctlError, SingularityError
 from ..motion import ClosedPath, TaskPath, check_reach, closed_path, follow, reach_start
-from ..motion.cycle import Cycle
 from ..motion.fitting_circle import dexterity, fitting_circle
+from ..motion.paths import Cycle
 from ..regions import Bounded, Region
 from ..robot.task import Task
 from ..section import CellDesign

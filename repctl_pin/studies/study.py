@@ -15,8 +15,8 @@ from ..design import Design, SingularRegionError, nearest_repeatable
 from ..errors import InputError, SingularityError
 from ..integrability import drift_per_area
 from ..motion import ClosedPath, Motion, TaskPath, check_length, follow
-from ..motion.cycle import Cycle
 from ..motion.fitting_circle import fitting_circle
+from ..motion.paths import Cycle
 from ..motion.shapes import PLANES
 from ..motion.spec import parse_path
 from ..redundancy import align, nullspace

@@ -1,6 +1,8 @@
-"""The kinematic Hessian of a serial chain, written out from the columns of its Jacobian."""
+"""Formulas of a serial chain, arrays in, arrays out: its kinematic Hessian, and the turn between two tool axes."""
 
 from __future__ import annotations
+
+from math import atan2, hypot, pi
 
 import numpy as np
 
@@ -39,3 +41,19 @@ def chain_hessians(twists: Array, R: Array | None = None) -> Array:
     turn = np.moveaxis(np.cross(w[:, k], w[:, i]), -1, 1)  # ω_k × ω_i, (K, 3, n, n)
     H[:, 3:] = turn * (k < i) if R is None else -np.einsum("Kba,Kbik->Kaik", R, turn) * (k > i)
     return H
+
+
+def axis_turn(R: Array, goal: Array) -> Array:
+    """Measure the turn (2,) about the tool's own x and y that takes its z axis to a goal's by the shortest way, rad.
+
+    Parameters
+    ----------
+    R, goal : (3, 3) arrays
+        The tool's orientation, and the goal's.
+    """
+    x, y, z = R.T.dot(goal[:, 2]).tolist()  # the goal's axis as the tool sees it
+    sine = hypot(x, y)
+    if sine < 1e-12:  # parallel: nothing to turn; opposite: any way round will do
+        return np.array([0.0 if z > 0 else pi, 0.0])
+    ratio = atan2(sine, z) / sine
+    return np.array([-y * ratio, x * ratio])
