@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arguments import Array
 from ..errors import RepctlError
 from ..fields.polynomial import Polynomial
 from ..regions import Region
@@ -16,8 +16,6 @@ from ..strategies.repeatable import RepeatableInverse
 from ..strategies.strategy import Inverse
 from .criterion import oriented_nullspace
 from .judgement import Judgement, judge
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

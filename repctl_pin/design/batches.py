@@ -10,11 +10,10 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arguments import Array
 from .criterion import Batch, Builder, Sides, gather
 
-Array = NDArray[np.float64]
 Tick = Callable[[float], None]
 
 
@@ -23,11 +22,9 @@ class Batches(Protocol):
 
     def total(self, function: Callable[..., tuple[Any, ...]], *arguments: Any) -> tuple[Any, ...]:
         """Add ``function(batch, *arguments)`` up over all batches, item by item."""
-        ...
 
     def close(self) -> None:
         """Let the batches go."""
-        ...
 
 
 class Local:

@@ -13,13 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arguments import Array
 from ..errors import InputError, SingularityError
 from ..fields.field import Field, name_of
 from ..redundancy.inverses import row_factor
 from ..robot.task import Task
 from ..strategies.strategy import Inverse
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

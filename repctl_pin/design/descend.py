@@ -7,13 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
+from ..arguments import Array
 from . import criterion
 from .batches import Batches
 from .criterion import Sides
 
-Array = NDArray[np.float64]
 Report = Callable[[int, float], None]
 
 _MAX_STEPS = 100

@@ -6,14 +6,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arguments import Array
 from ..errors import InputError, SingularityError
 from ..fields.polynomial import Polynomial
 from .result import Design
 from .singularities import signed_leaf_margin
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -10,15 +10,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..arguments import MOST_NODES, function, limits, shown, wanted, whole
+from ..arguments import MOST_NODES, Array, function, limits, shown, wanted, whole
 from ..blas import one_blas_thread
 from ..errors import InputError, SingularityError
 from ..regions import Region
 from ..strategies.strategy import AN_INVERSE, Batched, Inverse
-
-Array = NDArray[np.float64]
 
 _SCAN = 48
 _FLAT = 1e-9

@@ -7,8 +7,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arguments import Array
 from ..errors import InputError
 from ..fields.field import Field
 from ..progress import Report
@@ -30,7 +30,6 @@ from .workers import hand_out
 if TYPE_CHECKING:
     from distributed import Client
 
-Array = NDArray[np.float64]
 
 _LEAST_NODES = 4096
 _DEFAULT_NODES = 16384

@@ -8,12 +8,11 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from ..arguments import Array
 from ..errors import InputError
 from ..fields.field import Field, name_of
 from ..strategies.strategy import Inverse
 from .criterion import evaluate
-
-Array = NDArray[np.float64]
 
 _ROW_SPACE = 1e-9
 _DEPENDENT = 1e-8

@@ -5,16 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arguments import Array
 from ..redundancy.augmented import leaf_margin
 from ..regions import Region
 from ..strategies.repeatable import RepeatableInverse
 from ..strategies.strategy import Inverse
 from .criterion import oriented_nullspace
 from .singularities import refuse_singular, search, signed_leaf_margin
-
-Array = NDArray[np.float64]
 
 REPLICATES = 32
 _CANDIDATES = 64

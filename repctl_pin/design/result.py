@@ -5,9 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-import numpy as np
-from numpy.typing import NDArray
-
+from ..arguments import Array
 from ..fields.field import Field
 from ..motion.paths import Cycle
 from ..regions import Region
@@ -15,8 +13,6 @@ from ..robot.task import Task
 from ..strategies.repeatable import RepeatableInverse
 from ..strategies.strategy import Inverse
 from .baselines import Baseline, baselines
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

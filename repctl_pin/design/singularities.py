@@ -7,15 +7,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arguments import Array
 from ..errors import SingularityError
 from ..fields.field import FieldMap
 from ..regions import Region
 from ..robot.task import Task
 from .criterion import named
 
-Array = NDArray[np.float64]
 Measure = Callable[[Array], Array]
 """Q (K, n) → (K,): 0 at a singularity."""
 

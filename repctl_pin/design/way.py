@@ -11,8 +11,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arguments import Array
 from ..fields.field import Field
 from ..fields.polynomial import Polynomial
 from ..regions import Region
@@ -22,8 +22,6 @@ from .batches import Guarded
 from .descend import Descent, Report, Start, descend, start
 from .independence import Independent
 from .singularities import Lowest, Measure, SingularRegionError, refuse_singular, search, signed_leaf_margin
-
-Array = NDArray[np.float64]
 
 _PENALTY, _MOST_PENALTY = 1e-2, 1e-1
 _ROUNDS = 6

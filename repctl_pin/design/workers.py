@@ -16,9 +16,7 @@ from collections.abc import Callable
 from concurrent.futures import Executor, Future, as_completed
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from ..arguments import Array
 from ..errors import InputError
 from .batches import Batches, Tick, add, cut, over
 from .criterion import Batch, Builder
@@ -26,7 +24,6 @@ from .criterion import Batch, Builder
 if TYPE_CHECKING:
     from distributed import Client
 
-Array = NDArray[np.float64]
 
 _PIECES = 32
 _held = threading.local()

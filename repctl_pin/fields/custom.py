@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from ..arguments import list_of_names, rows, wanted
+from ..arguments import Array, list_of_names, rows, wanted
 from ..errors import InputError
 from .field import Field, coefficients, joints_of
 from .joined import Joined
 
-Array = NDArray[np.float64]
 Function = Callable[[Array], float]
 Gradient = Callable[[Array], ArrayLike]
 

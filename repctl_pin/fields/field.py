@@ -6,13 +6,10 @@ from collections.abc import Sequence
 from operator import index
 from typing import Protocol, runtime_checkable
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from ..arguments import shown, stacks
+from ..arguments import Array, shown, stacks
 from ..errors import InputError
-
-Array = NDArray[np.float64]
 
 
 @runtime_checkable
@@ -21,15 +18,12 @@ class FieldMap(Protocol):
 
     def value(self, q: Array) -> Array:
         """Evaluate h(q): (r,)."""
-        ...
 
     def gradient(self, q: Array) -> Array:
         """Evaluate V = ∂hᵀ/∂q: (n, r)."""
-        ...
 
     def gradients(self, Q: Array) -> Array:
         """Evaluate V at every row of Q: (K, n, r)."""
-        ...
 
 
 @runtime_checkable
@@ -38,7 +32,6 @@ class CurvedMap(FieldMap, Protocol):
 
     def hessian(self, q: Array) -> Array:
         """Evaluate ∂V/∂q: (n, n, r), ``[i, k, j] = ∂²h_j/∂q_i∂q_k``."""
-        ...
 
 
 @runtime_checkable
@@ -48,19 +41,15 @@ class Field(Protocol):
     @property
     def size(self) -> int:
         """N, the number of potentials."""
-        ...
 
     def potentials(self, Q: Array) -> Array:
         """Evaluate the potentials at every row of Q (K, n): (K, N)."""
-        ...
 
     def gradients(self, Q: Array) -> Array:
         """Evaluate the gradients: (K, n, N), ``[k, i, j] = ∂h_j/∂q_i``."""
-        ...
 
     def weighted(self, A: Array) -> FieldMap:
         """Choose ``h = Aᵀ (h_1 … h_N)`` with coefficients A (N, r) (35)."""
-        ...
 
 
 def joints_of(potentials: Field | FieldMap) -> int | None:

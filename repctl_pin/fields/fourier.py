@@ -8,12 +8,10 @@ from itertools import product
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import flag, rows, spread, whole
+from ..arguments import Array, flag, rows, spread, whole
 from ..errors import InputError
 from .field import Field, chosen, coefficients
 from .joined import Joined
-
-Array = NDArray[np.float64]
 
 _MAX_SIZE = 20_000
 

@@ -8,12 +8,10 @@ from itertools import permutations
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg.blas import ddot, dgemv
 
+from ..arguments import Array
 from .field import FieldMap
-
-Array = NDArray[np.float64]
 
 MOST_ENTRIES = 50_000
 """Entries of a dense tensor above which Horner's rule on the single degrees is quicker, and smaller."""
@@ -41,7 +39,6 @@ class QuickMap(FieldMap, Protocol):
 
     def in_place(self, V_T: Array, e: Array) -> InPlace:
         """Make the functions that write Vᵀ into an array (r, n), and c − h into one (r,)."""
-        ...
 
 
 def in_place(field: FieldMap, V_T: Array, e: Array) -> InPlace:

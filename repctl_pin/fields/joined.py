@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from ..arguments import rows, wanted
+from ..arguments import Array, rows, wanted
 from ..errors import InputError
 from .field import CurvedMap, Field, FieldMap, coefficients, joints_of, name_of
-
-Array = NDArray[np.float64]
 
 
 class Joined:

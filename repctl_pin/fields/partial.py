@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arguments import Array
 from .field import CurvedMap
-
-Array = NDArray[np.float64]
 
 
 class PartialMap:

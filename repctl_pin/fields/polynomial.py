@@ -9,16 +9,14 @@ from typing import Any
 
 import numpy as np
 from numpy.polynomial import legendre
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from ..arguments import flag, rows, shown, spread, vector, whole
+from ..arguments import Array, flag, rows, shown, spread, vector, whole
 from ..errors import InputError
 from .field import Field, chosen, coefficients
 from .inplace import MOST_ENTRIES, Homogeneous, InPlace, plain
 from .joined import Joined
 from .partial import PartialMap
-
-Array = NDArray[np.float64]
 
 _MAX_SIZE = 5_000
 

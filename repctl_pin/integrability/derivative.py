@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from functools import singledispatch
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..arguments import wanted
+from ..arguments import Array, wanted
 from ..fields.field import CurvedMap
 from ..redundancy.augmented import augmented_inverse
 from ..redundancy.inverses import pseudoinverse_derivative
@@ -18,8 +17,6 @@ from ..strategies.pseudoinverse import Pseudoinverse
 from ..strategies.repeatable import RepeatableInverse
 from ..strategies.strategy import AN_INVERSE, Batched, Inverse
 from .differences import differentiate
-
-Array = NDArray[np.float64]
 
 _EPS = np.finfo(float).eps
 

@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arguments import Array
 from ..errors import SingularityError
-
-Array = NDArray[np.float64]
 
 _LEVELS = 6
 _FIRST_STEP = 2.0**-4

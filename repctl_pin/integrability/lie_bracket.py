@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from ..arguments import flag, vector
+from ..arguments import Array, flag, vector
 from ..robot.length import joint_scale
 from ..strategies.strategy import Inverse
 from .derivative import derivative, wanted_inverse
-
-Array = NDArray[np.float64]
 
 
 def brackets(G: Array, dG: Array) -> Array:

@@ -5,16 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..arguments import MOST_NODES, wanted, whole
+from ..arguments import MOST_NODES, Array, wanted, whole
 from ..errors import InputError, SingularityError
 from ..regions import Region
 from ..strategies.strategy import Inverse
 from .derivative import wanted_inverse
 from .lie_bracket import measure
-
-Array = NDArray[np.float64]
 
 _SAFETY = 2.0
 _BATCH = 32

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arguments import Array
 from ..blas import one_blas_thread
 from ..redundancy.nullspace import nullspace
 from ..regions import Region
@@ -17,8 +18,6 @@ from .derivative import derivative
 from .differences import SHORTEST_STEP, differentiate
 from .lie_bracket import measure
 from .repeatability import points_of
-
-Array = NDArray[np.float64]
 
 STABLE, CANDIDATE, SINGULAR = "stable", "candidate", "singular"
 

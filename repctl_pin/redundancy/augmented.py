@@ -5,11 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import stacks
+from ..arguments import Array, stacks
 from ..errors import InputError, SingularityError
 from .inverses import RANK_TOLERANCE
-
-Array = NDArray[np.float64]
 
 SINGULAR = "J_V is singular: the arm is at a singularity, or the control's V is in J's row space"
 

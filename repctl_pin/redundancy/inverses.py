@@ -5,12 +5,10 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from ..arguments import stacks
+from ..arguments import Array, stacks
 from ..errors import InputError, SingularityError
-
-Array = NDArray[np.float64]
 
 RANK_TOLERANCE = 1e-6
 """Sine of the angle of a row of J to the span of others below which J counts as rank-deficient."""

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from ..arguments import stacks
+from ..arguments import Array, stacks
 from ..errors import InputError
 from .inverses import row_factor
-
-Array = NDArray[np.float64]
 
 
 def nullspace(J: ArrayLike) -> Array:

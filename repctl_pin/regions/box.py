@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import MOST_NODES, function, limits, positive, rows, spread, vector, whole
+from ..arguments import MOST_NODES, Array, function, limits, positive, rows, spread, vector, whole
 from ..errors import InputError
 
-Array = NDArray[np.float64]
 Density = Callable[[Array], ArrayLike]
 """A weight for every row of Q (K, n): (K,) numbers from 0 up. Where it is larger, closeness matters more."""
 

@@ -7,10 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import positive, rows, spread, stacks
+from ..arguments import Array, positive, rows, spread, stacks
 from .box import Box, Density, check_density, evaluate_density, normalised, sobol
-
-Array = NDArray[np.float64]
 
 _MOST_SAMPLES = 256
 

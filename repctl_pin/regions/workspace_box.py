@@ -7,12 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import MOST_NODES, positive, rows, spread, vector, wanted, whole
+from ..arguments import MOST_NODES, Array, positive, rows, spread, vector, wanted, whole
 from ..errors import InputError
 from ..robot.task import Task, own_task
 from .box import Box, Density, check_density, evaluate_density, normalised
-
-Array = NDArray[np.float64]
 
 _MOST_DRAWS = 2**18
 

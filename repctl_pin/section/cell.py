@@ -8,15 +8,13 @@ from itertools import product
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from ..arguments import shown, wanted
+from ..arguments import Array, shown, wanted
 from ..errors import InputError
 from ..robot.task import Task, wanted_task
 from .kinematics import placed
 from .rotations import exp3, left_jacobian, log3, tilts
-
-Array = NDArray[np.float64]
 
 _INSIDE = 1e-9
 """How far beyond ±1 a coordinate still counts as inside."""

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arguments import Array
 from .cell import Cell
 from .kinematics import bounded, placed, solved
 from .monomials import Monomials
-
-Array = NDArray[np.float64]
 
 _STEP = 0.3
 """Longest Newton step of any joint, rad or m."""

@@ -6,14 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arguments import Array
 from ..strategies.strategy import Batched
 from .chart import Chart, Points
 from .margins import Margin
 from .monomials import Monomials
-
-Array = NDArray[np.float64]
 
 _DIFFERENCE = 1e-5
 """Of s, rad, in the central differences of the residual across the fibre."""

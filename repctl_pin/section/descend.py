@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arguments import Array
 from .cost import Cost, Value
-
-Array = NDArray[np.float64]
 
 _MOST = 30
 _ENOUGH = 1e-4

@@ -9,17 +9,15 @@ from collections.abc import Callable
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 from scipy.linalg.blas import daxpy, dgemv, idamax
 from scipy.linalg.lapack import dgesv
 
+from ..arguments import Array
 from ..robot import inplace as kinematics_of
 from ..robot.task import Task
 from .cell import TURNED
 from .chart import Chart
 from .inplace import in_place, monomials_at
-
-Array = NDArray[np.float64]
 
 _MOST = 12
 _STEP = 0.3

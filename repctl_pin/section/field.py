@@ -3,16 +3,14 @@ r"""A section as potentials: ``h(q) = n_ref(u)ᵀ (q − q_ref(u))``, u the cell
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg.blas import dgemv
 
+from ..arguments import Array
 from ..fields.inplace import InPlace
 from ..robot import inplace as kinematics_of
 from .chart import Chart
 from .inplace import in_place, monomials_at
 from .kinematics import placed
-
-Array = NDArray[np.float64]
 
 
 class SectionField:

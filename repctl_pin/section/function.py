@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from ..arguments import vector
+from ..arguments import Array, vector
 from ..errors import InputError
 from ..redundancy import leaf_margin
 from ..robot.task import Task
@@ -20,8 +20,6 @@ from .chart import Chart
 from .evaluate import OutsideError, evaluation
 from .field import SectionField
 from .kinematics import bases
-
-Array = NDArray[np.float64]
 
 _MARCH = 0.05
 _LEAST = 0.1

@@ -10,14 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 from scipy.linalg.blas import dcopy, idamax
 
+from ..arguments import Array
 from ..robot.formulas import axis_turn
 from .cell import Cell
 from .monomials import Monomials
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

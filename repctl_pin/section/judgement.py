@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arguments import Array
 from ..redundancy import leaf_margin
 from ..robot.bodies import bodies_of
 from ..strategies.strategy import Batched
@@ -15,8 +16,6 @@ from .kinematics import bases
 from .margins import Margin, distances_of, limits_of
 from .stops import Stop, broken_limit, folded, touching, unreached
 from .worst import Section, searched
-
-Array = NDArray[np.float64]
 
 _BLOCK = 4096
 _BODIES = 1024

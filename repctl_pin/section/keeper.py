@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arguments import Array
 from ..strategies.strategy import Batched
 from .chart import Chart
 from .cost import Cost, Kept
@@ -15,8 +15,6 @@ from .descend import Descent, descend
 from .margins import Margin
 from .monomials import Monomials
 from .worst import Section, searched
-
-Array = NDArray[np.float64]
 
 _WEIGHTS = (1e2, 1e5)
 """Of the margins in the cost: the first, and the last after raising it tenfold again and again."""

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from ..arguments import Array
 from ..redundancy import align
 from ..robot.task import Task
-
-Array = NDArray[np.float64]
 
 
 def placed(task: Task, Q: Array) -> tuple[Array, Array, Array]:

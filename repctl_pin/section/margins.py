@@ -6,13 +6,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arguments import Array
 from ..robot.bodies import bodies_of
 from ..robot.task import Task
 from .chart import Chart, Points
-
-Array = NDArray[np.float64]
 
 _DIFFERENCE = 3e-4
 """Of q, per unit of the direction, in central differences of a margin."""

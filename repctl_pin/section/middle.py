@@ -7,15 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import vector
+from ..arguments import Array, vector
 from ..errors import InputError
 from ..robot.bodies import bodies_of
 from ..strategies.strategy import Batched
 from .cell import Cell
 from .kinematics import bases, bounded, placed
 from .reference import SINGULAR, rays
-
-Array = NDArray[np.float64]
 
 _STARTS, _KEPT, _OFFERED = 128, 24, 6
 _SINGULAR_MIDDLE = "the arm is at a singularity; move the cell, or turn it"

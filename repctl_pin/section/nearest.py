@@ -8,10 +8,10 @@ from math import comb
 from typing import Literal, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from .. import progress as reporting
-from ..arguments import positive, wanted, whole
+from ..arguments import Array, positive, wanted, whole
 from ..errors import InputError
 from ..strategies.strategy import AN_INVERSE, Batched, Inverse
 from .cell import Cell
@@ -28,8 +28,6 @@ from .reference import Rays, fitted, rays
 from .result import CellDesign
 from .stops import Stop, broken_limit, round_the_base, unreached
 from .worst import Section
-
-Array = NDArray[np.float64]
 
 _HELD_OUT = 8192
 _MOST_UNKNOWNS = 260

@@ -5,16 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arguments import Array
 from ..redundancy import nullspace
 from ..strategies.strategy import Batched
 from .cell import Cell
 from .chart import Chart
 from .kinematics import bases, placed
 from .monomials import Monomials
-
-Array = NDArray[np.float64]
 
 _STEP = 0.5
 """A joint step, rad or m, from one point of a ray to the next, that means that the arm has lost the path."""

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arguments import Array
 from ..robot.task import Task
 from ..strategies import RepeatableInverse
 from ..strategies.strategy import Inverse
@@ -16,8 +16,6 @@ from .chart import Chart
 from .function import InverseFunction
 from .judgement import Judgement
 from .stops import Stop
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

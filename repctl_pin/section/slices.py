@@ -6,12 +6,10 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arguments import Array
 from .judgement import speeds
 from .result import CellDesign
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arguments import Array
 from .cell import Cell
 from .kinematics import placed
 from .middle import reached
-
-Array = NDArray[np.float64]
 
 _SHORT = 1e-6
 _SPARSE = 24

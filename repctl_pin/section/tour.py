@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
-from ..arguments import wanted, whole
+from ..arguments import Array, wanted, whole
 from ..motion import TaskPath
 from .cell import Cell
-
-Array = NDArray[np.float64]
 
 _WAVES = 3
 _POINTS = 721

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arguments import Array
 from .chart import Chart, Points
 from .margins import Margin
 from .monomials import Monomials
-
-Array = NDArray[np.float64]
 
 _STEPS, _FIRST, _LONGEST, _SHORTEST = 25, 0.2, 0.5, 1e-4
 """Steps of a search, and their lengths in u."""

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from ..arguments import rows
+from ..arguments import Array, rows
 from ..errors import InputError, SingularityError
 from ..fields.custom import PotentialsMap
 from ..fields.field import Field, coefficients
 from ..fields.joined import Joined
 from ..robot.model import frame_id
 from ..robot.task import Task, wanted_task
-
-Array = NDArray[np.float64]
 
 _SHARED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 _SINGULAR = 1e-6

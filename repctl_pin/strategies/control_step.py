@@ -14,11 +14,11 @@ from math import inf, prod
 import numpy as np
 import pinocchio as pin
 from numpy import ndarray
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.linalg.blas import daxpy, ddot, dscal
 from scipy.linalg.lapack import dgesv, dgetrf, dgetri
 
-from ..arguments import FLOAT, positive, spread, vector, wanted
+from ..arguments import FLOAT, Array, positive, spread, vector, wanted
 from ..errors import InputError, SingularityError
 from ..fields import inplace as potentials_of
 from ..fields.field import FieldMap
@@ -26,8 +26,6 @@ from ..redundancy.augmented import SINGULAR, is_regular
 from ..redundancy.inverses import RANK_TOLERANCE
 from ..robot import inplace as kinematics_of
 from ..robot.task import Task
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

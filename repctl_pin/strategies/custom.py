@@ -5,16 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..arguments import Array, positive, vector
 from ..arguments import function as wanted_function
-from ..arguments import positive, vector
 from ..errors import InputError
 from ..robot.task import Task
 from .control_step import row
 from .pseudoinverse import at_rows, redundant
-
-Array = NDArray[np.float64]
 
 
 class CustomInverse:

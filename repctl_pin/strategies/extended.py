@@ -6,16 +6,14 @@ from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from ..arguments import function, vector
+from ..arguments import Array, function, vector
 from ..errors import InputError, SingularityError
 from ..redundancy.inverses import pseudoinverse
 from ..redundancy.nullspace import nullspace
 from ..robot.task import Task, own_task
 from .repeatable import RepeatableInverse
-
-Array = NDArray[np.float64]
 
 _DIFFERENCE = 1e-5
 
@@ -139,11 +137,9 @@ class Shape(Protocol):
 
     def gradients(self, Q: Array) -> Array:
         """Evaluate ∇U at every row of Q (K, n): (K, n)."""
-        ...
 
     def hessians(self, Q: Array) -> Array:
         """Evaluate ∂²U/∂q²: (K, n, n)."""
-        ...
 
 
 class Posture:

@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..arguments import Array, vector
 from ..arguments import function as wanted_function
-from ..arguments import vector
 from ..errors import InputError
 from ..robot.task import Task, own_task
-
-Array = NDArray[np.float64]
 
 
 class FunctionStrategy:

@@ -5,13 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import scipy.linalg
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from ..arguments import numbers, positive, shown, vector, wanted
+from ..arguments import Array, numbers, positive, shown, vector, wanted
 from ..errors import InputError, SingularityError
 from .repeatable import RepeatableInverse
-
-Array = NDArray[np.float64]
 
 
 class LeafImpedance:

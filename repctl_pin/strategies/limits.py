@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from ..arguments import positive, vector
+from ..arguments import Array, positive, vector
 from ..errors import InputError
 from ..robot.task import Task, wanted_task
-
-Array = NDArray[np.float64]
 
 
 class LimitWeight:

@@ -7,16 +7,14 @@ from typing import Protocol
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from ..arguments import list_of, vector, wanted
+from ..arguments import Array, list_of, vector, wanted
 from ..errors import InputError, SingularityError
 from ..fields.field import FieldMap
 from ..redundancy.augmented import leaf_margin
 from ..redundancy.nullspace import nullspace
 from .strategy import OnLeaves
-
-Array = NDArray[np.float64]
 
 
 class WithField(OnLeaves, Protocol):
@@ -25,7 +23,6 @@ class WithField(OnLeaves, Protocol):
     @property
     def field(self) -> FieldMap:
         """The potentials h."""
-        ...
 
 
 _STEP = 0.3

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from ..arguments import positive, vector
+from ..arguments import Array, positive, vector
 from ..robot.task import Task, own_task
 from .pseudoinverse import least_speed, redundant
-
-Array = NDArray[np.float64]
 
 
 class PostureControl:

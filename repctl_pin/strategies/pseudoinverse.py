@@ -8,18 +8,16 @@ from typing import Any
 
 import numpy as np
 from numpy import ndarray
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.linalg.blas import ddot
 from scipy.linalg.lapack import dposv
 
-from ..arguments import FLOAT, rows, shown, stacks, vector
+from ..arguments import FLOAT, Array, rows, shown, stacks, vector
 from ..errors import InputError, SingularityError
 from ..redundancy.inverses import pseudoinverse, weighted_pseudoinverse
 from ..robot.inplace import in_place
 from ..robot.task import Task, own_task
 from .control_step import failure
-
-Array = NDArray[np.float64]
 
 _WELL_CONDITIONED = 1e-2
 """Sine of the least angle of a row of J to the span of the others above which J Jᵀ serves."""

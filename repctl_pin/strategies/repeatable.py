@@ -6,11 +6,10 @@ import warnings
 from collections.abc import Callable, Sequence
 from typing import Any, Protocol, runtime_checkable
 
-import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from ..arguments import NUMBER, chosen, rows, stacks, vector, wanted
+from ..arguments import NUMBER, Array, chosen, rows, stacks, vector, wanted
 from ..errors import InputError
 from ..fields.field import FieldMap, check_joints
 from ..redundancy.augmented import augmented_inverse
@@ -18,9 +17,6 @@ from ..robot.task import Task, own_task
 from .control_step import Loop, make_loop, row
 from .on_leaf import solve, solve_all
 from .pseudoinverse import at_rows, redundant
-
-Array = NDArray[np.float64]
-
 
 _GUARDS = ("ignore", "warn", "raise")
 
@@ -31,7 +27,6 @@ class Region(Protocol):
 
     def ratio(self, Q: Array) -> Array:
         """By what factor it would have to shrink for each row of Q to lie on its edge: (K,); above 1 is outside."""
-        ...
 
 
 class RepeatableInverse:

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from typing import Protocol, runtime_checkable
 
-import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..arguments import Array
 from ..robot.task import Task
-
-Array = NDArray[np.float64]
-
 
 AN_INVERSE = (
     "an inverse q̇ = G(q) ẋ, such as rp.Pseudoinverse(task) or design.inverse; "
@@ -27,11 +24,9 @@ class Strategy(Protocol):
     @property
     def task(self) -> Task:
         """The task it controls."""
-        ...
 
     def velocity(self, q: Array, xdot: Array) -> Array:
         """Choose q̇ (n,) for a task velocity ẋ (m,), rad/s or m/s."""
-        ...
 
 
 @runtime_checkable
@@ -41,11 +36,9 @@ class Batched(Protocol):
     @property
     def task(self) -> Task:
         """The task it controls."""
-        ...
 
     def batch(self, Q: Array, J: Array | None = None) -> Array:
         """Evaluate G at every row of Q (K, n): (K, n, m); J (K, m, n) if already at hand."""
-        ...
 
 
 class Inverse(Strategy, Protocol):
@@ -53,11 +46,9 @@ class Inverse(Strategy, Protocol):
 
     def __call__(self, q: Array) -> Array:
         """Evaluate G (n, m)."""
-        ...
 
     def batch(self, Q: Array, J: Array | None = None) -> Array:
         """Evaluate G at every row of Q (K, n): (K, n, m); J (K, m, n) if already at hand."""
-        ...
 
 
 @runtime_checkable
@@ -67,11 +58,9 @@ class OnLeaves(Strategy, Protocol):
     @property
     def damping(self) -> float:
         """λ that the last step with damping used."""
-        ...
 
     def leaf(self, q: ArrayLike) -> Array:
         """Evaluate c = h(q): (r,)."""
-        ...
 
     def step(
         self,
@@ -86,4 +75,3 @@ class OnLeaves(Strategy, Protocol):
         damping: float = 0.0,
     ) -> Array:
         """Take the next q (n,), feeding back the task error and c − h(q)."""
-        ...
