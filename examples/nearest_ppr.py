@@ -120,7 +120,7 @@ def engine(task: rp.Task, a: float, b: float, degree: int, samples: int) -> rp.D
     """Ask the general engine, with the potentials {d₁, d₂, polynomials of θ₃}."""
     center, half = [0.0, 0.0, (a + b) / 2], [1.0, 1.0, (b - a) / 2]
     fields = rp.Polynomial(center, 1, half, variables=[0, 1]) + rp.Polynomial(center, degree, half, variables=[2])
-    return rp.nearest_repeatable(rp.Pseudoinverse(task), fields, rp.Box(center, half), samples=samples)
+    return rp.nearest_repeatable(rp.Pseudoinverse(task), fields, rp.Box(center, half), samples=samples, held_out=2048)
 
 
 def answer(task: rp.Task, a: float, b: float, degrees: tuple[int, ...], samples: int) -> Answer:

@@ -197,20 +197,16 @@ class Task:
 
     def jacobians(self, Q: ArrayLike) -> Array:
         """Evaluate J at every row of Q (K, n): an array (K, m, n)."""
-        Q = self._matrix(Q)
-        Js = np.empty((len(Q), self.m, self.model.nv))
-        for q, J in zip(Q, Js, strict=True):
-            J[:] = self._task_rows(self._frame_jacobian(q))
+        J, R = self._twists(Q)
+        Js = J.take(self.rows, axis=1)
+        if R is not None:
+            Js[:, 3:] = np.swapaxes(R, 1, 2)[:, :2] @ J[:, 3:]
         return Js if self.drive is None else Js @ self.drive.S
 
     def hessians(self, Q: ArrayLike) -> Array:
         """Evaluate H at every row of Q (K, n): an array (K, m, n, n). See :func:`chain_hessians`."""
-        Q = self._matrix(Q)
-        twists, R = np.empty((*Q.shape, 6)), np.empty((len(Q), 3, 3))
-        for k, q in enumerate(Q):
-            twists[k] = self._frame_jacobian(q).T
-            R[k] = self._data.oMf[self._frame_id].rotation
-        H = chain_hessians(twists, R if self.kind == "axis" else None)[:, self.rows]
+        J, R = self._twists(Q)
+        H = chain_hessians(np.swapaxes(J, 1, 2), R)[:, self.rows]
         if self.drive is None:
             return H
         S = self.drive.S
@@ -359,6 +355,17 @@ class Task:
             return J[self.rows]
         R = self._data.oMf[self._frame_id].rotation
         return np.concatenate([J[:3], R[:, :2].T @ J[3:]])
+
+    def _twists(self, Q: ArrayLike) -> tuple[Array, Array | None]:
+        """Evaluate the frame's Jacobian at every row of Q: (K, 6, N); and for ``axis`` its rotation (K, 3, 3)."""
+        Q = self._matrix(Q)
+        Js, evaluate = np.empty((len(Q), 6, self.model.nv)), self._frame_jacobian
+        Rs = np.empty((len(Q), 3, 3)) if self.kind == "axis" else None
+        for k, q in enumerate(Q):
+            Js[k] = evaluate(q)
+            if Rs is not None:
+                Rs[k] = self._data.oMf[self._frame_id].rotation
+        return Js, Rs
 
     def _vector(self, q: ArrayLike) -> Array:
         values: Any = q

@@ -250,7 +250,7 @@ def _inner(task: Task) -> tuple[Array, Array]:
 def _spread(task: Task, count: int) -> Array:
     """Configurations spread over the inside of the joint limits (count, n)."""
     low, high = _inner(task)
-    return low + (high - low) * sobol(task.n, count, 0)[:count]
+    return np.random.default_rng(0).uniform(low, high, (count, task.n))
 
 
 __all__ = [
