@@ -9,6 +9,7 @@ import shlex
 import sys
 import warnings
 from collections.abc import Sequence
+from contextlib import ExitStack
 
 from .._version import __version__
 from . import animate, cell, check, completion, design, export, follow, inspect, robots, study
@@ -56,7 +57,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             import logging  # --help has no need of it
 
             logging.getLogger("matplotlib").setLevel(logging.ERROR)
-        return options.run(options)
+        with ExitStack() as options.ending:
+            return options.run(options)
 
     return told(run, [word for word in arguments if word != "--debug"], debug="--debug" in arguments)
 
@@ -83,7 +85,7 @@ def parser() -> Parser:
             allow_abbrev=False,
         )
         command.add_options(part)
-        part.set_defaults(run=command.run, parser=part, whole=whole)
+        part.set_defaults(run=command.run, parser=part, whole=whole, quiet=False)
     return whole
 
 

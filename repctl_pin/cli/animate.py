@@ -2,28 +2,16 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import time
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
-from .options import (
-    asked_path,
-    is_saved,
-    output_folder,
-    path_options,
-    positive,
-    robot_of,
-    start_of,
-    task_options,
-    what_options,
-    whole,
-)
+from .options import Options, positive, whole
+from .parsing import Parser
 from .saved import load_design
-from .terminal import clear_line, progress, until_stopped
+from .terminal import clear_line, progress, report, until_stopped
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -32,6 +20,7 @@ if TYPE_CHECKING:
     from ..motion import TaskPath
     from ..robot.task import Task
     from ..show.page.playback import Track
+    from ..studies import Study
 
 HELP = "show motions in the browser: from a CSV, from a saved design, or J⁺ beside the nearest repeatable"
 EXAMPLE = "example: repctl animate panda --motion repctl-out/panda/motion.csv --only pseudoinverse,repeatable --live"
@@ -42,43 +31,62 @@ RATE = 60.0
 _Shown = tuple["Task", "list[Track]", "dict[str, Any]"]
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
+def add_options(parser: Parser) -> None:
     """Add the options of this subcommand."""
-    what_options(parser)
-    parser.add_argument("--motion", metavar="FILE", help="a CSV of joint positions, as study and follow write it")
-    parser.add_argument("--only", metavar="NAMES", help="show only these of the CSV's strategies, separated by commas")
-    task_options(parser)
-    path_options(parser)
-    parser.add_argument("--cycles", type=whole, help="number of cycles (default 10, or what the CSV says)")
-    parser.add_argument("--steps", type=whole, default=200, help="steps a cycle (default 200)")
-    parser.add_argument("--degree", type=whole, default=2, help="degree of the potentials (default 2)")
-    parser.add_argument("--seconds", type=positive, default=4.0, help="time of a cycle, s (default 4)")
-    parser.add_argument("--out", metavar="FOLDER", help="where animation.html goes (default repctl-out/ROBOT)")
-    parser.add_argument(
-        "--live",
-        action="store_true",
-        help="run both controls in real time, in the browser of this machine, where keys move the target",
-    )
-    parser.add_argument("--port", type=int, help="with --live: port of the page (default: a free one)")
-    parser.add_argument("--no-browser", action="store_true", help="with --live: only print the address")
-    parser.add_argument("--json", action="store_true", help="print JSON instead of text")
+    parser.what()
+    add = parser.add_argument
+    add("--motion", metavar="FILE", help="a CSV of joint positions, as study and follow write it")
+    add("--only", metavar="NAMES", help="show only these of the CSV's strategies, separated by commas")
+    parser.task()
+    parser.path()
+    add("--cycles", type=whole, help="number of cycles (default 10, or what the CSV says)")
+    add("--steps", type=whole, default=200, help="steps a cycle (default 200)")
+    add("--degree", type=whole, default=2, help="degree of the potentials (default 2)")
+    add("--seconds", type=positive, default=4.0, help="time of a cycle, s (default 4)")
+    add("--out", metavar="FOLDER", help="where animation.html goes (default repctl-out/ROBOT)")
+    live = "run both controls in real time, in the browser of this machine, where keys move the target"
+    add("--live", action="store_true", help=live)
+    add("--port", type=int, help="with --live: port of the page (default: a free one)")
+    add("--no-browser", action="store_true", help="with --live: only print the address")
+    add("--json", action="store_true", help="print JSON instead of text")
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: Options) -> int:
     """Make the page and write it; or run the controls until Ctrl-C."""
     _check(options)
     say = progress(options.json)
     say("starting up")
-    design = load_design(options) if is_saved(options.what) else None
+    design = load_design(options) if options.saved else None
     if options.live:
         return _run_live(options, design, say)
-    with output_folder(options, _name(options, design)) as folder:
-        return _run(options, design, folder, say)
+    if design is None:
+        folder = options.output_folder(Path(options.what).stem)
+        task, tracks, more = (_from_study if options.motion is None else _from_csv)(options, say)
+    else:
+        folder = options.output_folder(design.task.robot.name if options.robot is None else Path(options.robot).stem)
+        task, tracks, more = _from_design(design, options, say)
+
+    from ..files import prepare_folder, write_whole
+    from ..motion import elbow
+    from ..show.page.playback import Limb, tracks_page
+    from ..strategies.names import KEYS
+
+    say("drawing")
+    limb = Limb(task, elbow(task, task.part(tracks[0].Q[0])))
+    page = tracks_page([limb], tracks, seconds=options.seconds, **more)
+    file = write_whole(prepare_folder(folder) / "animation.html", page)
+    result = {
+        "robot": task.robot.name,
+        "frame": task.frame,
+        "cycles": tracks[0].cycles,
+        "drift": {KEYS.get(track.label, track.label): track.drift for track in tracks},
+    }
+    return report(options, lambda: result, files=[file])
 
 
-def _check(options: argparse.Namespace) -> None:
+def _check(options: Options) -> None:
     """Refuse options that do not go together."""
-    if options.motion is not None and is_saved(options.what):
+    if options.motion is not None and options.saved:
         raise InputError("--motion is shown on a robot; give its name or URDF, not a design")
     if options.motion is None and options.only is not None:
         raise InputError("--only chooses among the strategies of a --motion file")
@@ -89,51 +97,16 @@ def _check(options: argparse.Namespace) -> None:
             raise InputError(f"--live runs the controls themselves, and writes nothing; leave --{name} out")
 
 
-def _name(options: argparse.Namespace, design: Design | None) -> str:
-    """What the folder is called: the robot's file, or its name in the catalogue."""
-    if design is None:
-        return Path(options.what).stem
-    return design.task.robot.name if options.robot is None else Path(options.robot).stem
-
-
-def _run(options: argparse.Namespace, design: Design | None, folder: Path, say: Callable[[str], None]) -> int:
-    make: Callable[[argparse.Namespace, Callable[[str], None]], _Shown]
-    make = partial(_from_design, design) if design else _from_study if options.motion is None else _from_csv
-    task, tracks, more = make(options, say)
-
-    from ..files import prepare_folder, write_whole
-    from ..motion import elbow
-    from ..show.page.playback import Limb, tracks_page
-    from ..strategies.names import KEYS
-
-    say("drawing")
-    limb = Limb(task, elbow(task, task.part(tracks[0].Q[0])))
-    page = tracks_page([limb], tracks, seconds=options.seconds, **more)
-    file = str(write_whole(prepare_folder(folder) / "animation.html", page))
-    result = {
-        "robot": task.robot.name,
-        "frame": task.frame,
-        "cycles": tracks[0].cycles,
-        "drift": {KEYS.get(track.label, track.label): track.drift.tolist() for track in tracks},
-        "files": [file],
-    }
-    clear_line()
-    print(json.dumps(result, indent=2, ensure_ascii=False) if options.json else f"wrote {file}")
-    return 0
-
-
-def _run_live(options: argparse.Namespace, design: Design | None, say: Callable[[str], None]) -> int:
+def _run_live(options: Options, design: Design | None, say: Callable[[str], None]) -> int:
     """Run both controls round the path in real time, where the browser shows them, until Ctrl-C or SIGTERM."""
     from ..motion.loop import Loop
     from ..show.page.viewer import Viewer
-    from ..studies import study
 
     if design is None:
-        found = study(**_asked(options), cycles=1, steps=options.steps, degree=options.degree, progress=say)
+        found = _study(options, say, cycles=1)
         design, q0, path = found.design, found.q0, found.path
     else:
-        say("finding a path")
-        q0, path = _setting(design, options)
+        q0, path = _setting(design, options, say)
     loop = Loop([design.desired, design.inverse], path, q0, period=options.seconds)
     with (
         until_stopped() as stop,
@@ -154,12 +127,12 @@ def _run_live(options: argparse.Namespace, design: Design | None, say: Callable[
     return 0
 
 
-def _from_csv(options: argparse.Namespace, say: Callable[[str], None]) -> _Shown:
+def _from_csv(options: Options, say: Callable[[str], None]) -> _Shown:
     """Motions as a file holds them."""
     from ..show.page.playback import read_tracks
     from ..studies.defaults import choose_task
 
-    robot = robot_of(options)
+    robot = options.load_robot()
     say("reading the motion")
     tracks = read_tracks(options.motion, robot, cycles=options.cycles)
     if options.only is not None:
@@ -181,11 +154,12 @@ def _only(names: str, tracks: list[Track], file: str) -> list[Track]:
     return chosen
 
 
-def _setting(design: Design, options: argparse.Namespace) -> tuple[Any, TaskPath]:
+def _setting(design: Design, options: Options, say: Callable[[str], None]) -> tuple[Any, TaskPath]:
     """Where a saved design starts, and its path; or what the options ask for."""
     from ..studies.start_and_path import setting_of
 
-    setting = setting_of(design, start_of(options, design.task), asked_path(options))
+    say("finding a path")
+    setting = setting_of(design, options.asked_start(design.task), options.asked_path())
     return setting.q0, setting.drawn
 
 
@@ -197,14 +171,13 @@ def _names(design: Design) -> tuple[str, str]:
     return LABELS["pseudoinverse"] if type(design.desired) is Pseudoinverse else "desired", LABELS["repeatable"]
 
 
-def _from_design(design: Design, options: argparse.Namespace, say: Callable[[str], None]) -> _Shown:
+def _from_design(design: Design, options: Options, say: Callable[[str], None]) -> _Shown:
     """A saved design, beside the inverse that it is the nearest to."""
     from ..motion import follow
     from ..show.page.playback import track_of
     from ..show.palette import COLOURS
 
-    say("finding a path")
-    q0, path = _setting(design, options)
+    q0, path = _setting(design, options, say)
     cycles = options.cycles or 10
     say(f"following the path for {cycles} cycles")
     controls = zip(_names(design), ("pseudoinverse", "repeatable"), (design.desired, design.inverse), strict=True)
@@ -215,26 +188,21 @@ def _from_design(design: Design, options: argparse.Namespace, say: Callable[[str
     return design.task, tracks, {"name": path.name, "paths": [path.points()]}
 
 
-def _from_study(options: argparse.Namespace, say: Callable[[str], None]) -> _Shown:
+def _from_study(options: Options, say: Callable[[str], None]) -> _Shown:
     """J⁺ and the nearest repeatable inverse, as a study finds them."""
     from ..show.page.playback import track_of
     from ..show.palette import COLOURS
-    from ..studies import study
 
-    found = study(
-        **_asked(options), cycles=options.cycles or 10, steps=options.steps, degree=options.degree, progress=say
-    )
+    found = _study(options, say, cycles=options.cycles or 10)
     rows = (found.row("pseudoinverse"), found.row("repeatable"))
     tracks = [track_of(row.label, row.motion, COLOURS[row.key]) for row in rows if row.motion is not None]
     return found.task, tracks, {"name": found.path.name, "paths": [found.path.points()]}
 
 
-def _asked(options: argparse.Namespace) -> dict[str, Any]:
-    """The robot, task, start and path of a study."""
-    return {
-        "robot": robot_of(options),
-        "frame": options.frame,
-        "task": options.task,
-        "start": start_of(options),
-        "path": asked_path(options),
-    }
+def _study(options: Options, say: Callable[[str], None], *, cycles: int) -> Study:
+    """Study what the options name."""
+    from ..studies import study
+
+    return study(
+        options.load_robot(), **options.asked(), cycles=cycles, steps=options.steps, degree=options.degree, progress=say
+    )

@@ -2,29 +2,15 @@
 
 from __future__ import annotations
 
-import argparse
-import json
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..errors import InputError, needed
-from .options import (
-    asked_path,
-    load_robot,
-    natural,
-    numbers_of,
-    output_folder,
-    path_options,
-    positive,
-    robot_options,
-    save_control,
-    start_of,
-    surroundings_option,
-    task_options,
-    whole,
-)
-from .terminal import clear_line, progress, tell
+from ..errors import InputError, RepctlError, needed
+from ..show.text.lines import fitted
+from .options import Options, natural, numbers_of, positive, save_control, whole
+from .parsing import Parser
+from .terminal import progress, report
 
 if TYPE_CHECKING:
     from ..robot.task import Task
@@ -51,98 +37,80 @@ _STEPS = 240
 """Steps of a cycle of the tour."""
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
+def add_options(parser: Parser) -> None:
     """Add the options of this subcommand."""
-    robot_options(parser)
-    task_options(parser)
-    surroundings_option(parser)
-    parser.add_argument(
-        "--half-width",
-        required=True,
-        metavar="W",
-        help="of the box, m: one number, or x,y,z along the base's axes; with --path, the room around it",
-    )
-    parser.add_argument(
-        "--rotation",
-        default="0",
-        metavar="A",
-        help="rotations of up to A rad about each axis (default 0)",
-    )
-    parser.add_argument(
-        "--at", metavar="X,Y,Z", help="the middle, m from the base (default: where the start's frame is)"
-    )
-    path_options(parser, "the box goes round this closed path, or these poses, starting at --start: ", "")
-    parser.add_argument("--degree", default="auto", metavar="D", help="degree of the polynomial, or auto (default)")
-    parser.add_argument("--room", type=positive, default=0.05, help="distance kept from limits, rad (default 0.05)")
-    parser.add_argument("--apart", type=float, default=0.0, help="distance kept between bodies, m (default 0: none)")
-    parser.add_argument("--dexterity", type=float, default=0.0, help="σ_min of J that is kept (default 0: none)")
-    parser.add_argument("--shrink", action="store_true", help="shrink the cell until one function covers it")
-    parser.add_argument("--keep", action="store_true", help="keep the function on the part of the cell that it covers")
-    parser.add_argument("--held-out", type=whole, default=8192, help="held-out poses (default 8192)")
-    parser.add_argument("--seed", type=natural, default=0, help="seed of all nodes (default 0)")
-    parser.add_argument("--out", metavar="FOLDER", help="where the files go (default repctl-out/ROBOT)")
-    parser.add_argument("--json", action="store_true", help="print JSON instead of the table")
+    parser.robot()
+    parser.task()
+    parser.surroundings()
+    add = parser.add_argument
+    width = "of the box, m: one number, or x,y,z along the base's axes; with --path, the room around it"
+    add("--half-width", required=True, metavar="W", help=width)
+    add("--rotation", default="0", metavar="A", help="rotations of up to A rad about each axis (default 0)")
+    add("--at", metavar="X,Y,Z", help="the middle, m from the base (default: where the start's frame is)")
+    parser.path("the box goes round this closed path, or these poses, starting at --start: ", "")
+    add("--degree", default="auto", metavar="D", help="degree of the polynomial, or auto (default)")
+    add("--room", type=positive, default=0.05, help="distance kept from limits, rad (default 0.05)")
+    add("--apart", type=float, default=0.0, help="distance kept between bodies, m (default 0: none)")
+    add("--dexterity", type=float, default=0.0, help="σ_min of J that is kept (default 0: none)")
+    add("--shrink", action="store_true", help="shrink the cell until one function covers it")
+    add("--keep", action="store_true", help="keep the function on the part of the cell that it covers")
+    add("--held-out", type=whole, default=8192, help="held-out poses (default 8192)")
+    add("--seed", type=natural, default=0, help="seed of all nodes (default 0)")
+    add("--out", metavar="FOLDER", help="where the files go (default repctl-out/ROBOT)")
+    add("--json", action="store_true", help="print JSON instead of the table")
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: Options) -> int:
     """Find the function, print the table, write cell.json, cell.html and cell.png."""
     try:
-        with output_folder(options, Path(options.robot).stem) as folder:
-            return _run(options, folder)
+        return _run(options)
     except InputError as error:
         raise InputError(re.sub("|".join(map(re.escape, _OPTIONS)), lambda m: _OPTIONS[m[0]], str(error))) from None
 
 
-def _run(options: argparse.Namespace, folder: Path) -> int:
+def _run(options: Options) -> int:
+    folder = options.output_folder(Path(options.robot).stem)
     say = progress(options.json)
     say("starting up")
     from ..files import prepare_folder
     from ..section import nearest_inverse_function
     from ..strategies import Pseudoinverse
-    from ..studies.defaults import choose_task
 
     needed("matplotlib", "meshcat", by="repctl cell")
     if options.shrink and options.keep:
         raise InputError("--shrink and --keep are two answers to one question; give one")
-    task = choose_task(load_robot(options), options.frame, options.task)
+    task = options.load_task()
     cell, posture = _cell(options, task)
-
-    def report(what: str, share: float) -> None:
-        say(f"{what} {share:.0%}")
-
     design = nearest_inverse_function(
         Pseudoinverse(task),
         cell,
         posture=posture,
-        degree="auto" if options.degree == "auto" else whole(options.degree),
+        degree=options.asked_degree(),
         room=options.room,
         apart=options.apart,
         dexterity=options.dexterity,
         incomplete="shrink" if options.shrink else "keep" if options.keep else "refuse",
         held_out=options.held_out,
         seed=options.seed,
-        progress=report,
+        progress=lambda what, share: say(f"{what} {share:.0%}"),
     )
     say("drawing")
     prepare_folder(folder)
     pictures, note = _pictures(design, folder, options.command_line)
     files = [save_control(design, folder / "cell.json"), *pictures]
-    clear_line()
-    if options.json:
-        print(json.dumps(_as_dict(design) | {"files": [str(f) for f in files]}, indent=2, ensure_ascii=False))
-        return 0
-    tell(design.summary())
-    if design.cell.size() != cell.size():
-        tell(f"\nnote: --shrink: no single function covers {cell.size()}; this is for {design.cell.size()}")
-    tell("\nextra joint speed: of the function over J⁺ at the same joints; J⁺ is the least that any control needs\n")
-    if note:
-        tell(f"note: {note}\n")
-    for file in files:
-        print(f"wrote {file}")
-    return 0
+
+    def text() -> str:
+        lines = [design.summary()]
+        if design.cell.size() != cell.size():
+            lines.append(f"\nnote: --shrink: no single function covers {cell.size()}; this is for {design.cell.size()}")
+        least = "extra joint speed: of the function over J⁺ at the same joints; J⁺ is the least that any control needs"
+        lines.append(f"\n{least}\n")
+        return fitted("\n".join(lines + [f"note: {note}\n"] * bool(note)))
+
+    return report(options, lambda: _as_dict(design), text, files)
 
 
-def _cell(options: argparse.Namespace, task: Task) -> tuple[Cell, Any]:
+def _cell(options: Options, task: Task) -> tuple[Cell, Any]:
     """Read the cell; and the posture in its middle, where --start gives one."""
     import numpy as np
     import pinocchio as pin
@@ -150,7 +118,7 @@ def _cell(options: argparse.Namespace, task: Task) -> tuple[Cell, Any]:
     from ..motion import solve_ik
     from ..section import Cell
 
-    start, path_of = start_of(options, task), asked_path(options)
+    start, path_of = options.asked_start(task), options.asked_path()
     sizes = _numbers(options.half_width, "--half-width"), _numbers(options.rotation, "--rotation")
     if path_of is not None:
         if options.at is not None:
@@ -176,7 +144,6 @@ def _numbers(text: str, option: str, size: int | None = None) -> Any:
 
 def _pictures(design: CellDesign, folder: Path, command: str) -> tuple[list[Path], str]:
     """Draw the slices, and the page with a tour through the cell; why there is no tour, where there is none."""
-    from ..errors import RepctlError
     from ..files import write_whole
     from ..motion import follow
     from ..section.slices import slices
@@ -204,18 +171,17 @@ def _as_dict(design: CellDesign) -> dict[str, Any]:
 
     import numpy as np
 
-    figures = {
-        name: value if not isinstance(value, float) or np.isfinite(value) else None
-        for name, value in asdict(design.judgement).items()
-        if name != "stops"
-    }
+    from ..studies.result import picked
+
+    figures = asdict(design.judgement)
+    del figures["stops"]  # which come last, in words
+    infinite = [name for name, value in figures.items() if isinstance(value, float) and not np.isfinite(value)]
     return {
         **design.task.as_dict(),
-        "middle": design.cell.placement.homogeneous.tolist(),
-        "half_width": design.cell.half_width.tolist(),
-        "rotation": design.cell.rotation.tolist(),
-        "posture": design.posture.tolist(),
-        **figures,
-        "stops": [{"cause": s.cause, "share": s.share, "what": s.what} for s in design.stops],
+        "middle": design.cell.placement.homogeneous,
+        **picked(design.cell, "half_width", "rotation"),
+        "posture": design.posture,
+        **figures | dict.fromkeys(infinite),
+        "stops": [picked(stop, "cause", "share", "what") for stop in design.stops],
         "degrees": [{"degree": d, "cost": c} for d, c in design.degrees],
     }

@@ -2,27 +2,15 @@
 
 from __future__ import annotations
 
-import argparse
-import json
+from itertools import combinations
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
-from .options import (
-    REGION,
-    box_round,
-    is_saved,
-    natural,
-    positive,
-    robot_of,
-    start_of,
-    task_options,
-    weight_of,
-    weight_option,
-    what_options,
-    whole,
-)
+from ..show.text.lines import fitted
+from .options import REGION, Options, box_round, natural, positive, whole
+from .parsing import Parser
 from .saved import load_design
-from .terminal import clear_line, progress, tell
+from .terminal import progress, report
 
 if TYPE_CHECKING:
     from ..integrability import Repeatability, Surfaces
@@ -40,26 +28,21 @@ SMALL = 4
 """Arms of up to so many joints are searched for stable surfaces."""
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
+def add_options(parser: Parser) -> None:
     """Add the options of this subcommand."""
-    what_options(parser)
-    task_options(parser)
-    weight_option(parser)
-    parser.add_argument(
-        "--absolute", action="store_true", help="describe a planar arm by absolute angles, not by relative ones"
-    )
-    parser.add_argument(
-        "--region",
-        type=positive,
-        metavar="W",
-        help="Ω: half-width round the start, rad, cut to the joint limits (default 0.4; a design's own)",
-    )
-    parser.add_argument("--samples", type=whole, default=128, help="configurations to look at (default 128)")
-    parser.add_argument("--seed", type=natural, default=0, help="seed of those (default 0)")
-    parser.add_argument("--json", action="store_true", help="print JSON instead of text")
+    parser.what()
+    parser.task()
+    parser.weight()
+    add = parser.add_argument
+    add("--absolute", action="store_true", help="describe a planar arm by absolute angles, not by relative ones")
+    region = "Ω: half-width round the start, rad, cut to the joint limits (default 0.4; a design's own)"
+    add("--region", type=positive, metavar="W", help=region)
+    add("--samples", type=whole, default=128, help="configurations to look at (default 128)")
+    add("--seed", type=natural, default=0, help="seed of those (default 0)")
+    add("--json", action="store_true", help="print JSON instead of text")
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: Options) -> int:
     """Judge a strategy and print what was found."""
     say = progress(options.json)
     say("starting up")
@@ -68,45 +51,43 @@ def run(options: argparse.Namespace) -> int:
     from ..integrability import drift_per_area, is_repeatable, stable_surface
     from ..regions import Box, Region
 
-    strategy, name, setting = _saved(options) if is_saved(options.what) else _named(options)
+    strategy, name, setting = _saved(options) if options.saved else _named(options)
     task, q0 = strategy.task, setting.q0
     assert isinstance(setting.region, Region)
     say("evaluating the Lie brackets")
     verdict = is_repeatable(strategy, setting.region, samples=options.samples, seed=options.seed)
-    drift = drift_per_area(strategy, q0)
+    drift = _in_planes(drift_per_area(strategy, q0), task)
     surfaces = None
     if task.n <= SMALL and not verdict.repeatable:
         say("looking for stable surfaces")
         low, high = np.maximum(task.lower, q0 - np.pi), np.minimum(task.upper, q0 + np.pi)
         surfaces = stable_surface(strategy, Box.between(low, high), seed=options.seed)
-    clear_line()
-    result = _as_dict(strategy, name, setting, verdict, drift, surfaces)
-    if options.json:
-        print(json.dumps(result, indent=2, ensure_ascii=False))
-    else:
-        said = f"{name}, in absolute angles" if options.absolute else name
-        _print(task, said, setting, verdict, result["drift_per_m2"], surfaces)
-    return 0
+    said = f"{name}, in absolute angles" if options.absolute else name
+    return report(
+        options,
+        lambda: _as_dict(task, name, setting, verdict, drift, surfaces),
+        lambda: fitted("\n".join(_lines(task, said, setting, verdict, drift, surfaces))),
+    )
 
 
-def _named(options: argparse.Namespace) -> tuple[Inverse, str, Setting]:
+def _named(options: Options) -> tuple[Inverse, str, Setting]:
     """J⁺, or a weighted inverse, of a robot."""
     from ..robot.absolute_angles import absolute_angles
-    from ..studies.defaults import choose_desired, choose_start, choose_task
+    from ..studies.defaults import choose_desired, choose_start
     from ..studies.start_and_path import GIVEN, Setting
 
-    task = choose_task(robot_of(options), options.frame, options.task)
-    given = start_of(options, task)
+    task = options.load_task()
+    given = options.asked_start(task)
     q0, where = choose_start(task) if given is None else (given, GIVEN)
     if options.absolute:
         task = task.in_coordinates(absolute_angles(task))
         assert task.coordinates is not None
         q0 = task.coordinates.coordinates(q0)
     region, notes = box_round(task, q0, options.region or REGION)
-    return (*choose_desired(task, weight_of(options)), Setting(q0, where, region=region, moved=tuple(notes)))
+    return (*choose_desired(task, options.asked_weight()), Setting(q0, where, region=region, moved=notes))
 
 
-def _saved(options: argparse.Namespace) -> tuple[Inverse, str, Setting]:
+def _saved(options: Options) -> tuple[Inverse, str, Setting]:
     """A saved design; what chooses a strategy has no place beside it."""
     from ..studies.start_and_path import GIVEN, Setting
 
@@ -114,82 +95,68 @@ def _saved(options: argparse.Namespace) -> tuple[Inverse, str, Setting]:
         if getattr(options, option):
             raise InputError(f"{options.what} is a strategy of its own; leave --{option} out")
     design = load_design(options)
-    given = start_of(options, design.task)
+    given = options.asked_start(design.task)
     q0, where = (design.region.center, "the region's center") if given is None else (given, GIVEN)
-    region, notes = (design.region, []) if options.region is None else box_round(design.task, q0, options.region)
-    return design.inverse, f"the design in {options.what}", Setting(q0, where, region=region, moved=tuple(notes))
+    region, notes = (design.region, ()) if options.region is None else box_round(design.task, q0, options.region)
+    return design.inverse, f"the design in {options.what}", Setting(q0, where, region=region, moved=notes)
+
+
+def _in_planes(drift: Any, task: Task) -> dict[str, float]:
+    """The drift per area in each plane of the task's axes."""
+    axes = {"xz": "xz", "yz": "yz"}.get(task.kind, "xyz")
+    return {axes[a] + axes[b]: float(drift[a, b]) for a, b in combinations(range(len(drift)), 2)}
 
 
 def _as_dict(
-    strategy: Inverse, name: str, setting: Setting, verdict: Repeatability, drift: Any, surfaces: Surfaces | None
+    task: Task, name: str, setting: Setting, verdict: Repeatability, drift: dict[str, float], surfaces: Surfaces | None
 ) -> dict[str, Any]:
     from ..regions import Region
-    from ..studies.result import region_dict
+    from ..studies.result import picked, region_dict
 
-    task = strategy.task
     assert isinstance(setting.region, Region)
-    axes = {"xz": "xz", "yz": "yz"}.get(task.kind, "xyz")
-    planes = [(a, b) for a in range(len(drift)) for b in range(a + 1, len(drift))]
-    result = {
+    return {
         **task.as_dict(),
         "strategy": name,
         "start": [float(v) for v in setting.q0],
         "region": region_dict(setting.region),
-        "repeatable": verdict.repeatable,
-        "defect": verdict.defect,
-        "defect_at": verdict.at.tolist(),
-        "tolerance": verdict.tolerance,
-        "samples": verdict.samples,
-        "drift_per_m2": {axes[a] + axes[b]: float(drift[a, b]) for a, b in planes},
-        "notes": list(setting.moved),
+        **picked(verdict, "repeatable", "defect"),
+        "defect_at": verdict.at,
+        **picked(verdict, "tolerance", "samples"),
+        "drift_per_m2": drift,
+        "notes": setting.moved,
+        **({} if surfaces is None else {"surfaces": picked(surfaces, "stable", "candidate", "singular")}),
     }
-    if surfaces is not None:
-        result["surfaces"] = {
-            "stable": surfaces.stable.tolist(),
-            "candidate": surfaces.candidate.tolist(),
-            "singular": surfaces.singular.tolist(),
-        }
-    return result
 
 
-def _print(
+def _lines(
     task: Task, name: str, setting: Setting, verdict: Repeatability, drift: dict[str, float], surfaces: Surfaces | None
-) -> None:
+) -> list[str]:
+    """What a person is told."""
+    from ..show.text.numbers import row
+
     robot = task.robot
-    tell(f"{verdict.summary()}\n")
-    tell(f"robot     {robot.name} ({robot.description.path.name})")
-    tell(f"task      {task}")
-    tell(f"strategy  {name}")
-    tell(f"start     {_row(setting.q0)} ({setting.where})")
-    tell(f"region    {setting.region}")
-    for note in setting.moved:
-        tell(f"note: {note}")
-    if verdict.repeatable:
-        return
-    tell(f"worst at  {_row(verdict.at)}")
-    print()
-    tell(_drift_table(drift, task.unit))
-    if surfaces is not None:
-        print()
-        tell(surfaces.summary())
+    lines = [
+        f"{verdict.summary()}\n",
+        f"robot     {robot.name} ({robot.description.path.name})",
+        f"task      {task}",
+        f"strategy  {name}",
+        f"start     {row(setting.q0)} ({setting.where})",
+        f"region    {setting.region}",
+        *(f"note: {note}" for note in setting.moved),
+    ]
+    if not verdict.repeatable:
+        lines += [f"worst at  {row(verdict.at)}\n", _drift_table(drift, task.unit)]
+        lines += [] if surfaces is None else [f"\n{surfaces.summary()}"]
+    return lines
 
 
 def _drift_table(drift: dict[str, float], unit: str) -> str:
     from ..show.text.numbers import number
     from ..show.text.table import table
 
-    rows = [
-        [f"{plane[0]}–{plane[1]}", *(number(_clean(value) * scale) for scale in (1, 1e-4, 1e-2))]
-        for plane, value in drift.items()
-    ]
+    rows = []
+    for plane, value in drift.items():
+        clean = value if value > 1e-9 else 0.0  # it is only rounding
+        rows.append(["–".join(plane), *(number(clean * scale) for scale in (1, 1e-4, 1e-2))])
     header = ["plane", f"{unit} per m²", f"{unit} per cm²", "round a 10 cm square"]
     return f"joint drift of a small loop at the start, to first order in its area:\n{table(header, rows)}"
-
-
-def _row(q: Any) -> str:
-    return ", ".join(f"{value:.4g}" for value in q)
-
-
-def _clean(value: float) -> float:
-    """A drift that is only rounding as 0."""
-    return value if value > 1e-9 else 0.0

@@ -6,6 +6,8 @@ import argparse
 
 from ..errors import needed
 from .follow import OWN
+from .options import Options
+from .parsing import Parser
 
 SHELLS = ("bash", "zsh", "fish")
 
@@ -26,12 +28,12 @@ WORDS = {
 """What may stand after an option."""
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
+def add_options(parser: Parser) -> None:
     """Add the options of this subcommand."""
     parser.add_argument("shell", metavar="SHELL", choices=SHELLS, help=", ".join(SHELLS))
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: Options) -> int:
     """Print the script."""
     print(script(options.whole, options.shell), end="")
     return 0

@@ -2,32 +2,15 @@
 
 from __future__ import annotations
 
-import argparse
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
+from ..show.text.lines import fitted
 from .executors import executor_of
-from .options import (
-    REGION,
-    asked_path,
-    box_round,
-    load_robot,
-    natural,
-    output_folder,
-    path_options,
-    positive,
-    robot_options,
-    said_by_options,
-    save_control,
-    start_of,
-    task_options,
-    weight_of,
-    weight_option,
-    whole,
-)
-from .terminal import clear_line, progress, tell
+from .options import REGION, Options, box_round, natural, positive, said_by_options, save_control, whole
+from .parsing import Parser
+from .terminal import progress, report
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -46,64 +29,53 @@ EXAMPLE = """examples:
   repctl design panda --degree 3 --samples 262144 --processes 2"""
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
+def add_options(parser: Parser) -> None:
     """Add the options of this subcommand."""
-    robot_options(parser)
-    task_options(parser)
-    weight_option(parser)
-    parser.add_argument(
-        "--region", type=positive, default=REGION, metavar="W", help="Ω: half-width round the start, rad (default 0.4)"
-    )
-    path_options(parser, "Ω: a tube of that half-width round one cycle of J⁺ on a path: ", "")
-    parser.add_argument(
-        "--workspace",
-        type=positive,
-        metavar="M",
-        help="Ω: only configurations with the frame within M metres of its start, along each axis",
-    )
-    parser.add_argument("--shrink", action="store_true", help="shrink Ω until it is free of singularities")
-    parser.add_argument("--degree", default="auto", metavar="D", help="of the polynomials, or auto (default)")
-    parser.add_argument(
-        "--fourier", type=whole, metavar="K", help="add sines and cosines of up to K turns of the revolute joints"
-    )
-    parser.add_argument("--samples", type=whole, help="nodes of the fit (default: by the number of unknowns)")
-    parser.add_argument("--held-out", type=whole, default=16384, help="nodes that judge the design (default 16384)")
-    parser.add_argument("--restarts", type=natural, default=0, metavar="K", help="more starts of the optimiser")
-    parser.add_argument("--stream", action="store_true", help="do not keep the nodes in memory")
-    parser.add_argument("--processes", type=whole, default=1, metavar="P", help="number of processes (default 1)")
-    parser.add_argument("--dask", metavar="ADDRESS", help="use a Dask cluster: the address of its scheduler")
-    parser.add_argument("--seed", type=natural, default=0, help="seed of all nodes (default 0)")
-    parser.add_argument(
-        "--out", metavar="FOLDER", help="where design.png and design.json go (default repctl-out/ROBOT)"
-    )
-    parser.add_argument("--json", action="store_true", help="print JSON instead of the table")
-    parser.add_argument("--quiet", action="store_true", help="print nothing but errors, and what --json asks for")
+    parser.robot()
+    parser.task()
+    parser.weight()
+    add = parser.add_argument
+    add("--region", type=positive, default=REGION, metavar="W", help="Ω: half-width round the start, rad (default 0.4)")
+    parser.path("Ω: a tube of that half-width round one cycle of J⁺ on a path: ", "")
+    workspace = "Ω: only configurations with the frame within M metres of its start, along each axis"
+    add("--workspace", type=positive, metavar="M", help=workspace)
+    add("--shrink", action="store_true", help="shrink Ω until it is free of singularities")
+    add("--degree", default="auto", metavar="D", help="of the polynomials, or auto (default)")
+    fourier = "add sines and cosines of up to K turns of the revolute joints"
+    add("--fourier", type=whole, metavar="K", help=fourier)
+    add("--samples", type=whole, help="nodes of the fit (default: by the number of unknowns)")
+    add("--held-out", type=whole, default=16384, help="nodes that judge the design (default 16384)")
+    add("--restarts", type=natural, default=0, metavar="K", help="more starts of the optimiser")
+    add("--stream", action="store_true", help="do not keep the nodes in memory")
+    add("--processes", type=whole, default=1, metavar="P", help="number of processes (default 1)")
+    add("--dask", metavar="ADDRESS", help="use a Dask cluster: the address of its scheduler")
+    add("--seed", type=natural, default=0, help="seed of all nodes (default 0)")
+    add("--out", metavar="FOLDER", help="where design.png and design.json go (default repctl-out/ROBOT)")
+    add("--json", action="store_true", help="print JSON instead of the table")
+    add("--quiet", action="store_true", help="print nothing but errors, and what --json asks for")
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: Options) -> int:
     """Design, print the table and write the picture."""
-    with output_folder(options, Path(options.robot).stem) as folder:
-        return _run(options, folder)
-
-
-def _run(options: argparse.Namespace, folder: Path) -> int:
+    folder = options.output_folder(Path(options.robot).stem)
     say = progress(options.quiet)
     say("starting up")
-    degree = _degree(options)
+    degree = options.asked_degree()
 
     from ..design import SingularRegionError, nearest_repeatable
     from ..design.design_map import degree_curve, design_map
-    from ..files import prepare_folder
-    from ..show.plots.designs import write_design
-    from ..studies.defaults import check_degree, choose_desired, choose_task
+    from ..files import prepare_folder, write_whole
+    from ..show.plots.designs import design_figure
+    from ..show.plots.motions import png
+    from ..show.text.numbers import row
+    from ..studies.defaults import check_degree, choose_desired
 
-    robot = load_robot(options)
-    task = choose_task(robot, options.frame, options.task)
+    task = options.load_task()
     if degree != "auto":
         check_degree(task, degree)
-    desired, name = choose_desired(task, weight_of(options))
+    desired, name = choose_desired(task, options.asked_weight())
 
-    def report(what: str, share: float) -> None:
+    def share_done(what: str, share: float) -> None:
         say(f"{what} {share:.0%}" if 0 < share < 1 else what)
 
     with executor_of(options) as executor:
@@ -122,14 +94,14 @@ def _run(options: argparse.Namespace, folder: Path) -> int:
                 executor=executor,
                 shrink=options.shrink,
                 restarts=options.restarts,
-                progress=report,
+                progress=share_done,
             )
 
         try:
             setting, design = _designed(desired, make, options, say)
         except SingularRegionError as error:
             raise said_by_options(error, shrink=True) from None
-        degrees = degree_curve(design, report)
+        degrees = degree_curve(design, share_done)
     notes = [*setting.moved]
     if design.shrunk < 1:
         notes.append(f"Ω was shrunk to {design.shrunk:.0%} of its width to keep clear of singularities")
@@ -137,47 +109,33 @@ def _run(options: argparse.Namespace, folder: Path) -> int:
     design, more = _with_cycle(design, setting)
     notes.extend(more)
     say("comparing and drawing")
-    title = f"{robot.name}, {task.frame}, {task.kind}: nearest repeatable inverse of {name}, over a {design.region}"
+    what = f"nearest repeatable inverse of {name}, over a {design.region}"
+    title = f"{task.robot.name}, {task.frame}, {task.kind}: {what}"
     saved = save_control(design, prepare_folder(folder) / "design.json")
-    files = [*write_design(design, design_map(design), degrees, folder, title=title), saved]
-    result = _as_dict(design, degrees, name, setting, notes)
-    clear_line()
-    if options.json:
-        print(json.dumps(result | {"files": [str(f) for f in files]}, indent=2, ensure_ascii=False))
-    elif not options.quiet:
-        start = ", ".join(f"{v:.4g}" for v in setting.q0)
-        tell(f"desired  {name}\nstart    {start} ({setting.where})\n\n{design.summary()}")
-        if len(degrees) > 1:
-            tell(f"\n{_degree_table(degrees)}")
-        for note in notes:
-            tell(f"note: {note}")
-        print("\n" + "\n".join(f"wrote {file}" for file in files))
-    return 0
+    figure = design_figure(design, design_map(design), degrees, title=title)
+    files = [write_whole(folder / "design.png", png(figure)), saved]
 
+    def text() -> str:
+        lines = [f"desired  {name}", f"start    {row(setting.q0)} ({setting.where})", "", design.summary()]
+        lines += ["", _degree_table(degrees)] if len(degrees) > 1 else []
+        return fitted("\n".join([*lines, *(f"note: {note}" for note in notes), ""]))
 
-def _degree(options: argparse.Namespace) -> Any:
-    """Read ``--degree``."""
-    if options.degree == "auto":
-        return "auto"
-    try:
-        return whole(options.degree)
-    except argparse.ArgumentTypeError:
-        raise InputError(f"--degree {options.degree!r} is neither auto nor a whole number from 1 up") from None
+    return report(options, lambda: _as_dict(design, degrees, name, setting, notes), text, files)
 
 
 def _designed(
-    desired: Inverse, make: Callable[[Region], Design], options: argparse.Namespace, say: Callable[[str], None]
+    desired: Inverse, make: Callable[[Region], Design], options: Options, say: Callable[[str], None]
 ) -> tuple[Setting, Design]:
     """Design in a tube round a path's cycle, a box cut to the joint limits, or a workspace box in it."""
     from ..regions import WorkspaceBox
     from ..studies.defaults import choose_start
     from ..studies.start_and_path import GIVEN, Setting, design_along, first_design, settings
 
-    task, start = desired.task, start_of(options, desired.task)
+    task, start = desired.task, options.asked_start(desired.task)
     if options.path is not None:
         width, seed = options.region, options.seed
         return first_design(
-            settings(task, start, asked_path(options)),
+            settings(task, start, options.asked_path()),
             lambda it: design_along(desired, it, make, width=width, seed=seed, say=say),
             given=start is not None,
         )
@@ -189,7 +147,7 @@ def _designed(
     if options.workspace is not None:
         axes = [row for row in task.rows if row < 3]
         region = WorkspaceBox(task, task.placement(q0).translation[axes], options.workspace, within=box)
-    return Setting(q0, where, region=region, moved=tuple(notes)), make(region)
+    return Setting(q0, where, region=region, moved=notes), make(region)
 
 
 def _with_cycle(design: Design, setting: Setting) -> tuple[Design, list[str]]:
@@ -234,11 +192,12 @@ def _degree_table(degrees: Any) -> str:
 
 
 def _as_dict(design: Design, degrees: Any, name: str, setting: Setting, notes: list[str]) -> dict[str, Any]:
-    from ..studies.result import region_dict
+    from ..studies.result import picked, region_dict
 
-    task = design.task
+    figures = ("cost", "cost_error", "relative_distance", "leaf_margin")
+    fit = ("fit_cost", "gradient_norm", "converged", "steps", "samples", "held_out", "seed")
     return {
-        **task.as_dict(),
+        **design.task.as_dict(),
         "desired": name,
         "start": [float(v) for v in setting.q0],
         "start_is": setting.where,
@@ -246,30 +205,11 @@ def _as_dict(design: Design, degrees: Any, name: str, setting: Setting, notes: l
         "region": region_dict(design.region),
         "shrunk": design.shrunk,
         "potentials": design.fields.size,
-        "dropped": list(design.dropped),
-        "cost": design.cost,
-        "cost_error": design.cost_error,
-        "relative_distance": design.relative_distance,
-        "leaf_margin": design.leaf_margin,
-        "leaf_margin_at": design.leaf_margin_at.tolist(),
-        "inside_limits": design.inside_limits,
-        "fit_cost": design.fit_cost,
-        "gradient_norm": design.gradient_norm,
-        "converged": design.converged,
-        "steps": design.steps,
-        "samples": design.samples,
-        "held_out": design.held_out,
-        "seed": design.seed,
+        "dropped": design.dropped,
+        **picked(design, *figures, "leaf_margin_at", "inside_limits", *fit),
         "baselines": {
-            b.name: {"refused": b.refused}
-            if b.judgement is None
-            else {
-                "cost": b.judgement.cost,
-                "cost_error": b.judgement.cost_error,
-                "relative_distance": b.judgement.relative_distance,
-                "leaf_margin": b.judgement.leaf_margin,
-            }
-            for b in design.baselines
+            other.name: {"refused": other.refused} if other.judgement is None else picked(other.judgement, *figures)
+            for other in design.baselines
         },
         "degrees": [{"degree": d, "cost": c, "cost_error": e} for d, c, e in degrees],
         "notes": notes,

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import argparse
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
+from .options import Options
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -18,7 +18,7 @@ BLAS_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 @contextmanager
-def executor_of(options: argparse.Namespace) -> Iterator[Any]:
+def executor_of(options: Options) -> Iterator[Any]:
     """Open what ``--processes`` or ``--dask`` asks for, and close it."""
     if options.dask is not None:
         try:

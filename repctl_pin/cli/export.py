@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import argparse
-import json
-
 from ..errors import InputError
-from .options import is_saved, what_options
+from .options import Options
+from .parsing import Parser
 from .saved import load_saved
+from .terminal import report
 
 HELP = "write a saved design or cell as C that a robot's own loop runs"
 EXAMPLE = """examples:
@@ -18,9 +17,9 @@ C99 and C++17 that need nothing but <math.h>; check.c tells whether a build comp
   cmake -S panda_c -B build && cmake --build build && ctest --test-dir build"""
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
+def add_options(parser: Parser) -> None:
     """Add the options of this subcommand."""
-    what_options(parser, "a saved design or cell (.json), made by repctl design, study or cell")
+    parser.what("a saved design or cell (.json), made by repctl design, study or cell")
     parser.set_defaults(frame=None, task=None)
     parser.add_argument("--to", metavar="FOLDER", default="arm_control", help="folder to write (default arm_control)")
     parser.add_argument(
@@ -29,23 +28,16 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="print JSON instead of text")
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: Options) -> int:
     """Write the folder."""
     from ..codegen import export_c
     from ..section import CellDesign
 
-    if not is_saved(options.what):
+    if not options.saved:
         raise InputError(f"{options.what!r} is not a saved design (.json); repctl design, study and cell make one")
     design = load_saved(options)
     if isinstance(design, CellDesign):
-        written = export_c(design.function, options.to, options.name)
+        files = export_c(design.function, options.to, options.name)
     else:
-        written = export_c(design.inverse, options.to, options.name, region=design.region)
-    files = [str(file) for file in written]
-    if options.json:
-        task = design.task
-        print(json.dumps({**task.as_dict(), "name": options.name, "files": files}, indent=2, ensure_ascii=False))
-        return 0
-    for file in files:
-        print(f"wrote {file}")
-    return 0
+        files = export_c(design.inverse, options.to, options.name, region=design.region)
+    return report(options, lambda: {**design.task.as_dict(), "name": options.name}, files=files)

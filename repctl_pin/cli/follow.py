@@ -2,32 +2,20 @@
 
 from __future__ import annotations
 
-import argparse
-import json
 import sys
-from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError, needed
-from .options import (
-    REGION,
-    asked_path,
-    is_saved,
-    path_options,
-    positive,
-    robot_of,
-    said_by_options,
-    start_of,
-    surroundings_option,
-    task_options,
-    what_options,
-    whole,
-)
+from ..show.text.lines import fitted
+from .options import REGION, Options, numbers_of, positive, said_by_options, whole
+from .parsing import Parser
 from .saved import load_saved
-from .terminal import clear_line, progress, tell
+from .terminal import progress, report
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
     from ..motion import BestLeaf, Motion, TimedMotion
     from ..strategies import Inverse, Strategy
     from ..studies.start_and_path import Setting
@@ -41,51 +29,33 @@ rest, as quickly as these and the URDF's speed limits allow, all cycles but the 
 OWN = ("repeatable", "pseudoinverse", "inertia")
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
+def add_options(parser: Parser) -> None:
     """Add the options of this subcommand."""
-    what_options(parser)
-    parser.add_argument(
-        "--strategy",
-        metavar="NAME",
-        help=f"in place of a design: {', '.join(OWN)}, or a registered one (default {OWN[0]})",
-    )
-    parser.add_argument(
-        "--fields", metavar="NAME", help="in place of a design: design with registered fields, round the start"
-    )
-    parser.add_argument("--region", type=positive, default=REGION, metavar="W", help="with --fields: Ω (default 0.4)")
-    surroundings_option(parser)
-    task_options(parser)
-    path_options(parser)
-    parser.add_argument("--cycles", type=whole, default=1, help="number of cycles (default 1)")
-    parser.add_argument("--steps", type=whole, default=500, help="points per cycle (default 500)")
-    parser.add_argument(
-        "--period", type=positive, help="time of a cycle, s (default: the design's or the path's own, else 5)"
-    )
-    parser.add_argument(
-        "--best-leaf",
-        action="store_true",
-        help="start on the leaf with the most room",
-    )
-    parser.add_argument(
-        "--acceleration",
-        metavar="A",
-        help="go from rest to rest within these limits: rad/s² (m/s²), a number, one for each joint, or panda, fr3, ur",
-    )
-    parser.add_argument("--rate", type=positive, help="with --acceleration: samples per second (default 1000)")
-    parser.add_argument(
-        "--profile", metavar="FILE", help="with --acceleration: draw joint speed over the path's length, as PNG"
-    )
-    parser.add_argument("--csv", metavar="FILE", help="write time, positions, velocities, and accelerations if timed")
-    parser.add_argument("--yaml", metavar="FILE", help="write a ROS JointTrajectory")
-    parser.add_argument(
-        "--allow-violations",
-        action="store_true",
-        help="write --csv and --yaml even where a joint leaves its limits, or bodies touch",
-    )
-    parser.add_argument("--json", action="store_true", help="print JSON instead of text")
+    parser.what()
+    add = parser.add_argument
+    names = f"in place of a design: {', '.join(OWN)}, or a registered one (default {OWN[0]})"
+    add("--strategy", metavar="NAME", help=names)
+    add("--fields", metavar="NAME", help="in place of a design: design with registered fields, round the start")
+    add("--region", type=positive, default=REGION, metavar="W", help="with --fields: Ω (default 0.4)")
+    parser.surroundings()
+    parser.task()
+    parser.path()
+    add("--cycles", type=whole, default=1, help="number of cycles (default 1)")
+    add("--steps", type=whole, default=500, help="points per cycle (default 500)")
+    add("--period", type=positive, help="time of a cycle, s (default: the design's or the path's own, else 5)")
+    add("--best-leaf", action="store_true", help="start on the leaf with the most room")
+    accelerations = "rad/s² (m/s²), a number, one for each joint, or panda, fr3, ur"
+    add("--acceleration", metavar="A", help=f"go from rest to rest within these limits: {accelerations}")
+    add("--rate", type=positive, help="with --acceleration: samples per second (default 1000)")
+    add("--profile", metavar="FILE", help="with --acceleration: draw joint speed over the path's length, as PNG")
+    add("--csv", metavar="FILE", help="write time, positions, velocities, and accelerations if timed")
+    add("--yaml", metavar="FILE", help="write a ROS JointTrajectory")
+    broken = "write --csv and --yaml even where a joint leaves its limits, or bodies touch"
+    add("--allow-violations", action="store_true", help=broken)
+    add("--json", action="store_true", help="print JSON instead of text")
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: Options) -> int:
     """Follow the path, judge the motion, and write it."""
     say = progress(options.json)
     say("starting up")
@@ -99,7 +69,7 @@ def run(options: argparse.Namespace) -> int:
     from ..strategies import OnLeaves, RepeatableInverse
 
     _check_control(options)
-    strategy, setting, desired = _saved(options) if is_saved(options.what) else (*_made(options, say), None)
+    strategy, setting, desired = _saved(options) if options.saved else (*_made(options, say), None)
     q0, path = setting.q0, setting.drawn
     notes = [*bodies_of(strategy.task).notes, *setting.notes]
     found: BestLeaf | None = None
@@ -121,62 +91,57 @@ def run(options: argparse.Namespace) -> int:
         say("timing the motion")
         rest = timed(motion, acceleration=_accelerations(options.acceleration), rate=options.rate or 1000.0)
         result |= {"duration": rest.duration, "slowed_by": None, "cycle_time": rest.cycle_time, "stops": rest.stops}
-    written = slowed if rest is None else rest
-    contents: dict[str | None, Callable[[], str | bytes]] = {
-        options.csv: lambda: csv_text(written),
-        options.yaml: lambda: yaml_text(written),
-    }
-    if rest is not None:
-        contents[options.profile] = lambda: _drawn(rest)
     remedy = _remedy(slowed, repeatable=isinstance(strategy, RepeatableInverse) and found is None)
     if (options.csv or options.yaml) and not options.allow_violations:
         refuse_violations(slowed, f"try {remedy}; --allow-violations writes it anyway")
-    result["files"] = [str(write_whole(name, text())) for name, text in contents.items() if name is not None]
-    clear_line()
-    if options.json:
-        print(json.dumps(result, indent=2, ensure_ascii=False))
-        return 0
-    for line in outside_words(motion.outside or 0.0):
-        tell(line)
-    if found is not None:
-        tell(found.summary())
-    _print(result, slowed)
-    _warn(slowed, remedy)
+    written, contents = slowed if rest is None else rest, dict[str, str | bytes]()
+    if options.csv is not None:
+        contents[options.csv] = csv_text(written)
+    if options.yaml is not None:
+        contents[options.yaml] = yaml_text(written)
+    if options.profile is not None and rest is not None:
+        contents[options.profile] = _drawn(rest)
+    files = [write_whole(name, content) for name, content in contents.items()]
+
+    def text() -> str:
+        loud = [*outside_words(motion.outside or 0.0), *([] if found is None else [found.summary()])]
+        return fitted("\n".join([*loud, *_lines(result, slowed, written=bool(files))]))
+
+    report(options, lambda: result, text, files)
+    if not options.json:
+        _warn(slowed, remedy)
     return 0
 
 
-def _check_control(options: argparse.Namespace) -> None:
+def _check_control(options: Options) -> None:
     """Refuse two controls, and options of a timed motion for one that is not."""
     given = [name for name in ("strategy", "fields") if getattr(options, name)]
-    if given and (is_saved(options.what) or len(given) > 1):
+    if given and (options.saved or len(given) > 1):
         raise InputError("--strategy and --fields stand in place of a design and of each other; give a robot with one")
     for option in ("rate", "profile"):
         if getattr(options, option) is not None and options.acceleration is None:
             raise InputError(f"--{option} is for a timed motion; give --acceleration with it")
 
 
-def _saved(options: argparse.Namespace) -> tuple[Strategy, Setting, Inverse]:
+def _saved(options: Options) -> tuple[Strategy, Setting, Inverse]:
     """A saved design, on the cycle that it is for or on the path that is asked for; and its G_d."""
     from ..studies.start_and_path import setting_of
 
     design = load_saved(options)
-    return design.inverse, setting_of(design, start_of(options, design.task), asked_path(options)), design.desired
+    return design.inverse, setting_of(design, options.asked_start(design.task), options.asked_path()), design.desired
 
 
-def _made(options: argparse.Namespace, say: Callable[[str], None]) -> tuple[Strategy, Setting]:
+def _made(options: Options, say: Callable[[str], None]) -> tuple[Strategy, Setting]:
     """The control that ``--strategy`` or ``--fields`` names, or else the nearest repeatable, and where it goes."""
-    from functools import partial
-
     from ..design import SingularRegionError, nearest_repeatable
     from ..motion.fitting_circle import fitting_circle
     from ..plugins import plugin
     from ..regions import Box
     from ..strategies import Pseudoinverse, Strategy, WeightedInverse
-    from ..studies.defaults import choose_task
     from ..studies.start_and_path import choose_setting, design_along, first_design, settings, with_cycle
 
-    task = choose_task(robot_of(options), options.frame, options.task)
-    plain, start, path = Pseudoinverse(task), start_of(options, task), asked_path(options) or partial(fitting_circle)
+    task = options.load_task()
+    plain, start, path = Pseudoinverse(task), options.asked_start(task), options.asked_path() or fitting_circle
     if not options.fields and options.strategy in (None, OWN[0]):
         setting, design = first_design(
             settings(task, start, path),
@@ -209,10 +174,7 @@ def _accelerations(text: str) -> str | list[float]:
     """Take --acceleration: a name, a number, or one a joint."""
     if text.strip().isidentifier():
         return text.strip()
-    try:
-        return [float(part) for part in text.replace(" ", ",").split(",") if part]
-    except ValueError:
-        raise InputError(f"--acceleration {text!r} is neither numbers, separated by commas, nor a name") from None
+    return numbers_of(text, "--acceleration", "is neither numbers, separated by commas, nor a name")
 
 
 def _drawn(rest: TimedMotion) -> bytes:
@@ -229,22 +191,20 @@ def _drawn(rest: TimedMotion) -> bytes:
 
 
 def _result(motion: Motion, asked: float, q0: Any, notes: list[str]) -> dict[str, Any]:
-    from ..studies.result import bodies_dict
+    from ..studies.result import bodies_dict, limits_dict
 
-    margin = float(motion.limit_margin.min())
-    violation = motion.first_violation
+    task = motion.task
     return {
-        "robot": motion.task.robot.name,
-        "frame": motion.task.frame,
-        "task": motion.task.kind,
-        "joints": list(motion.task.joint_names),
+        "robot": task.robot.name,
+        "frame": task.frame,
+        "task": task.kind,
+        "joints": list(task.joint_names),
         **motion.path.as_dict(),
         "start": [float(v) for v in q0],
         "drift": motion.drift.tolist(),
         "outside": motion.outside,
         "tracking_error": float(motion.tracking_error.max()),
-        "limit_margin": margin if margin < float("inf") else None,
-        "first_violation": None if violation is None else {"cycle": violation[0], "joint": violation[1]},
+        **limits_dict(motion),
         **bodies_dict(motion),
         "peak_speed": motion.peak_speed,
         "duration": float(motion.t[-1]),
@@ -253,39 +213,35 @@ def _result(motion: Motion, asked: float, q0: Any, notes: list[str]) -> dict[str
     }
 
 
-def _print(result: dict[str, Any], motion: Motion) -> None:
-    from ..show.text.numbers import number
+def _lines(result: dict[str, Any], motion: Motion, *, written: bool) -> Iterator[str]:
+    """What a person is told of a motion."""
+    from ..show.text.numbers import number, row
 
-    tell(f"{result['robot']} {result['frame']}, {result['task']}: {result['path']}")
+    yield f"{result['robot']} {result['frame']}, {result['task']}: {result['path']}"
     if motion.path.options:
-        tell(f"path again      {motion.path.options}")
-    tell(f"start           {', '.join(f'{v:.4g}' for v in result['start'])}")
+        yield f"path again      {motion.path.options}"
+    yield f"start           {row(result['start'])}"
     last = "" if motion.cycles == 1 else f", {number(motion.drift[-1])} after {motion.cycles}"
-    tell(f"joint drift     {number(motion.drift[0])} {motion.task.unit} after 1 cycle{last}")
-    tell(f"tracking error  {number(result['tracking_error'])} m at most")
-    margin = result["limit_margin"]
-    tell(f"limit margin    {'no limits' if margin is None else number(margin)}")
-    if result["body_distance"] is not None:
-        room, links = result["body_distance"], " and ".join(result["nearest_bodies"]["links"])
-        apart = (
-            f"bodies apart    {number(room)} m at least" if room >= 0 else f"bodies overlap  {number(-room)} m at most"
-        )
-        tell(f"{apart}: {links}")
-    more = ""
-    if result["slowed_by"] is None:
+    yield f"joint drift     {number(motion.drift[0])} {motion.task.unit} after 1 cycle{last}"
+    yield f"tracking error  {number(result['tracking_error'])} m at most"
+    margin, room = result["limit_margin"], result["body_distance"]
+    yield f"limit margin    {'no limits' if margin is None else number(margin)}"
+    if room is not None:
+        links = " and ".join(result["nearest_bodies"]["links"])
+        apart = f"apart    {number(room)} m at least" if room >= 0 else f"overlap  {number(-room)} m at most"
+        yield f"bodies {apart}: {links}"
+    more, slowed = "", result["slowed_by"]
+    if slowed is None:
         stops = f", stopping {result['stops']} times in each; blend= rounds corners" if result["stops"] else ""
         more = f" from rest to rest, {result['cycle_time']:.4g} s per cycle{stops}"
-    elif result["slowed_by"] > 1.0001:
-        more = f", slowed down by {result['slowed_by']:.3g} to keep the speed limits"
-    tell(f"time            {result['duration']:.4g} s{more}")
+    elif slowed > 1.0001:
+        more = f", slowed down by {slowed:.3g} to keep the speed limits"
+    yield f"time            {result['duration']:.4g} s{more}"
     if motion.outside is not None:
-        tell(f"outside Ω       {motion.outside:.1%}")
-    for note in result["notes"]:
-        tell(f"note: {note}")
-    if result["files"] and result["slowed_by"] is not None:
-        tell("note: the motion begins and ends at full speed along the path; a robot at rest needs a ramp")
-    for file in result["files"]:
-        print(f"wrote {file}")
+        yield f"outside Ω       {motion.outside:.1%}"
+    yield from (f"note: {note}" for note in result["notes"])
+    if written and slowed is not None:
+        yield "note: the motion begins and ends at full speed along the path; a robot at rest needs a ramp"
 
 
 def _remedy(motion: Motion, *, repeatable: bool) -> str:

@@ -1,11 +1,10 @@
-"""Options that several subcommands share, the types they take, and what is made of them."""
+"""What a person gives on the command line: the types of options, and what is made of them."""
 
 from __future__ import annotations
 
 import argparse
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,108 +20,99 @@ if TYPE_CHECKING:
     from ..robot.task import Task
     from ..section import CellDesign
 
-_PATHS = (
-    "circle:RADIUS, turned until the arm can follow it; circle:RADIUS:DEGREES, starting at that angle from the "
-    "plane's first axis; square:SIDE, eight:RADIUS, rose:RADIUS, polygon:CORNERS:RADIUS, all in m; or FILE.csv, "
-    "one point a line: x,y,z in m in the base's frame, the first point repeated at the end; a header may add "
-    "qx,qy,qz,qw and time; append :blend=RADIUS to round corners"
-)
+
+class Options(argparse.Namespace):
+    """The options as they were given, and what several subcommands make of them.
+
+    Attributes
+    ----------
+    ending : ExitStack
+        What is done when the command ends, however it ends.
+    """
+
+    ending: ExitStack
+
+    @property
+    def saved(self) -> bool:
+        """Whether WHAT is a saved design."""
+        return is_saved(self.what)
+
+    def load_robot(self) -> Robot:
+        """Load the robot that ROBOT or WHAT names."""
+        from ..robot.robot import Robot
+
+        name = self.what if "what" in self else self.robot
+        if "what" in self and self.robot is not None:
+            raise InputError(f"--robot goes with a saved design; the robot is {name}")
+        if is_saved(name):
+            raise InputError(
+                f"{name} is a saved design: follow, check, animate and export take it; here a robot is wanted"
+            )
+        return Robot.load(name, lock=self.lock, base=self.base, **self.beside())
+
+    def beside(self) -> dict[str, Any]:
+        """Say where a robot's meshes are, and what stands round it."""
+        return {"package_dirs": self.package_dir, "surroundings": getattr(self, "surroundings", None)}
+
+    def load_task(self) -> Task:
+        """Load the robot, and take the task asked for, or the first redundant one."""
+        from ..studies.defaults import choose_task
+
+        return choose_task(self.load_robot(), self.frame, self.task)
+
+    def asked_start(self, task: Task | None = None) -> Any:
+        """Read ``--start``, if it was given; for a task, check it too."""
+        if self.start is None:
+            return None
+        numbers = numbers_of(self.start, "--start", "is not a list of numbers; separate them by commas")
+        return numbers if task is None else task.check(numbers, "--start")
+
+    def asked_path(self) -> Any:
+        """Read ``--path`` and ``--plane``: a function (task, q0) → path, or None where neither is given."""
+        from ..motion.spec import parse_path
+
+        return None if self.path is None and self.plane is None else parse_path(self.path, self.plane)
+
+    def asked(self) -> dict[str, Any]:
+        """Read the frame, task, start and path, as :func:`repctl_pin.study` takes them."""
+        return {"frame": self.frame, "task": self.task, "start": self.asked_start(), "path": self.asked_path()}
+
+    def asked_weight(self) -> Any:
+        """Read ``--weight``: None, a word, or numbers."""
+        if self.weight in (None, "inertia", "limits"):
+            return self.weight
+        return numbers_of(self.weight, "--weight", "is neither inertia, nor limits, nor numbers separated by commas")
+
+    def asked_degree(self) -> Any:
+        """Read ``--degree``: auto, or a whole number."""
+        try:
+            return "auto" if self.degree == "auto" else whole(self.degree)
+        except argparse.ArgumentTypeError:
+            raise InputError(f"--degree {self.degree!r} is neither auto nor a whole number from 1 up") from None
+
+    def output_folder(self, name: str) -> Path:
+        """Where the files go: ``--out``, else ``repctl-out/NAME``. It can be written; it is not left empty."""
+        from ..files import check_folder, not_left_empty
+
+        folder = Path(self.out or Path("repctl-out") / name)
+        try:
+            check_folder(folder)
+        except InputError as error:
+            raise InputError(f"{error} (--out)") from None
+        return self.ending.enter_context(not_left_empty(folder))
 
 
-def robot_options(parser: argparse.ArgumentParser) -> None:
-    """Add ROBOT and what says how to load it."""
-    parser.add_argument("robot", metavar="ROBOT", help="catalogue name (see `repctl robots`) or path to a URDF")
-    _loading_options(parser)
+def is_saved(name: str) -> bool:
+    """Whether a name is that of a saved design."""
+    return Path(name).suffix.lower() == ".json"
 
 
-def what_options(
-    parser: argparse.ArgumentParser,
-    what: str = "a robot (catalogue name or URDF), or a saved design (.json), which knows its own frame and task",
-) -> None:
-    """Add WHAT, which is a robot or a saved design, and what says how to load it."""
-    parser.add_argument("what", metavar="WHAT", help=what)
-    parser.add_argument("--robot", metavar="ROBOT", help="the robot of a design that is not in the catalogue")
-    _loading_options(parser)
-
-
-def _loading_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--package-dir",
-        action="append",
-        default=[],
-        metavar="DIR",
-        help="folder of package:// paths",
-    )
-    parser.add_argument(
-        "--lock", action="append", default=[], metavar="JOINT", help="hold a joint at the reference pose"
-    )
-    parser.add_argument(
-        "--base",
-        metavar="LINK",
-        help="link in which x is measured, taken as fixed: one on the way to the frame, or another hand",
-    )
-
-
-def surroundings_option(parser: argparse.ArgumentParser) -> None:
-    """Add the robot's surroundings."""
-    parser.add_argument(
-        "--surroundings",
-        metavar="FILE",
-        help="URDF of what stands round the robot: all joints fixed, placed in the frame of the robot's root",
-    )
-
-
-def task_options(parser: argparse.ArgumentParser) -> None:
-    """Add what chooses a task and a start."""
-    parser.add_argument("--frame", help="link to move (default: the arm's end)")
-    parser.add_argument(
-        "--task",
-        metavar="KIND",
-        help="pose, axis, position, xy, xz or yz (default: the first redundant of pose, position, xy, xz, yz)",
-    )
-    parser.add_argument("--start", metavar="Q", help="joint positions, rad or m, separated by commas")
-
-
-def path_options(
-    parser: argparse.ArgumentParser, lead: str = "", default: str = " (default: a circle that fits)"
-) -> None:
-    """Add what says along which path; a command may have words of its own before it, and another default."""
-    parser.add_argument("--path", metavar="PATH", help=lead + _PATHS + default)
-    parser.add_argument("--plane", metavar="PLANE", help="of the path: xy, yz or xz (default: the first that fits)")
-
-
-def weight_option(parser: argparse.ArgumentParser) -> None:
-    """Add what says which inverse is meant, or should be come near to."""
-    parser.add_argument(
-        "--weight",
-        metavar="M",
-        help="of the joint speeds: inertia, limits, or one number a joint separated by commas (default: 1, J⁺)",
-    )
-
-
-def weight_of(options: argparse.Namespace) -> Any:
-    """Read ``--weight``: None, a word, or numbers."""
-    if options.weight in (None, "inertia", "limits"):
-        return options.weight
-    return numbers_of(options.weight, "--weight", "is neither inertia, nor limits, nor numbers separated by commas")
-
-
-def load_robot(options: argparse.Namespace, name: str | None = None) -> Robot:
-    """Load a robot by name, or the one that the options name."""
-    from ..robot.robot import Robot
-
-    name = options.robot if name is None else name
-    if is_saved(name):
-        raise InputError(f"{name} is a saved design: follow, check, animate and export take it; here a robot is wanted")
-    around = getattr(options, "surroundings", None)
-    return Robot.load(name, package_dirs=options.package_dir, lock=options.lock, base=options.base, surroundings=around)
-
-
-def robot_of(options: argparse.Namespace) -> Robot:
-    """Load the robot that WHAT names."""
-    if options.robot is not None:
-        raise InputError(f"--robot goes with a saved design; the robot is {options.what}")
-    return load_robot(options, options.what)
+def numbers_of(text: str, option: str, otherwise: str) -> list[float]:
+    """Read numbers separated by commas."""
+    try:
+        return [float(part) for part in text.replace(" ", ",").split(",") if part]
+    except ValueError:
+        raise InputError(f"{option} {text!r} {otherwise}") from None
 
 
 def save_control(design: Design | CellDesign, file: Path) -> Path:
@@ -145,57 +135,13 @@ def save_control(design: Design | CellDesign, file: Path) -> Path:
         raise InputError(f"{error}; what an earlier command wrote there is now {old}") from None
 
 
-def is_saved(name: str) -> bool:
-    """Whether a name is that of a saved design."""
-    return Path(name).suffix.lower() == ".json"
-
-
-@contextmanager
-def output_folder(options: argparse.Namespace, name: str) -> Iterator[Path]:
-    """Where the files go: ``--out``, else ``repctl-out/NAME``. It can be written; it is not left empty."""
-    from ..files import check_folder, not_left_empty
-
-    folder = Path(options.out or Path("repctl-out") / name)
-    try:
-        check_folder(folder)
-    except InputError as error:
-        raise InputError(f"{error} (--out)") from None
-    with not_left_empty(folder):
-        yield folder
-
-
-def start_of(options: argparse.Namespace, task: Task | None = None) -> Any:
-    """Read ``--start``, if it was given; for a task, check it too."""
-    if options.start is None:
-        return None
-    numbers = numbers_of(options.start, "--start", "is not a list of numbers; separate them by commas")
-    return numbers if task is None else task.check(numbers, "--start")
-
-
-def numbers_of(text: str, option: str, otherwise: str) -> list[float]:
-    """Read numbers separated by commas."""
-    try:
-        return [float(part) for part in text.replace(" ", ",").split(",") if part]
-    except ValueError:
-        raise InputError(f"{option} {text!r} {otherwise}") from None
-
-
-def asked_path(options: argparse.Namespace) -> Any:
-    """Read ``--path`` and ``--plane``: a function (task, q0) → path, or None where neither is given."""
-    from ..motion.spec import parse_path
-
-    if options.path is None and options.plane is None:
-        return None
-    return parse_path(options.path, options.plane)
-
-
-def box_round(task: Task, q0: Any, half_width: float) -> tuple[Box, list[str]]:
+def box_round(task: Task, q0: Any, half_width: float) -> tuple[Box, tuple[str, ...]]:
     """Make Ω, a box round the start cut to the joint limits; and a note where it was cut."""
     from ..regions import Box
 
     box = Box(q0, half_width).inside(task.lower, task.upper)
     cut = [n for n, w in zip(task.joint_names, box.half_width, strict=True) if w < half_width * (1 - 1e-9)]
-    return box, [f"Ω was cut at the limits of {', '.join(cut)}"] if cut else []
+    return box, (f"Ω was cut at the limits of {', '.join(cut)}",) if cut else ()
 
 
 def said_by_options(error: SingularRegionError, *, shrink: bool = False) -> SingularRegionError:

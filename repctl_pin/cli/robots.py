@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-import argparse
-import json
 from typing import Any
 
-from .terminal import clear_line, progress, tell
+from ..show.text.lines import fitted
+from .options import Options
+from .parsing import Parser
+from .terminal import progress, report
 
 HELP = "list the catalogue: joints, chains, frames, redundancy by task"
 EXAMPLE = "example: repctl robots"
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
+def add_options(parser: Parser) -> None:
     """Add the options of this subcommand."""
     parser.add_argument("--json", action="store_true", help="print JSON instead of the table")
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: Options) -> int:
     """List the catalogue."""
     from ..robot.robot import Robot
     from ..show.text.table import table
@@ -39,18 +40,17 @@ def run(options: argparse.Namespace) -> int:
             }
             for frame in robot.offered_frames
         )
-    clear_line()
-    if options.json:
-        print(json.dumps(rows, indent=2))
-        return 0
     header = ["robot", "frame", "joints", "pose", "axis", "position", "plane"]
-    tell(table(header, [_cells(row) for row in rows], left=2))
-    tell(
+    legend = (
         "joints: those that move the frame, of all that move; then r = joints − m for\n"
         "each kind of task, plane being xy, xz, yz, and – where the arm cannot do it at\n"
         "all. r ≥ 1 is redundant: the motion under J⁺ drifts."
     )
-    return 0
+
+    def text() -> str:
+        return fitted(f"{table(header, [_cells(row) for row in rows], left=2)}\n{legend}")
+
+    return report(options, lambda: rows, text)
 
 
 def _cells(row: dict[str, Any]) -> list[str]:

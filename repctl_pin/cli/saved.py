@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import argparse
 from typing import TYPE_CHECKING
 
 from ..errors import InputError
+from .options import Options
 
 if TYPE_CHECKING:
     from ..design import Design
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from ..section import CellDesign
 
 
-def load_design(options: argparse.Namespace) -> Design:
+def load_design(options: Options) -> Design:
     """Load the design that WHAT names, on the robot that ``--robot`` names or the catalogue's.
 
     Raises
@@ -32,7 +32,7 @@ def load_design(options: argparse.Namespace) -> Design:
     return design
 
 
-def load_saved(options: argparse.Namespace) -> Design | CellDesign:
+def load_saved(options: Options) -> Design | CellDesign:
     """Load the design of either kind that WHAT names, as :func:`load_design` does."""
     from ..design.identity import task_of
     from ..saving.files import made_of, read_design
@@ -42,7 +42,7 @@ def load_saved(options: argparse.Namespace) -> Design | CellDesign:
     return made_of(content, task_of(content.task, robot), options.what)
 
 
-def _robot(made_for: TaskFile, options: argparse.Namespace) -> Robot:
+def _robot(made_for: TaskFile, options: Options) -> Robot:
     """Load the robot a design was made for; an option that says otherwise is refused."""
     from ..robot.robot import Robot
 
@@ -59,8 +59,7 @@ def _robot(made_for: TaskFile, options: argparse.Namespace) -> Robot:
             f"{file} is for {made_for.robot} ({made_for.file}), which is not in the catalogue; "
             f"say where it is: --robot {made_for.file}"
         )
-    around = getattr(options, "surroundings", None)
-    robot = Robot.load(options.robot or made_for.robot, package_dirs=options.package_dir, surroundings=around)
+    robot = Robot.load(options.robot or made_for.robot, **options.beside())
     if robot.name != made_for.robot:
         raise InputError(f"{file} is for the robot {made_for.robot!r}, not {robot.name!r}; give that with --robot")
     return robot

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import argparse
+import json
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
 
-from ..show.text.lines import fitted, on_terminal
+from ..show.text.lines import on_terminal
 
 
 def progress(quiet: bool) -> Callable[[str], None]:
@@ -29,9 +33,30 @@ def clear_line() -> None:
         print("\r\x1b[2K", end="", file=sys.stderr, flush=True)
 
 
-def tell(text: str) -> None:
-    """Print text, wrapped where a terminal is too narrow for it."""
-    print(fitted(text))
+def report(
+    options: argparse.Namespace,
+    result: Callable[[], Any],
+    text: Callable[[], str] = str,
+    files: Sequence[str | Path] | None = None,
+) -> int:
+    """Print what a command found: as JSON, or as text and the files that it wrote; the command is done.
+
+    Parameters
+    ----------
+    options
+        ``json`` and ``quiet`` say which.
+    result, text
+        Make what a script reads, and what a person does.
+    files
+        What was written; None for a command that writes nothing.
+    """
+    clear_line()
+    if options.json:
+        found = result() if files is None else result() | {"files": [str(file) for file in files]}
+        print(json.dumps(found, indent=2, ensure_ascii=False, default=lambda array: array.tolist()))
+    elif not options.quiet:
+        print(*filter(None, [text(), *(f"wrote {file}" for file in files or ())]), sep="\n")
+    return 0
 
 
 @contextmanager

@@ -162,16 +162,17 @@ class Study:
             "period": self.period,
             "region": region_dict(self.region),
             "design": {
-                "cost": design.cost,
-                "cost_error": design.cost_error,
-                "relative_distance": design.relative_distance,
-                "leaf_margin": design.leaf_margin,
-                "converged": design.converged,
+                **picked(design, "cost", "cost_error", "relative_distance", "leaf_margin", "converged"),
                 "potentials": design.fields.size,
             },
             "strategies": {row.key: _row_dict(row) for row in self.rows},
             "notes": list(self.notes),
         }
+
+
+def picked(thing: object, *names: str) -> dict[str, Any]:
+    """Take some attributes by name."""
+    return {name: getattr(thing, name) for name in names}
 
 
 def region_dict(region: Region) -> dict[str, Any]:
@@ -197,12 +198,19 @@ def bodies_dict(motion: Motion) -> dict[str, Any]:
     }
 
 
+def limits_dict(motion: Motion) -> dict[str, Any]:
+    """Say how near joints come to their limits, and which first leaves them and when, in plain Python types."""
+    margin, violation = float(motion.limit_margin.min()), motion.first_violation
+    return {
+        "limit_margin": margin if np.isfinite(margin) else None,
+        "first_violation": None if violation is None else dict(zip(("cycle", "joint"), violation, strict=True)),
+    }
+
+
 def _row_dict(row: Row) -> dict[str, Any]:
     motion = row.motion
     if motion is None:
         return {"label": row.label, "stopped": row.stopped}
-    violation = motion.first_violation
-    margin = float(motion.limit_margin.min())
     return {
         "label": row.label,
         "drift_first": float(motion.drift[0]),
@@ -212,14 +220,11 @@ def _row_dict(row: Row) -> dict[str, Any]:
         "outside": motion.outside,
         "tracking_error": float(motion.tracking_error.max()),
         "turning_error": float(motion.turning_error.max()),
-        "rms_speed": motion.rms_speed,
-        "peak_speed": motion.peak_speed,
+        **picked(motion, "rms_speed", "peak_speed"),
         "speed_ratio": motion.speed_ratio if np.isfinite(motion.speed_ratio) else None,
-        "limit_margin": margin if np.isfinite(margin) else None,
-        "first_violation": None if violation is None else {"cycle": violation[0], "joint": violation[1]},
+        **limits_dict(motion),
         **bodies_dict(motion.coarse),
         "cycle_time": row.cycle_time,
         "closes": motion.closes,
-        "leaf_margin": row.leaf_margin,
-        "distance": row.distance,
+        **picked(row, "leaf_margin", "distance"),
     }

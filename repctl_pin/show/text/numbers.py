@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 
 def number(value: float) -> str:
@@ -36,3 +37,8 @@ def percent(share: float) -> str:
         return "0 %"
     text = f"{100 * share:+.1f}" if abs(share) < 0.1 else f"{100 * share:+.0f}"
     return f"{text.replace('-', '−')} %"
+
+
+def row(values: Iterable[float], digits: int = 4) -> str:
+    """Write numbers one after the other, of so many digits."""
+    return ", ".join(f"{value:.{digits}g}" for value in values)
