@@ -12,15 +12,22 @@ from typing import Any, Protocol
 import numpy as np
 
 from ..arguments import Array
-from .criterion import Batch, Builder, Sides, gather
+from .criterion import Batch, Builder
 
+Sums = tuple[Any, ...]
+Sum = Callable[..., Sums]
+"""A function of the criterion: its part of some sums, from a batch and further arguments."""
 Tick = Callable[[float], None]
+
+
+def silent(share: float) -> None:
+    """Tell nobody what share of a pass is done."""
 
 
 class Batches(Protocol):
     """All nodes of a fit."""
 
-    def total(self, function: Callable[..., tuple[Any, ...]], *arguments: Any) -> tuple[Any, ...]:
+    def total(self, function: Sum, *arguments: Any) -> Sums:
         """Add ``function(batch, *arguments)`` up over all batches, item by item."""
 
     def close(self) -> None:
@@ -46,25 +53,23 @@ class Local:
     """
 
     def __init__(
-        self, builder: Builder, Q: Array, weights: Array, batch: int, *, stream: bool = False, tick: Tick | None = None
+        self, builder: Builder, Q: Array, weights: Array, batch: int, *, stream: bool = False, tick: Tick = silent
     ) -> None:
-        self._builder, self._Q, self._weights, self._batch = builder, Q, weights, batch
-        self._tick = tick
+        self._builder, self._Q, self._weights, self._batch, self._tick = builder, Q, weights, batch, tick
         self._kept: list[Batch] | None = None if stream else list(self._build())
 
-    def total(self, function: Callable[..., tuple[Any, ...]], *arguments: Any) -> tuple[Any, ...]:
+    def total(self, function: Sum, *arguments: Any) -> Sums:
         """Add ``function(batch, *arguments)`` up over all batches, item by item."""
-        return add(function(b, *arguments) for b in (self._build() if self._kept is None else self._kept))
+        return over(self._build() if self._kept is None else self._kept, function, arguments)
 
     def close(self) -> None:
         """Let the batches go."""
         self._kept = []
 
     def _build(self) -> Iterator[Batch]:
-        for i in range(0, len(self._Q), self._batch):
-            yield self._builder(self._Q[i : i + self._batch], self._weights[i : i + self._batch])
-            if self._tick is not None:
-                self._tick(min(1.0, (i + self._batch) / len(self._Q)))
+        for i, batch in enumerate(self._builder.batches(self._Q, self._weights, self._batch), 1):
+            yield batch
+            self._tick(min(1.0, i * self._batch / len(self._Q)))
 
 
 class Guarded:
@@ -97,45 +102,28 @@ class Guarded:
         self.guards.append(Q)
         self._built.append(self._builder(Q, np.full(len(Q), self._weight)))
 
-    def total(self, function: Callable[..., tuple[Any, ...]], *arguments: Any) -> tuple[Any, ...]:
+    def total(self, function: Sum, *arguments: Any) -> Sums:
         """Add ``function(batch, *arguments)`` up over all batches and guarded points, item by item."""
         nodes = self.batches.total(function, *arguments)
-        return add([nodes, *(function(b, *arguments) for b in self._built)]) if self._built else nodes
+        return add([nodes, *(function(b, *arguments) for b in self._built)])
 
     def close(self) -> None:
         """Let the batches go."""
         self.batches.close()
 
 
-def add(parts: Iterable[tuple[Any, ...]]) -> tuple[Any, ...]:
-    """Add tuples of sums up, item by item; sides of singularities are gathered."""
+def add(parts: Iterable[Sums]) -> Sums:
+    """Add tuples of sums up, item by item, in their order."""
     total: list[Any] = []
-    sides: list[Sides] = []
-    starts = [0]
     for part in parts:
-        *sums, last = part
-        if isinstance(last, Sides):
-            sides.append(last)
-            starts.append(starts[-1] + last.positive + last.negative)
-        else:
-            sums.append(last)
         if not total:
-            total = [s.copy() if isinstance(s, np.ndarray) else s for s in sums]
+            total = [s.copy() if isinstance(s, np.ndarray) else s for s in part]
         else:
-            for i, s in enumerate(sums):
+            for i, s in enumerate(part):
                 total[i] += s
-    return (*total, gather(sides, starts[:-1])) if sides else tuple(total)
+    return tuple(total)
 
 
-def cut(Q: Array, weights: Array, most: int, batch: int) -> list[tuple[Array, Array]]:
-    """Cut nodes into at most ``most`` pieces of whole batches, to be handed out."""
-    batches = -(-len(Q) // batch)
-    per_piece = -(-batches // min(most, batches)) * batch
-    return [(Q[i : i + per_piece], weights[i : i + per_piece]) for i in range(0, len(Q), per_piece)]
-
-
-def over(
-    batches: Sequence[Batch], function: Callable[..., tuple[Any, ...]], arguments: tuple[Any, ...]
-) -> tuple[Any, ...]:
+def over(batches: Iterable[Batch], function: Sum, arguments: tuple[Any, ...]) -> Sums:
     """Add a function up over some batches."""
     return add(function(b, *arguments) for b in batches)

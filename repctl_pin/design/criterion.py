@@ -7,7 +7,7 @@ than there are potentials speaks of the first of them.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -89,6 +89,11 @@ class Builder:
         B_T = np.concatenate([N_T, np.swapaxes(G, -1, -2)], axis=1)  # (K, n, n)
         return Batch(B_T @ D, N_T @ self.N_center, weights, task.r)
 
+    def batches(self, Q: Array, weights: Array, size: int) -> Iterator[Batch]:
+        """Build batches of so many nodes, one after the other."""
+        for i in range(0, len(Q), size):
+            yield self(Q[i : i + size], weights[i : i + size])
+
 
 def evaluate(desired: Inverse, fields: Field, Q: Array) -> tuple[Array, Array, Array]:
     """Evaluate N (K, n, r), G_d (K, n, m) and D = [∇h_1 … ∇h_N] (K, n, N) at K nodes, and check them.
@@ -140,40 +145,18 @@ def oriented_nullspace(J: Array, task: Task, Q: Array) -> Array:
 
 @dataclass(frozen=True)
 class Sides:
-    """On which side of an algorithmic singularity nodes lie: how many on each, and one of each (−1: none)."""
+    """On which side of an algorithmic singularity nodes lie: how many on each."""
 
     positive: int
     negative: int
-    a_positive: int
-    a_negative: int
-
-    @classmethod
-    def of(cls, determinants: Array) -> Sides:
-        """Count the signs of det(E A) over a batch."""
-        up = determinants > 0
-        positive = int(np.count_nonzero(up))
-        return cls(
-            positive,
-            len(up) - positive,
-            int(np.argmax(up)) if positive else -1,
-            int(np.argmin(up)) if positive < len(up) else -1,
-        )
 
     @property
     def clear(self) -> bool:
         """Whether all lie on one side."""
         return not (self.positive and self.negative)
 
-
-def gather(sides: Sequence[Sides], starts: Sequence[int]) -> Sides:
-    """Put the sides of batches together; ``starts`` are the numbers of their first nodes."""
-
-    def first(which: str) -> int:
-        return next((s + getattr(b, which) for b, s in zip(sides, starts, strict=True) if getattr(b, which) >= 0), -1)
-
-    return Sides(
-        sum(b.positive for b in sides), sum(b.negative for b in sides), first("a_positive"), first("a_negative")
-    )
+    def __add__(self, other: Sides) -> Sides:
+        return Sides(self.positive + other.positive, self.negative + other.negative)
 
 
 def linear(b: Batch) -> tuple[Array, Array, Array]:
@@ -233,4 +216,5 @@ def _difference(b: Batch, A: Array) -> tuple[Array, Array, Sides]:
         det = np.linalg.det(P)
         flat = (det == 0)[:, None, None]
         P_inv = np.linalg.inv(np.where(flat, np.finfo(float).tiny ** (1 / b.r) * np.eye(b.r), P))
-    return EFA[:, b.r :] @ P_inv, P_inv, Sides.of(det)
+    positive = int(np.count_nonzero(det > 0))
+    return EFA[:, b.r :] @ P_inv, P_inv, Sides(positive, K - positive)
