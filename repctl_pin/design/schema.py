@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, TypeVar
 
 import msgspec
 import numpy as np
@@ -88,6 +88,11 @@ class LimitsFile(_Part, tag="limits"):
     room: float
 
 
+Fields = PolynomialFile | FourierFile | JoinedFile
+Area = BoxFile | TubeFile | WorkspaceFile
+Desired = PseudoinverseFile | WeightedFile | LimitsFile
+
+
 class Plain(msgspec.Struct, forbid_unknown_fields=True):
     """Something that there is one kind of."""
 
@@ -169,14 +174,24 @@ class DesignFile(Sealed):
     """A repeatable inverse: h_j(q) = Σ_i φ_i(q) coefficients[i][j], the φ_i in the order of ``fields``."""
 
     cycle: CycleFile | None
-    desired: PseudoinverseFile | WeightedFile | LimitsFile
-    fields: PolynomialFile | FourierFile | JoinedFile
-    region: BoxFile | TubeFile | WorkspaceFile
+    desired: Desired
+    fields: Fields
+    region: Area
     coefficients: Rows
     figures: Figures
 
 
-def field_file(field: Field) -> Any:
+P = TypeVar("P", bound=msgspec.Struct)
+
+
+def described(kind: type[P], thing: object, **others: Any) -> P:
+    """Fill a part of a file: what is not given is the attribute of the same name of a thing, an array as lists."""
+    own = {name: getattr(thing, name) for name in kind.__struct_fields__ if name not in others}
+    plain = {k: v.tolist() if isinstance(v, (np.ndarray, np.generic)) else v for k, v in own.items()}
+    return kind(**plain, **others)
+
+
+def field_file(field: Field) -> Fields:
     """Describe a family of potentials.
 
     Raises
@@ -185,10 +200,9 @@ def field_file(field: Field) -> Any:
         If it holds user-defined functions, which no file can hold.
     """
     if isinstance(field, Polynomial):
-        center, scale = field.center.tolist(), field.scale.tolist()
-        return PolynomialFile(center, field.degree, scale, list(field.variables), field.cross)
+        return described(PolynomialFile, field)
     if isinstance(field, Fourier):
-        return FourierFile(field.n, field.order, list(field.variables), field.period.tolist(), field.cross)
+        return described(FourierFile, field)
     if isinstance(field, Joined):
         return JoinedFile([field_file(part) for part in field.parts])
     raise InputError(
@@ -196,16 +210,15 @@ def field_file(field: Field) -> Any:
     )
 
 
-def field_of(data: PolynomialFile | FourierFile | JoinedFile) -> Field:
+def field_of(data: Fields) -> Field:
     """Make a family of potentials."""
-    if isinstance(data, PolynomialFile):
-        return Polynomial(data.center, data.degree, data.scale, variables=data.variables, cross=data.cross)
-    if isinstance(data, FourierFile):
-        return Fourier(data.n, data.order, variables=data.variables, period=data.period, cross=data.cross)
-    return Joined(*(field_of(part) for part in data.parts))
+    if isinstance(data, JoinedFile):
+        return Joined(*(field_of(part) for part in data.parts))
+    given = msgspec.structs.asdict(data)
+    return Polynomial(**given) if isinstance(data, PolynomialFile) else Fourier(**given)
 
 
-def region_file(region: Region) -> Any:
+def region_file(region: Region) -> Area:
     """Describe a region.
 
     Raises
@@ -219,25 +232,23 @@ def region_file(region: Region) -> Any:
             "save dataclasses.replace(design, region=…) with one without"
         )
     if isinstance(region, Box):
-        return BoxFile(region.center.tolist(), region.half_width.tolist())
+        return described(BoxFile, region)
     if isinstance(region, Tube):
-        return TubeFile(region.samples.tolist(), region.radius.tolist())
+        return described(TubeFile, region)
     if isinstance(region, WorkspaceBox):
-        return WorkspaceFile(region.position.tolist(), region.half_width.tolist(), region_file(region.within))
+        return described(WorkspaceFile, region, within=region_file(region.within))
     raise InputError(f"a region {type(region).__name__} cannot be saved; a file holds boxes, tubes and workspace boxes")
 
 
-def region_of(data: BoxFile | TubeFile | WorkspaceFile, task: Task) -> Region:
+def region_of(data: Area, task: Task) -> Region:
     """Make a region."""
-    if isinstance(data, BoxFile):
-        return Box(data.center, data.half_width)
-    if isinstance(data, TubeFile):
-        return Tube(data.samples, data.radius)
-    within = Box(data.within.center, data.within.half_width)
-    return WorkspaceBox(task, data.position, data.half_width, within=within)
+    if isinstance(data, WorkspaceFile):
+        return WorkspaceBox(task, data.position, data.half_width, within=Box(**msgspec.structs.asdict(data.within)))
+    given = msgspec.structs.asdict(data)
+    return Box(**given) if isinstance(data, BoxFile) else Tube(**given)
 
 
-def desired_file(desired: Inverse) -> Any:
+def desired_file(desired: Inverse) -> Desired:
     """Describe a desired inverse.
 
     Raises
@@ -250,7 +261,7 @@ def desired_file(desired: Inverse) -> Any:
     if isinstance(desired, WeightedInverse):
         weight = desired.weight
         if isinstance(weight, LimitWeight) and np.array_equal(weight.lower, desired.task.lower):
-            return LimitsFile(weight.gain, weight.room)
+            return described(LimitsFile, weight)
         if not callable(weight):
             return WeightedFile(weight if isinstance(weight, str) else np.asarray(weight).tolist())
     raise InputError(
@@ -259,7 +270,7 @@ def desired_file(desired: Inverse) -> Any:
     )
 
 
-def desired_of(data: PseudoinverseFile | WeightedFile | LimitsFile, task: Task) -> Inverse:
+def desired_of(data: Desired, task: Task) -> Inverse:
     """Make a desired inverse."""
     if isinstance(data, PseudoinverseFile):
         return Pseudoinverse(task)
@@ -270,9 +281,15 @@ def desired_of(data: PseudoinverseFile | WeightedFile | LimitsFile, task: Task) 
 def cycle_file(cycle: Cycle) -> CycleFile:
     """Describe the cycle that a control is for."""
     path = cycle.path
-    pieces = [PieceFile(p.begin, p.end, p.coefficients.tolist()) for p in pieces_of(path)]
-    rotation = path.placement(0.0).rotation.tolist()
-    return CycleFile(cycle.start.tolist(), cycle.period, path.name, path.words, path.plane, rotation, pieces)
+    return described(
+        CycleFile,
+        cycle,
+        path=path.name,
+        words=path.words,
+        plane=path.plane,
+        rotation=path.placement(0.0).rotation.tolist(),
+        pieces=[described(PieceFile, piece) for piece in pieces_of(path)],
+    )
 
 
 def cycle_of(data: CycleFile, task: Task) -> Cycle:

@@ -16,21 +16,10 @@ from ..errors import InputError
 from ..files import read_whole, write_whole
 from ..robot.task import Task
 from ..strategies.repeatable import RepeatableInverse
+from . import schema
 from .identity import identity
 from .result import Design
-from .schema import (
-    DesignFile,
-    Figures,
-    Sealed,
-    cycle_file,
-    cycle_of,
-    desired_file,
-    desired_of,
-    field_file,
-    field_of,
-    region_file,
-    region_of,
-)
+from .schema import DesignFile, Figures, Sealed, described
 
 FORMAT = "repctl design"
 SCHEMA = 1
@@ -75,26 +64,32 @@ def read(path: str | Path, kinds: Mapping[str, type[Sealed]]) -> Any:
     return content
 
 
+def head(kind: str, task: Task) -> dict[str, Any]:
+    """Say what every file says first, and what it is for; it has no checksum yet."""
+    return {"format": kind, "schema": SCHEMA, "written_by": __version__, "checksum": "", "task": identity(task)}
+
+
 def design_file(design: Design) -> DesignFile:
     """Describe a design.
 
     Raises
     ------
     InputError
-        If it holds user-defined functions.
+        If it holds user-defined functions, or a figure is not finite.
     """
-    return DesignFile(
-        format=FORMAT,
-        schema=SCHEMA,
-        written_by=__version__,
-        checksum="",
-        task=identity(design.task),
-        cycle=None if design.cycle is None else cycle_file(design.cycle),
-        desired=desired_file(design.desired),
-        fields=field_file(design.fields),
-        region=region_file(design.region),
-        coefficients=design.coefficients.tolist(),
-        figures=_figures(design),
+    figures = described(Figures, design)
+    for name, value in msgspec.structs.asdict(figures).items():
+        if isinstance(value, float) and not np.isfinite(value):
+            raise InputError(f"design.{name} = {value!r} cannot be saved")
+    return described(
+        DesignFile,
+        design,
+        **head(FORMAT, design.task),
+        cycle=None if design.cycle is None else schema.cycle_file(design.cycle),
+        desired=schema.desired_file(design.desired),
+        fields=schema.field_file(design.fields),
+        region=schema.region_file(design.region),
+        figures=figures,
     )
 
 
@@ -106,20 +101,20 @@ def design_of(content: DesignFile, task: Task) -> Design:
     InputError
         If the numbers make no design.
     """
-    fields, A = field_of(content.fields), np.array(content.coefficients, dtype=float)
+    fields, A = schema.field_of(content.fields), np.array(content.coefficients, dtype=float)
     if A.shape != (fields.size, task.r):
         raise InputError(f"the coefficients must be {fields.size} × {task.r} numbers; they have shape {A.shape}")
-    region = region_of(content.region, task)
+    region = schema.region_of(content.region, task)
     if len(region.center) != task.n or fields.gradients(task.reference[None]).shape[1] != task.n:
         raise InputError(f"fields and region must be of {task.n} joints")
     figures = msgspec.structs.asdict(content.figures)
     return Design(
         inverse=RepeatableInverse(task, fields.weighted(A), region=region),
-        desired=desired_of(content.desired, task),
+        desired=schema.desired_of(content.desired, task),
         fields=fields,
         region=region,
         coefficients=A,
-        cycle=None if content.cycle is None else cycle_of(content.cycle, task),
+        cycle=None if content.cycle is None else schema.cycle_of(content.cycle, task),
         **figures | {"leaf_margin_at": np.array(content.figures.leaf_margin_at)},
     )
 
@@ -130,23 +125,6 @@ class _Head(msgspec.Struct):
     format: str
     schema: int
     written_by: str = ""
-
-
-def _figures(design: Design) -> Figures:
-    """Take every figure of a design as plain numbers.
-
-    Raises
-    ------
-    InputError
-        If one is not finite.
-    """
-    values = {}
-    for name in Figures.__struct_fields__:
-        value = getattr(design, name)
-        values[name] = value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value
-        if isinstance(values[name], float) and not np.isfinite(values[name]):
-            raise InputError(f"design.{name} = {value!r} cannot be saved")
-    return Figures(**values)
 
 
 def _checksum(content: dict[str, Any]) -> str:

@@ -8,20 +8,8 @@ import msgspec
 import numpy as np
 import pinocchio as pin
 
-from .._version import __version__
-from ..design.identity import identity
-from ..design.schema import (
-    LimitsFile,
-    Plain,
-    PseudoinverseFile,
-    Row,
-    Rows,
-    Sealed,
-    WeightedFile,
-    desired_file,
-    desired_of,
-)
-from ..design.storage import SCHEMA
+from ..design.schema import Desired, Plain, Row, Rows, Sealed, described, desired_file, desired_of
+from ..design.storage import head
 from ..errors import InputError
 from ..robot.task import Task
 from ..section import Cell, CellDesign, InverseFunction, Stop
@@ -67,7 +55,7 @@ class CellFigures(Plain):
 class CellFile(Sealed):
     """A function over a cell: its poses, and q_ref and n_ref as polynomials of their coordinates."""
 
-    desired: PseudoinverseFile | WeightedFile | LimitsFile
+    desired: Desired
     placement: Rows
     widths: Row
     degree: int
@@ -94,22 +82,17 @@ def cell_file(design: CellDesign) -> CellFile:
     """
     chart, cell, found = design.function.chart, design.cell, vars(design.judgement)
     boundless = {name: found[name] if np.isfinite(found[name]) else None for name in _BOUNDLESS}
-    stops = [StopFile(stop.cause, stop.share, stop.u.tolist(), stop.what) for stop in design.stops]
-    return CellFile(
-        format=FORMAT,
-        schema=SCHEMA,
-        written_by=__version__,
-        checksum="",
-        task=identity(design.task),
+    stops = [described(StopFile, stop) for stop in design.stops]
+    return described(
+        CellFile,
+        design,
+        **head(FORMAT, design.task),
         desired=desired_file(design.desired),
         placement=cell.placement.homogeneous.tolist(),
         widths=cell.widths.tolist(),
         degree=chart.monomials.degree,
         coefficients=chart.coefficients.tolist(),
-        posture=design.posture.tolist(),
         figures=CellFigures(**found | boundless | {"stops": stops}),
-        degrees=design.degrees,
-        **{name: getattr(design, name) for name in _HOW},
     )
 
 
