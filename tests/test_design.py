@@ -14,6 +14,7 @@ from repctl_pin.design import criterion
 from repctl_pin.design.criterion import Builder
 from repctl_pin.design.design_map import degree_curve, design_map
 from repctl_pin.design.judgement import judge
+from repctl_pin.design.singularities import LeafMargin, largest_free
 from repctl_pin.show.plots.designs import design_figure
 
 Q0 = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
@@ -70,7 +71,8 @@ def test_the_extended_jacobian_is_singular_in_the_wide_box_and_said_so(panda: rp
     inverse = rp.ExtendedJacobian(design.task, Q0)
     with pytest.raises(rp.SingularRegionError) as error:
         judge(inverse, design.desired, design.region)
-    at, free = error.value.at, error.value.free
+    at = error.value.at
+    free = largest_free(LeafMargin(design.task, inverse.field, Q0), design.region, at[None])
     assert design.region.contains(at[None])[0]
     sides = [
         np.sign(np.linalg.det(np.vstack([design.task.jacobian(q), inverse.field.gradient(q).T]))) for q in (Q0, at)

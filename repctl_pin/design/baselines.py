@@ -60,7 +60,7 @@ def baselines(desired: Inverse, region: Region, *, samples: int, seed: int) -> t
         ("extended Jacobian", ExtendedJacobian(task, center)),
     ):
         try:
-            found.append(Baseline(name, judge(inverse, desired, region, samples=samples, seed=seed, free=False)))
+            found.append(Baseline(name, judge(inverse, desired, region, samples=samples, seed=seed)))
         except RepctlError as error:
             found.append(Baseline(name, None, str(error)))
     return tuple(found)

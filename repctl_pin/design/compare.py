@@ -79,21 +79,14 @@ def compare(first: Design, *others: Design) -> Comparison:
         wanted(design, Design, "what is compared", "a design, as rp.nearest_repeatable makes them")
     task = first.task
     for other in others:
-        if (other.task.robot.name, other.task.frame, other.task.kind, other.task.joint_names) != (
-            task.robot.name,
-            task.frame,
-            task.kind,
-            task.joint_names,
-        ):
+        one, two = ((t.robot.name, t.frame, t.kind, t.joint_names) for t in (task, other.task))
+        if one != two:
             raise InputError(f"designs of different tasks cannot be compared: {task!r} and {other.task!r}")
     judgements: list[Judgement | None] = []
     for design in designs:
         try:
-            judgements.append(
-                judge(
-                    design.inverse, first.desired, first.region, samples=first.held_out, seed=first.seed + 1, free=False
-                )
-            )
+            verdict = judge(design.inverse, first.desired, first.region, samples=first.held_out, seed=first.seed + 1)
+            judgements.append(verdict)
         except SingularityError:
             judgements.append(None)
     base = judgements[0]

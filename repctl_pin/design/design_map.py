@@ -11,7 +11,7 @@ from ..arguments import Array
 from ..errors import InputError, SingularityError
 from ..fields.polynomial import Polynomial
 from .result import Design
-from .singularities import signed_leaf_margin
+from .singularities import LeafMargin
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ def design_map(design: Design, joints: tuple[int, int] | None = None, *, points:
     Q = np.tile(center, (points * points, 1))
     Q[:, first], Q[:, second] = (grid.ravel() for grid in np.meshgrid(x, y))
     distance, reference = _distance(design, Q)
-    sigma = np.abs(signed_leaf_margin(design.task, design.inverse.field)(Q))
+    sigma = np.abs(LeafMargin(design.task, design.inverse.field, center)(Q))
     shape = (points, points)
     return DesignMap((first, second), x, y, distance.reshape(shape), reference.reshape(shape), sigma.reshape(shape))
 

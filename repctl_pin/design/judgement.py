@@ -11,8 +11,8 @@ from ..redundancy.augmented import leaf_margin
 from ..regions import Region
 from ..strategies.repeatable import RepeatableInverse
 from ..strategies.strategy import Inverse
-from .criterion import oriented_nullspace
-from .singularities import refuse_singular, search, signed_leaf_margin
+from .criterion import named, oriented_nullspace
+from .singularities import LeafMargin, SingularRegionError, search
 
 REPLICATES = 32
 _CANDIDATES = 64
@@ -54,7 +54,6 @@ def judge(
     *,
     samples: int = 16384,
     seed: int = 1,
-    free: bool = True,
 ) -> Judgement:
     """Judge a repeatable inverse against a desired one.
 
@@ -69,8 +68,6 @@ def judge(
         mean whose scatter is itself estimated: wider by √(31/29), the spread of Student's t.
     seed
         Of the nodes; another one than the fit's.
-    free
-        Look for the largest region free of a singularity that was found.
 
     Raises
     ------
@@ -79,12 +76,11 @@ def judge(
     """
     task = inverse.task
     costs, norms, inside = [], [], []
-    candidates: list[tuple[Array, Array]] = []
-    measure = signed_leaf_margin(task, inverse.field)
-    side = np.sign(measure(region.center[None]))[0]
+    points, values = [], []
+    measure = LeafMargin(task, inverse.field, region.center)
 
-    def one_sided(Q: Array) -> Array:
-        return side * measure(Q)
+    def singular(at: Array) -> SingularRegionError:
+        return SingularRegionError(f"an algorithmic singularity lies in Ω near {named(task, at)}", at, None)
 
     for replicate in range(REPLICATES):
         Q = region.random(-(-samples // REPLICATES), seed * REPLICATES + replicate)
@@ -92,23 +88,19 @@ def judge(
         J = task.jacobians(Q)
         N = oriented_nullspace(J, task, Q)
         V = inverse.field.gradients(Q)
-        sigma = leaf_margin(N, V) * np.sign(np.linalg.det(np.swapaxes(N, -1, -2) @ V)) * side
+        sigma = leaf_margin(N, V) * np.sign(np.linalg.det(np.swapaxes(N, -1, -2) @ V)) * measure.side
         if not (sigma > 0).all():
-            at = Q[int(np.argmin(sigma))]
-            raise refuse_singular(
-                "an algorithmic singularity lies", task, one_sided, region, at, Q[sigma <= 0], free=free
-            )
+            raise singular(Q[int(np.argmin(sigma))])
         G_d = desired.batch(Q, J)
         costs.append(float(weights @ np.sum((inverse.batch(Q, J) - G_d) ** 2, axis=(1, 2))))
         norms.append(float(weights @ np.sum(G_d**2, axis=(1, 2))))
         inside.append(float(weights @ (task.limit_margin(Q) >= 0).all(axis=1)))
         few = np.argsort(sigma)[:_CANDIDATES]
-        candidates.append((Q[few], sigma[few]))
-    found = search(
-        one_sided, region, np.concatenate([q for q, _ in candidates]), np.concatenate([s for _, s in candidates])
-    )
+        points.append(Q[few])
+        values.append(sigma[few])
+    found = search(measure, region, np.concatenate(points), np.concatenate(values))
     if found.value <= 0:
-        raise refuse_singular("an algorithmic singularity lies", task, one_sided, region, found.at, free=free)
+        raise singular(found.at)
     mean = float(np.mean(costs))
     widened = np.sqrt((REPLICATES - 1) / (REPLICATES - 3))
     return Judgement(

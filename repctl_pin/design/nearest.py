@@ -21,6 +21,7 @@ from .fit import fit
 from .judgement import REPLICATES
 from .result import Design
 from .singularities import SingularRegionError
+from .way import Wish
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -117,46 +118,47 @@ def nearest_repeatable(
         wanted(fields, Field, "fields", "potentials, such as rp.Polynomial(q0, 2, 0.3)")
     if executor is not None and not callable(getattr(executor, "submit", None)):
         wanted(executor, Executor, "executor", "a concurrent.futures.Executor or a Dask client")
-    options: dict[str, Any] = {
-        "samples": None if samples is None else whole(samples, "samples", 1, MOST_NODES),
-        "held_out": whole(held_out, "held_out", 2 * REPLICATES, MOST_NODES),
-        "seed": whole(seed, "seed"),
-        "batch": whole(batch, "batch", 1, MOST_NODES),
-        "stream": flag(stream, "stream"),
-        "executor": executor,
-        "restarts": whole(restarts, "restarts", 0, _MOST_RESTARTS),
-        "tolerance": positive(tolerance, "the tolerance"),
-    }
     shrink = flag(shrink, "shrink")
     if not callable(progress):
         progress = flag(progress, "progress")
     _check(desired, fields, region, degree)
     with reporting.reporter(progress) as report:
-        if degree == "auto":
-            return _auto(desired, region, shrink, report, options)
-        if fields is None:
-            fields = _polynomial(region, degree)
-        return _shrinking(desired, fields, region, shrink, report, options)
+        wish = Wish(
+            desired,
+            _polynomial(region, 1 if degree == "auto" else degree) if fields is None else fields,
+            region,
+            report,
+            samples=None if samples is None else whole(samples, "samples", 1, MOST_NODES),
+            held_out=whole(held_out, "held_out", 2 * REPLICATES, MOST_NODES),
+            seed=whole(seed, "seed"),
+            batch=whole(batch, "batch", 1, MOST_NODES),
+            stream=flag(stream, "stream"),
+            executor=executor,
+            restarts=whole(restarts, "restarts", 0, _MOST_RESTARTS),
+            tolerance=positive(tolerance, "the tolerance"),
+        )
+        return _auto(wish, shrink) if degree == "auto" else _shrinking(wish, shrink)
 
 
-def _auto(desired: Inverse, region: Region, shrink: bool, report: reporting.Report, options: dict[str, Any]) -> Design:
+def _auto(wish: Wish, shrink: bool) -> Design:
     """Raise the degree until the cost on held-out nodes stops falling."""
     best: Design | None = None
     tried: list[tuple[int, float, float]] = []
-    for degree in range(1, (_MOST_DEGREE + 2 if desired.task.n <= 3 else _MOST_DEGREE) + 1):
-        fields = _polynomial(region, degree)
-        if fields.size < desired.task.r:
+    task = wish.desired.task
+    for degree in range(1, (_MOST_DEGREE + 2 if task.n <= 3 else _MOST_DEGREE) + 1):
+        wish = replace(wish, fields=_polynomial(wish.region, degree), warm=None if best is None else best.coefficients)
+        unknowns = (wish.fields.size - task.r) * task.r
+        if unknowns < 0:
             continue
-        if best is not None and (fields.size - desired.task.r) * desired.task.r > _MOST_UNKNOWNS:
+        if best is not None and unknowns > _MOST_UNKNOWNS:
             break
         try:
-            warm = None if best is None else best.coefficients
-            design = _shrinking(desired, fields, region, shrink and best is None, report, options | {"warm": warm})
+            design = _shrinking(wish, shrink and best is None)
         except SingularRegionError:
             if best is None:
                 raise
             break
-        region = design.region
+        wish = replace(wish, region=design.region)
         tried.append((degree, design.cost, design.cost_error))
         worthwhile = best is None or design.cost < (1 - _WORTHWHILE) * best.cost
         if best is None or design.cost < best.cost:
@@ -167,22 +169,20 @@ def _auto(desired: Inverse, region: Region, shrink: bool, report: reporting.Repo
     return replace(best, degrees=tuple(tried))
 
 
-def _shrinking(
-    desired: Inverse, fields: Field, region: Region, shrink: bool, report: reporting.Report, options: dict[str, Any]
-) -> Design:
+def _shrinking(wish: Wish, shrink: bool) -> Design:
     """Design in Ω, or where a person allows it in the largest part of it that is free of singularities."""
-    asked = region
+    asked = wish.region
     for attempt in range(_SHRINKINGS if shrink else 0):
         try:
-            return _with_share(fit(desired, fields, region, report=report, **options), asked)
+            return _with_share(fit(wish), asked)
         except SingularRegionError as error:
             if error.free is None:
                 raise
             # the first time what the refusal names; a V fitted there may need less room again, so then in strides
-            free, stride = error.free, region.shrunk(0.9)
+            free, stride = error.free, wish.region.shrunk(0.9)
             smaller = attempt > 0 and (stride.bounds.half_width < free.bounds.half_width).any()
-            region = stride if smaller else free
-    return _with_share(fit(desired, fields, region, report=report, **options), asked)
+            wish = replace(wish, region=stride if smaller else free)
+    return _with_share(fit(wish), asked)
 
 
 def _with_share(design: Design, asked: Region) -> Design:

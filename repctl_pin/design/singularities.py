@@ -102,21 +102,24 @@ class Dexterity:
         return step
 
 
-def signed_leaf_margin(task: Task, field: FieldMap) -> Measure:
-    """Measure ``σ_min(Nᵀ V̂)`` with the sign of ``det [J; Vᵀ]``, which changes at an algorithmic singularity.
+class LeafMargin:
+    """Measure ``σ_min(Nᵀ V̂)``, below 0 where ``det [J; Vᵀ]`` has another sign than at a center (n,).
 
-    Where J has full rank this is smooth through its zeros but for crossings of singular values.
+    The sign changes at an algorithmic singularity. Where J has full rank this is smooth through its zeros but for
+    crossings of singular values.
     """
-    m = task.m
 
-    def measure(Q: Array) -> Array:
-        J, V = task.jacobians(Q), field.gradients(Q)
-        N = np.linalg.qr(np.swapaxes(J, -1, -2), mode="complete")[0][..., m:]
+    def __init__(self, task: Task, field: FieldMap, center: Array) -> None:
+        self.task, self.field, self.side = task, field, 1.0
+        self.side = float(np.sign(self(center[None]))[0])
+
+    def __call__(self, Q: Array) -> Array:
+        """Measure it at every row of Q (K, n): (K,)."""
+        J, V = self.task.jacobians(Q), self.field.gradients(Q)
+        N = np.linalg.qr(np.swapaxes(J, -1, -2), mode="complete")[0][..., self.task.m :]
         V_hat = np.linalg.qr(V)[0]
         sigma = np.linalg.svd(np.swapaxes(N, -1, -2) @ V_hat, compute_uv=False)[:, -1]
-        return sigma * np.sign(np.linalg.det(np.concatenate([J, np.swapaxes(V, -1, -2)], axis=1)))
-
-    return measure
+        return self.side * sigma * np.sign(np.linalg.det(np.concatenate([J, np.swapaxes(V, -1, -2)], axis=1)))
 
 
 def lowest(measure: Measure, region: Region, starts: Array) -> Lowest:
@@ -214,13 +217,9 @@ def largest_free(measure: Measure, region: Region, bad: Array, *, seed: int = 0)
     return best
 
 
-def refuse_singular(
-    what: str, task: Task, measure: Measure, region: Region, at: Array, bad: Array | None = None, *, free: bool = True
-) -> SingularRegionError:
-    """Make the refusal that names the point and, unless told not to, the largest region that is free of it."""
-    if not free:
-        return SingularRegionError(f"{what} in Ω near {named(task, at)}", at, None)
-    largest = largest_free(measure, region, at[None] if bad is None else bad)
+def refuse_singular(what: str, task: Task, measure: Measure, region: Region, bad: Array) -> SingularRegionError:
+    """Make the refusal that names the first of some points (B, n), and the largest region that is free of them."""
+    at, largest = bad[0], largest_free(measure, region, bad)
     where = f"{what} in Ω near {named(task, at)}"
     if largest is None:
         return SingularRegionError(

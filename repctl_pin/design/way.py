@@ -8,75 +8,93 @@ to be regular; and where there is no such start, the lower degrees are climbed, 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from concurrent.futures import Executor
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..arguments import Array
 from ..fields.field import Field
 from ..fields.polynomial import Polynomial
+from ..progress import Report
 from ..regions import Region
 from ..strategies.strategy import Inverse
 from . import criterion
 from .batches import Guarded
-from .descend import Descent, Report, Start, descend, start
+from .descend import Descent, Start, descend, start
 from .independence import Independent
-from .singularities import Lowest, Measure, SingularRegionError, refuse_singular, search, signed_leaf_margin
+from .singularities import LeafMargin, Lowest, SingularRegionError, refuse_singular, search
+
+if TYPE_CHECKING:
+    from distributed import Client
 
 _PENALTY, _MOST_PENALTY = 1e-2, 1e-1
 _ROUNDS = 6
 _RESTART = 0.3
+_COARSE_TOLERANCE = 1e-4
 
 
-@dataclass
-class Way:
-    """What the descents of one fit have in common.
+@dataclass(frozen=True)
+class Wish:
+    """What is to be designed, and how; see :func:`nearest_repeatable`.
 
-    Attributes
-    ----------
-    desired, fields, region, chosen
-        G_d, the family of potentials, Ω, and the potentials that are of use there.
-    coarse : Guarded
-        Few nodes.
-    seed, restarts, tolerance
-        Of the search and of further descents on few nodes.
-    report
-        Takes the steps.
+    ``warm`` holds the coefficients (N_first, r) of a design with the first of the potentials: of a lower degree.
     """
 
     desired: Inverse
     fields: Field
     region: Region
-    chosen: Independent
-    coarse: Guarded
+    report: Report
+    samples: int | None
+    held_out: int
     seed: int
+    batch: int
+    stream: bool
+    executor: Executor | Client | None
     restarts: int
     tolerance: float
-    report: Report
+    warm: Array | None = None
 
-    def __post_init__(self) -> None:
-        self.moments = self.coarse.total(criterion.linear)
+
+class Way:
+    """What the descents of one fit have in common.
+
+    Parameters
+    ----------
+    wish
+        What is to be designed.
+    chosen
+        The potentials that are of use in Ω.
+    coarse
+        Few nodes.
+    """
+
+    def __init__(self, wish: Wish, chosen: Independent, coarse: Guarded) -> None:
+        self.wish, self.chosen, self.coarse = wish, chosen, coarse
+        self.tolerance = max(wish.tolerance, _COARSE_TOLERANCE)
+        self.moments = coarse.total(criterion.linear)
         self._starts: dict[int, Start] = {}
 
-    def margin(self, A: Array) -> Measure:
+    def margin(self, A: Array) -> LeafMargin:
         """Measure the leaf margin of V, positive on the side of the center."""
-        leaf_margin = signed_leaf_margin(self.desired.task, self.fields.weighted(self.chosen.spread(A)))
-        side = np.sign(leaf_margin(self.region.center[None]))[0]
-        return lambda Q: side * leaf_margin(Q)
+        field = self.wish.fields.weighted(self.chosen.spread(A))
+        return LeafMargin(self.wish.desired.task, field, self.wish.region.center)
 
-    def regular(self, warm: Array | None) -> Iterator[Descent]:
+    def regular(self) -> Iterator[Descent]:
         """Offer optima on few nodes with no singularity that a search finds, the best first.
 
         That of all potentials; where it is singular, the one of lower degree that was given (``warm``); without it,
         what can be reached by climbing the degrees.
         """
-        whole = len(self.chosen.kept)
-        below = None if warm is None else self._kept_of(warm)
+        whole, warm, kept = len(self.chosen.kept), self.wish.warm, self.chosen.kept
+        below = None if warm is None else warm[kept[kept < len(warm)]]
         best = self.rung(whole, below)
         if best is not None:
             yield best
         if below is not None:
-            yield self._still(below)
+            cost, sides = self.coarse.batches.total(criterion.cost, below)
+            yield Descent(below, cost, 0.0, False, 0, sides)
             return
         ladder: list[Descent] = []
         for size in self._rungs():
@@ -101,7 +119,7 @@ class Way:
         """Descend from a regular V to a regular one; None where A is not regular itself, or no end is found to be."""
         basis, begin = self.chosen.basis[: len(A), : len(A)], self._start(len(A))
         for _ in range(_ROUNDS):
-            found = descend(batches, basis, begin, A, penalty=penalty, tolerance=tolerance, report=self.report)
+            found = descend(batches, basis, begin, A, penalty=penalty, tolerance=tolerance, report=self.told)
             penalty = max(penalty, min(10 * penalty, _MOST_PENALTY))
             lowest = self._lowest(found.A)
             if found.sides.clear and lowest.value > 0:
@@ -122,13 +140,18 @@ class Way:
             bad = lowest.ends[lowest.values <= 0]
         if not len(bad) and error is not None:
             bad = error.at[None]
-        return refuse_singular("an algorithmic singularity lies", self.desired.task, measure, self.region, bad[0], bad)
+        wish = self.wish
+        return refuse_singular("an algorithmic singularity lies", wish.desired.task, measure, wish.region, bad)
+
+    def told(self, step: int, cost: float) -> None:
+        """Report a step of a descent."""
+        self.wish.report(f"step {step}, cost {cost:.6g}", 1.0)
 
     def _again(self, A: Array) -> Iterator[Descent]:
         """Descend from random changes of a start."""
         basis = self.chosen.basis[: len(A), : len(A)]
-        for attempt in range(self.restarts):
-            noise = np.random.default_rng([self.seed, attempt]).normal(size=A.shape)
+        for attempt in range(self.wish.restarts):
+            noise = np.random.default_rng([self.wish.seed, attempt]).normal(size=A.shape)
             away = A + _RESTART * basis @ noise / np.sqrt(len(noise))
             found = None
             if self.coarse.total(criterion.cost, away)[-1].clear:
@@ -142,25 +165,18 @@ class Way:
             self._starts[size] = start(self.coarse.batches, self.chosen.basis[:size, :size], self.moments)
         return self._starts[size]
 
-    def _still(self, A: Array) -> Descent:
-        """Take coefficients as they are."""
-        cost, sides = self.coarse.batches.total(criterion.cost, A)
-        return Descent(A, cost, 0.0, False, 0, sides)
-
     def _lowest(self, A: Array) -> Lowest:
-        return search(self.margin(A), self.region, self.region.random(1024, self.seed + 7919))
-
-    def _kept_of(self, warm: Array) -> Array:
-        """Take the coefficients of the potentials that are kept, of those that there were."""
-        return warm[self.chosen.kept[self.chosen.kept < len(warm)]]
+        region = self.wish.region
+        return search(self.margin(A), region, region.random(1024, self.wish.seed + 7919))
 
     def _rungs(self) -> list[int]:
         """How many of the potentials have degree 1, 1 and 2, …; a family without degrees is one rung."""
-        if not isinstance(self.fields, Polynomial):
+        fields = self.wish.fields
+        if not isinstance(fields, Polynomial):
             return [len(self.chosen.kept)]
-        degrees = self.fields.exponents[self.chosen.kept].sum(axis=1)  # they rise
+        degrees = fields.exponents[self.chosen.kept].sum(axis=1)  # they rise
         ends = np.searchsorted(degrees, np.unique(degrees), side="right")
-        return [int(size) for size in ends if size >= self.desired.task.r]
+        return [int(size) for size in ends if size >= self.wish.desired.task.r]
 
 
 def _padded(A: Array, size: int) -> Array:
