@@ -28,7 +28,7 @@ def test_derivatives_agree_with_finite_differences(field: rp.Fourier) -> None:
             bend = (h.gradient(q + e * d) - h.gradient(q - e * d)) / (2 * e)
             assert np.allclose(h.hessian(q)[:, i], bend, atol=1e-4, rtol=1e-6)
     assert np.allclose(h.gradients(Q), D @ A) and np.allclose(h.gradient(Q[0]), D[0] @ A)
-    assert np.allclose(h.values(Q), field.potentials(Q) @ A) and np.allclose(h.value(Q[1]), field.potentials(Q)[1] @ A)
+    assert np.allclose([h.value(q) for q in Q], field.potentials(Q) @ A)
 
 
 def test_every_wave_is_there_once() -> None:

@@ -36,7 +36,7 @@ def test_a_choice_is_the_weighted_sum_and_its_derivatives(joined: rp.Joined) -> 
     chosen, Q, e = joined.weighted(A), some_q(), 1e-6
     assert np.allclose(chosen.gradients(Q), joined.gradients(Q) @ A, rtol=1e-11, atol=1e-9)
     h = joined.potentials(Q) @ A
-    assert np.allclose(chosen.values(Q) - chosen.value(Q[0]), h - h[0], rtol=1e-11, atol=1e-10)
+    assert np.allclose([chosen.value(q) - chosen.value(Q[0]) for q in Q], h - h[0], rtol=1e-11, atol=1e-10)
     for q in Q:
         V = chosen.gradient(q)
         assert np.allclose(V, joined.gradients(q[None])[0] @ A, rtol=1e-11, atol=1e-9)

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from ..arguments import Array, list_of_names, rows, wanted
 from ..errors import InputError
 from .field import Field, coefficients, joints_of
-from .joined import Joined
+from .joined import Family
 
 Function = Callable[[Array], float]
 Gradient = Callable[[Array], ArrayLike]
@@ -19,7 +19,7 @@ STEP = 1e-5
 """Of the central differences that stand in for a gradient that was not given; their error is about 1e-10 h."""
 
 
-class Potentials:
+class Potentials(Family):
     """User-defined potentials, ``h_i(q)``.
 
     Parameters
@@ -127,9 +127,6 @@ class Potentials:
             )
         return slope
 
-    def __add__(self, other: Field) -> Joined:
-        return Joined(self, other)
-
     def __str__(self) -> str:
         return repr(self).strip("<>")
 
@@ -148,10 +145,6 @@ class PotentialsMap:
     def value(self, q: Array) -> Array:
         """Evaluate h(q): (r,)."""
         return self.family.potentials(np.asarray(q, float)[None])[0] @ self.A
-
-    def values(self, Q: Array) -> Array:
-        """Evaluate h at every row of Q (K, n): (K, r)."""
-        return self.family.potentials(Q) @ self.A
 
     def gradient(self, q: Array) -> Array:
         """Evaluate V = ∂hᵀ/∂q: (n, r)."""

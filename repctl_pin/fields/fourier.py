@@ -10,13 +10,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import Array, flag, rows, spread, whole
 from ..errors import InputError
-from .field import Field, chosen, coefficients
-from .joined import Joined
+from .field import chosen, coefficients
+from .joined import Family
 
 _MAX_SIZE = 20_000
 
 
-class Fourier:
+class Fourier(Family):
     r"""Sines and cosines of whole multiples of chosen joints,
 
     .. math:: \sin(k \cdot u), \quad \cos(k \cdot u), \qquad u_i = 2\pi q_i / \text{period}_i,
@@ -66,20 +66,12 @@ class Fourier:
         self.cross = flag(cross, "cross")
         self.period = spread(period, self.n, "the period of a Fourier field", finite=True)
         self.variables = chosen(variables, self.n)
-        if (2 * self.order + 1) ** (len(self.variables) if cross else 1) > 50 * _MAX_SIZE:
-            raise InputError(f"order {order} in {len(self.variables)} joints is too much; lower it or choose variables")
-        waves = []
-        if cross:
-            for k in product(range(self.order, -self.order - 1, -1), repeat=len(self.variables)):
-                first = next((x for x in k if x), 0)
-                if first > 0 and sum(map(abs, k)) <= self.order:
-                    waves.append(k)
-        else:
-            waves = [
-                tuple(k * (i == j) for i in range(len(self.variables)))
-                for j in range(len(self.variables))
-                for k in range(1, self.order + 1)
-            ]
+        multiples, joints = range(-self.order, self.order + 1), len(self.variables)
+        if len(multiples) ** (joints if cross else 1) > 50 * _MAX_SIZE:
+            raise InputError(f"order {order} in {joints} joints is too much; lower it or choose variables")
+        alone = (tuple(row) for k in multiples for row in (k * np.eye(joints, dtype=int)).tolist())
+        every = product(multiples, repeat=joints) if self.cross else alone
+        waves = [k for k in every if next((x for x in k if x), 0) > 0 and sum(map(abs, k)) <= self.order]
         waves.sort(key=lambda k: (sum(map(abs, k)), tuple(-x for x in k)))
         self.waves = np.zeros((len(waves), self.n))  # (N / 2, n), rad per rad or m
         self.waves[:, list(self.variables)] = np.array(waves)
@@ -112,9 +104,6 @@ class Fourier:
         """Choose ``h = Aᵀ (h_1 … h_N)`` with coefficients A (N, r) (35)."""
         return FourierMap(self.waves, coefficients(A, self.size))
 
-    def __add__(self, other: Field) -> Joined:
-        return Joined(self, other)
-
     def __str__(self) -> str:
         return f"{self.size} sines and cosines of order ≤ {self.order} in {len(self.variables)} joints"
 
@@ -132,11 +121,6 @@ class FourierMap:
     def value(self, q: Array) -> Array:
         """Evaluate h(q): (r,)."""
         phase = self.waves @ q
-        return np.sin(phase) @ self.sines + np.cos(phase) @ self.cosines
-
-    def values(self, Q: Array) -> Array:
-        """Evaluate h at every row of Q (K, n): (K, r)."""
-        phase = np.asarray(Q, float) @ self.waves.T
         return np.sin(phase) @ self.sines + np.cos(phase) @ self.cosines
 
     def gradient(self, q: Array) -> Array:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import permutations
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -60,6 +59,26 @@ def plain(field: FieldMap, V_T: Array, e: Array) -> InPlace:
     return InPlace(slope, gap)
 
 
+def spread_evenly(S: Array, places: Sequence[int], coefficient: Array) -> None:
+    """Add a monomial's coefficient (r,) to symmetric tensors S (r, …), over all orders of its factors' places."""
+    arrangements = _orders(tuple(places))
+    for place in arrangements:
+        at: tuple[Any, ...] = (slice(None), *place)
+        S[at] += coefficient / len(arrangements)
+
+
+def _orders(places: tuple[int, ...]) -> list[tuple[int, ...]]:
+    """All distinct orders of a tuple that may repeat its entries."""
+    if len(places) <= 1:
+        return [places]
+    return [
+        (first, *rest)
+        for i, first in enumerate(places)
+        if first not in places[:i]
+        for rest in _orders(places[:i] + places[i + 1 :])
+    ]
+
+
 class Homogeneous:
     """r polynomials of degree d as symmetric tensors of the n + 1 numbers ``z = (1, q − center)``.
 
@@ -81,11 +100,7 @@ class Homogeneous:
         S = np.zeros((r, *(n + 1,) * degree))
         for beta, coefficient in terms.items():
             places = [i + 1 for i, power in enumerate(beta) for _ in range(power)]
-            arrangements = set(permutations([0] * (degree - len(places)) + places))
-            share = coefficient / np.prod(scale ** np.array(beta)) / len(arrangements)
-            for place in arrangements:
-                at: tuple[Any, ...] = (slice(None), *place)
-                S[at] = share
+            spread_evenly(S, [0] * (degree - len(places)) + places, coefficient / np.prod(scale ** np.array(beta)))
         self.center, self.degree, self.n, self.r = center, degree, n, r
         self.tensor = np.ascontiguousarray((degree * S).reshape(r * (n + 1) ** (degree - 1), n + 1))
 

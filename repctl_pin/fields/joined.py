@@ -12,7 +12,14 @@ from ..errors import InputError
 from .field import CurvedMap, Field, FieldMap, coefficients, joints_of, name_of
 
 
-class Joined:
+class Family:
+    """What every family of potentials can do: be joined to another."""
+
+    def __add__(self: Field, other: Field) -> Joined:
+        return Joined(self, other)
+
+
+class Joined(Family):
     """The potentials of several families, one family after the other: h_1 … h_N, N the sum of their sizes.
 
     Written ``a + b``. With PPR's ``{d_1, d_2, polynomials of θ_3}`` as an example::
@@ -78,9 +85,6 @@ class Joined:
         curved = [part for part in maps if isinstance(part, CurvedMap)]
         return CurvedSumMap(curved) if len(curved) == len(maps) else SumMap(maps)
 
-    def __add__(self, other: Field) -> Joined:
-        return Joined(self, other)
-
     def __str__(self) -> str:
         return " + ".join(map(str, self.parts))
 
@@ -105,10 +109,6 @@ class SumMap:
     def value(self, q: Array) -> Array:
         """Evaluate h(q): (r,)."""
         return np.sum([part.value(q) for part in self.maps], axis=0)
-
-    def values(self, Q: Array) -> Array:
-        """Evaluate h at every row of Q (K, n): (K, r)."""
-        return np.array([self.value(q) for q in np.asarray(Q, float)])
 
     def gradient(self, q: Array) -> Array:
         """Evaluate V = ∂hᵀ/∂q: (n, r)."""

@@ -30,10 +30,6 @@ class PartialMap:
         """Evaluate h(q): (r,)."""
         return self.part.value(q[self.variables])
 
-    def values(self, Q: Array) -> Array:
-        """Evaluate h at every row of Q (K, n): (K, r)."""
-        return np.array([self.value(q) for q in np.asarray(Q, float)])
-
     def gradient(self, q: Array) -> Array:
         """Evaluate V = ∂hᵀ/∂q: (n, r)."""
         inner = self.part.gradient(q[self.variables])

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import combinations_with_replacement
 from math import comb
-from typing import Any
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -13,15 +12,15 @@ from numpy.typing import ArrayLike
 
 from ..arguments import Array, flag, rows, shown, spread, vector, whole
 from ..errors import InputError
-from .field import Field, chosen, coefficients
-from .inplace import MOST_ENTRIES, Homogeneous, InPlace, plain
-from .joined import Joined
+from .field import chosen, coefficients
+from .inplace import MOST_ENTRIES, Homogeneous, InPlace, plain, spread_evenly
+from .joined import Family
 from .partial import PartialMap
 
 _MAX_SIZE = 5_000
 
 
-class Polynomial:
+class Polynomial(Family):
     r"""All polynomials of total degree 1 to d in scaled joint coordinates.
 
     The basis is made of products of Legendre polynomials,
@@ -162,9 +161,6 @@ class Polynomial:
             dP[..., k + 1] = (2 * k + 1) * P[..., k] + dP[..., k - 1]
         return P, dP
 
-    def __add__(self, other: Field) -> Joined:
-        return Joined(self, other)
-
     def __str__(self) -> str:
         return f"{self.size} polynomials of degree ≤ {self.degree} in {len(self.variables)} joints"
 
@@ -194,11 +190,7 @@ class PolynomialMap:
         # Spread each monomial's coefficient evenly over the places of a symmetric tensor.
         tensors = [np.zeros((r, *(n,) * d)) for d in range(degree + 1)]
         for beta, coefficient in terms.items():
-            places = [i for i, power in enumerate(beta) for _ in range(power)]
-            arrangements = set(_permutations(tuple(places)))
-            for place in arrangements:
-                at: tuple[Any, ...] = (slice(None), *place)
-                tensors[len(places)][at] += coefficient / len(arrangements)
+            spread_evenly(tensors[sum(beta)], [i for i, power in enumerate(beta) for _ in range(power)], coefficient)
         self._value = tensors
         # h of degree d differentiates to d T_d u^(d−1), the derivative's axis first, then r.
         self._slope = [
@@ -246,10 +238,6 @@ class PolynomialMap:
             C += curvature
         return np.moveaxis(C * np.outer(self._inverse_scale, self._inverse_scale), 0, -1)
 
-    def values(self, Q: Array) -> Array:
-        """Evaluate h at every row of Q (K, n): (K, r)."""
-        return np.array([self.value(q) for q in np.asarray(Q, float)])
-
     def gradients(self, Q: Array) -> Array:
         """Evaluate V at every row of Q (K, n): (K, n, r)."""
         U = (np.asarray(Q, float) - self.center) * self._inverse_scale  # (K, n)
@@ -260,15 +248,3 @@ class PolynomialMap:
         for lower in self._slope[-3::-1]:
             V = lower + np.einsum("kpi,ki->kp", V.reshape(len(U), -1, n), U)
         return V.reshape(len(U), n, r)
-
-
-def _permutations(places: tuple[int, ...]) -> list[tuple[int, ...]]:
-    """All distinct orders of a tuple that may repeat its entries."""
-    if len(places) <= 1:
-        return [places]
-    return [
-        (first, *rest)
-        for i, first in enumerate(places)
-        if first not in places[:i]
-        for rest in _permutations(places[:i] + places[i + 1 :])
-    ]

@@ -33,14 +33,10 @@ class SectionField:
 
     def value(self, q: Array) -> Array:
         """Evaluate h(q): (r,)."""
-        return self.values(np.asarray(q, float)[None])[0]
-
-    def values(self, Q: Array) -> Array:
-        """Evaluate h at every row of Q (K, n): (K, r)."""
-        Q = np.asarray(Q, float)
+        Q = np.asarray(q, float)[None]
         p, R, _ = placed(self.chart.cell.task, Q)
         q_ref, n_ref = self.chart.reference(self.chart.cell.coordinates(p, R)[0])
-        return np.einsum("Knr,Kn->Kr", n_ref, Q - q_ref)
+        return np.einsum("Knr,Kn->Kr", n_ref, Q - q_ref)[0]
 
     def gradient(self, q: Array) -> Array:
         """Evaluate V = ∂hᵀ/∂q: (n, r)."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pinocchio as pin
 
 from ..arguments import Array
 from ..redundancy import align
@@ -69,8 +68,3 @@ def bases(J: Array, near: Array) -> tuple[Array, Array, Array]:
     U, s, Vt = np.linalg.svd(J, full_matrices=True)
     G = np.swapaxes(Vt[:, :m], 1, 2) @ (np.swapaxes(U, 1, 2) / np.maximum(s, 1e-9)[:, :, None])
     return G, align(np.swapaxes(Vt[:, m:], 1, 2), near), s
-
-
-def placement_of(p: Array, R: Array) -> pin.SE3:
-    """One placement out of its position and rotation."""
-    return pin.SE3(np.array(R), np.array(p))

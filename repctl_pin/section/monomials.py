@@ -54,14 +54,6 @@ class Monomials:
         """Differentiate the monomials, given their values T (K, N): (K, N, k)."""
         return np.stack([T[:, self.lower[j]] * self.exponents[:, j] for j in range(self.k)], axis=-1)
 
-    def differentiated(self, C: Array) -> Array:
-        """Coefficients (k, N, …) of the derivatives ``∂/∂u_j`` of the polynomials with coefficients C (N, …)."""
-        D = np.zeros((self.k, *C.shape))
-        for j in range(self.k):
-            factor = self.exponents[:, j].reshape(-1, *(1,) * (C.ndim - 1))
-            np.add.at(D[j], self.lower[j], factor * C)
-        return D
-
     def fit(self, U: Array, values: Array) -> Array:
         """Fit coefficients C (N, …) to values (K, …) at U (K, k) by least squares."""
         C, *_ = np.linalg.lstsq(self.values(U), values.reshape(len(U), -1), rcond=1e-12)

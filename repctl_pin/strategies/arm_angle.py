@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike
 from ..arguments import Array, rows
 from ..errors import InputError, SingularityError
 from ..fields.custom import PotentialsMap
-from ..fields.field import Field, coefficients
-from ..fields.joined import Joined
+from ..fields.field import coefficients
+from ..fields.joined import Family
 from ..robot.model import frame_id
 from ..robot.task import Task, wanted_task
 
@@ -18,7 +18,7 @@ _SHARED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 _SINGULAR = 1e-6
 
 
-class ArmAngle:
+class ArmAngle(Family):
     r"""The angle ψ of the elbow about the line from shoulder to wrist, as a potential.
 
     With ``e`` the elbow and ``w`` the wrist, seen from the shoulder, ``ŵ = w/‖w‖``, and a reference direction r:
@@ -110,9 +110,6 @@ class ArmAngle:
         if self.singular is not None:
             return float(np.arccos(np.clip(w @ self.singular, -1, 1)))
         return float(np.arccos(np.clip(abs(w @ self.reference), -1, 1)))
-
-    def __add__(self, other: Field) -> Joined:
-        return Joined(self, other)
 
     def __repr__(self) -> str:
         return f"<ArmAngle of {' '.join(self.frames)}>"
