@@ -1,17 +1,9 @@
 """The nearest repeatable inverse, found off-line over a region of joint space."""
 
-from .compare import compare, settled
-from .family import FamilyDesign, nearest_in_family
-from .nearest import nearest_repeatable
-from .result import Design
-from .singularities import SingularRegionError
-
-__all__ = [
-    "Design",
-    "FamilyDesign",
-    "SingularRegionError",
-    "compare",
-    "nearest_in_family",
-    "nearest_repeatable",
-    "settled",
-]
+from .compare import compare as compare
+from .compare import settled as settled
+from .family import FamilyDesign as FamilyDesign
+from .family import nearest_in_family as nearest_in_family
+from .nearest import nearest_repeatable as nearest_repeatable
+from .result import Design as Design
+from .singularities import SingularRegionError as SingularRegionError

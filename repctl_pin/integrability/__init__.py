@@ -1,21 +1,14 @@
 """Is a control strategy repeatable? The Lie bracket condition, the drift it predicts, and stable surfaces."""
 
-from .differences import differentiate
-from .lie_bracket import bracket_defect, brackets, curl_form, defects, drift_per_area, measure
-from .repeatability import Repeatability, is_repeatable
-from .stable_surface import Surfaces, candidate_surface, stable_surface
-
-__all__ = [
-    "Repeatability",
-    "Surfaces",
-    "bracket_defect",
-    "brackets",
-    "candidate_surface",
-    "curl_form",
-    "defects",
-    "differentiate",
-    "drift_per_area",
-    "is_repeatable",
-    "measure",
-    "stable_surface",
-]
+from .differences import differentiate as differentiate
+from .lie_bracket import bracket_defect as bracket_defect
+from .lie_bracket import brackets as brackets
+from .lie_bracket import curl_form as curl_form
+from .lie_bracket import defects as defects
+from .lie_bracket import drift_per_area as drift_per_area
+from .lie_bracket import measure as measure
+from .repeatability import Repeatability as Repeatability
+from .repeatability import is_repeatable as is_repeatable
+from .stable_surface import Surfaces as Surfaces
+from .stable_surface import candidate_surface as candidate_surface
+from .stable_surface import stable_surface as stable_surface

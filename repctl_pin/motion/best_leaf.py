@@ -11,9 +11,8 @@ from numpy.typing import ArrayLike
 from ..arguments import MOST_STEPS, Array, wanted, whole
 from ..errors import InputError, SingularityError
 from ..redundancy import leaf_margin, nullspace
-from ..regions import Bounded
 from ..robot.length import arm_length, joint_scale
-from ..strategies import Inverse, Pseudoinverse, RepeatableInverse
+from ..strategies import Bounded, Inverse, Pseudoinverse, RepeatableInverse
 from ..strategies.strategy import AN_INVERSE, Batched
 from .follow import follow
 from .motion import Motion

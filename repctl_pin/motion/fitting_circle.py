@@ -8,10 +8,9 @@ import numpy as np
 
 from ..arguments import Array
 from ..errors import InputError, SingularityError
-from ..regions import Bounded
 from ..robot.length import arm_length
 from ..robot.task import Task
-from ..strategies import Pseudoinverse, Strategy
+from ..strategies import Bounded, Pseudoinverse, Strategy
 from .follow import follow
 from .paths import TaskPath
 from .shapes import circle

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arguments import Array, positive
-from ..regions import Bounded
+from ..strategies import Bounded
 from ..strategies.control_step import speeds
 from .joint_motion import JointMotion
 from .paths import TaskPath

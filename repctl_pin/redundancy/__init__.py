@@ -1,25 +1,13 @@
 """Formulas of kinematic redundancy: arrays in, arrays out, batched over leading axes; knows no robot."""
 
-from .augmented import augmented_inverse, leaf_margin, repeatable_inverse
-from .inverses import (
-    from_null_component,
-    null_component,
-    pseudoinverse,
-    pseudoinverse_derivative,
-    weighted_pseudoinverse,
-)
-from .nullspace import align, null_vector, nullspace
-
-__all__ = [
-    "align",
-    "augmented_inverse",
-    "from_null_component",
-    "leaf_margin",
-    "null_component",
-    "null_vector",
-    "nullspace",
-    "pseudoinverse",
-    "pseudoinverse_derivative",
-    "repeatable_inverse",
-    "weighted_pseudoinverse",
-]
+from .augmented import augmented_inverse as augmented_inverse
+from .augmented import leaf_margin as leaf_margin
+from .augmented import repeatable_inverse as repeatable_inverse
+from .inverses import from_null_component as from_null_component
+from .inverses import null_component as null_component
+from .inverses import pseudoinverse as pseudoinverse
+from .inverses import pseudoinverse_derivative as pseudoinverse_derivative
+from .inverses import weighted_pseudoinverse as weighted_pseudoinverse
+from .nullspace import align as align
+from .nullspace import null_vector as null_vector
+from .nullspace import nullspace as nullspace

@@ -1,8 +1,8 @@
 """Ω, where closeness is measured: boxes and tubes in joint space, boxes of the workspace."""
 
 from .box import Box
-from .region import Bounded, Region
+from .region import Region
 from .tube import Tube
 from .workspace_box import WorkspaceBox
 
-__all__ = ["Bounded", "Box", "Region", "Tube", "WorkspaceBox"]
+__all__ = ["Box", "Region", "Tube", "WorkspaceBox"]

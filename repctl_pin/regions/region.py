@@ -9,15 +9,7 @@ from .box import Box
 
 
 @runtime_checkable
-class Bounded(Protocol):
-    """What tells whether configurations lie in it."""
-
-    def ratio(self, Q: Array) -> Array:
-        """By what factor Ω would have to shrink for each row of Q to lie on its edge: (K,); above 1 is outside."""
-
-
-@runtime_checkable
-class Region(Bounded, Protocol):
+class Region(Protocol):
     """A region of joint space with quadrature nodes."""
 
     @property
@@ -36,6 +28,9 @@ class Region(Bounded, Protocol):
 
     def weights(self, Q: Array) -> Array:
         """What each of the points of :meth:`random` counts for: (K,), sum 1."""
+
+    def ratio(self, Q: Array) -> Array:
+        """By what factor Ω would have to shrink for each row of Q to lie on its edge: (K,); above 1 is outside."""
 
     def clip(self, Q: Array) -> Array:
         """Move points that have left Ω back to its edge: (K, n)."""

@@ -1,28 +1,16 @@
 """Control strategies on a task: ways to turn a task velocity ẋ into joint velocities q̇."""
 
-from .arm_angle import ArmAngle
-from .custom import CustomInverse
-from .extended import ExtendedJacobian
-from .function import FunctionStrategy
-from .impedance import LeafImpedance
-from .limits import LimitWeight
-from .posture import PostureControl
-from .pseudoinverse import Pseudoinverse, WeightedInverse
-from .repeatable import RepeatableInverse
-from .strategy import Inverse, OnLeaves, Strategy
-
-__all__ = [
-    "ArmAngle",
-    "CustomInverse",
-    "ExtendedJacobian",
-    "FunctionStrategy",
-    "Inverse",
-    "LeafImpedance",
-    "LimitWeight",
-    "OnLeaves",
-    "PostureControl",
-    "Pseudoinverse",
-    "RepeatableInverse",
-    "Strategy",
-    "WeightedInverse",
-]
+from .arm_angle import ArmAngle as ArmAngle
+from .custom import CustomInverse as CustomInverse
+from .extended import ExtendedJacobian as ExtendedJacobian
+from .function import FunctionStrategy as FunctionStrategy
+from .impedance import LeafImpedance as LeafImpedance
+from .limits import LimitWeight as LimitWeight
+from .posture import PostureControl as PostureControl
+from .pseudoinverse import Pseudoinverse as Pseudoinverse
+from .pseudoinverse import WeightedInverse as WeightedInverse
+from .repeatable import Bounded as Bounded
+from .repeatable import RepeatableInverse as RepeatableInverse
+from .strategy import Inverse as Inverse
+from .strategy import OnLeaves as OnLeaves
+from .strategy import Strategy as Strategy

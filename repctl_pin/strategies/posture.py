@@ -7,7 +7,7 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from ..arguments import Array, positive, vector
-from ..robot.task import Task, own_task
+from ..robot.task import Task
 from .pseudoinverse import least_speed, redundant
 
 
@@ -39,20 +39,13 @@ class PostureControl:
     """
 
     def __init__(self, task: Task, posture: ArrayLike, gain: float = 1.0) -> None:
-        self._begin(redundant(task), vector(posture, task.n, "a posture"), gain)
-
-    def _begin(self, task: Task, posture: Array, gain: float) -> None:
-        self.task = task
-        self.posture = posture
+        self.task, self.posture = redundant(task), vector(posture, task.n, "a posture")
         self.gain = positive(gain, "the gain of a posture", "1/s", zero=True)
-        self._quick = least_speed(task, lambda q: self.gain * (self.posture - q))
+        self._quick = least_speed(self.task, lambda q: self.gain * (self.posture - q))
 
     def velocity(self, q: Array, xdot: Array) -> Array:
         """Choose q̇ (n,) for a task velocity ẋ (m,)."""
         return self._quick(q, xdot)
 
-    def __getstate__(self) -> dict[str, Any]:
-        return {"task": self.task, "posture": self.posture, "gain": self.gain}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self._begin(own_task(state["task"]), state["posture"], state["gain"])
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.task, self.posture, self.gain)

@@ -45,11 +45,8 @@ class Pseudoinverse:
     """
 
     def __init__(self, task: Task) -> None:
-        self._begin(redundant(task))
-
-    def _begin(self, task: Task) -> None:
-        self.task = task
-        self._quick = least_speed(task)
+        self.task = redundant(task)
+        self._quick = least_speed(self.task)
 
     def __call__(self, q: ArrayLike) -> Array:
         """Evaluate J⁺ (n, m)."""
@@ -71,11 +68,8 @@ class Pseudoinverse:
         """
         return self._quick(q, xdot)
 
-    def __getstate__(self) -> dict[str, Any]:
-        return {"task": self.task}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self._begin(own_task(state["task"]))
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.task,)
 
 
 class WeightedInverse:

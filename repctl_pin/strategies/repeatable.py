@@ -13,7 +13,7 @@ from ..arguments import NUMBER, Array, chosen, rows, stacks, vector, wanted
 from ..errors import InputError
 from ..fields.field import FieldMap, check_joints
 from ..redundancy.augmented import augmented_inverse
-from ..robot.task import Task, own_task
+from ..robot.task import Task
 from .control_step import Loop, make_loop, row
 from .on_leaf import solve, solve_all
 from .pseudoinverse import at_rows, redundant
@@ -22,8 +22,8 @@ _GUARDS = ("ignore", "warn", "raise")
 
 
 @runtime_checkable
-class Region(Protocol):
-    """What is asked of Ω here."""
+class Bounded(Protocol):
+    """What tells whether configurations lie in it: all that is asked of Ω here."""
 
     def ratio(self, Q: Array) -> Array:
         """By what factor it would have to shrink for each row of Q to lie on its edge: (K,); above 1 is outside."""
@@ -73,26 +73,16 @@ class RepeatableInverse:
         task: Task,
         field: FieldMap,
         *,
-        region: Region | None = None,
+        region: Bounded | None = None,
         loops: Callable[[Task, FieldMap], Loop] = make_loop,
     ) -> None:
         field = wanted(field, FieldMap, "field", "potentials, such as fields.weighted(A)")
         if region is not None:
-            wanted(region, Region, "region", "a region of joint space, such as rp.Box(q0, 0.3)")
-        task = redundant(task)
-        check_joints(field, task.n)
-        self._begin(task, field, region, loops)
-
-    def _begin(
-        self,
-        task: Task,
-        field: FieldMap,
-        region: Region | None = None,
-        loops: Callable[[Task, FieldMap], Loop] = make_loop,
-    ) -> None:
-        self.task, self.field, self.region = task, field, region
+            wanted(region, Bounded, "region", "a region of joint space, such as rp.Box(q0, 0.3)")
+        self.task, self.field, self.region = redundant(task), field, region
+        check_joints(field, self.task.n)
         self.damping, self.slowed = 0.0, 1.0
-        self._loops, self._loop = loops, loops(task, field)
+        self._loops, self._loop = loops, loops(self.task, field)
 
     # ---- the inverse -----------------------------------------------------------------------------
 
@@ -242,4 +232,4 @@ class RepeatableInverse:
         return {"task": self.task, "field": self.field, "region": self.region, "loops": self._loops}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        self._begin(own_task(state["task"]), state["field"], state["region"], state["loops"])
+        RepeatableInverse.__init__(self, **state)

@@ -17,10 +17,10 @@ from ..errors import RepctlError, SingularityError
 from ..motion import ClosedPath, TaskPath, check_reach, closed_path, follow, reach_start
 from ..motion.fitting_circle import dexterity, fitting_circle
 from ..motion.paths import Cycle
-from ..regions import Bounded, Region
+from ..regions import Region
 from ..robot.task import Task
 from ..section import CellDesign
-from ..strategies import Inverse, Pseudoinverse
+from ..strategies import Bounded, Inverse, Pseudoinverse
 from . import defaults
 
 Array = NDArray[np.float64]
