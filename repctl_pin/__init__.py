@@ -82,67 +82,32 @@ if TYPE_CHECKING:
     from .studies.study import study as study
 
 _DOOR = {
-    "errors": ("InputError", "RepctlError", "SingularityError", "UrdfError"),
-    "robot.absolute_angles": ("absolute_angles",),
-    "robot.bodies": ("Bodies",),
-    "robot.robot": ("Robot",),
-    "robot.task": ("Task",),
-    "regions": ("Box", "Tube", "WorkspaceBox"),
-    "fields": ("Fourier", "Joined", "Polynomial", "Potentials"),
+    "errors": "InputError RepctlError SingularityError UrdfError",
+    "robot.absolute_angles": "absolute_angles",
+    "robot.bodies": "Bodies",
+    "robot.robot": "Robot",
+    "robot.task": "Task",
+    "regions": "Box Tube WorkspaceBox",
+    "fields": "Fourier Joined Polynomial Potentials",
     "strategies": (
-        "ArmAngle",
-        "CustomInverse",
-        "ExtendedJacobian",
-        "LeafImpedance",
-        "LimitWeight",
-        "PostureControl",
-        "Pseudoinverse",
-        "RepeatableInverse",
-        "WeightedInverse",
+        "ArmAngle CustomInverse ExtendedJacobian LeafImpedance LimitWeight PostureControl Pseudoinverse "
+        "RepeatableInverse WeightedInverse"
     ),
-    "design": (
-        "Design",
-        "FamilyDesign",
-        "SingularRegionError",
-        "compare",
-        "nearest_in_family",
-        "nearest_repeatable",
-        "settled",
-    ),
-    "codegen": ("compiled", "export_c"),
-    "saving": ("load", "save"),
-    "section": ("Cell", "CellDesign", "InverseFunction", "NoFunctionError", "nearest_inverse_function"),
-    "integrability": (
-        "bracket_defect",
-        "candidate_surface",
-        "drift_per_area",
-        "is_repeatable",
-        "stable_surface",
-    ),
+    "design": "Design FamilyDesign SingularRegionError compare nearest_in_family nearest_repeatable settled",
+    "codegen": "compiled export_c",
+    "saving": "load save",
+    "section": "Cell CellDesign InverseFunction NoFunctionError nearest_inverse_function",
+    "integrability": "bracket_defect candidate_surface drift_per_area is_repeatable stable_surface",
     "motion": (
-        "BestLeaf",
-        "Motion",
-        "TaskPath",
-        "TimedMotion",
-        "approach",
-        "best_leaf",
-        "circle",
-        "figure_eight",
-        "follow",
-        "polygon",
-        "solve_ik",
-        "read_waypoints",
-        "rose",
-        "timed",
-        "waypoints",
-        "write_motion",
+        "BestLeaf Motion TaskPath TimedMotion approach best_leaf circle figure_eight follow polygon solve_ik "
+        "read_waypoints rose timed waypoints write_motion"
     ),
-    "show.page.animation": ("Animation", "animation"),
-    "show.page.viewer": ("Viewer",),
-    "show.notebook": ("inline",),
-    "studies": ("Study", "study"),
+    "show.page.animation": "Animation animation",
+    "show.page.viewer": "Viewer",
+    "show.notebook": "inline",
+    "studies": "Study study",
 }
-_ROOM_OF = {name: room for room, names in _DOOR.items() for name in names}
+_ROOM_OF = {name: room for room, names in _DOOR.items() for name in names.split()}
 
 
 def __getattr__(name: str) -> Any:

@@ -167,8 +167,12 @@ def stacks(*given: tuple[str, ArrayLike, str], exact: bool = False) -> list[Arra
             raise InputError(f"{name} must be finite numbers {shape}; got {_shape(values, array)}")
         arrays.append(array)
     leading = [a.shape[: a.ndim - len(axes.split())] for a, (_, _, axes) in zip(arrays, given, strict=True)]
-    if len(set(leading)) > 1 and not _broadcast(leading):
-        raise InputError(f"{', '.join(name for name, _, _ in given)} are stacks of other sizes: {leading}")
+    if len(set(leading)) > 1:
+        try:
+            np.broadcast_shapes(*leading)
+        except ValueError:
+            names = ", ".join(name for name, _, _ in given)
+            raise InputError(f"{names} are stacks of other sizes: {leading}") from None
     return arrays
 
 
@@ -200,14 +204,6 @@ def file_name(value: Any, name: str = "file") -> Path:
     if isinstance(value, (str, PathLike)) and str(value) and "\0" not in str(value):
         return Path(value)
     raise InputError(f"{name} must be a file's name, not {shown(value)}")
-
-
-def _broadcast(shapes: list[tuple[int, ...]]) -> bool:
-    try:
-        np.broadcast_shapes(*shapes)
-    except ValueError:
-        return False
-    return True
 
 
 def _number(value: Any) -> float:

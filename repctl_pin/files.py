@@ -13,8 +13,8 @@ from pathlib import Path
 from .errors import InputError
 
 
-def check_folder(folder: Path) -> Path:
-    """Make sure that files can be written into a folder, before any long work; one that is not there is not made.
+def check_folder(folder: Path, *, make: bool = False) -> Path:
+    """Make sure that files can be written into a folder, before any long work; one that is not there may be made.
 
     Raises
     ------
@@ -22,27 +22,19 @@ def check_folder(folder: Path) -> Path:
         If it cannot be made or written.
     """
     try:
+        if make:
+            folder.mkdir(parents=True, exist_ok=True)
         there = next((part for part in (folder, *folder.parents) if part.exists()), Path())
         with tempfile.TemporaryFile(dir=there):
             pass
     except OSError as error:
-        raise _unwritable(folder, error) from None
+        raise InputError(f"cannot write into {folder}: {error.strerror}; choose another folder") from None
     return folder
 
 
 def prepare_folder(folder: Path) -> Path:
-    """Make a folder where it is not there, and make sure that files can be written into it.
-
-    Raises
-    ------
-    InputError
-        If it cannot be made or written.
-    """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise _unwritable(folder, error) from None
-    return check_folder(folder)
+    """Make a folder where it is not there, and make sure that files can be written into it."""
+    return check_folder(folder, make=True)
 
 
 @contextlib.contextmanager
@@ -154,7 +146,3 @@ def _replace(target: Path, data: bytes, old: os.stat_result | None) -> None:
             os.fsync(folder)
         finally:
             os.close(folder)
-
-
-def _unwritable(folder: Path, error: OSError) -> InputError:
-    return InputError(f"cannot write into {folder}: {error.strerror}; choose another folder")

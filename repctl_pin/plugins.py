@@ -21,12 +21,13 @@ from typing import Any
 
 from .errors import InputError, unknown
 
-KINDS = ("strategies", "fields", "paths")
+_ONE_OF = {"strategies": "strategy", "fields": "field", "paths": "path"}
+"""What is registered, and what one of each kind is called."""
 
 
 def registered(kind: str) -> dict[str, EntryPoint]:
     """List what is registered of a kind, by name: nothing is imported."""
-    assert kind in KINDS, kind
+    assert kind in _ONE_OF, kind
     return {point.name: point for point in entry_points(group=f"repctl_pin.{kind}")}
 
 
@@ -49,7 +50,7 @@ def plugin(kind: str, name: str, *, known: tuple[str, ...] = ()) -> Any:
     """
     found = registered(kind)
     if name not in found:
-        raise unknown({"strategies": "strategy", "fields": "field", "paths": "path"}[kind], name, [*known, *found])
+        raise unknown(_ONE_OF[kind], name, [*known, *found])
     point = found[name]
     package = point.dist.name if point.dist is not None else point.value
     try:

@@ -14,17 +14,9 @@ Report = Callable[[str, float], None]
 @contextmanager
 def reporter(progress: bool | Report) -> Iterator[Report]:
     """Make a report function: silent, a bar, or the user's own."""
-    if callable(progress):
-        yield progress
-    elif progress:
-        with _bar() as report:
-            yield report
-    else:
-        yield lambda what, share: None
-
-
-@contextmanager
-def _bar() -> Iterator[Report]:
+    if callable(progress) or not progress:
+        yield progress if callable(progress) else lambda what, share: None
+        return
     needed("tqdm", by="a progress bar")
     from tqdm import tqdm
 

@@ -36,6 +36,11 @@ the arm or of the path."""
 _MOST = 100_000_000
 """Numbers that a motion may hold: 0.8 GB of positions, and as much of velocities."""
 
+Advance = Callable[[int, Array], tuple[Array, Array, float]]
+"""Step of a cycle, q → q after it, q̇ where it begins, and the damping that was used."""
+AtEnd = Callable[[Array], Array]
+"""q → q̇ where the motion ends."""
+
 
 def follow(
     strategy: Strategy | Callable[[Array, Array], ArrayLike],
@@ -133,14 +138,14 @@ def follow(
         )
 
     grid = _grid(path, steps)
-    n_steps, used = len(grid) - 1, 0.0
     if leaf_lock:
         if not isinstance(strategy, OnLeaves):
             raise InputError("only a repeatable strategy, such as design.inverse, has leaves to lock to")
         c = strategy.leaf(q) if leaf is None else vector(leaf, task.r, "the leaf c = h(q)", "one per potential")
-        Q, Qdot, used = _locked(strategy, path, grid, q, cycles, period, leaf_lock, c, limit, damping)
+        advance, at_end = _locked(strategy, path, grid, period, leaf_lock, c, limit, damping)
     else:
-        Q, Qdot = _integrated(strategy, path, grid, q, cycles, period, integrator, feedback)
+        advance, at_end = _integrated(strategy, path, grid, q, period, integrator, feedback)
+    Q, Qdot, used = _run(advance, at_end, task, path, grid, q, cycles)
 
     t = np.concatenate([(np.arange(cycles)[:, None] + grid[:-1]).ravel(), [float(cycles)]]) * period
     *targets, end = [path.placement(s) for s in grid]
@@ -153,8 +158,8 @@ def follow(
         q=Q,
         qdot=Qdot,
         cycles=cycles,
-        steps=n_steps,
-        drift=np.linalg.norm(Q[n_steps::n_steps] - Q[0], axis=1),
+        steps=len(targets),
+        drift=np.linalg.norm(Q[len(targets) :: len(targets)] - Q[0], axis=1),
         tracking_error=np.linalg.norm(errors[:, :linear], axis=1),
         turning_error=np.linalg.norm(errors[:, linear:], axis=1),
         damping=used,
@@ -167,18 +172,40 @@ def check_length(task: Task, cycles: int, steps: int) -> None:
         raise InputError(f"{cycles} cycles of {steps} steps are more than fit into memory; ask for fewer")
 
 
+def _run(
+    advance: Advance, at_end: AtEnd | None, task: Task, path: TaskPath, grid: Array, q: Array, cycles: int
+) -> tuple[Array, Array, float]:
+    """Take step after step; joint positions and velocities (T + 1, n), and the largest damping."""
+    n_steps, used = len(grid) - 1, 0.0
+    points = np.array([path.placement(float(s)).translation for s in grid])
+    size = float(np.linalg.norm(np.ptp(points, axis=0)))
+    most_step = _JUMP * np.where(task.revolute, 1.0, np.maximum(joint_scale(task, q), size))  # (n,)
+    Q = np.empty((cycles * n_steps + 1, task.n))
+    Qdot = np.empty_like(Q)
+    Q[0] = q
+    with np.errstate(over="ignore", invalid="ignore"):
+        for step in range(cycles * n_steps):
+            cycle = 1 + step // n_steps
+            try:
+                following, Qdot[step], damping = advance(step % n_steps, q)
+            except SingularityError as error:
+                raise SingularityError(f"{error}, in cycle {cycle} of {path.name}") from None
+            if not (np.abs(following - q) < most_step).all():
+                raise SingularityError(
+                    f"the joints jump by more than {_JUMP:g} rad, or the arm's length, in one step, in cycle "
+                    f"{cycle} of {path.name}: the arm is at a singularity, the path out of reach, or the steps too few"
+                )
+            Q[step + 1] = q = following
+            used = max(used, damping)
+    Qdot[-1] = Qdot[-2] if at_end is None else at_end(q)
+    return Q, Qdot, used
+
+
 def _integrated(
-    strategy: Strategy,
-    path: TaskPath,
-    grid: Array,
-    q: Array,
-    cycles: int,
-    period: float,
-    integrator: str,
-    feedback: float,
-) -> tuple[Array, Array]:
-    """Integrate by a Runge–Kutta method; joint positions and velocities (T + 1, n)."""
-    task, n_steps = strategy.task, len(grid) - 1
+    strategy: Strategy, path: TaskPath, grid: Array, q: Array, period: float, integrator: str, feedback: float
+) -> tuple[Advance, AtEnd]:
+    """Make the step of a Runge–Kutta method."""
+    task = strategy.task
     nodes, matrix, weights = INTEGRATORS[integrator]
 
     # A path's twists are the same in every cycle: evaluated once, on the step's own side of a corner. So is ẋ, but
@@ -191,7 +218,6 @@ def _integrated(
     if not turning:
         twists = [[task.rate(q, twist) for twist in row] for row in twists]
     stages = [(i, places.index(c), c, np.array(row)) for i, (c, row) in enumerate(zip(nodes, matrix, strict=True))]
-    most_step = _most_step(task, q, path, grid)
     b_T, slopes = np.array(weights), np.empty((len(nodes), task.n))
 
     def velocity(q: Array, twist: Array, s: float) -> Array:
@@ -200,82 +226,38 @@ def _integrated(
             xdot = xdot + feedback * task.error(q, path.placement(s))
         return strategy.velocity(q, xdot)
 
-    Q = np.empty((cycles * n_steps + 1, task.n))
-    Qdot = np.empty_like(Q)
-    Q[0] = q
-    with np.errstate(over="ignore", invalid="ignore"):
-        for step in range(cycles * n_steps):
-            (s, s_end), here = ends[step % n_steps], twists[step % n_steps]
-            h = (s_end - s) * period
-            try:
-                for i, place, c, row in stages:
-                    stage = q + h * (row @ slopes[:i]) if i else q
-                    slopes[i] = velocity(stage, here[place], s + c * (s_end - s))
-            except SingularityError as error:
-                raise _where(error, path, step / n_steps) from None
-            Qdot[step] = slopes[0]
-            change = h * (b_T @ slopes)
-            if not (np.abs(change) < most_step).all():
-                raise _jump(path, step / n_steps)
-            q = q + change
-            Q[step + 1] = q
-    last = path.twist(1.0 - _INSIDE) / period
-    Qdot[-1] = velocity(q, last if turning else task.rate(q, last), 1.0)
-    return Q, Qdot
+    def advance(k: int, q: Array) -> tuple[Array, Array, float]:
+        (s, s_end), here = ends[k], twists[k]
+        h = (s_end - s) * period
+        for i, place, c, row in stages:
+            stage = q + h * (row @ slopes[:i]) if i else q
+            slopes[i] = velocity(stage, here[place], s + c * (s_end - s))
+        return q + h * (b_T @ slopes), slopes[0], 0.0
+
+    def at_end(q: Array) -> Array:
+        last = path.twist(1.0 - _INSIDE) / period
+        return velocity(q, last if turning else task.rate(q, last), 1.0)
+
+    return advance, at_end
 
 
 def _locked(
-    strategy: OnLeaves,
-    path: TaskPath,
-    grid: Array,
-    q: Array,
-    cycles: int,
-    period: float,
-    corrections: int,
-    c: Array,
-    limit: ArrayLike | None,
-    damping: float,
-) -> tuple[Array, Array, float]:
-    """Step from point to point on a leaf; joint positions, mean velocities (T + 1, n), and the largest λ."""
-    n_steps, used = len(grid) - 1, 0.0
-    targets = [path.placement(float(s)) for s in grid[1:]]
-    times, most_step = np.diff(grid) * period, _most_step(strategy.task, q, path, grid)
+    strategy: OnLeaves, path: TaskPath, grid: Array, period: float, corrections: int, c: Array,
+    limit: ArrayLike | None, damping: float,
+) -> tuple[Advance, None]:  # fmt: skip
+    """Make the step from point to point on a leaf; its velocity is the mean."""
+    targets, times = [path.placement(float(s)) for s in grid[1:]], np.diff(grid) * period
     most = None if limit is None else speeds(limit, strategy.task.n) / corrections  # shared by the corrections
-    Q = np.empty((cycles * n_steps + 1, strategy.task.n))
-    Q[0] = q
-    for step in range(cycles * n_steps):
-        target, h = targets[step % n_steps], float(times[step % n_steps])
-        start = q
-        try:
-            for _ in range(corrections):
-                q = strategy.step(q, target, h, leaf=c, limit=most, damping=damping)
-                if damping:
-                    used = max(used, strategy.damping)
-        except SingularityError as error:
-            raise _where(error, path, step / n_steps) from None
-        if not (np.abs(q - start) < most_step).all():
-            raise _jump(path, step / n_steps)
-        Q[step + 1] = q
-    Qdot = np.diff(Q, axis=0) / np.tile(times, cycles)[:, None]
-    return Q, np.vstack([Qdot, Qdot[-1:]]), used
 
+    def advance(k: int, q: Array) -> tuple[Array, Array, float]:
+        start, h, used = q, float(times[k]), 0.0
+        for _ in range(corrections):
+            q = strategy.step(q, targets[k], h, leaf=c, limit=most, damping=damping)
+            if damping:
+                used = max(used, strategy.damping)
+        return q, (q - start) / h, used
 
-def _where(error: SingularityError, path: TaskPath, cycle: float) -> SingularityError:
-    return SingularityError(f"{error}, in cycle {1 + int(cycle)} of {path.name}")
-
-
-def _most_step(task: Task, q: Array, path: TaskPath, grid: Array) -> Array:
-    """Bound every joint's step: (n,)."""
-    points = np.array([path.placement(float(s)).translation for s in grid])
-    size = float(np.linalg.norm(np.ptp(points, axis=0)))
-    return _JUMP * np.where(task.revolute, 1.0, np.maximum(joint_scale(task, q), size))
-
-
-def _jump(path: TaskPath, cycle: float) -> SingularityError:
-    return SingularityError(
-        f"the joints jump by more than {_JUMP:g} rad, or the arm's length, in one step, in cycle {1 + int(cycle)} of "
-        f"{path.name}: the arm is at a singularity, the path out of reach, or the steps too few"
-    )
+    return advance, None
 
 
 def _grid(path: TaskPath, steps: int) -> Array:
