@@ -14,7 +14,7 @@ from arms import planar_task
 from commands import refused, told
 
 import repctl_pin as rp
-from repctl_pin.motion.csv_file import csv_text, read_motions, timed_csv_text
+from repctl_pin.motion.csv_file import csv_text, read_motions
 from repctl_pin.motion.spec import parse_path
 from repctl_pin.motion.timing import PRESETS
 from repctl_pin.motion.write_motion import yaml_text
@@ -258,7 +258,7 @@ def test_the_way_in_does_not_lead_through_the_robot_itself(panda_pose, panda_mot
 def test_a_robot_reads_what_was_computed(ring, tmp_path) -> None:
     once = replace(ring, cycles=1, q=ring.q[:201], t=ring.t[:201])
     timed = rp.timed(once, velocity=2.0, acceleration=6.0, rate=100)
-    text = timed_csv_text(timed)
+    text = csv_text(timed)
     names = text.splitlines()[0].split(",")
     assert names == ["time", *(f"{j}{end}" for end in ("", "_velocity", "_acceleration") for j in timed.joints)]
     table = np.loadtxt(io.StringIO(text), delimiter=",", skiprows=1)
@@ -276,7 +276,7 @@ def test_a_robot_reads_what_was_computed(ring, tmp_path) -> None:
 def test_a_motion_is_written_for_a_robot(ring, tmp_path) -> None:
     timed = rp.timed(ring, acceleration=6.0, rate=100)
     way = rp.approach(Q3 + 0.2, ring, acceleration=6.0, rate=100)
-    for motion, text in ((ring, csv_text(ring)), (timed, timed_csv_text(timed)), (way, timed_csv_text(way))):
+    for motion, text in ((ring, csv_text(ring)), (timed, csv_text(timed)), (way, csv_text(way))):
         assert rp.write_motion(motion, tmp_path / "m.csv").read_text(encoding="utf-8") == text
         assert rp.write_motion(motion, str(tmp_path / "m.yaml")).read_text(encoding="utf-8") == yaml_text(motion)
     beyond = replace(ring, q=ring.q + 9.0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -127,13 +127,8 @@ class BestLeaf:
 
     def summary(self) -> str:
         """Say what was gained."""
-        return "\n".join(
-            [
-                f"best of {self.tried} leaves of {self.best.motion.path.name}",
-                f"  given start  {_line(self.given)}",
-                f"  best start   {_line(self.best)}",
-            ]
-        )
+        first = f"best of {self.tried} leaves of {self.best.motion.path.name}"
+        return f"{first}\n  given start  {_line(self.given)}\n  best start   {_line(self.best)}"
 
 
 def best_leaf(
@@ -199,27 +194,28 @@ def best_leaf(
     G_d = desired or Pseudoinverse(task)
     start = solve_ik(task, task.check(q0, "the start"), target)
 
-    def judged(q: Array) -> Candidate | None:
-        return _judged(inverse, G_d, path, q, region, steps)
+    given = best = _judged(inverse, G_d, path, start, region, steps)
+    tried = 1
 
-    given = judged(start)
-    best, tried = given, 1
+    def better(starts: Iterable[Array | None]) -> Iterator[Candidate]:
+        """Those that are better than the best so far."""
+        nonlocal tried
+        for q in starts:
+            tried += 1
+            candidate = None if q is None else _judged(inverse, G_d, path, q, region, steps)
+            if candidate is None or candidate.motion.outside:
+                continue
+            if best is not None and candidate.order <= best.order:
+                continue
+            clear = given is None or (
+                candidate.leaf_margin >= min(_LEAST_LEAF_MARGIN, given.leaf_margin)
+                and candidate.limit_margin >= given.limit_margin
+            )
+            if clear:
+                yield candidate
 
-    def better(candidate: Candidate | None) -> bool:
-        if candidate is None or candidate.motion.outside:
-            return False
-        if best is None:
-            return True
-        if given is None:
-            return candidate.order > best.order
-        clear = candidate.leaf_margin >= min(_LEAST_LEAF_MARGIN, given.leaf_margin)
-        return clear and candidate.order > best.order and candidate.limit_margin >= given.limit_margin
-
-    for q in _self_motions(inverse, start, path, seed):
-        candidate = judged(q)
-        tried += 1
-        if better(candidate):
-            best = candidate
+    for candidate in better(_self_motions(inverse, start, path, seed)):
+        best = candidate
     if best is None:
         raise InputError(
             f"none of {tried} leaves through the start carries a whole cycle of {path.name}"
@@ -230,12 +226,9 @@ def best_leaf(
     while size >= _FINEST:
         N = nullspace(task.jacobian(best.q0))
         moves = [size * sign * n / np.linalg.norm(n / L) for n in N.T for sign in (1, -1)]
-        found = [judged(q) for q in (_moved(inverse, best.q0, d, path) for d in moves)
-                 if q is not None]  # fmt: skip
-        tried += len(moves)
-        improved = [c for c in found if better(c)]
+        improved = list(better([_moved(inverse, best.q0, move, path) for move in moves]))
         if improved:
-            best = max((c for c in improved if c is not None), key=lambda c: c.order)
+            best = max(improved, key=lambda c: c.order)
         else:
             size /= 2
     return BestLeaf(best, given, tried)
@@ -245,7 +238,7 @@ def _judged(
     inverse: RepeatableInverse, desired: Inverse, path: TaskPath, q0: Array, region: Bounded | None, steps: int
 ) -> Candidate | None:
     """Follow one cycle from a start; None where it cannot be done."""
-    task = inverse.task
+    task, length = inverse.task, arm_length(inverse.task, q0) or 1.0
     try:
         motion = replace(follow(inverse, path, q0, cycles=1, steps=steps, leaf_lock=2), region=region)
         N = nullspace(task.jacobians(motion.q))
@@ -253,17 +246,13 @@ def _judged(
     except SingularityError:
         return None
     gap = np.linalg.norm((motion.q[-1] - motion.q[0]) / joint_scale(task, q0))
-    if motion.tracking_error.max() > _LOST * (arm_length(task, q0) or 1.0) or gap > _LOST:
+    if motion.tracking_error.max() > _LOST * length or gap > _LOST:
         return None  # it lost the path, or came back another way
     clear = float(leaf_margin(N, inverse.field.gradients(motion.q)).min())
     least, bodies = motion.limit_margin.min(axis=0), float(motion.thinned(_BODY_POINTS).body_distance.min())
     lower, upper, _ = task.joint_limits
     half = np.where(np.isfinite(upper - lower), (upper - lower) / 2, 1.0)
-    rooms = {
-        "limits": float(np.min(least / half)),
-        "bodies": bodies / (_ROOM * (arm_length(task, q0) or 1.0)),
-        "leaf": clear,
-    }
+    rooms = {"limits": float(np.min(least / half)), "bodies": bodies / (_ROOM * length), "leaf": clear}
     return Candidate(
         q0=motion.q[0],
         leaf=inverse.leaf(motion.q[0]),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from ..files import read_whole
 from .joint_motion import rows_of
 from .motion import Motion
 from .timing import TimedMotion
+from .waypoint_file import number
 
 _SUFFIX = re.compile("_(velocity|acceleration)$")
 _BESIDE = ("strategy", "cycle", "time")
@@ -55,7 +56,7 @@ def csv_text(motions: Motion | TimedMotion | Iterable[tuple[str, Motion]], *, mo
     Parameters
     ----------
     motions
-        One motion, or several, each with the name of its strategy; a timed one as :func:`timed_csv_text` does.
+        One motion, or several, each with the name of its strategy; a timed one with accelerations, and no cycles.
     most
         At most so many rows of a cycle, cycle ends included; by default all, and every digit of each number.
 
@@ -64,42 +65,35 @@ def csv_text(motions: Motion | TimedMotion | Iterable[tuple[str, Motion]], *, mo
     InputError
         If two columns would have one name: a joint is called ``time``, or ``a_velocity`` beside ``a``.
     """
+    rows: Iterable[Sequence[object]]
     if isinstance(motions, TimedMotion):
-        return timed_csv_text(motions)
-    named = list(motions) if isinstance(motions, Iterable) else [("", motions)]
+        header = ["time", *(f"{name}{end}" for end in ("", "_velocity", "_acceleration") for name in motions.joints)]
+        numbers = np.hstack([motions.t[:, None], motions.q, motions.qdot, motions.qddot])
+        rows = ([repr(float(v)) for v in row] for row in numbers)
+    else:
+        named = list(motions) if isinstance(motions, Iterable) else [("", motions)]
+        joints = named[0][1].task.robot_joints if named else ()
+        beside = _BESIDE if isinstance(motions, Iterable) else _BESIDE[1:]
+        header = [*beside, *joints, *(f"{name}_velocity" for name in joints)]
+        rows = (
+            [name, *cells] if "strategy" in beside else cells
+            for name, motion in named
+            for cells in _cells(motion, most)
+        )
+    _refuse_twice(header, "a CSV of this robot's joints")
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
-    joints = named[0][1].task.robot_joints if named else ()
-    beside = _BESIDE if isinstance(motions, Iterable) else _BESIDE[1:]
-    header = [*beside, *joints, *(f"{name}_velocity" for name in joints)]
-    _refuse_twice(header, "a CSV of this robot's joints")
     writer.writerow(header)
-    for name, motion in named:
-        rows = rows_of(motion, most or motion.steps)
-        q, qdot = motion.joints(motion.q[rows]), motion.joints(motion.qdot[rows])
-        for i, *numbers in zip(rows, motion.t[rows], q, qdot, strict=True):
-            values = (i / motion.steps, *np.hstack(numbers))
-            cells = [repr(float(v)) if most is None else f"{v:.10g}" for v in values]
-            writer.writerow([name, *cells] if len(beside) == 3 else cells)
+    writer.writerows(rows)
     return out.getvalue()
 
 
-def timed_csv_text(timed: TimedMotion) -> str:
-    """Write time, positions, velocities, accelerations: s, rad or m, per s and per s²; all digits of each number.
-
-    Raises
-    ------
-    InputError
-        If two columns would have one name.
-    """
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    header = ["time", *(f"{name}{end}" for end in ("", "_velocity", "_acceleration") for name in timed.joints)]
-    _refuse_twice(header, "a CSV of this robot's joints")
-    writer.writerow(header)
-    for row in np.hstack([timed.t[:, None], timed.q, timed.qdot, timed.qddot]):
-        writer.writerow([repr(float(v)) for v in row])
-    return out.getvalue()
+def _cells(motion: Motion, most: int | None) -> Iterator[list[str]]:
+    """Write the numbers of a motion, row by row: cycle, time, positions, velocities."""
+    rows = rows_of(motion, most or motion.steps)
+    q, qdot = motion.joints(motion.q[rows]), motion.joints(motion.qdot[rows])
+    for values in np.hstack([np.stack([rows / motion.steps, motion.t[rows]], axis=1), q, qdot]):
+        yield [repr(float(v)) if most is None else f"{v:.10g}" for v in values]
 
 
 def read_motions(file: str | Path, known: Sequence[str], *, cycles: int | None = None) -> list[Recorded]:
@@ -148,11 +142,7 @@ def read_motions(file: str | Path, known: Sequence[str], *, cycles: int | None =
 
 
 def _recorded(
-    key: str,
-    rows: list[tuple[int, float | None, list[float]]],
-    joints: tuple[str, ...],
-    where: str,
-    asked: int | None,
+    key: str, rows: list[tuple[int, float | None, list[float]]], joints: tuple[str, ...], where: str, asked: int | None
 ) -> Recorded:
     """Make one motion of its rows, round as often as asked, or as its last row says, or once."""
     line, end, _ = rows[-1]
@@ -188,10 +178,7 @@ def _refuse_twice(names: Sequence[str], where: str) -> None:
 
 
 def _number(text: str, name: str, line: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = np.nan
+    value = number(text)
     if not np.isfinite(value):
         raise InputError(f"{line}: {name} = {text!r} is not a finite number")
     return value

@@ -14,6 +14,7 @@ from .paths import TaskPath
 
 PLANES: dict[str, tuple[int, int]] = {"xy": (0, 1), "yz": (1, 2), "xz": (0, 2)}
 _MOST_PETALS = 1001
+_RADIUS = "the radius of a path"
 _NORMALS = {"z": "xy", "x": "yz", "y": "-xz"}  # from z to x is the way round y
 
 
@@ -61,8 +62,8 @@ def circle(
     >>> round(path.length, 3)  # m
     1.257
     """
-    radius, start_angle = _positive(radius, "radius"), finite(start_angle, "start_angle", "rad")
-    here, e1, e2 = _frame(task, q0, normal)
+    radius, start_angle = positive(radius, _RADIUS, "m"), finite(start_angle, "start_angle", "rad")
+    here, e1, e2, plane = _frame(task, q0, normal)
 
     def around(angle: float) -> Array:
         return radius * (np.cos(angle) * e1 + np.sin(angle) * e2)
@@ -74,7 +75,7 @@ def circle(
         return 2 * np.pi * around(start_angle + 2 * np.pi * s + np.pi / 2)
 
     center = here.translation - around(start_angle)
-    name = f"circle of radius {radius:g} m in {_plane(normal)}"
+    name = f"circle of radius {radius:g} m in {plane}"
     if isinstance(rotation, str):
         if rotation not in ("fixed", "tangent"):
             raise InputError(f"rotation of a circle is 'fixed', 'tangent' or a point to face, not {rotation!r}")
@@ -120,13 +121,13 @@ def figure_eight(
     >>> np.allclose(path.placement(0.0).translation, path.placement(0.5).translation)  # it crosses at the start
     True
     """
-    radius, start_angle = _positive(radius, "radius"), finite(start_angle, "start_angle", "rad")
-    here, e1, e2 = _frame(task, q0, normal)
+    radius, start_angle = positive(radius, _RADIUS, "m"), finite(start_angle, "start_angle", "rad")
+    here, e1, e2, plane = _frame(task, q0, normal)
     along = np.cos(start_angle) * e1 + np.sin(start_angle) * e2
     across = -np.sin(start_angle) * e1 + np.cos(start_angle) * e2
     turn = 2 * np.pi
     return TaskPath(
-        f"figure eight of half-length {radius:g} m in {_plane(normal)}",
+        f"figure eight of half-length {radius:g} m in {plane}",
         lambda s: here.translation + radius * (np.sin(turn * s) * along + 0.5 * np.sin(2 * turn * s) * across),
         lambda s: radius * turn * (np.cos(turn * s) * along + np.cos(2 * turn * s) * across),
         here.rotation,
@@ -164,46 +165,36 @@ def rose(task: Task, q0: ArrayLike, radius: float = 0.1, *, petals: int = 3, nor
     >>> path.name
     'rose of 3 petals, 0.1 m, in xy'
     """
-    radius = _positive(radius, "radius")
+    radius = positive(radius, _RADIUS, "m")
     petals = whole(petals, "petals", 1, _MOST_PETALS)
     if petals % 2 == 0:
         raise InputError(f"a rose closes in half a turn with an odd number of petals, not {petals}")
-    here, e1, e2 = _frame(task, q0, normal)
+    here, e1, e2, plane = _frame(task, q0, normal)
 
     def ray(angle: float) -> Array:
         return np.cos(angle) * e1 + np.sin(angle) * e2
 
+    def slope(s: float) -> Array:
+        phase = petals * np.pi * s
+        outward, across = petals * np.cos(phase) * ray(np.pi * s), np.sin(phase) * ray(np.pi * (s + 0.5))
+        return radius * np.pi * (outward + across)
+
     return TaskPath(
-        f"rose of {petals} petals, {radius:g} m, in {_plane(normal)}",
+        f"rose of {petals} petals, {radius:g} m, in {plane}",
         lambda s: here.translation + radius * np.sin(petals * np.pi * s) * ray(np.pi * s),
-        lambda s: (
-            radius
-            * np.pi
-            * (
-                petals * np.cos(petals * np.pi * s) * ray(np.pi * s)
-                + np.sin(petals * np.pi * s) * ray(np.pi * (s + 0.5))
-            )
-        ),
+        slope,
         here.rotation,
     )
 
 
-def _frame(task: Task, q0: ArrayLike, normal: str) -> tuple[pin.SE3, Array, Array]:
-    """The start's placement and the two axes of the path's plane, the path going from the first to the second."""
-    plane = _plane(normal)
-    back = normal.startswith("-") != _NORMALS.get(normal.removeprefix("-"), "").startswith("-")
-    first, second = (np.eye(3)[k] for k in PLANES[plane])
-    return wanted_task(task).placement(q0), first, -second if back else second
-
-
-def _plane(normal: str) -> str:
+def _frame(task: Task, q0: ArrayLike, normal: str) -> tuple[pin.SE3, Array, Array, str]:
+    """The start's placement, the two axes of the path's plane, from the first to the second, and the plane's name."""
     normal = wanted(normal, str, "normal", "an axis, 'x', 'y' or 'z', or a plane, 'xy', 'yz' or 'xz'")
     bare = normal.removeprefix("-")
-    plane = _NORMALS.get(bare, bare).removeprefix("-")
+    meant = _NORMALS.get(bare, bare)
+    plane = meant.removeprefix("-")
     if plane not in PLANES:
         raise InputError(f"no plane {shown(normal)}; choose from {', '.join(PLANES)} (or a normal: x, y, z, -z …)")
-    return plane
-
-
-def _positive(value: float, what: str) -> float:
-    return positive(value, f"the {what} of a path", "m")
+    first, second = (np.eye(3)[k] for k in PLANES[plane])
+    back = normal.startswith("-") != meant.startswith("-")
+    return wanted_task(task).placement(q0), first, -second if back else second, plane

@@ -21,13 +21,7 @@ _FAR = 10
 
 
 def solve_ik(
-    task: Task,
-    q0: ArrayLike,
-    target: pin.SE3,
-    *,
-    tolerance: float = 1e-12,
-    iterations: int = 200,
-    limits: bool = True,
+    task: Task, q0: ArrayLike, target: pin.SE3, *, tolerance: float = 1e-12, iterations: int = 200, limits: bool = True
 ) -> Array:
     """Find q near q0 with f(q) at the target, by Newton's method with J⁺ and bounded steps.
 

@@ -74,7 +74,9 @@ def parse_path(text: str | None, plane: str | None = None) -> PathMaker:
 def _drawn(kind: str, parts: list[str], text: str, blend: float) -> Drawn:
     """Read a form that says all but the plane."""
     if kind == "circle" and len(parts) == 2:
-        radius, degrees = _length(parts[0], text), _angle(parts[1], text)
+        radius, degrees = _length(parts[0], text), number(parts[1])
+        if not np.isfinite(degrees):
+            raise InputError(f"path {text!r}: {parts[1]!r} is no angle in degrees; give {FORMS}")
         return lambda task, q0, plane: circle_at(task, q0, radius, plane, degrees)
     numbers = [_length(part, text) for part in parts]
     curves: dict[str, Callable[..., TaskPath]] = {"eight": figure_eight, "rose": rose}
@@ -112,11 +114,4 @@ def _length(part: str, text: str) -> float:
     value = number(part)
     if not (np.isfinite(value) and value > 0):
         raise InputError(f"path {text!r}: {part!r} is not a number above 0; give {FORMS}, lengths in m")
-    return value
-
-
-def _angle(part: str, text: str) -> float:
-    value = number(part)
-    if not np.isfinite(value):
-        raise InputError(f"path {text!r}: {part!r} is no angle in degrees; give {FORMS}")
     return value
