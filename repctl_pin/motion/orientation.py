@@ -46,9 +46,10 @@ def rotation_matrix(value: Any, what: str = "rotation") -> Array:
 def spin_of(rotation: Turning, breaks: Sequence[float]) -> Turning:
     """Differentiate R(s) between the breaks, by differences of log(R(s + e) R(s)ᵀ), exact to about 1e-11."""
     knots = np.array([0.0, *breaks, 1.0])
+    piece = piece_finder(knots, np.diff(knots))
 
     def spin(s: float) -> Array:
-        i = int(np.clip(np.searchsorted(knots, s, side="right") - 1, 0, len(knots) - 2))
+        i, _ = piece(s)
         start, end = knots[i], knots[i + 1]
         e = min(2e-3, (end - start) / 8)
         k = max(min(3, int((s - start) / e)), int(np.ceil(6 - (end - s) / e)))
@@ -57,6 +58,16 @@ def spin_of(rotation: Turning, breaks: Sequence[float]) -> Turning:
         return _WEIGHTS[k] @ turned / e
 
     return spin
+
+
+def piece_finder(knots: Array, widths: Array) -> Callable[[float], tuple[int, float]]:
+    """Make the function s → the piece between two knots that s lies in, and the share of its width that is passed."""
+
+    def piece(s: float) -> tuple[int, float]:
+        i = int(np.clip(np.searchsorted(knots, s, side="right") - 1, 0, len(widths) - 1))
+        return i, (s - knots[i]) / widths[i]
+
+    return piece
 
 
 def smooth_turning(knots: ArrayLike, rotations: Sequence[Array]) -> tuple[Turning, Turning]:
@@ -94,9 +105,7 @@ def smooth_turning(knots: ArrayLike, rotations: Sequence[Array]) -> tuple[Turnin
     end = np.array([pin.Jlog3(pin.exp3(t)) @ w for t, w in zip(theta, rates[1:] * steps, strict=True)])
     cubic = np.stack([begin, 3 * theta - 2 * begin - end, begin + end - 2 * theta], axis=1)  # (P − 1, 3, 3)
 
-    def piece(x: float) -> tuple[int, float]:
-        i = int(np.clip(np.searchsorted(s, x, side="right") - 1, 0, count - 1))
-        return i, (x - s[i]) / steps[i, 0]
+    piece = piece_finder(s, steps[:, 0])
 
     def rotation(x: float) -> Array:
         i, u = piece(x)

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from ..arguments import Array, list_of, positive
 from ..errors import InputError
 from ..robot.task import Task, wanted_task
-from .orientation import rotation_matrix, smooth_turning
+from .orientation import piece_finder, rotation_matrix, smooth_turning
 from .paths import TaskPath
 
 MOST_POINTS = 3000
@@ -67,12 +67,7 @@ def polygon(task: Task, q0: ArrayLike, corners: ArrayLike, *, blend: float = 0.0
 
 
 def waypoints(
-    points: Any,
-    rotation: Any = None,
-    *,
-    times: ArrayLike | None = None,
-    blend: float = 0.0,
-    name: str = "waypoints",
+    points: Any, rotation: Any = None, *, times: ArrayLike | None = None, blend: float = 0.0, name: str = "waypoints"
 ) -> TaskPath:
     """Join waypoints by straight lines, the orientation turning smoothly from one to the next.
 
@@ -124,7 +119,8 @@ def waypoints(
             raise InputError("waypoints want rotation=: the orientation to hold, such as task.placement(q0).rotation")
         if isinstance(rotation, Rotation):
             rotation = rotation.as_matrix()
-        several = isinstance(rotation, (list, tuple, np.ndarray)) and not _is_matrix(rotation)
+        listed = isinstance(rotation, (list, tuple, np.ndarray))
+        several = listed and ((matrix := _doubles(rotation)) is None or matrix.ndim > 2)
         turns = [rotation_matrix(R) for R in (rotation if several else [rotation])]
         if len(turns) not in (1, len(corners)):
             raise InputError(f"{len(corners)} waypoints want one rotation, or as many; got {len(turns)}")
@@ -137,14 +133,6 @@ def waypoints(
         raise InputError(f"the path is open by {by}; end it with its first point again")
     corners = np.vstack([corners[:-1], corners[0]])
     return _polyline(corners, turns[0] if len(turns) == 1 else turns, times, blend, name)
-
-
-def _is_matrix(rotation: Any) -> bool:
-    """Whether this is one matrix, right or wrong, rather than several."""
-    try:
-        return np.array(rotation, dtype=float).ndim < 3
-    except (TypeError, ValueError, OverflowError):
-        return False
 
 
 def _polyline(
@@ -166,20 +154,17 @@ def _polyline(
         raise InputError("corners are blended at constant speed; leave out times= or blend=")
     period = None
     if times is not None:
-        t = _rising(times, len(corners))
-        pieces, knots, period = (
-            [_line(*ends) for ends in zip(corners[:-1], edges, strict=True)],
-            t - t[0],
-            float(float(t[-1] - t[0])),
-        )
-        at_corners = knots
+        t = _doubles(times)
+        if t is None or t.shape != (len(corners),) or not np.isfinite(t).all() or not (np.diff(t) > 0).all():
+            raise InputError(f"times must be {len(corners)} finite numbers that rise, s, one a waypoint")
+        pieces = [_line(*ends) for ends in zip(corners[:-1], edges, strict=True)]
+        at_corners = knots = t - t[0]
+        period = float(knots[-1])
     else:
         pieces, knots, at_corners = _rounded(corners, np.where(stays, sizes[~stays].mean(), sizes), blend, name)
     s, widths = knots / knots[-1], np.diff(knots) / knots[-1]
 
-    def piece(x: float) -> tuple[int, float]:
-        i = int(np.clip(np.searchsorted(s, x, side="right") - 1, 0, len(pieces) - 1))
-        return i, (x - s[i]) / widths[i]
+    piece = piece_finder(s, widths)
 
     def point(x: float) -> Array:
         i, u = piece(x)
@@ -246,36 +231,23 @@ def _rounded(corners: Array, sizes: Array, radius: float, name: str) -> tuple[li
     took: list[float] = []
     upto = [0]  # pieces before the middle of each corner
 
-    def half_arc(i: int, half: int) -> None:
+    def half_arc(i: int, begin: float, end: float) -> None:
         if phi[i] > 0:
             start = corners[i] - cut[i] * before[i]
-            middle, end = phi[i] / 2, phi[i]
-            pieces.append(
-                _arc(start, before[i], inward[i] / across[i], radius, *((0.0, middle) if half == 0 else (middle, end)))
-            )
-            took.append(radius * middle)
+            pieces.append(_arc(start, before[i], inward[i] / across[i], radius, begin, end))
+            took.append(radius * phi[i] / 2)
 
     for i, edge in enumerate(edges):
-        half_arc(i, 1)
+        half_arc(i, phi[i] / 2, phi[i])
         share = room[i] / lengths[i] if moving[i] else 1.0
         if share > 1e-9:
             pieces.append(_line(corners[i] + cut[i] * units[i], share * edge))
             took.append(share * sizes[i])
         following = (i + 1) % len(edges)
-        half_arc(following, 0)
+        half_arc(following, 0.0, phi[following] / 2)
         upto.append(len(pieces))
     knots = np.concatenate([[0.0], np.cumsum(took)])
     return pieces, knots, knots[upto]
-
-
-def _rising(times: ArrayLike, count: int) -> Array:
-    try:
-        t = np.array(times, dtype=float)
-    except (TypeError, ValueError, OverflowError):
-        t = np.empty(0)
-    if t.shape != (count,) or not np.isfinite(t).all() or not (np.diff(t) > 0).all():
-        raise InputError(f"times must be {count} finite numbers that rise, s, one a waypoint")
-    return t
 
 
 _FARTHEST = 1e9
@@ -283,10 +255,9 @@ _FARTHEST = 1e9
 
 
 def _points(values: ArrayLike | Sequence[Any], what: str) -> Array:
-    try:
-        points = np.array(values, dtype=float)
-    except (TypeError, ValueError, OverflowError):
-        raise InputError(f"{what} must be rows of three numbers, x, y, z in m") from None
+    points = _doubles(values)
+    if points is None:
+        raise InputError(f"{what} must be rows of three numbers, x, y, z in m")
     if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
         raise InputError(f"{what} must be rows of three finite numbers, x, y, z in m")
     if np.abs(points).max(initial=0.0) > _FARTHEST:
@@ -294,3 +265,11 @@ def _points(values: ArrayLike | Sequence[Any], what: str) -> Array:
             f"{what}: a coordinate of {np.abs(points).max():.3g} m is out of any arm's reach; give them in m"
         )
     return points
+
+
+def _doubles(values: Any) -> Array | None:
+    """Whatever NumPy can take for doubles, numbers that are written included; else None."""
+    try:
+        return np.array(values, dtype=float)
+    except (TypeError, ValueError, OverflowError):
+        return None

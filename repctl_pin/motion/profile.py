@@ -53,12 +53,12 @@ class Run:
     speed: Array
     t: Array
 
-    def at(self, t: Array) -> tuple[Array, Array]:
-        """Where and how fast the run is at times (T,) from its start: s and ṡ."""
+    def at(self, t: Array) -> Array:
+        """Find s at times (T,) from the run's start."""
         i = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.s) - 2)
         push = (self.speed[i + 1] ** 2 - self.speed[i] ** 2) / (2 * (self.s[i + 1] - self.s[i]))
         tau = t - self.t[i]
-        return self.s[i] + self.speed[i] * tau + 0.5 * push * tau**2, self.speed[i] + push * tau
+        return self.s[i] + self.speed[i] * tau + 0.5 * push * tau**2
 
     def excess(self, limits: Limits) -> float:
         """By what factor time has to be stretched for the limits to hold at stages and between them; 1 if they hold."""
@@ -121,8 +121,7 @@ class Profile:
         Q = np.empty((len(clock), self.runs[0].curve(0.0).size))
         for j in np.unique(which):
             rows, run = which == j, self.runs[j]
-            s, _ = run.at(np.clip(clock[rows] - self.starts[j], 0.0, run.t[-1]))
-            Q[rows] = run.curve(s)
+            Q[rows] = run.curve(run.at(np.clip(clock[rows] - self.starts[j], 0.0, run.t[-1])))
         return Q
 
 
@@ -131,9 +130,8 @@ def corners_of(Q: Array, candidates: Iterable[int]) -> list[int]:
     steps = np.diff(Q, axis=0)
     sizes = np.linalg.norm(steps, axis=1)
     cosine = np.einsum("ij,ij->i", steps[1:], steps[:-1]) / np.maximum(sizes[1:] * sizes[:-1], 1e-300)
-    cusps = set((np.flatnonzero(cosine < 0.5) + 1).tolist())
+    found = set((np.flatnonzero(cosine < 0.5) + 1).tolist())  # cusps
     marks = sorted({0, len(Q) - 1, *candidates})
-    found = set(cusps)
     for before, at, after in zip(marks[:-2], marks[1:-1], marks[2:], strict=True):
         into, out = _tangent(Q[max(before, at - 3) : at + 1][::-1]), _tangent(Q[at : min(after, at + 3) + 1])
         if np.arccos(np.clip(-into @ out, -1, 1)) > _BEND:
@@ -167,10 +165,8 @@ def fastest(Q: Array, limits: Limits, stages: float = STAGES) -> Run:
     curve = toppra.SplineInterpolator(s, Q, bc_type="not-a-knot")
     finer = int(np.ceil(max(stages, _LEAST_STAGES) / (len(s) - 1)))
     grid = np.interp(np.arange(finer * (len(s) - 1) + 1) / finer, np.arange(len(s)), s)
-    constraints = [
-        JointVelocityConstraint(np.minimum(limits.velocity, 1e6)),
-        JointAccelerationConstraint(limits.acceleration),
-    ]
+    velocity = JointVelocityConstraint(np.minimum(limits.velocity, 1e6))
+    constraints = [velocity, JointAccelerationConstraint(limits.acceleration)]
     if limits.torque is not None:
         torque = np.stack([-limits.torque, limits.torque], axis=1)
         constraints.append(JointTorqueConstraint(limits.dynamics, torque, np.zeros(len(torque))))
@@ -178,9 +174,8 @@ def fastest(Q: Array, limits: Limits, stages: float = STAGES) -> Run:
     solver = TOPPRA(constraints, curve, grid, solver_wrapper="seidel", parametrizer="ParametrizeConstAccel")
     _, speed, _ = solver.compute_parameterization(0.0, 0.0)
     if speed is None or not np.isfinite(speed).all() or not (speed[1:-1] > 0).all():
-        why = (
-            "the torque limits do not hold the arm somewhere" if limits.torque is not None else "the path is too rough"
-        )
+        torque_bound = limits.torque is not None
+        why = "the torque limits do not hold the arm somewhere" if torque_bound else "the path is too rough"
         raise InputError(f"no speed along this joint path is within the limits: {why}")
     t = np.concatenate([[0.0], np.cumsum(2 * np.diff(grid) / (speed[1:] + speed[:-1]))])
     return Run(curve.cspl, grid, speed, t)

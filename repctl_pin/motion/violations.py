@@ -44,13 +44,9 @@ def violations_of(motion: JointMotion, bodies: JointMotion | None = None) -> tup
     bodies
         The same motion at fewer points, where bodies are to be looked at less often.
     """
-    found: list[tuple[float, tuple[str, ...]]] = []
-    if motion.first_violation is not None:
-        moment, joint = motion.first_violation
-        found.append((moment, (joint,)))
-    touch = (bodies or motion).first_touch
-    if touch is not None:
-        found.append(touch)
+    beyond, touch = motion.first_violation, (bodies or motion).first_touch
+    found: list[tuple[float, tuple[str, ...]]] = [(beyond[0], beyond[1:])] if beyond else []
+    found += [touch] if touch else []
     return tuple(Violation(moment, cycle_of(moment, motion.cycles), names) for moment, names in sorted(found))
 
 
