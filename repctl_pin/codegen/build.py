@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import hashlib
 import os
 import platform
@@ -79,9 +80,7 @@ def _compile(code: str, command: list[str], library: Path, checksum: Path) -> No
         source.write_text(code, encoding="ascii", newline="\n")
         line = [*command, "-o", str(built), str(source), "-lm"]
         try:
-            done = subprocess.run(
-                line, capture_output=True, text=True, errors="replace", timeout=_PATIENCE, check=False
-            )
+            done = subprocess.run(line, capture_output=True, text=True, errors="replace", timeout=_PATIENCE)
         except (OSError, subprocess.TimeoutExpired) as error:
             raise NoCompilerError(f"{command[0]} cannot be run: {error}") from None
         if done.returncode or not built.is_file():
@@ -103,15 +102,10 @@ def _private_folder() -> Path:
         if stat.S_ISDIR(status.st_mode) and status.st_uid == os.getuid() and not status.st_mode & 0o022:
             with tempfile.TemporaryFile(dir=folder):
                 return folder
-    return _own_folder()
+    return Path(_own_folder().name)
 
 
-def _own_folder() -> Path:
+@functools.cache
+def _own_folder() -> tempfile.TemporaryDirectory[str]:
     """A folder that goes when the process ends."""
-    global _temporary
-    if _temporary is None:
-        _temporary = tempfile.TemporaryDirectory(prefix="repctl_pin-")
-    return Path(_temporary.name)
-
-
-_temporary: tempfile.TemporaryDirectory[str] | None = None
+    return tempfile.TemporaryDirectory(prefix="repctl_pin-")

@@ -15,7 +15,7 @@ from ..section import InverseFunction
 from ..section.chart import Chart
 from ..section.field import SectionField
 from ..strategies.repeatable import RepeatableInverse
-from .compiled_loop import GIVEN_LEAF, NAME, call_memory, compiled_loop, library
+from .compiled_loop import GIVEN_LEAF, NAME, call_memory, compiled_loop, library, run_many
 
 
 class CompiledFunction(InverseFunction):
@@ -28,8 +28,7 @@ class CompiledFunction(InverseFunction):
         self._pose = self._parts["target"].reshape(4, 4)
         if self._library is not None:
             self._one = ctypes.PyDLL(self._library)[f"{NAME}_call_F"]
-            self._many = ctypes.CDLL(self._library)[f"{NAME}_call_functions"]
-            self._many.restype = ctypes.c_long
+            self._many = ctypes.CDLL(self._library)
 
     def __call__(self, target: pin.SE3, *, leaf: ArrayLike | None = None) -> Array:
         """Evaluate F: the joints (n,) for a pose of the cell; see :class:`InverseFunction`."""
@@ -44,9 +43,8 @@ class CompiledFunction(InverseFunction):
     def _batch(self, U: Array, c: Array) -> Array:
         if self._library is not None:
             p, R = map(np.ascontiguousarray, self.cell.placements(U))
-            Q, c = np.empty((len(U), self.task.n)), np.ascontiguousarray(c)
-            arrays = (ctypes.c_void_p(array.ctypes.data) for array in (p, R, c, Q))
-            if self._many(ctypes.c_long(len(U)), *arrays) == len(U):
+            Q = np.empty((len(U), self.task.n))
+            if run_many(self._many, "functions", p, R, np.ascontiguousarray(c), Q) == len(U):
                 return Q
         return super()._batch(U, c)
 

@@ -140,27 +140,28 @@ def _loop(task: Task, held: ctypes.PyDLL, released: ctypes.CDLL) -> Loop:
     return Loop(velocity, step, bounded, *_batches(task, released))
 
 
+def run_many(library: ctypes.CDLL, name: str, *arrays: Array) -> int:
+    """Call a C function for every row of some arrays, the last its results: how many rows it did."""
+    function = library[f"{NAME}_call_{name}"]
+    function.restype = ctypes.c_long
+    pointers = (ctypes.c_void_p(array.ctypes.data) for array in arrays)
+    return function(ctypes.c_long(len(arrays[0])), *pointers)
+
+
 def _batches(task: Task, library: ctypes.CDLL) -> tuple[Callable[[Array], Array], Callable[[Array, Array], Array]]:
     """Make the functions of many configurations: Q (K, n) → G (K, n, m), and Q, Ẋ (K, m) → q̇ (K, n)."""
     n, m = task.n, task.m
 
-    def run(name: str, count: int, *arrays: Array) -> None:
-        function = library[f"{NAME}_call_{name}"]
-        function.restype = ctypes.c_long
-        done = function(ctypes.c_long(count), *(ctypes.c_void_p(array.ctypes.data) for array in arrays))
-        if done < count:
+    def run(name: str, *arrays: Array) -> Array:
+        done = run_many(library, name, *arrays)
+        if done < len(arrays[0]):
             raise SingularityError(f"the augmented Jacobian J_V is singular at row {done}")
+        return arrays[-1]
 
     def inverses(Q: Array) -> Array:
-        Q = np.ascontiguousarray(Q)
-        G = np.empty((len(Q), n, m))
-        run("inverses", len(Q), Q, G)
-        return G
+        return run("inverses", np.ascontiguousarray(Q), np.empty((len(Q), n, m)))
 
     def velocities(Q: Array, Xdot: Array) -> Array:
-        Q, Xdot = np.ascontiguousarray(Q), np.ascontiguousarray(Xdot)
-        Qdot = np.empty((len(Q), n))
-        run("velocities", len(Q), Q, Xdot, Qdot)
-        return Qdot
+        return run("velocities", np.ascontiguousarray(Q), np.ascontiguousarray(Xdot), np.empty((len(Q), n)))
 
     return inverses, velocities

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from functools import reduce
 from typing import Any
 
 _SNAP = 1e-15
@@ -50,13 +51,11 @@ class Graph:
         """Make what the C code reads, such as ``q[0]``."""
         return self._make("input", (), text)
 
-    def sine(self, angle: Expression) -> Expression:
-        """Make ``sin(angle)``."""
-        return self._function("sin", math.sin, angle)
-
-    def cosine(self, angle: Expression) -> Expression:
-        """Make ``cos(angle)``."""
-        return self._function("cos", math.cos, angle)
+    def function(self, name: str, angle: Expression) -> Expression:
+        """Make ``sin(angle)`` or ``cos(angle)``."""
+        if angle.kind == "number":
+            return self.number(getattr(math, name)(float(angle.value)))
+        return self._make(name, (angle,), "")
 
     def negative(self, a: Expression) -> Expression:
         """Make ``−a``."""
@@ -94,15 +93,7 @@ class Graph:
 
     def total(self, terms: Iterable[Expression]) -> Expression:
         """Add many."""
-        result = self.number(0.0)
-        for term in terms:
-            result = result + term
-        return result
-
-    def _function(self, name: str, evaluate: object, angle: Expression) -> Expression:
-        if angle.kind == "number":
-            return self.number(evaluate(float(angle.value)))  # type: ignore[operator]
-        return self._make(name, (angle,), "")
+        return reduce(self.sum, terms, self.number(0.0))
 
     def _make(self, kind: str, parts: tuple[Expression, ...], value: float | str) -> Expression:
         key = (kind, *map(id, parts), value)

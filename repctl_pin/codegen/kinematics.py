@@ -29,15 +29,10 @@ class Chain:
     def __init__(self, task: Task) -> None:
         self.graph = Graph()
         q = [self.graph.input(f"q[{i}]") for i in range(task.n)]
-        drive = task.drive
-        joints = (
-            q
-            if drive is None
-            else [
-                self._weighted(row, q) + self.graph.number(offset)
-                for row, offset in zip(drive.S, drive.offset, strict=True)
-            ]
-        )
+        drive, joints = task.drive, q
+        if drive is not None:
+            rows = zip(drive.S, drive.offset, strict=True)
+            joints = [self._weighted(row, q) + self.graph.number(offset) for row, offset in rows]
         model, frame = task.model, task.model.frames[task._frame_id]
         self.p = self._numbers(np.zeros(3))
         self.R = [self._numbers(row) for row in np.eye(3)]
@@ -76,7 +71,7 @@ class Chain:
 
     def _turn(self, angle: Expression) -> None:
         """``R ← R R_z(angle)``."""
-        c, s = self.graph.cosine(angle), self.graph.sine(angle)
+        c, s = self.graph.function("cos", angle), self.graph.function("sin", angle)
         self.R = [[x * c + y * s, y * c - x * s, z] for x, y, z in self.R]
 
     def _weighted(self, weights: Array, terms: Vector) -> Expression:
@@ -88,25 +83,12 @@ class Chain:
     def _numbers(self, values: Array) -> Vector:
         return [self.graph.number(v) for v in values]
 
-    def placement_c(self) -> str:
-        """Write C that assigns ``p[3]`` and ``R[9]``, R row by row."""
-        return assignments(self._p_and_R())
-
-    def jacobian_c(self) -> str:
-        """Write C that assigns ``J[m][n]``."""
-        return assignments(self._jacobian())
-
-    def all_c(self) -> str:
-        """Write C that assigns ``p``, ``R`` and ``J``."""
-        return assignments(self._p_and_R() | self._jacobian())
-
-    def _p_and_R(self) -> dict[str, Expression]:
-        return {f"p[{i}]": e for i, e in enumerate(self.p)} | {
-            f"R[{3 * i + k}]": e for i, row in enumerate(self.R) for k, e in enumerate(row)
-        }
-
-    def _jacobian(self) -> dict[str, Expression]:
-        return {f"J[{a}][{i}]": e for a, row in enumerate(self.J) for i, e in enumerate(row)}
+    def code(self) -> dict[str, str]:
+        """Write C that assigns ``p[3]`` and ``R[9]``, row by row; ``J[m][n]``; and all of them."""
+        p = {f"p[{i}]": e for i, e in enumerate(self.p)}
+        R = {f"R[{3 * i + k}]": e for i, row in enumerate(self.R) for k, e in enumerate(row)}
+        J = {f"J[{a}][{i}]": e for a, row in enumerate(self.J) for i, e in enumerate(row)}
+        return {"placement": assignments(p | R), "jacobian": assignments(J), "chain": assignments(p | R | J)}
 
 
 def _joints(task: Task) -> list[tuple[bool, Array]]:

@@ -49,35 +49,29 @@ def write_source(control: RepeatableInverse | InverseFunction, name: str, region
     InputError
         If the potentials or the region hold functions, which cannot be written down.
     """
-    function = control if isinstance(control, InverseFunction) else None
-    inverse = control.inverse if isinstance(control, InverseFunction) else control
-    wanted(inverse, RepeatableInverse, "inverse", "a repeatable inverse, such as design.inverse")
+    inverse, declared, defined = control, "", ""
+    if isinstance(control, InverseFunction):
+        inverse, declared, defined = control.inverse, filled("function.h", name, {}), function_code(control, name)
+    inverse = wanted(inverse, RepeatableInverse, "inverse", "a repeatable inverse, such as design.inverse")
     task = inverse.task
     if task.r < 1:
         raise InputError(f"{task!r} has no joint to spare: there is no potential to write")
     if region is not None and len(region.center) != task.n:
         raise InputError(f"the region has {len(region.center)} joints, but the task has {task.n}")
-    chain = Chain(task)
     potentials = field_functions(inverse.field, task.n, name)
     kind = task.kind if task.kind in ("pose", "axis") else "position"
-    parts = {
+    parts = Chain(task).code() | {
         "about": about(control, region),
         "n": task.n,
         "m": task.m,
         "r": task.r,
-        "placement": chain.placement_c(),
-        "jacobian": chain.jacobian_c(),
-        "chain": chain.all_c(),
         "potentials": "\n".join(potentials).rstrip("\n"),
         "parts": "\n".join(f"    {name}_potential_{i}(q, h, V);" for i in range(len(potentials))),
         "error": filled(f"error_{kind}.c", name, {"rows": whole(task.rows)}).rstrip("\n"),
         "inside": _inside(region, task, name).rstrip("\n"),
     }
-    declared = filled("function.h", name, {}) if function is not None else ""
-    defined = function_code(function, name) if function is not None else ""
-    return Source(
-        filled("arm.h", name, parts | {"function": declared}), filled("arm.c", name, parts | {"function": defined})
-    )
+    header = filled("arm.h", name, parts | {"function": declared})
+    return Source(header, filled("arm.c", name, parts | {"function": defined}))
 
 
 def about(control: RepeatableInverse | InverseFunction, region: Region | None) -> str:

@@ -39,7 +39,7 @@ def checked_name(name: Any) -> str:
 def comment(text: str) -> str:
     """Write a text that came out of a file so that it ends no comment: ASCII, all but plain marks as ``\\u002a``."""
     short = text if len(text) <= _LONGEST else text[: _LONGEST - 3] + "..."
-    return "".join(c if _PLAIN.match(c) else "".join(f"\\u{u:04x}" for u in _units(c)) for c in short)
+    return "".join(c if _PLAIN.match(c) else _escaped(c) for c in short)
 
 
 def table(rows: Iterable[Iterable[float]], indent: str = "        ") -> str:
@@ -81,7 +81,7 @@ def filled(file: str, name: str, parts: Mapping[str, object]) -> str:
     return re.sub(r"@([a-z]+)", lambda found: str(parts[found[1]]), text)
 
 
-def _units(character: str) -> list[int]:
-    """UTF-16 code units; a lone surrogate is one itself."""
-    code = ord(character)
-    return [code] if code < 0x10000 else [0xD800 + ((code - 0x10000) >> 10), 0xDC00 + ((code - 0x10000) & 0x3FF)]
+def _escaped(character: str) -> str:
+    """Its UTF-16 code units; a lone surrogate is one itself."""
+    units = character.encode("utf-16-be", "surrogatepass").hex()
+    return "".join(f"\\u{unit}" for unit in re.findall("....", units))

@@ -71,14 +71,15 @@ def vectors(
 def answers(inverse: RepeatableInverse, region: Region | None, vector: Vector) -> dict[str, Any]:
     """What Python answers: a status of every function, and its result where it is OK."""
     task, q = inverse.task, vector.q
-    usable = bool(np.isfinite(q).all())
-    said: dict[str, Any] = {"usable": OK if usable else BAD_NUMBER, "inside": OK if usable else BAD_NUMBER}
-    if usable:
-        said |= {"placement": task.placement(q), "J": task.jacobian(q), "c": inverse.leaf(q)}
-        if region is not None and not region.ratio(q[None])[0] <= 1 + 1e-12:
-            said["inside"] = OUTSIDE
-    if not usable:
-        return said | {"velocity": BAD_NUMBER, "step": BAD_NUMBER, "qdot": np.zeros(task.n), "q_next": np.zeros(task.n)}
+    if not np.isfinite(q).all():
+        nothing = np.zeros(task.n)
+        return dict.fromkeys(("usable", "inside", "velocity", "step"), BAD_NUMBER) | {
+            "qdot": nothing,
+            "q_next": nothing,
+        }
+    said: dict[str, Any] = {"placement": task.placement(q), "J": task.jacobian(q), "c": inverse.leaf(q), "usable": OK}
+    beyond = region is not None and not region.ratio(q[None])[0] <= 1 + 1e-12
+    said["inside"] = OUTSIDE if beyond else OK
     said["velocity"], said["qdot"] = asked(lambda: inverse.velocity(q, vector.xdot), task.n)
     said["step"], said["q_next"] = asked(
         lambda: inverse.step(
