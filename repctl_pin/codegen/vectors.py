@@ -72,11 +72,8 @@ def answers(inverse: RepeatableInverse, region: Region | None, vector: Vector) -
     """What Python answers: a status of every function, and its result where it is OK."""
     task, q = inverse.task, vector.q
     if not np.isfinite(q).all():
-        nothing = np.zeros(task.n)
-        return dict.fromkeys(("usable", "inside", "velocity", "step"), BAD_NUMBER) | {
-            "qdot": nothing,
-            "q_next": nothing,
-        }
+        refused = dict.fromkeys(("usable", "inside", "velocity", "step"), BAD_NUMBER)
+        return refused | dict.fromkeys(("qdot", "q_next"), np.zeros(task.n))
     said: dict[str, Any] = {"placement": task.placement(q), "J": task.jacobian(q), "c": inverse.leaf(q), "usable": OK}
     beyond = region is not None and not region.ratio(q[None])[0] <= 1 + 1e-12
     said["inside"] = OUTSIDE if beyond else OK

@@ -17,6 +17,7 @@ from ..urdf.catalogue import disabled_pairs
 from ..urdf.shapes import Solid
 from .body_bounds import BodyBounds
 from .body_shapes import BodyShape, body_shape, fixed_placements, origin, touch
+from .model import link_frames
 from .task import Task
 
 Pair = tuple[str, str]
@@ -103,7 +104,11 @@ class Bodies:
         robot = task.robot
         self._links: list[str] = []
         self._bodies: list[BodyShape] = []
-        missing = [solid.filename for solid in robot.description.collisions if not self._add_own(solid)]
+        links, missing = link_frames(self._model), []
+        for solid in robot.description.collisions:
+            link = links[solid.link]
+            if not self._add(solid, robot.description.path, link.parentJoint, link.placement, solid.link):
+                missing.append(solid.filename)
         self.missing = tuple(dict.fromkeys(missing))
         own = len(self._links)
         self._add_surroundings()
@@ -205,12 +210,6 @@ class Bodies:
         return 0.0 if wrapped and not touch(one, placed[a], other, placed[b]) else min(distance, -_TOUCHING)
 
     # ---- making them ---------------------------------------------------------------------------
-
-    def _add_own(self, solid: Solid) -> bool:
-        """Add a body of the robot; say whether there is one."""
-        robot = self.task.robot
-        link = next(f for f in self._model.frames if f.name == solid.link and f.type == pin.FrameType.BODY)
-        return self._add(solid, robot.description.path, link.parentJoint, link.placement, solid.link)
 
     def _add_surroundings(self) -> None:
         """Add the bodies of the robot's surroundings, measured from its root."""

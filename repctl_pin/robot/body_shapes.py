@@ -16,6 +16,7 @@ from ..arguments import Array
 from ..errors import needed
 from ..urdf.gate import Description
 from ..urdf.shapes import Solid, find_mesh
+from .model import link_frames
 
 _LARGEST = 100_000_000
 """Bytes of a mesh file that is still read."""
@@ -69,8 +70,7 @@ def origin(solid: Solid) -> pin.SE3:
 
 def fixed_placements(description: Description) -> dict[str, pin.SE3]:
     """Place every link of something that does not move, measured from its root."""
-    model = pin.buildModelFromXML(description.xml)
-    return {frame.name: frame.placement for frame in model.frames if frame.type == pin.FrameType.BODY}
+    return {name: frame.placement for name, frame in link_frames(pin.buildModelFromXML(description.xml)).items()}
 
 
 @lru_cache(maxsize=256)

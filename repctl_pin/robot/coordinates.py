@@ -51,12 +51,7 @@ class Coordinates:
 
 
 def change_of(
-    names: tuple[str, ...],
-    lower: Array,
-    upper: Array,
-    velocity: Array,
-    revolute: NDArray[np.bool_],
-    T: ArrayLike,
+    names: tuple[str, ...], lower: Array, upper: Array, velocity: Array, revolute: NDArray[np.bool_], T: ArrayLike
 ) -> Coordinates:
     """Make the change ``q = T ψ`` of n joints with these names, limits (n,) and kinds (n,).
 

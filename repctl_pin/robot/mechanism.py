@@ -10,6 +10,7 @@ from ..arguments import Array
 from ..urdf.catalogue import Entry
 from ..urdf.gate import Description, Joint
 from .coupling import Coupling
+from .model import frame_id
 
 
 class Mechanism:
@@ -70,3 +71,8 @@ class Mechanism:
     package_dirs: tuple[str, ...]
     base: str | None
     surroundings: Description | None
+
+    @property
+    def base_id(self) -> int:
+        """The frame of ``base`` in the model."""
+        return 0 if self.base is None else frame_id(self.model, self.base)

@@ -25,8 +25,13 @@ def frame_id(model: pin.Model, name: str) -> int:
     ids = {f.name: i for i, f in reversed(list(enumerate(model.frames)))}
     ids |= {f.name: i for i, f in enumerate(model.frames) if f.type == pin.FrameType.BODY}
     if name not in ids:
-        raise unknown("frame", name, [f.name for f in model.frames if f.type == pin.FrameType.BODY])
+        raise unknown("frame", name, link_frames(model))
     return ids[name]
+
+
+def link_frames(model: pin.Model) -> dict[str, pin.Frame]:
+    """Find the frames of the links, by name."""
+    return {f.name: f for f in model.frames if f.type == pin.FrameType.BODY}
 
 
 def lock_joints(model: pin.Model, ids: Sequence[int], posture: Array) -> pin.Model:

@@ -21,7 +21,7 @@ from ..urdf.shapes import find_mesh
 from ..urdf.xml import short
 from .coupling import couple, limits, pose
 from .mechanism import Mechanism
-from .model import frame_id, lock_joints, path_between
+from .model import frame_id, link_frames, lock_joints, path_between
 from .task import KINDS, Task
 
 
@@ -110,7 +110,7 @@ class Robot(Mechanism):
         self.revolute = turns[mine]
         self.poses = {name: _frozen(q[mine]) for name, q in poses.items()}
         self.reference = self.poses["reference"]
-        self.frames = tuple(f.name for f in model.frames if f.type == pin.FrameType.BODY)
+        self.frames = tuple(link_frames(model))
         self.warnings = (*notes, *self._missing_meshes())
         if base is not None:
             self._frame_id(base)  # or say that there is no such link
@@ -159,7 +159,8 @@ class Robot(Mechanism):
         for folder in own:
             if not os.path.isdir(folder):  # as a path's own is_dir, but for names that are too long
                 raise InputError(f"there is no folder {folder!r} to look up package:// in; correct --package-dir")
-        entry = None if _looks_like_a_path(text) else find(text)
+        is_file = any(mark in text for mark in "./\\") or os.path.isfile(text)  # no name of the catalogue has these
+        entry = None if is_file else find(text)
         path = Path(os.path.expanduser(text)) if entry is None else entry.urdf
         folders = [*own, *(default_package_dirs(path) if entry is None else entry.package_dirs)]
         around = None
@@ -216,14 +217,14 @@ class Robot(Mechanism):
 
         A joint that drives others stands at the first of them.
         """
-        up, down = path_between(self.model, self._base_id(), self._frame_id(frame))
+        up, down = path_between(self.model, self.base_id, self._frame_id(frame))
         return tuple(dict.fromkeys(self.joint_names[self.coupling.leader(j - 1)] for j in (*up, *down)))
 
     def reference_positions(self) -> dict[str, Array]:
         """Place every link's origin at the reference pose: (3,) arrays by name, m, measured as tasks measure it."""
         data = self.model.createData()
         pin.framesForwardKinematics(self.model, data, self.coupling.joints(self.reference))
-        base = data.oMf[self._base_id()]
+        base = data.oMf[self.base_id]
         ids = {name: frame_id(self.model, name) for name in self.frames}
         return {name: base.actInv(data.oMf[i]).translation for name, i in ids.items()}
 
@@ -233,14 +234,9 @@ class Robot(Mechanism):
         missing = [name for name in names if find_mesh(name, self.description.path, self.package_dirs) is None]
         if not missing:
             return []
-        more = ", …" if len(missing) > 1 else ""
-        return [
-            f"{len(missing)} of {len(names)} meshes were not found ({short(missing[0])[1:-1]}{more}); "
-            "those links are drawn as tubes; say where the packages are with --package-dir"
-        ]
-
-    def _base_id(self) -> int:
-        return 0 if self.base is None else frame_id(self.model, self.base)
+        which = short(missing[0])[1:-1] + (", …" if len(missing) > 1 else "")
+        note = f"{len(missing)} of {len(names)} meshes were not found ({which}); those links are drawn as tubes; "
+        return [f"{note}say where the packages are with --package-dir"]
 
     def _frame_id(self, frame: str) -> int:
         wanted(frame, str, "frame", "a link's name")
@@ -256,7 +252,7 @@ class Robot(Mechanism):
 
     def _beyond_base(self, frame: str) -> bool:
         """Whether a frame is farther out than the base: what is offered, though any frame can carry a task."""
-        return not path_between(self.model, self._base_id(), self._frame_id(frame))[0]
+        return not path_between(self.model, self.base_id, self._frame_id(frame))[0]
 
     @property
     def default_frame(self) -> str:
@@ -271,9 +267,7 @@ class Robot(Mechanism):
     @property
     def offered_frames(self) -> tuple[str, ...]:
         """End frames worth offering: the catalogue's, else the default one."""
-        known = (
-            tuple(frame for frame in self.entry.frames if self._beyond_base(frame)) if self.entry is not None else ()
-        )
+        known = tuple(frame for frame in (self.entry.frames if self.entry else ()) if self._beyond_base(frame))
         ends = [links[0] for links in self._ends() if self._beyond_base(links[0])]
         return known or (max(ends, key=lambda frame: len(self.chain(frame)), default=self.base or self.frames[0]),)
 
@@ -299,11 +293,6 @@ class Robot(Mechanism):
 
     def __repr__(self) -> str:
         return f"<Robot {self.name}: {len(self.joint_names)} joints, {len(self.frames)} links>"
-
-
-def _looks_like_a_path(text: str) -> bool:
-    """A catalogue name has no dot and no slash; whatever has is meant as a file."""
-    return any(mark in text for mark in "./\\") or os.path.isfile(text)
 
 
 def _named_poses(entry: Entry | None) -> dict[str, dict[str, float]]:

@@ -96,9 +96,7 @@ class Task:
         self.rows = np.array(KINDS[kind])
 
         driven = set((np.flatnonzero((robot.coupling.S[:, self._columns] != 0).any(axis=1)) + 1).tolist())
-        up, down = path_between(
-            robot.model, 0 if robot.base is None else frame_id(robot.model, robot.base), frame_id(robot.model, frame)
-        )
+        up, down = path_between(robot.model, robot.base_id, frame_id(robot.model, frame))
         self._bodies = _held(robot, driven)
         self.model = self._bodies if driven <= {*up, *down} else _held(robot, driven & {*up, *down})
         self._frame_id = frame_id(self.model, frame)
@@ -304,15 +302,8 @@ class Task:
 
     def as_dict(self) -> dict[str, Any]:
         """Say what the task is, in plain Python types."""
-        return {
-            "robot": self.robot.name,
-            "frame": self.frame,
-            "task": self.kind,
-            "n": self.n,
-            "m": self.m,
-            "r": self.r,
-            "joints": list(self.joint_names),
-        }
+        names = {"robot": self.robot.name, "frame": self.frame, "task": self.kind}
+        return {**names, "n": self.n, "m": self.m, "r": self.r, "joints": list(self.joint_names)}
 
     def check(self, q: ArrayLike, what: str = "q") -> Array:
         """Check a configuration that a user gave: (n,) finite numbers inside the limits.
@@ -324,10 +315,8 @@ class Task:
         """
         given = numbers(q)
         if given is not None and given.ndim == 1 and len(given) != self.n:
-            raise InputError(
-                f"{what} has {len(given)} numbers, but {self.frame!r} is moved by {self.n} joints: "
-                f"{', '.join(self.joint_names)}"
-            )
+            moved = f"{self.frame!r} is moved by {self.n} joints: {', '.join(self.joint_names)}"
+            raise InputError(f"{what} has {len(given)} numbers, but {moved}")
         if given is not None and given.shape == (self.n,) and not np.isfinite(given).all():
             bad = self.joint_names[int(np.argmin(np.isfinite(given)))]
             raise InputError(f"{what}: the value of {bad!r} is not a finite number")

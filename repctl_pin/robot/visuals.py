@@ -21,7 +21,7 @@ from ..urdf.shapes import Color, find_mesh
 from .body_shapes import fixed_placements, origin
 from .coupling import Coupling
 from .mechanism import Mechanism
-from .model import frame_id
+from .model import link_frames
 from .skeleton import skeleton
 
 PLAIN: Color = (0.80, 0.82, 0.85, 1.0)
@@ -87,7 +87,7 @@ class Visuals:
     @classmethod
     def of(cls, robot: Mechanism) -> Visuals:
         """Collect the shapes of a robot, meshes looked up in its ``package_dirs``."""
-        links = _link_frames(robot.model)
+        links = link_frames(robot.model)
         riding: list[tuple[Shape, pin.SE3]] = []
         missing: dict[str, str] = {}  # link: mesh name
         for shape, place, filename in _find_shapes(robot):
@@ -109,7 +109,7 @@ class Visuals:
             _joint=np.array(joints, np.intp),
             _on_joint=np.array([M.homogeneous for M in placed]).reshape(-1, 4, 4),
             _coupling=robot.coupling,
-            _base=0 if robot.base is None else frame_id(robot.model, robot.base),
+            _base=robot.base_id,
         )
 
     def placements(self, Q: ArrayLike) -> Array:
@@ -160,7 +160,3 @@ def _surroundings(robot: Mechanism) -> Iterator[tuple[Shape, pin.SE3]]:
         if path is not None or solid.kind != "mesh":
             name, M = f"surroundings/{solid.name}", places[solid.link] * origin(solid)
             yield Shape(name, solid.kind, solid.link, path, solid.scale, solid.size, AROUND, standing=True), M
-
-
-def _link_frames(model: pin.Model) -> dict[str, pin.Frame]:
-    return {f.name: f for f in model.frames if f.type == pin.FrameType.BODY}

@@ -56,8 +56,8 @@ class Entry:
     srdf: Path | None
     package_dirs: tuple[str, ...]
     frames: tuple[str, ...]
-    posture: str | None
-    note: str
+    posture: str | None = None
+    note: str = ""
     ready: str | None = None
     acceleration: str | None = None
 
@@ -172,9 +172,9 @@ def disabled_pairs(srdf: Path) -> set[frozenset[str]]:
 def _read_srdf(srdf: Path) -> Any:
     from lxml import etree
 
-    options = {"resolve_entities": False, "no_network": True, "load_dtd": False, "huge_tree": False}
+    parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False)
     try:
-        return etree.fromstring(Path(srdf).read_bytes(), etree.XMLParser(**options))
+        return etree.fromstring(Path(srdf).read_bytes(), parser)
     except (OSError, etree.XMLSyntaxError) as error:
         raise InputError(f"{srdf}: cannot be read as SRDF ({error}); check the file") from error
 
@@ -202,8 +202,5 @@ def _entry(name: str, row: dict[str, Any]) -> Entry:
         srdf=None if srdf is None else (robots if "/" in srdf else urdf_folder()) / srdf,
         package_dirs=() if ours else (str(robots.parents[1]),),
         frames=tuple(row["frames"]),
-        posture=row.get("posture"),
-        note=row.get("note", ""),
-        ready=row.get("ready"),
-        acceleration=row.get("acceleration"),
+        **{key: row[key] for key in ("posture", "note", "ready", "acceleration") if key in row},
     )

@@ -97,13 +97,20 @@ def numbers(element: etree._Element, attribute: str) -> list[float] | None:
     if len(words) != wanted:
         meant = "one number" if wanted == 1 else f"{wanted} numbers"
         raise bad(element, f"{attribute} = {short(text)} is not {meant}; correct it")
-    values = [finite(word) for word in words]
-    for word, value in zip(words, values, strict=True):
+    values = []
+    for word in words:
+        value = finite(word)
         if value is None or not text.isascii():
             raise bad(element, f"{attribute} = {short(text)}: {short(word)} is not a finite number; correct it")
         if abs(value) > LARGEST and element.tag not in _ANY_SIZE:
             raise bad(element, f"{attribute} = {short(text)} is over {LARGEST:g}; no robot is so large: correct it")
-    return [value for value in values if value is not None]
+        values.append(value)
+    return values
+
+
+def number(element: etree._Element, attribute: str, default: float = 0.0) -> float:
+    """Read an attribute's one number; the URDF's default where it is not there."""
+    return (numbers(element, attribute) or [default])[0]
 
 
 def finite(word: str) -> float | None:
@@ -231,7 +238,7 @@ def leader(name: str, mimicked: str, joints: Collection[str]) -> str | None:
 
 
 def _check_range(limit: etree._Element) -> None:
-    lower, upper = (numbers(limit, "lower") or [0.0])[0], (numbers(limit, "upper") or [0.0])[0]
+    lower, upper = number(limit, "lower"), number(limit, "upper")
     if lower >= NO_LIMIT or upper <= -NO_LIMIT:
         raise bad(limit, f"lower = {lower:g}, upper = {upper:g}: no robot gets there; correct it")
     if lower > upper:

@@ -15,7 +15,7 @@ from pathlib import Path
 from lxml import etree
 
 from ..errors import UrdfError
-from .checks import NO_EFFORT, NO_LIMIT, axis_of, check, finite, leader, numbers
+from .checks import NO_EFFORT, NO_LIMIT, axis_of, check, finite, leader, number
 from .shapes import Solid, shapes_of
 from .split import split_joints
 from .xacro import expand
@@ -147,18 +147,17 @@ def standing(description: Description) -> Description:
 def _read(path: Path) -> bytes:
     """Read a regular file of a sane size; a .xacro is expanded."""
     try:
-        if path.is_file():
-            if path.suffix == ".xacro":
-                data = expand(path, MAX_BYTES)
-            else:
-                with path.open("rb") as file:
-                    data = file.read(MAX_BYTES + 1)
-        elif path.is_dir():
+        if path.is_dir():
             raise UrdfError("is a folder; give the .urdf file inside it")
-        elif path.exists():
-            raise UrdfError("is not a regular file; give a .urdf file")
-        else:
+        if not path.exists():
             raise UrdfError("no such file; check the path (`repctl robots` lists the robots known by name)")
+        if not path.is_file():
+            raise UrdfError("is not a regular file; give a .urdf file")
+        if path.suffix == ".xacro":
+            data = expand(path, MAX_BYTES)
+        else:
+            with path.open("rb") as file:
+                data = file.read(MAX_BYTES + 1)
     except OSError as error:
         raise UrdfError(f"cannot be read ({error.strerror}); check the path and its permissions") from error
     if len(data) > MAX_BYTES:
@@ -171,12 +170,12 @@ def _joint(element: etree._Element, joints: Mapping[str, etree._Element], notes:
     name, kind, limit = element.get("name"), element.get("type"), element.find("limit")
     lower, upper, velocity = -math.inf, math.inf, math.inf
     if kind in ("revolute", "prismatic"):
-        lower, upper = _number(limit, "lower", 0.0), _number(limit, "upper", 0.0)
+        lower, upper = number(limit, "lower", 0.0), number(limit, "upper", 0.0)
         if lower == upper == 0.0:  # what exporters write where no range was given
             notes.append(f"joint {name!r} has no range (lower = upper = 0): taken as unlimited")
             lower, upper = -math.inf, math.inf
     if kind != "fixed" and limit is not None:
-        velocity = _number(limit, "velocity", 0.0) or math.inf
+        velocity = number(limit, "velocity", 0.0) or math.inf
     mimic, multiplier, offset = _mimicked(element, joints, notes)
     return Joint(
         name=name,
@@ -205,8 +204,8 @@ def _mimicked(
         assert leading is not None, "the checks have seen to it"
         if leading != written and following is None:
             notes.append(f"joint {follower!r} mimics {written!r}, which is not in this file: read as {leading!r}")
-        offset += multiplier * _number(mimic, "offset", 0.0)
-        multiplier *= _number(mimic, "multiplier", 1.0)
+        offset += multiplier * number(mimic, "offset", 0.0)
+        multiplier *= number(mimic, "multiplier", 1.0)
         following, element = leading, joints[leading]
     if following is not None and element.get("type") == "fixed":
         notes.append(f"joint {name!r} mimics {following!r}, which is fixed: read as a joint of its own")
@@ -214,14 +213,10 @@ def _mimicked(
     return following, multiplier, offset
 
 
-def _number(element: etree._Element, attribute: str, default: float) -> float:
-    """An element's number; the URDF's default where it is not there."""
-    return (numbers(element, attribute) or [default])[0]
-
-
 def _degrees(joints: tuple[Joint, ...]) -> list[str]:
     """Ask about revolute joints that turn by more than two turns to a side."""
-    far = {j.name: max(abs(x) for x in (j.lower, j.upper) if math.isfinite(x)) for j in joints if _turns_far(j)}
+    ends = {j.name: [abs(x) for x in (j.lower, j.upper) if math.isfinite(x)] for j in joints if j.kind == "revolute"}
+    far = {name: max(sizes) for name, sizes in ends.items() if any(x > MANY_TURNS for x in sizes)}
     if not far:
         return []
     name, limit = max(far.items(), key=lambda item: item[1])
@@ -229,15 +224,9 @@ def _degrees(joints: tuple[Joint, ...]) -> list[str]:
     return [f"joint {name!r} has a limit of {limit:g} rad{others}: are these degrees? a URDF counts in rad"]
 
 
-def _turns_far(joint: Joint) -> bool:
-    return joint.kind == "revolute" and any(MANY_TURNS < abs(x) < math.inf for x in (joint.lower, joint.upper))
-
-
 def _for_pinocchio(robot: etree._Element, joints: tuple[Joint, ...], folder: Path) -> str:
     """Write the URDF that Pinocchio reads, out of a tree that is used up by it."""
-    elements = {e.get("name"): e for e in robot.findall("joint")}
-    for joint in joints:
-        element = elements[joint.name]
+    for joint, element in zip(joints, robot.findall("joint"), strict=True):
         effort = [float(limit.get("effort") or 0) for limit in element.findall("limit")]
         for tag in ("axis", "limit", "dynamics", "safety_controller", "calibration"):
             for child in element.findall(tag):

@@ -27,6 +27,9 @@ _HARMLESS = {
 }
 """Complaints of the parser that change no element."""
 
+_PROLOG = re.compile(rb"(?:\xef\xbb\xbf)?(?:\s*<(?:(?=\?).*?\?>|!(?=--).*?-->))*\s*", re.DOTALL)
+"""The byte order mark, the XML declaration, other instructions and comments."""
+
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")
 
 
@@ -68,8 +71,7 @@ def parse(data: bytes, notes: list[str]) -> etree._Element:
 
 def _read_xml(data: bytes, notes: list[str]) -> etree._Element:
     """Parse; of what the parser complains about, only what changes no element is let pass."""
-    options = {"resolve_entities": False, "no_network": True, "load_dtd": False, "huge_tree": False}
-    parser = etree.XMLParser(recover=True, **options)
+    parser = etree.XMLParser(recover=True, resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False)
     try:
         root = etree.fromstring(data, parser)
     except etree.XMLSyntaxError as error:
@@ -128,28 +130,15 @@ def _refuse_other_files(data: bytes) -> None:
         return
     if b"\0" in data:
         raise UrdfError("this is a binary file, not a URDF; give a .urdf file")
-    head = _after_prolog(data)
+    prolog = _PROLOG.match(data)
+    start = prolog.end() if prolog else 0
+    head = data[start : start + 64]
     if head.lower().startswith((b"<!doctype html", b"<html")):
         raise UrdfError(_OTHERS["html"])
     if head.upper().startswith(b"<!DOCTYPE"):
         raise UrdfError(_DOCTYPE)
     if not head.startswith(b"<"):
         raise UrdfError(f"not XML: it starts with {short(head[:30].decode('latin-1'))}; give a .urdf file")
-
-
-def _after_prolog(data: bytes) -> bytes:
-    """Return the first bytes after the byte order mark, the XML declaration and the comments."""
-    at = 3 if data.startswith(b"\xef\xbb\xbf") else 0
-    while True:
-        space = re.compile(rb"\s*").match(data, at)
-        at = space.end() if space else at
-        closing = {b"<?": b"?>", b"<!": b"-->"}.get(data[at : at + 2])
-        if closing is None or (closing == b"-->" and data[at : at + 4] != b"<!--"):
-            return data[at : at + 64]
-        end = data.find(closing, at)
-        if end < 0:
-            return data[at : at + 64]
-        at = end + len(closing)
 
 
 def _check_root(root: etree._Element) -> None:
