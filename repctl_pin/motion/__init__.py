@@ -1,39 +1,24 @@
 """Closed paths, and what a strategy does on them."""
 
-from ..robot.length import elbow
-from .approach import approach
-from .best_leaf import BestLeaf, best_leaf
-from .follow import check_length, follow
-from .motion import Motion
-from .paths import ClosedPath, TaskPath, closed_path
-from .polyline import polygon, waypoints
-from .shapes import circle, figure_eight, rose
-from .solve_ik import check_reach, reach_start, solve_ik
-from .timing import TimedMotion, timed
-from .waypoint_file import read_waypoints
-from .write_motion import write_motion
-
-__all__ = [
-    "BestLeaf",
-    "ClosedPath",
-    "Motion",
-    "TaskPath",
-    "TimedMotion",
-    "approach",
-    "best_leaf",
-    "check_length",
-    "check_reach",
-    "circle",
-    "closed_path",
-    "elbow",
-    "figure_eight",
-    "follow",
-    "polygon",
-    "reach_start",
-    "read_waypoints",
-    "rose",
-    "solve_ik",
-    "timed",
-    "waypoints",
-    "write_motion",
-]
+from ..robot.length import elbow as elbow
+from .approach import approach as approach
+from .best_leaf import BestLeaf as BestLeaf
+from .best_leaf import best_leaf as best_leaf
+from .follow import check_length as check_length
+from .follow import follow as follow
+from .motion import Motion as Motion
+from .paths import ClosedPath as ClosedPath
+from .paths import TaskPath as TaskPath
+from .paths import closed_path as closed_path
+from .polyline import polygon as polygon
+from .polyline import waypoints as waypoints
+from .shapes import circle as circle
+from .shapes import figure_eight as figure_eight
+from .shapes import rose as rose
+from .solve_ik import check_reach as check_reach
+from .solve_ik import reach_start as reach_start
+from .solve_ik import solve_ik as solve_ik
+from .timing import TimedMotion as TimedMotion
+from .timing import timed as timed
+from .waypoint_file import read_waypoints as read_waypoints
+from .write_motion import write_motion as write_motion

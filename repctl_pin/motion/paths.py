@@ -23,20 +23,16 @@ class ClosedPath(Protocol):
     @property
     def name(self) -> str:
         """A name to read."""
-        ...
 
     @property
     def breaks(self) -> tuple[float, ...]:
         """Values of s in (0, 1) where the twist jumps."""
-        ...
 
     def placement(self, s: float) -> pin.SE3:
         """Where the frame should be at s."""
-        ...
 
     def twist(self, s: float) -> Array:
         """Evaluate d(pose)/ds: (6,), m and rad per cycle, base axes."""
-        ...
 
 
 @dataclass(frozen=True)

@@ -168,14 +168,18 @@ def timed(
     rate = positive(rate, "rate", "samples per second")
     Q, steps = motion.joints(motion.q), motion.steps
     once = Q[: steps + 1]
-    closed = np.abs(Q - np.vstack([np.tile(once[:-1], (motion.cycles, 1)), once[:1]])).max() < CLOSED
-    cycles = min(motion.cycles, 3) if closed else motion.cycles
-    if closed:
-        Q = np.vstack([np.tile(once[:-1], (cycles, 1)), once[:1]])
+
+    def repeated(cycles: int) -> Array:
+        return np.vstack([np.tile(once[:-1], (cycles, 1)), once[:1]])
+
+    cycles = motion.cycles
+    if np.abs(Q - repeated(cycles)).max() < CLOSED:
+        cycles = min(cycles, 3)
+        Q = repeated(cycles)
     profile, stops = _profile(Q, motion, cycles, limits)
     if motion.cycles > cycles and not profile.settled:  # speeding up takes longer than a cycle
         cycles = motion.cycles
-        profile, stops = _profile(np.vstack([np.tile(once[:-1], (cycles, 1)), once[:1]]), motion, cycles, limits)
+        profile, stops = _profile(repeated(cycles), motion, cycles, limits)
     timed = _sampled(profile, motion.task.robot_joints, motion.cycles - cycles, rate, limits, stops)
     return replace(timed, motion=motion)
 
@@ -199,12 +203,10 @@ def limits_of(
     if isinstance(acceleration, str):
         if acceleration not in PRESETS:
             raise InputError(f"no accelerations of {acceleration!r} are known, only of {known}; give numbers")
-        acceleration = np.array(PRESETS[acceleration][0], dtype=float)
-        if len(acceleration) != len(names):
-            raise InputError(
-                f"these accelerations are of {len(acceleration)} joints, but {task.frame!r} is moved by {len(names)}: "
-                f"give {len(names)} numbers"
-            )
+        acceleration, count = np.array(PRESETS[acceleration][0], dtype=float), len(names)
+        if len(acceleration) != count:
+            moved = f"{task.frame!r} is moved by {count}: give {count} numbers"
+            raise InputError(f"these accelerations are of {len(acceleration)} joints, but {moved}")
     own = np.array([task.robot.velocity[task.robot.joint_names.index(name)] for name in names])
     speeds = own if velocity is None else spread(velocity, len(names), "velocity")
     most = spread(acceleration, len(names), "acceleration")

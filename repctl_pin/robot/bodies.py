@@ -113,8 +113,6 @@ class Bodies:
         own = len(self._links)
         self._add_surroundings()
         self.standing = frozenset(self._links[own:])
-        bodies = list(self._shapes.geometryObjects)
-        self._joint = np.array([body.parentJoint for body in bodies], int)
         pairs = self._moving_pairs(own)
         entry = robot.entry
         ruled_out = disabled_pairs(entry.srdf) if entry is not None and entry.srdf is not None else set()
@@ -219,8 +217,7 @@ class Bodies:
             return
         places = fixed_placements(around)
         for solid in around.collisions:
-            taken = solid.link in robot.description.links
-            name = f"surroundings/{solid.link}" if taken else solid.link
+            name = f"surroundings/{solid.link}" if solid.link in robot.description.links else solid.link
             if not self._add(solid, around.path, 0, places[solid.link], name):
                 raise InputError(
                     f"{around.path}: mesh {solid.filename!r} of {solid.link!r} was not found or cannot be read; "
@@ -240,10 +237,10 @@ class Bodies:
 
     def _moving_pairs(self, own: int) -> list[tuple[int, int]]:
         """Pairs of bodies that a joint moves against each other, but not the robot's that are next to each other."""
-        parent, joint, many = list(self._model.parents), self._joint.tolist(), range(len(self._joint))
+        parent, joint = list(self._model.parents), [body.parentJoint for body in self._shapes.geometryObjects]
         return [
             (a, b)
-            for b in many
+            for b in range(len(joint))
             for a in range(b)
             if joint[a] != joint[b] and (b >= own or (parent[joint[a]] != joint[b] and parent[joint[b]] != joint[a]))
         ]
@@ -269,7 +266,7 @@ class Bodies:
             always &= bounds < 0
             pin.updateGeometryPlacements(self._model, self._data, self._shapes, self._placed, q)
             for k in np.flatnonzero(always).tolist():
-                always[k] = pin.computeDistance(self._shapes, self._placed, k).min_distance <= 0
+                always[k] = self._of_hulls(k) <= 0
         return always
 
     def _pair(self, pair: tuple[int, int]) -> Pair:

@@ -7,7 +7,7 @@ surroundings the collision shapes are drawn: they are what must not be touched.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -17,15 +17,19 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import Array
 from ..errors import InputError
+from ..urdf.gate import Joint
 from ..urdf.shapes import Color, find_mesh
 from .body_shapes import fixed_placements, origin
 from .coupling import Coupling
 from .mechanism import Mechanism
 from .model import link_frames
-from .skeleton import skeleton
 
 PLAIN: Color = (0.80, 0.82, 0.85, 1.0)
 """The colour of a shape whose URDF names none."""
+
+TUBE: Color = (0.72, 0.75, 0.79, 1.0)
+JOINT: Color = (0.25, 0.28, 0.33, 1.0)
+"""The colours of links and joints that are drawn from the kinematics."""
 
 AROUND: Color = (0.62, 0.66, 0.71, 0.45)
 """The colour of the robot's surroundings: the arm is seen through them."""
@@ -64,6 +68,10 @@ class Shape:
     standing: bool = False
 
 
+Placed = tuple[Shape, pin.SE3]
+"""A shape and its place on the link that it rides on."""
+
+
 @dataclass(frozen=True)
 class Visuals:
     """The shapes of a robot and the joints they ride on. Make it with :meth:`Visuals.of`.
@@ -88,7 +96,7 @@ class Visuals:
     def of(cls, robot: Mechanism) -> Visuals:
         """Collect the shapes of a robot, meshes looked up in its ``package_dirs``."""
         links = link_frames(robot.model)
-        riding: list[tuple[Shape, pin.SE3]] = []
+        riding: list[Placed] = []
         missing: dict[str, str] = {}  # link: mesh name
         for shape, place, filename in _find_shapes(robot):
             if shape.kind == "mesh" and shape.path is None:
@@ -96,9 +104,7 @@ class Visuals:
             elif shape.color[3] > 0:
                 riding.append((shape, place))
         moving = any(links[shape.link].parentJoint > 0 for shape, _ in riding)
-        bones = skeleton(robot, links, missing if moving else links)
-        riding += [(Shape(name, kind, link, None, (1.0, 1.0, 1.0), size, color), M)
-                   for name, kind, link, size, color, M in bones]  # fmt: skip
+        riding += _skeleton(robot, links, missing if moving else links)
         around = list(_surroundings(robot))
         joints = [links[shape.link].parentJoint for shape, _ in riding] + [0] * len(around)
         placed = [links[shape.link].placement * M for shape, M in riding] + [M for _, M in around]
@@ -149,7 +155,7 @@ def _find_shapes(robot: Mechanism) -> Iterator[tuple[Shape, pin.SE3, str]]:
         yield shape, origin(seen), seen.filename
 
 
-def _surroundings(robot: Mechanism) -> Iterator[tuple[Shape, pin.SE3]]:
+def _surroundings(robot: Mechanism) -> Iterator[Placed]:
     """Place what stands round the robot, measured from its root; a mesh that is missing is refused by its bodies."""
     around = robot.surroundings
     if around is None:
@@ -160,3 +166,62 @@ def _surroundings(robot: Mechanism) -> Iterator[tuple[Shape, pin.SE3]]:
         if path is not None or solid.kind != "mesh":
             name, M = f"surroundings/{solid.name}", places[solid.link] * origin(solid)
             yield Shape(name, solid.kind, solid.link, path, solid.scale, solid.size, AROUND, standing=True), M
+
+
+def _skeleton(robot: Mechanism, links: dict[str, pin.Frame], draw: Container[str]) -> Iterator[Placed]:
+    """Make tubes and cylinders for some of a robot's links.
+
+    Parameters
+    ----------
+    links
+        The link frames of the robot's model.
+    draw
+        Names of the links to draw.
+    """
+    thick = 0.02 * (_extent(robot, links) or 1.0)
+    for joint in robot.description.joints:
+        place = _joint_origin(robot.model, links, joint)
+        length = float(np.linalg.norm(place.translation))
+        if joint.parent in draw and length > thick:
+            tube = Shape(f"{joint.name}_tube", "capsule", joint.parent, size=(thick, length), color=TUBE)
+            yield tube, pin.SE3(_turn_z_to(place.translation), place.translation / 2)
+        if joint.child in draw and joint.kind != "fixed":
+            yield from _joint_bones(joint, place, thick, joint.parent in draw)
+
+
+def _joint_bones(joint: Joint, place: pin.SE3, thick: float, rail: bool) -> Iterator[Placed]:
+    """Draw a revolute joint as a cylinder along its axis, a prismatic one as a slider on a rail."""
+    name, along = joint.name, pin.SE3(_turn_z_to(joint.axis), np.zeros(3))
+    if joint.kind != "prismatic":
+        yield Shape(f"{name}_joint", "cylinder", joint.child, size=(1.7 * thick, 4.4 * thick), color=JOINT), along
+        return
+    size, reach = (3.4 * thick, 3.4 * thick, 5 * thick), 50 * thick
+    yield Shape(f"{name}_slider", "box", joint.child, size=size, color=JOINT), along
+    low, high = max(joint.lower, -reach), min(joint.upper, reach)
+    if rail and high > low:
+        middle = place * pin.SE3(np.eye(3), (low + high) / 2 * np.array(joint.axis)) * along
+        yield Shape(f"{name}_rail", "cylinder", joint.parent, size=(0.8 * thick, high - low), color=TUBE), middle
+
+
+def _joint_origin(model: pin.Model, links: dict[str, pin.Frame], joint: Joint) -> pin.SE3:
+    """Place a joint's origin in its parent link's frame."""
+    parent, child = links[joint.parent], links[joint.child]
+    if child.parentJoint == parent.parentJoint:  # fixed, or locked at the reference pose
+        return parent.placement.inverse() * child.placement
+    return parent.placement.inverse() * model.jointPlacements[child.parentJoint]
+
+
+def _extent(robot: Mechanism, links: dict[str, pin.Frame]) -> float:
+    """The diagonal of the box round all link origins at the reference pose, m."""
+    data = robot.model.createData()
+    pin.forwardKinematics(robot.model, data, robot.coupling.joints(robot.reference))
+    points = [(data.oMi[f.parentJoint] * f.placement).translation for f in links.values()]
+    return float(np.linalg.norm(np.ptp(points, axis=0)))
+
+
+def _turn_z_to(direction: ArrayLike) -> Array:
+    """Find a rotation that takes the z axis to a direction."""
+    z = np.asarray(direction, float) / np.linalg.norm(direction)
+    if z[2] < -1 + 1e-12:
+        return np.diag([1.0, -1.0, -1.0])
+    return pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), z).matrix()
