@@ -139,22 +139,24 @@ def lowest(measure: Measure, region: Region, starts: Array) -> Lowest:
     """
     scale = region.bounds.half_width
     Q, value = starts.copy(), measure(starts)
-    S, n = Q.shape
-    bound = np.full(S, 0.1)
+    n = Q.shape[1]
+    bound = np.full(len(Q), 0.1)
     nudge = 1e-6 * np.eye(n) * scale
     for _ in range(_STEPS):
-        if value.min() <= 0 or bound.max() < 1e-5:
+        moving = np.flatnonzero(bound >= 1e-5)
+        if value.min() <= 0 or not len(moving):
             break
-        slope = (measure((Q[:, None] + nudge).reshape(-1, n)).reshape(S, n) - value[:, None]) / 1e-6  # (S, n)
+        here, at = Q[moving], value[moving]
+        slope = (measure((here[:, None] + nudge).reshape(-1, n)).reshape(-1, n) - at[:, None]) / 1e-6  # (S, n)
         # what of the way down stays in Ω
-        down = (region.clip(Q - 1e-4 * slope * scale / _length(slope)[:, None]) - Q) / (1e-4 * scale)
+        down = (region.clip(here - 1e-4 * slope * scale / _length(slope)[:, None]) - here) / (1e-4 * scale)
         steepness = np.maximum(-np.sum(down * slope, axis=1) / _length(down), 1e-12)
-        length = np.minimum(bound, 1.01 * value / steepness)
-        trial = region.clip(Q + (length / _length(down))[:, None] * down * scale)
+        length = np.minimum(bound[moving], 1.01 * at / steepness)
+        trial = region.clip(here + (length / _length(down))[:, None] * down * scale)
         found = measure(trial)
-        better = (found < value) & (region.ratio(trial) <= 1 + 1e-9)
-        Q[better], value[better] = trial[better], found[better]
-        bound = np.where(better, np.minimum(2 * bound, 0.5), bound / 4)
+        better = (found < at) & (region.ratio(trial) <= 1 + 1e-9)
+        Q[moving[better]], value[moving[better]] = trial[better], found[better]
+        bound[moving] = np.where(better, np.minimum(2 * bound[moving], 0.5), bound[moving] / 4)
     if isinstance(measure, Dexterity) and value.min() > 0:
         ends = Q.copy()
         for _ in range(_NEWTON):

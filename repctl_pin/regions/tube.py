@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import KDTree
 
 from ..arguments import Array, positive, rows, spread, stacks
 from .box import Box, Density, check_density, evaluate_density, normalised, sobol
@@ -101,13 +103,12 @@ class Tube:
 
     def _nearest(self, Q: ArrayLike) -> tuple[NDArray[np.intp], Array]:
         """Find each point's nearest sample, and how far it is in units of the radius."""
-        Q = rows(Q, self.samples.shape[1], "this tube")
-        which, distance = np.empty(len(Q), np.intp), np.empty(len(Q))
-        for i in range(0, len(Q), 512):
-            part = np.abs(Q[i : i + 512, None] - self.samples) / self.radius
-            far = part.max(-1)  # (k, S)
-            which[i : i + 512], distance[i : i + 512] = far.argmin(1), far.min(1)
+        distance, which = self._tree.query(rows(Q, self.samples.shape[1], "this tube") / self.radius, p=np.inf)
         return which, distance
+
+    @cached_property
+    def _tree(self) -> KDTree:
+        return KDTree(self.samples / self.radius)
 
     def __str__(self) -> str:
         widths = sorted({f"{w:.3g}" for w in self.radius}, key=float)
