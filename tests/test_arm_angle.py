@@ -11,14 +11,16 @@ import repctl_pin as rp
 FRAMES = ("panda_link2", "panda_link4", "panda_link6")
 
 
-def angle(singular: object = None) -> rp.ArmAngle:
+def angle(singular: object = None, frames: tuple[str, str, str] = FRAMES) -> rp.ArmAngle:
     task = rp.Robot.load("panda").task("panda_hand_tcp", "pose")
-    return rp.ArmAngle(task, *FRAMES, singular=singular)
+    return rp.ArmAngle(task, *frames, singular=singular)
 
 
+@pytest.mark.parametrize("frames", [FRAMES, ("panda_link4", "panda_link6", "panda_hand_tcp")], ids=["fixed", "moving"])
 @pytest.mark.parametrize("singular", [None, (-1.0, 0.2, 0.3)])
-def test_gradient_against_differences(singular: object) -> None:
-    field = angle(singular)
+def test_gradient_against_differences(singular: object, frames: tuple[str, str, str]) -> None:
+    """With a shoulder that stands still, as an arm's does, and with a point that moves in its place."""
+    field = angle(singular, frames)
     rng = np.random.default_rng(0)
     Q = Q_PANDA + 0.4 * rng.normal(size=(6, 7))
     for q, g in zip(Q, field.gradients(Q)[:, :, 0], strict=True):

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from repctl_pin import SingularityError, redundancy
+from repctl_pin import InputError, SingularityError, redundancy
+from repctl_pin.redundancy.augmented import is_regular
 
 SIZES = [(2, 3), (6, 7), (3, 5), (3, 7), (2, 6)]
 
@@ -155,3 +156,20 @@ def test_rank_loss_is_a_named_error() -> None:
     for function in (redundancy.pseudoinverse, redundancy.nullspace):
         with pytest.raises(SingularityError, match="1 of 5"):
             function(J)
+        with pytest.raises(SingularityError, match="loses rank: the arm"):  # of one, none is counted
+            function(J[2])
+
+
+def test_regular_is_told_by_the_sine_between_rows() -> None:
+    """Of a stack: two rows 2e-6 rad apart, in other units, and two rows 0.5e-6 apart."""
+    A = np.array([np.eye(3), np.eye(3)])
+    for one, sine in zip(A, (2e-6, 0.5e-6), strict=True):
+        one[1, :2] = np.sqrt(1 - sine**2), sine
+    A[0] = np.diag([1e4, 1.0, 1e-3]) @ A[0]
+    assert is_regular(A, np.linalg.inv(A)).tolist() == [True, False]
+
+
+def test_the_null_vector_is_of_one_redundant_joint() -> None:
+    for m, n in ((2, 2), (1, 3)):
+        with pytest.raises(InputError, match=f"one column more than rows; J is {m} × {n}"):
+            redundancy.null_vector(np.ones((m, n)))

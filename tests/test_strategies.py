@@ -65,7 +65,14 @@ def test_unit_weight_is_the_pseudoinverse(panda_pose, Q) -> None:
 
 @pytest.mark.parametrize(
     "weight, message",
-    [("mass", "inertia"), (np.ones(6), "7 numbers"), (-np.ones(7), "positive"), (np.full(7, np.nan), "finite")],
+    [
+        ("mass", "inertia"),
+        (np.ones(6), "7 numbers"),
+        (-np.ones(7), "positive"),
+        (np.full(7, np.nan), "finite"),
+        (np.diag([np.inf] * 7), "finite"),
+        (np.eye(7) + np.eye(7, k=1), "symmetric"),
+    ],
 )
 def test_bad_weights_get_one_clear_line(panda_pose, weight, message: str) -> None:
     with pytest.raises(rp.InputError, match=message):
