@@ -11,11 +11,15 @@ Report = Callable[[str, float], None]
 """Takes what is being done, and what share of it is done (0 to 1)."""
 
 
+def silent(what: str, share: float) -> None:
+    """Report nothing."""
+
+
 @contextmanager
 def reporter(progress: bool | Report) -> Iterator[Report]:
     """Make a report function: silent, a bar, or the user's own."""
     if callable(progress) or not progress:
-        yield progress if callable(progress) else lambda what, share: None
+        yield progress if callable(progress) else silent
         return
     needed("tqdm", by="a progress bar")
     from tqdm import tqdm

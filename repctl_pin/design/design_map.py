@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +9,7 @@ import numpy as np
 from ..arguments import Array
 from ..errors import InputError, SingularityError
 from ..fields.polynomial import Polynomial
+from ..progress import Report, silent
 from .result import Design
 from .singularities import LeafMargin
 
@@ -63,9 +63,7 @@ def design_map(design: Design, joints: tuple[int, int] | None = None, *, points:
     return DesignMap((first, second), x, y, distance.reshape(shape), reference.reshape(shape), sigma.reshape(shape))
 
 
-def degree_curve(
-    design: Design, report: Callable[[str, float], None] = lambda what, share: None
-) -> tuple[tuple[int, float, float], ...]:
+def degree_curve(design: Design, report: Report = silent) -> tuple[tuple[int, float, float], ...]:
     """Cost on the same held-out nodes against the degree of the polynomials, up to the design's own.
 
     Returns

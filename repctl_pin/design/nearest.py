@@ -122,21 +122,21 @@ def nearest_repeatable(
     if not callable(progress):
         progress = flag(progress, "progress")
     _check(desired, fields, region, degree)
+    wish = Wish(
+        desired,
+        _polynomial(region, 1 if degree == "auto" else degree) if fields is None else fields,
+        region,
+        samples=None if samples is None else whole(samples, "samples", 1, MOST_NODES),
+        held_out=whole(held_out, "held_out", 2 * REPLICATES, MOST_NODES),
+        seed=whole(seed, "seed"),
+        batch=whole(batch, "batch", 1, MOST_NODES),
+        stream=flag(stream, "stream"),
+        executor=executor,
+        restarts=whole(restarts, "restarts", 0, _MOST_RESTARTS),
+        tolerance=positive(tolerance, "the tolerance"),
+    )
     with reporting.reporter(progress) as report:
-        wish = Wish(
-            desired,
-            _polynomial(region, 1 if degree == "auto" else degree) if fields is None else fields,
-            region,
-            report,
-            samples=None if samples is None else whole(samples, "samples", 1, MOST_NODES),
-            held_out=whole(held_out, "held_out", 2 * REPLICATES, MOST_NODES),
-            seed=whole(seed, "seed"),
-            batch=whole(batch, "batch", 1, MOST_NODES),
-            stream=flag(stream, "stream"),
-            executor=executor,
-            restarts=whole(restarts, "restarts", 0, _MOST_RESTARTS),
-            tolerance=positive(tolerance, "the tolerance"),
-        )
+        wish = replace(wish, report=report)
         return _auto(wish, shrink) if degree == "auto" else _shrinking(wish, shrink)
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from ..arguments import Array
 from ..fields.field import Field
 from ..fields.polynomial import Polynomial
-from ..progress import Report
+from ..progress import Report, silent
 from ..regions import Region
 from ..strategies.strategy import Inverse
 from . import criterion
@@ -45,7 +45,6 @@ class Wish:
     desired: Inverse
     fields: Field
     region: Region
-    report: Report
     samples: int | None
     held_out: int
     seed: int
@@ -55,6 +54,7 @@ class Wish:
     restarts: int
     tolerance: float
     warm: Array | None = None
+    report: Report = silent
 
 
 class Way:

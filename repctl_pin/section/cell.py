@@ -150,7 +150,8 @@ class Cell:
 
     def scaled(self, factor: float) -> Cell:
         """Make the cell with the same middle and all widths scaled."""
-        return replace_widths(self, self.widths * factor)
+        turn = self.rotation * factor if len(self.rotation) else 0.0
+        return Cell(self.task, self.placement, self.half_width * factor, turn)
 
     # ---- between placements and coordinates -------------------------------------------------------
 
@@ -346,12 +347,6 @@ class Cell:
             R_0 = self.placement.rotation[:, :2]
             E[:, 3:, 3:] = np.swapaxes(R[:, :, :2], 1, 2) @ left_jacobian(Y[:, 3:] @ R_0.T) @ R_0
         return E
-
-
-def replace_widths(cell: Cell, widths: Array) -> Cell:
-    """Make a cell with the same middle and other widths."""
-    positions = len(cell.half_width)
-    return Cell(cell.task, cell.placement, widths[:positions], widths[positions:] if len(cell.rotation) else 0.0)
 
 
 def stacked(placements: Sequence[pin.SE3]) -> tuple[Array, Array]:

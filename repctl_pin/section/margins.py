@@ -101,12 +101,8 @@ def limits_of(task: Task, room: float = 0.0) -> Margin:
 
 def distances_of(task: Task, room: float = 0.0) -> Margin:
     """The least distance between the hulls of bodies, m."""
-    bodies = bodies_of(task)
-
-    def measure(Q: Array) -> Array:
-        return bodies.hull_distances(Q)[:, None]
-
-    return Margin("bodies", measure, room, 0.25, watched=256, starts=4, violators=16)
+    apart = bodies_of(task).hull_distances
+    return Margin("bodies", lambda Q: apart(Q)[:, None], room, 0.25, watched=256, starts=4, violators=16)
 
 
 def singular_values_of(task: Task, room: float = 0.0) -> Margin:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import comb
 from typing import Literal, cast
 
@@ -46,6 +46,10 @@ _NEARLY = 0.9
 """The coverage below which another posture is not tried."""
 _CLOSE = 3e-5
 """How closely, rad, the last chart follows the section; Newton's method then takes two steps."""
+
+
+Found = CellDesign | tuple[Stop, ...]
+"""A design, or what stops it where there is nothing to design with."""
 
 
 class NoFunctionError(InputError):
@@ -165,13 +169,14 @@ def nearest_inverse_function(
         incomplete == "keep",
     )
     with reporting.reporter(progress) as report:
+        work = replace(work, report=report)
         report("the middle posture", 0.0)
         postures = searched(desired, cell, work.seed) if posture is None else given(cell, posture)[None]
-        q, found = work.best(cell, postures, report)
+        q, found = work.best(cell, postures)
         if isinstance(found, CellDesign) and (found.coverage == 1.0 or incomplete == "keep"):
             return found
         stops = found.stops if isinstance(found, CellDesign) else found
-        fits, smaller = _largest(work, cell, q, report, quick=incomplete != "shrink")
+        fits, smaller = _largest(work, cell, q, quick=incomplete != "shrink")
         if incomplete == "shrink" and smaller is not None:
             return smaller
         raise _refusal(cell, stops, fits, keep=isinstance(found, CellDesign))
@@ -190,35 +195,32 @@ class _Work:
     held_out: int
     seed: int
     keep: bool
+    report: reporting.Report = reporting.silent
 
-    def best(
-        self, cell: Cell, postures: Array, report: reporting.Report
-    ) -> tuple[Array, CellDesign | tuple[Stop, ...]]:
+    def best(self, cell: Cell, postures: Array) -> tuple[Array, Found]:
         """Design from the first posture; where that leaves too little room or costs much, from the best others too."""
-        first = self.design(cell, postures[0], report)
+        first = self.design(cell, postures[0])
         if len(postures) == 1 or _rank(first, self.room)[0] < _NEARLY or self.good(first):
             return postures[0], first
-        quick = []
+        quick, silent = [], replace(self, report=reporting.silent)
         for i, q in enumerate(postures):
-            report(f"posture {i + 1} of {len(postures)}", 0.1)
-            quick.append(_rank(self.design(cell, q, _silent, quick=True), self.room))
+            self.report(f"posture {i + 1} of {len(postures)}", 0.1)
+            quick.append(_rank(silent.design(cell, q, quick=True), self.room))
         order = sorted(range(len(postures)), key=lambda i: quick[i], reverse=True)
         designs = [(postures[0], first)]
         for i in [i for i in order if i][:2]:
-            designs.append((postures[i], self.design(cell, postures[i], report)))
+            designs.append((postures[i], self.design(cell, postures[i])))
             if self.good(designs[-1][1]):
                 break
         return max(designs, key=lambda pair: _rank(pair[1], self.room))
 
-    def good(self, found: CellDesign | tuple[Stop, ...]) -> bool:
+    def good(self, found: Found) -> bool:
         """Whether it covers the cell, no bodies touch, with room for the joints, and costs little."""
         return _rank(found, self.room) >= (1.0, True, 0.4 * self.room) and cast(CellDesign, found).extra_speed < _DEAR
 
-    def design(
-        self, cell: Cell, q: Array, report: reporting.Report, *, quick: bool = False
-    ) -> CellDesign | tuple[Stop, ...]:
+    def design(self, cell: Cell, q: Array, *, quick: bool = False) -> Found:
         """Design over one cell; what stops it, where there is nothing to design with."""
-        report("the reference", 0.1)
+        self.report("the reference", 0.1)
         edge = cell.corners()
         count = self.samples or (128 if quick else max(256, _power_of_two(3 * _terms(cell, self._highest(cell)))))
         U = cell.sample(count, self.seed + 1)
@@ -234,12 +236,12 @@ class _Work:
         if len(U) < count / 4:
             return _why(cell, ends, count)
         rounds = 0 if hopeless else 4 if quick else 7
-        descent, terms, degrees = self._descended(cell, chart, U, edge, report, quick or hopeless, rounds)
+        descent, terms, degrees = self._descended(cell, chart, U, edge, quick or hopeless, rounds)
         if not np.isfinite(descent.value.cost):
             return _why(cell, ends, count)
-        report("the last chart", 0.7)
+        self.report("the last chart", 0.7)
         chart = _recharted(cell, chart, descent, terms)
-        report("the judgement", 0.8)
+        self.report("the judgement", 0.8)
         judgement = judge(self.desired, chart, 512 if quick or hopeless else self.held_out, self.seed + 2)
         return CellDesign.of(self.desired, chart, judgement, degrees=degrees, samples=len(U), held_out=self.held_out,
                              seed=self.seed, room=self.room, apart=self.apart, dexterity=self.dexterity,
@@ -255,14 +257,14 @@ class _Work:
         return d
 
     def _descended(
-        self, cell: Cell, chart: Chart, U: Array, edge: Array, report: reporting.Report, quick: bool, rounds: int
+        self, cell: Cell, chart: Chart, U: Array, edge: Array, quick: bool, rounds: int
     ) -> tuple[Descent, Monomials, tuple[tuple[int, float], ...]]:
         """Minimise the cost, degree by degree, then with the joint limits in it; and the degrees tried."""
         highest = min(2, self._highest(cell)) if quick else self._highest(cell)
         best: list[Descent] = []
         tried: list[tuple[int, float]] = []
         for d in [highest] if self.degree != "auto" or quick else range(1, highest + 1):
-            report(f"degree {d}", 0.2 + 0.3 * d / highest)
+            self.report(f"degree {d}", 0.2 + 0.3 * d / highest)
             terms = Monomials(cell.k, d)
             nodes = U[: max(256, _power_of_two(3 * terms.size))]
             below = best[-1].a if best else np.zeros((0, cell.task.r))
@@ -276,7 +278,7 @@ class _Work:
         watched = cell.sample(512 if quick else min(4096, 256 << cell.k), self.seed + 3)
         watches = [Watch(m, np.concatenate([watched[: m.watched], edge])) for m in self.margins(cell)]
         keeper = Keeper(self.desired, chart, nodes, watches, rounds)
-        return keeper.kept(best[-1], terms, report), terms, tuple(tried)
+        return keeper.kept(best[-1], terms, self.report), terms, tuple(tried)
 
     def margins(self, cell: Cell) -> list[Margin]:
         """What the function is to keep away from."""
@@ -313,9 +315,7 @@ def _why(cell: Cell, ends: Rays, count: int) -> tuple[Stop, ...]:
     return tuple(stops) if limit is None else (*stops, limit)
 
 
-def _largest(
-    work: _Work, cell: Cell, q: Array, report: reporting.Report, *, quick: bool
-) -> tuple[float, CellDesign | None]:
+def _largest(work: _Work, cell: Cell, q: Array, *, quick: bool) -> tuple[float, CellDesign | None]:
     """Find the factor, to about 10 %, by which the cell can be scaled about its middle so that it is covered.
 
     Rays to the corners and some poses more find where to begin; a design has the last word.
@@ -324,11 +324,11 @@ def _largest(
     low, high = 0.0, 1.0
     for _ in range(5):
         factor = (low + high) / 2
-        report(f"what would fit: {factor:.0%}", 0.9)
+        work.report(f"what would fit: {factor:.0%}", 0.9)
         ends = rays(work.desired, cell.scaled(factor), q, U)
         low, high = (factor, high) if (ends.reached == 1).all() and ends.least.min() > 0 else (low, factor)
     while low > 0.03:
-        found = work.design(cell.scaled(low), q, report, quick=quick)
+        found = work.design(cell.scaled(low), q, quick=quick)
         if isinstance(found, CellDesign) and found.coverage == 1.0:
             return low, found
         low *= 0.8
@@ -350,7 +350,7 @@ def _refusal(cell: Cell, stops: tuple[Stop, ...], fits: float, *, keep: bool) ->
     return NoFunctionError(f"no single function covers the cell: {why}{because}; {remedy}{keeps}", stops, fits)
 
 
-def _rank(found: CellDesign | tuple[Stop, ...], room: float) -> tuple[float, bool, float, float]:
+def _rank(found: Found, room: float) -> tuple[float, bool, float, float]:
     """Coverage, then bodies that do not touch, then the limit margin as far as it was asked for, then speed."""
     if not isinstance(found, CellDesign) or found.coverage == 0:
         return 0.0, False, -np.inf, -np.inf
@@ -363,7 +363,3 @@ def _terms(cell: Cell, degree: int) -> int:
 
 def _power_of_two(count: int) -> int:
     return 1 << max(0, int(np.ceil(np.log2(max(count, 1)))))
-
-
-def _silent(what: str, share: float) -> None:
-    """Report nothing."""

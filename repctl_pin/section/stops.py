@@ -52,12 +52,8 @@ def broken_limit(cell: Cell, U: Array, Q: Array, share: float) -> Stop | None:
         return None
     at, joint = np.unravel_index(int(np.argmin(room)), room.shape)
     unit = "rad" if task.revolute[joint] else "m"
-    return Stop(
-        "limit",
-        share,
-        U[at],
-        f"at {cell.where(U[at])}, {task.joint_names[joint]} is {-room[at, joint]:.2g} {unit} beyond its limit",
-    )
+    what = f"at {cell.where(U[at])}, {task.joint_names[joint]} is {-room[at, joint]:.2g} {unit} beyond its limit"
+    return Stop("limit", share, U[at], what)
 
 
 def unreached(cell: Cell, U: Array, near: Array, looked_at: int) -> list[Stop]:
@@ -87,24 +83,12 @@ def unreached(cell: Cell, U: Array, near: Array, looked_at: int) -> list[Stop]:
     stops = []
     if short.any():
         at = int(np.argmax(shortfall))
-        stops.append(
-            Stop(
-                "reach",
-                share * float(short.mean()),
-                some[at],
-                f"{cell.where(some[at])} is out of reach, by {shortfall[at]:.2g} m or rad",
-            )
-        )
+        what = f"{cell.where(some[at])} is out of reach, by {shortfall[at]:.2g} m or rad"
+        stops.append(Stop("reach", share * float(short.mean()), some[at], what))
     if not short.all():
         at = int(np.argmin(np.where(short, np.inf, spans)))
-        stops.append(
-            Stop(
-                "singularity",
-                share * float((~short).mean()),
-                some[at],
-                f"between the middle of the cell and {cell.where(some[at])} the arm passes a singularity",
-            )
-        )
+        what = f"between the middle of the cell and {cell.where(some[at])} the arm passes a singularity"
+        stops.append(Stop("singularity", share * float((~short).mean()), some[at], what))
     return stops
 
 
