@@ -99,15 +99,9 @@ class _Comparison:
 
 
 @one_blas_thread()
-def nearest_in_family(
-    desired: Inverse,
-    family: Callable[[float], Inverse],
-    region: Region,
-    *,
-    bounds: tuple[float, float] = (-np.inf, np.inf),
-    samples: int = 4096,
-    seed: int = 0,
-) -> FamilyDesign:
+def nearest_in_family(desired: Inverse, family: Callable[[float], Inverse], region: Region, *,
+                      bounds: tuple[float, float] = (-np.inf, np.inf), samples: int = 4096,
+                      seed: int = 0) -> FamilyDesign:  # fmt: skip
     """Find the member of a one-parameter family that lies nearest to a desired inverse in the mean over Ω (26).
 
     On the whole line the search runs over ``φ = atan k`` (57), so that k = ∞, where −∞ and ∞ meet, is a

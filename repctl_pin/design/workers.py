@@ -49,16 +49,8 @@ class Piece:
         yield from pickle.loads(self.builder).batches(self.Q, self.weights, self.batch)
 
 
-def hand_out(
-    builder: Builder,
-    Q: Array,
-    weights: Array,
-    batch: int,
-    executor: Executor | Client,
-    *,
-    stream: bool = False,
-    tick: Tick = silent,
-) -> Batches:
+def hand_out(builder: Builder, Q: Array, weights: Array, batch: int, executor: Executor | Client, *,
+             stream: bool = False, tick: Tick = silent) -> Batches:  # fmt: skip
     """Hand nodes out to an executor's or a cluster's workers, in pieces of whole batches.
 
     Raises
