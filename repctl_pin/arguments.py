@@ -199,6 +199,19 @@ def list_of_names(values: Any, name: str, what: str) -> tuple[str, ...]:
     raise InputError(f"{name} must be {what}, not {shown(values)}")
 
 
+def freeze(made: object, **values: Any) -> None:
+    """Set the attributes of a frozen dataclass that is being made, its arrays read-only."""
+    for name, value in values.items():
+        if isinstance(value, np.ndarray):
+            value.setflags(write=False)
+        object.__setattr__(made, name, value)
+
+
+def row(q: Array) -> str:
+    """Write a configuration for a message."""
+    return "(" + ", ".join(f"{value:.4g}" for value in np.ravel(q)) + ")"
+
+
 def file_name(value: Any, name: str = "file") -> Path:
     """Take the name of a file or a folder."""
     if isinstance(value, (str, PathLike)) and str(value) and "\0" not in str(value):

@@ -171,23 +171,19 @@ def _auto(wish: Wish, shrink: bool) -> Design:
 
 def _shrinking(wish: Wish, shrink: bool) -> Design:
     """Design in Ω, or where a person allows it in the largest part of it that is free of singularities."""
-    asked = wish.region
-    for attempt in range(_SHRINKINGS if shrink else 0):
+    asked, attempt = wish.region.bounds.half_width, 0
+    while True:
         try:
-            return _with_share(fit(wish), asked)
+            design = fit(wish)
+            return replace(design, shrunk=float(np.max(design.region.bounds.half_width / asked)))
         except SingularRegionError as error:
-            if error.free is None:
+            if error.free is None or attempt == (_SHRINKINGS if shrink else 0):
                 raise
             # the first time what the refusal names; a V fitted there may need less room again, so then in strides
             free, stride = error.free, wish.region.shrunk(0.9)
             smaller = attempt > 0 and (stride.bounds.half_width < free.bounds.half_width).any()
             wish = replace(wish, region=stride if smaller else free)
-    return _with_share(fit(wish), asked)
-
-
-def _with_share(design: Design, asked: Region) -> Design:
-    """Say what is left of the width that was asked for."""
-    return replace(design, shrunk=float(np.max(design.region.bounds.half_width / asked.bounds.half_width)))
+            attempt += 1
 
 
 def _polynomial(region: Region, degree: Any) -> Polynomial:

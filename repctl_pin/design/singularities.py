@@ -180,7 +180,7 @@ def search(measure: Measure, region: Region, Q: Array, values: Array | None = No
     return lowest(measure, region, starts)
 
 
-def largest_free(measure: Measure, region: Region, bad: Array, *, seed: int = 0) -> Region | None:
+def largest_free(measure: Measure, region: Region, bad: Array) -> Region | None:
     """Find the largest region round the center, of Ω's shape, in which a measure stays above 0.
 
     The first zeros on the way from known ones to the center bound it from above; then it is bisected, each
@@ -210,7 +210,7 @@ def largest_free(measure: Measure, region: Region, bad: Array, *, seed: int = 0)
         if factor < 0.01:
             return None
         smaller = region.shrunk(factor)
-        if search(measure, smaller, smaller.random(2048, seed + step)).value > 0:
+        if search(measure, smaller, smaller.random(2048, step)).value > 0:
             low, best = factor, smaller
         else:
             high = factor

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, list_of_names, rows, wanted
+from ..arguments import Array, list_of_names, row, rows, wanted
 from ..errors import InputError
 from .field import Field, coefficients, joints_of
 from .joined import Family
@@ -103,9 +103,9 @@ class Potentials(Family):
         try:
             value = float(self._functions[j](q))
         except (TypeError, ValueError, IndexError) as error:
-            raise InputError(f"potential {self._names[j]} gives no number at q = {_row(q)}: {error}") from None
+            raise InputError(f"potential {self._names[j]} gives no number at q = {row(q)}: {error}") from None
         if not np.isfinite(value):
-            raise InputError(f"potential {self._names[j]} is {value} at q = {_row(q)}; it must be finite in the region")
+            raise InputError(f"potential {self._names[j]} is {value} at q = {row(q)}; it must be finite in the region")
         return value
 
     def _gradient(self, j: int, q: Array) -> Array:
@@ -118,12 +118,11 @@ class Potentials(Family):
             slope = np.asarray(given(q), float)
         except (TypeError, ValueError, IndexError) as error:
             raise InputError(
-                f"the gradient of potential {self._names[j]} is no list of numbers at q = {_row(q)}: {error}"
+                f"the gradient of potential {self._names[j]} is no list of numbers at q = {row(q)}: {error}"
             ) from None
         if slope.shape != q.shape or not np.isfinite(slope).all():
             raise InputError(
-                f"the gradient of potential {self._names[j]} must be {len(q)} finite numbers, "
-                f"at q = {_row(q)} it is not"
+                f"the gradient of potential {self._names[j]} must be {len(q)} finite numbers, at q = {row(q)} it is not"
             )
         return slope
 
@@ -153,7 +152,3 @@ class PotentialsMap:
     def gradients(self, Q: Array) -> Array:
         """Evaluate V at every row of Q (K, n): (K, n, r)."""
         return self.family.gradients(Q) @ self.A
-
-
-def _row(q: Array) -> str:
-    return "(" + ", ".join(f"{value:.4g}" for value in q) + ")"

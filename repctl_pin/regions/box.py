@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import MOST_NODES, Array, function, limits, positive, rows, spread, vector, whole
+from ..arguments import MOST_NODES, Array, freeze, function, limits, positive, rows, spread, vector, whole
 from ..errors import InputError
 
 Density = Callable[[Array], ArrayLike]
@@ -53,11 +53,7 @@ class Box:
         middle = vector(center, None, "the center of a box")
         half = spread(half_width, len(middle), "the half-widths of a box", finite=True)
         check_density(density)
-        middle.setflags(write=False)
-        half.setflags(write=False)
-        object.__setattr__(self, "center", middle)
-        object.__setattr__(self, "half_width", half)
-        object.__setattr__(self, "density", density)
+        freeze(self, center=middle, half_width=half, density=density)
 
     @classmethod
     def between(cls, lower: ArrayLike, upper: ArrayLike, *, density: Density | None = None) -> Box:
@@ -133,9 +129,13 @@ class Box:
         return Box.between(np.maximum(self.lower, low), np.minimum(self.upper, high), density=self.density)
 
     def __str__(self) -> str:
-        widths = sorted({f"{w:.3g}" for w in self.half_width}, key=float)
         centre = ", ".join(f"{c:.3g}" for c in self.center)
-        return f"box ±{widths[0]}{'' if len(widths) == 1 else ' to ±' + widths[-1]} round ({centre})"
+        return f"box {span(self.half_width, '±')} round ({centre})"
+
+
+def span(widths: Array, sign: str = "") -> str:
+    """Write the smallest and the largest of some widths; once, where they are the same."""
+    return " to ".join(dict.fromkeys(f"{sign}{w:.3g}" for w in (widths.min(), widths.max())))
 
 
 def sobol(n: int, count: int, seed: int) -> Array:

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import KDTree
 
-from ..arguments import Array, positive, rows, spread, stacks
-from .box import Box, Density, check_density, evaluate_density, normalised, sobol
+from ..arguments import Array, freeze, positive, rows, spread, stacks
+from .box import Box, Density, check_density, evaluate_density, normalised, sobol, span
 
 _MOST_SAMPLES = 256
 
@@ -52,11 +52,7 @@ class Tube:
         wide = spread(radius, Q.shape[1], "the radius of a tube", finite=True)
         check_density(density)
         Q = Q[np.linspace(0, len(Q) - 1, min(len(Q), _MOST_SAMPLES)).round().astype(int)]
-        Q.setflags(write=False)
-        wide.setflags(write=False)
-        object.__setattr__(self, "samples", Q)
-        object.__setattr__(self, "radius", wide)
-        object.__setattr__(self, "density", density)
+        freeze(self, samples=Q, radius=wide, density=density)
 
     @property
     def center(self) -> Array:
@@ -111,6 +107,4 @@ class Tube:
         return KDTree(self.samples / self.radius)
 
     def __str__(self) -> str:
-        widths = sorted({f"{w:.3g}" for w in self.radius}, key=float)
-        span = widths[0] if len(widths) == 1 else f"{widths[0]} to {widths[-1]}"
-        return f"tube of radius {span} round {len(self.samples)} configurations"
+        return f"tube of radius {span(self.radius)} round {len(self.samples)} configurations"

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import MOST_NODES, Array, positive, rows, spread, vector, wanted, whole
+from ..arguments import MOST_NODES, Array, freeze, positive, rows, spread, vector, wanted, whole
 from ..errors import InputError
 from ..robot.task import Task, own_task
-from .box import Box, Density, check_density, evaluate_density, normalised
+from .box import Box, Density, check_density, evaluate_density, normalised, span
 
 _MOST_DRAWS = 2**18
 
@@ -63,16 +63,9 @@ class WorkspaceBox:
         check_density(density)
         if within.n != task.n:
             raise InputError(f"within= has {within.n} joints, but the task has {task.n}")
-        for name, value in (
-            ("task", task),
-            ("position", middle),
-            ("half_width", half),
-            ("within", within),
-            ("density", density),
-        ):
-            object.__setattr__(self, name, value)
+        freeze(self, task=task, position=middle, half_width=half, within=within, density=density)
         reached = self._draw(16, 0)
-        object.__setattr__(self, "_center", reached[int(np.argmin(within.ratio(reached)))])
+        freeze(self, _center=reached[int(np.argmin(within.ratio(reached)))])
 
     @property
     def center(self) -> Array:
@@ -139,5 +132,4 @@ class WorkspaceBox:
 
     def __str__(self) -> str:
         centre = ", ".join(f"{c:.3g}" for c in self.position)
-        widths = sorted({f"{w:.3g}" for w in self.half_width}, key=float)
-        return f"±{' to ±'.join(dict.fromkeys((widths[0], widths[-1])))} m round ({centre}) m, within a {self.within}"
+        return f"{span(self.half_width, '±')} m round ({centre}) m, within a {self.within}"

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, shown, wanted
+from ..arguments import Array, freeze, numbers, shown, wanted
 from ..errors import InputError
 from ..robot.task import Task, wanted_task
 from .kinematics import placed
@@ -76,24 +76,18 @@ class Cell:
         positions = min(3, task.m)
         turns = task.m - positions
         w = _sizes(half_width, positions, "half_width", "m", "one per position that the task commands")
-        if turns:
-            theta = _sizes(rotation, turns, "rotation", "rad", "one an axis")
-        elif np.any(_sizes(rotation, 1, "rotation", "rad", "one an axis")):
+        theta = _sizes(rotation, turns or 1, "rotation", "rad", "one an axis")
+        if not turns and theta.any():
             raise InputError(f"a {task.kind} task leaves the rotation free; leave rotation= out")
-        else:
-            theta = np.zeros(0)
         if np.linalg.norm(theta) >= 0.95 * np.pi:
             raise InputError(
                 f"rotations to {np.max(theta):g} rad about each axis reach half a turn at the cell's corners, where "
                 "one pose has two names; keep the length of rotation below 2.98 rad"
             )
-        widths = np.concatenate([w, theta])
+        widths = np.concatenate([w, theta[:turns]])
         if not widths.any():
             raise InputError("a cell needs at least one half_width or rotation above 0")
-        widths.setflags(write=False)
-        object.__setattr__(self, "task", task)
-        object.__setattr__(self, "placement", _placement(task, placement))
-        object.__setattr__(self, "widths", widths)
+        freeze(self, task=task, placement=_placement(task, placement), widths=widths)
 
     @classmethod
     def around(
@@ -356,19 +350,13 @@ def stacked(placements: Sequence[pin.SE3]) -> tuple[Array, Array]:
 
 
 def _placement(task: Task, value: pin.SE3 | ArrayLike) -> pin.SE3:
-    if isinstance(value, pin.SE3):
-        middle = pin.SE3(value)
+    array = value.homogeneous if isinstance(value, pin.SE3) else numbers(value)
+    if array is not None and array.shape == (3,):
+        middle = pin.SE3(task.placement(task.reference).rotation, array)
+    elif array is not None and array.shape == (4, 4):
+        middle = pin.SE3(array)
     else:
-        try:
-            array = np.array(value, dtype=float)
-        except (TypeError, ValueError, OverflowError):
-            array = np.zeros(0)
-        if array.shape == (3,):
-            middle = pin.SE3(task.placement(task.reference).rotation, array)
-        elif array.shape == (4, 4):
-            middle = pin.SE3(array)
-        else:
-            raise InputError(f"a cell's placement is a pinocchio.SE3, a 4 × 4 matrix or a position; not {shown(value)}")
+        raise InputError(f"a cell's placement is a pinocchio.SE3, a 4 × 4 matrix or a position; not {shown(value)}")
     R = middle.rotation
     if not np.isfinite(middle.homogeneous).all() or np.abs(R @ R.T - np.eye(3)).max() > 1e-6:
         raise InputError("a cell's placement must be finite numbers, with a rotation of length 1")

@@ -110,8 +110,8 @@ class Speeds:
     side: Array
 
 
-def speeds(desired: Batched, chart: Chart, at: Points, ds: Array | None = None) -> Speeds:
-    """Measure a section at points of it."""
+def speeds(desired: Batched, chart: Chart, at: Points) -> Speeds:
+    """Measure the section s = 0 at points of it."""
     cell, K, r = chart.cell, len(at.U), chart.cell.task.r
     J_V = np.concatenate([at.J, np.swapaxes(at.n_ref, 1, 2)], axis=1)
     _, N, s = bases(at.J, at.n_ref)
@@ -120,11 +120,11 @@ def speeds(desired: Batched, chart: Chart, at: Points, ds: Array | None = None) 
     three = np.full((3, K), np.nan)
     if sound.any():
         good = at.chosen(sound)
-        dF, _ = chart.derivative(good, np.zeros((len(good.U), r, cell.k)) if ds is None else ds[sound])
+        dF, _ = chart.derivative(good, np.zeros((len(good.U), r, cell.k)))
         C = cell.speeds(good.U)
         wanted = desired.batch(good.Q, good.J) @ cell.twists(good.U, good.R) @ C
         own = dF @ C
-        three[:, sound] = [((x) ** 2).sum(axis=(1, 2)) for x in (own - wanted, own, wanted)]
+        three[:, sound] = [(x**2).sum(axis=(1, 2)) for x in (own - wanted, own, wanted)]
     return Speeds(three[0], three[1], three[2], s[:, -1], leaf, np.sign(np.linalg.det(J_V)))
 
 

@@ -33,8 +33,6 @@ class Rays:
         The part of the way that each has come: 1 where it ended well.
     least : (K,) array
         The least joint-limit margin on the way, rad or m.
-    smallest : (K,) array
-        The least σ_min of J on the way.
     """
 
     U: Array
@@ -42,7 +40,6 @@ class Rays:
     N: Array
     reached: Array
     least: Array
-    smallest: Array
 
 
 def rays(desired: Batched, cell: Cell, q_middle: Array, U: Array, *, steps: int = 16) -> Rays:
@@ -63,12 +60,11 @@ def rays(desired: Batched, cell: Cell, q_middle: Array, U: Array, *, steps: int 
     task, K = cell.task, len(U)
     Q = np.tile(q_middle, (K, 1))
     N = np.tile(nullspace(task.jacobian(q_middle)), (K, 1, 1))
-    reached, least, smallest = np.zeros(K), np.full(K, np.inf), np.full(K, np.inf)
+    reached, least = np.zeros(K), np.full(K, np.inf)
     on = np.arange(K)
     for ahead in [*np.linspace(0, 1, steps + 1)[1:], 1.0, 1.0, 1.0]:
         p, R, J = placed(task, Q[on])
         _, N[on], s = bases(J, N[on])
-        smallest[on] = np.minimum(smallest[on], s[:, -1])
         least[on] = np.minimum(least[on], task.limit_margin(Q[on]).min(axis=1))
         good = s[:, -1] > SINGULAR * s[:, 0]
         on, p, R, J = on[good], p[good], R[good], J[good]
@@ -83,7 +79,7 @@ def rays(desired: Batched, cell: Cell, q_middle: Array, U: Array, *, steps: int 
     p, R, _ = placed(task, Q)
     missed = np.abs(cell.errors(*cell.placements(U), p, R)).max(axis=1) > 1e-6
     reached[missed] = np.minimum(reached[missed], 1 - 1 / steps)
-    return Rays(U, Q, N, reached, least, smallest)
+    return Rays(U, Q, N, reached, least)
 
 
 def fitted(cell: Cell, U: Array, Q: Array, N: Array, degree: int) -> Chart:

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from scipy.linalg.blas import daxpy, ddot, dscal
 from scipy.linalg.lapack import dgesv, dgetrf, dgetri
 
-from ..arguments import FLOAT, Array, positive, spread, vector, wanted
+from ..arguments import FLOAT, Array, positive, row, spread, vector, wanted
 from ..errors import InputError, SingularityError
 from ..fields import inplace as potentials_of
 from ..fields.field import FieldMap
@@ -218,8 +218,3 @@ def share_of(gain: float, dt: float) -> float:
 def speeds(limit: ArrayLike, n: int) -> Array:
     """Take speed limits (n,) that a person gave."""
     return spread(limit, n, "a speed limit")
-
-
-def row(q: Array) -> str:
-    """Write a configuration for a message."""
-    return "(" + ", ".join(f"{value:.4g}" for value in np.ravel(q)) + ")"

@@ -7,11 +7,10 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, positive, vector
+from ..arguments import Array, positive, row, vector
 from ..arguments import function as wanted_function
 from ..errors import InputError
 from ..robot.task import Task
-from .control_step import row
 from .pseudoinverse import at_rows, redundant
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -59,7 +58,7 @@ class ExtendedJacobian(RepeatableInverse):
             for given, name in ((gradient, "gradient"), (hessian, "hessian")):
                 if given is not None:
                     function(given, name, "a function of q")
-            shape: Shape = Given(potential, gradient, hessian)
+            shape: Posture | Given = Given(potential, gradient, hessian)
             anchor = task.reference if reference is None else reference
         else:
             posture = vector(potential, task.n, "a posture (or give U as a function)")
@@ -71,7 +70,7 @@ class ExtendedJacobian(RepeatableInverse):
 class ExtendedMap:
     """The r functions ``h = Nᵀ ∇U`` of an extended Jacobian, and their gradients."""
 
-    def __init__(self, task: Task, potential: Shape, N_reference: Array) -> None:
+    def __init__(self, task: Task, potential: Posture | Given, N_reference: Array) -> None:
         self.task, self.potential, self.N_reference, self.n = task, potential, N_reference, task.n
 
     def value(self, q: Array) -> Array:
@@ -125,16 +124,6 @@ class ExtendedMap:
             at = ", ".join(f"{value:.3f}" for value in Q[int(np.argmin(s[:, -1]))])
             raise SingularityError(f"the null space has turned by 90° from the extended Jacobian's reference at ({at})")
         return N @ U @ Vt, np.einsum("Kar,Ka,Kas->Krs", Vt, s, Vt)
-
-
-class Shape(Protocol):
-    """What a potential U must offer."""
-
-    def gradients(self, Q: Array) -> Array:
-        """Evaluate ∇U at every row of Q (K, n): (K, n)."""
-
-    def hessians(self, Q: Array) -> Array:
-        """Evaluate ∂²U/∂q²: (K, n, n)."""
 
 
 class Posture:

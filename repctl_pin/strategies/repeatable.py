@@ -9,12 +9,12 @@ from typing import Any, Protocol, runtime_checkable
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ..arguments import NUMBER, Array, chosen, rows, stacks, vector, wanted
+from ..arguments import NUMBER, Array, chosen, row, rows, stacks, vector, wanted
 from ..errors import InputError
 from ..fields.field import FieldMap, check_joints
 from ..redundancy.augmented import augmented_inverse
 from ..robot.task import Task
-from .control_step import Loop, make_loop, row
+from .control_step import Loop, make_loop
 from .on_leaf import solve, solve_all
 from .pseudoinverse import at_rows, redundant
 

@@ -41,14 +41,11 @@ class Batched(Protocol):
         """Evaluate G at every row of Q (K, n): (K, n, m); J (K, m, n) if already at hand."""
 
 
-class Inverse(Strategy, Protocol):
+class Inverse(Strategy, Batched, Protocol):
     """A strategy of the form ``q̇ = G(q) ẋ`` (3) with ``J G = I``."""
 
     def __call__(self, q: Array) -> Array:
         """Evaluate G (n, m)."""
-
-    def batch(self, Q: Array, J: Array | None = None) -> Array:
-        """Evaluate G at every row of Q (K, n): (K, n, m); J (K, m, n) if already at hand."""
 
 
 @runtime_checkable
