@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..arguments import Array
 from ..errors import InputError, SingularityError
 from ..fields.field import Field, name_of
-from ..redundancy.inverses import row_factor
+from ..redundancy.inverses import dexterity, row_factor
 from ..robot.task import Task
 from ..strategies.strategy import Inverse
 
@@ -134,8 +134,7 @@ def oriented_nullspace(J: Array, task: Task, Q: Array) -> Array:
     try:
         basis, R = row_factor(J, mode="complete")
     except SingularityError:
-        values = np.linalg.svd(J, compute_uv=False)
-        k = int(np.argmin(values[:, -1] / values[:, 0]))
+        k = int(np.argmin(dexterity(J)))
         raise SingularityError(f"the Jacobian loses rank near {named(task, Q[k])}") from None
     N = basis[..., m:]
     side = np.prod(np.sign(np.diagonal(R, axis1=-2, axis2=-1)), axis=-1) * np.sign(np.linalg.det(basis))

@@ -73,13 +73,11 @@ class FamilyDesign:
     def summary(self) -> str:
         """Say in a few lines how good the choice is."""
         best = f"{self.parameter:.6g}" if self.unique else "every value: the cost does not depend on it"
-        return "\n".join(
-            [
-                f"nearest member of a family of inverses for {self.desired.task.robot.name} {self.desired.task}",
-                f"  parameter          {best}",
-                f"  mean ‖G − G_d‖²    {self.cost:.6g} ± {self.cost_error:.1g}",
-                f"  relative distance  {self.relative_distance:.1%}",
-            ]
+        return (
+            f"nearest member of a family of inverses for {self.desired.task.robot.name} {self.desired.task}\n"
+            f"  parameter          {best}\n"
+            f"  mean ‖G − G_d‖²    {self.cost:.6g} ± {self.cost_error:.1g}\n"
+            f"  relative distance  {self.relative_distance:.1%}"
         )
 
 

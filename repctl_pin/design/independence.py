@@ -79,13 +79,12 @@ def independent(desired: Inverse, fields: Field, Q: Array, weights: Array) -> In
     in_rows = ~constant & (part <= _ROW_SPACE * size)
     left = np.flatnonzero(~(constant | in_rows))
     R, kept = _sequential(triangle[:, left])
-    dependent = np.setdiff1d(left, left[kept])
-    dropped = [f"{name_of(fields, int(j))}: constant over the region" for j in np.flatnonzero(constant)]
-    dropped += [
-        f"{name_of(fields, int(j))}: in the row space of J, a function of the task alone"
-        for j in np.flatnonzero(in_rows)
-    ]
-    dropped += [f"{name_of(fields, int(j))}: depends linearly on the potentials before it" for j in dependent]
+    reasons = {
+        "constant over the region": np.flatnonzero(constant),
+        "in the row space of J, a function of the task alone": np.flatnonzero(in_rows),
+        "depends linearly on the potentials before it": np.setdiff1d(left, left[kept]),
+    }
+    dropped = [f"{name_of(fields, int(j))}: {why}" for why, numbers in reasons.items() for j in numbers]
     if len(kept) < r:
         why = f" ({'; '.join(dropped[:4])}{'; …' if len(dropped) > 4 else ''})" if dropped else ""
         raise InputError(

@@ -87,10 +87,8 @@ def _extrapolate(function: Callable[[Array], Array], Q: Array, first: Array) -> 
         previous, current = table[-1], [rows[j]]
         for i in range(1, j + 1):
             entry = current[i - 1] + (current[i - 1] - previous[i - 1]) / (4.0**i - 1)
-            doubt = np.maximum(
-                np.abs(entry - current[i - 1]).max(-1, initial=0.0),
-                np.abs(entry - previous[i - 1]).max(-1, initial=0.0),
-            )
+            parents = np.array([current[i - 1], previous[i - 1]])
+            doubt = np.abs(entry - parents).max(axis=(0, -1), initial=0.0)
             better = doubt < error
             error, level = np.where(better, doubt, error), np.where(better, j, level)
             best = np.where(better[..., None], entry, best)

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..arguments import MOST_NODES, Array, wanted, whole
 from ..errors import InputError, SingularityError
+from ..redundancy.inverses import dexterity
 from ..regions import Region
 from ..strategies.strategy import Inverse
 from .derivative import wanted_inverse
@@ -111,11 +112,11 @@ def is_repeatable(strategy: Inverse, region: Region, *, samples: int = 128, seed
     worst = int(np.argmax(norm if repeatable else np.where(norm > tolerance, norm, -1.0)))
     if repeatable and tolerance.max() > _BLIND:
         blind = int(np.argmax(tolerance))
-        values = np.linalg.svd(strategy.task.jacobian(Q[blind]), compute_uv=False)
-        if found[0].exact or values[-1] < _NEAR_SINGULAR * values[0]:
+        ratio = dexterity(strategy.task.jacobian(Q[blind]))
+        if found[0].exact or ratio < _NEAR_SINGULAR:
             raise SingularityError(
                 f"near q = ({', '.join(f'{v:.3g}' for v in Q[blind])}) G is too close to a singularity to be judged: "
-                f"σ_min / σ_max of J is {values[-1] / values[0]:.1g} there; make the region smaller"
+                f"σ_min / σ_max of J is {ratio:.1g} there; make the region smaller"
             )
         raise InputError(
             f"G is too noisy to judge: its derivative is only known to make defects of {tolerance.max():.2g} visible; "

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ..arguments import Array
 from ..blas import one_blas_thread
+from ..redundancy.inverses import dexterity
 from ..redundancy.nullspace import nullspace
 from ..regions import Region
 from ..robot.length import joint_scale
@@ -177,26 +178,21 @@ def stable_surface(strategy: Inverse, region: Region, *, samples: int = 128, see
     seeds = points_of(region, strategy, samples, seed)
     function = _in_units_of_itself(strategy, seeds)
     Q, singular = _search(strategy, function, region, seeds)
-    rate, tolerance, residual = np.zeros(len(Q)), np.zeros(len(Q)), np.zeros(len(Q))
-    kind = np.full(len(Q), CANDIDATE, dtype="U9")
+    points, on = np.vstack([Q, singular]), slice(len(Q))
+    rate, tolerance, residual = np.full((3, len(points)), np.nan)
+    kind = np.full(len(points), SINGULAR, dtype="U9")
     if len(Q):
-        rate, tolerance = _rates(strategy, function, Q)
+        kind[on] = CANDIDATE
+        rate[on], tolerance[on] = _rates(strategy, function, Q)
         s, error = function(Q)
-        residual = np.linalg.norm(s, axis=1)
-        tangent = np.flatnonzero(rate <= tolerance)
+        residual[on] = np.linalg.norm(s, axis=1)
+        tangent = np.flatnonzero(rate[on] <= tolerance[on])
         if len(tangent):
             left, walked = _walk(strategy, function, Q[tangent])
-            stays = left <= 1e-7 + 100 * (residual + error)[tangent]
+            stays = left <= 1e-7 + 100 * (residual[on] + error)[tangent]
             kind[tangent[stays]] = STABLE
             kind[tangent[walked < 1 / 4]] = SINGULAR
-    nowhere = np.full(len(singular), np.nan)
-    return Surfaces(
-        points=np.vstack([Q, singular]),
-        kind=np.concatenate([kind, np.full(len(singular), SINGULAR)]),
-        rate=np.concatenate([rate, nowhere]),
-        tolerance=np.concatenate([tolerance, nowhere]),
-        residual=np.concatenate([residual, nowhere]),
-    )
+    return Surfaces(points, kind, rate, tolerance, residual)
 
 
 def _search(strategy: Inverse, function: Surface, region: Region, Q: Array) -> tuple[Array, Array]:
@@ -310,6 +306,4 @@ def _walk(strategy: Inverse, function: Surface, Q: Array) -> tuple[Array, Array]
 
 def _dexterity(strategy: Inverse, Q: Array) -> Array:
     """σ_min / σ_max of J at every row of Q, joints in comparable units."""
-    J = strategy.task.jacobians(Q) * joint_scale(strategy.task, Q[0])
-    values = np.linalg.svd(J, compute_uv=False)
-    return values[:, -1] / values[:, 0]
+    return dexterity(strategy.task.jacobians(Q) * joint_scale(strategy.task, Q[0]))

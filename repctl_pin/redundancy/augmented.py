@@ -41,10 +41,8 @@ def augmented_inverse(J: ArrayLike, V: ArrayLike) -> Array:
         raise SingularityError(SINGULAR) from None
     regular = is_regular(J_V, inverse)
     if not np.all(regular):
-        raise SingularityError(
-            SINGULAR
-            + ("" if np.ndim(regular) == 0 else f", at {np.sum(~regular)} of {np.size(regular)} configurations")
-        )
+        where = "" if np.ndim(regular) == 0 else f", at {np.sum(~regular)} of {np.size(regular)} configurations"
+        raise SingularityError(SINGULAR + where)
     return inverse
 
 

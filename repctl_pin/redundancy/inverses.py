@@ -106,6 +106,12 @@ def from_null_component(J: ArrayLike, N: ArrayLike, W: ArrayLike) -> Array:
     return pseudoinverse(J) + N @ np.swapaxes(W, -1, -2)
 
 
+def dexterity(J: Array) -> Array:
+    """Measure ``σ_min / σ_max`` of J (..., m, n): 1 is best, 0 where J loses rank."""
+    values = np.linalg.svd(J, compute_uv=False)
+    return values[..., -1] / np.maximum(values[..., 0], np.finfo(float).tiny)
+
+
 def row_factor(J: ArrayLike, mode: Literal["reduced", "complete"] = "reduced") -> tuple[Array, Array]:
     """Factor ``Jᵀ = Q R`` and make sure that J has full row rank.
 

@@ -113,19 +113,17 @@ class Cell:
             raise InputError("a cell goes around a list of placements (pinocchio.SE3), or a closed path")
         p, R = stacked(poses)
         middle = pin.SE3(R[0], (p.max(axis=0) + p.min(axis=0)) / 2)
-        positions = min(3, task.m)
-        unit = cls(task, middle, np.ones(positions), 0.1 if task.m > positions else 0.0)
-        y = unit.coordinates(p, R)[0] * unit._active_widths
-        if task.m > positions:  # again, with the orientation in the middle of all of them
-            mean = (y[:, positions:].max(axis=0) + y[:, positions:].min(axis=0)) / 2
-            middle = pin.SE3(exp3(unit.vectors(mean[None]))[0] @ middle.rotation, middle.translation)
-            unit = cls(task, middle, np.ones(positions), 0.1)
-            y = unit.coordinates(p, R)[0] * unit._active_widths
-        reach = np.abs(y).max(axis=0)
+        positions, turns = min(3, task.m), task.m - min(3, task.m)
+        unit = cls(task, middle, 1.0, 0.1 if turns else 0.0)
+        if turns:  # again, with the orientation in the middle of all of them
+            y = unit._measured(p, R)[:, positions:]
+            mean = unit.vectors((y.max(axis=0) + y.min(axis=0))[None] / 2)
+            unit = cls(task, pin.SE3(exp3(mean)[0] @ middle.rotation, middle.translation), 1.0, 0.1)
+        reach = np.abs(unit._measured(p, R)).max(axis=0)
         reach[positions:][reach[positions:] < TURNED] = 0.0
         more = _sizes(room, positions, "room", "m", "one per position that the task commands")
-        turn = _sizes(rotation, task.m - positions, "rotation", "rad", "one an axis") if task.m > positions else 0.0
-        return cls(task, middle, reach[:positions] + more, reach[positions:] + turn if task.m > positions else rotation)
+        turn = reach[positions:] + _sizes(rotation, turns, "rotation", "rad", "one an axis") if turns else rotation
+        return cls(task, unit.placement, reach[:positions] + more, turn)
 
     @property
     def k(self) -> int:

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import Array, vector
 from ..errors import InputError
+from ..redundancy.inverses import dexterity
 from ..robot.bodies import bodies_of
 from ..strategies.strategy import Batched
 from .cell import Cell
@@ -177,8 +178,7 @@ def chosen(candidates: list[Candidate], reference: Array) -> Candidate:
 
 def _regular(cell: Cell, Q: Array) -> NDArray[np.bool_]:
     """Say which configurations (K, n) are far enough from a singularity to begin at."""
-    s = np.linalg.svd(placed(cell.task, Q)[2], compute_uv=False)
-    return np.asarray(s[:, -1] > SINGULAR * s[:, 0])
+    return dexterity(placed(cell.task, Q)[2]) > SINGULAR
 
 
 def _apart(Q: Array, count: int) -> Array:

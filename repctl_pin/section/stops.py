@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arguments import Array
+from ..redundancy.inverses import dexterity
 from .cell import Cell
 from .kinematics import placed
 from .middle import reached
@@ -76,8 +77,7 @@ def unreached(cell: Cell, U: Array, near: Array, looked_at: int) -> list[Stop]:
         Q, left = reached(cell, near, u, iterations=40)
         best = int(np.argmin(left))
         shortfall[i] = left[best]
-        s = np.linalg.svd(placed(cell.task, Q[best][None])[2][0], compute_uv=False)
-        spans[i] = s[-1] / s[0]
+        spans[i] = dexterity(placed(cell.task, Q[best][None])[2][0])
     share = len(U) / looked_at
     short = shortfall > _SHORT
     stops = []

@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, rows
+from ..arguments import Array, numbers, rows
 from ..errors import InputError, SingularityError
 from ..fields.custom import PotentialsMap
 from ..fields.field import coefficients
@@ -144,11 +144,8 @@ class ArmAngle(Family):
 
 
 def _unit(value: ArrayLike, what: str) -> Array:
-    try:
-        v = np.array(value, dtype=float)
-    except (TypeError, ValueError):
-        v = np.zeros(0)
-    if v.shape != (3,) or not np.isfinite(v).all() or not np.linalg.norm(v) > 0:
+    v = numbers(value)
+    if v is None or v.shape != (3,) or not np.isfinite(v).all() or not np.linalg.norm(v) > 0:
         raise InputError(f"{what} must be three finite numbers, not all 0; got {value!r}")
     return v / np.linalg.norm(v)
 

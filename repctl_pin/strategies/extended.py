@@ -157,15 +157,9 @@ class Given:
         if self.hessian is not None:
             return np.array([_checked(self.hessian, q, (len(q), len(q)), "Hessian") for q in Q])
         step = 1e-6 if self.gradient is not None else 1e-4
-        H = np.array(
-            [
-                [
-                    (self._gradient(q + d, step) - self._gradient(q - d, step)) / (2 * step)
-                    for d in step * np.eye(len(q))
-                ]
-                for q in Q
-            ]
-        )
+        steps = step * np.eye(Q.shape[1])
+        change = np.array([[self._gradient(q + d, step) - self._gradient(q - d, step) for d in steps] for q in Q])
+        H = change / (2 * step)
         return (H + np.swapaxes(H, 1, 2)) / 2
 
     def _gradient(self, q: Array, step: float = _DIFFERENCE) -> Array:

@@ -13,6 +13,7 @@ from ..arguments import Array, list_of, vector, wanted
 from ..errors import InputError, SingularityError
 from ..fields.field import FieldMap
 from ..redundancy.augmented import leaf_margin
+from ..redundancy.inverses import dexterity
 from ..redundancy.nullspace import nullspace
 from .strategy import OnLeaves
 
@@ -158,8 +159,7 @@ def _unreached(inverse: WithField, target: pin.SE3, q: Array, done: float) -> In
     task = inverse.task
     where = np.array2string(np.asarray(target.translation), precision=3, separator=", ")
     J = task.jacobian(q)
-    values = np.linalg.svd(J, compute_uv=False)
-    if values[-1] < 0.02 * values[0]:
+    if dexterity(J) < 0.02:
         why = "the arm is stretched or folded at a singularity there"
     else:
         clear = float(leaf_margin(nullspace(J), inverse.field.gradient(q)))

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from scipy.linalg.blas import ddot
 from scipy.linalg.lapack import dposv
 
-from ..arguments import FLOAT, Array, rows, shown, stacks, vector
+from ..arguments import FLOAT, Array, numbers, rows, shown, stacks, vector
 from ..errors import InputError, SingularityError
 from ..redundancy.inverses import pseudoinverse, weighted_pseudoinverse
 from ..robot.inplace import in_place
@@ -173,10 +173,9 @@ def least_speed(task: Task, pull: Callable[[Array], Array] | None = None) -> Cal
 
 def _positive(weight: ArrayLike, n: int) -> Array:
     """Check a weight: n numbers or an (n, n) symmetric positive definite matrix."""
-    try:
-        M = np.asarray(weight, float)
-    except (TypeError, ValueError, OverflowError):
-        raise InputError(f"the weight must be {n} numbers or a {n} × {n} matrix, not {shown(weight)}") from None
+    M = numbers(weight)
+    if M is None:
+        raise InputError(f"the weight must be {n} numbers or a {n} × {n} matrix, not {shown(weight)}")
     M = np.diag(M) if M.shape == (n,) else M
     if M.shape != (n, n) or not np.isfinite(M).all() or not np.allclose(M, M.T):
         raise InputError(f"the weight must be {n} numbers or a symmetric {n} × {n} matrix, all finite")
