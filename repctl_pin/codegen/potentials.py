@@ -10,8 +10,7 @@ from ..arguments import Array
 from ..errors import InputError
 from ..fields.field import FieldMap
 from ..fields.fourier import FourierMap
-from ..fields.joined import SumMap
-from ..fields.partial import PartialMap
+from ..fields.joined import PartialMap, SumMap
 from ..fields.polynomial import PolynomialMap
 from ..section import InverseFunction
 from ..section.chart import Chart

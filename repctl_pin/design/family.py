@@ -181,18 +181,10 @@ def nearest_in_family(desired: Inverse, family: Callable[[float], Inverse], regi
 
     inverse = member(parameter(best))
     value = judge.cost(inverse)
-    return FamilyDesign(
-        inverse=inverse,
-        desired=desired,
-        region=region,
-        parameter=parameter(best),
-        unique=unique,
-        cost=value,
-        cost_error=abs(value - nodes.cost(inverse)),
-        relative_distance=float(np.sqrt(value / judge.scale)),
-        scanned=np.array([parameter(a) for a in angles]),
-        scanned_costs=costs,
-    )
+    scanned = np.array([parameter(a) for a in angles])
+    away, error = float(np.sqrt(value / judge.scale)), abs(value - nodes.cost(inverse))
+    return FamilyDesign(inverse, desired, region, parameter(best), unique, cost=value, cost_error=error,
+                        relative_distance=away, scanned=scanned, scanned_costs=costs)  # fmt: skip
 
 
 def _on_the_line(angle: float) -> float:

@@ -126,12 +126,12 @@ def nearest_repeatable(
         desired,
         _polynomial(region, 1 if degree == "auto" else degree) if fields is None else fields,
         region,
+        executor,
         samples=None if samples is None else whole(samples, "samples", 1, MOST_NODES),
         held_out=whole(held_out, "held_out", 2 * REPLICATES, MOST_NODES),
         seed=whole(seed, "seed"),
         batch=whole(batch, "batch", 1, MOST_NODES),
         stream=flag(stream, "stream"),
-        executor=executor,
         restarts=whole(restarts, "restarts", 0, _MOST_RESTARTS),
         tolerance=positive(tolerance, "the tolerance"),
     )

@@ -281,15 +281,10 @@ def desired_of(data: Desired, task: Task) -> Inverse:
 def cycle_file(cycle: Cycle) -> CycleFile:
     """Describe the cycle that a control is for."""
     path = cycle.path
-    return described(
-        CycleFile,
-        cycle,
-        path=path.name,
-        words=path.words,
-        plane=path.plane,
-        rotation=path.placement(0.0).rotation.tolist(),
-        pieces=[described(PieceFile, piece) for piece in pieces_of(path)],
-    )
+    rotation = path.placement(0.0).rotation.tolist()
+    pieces = [described(PieceFile, piece) for piece in pieces_of(path)]
+    return described(CycleFile, cycle, path=path.name, words=path.words, plane=path.plane, rotation=rotation,
+                     pieces=pieces)  # fmt: skip
 
 
 def cycle_of(data: CycleFile, task: Task) -> Cycle:

@@ -81,16 +81,11 @@ def design_file(design: Design) -> DesignFile:
     for name, value in msgspec.structs.asdict(figures).items():
         if isinstance(value, float) and not np.isfinite(value):
             raise InputError(f"design.{name} = {value!r} cannot be saved")
-    return described(
-        DesignFile,
-        design,
-        **head(FORMAT, design.task),
-        cycle=None if design.cycle is None else schema.cycle_file(design.cycle),
-        desired=schema.desired_file(design.desired),
-        fields=schema.field_file(design.fields),
-        region=schema.region_file(design.region),
-        figures=figures,
-    )
+    cycle = None if design.cycle is None else schema.cycle_file(design.cycle)
+    desired, fields = schema.desired_file(design.desired), schema.field_file(design.fields)
+    region = schema.region_file(design.region)
+    return described(DesignFile, design, **head(FORMAT, design.task), cycle=cycle, desired=desired, fields=fields,
+                     region=region, figures=figures)  # fmt: skip
 
 
 def design_of(content: DesignFile, task: Task) -> Design:
@@ -108,15 +103,11 @@ def design_of(content: DesignFile, task: Task) -> Design:
     if len(region.center) != task.n or fields.gradients(task.reference[None]).shape[1] != task.n:
         raise InputError(f"fields and region must be of {task.n} joints")
     figures = msgspec.structs.asdict(content.figures)
-    return Design(
-        inverse=RepeatableInverse(task, fields.weighted(A), region=region),
-        desired=schema.desired_of(content.desired, task),
-        fields=fields,
-        region=region,
-        coefficients=A,
-        cycle=None if content.cycle is None else schema.cycle_of(content.cycle, task),
-        **figures | {"leaf_margin_at": np.array(content.figures.leaf_margin_at)},
-    )
+    figures |= {"leaf_margin_at": np.array(content.figures.leaf_margin_at)}
+    inverse = RepeatableInverse(task, fields.weighted(A), region=region)
+    desired = schema.desired_of(content.desired, task)
+    cycle = None if content.cycle is None else schema.cycle_of(content.cycle, task)
+    return Design(inverse, desired, fields, region, A, cycle=cycle, **figures)
 
 
 class _Head(msgspec.Struct):

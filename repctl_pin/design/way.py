@@ -45,12 +45,12 @@ class Wish:
     desired: Inverse
     fields: Field
     region: Region
+    executor: Executor | Client | None
     samples: int | None
     held_out: int
     seed: int
     batch: int
     stream: bool
-    executor: Executor | Client | None
     restarts: int
     tolerance: float
     warm: Array | None = None

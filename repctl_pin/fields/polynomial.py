@@ -14,8 +14,7 @@ from ..arguments import Array, flag, rows, shown, spread, vector, whole
 from ..errors import InputError
 from .field import chosen, coefficients
 from .inplace import MOST_ENTRIES, Homogeneous, InPlace, plain, spread_evenly
-from .joined import Family
-from .partial import PartialMap
+from .joined import Family, PartialMap
 
 _MAX_SIZE = 5_000
 

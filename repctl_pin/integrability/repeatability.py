@@ -122,15 +122,9 @@ def is_repeatable(strategy: Inverse, region: Region, *, samples: int = 128, seed
             f"G is too noisy to judge: its derivative is only known to make defects of {tolerance.max():.2g} visible; "
             "evaluate it more accurately"
         )
-    return Repeatability(
-        repeatable=repeatable,
-        defect=float(norm[worst]),
-        at=Q[worst],
-        tolerance=float(tolerance[worst]),
-        samples=len(Q),
-        exact=all(part.exact for part in found),
-        redundancy=strategy.task.r,
-    )
+    exact = all(part.exact for part in found)
+    return Repeatability(repeatable, float(norm[worst]), Q[worst], float(tolerance[worst]), samples=len(Q),
+                         exact=exact, redundancy=strategy.task.r)  # fmt: skip
 
 
 def points_of(region: Region, strategy: Inverse, samples: int, seed: int) -> Array:

@@ -2,8 +2,8 @@
 
 from .arm_angle import ArmAngle as ArmAngle
 from .custom import CustomInverse as CustomInverse
+from .custom import FunctionStrategy as FunctionStrategy
 from .extended import ExtendedJacobian as ExtendedJacobian
-from .function import FunctionStrategy as FunctionStrategy
 from .impedance import LeafImpedance as LeafImpedance
 from .limits import LimitWeight as LimitWeight
 from .posture import PostureControl as PostureControl

@@ -139,8 +139,8 @@ class ArmAngle(Family):
         if t is None:
             return r - w_hat * (w_hat @ r), -(w_hat @ r) * np.eye(3) - np.outer(w_hat, r)
         # k = (ŵ − t) × r, and y = k × ŵ: perpendicular to ŵ, 0 only at ŵ = t
-        k, dk = np.cross(w_hat - t, r), -_cross(r)
-        return np.cross(k, w_hat), -_cross(w_hat) @ dk + _cross(k)
+        k, dk = np.cross(w_hat - t, r), -pin.skew(r)
+        return np.cross(k, w_hat), -pin.skew(w_hat) @ dk + pin.skew(k)
 
 
 def _unit(value: ArrayLike, what: str) -> Array:
@@ -148,8 +148,3 @@ def _unit(value: ArrayLike, what: str) -> Array:
     if v is None or v.shape != (3,) or not np.isfinite(v).all() or not np.linalg.norm(v) > 0:
         raise InputError(f"{what} must be three finite numbers, not all 0; got {value!r}")
     return v / np.linalg.norm(v)
-
-
-def _cross(v: Array) -> Array:
-    """The matrix of v ×."""
-    return np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])

@@ -1,4 +1,4 @@
-"""A control strategy of your own: any plain function q → G with J G = I."""
+"""Control strategies of your own: a plain function q → G with J G = I, or (q, ẋ) → q̇."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from ..arguments import Array, positive, row, vector
 from ..arguments import function as wanted_function
 from ..errors import InputError
-from ..robot.task import Task
+from ..robot.task import Task, own_task
 from .pseudoinverse import at_rows, redundant
 
 
@@ -83,3 +83,36 @@ class CustomInverse:
                 "correct the function, for example G + J⁺ (I − J G)"
             )
         return G
+
+
+class FunctionStrategy:
+    """``q̇ = function(q, ẋ)``: what pink, Drake or a loop of your own would command.
+
+    Parameters
+    ----------
+    task
+        The task it controls; q is in the order of its joints.
+    function
+        q (n,), ẋ (m,) → q̇ (n,).
+    """
+
+    def __init__(self, task: Task, function: Callable[[Array, Array], ArrayLike]) -> None:
+        self.task = own_task(task)
+        self.function = wanted_function(function, "a strategy", "a function (q, ẋ) → q̇, or have a velocity(q, ẋ)", 2)
+
+    def velocity(self, q: ArrayLike, xdot: ArrayLike) -> Array:
+        """Ask the function for q̇ (n,).
+
+        Raises
+        ------
+        InputError
+            If it gives anything but n finite numbers.
+        """
+        q, xdot = vector(q, self.task.n, "q"), vector(xdot, self.task.m, "ẋ", "m/s and rad/s")
+        try:
+            qdot = np.asarray(self.function(q, xdot), float)
+        except (TypeError, ValueError) as error:
+            raise InputError(f"the strategy's function gives no q̇: {error}") from error
+        if qdot.shape != (self.task.n,) or not np.isfinite(qdot).all():
+            raise InputError(f"the strategy's function must give {self.task.n} finite numbers; it gave {qdot}")
+        return qdot

@@ -15,6 +15,7 @@ from ..fields.field import FieldMap
 from ..redundancy.augmented import leaf_margin
 from ..redundancy.inverses import dexterity
 from ..redundancy.nullspace import nullspace
+from ..robot.formulas import axis_turn
 from .strategy import OnLeaves
 
 
@@ -142,10 +143,7 @@ def _turn(kind: str, start: pin.SE3, target: pin.SE3) -> Array:
     if kind == "pose":
         return pin.log3(target.rotation @ start.rotation.T)
     if kind == "axis":
-        z, goal = start.rotation[:, 2], target.rotation[:, 2]
-        axis = np.cross(z, goal)
-        sine = float(np.linalg.norm(axis))
-        return axis * (np.arctan2(sine, z @ goal) / max(sine, 1e-300))
+        return start.rotation[:, :2] @ axis_turn(start.rotation, target.rotation)
     return np.zeros(3)
 
 
