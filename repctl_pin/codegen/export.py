@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from ..arguments import Array, file_name, wanted
+from ..arguments import file_name, wanted
 from ..errors import InputError
 from ..files import prepare_folder, write_whole
 from ..regions import Region
-from ..robot.task import Task
 from ..section import InverseFunction
 from ..strategies.repeatable import RepeatableInverse
 from .source import about, write_source
@@ -68,24 +67,28 @@ def export_c(
     if region is not None:
         wanted(region, Region, "region", "a region of joint space, such as rp.Box(q0, 0.3)")
     source = write_source(control, name, region)
-    function = control if isinstance(control, InverseFunction) else None
-    inverse = control.inverse if isinstance(control, InverseFunction) else control
-    start = _start(control, region)
+    if isinstance(control, InverseFunction):
+        inverse, start = control.inverse, control(control.cell.placement)
+        declared, functions = filled("function.hpp", name, {}), _function_vectors(control, name)
+    else:
+        inverse, start = control, control.task.reference if region is None else region.center
+        declared = functions = ""
     found = [(vector, answers(inverse, region, vector)) for vector in vectors(inverse, region, start)]
     parts = {
         "about": about(control, region),
         "count": len(found),
         "vectors": ",\n".join(_vector(v, said, inverse, name) for v, said in found),
-        "function": filled("function.hpp", name, {}) if function is not None else "",
-        "functions": _function_vectors(function, name) if function is not None else "",
+        "function": declared,
+        "functions": functions,
     }
+    axes = [axis for axis in inverse.task.rows if axis < 3][:2]  # of a small circle that begins at the start
     texts = {
         f"{name}.h": source.header,
         f"{name}.c": source.code,
         f"{name}.hpp": filled("arm.hpp", name, parts),
         "test_vectors.h": filled("test_vectors.h", name, parts),
         "check.c": filled("check.c", name, {}),
-        "loop.c": filled("loop.c", name, _circle(inverse.task, start)),
+        "loop.c": filled("loop.c", name, {"start": row(start), "radius": value(0.02), "axes": whole(axes)}),
         "CMakeLists.txt": filled("CMakeLists.txt", name, {}),
     }
     where = prepare_folder(folder)
@@ -98,27 +101,16 @@ def export_c(
 def _vector(vector: Vector, said: dict[str, Any], inverse: RepeatableInverse, name: str) -> str:
     """Write one test vector as C."""
     task = inverse.task
-    n, m, r = task.n, task.m, task.r
-    limit = np.full(n, np.inf) if vector.limit is None else vector.limit
+    limit = np.full(task.n, np.inf) if vector.limit is None else vector.limit
     gain = -1.0 if vector.gain is None else vector.gain
-    placement = said.get("placement", pin.SE3.Identity())
-    entries = [
-        row(vector.q),
-        row(vector.xdot),
-        pose(vector.target),
-        value(vector.dt),
-        str(int(vector.twist is not None)),
-        row(np.zeros(6) if vector.twist is None else vector.twist),
-        str(int(vector.leaf is not None)),
-        row(np.zeros(r) if vector.leaf is None else vector.leaf),
-        f"{{{value(gain)}, {row(limit)}, {value(vector.damping)}, 0}}",
-        *(f"{name.upper()}_{STATUS[said[key]]}" for key in ("usable", "inside", "velocity", "step")),
-        pose(placement),
-        row(np.ravel(said.get("J", np.zeros((m, n))))),
-        row(said.get("c", np.zeros(r))),
-        row(said["qdot"]),
-        row(said["q_next"]),
-    ]
+    entries = [row(vector.q), row(vector.xdot), pose(vector.target), value(vector.dt)]
+    for part, size in ((vector.twist, 6), (vector.leaf, task.r)):  # whether it is given, and what
+        entries += [str(int(part is not None)), row(np.zeros(size) if part is None else part)]
+    entries.append(f"{{{value(gain)}, {row(limit)}, {value(vector.damping)}, 0}}")
+    entries += [f"{name.upper()}_{STATUS[said[key]]}" for key in ("usable", "inside", "velocity", "step")]
+    entries.append(pose(said.get("placement", pin.SE3.Identity())))
+    entries += [row(np.ravel(said.get("J", np.zeros((task.m, task.n))))), row(said.get("c", np.zeros(task.r)))]
+    entries += [row(said["qdot"]), row(said["q_next"])]
     return "    {" + ",\n     ".join(entries) + "}"
 
 
@@ -130,16 +122,3 @@ def _function_vectors(function: InverseFunction, name: str) -> str:
         status = OUTSIDE if status == BAD_NUMBER else status  # the targets are numbers, so it is the cell that is left
         rows.append(f"    {{{pose(target)}, {row(leaf)}, {name.upper()}_{STATUS[status]}, {row(q)}}}")
     return filled("function_vectors.h", name, {"count": len(rows), "vectors": ",\n".join(rows)})
-
-
-def _start(control: RepeatableInverse | InverseFunction, region: Region | None) -> Array:
-    """Where the example and the test vectors begin."""
-    if isinstance(control, InverseFunction):
-        return control(control.cell.placement)
-    return control.task.reference if region is None else region.center
-
-
-def _circle(task: Task, start: Array) -> dict[str, object]:
-    """A small circle that begins at the start."""
-    axes = [axis for axis in task.rows if axis < 3][:2]
-    return {"start": row(start), "radius": value(0.02), "axes": whole(axes)}

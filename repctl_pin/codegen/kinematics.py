@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from operator import mul
+
 import numpy as np
 import pinocchio as pin
 
@@ -53,7 +55,8 @@ class Chain:
         columns = [self._column(*axis) for axis in axes]
         J = [[column[i] for column in columns] for i in range(6)]
         if task.kind == "axis":  # ω along the frame's own x and y
-            J[3:] = [[self._dot([row[k] for row in self.R], c[3:]) for c in columns] for k in range(2)]
+            axes_of_frame = [[row[k] for row in self.R] for k in range(2)]
+            J[3:] = [[self.graph.total(map(mul, axis, c[3:])) for c in columns] for axis in axes_of_frame]
         else:
             J = [J[row] for row in task.rows]
         self.J = J if drive is None else [[self._weighted(column, row) for column in drive.S.T] for row in J]
@@ -76,9 +79,6 @@ class Chain:
 
     def _weighted(self, weights: Array, terms: Vector) -> Expression:
         return self.graph.total(self.graph.number(w) * t for w, t in zip(weights, terms, strict=True))
-
-    def _dot(self, a: Vector, b: Vector) -> Expression:
-        return self.graph.total(x * y for x, y in zip(a, b, strict=True))
 
     def _numbers(self, values: Array) -> Vector:
         return [self.graph.number(v) for v in values]

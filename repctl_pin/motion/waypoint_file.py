@@ -130,9 +130,9 @@ def _columns(row: list[str], file: Path) -> tuple[str, ...]:
     if not any(sorted(names) == sorted(layout) for layout in _LAYOUTS):
         if any(";" in name for name in row):
             raise InputError(f"{file}: write commas between the columns, and points for decimals")
+        called = f"the columns are called {', '.join(map(str.strip, row))}"
         raise InputError(
-            f"{file}: the columns are called {', '.join(name.strip() for name in row)}; call them x, y, z (m), "
-            "and qx, qy, qz, qw, and time (s), where there are such"
+            f"{file}: {called}; call them x, y, z (m), and qx, qy, qz, qw, and time (s), where there are such"
         )
     return names
 
@@ -142,11 +142,10 @@ def _numbers(row: list[str], names: tuple[str, ...], where: str) -> list[float]:
     values = [number(cell) for cell in row]
     if len(values) == len(names) and np.isfinite(values).all():
         return values
+    wrong = f"{where}: {text!r} is not {_COUNT[len(names)]}"
     if ";" in text or len(text.split()) == len(names) > len(row):
-        raise InputError(
-            f"{where}: {text!r} is not {_COUNT[len(names)]} numbers; write commas between them, and points for decimals"
-        )
-    raise InputError(f"{where}: {text!r} is not {_COUNT[len(names)]} finite numbers {', '.join(names)}")
+        raise InputError(f"{wrong} numbers; write commas between them, and points for decimals")
+    raise InputError(f"{wrong} finite numbers {', '.join(names)}")
 
 
 _COUNT = {3: "three", 4: "four", 7: "seven", 8: "eight"}

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..arguments import Array, file_name, flag, wanted
+from ..arguments import file_name, flag, wanted
 from ..errors import InputError
 from ..files import write_whole
 from ..strategies import Strategy
@@ -79,19 +79,14 @@ def yaml_text(motion: Motion | TimedMotion) -> str:
     else:
         names, t = motion.task.robot_joints, motion.t - motion.t[0]
         rows = {"positions": motion.joints(motion.q), "velocities": motion.joints(motion.qdot)}
-    lines = ["header:", "  stamp: {sec: 0, nanosec: 0}", "  frame_id: ''"]
-    lines.append("joint_names: [" + ", ".join(_quoted(name) for name in names) + "]")
-    lines.append("points:")
+    joints = f"joint_names: [{', '.join(map(_quoted, names))}]"
+    lines = ["header:", "  stamp: {sec: 0, nanosec: 0}", "  frame_id: ''", joints, "points:"]
     for moment, *values in zip(t, *rows.values(), strict=True):
         nanoseconds = round(float(moment) * 1e9)
-        said = [f"  {what}: {_row(row)}" for what, row in zip(rows, values, strict=True)]
+        said = [f"  {what}: [{', '.join(f'{v:.12f}' for v in row)}]" for what, row in zip(rows, values, strict=True)]
         said.append(f"  time_from_start: {{sec: {nanoseconds // 10**9}, nanosec: {nanoseconds % 10**9}}}")
         lines += ["-" + said[0][1:], *said[1:]]
     return "\n".join(lines) + "\n"
-
-
-def _row(values: Array) -> str:
-    return "[" + ", ".join(f"{v:.12f}" for v in values) + "]"
 
 
 def _quoted(name: str) -> str:

@@ -60,7 +60,6 @@ class Robot(Mechanism):
         self,
         description: Description,
         *,
-        name: str | None = None,
         entry: Entry | None = None,
         package_dirs: Sequence[str] = (),
         lock: Sequence[str] = (),
@@ -69,7 +68,7 @@ class Robot(Mechanism):
     ) -> None:
         self.description = description
         self.surroundings = surroundings
-        self.name = name or description.name
+        self.name = description.name if entry is None else entry.name
         self.entry = entry
         self.package_dirs = tuple(str(p) for p in package_dirs)
         self.base = base
@@ -168,15 +167,8 @@ class Robot(Mechanism):
             beside = Path(os.path.expanduser(str(file_name(surroundings, "surroundings"))))
             around = standing(read_urdf(beside))
             folders += default_package_dirs(beside)
-        return cls(
-            read_urdf(path),
-            name=None if entry is None else entry.name,
-            entry=entry,
-            package_dirs=folders,
-            lock=lock,
-            base=base,
-            surroundings=around,
-        )
+        description = read_urdf(path)
+        return cls(description, entry=entry, package_dirs=folders, lock=lock, base=base, surroundings=around)
 
     def task(self, frame: str | None = None, kind: str = "pose", *, joints: Sequence[str] | None = None) -> Task:
         """Make the task of moving a frame, with only the joints that move it.
