@@ -15,7 +15,7 @@ from test_scene import read
 import repctl_pin as rp
 from repctl_pin.cli import main
 from repctl_pin.motion.fitting_circle import fitting_circle
-from repctl_pin.motion.violations import refuse_violations, violations_of
+from repctl_pin.motion.joint_motion import refuse_violations, violations_of
 from repctl_pin.show.page.playback import Limb, track_of, tracks_page
 from repctl_pin.show.plots.motions import drift_figure, joints_figure
 

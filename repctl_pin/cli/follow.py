@@ -62,7 +62,7 @@ def run(options: Options) -> int:
     from ..files import write_whole
     from ..motion import best_leaf, follow, timed
     from ..motion.csv_file import csv_text
-    from ..motion.violations import refuse_violations
+    from ..motion.joint_motion import refuse_violations
     from ..motion.write_motion import commanded, yaml_text
     from ..robot.bodies import bodies_of
     from ..show.text.table import outside_words
@@ -246,7 +246,7 @@ def _lines(result: dict[str, Any], motion: Motion, *, written: bool) -> Iterator
 
 def _remedy(motion: Motion, *, repeatable: bool) -> str:
     """What may keep a motion inside what the robot can do."""
-    from ..motion.violations import violations_of
+    from ..motion.joint_motion import violations_of
 
     start = "--best-leaf, another --start" if repeatable else "another --start"
     at_once = any(violation.moment == 0 for violation in violations_of(motion))
@@ -255,7 +255,7 @@ def _remedy(motion: Motion, *, repeatable: bool) -> str:
 
 def _warn(motion: Motion, remedy: str) -> None:
     """Warn of a motion that no robot can follow."""
-    from ..motion.violations import violations_of
+    from ..motion.joint_motion import violations_of
 
     found = violations_of(motion)
     if found:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from functools import reduce
+from operator import attrgetter
 from typing import Any
 
 _SNAP = 1e-15
@@ -17,10 +18,10 @@ _SNAP = 1e-15
 class Expression:
     """A number, an input, a sine or cosine of one, or a sum or product of two. Made by a :class:`Graph`."""
 
-    __slots__ = ("graph", "kind", "parts", "value")
+    __slots__ = ("graph", "kind", "order", "parts", "value")
 
-    def __init__(self, graph: Graph, kind: str, parts: tuple[Expression, ...], value: float | str) -> None:
-        self.graph, self.kind, self.parts, self.value = graph, kind, parts, value
+    def __init__(self, graph: Graph, kind: str, parts: tuple[Expression, ...], value: float | str, order: int) -> None:
+        self.graph, self.kind, self.parts, self.value, self.order = graph, kind, parts, value, order
 
     def __add__(self, other: Expression) -> Expression:
         return self.graph.sum(self, other)
@@ -40,7 +41,6 @@ class Graph:
 
     def __init__(self) -> None:
         self._made: dict[tuple[Any, ...], Expression] = {}
-        self._order: dict[int, int] = {}
 
     def number(self, value: float) -> Expression:
         """Make a constant."""
@@ -89,7 +89,7 @@ class Graph:
             return self.negative(self.product(a.parts[0], b))
         if b.kind == "negative":
             return self.negative(self.product(a, b.parts[0]))
-        return self._make("product", tuple(sorted((a, b), key=lambda e: self._order[id(e)])), "")
+        return self._make("product", tuple(sorted((a, b), key=attrgetter("order"))), "")
 
     def total(self, terms: Iterable[Expression]) -> Expression:
         """Add many."""
@@ -98,8 +98,7 @@ class Graph:
     def _make(self, kind: str, parts: tuple[Expression, ...], value: float | str) -> Expression:
         key = (kind, *map(id, parts), value)
         if key not in self._made:
-            self._made[key] = made = Expression(self, kind, parts, value)
-            self._order[id(made)] = len(self._order)
+            self._made[key] = Expression(self, kind, parts, value, len(self._made))
         return self._made[key]
 
 

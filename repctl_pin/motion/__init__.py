@@ -1,7 +1,6 @@
 """Closed paths, and what a strategy does on them."""
 
 from ..robot.length import elbow as elbow
-from .approach import approach as approach
 from .best_leaf import BestLeaf as BestLeaf
 from .best_leaf import best_leaf as best_leaf
 from .follow import check_length as check_length
@@ -19,6 +18,7 @@ from .solve_ik import check_reach as check_reach
 from .solve_ik import reach_start as reach_start
 from .solve_ik import solve_ik as solve_ik
 from .timing import TimedMotion as TimedMotion
+from .timing import approach as approach
 from .timing import timed as timed
 from .waypoint_file import read_waypoints as read_waypoints
 from .write_motion import write_motion as write_motion

@@ -15,10 +15,10 @@ from ..robot.length import arm_length, joint_scale
 from ..strategies import Bounded, Inverse, Pseudoinverse, RepeatableInverse
 from ..strategies.strategy import AN_INVERSE, Batched
 from .follow import follow
+from .joint_motion import violations_of
 from .motion import Motion
 from .paths import TaskPath, closed_path
 from .solve_ik import solve_ik
-from .violations import violations_of
 
 _STRIDE = 0.1
 """Of the walk along the self-motion, rad; of prismatic joints in lengths of the arm."""

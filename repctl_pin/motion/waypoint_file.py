@@ -131,9 +131,8 @@ def _columns(row: list[str], file: Path) -> tuple[str, ...]:
         if any(";" in name for name in row):
             raise InputError(f"{file}: write commas between the columns, and points for decimals")
         called = f"the columns are called {', '.join(map(str.strip, row))}"
-        raise InputError(
-            f"{file}: {called}; call them x, y, z (m), and qx, qy, qz, qw, and time (s), where there are such"
-        )
+        meant = "x, y, z (m), and qx, qy, qz, qw, and time (s), where there are such"
+        raise InputError(f"{file}: {called}; call them {meant}")
     return names
 
 

@@ -12,9 +12,9 @@ from ..errors import InputError
 from ..files import write_whole
 from ..strategies import Strategy
 from .csv_file import csv_text
+from .joint_motion import refuse_violations
 from .motion import Motion
 from .timing import TimedMotion
-from .violations import refuse_violations
 
 
 def write_motion(motion: Motion | TimedMotion, file: str | Path, *, allow_violations: bool = False) -> Path:

@@ -13,8 +13,8 @@ from ..arguments import chosen
 from ..design import Design
 from ..errors import InputError
 from ..motion import Motion, TaskPath, elbow, timed
+from ..motion.joint_motion import Violation, violations_of
 from ..motion.timing import presumed_acceleration
-from ..motion.violations import Violation, violations_of
 from ..regions import Region
 from ..robot.mechanism import Mechanism
 from ..robot.task import Task

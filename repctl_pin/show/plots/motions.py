@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...motion.joint_motion import violations_of
 from ...motion.motion import CLOSED
-from ...motion.violations import violations_of
 from ..palette import INK, colours
 from ..text.numbers import number
 
