@@ -43,11 +43,12 @@ def field_functions(field: FieldMap, n: int, name: str) -> list[str]:
     for index, (part, joints) in enumerate(_flat(field, list(range(n)))):
         common = {"number": index, "k": len(joints), "joints": whole(joints)}
         if isinstance(part, SectionField):
-            written.append(section_potentials(part.chart, name, index))
+            file, parts = "section.c", _section(part.chart, name)
         elif isinstance(part, PolynomialMap):
-            written.append(filled("polynomial.c", name, common | _polynomial(part)))
+            file, parts = "polynomial.c", _polynomial(part)
         else:
-            written.append(filled("fourier.c", name, common | _fourier(part)))
+            file, parts = "fourier.c", _fourier(part)
+        written.append(filled(file, name, common | parts))
     return written
 
 
@@ -127,19 +128,10 @@ def _fourier(field: FourierMap) -> dict[str, object]:
     }
 
 
-def section_potentials(chart: Chart, name: str, index: int) -> str:
-    """Write ``h(q) = n_ref(u)ᵀ (q − q_ref(u))`` and its gradient as a C function, and the tables that it reads.
-
-    Parameters
-    ----------
-    chart
-        q_ref and n_ref.
-    name, index
-        What all names begin with, and the function's own number.
-    """
+def _section(chart: Chart, name: str) -> dict[str, object]:
+    """Tabulate ``h(q) = n_ref(u)ᵀ (q − q_ref(u))``, and write how u changes with q."""
     kind = chart.cell.task.kind
-    rates = f"rates_{kind if kind in ('pose', 'axis') else 'position'}.c"
-    return filled("section.c", name, {"number": index, "rates": filled(rates, name, {}), **_tables(chart)})
+    return {"rates": filled(f"rates_{kind if kind in ('pose', 'axis') else 'position'}.c", name, {}), **_tables(chart)}
 
 
 def function_code(function: InverseFunction, name: str) -> str:

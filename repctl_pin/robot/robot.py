@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -73,7 +72,7 @@ class Robot(Mechanism):
         self.package_dirs = tuple(str(p) for p in package_dirs)
         self.base = base
         self.joints = {joint.name: joint for joint in description.joints if joint.kind != "fixed"}
-        held = set(islice(lock, len(self.joints) + 1))
+        held = set(lock)
         for joint_name in held:
             if joint_name not in self.joints:
                 raise unknown("joint", joint_name, self.joints)

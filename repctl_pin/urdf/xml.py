@@ -130,9 +130,7 @@ def _refuse_other_files(data: bytes) -> None:
         return
     if b"\0" in data:
         raise UrdfError("this is a binary file, not a URDF; give a .urdf file")
-    prolog = _PROLOG.match(data)
-    start = prolog.end() if prolog else 0
-    head = data[start : start + 64]
+    head = _PROLOG.sub(b"", data, count=1)[:64]
     if head.lower().startswith((b"<!doctype html", b"<html")):
         raise UrdfError(_OTHERS["html"])
     if head.upper().startswith(b"<!DOCTYPE"):
