@@ -185,15 +185,15 @@ def _run(
     Q[0] = q
     with np.errstate(over="ignore", invalid="ignore"):
         for step in range(cycles * n_steps):
-            cycle = 1 + step // n_steps
             try:
                 following, Qdot[step], damping = advance(step % n_steps, q)
             except SingularityError as error:
-                raise SingularityError(f"{error}, in cycle {cycle} of {path.name}") from None
+                raise SingularityError(f"{error}, in cycle {1 + step // n_steps} of {path.name}") from None
             if not (np.abs(following - q) < most_step).all():
                 raise SingularityError(
                     f"the joints jump by more than {_JUMP:g} rad, or the arm's length, in one step, in cycle "
-                    f"{cycle} of {path.name}: the arm is at a singularity, the path out of reach, or the steps too few"
+                    f"{1 + step // n_steps} of {path.name}: the arm is at a singularity, the path out of reach, or the "
+                    "steps too few"
                 )
             Q[step + 1] = q = following
             used = max(used, damping)
