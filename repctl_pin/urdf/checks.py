@@ -264,22 +264,17 @@ def _check_tree(links: Sequence[etree._Element], joints: Sequence[etree._Element
     if len(roots) > 1:
         other = f"{label(roots[0])} ({line(roots[0])})"
         raise bad(roots[1], f"hangs on no joint, nor does {other}; a robot has one root: join the two")
-    reached = {roots[0].get("name")}
-    level, todo = 0, [(roots[0].get("name"), 0)]
-    while todo:  # level by level: no file can exhaust the stack
-        level += 1
-        if level > MAX_DEPTH:
+    reached = [(roots[0].get("name"), 1, 0)]  # links, each with the links and the movable joints down to it
+    for name, depth, moving in reached:  # grows as it goes: no file can exhaust the stack
+        if depth > MAX_DEPTH:
             raise bad(roots[0], f"over {MAX_DEPTH} links hang one below the other; more cannot be read")
-        following = []
-        for link, moving in todo:
-            for joint in below.get(link, ()):
-                count = moving + _freedom(joint)
-                if count > MAX_MOVING:
-                    raise bad(joint, f"over {MAX_MOVING} movable joints hang one below the other; fix some")
-                following.append((joint.find("child").get("link"), count))
-        reached.update(link for link, _ in following)
-        todo = following
+        for joint in below.get(name, ()):
+            count = moving + _freedom(joint)
+            if count > MAX_MOVING:
+                raise bad(joint, f"over {MAX_MOVING} movable joints hang one below the other; fix some")
+            reached.append((joint.find("child").get("link"), depth + 1, count))
+    hanging = {name for name, _, _ in reached}
     for link in links:
-        if link.get("name") not in reached:
+        if link.get("name") not in hanging:
             raise bad(above[link.get("name")], "is part of a loop; a URDF is a tree: cut the loop open")
     return str(roots[0].get("name"))

@@ -170,12 +170,12 @@ def _joint(element: etree._Element, joints: Mapping[str, etree._Element], notes:
     name, kind, limit = element.get("name"), element.get("type"), element.find("limit")
     lower, upper, velocity = -math.inf, math.inf, math.inf
     if kind in ("revolute", "prismatic"):
-        lower, upper = number(limit, "lower", 0.0), number(limit, "upper", 0.0)
+        lower, upper = number(limit, "lower"), number(limit, "upper")
         if lower == upper == 0.0:  # what exporters write where no range was given
             notes.append(f"joint {name!r} has no range (lower = upper = 0): taken as unlimited")
             lower, upper = -math.inf, math.inf
     if kind != "fixed" and limit is not None:
-        velocity = number(limit, "velocity", 0.0) or math.inf
+        velocity = number(limit, "velocity") or math.inf
     mimic, multiplier, offset = _mimicked(element, joints, notes)
     return Joint(
         name=name,
@@ -204,7 +204,7 @@ def _mimicked(
         assert leading is not None, "the checks have seen to it"
         if leading != written and following is None:
             notes.append(f"joint {follower!r} mimics {written!r}, which is not in this file: read as {leading!r}")
-        offset += multiplier * number(mimic, "offset", 0.0)
+        offset += multiplier * number(mimic, "offset")
         multiplier *= number(mimic, "multiplier", 1.0)
         following, element = leading, joints[leading]
     if following is not None and element.get("type") == "fixed":
