@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 import repctl_pin as rp
-from repctl_pin.section.slices import slices
+from repctl_pin.section.result import slices
 from repctl_pin.show.palette import BLUE, GREEN, VERMILLION
 from repctl_pin.show.plots.cells import cell_figure
 from repctl_pin.show.plots.motions import drift_over_cycles

@@ -16,19 +16,17 @@ from arms import Q_PANDA, planar_task, planar_urdf, spatial_task
 
 import repctl_pin as rp
 from repctl_pin.section.chart import Chart
-from repctl_pin.section.cost import Cost, Kept
-from repctl_pin.section.descend import descend
+from repctl_pin.section.cost import Cost, Kept, descend
 from repctl_pin.section.field import SectionField
 from repctl_pin.section.judgement import judge
-from repctl_pin.section.margins import distances_of, limits_of, singular_values_of
+from repctl_pin.section.margins import Section, distances_of, limits_of, singular_values_of
+from repctl_pin.section.margins import searched as searched_poses
 from repctl_pin.section.middle import searched
 from repctl_pin.section.monomials import Monomials
 from repctl_pin.section.reference import fitted, rays
 from repctl_pin.section.rotations import exp3, left_jacobian, log3, tilts
 from repctl_pin.section.stops import touching
 from repctl_pin.section.tour import tour
-from repctl_pin.section.worst import Section
-from repctl_pin.section.worst import searched as searched_poses
 
 
 @cache

@@ -9,8 +9,7 @@ import pytest
 from arms import Q_PANDA
 
 import repctl_pin as rp
-from repctl_pin.section.cost import Cost
-from repctl_pin.section.descend import descend
+from repctl_pin.section.cost import Cost, descend
 from repctl_pin.section.judgement import judge
 from repctl_pin.section.kinematics import bases, placed
 from repctl_pin.section.middle import reached

@@ -146,7 +146,7 @@ def _pictures(design: CellDesign, folder: Path, command: str) -> tuple[list[Path
     """Draw the slices, and the page with a tour through the cell; why there is no tour, where there is none."""
     from ..files import write_whole
     from ..motion import follow
-    from ..section.slices import slices
+    from ..section.result import slices
     from ..section.tour import tour
     from ..show.cell_page import cell_page
     from ..show.plots.cells import cell_figure

@@ -59,21 +59,16 @@ def compare(made_for: TaskFile, task: Task, where: str) -> None:
         Naming the first difference.
     """
     mine = identity(task)
-    for name, one, other in (
-        ("robot", made_for.robot, mine.robot),
-        ("base", made_for.base, mine.base),
-        ("frame", made_for.frame, mine.frame),
-        ("task kind", made_for.task, mine.task),
-    ):
+    for key, name in {"robot": "robot", "base": "base", "frame": "frame", "task": "task kind"}.items():
+        one, other = getattr(made_for, key), getattr(mine, key)
         if one != other:
             raise InputError(f"{where} is for the {name} {one!r}, not {other!r}; give that {name}")
     if made_for.joints != mine.joints:
         raise InputError(
             f"{where} is for the joints {', '.join(made_for.joints)}, in this order, not {', '.join(mine.joints)}"
         )
-    T, own = made_for.coordinates, mine.coordinates
-    if (T is None) != (own is None) or (T is not None and not np.array_equal(np.array(T), np.array(own))):
-        raise InputError(f"{where} is for other joint coordinates; its T of q = T ψ is {T}")
+    if made_for.coordinates != mine.coordinates:
+        raise InputError(f"{where} is for other joint coordinates; its T of q = T ψ is {made_for.coordinates}")
     if not made_for.fingerprint:
         raise InputError(f"{where} has no fingerprint of the kinematics; design again")
     for check in made_for.fingerprint:

@@ -12,7 +12,7 @@ from ..regions import Region
 from ..robot.task import Task
 from ..strategies.repeatable import RepeatableInverse
 from ..strategies.strategy import Inverse
-from .baselines import Baseline, baselines
+from .judgement import Baseline, baselines
 
 
 @dataclass(frozen=True)

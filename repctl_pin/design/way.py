@@ -106,7 +106,7 @@ class Way:
     def rung(self, size: int, below: Array | None) -> Descent | None:
         """Descend with the first potentials, from the linear start or from an optimum of fewer, the lower one first."""
         begin = self._start(size)
-        starts = [begin.A] if below is None else [begin.A, _padded(below, size)]
+        starts = [begin.A] if below is None else [begin.A, np.pad(below, ((0, size - len(below)), (0, 0)))]
         costs = [self.coarse.total(criterion.cost, A) for A in starts]
         for i in sorted(range(len(starts)), key=lambda i: costs[i][0]):
             if costs[i][1].clear:
@@ -177,7 +177,3 @@ class Way:
         degrees = fields.exponents[self.chosen.kept].sum(axis=1)  # they rise
         ends = np.searchsorted(degrees, np.unique(degrees), side="right")
         return [int(size) for size in ends if size >= self.wish.desired.task.r]
-
-
-def _padded(A: Array, size: int) -> Array:
-    return np.concatenate([A, np.zeros((size - len(A), A.shape[1]))])

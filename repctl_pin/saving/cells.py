@@ -83,17 +83,10 @@ def cell_file(design: CellDesign) -> CellFile:
     chart, cell, found = design.function.chart, design.cell, vars(design.judgement)
     boundless = {name: found[name] if np.isfinite(found[name]) else None for name in _BOUNDLESS}
     stops = [described(StopFile, stop) for stop in design.stops]
-    return described(
-        CellFile,
-        design,
-        **head(FORMAT, design.task),
-        desired=desired_file(design.desired),
-        placement=cell.placement.homogeneous.tolist(),
-        widths=cell.widths.tolist(),
-        degree=chart.monomials.degree,
-        coefficients=chart.coefficients.tolist(),
-        figures=CellFigures(**found | boundless | {"stops": stops}),
-    )
+    figures, placement = CellFigures(**found | boundless | {"stops": stops}), cell.placement.homogeneous.tolist()
+    return described(CellFile, design, **head(FORMAT, design.task), desired=desired_file(design.desired),
+                     placement=placement, widths=cell.widths.tolist(), degree=chart.monomials.degree,
+                     coefficients=chart.coefficients.tolist(), figures=figures)  # fmt: skip
 
 
 def cell_of(content: CellFile, task: Task) -> CellDesign:
@@ -117,12 +110,8 @@ def cell_of(content: CellFile, task: Task) -> CellDesign:
             figures[f"{name}_worst"] = figures[name]
     figures |= {name: np.inf for name in _BOUNDLESS if figures[name] is None}
     figures["stops"] = tuple(Stop(s.cause, s.share, np.array(s.u), s.what) for s in content.figures.stops)
-    judgement = Judgement(**figures)
-    return CellDesign(
-        InverseFunction(Chart(cell, Monomials(cell.k, content.degree), C), keep_limits=not judgement.everywhere),
-        desired_of(content.desired, task),
-        task.check(content.posture, "the posture"),
-        judgement,
-        degrees=content.degrees,
-        **{name: getattr(content, name) for name in _HOW},
-    )
+    judgement, chart = Judgement(**figures), Chart(cell, Monomials(cell.k, content.degree), C)
+    function = InverseFunction(chart, keep_limits=not judgement.everywhere)
+    desired, posture = desired_of(content.desired, task), task.check(content.posture, "the posture")
+    how = {name: getattr(content, name) for name in _HOW}
+    return CellDesign(function, desired, posture, judgement, content.degrees, **how)

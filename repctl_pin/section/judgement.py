@@ -13,9 +13,8 @@ from ..robot.bodies import bodies_of
 from ..strategies.strategy import Batched
 from .chart import Chart, Points
 from .kinematics import bases
-from .margins import Margin, distances_of, limits_of
+from .margins import Margin, Section, distances_of, limits_of, searched
 from .stops import Stop, broken_limit, folded, touching, unreached
-from .worst import Section, searched
 
 _BLOCK = 4096
 _BODIES = 1024

@@ -10,11 +10,9 @@ import numpy as np
 from ..arguments import Array
 from ..strategies.strategy import Batched
 from .chart import Chart
-from .cost import Cost, Kept
-from .descend import Descent, descend
-from .margins import Margin
+from .cost import Cost, Descent, Kept, descend
+from .margins import Margin, Section, searched
 from .monomials import Monomials
-from .worst import Section, searched
 
 _WEIGHTS = (1e2, 1e5)
 """Of the margins in the cost: the first, and the last after raising it tenfold again and again."""
@@ -34,7 +32,7 @@ _GRID = 0.05
 
 def padded(a: Array, terms: Monomials) -> Array:
     """Write coefficients a (M, r) of a lower degree in a higher one: monomials are ordered by degree."""
-    return np.concatenate([a, np.zeros((terms.size - len(a), a.shape[1]))])
+    return np.pad(a, ((0, terms.size - len(a)), (0, 0)))
 
 
 class Watch:

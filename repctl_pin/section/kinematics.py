@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 import numpy as np
 
 from ..arguments import Array
@@ -34,10 +36,8 @@ def solved(A: Array, b: Array) -> Array:
     except np.linalg.LinAlgError:
         x = np.full(rhs.shape, np.nan)
         for k in range(len(A)):
-            try:
+            with suppress(np.linalg.LinAlgError):
                 x[k] = np.linalg.solve(A[k], rhs[k])
-            except np.linalg.LinAlgError:
-                continue
     return np.asarray(x[..., 0] if b.ndim == 2 else x, float)
 
 

@@ -16,18 +16,16 @@ from ..errors import InputError
 from ..strategies.strategy import AN_INVERSE, Batched, Inverse
 from .cell import Cell
 from .chart import Chart
-from .cost import Cost
-from .descend import Descent, descend
+from .cost import Cost, Descent, descend
 from .judgement import judge
 from .keeper import Keeper, Watch, padded
 from .kinematics import bases
-from .margins import Margin, distances_of, limits_of, singular_values_of
+from .margins import Margin, Section, distances_of, limits_of, singular_values_of
 from .middle import given, searched
 from .monomials import Monomials
 from .reference import Rays, fitted, rays
 from .result import CellDesign
 from .stops import Stop, broken_limit, round_the_base, unreached
-from .worst import Section
 
 _HELD_OUT = 8192
 _MOST_UNKNOWNS = 260
@@ -157,17 +155,10 @@ def nearest_inverse_function(
         degree = whole(degree, "degree")
         if comb(cell.k + degree, degree) * cell.task.r > 4 * _MOST_UNKNOWNS:
             raise InputError(f"degree {degree} in {cell.k} coordinates makes more than {4 * _MOST_UNKNOWNS} unknowns")
-    work = _Work(
-        desired,
-        degree,
-        positive(room, "room", "rad", zero=True),
-        positive(apart, "apart", "m", zero=True),
-        positive(dexterity, "dexterity", zero=True),
-        None if samples is None else whole(samples, "samples", 16),
-        whole(held_out, "held_out", 64),
-        int(seed),
-        incomplete == "keep",
-    )
+    work = _Work(desired, degree, positive(room, "room", "rad", zero=True), positive(apart, "apart", "m", zero=True),
+                 positive(dexterity, "dexterity", zero=True),
+                 None if samples is None else whole(samples, "samples", 16), whole(held_out, "held_out", 64),
+                 int(seed), incomplete == "keep")  # fmt: skip
     with reporting.reporter(progress) as report:
         work = replace(work, report=report)
         report("the middle posture", 0.0)

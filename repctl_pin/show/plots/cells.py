@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ...section import CellDesign
-    from ...section.slices import Slice
+    from ...section.result import Slice
 
 _WHAT = {"limit_margin": ("limit margin", "viridis", 1.0), "extra_speed": ("extra joint speed, %", "magma_r", 100.0)}
 

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ...design import Design
-    from ...design.baselines import Baseline
     from ...design.design_map import DesignMap
+    from ...design.judgement import Baseline
 
 
 def cost_against_degree(
