@@ -22,20 +22,12 @@ def identity(task: Task) -> TaskFile:
     robot = task.robot
     configurations = [task.reference, *(task.reference + 0.7 * np.sin(np.arange(1, task.n + 1) * (k + 1.3))
                                         for k in range(_CHECKS - 1))]  # fmt: skip
-    return TaskFile(
-        robot=robot.name,
-        catalogue=robot.entry is not None,
-        file=robot.description.path.name.encode("utf-8", "replace").decode(),
-        base=robot.base,
-        lock=list(robot.locked),
-        frame=task.frame,
-        task=task.kind,
-        joints=list(task.robot_joints),
-        coordinates=None if task.coordinates is None else task.coordinates.T.tolist(),
-        fingerprint=[
-            Check(q.tolist(), np.round(task.placement(q).homogeneous[:3], 12).tolist()) for q in configurations
-        ],
-    )
+    checks = [Check(q.tolist(), np.round(task.placement(q).homogeneous[:3], 12).tolist()) for q in configurations]
+    file = robot.description.path.name.encode("utf-8", "replace").decode()
+    T = None if task.coordinates is None else task.coordinates.T.tolist()
+    return TaskFile(robot=robot.name, catalogue=robot.entry is not None, file=file, base=robot.base,
+                    lock=list(robot.locked), frame=task.frame, task=task.kind, joints=list(task.robot_joints),
+                    coordinates=T, fingerprint=checks)  # fmt: skip
 
 
 def task_of(made_for: TaskFile, robot: Robot) -> Task:

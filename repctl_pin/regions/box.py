@@ -1,10 +1,10 @@
-"""A box in joint space, and the quadrature every region shares: Sobol points, densities."""
+"""What a region Ω offers, a box in joint space, and the quadrature every region shares: Sobol points, densities."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,6 +14,37 @@ from ..errors import InputError
 
 Density = Callable[[Array], ArrayLike]
 """A weight for every row of Q (K, n): (K,) numbers from 0 up. Where it is larger, closeness matters more."""
+
+
+@runtime_checkable
+class Region(Protocol):
+    """A region of joint space with quadrature nodes."""
+
+    @property
+    def center(self) -> Array:
+        """A configuration in the middle of it: (n,)."""
+
+    @property
+    def bounds(self) -> Box:
+        """The box around it."""
+
+    def nodes(self, count: int, seed: int) -> tuple[Array, Array]:
+        """Quadrature nodes Q (K, n), K ≥ count, and weights (K,) that sum to 1."""
+
+    def random(self, count: int, seed: int) -> Array:
+        """Quasi-random points (K, n), K ≥ count, another set for every seed: nodes to judge on."""
+
+    def weights(self, Q: Array) -> Array:
+        """What each of the points of :meth:`random` counts for: (K,), sum 1."""
+
+    def ratio(self, Q: Array) -> Array:
+        """By what factor Ω would have to shrink for each row of Q to lie on its edge: (K,); above 1 is outside."""
+
+    def clip(self, Q: Array) -> Array:
+        """Move points that have left Ω back to its edge: (K, n)."""
+
+    def shrunk(self, factor: float) -> Region:
+        """Make the region of the same center and a fraction of the width."""
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from .custom import FunctionStrategy as FunctionStrategy
 from .extended import ExtendedJacobian as ExtendedJacobian
 from .impedance import LeafImpedance as LeafImpedance
 from .limits import LimitWeight as LimitWeight
-from .posture import PostureControl as PostureControl
+from .pseudoinverse import PostureControl as PostureControl
 from .pseudoinverse import Pseudoinverse as Pseudoinverse
 from .pseudoinverse import WeightedInverse as WeightedInverse
 from .repeatable import Bounded as Bounded
