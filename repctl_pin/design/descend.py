@@ -97,7 +97,7 @@ def start(batches: Batches, basis: Array, moments: tuple[Array, Array, Array]) -
 
 
 def descend(batches: Batches, basis: Array, begin: Start, A: Array, *, penalty: float, tolerance: float,
-            report: Report | None = None) -> Descent:  # fmt: skip
+            report: Report) -> Descent:  # fmt: skip
     """Gauss–Newton with Levenberg's damping, and a line search that keeps det(Nᵀ V) of one sign.
 
     What is minimised is ``C(A) + τ mean ‖E A − Nᵀ N(center)‖²`` with τ = ``penalty`` · C(start) / r. C alone
@@ -133,8 +133,7 @@ def descend(batches: Batches, basis: Array, begin: Start, A: Array, *, penalty: 
     total, cost, gradient, matrix, sides = evaluate(C)
     converged, steps, still, norm, damping = False, 0, 0, 0.0, _DAMPING
     for steps in range(_MAX_STEPS):
-        if report is not None:
-            report(steps, cost)
+        report(steps, cost)
         g = gradient.T.ravel()  # (r N,)
         norm = 2 * float(np.linalg.norm(g))
         if cost <= 1e-14 * begin.cost or cost < 1e-26:

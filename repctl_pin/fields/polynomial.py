@@ -71,14 +71,10 @@ class Polynomial(Family):
                 "lower the degree or choose variables"
             )
         # One row a potential: the variable of each of its factors, repeated as often as its power.
-        self.exponents = np.array(
-            [
-                [choice.count(v) for v in range(n)]
-                for d in range(1, self.degree + 1)
-                for choice in combinations_with_replacement(self.variables, d)
-                if cross or len(set(choice)) == 1
-            ]
-        )  # (N, n)
+        factors = (c for d in range(1, self.degree + 1) for c in combinations_with_replacement(self.variables, d))
+        if not cross:
+            factors = (c for c in factors if len(set(c)) == 1)
+        self.exponents = np.array([[c.count(v) for v in range(n)] for c in factors])  # (N, n)
         self.norms = np.sqrt(np.prod(2 * self.exponents + 1, axis=1))
         # Each potential is a product of at most d factors P_{order}(u_{variable}); shorter ones are padded
         # with order 0, a factor 1.
@@ -185,11 +181,8 @@ class PolynomialMap:
             spread_evenly(tensors[sum(beta)], [i for i, power in enumerate(beta) for _ in range(power)], coefficient)
         self._value = tensors
         # h of degree d differentiates to d T_d u^(d−1), the derivative's axis first, then r.
-        self._slope = [
-            np.ascontiguousarray(np.moveaxis(d * tensors[d], 1, 0).reshape(n * r * n ** (d - 1)))
-            for d in range(1, degree + 1)
-        ]
-        self._slope = [s / np.repeat(scale, len(s) // n) for s in self._slope]
+        slopes = (np.moveaxis(d * tensors[d], 1, 0).ravel() for d in range(1, degree + 1))
+        self._slope = [s / np.repeat(scale, len(s) // n) for s in slopes]
         self._shape, self.n = (n, r), n
         small = degree <= 4 and r * (n + 1) ** degree <= MOST_ENTRIES
         self._quick = Homogeneous(center, scale, degree, terms) if small else None

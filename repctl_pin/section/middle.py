@@ -120,11 +120,8 @@ def searched(desired: Batched, cell: Cell, seed: int = 0) -> Array:
         good = (left < 1e-9) & (task.limit_margin(Q).min(axis=1) > 0) & _regular(cell, Q)
         candidates += [judged(desired, cell, q) for q in Q[good]]
     first = chosen(candidates, task.reference)
-    rest = sorted(
-        (c for c in candidates if c is not first),
-        key=lambda c: (-c.share, c.apart < 0, -min(c.margin, _ENOUGH), c.speed),
-    )
-    return _apart(np.array([first.q, *(c.q for c in rest)]), _OFFERED)
+    candidates.sort(key=lambda c: (-c.share, c.apart < 0, -min(c.margin, _ENOUGH), c.speed))
+    return _apart(np.array([first.q, *(c.q for c in candidates if c is not first)]), _OFFERED)
 
 
 @dataclass(frozen=True)

@@ -99,9 +99,8 @@ class ArmAngle(Family):
         """The angle, rad, between the wrist's direction and the nearest singular one."""
         w = self._points(np.asarray(q, float))[1][0]
         w = w / np.linalg.norm(w)
-        if self.singular is not None:
-            return float(np.arccos(np.clip(w @ self.singular, -1, 1)))
-        return float(np.arccos(np.clip(abs(w @ self.reference), -1, 1)))
+        along = abs(w @ self.reference) if self.singular is None else w @ self.singular
+        return float(np.arccos(np.clip(along, -1, 1)))
 
     def __repr__(self) -> str:
         return f"<ArmAngle of {' '.join(self.frames)}>"
