@@ -1,6 +1,6 @@
 """Is a control strategy repeatable? The Lie bracket condition, the drift it predicts, and stable surfaces."""
 
-from .differences import differentiate as differentiate
+from .derivative import differentiate as differentiate
 from .lie_bracket import bracket_defect as bracket_defect
 from .lie_bracket import brackets as brackets
 from .lie_bracket import curl_form as curl_form

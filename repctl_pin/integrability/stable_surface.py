@@ -15,8 +15,7 @@ from ..redundancy.nullspace import nullspace
 from ..regions import Region
 from ..robot.length import joint_scale
 from ..strategies.strategy import Inverse
-from .derivative import derivative
-from .differences import SHORTEST_STEP, differentiate
+from .derivative import SHORTEST_STEP, derivative, differentiate
 from .lie_bracket import measure
 from .repeatability import points_of
 

@@ -17,8 +17,8 @@ from ..robot.task import Task
 from ..strategies import RepeatableInverse
 from .cell import Cell, stacked
 from .chart import Chart
-from .evaluate import OutsideError, evaluation
 from .field import SectionField
+from .inplace import OutsideError, evaluation
 from .kinematics import bases
 
 _MARCH = 0.05
