@@ -33,6 +33,7 @@ def test_gradient_against_differences(singular: object, frames: tuple[str, str, 
 def test_it_is_the_turn_of_the_elbow_about_the_line_to_the_wrist(singular: object) -> None:
     """Shoulder and wrist held, the elbow turned by δ: the angle changes by δ, to first order along the self-motion."""
     field = angle(singular)
+    assert field.names[0].startswith("arm angle panda" if singular is None else "stereographic arm angle panda")
     q = Q_PANDA + 0.2
     (e, J_e), (w, J_w) = field._points(q)
     n = np.linalg.svd(np.vstack([J_w, field.task.jacobian(q)[3:]]))[2][-1]  # the wrist and the hand's turn held

@@ -28,6 +28,7 @@ def test_a_limit_weight_is_its_formula(panda_pose: rp.Task) -> None:
     quarter = panda_pose.lower + 0.25 * (panda_pose.upper - panda_pose.lower)
     near, far = (1 + (share / 0.4) ** 2 for share in (0.5, 1.5))  # shares of half the range
     assert rp.LimitWeight(panda_pose, 0.6, 0.4)(quarter) == pytest.approx(1 + 0.6 * (near**-2 + far**-2))
+    assert np.array_equal(rp.LimitWeight(panda_pose)(quarter), rp.LimitWeight(panda_pose, 1.0, 0.1)(quarter))
 
 
 def test_the_standard_error_is_widened_as_students(panda_design: rp.Design) -> None:

@@ -130,15 +130,18 @@ def test_a_surface_on_which_the_gradient_of_s_vanishes(stable: bool) -> None:
     assert found.rate.max() < 1e-3  # (9) alone could not tell them apart
 
 
-def test_the_walk_alone_tells_stable_from_candidate(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("length", [1e-2, 1.0, 10.0])
+def test_the_walk_alone_tells_stable_from_candidate(
+    length: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Were ∇s along G to look like 0 everywhere, a walk along G would still leave (15), and stay on (14)."""
     module = import_module("repctl_pin.integrability.stable_surface")  # the name at the door is the function's
     monkeypatch.setattr(module, "_rates", lambda strategy, function, Q: (np.zeros(len(Q)), np.ones(len(Q))))
-    task = absolute(rp.Robot.load("prr").task("tool", "xy"))
-    found = rp.stable_surface(rp.Pseudoinverse(task), rp.Box([0, 0, 0], [1, 3, 3]), samples=32)
+    task = absolute(slide_task(length, tmp_path))
+    found = rp.stable_surface(rp.Pseudoinverse(task), rp.Box([0, 0, 0], [length, 3, 3]), samples=32)
     assert len(found.stable) > 2 and len(found.candidate) > 2
-    assert np.abs(wrapped(found.stable[:, 1] - found.stable[:, 2])).max() < 1e-8  # (14)
-    assert np.abs(wrapped(found.candidate[:, 1] + found.candidate[:, 2])).max() < 1e-8  # (15)
+    assert np.abs(wrapped(found.stable[:, 1] - found.stable[:, 2])).max() < 1e-7  # (14)
+    assert np.abs(wrapped(found.candidate[:, 1] + found.candidate[:, 2])).max() < 1e-7  # (15)
 
 
 @pytest.mark.parametrize("length", [1e-3, 10.0])
