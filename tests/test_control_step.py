@@ -191,17 +191,6 @@ def test_damping_is_bounded_continuous_and_zero_far_away() -> None:
         previous = x
 
 
-@pytest.mark.parametrize("sigma", [0.0, 1e-9, 0.01, 0.02, 0.03, 0.0399])
-def test_damping_is_its_formula(sigma: float) -> None:
-    """λ² = λ_max² (1 − (σ_min / 2 λ_max)²), and x = (JᵀJ + λ² I)⁻¹ Jᵀ rhs."""
-    rng = np.random.default_rng(8)
-    U, V = (np.linalg.qr(rng.normal(size=(4, 4)))[0] for _ in range(2))
-    J, rhs, most = U @ np.diag([2.0, 1.5, 0.7, sigma]) @ V.T, rng.normal(size=4), 0.02
-    x, used = damped(J, rhs, most)
-    assert used**2 == pytest.approx(most**2 * (1 - (sigma / (2 * most)) ** 2), rel=1e-9)
-    np.testing.assert_allclose(x, np.linalg.solve(J.T @ J + used**2 * np.eye(4), J.T @ rhs), rtol=1e-7)
-
-
 def test_any_gain_below_divergence_is_taken(panda_design, panda_pose, q_panda) -> None:
     """gain · dt from 0 to 2: a share of 1.5 overshoots, 2 goes round for ever, and neither is refused."""
     inverse, q = panda_design.inverse, q_panda + 1e-4
