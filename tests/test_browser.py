@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 import repctl_pin as rp
 from repctl_pin.robot.robot import Robot
 from repctl_pin.robot.visuals import Visuals
-from repctl_pin.show.page.scene import Arm, animation_page
+from repctl_pin.show.page.scene import Arm, animation_page, choose_frames
 from repctl_pin.show.page.surfaces import read_surface
 from repctl_pin.show.palette import BLUE, VERMILLION
 from repctl_pin.show.study_files import study_page
@@ -60,17 +60,21 @@ def circling(robot: Robot, q0: NDArray[np.float64], kind: str, plane: tuple[int,
             Q.append(q)
         Q = np.array(Q)
         drift = np.linalg.norm(Q[STEPS::STEPS] - q0, axis=1)
-        elbow = np.array([task.joint_origins(q)[task.n // 2] for q in Q])
-        arms.append(
-            Arm(label, visuals.shapes, visuals.placements(task.full(Q)), task.positions(Q), elbow, Q, drift, color)
-        )
+        tip, elbow = task.positions(Q)[:, None], np.array([[task.joint_origins(q)[task.n // 2]] for q in Q])
+        arms.append(Arm(label, visuals.shapes, visuals.placements(task.full(Q)), tip, elbow, Q, drift, color))
     return arms
 
 
 def write(folder: Path, arms: list[Arm], **options: Any) -> Path:
     page = folder / "animation.html"
     words = {"seconds": 2.0, "title": "arms on a circle", "caption": "a test", **options}
-    page.write_text(animation_page(arms, [arms[0].tip[: STEPS + 1]], **words), encoding="utf-8")
+    frames = choose_frames(len(arms[0].q), len(arms[0].cycle_drift))
+    shown = [
+        replace(a, **{name: getattr(a, name)[frames.index] for name in ("placements", "tip", "elbow", "q")})
+        for a in arms
+    ]
+    way = arms[0].tip[: STEPS + 1, 0]
+    page.write_text(animation_page(shown, [way], frames=frames, **words), encoding="utf-8")
     return page
 
 
@@ -215,9 +219,8 @@ def test_mirrored_meshes_are_not_inside_out(driver: Any, tmp_path: Path) -> None
     assert len(keep) > 5
     placements = visuals.placements(np.array([robot.reference] * 2))[:, keep]
     shapes = tuple(visuals.shapes[k] for k in keep)
-    still = Arm(
-        "mirrored", shapes, placements, placements[:, 0, :3, 3], placements[:, 1, :3, 3], np.zeros((2, 1)), np.zeros(1)
-    )
+    tip, elbow = placements[:, :1, :3, 3], placements[:, 1:2, :3, 3]
+    still = Arm("mirrored", shapes, placements, tip, elbow, np.zeros((2, 1)), np.zeros(1))
     open_page(driver, write(tmp_path, [still]))
     both = picture(driver, 0)
     show_only = "repctl.materials((m) => { m.side = arguments[0]; })"

@@ -13,7 +13,7 @@ import pytest
 from repctl_pin.errors import InputError
 from repctl_pin.robot.robot import Robot
 from repctl_pin.robot.visuals import Visuals
-from repctl_pin.show.page.surfaces import MOST_BYTES, _equal_rows, read_surface, smooth
+from repctl_pin.show.page.surfaces import MOST_BYTES, read_surface, smooth
 
 
 def sphere(n: int = 40) -> np.ndarray:
@@ -68,20 +68,6 @@ def test_smooth_weighs_faces_by_area() -> None:
     np.testing.assert_allclose(normals[[1, 2, 3, 5]], np.tile(mean, (4, 1)), atol=1e-12)
     np.testing.assert_allclose(normals[0], [0, 0, 1], atol=1e-12)
     np.testing.assert_allclose(normals[4], flat[1], atol=1e-12)
-
-
-def test_equal_rows_have_equal_numbers() -> None:
-    rng, huge = np.random.default_rng(0), np.iinfo(np.int64)
-    for few in (
-        rng.integers(-3, 3, (40, 3)),
-        rng.integers(0, 2**30, (40, 5)),  # longer than one number
-        np.array([[huge.min, 1], [huge.max, 1], [huge.max, 2]]),
-    ):
-        rows = few[rng.integers(0, len(few), 300)]
-        equal = (rows[:, None] == rows[None]).all(axis=2)
-        same = _equal_rows(rows)
-        np.testing.assert_array_equal(same[:, None] == same[None], equal)
-    assert len(_equal_rows(np.zeros((0, 3), np.int64))) == 0
 
 
 @pytest.mark.parametrize("name", ["panda", "ur5", "baxter", "kinova", "talos"])

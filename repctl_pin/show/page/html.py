@@ -98,21 +98,6 @@ def pack(data: bytes) -> str:
     return base64.b64encode(gzip.compress(data, 6, mtime=0)).decode("ascii")
 
 
-def unpack(text: str) -> bytes:
-    """Undo :func:`pack`."""
-    return gzip.decompress(base64.b64decode(text))
-
-
-def split(stream: bytes) -> list[bytes]:
-    """Cut a page's command stream into its commands."""
-    commands, start = [], 0
-    while start < len(stream):
-        (length,) = struct.unpack_from("<I", stream, start)
-        commands.append(stream[start + 4 : start + 4 + length])
-        start += 4 + length
-    return commands
-
-
 @cache
 def _viewer() -> str:
     """meshcat's viewer as its package ships it."""

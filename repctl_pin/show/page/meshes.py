@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import meshcat
 import numpy as np
@@ -24,16 +24,8 @@ if TYPE_CHECKING:
 Key = tuple[Any, ...]
 """What shapes share: the mesh file, or kind and size; not the scale, colour or place."""
 
-HIDDEN = (
-    "/Grid",
-    "/Axes",
-    "/Lights/AmbientLight",
-    "/Lights/FillLight",
-    "/Lights/PointLightNegativeX",
-    "/Lights/PointLightPositiveX",
-    "/library",
-    "/Background",
-)
+_LIGHTS = ("AmbientLight", "FillLight", "PointLightNegativeX", "PointLightPositiveX")
+HIDDEN = ("/Grid", "/Axes", *(f"/Lights/{light}" for light in _LIGHTS), "/library", "/Background")
 """What meshcat's viewer shows by itself, and the page has its own of."""
 
 _ARRAYS = {"Int8Array": (0x11, "<i1"), "Uint8Array": (0x12, "<u1"), "Uint16Array": (0x14, "<u2"),
@@ -42,12 +34,6 @@ MOST_IN_ALL = 2_000_000
 """The most triangles of mesh files on a page."""
 
 _GLOSS = {"specular": 0x1C1C1C, "shininess": 28}
-
-
-class Command(Protocol):
-    """A command of meshcat's: it lowers itself to plain data."""
-
-    def lower(self) -> dict[str, Any]: ...
 
 
 class Recorder:
@@ -65,7 +51,7 @@ class Recorder:
     def __init__(self) -> None:
         self.commands: list[bytes] = []
 
-    def send(self, command: Command) -> None:
+    def send(self, command: Any) -> None:
         """Keep one command."""
         data = command.lower()
         self.commands.append(umsgpack.packb(_renamed(data, {u: f"{k}" for k, u in enumerate(_uuids(data))})))
@@ -83,18 +69,16 @@ def record(shapes: Iterable[Shape]) -> tuple[list[bytes], dict[Key, int], list[s
     viewer = meshcat.Visualizer(window=recorder)
     for name in HIDDEN:
         viewer[name].set_property("visible", False)
-    objects: dict[Key, g.Object | None] = {}
+    distinct: dict[Key, Shape] = {}
+    for shape in shapes:
+        distinct.setdefault(key(shape), shape)
     problems: list[str] = []
     library: dict[Key, int] = {}
     room = MOST_IN_ALL
-    for shape in shapes:
-        body = key(shape)
-        if body in objects:
-            continue
+    for body, shape in distinct.items():
         try:
-            objects[body] = thing = _object(shape, min(room, MOST_FACES))
+            thing = _object(shape, min(room, MOST_FACES))
         except InputError as error:
-            objects[body] = None
             problems.append(str(error))
             continue
         if isinstance(thing, _Painted):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ...errors import InputError
@@ -63,8 +63,8 @@ class Arm:
         What it looks like.
     placements : (T, S, 4, 4) array
         Where each shape stands: rigid, unscaled.
-    tip, elbow : (T, 3) or (T, K, 3) arrays
-        Points that leave a trace, m: of one limb, or of K limbs.
+    tip, elbow : (T, K, 3) arrays
+        Points of K limbs that leave a trace, m.
     q : (T, n) array
         Configurations, whose distance from cycle 1 is the drift.
     cycle_drift : (cycles,) array
@@ -121,13 +121,13 @@ def choose_frames(samples: int, cycles: int, *, per_cycle: int = 61, shown: int 
 
 def animation_page(
     arms: Sequence[Arm],
-    paths: Sequence[ArrayLike],
+    paths: Sequence[Array],
     *,
+    frames: Frames,
     seconds: float,
     title: str,
     caption: str,
     planar: bool = False,
-    frames: Frames | None = None,
     verdict: Verdict = NO_VERDICT,
     live: bool = False,
 ) -> str:
@@ -139,15 +139,14 @@ def animation_page(
         Two, or any number.
     paths : sequence of (P, 3) arrays
         The paths that the tips follow, closed or not, m.
+    frames
+        Which samples of their motions the arms hold.
     seconds
         Time of one cycle at normal speed.
     title, caption
         Robot and task, in words; any text. Lines of the caption are kept.
     planar
         Look from above, as at a drawing.
-    frames
-        What :func:`choose_frames` gave, if the arms hold only those samples. None: they hold all samples
-        of all cycles, and the page chooses.
     verdict
         What stands above it all.
     live
@@ -157,32 +156,24 @@ def animation_page(
     -------
     The page's HTML.
     """
-    if not arms:
-        raise InputError("an animation needs at least one arm")
-    chosen = frames or choose_frames(len(arms[0].placements), len(arms[0].cycle_drift))
-    rows = slice(None) if frames else chosen.index
     commands, library, problems = record(shape for arm in arms for shape in arm.shapes)
     parts: list[Array] = []
-    pair = _liveliest([np.asarray(arm.q, float)[rows] for arm in arms], chosen)
-    described = [_describe(arm, rows, chosen, library, pair, parts) for arm in arms]
-    lines = [np.asarray(path, float) for path in paths]
-    odd = next((line.shape for line in lines if line.ndim != 2 or line.shape[1] != 3), None)
-    if odd is not None:
-        raise InputError(f"a path has shape {odd}, but (P, 3) is wanted")
+    pair = _liveliest([arm.q for arm in arms], frames)
+    described = [_describe(arm, frames, library, pair, parts) for arm in arms]
     scene = {
         "title": title,
         "caption": caption,
         "planar": bool(planar),
         "live": live,
         "seconds": float(seconds),
-        "cycles": list(chosen.cycles),
-        "perCycle": chosen.per_cycle,
-        "paths": [len(line) for line in lines],
+        "cycles": list(frames.cycles),
+        "perCycle": frames.per_cycle,
+        "paths": [len(path) for path in paths],
         "problems": problems,
         "pair": None if pair is None else _pair(arms[0], pair),
         "arms": described,
     }
-    motion = np.concatenate([p.ravel() for p in [*parts, *lines]]).astype("<f4").tobytes()
+    motion = np.concatenate([p.ravel() for p in [*parts, *paths]]).astype("<f4").tobytes()
     return page(scene, commands, motion, verdict)
 
 
@@ -194,7 +185,7 @@ def _from_first(q: Array, frames: Frames) -> Array:
 
 def _liveliest(every: Sequence[Array], frames: Frames) -> tuple[int, int] | None:
     """Choose the two joints that drift most, or move most where none drifts; None where there are not two."""
-    if min(q.shape[-1] for q in every) < 2 or any(q.shape != (len(frames.index), every[0].shape[-1]) for q in every):
+    if every[0].shape[1] < 2:
         return None
     most = np.max([np.abs(_from_first(q, frames)).max(axis=0) for q in every], axis=0)
     if most.max() < 1e-4:
@@ -205,7 +196,7 @@ def _liveliest(every: Sequence[Array], frames: Frames) -> tuple[int, int] | None
 
 def _pair(arm: Arm, pair: tuple[int, int]) -> dict[str, Any]:
     """The names and the limits of two joints."""
-    ends = np.full((2, max(pair) + 1), np.nan) if arm.limits is None else np.asarray(arm.limits, float)
+    ends = np.full((2, max(pair) + 1), np.nan) if arm.limits is None else arm.limits
     return {
         "names": [arm.joint_names[k] if arm.joint_names else f"joint {k + 1}" for k in pair],
         "limits": [[float(v) if np.isfinite(v) else None for v in ends[:, k]] for k in pair],
@@ -213,63 +204,45 @@ def _pair(arm: Arm, pair: tuple[int, int]) -> dict[str, Any]:
 
 
 def _describe(
-    arm: Arm,
-    rows: slice | NDArray[np.intp],
-    frames: Frames,
-    library: dict[Key, int],
-    pair: tuple[int, int] | None,
-    parts: list[Array],
+    arm: Arm, frames: Frames, library: dict[Key, int], pair: tuple[int, int] | None, parts: list[Array]
 ) -> dict[str, Any]:
     """Describe an arm in plain types; what moves goes to ``parts``.
 
     Bodies (T, M, 7), tips and elbows (T, K, 3), distance from cycle 1 (T,), two joints (T, 2), the broken joint (T, 3).
     """
-    placements, tip, elbow, q = (np.asarray(a, float)[rows] for a in (arm.placements, arm.tip, arm.elbow, arm.q))
-    tip, elbow = (a[:, None] if a.ndim == 2 else a for a in (tip, elbow))
-    drift = np.asarray(arm.cycle_drift, float)
-    T, S, K = len(frames.index), len(arm.shapes), tip.shape[1]
-    wanted: dict[str, tuple[Array, tuple[int, ...]]] = {
-        "placements": (placements, (T, S, 4, 4)),
-        "tip": (tip, (T, K, 3)),
-        "elbow": (elbow, (T, K, 3)),
-        "q": (q, (T, q.shape[-1])),
-        "cycle_drift": (drift, (max(frames.cycles[-1], len(drift)),)),
-    }
-    for name, (array, size) in wanted.items():
-        if array.shape != size:
-            raise InputError(f"arm {arm.label!r}: {name} has shape {array.shape}, but {size} is wanted")
-        if not np.isfinite(array).all():
-            raise InputError(f"arm {arm.label!r}: {name} holds numbers that are not finite")
     # to 0.1 µm, so that a pose that returns is the same number again
-    poses = np.round(poses_of(placements), 7)  # (T, S, 7)
-    moving = np.ptp(placements, axis=0).reshape(S, -1).max(axis=1, initial=0.0) > 1e-12
-    parts += [poses[:, moving], tip, elbow, np.linalg.norm(_from_first(q, frames), axis=1)]
-    parts += [] if pair is None else [q[:, pair]]
-    parts += [] if arm.broken is None else [np.asarray(arm.broken.origin, float)[rows]]
-    shapes = []
-    for k, shape in enumerate(arm.shapes):
-        shapes.append(
-            {
-                "name": shape.name,
-                "body": library.get(key(shape)),
-                "scale": [float(s) for s in shape.scale],
-                "color": None if shape.textured else [*lifted(shape.color[:3]).tolist(), float(shape.color[3])],
-                "pose": None if moving[k] else poses[0, k].tolist(),
-                "standing": shape.standing,
-            }
-        )
+    poses = np.round(poses_of(arm.placements), 7)  # (T, S, 7)
+    moving = moving_of(arm.placements)
+    parts += [poses[:, moving], arm.tip, arm.elbow, np.linalg.norm(_from_first(arm.q, frames), axis=1)]
+    parts += [] if pair is None else [arm.q[:, pair]]
+    parts += [] if arm.broken is None else [arm.broken.origin]
+    shapes = [
+        {
+            "name": shape.name,
+            "body": library.get(key(shape)),
+            "scale": [float(s) for s in shape.scale],
+            "color": None if shape.textured else [*lifted(shape.color[:3]).tolist(), float(shape.color[3])],
+            "pose": None if moving[k] else poses[0, k].tolist(),
+            "standing": shape.standing,
+        }
+        for k, shape in enumerate(arm.shapes)
+    ]
+    broken = arm.broken and {"words": arm.broken.words, "at": float(arm.broken.at), "cycle": arm.broken.cycle}
     return {
         "label": arm.label,
         "color": arm.color,
         "unit": arm.unit,
-        "drift": drift.tolist(),
-        "limbs": K,
+        "drift": arm.cycle_drift.tolist(),
+        "limbs": arm.tip.shape[1],
         "pair": pair is not None,
-        "broken": None
-        if arm.broken is None
-        else {"words": arm.broken.words, "at": float(arm.broken.at), "cycle": arm.broken.cycle},
+        "broken": broken,
         "shapes": shapes,
     }
+
+
+def moving_of(placements: Array) -> NDArray[np.bool_]:
+    """Say which shapes move: (S,)."""
+    return np.ptp(placements, axis=0).reshape(placements.shape[1], -1).max(axis=1, initial=0.0) > 1e-12
 
 
 def poses_of(placements: Array) -> Array:

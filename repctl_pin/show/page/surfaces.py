@@ -150,13 +150,8 @@ def _piece(mesh: Any, transform: NDArray[np.float64]) -> dict[str, Any]:
     faces, flat = faces[real], flat[real]
     corners = faces.ravel()
     colors, uv, image = _look(mesh, corners)
-    return {
-        "points": points[corners],
-        "normals": smooth(points[corners], flat),
-        "colors": colors,
-        "uv": uv,
-        "image": image,
-    }
+    normals = smooth(points[corners], flat)
+    return {"points": points[corners], "normals": normals, "colors": colors, "uv": uv, "image": image}
 
 
 def _look(mesh: Any, corners: NDArray[np.int64]) -> tuple[NDArray[np.float64], Any, bytes | None]:
@@ -193,8 +188,10 @@ def smooth(corners: NDArray[np.float64], flat: NDArray[np.float64]) -> NDArray[n
     flat : (F, 3) array
         The faces' normals, as long as the faces are large.
     """
+    from trimesh.grouping import unique_rows
+
     grid = 1e-6 * (np.ptp(corners, axis=0).max(initial=0.0) or 1.0)
-    same = _equal_rows(np.round(corners / grid).astype(np.int64))
+    same = unique_rows(np.round(corners / grid).astype(np.int64))[1]
     of_face = np.repeat(flat, 3, axis=0)  # (3F, 3)
     length = np.linalg.norm(of_face, axis=1, keepdims=True)
     unit_normal = np.divide(of_face, length, out=np.zeros_like(of_face), where=length > 0)
@@ -214,6 +211,8 @@ def smooth(corners: NDArray[np.float64], flat: NDArray[np.float64]) -> NDArray[n
 
 def _join(pieces: list[dict[str, Any]], scale: float) -> Surface:
     """Put pieces together, those of one texture side by side, each distinct corner once."""
+    from trimesh.grouping import unique_rows
+
     images = list(dict.fromkeys(piece["image"] for piece in pieces))
     pieces = sorted(pieces, key=lambda piece: images.index(piece["image"]))
     groups, start = [], 0
@@ -227,33 +226,8 @@ def _join(pieces: list[dict[str, Any]], scale: float) -> Surface:
     # what float32, 8 bits a normal and 8 bits a colour will tell apart
     lattice = np.ptp(points, axis=0).max(initial=0.0) / 2**17 or 1.0
     rows = [np.round(points / lattice), np.round(normals * 127), np.round(colors * 255), np.round(uv * 2**14)]
-    same = _equal_rows(np.concatenate(rows, 1).astype(np.int64))
-    first = np.full(same.max() + 1, -1)
-    first[same[::-1]] = np.arange(len(same))[::-1]
-    # vertices in the order in which the faces first name them: such indices compress well
-    order = np.argsort(first, kind="stable")
-    rank = np.empty_like(order)
-    rank[order] = np.arange(len(order))
-    keep = first[order]
-    lattice_points = np.round(points[keep] / lattice) * lattice * scale
-    return Surface(
-        lattice_points,
-        normals[keep],
-        colors[keep],
-        rank[same].reshape(-1, 3),
-        uv[keep] if textured else None,
-        tuple(groups),
-    )
-
-
-def _equal_rows(rows: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Number the rows of an integer array (N, k) so that equal rows, and only they, have equal numbers."""
-    same, count = np.zeros(len(rows), np.int64), 1
-    for column in rows.T:  # as digits of one number, which is shortened before it is too long
-        low, high = int(column.min(initial=0)), int(column.max(initial=0))
-        if high - low >= 2**40:
-            column, low, high = np.unique(column, return_inverse=True)[1], 0, len(rows)
-        if count * (high - low + 1) >= 2**63:
-            same, count = np.unique(same, return_inverse=True)[1], len(rows)
-        same, count = same * (high - low + 1) + (column - low), count * (high - low + 1)
-    return np.unique(same, return_inverse=True)[1].ravel()
+    # each distinct row once, in the order in which the faces first name them: such indices compress well
+    first, same = unique_rows(np.concatenate(rows, 1).astype(np.int64), keep_order=True)
+    at = np.round(points[first] / lattice) * lattice * scale
+    faces, kept_uv = same.reshape(-1, 3), uv[first] if textured else None
+    return Surface(at, normals[first], colors[first], faces, kept_uv, tuple(groups))

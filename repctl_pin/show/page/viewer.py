@@ -29,7 +29,7 @@ from ...motion import TaskPath
 from ...robot.task import Task
 from ...robot.visuals import Visuals
 from ..palette import BLUE, GREEN, PURPLE, VERMILLION
-from .scene import Arm, Frames, animation_page, poses_of
+from .scene import Arm, Frames, animation_page, moving_of, poses_of
 
 Array = NDArray[np.float64]
 
@@ -152,26 +152,20 @@ class Viewer:
         task = self.task
         Q = np.array([q0, np.clip(q0 + 0.3, task.lower, task.upper), np.clip(q0 - 0.3, task.lower, task.upper)])
         placements = self._visuals.placements(task.full(Q))
-        self._moving = np.ptp(placements, axis=0).reshape(placements.shape[1], -1).max(axis=1) > 1e-12
+        self._moving = moving_of(placements)
         points = task.positions(Q)
+        tips = points[:, None]
         colours = (VERMILLION, BLUE, GREEN, PURPLE) * len(self.names)
         arms = [
-            Arm(name, self._visuals.shapes, placements, points, points, Q, np.zeros(1), colour, unit=task.unit)
+            Arm(name, self._visuals.shapes, placements, tips, tips, Q, np.zeros(1), colour, unit=task.unit)
             for name, colour in zip(self.names, colours, strict=False)
         ]
         caption = f"{task.frame}, {task.kind} task. Arrows, Page Up and Page Down move the target; Home brings it back."
-        frames = Frames(np.arange(3), (1,), 3)
         lines = [] if path is None else [path.points()]
         flat = bool(np.ptp(np.vstack([*map(task.joint_origins, Q), points, *lines])[:, 2]) < 1e-9)
+        title, frames = f"{task.robot.name}: live", Frames(np.arange(3), (1,), 3)
         return animation_page(
-            arms,
-            lines,
-            seconds=1.0,
-            title=f"{task.robot.name}: live",
-            caption=caption,
-            planar=flat,
-            frames=frames,
-            live=True,
+            arms, lines, frames=frames, seconds=1.0, title=title, caption=caption, planar=flat, live=True
         )
 
     def _serve(self, sockets: Any, page: str) -> None:
