@@ -14,8 +14,8 @@ import repctl_pin as rp
 from repctl_pin.section.result import slices
 from repctl_pin.show.palette import BLUE, GREEN, VERMILLION
 from repctl_pin.show.plots.cells import cell_figure
+from repctl_pin.show.plots.cycles import orbit
 from repctl_pin.show.plots.motions import drift_over_cycles
-from repctl_pin.show.plots.orbits import orbit
 
 
 def drift() -> Figure:

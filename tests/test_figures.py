@@ -12,10 +12,17 @@ from matplotlib.figure import Figure
 import repctl_pin as rp
 from repctl_pin.show.page.snapshot import bones, still, still_figure
 from repctl_pin.show.palette import COLOURS
-from repctl_pin.show.plots.cycles import cycle_figure, least_margins, margin_over_cycles, speed_over_cycle
+from repctl_pin.show.plots.cycles import (
+    cycle_figure,
+    least_margins,
+    liveliest_joints,
+    margin_over_cycles,
+    orbit,
+    orbits_figure,
+    speed_over_cycle,
+)
 from repctl_pin.show.plots.maps import joint_map
 from repctl_pin.show.plots.motions import drawn, drift_figure, drift_over_cycles, joint_over_cycles, joints_figure
-from repctl_pin.show.plots.orbits import liveliest_joints, orbit, orbits_figure
 from repctl_pin.show.text.numbers import number
 from repctl_pin.studies.study_maps import study_maps
 

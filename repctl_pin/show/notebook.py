@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import base64
 import html
-import io
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ..arguments import whole
 from ..errors import InputError
-from .plots.motions import drawn, drift_figure, joints_figure
+from .plots.motions import drawn, drift_figure, joints_figure, png
 from .study_files import study_page
 from .text import captions
 from .text.table import study_table
@@ -102,9 +101,7 @@ def frame(page: str, height: int = 640) -> str:
 
 def _picture(figure: Figure, text: str) -> str:
     """A figure inside the cell, sharp on any screen, with the words for who cannot see it."""
-    held = io.BytesIO()
-    figure.savefig(held, format="png", dpi=2 * DPI)
-    data = base64.b64encode(held.getvalue()).decode("ascii")
+    data = base64.b64encode(png(figure, 2 * DPI)).decode("ascii")
     width = round(figure.get_figwidth() * DPI)
     return (
         f'<img src="data:image/png;base64,{data}" width="{width}" style="max-width: 100%; height: auto" '

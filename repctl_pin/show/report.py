@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import hashlib
-import io
 import platform
 import shlex
 import struct
@@ -14,17 +13,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .._version import __version__
-from ..files import write_whole
 from .page.html import render
 from .page.snapshot import still_figure
 from .palette import COLOURS, colours
-from .plots.cycles import cycle_figure
+from .plots.cycles import cycle_figure, orbits_figure
 from .plots.designs import cost_against_degree
 from .plots.maps import joint_map
-from .plots.motions import drawn, drift_figure, joints_figure
-from .plots.orbits import orbits_figure
+from .plots.motions import drawn, drift_figure, joints_figure, png
 from .study_files import study_page
 from .text import captions
+from .text.numbers import row
 from .text.table import study_cells, study_legend, study_notes
 from .text.verdict import study_verdict
 
@@ -92,20 +90,6 @@ def report_page(
     )
 
 
-def write_report(
-    study: Study,
-    path: Path,
-    *,
-    maps: StudyMaps | None = None,
-    options: Mapping[str, object] | None = None,
-    command: str | None = None,
-    animation: str | None = None,
-) -> Path:
-    """Write :func:`report_page` to a file, whole or not at all."""
-    page = report_page(study, maps=maps, options=options, command=command, animation=animation)
-    return write_whole(path, page)
-
-
 def versions() -> dict[str, str]:
     """Versions of all that a result depends on."""
     found = {"repctl_pin": __version__, "Python": platform.python_version()}
@@ -150,24 +134,22 @@ def _maps_figure(study: Study, maps: StudyMaps) -> Figure:
 
 def _picture(figure: Figure, text: str) -> dict[str, object]:
     """A figure as the page holds it, with the words for it."""
-    held = io.BytesIO()
-    figure.savefig(held, format="png", dpi=DPI, bbox_inches="tight", pad_inches=0.05, metadata={"Software": None})
-    return framed(held.getvalue(), text)
+    return framed(png(figure, DPI, bbox_inches="tight", pad_inches=0.05, metadata={"Software": None}), text)
 
 
-def framed(png: bytes, text: str) -> dict[str, object]:
+def framed(picture: bytes, text: str) -> dict[str, object]:
     """A PNG as a page holds it, with the words for it."""
-    width, height = struct.unpack(">II", png[16:24])  # as its header says
-    return {"data": base64.b64encode(png).decode("ascii"), "width": width, "height": height, "words": text}
+    width, height = struct.unpack(">II", picture[16:24])  # as its header says
+    return {"data": base64.b64encode(picture).decode("ascii"), "width": width, "height": height, "words": text}
 
 
 def _in_full(study: Study) -> dict[str, str]:
     """What was studied, in full: numbers as they are held, and the robot file's fingerprint."""
     center, width = study.region.bounds.center, study.region.bounds.half_width
     return {
-        "start, in full": _row(study.q0),
+        "start, in full": row(study.q0, 10),
         "joints": ", ".join(study.task.joint_names),
-        "region, in full": f"the box round it has the centre {_row(center)} and the half-width {_row(width)}",
+        "region, in full": f"the box round it has the centre {row(center, 10)} and the half-width {row(width, 10)}",
         "URDF, SHA-256": _fingerprint(study.robot.description.path),
     }
 
@@ -178,10 +160,6 @@ def _fingerprint(file: Path) -> str:
         return hashlib.sha256(file.read_bytes()).hexdigest()
     except OSError:
         return "the file is not there any more"
-
-
-def _row(values: Iterable[float]) -> str:
-    return ", ".join(f"{v:.10g}" for v in values)
 
 
 def _chosen(options: Mapping[str, object], command: str | None) -> tuple[dict[str, str], dict[str, str]]:

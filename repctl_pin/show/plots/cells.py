@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..palette import INK, VERMILLION
+from .motions import titled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -42,11 +43,10 @@ def slice_of_cell(
 
 def cell_figure(design: CellDesign, cuts: Sequence[Slice]) -> Figure:
     """Draw every slice twice: by limit margin above, by extra joint speed below; a row has one scale of colours."""
-    from matplotlib.figure import Figure
-
     shapes = [design.cell.widths[design.cell.widths > 0][list(cut.axes)] for cut in cuts]
     shares = [min(max(w / h, 0.5), 2.0) if h else 1.0 for w, h in shapes]
-    figure = Figure(figsize=(2.0 + 2.7 * sum(shares), 6.7), layout="constrained")
+    words = f"{design.task.robot.name}, {design.task.frame}, {design.task.kind}: one function for {design.cell.size()}"
+    figure = titled(2.0 + 2.7 * sum(shares), 6.7, words)
     grid = figure.subplots(2, len(cuts), squeeze=False, width_ratios=shares)
     for row, (what, (label, _, scale)) in zip(grid, _WHAT.items(), strict=True):
         every = scale * np.concatenate([getattr(cut, what).ravel() for cut in cuts])
@@ -55,8 +55,6 @@ def cell_figure(design: CellDesign, cuts: Sequence[Slice]) -> Figure:
             slice_of_cell(ax, design, cut, what, ends).locator_params("x", nbins=round(2 + 2 * share))
         label = f"{label}, {design.task.unit}" if what == "limit_margin" else label
         figure.colorbar(row[0].collections[0], ax=list(row), shrink=0.9, aspect=30).set_label(label, color=INK)
-    words = f"{design.task.robot.name}, {design.task.frame}, {design.task.kind}: one function for {design.cell.size()}"
-    figure.suptitle(words, fontsize=10, x=0.01, ha="left")
     return figure
 
 

@@ -1,4 +1,4 @@
-"""Figures over the cycle: joint speed, and the room left to the joint limits."""
+"""Figures of cycles: joint speed, room left to the joint limits, and orbits, on which what drifts is a coil."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..palette import INK
-from .motions import plain, quiet
+from ..palette import BLUE, INK
+from .motions import axis_label, legend_below, quiet, titled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from ...motion import Motion
+    from ...motion import Motion, TimedMotion
 
 
 def speed_over_cycle(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> Axes:
@@ -50,21 +50,11 @@ def margin_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> 
     motions
         Label, motion, colour. Joints without limits are not drawn.
     """
-    drawn = False
-    for (label, motion, colour), marker in zip(motions, "osD^vPX" * len(motions), strict=False):
-        least = least_margins(motion)
-        if np.isfinite(least).all() and least.max() < 1e6:
-            ax.plot(np.arange(1, motion.cycles + 1), least, marker=marker, ms=4, lw=1.4, color=colour, label=label)
-            drawn = True
-    if drawn:
-        low, high = ax.get_ylim()
-        ax.set_ylim(min(low, 0.0), high + 0.04 * (high - min(low, 0.0)))
-        ax.axhspan(min(low, 0.0), 0, color="#f0f0f0", zorder=0)
-        ax.axhline(0, color=INK, lw=0.9)
-    else:
+    lines = [(label, colour, least_margins(motion)) for label, motion, colour in motions]
+    lines = [line for line in lines if np.isfinite(line[2]).all() and line[2].max() < 1e6]
+    if not lines:
         ax.text(0.5, 0.5, "no joint limits", transform=ax.transAxes, ha="center", color=INK)
-    ax.set_xlim(0.5, motions[0][1].cycles + 0.5)
-    ax.set_xlabel("cycle")
+    _least_over_cycles(ax, lines, motions[0][1].cycles)
     ax.set_ylabel(f"least distance to a joint limit ({motions[0][1].task.unit})")
     return quiet(ax, whole=True)
 
@@ -79,17 +69,24 @@ def bodies_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> 
     motions
         Label, motion, colour.
     """
-    for (label, motion, colour), marker in zip(motions, "osD^vPX" * len(motions), strict=False):
-        least = _least_in_cycles(motion.coarse.body_distance, motion)
-        ax.plot(np.arange(1, motion.cycles + 1), least, marker=marker, ms=4, lw=1.4, color=colour, label=label)
+    lines = [(label, colour, _least_in_cycles(m.coarse.body_distance, m)) for label, m, colour in motions]
+    _least_over_cycles(ax, lines, motions[0][1].cycles)
+    ax.set_ylabel("least distance between bodies (m)")
+    return quiet(ax, whole=True)
+
+
+def _least_over_cycles(ax: Axes, lines: Sequence[tuple[str, str, np.ndarray]], cycles: int) -> None:
+    """Draw the least of something in each cycle, and what lies below 0 in grey."""
+    ax.set_xlim(0.5, cycles + 0.5)
+    ax.set_xlabel("cycle")
+    if not lines:
+        return
+    for (label, colour, least), marker in zip(lines, "osD^vPX" * len(lines), strict=False):
+        ax.plot(np.arange(1, cycles + 1), least, marker=marker, ms=4, lw=1.4, color=colour, label=label)
     low, high = ax.get_ylim()
     ax.set_ylim(min(low, 0.0), high + 0.04 * (high - min(low, 0.0)))
     ax.axhspan(min(low, 0.0), 0, color="#f0f0f0", zorder=0)
     ax.axhline(0, color=INK, lw=0.9)
-    ax.set_xlim(0.5, motions[0][1].cycles + 0.5)
-    ax.set_xlabel("cycle")
-    ax.set_ylabel("least distance between bodies (m)")
-    return quiet(ax, whole=True)
 
 
 def least_margins(motion: Motion) -> np.ndarray:
@@ -104,10 +101,8 @@ def _least_in_cycles(values: np.ndarray, motion: Motion) -> np.ndarray:
 
 def cycle_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Figure:
     """Make the figure of speeds, limit margins, and distances between bodies where there are any, side by side."""
-    from matplotlib.figure import Figure
-
     bodies = np.isfinite(motions[0][1].coarse.body_distance[0])
-    figure = Figure(figsize=(12 if bodies else 10, 4.0), layout="constrained")
+    figure = titled(12 if bodies else 10, 4.0, title)
     left, right, *third = figure.subplots(1, 3 if bodies else 2)
     for ax in third:
         bodies_over_cycles(ax, motions).set_title("room between bodies", fontsize=9, loc="left")
@@ -116,7 +111,78 @@ def cycle_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Figu
     left.set_title(f"speed over the first cycle{dashed}", fontsize=9, loc="left")
     margin_over_cycles(right, motions)
     right.set_title("room to the joint limits", fontsize=9, loc="left")
-    handles, labels = left.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), frameon=False, fontsize=9)
-    figure.suptitle(plain(title), fontsize=10, x=0.01, ha="left")
-    return figure
+    return legend_below(figure, left)
+
+
+def orbit(ax: Axes, motions: Sequence[tuple[str, Motion, str]], across: int, upward: int) -> Axes:
+    """Draw one joint against another over all cycles: one view along the other joints' axes.
+
+    Where each motion ends is marked by a disc, the start by a cross.
+
+    Parameters
+    ----------
+    ax
+        Where to draw.
+    motions
+        Label, motion, colour.
+    across, upward
+        Joints, counted from 0.
+    """
+    task = motions[0][1].task
+    for label, motion, colour in motions:
+        ax.plot(motion.q[:, across], motion.q[:, upward], color=colour, lw=1.0, label=label)
+        ax.plot(*motion.q[-1, [across, upward]], "o", color=colour, ms=5, mec="white", mew=0.8, zorder=4)
+    ax.plot(*motions[0][1].q[0, [across, upward]], "k+", ms=9, mew=1.4, zorder=5)
+    ax.set_xlabel(axis_label(task, across))
+    ax.set_ylabel(axis_label(task, upward))
+    ax.margins(0.06)
+    return quiet(ax)
+
+
+def liveliest_joints(motions: Sequence[tuple[str, Motion, str]], count: int = 3) -> list[int]:
+    """Find the joints whose ends of cycles lie furthest from the start, in the order of the arm."""
+    ends = [np.abs(motion.q[motion.steps :: motion.steps] - motion.q[0]).max(axis=0) for _, motion, _ in motions]
+    order = np.argsort(-np.max(ends, axis=0), kind="stable")[:count]
+    return sorted(int(joint) for joint in order)
+
+
+def orbits_figure(
+    motions: Sequence[tuple[str, Motion, str]], title: str, joints: tuple[int, int, int] | None = None
+) -> Figure:
+    """Make the figure of orbits: three joints, seen along each of their three axes.
+
+    Parameters
+    ----------
+    motions
+        Label, motion, colour.
+    title
+        Of the figure.
+    joints
+        Which three; by default those that drift most.
+    """
+    i, j, k = joints or liveliest_joints(motions)
+    figure = titled(10, 3.9, title)
+    axes = figure.subplots(1, 3)
+    for ax, (across, upward) in zip(axes, ((i, j), (i, k), (j, k)), strict=True):
+        orbit(ax, motions, across, upward)
+    return legend_below(figure, axes[0])
+
+
+def phase_plane(ax: Axes, timed: TimedMotion, *, colour: str = BLUE) -> Axes:
+    """Draw ‖q̇‖ over the length of the joint path: from rest, round and round, to rest.
+
+    Parameters
+    ----------
+    ax
+        Where to draw.
+    timed
+        What :func:`repctl_pin.timed` made; its first three cycles, if there are more.
+    colour
+        Of the line.
+    """
+    ax.plot(timed.length, timed.speed, color=colour)
+    ax.set_xlabel("length of the joint path")
+    ax.set_ylabel("joint speed ‖q̇‖ (per s)")
+    ax.set_xlim(0, timed.length[-1])
+    ax.set_ylim(0, None)
+    return quiet(ax)

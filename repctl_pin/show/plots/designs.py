@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...files import prepare_folder, write_whole
 from ..palette import BLUE, GREEN, ORANGE
 from .maps import joint_map
-from .motions import plain, png
+from .motions import quiet, titled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -49,10 +47,7 @@ def cost_against_degree(
     ax.set_xlabel("degree of the potentials")
     ax.set_ylabel(r"mean $\|G_r - G_d\|^2$")
     _plain_log_ticks(ax)
-    ax.spines[["top", "right"]].set_visible(False)
-    ax.grid(True, color="#dddddd", lw=0.6)
-    ax.set_axisbelow(True)
-    return ax
+    return quiet(ax)
 
 
 def map_over_joints(ax: Axes, field: DesignMap, design: Design, what: str = "distance") -> Axes:
@@ -67,17 +62,11 @@ def map_over_joints(ax: Axes, field: DesignMap, design: Design, what: str = "dis
 
 
 def design_figure(
-    design: Design,
-    field: DesignMap,
-    degrees: Sequence[tuple[int, float, float]] = (),
-    *,
-    title: str = "",
+    design: Design, field: DesignMap, degrees: Sequence[tuple[int, float, float]] = (), *, title: str = ""
 ) -> Figure:
     """Make the figure ``design.png``."""
-    from matplotlib.figure import Figure
-
     panels = 3 if degrees else 2
-    figure = Figure(figsize=(4.3 * panels, 4.0), layout="constrained")
+    figure = titled(4.3 * panels, 4.0, title)
     axes = list(figure.subplots(1, panels))
     if degrees:
         ax = cost_against_degree(axes.pop(0), degrees, design.baselines)
@@ -85,17 +74,7 @@ def design_figure(
         ax.legend(frameon=False, fontsize=8.5, loc="upper right")
     map_over_joints(axes[0], field, design)
     map_over_joints(axes[1], field, design, "leaf_margin")
-    figure.suptitle(plain(title), fontsize=10, x=0.01, ha="left")
     return figure
-
-
-def write_design(
-    design: Design, field: DesignMap, degrees: Sequence[tuple[int, float, float]], folder: Path, *, title: str = ""
-) -> list[Path]:
-    """Write ``design.png``, whole or not at all."""
-    figure = design_figure(design, field, degrees, title=title)
-    prepare_folder(folder)
-    return [write_whole(folder / "design.png", png(figure))]
 
 
 def _plain_log_ticks(ax: Axes) -> None:

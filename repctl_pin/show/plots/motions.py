@@ -154,12 +154,10 @@ def _free_corner(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> tuple[
 
 def joints_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Figure:
     """Make the figure ``joints.png``: every joint over all cycles."""
-    from matplotlib.figure import Figure
-
     n = motions[0][1].task.n
     columns = 2 if n > 3 else 1
     rows = -(-n // columns)
-    figure = Figure(figsize=(10 if columns == 2 else 7, 1.7 * rows + 0.9), layout="constrained")
+    figure = titled(10 if columns == 2 else 7, 1.7 * rows + 0.9, title)
     axes = figure.subplots(rows, columns, sharex=True, squeeze=False)
     for joint, ax in enumerate(axes.ravel()):
         if joint < n:
@@ -170,10 +168,7 @@ def joints_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Fig
         last = [ax for joint, ax in enumerate(axes.ravel()) if joint < n and joint % columns == column][-1]
         last.set_xlabel("cycle")
         last.tick_params(labelbottom=True)
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), frameon=False, fontsize=9)
-    figure.suptitle(plain(title), fontsize=10, x=0.01, ha="left")
-    return figure
+    return legend_below(figure, axes[0, 0])
 
 
 def plain(text: str) -> str:
@@ -181,11 +176,27 @@ def plain(text: str) -> str:
     return text.replace("$", r"\$")
 
 
-def png(figure: Figure) -> bytes:
-    """Draw a figure as a PNG."""
+def png(figure: Figure, dpi: float = 150, **how: Any) -> bytes:
+    """Draw a figure as a PNG, as matplotlib's ``savefig`` is told to."""
     held = io.BytesIO()
-    figure.savefig(held, format="png", dpi=150)
+    figure.savefig(held, format="png", dpi=dpi, **how)
     return held.getvalue()
+
+
+def titled(width: float, height: float, title: str) -> Figure:
+    """Make an empty figure, in inches, with a title at its left."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), layout="constrained")
+    figure.suptitle(plain(title), fontsize=10, x=0.01, ha="left")
+    return figure
+
+
+def legend_below(figure: Figure, ax: Axes) -> Figure:
+    """Name below a figure what its axes show, in one row."""
+    handles, labels = ax.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), frameon=False, fontsize=9)
+    return figure
 
 
 def axis_label(task: Task, joint: int) -> str:

@@ -103,7 +103,7 @@ def drift_words(study: Study) -> str:
         f"{label} from {number(motion.drift[0])} after the first cycle to {number(motion.drift[-1])} after the last"
         for label, motion in _moved(study)
     ]
-    return f"Joint drift after each cycle: {'; '.join(parts)}; in {_unit(study)}."
+    return f"Joint drift after each cycle: {'; '.join(parts)}; in {study.task.unit}."
 
 
 def joints_words(study: Study) -> str:
@@ -166,14 +166,10 @@ def maps_words(study: Study, maps: StudyMaps) -> str:
 
 def still_words(study: Study) -> str:
     """Describe the still picture of the animation."""
-    parts = [f"{row.label} {_end(row)}" for row in (study.row("pseudoinverse"), study.row("repeatable"))]
+    rows = (study.row("pseudoinverse"), study.row("repeatable"))
+    ends = ["did not finish" if r.motion is None else f"is off the start by {amount(r.motion, -1)}" for r in rows]
+    parts = [f"{row.label} {end}" for row, end in zip(rows, ends, strict=True)]
     return f"The arm at the start, in grey, and at the end: {'; '.join(parts)}."
-
-
-def _end(row: Row) -> str:
-    if row.motion is None:
-        return "did not finish"
-    return f"is off the start by {amount(row.motion, -1)}"
 
 
 def _price(plain: Row, closed: Row) -> str:
@@ -186,10 +182,6 @@ def _price(plain: Row, closed: Row) -> str:
 
 def _moved(study: Study, without: str = "") -> list[tuple[str, Motion]]:
     return [(row.label, row.motion) for row in study.rows if row.motion is not None and row.key != without]
-
-
-def _unit(study: Study) -> str:
-    return _moved(study)[0][1].task.unit
 
 
 def _times(count: int, word: str = "time") -> str:

@@ -74,14 +74,7 @@ def inspection(robot: Robot, redundancy: Mapping[str, Mapping[str, int]]) -> dic
 def inspection_text(found: Mapping[str, Any]) -> str:
     """Write an inspection for a terminal."""
     rows = [
-        [
-            j["name"],
-            j["kind"],
-            _number(j["lower"]),
-            _number(j["upper"]),
-            _number(j["speed"]),
-            f"{j['reference']:.4g}",
-        ]
+        [j["name"], j["kind"], *map(_number, (j["lower"], j["upper"], j["speed"], j["reference"]))]
         for j in found["joints"]
     ]
     lines = [
