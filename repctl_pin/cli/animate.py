@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 from ..errors import InputError
 from .options import Options, positive, whole
 from .parsing import Parser
-from .saved import load_design
 from .terminal import clear_line, progress, report, until_stopped
 
 if TYPE_CHECKING:
@@ -56,7 +55,7 @@ def run(options: Options) -> int:
     _check(options)
     say = progress(options.json)
     say("starting up")
-    design = load_design(options) if options.saved else None
+    design = options.load_design() if options.saved else None
     if options.live:
         return _run_live(options, design, say)
     if design is None:
@@ -203,6 +202,5 @@ def _study(options: Options, say: Callable[[str], None], *, cycles: int) -> Stud
     """Study what the options name."""
     from ..studies import study
 
-    return study(
-        options.load_robot(), **options.asked(), cycles=cycles, steps=options.steps, degree=options.degree, progress=say
-    )
+    more = options.asked() | options.of("steps", "degree")
+    return study(options.load_robot(), **more, cycles=cycles, progress=say)

@@ -86,12 +86,8 @@ def _run(options: Options) -> int:
         cell,
         posture=posture,
         degree=options.asked_degree(),
-        room=options.room,
-        apart=options.apart,
-        dexterity=options.dexterity,
         incomplete="shrink" if options.shrink else "keep" if options.keep else "refuse",
-        held_out=options.held_out,
-        seed=options.seed,
+        **options.of("room", "apart", "dexterity", "held_out", "seed"),
         progress=lambda what, share: say(f"{what} {share:.0%}"),
     )
     say("drawing")

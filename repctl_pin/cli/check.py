@@ -9,7 +9,6 @@ from ..errors import InputError
 from ..show.text.lines import fitted
 from .options import REGION, Options, box_round, natural, positive, whole
 from .parsing import Parser
-from .saved import load_design
 from .terminal import progress, report
 
 if TYPE_CHECKING:
@@ -94,7 +93,7 @@ def _saved(options: Options) -> tuple[Inverse, str, Setting]:
     for option in ("weight", "absolute"):
         if getattr(options, option):
             raise InputError(f"{options.what} is a strategy of its own; leave --{option} out")
-    design = load_design(options)
+    design = options.load_design()
     given = options.asked_start(design.task)
     q0, where = (design.region.center, "the region's center") if given is None else (given, GIVEN)
     region, notes = (design.region, ()) if options.region is None else box_round(design.task, q0, options.region)

@@ -68,6 +68,7 @@ def run(options: Options) -> int:
     from ..show.plots.designs import design_figure
     from ..show.plots.motions import png
     from ..show.text.numbers import row
+    from ..show.text.table import table
     from ..studies.defaults import check_degree, choose_desired
 
     task = options.load_task()
@@ -87,14 +88,9 @@ def run(options: Options) -> int:
                 fields,
                 region,
                 degree=degree if fields is None else None,
-                samples=options.samples,
-                held_out=options.held_out,
-                seed=options.seed,
-                stream=options.stream,
                 executor=executor,
-                shrink=options.shrink,
-                restarts=options.restarts,
                 progress=share_done,
+                **options.of("samples", "held_out", "seed", "stream", "shrink", "restarts"),
             )
 
         try:
@@ -117,7 +113,9 @@ def run(options: Options) -> int:
 
     def text() -> str:
         lines = [f"desired  {name}", f"start    {row(setting.q0)} ({setting.where})", "", design.summary()]
-        lines += ["", _degree_table(degrees)] if len(degrees) > 1 else []
+        if len(degrees) > 1:
+            rows = [[str(d), f"{cost:.5g}", f"{error:.1g}"] for d, cost, error in degrees]
+            lines += ["", table(["degree", "cost", "± error"], rows)]
         return fitted("\n".join([*lines, *(f"note: {note}" for note in notes), ""]))
 
     return report(options, lambda: _as_dict(design, degrees, name, setting, notes), text, files)
@@ -129,16 +127,12 @@ def _designed(
     """Design in a tube round a path's cycle, a box cut to the joint limits, or a workspace box in it."""
     from ..regions import WorkspaceBox
     from ..studies.defaults import choose_start
-    from ..studies.start_and_path import GIVEN, Setting, design_along, first_design, settings
+    from ..studies.start_and_path import GIVEN, Setting, design_from
 
     task, start = desired.task, options.asked_start(desired.task)
     if options.path is not None:
-        width, seed = options.region, options.seed
-        return first_design(
-            settings(task, start, options.asked_path()),
-            lambda it: design_along(desired, it, make, width=width, seed=seed, say=say),
-            given=start is not None,
-        )
+        path = options.asked_path()
+        return design_from(desired, start, path, make, width=options.region, seed=options.seed, say=say)
     if options.plane is not None:
         raise InputError("--plane is of a --path, round which Ω lies; give one")
     q0, where = choose_start(task) if start is None else (start, GIVEN)
@@ -182,13 +176,6 @@ def _fields(task: Task, region: Region, degree: Any, fourier: int | None) -> Any
     except InputError as error:
         raise InputError(f"--fourier {fourier}: {str(error).partition(';')[0]}; lower it") from None
     return Polynomial(region.bounds.center, degree, region.bounds.half_width) + waves
-
-
-def _degree_table(degrees: Any) -> str:
-    from ..show.text.table import table
-
-    rows = [[str(d), f"{cost:.5g}", f"{error:.1g}"] for d, cost, error in degrees]
-    return table(["degree", "cost", "± error"], rows)
 
 
 def _as_dict(design: Design, degrees: Any, name: str, setting: Setting, notes: list[str]) -> dict[str, Any]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from ..errors import InputError
 from .options import Options
 from .parsing import Parser
-from .saved import load_saved
 from .terminal import report
 
 HELP = "write a saved design or cell as C that a robot's own loop runs"
@@ -35,7 +34,7 @@ def run(options: Options) -> int:
 
     if not options.saved:
         raise InputError(f"{options.what!r} is not a saved design (.json); repctl design, study and cell make one")
-    design = load_saved(options)
+    design = options.load_saved()
     if isinstance(design, CellDesign):
         files = export_c(design.function, options.to, options.name)
     else:

@@ -10,7 +10,6 @@ from ..errors import InputError, needed
 from ..show.text.lines import fitted
 from .options import REGION, Options, numbers_of, positive, said_by_options, whole
 from .parsing import Parser
-from .saved import load_saved
 from .terminal import progress, report
 
 if TYPE_CHECKING:
@@ -62,7 +61,7 @@ def run(options: Options) -> int:
     from ..files import write_whole
     from ..motion import best_leaf, follow, timed
     from ..motion.csv_file import csv_text
-    from ..motion.joint_motion import refuse_violations
+    from ..motion.joint_motion import refuse_violations, violations_of
     from ..motion.write_motion import commanded, yaml_text
     from ..robot.bodies import bodies_of
     from ..show.text.table import outside_words
@@ -91,7 +90,10 @@ def run(options: Options) -> int:
         say("timing the motion")
         rest = timed(motion, acceleration=_accelerations(options.acceleration), rate=options.rate or 1000.0)
         result |= {"duration": rest.duration, "slowed_by": None, "cycle_time": rest.cycle_time, "stops": rest.stops}
-    remedy = _remedy(slowed, repeatable=isinstance(strategy, RepeatableInverse) and found is None)
+    broken = violations_of(slowed)
+    leaf = "--best-leaf, " if isinstance(strategy, RepeatableInverse) and found is None else ""
+    smaller = " or a smaller --path" if all(violation.moment > 0 for violation in broken) else ""
+    remedy = f"{leaf}another --start{smaller}"
     if (options.csv or options.yaml) and not options.allow_violations:
         refuse_violations(slowed, f"try {remedy}; --allow-violations writes it anyway")
     written, contents = slowed if rest is None else rest, dict[str, str | bytes]()
@@ -108,8 +110,9 @@ def run(options: Options) -> int:
         return fitted("\n".join([*loud, *_lines(result, slowed, written=bool(files))]))
 
     report(options, lambda: result, text, files)
-    if not options.json:
-        _warn(slowed, remedy)
+    if broken and not options.json:
+        sys.stdout.flush()
+        print(f"repctl: warning: {'; '.join(map(str, broken))}; try {remedy}", file=sys.stderr)
     return 0
 
 
@@ -127,7 +130,7 @@ def _saved(options: Options) -> tuple[Strategy, Setting, Inverse]:
     """A saved design, on the cycle that it is for or on the path that is asked for; and its G_d."""
     from ..studies.start_and_path import setting_of
 
-    design = load_saved(options)
+    design = options.load_saved()
     return design.inverse, setting_of(design, options.asked_start(design.task), options.asked_path()), design.desired
 
 
@@ -138,17 +141,13 @@ def _made(options: Options, say: Callable[[str], None]) -> tuple[Strategy, Setti
     from ..plugins import plugin
     from ..regions import Box
     from ..strategies import Pseudoinverse, Strategy, WeightedInverse
-    from ..studies.start_and_path import choose_setting, design_along, first_design, settings, with_cycle
+    from ..studies.start_and_path import choose_setting, design_from, with_cycle
 
     task = options.load_task()
     plain, start, path = Pseudoinverse(task), options.asked_start(task), options.asked_path() or fitting_circle
     if not options.fields and options.strategy in (None, OWN[0]):
-        setting, design = first_design(
-            settings(task, start, path),
-            lambda it: design_along(
-                plain, it, lambda box: nearest_repeatable(plain, None, box, degree=2, shrink=True), say=say
-            ),
-            given=start is not None,
+        setting, design = design_from(
+            plain, start, path, lambda box: nearest_repeatable(plain, None, box, degree=2, shrink=True), say=say
         )
         design, slower = with_cycle(design, setting, period=options.period)
         assert design.cycle is not None
@@ -182,8 +181,8 @@ def _drawn(rest: TimedMotion) -> bytes:
     needed("matplotlib", by="--profile")
     from matplotlib.figure import Figure
 
+    from ..show.plots.cycles import phase_plane
     from ..show.plots.motions import png
-    from ..show.plots.phase_plane import phase_plane
 
     figure = Figure(figsize=(6, 3.4), layout="constrained")
     phase_plane(figure.add_subplot(), rest)
@@ -242,22 +241,3 @@ def _lines(result: dict[str, Any], motion: Motion, *, written: bool) -> Iterator
     yield from (f"note: {note}" for note in result["notes"])
     if written and slowed is not None:
         yield "note: the motion begins and ends at full speed along the path; a robot at rest needs a ramp"
-
-
-def _remedy(motion: Motion, *, repeatable: bool) -> str:
-    """What may keep a motion inside what the robot can do."""
-    from ..motion.joint_motion import violations_of
-
-    start = "--best-leaf, another --start" if repeatable else "another --start"
-    at_once = any(violation.moment == 0 for violation in violations_of(motion))
-    return start if at_once else f"{start} or a smaller --path"
-
-
-def _warn(motion: Motion, remedy: str) -> None:
-    """Warn of a motion that no robot can follow."""
-    from ..motion.joint_motion import violations_of
-
-    found = violations_of(motion)
-    if found:
-        sys.stdout.flush()
-        print(f"repctl: warning: {'; '.join(map(str, found))}; try {remedy}", file=sys.stderr)

@@ -15,6 +15,7 @@ REGION = 0.4
 
 if TYPE_CHECKING:
     from ..design import Design, SingularRegionError
+    from ..design.schema import TaskFile
     from ..regions import Box
     from ..robot.robot import Robot
     from ..robot.task import Task
@@ -36,6 +37,10 @@ class Options(argparse.Namespace):
     def saved(self) -> bool:
         """Whether WHAT is a saved design."""
         return is_saved(self.what)
+
+    def of(self, *names: str) -> dict[str, Any]:
+        """Take some options by name, as they are."""
+        return {name: getattr(self, name) for name in names}
 
     def load_robot(self) -> Robot:
         """Load the robot that ROBOT or WHAT names."""
@@ -59,6 +64,53 @@ class Options(argparse.Namespace):
         from ..studies.defaults import choose_task
 
         return choose_task(self.load_robot(), self.frame, self.task)
+
+    def load_saved(self) -> Design | CellDesign:
+        """Load the design of either kind that WHAT names, on the robot that ``--robot`` names or the catalogue's.
+
+        Raises
+        ------
+        InputError
+            If it is no design, its robot is not known, or an option contradicts it.
+        """
+        from ..design.identity import task_of
+        from ..saving.files import made_of, read_design
+
+        content = read_design(self.what)
+        return made_of(content, task_of(content.task, self._robot_of(content.task)), self.what)
+
+    def load_design(self) -> Design:
+        """Load a design over joint space, as :meth:`load_saved` does."""
+        from ..section import CellDesign
+
+        design = self.load_saved()
+        if isinstance(design, CellDesign):
+            raise InputError(
+                f"{self.what} is the function of a cell, which this command does not take; repctl follow does"
+            )
+        return design
+
+    def _robot_of(self, made_for: TaskFile) -> Robot:
+        """Load the robot a design was made for; an option that says otherwise is refused."""
+        from ..robot.robot import Robot
+
+        file = self.what
+        for option in ("frame", "task", "base"):
+            if getattr(self, option) not in (None, getattr(made_for, option)):
+                its = getattr(made_for, option) or "none"
+                raise InputError(f"{file} has its own {option}, {its}; leave --{option} out")
+        for joint in self.lock:
+            if joint not in made_for.lock:
+                raise InputError(f"{file} was made with {joint!r} free to move; leave --lock {joint} out")
+        if self.robot is None and not made_for.catalogue:
+            raise InputError(
+                f"{file} is for {made_for.robot} ({made_for.file}), which is not in the catalogue; "
+                f"say where it is: --robot {made_for.file}"
+            )
+        robot = Robot.load(self.robot or made_for.robot, **self.beside())
+        if robot.name != made_for.robot:
+            raise InputError(f"{file} is for the robot {made_for.robot!r}, not {robot.name!r}; give that with --robot")
+        return robot
 
     def asked_start(self, task: Task | None = None) -> Any:
         """Read ``--start``, if it was given; for a task, check it too."""

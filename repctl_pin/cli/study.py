@@ -55,13 +55,8 @@ def run(options: Options) -> int:
         result = study(
             options.load_robot(),
             **options.asked(),
-            cycles=options.cycles,
-            steps=options.steps,
-            period=options.period,
-            region=options.region,
-            degree=options.degree,
+            **options.of("cycles", "steps", "period", "region", "degree", "seed"),
             weight=options.asked_weight(),
-            seed=options.seed,
             progress=say,
         )
     except SingularRegionError as error:

@@ -251,19 +251,3 @@ def _spread(task: Task, count: int) -> Array:
     """Configurations spread over the inside of the joint limits (count, n)."""
     low, high = _inner(task)
     return np.random.default_rng(0).uniform(low, high, (count, task.n))
-
-
-__all__ = [
-    "check_degree",
-    "choose_desired",
-    "choose_period",
-    "choose_region",
-    "choose_start",
-    "choose_task",
-    "half_width_within",
-    "kind_note",
-    "reaches_full_rank",
-    "redundant_kinds",
-    "round_the_motion",
-    "starts",
-]

@@ -177,11 +177,7 @@ def picked(thing: object, *names: str) -> dict[str, Any]:
 
 def region_dict(region: Region) -> dict[str, Any]:
     """Say what a region is, in plain Python types."""
-    return {
-        "center": region.center.tolist(),
-        "half_width": region.bounds.half_width.tolist(),
-        "is": str(region),
-    }
+    return {"center": region.center.tolist(), "half_width": region.bounds.half_width.tolist(), "is": str(region)}
 
 
 def bodies_dict(motion: Motion) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from itertools import islice
@@ -211,24 +211,33 @@ def with_cycle(design: Design, setting: Setting, *, period: float | None = None)
     return replace(design, cycle=Cycle(setting.q0, path, time)), notes
 
 
-def first_design(
-    offered: Iterable[Setting], attempt: Callable[[Setting], Design], *, given: bool
+def design_from(
+    desired: Inverse,
+    start: ArrayLike | None,
+    path: ClosedPath | Callable[[Task, Array], TaskPath],
+    make: Callable[[Region], Design],
+    *,
+    width: float | None = None,
+    seed: int = 0,
+    say: Callable[[str], None] = lambda text: None,
 ) -> tuple[Setting, Design]:
-    """Design for the first setting that allows it: a start that was chosen here is no one else's fault.
+    """Design for the first start that allows it: one that was chosen here is no one else's fault.
+
+    Start and path are those of :func:`settings`, the rest is as :func:`design_along` takes it.
 
     Raises
     ------
     SingularityError
-        What the first was refused for; ``given`` tells whether a person chose its start.
+        What the first start was refused for.
     """
     failure: SingularityError | None = None
-    for setting in islice(offered, MOST_STARTS):
+    for setting in islice(settings(desired.task, start, path), MOST_STARTS):
         try:
-            return setting, attempt(setting)
+            return setting, design_along(desired, setting, make, width=width, seed=seed, say=say)
         except SingularityError as error:
             failure = failure or error
     assert failure is not None
     if isinstance(failure, SingularRegionError):
-        other = "choose another start" if given else f"none of {MOST_STARTS} starts does better; give one"
+        other = f"none of {MOST_STARTS} starts does better; give one" if start is None else "choose another start"
         raise failure.with_remedy(f"{other}, or a smaller path") from None
     raise failure

@@ -28,7 +28,7 @@ from ..strategies import FunctionStrategy, PostureControl, Pseudoinverse, Strate
 from ..strategies.names import LABELS
 from . import defaults
 from .result import Row, Study
-from .start_and_path import Setting, design_along, first_design, settings
+from .start_and_path import Setting, choose_setting, design_from
 
 Array = NDArray[np.float64]
 Control = Strategy | Callable[[Array, Array], ArrayLike]
@@ -142,7 +142,6 @@ def study(
     if weight is not None:
         own = {wished: desired} | own
     round_it = partial(fitting_circle, plane=plane, radius=radius) if wanted_path is None else wanted_path
-    offered = settings(moved, start, round_it)
     degree_text = f"designing the nearest repeatable inverse, degree {degree}"
 
     def make(box: Region) -> Design:
@@ -150,11 +149,9 @@ def study(
         return nearest_repeatable(desired, None, box, degree=degree, seed=seed, shrink=region is None)
 
     if region is None:
-        setting, design = first_design(
-            offered, lambda it: design_along(desired, it, make, seed=seed, say=say), given=start is not None
-        )
+        setting, design = design_from(desired, start, round_it, make, seed=seed, say=say)
     else:
-        setting = next(offered)
+        setting = choose_setting(moved, start, round_it)
         design = _asked(make, region, setting.q0)
     q0, drawn = setting.q0, setting.drawn
     notes = [*machine.warnings, *(defaults.kind_note(machine, moved) if task is None else []), *setting.notes]
@@ -162,35 +159,24 @@ def study(
     if design.shrunk < 1:
         notes.append(f"Ω was shrunk to {design.shrunk:.0%} to keep clear of singularities")
     say(f"following the path for {cycles} cycles")
-    rows, time, slower = _followed(
-        setting, design, own, cycles=cycles, steps=steps, period=period, plain=weight is None
-    )
+    rows, time, slower = _followed(setting, design, own, cycles=cycles, steps=steps, period=period)
     notes.extend([*slower, *_beyond_limits(rows), *_where_it_drifts(Pseudoinverse(moved), q0, rows[0].motion)])
     design = replace(design, cycle=Cycle(q0, drawn, time))
     return Study(moved, q0, drawn, design.region, design, tuple(rows), tuple(notes), time)
 
 
 def _followed(
-    setting: Setting,
-    design: Design,
-    own: Mapping[str, Strategy],
-    *,
-    cycles: int,
-    steps: int,
-    period: float | None,
-    plain: bool,
+    setting: Setting, design: Design, own: Mapping[str, Strategy], *, cycles: int, steps: int, period: float | None
 ) -> tuple[list[Row], float, list[str]]:
-    """Follow the path with every control: their rows, the time of a cycle, and why it is longer than usual.
-
-    ``plain`` says that J⁺ is what the design is near to: its distance from itself is 0.
-    """
+    """Follow the path with every control: their rows, the time of a cycle, and why it is longer than usual."""
     q0, drawn, task = setting.q0, setting.drawn, design.inverse.task
     usual = period or drawn.period or defaults.PERIOD
     options: dict[str, Any] = {"cycles": cycles, "steps": steps, "period": usual}
     last = _run("repeatable", design.inverse, drawn, q0, options)
     if last.motion is not None:
         last = replace(last, motion=replace(last.motion, region=design.region))
-    first = replace(_run("pseudoinverse", Pseudoinverse(task), drawn, q0, options), distance=0.0 if plain else None)
+    itself = 0.0 if type(design.desired) is Pseudoinverse else None  # the distance of J⁺ from what was desired
+    first = replace(_run("pseudoinverse", Pseudoinverse(task), drawn, q0, options), distance=itself)
     slower: list[str] = []
     if period is None:
         options["period"], slower = defaults.choose_period(usual, last.motion, first.motion)
@@ -216,11 +202,7 @@ def _own_controls(task: Task, controls: Mapping[str, Control]) -> dict[str, Stra
             raise InputError(f"controls: {name!r} is taken; give your control another name")
         if not isinstance(control, Strategy):
             own[name] = FunctionStrategy(task, control)
-        elif (control.task.frame, control.task.kind, control.task.joint_names) == (
-            task.frame,
-            task.kind,
-            task.joint_names,
-        ):
+        elif all(getattr(control.task, what) == getattr(task, what) for what in ("frame", "kind", "joint_names")):
             own[name] = control
         else:
             raise InputError(
@@ -292,6 +274,3 @@ def _leaf_margin(design: Design, motion: Motion | None) -> float:
     Q = motion.q[:: max(1, motion.steps // 50)]
     N = nullspace(design.task.jacobians(Q))
     return float(leaf_margin(N, design.inverse.field.gradients(Q)).min())
-
-
-__all__ = ["Row", "Study", "study"]

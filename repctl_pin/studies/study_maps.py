@@ -11,7 +11,7 @@ from ..design.design_map import DesignMap, degree_curve, design_map
 from ..errors import SingularityError
 from ..integrability.lie_bracket import measure
 from ..strategies import Inverse
-from .study import Study
+from .result import Study
 
 Array = NDArray[np.float64]
 
