@@ -4,21 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from itertools import product
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..motion import elbow
+from ..motion import Motion, elbow
+from ..section import Cell, CellDesign
 from .page.html import render
 from .page.playback import Limb, track_of, tracks_page
 from .palette import BLUE, VERMILLION
 from .report import framed, versions
 from .text.verdict import NO_VERDICT, Verdict, deed_of, verdict
-
-if TYPE_CHECKING:
-    from ..motion import Motion
-    from ..section import Cell, CellDesign
 
 Array = NDArray[np.float64]
 

@@ -5,19 +5,16 @@ from __future__ import annotations
 import base64
 import html
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+
+from matplotlib.figure import Figure
 
 from ..arguments import whole
 from ..errors import InputError
+from ..studies import Study
 from .plots.motions import drawn, drift_figure, joints_figure, png
 from .study_files import study_page
 from .text import captions
 from .text.table import study_table
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from ..studies import Study
 
 DPI = 96
 """Pixels of the page to an inch of a figure."""
@@ -72,8 +69,6 @@ def inline(shown: Study | Figure | str, *, height: int = 640) -> Inline:
     >>> rp.inline(rp.animation({"ours": motion}).page)  # in a notebook: the page in its cell
     <page of 0.4 MB>
     """
-    from matplotlib.figure import Figure
-
     height = whole(height, "height", 1)
     if isinstance(shown, str):
         return Inline(frame(shown, height), f"<page of {len(shown) / 1e6:.1f} MB>")

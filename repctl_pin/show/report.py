@@ -10,9 +10,12 @@ import struct
 from collections.abc import Iterable, Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+from matplotlib.figure import Figure
 
 from .._version import __version__
+from ..studies import Study
+from ..studies.study_maps import StudyMaps
 from .page.html import render
 from .page.snapshot import still_figure
 from .palette import COLOURS, colours
@@ -25,12 +28,6 @@ from .text import captions
 from .text.numbers import row
 from .text.table import study_cells, study_legend, study_notes
 from .text.verdict import study_verdict
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from ..studies import Study
-    from ..studies.study_maps import StudyMaps
 
 DISTRIBUTIONS = ("numpy", "scipy", "pin", "matplotlib", "meshcat", "example-robot-data")
 """Whose versions a report names."""
@@ -114,8 +111,6 @@ def _figures(study: Study, maps: StudyMaps | None) -> Iterable[tuple[str, dict[s
 
 
 def _maps_figure(study: Study, maps: StudyMaps) -> Figure:
-    from matplotlib.figure import Figure
-
     grid, task, (i, j) = maps.design, study.task, maps.design.joints
     figure = Figure(figsize=(10, 7.4 if len(maps.degrees) > 1 else 3.9), layout="constrained")
     rows = 2 if len(maps.degrees) > 1 else 1

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from ..files import prepare_folder, write_whole
 from ..motion.csv_file import csv_text
+from ..studies import Study
 from .page.playback import Limb, track_of, tracks_page
 from .palette import colours
 from .plots.motions import drawn, drift_figure, joints_figure, png
 from .text.verdict import study_verdict
-
-if TYPE_CHECKING:
-    from ..studies import Study
 
 CSV_ROWS_PER_CYCLE = 100
 """At most so many rows of a cycle go into ``motion.csv``."""

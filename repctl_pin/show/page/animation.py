@@ -8,7 +8,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import cycle
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,13 +17,11 @@ from ...errors import InputError
 from ...files import prepare_folder, write_whole
 from ...motion import Motion, elbow
 from ...strategies.names import KEYS
+from ...studies import Study
 from ..notebook import frame
 from ..palette import BLUE, COLOURS, GREEN, ORANGE, PURPLE, SKY, VERMILLION
 from ..study_files import study_page
 from .playback import Limb, track_of, tracks_page
-
-if TYPE_CHECKING:
-    from ...studies import Study
 
 Array = NDArray[np.float64]
 

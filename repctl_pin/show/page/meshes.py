@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import meshcat
 import numpy as np
@@ -16,10 +16,8 @@ from meshcat import geometry as g
 from numpy.typing import ArrayLike, NDArray
 
 from ...errors import InputError
+from ...robot.visuals import Shape
 from .surfaces import MOST_FACES, Surface, read_surface
-
-if TYPE_CHECKING:
-    from ...robot.visuals import Shape
 
 Key = tuple[Any, ...]
 """What shapes share: the mesh file, or kind and size; not the scale, colour or place."""

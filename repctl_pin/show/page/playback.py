@@ -5,27 +5,23 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
 from ...errors import InputError
+from ...motion import Motion
 from ...motion.csv_file import read_motions
 from ...motion.joint_motion import JointMotion, cycle_of
 from ...robot.model import frame_id
-from ...robot.task import unit_of
+from ...robot.robot import Robot
+from ...robot.task import Task, unit_of
 from ...robot.visuals import Visuals
 from ...strategies.names import LABELS
 from ..palette import BLUE, COLOURS, GREEN, ORANGE, PURPLE, SKY, VERMILLION
 from ..text.verdict import Deed, Verdict, deed_of, verdict
 from .scene import Arm, Broken, Frames, animation_page, choose_frames
-
-if TYPE_CHECKING:
-    from ...motion import Motion
-    from ...robot.robot import Robot
-    from ...robot.task import Task
 
 Array = NDArray[np.float64]
 

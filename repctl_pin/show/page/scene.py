@@ -4,20 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ...errors import InputError
+from ...robot.visuals import Shape
 from ..palette import VERMILLION
 from ..text.verdict import NO_VERDICT, Verdict
 from .html import page
 from .meshes import Key, key, lifted, record
-
-if TYPE_CHECKING:
-    from ...robot.visuals import Shape
 
 Array = NDArray[np.float64]
 

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
 
+from ...motion import Motion
+from ...robot.task import Task
+from ...studies import Study
 from ..palette import COLOURS, INK
 from ..plots.motions import plain
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-    from numpy.typing import NDArray
-
-    from ...motion import Motion
-    from ...robot.task import Task
-    from ...studies import Study
 
 _START = "#9aa4ae"
 
@@ -62,8 +60,6 @@ def still(ax: Any, motion: Motion, elbow: int, colour: str, *, flat: bool = Fals
 
 def still_figure(study: Study) -> Figure:
     """Make the still picture of the animation: J⁺ and the repeatable inverse, side by side."""
-    from matplotlib.figure import Figure
-
     rows = [row for row in (study.row("pseudoinverse"), study.row("repeatable")) if row.motion is not None]
     stations = np.vstack([bones(study.task, study.q0), study.path.points(16)])
     flat = bool(np.ptp(stations[:, 2]) < 1e-9)
@@ -83,8 +79,6 @@ def still_figure(study: Study) -> Figure:
 
 def _same_room(axes: list[Any], flat: bool) -> None:
     """Give all the same limits and one scale for every direction."""
-    from matplotlib.ticker import MaxNLocator
-
     names = "xy" if flat else "xyz"
     ends = np.array([[getattr(ax, f"get_{name}lim")() for ax in axes] for name in names])  # (d, axes, 2)
     low, high = ends[..., 0].min(axis=1), ends[..., 1].max(axis=1)

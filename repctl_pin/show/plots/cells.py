@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
+from ...section import CellDesign
+from ...section.result import Slice
 from ..palette import INK, VERMILLION
 from .motions import titled
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-    from ...section import CellDesign
-    from ...section.result import Slice
 
 _WHAT = {"limit_margin": ("limit margin", "viridis", 1.0), "extra_speed": ("extra joint speed, %", "magma_r", 100.0)}
 

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
+from ...design import Design
+from ...design.design_map import DesignMap
+from ...design.judgement import Baseline
 from ..palette import BLUE, GREEN, ORANGE
 from .maps import joint_map
 from .motions import quiet, titled
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-    from ...design import Design
-    from ...design.design_map import DesignMap
-    from ...design.judgement import Baseline
 
 
 def cost_against_degree(
@@ -79,8 +76,6 @@ def design_figure(
 
 def _plain_log_ticks(ax: Axes) -> None:
     """Numbers as people write them on a log axis that may span less than a decade."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-
     low, high = ax.get_ylim()
     ax.set_ylim(low, high * (high / low) ** 0.4)  # room for the legend
     span = high / low

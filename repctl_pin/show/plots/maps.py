@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.patheffects import withStroke
 from numpy.typing import ArrayLike
 
+from ...robot.task import Task
 from ..palette import INK
 from .motions import axis_label
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-    from ...robot.task import Task
 
 
 def joint_map(
@@ -49,8 +45,6 @@ def joint_map(
     mark : (2,) array, optional
         A point to mark by a cross.
     """
-    from matplotlib.patheffects import withStroke
-
     shown = np.ma.masked_invalid(np.asarray(values, float))
     shade = ax.pcolormesh(
         np.asarray(x, float),

@@ -4,23 +4,21 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
 
+from ...motion import Motion
 from ...motion.joint_motion import violations_of
 from ...motion.motion import CLOSED
+from ...robot.task import Task
+from ...studies import Study
 from ..palette import INK, colours
 from ..text.numbers import number
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-    from numpy.typing import NDArray
-
-    from ...motion import Motion
-    from ...robot.task import Task
-    from ...studies import Study
 
 _BEYOND: dict[str, Any] = {"marker": "x", "color": INK, "ms": 9, "mew": 2, "ls": "none", "zorder": 5}
 """The cross where a motion goes beyond what the arm can do."""
@@ -119,8 +117,6 @@ def joint_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]], join
 
 def drift_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Figure:
     """Make the figure ``drift.png``."""
-    from matplotlib.figure import Figure
-
     figure = Figure(figsize=(8.6, 4.4), layout="constrained")
     ax = drift_over_cycles(figure.add_subplot(), motions)
     ax.set_title(plain(title), fontsize=10, loc="left")
@@ -185,8 +181,6 @@ def png(figure: Figure, dpi: float = 150, **how: Any) -> bytes:
 
 def titled(width: float, height: float, title: str) -> Figure:
     """Make an empty figure, in inches, with a title at its left."""
-    from matplotlib.figure import Figure
-
     figure = Figure(figsize=(width, height), layout="constrained")
     figure.suptitle(plain(title), fontsize=10, x=0.01, ha="left")
     return figure
@@ -206,8 +200,6 @@ def axis_label(task: Task, joint: int) -> str:
 
 def quiet(ax: Axes, *, whole: bool = False) -> Axes:
     """Give a figure a quiet grid and no box; with ``whole``, whole cycles below."""
-    from matplotlib.ticker import MaxNLocator
-
     if whole:
         ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     ax.spines[["top", "right"]].set_visible(False)

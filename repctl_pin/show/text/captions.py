@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
+from ...motion import Motion
+from ...studies import Row, Study
+from ...studies.study_maps import StudyMaps
 from ..palette import COLOURS
 from .numbers import number
-
-if TYPE_CHECKING:
-    from ...motion import Motion
-    from ...studies import Row, Study
-    from ...studies.study_maps import StudyMaps
 
 GLOSSARY = {
     "redundant": "The arm has more joints than its task has coordinates: many joint motions move the frame in the "

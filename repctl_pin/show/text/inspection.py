@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from ...robot.robot import Robot
 from .table import table
-
-if TYPE_CHECKING:
-    from ...robot.robot import Robot
 
 
 def inspection(robot: Robot, redundancy: Mapping[str, Mapping[str, int]]) -> dict[str, Any]:

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...motion import Motion
 from ...strategies import Pseudoinverse
+from ...studies import Row, Study
 from .lines import fitted, terminal_width
 from .numbers import number
 from .verdict import study_verdict
-
-if TYPE_CHECKING:
-    from ...motion import Motion
-    from ...studies import Row, Study
 
 NARROW = 10
 """Names of strategies are broken into lines of so many characters."""

@@ -4,16 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...motion.joint_motion import cycle_of
+from ...motion.joint_motion import JointMotion, cycle_of
+from ...studies import Study
 from .numbers import metres, percent, radians
-
-if TYPE_CHECKING:
-    from ...motion.joint_motion import JointMotion
-    from ...studies import Study
 
 
 @dataclass(frozen=True)
