@@ -7,7 +7,10 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import repctl_pin as rp
+
 from ..errors import InputError
+from ..files import prepare_folder, write_whole
 from .options import Options, positive, whole
 from .parsing import Parser
 from .terminal import clear_line, progress, report, until_stopped
@@ -15,11 +18,7 @@ from .terminal import clear_line, progress, report, until_stopped
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from ..design import Design
-    from ..motion import TaskPath
-    from ..robot.task import Task
     from ..show.page.playback import Track
-    from ..studies import Study
 
 HELP = "show motions in the browser: from a CSV, from a saved design, or J⁺ beside the nearest repeatable"
 EXAMPLE = "example: repctl animate panda --motion repctl-out/panda/motion.csv --only pseudoinverse,repeatable --live"
@@ -27,7 +26,7 @@ EXAMPLE = "example: repctl animate panda --motion repctl-out/panda/motion.csv --
 RATE = 60.0
 """Pictures a second of a live view."""
 
-_Shown = tuple["Task", "list[Track]", "dict[str, Any]"]
+_Shown = tuple["rp.Task", "list[Track]", "dict[str, Any]"]
 
 
 def add_options(parser: Parser) -> None:
@@ -54,7 +53,6 @@ def run(options: Options) -> int:
     """Make the page and write it; or run the controls until Ctrl-C."""
     _check(options)
     say = progress(options.json)
-    say("starting up")
     design = options.load_design() if options.saved else None
     if options.live:
         return _run_live(options, design, say)
@@ -65,7 +63,6 @@ def run(options: Options) -> int:
         folder = options.output_folder(design.task.robot.name if options.robot is None else Path(options.robot).stem)
         task, tracks, more = _from_design(design, options, say)
 
-    from ..files import prepare_folder, write_whole
     from ..motion import elbow
     from ..show.page.playback import Limb, tracks_page
     from ..strategies.names import KEYS
@@ -96,10 +93,9 @@ def _check(options: Options) -> None:
             raise InputError(f"--live runs the controls themselves, and writes nothing; leave --{name} out")
 
 
-def _run_live(options: Options, design: Design | None, say: Callable[[str], None]) -> int:
+def _run_live(options: Options, design: rp.Design | None, say: Callable[[str], None]) -> int:
     """Run both controls round the path in real time, where the browser shows them, until Ctrl-C or SIGTERM."""
     from ..motion.loop import Loop
-    from ..show.page.viewer import Viewer
 
     if design is None:
         found = _study(options, say, cycles=1)
@@ -109,7 +105,7 @@ def _run_live(options: Options, design: Design | None, say: Callable[[str], None
     loop = Loop([design.desired, design.inverse], path, q0, period=options.seconds)
     with (
         until_stopped() as stop,
-        Viewer(design.task, _names(design), path=path, start=q0, port=options.port or 0) as view,
+        rp.Viewer(design.task, _names(design), path=path, start=q0, port=options.port or 0) as view,
     ):
         clear_line()
         told = {"robot": design.task.robot.name, "frame": design.task.frame, "url": view.url}
@@ -153,7 +149,7 @@ def _only(names: str, tracks: list[Track], file: str) -> list[Track]:
     return chosen
 
 
-def _setting(design: Design, options: Options, say: Callable[[str], None]) -> tuple[Any, TaskPath]:
+def _setting(design: rp.Design, options: Options, say: Callable[[str], None]) -> tuple[Any, rp.TaskPath]:
     """Where a saved design starts, and its path; or what the options ask for."""
     from ..studies.start_and_path import setting_of
 
@@ -162,17 +158,15 @@ def _setting(design: Design, options: Options, say: Callable[[str], None]) -> tu
     return setting.q0, setting.drawn
 
 
-def _names(design: Design) -> tuple[str, str]:
+def _names(design: rp.Design) -> tuple[str, str]:
     """What a design's two controls are called: the desired one, and the nearest repeatable."""
-    from ..strategies import Pseudoinverse
     from ..strategies.names import LABELS
 
-    return LABELS["pseudoinverse"] if type(design.desired) is Pseudoinverse else "desired", LABELS["repeatable"]
+    return LABELS["pseudoinverse"] if type(design.desired) is rp.Pseudoinverse else "desired", LABELS["repeatable"]
 
 
-def _from_design(design: Design, options: Options, say: Callable[[str], None]) -> _Shown:
+def _from_design(design: rp.Design, options: Options, say: Callable[[str], None]) -> _Shown:
     """A saved design, beside the inverse that it is the nearest to."""
-    from ..motion import follow
     from ..show.page.playback import track_of
     from ..show.palette import COLOURS
 
@@ -181,7 +175,7 @@ def _from_design(design: Design, options: Options, say: Callable[[str], None]) -
     say(f"following the path for {cycles} cycles")
     controls = zip(_names(design), ("pseudoinverse", "repeatable"), (design.desired, design.inverse), strict=True)
     tracks = [
-        track_of(label, follow(strategy, path, q0, cycles=cycles, steps=options.steps), COLOURS[key])
+        track_of(label, rp.follow(strategy, path, q0, cycles=cycles, steps=options.steps), COLOURS[key])
         for label, key, strategy in controls
     ]
     return design.task, tracks, {"name": path.name, "paths": [path.points()]}
@@ -198,9 +192,8 @@ def _from_study(options: Options, say: Callable[[str], None]) -> _Shown:
     return found.task, tracks, {"name": found.path.name, "paths": [found.path.points()]}
 
 
-def _study(options: Options, say: Callable[[str], None], *, cycles: int) -> Study:
+def _study(options: Options, say: Callable[[str], None], *, cycles: int) -> rp.Study:
     """Study what the options name."""
-    from ..studies import study
 
     more = options.asked() | options.of("steps", "degree")
-    return study(options.load_robot(), **more, cycles=cycles, progress=say)
+    return rp.study(options.load_robot(), **more, cycles=cycles, progress=say)

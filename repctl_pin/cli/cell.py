@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import repctl_pin as rp
 
 from ..errors import InputError, RepctlError, needed
+from ..files import prepare_folder, write_whole
 from ..show.text.lines import fitted
 from .options import Options, natural, numbers_of, positive, save_control, whole
 from .parsing import Parser
 from .terminal import progress, report
-
-if TYPE_CHECKING:
-    from ..robot.task import Task
-    from ..section import Cell, CellDesign
 
 HELP = "find one function for a whole cell: a pose in, the same joints out, everywhere in a box of poses"
 EXAMPLE = """examples:
@@ -71,18 +70,14 @@ def run(options: Options) -> int:
 def _run(options: Options) -> int:
     folder = options.output_folder(Path(options.robot).stem)
     say = progress(options.json)
-    say("starting up")
-    from ..files import prepare_folder
-    from ..section import nearest_inverse_function
-    from ..strategies import Pseudoinverse
 
     needed("matplotlib", "meshcat", by="repctl cell")
     if options.shrink and options.keep:
         raise InputError("--shrink and --keep are two answers to one question; give one")
     task = options.load_task()
     cell, posture = _cell(options, task)
-    design = nearest_inverse_function(
-        Pseudoinverse(task),
+    design = rp.nearest_inverse_function(
+        rp.Pseudoinverse(task),
         cell,
         posture=posture,
         degree=options.asked_degree(),
@@ -106,13 +101,10 @@ def _run(options: Options) -> int:
     return report(options, lambda: _as_dict(design), text, files)
 
 
-def _cell(options: Options, task: Task) -> tuple[Cell, Any]:
+def _cell(options: Options, task: rp.Task) -> tuple[rp.Cell, Any]:
     """Read the cell; and the posture in its middle, where --start gives one."""
     import numpy as np
     import pinocchio as pin
-
-    from ..motion import solve_ik
-    from ..section import Cell
 
     start, path_of = options.asked_start(task), options.asked_path()
     sizes = _numbers(options.half_width, "--half-width"), _numbers(options.rotation, "--rotation")
@@ -120,13 +112,13 @@ def _cell(options: Options, task: Task) -> tuple[Cell, Any]:
         if options.at is not None:
             raise InputError("--path and --at are two answers to one question; give one")
         q0 = task.reference if start is None else start
-        cell = Cell.around(task, path_of(task, q0), *sizes)
-        return cell, None if start is None else solve_ik(task, start, cell.placement)
+        cell = rp.Cell.around(task, path_of(task, q0), *sizes)
+        return cell, None if start is None else rp.solve_ik(task, start, cell.placement)
     x = task.placement(task.reference if start is None else start)
     if options.at is not None:
         x = pin.SE3(x.rotation, np.array(_numbers(options.at, "--at", 3)))
-    cell = Cell(task, x, *sizes)
-    return cell, start if start is None or options.at is None else solve_ik(task, start, x)
+    cell = rp.Cell(task, x, *sizes)
+    return cell, start if start is None or options.at is None else rp.solve_ik(task, start, x)
 
 
 def _numbers(text: str, option: str, size: int | None = None) -> Any:
@@ -138,10 +130,8 @@ def _numbers(text: str, option: str, size: int | None = None) -> Any:
     return numbers if len(numbers) > 1 else numbers[0]
 
 
-def _pictures(design: CellDesign, folder: Path, command: str) -> tuple[list[Path], str]:
+def _pictures(design: rp.CellDesign, folder: Path, command: str) -> tuple[list[Path], str]:
     """Draw the slices, and the page with a tour through the cell; why there is no tour, where there is none."""
-    from ..files import write_whole
-    from ..motion import follow
     from ..section.result import slices
     from ..section.tour import tour
     from ..show.cell_page import cell_page
@@ -153,8 +143,8 @@ def _pictures(design: CellDesign, folder: Path, command: str) -> tuple[list[Path
     path = tour(design.cell)
     try:
         q0 = design.function(path.placement(0.0))
-        motions["q = F(x)"] = follow(design.inverse, path, q0, steps=_STEPS, leaf_lock=2)
-        motions = {LABELS["pseudoinverse"]: follow(design.desired, path, q0, steps=_STEPS)} | motions
+        motions["q = F(x)"] = rp.follow(design.inverse, path, q0, steps=_STEPS, leaf_lock=2)
+        motions = {LABELS["pseudoinverse"]: rp.follow(design.desired, path, q0, steps=_STEPS)} | motions
     except RepctlError as error:
         note = f"on the tour through the cell: {error}"
     picture = png(cell_figure(design, cuts)) if cuts else None
@@ -162,7 +152,7 @@ def _pictures(design: CellDesign, folder: Path, command: str) -> tuple[list[Path
     return files if picture is None else [*files, write_whole(folder / "cell.png", picture)], note
 
 
-def _as_dict(design: CellDesign) -> dict[str, Any]:
+def _as_dict(design: rp.CellDesign) -> dict[str, Any]:
     from dataclasses import asdict
 
     import numpy as np

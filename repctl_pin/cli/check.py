@@ -5,15 +5,17 @@ from __future__ import annotations
 from itertools import combinations
 from typing import TYPE_CHECKING, Any
 
+import repctl_pin as rp
+
 from ..errors import InputError
 from ..show.text.lines import fitted
+from ..show.text.numbers import number, row
 from .options import REGION, Options, box_round, natural, positive, whole
 from .parsing import Parser
 from .terminal import progress, report
 
 if TYPE_CHECKING:
     from ..integrability import Repeatability, Surfaces
-    from ..robot.task import Task
     from ..strategies import Inverse
     from ..studies.start_and_path import Setting
 
@@ -23,6 +25,7 @@ EXAMPLE = """examples:
   repctl check repctl-out/panda/design.json          # a saved design, over the region it was made for
   repctl check repctl-out/my_arm/design.json --robot my_arm.urdf"""
 
+_Drift = dict[str, float]
 SMALL = 4
 """Arms of up to so many joints are searched for stable surfaces."""
 
@@ -44,23 +47,21 @@ def add_options(parser: Parser) -> None:
 def run(options: Options) -> int:
     """Judge a strategy and print what was found."""
     say = progress(options.json)
-    say("starting up")
     import numpy as np
 
-    from ..integrability import drift_per_area, is_repeatable, stable_surface
-    from ..regions import Box, Region
+    from ..regions import Region
 
     strategy, name, setting = _saved(options) if options.saved else _named(options)
     task, q0 = strategy.task, setting.q0
     assert isinstance(setting.region, Region)
     say("evaluating the Lie brackets")
-    verdict = is_repeatable(strategy, setting.region, samples=options.samples, seed=options.seed)
-    drift = _in_planes(drift_per_area(strategy, q0), task)
+    verdict = rp.is_repeatable(strategy, setting.region, samples=options.samples, seed=options.seed)
+    drift = _in_planes(rp.drift_per_area(strategy, q0), task)
     surfaces = None
     if task.n <= SMALL and not verdict.repeatable:
         say("looking for stable surfaces")
         low, high = np.maximum(task.lower, q0 - np.pi), np.minimum(task.upper, q0 + np.pi)
-        surfaces = stable_surface(strategy, Box.between(low, high), seed=options.seed)
+        surfaces = rp.stable_surface(strategy, rp.Box.between(low, high), seed=options.seed)
     said = f"{name}, in absolute angles" if options.absolute else name
     return report(
         options,
@@ -71,7 +72,6 @@ def run(options: Options) -> int:
 
 def _named(options: Options) -> tuple[Inverse, str, Setting]:
     """J⁺, or a weighted inverse, of a robot."""
-    from ..robot.absolute_angles import absolute_angles
     from ..studies.defaults import choose_desired, choose_start
     from ..studies.start_and_path import GIVEN, Setting
 
@@ -79,7 +79,7 @@ def _named(options: Options) -> tuple[Inverse, str, Setting]:
     given = options.asked_start(task)
     q0, where = choose_start(task) if given is None else (given, GIVEN)
     if options.absolute:
-        task = task.in_coordinates(absolute_angles(task))
+        task = task.in_coordinates(rp.absolute_angles(task))
         assert task.coordinates is not None
         q0 = task.coordinates.coordinates(q0)
     region, notes = box_round(task, q0, options.region or REGION)
@@ -100,14 +100,14 @@ def _saved(options: Options) -> tuple[Inverse, str, Setting]:
     return design.inverse, f"the design in {options.what}", Setting(q0, where, region=region, moved=notes)
 
 
-def _in_planes(drift: Any, task: Task) -> dict[str, float]:
+def _in_planes(drift: Any, task: rp.Task) -> _Drift:
     """The drift per area in each plane of the task's axes."""
     axes = {"xz": "xz", "yz": "yz"}.get(task.kind, "xyz")
     return {axes[a] + axes[b]: float(drift[a, b]) for a, b in combinations(range(len(drift)), 2)}
 
 
 def _as_dict(
-    task: Task, name: str, setting: Setting, verdict: Repeatability, drift: dict[str, float], surfaces: Surfaces | None
+    task: rp.Task, name: str, setting: Setting, verdict: Repeatability, drift: _Drift, surfaces: Surfaces | None
 ) -> dict[str, Any]:
     from ..regions import Region
     from ..studies.result import picked, region_dict
@@ -128,10 +128,9 @@ def _as_dict(
 
 
 def _lines(
-    task: Task, name: str, setting: Setting, verdict: Repeatability, drift: dict[str, float], surfaces: Surfaces | None
+    task: rp.Task, name: str, setting: Setting, verdict: Repeatability, drift: _Drift, surfaces: Surfaces | None
 ) -> list[str]:
     """What a person is told."""
-    from ..show.text.numbers import row
 
     robot = task.robot
     lines = [
@@ -149,8 +148,7 @@ def _lines(
     return lines
 
 
-def _drift_table(drift: dict[str, float], unit: str) -> str:
-    from ..show.text.numbers import number
+def _drift_table(drift: _Drift, unit: str) -> str:
     from ..show.text.table import table
 
     rows = []

@@ -5,8 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import repctl_pin as rp
+
 from ..errors import InputError
+from ..files import prepare_folder, write_whole
 from ..show.text.lines import fitted
+from ..show.text.numbers import row
 from .executors import executor_of
 from .options import REGION, Options, box_round, natural, positive, said_by_options, save_control, whole
 from .parsing import Parser
@@ -15,9 +19,7 @@ from .terminal import progress, report
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from ..design import Design
     from ..regions import Region
-    from ..robot.task import Task
     from ..strategies import Inverse
     from ..studies.start_and_path import Setting
 
@@ -59,15 +61,11 @@ def run(options: Options) -> int:
     """Design, print the table and write the picture."""
     folder = options.output_folder(Path(options.robot).stem)
     say = progress(options.quiet)
-    say("starting up")
     degree = options.asked_degree()
 
-    from ..design import SingularRegionError, nearest_repeatable
     from ..design.design_map import degree_curve, design_map
-    from ..files import prepare_folder, write_whole
     from ..show.plots.designs import design_figure
     from ..show.plots.motions import png
-    from ..show.text.numbers import row
     from ..show.text.table import table
     from ..studies.defaults import check_degree, choose_desired
 
@@ -81,9 +79,9 @@ def run(options: Options) -> int:
 
     with executor_of(options) as executor:
 
-        def make(region: Region) -> Design:
+        def make(region: Region) -> rp.Design:
             fields = _fields(task, region, degree, options.fourier)
-            return nearest_repeatable(
+            return rp.nearest_repeatable(
                 desired,
                 fields,
                 region,
@@ -95,7 +93,7 @@ def run(options: Options) -> int:
 
         try:
             setting, design = _designed(desired, make, options, say)
-        except SingularRegionError as error:
+        except rp.SingularRegionError as error:
             raise said_by_options(error, shrink=True) from None
         degrees = degree_curve(design, share_done)
     notes = [*setting.moved]
@@ -122,10 +120,9 @@ def run(options: Options) -> int:
 
 
 def _designed(
-    desired: Inverse, make: Callable[[Region], Design], options: Options, say: Callable[[str], None]
-) -> tuple[Setting, Design]:
+    desired: Inverse, make: Callable[[Region], rp.Design], options: Options, say: Callable[[str], None]
+) -> tuple[Setting, rp.Design]:
     """Design in a tube round a path's cycle, a box cut to the joint limits, or a workspace box in it."""
-    from ..regions import WorkspaceBox
     from ..studies.defaults import choose_start
     from ..studies.start_and_path import GIVEN, Setting, design_from
 
@@ -140,11 +137,11 @@ def _designed(
     region: Region = box
     if options.workspace is not None:
         axes = [row for row in task.rows if row < 3]
-        region = WorkspaceBox(task, task.placement(q0).translation[axes], options.workspace, within=box)
+        region = rp.WorkspaceBox(task, task.placement(q0).translation[axes], options.workspace, within=box)
     return Setting(q0, where, region=region, moved=notes), make(region)
 
 
-def _with_cycle(design: Design, setting: Setting) -> tuple[Design, list[str]]:
+def _with_cycle(design: rp.Design, setting: Setting) -> tuple[rp.Design, list[str]]:
     """Say which cycle the design is for: on the path asked for, or the largest circle inside Ω."""
     from ..studies.start_and_path import setting_of, with_cycle
 
@@ -160,25 +157,23 @@ def _with_cycle(design: Design, setting: Setting) -> tuple[Design, list[str]]:
     ]
 
 
-def _fields(task: Task, region: Region, degree: Any, fourier: int | None) -> Any:
+def _fields(task: rp.Task, region: Region, degree: Any, fourier: int | None) -> Any:
     """Join Fourier potentials to the polynomials, where asked to; None leaves the polynomials to the degree."""
     if fourier is None:
         return None
     import numpy as np
 
-    from ..fields import Fourier, Polynomial
-
     turning = np.flatnonzero(task.revolute)
     if degree == "auto":
         raise InputError("--fourier needs --degree D, the degree of the polynomials beside it")
     try:
-        waves = Fourier(task.n, fourier, variables=[int(v) for v in turning])
+        waves = rp.Fourier(task.n, fourier, variables=[int(v) for v in turning])
     except InputError as error:
         raise InputError(f"--fourier {fourier}: {str(error).partition(';')[0]}; lower it") from None
-    return Polynomial(region.bounds.center, degree, region.bounds.half_width) + waves
+    return rp.Polynomial(region.bounds.center, degree, region.bounds.half_width) + waves
 
 
-def _as_dict(design: Design, degrees: Any, name: str, setting: Setting, notes: list[str]) -> dict[str, Any]:
+def _as_dict(design: rp.Design, degrees: Any, name: str, setting: Setting, notes: list[str]) -> dict[str, Any]:
     from ..studies.result import picked, region_dict
 
     figures = ("cost", "cost_error", "relative_distance", "leaf_margin")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import repctl_pin as rp
+
 from ..errors import InputError
 from .options import Options
 from .parsing import Parser
@@ -29,14 +31,12 @@ def add_options(parser: Parser) -> None:
 
 def run(options: Options) -> int:
     """Write the folder."""
-    from ..codegen import export_c
-    from ..section import CellDesign
 
     if not options.saved:
         raise InputError(f"{options.what!r} is not a saved design (.json); repctl design, study and cell make one")
     design = options.load_saved()
-    if isinstance(design, CellDesign):
-        files = export_c(design.function, options.to, options.name)
+    if isinstance(design, rp.CellDesign):
+        files = rp.export_c(design.function, options.to, options.name)
     else:
-        files = export_c(design.inverse, options.to, options.name, region=design.region)
+        files = rp.export_c(design.inverse, options.to, options.name, region=design.region)
     return report(options, lambda: {**design.task.as_dict(), "name": options.name}, files=files)

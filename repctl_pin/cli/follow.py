@@ -6,8 +6,12 @@ import sys
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+import repctl_pin as rp
+
 from ..errors import InputError, needed
+from ..files import write_whole
 from ..show.text.lines import fitted
+from ..show.text.numbers import number, row
 from .options import REGION, Options, numbers_of, positive, said_by_options, whole
 from .parsing import Parser
 from .terminal import progress, report
@@ -15,7 +19,6 @@ from .terminal import progress, report
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from ..motion import BestLeaf, Motion, TimedMotion
     from ..strategies import Inverse, Strategy
     from ..studies.start_and_path import Setting
 
@@ -57,41 +60,38 @@ def add_options(parser: Parser) -> None:
 def run(options: Options) -> int:
     """Follow the path, judge the motion, and write it."""
     say = progress(options.json)
-    say("starting up")
-    from ..files import write_whole
-    from ..motion import best_leaf, follow, timed
     from ..motion.csv_file import csv_text
     from ..motion.joint_motion import refuse_violations, violations_of
     from ..motion.write_motion import commanded, yaml_text
     from ..robot.bodies import bodies_of
     from ..show.text.table import outside_words
-    from ..strategies import OnLeaves, RepeatableInverse
+    from ..strategies import OnLeaves
 
     _check_control(options)
     strategy, setting, desired = _saved(options) if options.saved else (*_made(options, say), None)
     q0, path = setting.q0, setting.drawn
     notes = [*bodies_of(strategy.task).notes, *setting.notes]
-    found: BestLeaf | None = None
+    found: rp.BestLeaf | None = None
     if options.best_leaf:
-        if not isinstance(strategy, RepeatableInverse):
+        if not isinstance(strategy, rp.RepeatableInverse):
             raise InputError("--best-leaf needs a repeatable control, such as a saved design")
         say("looking for the best leaf")
-        found = best_leaf(strategy, path, q0, region=setting.region, desired=desired)
+        found = rp.best_leaf(strategy, path, q0, region=setting.region, desired=desired)
         q0 = found.q0
     say("following the path")
     lock = 2 if isinstance(strategy, OnLeaves) else 0
     period = options.period or setting.period
-    motion = follow(strategy, path, q0, cycles=options.cycles, steps=options.steps, period=period, leaf_lock=lock)
+    motion = rp.follow(strategy, path, q0, cycles=options.cycles, steps=options.steps, period=period, leaf_lock=lock)
     motion = replace(motion, region=setting.region)
     slowed = (commanded(motion, strategy) if lock else motion).retimed()
     result = _result(slowed, motion.t[-1], q0, notes)
-    rest: TimedMotion | None = None
+    rest: rp.TimedMotion | None = None
     if options.acceleration is not None:
         say("timing the motion")
-        rest = timed(motion, acceleration=_accelerations(options.acceleration), rate=options.rate or 1000.0)
+        rest = rp.timed(motion, acceleration=_accelerations(options.acceleration), rate=options.rate or 1000.0)
         result |= {"duration": rest.duration, "slowed_by": None, "cycle_time": rest.cycle_time, "stops": rest.stops}
     broken = violations_of(slowed)
-    leaf = "--best-leaf, " if isinstance(strategy, RepeatableInverse) and found is None else ""
+    leaf = "--best-leaf, " if isinstance(strategy, rp.RepeatableInverse) and found is None else ""
     smaller = " or a smaller --path" if all(violation.moment > 0 for violation in broken) else ""
     remedy = f"{leaf}another --start{smaller}"
     if (options.csv or options.yaml) and not options.allow_violations:
@@ -136,18 +136,16 @@ def _saved(options: Options) -> tuple[Strategy, Setting, Inverse]:
 
 def _made(options: Options, say: Callable[[str], None]) -> tuple[Strategy, Setting]:
     """The control that ``--strategy`` or ``--fields`` names, or else the nearest repeatable, and where it goes."""
-    from ..design import SingularRegionError, nearest_repeatable
     from ..motion.fitting_circle import fitting_circle
     from ..plugins import plugin
-    from ..regions import Box
-    from ..strategies import Pseudoinverse, Strategy, WeightedInverse
+    from ..strategies import Strategy
     from ..studies.start_and_path import choose_setting, design_from, with_cycle
 
     task = options.load_task()
-    plain, start, path = Pseudoinverse(task), options.asked_start(task), options.asked_path() or fitting_circle
+    plain, start, path = rp.Pseudoinverse(task), options.asked_start(task), options.asked_path() or fitting_circle
     if not options.fields and options.strategy in (None, OWN[0]):
         setting, design = design_from(
-            plain, start, path, lambda box: nearest_repeatable(plain, None, box, degree=2, shrink=True), say=say
+            plain, start, path, lambda box: rp.nearest_repeatable(plain, None, box, degree=2, shrink=True), say=say
         )
         design, slower = with_cycle(design, setting, period=options.period)
         assert design.cycle is not None
@@ -156,13 +154,13 @@ def _made(options: Options, say: Callable[[str], None]) -> tuple[Strategy, Setti
     say("finding a path")
     setting = choose_setting(task, start, path)
     if options.fields:
-        fields, box = plugin("fields", options.fields)(task, setting.q0), Box(setting.q0, options.region)
+        fields, box = plugin("fields", options.fields)(task, setting.q0), rp.Box(setting.q0, options.region)
         try:
-            return nearest_repeatable(plain, fields, box).inverse, setting._replace(region=box)
-        except SingularRegionError as error:
+            return rp.nearest_repeatable(plain, fields, box).inverse, setting._replace(region=box)
+        except rp.SingularRegionError as error:
             raise said_by_options(error) from None
     if options.strategy in OWN:
-        return plain if options.strategy == OWN[1] else WeightedInverse(task, "inertia"), setting
+        return plain if options.strategy == OWN[1] else rp.WeightedInverse(task, "inertia"), setting
     strategy = plugin("strategies", options.strategy, known=OWN)(task)
     if not isinstance(strategy, Strategy):
         raise InputError(f"--strategy {options.strategy} makes something without a task or a velocity(q, ẋ)")
@@ -176,7 +174,7 @@ def _accelerations(text: str) -> str | list[float]:
     return numbers_of(text, "--acceleration", "is neither numbers, separated by commas, nor a name")
 
 
-def _drawn(rest: TimedMotion) -> bytes:
+def _drawn(rest: rp.TimedMotion) -> bytes:
     """Draw the phase-plane profile."""
     needed("matplotlib", by="--profile")
     from matplotlib.figure import Figure
@@ -189,7 +187,7 @@ def _drawn(rest: TimedMotion) -> bytes:
     return png(figure)
 
 
-def _result(motion: Motion, asked: float, q0: Any, notes: list[str]) -> dict[str, Any]:
+def _result(motion: rp.Motion, asked: float, q0: Any, notes: list[str]) -> dict[str, Any]:
     from ..studies.result import bodies_dict, limits_dict
 
     task = motion.task
@@ -212,9 +210,8 @@ def _result(motion: Motion, asked: float, q0: Any, notes: list[str]) -> dict[str
     }
 
 
-def _lines(result: dict[str, Any], motion: Motion, *, written: bool) -> Iterator[str]:
+def _lines(result: dict[str, Any], motion: rp.Motion, *, written: bool) -> Iterator[str]:
     """What a person is told of a motion."""
-    from ..show.text.numbers import number, row
 
     yield f"{result['robot']} {result['frame']}, {result['task']}: {result['path']}"
     if motion.path.options:

@@ -8,18 +8,16 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import repctl_pin as rp
+
 from ..errors import InputError
+from ..files import check_folder, not_left_empty
 
 REGION = 0.4
 """Half-width of Ω round a start, rad, where none is given."""
 
 if TYPE_CHECKING:
-    from ..design import Design, SingularRegionError
     from ..design.schema import TaskFile
-    from ..regions import Box
-    from ..robot.robot import Robot
-    from ..robot.task import Task
-    from ..section import CellDesign
 
 
 class Options(argparse.Namespace):
@@ -42,9 +40,8 @@ class Options(argparse.Namespace):
         """Take some options by name, as they are."""
         return {name: getattr(self, name) for name in names}
 
-    def load_robot(self) -> Robot:
+    def load_robot(self) -> rp.Robot:
         """Load the robot that ROBOT or WHAT names."""
-        from ..robot.robot import Robot
 
         name = self.what if "what" in self else self.robot
         if "what" in self and self.robot is not None:
@@ -53,19 +50,19 @@ class Options(argparse.Namespace):
             raise InputError(
                 f"{name} is a saved design: follow, check, animate and export take it; here a robot is wanted"
             )
-        return Robot.load(name, lock=self.lock, base=self.base, **self.beside())
+        return rp.Robot.load(name, lock=self.lock, base=self.base, **self.beside())
 
     def beside(self) -> dict[str, Any]:
         """Say where a robot's meshes are, and what stands round it."""
         return {"package_dirs": self.package_dir, "surroundings": getattr(self, "surroundings", None)}
 
-    def load_task(self) -> Task:
+    def load_task(self) -> rp.Task:
         """Load the robot, and take the task asked for, or the first redundant one."""
         from ..studies.defaults import choose_task
 
         return choose_task(self.load_robot(), self.frame, self.task)
 
-    def load_saved(self) -> Design | CellDesign:
+    def load_saved(self) -> rp.Design | rp.CellDesign:
         """Load the design of either kind that WHAT names, on the robot that ``--robot`` names or the catalogue's.
 
         Raises
@@ -79,20 +76,18 @@ class Options(argparse.Namespace):
         content = read_design(self.what)
         return made_of(content, task_of(content.task, self._robot_of(content.task)), self.what)
 
-    def load_design(self) -> Design:
+    def load_design(self) -> rp.Design:
         """Load a design over joint space, as :meth:`load_saved` does."""
-        from ..section import CellDesign
 
         design = self.load_saved()
-        if isinstance(design, CellDesign):
+        if isinstance(design, rp.CellDesign):
             raise InputError(
                 f"{self.what} is the function of a cell, which this command does not take; repctl follow does"
             )
         return design
 
-    def _robot_of(self, made_for: TaskFile) -> Robot:
+    def _robot_of(self, made_for: TaskFile) -> rp.Robot:
         """Load the robot a design was made for; an option that says otherwise is refused."""
-        from ..robot.robot import Robot
 
         file = self.what
         for option in ("frame", "task", "base"):
@@ -107,12 +102,12 @@ class Options(argparse.Namespace):
                 f"{file} is for {made_for.robot} ({made_for.file}), which is not in the catalogue; "
                 f"say where it is: --robot {made_for.file}"
             )
-        robot = Robot.load(self.robot or made_for.robot, **self.beside())
+        robot = rp.Robot.load(self.robot or made_for.robot, **self.beside())
         if robot.name != made_for.robot:
             raise InputError(f"{file} is for the robot {made_for.robot!r}, not {robot.name!r}; give that with --robot")
         return robot
 
-    def asked_start(self, task: Task | None = None) -> Any:
+    def asked_start(self, task: rp.Task | None = None) -> Any:
         """Read ``--start``, if it was given; for a task, check it too."""
         if self.start is None:
             return None
@@ -144,7 +139,6 @@ class Options(argparse.Namespace):
 
     def output_folder(self, name: str) -> Path:
         """Where the files go: ``--out``, else ``repctl-out/NAME``. It can be written; it is not left empty."""
-        from ..files import check_folder, not_left_empty
 
         folder = Path(self.out or Path("repctl-out") / name)
         try:
@@ -167,7 +161,7 @@ def numbers_of(text: str, option: str, otherwise: str) -> list[float]:
         raise InputError(f"{option} {text!r} {otherwise}") from None
 
 
-def save_control(design: Design | CellDesign, file: Path) -> Path:
+def save_control(design: rp.Design | rp.CellDesign, file: Path) -> Path:
     """Save a design; where that fails, an older one is not left under the name.
 
     Raises
@@ -175,10 +169,9 @@ def save_control(design: Design | CellDesign, file: Path) -> Path:
     InputError
         If it cannot be written; the message says where the older one is.
     """
-    from ..saving import save
 
     try:
-        return save(design, file)
+        return rp.save(design, file)
     except InputError as error:
         if not file.is_file():
             raise
@@ -187,16 +180,15 @@ def save_control(design: Design | CellDesign, file: Path) -> Path:
         raise InputError(f"{error}; what an earlier command wrote there is now {old}") from None
 
 
-def box_round(task: Task, q0: Any, half_width: float) -> tuple[Box, tuple[str, ...]]:
+def box_round(task: rp.Task, q0: Any, half_width: float) -> tuple[rp.Box, tuple[str, ...]]:
     """Make Ω, a box round the start cut to the joint limits; and a note where it was cut."""
-    from ..regions import Box
 
-    box = Box(q0, half_width).inside(task.lower, task.upper)
+    box = rp.Box(q0, half_width).inside(task.lower, task.upper)
     cut = [n for n, w in zip(task.joint_names, box.half_width, strict=True) if w < half_width * (1 - 1e-9)]
     return box, (f"Ω was cut at the limits of {', '.join(cut)}",) if cut else ()
 
 
-def said_by_options(error: SingularRegionError, *, shrink: bool = False) -> SingularRegionError:
+def said_by_options(error: rp.SingularRegionError, *, shrink: bool = False) -> rp.SingularRegionError:
     """Name the options that help where Ω holds a singularity."""
     from ..studies.defaults import half_width_within
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import repctl_pin as rp
+
 from ..show.text.lines import fitted
 from .options import Options
 from .parsing import Parser
@@ -20,7 +22,6 @@ def add_options(parser: Parser) -> None:
 
 def run(options: Options) -> int:
     """List the catalogue."""
-    from ..robot.robot import Robot
     from ..show.text.table import table
     from ..studies.defaults import redundant_kinds
     from ..urdf.catalogue import entries
@@ -29,7 +30,7 @@ def run(options: Options) -> int:
     rows: list[dict[str, Any]] = []
     for entry in entries():
         say(f"reading {entry.name}")
-        robot = Robot.load(entry.name)
+        robot = rp.Robot.load(entry.name)
         rows.extend(
             {
                 "robot": entry.name,

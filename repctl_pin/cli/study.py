@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+import repctl_pin as rp
+
+from ..files import prepare_folder, write_whole
 from .options import Options, natural, positive, said_by_options, save_control, whole
 from .parsing import Parser
 from .terminal import progress, report
-
-if TYPE_CHECKING:
-    from ..studies import Study
 
 HELP = "show how far an arm drifts on a closed path, and the control that does not"
 EXAMPLE = "example: repctl study panda --path circle:0.1 --plane yz --cycles 20"
@@ -44,22 +43,18 @@ def run(options: Options) -> int:
     """Run the study and write its files."""
     folder = options.output_folder(Path(options.robot).stem)
     say = progress(options.quiet)
-    say("starting up")
-    from ..design import SingularRegionError
-    from ..files import prepare_folder
     from ..show.study_files import write_study
     from ..show.text.table import study_table
-    from ..studies import study
 
     try:
-        result = study(
+        result = rp.study(
             options.load_robot(),
             **options.asked(),
             **options.of("cycles", "steps", "period", "region", "degree", "seed"),
             weight=options.asked_weight(),
             progress=say,
         )
-    except SingularRegionError as error:
+    except rp.SingularRegionError as error:
         raise error if options.region is None else said_by_options(error) from None
     say("drawing the figures and the animation")
     prepare_folder(folder)
@@ -75,9 +70,8 @@ def run(options: Options) -> int:
     return report(options, result.as_dict, lambda: f"{study_table(result)}\n", files)
 
 
-def _report(result: Study, animation: Path, file: Path, options: Options) -> Path:
+def _report(result: rp.Study, animation: Path, file: Path, options: Options) -> Path:
     """Write the report, with every option as it was used."""
-    from ..files import write_whole
     from ..show.report import report_page
     from ..studies.study_maps import study_maps
 

@@ -16,7 +16,7 @@ from ..show.text.lines import on_terminal
 
 
 def progress(quiet: bool) -> Callable[[str], None]:
-    """Show what is being done on one line of a terminal; nothing anywhere else."""
+    """Show what is being done on one line of a terminal, from now on; nothing anywhere else."""
     if quiet or not on_terminal(sys.stderr):
         return lambda text: None
 
@@ -24,6 +24,7 @@ def progress(quiet: bool) -> Callable[[str], None]:
         clear_line()
         print(f"… {text}", end="", file=sys.stderr, flush=True)
 
+    say("starting up")
     return say
 
 

@@ -24,6 +24,7 @@ from ..strategies import Bounded, Inverse, Pseudoinverse
 from . import defaults
 
 Array = NDArray[np.float64]
+Say = Callable[[str], None]
 
 GIVEN = "as given"
 
@@ -160,32 +161,10 @@ def setting_of(
     return choose_setting(task, start, path)._replace(region=design.region)
 
 
-def design_along(
-    desired: Inverse,
-    setting: Setting,
-    make: Callable[[Region], Design],
-    *,
-    width: float | None = None,
-    seed: int = 0,
-    say: Callable[[str], None] = lambda text: None,
+def _design_along(
+    desired: Inverse, setting: Setting, make: Callable[[Region], Design], width: float | None, seed: int, say: Say
 ) -> Design:
-    """Design in a tube round the motion that comes of it, so that the motion lies inside Ω.
-
-    Parameters
-    ----------
-    desired
-        What to be near to.
-    setting
-        Start and path.
-    make
-        Designs in a region.
-    width
-        Half-width of the tube; by default 0.1 rad or 0.05 m.
-    seed
-        Of the nodes.
-    say
-        Called with a word on what is being done.
-    """
+    """Design in a tube round the motion that comes of it, so that the motion lies inside Ω."""
     path = setting.drawn
     say("finding where the motion will be")
     region = defaults.round_the_motion(desired, path, setting.q0, width=width, seed=seed)
@@ -219,11 +198,24 @@ def design_from(
     *,
     width: float | None = None,
     seed: int = 0,
-    say: Callable[[str], None] = lambda text: None,
+    say: Say = lambda text: None,
 ) -> tuple[Setting, Design]:
     """Design for the first start that allows it: one that was chosen here is no one else's fault.
 
-    Start and path are those of :func:`settings`, the rest is as :func:`design_along` takes it.
+    Parameters
+    ----------
+    desired
+        What to be near to.
+    start, path
+        As :func:`settings` takes them.
+    make
+        Designs in a region: a tube round the motion that comes of it.
+    width
+        Half-width of the tube; by default 0.1 rad or 0.05 m.
+    seed
+        Of the nodes.
+    say
+        Called with a word on what is being done.
 
     Raises
     ------
@@ -233,7 +225,7 @@ def design_from(
     failure: SingularityError | None = None
     for setting in islice(settings(desired.task, start, path), MOST_STARTS):
         try:
-            return setting, design_along(desired, setting, make, width=width, seed=seed, say=say)
+            return setting, _design_along(desired, setting, make, width, seed, say)
         except SingularityError as error:
             failure = failure or error
     assert failure is not None
