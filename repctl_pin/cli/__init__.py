@@ -10,6 +10,7 @@ import sys
 import warnings
 from collections.abc import Sequence
 from contextlib import ExitStack
+from typing import Any
 
 from .._version import __version__
 from . import animate, cell, check, completion, design, export, follow, inspect, robots, study
@@ -17,6 +18,7 @@ from .endings import told
 from .executors import BLAS_THREADS
 from .parsing import Parser
 
+_AS_WRITTEN: dict[str, Any] = {"formatter_class": argparse.RawDescriptionHelpFormatter, "allow_abbrev": False}
 _COMMANDS = (study, design, cell, follow, check, animate, export, robots, inspect, completion)
 
 _EXAMPLES = """examples:
@@ -65,25 +67,14 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def parser() -> Parser:
     """Make the parser of the whole command."""
-    whole = Parser(
-        prog="repctl",
-        description="Repeatable control for redundant robot arms.",
-        epilog=_EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
-    )
+    about = "Repeatable control for redundant robot arms."
+    whole = Parser(prog="repctl", description=about, epilog=_EXAMPLES, **_AS_WRITTEN)
     whole.add_argument("--debug", action="store_true", help="before COMMAND: show the traceback of a fault")
     whole.add_argument("--version", action="version", version=f"repctl {__version__}")
     commands = whole.add_subparsers(metavar="COMMAND", required=True)
     for command in _COMMANDS:
-        part = commands.add_parser(
-            command.__name__.rpartition(".")[2],
-            help=command.HELP,
-            description=command.HELP[0].upper() + command.HELP[1:] + ".",
-            epilog=command.EXAMPLE,
-            formatter_class=argparse.RawDescriptionHelpFormatter,
-            allow_abbrev=False,
-        )
+        name, about = command.__name__.rpartition(".")[2], f"{command.HELP[0].upper()}{command.HELP[1:]}."
+        part = commands.add_parser(name, help=command.HELP, description=about, epilog=command.EXAMPLE, **_AS_WRITTEN)
         command.add_options(part)
         part.set_defaults(run=command.run, parser=part, whole=whole, quiet=False)
     return whole

@@ -74,7 +74,7 @@ def inline(shown: Study | Figure | str, *, height: int = 640) -> Inline:
         return Inline(frame(shown, height), f"<page of {len(shown) / 1e6:.1f} MB>")
     if isinstance(shown, Figure):
         return Inline(_picture(shown, "Figure"), repr(shown))
-    if not hasattr(shown, "rows") or isinstance(shown, type):
+    if not isinstance(shown, Study):
         raise InputError(f"a cell shows a study, a figure or a page's HTML; got {type(shown).__name__}")
     text = study_table(shown)
     parts = (

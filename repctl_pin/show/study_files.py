@@ -30,16 +30,15 @@ def write_study(study: Study, folder: Path) -> list[Path]:
     """
     title = f"{study.robot.name}, {study.task.kind} task, {study.path.name}"
     moved = drawn(study)
-    page, drift, joints = study_page(study), drift_figure(moved, title), joints_figure(moved, title)
     kept = [(row.key, row.motion) for row in study.rows if row.motion is not None]
-    motions = csv_text(kept, most=CSV_ROWS_PER_CYCLE)
+    contents: dict[str, str | bytes] = {
+        "animation.html": study_page(study),
+        "drift.png": png(drift_figure(moved, title)),
+        "joints.png": png(joints_figure(moved, title)),
+        "motion.csv": csv_text(kept, most=CSV_ROWS_PER_CYCLE),
+    }
     prepare_folder(folder)
-    return [
-        write_whole(folder / "animation.html", page),
-        write_whole(folder / "drift.png", png(drift)),
-        write_whole(folder / "joints.png", png(joints)),
-        write_whole(folder / "motion.csv", motions),
-    ]
+    return [write_whole(folder / name, content) for name, content in contents.items()]
 
 
 def study_page(study: Study) -> str:

@@ -104,12 +104,12 @@ def animation(motions: Mapping[str, Motion] | Study, *, seconds: float = 4.0) ->
     'ours.html'
     """
     seconds = positive(seconds, "seconds", "s")
+    if isinstance(motions, Study):
+        return Animation(study_page(motions))
     if isinstance(motions, Motion):
         raise InputError("an animation wants its motions by name; give it a name: {'mine': motion}")
-    if not isinstance(motions, Mapping) and not hasattr(motions, "rows"):
-        raise InputError(f"an animation needs motions by name, or a study; got {type(motions).__name__}")
     if not isinstance(motions, Mapping):
-        return Animation(study_page(motions))
+        raise InputError(f"an animation needs motions by name, or a study; got {type(motions).__name__}")
     wrong = next((name for name, motion in motions.items() if not isinstance(motion, Motion)), None)
     if wrong is not None or not motions:
         what = f"{wrong!r} is a {type(motions[wrong]).__name__}" if wrong is not None else "there is none"

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from ...errors import InputError
 from ...robot.visuals import Shape
+from ...studies.result import picked
 from ..palette import VERMILLION
 from ..text.verdict import NO_VERDICT, Verdict
 from .html import page
@@ -227,9 +228,7 @@ def _describe(
     ]
     broken = arm.broken and {"words": arm.broken.words, "at": float(arm.broken.at), "cycle": arm.broken.cycle}
     return {
-        "label": arm.label,
-        "color": arm.color,
-        "unit": arm.unit,
+        **picked(arm, "label", "color", "unit"),
         "drift": arm.cycle_drift.tolist(),
         "limbs": arm.tip.shape[1],
         "pair": pair is not None,

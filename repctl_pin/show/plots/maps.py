@@ -45,17 +45,9 @@ def joint_map(
     mark : (2,) array, optional
         A point to mark by a cross.
     """
+    x, y = np.asarray(x, float), np.asarray(y, float)
     shown = np.ma.masked_invalid(np.asarray(values, float))
-    shade = ax.pcolormesh(
-        np.asarray(x, float),
-        np.asarray(y, float),
-        shown,
-        cmap="viridis",
-        vmin=0.0,
-        vmax=top,
-        shading="nearest",
-        rasterized=True,
-    )
+    shade = ax.pcolormesh(x, y, shown, cmap="viridis", vmin=0.0, vmax=top, shading="nearest", rasterized=True)
     if shown.count() and np.ptp(shown) > 0.1 * (top or np.abs(shown).max()):  # else all lines would read alike
         lines = ax.contour(x, y, shown, levels=6, colors="white", linewidths=0.7, alpha=0.85)
         digits = max(0, 1 - int(np.floor(np.log10(np.ptp(np.array(lines.levels)) / 6))))
