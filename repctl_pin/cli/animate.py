@@ -194,6 +194,5 @@ def _from_study(options: Options, say: Callable[[str], None]) -> _Shown:
 
 def _study(options: Options, say: Callable[[str], None], *, cycles: int) -> rp.Study:
     """Study what the options name."""
-
     more = options.asked() | options.of("steps", "degree")
     return rp.study(options.load_robot(), **more, cycles=cycles, progress=say)

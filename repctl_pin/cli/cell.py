@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -70,7 +71,6 @@ def run(options: Options) -> int:
 def _run(options: Options) -> int:
     folder = options.output_folder(Path(options.robot).stem)
     say = progress(options.json)
-
     needed("matplotlib", "meshcat", by="repctl cell")
     if options.shrink and options.keep:
         raise InputError("--shrink and --keep are two answers to one question; give one")
@@ -153,8 +153,6 @@ def _pictures(design: rp.CellDesign, folder: Path, command: str) -> tuple[list[P
 
 
 def _as_dict(design: rp.CellDesign) -> dict[str, Any]:
-    from dataclasses import asdict
-
     import numpy as np
 
     from ..studies.result import picked

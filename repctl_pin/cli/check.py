@@ -131,7 +131,6 @@ def _lines(
     task: rp.Task, name: str, setting: Setting, verdict: Repeatability, drift: _Drift, surfaces: Surfaces | None
 ) -> list[str]:
     """What a person is told."""
-
     robot = task.robot
     lines = [
         f"{verdict.summary()}\n",

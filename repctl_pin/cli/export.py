@@ -31,7 +31,6 @@ def add_options(parser: Parser) -> None:
 
 def run(options: Options) -> int:
     """Write the folder."""
-
     if not options.saved:
         raise InputError(f"{options.what!r} is not a saved design (.json); repctl design, study and cell make one")
     design = options.load_saved()

@@ -212,7 +212,6 @@ def _result(motion: rp.Motion, asked: float, q0: Any, notes: list[str]) -> dict[
 
 def _lines(result: dict[str, Any], motion: rp.Motion, *, written: bool) -> Iterator[str]:
     """What a person is told of a motion."""
-
     yield f"{result['robot']} {result['frame']}, {result['task']}: {result['path']}"
     if motion.path.options:
         yield f"path again      {motion.path.options}"

@@ -42,7 +42,6 @@ class Options(argparse.Namespace):
 
     def load_robot(self) -> rp.Robot:
         """Load the robot that ROBOT or WHAT names."""
-
         name = self.what if "what" in self else self.robot
         if "what" in self and self.robot is not None:
             raise InputError(f"--robot goes with a saved design; the robot is {name}")
@@ -78,7 +77,6 @@ class Options(argparse.Namespace):
 
     def load_design(self) -> rp.Design:
         """Load a design over joint space, as :meth:`load_saved` does."""
-
         design = self.load_saved()
         if isinstance(design, rp.CellDesign):
             raise InputError(
@@ -88,7 +86,6 @@ class Options(argparse.Namespace):
 
     def _robot_of(self, made_for: TaskFile) -> rp.Robot:
         """Load the robot a design was made for; an option that says otherwise is refused."""
-
         file = self.what
         for option in ("frame", "task", "base"):
             if getattr(self, option) not in (None, getattr(made_for, option)):
@@ -139,7 +136,6 @@ class Options(argparse.Namespace):
 
     def output_folder(self, name: str) -> Path:
         """Where the files go: ``--out``, else ``repctl-out/NAME``. It can be written; it is not left empty."""
-
         folder = Path(self.out or Path("repctl-out") / name)
         try:
             check_folder(folder)
@@ -169,7 +165,6 @@ def save_control(design: rp.Design | rp.CellDesign, file: Path) -> Path:
     InputError
         If it cannot be written; the message says where the older one is.
     """
-
     try:
         return rp.save(design, file)
     except InputError as error:
@@ -182,7 +177,6 @@ def save_control(design: rp.Design | rp.CellDesign, file: Path) -> Path:
 
 def box_round(task: rp.Task, q0: Any, half_width: float) -> tuple[rp.Box, tuple[str, ...]]:
     """Make Ω, a box round the start cut to the joint limits; and a note where it was cut."""
-
     box = rp.Box(q0, half_width).inside(task.lower, task.upper)
     cut = [n for n, w in zip(task.joint_names, box.half_width, strict=True) if w < half_width * (1 - 1e-9)]
     return box, (f"Ω was cut at the limits of {', '.join(cut)}",) if cut else ()
