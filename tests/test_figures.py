@@ -21,7 +21,7 @@ from repctl_pin.show.plots.cycles import (
     orbits_figure,
     speed_over_cycle,
 )
-from repctl_pin.show.plots.maps import joint_map
+from repctl_pin.show.plots.designs import joint_map
 from repctl_pin.show.plots.motions import drawn, drift_figure, drift_over_cycles, joint_over_cycles, joints_figure
 from repctl_pin.show.text.numbers import number
 from repctl_pin.studies.study_maps import study_maps
@@ -140,14 +140,14 @@ def test_maps_hold_their_arrays(study: rp.Study) -> None:
     bracket = np.einsum("ik,k->i", dG[:, 1], G[:, 0]) - np.einsum("ik,k->i", dG[:, 0], G[:, 1])
     delta = (np.eye(4) - G @ J) @ bracket
     assert maps.defect[7, 2] == pytest.approx(np.linalg.norm(delta) / np.sqrt(np.linalg.det(G.T @ G)), rel=1e-6)
-    ax = joint_map(axes(), study.task, (i, j), maps.design.x, maps.design.y, maps.defect, label="defect")
+    ax = joint_map(axes(), study.design, maps.design, maps.defect, "defect")
     mesh = ax.collections[0]
     np.testing.assert_array_equal(mesh.get_array().reshape(9, 9), maps.defect)
     assert ax.get_xlabel() == f"{study.task.joint_names[i]} (rad)"
     assert ax.figure.axes[1].get_ylabel() == "defect"
     holed = maps.defect.copy()
     holed[0, 0] = np.nan
-    ax = joint_map(axes(), study.task, (i, j), maps.design.x, maps.design.y, holed, label="", top=1.0)
+    ax = joint_map(axes(), study.design, maps.design, holed, "", 1.0)
     assert ax.collections[0].get_clim() == (0.0, 1.0)
     assert np.ma.getmaskarray(ax.collections[0].get_array()).sum() == 1
 

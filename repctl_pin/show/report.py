@@ -20,8 +20,7 @@ from .page.html import render
 from .page.snapshot import still_figure
 from .palette import COLOURS, colours
 from .plots.cycles import cycle_figure, orbits_figure
-from .plots.designs import cost_against_degree
-from .plots.maps import joint_map
+from .plots.designs import cost_against_degree, joint_map
 from .plots.motions import drawn, drift_figure, joints_figure, png
 from .study_files import study_page
 from .text import captions
@@ -111,17 +110,16 @@ def _figures(study: Study, maps: StudyMaps | None) -> Iterable[tuple[str, dict[s
 
 
 def _maps_figure(study: Study, maps: StudyMaps) -> Figure:
-    grid, task, (i, j) = maps.design, study.task, maps.design.joints
+    grid = maps.design
     figure = Figure(figsize=(10, 7.4 if len(maps.degrees) > 1 else 3.9), layout="constrained")
     rows = 2 if len(maps.degrees) > 1 else 1
     axes = list(figure.subplots(rows, 2 if rows == 2 else 3).ravel())
-    mark = study.design.region.center[[i, j]]
     for values, label, top in (
         (maps.defect, "defect of $J^+$ (0: repeatable)", None),
         (grid.distance / grid.reference, r"distance $\|G_r - J^+\| / \|J^+\|$", None),
         (grid.leaf_margin, "leaf margin (0: singular, 1: best)", 1.0),
     ):
-        joint_map(axes.pop(0), task, grid.joints, grid.x, grid.y, values, label=label, top=top, mark=mark)
+        joint_map(axes.pop(0), study.design, grid, values, label, top)
     if axes:
         cost_against_degree(axes[0], maps.degrees, study.design.baselines).legend(frameon=False, fontsize=8.5)
     return figure

@@ -7,14 +7,15 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from numpy.typing import NDArray
 
 from ...design import Design
 from ...design.design_map import DesignMap
 from ...design.judgement import Baseline
-from ..palette import BLUE, GREEN, ORANGE
-from .maps import joint_map
-from .motions import quiet, titled
+from ..palette import BLUE, GREEN, INK, ORANGE
+from .motions import axis_label, quiet, titled
 
 
 def cost_against_degree(
@@ -47,19 +48,45 @@ def cost_against_degree(
     return quiet(ax)
 
 
-def map_over_joints(ax: Axes, field: DesignMap, design: Design, what: str = "distance") -> Axes:
-    """Draw ``distance`` (relative to ‖G_d‖) or ``leaf_margin`` over two joints, with the center marked."""
-    relative = what == "distance"
-    with np.errstate(invalid="ignore"):
-        values = field.distance / field.reference if relative else field.leaf_margin
-    label = r"distance $\|G_r - G_d\| / \|G_d\|$" if relative else "leaf margin (0: singular, 1: best)"
-    mark = design.region.center[list(field.joints)]
-    top = None if relative else 1.0
-    return joint_map(ax, design.task, field.joints, field.x, field.y, values, label=label, top=top, mark=mark)
+def joint_map(
+    ax: Axes, design: Design, grid: DesignMap, values: NDArray[np.float64], label: str, top: float | None = None
+) -> Axes:
+    """Draw values over a grid of two joints, with level lines, a bar that names them, and a cross in the center of Ω.
+
+    Parameters
+    ----------
+    ax
+        Where to draw.
+    design
+        Whose Ω it is.
+    grid
+        The two joints, across and upward, and their values.
+    values : (l, k) array
+        Rows upward; nan where there is none, which stays blank.
+    label
+        What is drawn, and its unit.
+    top
+        Where the colours end; by default at the largest value. They begin at 0, and bright is large.
+    """
+    across, upward = grid.joints
+    shown = np.ma.masked_invalid(values)
+    shade = ax.pcolormesh(grid.x, grid.y, shown, cmap="viridis", vmin=0, vmax=top, shading="nearest", rasterized=True)
+    if shown.count() and np.ptp(shown) > 0.1 * (top or np.abs(shown).max()):  # else all lines would read alike
+        lines = ax.contour(grid.x, grid.y, shown, levels=6, colors="white", linewidths=0.7, alpha=0.85)
+        digits = max(0, 1 - int(np.floor(np.log10(np.ptp(np.array(lines.levels)) / 6))))
+        for value in ax.clabel(lines, fmt=lambda v: f"{v:.{digits}f}", fontsize=7):
+            value.set_path_effects([withStroke(linewidth=1.6, foreground="#00000088")])
+    ax.plot(*design.region.center[[across, upward]], "+", color=INK, ms=9, mew=1.5)
+    ax.set_xlabel(axis_label(design.task, across))
+    ax.set_ylabel(axis_label(design.task, upward))
+    bar = ax.figure.colorbar(shade, ax=ax, pad=0.02)
+    bar.set_label(label, fontsize=9)
+    bar.outline.set_visible(False)
+    return ax
 
 
 def design_figure(
-    design: Design, field: DesignMap, degrees: Sequence[tuple[int, float, float]] = (), *, title: str = ""
+    design: Design, grid: DesignMap, degrees: Sequence[tuple[int, float, float]] = (), *, title: str = ""
 ) -> Figure:
     """Make the figure ``design.png``."""
     panels = 3 if degrees else 2
@@ -69,8 +96,10 @@ def design_figure(
         ax = cost_against_degree(axes.pop(0), degrees, design.baselines)
         ax.set_title("cost on held-out nodes, ± 2 standard errors", fontsize=10)
         ax.legend(frameon=False, fontsize=8.5, loc="upper right")
-    map_over_joints(axes[0], field, design)
-    map_over_joints(axes[1], field, design, "leaf_margin")
+    with np.errstate(invalid="ignore"):
+        distance = grid.distance / grid.reference
+    joint_map(axes[0], design, grid, distance, r"distance $\|G_r - G_d\| / \|G_d\|$")
+    joint_map(axes[1], design, grid, grid.leaf_margin, "leaf margin (0: singular, 1: best)", 1.0)
     return figure
 
 
