@@ -96,8 +96,9 @@ def start(batches: Batches, basis: Array, moments: tuple[Array, Array, Array]) -
     return found
 
 
-def descend(batches: Batches, basis: Array, begin: Start, A: Array, *, penalty: float, tolerance: float,
-            report: Report) -> Descent:  # fmt: skip
+def descend(
+    batches: Batches, basis: Array, begin: Start, A: Array, *, penalty: float, tolerance: float, report: Report
+) -> Descent:
     """Gauss–Newton with Levenberg's damping, and a line search that keeps det(Nᵀ V) of one sign.
 
     What is minimised is ``C(A) + τ mean ‖E A − Nᵀ N(center)‖²`` with τ = ``penalty`` · C(start) / r. C alone

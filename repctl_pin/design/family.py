@@ -97,9 +97,15 @@ class _Comparison:
 
 
 @one_blas_thread()
-def nearest_in_family(desired: Inverse, family: Callable[[float], Inverse], region: Region, *,
-                      bounds: tuple[float, float] = (-np.inf, np.inf), samples: int = 4096,
-                      seed: int = 0) -> FamilyDesign:  # fmt: skip
+def nearest_in_family(
+    desired: Inverse,
+    family: Callable[[float], Inverse],
+    region: Region,
+    *,
+    bounds: tuple[float, float] = (-np.inf, np.inf),
+    samples: int = 4096,
+    seed: int = 0,
+) -> FamilyDesign:
     """Find the member of a one-parameter family that lies nearest to a desired inverse in the mean over Ω (26).
 
     On the whole line the search runs over ``φ = atan k`` (57), so that k = ∞, where −∞ and ∞ meet, is a
@@ -183,8 +189,18 @@ def nearest_in_family(desired: Inverse, family: Callable[[float], Inverse], regi
     value = judge.cost(inverse)
     scanned = np.array([parameter(a) for a in angles])
     away, error = float(np.sqrt(value / judge.scale)), abs(value - nodes.cost(inverse))
-    return FamilyDesign(inverse, desired, region, parameter(best), unique, cost=value, cost_error=error,
-                        relative_distance=away, scanned=scanned, scanned_costs=costs)  # fmt: skip
+    return FamilyDesign(
+        inverse,
+        desired,
+        region,
+        parameter(best),
+        unique,
+        cost=value,
+        cost_error=error,
+        relative_distance=away,
+        scanned=scanned,
+        scanned_costs=costs,
+    )
 
 
 def _on_the_line(angle: float) -> float:

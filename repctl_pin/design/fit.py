@@ -106,8 +106,18 @@ def _judged(wish: Wish, chosen: Independent, result: Descent, samples: int) -> D
     inverse = RepeatableInverse(desired.task, fields.weighted(A), region=region)
     verdict = vars(judge(inverse, desired, region, samples=wish.held_out, seed=wish.seed + 1))
     return Design(
-        inverse, desired, fields, region, A,
+        inverse,
+        desired,
+        fields,
+        region,
+        A,
         **{name: value for name, value in verdict.items() if name != "replicates"},
-        fit_cost=result.cost, gradient_norm=result.gradient_norm, converged=result.converged, steps=result.steps,
-        samples=samples, held_out=wish.held_out, seed=wish.seed, dropped=chosen.dropped,
-    )  # fmt: skip
+        fit_cost=result.cost,
+        gradient_norm=result.gradient_norm,
+        converged=result.converged,
+        steps=result.steps,
+        samples=samples,
+        held_out=wish.held_out,
+        seed=wish.seed,
+        dropped=chosen.dropped,
+    )

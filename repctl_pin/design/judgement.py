@@ -51,8 +51,9 @@ class Judgement:
     replicates: Array = field(repr=False)
 
 
-def judge(inverse: RepeatableInverse, desired: Inverse, region: Region, *, samples: int = 16384,
-          seed: int = 1) -> Judgement:  # fmt: skip
+def judge(
+    inverse: RepeatableInverse, desired: Inverse, region: Region, *, samples: int = 16384, seed: int = 1
+) -> Judgement:
     """Judge a repeatable inverse against a desired one.
 
     Parameters

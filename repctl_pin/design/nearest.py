@@ -35,12 +35,23 @@ _WORTHWHILE = 0.01
 
 
 @one_blas_thread()
-def nearest_repeatable(desired: Inverse, fields: Field | None, region: Region, *,
-                       degree: int | Literal["auto"] | None = None, samples: int | None = None,
-                       held_out: int = _HELD_OUT_NODES, seed: int = 0, batch: int = 1024, stream: bool = False,
-                       executor: Executor | Client | None = None, shrink: bool = False, restarts: int = 0,
-                       tolerance: float = 1e-5,
-                       progress: bool | Callable[[str, float], None] = False) -> Design:  # fmt: skip
+def nearest_repeatable(
+    desired: Inverse,
+    fields: Field | None,
+    region: Region,
+    *,
+    degree: int | Literal["auto"] | None = None,
+    samples: int | None = None,
+    held_out: int = _HELD_OUT_NODES,
+    seed: int = 0,
+    batch: int = 1024,
+    stream: bool = False,
+    executor: Executor | Client | None = None,
+    shrink: bool = False,
+    restarts: int = 0,
+    tolerance: float = 1e-5,
+    progress: bool | Callable[[str, float], None] = False,
+) -> Design:
     """Find the repeatable inverse nearest to a desired one in the mean over Ω (26), (36), (38).
 
     A linear least-squares start, then Gauss–Newton on the Grassmann manifold of span A: only the column
@@ -113,12 +124,19 @@ def nearest_repeatable(desired: Inverse, fields: Field | None, region: Region, *
     _check(desired, fields, region, degree)
     if fields is None:
         fields = _polynomial(region, 1 if degree == "auto" else degree)
-    wish = Wish(desired, fields, region, executor,
-                samples=None if samples is None else whole(samples, "samples", 1, MOST_NODES),
-                held_out=whole(held_out, "held_out", 2 * REPLICATES, MOST_NODES), seed=whole(seed, "seed"),
-                batch=whole(batch, "batch", 1, MOST_NODES), stream=flag(stream, "stream"),
-                restarts=whole(restarts, "restarts", 0, _MOST_RESTARTS),
-                tolerance=positive(tolerance, "the tolerance"))  # fmt: skip
+    wish = Wish(
+        desired,
+        fields,
+        region,
+        executor,
+        samples=None if samples is None else whole(samples, "samples", 1, MOST_NODES),
+        held_out=whole(held_out, "held_out", 2 * REPLICATES, MOST_NODES),
+        seed=whole(seed, "seed"),
+        batch=whole(batch, "batch", 1, MOST_NODES),
+        stream=flag(stream, "stream"),
+        restarts=whole(restarts, "restarts", 0, _MOST_RESTARTS),
+        tolerance=positive(tolerance, "the tolerance"),
+    )
     with reporting.reporter(progress) as report:
         wish = replace(wish, report=report)
         return _auto(wish, shrink) if degree == "auto" else _shrinking(wish, shrink)

@@ -283,8 +283,9 @@ def cycle_file(cycle: Cycle) -> CycleFile:
     path = cycle.path
     rotation = path.placement(0.0).rotation.tolist()
     pieces = [described(PieceFile, piece) for piece in pieces_of(path)]
-    return described(CycleFile, cycle, path=path.name, words=path.words, plane=path.plane, rotation=rotation,
-                     pieces=pieces)  # fmt: skip
+    return described(
+        CycleFile, cycle, path=path.name, words=path.words, plane=path.plane, rotation=rotation, pieces=pieces
+    )
 
 
 def cycle_of(data: CycleFile, task: Task) -> Cycle:

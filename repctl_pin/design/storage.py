@@ -84,8 +84,16 @@ def design_file(design: Design) -> DesignFile:
     cycle = None if design.cycle is None else schema.cycle_file(design.cycle)
     desired, fields = schema.desired_file(design.desired), schema.field_file(design.fields)
     region = schema.region_file(design.region)
-    return described(DesignFile, design, **head(FORMAT, design.task), cycle=cycle, desired=desired, fields=fields,
-                     region=region, figures=figures)  # fmt: skip
+    return described(
+        DesignFile,
+        design,
+        **head(FORMAT, design.task),
+        cycle=cycle,
+        desired=desired,
+        fields=fields,
+        region=region,
+        figures=figures,
+    )
 
 
 def design_of(content: DesignFile, task: Task) -> Design:

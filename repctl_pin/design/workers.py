@@ -49,8 +49,16 @@ class Piece:
         yield from pickle.loads(self.builder).batches(self.Q, self.weights, self.batch)
 
 
-def hand_out(builder: Builder, Q: Array, weights: Array, batch: int, executor: Executor | Client, *,
-             stream: bool = False, tick: Tick = silent) -> Batches:  # fmt: skip
+def hand_out(
+    builder: Builder,
+    Q: Array,
+    weights: Array,
+    batch: int,
+    executor: Executor | Client,
+    *,
+    stream: bool = False,
+    tick: Tick = silent,
+) -> Batches:
     """Hand nodes out to an executor's or a cluster's workers, in pieces of whole batches.
 
     Raises

@@ -52,8 +52,15 @@ class Fourier(Family):
     (1, 6)
     """
 
-    def __init__(self, n: int, order: int, *, variables: Sequence[int] | None = None, period: ArrayLike = 2 * np.pi,
-                 cross: bool = True) -> None:  # fmt: skip
+    def __init__(
+        self,
+        n: int,
+        order: int,
+        *,
+        variables: Sequence[int] | None = None,
+        period: ArrayLike = 2 * np.pi,
+        cross: bool = True,
+    ) -> None:
         self.n = whole(n, "the number of joints", 1, _MAX_SIZE)
         self.order = whole(order, "the order of a Fourier field", 1, _MAX_SIZE)
         self.cross = flag(cross, "cross")

@@ -57,8 +57,15 @@ class Polynomial(Family):
     (1, 3, 9)
     """
 
-    def __init__(self, center: ArrayLike, degree: int, scale: ArrayLike = 1.0, variables: Sequence[int] | None = None,
-                 *, cross: bool = True) -> None:  # fmt: skip
+    def __init__(
+        self,
+        center: ArrayLike,
+        degree: int,
+        scale: ArrayLike = 1.0,
+        variables: Sequence[int] | None = None,
+        *,
+        cross: bool = True,
+    ) -> None:
         self.center = vector(center, None, "the center of a polynomial field")
         self.n = n = len(self.center)
         self.scale = spread(scale, n, "the scale of a polynomial field", finite=True)

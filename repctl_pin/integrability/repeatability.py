@@ -123,8 +123,15 @@ def is_repeatable(strategy: Inverse, region: Region, *, samples: int = 128, seed
             "evaluate it more accurately"
         )
     exact = all(part.exact for part in found)
-    return Repeatability(repeatable, float(norm[worst]), Q[worst], float(tolerance[worst]), samples=len(Q),
-                         exact=exact, redundancy=strategy.task.r)  # fmt: skip
+    return Repeatability(
+        repeatable,
+        float(norm[worst]),
+        Q[worst],
+        float(tolerance[worst]),
+        samples=len(Q),
+        exact=exact,
+        redundancy=strategy.task.r,
+    )
 
 
 def points_of(region: Region, strategy: Inverse, samples: int, seed: int) -> Array:

@@ -242,9 +242,15 @@ def _integrated(
 
 
 def _locked(
-    strategy: OnLeaves, path: TaskPath, grid: Array, period: float, corrections: int, c: Array,
-    limit: ArrayLike | None, damping: float,
-) -> tuple[Advance, None]:  # fmt: skip
+    strategy: OnLeaves,
+    path: TaskPath,
+    grid: Array,
+    period: float,
+    corrections: int,
+    c: Array,
+    limit: ArrayLike | None,
+    damping: float,
+) -> tuple[Advance, None]:
     """Make the step from point to point on a leaf; its velocity is the mean."""
     targets, times = [path.placement(float(s)) for s in grid[1:]], np.diff(grid) * period
     most = None if limit is None else speeds(limit, strategy.task.n) / corrections  # shared by the corrections

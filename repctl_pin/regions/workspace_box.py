@@ -53,8 +53,9 @@ class WorkspaceBox:
     within: Box
     density: Density | None = None
 
-    def __init__(self, task: Task, position: ArrayLike, half_width: ArrayLike, *, within: Box,
-                 density: Density | None = None) -> None:  # fmt: skip
+    def __init__(
+        self, task: Task, position: ArrayLike, half_width: ArrayLike, *, within: Box, density: Density | None = None
+    ) -> None:
         task = own_task(task)
         axes = [row for row in task.rows if row < 3]
         wanted(within, Box, "within", "a box of the joints, such as rp.Box(q0, 0.5)")

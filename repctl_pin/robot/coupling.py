@@ -71,9 +71,13 @@ def limits(joint: Joint, followers: Sequence[Joint], notes: list[str]) -> tuple[
 
 
 def pose(
-    joints: Sequence[str], lower: Array, upper: Array, turns: NDArray[np.bool_], named: Mapping[str, float],
+    joints: Sequence[str],
+    lower: Array,
+    upper: Array,
+    turns: NDArray[np.bool_],
+    named: Mapping[str, float],
     notes: list[str],
-) -> Array:  # fmt: skip
+) -> Array:
     """Make a pose of joints inside their limits: the named values, else mid-range.
 
     Parameters

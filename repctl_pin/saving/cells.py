@@ -84,9 +84,17 @@ def cell_file(design: CellDesign) -> CellFile:
     boundless = {name: found[name] if np.isfinite(found[name]) else None for name in _BOUNDLESS}
     stops = [described(StopFile, stop) for stop in design.stops]
     figures, placement = CellFigures(**found | boundless | {"stops": stops}), cell.placement.homogeneous.tolist()
-    return described(CellFile, design, **head(FORMAT, design.task), desired=desired_file(design.desired),
-                     placement=placement, widths=cell.widths.tolist(), degree=chart.monomials.degree,
-                     coefficients=chart.coefficients.tolist(), figures=figures)  # fmt: skip
+    return described(
+        CellFile,
+        design,
+        **head(FORMAT, design.task),
+        desired=desired_file(design.desired),
+        placement=placement,
+        widths=cell.widths.tolist(),
+        degree=chart.monomials.degree,
+        coefficients=chart.coefficients.tolist(),
+        figures=figures,
+    )
 
 
 def cell_of(content: CellFile, task: Task) -> CellDesign:

@@ -85,8 +85,16 @@ class Cost:
         How much they cost.
     """
 
-    def __init__(self, desired: Batched, chart: Chart, terms: Monomials, U: Array, kept: Sequence[Kept] = (), *,
-                 weight: float = 0.0) -> None:  # fmt: skip
+    def __init__(
+        self,
+        desired: Batched,
+        chart: Chart,
+        terms: Monomials,
+        U: Array,
+        kept: Sequence[Kept] = (),
+        *,
+        weight: float = 0.0,
+    ) -> None:
         self.desired, self.chart, self.terms, self.weight = desired, chart, terms, weight
         self.U, self.inner = np.concatenate([U, *(part.U for part in kept)]), slice(len(U))
         ends = np.cumsum([len(U), *(len(part.U) for part in kept)])

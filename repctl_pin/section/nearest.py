@@ -74,11 +74,21 @@ class NoFunctionError(InputError):
         self.stops, self.fits = stops, fits
 
 
-def nearest_inverse_function(desired: Inverse, cell: Cell, *, posture: ArrayLike | None = None,
-                             degree: int | Literal["auto"] = "auto", room: float = 0.05, apart: float = 0.0,
-                             dexterity: float = 0.0, incomplete: Literal["refuse", "shrink", "keep"] = "refuse",
-                             samples: int | None = None, held_out: int = _HELD_OUT, seed: int = 0,
-                             progress: bool | Callable[[str, float], None] = False) -> CellDesign:  # fmt: skip
+def nearest_inverse_function(
+    desired: Inverse,
+    cell: Cell,
+    *,
+    posture: ArrayLike | None = None,
+    degree: int | Literal["auto"] = "auto",
+    room: float = 0.05,
+    apart: float = 0.0,
+    dexterity: float = 0.0,
+    incomplete: Literal["refuse", "shrink", "keep"] = "refuse",
+    samples: int | None = None,
+    held_out: int = _HELD_OUT,
+    seed: int = 0,
+    progress: bool | Callable[[str, float], None] = False,
+) -> CellDesign:
     """Find ``q = F(x)`` over a cell, nearest to a desired control in the mean: ``min mean ‖∂F/∂x − G_d(F)‖_F²``.
 
     G_d, driven along straight rays from the middle, gives a reference; among the sections beside it,

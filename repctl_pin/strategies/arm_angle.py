@@ -56,8 +56,16 @@ class ArmAngle(Family):
     array([[1.571]])
     """
 
-    def __init__(self, task: Task, shoulder: str, elbow: str, wrist: str, reference: ArrayLike = (0.0, 0.0, 1.0), *,
-                 singular: ArrayLike | None = None) -> None:  # fmt: skip
+    def __init__(
+        self,
+        task: Task,
+        shoulder: str,
+        elbow: str,
+        wrist: str,
+        reference: ArrayLike = (0.0, 0.0, 1.0),
+        *,
+        singular: ArrayLike | None = None,
+    ) -> None:
         self.task, self.n = wanted_task(task), task.n
         if task.coordinates is not None:
             raise InputError("an arm angle is of the joints themselves; use the task before in_coordinates()")

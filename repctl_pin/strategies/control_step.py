@@ -86,8 +86,15 @@ def make_loop(task: Task, field: FieldMap) -> Loop:
         bottom[:] = 0.0
         return solved(q)
 
-    def step(q: Array, target: pin.SE3, dt: float, twist: Array | None, leaf: Array | None, gain: float | None,
-             solve: Callable[[Array], Array] = solved) -> Array:  # fmt: skip
+    def step(
+        q: Array,
+        target: pin.SE3,
+        dt: float,
+        twist: Array | None,
+        leaf: Array | None,
+        gain: float | None,
+        solve: Callable[[Array], Array] = solved,
+    ) -> Array:
         if not (type(q) is ndarray and q.dtype is FLOAT and q.shape == of_joints):
             q = vector(q, n, "q")
         if not (isinstance(dt, float) and 0.0 < dt < inf):
@@ -111,8 +118,16 @@ def make_loop(task: Task, field: FieldMap) -> Loop:
             daxpy(twist if whole else rate(twist), rhs, m, dt)
         return daxpy(q, solve(q), n)
 
-    def bounded(q: Array, target: pin.SE3, dt: float, twist: Array | None, leaf: Array | None, gain: float | None,
-                limit: ArrayLike | None, damping: float) -> tuple[Array, float, float]:  # fmt: skip
+    def bounded(
+        q: Array,
+        target: pin.SE3,
+        dt: float,
+        twist: Array | None,
+        leaf: Array | None,
+        gain: float | None,
+        limit: ArrayLike | None,
+        damping: float,
+    ) -> tuple[Array, float, float]:
         dt, damping = positive(dt, "dt", "s"), positive(damping, "damping", zero=True)
         most = np.full(n, inf) if limit is None else speeds(limit, n) * dt
         used, slowed = 0.0, 1.0

@@ -47,10 +47,15 @@ class ExtendedJacobian(RepeatableInverse):
     True
     """
 
-    def __init__(self, task: Task, potential: ArrayLike | Callable[[Array], float], *,
-                 gradient: Callable[[Array], ArrayLike] | None = None,
-                 hessian: Callable[[Array], ArrayLike] | None = None,
-                 reference: ArrayLike | None = None) -> None:  # fmt: skip
+    def __init__(
+        self,
+        task: Task,
+        potential: ArrayLike | Callable[[Array], float],
+        *,
+        gradient: Callable[[Array], ArrayLike] | None = None,
+        hessian: Callable[[Array], ArrayLike] | None = None,
+        reference: ArrayLike | None = None,
+    ) -> None:
         task = own_task(task)
         if task.r < 1:
             raise InputError(f"a task with r = {task.r} leaves an extended Jacobian nothing to extend")
@@ -144,8 +149,12 @@ class Posture:
 class Given:
     """A user-defined function, with its own derivatives or numerical ones."""
 
-    def __init__(self, function: Callable[[Array], float], gradient: Callable[[Array], ArrayLike] | None,
-                 hessian: Callable[[Array], ArrayLike] | None) -> None:  # fmt: skip
+    def __init__(
+        self,
+        function: Callable[[Array], float],
+        gradient: Callable[[Array], ArrayLike] | None,
+        hessian: Callable[[Array], ArrayLike] | None,
+    ) -> None:
         self.function, self.gradient, self.hessian = function, gradient, hessian
 
     def gradients(self, Q: Array) -> Array:

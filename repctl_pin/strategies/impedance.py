@@ -51,8 +51,15 @@ class LeafImpedance:
     (7,)
     """
 
-    def __init__(self, inverse: RepeatableInverse, *, stiffness: ArrayLike = (1000.0, 50.0), damping: float = 1.0,
-                 leaf_frequency: float = 5.0, leaf_damping: float = 1.0) -> None:  # fmt: skip
+    def __init__(
+        self,
+        inverse: RepeatableInverse,
+        *,
+        stiffness: ArrayLike = (1000.0, 50.0),
+        damping: float = 1.0,
+        leaf_frequency: float = 5.0,
+        leaf_damping: float = 1.0,
+    ) -> None:
         self.inverse = wanted(inverse, RepeatableInverse, "inverse", "a repeatable inverse, such as design.inverse")
         self.task = task = inverse.task
         if task.coordinates is not None:

@@ -68,8 +68,14 @@ class RepeatableInverse:
     True
     """
 
-    def __init__(self, task: Task, field: FieldMap, *, region: Bounded | None = None,
-                 loops: Callable[[Task, FieldMap], Loop] = make_loop) -> None:  # fmt: skip
+    def __init__(
+        self,
+        task: Task,
+        field: FieldMap,
+        *,
+        region: Bounded | None = None,
+        loops: Callable[[Task, FieldMap], Loop] = make_loop,
+    ) -> None:
         field = wanted(field, FieldMap, "field", "potentials, such as fields.weighted(A)")
         if region is not None:
             wanted(region, Bounded, "region", "a region of joint space, such as rp.Box(q0, 0.3)")
@@ -122,9 +128,19 @@ class RepeatableInverse:
             return self._loop.velocities(Q, Xdot)
         return (self.batch(Q) @ Xdot[..., None])[..., 0]
 
-    def step(self, q: Array, target: pin.SE3, dt: float, twist: Array | None = None, *, leaf: Array | None = None,
-             gain: float | None = None, limit: ArrayLike | None = None, damping: float = 0.0,
-             outside: str = "ignore") -> Array:  # fmt: skip
+    def step(
+        self,
+        q: Array,
+        target: pin.SE3,
+        dt: float,
+        twist: Array | None = None,
+        *,
+        leaf: Array | None = None,
+        gain: float | None = None,
+        limit: ArrayLike | None = None,
+        damping: float = 0.0,
+        outside: str = "ignore",
+    ) -> Array:
         """Take the next q (n,) of a control loop: feed-forward, and feedback of both errors.
 
         ``q + J_V⁻¹ (dt [ẋ; 0] + K dt [x − f(q); c − h(q)])``, beyond the paper: the leaf lock. Only the

@@ -59,6 +59,16 @@ class OnLeaves(Strategy, Protocol):
     def leaf(self, q: ArrayLike) -> Array:
         """Evaluate c = h(q): (r,)."""
 
-    def step(self, q: Array, target: pin.SE3, dt: float, twist: Array | None = None, *, leaf: Array | None = None,
-             gain: float | None = None, limit: ArrayLike | None = None, damping: float = 0.0) -> Array:  # fmt: skip
+    def step(
+        self,
+        q: Array,
+        target: pin.SE3,
+        dt: float,
+        twist: Array | None = None,
+        *,
+        leaf: Array | None = None,
+        gain: float | None = None,
+        limit: ArrayLike | None = None,
+        damping: float = 0.0,
+    ) -> Array:
         """Take the next q (n,), feeding back the task error and c − h(q)."""
