@@ -8,6 +8,7 @@ import numpy as np
 
 from ..arguments import Array
 from ..errors import InputError, SingularityError
+from ..redundancy.inverses import dexterity
 from ..robot.length import arm_length
 from ..robot.task import Task
 from ..strategies import Bounded, Pseudoinverse, Strategy
@@ -54,7 +55,7 @@ def fitting_circle(
     sizes = _RADII if region is None and limit > _SHORT else (*_RADII, *_SMALL)
     radii = (radius,) if radius is not None else [x for x in sizes if x <= max(limit, _RADII[-1])]
     strategy = control or Pseudoinverse(task)
-    needed = 0.5 * dexterity(task, q0)
+    needed = 0.5 * dexterity_at(task, q0)
     touching: TaskPath | None = None
     for size in radii:
         for flat in planes:
@@ -64,7 +65,7 @@ def fitting_circle(
                     motion = follow(strategy, path, q0, cycles=1, steps=96)
                 except SingularityError:
                     continue
-                clear = min(dexterity(task, q) for q in motion.q[::2]) > needed
+                clear = min(dexterity_at(task, q) for q in motion.q[::2]) > needed
                 inside = region is None or not (region.ratio(motion.q) > _INSIDE).any()
                 if not (clear and inside and motion.limit_margin.min() > _LEAST_MARGIN):
                     continue
@@ -87,12 +88,11 @@ def circle_at(task: Task, q0: Array, radius: float, plane: str, degrees: float) 
     return replace(path, words=f"circle:{_digits(radius)}:{_digits(degrees)}", plane=plane)
 
 
-def dexterity(task: Task, q: Array) -> float:
+def dexterity_at(task: Task, q: Array) -> float:
     """Measure ``σ_min / σ_max`` of J, lengths in units of the arm's reach: 0 at a singularity."""
     J = task.jacobian(q).copy()
     J[: min(3, task.m)] /= max(arm_length(task, q), 1e-9)
-    values = np.linalg.svd(J, compute_uv=False)
-    return float(values[-1] / values[0])
+    return float(dexterity(J))
 
 
 def planes_of(task: Task) -> tuple[str, ...]:

@@ -158,7 +158,7 @@ def nearest_inverse_function(
     work = _Work(desired, degree, positive(room, "room", "rad", zero=True), positive(apart, "apart", "m", zero=True),
                  positive(dexterity, "dexterity", zero=True),
                  None if samples is None else whole(samples, "samples", 16), whole(held_out, "held_out", 64),
-                 int(seed), incomplete == "keep")  # fmt: skip
+                 whole(seed, "seed"), incomplete == "keep")  # fmt: skip
     with reporting.reporter(progress) as report:
         work = replace(work, report=report)
         report("the middle posture", 0.0)

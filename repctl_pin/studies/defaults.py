@@ -12,7 +12,8 @@ from ..design import nearest_repeatable
 from ..errors import InputError, SingularityError
 from ..fields import Polynomial
 from ..motion import Motion, TaskPath, follow
-from ..motion.fitting_circle import dexterity, fitting_circle
+from ..motion.fitting_circle import dexterity_at, fitting_circle
+from ..redundancy.inverses import dexterity
 from ..regions import Region, Tube
 from ..regions.box import sobol
 from ..robot.length import arm_length
@@ -60,8 +61,7 @@ def reaches_full_rank(task: Task) -> bool:
     """Say whether J has full row rank at one of 32 configurations within the limits."""
     J = task.jacobians(_spread(task, 32))
     J[:, :3] /= max(arm_length(task, task.reference), 1e-9) if task.m > 2 else 1.0
-    values = np.linalg.svd(J, compute_uv=False)
-    return bool((values[:, -1] > _RANK * values[:, 0]).any()) and task.r >= 0
+    return bool((dexterity(J) > _RANK).any()) and task.r >= 0
 
 
 def choose_task(robot: Robot, frame: str | None, kind: str | None, joints: list[str] | None = None) -> Task:
@@ -166,13 +166,13 @@ def starts(task: Task) -> Iterator[tuple[Array, str]]:
         q = task.part(task.robot.poses[pose])
         margin = task.limit_margin(q).min()
         least = _LEAST_DEXTERITY.get(task.m, _LEAST_DEXTERITY_OF_POSITION)
-        if dexterity(task, q) >= least and margin >= _LEAST_MARGIN:
+        if dexterity_at(task, q) >= least and margin >= _LEAST_MARGIN:
             yield q, where
     middle = task.part(task.robot.poses["middle"])
     low, high = _inner(task)
     low, high = np.maximum(middle - 2.0, low), np.minimum(middle + 2.0, high)
     points = low + (high - low) * sobol(task.n, 512, 0)
-    scores = np.array([dexterity(task, q) for q in points])
+    scores = np.array([dexterity_at(task, q) for q in points])
     # Of all poses at least half as dexterous as the best, the one nearest to mid-range.
     good = points[scores >= 0.5 * scores.max()]
     good = good[np.argsort(np.linalg.norm(good - middle, axis=1))]

@@ -15,7 +15,7 @@ from ..arguments import function
 from ..design import Design, SingularRegionError
 from ..errors import RepctlError, SingularityError
 from ..motion import ClosedPath, TaskPath, check_reach, closed_path, follow, reach_start
-from ..motion.fitting_circle import dexterity, fitting_circle
+from ..motion.fitting_circle import dexterity_at, fitting_circle
 from ..motion.paths import Cycle
 from ..regions import Region
 from ..robot.task import Task
@@ -89,7 +89,7 @@ def settings(
         if fixed and where in defaults.SEARCHED:
             break  # a path that does not begin at the start is where its author says
         try:
-            if dexterity(task, q0) < _SINGULAR:
+            if dexterity_at(task, q0) < _SINGULAR:
                 remedy = "choose another start" if start is not None else "no start was found that is not; give one"
                 raise SingularityError(f"the start is at a singularity of {task.frame!r}, {task.kind}; {remedy}")
             drawn = closed_path(path(task, q0))
