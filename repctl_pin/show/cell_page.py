@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arguments import Array
 from ..motion import Motion, elbow
 from ..section import Cell, CellDesign
 from .page.html import render
@@ -15,8 +15,6 @@ from .page.playback import Limb, track_of, tracks_page
 from .palette import BLUE, VERMILLION
 from .report import framed, versions
 from .text.verdict import NO_VERDICT, Verdict, deed_of, verdict
-
-Array = NDArray[np.float64]
 
 _ROUND = [0, 1, 3, 2, 0, 4, 5, 1, 5, 7, 3, 7, 6, 2, 6, 4]
 """The corners of a box, counted in binary, in an order that goes along every edge."""

@@ -6,8 +6,9 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..arguments import Array
 from ..design import nearest_repeatable
 from ..errors import InputError, SingularityError
 from ..fields import Polynomial
@@ -20,8 +21,6 @@ from ..robot.length import arm_length
 from ..robot.robot import Robot
 from ..robot.task import KINDS, Task
 from ..strategies import Inverse, LimitWeight, Pseudoinverse, WeightedInverse
-
-Array = NDArray[np.float64]
 
 PREFERRED_KINDS = ("pose", "position", "xy", "xz", "yz")
 """Kinds tried in this order when none is named (``axis`` on request only)."""

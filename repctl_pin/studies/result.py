@@ -7,9 +7,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..arguments import chosen
+from ..arguments import Array, chosen
 from ..design import Design
 from ..errors import InputError
 from ..motion import Motion, TaskPath, elbow, timed
@@ -18,8 +17,6 @@ from ..motion.timing import presumed_acceleration
 from ..regions import Region
 from ..robot.mechanism import Mechanism
 from ..robot.task import Task
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

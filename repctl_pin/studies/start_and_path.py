@@ -9,9 +9,9 @@ from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from ..arguments import function
+from ..arguments import Array, function
 from ..design import Design, SingularRegionError
 from ..errors import RepctlError, SingularityError
 from ..motion import ClosedPath, TaskPath, check_reach, closed_path, follow, reach_start
@@ -23,7 +23,6 @@ from ..section import CellDesign
 from ..strategies import Bounded, Inverse, Pseudoinverse
 from . import defaults
 
-Array = NDArray[np.float64]
 Say = Callable[[str], None]
 
 GIVEN = "as given"

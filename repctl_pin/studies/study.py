@@ -8,9 +8,9 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from ..arguments import chosen, function, positive, wanted, whole
+from ..arguments import Array, chosen, function, positive, wanted, whole
 from ..design import Design, SingularRegionError, nearest_repeatable
 from ..errors import InputError, SingularityError
 from ..integrability import drift_per_area
@@ -30,7 +30,6 @@ from . import defaults
 from .result import Row, Study
 from .start_and_path import Setting, choose_setting, design_from
 
-Array = NDArray[np.float64]
 Control = Strategy | Callable[[Array, Array], ArrayLike]
 
 POSTURE_GAIN = 1.0

@@ -5,15 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arguments import Array
 from ..design.design_map import DesignMap, degree_curve, design_map
 from ..errors import SingularityError
 from ..integrability.lie_bracket import measure
 from ..strategies import Inverse
 from .result import Study
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

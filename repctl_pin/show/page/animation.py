@@ -10,9 +10,8 @@ from itertools import cycle
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ...arguments import file_name, positive
+from ...arguments import Array, file_name, positive
 from ...errors import InputError
 from ...files import prepare_folder, write_whole
 from ...motion import Motion, elbow
@@ -22,8 +21,6 @@ from ..notebook import frame
 from ..palette import BLUE, COLOURS, GREEN, ORANGE, PURPLE, SKY, VERMILLION
 from ..study_files import study_page
 from .playback import Limb, track_of, tracks_page
-
-Array = NDArray[np.float64]
 
 _WARM, _COOL = (VERMILLION, ORANGE, PURPLE), (BLUE, GREEN, SKY)
 _BACK = 0.01

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from ...arguments import Array
 from ...errors import InputError
 from ...motion import Motion
 from ...motion.csv_file import read_motions
@@ -22,8 +22,6 @@ from ...strategies.names import LABELS
 from ..palette import BLUE, COLOURS, GREEN, ORANGE, PURPLE, SKY, VERMILLION
 from ..text.verdict import Deed, Verdict, deed_of, verdict
 from .scene import Arm, Broken, Frames, animation_page, choose_frames
-
-Array = NDArray[np.float64]
 
 _OTHERS = (VERMILLION, BLUE, GREEN, PURPLE, ORANGE, SKY)
 

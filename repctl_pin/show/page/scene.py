@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from ...arguments import Array
 from ...errors import InputError
 from ...robot.visuals import Shape
 from ...studies.result import picked
@@ -17,8 +18,6 @@ from ..palette import VERMILLION
 from ..text.verdict import NO_VERDICT, Verdict
 from .html import page
 from .meshes import Key, key, lifted, record
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -17,21 +17,19 @@ from types import TracebackType
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from tornado.httpserver import HTTPServer
 from tornado.netutil import bind_sockets
 from tornado.web import Application, RequestHandler
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
-from ...arguments import vector, whole
+from ...arguments import Array, vector, whole
 from ...errors import InputError
 from ...motion import TaskPath
 from ...robot.task import Task
 from ...robot.visuals import Visuals
 from ..palette import BLUE, GREEN, PURPLE, VERMILLION
 from .scene import Arm, Frames, animation_page, moving_of, poses_of
-
-Array = NDArray[np.float64]
 
 HOST = "127.0.0.1"
 
