@@ -139,12 +139,10 @@ def test_no_stale_design_under_a_new_commands_name(tmp_path, monkeypatch, capsys
     saved = json.loads(Path("e/design.json").read_text(encoding="utf-8"))
     assert saved["desired"] == {"kind": "limits", "gain": 1.0, "room": 0.1} and saved["task"]["robot"] == "panda"
 
-    import repctl_pin.saving as room
-
     def refuse(design: rp.Design, file: Path) -> Path:
         raise rp.InputError("cannot write it")
 
-    monkeypatch.setattr(room, "save", refuse)
+    monkeypatch.setattr(rp, "save", refuse)
     assert main(few) == 2
     assert "what an earlier command wrote there is now e/design.old.json" in capsys.readouterr().err
     assert sorted(p.name for p in Path("e").glob("*.json")) == ["design.old.json"]
