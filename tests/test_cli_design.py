@@ -110,7 +110,7 @@ def test_bad_input_gets_one_clear_line(tmp_path: Path, capsys: pytest.CaptureFix
 
 def test_processes_and_interruption(tmp_path: Path) -> None:
     """Two workers give the same figures as one; Ctrl-C ends a long run with one clear line and code 130."""
-    command = [sys.executable, "-m", "repctl_pin", "design", "panda", "--out", str(tmp_path), "--json"]
+    command = [sys.executable, "-m", "repctl_pin", "design", "planar4r", "--out", str(tmp_path), "--json"]
     environment = os.environ | {"OMP_NUM_THREADS": "1"}
     small = ["--degree", "1", "--samples", "2048", "--held-out", "512"]
     one, two = (
