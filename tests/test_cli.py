@@ -90,6 +90,7 @@ def test_robots_and_inspect(tmp_path) -> None:
 
 
 BAD_ARGUMENTS = {
+    "one file for two": (["follow", "panda", "--csv", "x", "--yaml", "x"], ["--csv", "--yaml", "another name"]),
     "unknown robot": (["study", "pandda"], ["no robot 'pandda'", "did you mean 'panda'"]),
     "missing file": (["study", "my/arm.urdf"], ["my/arm.urdf"]),
     "unknown frame": (["study", "panda", "--frame", "panda_hand_tpc"], ["did you mean 'panda_hand_tcp'"]),

@@ -97,6 +97,7 @@ def test_a_region_with_a_singularity_is_refused_unless_it_may_shrink(
         (["panda", "--samples", "2", "--degree", "2"], ["too few"]),
         (["panda", "--held-out", "3"], ["held_out"]),
         (["panda", "--fourier", "1"], ["--degree"]),
+        (["panda", "--path", "circle:0.1", "--workspace", "0.1"], ["--workspace", "--path", "leave one out"]),
         (["panda", "--path", "spiral:3"], ["spiral"]),
         (["ur5", "--task", "pose"], ["r = 0"]),
         (["panda", "--workspace", "1e-6", "--degree", "1"], ["workspace box"]),

@@ -195,6 +195,8 @@ def test_bad_input(panda_design, panda_pose, path, q_panda) -> None:
         rp.follow(panda_design.inverse, path, q_panda, limit=1.0)
     with pytest.raises(rp.InputError, match="leaf_lock"):
         rp.follow(panda_design.inverse, path, q_panda, leaf_lock=-1)
+    with pytest.raises(rp.InputError, match="feedback= is the integrator's"):
+        rp.follow(panda_design.inverse, path, q_panda, leaf_lock=1, feedback=5.0)
     with pytest.raises(rp.InputError, match="leaf c"):
         rp.follow(panda_design.inverse, path, q_panda, leaf_lock=1, leaf=np.zeros(3))
     with pytest.raises(rp.InputError, match="speed limit"):

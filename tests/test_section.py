@@ -21,7 +21,7 @@ from repctl_pin.section.field import SectionField
 from repctl_pin.section.judgement import judge
 from repctl_pin.section.margins import Section, distances_of, limits_of, singular_values_of
 from repctl_pin.section.margins import searched as searched_poses
-from repctl_pin.section.middle import searched
+from repctl_pin.section.middle import judged, searched
 from repctl_pin.section.monomials import Monomials
 from repctl_pin.section.reference import fitted, rays
 from repctl_pin.section.rotations import exp3, left_jacobian, log3, tilts
@@ -337,6 +337,20 @@ def test_leaves_are_an_interval_inside_the_limits() -> None:
         assert np.abs(design.task.error(q, x)).max() < 1e-9
         assert design.inverse.leaf(q)[0] == pytest.approx(c)
         design.task.check(q)
+
+
+def test_a_posture_is_judged_by_the_way_to_the_corners() -> None:
+    """All of an easy cell's corners are reached, with the margin met there and the mean of G_d's own speed."""
+    cell, G_d = cell_of(), rp.Pseudoinverse(panda())
+    q = rp.solve_ik(cell.task, Q_PANDA, cell.placement)
+    candidate, U = judged(G_d, cell, q), cell.corners()
+    ends = rays(G_d, cell, q, U, steps=10)
+    assert candidate.share == 1 and (ends.reached == 1).all()
+    assert candidate.margin == ends.least.min() > 0
+    R = np.array([cell.task.placement(one).rotation for one in ends.Q])
+    squares = [((G_d(one) @ E @ cell.speeds(u[None])[0]) ** 2).sum() for one, E, u in
+               zip(ends.Q, cell.twists(U, R), U, strict=True)]  # fmt: skip
+    assert candidate.speed == pytest.approx(np.mean(squares), rel=1e-9)
 
 
 def test_the_judgement_is_honest() -> None:

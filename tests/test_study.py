@@ -210,6 +210,13 @@ def test_files_hold_the_motions(small: rp.Study, tmp_path) -> None:
         assert np.allclose(q, motion.q[i], atol=1e-9) and np.isclose(float(ours[i]["time"]), motion.t[i])
 
 
+def test_a_radius_or_plane_beside_a_path_of_its_own_is_refused() -> None:
+    with pytest.raises(rp.InputError, match="radius= is of the default circle"):
+        rp.study("panda", path="circle:0.1", radius=0.1)
+    with pytest.raises(rp.InputError, match="this path has its own"):
+        rp.study("panda", path=lambda task, q0: rp.circle(task, q0, 0.1), plane="xz")
+
+
 def test_a_path_out_of_reach_is_refused() -> None:
     far = lambda t, q: rp.polygon(t, q, [[3.0, 0, 0], [3.0, 1.0, 0]])  # noqa: E731
     with pytest.raises(rp.InputError, match="cannot reach"):

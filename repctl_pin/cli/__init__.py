@@ -16,7 +16,7 @@ from .._version import __version__
 from . import animate, cell, check, completion, design, export, follow, inspect, robots, study
 from .endings import told
 from .executors import BLAS_THREADS
-from .parsing import Parser
+from .options import Parser
 
 _AS_WRITTEN: dict[str, Any] = {"formatter_class": argparse.RawDescriptionHelpFormatter, "allow_abbrev": False}
 _COMMANDS = (study, design, cell, follow, check, animate, export, robots, inspect, completion)

@@ -11,8 +11,8 @@ import repctl_pin as rp
 
 from ..errors import InputError
 from ..files import prepare_folder, write_whole
-from .options import Options, positive, whole
-from .parsing import Parser
+from .given import Options, positive, whole
+from .options import Parser
 from .terminal import clear_line, progress, report, until_stopped
 
 if TYPE_CHECKING:

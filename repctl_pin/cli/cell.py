@@ -12,8 +12,8 @@ import repctl_pin as rp
 from ..errors import InputError, RepctlError, needed
 from ..files import prepare_folder, write_whole
 from ..show.text.lines import fitted
-from .options import Options, natural, numbers_of, positive, save_control, whole
-from .parsing import Parser
+from .given import Options, natural, numbers_of, positive, save_control, whole
+from .options import Parser
 from .terminal import progress, report
 
 HELP = "find one function for a whole cell: a pose in, the same joints out, everywhere in a box of poses"

@@ -10,8 +10,8 @@ import repctl_pin as rp
 from ..errors import InputError
 from ..show.text.lines import fitted
 from ..show.text.numbers import number, row
-from .options import REGION, Options, box_round, natural, positive, whole
-from .parsing import Parser
+from .given import REGION, Options, box_round, natural, positive, whole
+from .options import Parser
 from .terminal import progress, report
 
 if TYPE_CHECKING:

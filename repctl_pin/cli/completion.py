@@ -6,8 +6,8 @@ import argparse
 
 from ..errors import needed
 from .follow import OWN
-from .options import Options
-from .parsing import Parser
+from .given import Options
+from .options import Parser
 
 SHELLS = ("bash", "zsh", "fish")
 

@@ -12,8 +12,8 @@ from ..files import prepare_folder, write_whole
 from ..show.text.lines import fitted
 from ..show.text.numbers import row
 from .executors import executor_of
-from .options import REGION, Options, box_round, natural, positive, said_by_options, save_control, whole
-from .parsing import Parser
+from .given import REGION, Options, box_round, natural, positive, said_by_options, save_control, whole
+from .options import Parser
 from .terminal import progress, report
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ HELP = "find the repeatable inverse nearest to J⁺, or to a weighted inverse, o
 EXAMPLE = """examples:
   repctl design panda --region 0.4 --degree auto
   repctl design panda --task position --weight inertia --shrink --region 1.2
-  repctl design xarm7 --path circle:0.1 --region 0.2         # a tube round one cycle of J⁺
+  repctl design xarm7 --path circle:0.1 --region 0.2         # a tube round the motion
   repctl design panda --degree 3 --samples 262144 --processes 2"""
 
 
@@ -38,7 +38,7 @@ def add_options(parser: Parser) -> None:
     parser.weight()
     add = parser.add_argument
     add("--region", type=positive, default=REGION, metavar="W", help="Ω: half-width round the start, rad (default 0.4)")
-    parser.path("Ω: a tube of that half-width round one cycle of J⁺ on a path: ", "")
+    parser.path("Ω: a tube of that half-width round the motion on a path: ", "")
     workspace = "Ω: only configurations with the frame within M metres of its start, along each axis"
     add("--workspace", type=positive, metavar="M", help=workspace)
     add("--shrink", action="store_true", help="shrink Ω until it is free of singularities")
@@ -62,12 +62,19 @@ def run(options: Options) -> int:
     folder = options.output_folder(Path(options.robot).stem)
     say = progress(options.quiet)
     degree = options.asked_degree()
+    if options.fourier is not None and degree == "auto":
+        raise InputError("--fourier needs --degree D, the degree of the polynomials beside it")
+    if options.path is not None and options.workspace is not None:
+        raise InputError("--workspace cuts a box round the start, and Ω round a --path is a tube; leave one out")
+    if options.plane is not None and options.path is None:
+        raise InputError("--plane is of a --path, round which Ω lies; give one")
 
     from ..design.design_map import degree_curve, design_map
     from ..show.plots.designs import design_figure
     from ..show.plots.motions import png
     from ..show.text.table import table
     from ..studies.defaults import check_degree, choose_desired
+    from ..studies.start_and_path import shrunk_note
 
     task = options.load_task()
     if degree != "auto":
@@ -94,11 +101,9 @@ def run(options: Options) -> int:
         try:
             setting, design = _designed(desired, make, options, say)
         except rp.SingularRegionError as error:
-            raise said_by_options(error, shrink=True) from None
+            raise said_by_options(error, shrink=not options.shrink) from None
         degrees = degree_curve(design, share_done)
-    notes = [*setting.moved]
-    if design.shrunk < 1:
-        notes.append(f"Ω was shrunk to {design.shrunk:.0%} of its width to keep clear of singularities")
+    notes = [*setting.moved, *shrunk_note(design)]
     say("finding a cycle inside Ω")
     design, more = _with_cycle(design, setting)
     notes.extend(more)
@@ -130,8 +135,6 @@ def _designed(
     if options.path is not None:
         path = options.asked_path()
         return design_from(desired, start, path, make, width=options.region, seed=options.seed, say=say)
-    if options.plane is not None:
-        raise InputError("--plane is of a --path, round which Ω lies; give one")
     q0, where = choose_start(task) if start is None else (start, GIVEN)
     box, notes = box_round(task, q0, options.region)
     region: Region = box
@@ -164,8 +167,6 @@ def _fields(task: rp.Task, region: Region, degree: Any, fourier: int | None) -> 
     import numpy as np
 
     turning = np.flatnonzero(task.revolute)
-    if degree == "auto":
-        raise InputError("--fourier needs --degree D, the degree of the polynomials beside it")
     try:
         waves = rp.Fourier(task.n, fourier, variables=[int(v) for v in turning])
     except InputError as error:

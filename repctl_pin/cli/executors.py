@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
-from .options import Options
+from .given import Options
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor

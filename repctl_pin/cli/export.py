@@ -5,8 +5,8 @@ from __future__ import annotations
 import repctl_pin as rp
 
 from ..errors import InputError
-from .options import Options
-from .parsing import Parser
+from .given import Options
+from .options import Parser
 from .terminal import report
 
 HELP = "write a saved design or cell as C that a robot's own loop runs"

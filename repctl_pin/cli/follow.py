@@ -12,8 +12,8 @@ from ..errors import InputError, needed
 from ..files import write_whole
 from ..show.text.lines import fitted
 from ..show.text.numbers import number, row
-from .options import REGION, Options, numbers_of, positive, said_by_options, whole
-from .parsing import Parser
+from .given import REGION, Options, numbers_of, positive, said_by_options, whole
+from .options import Parser
 from .terminal import progress, report
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ HELP = "follow a closed path with a saved design, or another control, and write 
 EXAMPLE = """example: repctl follow design.json --path circle:0.1 --plane yz --csv motion.csv --yaml traj.yaml
 
 The motion is what repeats: it begins and ends at full speed along the path. With --acceleration it goes from rest to
-rest, as quickly as these and the URDF's speed limits allow, all cycles but the first and last alike."""
+rest, as quickly as these accelerations and the URDF's speed limits allow, all cycles but the first and last alike."""
 
 OWN = ("repeatable", "pseudoinverse", "inertia")
 
@@ -90,10 +90,11 @@ def run(options: Options) -> int:
         say("timing the motion")
         rest = rp.timed(motion, acceleration=_accelerations(options.acceleration), rate=options.rate or 1000.0)
         result |= {"duration": rest.duration, "slowed_by": None, "cycle_time": rest.cycle_time, "stops": rest.stops}
+        result["peak_speed"] = float((rest.qdot**2).sum(axis=1).max() ** 0.5)
     broken = violations_of(slowed)
-    leaf = "--best-leaf, " if isinstance(strategy, rp.RepeatableInverse) and found is None else ""
-    smaller = " or a smaller --path" if all(violation.moment > 0 for violation in broken) else ""
-    remedy = f"{leaf}another --start{smaller}"
+    remedies = ["--best-leaf"] if isinstance(strategy, rp.RepeatableInverse) and found is None else []
+    remedies += ["another --start", *(["a smaller --path"] if all(one.moment > 0 for one in broken) else [])]
+    remedy = " or ".join(remedies)
     if (options.csv or options.yaml) and not options.allow_violations:
         refuse_violations(slowed, f"try {remedy}; --allow-violations writes it anyway")
     written, contents = slowed if rest is None else rest, dict[str, str | bytes]()
@@ -117,13 +118,18 @@ def run(options: Options) -> int:
 
 
 def _check_control(options: Options) -> None:
-    """Refuse two controls, and options of a timed motion for one that is not."""
+    """Refuse two controls, options of a timed motion for one that is not, and a file asked for twice."""
     given = [name for name in ("strategy", "fields") if getattr(options, name)]
     if given and (options.saved or len(given) > 1):
         raise InputError("--strategy and --fields stand in place of a design and of each other; give a robot with one")
     for option in ("rate", "profile"):
         if getattr(options, option) is not None and options.acceleration is None:
             raise InputError(f"--{option} is for a timed motion; give --acceleration with it")
+    files = [file for file in (options.csv, options.yaml, options.profile) if file is not None]
+    if len(set(files)) < len(files):
+        raise InputError("--csv, --yaml and --profile are files of their own; give each another name")
+    if options.profile is not None:
+        needed("matplotlib", by="--profile")
 
 
 def _saved(options: Options) -> tuple[Strategy, Setting, Inverse]:
@@ -139,17 +145,17 @@ def _made(options: Options, say: Callable[[str], None]) -> tuple[Strategy, Setti
     from ..motion.fitting_circle import fitting_circle
     from ..plugins import plugin
     from ..strategies import Strategy
-    from ..studies.start_and_path import choose_setting, design_from, with_cycle
+    from ..studies.start_and_path import choose_setting, design_from, shrunk_note, with_cycle
 
     task = options.load_task()
     plain, start, path = rp.Pseudoinverse(task), options.asked_start(task), options.asked_path() or fitting_circle
-    if not options.fields and options.strategy in (None, OWN[0]):
+    if not options.fields and options.strategy in (None, "repeatable"):
         setting, design = design_from(
             plain, start, path, lambda box: rp.nearest_repeatable(plain, None, box, degree=2, shrink=True), say=say
         )
         design, slower = with_cycle(design, setting, period=options.period)
         assert design.cycle is not None
-        moved = (*setting.moved, *slower)
+        moved = (*setting.moved, *shrunk_note(design), *slower)
         return design.inverse, setting._replace(region=design.region, period=design.cycle.period, moved=moved)
     say("finding a path")
     setting = choose_setting(task, start, path)
@@ -160,7 +166,7 @@ def _made(options: Options, say: Callable[[str], None]) -> tuple[Strategy, Setti
         except rp.SingularRegionError as error:
             raise said_by_options(error) from None
     if options.strategy in OWN:
-        return plain if options.strategy == OWN[1] else rp.WeightedInverse(task, "inertia"), setting
+        return (plain if options.strategy == "pseudoinverse" else rp.WeightedInverse(task, "inertia")), setting
     strategy = plugin("strategies", options.strategy, known=OWN)(task)
     if not isinstance(strategy, Strategy):
         raise InputError(f"--strategy {options.strategy} makes something without a task or a velocity(q, ẋ)")
@@ -176,7 +182,6 @@ def _accelerations(text: str) -> str | list[float]:
 
 def _drawn(rest: rp.TimedMotion) -> bytes:
     """Draw the phase-plane profile."""
-    needed("matplotlib", by="--profile")
     from matplotlib.figure import Figure
 
     from ..show.plots.cycles import phase_plane

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from ..show.text.lines import fitted
-from .options import Options
-from .parsing import Parser
+from .given import Options
+from .options import Parser
 from .terminal import report
 
 HELP = "say what a robot or a URDF holds: joints, limits, frames, redundancy by task"

@@ -7,8 +7,8 @@ from typing import Any
 import repctl_pin as rp
 
 from ..show.text.lines import fitted
-from .options import Options
-from .parsing import Parser
+from .given import Options
+from .options import Parser
 from .terminal import progress, report
 
 HELP = "list the catalogue: joints, chains, frames, redundancy by task"

@@ -8,8 +8,8 @@ from pathlib import Path
 import repctl_pin as rp
 
 from ..files import prepare_folder, write_whole
-from .options import Options, natural, positive, said_by_options, save_control, whole
-from .parsing import Parser
+from .given import Options, natural, positive, said_by_options, save_control, whole
+from .options import Parser
 from .terminal import progress, report
 
 HELP = "show how far an arm drifts on a closed path, and the control that does not"

@@ -220,4 +220,4 @@ def _check(desired: Inverse, fields: Field | None, region: Region, degree: int |
         return
     check_joints(fields, task.n)
     if fields.size < task.r:
-        raise InputError(f"{fields.size} potentials cannot give r = {task.r} independent ones; raise the degree")
+        raise InputError(f"{fields.size} potentials cannot give r = {task.r} independent ones; give more")

@@ -27,7 +27,7 @@ _INSIDE = 1e-12
 """How far from a grid point, in cycles, a velocity is asked for: on the step's own side of a corner."""
 
 _MOST_CORRECTIONS = 1000
-"""Newton's method has converged after a handful."""
+"""Most corrections in a step; Newton's method has converged after a handful."""
 
 _JUMP = 1.0
 """No arm moves a joint this far in one step: the integration has failed. In rad; of prismatic joints in lengths of
@@ -37,7 +37,7 @@ _MOST = 100_000_000
 """Numbers that a motion may hold: 0.8 GB of positions, and as much of velocities."""
 
 Advance = Callable[[int, Array], tuple[Array, Array, float]]
-"""Step of a cycle, q → q after it, q̇ where it begins, and the damping that was used."""
+"""Step of a cycle, q → q after it, q̇ where it begins (on a leaf: its mean), and the damping that was used."""
 AtEnd = Callable[[Array], Array]
 """q → q̇ where the motion ends."""
 
@@ -129,7 +129,7 @@ def follow(
     check_length(task, cycles, steps)
     period = positive((path.period or 5.0) if period is None else period, "the period", "s")
     feedback = positive(feedback, "the feedback gain", zero=True)
-    if not leaf_lock and not (leaf is None and limit is None and not damping):
+    if not leaf_lock and (leaf is not None or limit is not None or damping):
         raise InputError("leaf=, limit= and damping= belong to the leaf lock; give leaf_lock=1 with them")
     gap = float(np.linalg.norm(task.error(q, path.placement(0.0))))
     if gap > 1e-3 and not feedback and not leaf_lock:
@@ -139,6 +139,8 @@ def follow(
 
     grid = _grid(path, steps)
     if leaf_lock:
+        if feedback:
+            raise InputError("feedback= is the integrator's; the leaf lock corrects the error itself, so leave it out")
         if not isinstance(strategy, OnLeaves):
             raise InputError("only a repeatable strategy, such as design.inverse, has leaves to lock to")
         c = strategy.leaf(q) if leaf is None else vector(leaf, task.r, "the leaf c = h(q)", "one per potential")

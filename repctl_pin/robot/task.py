@@ -159,7 +159,7 @@ class Task:
         return pin.SE3(self._data.oMf[self._frame_id])
 
     def jacobian(self, q: ArrayLike) -> Array:
-        """Evaluate J (m, n) of ẋ = J q̇ (2): m or m/s rows first, then rad."""
+        """Evaluate J (m, n) of ẋ = J q̇ (2): the rows of v first, then those of ω."""
         J = self._task_rows(self._frame_jacobian(self._vector(q)))
         return J if self.drive is None else J @ self.drive.S
 

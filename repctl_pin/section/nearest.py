@@ -155,10 +155,17 @@ def nearest_inverse_function(
         degree = whole(degree, "degree")
         if comb(cell.k + degree, degree) * cell.task.r > 4 * _MOST_UNKNOWNS:
             raise InputError(f"degree {degree} in {cell.k} coordinates makes more than {4 * _MOST_UNKNOWNS} unknowns")
-    work = _Work(desired, degree, positive(room, "room", "rad", zero=True), positive(apart, "apart", "m", zero=True),
-                 positive(dexterity, "dexterity", zero=True),
-                 None if samples is None else whole(samples, "samples", 16), whole(held_out, "held_out", 64),
-                 whole(seed, "seed"), incomplete == "keep")  # fmt: skip
+    work = _Work(
+        desired,
+        degree,
+        room=positive(room, "room", "rad", zero=True),
+        apart=positive(apart, "apart", "m", zero=True),
+        dexterity=positive(dexterity, "dexterity", zero=True),
+        samples=None if samples is None else whole(samples, "samples", 16),
+        held_out=whole(held_out, "held_out", 64),
+        seed=whole(seed, "seed"),
+        keep=incomplete == "keep",
+    )
     with reporting.reporter(progress) as report:
         work = replace(work, report=report)
         report("the middle posture", 0.0)
@@ -193,13 +200,12 @@ class _Work:
         first = self.design(cell, postures[0])
         if len(postures) == 1 or _rank(first, self.room)[0] < _NEARLY or self.good(first):
             return postures[0], first
-        quick, silent = [], replace(self, report=reporting.silent)
-        for i, q in enumerate(postures):
+        ranks, quiet = {}, replace(self, report=reporting.silent)
+        for i in range(1, len(postures)):
             self.report(f"posture {i + 1} of {len(postures)}", 0.1)
-            quick.append(_rank(silent.design(cell, q, quick=True), self.room))
-        order = sorted(range(len(postures)), key=lambda i: quick[i], reverse=True)
+            ranks[i] = _rank(quiet.design(cell, postures[i], quick=True), self.room)
         designs = [(postures[0], first)]
-        for i in [i for i in order if i][:2]:
+        for i in sorted(ranks, key=lambda i: ranks[i], reverse=True)[:2]:
             designs.append((postures[i], self.design(cell, postures[i])))
             if self.good(designs[-1][1]):
                 break
@@ -233,10 +239,11 @@ class _Work:
         self.report("the last chart", 0.7)
         chart = _recharted(cell, chart, descent, terms)
         self.report("the judgement", 0.8)
-        judgement = judge(self.desired, chart, 512 if quick or hopeless else self.held_out, self.seed + 2)
-        return CellDesign.of(self.desired, chart, judgement, degrees=degrees, samples=len(U), held_out=self.held_out,
-                             seed=self.seed, room=self.room, apart=self.apart, dexterity=self.dexterity,
-                             steps=descent.steps)  # fmt: skip
+        held_out = min(512, self.held_out) if quick or hopeless else self.held_out
+        judgement = judge(self.desired, chart, held_out, self.seed + 2)
+        how = {"seed": self.seed, "room": self.room, "apart": self.apart, "dexterity": self.dexterity}
+        more = {"samples": len(U), "held_out": held_out, "steps": descent.steps}
+        return CellDesign.of(self.desired, chart, judgement, degrees=degrees, **how, **more)
 
     def _highest(self, cell: Cell) -> int:
         """The highest degree that is tried."""
@@ -250,7 +257,7 @@ class _Work:
     def _descended(
         self, cell: Cell, chart: Chart, U: Array, edge: Array, quick: bool, rounds: int
     ) -> tuple[Descent, Monomials, tuple[tuple[int, float], ...]]:
-        """Minimise the cost, degree by degree, then with the joint limits in it; and the degrees tried."""
+        """Minimise the cost, degree by degree, then with the margins in it; and the degrees tried."""
         highest = min(2, self._highest(cell)) if quick else self._highest(cell)
         best: list[Descent] = []
         tried: list[tuple[int, float]] = []
@@ -307,7 +314,7 @@ def _why(cell: Cell, ends: Rays, count: int) -> tuple[Stop, ...]:
 
 
 def _largest(work: _Work, cell: Cell, q: Array, *, quick: bool) -> tuple[float, CellDesign | None]:
-    """Find the factor, to about 10 %, by which the cell can be scaled about its middle so that it is covered.
+    """Find the factor, to 20 % at worst, by which the cell can be scaled about its middle so that it is covered.
 
     Rays to the corners and some poses more find where to begin; a design has the last word.
     """

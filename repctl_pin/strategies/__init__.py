@@ -5,7 +5,7 @@ from .custom import CustomInverse as CustomInverse
 from .custom import FunctionStrategy as FunctionStrategy
 from .extended import ExtendedJacobian as ExtendedJacobian
 from .impedance import LeafImpedance as LeafImpedance
-from .limits import LimitWeight as LimitWeight
+from .limit_weight import LimitWeight as LimitWeight
 from .pseudoinverse import PostureControl as PostureControl
 from .pseudoinverse import Pseudoinverse as Pseudoinverse
 from .pseudoinverse import WeightedInverse as WeightedInverse

@@ -1,4 +1,4 @@
-"""One step of a control loop: one Jacobian, one evaluation of the potentials, one LAPACK solve.
+"""One step of a control loop, the leaf lock: one Jacobian, one evaluation of the potentials, one LAPACK solve.
 
 The functions made here are closures over preallocated memory, see :mod:`repctl_pin.robot.inplace`. What they are
 given is looked at before it reaches compiled code: native doubles of the right size pass, everything else is

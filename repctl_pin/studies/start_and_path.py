@@ -178,6 +178,12 @@ def _design_along(
     return design
 
 
+def shrunk_note(design: Design) -> tuple[str, ...]:
+    """Say by how much Ω was shrunk, if it was."""
+    what = f"Ω was shrunk to {design.shrunk:.0%} of its width to keep clear of singularities"
+    return (what,) if design.shrunk < 1 else ()
+
+
 def with_cycle(design: Design, setting: Setting, *, period: float | None = None) -> tuple[Design, list[str]]:
     """Give a design the cycle it is for, in a time that keeps the speed limits where none is asked for; and notes."""
     path = setting.drawn

@@ -28,7 +28,7 @@ from ..strategies import FunctionStrategy, PostureControl, Pseudoinverse, Strate
 from ..strategies.names import LABELS
 from . import defaults
 from .result import Row, Study
-from .start_and_path import Setting, choose_setting, design_from
+from .start_and_path import Setting, choose_setting, design_from, shrunk_note
 
 Control = Strategy | Callable[[Array, Array], ArrayLike]
 
@@ -77,7 +77,7 @@ def study(
         A closed path, its name on the command line (``"circle:0.1"``, ``"loop.csv"``), or a function
         ``(task, q0) → path``; by default a circle the arm can follow inside its limits.
     radius, plane
-        Of that circle, m, and ``xy``, ``yz`` or ``xz``.
+        Of that circle, m; and ``xy``, ``yz`` or ``xz``, its plane or that of a path given by name.
     cycles, steps
         Number of cycles, and RK4 steps in each, open loop.
     region
@@ -123,8 +123,12 @@ def study(
         wanted(region, Region, "region", "a half-width, rad, or a region of joint space, such as rp.Box(q0, 0.3)")
     if radius is not None:
         radius = positive(radius, "the radius of a circle", "m")
+        if path is not None:
+            raise InputError("radius= is of the default circle; leave it out, or path=")
     if plane is not None:
         chosen(plane, PLANES, "plane")
+        if not (path is None or isinstance(path, str)):
+            raise InputError("plane= is of the default circle, or of a path given by name; this path has its own")
     cycles, steps, seed = whole(cycles, "cycles", 1), whole(steps, "steps", 1), whole(seed, "seed")
     if period is not None:
         period = positive(period, "the period", "s")
@@ -154,9 +158,7 @@ def study(
         design = _asked(make, region, setting.q0)
     q0, drawn = setting.q0, setting.drawn
     notes = [*machine.warnings, *(defaults.kind_note(machine, moved) if task is None else []), *setting.notes]
-    notes.extend(bodies_of(moved).notes)
-    if design.shrunk < 1:
-        notes.append(f"Ω was shrunk to {design.shrunk:.0%} to keep clear of singularities")
+    notes.extend([*bodies_of(moved).notes, *shrunk_note(design)])
     say(f"following the path for {cycles} cycles")
     rows, time, slower = _followed(setting, design, own, cycles=cycles, steps=steps, period=period)
     notes.extend([*slower, *_beyond_limits(rows), *_where_it_drifts(Pseudoinverse(moved), q0, rows[0].motion)])
