@@ -289,5 +289,9 @@ def test_the_engine_says_whether_its_potentials_are_rich_enough(task: rp.Task) -
 
     assert rp.settled(designs(0.8, (5, 7)))
     assert not rp.settled(designs(2.0, (5, 7)))
+    refused = rp.SingularityError("it lies in Ω")
+    assert not rp.settled([*designs(0.8, (3,)), refused])  # a refusal settles nothing
+    with pytest.raises(rp.InputError, match="each of the designs"):
+        rp.settled([3, refused])
     with pytest.raises(rp.InputError, match="at least two"):
         rp.settled(designs(0.8, (3,)))

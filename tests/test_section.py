@@ -23,6 +23,7 @@ from repctl_pin.section.margins import Section, distances_of, limits_of, singula
 from repctl_pin.section.margins import searched as searched_poses
 from repctl_pin.section.middle import judged, searched
 from repctl_pin.section.monomials import Monomials
+from repctl_pin.section.nearest import _rank
 from repctl_pin.section.reference import fitted, rays
 from repctl_pin.section.rotations import exp3, left_jacobian, log3, tilts
 from repctl_pin.section.stops import touching
@@ -190,6 +191,9 @@ def test_gradient_of_the_cost_against_finite_differences(kind: str) -> None:
         a = 0.03 * rng.normal(size=(terms.size, cell.task.r))
         value = cost.value(a)
         gradient, H = cost.model(value)
+        E, G_d = cell.twists(cost.U, value.points.R)[:16], rp.Pseudoinverse(cell.task).batch(value.points.Q[:16])
+        wanted = G_d @ E @ cell.speeds(cost.U[:16])
+        assert value.wanted == pytest.approx(np.mean(np.sum(wanted**2, axis=(1, 2))), rel=1e-12)
         assert all((part.margin.measure(value.points.Q[16:24]) < part.asked[:, None]).any() for part in kept)
         for _ in range(3):
             v = rng.normal(size=a.shape)
@@ -351,6 +355,22 @@ def test_a_posture_is_judged_by_the_way_to_the_corners() -> None:
     squares = [((G_d(one) @ E @ cell.speeds(u[None])[0]) ** 2).sum() for one, E, u in
                zip(ends.Q, cell.twists(U, R), U, strict=True)]  # fmt: skip
     assert candidate.speed == pytest.approx(np.mean(squares), rel=1e-9)
+
+
+def test_what_a_design_says_of_itself() -> None:
+    """The numbers of its judgement in a person's words, what was asked for by default, and its rank among others."""
+    design = found()
+    j, said = design.judgement, design.figures()
+    assert (design.room, design.apart, design.dexterity) == (0.05, 0.0, 0.0)
+    assert said["extra joint speed"].startswith(f"{100 * j.extra_speed:.3g} % ± {100 * j.extra_speed_error:.1g}, ")
+    assert said["coverage"] == "100.00%" and f"{j.limit_margin:.3g}" in said["limit margin"]
+    assert f"{j.body_distance:.3g}" in said["body distance"] and "no" not in said["body distance"].split()
+    free = replace(design, judgement=replace(j, body_distance=np.inf, limit_margin=np.inf))
+    assert free.figures()["body distance"] == "no collision bodies" and free.figures()["limit margin"] == "no limits"
+    touching = replace(design, judgement=replace(j, body_distance=-0.01))
+    assert _rank(design, 0.05) == (1.0, True, 0.4 * 0.05, -design.cost) > _rank(touching, 0.05)
+    near = replace(design, judgement=replace(j, limit_margin=0.01))
+    assert _rank(near, 0.05)[2] == 0.01 and _rank(near, 0.05) < _rank(design, 0.05)
 
 
 def test_the_judgement_is_honest() -> None:

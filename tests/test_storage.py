@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import json
 import multiprocessing
 import os
@@ -212,6 +213,23 @@ def edited(saved: Path, **changes) -> Path:
     content["checksum"] = _checksum(content)
     saved.write_text(json.dumps(content))
     return saved
+
+
+def test_the_checksum_is_of_everything_else_however_it_is_laid_out() -> None:
+    """What was written yesterday has to be readable tomorrow: keys in order, no spaces, names as they are."""
+    content = {"ä": 1, "checksum": "another", "b": [2.5, "é"]}
+    written = '{"b":[2.5,"é"],"ä":1}'.encode()
+    assert _checksum(content) == f"sha256:{hashlib.sha256(written).hexdigest()}"
+
+
+@pytest.mark.parametrize("end", [0.99, 1.01])
+def test_a_path_that_is_not_whole_is_refused(end: float, small, panda_pose, q_panda, tmp_path) -> None:
+    cycle = Cycle(q_panda, rp.circle(panda_pose, q_panda, 0.1), 3.0)
+    file = rp.save(dataclasses.replace(small, cycle=cycle), tmp_path / "control.json")
+    pieces = json.loads(file.read_text())["cycle"]
+    pieces["pieces"][-1]["end"] = end
+    with pytest.raises(rp.InputError, match="do not lead from s = 0 to 1"):
+        rp.load(edited(file, cycle=pieces), panda_pose)
 
 
 def test_a_file_without_a_fingerprint_is_refused(saved) -> None:
