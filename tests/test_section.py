@@ -23,7 +23,7 @@ from repctl_pin.section.margins import Section, distances_of, limits_of, singula
 from repctl_pin.section.margins import searched as searched_poses
 from repctl_pin.section.middle import judged, searched
 from repctl_pin.section.monomials import Monomials
-from repctl_pin.section.nearest import _rank
+from repctl_pin.section.nearest import _rank, _Work
 from repctl_pin.section.reference import fitted, rays
 from repctl_pin.section.rotations import exp3, left_jacobian, log3, tilts
 from repctl_pin.section.stops import touching
@@ -371,6 +371,9 @@ def test_what_a_design_says_of_itself() -> None:
     assert _rank(design, 0.05) == (1.0, True, 0.4 * 0.05, -design.cost) > _rank(touching, 0.05)
     near = replace(design, judgement=replace(j, limit_margin=0.01))
     assert _rank(near, 0.05)[2] == 0.01 and _rank(near, 0.05) < _rank(design, 0.05)
+    options = {"room": 0.05, "apart": 0.0, "dexterity": 0.0, "samples": 64, "held_out": 64, "seed": 0, "keep": False}
+    work, dear = _Work(design.desired, 2, **options), replace(design, judgement=replace(j, extra_speed=0.03))
+    assert work.good(design) and not any(work.good(one) for one in (dear, touching, near))
 
 
 def test_the_judgement_is_honest() -> None:
