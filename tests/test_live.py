@@ -212,6 +212,10 @@ def test_nothing_is_left_when_its_terminal_is_closed(design: Path) -> None:
     import fcntl
     import termios
 
+    def hung_up_on() -> None:
+        signal.signal(signal.SIGHUP, signal.SIG_DFL)  # under nohup it would be ignored
+        fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+
     window, terminal = os.openpty()
     process = subprocess.Popen(
         [sys.executable, "-m", "repctl_pin", "animate", design.name, *LIVE, "--json", "--no-browser"],
@@ -222,7 +226,7 @@ def test_nothing_is_left_when_its_terminal_is_closed(design: Path) -> None:
         stderr=terminal,
         text=True,
         start_new_session=True,
-        preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
+        preexec_fn=hung_up_on,
     )
     try:
         os.close(terminal)
