@@ -13,11 +13,11 @@ import repctl_pin as rp
 from ..errors import InputError
 from ..files import check_folder, not_left_empty
 
-REGION = 0.4
-"""Half-width of Ω round a start, rad, where none is given."""
-
 if TYPE_CHECKING:
     from ..design.schema import TaskFile
+
+REGION = 0.4
+"""Half-width of Ω round a start, rad, where none is given."""
 
 
 class Options(argparse.Namespace):

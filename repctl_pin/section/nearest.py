@@ -241,9 +241,19 @@ class _Work:
         self.report("the judgement", 0.8)
         held_out = min(512, self.held_out) if quick or hopeless else self.held_out
         judgement = judge(self.desired, chart, held_out, self.seed + 2)
-        how = {"seed": self.seed, "room": self.room, "apart": self.apart, "dexterity": self.dexterity}
-        more = {"samples": len(U), "held_out": held_out, "steps": descent.steps}
-        return CellDesign.of(self.desired, chart, judgement, degrees=degrees, **how, **more)
+        return CellDesign.of(
+            self.desired,
+            chart,
+            judgement,
+            degrees=degrees,
+            samples=len(U),
+            held_out=held_out,
+            seed=self.seed,
+            room=self.room,
+            apart=self.apart,
+            dexterity=self.dexterity,
+            steps=descent.steps,
+        )
 
     def _highest(self, cell: Cell) -> int:
         """The highest degree that is tried."""
