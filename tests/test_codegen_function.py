@@ -74,7 +74,7 @@ def words(question: Callable[[], object]) -> str:
 def compare_f(function: rp.InverseFunction, count: int) -> tuple[float, int]:
     """The greatest difference between F in Python and in C in and beyond the cell, and how many are refused alike."""
     fast, worst, none = rp.compiled(function), 0.0, 0
-    assert fast.inverse._loop.inverses is not None
+    assert fast.inverse._loop.own.inverses is not None
     for k, (target, c) in enumerate(targets(function, count, seed=3)):
         leaf = None if k % 3 == 0 else c
         try:

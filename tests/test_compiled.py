@@ -46,7 +46,7 @@ def test_it_is_the_same_object(panda_design: rp.Design, panda_pose: rp.Task) -> 
     assert np.allclose(fast.solve(target, Q_PANDA), inverse.solve(target, Q_PANDA), atol=1e-10)
     assert np.allclose(fast(Q_PANDA), inverse(Q_PANDA)) and np.array_equal(fast.leaf(Q_PANDA), inverse.leaf(Q_PANDA))
     other = pickle.loads(pickle.dumps(fast))
-    assert other._loop.inverses is not None
+    assert other._loop.own.inverses is not None
     assert np.array_equal(other.step(Q_PANDA, target, 0.01), fast.step(Q_PANDA, target, 0.01))
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import ctypes
-from functools import cached_property
+from collections.abc import Callable
+from functools import cached_property, partial
 from typing import overload
 
 import numpy as np
@@ -11,11 +12,13 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from ..arguments import Array, wanted
+from ..robot.task import Task
 from ..section import InverseFunction
 from ..section.chart import Chart
 from ..section.field import SectionField
 from ..strategies.repeatable import RepeatableInverse
-from .compiled_loop import GIVEN_LEAF, NAME, call_memory, compiled_loop, library, run_many
+from ..threads import PerThread
+from .compiled_loop import GIVEN_LEAF, NAME, call_memory, compiled_loops, library, run_many
 
 
 class CompiledFunction(InverseFunction):
@@ -23,21 +26,18 @@ class CompiledFunction(InverseFunction):
 
     def __init__(self, chart: Chart, *, keep_limits: bool = True) -> None:
         super().__init__(chart, keep_limits=keep_limits)
-        self._library = library(self)
-        self._parts, self._address = call_memory(self.task)
-        self._pose = self._parts["target"].reshape(4, 4)
+        self._library = library(InverseFunction(chart, keep_limits=keep_limits))
         if self._library is not None:
-            self._one = ctypes.PyDLL(self._library)[f"{NAME}_call_F"]
+            one = ctypes.PyDLL(self._library)[f"{NAME}_call_F"]
             self._many = ctypes.CDLL(self._library)
+            self._one = PerThread(partial(_one_pose, self.task, one))
 
     def __call__(self, target: pin.SE3, *, leaf: ArrayLike | None = None) -> Array:
         """Evaluate F: the joints (n,) for a pose of the cell; see :class:`InverseFunction`."""
         if self._library is not None and isinstance(target, pin.SE3):
-            self._pose[:] = target.homogeneous
-            if leaf is not None:
-                self._parts["leaf"][:] = self._leaf(leaf)
-            if not self._one(self._address, 0 if leaf is None else GIVEN_LEAF):
-                return self._parts["result"].copy()
+            q = self._one.own(target, None if leaf is None else self._leaf(leaf))
+            if q is not None:
+                return q
         return super().__call__(target, leaf=leaf)
 
     def _batch(self, U: Array, c: Array) -> Array:
@@ -51,7 +51,25 @@ class CompiledFunction(InverseFunction):
     @cached_property
     def inverse(self) -> RepeatableInverse:
         """The control ``q̇ = ∂F/∂x ẋ``, in C too."""
-        return RepeatableInverse(self.task, SectionField(self.chart), loops=compiled_loop)
+        if self._library is None:  # which was said
+            return super().inverse
+        return RepeatableInverse(self.task, SectionField(self.chart), region=self.cell, loops=compiled_loops)
+
+
+def _one_pose(task: Task, run: Callable[..., int]) -> Callable[[pin.SE3, Array | None], Array | None]:
+    """Make the function (target, leaf or None) → q (n,) of one thread; None where C refuses."""
+    parts, address = call_memory(task)
+    pose, leaf_in, result = parts["target"].reshape(4, 4), parts["leaf"], parts["result"]
+
+    def one(target: pin.SE3, leaf: Array | None) -> Array | None:
+        pose[:] = target.homogeneous
+        if leaf is not None:
+            leaf_in[:] = leaf
+        if run(address, 0 if leaf is None else GIVEN_LEAF):
+            return None
+        return result.copy()
+
+    return one
 
 
 @overload
@@ -62,7 +80,7 @@ def compiled(control: RepeatableInverse | InverseFunction) -> RepeatableInverse 
     """Make the same inverse with ``velocity``, ``step``, ``batch`` and ``velocities`` in compiled C, or the same F.
 
     It is compiled once with the machine's C compiler, and kept in the user's cache. Without a compiler there is a
-    warning, and Python is used. Not thread-safe: make one per thread.
+    warning, and Python is used. Any number of threads may call it.
 
     Parameters
     ----------
@@ -88,4 +106,4 @@ def compiled(control: RepeatableInverse | InverseFunction) -> RepeatableInverse 
     if isinstance(control, InverseFunction):
         return CompiledFunction(control.chart, keep_limits=control.keep_limits)
     wanted(control, RepeatableInverse, "inverse", "a repeatable inverse, such as design.inverse, or found.function")
-    return RepeatableInverse(control.task, control.field, region=control.region, loops=compiled_loop)
+    return RepeatableInverse(control.task, control.field, region=control.region, loops=compiled_loops)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import warnings
 from collections.abc import Callable
+from functools import partial
 from math import inf
 
 import numpy as np
@@ -12,12 +13,12 @@ import pinocchio as pin
 from numpy import ndarray
 from numpy.typing import ArrayLike
 
-from ..arguments import FLOAT, NUMBER, Array, positive, vector, wanted
+from ..arguments import FLOAT, Array, positive, vector, wanted
 from ..errors import SingularityError
 from ..fields.field import FieldMap
 from ..robot.task import Task
 from ..section import InverseFunction
-from ..strategies.control_step import Loop, failure, make_loop, share_of, speeds
+from ..strategies.control_step import Loop, failure, python_loops, share_of, speeds
 from ..strategies.repeatable import RepeatableInverse
 from .build import NoCompilerError, shared_library
 from .source import write_source
@@ -29,14 +30,16 @@ _TWIST, GIVEN_LEAF, _BOUNDED = 1, 2, 4
 _OK, _SINGULAR = 0, 1
 
 
-def compiled_loop(task: Task, field: FieldMap) -> Loop:
-    """Make the quick functions of a repeatable inverse in C; with a warning in Python, where there is no compiler."""
+def compiled_loops(task: Task, field: FieldMap) -> Callable[[], Loop]:
+    """Make what makes the quick functions in C, once in each thread; with a warning in Python, without a compiler."""
     path = library(RepeatableInverse(task, field))
-    return make_loop(task, field) if path is None else _loop(task, ctypes.PyDLL(path), ctypes.CDLL(path))
+    if path is None:
+        return python_loops(task, field)
+    return partial(_loop, task, ctypes.PyDLL(path), ctypes.CDLL(path))
 
 
 def library(control: RepeatableInverse | InverseFunction) -> str | None:
-    """Compile a control: the shared library's path; where there is no compiler None, with a warning."""
+    """Compile a control: the shared library's path; None, with a warning, where it cannot be compiled."""
     source = write_source(control, NAME)
     function = filled("python_function.c", NAME, {}) if isinstance(control, InverseFunction) else ""
     code = source.code.replace(f'#include "{NAME}.h"', source.header) + filled("python.c", NAME, {}) + function
@@ -48,7 +51,7 @@ def library(control: RepeatableInverse | InverseFunction) -> str | None:
 
 
 def call_memory(task: Task) -> tuple[dict[str, Array], ctypes.c_void_p]:
-    """Make the block of memory that a call works on: its parts by name, and its address."""
+    """Make the block of memory that the calls of one thread work on: its parts by name, and its address."""
     n, m, r = task.n, task.m, task.r
     sizes = {"q": n, "xdot": m, "target": 16, "twist": 6, "leaf": r, "dt": 1, "report": 2, "result": n,
              "gain": 1, "limit": n, "damping": 1}  # fmt: skip
@@ -64,7 +67,7 @@ def _loop(task: Task, held: ctypes.PyDLL, released: ctypes.CDLL) -> Loop:
     q_in, xdot_in, twist_in, leaf_in, result = (parts[key] for key in ("q", "xdot", "twist", "leaf", "result"))
     target_in, dt_in, gain_in, report = parts["target"].reshape(4, 4), parts["dt"], parts["gain"], parts["report"]
     run_velocity, run_step = held[f"{NAME}_call_velocity"], held[f"{NAME}_call_step"]
-    flags = [ctypes.c_int(given) for given in range(8)]
+    flags, SE3 = [ctypes.c_int(given) for given in range(8)], pin.SE3
 
     of_joints, of_task, of_twist, of_leaf = (n,), (m,), (6,), (r,)
 
@@ -94,10 +97,10 @@ def _loop(task: Task, held: ctypes.PyDLL, released: ctypes.CDLL) -> Loop:
     ) -> Array:
         if not (type(q) is ndarray and q.dtype is FLOAT and q.shape == of_joints):
             q = vector(q, n, "q")
-        if not (isinstance(dt, NUMBER) and 0.0 < dt < inf):
+        if not (isinstance(dt, float) and 0.0 < dt < inf):
             dt = positive(dt, "dt", "s")
-        if not isinstance(target, pin.SE3):
-            wanted(target, pin.SE3, "the target", "a placement (pinocchio.SE3)")
+        if not isinstance(target, SE3):
+            wanted(target, SE3, "the target", "a placement (pinocchio.SE3)")
         q_in[:] = q
         target_in[:] = target.homogeneous
         dt_in[0] = dt

@@ -18,7 +18,7 @@ MOST_ENTRIES = 50_000
 
 @dataclass(frozen=True)
 class InPlace:
-    """Evaluates r potentials at one q after another. Not to be shared between threads.
+    """Evaluates r potentials at one q after another, for the thread that made it alone.
 
     Attributes
     ----------

@@ -60,7 +60,8 @@ def is_regular(A: Array, inverse: Array) -> NDArray[np.bool_]:
     -------
     (...) array of bool
     """
-    size = np.sum(A**2, axis=-1) * np.sum(inverse**2, axis=-2)
+    with np.errstate(over="ignore", invalid="ignore"):  # rows too long for a square of theirs are refused
+        size = np.sum(A**2, axis=-1) * np.sum(inverse**2, axis=-2)
     return size.max(axis=-1) < RANK_TOLERANCE**-2
 
 

@@ -23,7 +23,7 @@ from .task import Task
 class InPlace:
     """Evaluates J, and then the task error, at one q after another.
 
-    It works in the task's own scratch memory: neither is to be shared between threads. Nothing is checked;
+    It works in the scratch memory of the thread that made it, and serves that thread alone. Nothing is checked;
     a caller who was given bad numbers asks :meth:`Task.jacobian` for the reason.
 
     Attributes

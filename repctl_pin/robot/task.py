@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from copy import copy
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from scipy.linalg.blas import ddot
 
 from ..arguments import FLOAT, Array, numbers, rows, stacks, vector, wanted
 from ..errors import InputError
+from ..threads import PerThread
 from .coordinates import Coordinates, change_of
 from .coupling import Coupling
 from .formulas import axis_turn, chain_hessians
@@ -46,8 +48,7 @@ class Task:
     ``ẋ = J q̇`` (2), with ``x`` the pose, the position, the position and tool axis, or two coordinates of
     the position. Redundant when r = n − m ≥ 1.
 
-    Made by :meth:`Robot.task`. Its methods share scratch memory, so it is not thread-safe:
-    ``copy.copy(task)`` makes another, and every control makes one for itself. It can be pickled.
+    Made by :meth:`Robot.task`. Every thread has scratch memory of its own. It can be pickled.
 
     Attributes
     ----------
@@ -108,9 +109,11 @@ class Task:
         self._allocate()
 
     def _allocate(self) -> None:
-        self._data = self.model.createData()
-        self._body_data = self._data if self._bodies is self.model else self._bodies.createData()
-        self._frame_jacobian = frame_jacobian(self.model, self._data, self._frame_id)
+        self._scratch = PerThread(partial(_Scratch, self.model, self._bodies, self._frame_id))
+
+    @property
+    def _data(self) -> pin.Data:
+        return self._scratch.own.data
 
     def _couple(self) -> None:
         self.drive, self._body_drive = self._drive(self.model), self._drive(self._bodies)
@@ -155,12 +158,13 @@ class Task:
 
     def placement(self, q: ArrayLike) -> pin.SE3:
         """Place the frame: f(q) of (1), as a rigid transform (R, p) with p in m."""
-        pin.framesForwardKinematics(self.model, self._data, self._vector(q))
-        return pin.SE3(self._data.oMf[self._frame_id])
+        data = self._data
+        pin.framesForwardKinematics(self.model, data, self._vector(q))
+        return pin.SE3(data.oMf[self._frame_id])
 
     def jacobian(self, q: ArrayLike) -> Array:
         """Evaluate J (m, n) of ẋ = J q̇ (2): the rows of v first, then those of ω."""
-        J = self._task_rows(self._frame_jacobian(self._vector(q)))
+        J = self._task_rows(self._scratch.own.jacobian(self._vector(q)))
         return J if self.drive is None else J @ self.drive.S
 
     def hessian(self, q: ArrayLike) -> Array:
@@ -212,10 +216,10 @@ class Task:
 
     def positions(self, Q: ArrayLike) -> Array:
         """Place the frame's origin at every row of Q (K, n): an array (K, 3), m."""
-        points = []
+        points, data = [], self._data
         for q in self._matrix(Q):
-            pin.framesForwardKinematics(self.model, self._data, q)
-            points.append(self._data.oMf[self._frame_id].translation.copy())
+            pin.framesForwardKinematics(self.model, data, q)
+            points.append(data.oMf[self._frame_id].translation.copy())
         return np.array(points).reshape(-1, 3)
 
     def joint_origins(self, q: ArrayLike) -> Array:
@@ -231,7 +235,7 @@ class Task:
 
         Of several joints that one drives, the first on the way to the frame.
         """
-        return self._frame_jacobian(self._vector(q))[3:].T[[j - 1 for j in self._first]]
+        return self._scratch.own.jacobian(self._vector(q))[3:].T[[j - 1 for j in self._first]]
 
     def bodies_model(self) -> tuple[pin.Model, Coupling | None]:
         """The tree of all links, its root standing still, with the joints that q moves; and those joints out of q."""
@@ -239,7 +243,7 @@ class Task:
 
     def inertias(self, Q: ArrayLike) -> Array:
         """Evaluate the joint-space inertia M (K, n, n) of the chain, kg m² and kg; the tree's root stands still."""
-        model, data, drive = self._bodies, self._body_data, self._body_drive
+        model, data, drive = self._bodies, self._scratch.own.body_data, self._body_drive
         Q = rows(Q, self.n, repr(self))
         Ms = np.empty((len(Q), model.nv, model.nv))
         for q, M in zip(Q if drive is None else drive.joints(Q), Ms, strict=True):
@@ -348,7 +352,7 @@ class Task:
     def _twists(self, Q: ArrayLike) -> tuple[Array, Array | None]:
         """Evaluate the frame's Jacobian at every row of Q: (K, 6, N); and for ``axis`` its rotation (K, 3, 3)."""
         Q = self._matrix(Q)
-        Js, evaluate = np.empty((len(Q), 6, self.model.nv)), self._frame_jacobian
+        Js, evaluate = np.empty((len(Q), 6, self.model.nv)), self._scratch.own.jacobian
         Rs = np.empty((len(Q), 3, 3)) if self.kind == "axis" else None
         for k, q in enumerate(Q):
             Js[k] = evaluate(q)
@@ -367,7 +371,7 @@ class Task:
         return Q if self.drive is None else self.drive.joints(Q)
 
     def __getstate__(self) -> dict[str, Any]:
-        return {k: v for k, v in self.__dict__.items() if k not in ("_data", "_body_data", "_frame_jacobian")}
+        return {k: v for k, v in self.__dict__.items() if k != "_scratch"}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
@@ -379,6 +383,15 @@ class Task:
     def __repr__(self) -> str:
         psi = "" if self.coordinates is None else ", in ψ"
         return f"<Task {self.robot.name} {self.frame} {self.kind}: n = {self.n}, m = {self.m}, r = {self.r}{psi}>"
+
+
+class _Scratch:
+    """Pinocchio's memory for one thread."""
+
+    def __init__(self, model: pin.Model, bodies: pin.Model, frame: int) -> None:
+        self.data = model.createData()
+        self.body_data = self.data if bodies is model else bodies.createData()
+        self.jacobian = frame_jacobian(model, self.data, frame)
 
 
 def _held(robot: Mechanism, moving: set[int]) -> pin.Model:

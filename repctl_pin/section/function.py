@@ -15,6 +15,7 @@ from ..errors import InputError
 from ..redundancy import leaf_margin
 from ..robot.task import Task
 from ..strategies import RepeatableInverse
+from ..threads import PerThread
 from .cell import Cell, stacked
 from .chart import Chart
 from .field import SectionField
@@ -32,7 +33,7 @@ class InverseFunction:
     It needs no start and no history. The same pose gives the same joints, and the joints change
     smoothly with it: ``f(F(x)) = x``, ``n_ref(x)ᵀ (F(x) − q_ref(x)) = c``.
 
-    Not thread-safe: make one per thread.
+    Any number of threads may call it.
 
     Parameters
     ----------
@@ -56,7 +57,7 @@ class InverseFunction:
 
     def __init__(self, chart: Chart, *, keep_limits: bool = True) -> None:
         self.chart, self.keep_limits = chart, keep_limits
-        self._evaluate = evaluation(chart)
+        self._evaluate = PerThread(partial(evaluation, chart))
 
     @property
     def cell(self) -> Cell:
@@ -85,7 +86,7 @@ class InverseFunction:
         """
         try:
             c = None if leaf is None else self._leaf(leaf)
-            q = self._evaluate(target, c)
+            q = self._evaluate.own(target, c)
         except (OutsideError, AttributeError, TypeError):
             u = self.cell.coordinates_of(target)  # says what is wrong with the target
             raise InputError(f"there are no joints on this leaf at {self.cell.where(u)}") from None

@@ -30,7 +30,7 @@ _ENOUGH = 1e-6
 
 @dataclass(frozen=True)
 class InPlace:
-    """Coordinates u of one placement after another. Not to be shared between threads.
+    """Coordinates u of one placement after another, for the thread that made it alone.
 
     Attributes
     ----------
@@ -143,7 +143,7 @@ class OutsideError(Exception):
 def evaluation(chart: Chart) -> Callable[[pin.SE3, Array | None], Array]:
     """Make the function (target, leaf or None) → q (n,) of a chart: a polynomial to begin at, and a few Newton steps.
 
-    Not to be shared between threads.
+    It serves the thread that made it alone.
     """
     task = chart.cell.task
     n, m, r = task.n, task.m, task.r

@@ -16,7 +16,7 @@ def placed(task: Task, Q: Array) -> tuple[Array, Array, Array]:
     drive, nv = task.drive, task.model.nv
     whole = np.ascontiguousarray(Q if drive is None else drive.joints(Q))
     p, R, full = np.empty((len(Q), 3)), np.empty((len(Q), 3, 3)), np.empty((len(Q), 6, nv))
-    here, evaluate = task._data.oMf[task._frame_id], task._frame_jacobian
+    here, evaluate = task._data.oMf[task._frame_id], task._scratch.own.jacobian
     position, rotation = here.translation, here.rotation  # views that follow every evaluation
     for k, q in enumerate(whole):
         full[k] = evaluate(q)

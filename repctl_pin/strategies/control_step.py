@@ -9,7 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from math import inf, prod
+from sys import float_info
 
 import numpy as np
 import pinocchio as pin
@@ -28,9 +30,9 @@ from ..robot import inplace as kinematics_of
 from ..robot.task import Task
 
 
-@dataclass(frozen=True)
+@dataclass
 class Loop:
-    """The quick functions of one repeatable inverse; see :class:`RepeatableInverse` for what they take.
+    """The quick functions of one repeatable inverse, for one thread; see :class:`RepeatableInverse`.
 
     Attributes
     ----------
@@ -39,6 +41,8 @@ class Loop:
     bounded : function (q, target, dt, twist, leaf, gain, limit, damping) → the next q, λ, slowed
     inverses : function Q (K, n) → G (K, n, m), optional
     velocities : function (Q, Ẋ) → q̇ (K, n), optional
+    damping, slowed : float
+        λ and the factor of the last bounded step.
     """
 
     velocity: Callable[..., Array]
@@ -46,6 +50,13 @@ class Loop:
     bounded: Callable[..., tuple[Array, float, float]]
     inverses: Callable[[Array], Array] | None = None
     velocities: Callable[[Array, Array], Array] | None = None
+    damping: float = 0.0
+    slowed: float = 1.0
+
+
+def python_loops(task: Task, field: FieldMap) -> Callable[[], Loop]:
+    """Make what makes the quick functions in Python, once in each thread."""
+    return partial(make_loop, task, field)
 
 
 def make_loop(task: Task, field: FieldMap) -> Loop:
@@ -58,16 +69,17 @@ def make_loop(task: Task, field: FieldMap) -> Loop:
     kinematics = kinematics_of.in_place(task, J_V[:m], top)
     potentials = potentials_of.in_place(field, J_V[m:], bottom)
     jacobian, error, rate = kinematics.jacobian, kinematics.error, kinematics.rate
-    slope, gap = potentials.slope, potentials.gap
+    slope, gap, SE3 = potentials.slope, potentials.gap, pin.SE3
     whole, half, tolerance = task.kind == "pose", n / 2, RANK_TOLERANCE / n ** (n / 2)
+    largest = float_info.max ** (1 / half)  # square ** half overflows beyond it
 
     def solved(q: Array) -> Array:
         """Solve ``J_V x = rhs``; J_V is overwritten."""
         square = ddot(memory, memory)
         _, order, x, info = dgesv(J_V, rhs, 1, 0)
         # |det J_V| = |∏ pivots| ≤ sin θ ∏ ‖row‖ ≤ sin θ (‖J_V‖/√n)ⁿ, θ the least angle of is_regular: this is enough.
-        # NaN fails it. Where it fails the exact test has the word.
-        if not abs(prod(pivots.tolist())) > tolerance * square**half:
+        # NaN fails it. Where it fails the exact test has the word. It bounds x, too: ‖x‖ ≤ square^half / |det J_V|.
+        if not (square < largest and abs(prod(pivots.tolist())) > tolerance * square**half):
             inverse = None if info else dgetri(J_V, order)[0]
             jacobian(q)
             slope(q)
@@ -99,8 +111,8 @@ def make_loop(task: Task, field: FieldMap) -> Loop:
             q = vector(q, n, "q")
         if not (isinstance(dt, float) and 0.0 < dt < inf):
             dt = positive(dt, "dt", "s")
-        if not isinstance(target, pin.SE3):
-            wanted(target, pin.SE3, "the target", "a placement (pinocchio.SE3)")
+        if not isinstance(target, SE3):
+            wanted(target, SE3, "the target", "a placement (pinocchio.SE3)")
         jacobian(q)
         slope(q)
         error(target)
@@ -136,7 +148,7 @@ def make_loop(task: Task, field: FieldMap) -> Loop:
             nonlocal used, slowed
             if damping:
                 x, used = damped(J_V, rhs, damping)
-                if not ddot(x, x) < inf:
+                if not np.isfinite(x).all():
                     raise failure(task, q, rhs)
             else:
                 x = solved(q)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from math import inf, prod
 from typing import Any
 
@@ -17,6 +18,7 @@ from ..errors import InputError, SingularityError
 from ..redundancy.inverses import pseudoinverse, weighted_pseudoinverse
 from ..robot.inplace import in_place
 from ..robot.task import Task, own_task
+from ..threads import PerThread
 from .control_step import failure
 
 _WELL_CONDITIONED = 1e-2
@@ -25,8 +27,6 @@ _WELL_CONDITIONED = 1e-2
 
 class Pseudoinverse:
     """Least joint speed: ``q̇ = J⁺ ẋ``, ``J⁺ = Jᵀ (J Jᵀ)⁻¹``. In general not repeatable.
-
-    Not thread-safe: make one per thread, with ``copy.copy``; they may share the task.
 
     Raises
     ------
@@ -46,7 +46,7 @@ class Pseudoinverse:
 
     def __init__(self, task: Task) -> None:
         self.task = redundant(task)
-        self._quick = least_speed(self.task)
+        self._quick = PerThread(partial(least_speed, self.task))
 
     def __call__(self, q: ArrayLike) -> Array:
         """Evaluate J⁺ (n, m)."""
@@ -66,7 +66,7 @@ class Pseudoinverse:
         SingularityError
             Where J loses rank.
         """
-        return self._quick(q, xdot)
+        return self._quick.own(q, xdot)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (self.task,)
@@ -241,11 +241,14 @@ class PostureControl:
     def __init__(self, task: Task, posture: ArrayLike, gain: float = 1.0) -> None:
         self.task, self.posture = redundant(task), vector(posture, task.n, "a posture")
         self.gain = positive(gain, "the gain of a posture", "1/s", zero=True)
-        self._quick = least_speed(self.task, lambda q: self.gain * (self.posture - q))
+        self._quick = PerThread(partial(least_speed, self.task, self._pull))
 
     def velocity(self, q: Array, xdot: Array) -> Array:
         """Choose q̇ (n,) for a task velocity ẋ (m,)."""
-        return self._quick(q, xdot)
+        return self._quick.own(q, xdot)
+
+    def _pull(self, q: Array) -> Array:
+        return self.gain * (self.posture - q)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (self.task, self.posture, self.gain)

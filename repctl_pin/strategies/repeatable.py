@@ -9,12 +9,13 @@ from typing import Any, Protocol, runtime_checkable
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ..arguments import NUMBER, Array, chosen, row, rows, stacks, vector, wanted
+from ..arguments import Array, chosen, row, rows, stacks, vector, wanted
 from ..errors import InputError
 from ..fields.field import FieldMap, check_joints
 from ..redundancy.augmented import augmented_inverse
 from ..robot.task import Task
-from .control_step import Loop, make_loop
+from ..threads import PerThread
+from .control_step import Loop, python_loops
 from .on_leaf import solve, solve_all
 from .pseudoinverse import at_rows, redundant
 
@@ -32,7 +33,7 @@ class Bounded(Protocol):
 class RepeatableInverse:
     """``q̇ = G_r ẋ`` with G_r the first m columns of ``[J; Vᵀ]⁻¹`` (31), (37), ``V = ∂hᵀ/∂q``.
 
-    Not thread-safe: make one per thread, with ``copy.copy``; they may share the task.
+    Any number of threads may call it, each for an arm of its own.
 
     Parameters
     ----------
@@ -43,14 +44,8 @@ class RepeatableInverse:
     region
         Ω, for which it was designed: what ``outside`` checks.
     loops
-        Makes the fast functions of the control loop; :func:`repctl_pin.codegen.compiled` has them in C.
-
-    Attributes
-    ----------
-    damping : float
-        λ that the last :meth:`step` with damping used; 0 if it solved exactly.
-    slowed : float
-        By what factor the last :meth:`step` with a limit was scaled down; 1 if it was not.
+        Makes what makes the fast functions of the control loop, once in each thread;
+        :func:`repctl_pin.codegen.compiled` has them in C.
 
     Raises
     ------
@@ -74,15 +69,24 @@ class RepeatableInverse:
         field: FieldMap,
         *,
         region: Bounded | None = None,
-        loops: Callable[[Task, FieldMap], Loop] = make_loop,
+        loops: Callable[[Task, FieldMap], Callable[[], Loop]] = python_loops,
     ) -> None:
         field = wanted(field, FieldMap, "field", "potentials, such as fields.weighted(A)")
         if region is not None:
             wanted(region, Bounded, "region", "a region of joint space, such as rp.Box(q0, 0.3)")
         self.task, self.field, self.region = redundant(task), field, region
         check_joints(field, self.task.n)
-        self.damping, self.slowed = 0.0, 1.0
-        self._loops, self._loop = loops, loops(self.task, field)
+        self._loops, self._loop = loops, PerThread(loops(self.task, field))
+
+    @property
+    def damping(self) -> float:
+        """λ that the last :meth:`step` with damping used in this thread; 0 if it solved exactly."""
+        return self._loop.own.damping
+
+    @property
+    def slowed(self) -> float:
+        """The factor by which the last :meth:`step` with a limit was scaled down in this thread; 1 if it was not."""
+        return self._loop.own.slowed
 
     # ---- the inverse -----------------------------------------------------------------------------
 
@@ -93,8 +97,8 @@ class RepeatableInverse:
 
     def batch(self, Q: ArrayLike, J: Array | None = None) -> Array:
         """Evaluate G_r at every row of Q (K, n): (K, n, m)."""
-        if self._loop.inverses is not None:
-            return self._loop.inverses(rows(Q, self.task.n, "batch()"))
+        if self._loop.own.inverses is not None:
+            return self._loop.own.inverses(rows(Q, self.task.n, "batch()"))
         Q, J = at_rows(self.task, Q, J)
         return augmented_inverse(J, self.field.gradients(Q))[:, :, : self.task.m]
 
@@ -118,14 +122,14 @@ class RepeatableInverse:
         """
         if outside != "ignore":
             self._guard(q, outside)
-        return self._loop.velocity(q, xdot)
+        return self._loop.own.velocity(q, xdot)
 
     def velocities(self, Q: ArrayLike, Xdot: ArrayLike) -> Array:
         """Choose q̇ for every row of Q (K, n) and of Ẋ (K, m): (K, n)."""
         Q = rows(Q, self.task.n, "velocities()")
         (Xdot,) = stacks(("Ẋ", Xdot, f"{len(Q)} {self.task.m}"), exact=True)
-        if self._loop.velocities is not None:
-            return self._loop.velocities(Q, Xdot)
+        if self._loop.own.velocities is not None:
+            return self._loop.own.velocities(Q, Xdot)
         return (self.batch(Q) @ Xdot[..., None])[..., 0]
 
     def step(
@@ -179,9 +183,10 @@ class RepeatableInverse:
         """
         if outside != "ignore":
             self._guard(q, outside)
-        if limit is None and isinstance(damping, NUMBER) and not damping:
-            return self._loop.step(q, target, dt, twist, leaf, gain)
-        following, self.damping, self.slowed = self._loop.bounded(q, target, dt, twist, leaf, gain, limit, damping)
+        if limit is None and type(damping) is float and not damping:
+            return self._loop.own.step(q, target, dt, twist, leaf, gain)
+        loop = self._loop.own
+        following, loop.damping, loop.slowed = loop.bounded(q, target, dt, twist, leaf, gain, limit, damping)
         return following
 
     def _guard(self, q: ArrayLike, outside: str) -> None:
