@@ -21,8 +21,6 @@ F = TypeVar("F", bound=Callable[..., Any])
 FLOAT = np.dtype(float)
 """A double in the machine's own byte order: what compiled code takes as it is."""
 
-NUMBER = (float, int)
-
 MOST_NODES = 2**22
 """Most nodes of a region: more would take too much memory and time."""
 

@@ -50,6 +50,23 @@ static void must(int so, const char *what, long k)
     exit(1);
 }
 
+/* A rotation, from two vectors at random. */
+static void turn(double R[9])
+{
+    double length = 0.0, along = 0.0;
+    int i;
+    some(R, 6, 1);
+    for (i = 0; i < 3; i++) length += R[i] * R[i];
+    for (i = 0; i < 3; i++) R[i] /= sqrt(length);
+    for (i = 0; i < 3; i++) along += R[i] * R[3 + i];
+    for (i = 0; i < 3; i++) R[3 + i] -= along * R[i];
+    length = R[3] * R[3] + R[4] * R[4] + R[5] * R[5];
+    for (i = 3; i < 6; i++) R[i] /= sqrt(length);
+    R[6] = R[1] * R[5] - R[2] * R[4];
+    R[7] = R[2] * R[3] - R[0] * R[5];
+    R[8] = R[0] * R[4] - R[1] * R[3];
+}
+
 #define MARK 12345.678
 
 static int marked(const double *x, int count)
@@ -81,7 +98,8 @@ int main(int argc, char **argv)
         some(q, ARM_N, calm);
         if (uniform() < 0.05) memset(q, 0, sizeof q);
         some(xdot, ARM_M, calm), some(twist, 6, calm), some(leaf, ARM_R, calm);
-        some(target.p, 3, calm), some(target.R, 9, calm);
+        some(target.p, 3, calm), some(target.R, 9, 0);
+        if (uniform() < 0.9) turn(target.R);
 
         memset(&pose, 0, sizeof pose);
         mark(pose.p, 3), mark(pose.R, 9), mark(J, ARM_M * ARM_N), mark(c, ARM_R), mark(G, ARM_N * ARM_M);

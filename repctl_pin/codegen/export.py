@@ -13,9 +13,10 @@ from ..arguments import file_name, wanted
 from ..errors import InputError
 from ..files import prepare_folder, write_whole
 from ..regions import Region
-from ..section import InverseFunction
+from ..robot.task import Task
+from ..section import Cell, InverseFunction
 from ..strategies.repeatable import RepeatableInverse
-from .source import about, write_source
+from .source import about, region_of, write_source
 from .text import checked_name, filled, pose, row, value, whole
 from .vectors import BAD_NUMBER, OUTSIDE, STATUS, Vector, answers, asked, targets, vectors
 
@@ -44,7 +45,8 @@ def export_c(
     name
         What the files and every name in C begin with.
     region
-        Such as ``design.region``: what ``name_inside`` checks, and from where the test vectors are drawn.
+        Such as ``design.region``: what ``name_inside`` checks, and from where the test vectors are drawn. A cell's
+        function and its inverse have their cell, and stay inside it and the joints' limits unless told otherwise.
 
     Returns
     -------
@@ -73,22 +75,23 @@ def export_c(
     else:
         inverse, start = control, control.task.reference if region is None else region.center
         declared = functions = ""
-    found = [(vector, answers(inverse, region, vector)) for vector in vectors(inverse, region, start)]
+    kept = region_of(inverse, region)
+    found = [(vector, answers(inverse, kept, vector)) for vector in vectors(inverse, kept, start)]
     parts = {
-        "about": about(control, region),
+        "about": about(control, kept),
         "count": len(found),
         "vectors": ",\n".join(_vector(v, said, inverse, name) for v, said in found),
         "function": declared,
         "functions": functions,
     }
-    axes = [axis for axis in inverse.task.rows if axis < 3][:2]  # of a small circle that begins at the start
+    axes, radius = _circle(inverse.task, kept)
     texts = {
         f"{name}.h": source.header,
         f"{name}.c": source.code,
         f"{name}.hpp": filled("arm.hpp", name, parts),
         "test_vectors.h": filled("test_vectors.h", name, parts),
         "check.c": filled("check.c", name, {}),
-        "loop.c": filled("loop.c", name, {"start": row(start), "radius": value(0.02), "axes": whole(axes)}),
+        "loop.c": filled("loop.c", name, {"start": row(start), "radius": value(radius), "axes": whole(axes)}),
         "CMakeLists.txt": filled("CMakeLists.txt", name, {}),
     }
     where = prepare_folder(folder)
@@ -96,6 +99,16 @@ def export_c(
         if other.stem != name and where.joinpath("test_vectors.h").exists():
             raise InputError(f"{where} holds the control {other.stem!r} already; choose another folder")
     return [write_whole(where / file, text) for file, text in texts.items()]
+
+
+def _circle(task: Task, region: Region | Cell | None) -> tuple[list[int], float]:
+    """Choose the axes, and the radius, m, of a small circle that begins at the start; in a cell it stays there."""
+    axes = [int(axis) for axis in task.rows if axis < 3]
+    if not isinstance(region, Cell):
+        return axes[:2], 0.02
+    widths = dict(zip(axes, region.half_width.tolist(), strict=True))
+    axes = sorted(axes, key=lambda axis: -widths[axis])[:2]  # the circle goes from the middle to −2 radii
+    return axes, min(0.02, *(0.45 * widths[axis] for axis in axes))
 
 
 def _vector(vector: Vector, said: dict[str, Any], inverse: RepeatableInverse, name: str) -> str:
@@ -106,7 +119,7 @@ def _vector(vector: Vector, said: dict[str, Any], inverse: RepeatableInverse, na
     entries = [row(vector.q), row(vector.xdot), pose(vector.target), value(vector.dt)]
     for part, size in ((vector.twist, 6), (vector.leaf, task.r)):  # whether it is given, and what
         entries += [str(int(part is not None)), row(np.zeros(size) if part is None else part)]
-    entries.append(f"{{{value(gain)}, {row(limit)}, {value(vector.damping)}, 0}}")
+    entries.append(f"{{{value(gain)}, {row(limit)}, {value(vector.damping)}, {int(vector.stay_inside)}}}")
     entries += [f"{name.upper()}_{STATUS[said[key]]}" for key in ("usable", "inside", "velocity", "step")]
     entries.append(pose(said.get("placement", pin.SE3.Identity())))
     entries += [row(np.ravel(said.get("J", np.zeros((task.m, task.n))))), row(said.get("c", np.zeros(task.r)))]
@@ -119,6 +132,6 @@ def _function_vectors(function: InverseFunction, name: str) -> str:
     rows = []
     for target, leaf in targets(function):
         status, q = asked(partial(function, target, leaf=leaf), function.task.n)
-        status = OUTSIDE if status == BAD_NUMBER else status  # the targets are numbers, so it is the cell that is left
+        status = OUTSIDE if status == BAD_NUMBER else status  # the targets are placements: only the cell is left
         rows.append(f"    {{{pose(target)}, {row(leaf)}, {name.upper()}_{STATUS[status]}, {row(q)}}}")
     return filled("function_vectors.h", name, {"count": len(rows), "vectors": ",\n".join(rows)})

@@ -9,8 +9,10 @@ from ..arguments import wanted
 from ..errors import InputError
 from ..regions import Box, Region, Tube, WorkspaceBox
 from ..robot.task import Task
-from ..section import InverseFunction
+from ..section import Cell, InverseFunction
+from ..section.field import SectionField
 from ..strategies.repeatable import RepeatableInverse
+from .expressions import Graph, assignments
 from .kinematics import Chain
 from .potentials import field_functions, function_code
 from .text import comment, filled, row, table, whole
@@ -42,7 +44,8 @@ def write_source(control: RepeatableInverse | InverseFunction, name: str, region
     name
         A checked name.
     region
-        Ω that it was designed for: what ``name_inside`` asks for; without one every q is inside.
+        Ω that it was designed for: what ``name_inside`` asks for. A section's is its cell; without one every q is
+        inside.
 
     Raises
     ------
@@ -56,25 +59,48 @@ def write_source(control: RepeatableInverse | InverseFunction, name: str, region
     task = inverse.task
     if task.r < 1:
         raise InputError(f"{task!r} has no joint to spare: there is no potential to write")
-    if region is not None and len(region.center) != task.n:
+    if isinstance(region, Region) and len(region.center) != task.n:
         raise InputError(f"the region has {len(region.center)} joints, but the task has {task.n}")
+    kept = region_of(inverse, region)
     potentials = field_functions(inverse.field, task.n, name)
     kind = task.kind if task.kind in ("pose", "axis") else "position"
+    rotation = "rotation_free.c" if kind == "position" else "rotation.c"
+    stays = isinstance(kept, Cell)
     parts = Chain(task).code() | {
-        "about": about(control, region),
+        "about": about(control, kept),
         "n": task.n,
         "m": task.m,
         "r": task.r,
         "potentials": "\n".join(potentials).rstrip("\n"),
         "parts": "\n".join(f"    {name}_potential_{i}(q, h, V);" for i in range(len(potentials))),
-        "error": filled(f"error_{kind}.c", name, {"rows": whole(task.rows)}).rstrip("\n"),
-        "inside": _inside(region, task, name).rstrip("\n"),
+        "error": filled(rotation, name, {}) + filled(f"error_{kind}.c", name, {"rows": whole(task.rows)}).rstrip("\n"),
+        "inside": _inside(kept, task, name).rstrip("\n"),
+        "limits": filled("limits.c", name, _limits(task)).rstrip("\n"),
+        "staying": int(stays),
+        "stays": "stay_inside = 1" if stays else "stay_inside = 0",
     }
     header = filled("arm.h", name, parts | {"function": declared})
     return Source(header, filled("arm.c", name, parts | {"function": defined}))
 
 
-def about(control: RepeatableInverse | InverseFunction, region: Region | None) -> str:
+def region_of(inverse: RepeatableInverse, region: Region | None) -> Region | Cell | None:
+    """Take the region given, or the cell of a section."""
+    return inverse.field.chart.cell if region is None and isinstance(inverse.field, SectionField) else region
+
+
+def _limits(task: Task) -> dict[str, str]:
+    """Write the limits of the robot's own joints, and those joints out of q."""
+    lower, upper, _ = task.joint_limits
+    graph = Graph()
+    q = [graph.input(f"q[{i}]") for i in range(task.n)]
+    joints = {
+        f"joint[{i}]": graph.total(graph.number(t) * x for t, x in zip(weights, q, strict=True))
+        for i, weights in enumerate(task.T)
+    }
+    return {"lower": row(lower), "upper": row(upper), "joints": assignments(joints)}
+
+
+def about(control: RepeatableInverse | InverseFunction, region: Region | Cell | None) -> str:
     """Say in a comment what the code is for: robot, frame, task, joints, region, units, version."""
     task = control.task
     robot = task.robot
@@ -93,8 +119,7 @@ def about(control: RepeatableInverse | InverseFunction, region: Region | None) -
         f"task    {_MEANING[task.kind]}",
         f"joints  {joints[0]}",
         *(f"        {line}" for line in joints[1:]),
-        f"region  {'none given' if region is None else comment(str(region).replace('±', '+-'))}",
-        *([f"cell    {comment(repr(control.cell))}"] if isinstance(control, InverseFunction) else []),
+        f"region  {_of(region)}",
         "units   m, rad, s; q that is outside the joints' ranges is not refused",
     ]
     if task.coordinates is not None:
@@ -103,10 +128,19 @@ def about(control: RepeatableInverse | InverseFunction, region: Region | None) -
     return "\n".join([lines[0], *(f" * {line}".rstrip() for line in lines[1:])])
 
 
-def _inside(region: Region | None, task: Task, name: str) -> str:
+def _of(region: Region | Cell | None) -> str:
+    """Name a region in a comment."""
+    if isinstance(region, Cell):
+        return f"the cell {comment(repr(region))}"
+    return "none given" if region is None else comment(str(region).replace("±", "+-"))
+
+
+def _inside(region: Region | Cell | None, task: Task, name: str) -> str:
     """Write the function that says whether q is in a region."""
     if region is None:
         return filled("inside_any.c", name, {})
+    if isinstance(region, Cell):
+        return filled("inside_cell.c", name, {})
     if isinstance(region, Tube):
         parts = {"radius": row(region.radius), "count": len(region.samples), "samples": table(region.samples)}
         return filled("inside_tube.c", name, parts)

@@ -12,10 +12,13 @@ from ..arguments import Array
 from ..errors import InputError, SingularityError
 from ..regions import Region
 from ..section import InverseFunction
-from ..strategies.repeatable import RepeatableInverse
+from ..strategies.repeatable import Bounded, RepeatableInverse
 
 STATUS = ("OK", "SINGULAR", "BAD_NUMBER", "OUTSIDE")
 OK, SINGULAR, BAD_NUMBER, OUTSIDE = range(4)
+EDGE = 1e-9
+"""How far beyond 1, and beyond a joint's limit, still counts as inside."""
+
 _DT = 1e-3
 _GAINS = (20.0, None, 500.0, 0.0)
 
@@ -33,15 +36,16 @@ class Vector:
     gain: float | None
     limit: Array | None
     damping: float
+    stay_inside: bool
 
 
 def vectors(
-    inverse: RepeatableInverse, region: Region | None, start: Array, count: int = 48, seed: int = 0
+    inverse: RepeatableInverse, region: Bounded | None, start: Array, count: int = 48, seed: int = 0
 ) -> list[Vector]:
     """Choose configurations in and near the region, or near the start, and questions of every kind."""
     task, rng = inverse.task, np.random.default_rng(seed)
     near_start = start + rng.uniform(-0.2, 0.2, (count, task.n))
-    Q = near_start if region is None else region.random(count, seed)[:count]
+    Q = region.random(count, seed)[:count] if isinstance(region, Region) else near_start
     found = []
     for k, q in enumerate(Q):
         if k % 6 == 5:  # farther out
@@ -59,23 +63,34 @@ def vectors(
                 gain=_GAINS[k % len(_GAINS)],
                 limit=None if k % 2 else rng.uniform(0.1, 2.0, task.n),
                 damping=0.0 if k % 5 else 0.2,
+                stay_inside=k % 8 < 3,
             )
         )
-    bad = {7: ("q", np.nan), 13: ("q", np.inf), 19: ("xdot", np.nan), 25: ("dt", 0.0), 31: ("gain", 3000.0)}
+    bad: dict[int, tuple[str, Any]] = {
+        7: ("q", np.nan),
+        13: ("q", np.inf),
+        19: ("xdot", np.nan),
+        25: ("dt", 0.0),
+        31: ("gain", 3000.0),
+    }
+    if inverse.task.kind in ("pose", "axis"):  # R reflected, and R scaled
+        bad |= {37: ("target", pin.SE3(np.diag([1.0, 1.0, -1.0]), np.zeros(3)))}
+        bad |= {43: ("target", pin.SE3((1 + 1e-5) * found[43].target.rotation, found[43].target.translation))}
     for k, (what, value) in bad.items():
         if k < len(found):
-            setattr(found[k], what, value if what in ("dt", "gain") else np.append(getattr(found[k], what)[:-1], value))
+            vector = what in ("q", "xdot")
+            setattr(found[k], what, np.append(getattr(found[k], what)[:-1], value) if vector else value)
     return found
 
 
-def answers(inverse: RepeatableInverse, region: Region | None, vector: Vector) -> dict[str, Any]:
+def answers(inverse: RepeatableInverse, region: Bounded | None, vector: Vector) -> dict[str, Any]:
     """What Python answers: a status of every function, and its result where it is OK."""
     task, q = inverse.task, vector.q
     if not np.isfinite(q).all():
         refused = dict.fromkeys(("usable", "inside", "velocity", "step"), BAD_NUMBER)
         return refused | dict.fromkeys(("qdot", "q_next"), np.zeros(task.n))
     said: dict[str, Any] = {"placement": task.placement(q), "J": task.jacobian(q), "c": inverse.leaf(q), "usable": OK}
-    beyond = region is not None and not region.ratio(q[None])[0] <= 1 + 1e-12
+    beyond = region is not None and not region.ratio(q[None])[0] <= 1 + EDGE
     said["inside"] = OUTSIDE if beyond else OK
     said["velocity"], said["qdot"] = asked(lambda: inverse.velocity(q, vector.xdot), task.n)
     said["step"], said["q_next"] = asked(
@@ -85,6 +100,10 @@ def answers(inverse: RepeatableInverse, region: Region | None, vector: Vector) -
         ),
         task.n,
     )  # fmt: skip
+    if vector.stay_inside and said["step"] in (OK, SINGULAR) and beyond:
+        said["step"] = OUTSIDE
+    if vector.stay_inside and said["step"] == OK and task.limit_margin(said["q_next"]).min() < -EDGE:
+        said["step"] = OUTSIDE
     return said
 
 

@@ -294,12 +294,14 @@ arm_status arm_velocity(const double q[ARM_N], const double xdot[ARM_M], double 
 
 @inside
 
+@limits
+
 void arm_defaults(arm_options *options)
 {
     int i;
     options->gain = ARM_WHOLE_STEP;
     options->damping = 0.0;
-    options->stay_inside = 0;
+    options->stay_inside = @staying;
     for (i = 0; i < ARM_N; i++) options->limit[i] = HUGE_VAL;
 }
 
@@ -330,11 +332,12 @@ arm_status arm_step(const double q[ARM_N], const arm_pose *target, double dt, co
     arm_factors factors;
     double p[3], R[9], h[ARM_R], b[ARM_N], x[ARM_N], most[ARM_N];
     double share = 1.0, damping = 0.0, slowed = 1.0;
-    int i, long_step = 0;
+    int i, long_step = 0, stay_inside = @staying;
 
     if (!(dt > 0.0 && dt < HUGE_VAL)) return ARM_BAD_NUMBER;
     for (i = 0; i < ARM_N; i++) most[i] = HUGE_VAL;
     if (options) {
+        stay_inside = options->stay_inside;
         damping = options->damping;
         if (!(damping >= 0.0 && damping < HUGE_VAL)) return ARM_BAD_NUMBER;
         for (i = 0; i < ARM_N; i++) {
@@ -344,8 +347,8 @@ arm_status arm_step(const double q[ARM_N], const arm_pose *target, double dt, co
         if (options->gain != ARM_WHOLE_STEP) share = options->gain * dt;
         if (!(share >= 0.0 && share <= 2.0)) return ARM_BAD_NUMBER;
     }
-    if (!arm_finite(q, ARM_N)) return ARM_BAD_NUMBER;
-    if (options && options->stay_inside && arm_inside(q) != ARM_OK) return ARM_OUTSIDE;
+    if (!arm_finite(q, ARM_N) || !arm_rotation(target->R)) return ARM_BAD_NUMBER;
+    if (stay_inside && arm_inside(q) != ARM_OK) return ARM_OUTSIDE;
 
     arm_chain(q, p, R, factors.A);
     arm_field(q, h, factors.A + ARM_M);
@@ -372,7 +375,9 @@ arm_status arm_step(const double q[ARM_N], const arm_pose *target, double dt, co
         arm_apply(&factors, b, x_task);
         slowed = arm_within(x, x_task, most);
     }
-    for (i = 0; i < ARM_N; i++) q_next[i] = q[i] + x[i];
+    for (i = 0; i < ARM_N; i++) x[i] += q[i];
+    if (stay_inside && !arm_within_limits(x)) return ARM_OUTSIDE;
+    for (i = 0; i < ARM_N; i++) q_next[i] = x[i];
     if (report) {
         report->damping = sqrt(factors.square);
         report->slowed = slowed;

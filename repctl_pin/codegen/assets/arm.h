@@ -13,8 +13,8 @@ extern "C" {
 typedef enum {
     ARM_OK = 0,
     ARM_SINGULAR = 1,   /* J_V = [J; V^T] is singular there */
-    ARM_BAD_NUMBER = 2, /* an argument is not finite, or outside what it may be */
-    ARM_OUTSIDE = 3     /* q lies outside the region that the control was designed for */
+    ARM_BAD_NUMBER = 2, /* an argument is not finite, or outside what it may be, or R is no rotation to 1e-6 */
+    ARM_OUTSIDE = 3     /* q lies outside the region of the design, or the next q beyond the joints' limits */
 } arm_status;
 
 /* Where a frame is, in the base frame: p in m, R row by row. */
@@ -28,7 +28,7 @@ typedef struct {
     double gain;         /* K, 1/s, K dt from 0 to 2; ARM_WHOLE_STEP: K = 1 / dt, a whole Newton step */
     double limit[ARM_N]; /* joint speeds not to be exceeded, rad/s or m/s; HUGE_VAL: none */
     double damping;      /* greatest lambda near singularities, in the units of J; 0: ARM_SINGULAR there */
-    int stay_inside;     /* 1: ARM_OUTSIDE where q is outside the region; 0: go on, as the Python step does */
+    int stay_inside;     /* 1: ARM_OUTSIDE as Python's outside="raise"; 0: go on, as its outside="ignore" */
 } arm_options;
 
 #define ARM_WHOLE_STEP (-1.0)
@@ -62,7 +62,7 @@ arm_status arm_velocity(const double q[ARM_N], const double xdot[ARM_M], double 
 /* Whether q lies in the region that the control was designed for: ARM_OK (which is 0) or ARM_OUTSIDE. */
 arm_status arm_inside(const double q[ARM_N]);
 
-/* Whole Newton steps, no limits, no damping, no refusal outside the region. */
+/* Whole Newton steps, no speed limits, no damping, @stays. */
 void arm_defaults(arm_options *options);
 
 /*

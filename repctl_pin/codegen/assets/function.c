@@ -9,12 +9,10 @@ arm_status arm_F(const arm_pose *target, const double *leaf, double q[ARM_N])
     double x[ARM_N], b[ARM_N], p[3], R[9];
     int swap[ARM_N], a, i, j, turn;
 
+    if (!arm_rotation(target->R)) return ARM_BAD_NUMBER;
     arm_section_coordinates(target, y, u);
     if (!arm_finite(y, ARM_M) || (leaf && !arm_finite(leaf, ARM_R))) return ARM_BAD_NUMBER;
-    for (i = 0; i < ARM_M; i++)
-        if (!(arm_section_widths[i] > 0.0) && !(fabs(y[i]) <= 1e-6)) return ARM_OUTSIDE;
-    for (i = 0; i < @k; i++)
-        if (!(fabs(u[i]) <= 1.0 + 1e-9)) return ARM_OUTSIDE;
+    if (!arm_section_inside(y, u)) return ARM_OUTSIDE;
 
     T[0] = 1.0;
     for (a = 1; a < @count; a++) T[a] = T[arm_section_parent[a]] * u[arm_section_factor[a]];

@@ -44,6 +44,7 @@ int arm_call_step(arm_call *call, int given)
     int i;
     arm_defaults(&options);
     options.gain = call->gain;
+    options.stay_inside = 0; /* Python looks at it */
     if (given & 4) {
         for (i = 0; i < ARM_N; i++) options.limit[i] = call->limit[i];
         options.damping = call->damping;

@@ -18,6 +18,17 @@ static void arm_section_coordinates(const arm_pose *pose, double y[ARM_M], doubl
     for (k = 0; k < @k; k++) u[k] = y[arm_section_moved[k]] / arm_section_widths[arm_section_moved[k]];
 }
 
+/* Whether coordinates lie in the cell: what is held to 1e-6 m or rad. */
+static int arm_section_inside(const double y[ARM_M], const double u[@k])
+{
+    int i;
+    for (i = 0; i < ARM_M; i++)
+        if (!(arm_section_widths[i] > 0.0) && !(fabs(y[i]) <= 1e-6)) return 0;
+    for (i = 0; i < @k; i++)
+        if (!(fabs(u[i]) <= 1.0 + 1e-9)) return 0;
+    return 1;
+}
+
 @rates
 
 static void arm_potential_@number(const double q[ARM_N], double h[ARM_R], double V[][ARM_N])
