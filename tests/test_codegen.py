@@ -320,3 +320,25 @@ def test_the_command_writes_a_saved_design(tmp_path: Path, monkeypatch: pytest.M
     assert main([*given, "--to", "d"]) == 0
     assert capsys.readouterr().out.splitlines()[0] == "wrote d/arm_control.h"
     assert "box +-0.2" in Path("d/arm_control.c").read_text()
+
+
+OURS = ("CMakeLists.txt", "loop.c", "check.c", "test_vectors.h", "arm.c", "arm.h", "arm.hpp")
+
+
+@pytest.mark.parametrize("file", OURS)
+@pytest.mark.parametrize("theirs", ["a file of the user's", "an edited file", "an empty file"])
+def test_a_file_that_was_not_written_here_is_not_overwritten(file: str, theirs: str, tmp_path: Path) -> None:
+    inverse, _ = CONTROLS["ppr, degree 5 of some joints"](tmp_path)
+    folder = tmp_path / "c"
+    if theirs == "an edited file":
+        rp.export_c(inverse, folder, "arm")
+        rp.export_c(inverse, folder, "arm")  # its own files are
+        text = (folder / file).read_text(encoding="utf-8").replace("1", "2", 1) + "\n"
+    else:
+        folder.mkdir()
+        text = "project(mine)\n" if theirs == "a file of the user's" else ""
+    (folder / file).write_text(text, encoding="utf-8")
+    before = {path: path.read_bytes() for path in folder.iterdir()}
+    with pytest.raises(rp.InputError, match=f"{re.escape(file)}'? was not written by repctl_pin, or was edited since"):
+        rp.export_c(inverse, folder, "arm")
+    assert {path: path.read_bytes() for path in folder.iterdir()} == before

@@ -49,7 +49,7 @@ def test_the_hand_is_a_spring_with_its_own_inertia(inverse: rp.RepeatableInverse
     K = np.diag([300.0] * 3 + [20.0] * 3)
     assert np.allclose(inertia @ J @ rest, K @ task.error(q, target), atol=1e-8)
     # Every mode of Λ ẍ + D ẋ + K x = 0 has the damping ratio 0.7.
-    D = np.array([control._force(q, -np.linalg.pinv(J) @ e, J, inertia, task.placement(q), None) for e in np.eye(6)]).T
+    D = np.array([control._force(-e, inertia, np.zeros(6), np.zeros(6)) for e in np.eye(6)]).T
     system = np.block([[np.zeros((6, 6)), np.eye(6)], [-np.linalg.solve(inertia, K), -np.linalg.solve(inertia, D)]])
     poles = np.linalg.eigvals(system)
     assert np.allclose(-poles.real / np.abs(poles), 0.7, atol=1e-6)
@@ -101,3 +101,30 @@ def test_refusals(panda_design: rp.Design, options: dict, said: str) -> None:
     with pytest.raises(rp.InputError, match="leaf must be 1 finite"):
         control = rp.LeafImpedance(panda_design.inverse)
         control.torque(np.zeros(7), np.zeros(7), pin.SE3.Identity(), leaf=[np.nan])
+
+
+NOT_FINITE = {
+    "a target at nan": {"target": pin.SE3(np.eye(3), np.array([0.3, np.nan, 0.3]))},
+    "a target at inf": {"target": pin.SE3(np.eye(3), np.array([0.3, np.inf, 0.3]))},
+    "a target turned by nan": {"target": pin.SE3(np.full((3, 3), np.nan), np.zeros(3))},
+    "a target that is reflected": {"target": pin.SE3(np.diag([1.0, 1.0, -1.0]), np.zeros(3))},
+    "no target": {"target": "there"},
+    "a leaf in words": {"leaf": "x"},
+    "too many leaves": {"leaf": [1.0, 2.0]},
+    "a twist in words": {"twist": "fast"},
+    "a twist of words": {"twist": ["a"] * 6},
+    "a twist at nan": {"twist": np.full(6, np.nan)},
+    "a speed of 1e200": {"qdot": np.full(7, 1e200)},
+    "a leaf at 1e308": {"leaf": [1e308]},
+}
+
+
+@pytest.mark.parametrize("case", NOT_FINITE)
+def test_a_torque_is_finite_or_refused(case: str, panda_design: rp.Design) -> None:
+    control = rp.LeafImpedance(panda_design.inverse)
+    task, q = control.task, panda_design.region.center
+    good = {"q": q, "qdot": np.zeros(7), "target": task.placement(q), "leaf": control.inverse.leaf(q)}
+    assert np.isfinite(control.torque(**good)).all()
+    with pytest.raises(rp.InputError) as caught:
+        control.torque(**(good | NOT_FINITE[case]))
+    assert "\n" not in str(caught.value)

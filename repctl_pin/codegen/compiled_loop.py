@@ -20,7 +20,7 @@ from ..robot.task import Task
 from ..section import InverseFunction
 from ..strategies.control_step import Loop, failure, python_loops, share_of, speeds
 from ..strategies.repeatable import RepeatableInverse
-from .build import NoCompilerError, shared_library
+from .build import NoCompilerError, loaded_library
 from .source import write_source
 from .text import filled
 
@@ -44,7 +44,7 @@ def library(control: RepeatableInverse | InverseFunction) -> str | None:
     function = filled("python_function.c", NAME, {}) if isinstance(control, InverseFunction) else ""
     code = source.code.replace(f'#include "{NAME}.h"', source.header) + filled("python.c", NAME, {}) + function
     try:
-        return str(shared_library(code))
+        return loaded_library(code)
     except NoCompilerError as error:
         warnings.warn(f"{error}; Python serves", UserWarning, stacklevel=4)
         return None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,8 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from ..arguments import file_name, wanted
+from .._version import __version__
+from ..arguments import file_name, shown, wanted
 from ..errors import InputError
 from ..files import prepare_folder, write_whole
 from ..regions import Region
@@ -19,6 +21,8 @@ from ..strategies.repeatable import RepeatableInverse
 from .source import about, region_of, write_source
 from .text import checked_name, filled, pose, row, value, whole
 from .vectors import BAD_NUMBER, OUTSIDE, STATUS, Vector, answers, asked, targets, vectors
+
+_SIGNED = "written by repctl_pin"
 
 
 def export_c(
@@ -57,7 +61,8 @@ def export_c(
     ------
     InputError
         If the name is not an identifier, the inverse or the region holds user-defined functions, or the folder
-        cannot be written or holds another control.
+        cannot be written, holds another control, or a file of one of these names that was not written here or
+        was edited since.
 
     Examples
     --------
@@ -98,7 +103,34 @@ def export_c(
     for other in where.glob("*.hpp"):
         if other.stem != name and where.joinpath("test_vectors.h").exists():
             raise InputError(f"{where} holds the control {other.stem!r} already; choose another folder")
-    return [write_whole(where / file, text) for file, text in texts.items()]
+    signed = {where / file: _signed(file, text) for file, text in texts.items()}
+    for path in signed:
+        _refuse_foreign(path)
+    return [write_whole(path, text) for path, text in signed.items()]
+
+
+def _signed(file: str, text: str) -> str:
+    """Put a first line before a file's text: who wrote it, and the checksum of the rest."""
+    said = f"{_SIGNED} {__version__}; checksum of the lines below: {_checksum(text.encode())}"
+    return f"# {said}\n{text}" if file == "CMakeLists.txt" else f"/* {said} */\n{text}"
+
+
+def _checksum(text: bytes) -> str:
+    return hashlib.sha256(text).hexdigest()[:16]
+
+
+def _refuse_foreign(path: Path) -> None:
+    """Refuse to overwrite a file that was not written here, or was edited since: its first line tells."""
+    if not path.is_file():
+        return
+    with path.open("rb") as file:
+        first = file.readline(200)
+        ours = _SIGNED.encode() in first and _checksum(file.read()).encode() in first
+    if not ours:
+        raise InputError(
+            f"{shown(str(path))} was not written by repctl_pin, or was edited since, and is not overwritten; "
+            "choose another folder, or move that file away"
+        )
 
 
 def _circle(task: Task, region: Region | Cell | None) -> tuple[list[int], float]:

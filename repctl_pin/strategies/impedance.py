@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from ..arguments import Array, numbers, positive, shown, vector, wanted
 from ..errors import InputError, SingularityError
+from ..threads import PerThread
 from .repeatable import RepeatableInverse
 
 
@@ -75,7 +76,7 @@ class LeafImpedance:
         self.leaf_frequency = positive(leaf_frequency, "leaf_frequency", "rad/s", zero=True)
         self.leaf_damping = positive(leaf_damping, "leaf_damping", zero=True)
         self._model, self._drive = task.bodies_model()
-        self._data = self._model.createData()
+        self._data = PerThread(self._model.createData)
         try:
             np.linalg.cholesky(task.inertias(task.reference[None])[0])
         except np.linalg.LinAlgError:
@@ -102,39 +103,51 @@ class LeafImpedance:
         Raises
         ------
         InputError
-            If a size is wrong or a number not finite.
+            If a size is wrong, a number not finite, or so large that the torque is not finite.
         SingularityError
             If J or J_V loses rank.
         """
-        task, field = self.task, self.inverse.field
+        task = self.task
         q, qdot = vector(q, task.n, "q"), vector(qdot, task.n, "q̇")
-        c = np.asarray(leaf, float)
-        if c.shape != (task.r,) or not np.isfinite(c).all():
-            raise InputError(f"leaf must be {task.r} finite numbers, from inverse.leaf(q); got {leaf!r}")
+        c = vector(leaf, task.r, "leaf", "from inverse.leaf(q)")
+        with np.errstate(over="ignore", invalid="ignore"):
+            error = task.error(q, target)
+            rate = np.zeros(task.m) if twist is None else task.rate(q, twist)
+            if not np.isfinite(error).all():
+                raise InputError("the target must be finite numbers, m and a rotation")
+            torque = self._torque(q, qdot, error, rate, c)
+        if not np.isfinite(torque).all():
+            raise InputError("the torque is not finite: a number of q, q̇, the target, the twist or leaf is too large")
+        return torque
+
+    def _torque(self, q: Array, qdot: Array, error: Array, rate: Array, c: Array) -> Array:
+        """τ (n,) for a task error (m,) and the target's task velocity (m,); not finite where numbers overflow."""
+        task, field = self.task, self.inverse.field
         J, V, M = task.jacobian(q), field.gradient(q), task.inertias(q[None])[0]
+        if not (np.isfinite(V).all() and np.isfinite(M).all()):
+            return np.full(task.n, np.nan)
         try:
             factor = scipy.linalg.cho_factor(M)
             M_J = scipy.linalg.cho_solve(factor, J.T)  # M⁻¹ Jᵀ
             inertia = np.linalg.inv(J @ M_J)  # Λ
             P_V = V - J.T @ (inertia @ (M_J.T @ V))  # P V
             leaf_inertia = np.linalg.inv(P_V.T @ scipy.linalg.cho_solve(factor, P_V))  # Λ_h: P M⁻¹ P = M⁻¹ P
-        except np.linalg.LinAlgError:
+            force = self._force(J @ qdot, inertia, error, rate)
+        except (np.linalg.LinAlgError, ValueError):  # scipy's, where numbers are not finite
             raise SingularityError("the arm is at a singularity: J or J_V loses rank") from None
         omega = self.leaf_frequency
         pull = omega**2 * (c - field.value(q)) - 2 * self.leaf_damping * omega * (V.T @ qdot)
-        hand, elbow = J.T @ self._force(q, qdot, J, inertia, target, twist), P_V @ (leaf_inertia @ pull)
-        return hand + elbow + self._balance(q, qdot)
+        return J.T @ force + P_V @ (leaf_inertia @ pull) + self._balance(q, qdot)
 
     def _balance(self, q: Array, qdot: Array) -> Array:
         """b (n,): what gravity and velocities ask of the joints; joints that mimic load those they follow."""
-        drive, rest = self._drive, np.zeros(self._model.nv)
+        drive, data, rest = self._drive, self._data.own, np.zeros(self._model.nv)
         if drive is None:
-            return pin.rnea(self._model, self._data, q, qdot, rest)
-        return drive.S.T @ pin.rnea(self._model, self._data, drive.joints(q), drive.S @ qdot, rest)
+            return pin.rnea(self._model, data, q, qdot, rest)
+        return drive.S.T @ pin.rnea(self._model, data, drive.joints(q), drive.S @ qdot, rest)
 
-    def _force(self, q: Array, qdot: Array, J: Array, inertia: Array, target: pin.SE3, twist: Array | None) -> Array:
-        """F (m,) of the hand's spring and damper."""
+    def _force(self, xdot: Array, inertia: Array, error: Array, rate: Array) -> Array:
+        """F (m,) of the hand's spring and damper, at the task velocity ẋ (m,)."""
         k, Q = scipy.linalg.eigh(self.stiffness, inertia)  # Qᵀ Λ Q = I, Qᵀ K Q = diag k
         D = inertia @ (Q * (2 * self.damping * np.sqrt(k))) @ Q.T @ inertia
-        wanted_rate = np.zeros(self.task.m) if twist is None else self.task.rate(q, np.asarray(twist, float))
-        return self.stiffness @ self.task.error(q, target) + D @ (wanted_rate - J @ qdot)
+        return self.stiffness @ error + D @ (rate - xdot)
