@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from test_codegen_builds import BUILDS, STRICT, needed, run
 from test_section import cell_of, chart_of
 
 import repctl_pin as rp
+from repctl_pin.codegen.text import pose, row
 from repctl_pin.codegen.vectors import targets
 
 CELLS = {
@@ -172,3 +174,69 @@ def test_limits_that_are_not_kept_are_not_written(tmp_path: Path) -> None:
         code = (tmp_path / str(keep) / "arm_control.c").read_text()
         assert ("upper[ARM_CONTROL_N] = {HUGE_VAL" in code) != keep
     assert "the cell " in code and np.isfinite(function.task.upper).all()
+
+
+KNOWS = """
+#include "arm.h"
+#include <stdio.h>
+static void step(const double q[ARM_N], const arm_pose *target, const double *c, const arm_options *options)
+{
+    double next[ARM_N];
+    printf("%d ", (int)arm_step(q, target, 0.01, 0, c, options, 0, next));
+}
+int main(void)
+{
+    const double in[ARM_N] = @inside, out[ARM_N] = @outside, edge[ARM_N] = @edge, c[ARM_R] = @leaf;
+    const arm_pose middle = @middle, beyond = @beyond, scaled = @scaled;
+    double q[ARM_N];
+    arm_options options;
+    arm_defaults(&options);
+    printf("%d %d %d ", options.stay_inside, (int)arm_inside(in), (int)arm_inside(out));
+    step(in, &middle, 0, 0), step(out, &middle, 0, 0), step(edge, &beyond, c, 0), step(edge, &beyond, c, &options);
+    options.stay_inside = 0;
+    step(out, &middle, 0, &options), step(edge, &beyond, c, &options), step(in, &scaled, 0, 0);
+    printf("%d", (int)arm_F(&scaled, 0, q));
+    return 0;
+}
+"""
+
+
+def test_a_cells_control_in_c_knows_its_cell_and_the_limits(tmp_path: Path) -> None:
+    """Outside the cell, and where a step would pass a joint's limit, it says so; told to go on, it goes on."""
+    needed("gcc")
+    cell = cell_of("pose", 0.3)
+    q = rp.solve_ik(cell.task, Q_PANDA, cell.placement)
+    function = rp.InverseFunction(chart_of(cell, q))
+    outside = q + np.array([0.0, 0.0, 0.0, 0.9, 0.0, 0.0, 0.0])
+    edge, onward, leaf = limit_edge(function)
+    rp.export_c(function.inverse, tmp_path, "arm")
+    middle, scaled = cell.placement, pin.SE3(1.01 * cell.placement.rotation, cell.placement.translation)
+    parts = {"inside": row(q), "outside": row(outside), "edge": row(edge), "leaf": row(leaf), "middle": pose(middle)}
+    parts |= {"beyond": pose(onward), "scaled": pose(scaled)}
+    rp.export_c(function, tmp_path / "F", "arm")
+    (tmp_path / "F" / "knows.c").write_text(re.sub("@([a-z]+)", lambda found: parts[found[1]], KNOWS))
+    run(["gcc", "-std=c99", *STRICT, "arm.c", "knows.c", "-o", "knows", "-lm"], tmp_path / "F")
+    assert run(["./knows"], tmp_path / "F") == "1 0 3 0 3 3 3 0 0 2 2"
+    run(["gcc", "-std=c99", *STRICT, "arm.c", "check.c", "-o", "check", "-lm"], tmp_path)
+    assert run(["./check"], tmp_path).startswith("48 vectors, 0 differences")
+    assert (tmp_path / "arm.h").read_text().count("stay_inside = 1") == 1
+    for one in (function.inverse, rp.compiled(function).inverse, rp.compiled(function.inverse)):
+        one.step(q, middle, 0.01, outside="raise")
+        for start, target, c in ((outside, middle, None), (edge, onward, leaf)):
+            one.step(start, target, 0.01, leaf=c)
+            with pytest.raises(rp.InputError, match="outside"):
+                one.step(start, target, 0.01, leaf=c, outside="raise")
+
+
+def limit_edge(function: rp.InverseFunction) -> tuple[np.ndarray, pin.SE3, np.ndarray]:
+    """A q in the cell, its pose, and a leaf on which a step to that pose takes a joint beyond its limit."""
+    task, inverse, target = function.task, function.inverse, function.cell.placement
+    for way in (0.05, -0.05):
+        q = function(target)
+        for _ in range(100):  # along the self-motion
+            leaf = inverse.leaf(q) + way
+            ahead = inverse.step(q, target, 0.01, leaf=leaf)
+            if task.limit_margin(ahead).min() < -1e-6:
+                return q, target, leaf
+            q = ahead
+    raise AssertionError("no joint of this cell comes to its limit")

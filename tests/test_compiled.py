@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import pickle
 import stat
 import subprocess
 import sys
+import time
 import warnings
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -16,6 +18,7 @@ import pinocchio as pin
 import pytest
 from arms import Q_PANDA
 from controls import NEEDS_C, own_cache  # noqa: F401
+from test_codegen import answer
 from test_control_step import BAD_STEPS
 
 import repctl_pin as rp
@@ -206,3 +209,137 @@ def test_a_home_that_cannot_be_written_does_no_harm(monkeypatch: pytest.MonkeyPa
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     library = shared_library(CODE)
     assert library.is_file() and stat.S_IMODE(os.stat(library.parent).st_mode) == 0o700
+
+
+# ---- compilers that are none -----------------------------------------------------------------------
+
+OUT = 'while [ $# -gt 1 ]; do if [ "$1" = -o ]; then out="$2"; fi; shift; done\n'
+USELESS = {
+    "an empty file": OUT + 'touch "$out"',
+    "junk": OUT + 'head -c 5000 /dev/zero > "$out"',
+    "a folder": OUT + 'mkdir "$out"',
+    "a pipe": OUT + 'mkfifo "$out"',
+    "an object file": 'cc -c "$@"',
+    "a library cut short": 'cc "$@"\n' + OUT + 'head -c 3000 "$out" > "$out.cut"; mv "$out.cut" "$out"',
+    "another library": OUT + 'echo "int other;" > "$out.c"; cc -shared -fPIC "$out.c" -o "$out"',
+    "an escape": "printf '\\033]0;title\\007 error \\033[31m' >&2; exit 1",
+}
+
+
+def script(folder: Path, text: str) -> str:
+    """A compiler of one's own making."""
+    file = folder / "my-cc"
+    file.write_text(f"#!/bin/sh\n{text}\n", encoding="utf-8")
+    file.chmod(0o755)
+    return str(file)
+
+
+def one_warning(inverse: rp.RepeatableInverse) -> str:
+    """Compile in vain: what is said, once; Python serves."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        slow = rp.compiled(inverse)
+    assert np.array_equal(slow.velocity(Q_PANDA, np.ones(6)), inverse.velocity(Q_PANDA, np.ones(6)))
+    (said,) = (str(warning.message) for warning in caught)
+    assert said.endswith("; Python serves") and said.isprintable() and len(said) < 400
+    return said
+
+
+@NEEDS_C
+@pytest.mark.parametrize("made", USELESS)
+def test_a_compiler_that_makes_nothing_of_use_is_one_warning(
+    made: str, panda_design: rp.Design, cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CC", script(tmp_path, USELESS[made]))
+    one_warning(panda_design.inverse)
+    assert not list(cache.glob("*.so"))
+
+
+@pytest.mark.parametrize("text", ["sleep 600 & sleep 600", "yes >&2", "trap '' TERM; sleep 600"])
+def test_a_compiler_that_hangs_is_ended_with_its_children(
+    text: str, panda_design: rp.Design, cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CC", script(tmp_path, f"echo $$ > {tmp_path}/group; {text}"))
+    monkeypatch.setattr(build, "_COMPILES", 0.5)
+    assert "took longer than 0.5 s; Python" in one_warning(panda_design.inverse)
+    with pytest.raises(ProcessLookupError):
+        for _ in range(100):  # what was killed is gone a moment later
+            os.killpg(int((tmp_path / "group").read_text()), 0)
+            time.sleep(0.05)
+    began = time.monotonic()
+    assert "is not asked again" in one_warning(panda_design.inverse)
+    assert time.monotonic() - began < 0.5
+
+
+@NEEDS_C
+@pytest.mark.parametrize("place", ["library", "checksum", "pipe"])
+def test_a_folder_or_a_pipe_in_a_files_place_does_no_harm(place: str, cache: Path) -> None:
+    library = shared_library(CODE)
+    file = library if place == "library" else library.with_suffix(".sha256")
+    file.unlink()
+    os.mkfifo(file, 0o600) if place == "pipe" else file.mkdir()
+    other = shared_library(CODE)
+    assert other.is_file() and ctypes.CDLL(str(other)).answer() == 42
+
+
+@NEEDS_C
+def test_without_a_home_a_temporary_folder_serves(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No HOME, and a user whom the system does not know."""
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.setattr(os.path, "expanduser", lambda path: path)
+    with pytest.raises(RuntimeError):
+        Path.home()
+    assert shared_library(CODE).is_file()
+
+
+# ---- large numbers, and rotations that are none ----------------------------------------------------
+
+
+@NEEDS_C
+@pytest.mark.parametrize("size", [1e100, 1e150])
+@pytest.mark.parametrize("where", ["q", "leaf", "a coefficient", "xdot", "a twist", "dt", "a target"])
+def test_large_numbers_have_one_rule_in_python_and_c(size: float, where: str, panda_pose: rp.Task) -> None:
+    A = np.append(rp.redundancy.nullspace(panda_pose.jacobian(Q_PANDA))[:, 0], np.full(28, 0.01))[:, None]
+    A[7] = size if where == "a coefficient" else A[7]
+    inverse = rp.RepeatableInverse(panda_pose, rp.Polynomial(Q_PANDA, 2, 0.5).weighted(A))
+    fast, q, xdot, twist, far = (
+        rp.compiled(inverse),
+        Q_PANDA + 0.01,
+        np.ones(6),
+        np.ones(6),
+        panda_pose.placement(Q_PANDA),
+    )
+    leaf, dt = inverse.leaf(Q_PANDA), size if where == "dt" else 0.01
+    for name, array in (("q", q), ("xdot", xdot), ("a twist", twist), ("leaf", leaf)):
+        array[0] = size if where == name else array[0]
+    far = pin.SE3(far.rotation, np.full(3, size)) if where == "a target" else far
+
+    def damped(one: rp.RepeatableInverse) -> np.ndarray:
+        return one.step(q, far, dt, twist, leaf=leaf, limit=1.0, damping=0.1)
+
+    for ask in (lambda one: one.velocity(q, xdot), lambda one: one.step(q, far, dt, twist, leaf=leaf), damped):
+        answers = [answer(lambda one=one, ask=ask: ask(one)) for one in (inverse, fast)]
+        if any(isinstance(a, str) for a in answers):
+            assert answers[0] == answers[1]
+        else:
+            assert np.isfinite(answers).all()
+            hard = where in ("q", "a coefficient")  # singular values of rows of 1 and 1e100 are those of rounding
+            assert np.allclose(*answers, rtol=1e-6) or (hard and ask is damped)
+
+
+TURNS = {"reflected": np.diag([1.0, 1.0, -1.0]), "ones": np.ones((3, 3)), "twice": 2.0, "1e-5 too large": 1 + 1e-5}
+
+
+@NEEDS_C
+@pytest.mark.parametrize("name", TURNS)
+def test_what_is_no_rotation_is_refused_in_c_too(name: str, panda_design: rp.Design) -> None:
+    inverse, task = panda_design.inverse, panda_design.task
+    here = task.placement(Q_PANDA)
+    R = TURNS[name] * here.rotation if np.isscalar(TURNS[name]) else TURNS[name]
+    said = []
+    for one in (inverse, rp.compiled(inverse)):
+        one.step(Q_PANDA, pin.SE3((1 + 1e-8) * here.rotation, here.translation), 0.01)
+        with pytest.raises(rp.InputError) as caught:
+            one.step(Q_PANDA, pin.SE3(R, here.translation), 0.01)
+        said.append(str(caught.value))
+    assert said[0] == said[1]

@@ -1,16 +1,19 @@
-"""One inverse a thread on one shared task, and results that cross from process to process."""
+"""One object for many threads, one inverse a thread on one shared task, and results between processes."""
 
 from __future__ import annotations
 
 import copy
 import pickle
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from multiprocessing import get_context
 
 import numpy as np
 import pytest
+from arms import Q_PANDA
+from controls import NEEDS_C, own_cache  # noqa: F401
+from test_codegen_function import function_of
 
 import repctl_pin as rp
 
@@ -71,6 +74,50 @@ def test_a_copy_of_an_inverse_is_one_for_another_thread(panda_pose: rp.Task, q_p
     alone = [work((inverse, seed)) for seed in range(4)]
     with ThreadPoolExecutor(4) as threads:
         together = list(threads.map(work, [(copy.copy(inverse), seed) for seed in range(4)]))
+    assert np.array_equal(together, alone)
+
+
+SHARED = ("F", "F in C", "a step", "a step in C", "a bounded step", "a cell's step", "J⁺", "torques", "a task")
+
+
+def shared(what: str, design: rp.Design) -> Callable[[np.ndarray], object]:
+    """One object that several threads ask, as a function of seven numbers from −1 to 1."""
+    inverse, task, q0 = design.inverse, design.task, Q_PANDA
+    target, leaf, xdot = task.placement(q0), inverse.leaf(q0), np.ones(6)
+    if what in ("F", "F in C", "a cell's step"):
+        F = function_of("poses")
+        if what == "a cell's step":
+            middle, c = F(F.cell.placement), np.zeros(1)
+            return lambda x: F.inverse.step(middle + 0.01 * x, F.cell.placement, 0.01, leaf=c)
+        F = rp.compiled(F) if what == "F in C" else F
+        return lambda x: F(F.cell.at(0.5 * x[:6]))
+    if what == "J⁺":
+        one = rp.Pseudoinverse(task)
+        return lambda x: one.velocity(q0 + 0.1 * x, xdot)
+    if what == "torques":
+        spring = rp.LeafImpedance(inverse)
+        return lambda x: spring.torque(q0 + 0.1 * x, x, target, leaf=leaf)
+    if what == "a task":
+        return lambda x: np.append(task.jacobian(q0 + 0.1 * x), task.placement(q0 + 0.1 * x).translation)
+    fast = rp.compiled(inverse) if what == "a step in C" else inverse
+
+    def step(x: np.ndarray) -> np.ndarray:
+        if what != "a bounded step":
+            return fast.step(q0 + 0.05 * x, target, 0.01, xdot, leaf=leaf, gain=20.0)
+        q = fast.step(q0 + 0.05 * x, target, 0.01, leaf=leaf, limit=0.3 + abs(x[0]), damping=0.3)
+        return np.append(q, [fast.damping, fast.slowed])
+
+    return step
+
+
+@NEEDS_C
+@pytest.mark.parametrize("what", SHARED)
+def test_one_object_serves_many_threads(what: str, panda_design: rp.Design, many_switches) -> None:
+    ask = shared(what, panda_design)
+    X = np.random.default_rng(2).uniform(-1, 1, (4, 200, 7))
+    alone = [[ask(x) for x in rows] for rows in X]
+    with ThreadPoolExecutor(4) as threads:
+        together = list(threads.map(lambda rows: [ask(x) for x in rows], X))
     assert np.array_equal(together, alone)
 
 

@@ -71,7 +71,9 @@ def _loop(task: Task, held: ctypes.PyDLL, released: ctypes.CDLL) -> Loop:
 
     of_joints, of_task, of_twist, of_leaf = (n,), (m,), (6,), (r,)
 
-    def refused(status: int, q: Array) -> Exception:
+    def refused(status: int, q: Array, target: pin.SE3 | None = None) -> Exception:
+        if status != _SINGULAR and target is not None and np.isfinite(q).all():
+            task.error(q, target)  # which refuses what is no rotation
         return failure(task, q, np.array([0.0 if status == _SINGULAR else np.nan]))
 
     def velocity(q: Array, xdot: Array) -> Array:
@@ -121,7 +123,7 @@ def _loop(task: Task, held: ctypes.PyDLL, released: ctypes.CDLL) -> Loop:
             given |= _TWIST
         status = run_step(address, flags[given])
         if status:
-            raise refused(status, q)
+            raise refused(status, q, target)
         return result.copy()
 
     def bounded(

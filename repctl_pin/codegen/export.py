@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from .._version import __version__
-from ..arguments import file_name, shown, wanted
+from ..arguments import file_name, wanted
 from ..errors import InputError
 from ..files import prepare_folder, write_whole
 from ..regions import Region
@@ -128,7 +128,7 @@ def _refuse_foreign(path: Path) -> None:
         ours = _SIGNED.encode() in first and _checksum(file.read()).encode() in first
     if not ours:
         raise InputError(
-            f"{shown(str(path))} was not written by repctl_pin, or was edited since, and is not overwritten; "
+            f"{path} was not written by repctl_pin, or was edited since, and is not overwritten; "
             "choose another folder, or move that file away"
         )
 

@@ -51,10 +51,12 @@ def plain(field: FieldMap, V_T: Array, e: Array) -> InPlace:
 
     def slope(q: Array) -> None:
         here[:] = q
-        V_T[:] = field.gradient(here).T
+        with np.errstate(over="ignore", invalid="ignore"):  # the solve looks at what is not finite
+            V_T[:] = field.gradient(here).T
 
     def gap(leaf: Array) -> None:
-        np.subtract(leaf, field.value(here), e)
+        with np.errstate(over="ignore", invalid="ignore"):
+            np.subtract(leaf, field.value(here), e)
 
     return InPlace(slope, gap)
 

@@ -167,6 +167,7 @@ def make_loop(task: Task, field: FieldMap) -> Loop:
     return Loop(velocity, step, bounded)
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def damped(J_V: Array, rhs: Array, most: float) -> tuple[Array, float]:
     """Solve ``J_V x = rhs``, damped where J_V is near a singularity.
 
