@@ -1,12 +1,14 @@
-"""Formulas of a serial chain, arrays in, arrays out: its kinematic Hessian, and the turn between two tool axes."""
+"""Formulas of a serial chain, arrays in, arrays out: kinematic Hessian, turn between two tool axes, rotations."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import atan2, hypot, pi
 
 import numpy as np
 
 from ..arguments import Array
+from ..errors import InputError
 
 
 def chain_hessians(twists: Array, R: Array | None = None) -> Array:
@@ -57,3 +59,43 @@ def axis_turn(R: Array, goal: Array) -> Array:
         return np.array([0.0 if z > 0 else pi, 0.0])
     ratio = atan2(sine, z) / sine
     return np.array([-y * ratio, x * ratio])
+
+
+def is_rotation(R: Sequence[float]) -> bool:
+    """Whether ``R Rᵀ = I`` and ``det R = 1``, to 1e-6.
+
+    Two rows of length 1 at a right angle, and the third their cross product: in plain floats, for it is
+    asked in every step of a control loop.
+
+    Parameters
+    ----------
+    R : 9 floats
+        The matrix row by row, or column by column.
+    """
+    a, b, c, d, e, f, g, h, i = R
+    return (
+        -1e-6 < a * a + b * b + c * c - 1.0 < 1e-6
+        and -1e-6 < d * d + e * e + f * f - 1.0 < 1e-6
+        and -1e-6 < a * d + b * e + c * f < 1e-6
+        and -1e-6 < b * f - c * e - g < 1e-6
+        and -1e-6 < c * d - a * f - h < 1e-6
+        and -1e-6 < a * e - b * d - i < 1e-6
+    )
+
+
+def require_rotation(R: Array, name: str) -> None:
+    """Refuse a matrix (3, 3) that is not a rotation to 1e-6: one reflected, scaled, sheared, or not finite.
+
+    Raises
+    ------
+    InputError
+        With the reason.
+    """
+    if is_rotation(R.ravel().tolist()):
+        return
+    if not np.isfinite(R).all():
+        raise InputError(f"the rotation of {name} must be finite numbers")
+    off = float(np.abs(R @ R.T - np.eye(3)).max())
+    reflected = off < 1e-5 and np.linalg.det(R) < 0
+    why = "it is reflected, with det R = −1" if reflected else f"R Rᵀ differs from I by {off:.2g}"
+    raise InputError(f"the rotation of {name} is not a rotation matrix: {why}; normalise R, to 1e-6")

@@ -14,7 +14,7 @@ import pinocchio as pin
 from scipy.linalg.blas import daxpy, dcopy
 
 from ..arguments import Array
-from .formulas import axis_turn
+from .formulas import axis_turn, is_rotation, require_rotation
 from .model import SHARED
 from .task import Task
 
@@ -23,7 +23,7 @@ from .task import Task
 class InPlace:
     """Evaluates J, and then the task error, at one q after another.
 
-    It works in the task's own scratch memory: neither is to be shared between threads. Nothing is checked;
+    It works in the task's own scratch memory: neither is to be shared between threads. Nothing else is checked;
     a caller who was given bad numbers asks :meth:`Task.jacobian` for the reason.
 
     Attributes
@@ -31,7 +31,8 @@ class InPlace:
     jacobian : function q → None
         Writes J(q) (m, n).
     error : function target → None
-        Writes the task error (m,) from the placement at that q to a target, as :meth:`Task.error` does.
+        Writes the task error (m,) from the placement at that q to a target, as :meth:`Task.error` does; refuses
+        a target whose rotation counts and is none.
     rate : function twist → (m,) array
         Takes ẋ out of a frame's twist (v, ω) at that q, as :meth:`Task.rate` does.
     """
@@ -69,15 +70,24 @@ def _jacobian(task: Task, J: Array) -> Callable[[Array], None]:
 
 def _error(task: Task, e: Array, p: Array, R: Array) -> Callable[[pin.SE3], None]:
     R_T, turn, rows, log3 = R.T, np.empty((3, 3)), task.rows, pin.log3
+    flat = turn.reshape(9)
 
     def pose(target: pin.SE3) -> None:
         dcopy(target.translation, e, 3)
         daxpy(p, e, 3, -1.0)
-        dcopy(log3(target.rotation.dot(R_T, turn)), e, 3, 0, 1, 3)
+        goal = target.rotation
+        goal.dot(R_T, turn)
+        if not is_rotation(flat.tolist()):  # R is one, so turn is where the goal is
+            require_rotation(goal, "the target")
+        dcopy(log3(turn), e, 3, 0, 1, 3)
 
     def axis(target: pin.SE3) -> None:
+        goal = target.rotation
+        turn[:] = goal
+        if not is_rotation(flat.tolist()):
+            require_rotation(goal, "the target")
         e[:3] = target.translation - p
-        e[3:] = axis_turn(R, target.rotation)
+        e[3:] = axis_turn(R, goal)
 
     def position(target: pin.SE3) -> None:
         e[:] = (target.translation - p)[rows]

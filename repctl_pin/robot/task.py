@@ -15,7 +15,7 @@ from ..arguments import FLOAT, Array, numbers, rows, stacks, vector, wanted
 from ..errors import InputError
 from .coordinates import Coordinates, change_of
 from .coupling import Coupling
-from .formulas import axis_turn, chain_hessians
+from .formulas import axis_turn, chain_hessians, require_rotation
 from .mechanism import Mechanism
 from .model import frame_id, frame_jacobian, lock_joints, path_between, seen_from
 
@@ -177,6 +177,8 @@ class Task:
             wanted(target, pin.SE3, "target", "a placement (pinocchio.SE3), such as path.placement(0)")
         here = self.placement(q)
         p = target.translation - here.translation
+        if self.kind in ("pose", "axis"):
+            require_rotation(target.rotation, "the target")
         if self.kind == "pose":
             return np.concatenate([p, pin.log3(target.rotation @ here.rotation.T)])
         if self.kind == "axis":

@@ -12,12 +12,16 @@ from numpy.typing import ArrayLike
 
 from ..arguments import Array, freeze, numbers, shown, wanted
 from ..errors import InputError
+from ..robot.formulas import require_rotation
 from ..robot.task import Task, wanted_task
 from .kinematics import placed
 from .rotations import exp3, left_jacobian, log3, tilts
 
 _INSIDE = 1e-9
 """How far beyond ±1 a coordinate still counts as inside."""
+
+LEAST_WIDTH, _MOST_WIDTH = 1e-6, 1e3
+"""Half-widths, m or rad, between which a coordinate that is not held has to lie."""
 
 TURNED = 1e-6
 """How far, rad, a target may be turned away from a cell of one orientation."""
@@ -111,7 +115,7 @@ class Cell:
             poses = [poses.placement(s) for s in np.linspace(0, 1, 2001)]
         if not isinstance(poses, Sequence) or not poses or not all(isinstance(x, pin.SE3) for x in poses):
             raise InputError("a cell goes around a list of placements (pinocchio.SE3), or a closed path")
-        p, R = stacked(poses)
+        p, R = stacked(task, poses, "placement")
         middle = pin.SE3(R[0], (p.max(axis=0) + p.min(axis=0)) / 2)
         positions, turns = min(3, task.m), task.m - min(3, task.m)
         unit = cls(task, middle, 1.0, 0.1 if turns else 0.0)
@@ -120,7 +124,7 @@ class Cell:
             mean = unit.vectors((y.max(axis=0) + y.min(axis=0))[None] / 2)
             unit = cls(task, pin.SE3(exp3(mean)[0] @ middle.rotation, middle.translation), 1.0, 0.1)
         reach = np.abs(unit._measured(p, R)).max(axis=0)
-        reach[positions:][reach[positions:] < TURNED] = 0.0
+        reach[reach < LEAST_WIDTH] = 0.0
         more = _sizes(room, positions, "room", "m", "one per position that the task commands")
         turn = reach[positions:] + _sizes(rotation, turns, "rotation", "rad", "one an axis") if turns else rotation
         return cls(task, unit.placement, reach[:positions] + more, turn)
@@ -190,8 +194,7 @@ class Cell:
             If it lies outside; the message says which way and how far.
         """
         wanted(target, pin.SE3, "target", "a placement (pinocchio.SE3)")
-        U, off = self.coordinates(np.asarray(target.translation)[None], np.asarray(target.rotation)[None])
-        return self.inside(U, off)[0]
+        return self.inside(*self.coordinates(*stacked(self.task, [target], "target")))[0]
 
     def inside(self, U: Array, off: Array) -> Array:
         """Take coordinates that have to lie in the cell, or say which does not."""
@@ -341,10 +344,17 @@ class Cell:
         return E
 
 
-def stacked(placements: Sequence[pin.SE3]) -> tuple[Array, Array]:
-    """Stack placements: positions (K, 3) and rotations (K, 3, 3)."""
+def stacked(task: Task, placements: Sequence[pin.SE3], name: str) -> tuple[Array, Array]:
+    """Stack placements: positions (K, 3) and rotations (K, 3, 3), checked where the task has any.
+
+    ``name`` is what each of several is called in a refusal, before its number.
+    """
     p = np.array([x.translation for x in placements]).reshape(-1, 3)
-    return p, np.array([x.rotation for x in placements]).reshape(-1, 3, 3)
+    R = np.array([x.rotation for x in placements]).reshape(-1, 3, 3)
+    if task.kind in ("pose", "axis"):
+        for i, one in enumerate(R):
+            require_rotation(one, f"{name} {i}" if len(R) > 1 else f"the {name}")
+    return p, R
 
 
 def _placement(task: Task, value: pin.SE3 | ArrayLike) -> pin.SE3:
@@ -355,9 +365,9 @@ def _placement(task: Task, value: pin.SE3 | ArrayLike) -> pin.SE3:
         middle = pin.SE3(array)
     else:
         raise InputError(f"a cell's placement is a pinocchio.SE3, a 4 × 4 matrix or a position; not {shown(value)}")
-    R = middle.rotation
-    if not np.isfinite(middle.homogeneous).all() or np.abs(R @ R.T - np.eye(3)).max() > 1e-6:
-        raise InputError("a cell's placement must be finite numbers, with a rotation of length 1")
+    if not np.isfinite(middle.homogeneous).all():
+        raise InputError("a cell's placement must be finite numbers")
+    require_rotation(middle.rotation, "a cell's placement")
     return middle
 
 
@@ -368,4 +378,8 @@ def _sizes(value: ArrayLike, size: int, name: str, unit: str, each: str) -> Arra
         raise InputError(f"{name} must be one number in {unit} or {size}, {each}; got {shown(value)}") from None
     if not (np.isfinite(array).all() and (array >= 0).all()):
         raise InputError(f"{name} must be 0 {unit} or more; got {value!r}")
+    wrong = (array > 0) & ((array < LEAST_WIDTH) | (array > _MOST_WIDTH))
+    if wrong.any():
+        between = f"from {LEAST_WIDTH:g} to {_MOST_WIDTH:g} {unit}"
+        raise InputError(f"{name} must be 0, which holds the coordinate, or {between}; got {array[wrong][0]:g}")
     return array

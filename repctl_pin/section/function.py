@@ -81,7 +81,7 @@ class InverseFunction:
         Raises
         ------
         InputError
-            If the target lies outside the cell, or F has no joints inside the limits there.
+            If the target lies outside the cell or is no rigid transform, or F has no joints inside the limits there.
         """
         try:
             c = None if leaf is None else self._leaf(leaf)
@@ -107,7 +107,7 @@ class InverseFunction:
                 raise InputError(f"coordinates of this cell are an array (K, {cell.k}); got shape {targets.shape}")
             U = cell.inside(np.asarray(targets, float), np.zeros(len(targets)))
         else:
-            U = cell.inside(*cell.coordinates(*stacked(targets)))
+            U = cell.inside(*cell.coordinates(*stacked(cell.task, targets, "target")))
         return self._batch(U, np.zeros(self.task.r) if leaf is None else self._leaf(leaf))
 
     def _batch(self, U: Array, c: Array) -> Array:
@@ -129,8 +129,8 @@ class InverseFunction:
 
     @cached_property
     def inverse(self) -> RepeatableInverse:
-        """The control ``q̇ = ∂F/∂x ẋ``, whose leaf c = 0 is F: it steps, follows and is saved as any other."""
-        return RepeatableInverse(self.task, SectionField(self.chart))
+        """The control ``q̇ = ∂F/∂x ẋ``, whose leaf c = 0 is F: it steps and follows as any other; its Ω is the cell."""
+        return RepeatableInverse(self.task, SectionField(self.chart), region=self.cell)
 
     def leaves(self, target: pin.SE3) -> Array:
         """Find how far the elbow can be moved at a pose: the interval of each c_j, the others 0, as (r, 2).

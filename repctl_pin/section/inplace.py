@@ -15,7 +15,7 @@ from scipy.linalg.lapack import dgesv
 
 from ..arguments import Array
 from ..robot import inplace as kinematics_of
-from ..robot.formulas import axis_turn
+from ..robot.formulas import axis_turn, is_rotation
 from ..robot.task import Task
 from .cell import TURNED, Cell
 from .chart import Chart
@@ -193,24 +193,31 @@ def evaluation(chart: Chart) -> Callable[[pin.SE3, Array | None], Array]:
 
 def _errors(task: Task, J: Array, e: Array) -> tuple[Callable[[pin.SE3, Array, Array], None], Callable[[], None]]:
     """Take a target once, and write the task error to it, at the q of the last Jacobian, as often as asked."""
-    if task.kind == "pose":
-        here = task._data.oMf[task._frame_id]
-        p, R_T, turn, log3 = here.translation, here.rotation.T, np.empty((3, 3)), pin.log3
-        p_goal, R_goal, linear, angular = np.zeros(3), np.zeros((3, 3)), e[:3], e[3:]
-        multiply, subtract = R_goal.dot, np.subtract
+    if task.kind not in ("pose", "axis"):
+        write, goal = kinematics_of.in_place(task, J, e).error, [pin.SE3.Identity()]
 
-        def aim(target: pin.SE3, p: Array, R: Array) -> None:
-            p_goal[:] = p
-            R_goal[:] = R
+        def aim_at(target: pin.SE3, p: Array, R: Array) -> None:
+            goal[0] = target
 
-        def error() -> None:
-            subtract(p_goal, p, linear)
-            angular[:] = log3(multiply(R_T, turn))
+        return aim_at, lambda: write(goal[0])
+    here = task._data.oMf[task._frame_id]
+    p, R = here.translation, here.rotation  # views that follow every evaluation
+    R_T, turn, log3 = R.T, np.empty((3, 3)), pin.log3
+    p_goal, R_goal, linear, angular = np.zeros(3), np.zeros((3, 3)), e[:3], e[3:]
+    nine, multiply, subtract = R_goal.reshape(9), R_goal.dot, np.subtract
 
-        return aim, error
-    write, goal = kinematics_of.in_place(task, J, e).error, [pin.SE3.Identity()]
+    def aim(target: pin.SE3, p: Array, R: Array) -> None:
+        p_goal[:] = p
+        R_goal[:] = R
+        if not is_rotation(nine.tolist()):
+            raise OutsideError
 
-    def aim_at(target: pin.SE3, p: Array, R: Array) -> None:
-        goal[0] = target
+    def pose() -> None:
+        subtract(p_goal, p, linear)
+        angular[:] = log3(multiply(R_T, turn))
 
-    return aim_at, lambda: write(goal[0])
+    def axis() -> None:
+        subtract(p_goal, p, linear)
+        angular[:] = axis_turn(R, R_goal)
+
+    return aim, pose if task.kind == "pose" else axis
