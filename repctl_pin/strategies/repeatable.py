@@ -20,6 +20,9 @@ from .pseudoinverse import at_rows, redundant
 
 _GUARDS = ("ignore", "warn", "raise")
 
+_EDGE = 1e-9
+"""How far beyond 1 the scaled distance from the middle of Ω still counts as inside: rounding of f(q)."""
+
 
 @runtime_checkable
 class Bounded(Protocol):
@@ -107,7 +110,7 @@ class RepeatableInverse:
         ----------
         q, xdot : (n,), (m,) arrays
         outside
-            What to do if q lies outside Ω: see :meth:`step`.
+            What to do if q lies outside Ω, or a joint is beyond its limits: see :meth:`step`.
 
         Raises
         ------
@@ -118,6 +121,7 @@ class RepeatableInverse:
         """
         if outside != "ignore":
             self._guard(q, outside)
+            self._check_limits(q, "q", outside)
         return self._loop.velocity(q, xdot)
 
     def velocities(self, Q: ArrayLike, Xdot: ArrayLike) -> Array:
@@ -167,8 +171,9 @@ class RepeatableInverse:
             λ_max of the damping near singularities, in the units of J; 0 raises there instead. A damped step
             is at most ``‖error‖ / (√3 λ_max)`` long. See :attr:`damping`.
         outside
-            What to do if q lies outside Ω, for which nothing was designed: ``ignore``, ``warn``, or ``raise``
-            (InputError). For a box, checking takes as long as one or two steps; ignoring costs nothing.
+            What to do if q lies outside Ω, for which nothing was designed, or the next q would lie beyond the
+            joint limits: ``ignore``, ``warn``, or ``raise`` (InputError). Checking takes as long as one or two
+            steps for a box, five for a cell; ignoring costs nothing.
 
         Raises
         ------
@@ -180,22 +185,32 @@ class RepeatableInverse:
         if outside != "ignore":
             self._guard(q, outside)
         if limit is None and isinstance(damping, NUMBER) and not damping:
-            return self._loop.step(q, target, dt, twist, leaf, gain)
-        following, self.damping, self.slowed = self._loop.bounded(q, target, dt, twist, leaf, gain, limit, damping)
+            following, used, slowed = self._loop.step(q, target, dt, twist, leaf, gain), None, 1.0
+        else:
+            following, used, slowed = self._loop.bounded(q, target, dt, twist, leaf, gain, limit, damping)
+        if outside != "ignore":
+            self._check_limits(following, "the next q", outside)
+        if used is not None:
+            self.damping, self.slowed = used, slowed
         return following
 
     def _guard(self, q: ArrayLike, outside: str) -> None:
         """Warn or raise where q lies outside Ω."""
         chosen(outside, _GUARDS, "way to treat what is outside Ω")
         if self.region is None:
-            raise InputError("this inverse knows no Ω to be outside of; a designed one does, or give it region=")
+            raise InputError("outside= requires a region: use design.inverse, or pass region= to RepeatableInverse")
         q = vector(q, self.task.n, "q")
         ratio = float(self.region.ratio(q[None])[0])
-        if ratio > 1 + 1e-12:
-            told = f"q = {row(q)} is outside Ω, {ratio:.2f} times its width from the middle: nothing was designed there"
-            if outside == "raise":
-                raise InputError(told)
-            warnings.warn(told, UserWarning, stacklevel=3)
+        if ratio > 1 + _EDGE:
+            scaled = f"scaled distance {ratio:.3g}; the boundary is at 1"
+            _tell(f"q = {row(q)} is outside Ω ({scaled}): the design does not cover it", outside)
+
+    def _check_limits(self, q: ArrayLike, what: str, outside: str) -> None:
+        """Warn or raise where joints lie beyond their limits."""
+        try:
+            self.task.check(q, what)
+        except InputError as error:
+            _tell(str(error), outside)
 
     # ---- the leaves ------------------------------------------------------------------------------
 
@@ -233,3 +248,10 @@ class RepeatableInverse:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         RepeatableInverse.__init__(self, **state)
+
+
+def _tell(what: str, outside: str) -> None:
+    """Raise it, or warn of it."""
+    if outside == "raise":
+        raise InputError(what)
+    warnings.warn(what, UserWarning, stacklevel=4)
