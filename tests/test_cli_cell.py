@@ -64,6 +64,7 @@ def test_a_cell_round_a_path_and_round_poses(made: Path, capsys: pytest.CaptureF
     assert main([*arm, *words, "--path", "circle:0.1"]) == 0
     said = json.loads(capsys.readouterr().out)
     assert said["half_width"] == pytest.approx([0.15, 0.15], abs=1e-3)
+    assert said["everywhere"] is True and 0 < said["extra_speed_worst"] <= said["extra_speed_direction"]
     x, y = said["middle"][0][3], said["middle"][1][3]
     poses = made / "poses.csv"
     poses.write_text("x,y,z\n" + "".join(f"{x + a},{y + b},0\n" for a, b in ((0, 0), (0.1, 0), (0, 0.06), (0, 0))))
@@ -103,6 +104,9 @@ def test_other_commands_say_that_it_is_a_cell(made: Path, capsys: pytest.Capture
     [
         (["--half-width", "wide"], "--half-width 'wide' must be one or more numbers"),
         (["--half-width", "0.1", "--at", "1,2"], "--at '1,2' must be 3 numbers"),
+        (["--half-width", "0.1", "--held-out", "20000000"], "--held-out can be 1,048,576 at most"),
+        (["--half-width", "0.1", "--degree", "0"], "neither auto nor a whole number from 1 up"),
+        (["--half-width", "1e-300"], "--half-width must be 0, which holds the coordinate"),
         (["--half-width", "0.1", "--shrink", "--keep"], "give one"),
         (["--half-width", "0.1", "--at", "1,2,0", "--path", "circle:0.1"], "give one"),
         (["--half-width", "0.1", "--rotation", "0.2"], "leaves the rotation free"),

@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import scipy.optimize
+from arms import spatial_task
 
 import repctl_pin as rp
 from repctl_pin import redundancy
@@ -362,6 +363,16 @@ def test_a_singularity_of_V_is_refused_with_the_largest_free_box_and_shrink_take
     design = rp.nearest_repeatable(desired, None, box, degree=1, samples=2048, held_out=2048, shrink=True)
     assert design.leaf_margin > 0 and 0.1 < design.shrunk < 1
     assert np.allclose(design.region.half_width, 1.4 * design.shrunk)
+
+
+@pytest.mark.parametrize("half_width", [0.65, 0.69, 0.9])
+def test_a_region_is_shrunk_to_a_leaf_margin_of_a_tenth(half_width: float, tmp_path) -> None:
+    """Not to the edge of a singularity, found by the first fit or only nearly so."""
+    task = spatial_task(4, tmp_path, seed=5)
+    box = rp.Box(0.4 * np.ones(4), half_width)
+    design = rp.nearest_repeatable(rp.Pseudoinverse(task), None, box, degree=2, samples=512, held_out=512, shrink=True)
+    assert design.leaf_margin >= 0.1 and 0.4 < design.shrunk < 1
+    assert np.allclose(design.region.half_width, half_width * design.shrunk)
 
 
 def test_a_singularity_of_the_arm_is_refused_by_place() -> None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import pickle
 import re
+import warnings
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise, product
@@ -15,6 +17,7 @@ import pytest
 from arms import Q_PANDA, planar_task, planar_urdf, spatial_task
 
 import repctl_pin as rp
+from repctl_pin.design.storage import _checksum
 from repctl_pin.section.chart import Chart
 from repctl_pin.section.cost import Cost, Kept, descend
 from repctl_pin.section.field import SectionField
@@ -23,10 +26,10 @@ from repctl_pin.section.margins import Section, distances_of, limits_of, singula
 from repctl_pin.section.margins import searched as searched_poses
 from repctl_pin.section.middle import judged, searched
 from repctl_pin.section.monomials import Monomials
-from repctl_pin.section.nearest import _rank, _Work
+from repctl_pin.section.nearest import _fit, _rank, _refusal, _Work
 from repctl_pin.section.reference import fitted, rays
 from repctl_pin.section.rotations import exp3, left_jacobian, log3, tilts
-from repctl_pin.section.stops import touching
+from repctl_pin.section.stops import Stop, touching
 from repctl_pin.section.tour import tour
 
 
@@ -120,6 +123,12 @@ def test_a_cell_goes_round_poses_and_paths() -> None:
         ({"half_width": -0.1}, "half_width must be 0 m or more"),
         ({"half_width": (0.1, 0.2)}, "half_width must be one number"),
         ({"half_width": 0.0}, "above 0"),
+        (
+            {"half_width": 1e-300},
+            "half_width must be 0, which holds the coordinate, or from 1e-06 to 1000 m; got 1e-300",
+        ),
+        ({"half_width": (0.1, 1e300, 0.1)}, "from 1e-06 to 1000 m"),
+        ({"rotation": 1e-12}, "rotation must be 0"),
         ({"rotation": 2.0}, "half a turn"),
         ({"placement": "home"}, "placement"),
         ({"task": 3}, "task must be"),
@@ -368,9 +377,9 @@ def test_what_a_design_says_of_itself() -> None:
     free = replace(design, judgement=replace(j, body_distance=np.inf, limit_margin=np.inf))
     assert free.figures()["body distance"] == "no collision bodies" and free.figures()["limit margin"] == "no limits"
     touching = replace(design, judgement=replace(j, body_distance=-0.01))
-    assert _rank(design, 0.05) == (1.0, True, 0.4 * 0.05, -design.cost) > _rank(touching, 0.05)
+    assert _rank(design, 0.05) == (1.0, True, True, 0.4 * 0.05, -design.cost) > _rank(touching, 0.05)
     near = replace(design, judgement=replace(j, limit_margin=0.01))
-    assert _rank(near, 0.05)[2] == 0.01 and _rank(near, 0.05) < _rank(design, 0.05)
+    assert _rank(near, 0.05)[3] == 0.01 and _rank(near, 0.05) < _rank(design, 0.05)
     options = {"room": 0.05, "apart": 0.0, "dexterity": 0.0, "samples": 64, "held_out": 64, "seed": 0, "keep": False}
     work, dear = _Work(design.desired, 2, **options), replace(design, judgement=replace(j, extra_speed=0.03))
     assert work.good(design) and not any(work.good(one) for one in (dear, touching, near))
@@ -394,9 +403,64 @@ def test_the_judgement_is_honest() -> None:
     assert j.attainable_margin >= j.limit_margin
     bodies, every = rp.Bodies(task), np.concatenate([Q, design.function.batch(design.cell.corners())])
     distances = bodies.distances(every)
-    assert j.body_distance == pytest.approx(distances.min()) and j.body_distance > 0.05
-    assert j.nearest_bodies == bodies.nearest(every[int(np.argmin(distances))]).links
-    assert j.smallest_singular_value == pytest.approx(np.linalg.svd(task.jacobians(Q), compute_uv=False).min())
+    assert 0.05 < j.body_distance <= distances.min() + 1e-9
+    assert j.smallest_singular_value <= np.linalg.svd(task.jacobians(Q), compute_uv=False).min()
+
+
+def test_the_largest_joint_speeds_of_a_cell_are_found_by_search() -> None:
+    """No pose of many, and no corner, costs more than is said: all task directions together, and one alone."""
+    design = found(0.25)
+    cell, task, rng = design.cell, design.task, np.random.default_rng(3)
+    U = np.concatenate([cell.corners(), np.sign(cell.sample(400, 5)), cell.sample(400, 6)])
+    Q = design.function.batch(U)
+    G, G_d = design.inverse.batch(Q), design.desired.batch(Q)
+    E = cell.twists(U, np.array([task.placement(q).rotation for q in Q])) @ cell.speeds(U)
+    own, wanted = G @ E, G_d @ E
+    whole = np.linalg.norm(own, axis=(1, 2)) / np.linalg.norm(wanted, axis=(1, 2)) - 1
+    xdot = rng.normal(size=(task.m, 2000))
+    single = np.linalg.norm(G @ xdot, axis=1) / np.linalg.norm(G_d @ xdot, axis=1) - 1
+    assert whole.max() <= design.extra_speed_worst + 1e-9 and whole[:64].max() > 2 * np.median(whole)
+    assert single.max() <= design.extra_speed_direction + 1e-9
+    assert 0.8 * design.extra_speed_direction < single.max()  # and it is there
+    assert (
+        f"{design.extra_speed_direction:.1%} at the worst pose in the worst single task direction" in design.summary()
+    )
+
+
+def test_the_smallest_distance_between_bodies_is_found_by_search() -> None:
+    design = found(0.25)
+    Q = design.function.batch(np.concatenate([design.cell.corners(), design.cell.sample(1000, 5)]))
+    assert design.body_distance <= rp.Bodies(design.task).distances(Q).min() + 1e-4
+
+
+def test_what_was_asked_for_and_is_not_met_is_said(tmp_path: Path) -> None:
+    task, q = planar_task([1.0, 0.9, 0.8], tmp_path), [0.3, 0.5, 2.4]
+    cell = rp.Cell(task, task.placement(q), 0.2)
+    small = {"posture": q, "degree": 1, "samples": 32, "held_out": 64}
+    asked = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, dexterity=9.0, **small)
+    assert "9 was asked for and is not met" in asked.figures()["σ_min(J)"]
+    plain = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, **small)
+    assert "asked for" not in plain.summary()
+    near = replace(found(), apart=0.5)
+    assert near.figures()["body distance"].endswith("; 0.5 was asked for and is not met")
+
+
+def test_the_degree_goes_on_where_only_a_higher_one_lowers_the_cost() -> None:
+    """PPR: degrees 2 and 3 bring nothing, degree 4 a sixth of the cost."""
+    task = rp.Robot.load("ppr").task("tool", "xy")
+    cell = rp.Cell(task, task.placement(task.reference), 0.5)
+    design = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, held_out=256)
+    costs = dict(design.degrees)
+    assert costs[3] > 0.99 * costs[1] > 1.1 * costs[4] and list(costs) == [1, 2, 3, 4]
+
+
+def test_a_degree_whose_start_has_no_joints_begins_at_the_reference() -> None:
+    """Whatever the start, the cost that a fit ends with is finite: it is written to a file."""
+    cell = cell_of()
+    chart = chart_of(cell, rp.solve_ik(cell.task, Q_PANDA, cell.placement), degree=2, count=64)
+    cost, start = Cost(rp.Pseudoinverse(cell.task), chart, Monomials(3, 1), cell.sample(64)), 50 * np.ones((4, 1))
+    assert not np.isfinite(descend(cost, start).value.cost)
+    assert _fit(cost, start).value.cost < cost.value(np.zeros((4, 1))).cost < np.inf
 
 
 def test_bodies_that_touch_are_named_with_the_pose() -> None:
@@ -513,6 +577,68 @@ def test_a_middle_out_of_reach() -> None:
     assert "is out of reach" in refused(rp.Cell(panda(), pin.SE3(middle().rotation, np.array([1.5, 0, 0.4])), 0.1))
 
 
+def corner_out_of_reach(folder: Path) -> rp.Cell:
+    """The arm reaches 2.7 m; two corners of the cell are at 2.72 m, and no held-out pose of a few is beyond 2.69."""
+    task = planar_task([1.0, 0.9, 0.8], folder)
+    return rp.Cell(task, pin.SE3(np.eye(3), np.array([1.9, 0.0, 0.0])), (0.72, 0.72))
+
+
+def test_a_broken_corner_refuses_a_cell_and_is_not_called_covered(tmp_path: Path) -> None:
+    """All held-out poses have joints, a corner has none: refused; if kept, nothing says 100 %."""
+    cell = corner_out_of_reach(tmp_path)
+    task = cell.task
+    small = {"posture": rp.solve_ik(task, [-0.6, 1.0, 0.4], cell.placement), "degree": 1, "samples": 64, "held_out": 64}
+    with pytest.raises(rp.NoFunctionError, match="is out of reach") as caught:
+        rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, **small)
+    assert 0.5 < caught.value.fits < 1
+    kept = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, incomplete="keep", **small)
+    assert kept.coverage == 1.0 and not kept.judgement.everywhere
+    assert kept.figures()["coverage"] == "all held-out poses, but not every pose of the cell"
+    assert "out of reach" in kept.figures()["stopped"]
+    assert "100" not in kept.figures()["coverage"] + repr(kept)
+    smaller = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, incomplete="shrink", **small)
+    F = smaller.function
+    assert smaller.judgement.everywhere and len(F.batch(smaller.cell.corners())) == 8
+
+
+def test_a_limit_broken_at_a_corner_refuses_a_cell(tmp_path: Path) -> None:
+    """The held-out poses keep the limits, the search finds one that does not: no single joint says otherwise."""
+    design = found()
+    j = replace(design.judgement, limit_margin_worst=-0.25)
+    assert j.coverage == 1.0 and not j.everywhere and "100" not in j.covered
+    almost = replace(design.judgement, coverage=0.99999)
+    assert almost.covered == "99.99% of the held-out poses"
+
+
+def test_a_refusal_names_all_causes_but_bodies_that_touch() -> None:
+    cell, u = cell_of(), np.ones(3)
+    stops = (
+        Stop("collision", 0.6, u, "a and b touch"),
+        Stop("reach", 0.1, u, "a corner is out of reach"),
+        Stop("limit", 0.2, u, "joint1 is 0.2 rad beyond its limit"),
+    )
+    error = _refusal(cell, stops, 0.5, keep=True)
+    assert "cell: joint1 is 0.2 rad beyond its limit, and a corner is out of reach; a cell of" in str(error)
+    assert "touch" not in str(error) and [stop.cause for stop in error.stops] == ["limit", "reach"]
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"degree": 0}, "degree must be a whole number from 1 up"),
+        ({"degree": 10**12}, "degree can be 12 at most"),
+        ({"samples": 10**12}, "samples can be 65,536 at most"),
+        ({"held_out": 2 * 10**7}, "held_out can be 1,048,576 at most"),
+        ({"dexterity": 1e300}, r"dexterity can be 1e\+06 at most"),
+        ({"room": 1e300}, r"room can be 1e\+06 at most"),
+        ({"apart": -1}, "apart must be 0 m or more"),
+    ],
+)
+def test_options_have_bounds(options: dict, says: str) -> None:
+    with pytest.raises(rp.InputError, match=says):
+        rp.nearest_inverse_function(rp.Pseudoinverse(panda()), cell_of(), **options)
+
+
 def test_a_cell_that_reaches_too_far_and_what_would_fit() -> None:
     x = pin.SE3(middle().rotation, np.array([0.6, 0.0, 0.4]))
     cell = rp.Cell(panda(), x, 0.35)
@@ -581,6 +707,87 @@ def test_targets_outside_and_other_wrong_things() -> None:
         rp.nearest_inverse_function(rp.Pseudoinverse(panda()), design.cell, incomplete="yes")  # type: ignore[arg-type]
 
 
+def broken_rotations(R: np.ndarray) -> list[np.ndarray]:
+    sheared = R.copy()
+    sheared[0, 0] += 1e-5
+    return [np.diag([1.0, 1.0, -1.0]), R @ np.diag([1.0, 1.0, -1.0]), np.ones((3, 3)), 2 * R, -R, 0 * R, sheared]
+
+
+@pytest.mark.parametrize("kind", ["pose", "axis"])
+def test_what_is_not_a_rotation_is_refused(kind: str, tmp_path: Path) -> None:
+    """By cells, F, the step of the control, and files; one off by rounding of a file is taken."""
+    task, design = panda(kind), found()
+    x = task.placement(Q_PANDA)
+    controls = [rp.ExtendedJacobian(task, Q_PANDA), design.inverse][: 1 + (kind == "pose")]
+    for R in broken_rotations(x.rotation):
+        wrong = pin.SE3(R, x.translation)
+        with pytest.raises(rp.InputError, match="is not a rotation matrix"):
+            rp.Cell(task, wrong, 0.1)
+        with pytest.raises(rp.InputError, match="the rotation of the target is not a rotation matrix"):
+            task.error(Q_PANDA, wrong)
+        for control in controls:
+            with pytest.raises(rp.InputError, match="the rotation of the target is not a rotation matrix"):
+                control.step(Q_PANDA, wrong, 0.01)
+        if kind == "pose":
+            within = pin.SE3(R, design.cell.placement.translation)
+            with pytest.raises(rp.InputError, match="the rotation of the target is not a rotation matrix"):
+                design.function(within)
+            with pytest.raises(rp.InputError, match="the rotation of target 1 is not a rotation matrix"):
+                design.function.batch([design.cell.placement, within])
+    rounded = pin.SE3(np.round(x.rotation, 7), x.translation)
+    assert np.allclose(controls[0].step(Q_PANDA, rounded, 0.01), controls[0].step(Q_PANDA, x, 0.01), atol=1e-6)
+    with pytest.raises(rp.InputError, match="finite"):
+        controls[0].step(Q_PANDA, pin.SE3(np.full((3, 3), np.nan), x.translation), 0.01)
+
+
+def test_the_control_of_a_cell_knows_its_cell_and_the_limits(tmp_path: Path) -> None:
+    """Outside the cell, and where the next joints would be beyond a limit: refused or warned of, where asked for."""
+    design = found()
+    inverse, cell, task = design.inverse, design.cell, design.task
+    assert inverse.region is cell
+    q, beyond = design.function(cell.at(np.zeros(3))), cell.at(np.array([1.2, 0.0, 0.0]))
+    far = rp.solve_ik(task, q, beyond)
+    for how in (inverse, pickle.loads(pickle.dumps(inverse)), rp.compiled(inverse)):
+        inside = how.step(q, cell.at(np.array([0.02, 0.0, 0.0])), 0.01, outside="raise")
+        assert np.abs(inside - q).max() < 0.1
+        with pytest.raises(rp.InputError, match=r"outside Ω \(scaled distance 1\.2; the boundary is at 1\)"):
+            how.step(far, beyond, 0.01, outside="raise")
+    corner = corner_beyond_a_limit(tmp_path)
+    control, start = corner.inverse, corner.posture
+    path = [start]
+    for s in np.linspace(0, 1, 21)[1:]:
+        path.append(control.step(path[-1], corner.cell.at(s * np.ones(2)), 0.01, leaf=np.zeros(1)))
+    assert corner.task.limit_margin(np.array(path)).min() < -0.01
+    first = int(np.argmax(corner.task.limit_margin(np.array(path)).min(axis=1) < -1e-9))
+    target = corner.cell.at(np.linspace(0, 1, 21)[first] * np.ones(2))
+    with pytest.raises(rp.InputError, match=r"the next q: theta3 = .* is outside its limits"):
+        control.step(path[first - 1], target, 0.01, leaf=np.zeros(1), outside="raise")
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        control.step(path[first - 1], target, 0.01, leaf=np.zeros(1), outside="warn")
+        control.velocity(path[first], np.zeros(2), outside="warn")
+    assert ["outside its limits" in str(one.message) for one in told] == [True, True]
+
+
+def corner_beyond_a_limit(folder: Path) -> rp.CellDesign:
+    """A function kept on the part of its cell where the third joint is within its limit."""
+    task, q = planar_task([1.0, 0.9, 0.8], folder), [0.6, -1.2, 1.4]
+    cell = rp.Cell(task, task.placement(q), 0.35)
+    small = {"posture": q, "degree": 2, "samples": 64, "held_out": 128}
+    free = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, **small)
+    edge = float(free.function(cell.at(np.ones(2)))[2])
+    bound = 0.5 * (edge + 1.4)
+    limit = f'upper="{bound}"' if edge > 1.4 else f'lower="{bound}"'
+    text = (folder / "planar3.urdf").read_text().split('name="theta3"')
+    text[1] = re.sub(limit[:5] + r'="[^"]*"', limit, text[1], count=1)
+    (folder / "bound.urdf").write_text('name="theta3"'.join(text))
+    bound_task = rp.Robot.load(folder / "bound.urdf").task("tool", "xy")
+    chart = replace(free.function.chart, cell=rp.Cell(bound_task, cell.placement, 0.35))
+    judgement = judge(rp.Pseudoinverse(bound_task), chart, 128, 0)
+    assert not judgement.everywhere
+    return replace(free, function=rp.InverseFunction(chart), judgement=judgement)
+
+
 # ---- files -------------------------------------------------------------------------------------------
 
 
@@ -599,3 +806,33 @@ def test_saved_and_loaded_it_gives_the_same_bits(tmp_path: Path) -> None:
     file.write_text(file.read_text().replace('"degree": ', '"degree":  1'))
     with pytest.raises(rp.InputError, match="checksum"):
         rp.load(file, panda())
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"degrees": []}, "names at least one degree"),
+        ({"degree": -1}, "the degree of a cell's polynomials must be a whole number from 0 up"),
+        ({"degree": 10**9}, "can be 64 at most"),
+        ({"placement": np.diag([1.0, 1.0, -1.0, 1.0]).tolist()}, "is not a rotation matrix"),
+        ({"widths": [1e-300, 0.1, 0.1, 0, 0, 0]}, "half_width must be 0, which holds the coordinate"),
+    ],
+)
+def test_files_that_describe_no_cell_are_refused(changes: dict, says: str, tmp_path: Path) -> None:
+    file = rp.save(found(), tmp_path / "cell.json")
+    content = json.loads(file.read_text()) | changes
+    content["checksum"] = _checksum(content)
+    file.write_text(json.dumps(content))
+    with pytest.raises(rp.InputError, match=says):
+        rp.load(file, panda())
+
+
+def test_a_file_without_the_worst_task_direction_is_read(tmp_path: Path) -> None:
+    file = rp.save(found(), tmp_path / "cell.json")
+    content = json.loads(file.read_text())
+    del content["figures"]["extra_speed_direction"]
+    content["checksum"] = _checksum(content)
+    file.write_text(json.dumps(content))
+    again = rp.load(file, panda())
+    assert isinstance(again, rp.CellDesign) and "single task direction" not in again.summary()
+    assert rp.load(rp.save(again, tmp_path / "b.json"), panda()).summary() == again.summary()

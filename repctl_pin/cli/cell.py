@@ -30,6 +30,7 @@ _OPTIONS = {
     "incomplete='keep'": "--keep",
     "posture=": "--start",
     "half_width": "--half-width",
+    "held_out": "--held-out",
 }
 """What the words of Python's messages are called here."""
 
@@ -166,6 +167,7 @@ def _as_dict(design: rp.CellDesign) -> dict[str, Any]:
         **picked(design.cell, "half_width", "rotation"),
         "posture": design.posture,
         **figures | dict.fromkeys(infinite),
+        "everywhere": design.judgement.everywhere,
         "stops": [picked(stop, "cause", "share", "what") for stop in design.stops],
         "degrees": [{"degree": d, "cost": c} for d, c in design.degrees],
     }

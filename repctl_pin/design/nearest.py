@@ -20,7 +20,7 @@ from ..strategies.strategy import AN_INVERSE, Batched, Inverse
 from .fit import fit
 from .judgement import REPLICATES
 from .result import Design
-from .singularities import SingularRegionError
+from .singularities import SHRUNK_MARGIN, LeafMargin, SingularRegionError, refuse_singular
 from .way import Wish
 
 if TYPE_CHECKING:
@@ -82,7 +82,8 @@ def nearest_repeatable(
     executor
         Any ``concurrent.futures.Executor``, or a Dask client: the batches are built and stay there.
     shrink
-        If Ω holds a singularity, take the largest region round its center that is free of it.
+        If Ω holds a singularity, or the leaf margin falls below 0.1 in it, take the largest region round its center
+        that is free of singularities and has a leaf margin of 0.1 or more.
     restarts
         Further descents, from random changes of the start; the best is taken.
     tolerance
@@ -160,6 +161,8 @@ def _auto(wish: Wish, shrink: bool) -> Design:
             if best is None:
                 raise
             break
+        if shrink and design.leaf_margin < SHRUNK_MARGIN:  # of a higher degree: one region for all
+            break
         wish = replace(wish, region=design.region)
         tried.append((degree, design.cost, design.cost_error))
         worthwhile = best is None or design.cost < (1 - _WORTHWHILE) * best.cost
@@ -177,6 +180,8 @@ def _shrinking(wish: Wish, shrink: bool) -> Design:
     while True:
         try:
             design = fit(wish)
+            if shrink:
+                _check_margin(design)
             return replace(design, shrunk=float(np.max(design.region.bounds.half_width / asked)))
         except SingularRegionError as error:
             if error.free is None or attempt == (_SHRINKINGS if shrink else 0):
@@ -186,6 +191,15 @@ def _shrinking(wish: Wish, shrink: bool) -> Design:
             smaller = attempt > 0 and (stride.bounds.half_width < free.bounds.half_width).any()
             wish = replace(wish, region=stride if smaller else free)
             attempt += 1
+
+
+def _check_margin(design: Design) -> None:
+    """Refuse a design that comes too near to an algorithmic singularity to be shrunk to."""
+    if design.leaf_margin < SHRUNK_MARGIN:
+        task, at = design.inverse.task, design.leaf_margin_at
+        measure = LeafMargin(task, design.inverse.field, design.region.center)
+        what = f"the leaf margin falls to {design.leaf_margin:.2g}"
+        raise refuse_singular(what, task, measure, design.region, at[None])
 
 
 def _polynomial(region: Region, degree: Any) -> Polynomial:

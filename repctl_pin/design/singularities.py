@@ -24,6 +24,9 @@ _NEWTON = 12
 _RANK = 1e-5
 _BISECTIONS = 12
 
+SHRUNK_MARGIN = 0.1
+"""The leaf margin to which a region is shrunk: at the very edge of a singularity a design is of no use."""
+
 
 class SingularRegionError(SingularityError):
     """A singularity lies in Ω.
@@ -35,7 +38,8 @@ class SingularRegionError(SingularityError):
     at : (n,) array
         Where, rad (m for sliding joints).
     free : Region or None
-        The largest region round the center, of the same shape, that was found free of it.
+        The largest region round the center, of the same shape, that was found free of it; of an algorithmic
+        singularity: with a leaf margin of 0.1 or more.
 
     Examples
     --------
@@ -181,23 +185,29 @@ def search(measure: Measure, region: Region, Q: Array, values: Array | None = No
 
 
 def largest_free(measure: Measure, region: Region, bad: Array) -> Region | None:
-    """Find the largest region round the center, of Ω's shape, in which a measure stays above 0.
+    """Find the largest region round the center, of Ω's shape, in which a measure stays above its floor.
 
-    The first zeros on the way from known ones to the center bound it from above; then it is bisected, each
-    smaller region being searched anew.
+    The floor is 0 for the arm's own singularities, and a leaf margin of 0.1. The first crossings on the way from
+    known ones to the center bound the region from above; then it is bisected, each smaller one being searched anew.
 
     Parameters
     ----------
     measure, region
-        What must stay above 0, and Ω.
+        What must stay above its floor, and Ω.
     bad : (B, n) array
         Points of Ω where it does not.
 
     Returns
     -------
     Region or None
-        None if the center itself is singular.
+        None if the center itself is singular, or nearly so.
     """
+    if isinstance(measure, LeafMargin):
+        margin = measure
+
+        def measure(Q: Array) -> Array:
+            return margin(Q) - SHRUNK_MARGIN
+
     share = np.linspace(0, 1, 65)[1:, None, None]
     ray = (region.center + share * (bad[:256] - region.center)).reshape(-1, bad.shape[1])
     ratios = region.ratio(ray)[measure(ray) <= 0]
@@ -225,9 +235,11 @@ def refuse_singular(what: str, task: Task, measure: Measure, region: Region, bad
     where = f"{what} in Ω near {named(task, at)}"
     if largest is None:
         return SingularRegionError(
-            f"{where}; the center of the region is singular", at, None, "choose another, or a smaller region"
-        )
-    found = f"{where}; the largest region round its center that is free of it is a {largest}"
+            f"{where}; the center of the region is singular, or nearly so", at, None,
+            "choose another, or a smaller region",
+        )  # fmt: skip
+    free = "free of it" if not isinstance(measure, LeafMargin) else f"{SHRUNK_MARGIN:g} or more in leaf margin from it"
+    found = f"{where}; the largest region round its center that is {free} is a {largest}"
     return SingularRegionError(found, at, largest, "take that (shrink=True)")
 
 

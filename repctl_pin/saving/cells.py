@@ -8,6 +8,7 @@ import msgspec
 import numpy as np
 import pinocchio as pin
 
+from ..arguments import whole
 from ..design.schema import Desired, Plain, Row, Rows, Sealed, described, desired_file, desired_of
 from ..design.storage import head
 from ..errors import InputError
@@ -18,6 +19,7 @@ from ..section.judgement import Judgement
 from ..section.monomials import Monomials
 
 FORMAT = "repctl cell"
+_MOST_DEGREE = 64
 _BOUNDLESS = ("limit_margin", "attainable_margin", "limit_margin_worst", "attainable_margin_worst", "body_distance")
 _HOW = ("samples", "held_out", "seed", "steps", "room", "apart", "dexterity")
 
@@ -50,6 +52,7 @@ class CellFigures(Plain):
     stops: list[StopFile]
     limit_margin_worst: float | None = None
     attainable_margin_worst: float | None = None
+    extra_speed_direction: float | None = None
 
 
 class CellFile(Sealed):
@@ -81,7 +84,8 @@ def cell_file(design: CellDesign) -> CellFile:
         If it holds user-defined functions.
     """
     chart, cell, found = design.function.chart, design.cell, vars(design.judgement)
-    boundless = {name: found[name] if np.isfinite(found[name]) else None for name in _BOUNDLESS}
+    unsaid = (*_BOUNDLESS, "extra_speed_direction")
+    boundless = {name: found[name] if np.isfinite(found[name]) else None for name in unsaid}
     stops = [described(StopFile, stop) for stop in design.stops]
     figures, placement = CellFigures(**found | boundless | {"stops": stops}), cell.placement.homogeneous.tolist()
     return described(
@@ -108,8 +112,11 @@ def cell_of(content: CellFile, task: Task) -> CellDesign:
     widths, at, positions = np.array(content.widths), np.array(content.placement), min(3, task.m)
     if widths.shape != (task.m,) or at.shape != (4, 4):
         raise InputError(f"a cell of this task has {task.m} widths and a placement of 4 × 4 numbers")
+    if not content.degrees:
+        raise InputError("a cell's file names at least one degree that was tried")
+    degree = whole(content.degree, "the degree of a cell's polynomials", 0, _MOST_DEGREE)
     cell = Cell(task, pin.SE3(at), widths[:positions], widths[positions:] if task.m > positions else 0.0)
-    C, due = np.array(content.coefficients), (comb(cell.k + content.degree, cell.k), task.n, 1 + task.r)
+    C, due = np.array(content.coefficients), (comb(cell.k + degree, cell.k), task.n, 1 + task.r)
     if C.shape != due:
         raise InputError(f"the coefficients must be {due[0]} × {due[1]} × {due[2]} numbers; they have shape {C.shape}")
     figures = msgspec.structs.asdict(content.figures)
@@ -117,8 +124,12 @@ def cell_of(content: CellFile, task: Task) -> CellDesign:
         if figures[f"{name}_worst"] is None:  # infinite, or not in older files
             figures[f"{name}_worst"] = figures[name]
     figures |= {name: np.inf for name in _BOUNDLESS if figures[name] is None}
+    if figures["extra_speed_direction"] is None:  # not in older files
+        figures["extra_speed_direction"] = np.nan
+    if any(len(stop.u) != cell.k for stop in content.figures.stops):
+        raise InputError(f"a pose of this cell has {cell.k} coordinates")
     figures["stops"] = tuple(Stop(s.cause, s.share, np.array(s.u), s.what) for s in content.figures.stops)
-    judgement, chart = Judgement(**figures), Chart(cell, Monomials(cell.k, content.degree), C)
+    judgement, chart = Judgement(**figures), Chart(cell, Monomials(cell.k, degree), C)
     function = InverseFunction(chart, keep_limits=not judgement.everywhere)
     desired, posture = desired_of(content.desired, task), task.check(content.posture, "the posture")
     how = {name: getattr(content, name) for name in _HOW}

@@ -228,3 +228,17 @@ def descend(cost: Cost, a: Array, *, enough: float = _ENOUGH) -> Descent:
         if before - value.cost < enough * before:
             break
     return Descent(a, value, start, steps)
+
+
+def predicted_gain(cost: Cost, a: Array) -> float:
+    """Predict the share of the cost that one Gauss–Newton step from coefficients a (N, r) takes away.
+
+    Infinite where the section does not exist at some node: nothing is predicted there.
+    """
+    value = cost.value(a)
+    if not np.isfinite(value.cost):
+        return np.inf
+    gradient, H = cost.model(value)
+    scale = np.diag(H) + 1e-12 * np.diag(H).max()
+    step = np.linalg.solve(H + np.diag(1e-10 * scale), gradient)
+    return float(0.5 * gradient @ step / value.cost)

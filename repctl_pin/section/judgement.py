@@ -11,9 +11,10 @@ from ..arguments import Array
 from ..redundancy import leaf_margin
 from ..robot.bodies import bodies_of
 from ..strategies.strategy import Batched
+from .cell import Cell
 from .chart import Chart, Points
-from .kinematics import bases
-from .margins import Margin, Section, distances_of, limits_of, searched
+from .kinematics import bases, solved
+from .margins import Section, distances_of, limits_of, searched, singular_values_of
 from .stops import Stop, broken_limit, folded, touching, unreached
 
 _BLOCK = 4096
@@ -21,7 +22,16 @@ _BODIES = 1024
 """Held-out poses at which distances between bodies are measured: each takes a quarter of a millisecond."""
 
 _NEAR = 0.05
-"""A distance between bodies, m, below which still nearer ones are searched for."""
+"""In a quick judgement: a distance between bodies, m, below which still nearer ones are searched for."""
+
+_BODY_STARTS, _SPEED_STARTS = 12, 16
+"""Poses from which smaller distances between bodies are searched for, and larger joint speeds."""
+
+_SPREAD = 0.3
+"""How far apart in u, at least, the starts of such a search are."""
+
+_DIFFERENCE = 1e-4
+"""Of u, in the central differences of joint speeds."""
 
 _FOLDED = 0.05
 """The leaf margin at which a section counts as folded."""
@@ -38,7 +48,10 @@ class Judgement:
     extra_speed, extra_speed_error : float
         ``√(mean ‖∂F C‖² / mean ‖G_d E C‖²) − 1``, and its standard error.
     extra_speed_worst : float
-        The largest ``‖∂F C‖ / ‖G_d E C‖ − 1`` of one pose.
+        The largest ``‖∂F C‖ / ‖G_d E C‖ − 1`` of one pose that a search has found.
+    extra_speed_direction : float
+        The largest ``‖∂F ẋ‖ / ‖G_d ẋ‖ − 1`` of one pose and one task velocity ẋ that a search has found; NaN in files
+        that do not say.
     limit_margin, limit_margin_worst : float
         The least distance of a joint to its limit, rad or m: at the held-out poses, and at the worst pose that a search
         from the lowest of them, and from the corners, has found.
@@ -46,11 +59,11 @@ class Judgement:
         What the best of the leaves beside it has at the lowest of the held-out poses, and at that worst pose: where it
         is no larger, the arm sets the margin.
     smallest_singular_value : float
-        The least σ_min of J.
+        The least σ_min of J, by search.
     body_distance : float
         The least distance between bodies, the robot's own and those of its surroundings, m, on the first 1024 poses,
-        the corners, and poses that a search from there has found: see :class:`rp.Bodies`; infinite where there are
-        none that move against each other.
+        the corners, and poses that a search from the nearest of them has found: see :class:`rp.Bodies`; infinite
+        where there are none that move against each other.
     nearest_bodies : (str, str)
         Whose they are; ("", "") where there are none.
     leaf_margin : float
@@ -58,10 +71,10 @@ class Judgement:
     residual : float
         The largest task error, m or rad.
     coverage : float
-        The share of poses with joints inside the limits, on one sheet. Bodies that touch are among the stops, and
-        do not count here.
+        The share of the held-out poses with joints inside the limits, on one sheet. Bodies that touch are among the
+        stops, and do not count here.
     stops : tuple of Stop
-        What stops it elsewhere, and at the corners.
+        What stops it elsewhere: at held-out poses, at the corners, and at poses that the searches have found.
     """
 
     cost: float
@@ -80,11 +93,22 @@ class Judgement:
     coverage: float
     stops: tuple[Stop, ...]
     limit_margin_worst: float
+    extra_speed_direction: float = float("nan")
 
     @property
     def everywhere(self) -> bool:
-        """Whether no pose was found, held-out or by search, without joints inside the limits."""
-        return self.coverage == 1.0 and self.limit_margin_worst >= 0
+        """Whether no pose was found, held-out, at the corners or by search, without joints inside the limits."""
+        stopped = any(stop.cause != "collision" for stop in self.stops)
+        return self.coverage == 1.0 and self.limit_margin_worst >= 0 and not stopped
+
+    @property
+    def covered(self) -> str:
+        """The coverage in words: ``100.00%`` only where no broken pose was found by any means."""
+        if self.everywhere:
+            return "100.00%"
+        if self.coverage == 1.0:
+            return "all held-out poses, but not every pose of the cell"
+        return f"{np.floor(1e4 * self.coverage) / 100:.2f}% of the held-out poses"
 
 
 @dataclass(frozen=True)
@@ -99,6 +123,8 @@ class Speeds:
         σ_min of J, and the leaf margin.
     side : (K,) array
         The sign of det [J; n_refᵀ].
+    direction : (K,) array
+        ``max_ẋ ‖∂F ẋ‖² / ‖G_d ẋ‖²``; NaN where it is not sound.
     """
 
     difference: Array
@@ -107,6 +133,12 @@ class Speeds:
     smallest: Array
     leaf: Array
     side: Array
+    direction: Array
+
+    @property
+    def ratio(self) -> Array:
+        """``‖∂F C‖² / ‖G_d E C‖²``."""
+        return np.asarray(self.own / self.wanted, float)
 
 
 def speeds(desired: Batched, chart: Chart, at: Points) -> Speeds:
@@ -116,15 +148,54 @@ def speeds(desired: Batched, chart: Chart, at: Points) -> Speeds:
     _, N, s = bases(at.J, at.n_ref)
     leaf = leaf_margin(N, at.n_ref)
     sound = at.found & (s[:, -1] > 1e-5 * s[:, 0]) & (leaf > 1e-6)
-    three = np.full((3, K), np.nan)
+    four = np.full((4, K), np.nan)
     if sound.any():
         good = at.chosen(sound)
         dF, _ = chart.derivative(good, np.zeros((len(good.U), r, cell.k)))
         C = cell.speeds(good.U)
         wanted = desired.batch(good.Q, good.J) @ cell.twists(good.U, good.R) @ C
         own = dF @ C
-        three[:, sound] = [(x**2).sum(axis=(1, 2)) for x in (own - wanted, own, wanted)]
-    return Speeds(three[0], three[1], three[2], s[:, -1], leaf, np.sign(np.linalg.det(J_V)))
+        four[:3, sound] = [(x**2).sum(axis=(1, 2)) for x in (own - wanted, own, wanted)]
+        four[3, sound] = _largest_ratio(own, wanted)
+    return Speeds(four[0], four[1], four[2], s[:, -1], leaf, np.sign(np.linalg.det(J_V)), four[3])
+
+
+def _largest_ratio(A: Array, B: Array) -> Array:
+    """Evaluate ``max_v ‖A v‖² / ‖B v‖²`` of every two matrices (K, n, k): with B = Q R it is ``‖A R⁻¹‖₂²``."""
+    R = np.linalg.qr(B)[1]
+    return np.linalg.norm(np.swapaxes(solved(np.swapaxes(R, 1, 2), np.swapaxes(A, 1, 2)), 1, 2), 2, axis=(1, 2)) ** 2
+
+
+@dataclass(frozen=True)
+class SpeedRatio:
+    """The desired control's joint speed over the function's, to be made as small as can be by a search.
+
+    Attributes
+    ----------
+    desired : Batched
+    chart : Chart
+    direction : bool
+        In the worst direction of ẋ, instead of the mean square of all.
+    """
+
+    desired: Batched
+    chart: Chart
+    direction: bool
+
+    def least(self, at: Points) -> Array:
+        """Evaluate its square: (K,); infinite where the section does not exist."""
+        found = speeds(self.desired, self.chart, at)
+        ratio = 1 / found.direction if self.direction else found.wanted / found.own
+        return np.where(np.isfinite(ratio), ratio, np.inf)
+
+    def slope(self, section: Section, at: Points) -> Array:
+        """Differentiate it with respect to u: (K, k); 0 where it cannot be."""
+        K, k = at.U.shape
+        step, Q = _DIFFERENCE * np.eye(k), np.repeat(at.Q, k, axis=0)
+        ends = [self.least(section.at((at.U[:, None] + w * step).reshape(K * k, k), Q)) for w in (1.0, -1.0)]
+        with np.errstate(invalid="ignore"):
+            slope = (ends[0] - ends[1]).reshape(K, k) / (2 * _DIFFERENCE)
+        return np.where(np.isfinite(slope), slope, 0.0)
 
 
 @dataclass(frozen=True)
@@ -163,8 +234,11 @@ def _look(desired: Batched, section: Section, U: Array, side: float) -> _Looked:
     return _Looked(U, Q, every, residual, room, ok, ok & (every.side == side) & (every.leaf > _FOLDED))
 
 
-def judge(desired: Batched, chart: Chart, count: int, seed: int) -> Judgement:
-    """Judge the section s = 0 of a chart on Sobol points, and on the cell's corners for what stops it."""
+def judge(desired: Batched, chart: Chart, count: int, seed: int, *, quick: bool = False) -> Judgement:
+    """Judge the section s = 0 of a chart on Sobol points, the cell's corners, and the worst poses that searches find.
+
+    A quick judgement does not search for the largest joint speeds, nor for small distances between distant bodies.
+    """
     cell, section, limits = chart.cell, Section.zero(chart), limits_of(chart.cell.task)
     middle = section.at(np.zeros((1, cell.k)))
     side = float(speeds(desired, chart, middle).side[0])
@@ -172,21 +246,13 @@ def judge(desired: Batched, chart: Chart, count: int, seed: int) -> Judgement:
     U, every, held_out = at.U, at.speeds, slice(count)
     covered = at.sheet & (at.room >= 0)
     c = covered[held_out]
-    near = np.concatenate([middle.Q, at.Q[covered][:: max(1, len(U) // 7)][:7]])
-    start = np.concatenate([middle.U, U[at.sheet][np.argsort(at.room[at.sheet])[: limits.starts]]])
-    low = _look(desired, section, _lowest(section, limits, start), side)
-    beyond = np.concatenate([U[at.sheet], low.U[low.sheet]]), np.concatenate([at.Q[at.sheet], low.Q[low.sheet]])
-    stops = [
-        broken_limit(cell, *beyond, float((at.sheet & ~covered).mean())),
-        *unreached(cell, U[~at.ok], near, len(U)),
-        folded(cell, U[at.ok & ~at.sheet], len(U)),
-    ]
+    low = _look(desired, section, _searched(desired, section, at, quick), side)
+    stops = _stops(cell, at, low, np.concatenate([middle.Q, at.Q[covered][:: max(1, len(U) // 7)][:7]]))
     if not c.any():
         nothing = float("nan")
         none = dict.fromkeys(Judgement.__dataclass_fields__, nothing)
-        return Judgement(**none | {"nearest_bodies": ("", ""), "coverage": 0.0, "stops": tuple(s for s in stops if s)})  # type: ignore[arg-type]
-    distances, links, stop = _bodies(section, at, covered, count)
-    stops.append(stop)
+        return Judgement(**none | {"nearest_bodies": ("", ""), "coverage": 0.0, "stops": stops})  # type: ignore[arg-type]
+    distance, links, stop = _bodies(section, at, covered, count, quick)
     worst = int(np.argmin(np.where(low.sheet, low.room, np.inf)))
     lowest = int(np.argmin(np.where(at.sheet, at.room, np.inf)[held_out]))
     least = float(at.room[lowest])
@@ -194,33 +260,73 @@ def judge(desired: Batched, chart: Chart, count: int, seed: int) -> Judgement:
     difference, own, wanted = every.difference[held_out][c], every.own[held_out][c], every.wanted[held_out][c]
     ratio = own.mean() / wanted.mean()
     spread = (own - ratio * wanted).std() / wanted.mean() / np.sqrt(len(own))  # of a ratio of means
+    both = [(x, x.sheet & (x.room >= 0)) for x in (at, low)]
+
+    def most_of(name: str) -> float:
+        """The largest ratio of joint speeds anywhere, less 1."""
+        largest = max(getattr(x.speeds, name)[good].max(initial=0.0) for x, good in both)
+        return float(np.sqrt(largest) - 1)
+
     return Judgement(
         cost=float(difference.mean()),
         cost_error=float(difference.std() / np.sqrt(len(difference))),
         extra_speed=float(np.sqrt(ratio) - 1),
         extra_speed_error=float(spread / (2 * np.sqrt(ratio))),
-        extra_speed_worst=float(np.sqrt((own / wanted).max()) - 1),
+        extra_speed_worst=most_of("ratio"),
+        extra_speed_direction=most_of("direction"),
         limit_margin=least,
         attainable_margin=float(most[0]),
         attainable_margin_worst=float(most[1]),
-        smallest_singular_value=float(every.smallest[held_out][c].min()),
-        body_distance=float(distances),
+        smallest_singular_value=float(min(x.speeds.smallest[good].min(initial=np.inf) for x, good in both)),
+        body_distance=distance,
         nearest_bodies=links,
-        leaf_margin=float(every.leaf[held_out][c].min()),
+        leaf_margin=float(min(x.speeds.leaf[good].min(initial=np.inf) for x, good in both)),
         residual=float(at.residual[held_out][c].max()),
         coverage=float(c.mean()),
-        stops=tuple(s for s in stops if s),
+        stops=stops if stop is None else (*stops, stop),
         limit_margin_worst=min(least, float(low.room[worst])),
     )
 
 
-def _lowest(section: Section, margin: Margin, U: Array) -> Array:
-    """Where a search from poses U (K, k) down a margin ends: (L, k), U itself among them."""
-    return np.concatenate([U, searched(section, margin, U)[-len(U) :]])
+def _searched(desired: Batched, section: Section, at: _Looked, quick: bool) -> Array:
+    """Search from the worst of some poses for worse ones: of the limits, of σ_min(J), and of joint speed."""
+    limits, singular = limits_of(section.chart.cell.task), singular_values_of(section.chart.cell.task)
+    U, speeds = at.U[at.sheet], at.speeds
+    near = np.argsort(at.room[at.sheet])[: limits.starts]
+    tried = [searched(section, limits, np.concatenate([np.zeros((1, U.shape[1])), U[near]]))]
+    tried.append(searched(section, singular, U[np.argsort(speeds.smallest[at.sheet])[: singular.starts]]))
+    if not quick:
+        for direction, ratio in ((False, speeds.ratio), (True, speeds.direction)):
+            start = _worst(-ratio[at.sheet], U, _SPEED_STARTS)
+            tried.append(searched(section, SpeedRatio(desired, section.chart, direction), start))
+    return np.concatenate(tried)
+
+
+def _worst(values: Array, U: Array, count: int) -> Array:
+    """Take the poses of U (K, k) with the lowest values, some way from each other: (count, k) at most."""
+    kept: list[Array] = []
+    for u in U[np.argsort(values)]:
+        if all(np.abs(u - other).max() > _SPREAD for other in kept):
+            kept.append(u)
+        if len(kept) == count:
+            break
+    return np.array(kept).reshape(-1, U.shape[1])
+
+
+def _stops(cell: Cell, at: _Looked, low: _Looked, near: Array) -> tuple[Stop, ...]:
+    """Say what stops a section, at poses looked at and at those that searches have found; shares are of the first."""
+    U, Q = (np.concatenate([getattr(x, name) for x in (at, low)]) for name in ("U", "Q"))
+    ok, sheet = (np.concatenate([getattr(x, name) for x in (at, low)]) for name in ("ok", "sheet"))
+    stops = [
+        broken_limit(cell, U[sheet], Q[sheet], float((at.sheet & (at.room < 0)).mean())),
+        *unreached(cell, U[~ok], near, float((~at.ok).mean())),
+        folded(cell, U[ok & ~sheet], float((at.ok & ~at.sheet).mean())),
+    ]
+    return tuple(stop for stop in stops if stop)
 
 
 def _bodies(
-    section: Section, at: _Looked, covered: NDArray[np.bool_], count: int
+    section: Section, at: _Looked, covered: NDArray[np.bool_], count: int, quick: bool
 ) -> tuple[float, tuple[str, str], Stop | None]:
     """Measure the least distance between bodies, and whose they are; where they touch."""
     cell, margin, bodies = section.chart.cell, distances_of(section.chart.cell.task), bodies_of(section.chart.cell.task)
@@ -229,8 +335,10 @@ def _bodies(
     U, Q = at.U[looked_at], at.Q[looked_at]
     distances = bodies.distances(Q)
     share = float((distances < 0).mean())
-    if distances.min() < _NEAR:
-        nearer = section.at(_lowest(section, margin, U[np.argsort(distances)[: margin.starts]]))
+    least = float(distances.min())
+    if least < np.inf and (least < _NEAR or not quick):
+        ends = searched(section, margin, _worst(distances, U, _BODY_STARTS))[-_BODY_STARTS:]
+        nearer = section.at(ends)
         inside = nearer.found & (cell.task.limit_margin(nearer.Q).min(axis=1) >= 0)
         U, Q = np.concatenate([U, nearer.U[inside]]), np.concatenate([Q, nearer.Q[inside]])
         distances = np.concatenate([distances, bodies.distances(nearer.Q[inside])])

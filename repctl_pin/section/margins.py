@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -61,6 +62,11 @@ class Margin:
     def least(self, at: Points) -> Array:
         """The least of the margins at points (K,); infinite where the section does not exist."""
         return np.where(at.found, self.measure(at.Q).min(axis=1, initial=np.inf), np.inf)
+
+    def slope(self, section: Section, at: Points) -> Array:
+        """Differentiate the least of them with respect to u, at points of a section: (K, k)."""
+        lowest = self.measure(at.Q).argmin(axis=1)
+        return self.slopes(at.Q, section.derivative(at))[np.arange(len(lowest)), lowest]
 
     def slopes(self, Q: Array, D: Array) -> Array:
         """Differentiate at every row of Q (K, n) along the p columns of D (K, n, p): (K, P, p)."""
@@ -152,11 +158,21 @@ class Section:
         return self.chart.derivative(at, np.einsum("KNk,Nr->Krk", slopes, self.a))[0]
 
 
-def searched(section: Section, margin: Margin, U: Array) -> Array:
-    """Go from poses U (K, k) down a margin inside the cell, all at once; every pose on the way (L, k), ends last.
+class Minimised(Protocol):
+    """A number at points of a section that a search makes as small as it can."""
+
+    def least(self, at: Points) -> Array:
+        """Evaluate it: (K,); infinite where the section does not exist."""
+
+    def slope(self, section: Section, at: Points) -> Array:
+        """Differentiate it with respect to u: (K, k)."""
+
+
+def searched(section: Section, margin: Minimised, U: Array) -> Array:
+    """Go from poses U (K, k) down a margin inside the cell, all at once; every pose tried (L, k), ends last.
 
     Steps along the gradient, without its parts that point out of the cell: longer after a step that helped, shorter
-    after one that did not.
+    after one that did not. Poses at which the section was not found are among those tried.
     """
     here = section.at(U)
     here = here.chosen(here.found)
@@ -167,8 +183,7 @@ def searched(section: Section, margin: Margin, U: Array) -> Array:
         if not len(on):
             break
         part = here.chosen(on)
-        lowest = margin.measure(part.Q).argmin(axis=1)
-        slope = margin.slopes(part.Q, section.derivative(part))[np.arange(len(on)), lowest]  # (L, k)
+        slope = margin.slope(section, part)  # (L, k)
         slope = np.where((np.abs(part.U) >= 1) & (slope * part.U < 0), 0.0, slope)
         way = slope / np.maximum(np.abs(slope).max(axis=1, keepdims=True), 1e-12)
         there = section.at(np.clip(part.U - length[on, None] * way, -1, 1), part.Q)
@@ -176,5 +191,5 @@ def searched(section: Section, margin: Margin, U: Array) -> Array:
         good = (lower < least[on]) & (np.abs(there.Q - part.Q).max(axis=1) < _JUMP)
         length[on] = np.where(good, np.minimum(1.5 * length[on], _LONGEST), length[on] / 3)
         here, least[on[good]] = here.replaced(on[good], there.chosen(good)), lower[good]
-        visited.append(there.U[good])
+        visited.append(there.U[good | ~there.found])
     return np.concatenate([*visited, here.U])

@@ -14,9 +14,9 @@ from .. import progress as reporting
 from ..arguments import Array, positive, wanted, whole
 from ..errors import InputError
 from ..strategies.strategy import AN_INVERSE, Batched, Inverse
-from .cell import Cell
+from .cell import LEAST_WIDTH, Cell
 from .chart import Chart
-from .cost import Cost, Descent, descend
+from .cost import Cost, Descent, descend, predicted_gain
 from .judgement import judge
 from .keeper import Keeper, Watch, padded
 from .kinematics import bases
@@ -30,6 +30,11 @@ from .stops import Stop, broken_limit, round_the_base, unreached
 _HELD_OUT = 8192
 _MOST_UNKNOWNS = 260
 _MOST_TERMS = 220
+_MOST_DEGREE = 12
+_MOST_SAMPLES, _MOST_HELD_OUT = 2**16, 2**20
+_LARGE = 1e6
+"""Beyond any margin that can be asked for, rad, m, or m and rad."""
+
 _WORTHWHILE = 0.05
 _NOTHING = 2e-4
 """The part of ‖G_d‖² below which a cost is not worth lowering: 0.01 % of joint speed."""
@@ -42,6 +47,9 @@ _DEAR = 0.02
 
 _NEARLY = 0.9
 """The coverage below which another posture is not tried."""
+_LEAST_FACTOR = 0.03
+"""By which a cell is scaled down at most, in search of one that works."""
+
 _CLOSE = 3e-5
 """How closely, rad, the last chart follows the section; Newton's method then takes two steps."""
 
@@ -105,17 +113,19 @@ def nearest_inverse_function(
         The joints in the cell's middle, rad (m for sliding joints). By default, those with the most room on the
         self-motion there.
     degree
-        Of s; ``"auto"`` raises it from 1 until the cost stops falling by 5 %, or is below 0.01 % of joint speed.
+        Of s; ``"auto"`` raises it from 1 until no higher one, as far as the number of unknowns allows, is predicted
+        to lower the cost by 5 %, or the cost is below 0.01 % of joint speed.
     room
         The distance, rad or m, from joint limits that is kept where possible.
     apart
         The distance between bodies, m, that is kept where possible; 0 leaves bodies out of the cost. In tight
-        places it can cost much joint speed.
+        places it can cost much joint speed. The summary says where this, ``room`` or ``dexterity`` is not met.
     dexterity
         The σ_min of J, in m and rad, that is kept where possible; 0 leaves it out.
     incomplete
-        If no single function covers the cell: ``"refuse"`` it and say what would fit, ``"shrink"`` the cell about
-        its middle, or ``"keep"`` the function on the part it covers.
+        If no single function covers the cell, by held-out poses, by its corners, and by a search for the worst
+        poses: ``"refuse"`` it and say what would fit, ``"shrink"`` the cell about its middle, or ``"keep"`` the
+        function on the part it covers.
     samples, held_out
         Nodes of the fit, by default as many as the unknowns ask for; and of the judgement.
     seed
@@ -152,17 +162,17 @@ def nearest_inverse_function(
     if cell.task.r < 1:
         raise InputError(f"{cell.task!r} is not redundant: with r = {cell.task.r} its joints are given by the pose")
     if degree != "auto":
-        degree = whole(degree, "degree")
+        degree = whole(degree, "degree", 1, _MOST_DEGREE)
         if comb(cell.k + degree, degree) * cell.task.r > 4 * _MOST_UNKNOWNS:
             raise InputError(f"degree {degree} in {cell.k} coordinates makes more than {4 * _MOST_UNKNOWNS} unknowns")
     work = _Work(
         desired,
         degree,
-        room=positive(room, "room", "rad", zero=True),
-        apart=positive(apart, "apart", "m", zero=True),
-        dexterity=positive(dexterity, "dexterity", zero=True),
-        samples=None if samples is None else whole(samples, "samples", 16),
-        held_out=whole(held_out, "held_out", 64),
+        room=_margin(room, "room", "rad"),
+        apart=_margin(apart, "apart", "m"),
+        dexterity=_margin(dexterity, "dexterity"),
+        samples=None if samples is None else whole(samples, "samples", 16, _MOST_SAMPLES),
+        held_out=whole(held_out, "held_out", 64, _MOST_HELD_OUT),
         seed=whole(seed, "seed"),
         keep=incomplete == "keep",
     )
@@ -171,13 +181,22 @@ def nearest_inverse_function(
         report("the middle posture", 0.0)
         postures = searched(desired, cell, work.seed) if posture is None else given(cell, posture)[None]
         q, found = work.best(cell, postures)
-        if isinstance(found, CellDesign) and (found.coverage == 1.0 or incomplete == "keep"):
+        partly = isinstance(found, CellDesign) and found.coverage > 0
+        if isinstance(found, CellDesign) and (found.judgement.everywhere or (partly and incomplete == "keep")):
             return found
         stops = found.stops if isinstance(found, CellDesign) else found
         fits, smaller = _largest(work, cell, q, quick=incomplete != "shrink")
         if incomplete == "shrink" and smaller is not None:
             return smaller
-        raise _refusal(cell, stops, fits, keep=isinstance(found, CellDesign))
+        raise _refusal(cell, stops, fits, keep=partly)
+
+
+def _margin(value: float, name: str, unit: str = "") -> float:
+    """Take a margin that the user asks for."""
+    number = positive(value, name, unit, zero=True)
+    if number > _LARGE:
+        raise InputError(f"{name} can be {_LARGE:g} at most, not {number:g}")
+    return number
 
 
 @dataclass(frozen=True)
@@ -213,7 +232,8 @@ class _Work:
 
     def good(self, found: Found) -> bool:
         """Whether it covers the cell, no bodies touch, with room for the joints, and costs little."""
-        return _rank(found, self.room) >= (1.0, True, 0.4 * self.room) and cast(CellDesign, found).extra_speed < _DEAR
+        least = (1.0, True, True, 0.4 * self.room)
+        return _rank(found, self.room) >= least and cast(CellDesign, found).extra_speed < _DEAR
 
     def design(self, cell: Cell, q: Array, *, quick: bool = False) -> Found:
         """Design over one cell; what stops it, where there is nothing to design with."""
@@ -240,7 +260,7 @@ class _Work:
         chart = _recharted(cell, chart, descent, terms)
         self.report("the judgement", 0.8)
         held_out = min(512, self.held_out) if quick or hopeless else self.held_out
-        judgement = judge(self.desired, chart, held_out, self.seed + 2)
+        judgement = judge(self.desired, chart, held_out, self.seed + 2, quick=quick or hopeless)
         return CellDesign.of(
             self.desired,
             chart,
@@ -274,15 +294,17 @@ class _Work:
         for d in [highest] if self.degree != "auto" or quick else range(1, highest + 1):
             self.report(f"degree {d}", 0.2 + 0.3 * d / highest)
             terms = Monomials(cell.k, d)
-            nodes = U[: max(256, _power_of_two(3 * terms.size))]
+            nodes = _nodes(U, terms)
             below = best[-1].a if best else np.zeros((0, cell.task.r))
-            best.append(descend(Cost(self.desired, chart, terms, nodes), padded(below, terms)))
+            best.append(_fit(Cost(self.desired, chart, terms, nodes), padded(below, terms)))
             tried.append((d, best[-1].value.nearness))
-            costs = [cost for _, cost in tried[-3:]]
-            if len(costs) == 3 and min(costs[1:]) > (1 - _WORTHWHILE) * costs[0]:
-                break
             if best[-1].value.nearness < _NOTHING * best[-1].value.wanted:
                 break
+            if d < highest and self.degree == "auto" and not quick:
+                most = Monomials(cell.k, highest)
+                richest = Cost(self.desired, chart, most, _nodes(U, most))
+                if predicted_gain(richest, padded(best[-1].a, most)) < _WORTHWHILE:
+                    break
         watched = cell.sample(512 if quick else min(4096, 256 << cell.k), self.seed + 3)
         watches = [Watch(m, np.concatenate([watched[: m.watched], edge])) for m in self.margins(cell)]
         keeper = Keeper(self.desired, chart, nodes, watches, rounds)
@@ -293,6 +315,17 @@ class _Work:
         found = [limits_of(cell.task, self.room)]
         found += [distances_of(cell.task, self.apart)] if self.apart else []
         return found + ([singular_values_of(cell.task, self.dexterity)] if self.dexterity else [])
+
+
+def _nodes(U: Array, terms: Monomials) -> Array:
+    """Take as many nodes as the unknowns ask for."""
+    return U[: max(256, _power_of_two(3 * terms.size))]
+
+
+def _fit(cost: Cost, a: Array) -> Descent:
+    """Minimise the cost from coefficients a (N, r); where they have no joints at a node, from the reference."""
+    found = descend(cost, a)
+    return found if np.isfinite(found.value.cost) else descend(cost, np.zeros_like(a))
 
 
 def _recharted(cell: Cell, chart: Chart, descent: Descent, terms: Monomials) -> Chart:
@@ -317,7 +350,7 @@ def _why(cell: Cell, ends: Rays, count: int) -> tuple[Stop, ...]:
     """Say what stops rays that did not reach their ends."""
     bad = ends.reached < 1
     near = ends.Q[np.argsort(-ends.reached)[:8]]
-    stops = unreached(cell, ends.U[bad], near, count)
+    stops = unreached(cell, ends.U[bad], near, float(bad.sum() / count))
     beyond = cell.task.limit_margin(ends.Q[~bad]).min(axis=1, initial=np.inf) < 0
     limit = broken_limit(cell, ends.U[~bad], ends.Q[~bad], float(beyond.sum() / count))
     return tuple(stops) if limit is None else (*stops, limit)
@@ -329,24 +362,30 @@ def _largest(work: _Work, cell: Cell, q: Array, *, quick: bool) -> tuple[float, 
     Rays to the corners and some poses more find where to begin; a design has the last word.
     """
     U = np.concatenate([cell.corners(), cell.sample(32, work.seed)])
+    if cell.widths[cell.widths > 0].min() < LEAST_WIDTH / _LEAST_FACTOR:
+        return 0.0, None
     low, high = 0.0, 1.0
     for _ in range(5):
         factor = (low + high) / 2
         work.report(f"what would fit: {factor:.0%}", 0.9)
         ends = rays(work.desired, cell.scaled(factor), q, U)
         low, high = (factor, high) if (ends.reached == 1).all() and ends.least.min() > 0 else (low, factor)
-    while low > 0.03:
+    while low > _LEAST_FACTOR:
         found = work.design(cell.scaled(low), q, quick=quick)
-        if isinstance(found, CellDesign) and found.coverage == 1.0:
+        if isinstance(found, CellDesign) and found.judgement.everywhere:
             return low, found
         low *= 0.8
     return 0.0, None
 
 
 def _refusal(cell: Cell, stops: tuple[Stop, ...], fits: float, *, keep: bool) -> NoFunctionError:
-    """Say in one line why there is no function, and what would fit."""
-    stops = tuple(sorted(stops, key=lambda stop: -stop.share))
-    why = stops[0].what if stops else "its joints do not fit together"
+    """Say in one line why there is no function, the most frequent cause first, and what would fit.
+
+    Bodies that touch refuse no cell, and are no cause.
+    """
+    causes = (stop for stop in stops if stop.cause != "collision")
+    stops = tuple(sorted(causes, key=lambda stop: -stop.share))
+    why = ", and ".join(stop.what for stop in stops) or "its joints do not fit together"
     ring = round_the_base(cell)
     remedy = (
         f"a cell of {cell.scaled(fits).size()} works (incomplete='shrink' takes it)"
@@ -358,11 +397,12 @@ def _refusal(cell: Cell, stops: tuple[Stop, ...], fits: float, *, keep: bool) ->
     return NoFunctionError(f"no single function covers the cell: {why}{because}; {remedy}{keeps}", stops, fits)
 
 
-def _rank(found: Found, room: float) -> tuple[float, bool, float, float]:
-    """Coverage, then bodies that do not touch, then the limit margin as far as it was asked for, then speed."""
+def _rank(found: Found, room: float) -> tuple[float, bool, bool, float, float]:
+    """Coverage of the held-out poses, then of the worst, bodies that do not touch, limit margin as asked for, speed."""
     if not isinstance(found, CellDesign) or found.coverage == 0:
-        return 0.0, False, -np.inf, -np.inf
-    return found.coverage, found.body_distance >= 0, min(found.limit_margin, 0.4 * room), -found.cost
+        return 0.0, False, False, -np.inf, -np.inf
+    margin, everywhere = min(found.limit_margin, 0.4 * room), found.judgement.everywhere
+    return found.coverage, everywhere, found.body_distance >= 0, margin, -found.cost
 
 
 def _terms(cell: Cell, degree: int) -> int:

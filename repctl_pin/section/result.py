@@ -97,8 +97,13 @@ class CellDesign:
 
     @property
     def extra_speed_worst(self) -> float:
-        """The same at the worst pose."""
+        """The same at the worst pose that a search over the cell has found."""
         return self.judgement.extra_speed_worst
+
+    @property
+    def extra_speed_direction(self) -> float:
+        """The same in the worst task direction alone, at the worst pose for it that a search has found."""
+        return self.judgement.extra_speed_direction
 
     @property
     def limit_margin(self) -> float:
@@ -117,7 +122,7 @@ class CellDesign:
 
     @property
     def coverage(self) -> float:
-        """The share of the cell that has joints, inside the limits."""
+        """The share of the held-out poses that have joints, inside the limits."""
         return self.judgement.coverage
 
     @property
@@ -127,7 +132,7 @@ class CellDesign:
 
     @property
     def body_distance(self) -> float:
-        """The least distance between bodies, the robot's own and those of its surroundings, m; infinite without any."""
+        """The least distance between bodies that a search has found, of robot and surroundings, m; infinite without."""
         return self.judgement.body_distance
 
     def figures(self) -> dict[str, str]:
@@ -137,23 +142,26 @@ class CellDesign:
         margin = (
             f"{j.limit_margin:.3g} {unit}, where {most} {j.attainable_margin:.3g}\n"
             f"{j.limit_margin_worst:.3g} {unit} at the worst pose that a search has found, "
-            f"where {most} {j.attainable_margin_worst:.3g}"
+            f"where {most} {j.attainable_margin_worst:.3g}{_unmet(j.limit_margin_worst, self.room)}"
         )
-        bodies = f"{j.body_distance:.3g} m, {' and '.join(j.nearest_bodies)}"
+        bodies = f"{j.body_distance:.3g} m, {' and '.join(j.nearest_bodies)}{_unmet(j.body_distance, self.apart)}"
+        speed = f"{100 * j.extra_speed:.3g} % ± {100 * j.extra_speed_error:.1g}, "
+        speed += f"{j.extra_speed_worst:.1%} at the worst pose"
+        if np.isfinite(j.extra_speed_direction):
+            speed += f"\n{j.extra_speed_direction:.1%} at the worst pose in the worst single task direction"
         return {
             "cell": self.cell.size(),
             "middle": self.cell.where(np.zeros(self.cell.k)),
             "posture": ", ".join(f"{v:.4g}" for v in np.round(self.posture, 4) + 0.0),
             "degree": f"{self.degrees[-1][0]}, evaluated from {self.function.chart.monomials.size} terms",
-            "extra joint speed": f"{100 * j.extra_speed:.3g} % ± {100 * j.extra_speed_error:.1g}, "
-            f"{j.extra_speed_worst:.1%} at the worst pose",
+            "extra joint speed": speed,
             "mean ‖∂F − G_d‖²": f"{j.cost:.4g} ± {j.cost_error:.1g} (on {self.held_out} held-out poses)",
             "limit margin": margin if np.isfinite(j.limit_margin) else "no limits",
             "body distance": bodies if np.isfinite(j.body_distance) else "no collision bodies",
-            "σ_min(J)": f"{j.smallest_singular_value:.3g}",
+            "σ_min(J)": f"{j.smallest_singular_value:.3g}{_unmet(j.smallest_singular_value, self.dexterity)}",
             "leaf margin": f"{j.leaf_margin:.3g}",
             "residual": f"{j.residual:.1g} m or rad",
-            "coverage": f"{j.coverage:.2%}",
+            "coverage": j.covered,
         } | ({"stopped": "\n".join(map(str, j.stops))} if j.stops else {})
 
     def summary(self) -> str:
@@ -165,8 +173,14 @@ class CellDesign:
     def __repr__(self) -> str:
         return (
             f"<CellDesign for {self.task.robot.name} {self.task.frame}, {self.cell.size()}: "
-            f"+{self.extra_speed:.2%} joint speed, limit margin {self.limit_margin:.3g}, {self.coverage:.0%} covered>"
+            f"+{self.extra_speed:.2%} joint speed, limit margin {self.limit_margin_worst:.3g}, "
+            f"covered: {self.judgement.covered}>"
         )
+
+
+def _unmet(found: float, asked: float) -> str:
+    """Say so where less was found than was asked for; 0 asks for nothing."""
+    return f"; {asked:g} was asked for and is not met" if found < asked and asked else ""
 
 
 @dataclass(frozen=True)

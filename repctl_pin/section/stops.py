@@ -57,7 +57,7 @@ def broken_limit(cell: Cell, U: Array, Q: Array, share: float) -> Stop | None:
     return Stop("limit", share, U[at], what)
 
 
-def unreached(cell: Cell, U: Array, near: Array, looked_at: int) -> list[Stop]:
+def unreached(cell: Cell, U: Array, near: Array, share: float) -> list[Stop]:
     """Say why poses U (K, k) have no joints: they are out of reach, or an arm that gets there passes a singularity.
 
     Parameters
@@ -66,8 +66,8 @@ def unreached(cell: Cell, U: Array, near: Array, looked_at: int) -> list[Stop]:
         The cell and the poses.
     near : (L, n) array
         Configurations to start looking from.
-    looked_at
-        The number of poses looked at in all.
+    share
+        The part of the poses looked at that has none.
     """
     if not len(U):
         return []
@@ -78,7 +78,6 @@ def unreached(cell: Cell, U: Array, near: Array, looked_at: int) -> list[Stop]:
         best = int(np.argmin(left))
         shortfall[i] = left[best]
         spans[i] = dexterity(placed(cell.task, Q[best][None])[2][0])
-    share = len(U) / looked_at
     short = shortfall > _SHORT
     stops = []
     if short.any():
@@ -92,12 +91,12 @@ def unreached(cell: Cell, U: Array, near: Array, looked_at: int) -> list[Stop]:
     return stops
 
 
-def folded(cell: Cell, U: Array, looked_at: int) -> Stop | None:
+def folded(cell: Cell, U: Array, share: float) -> Stop | None:
     """Say that the section folds back at poses U (K, k): the leaf margin goes through 0 there."""
     if not len(U):
         return None
     what = f"at {cell.where(U[0])} the section folds back on itself: its leaf margin goes through 0"
-    return Stop("fold", len(U) / looked_at, U[0], what)
+    return Stop("fold", share, U[0], what)
 
 
 def touching(cell: Cell, U: Array, distances: Array, links: tuple[str, str], share: float) -> Stop | None:

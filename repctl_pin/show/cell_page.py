@@ -82,7 +82,8 @@ def _sentence(design: CellDesign) -> str:
     margin, worst, unit = design.limit_margin, design.limit_margin_worst, design.task.unit
     limits = f"limits {'kept' if margin >= 0 else 'broken'} by {abs(margin):.2g} {unit}"
     limits += f", broken by {-worst:.2g} at the worst pose" if worst < 0 <= margin else ""
+    every = "One set of joints for every pose" if design.judgement.everywhere else "One set of joints for each pose"
     return (
-        f"One set of joints for every pose: {100 * design.extra_speed:.2g} % more joint speed, {design.coverage:.0%} "
-        f"of the cell covered, {limits if np.isfinite(margin) else 'no joint limits'}."
+        f"{every}: {100 * design.extra_speed:.2g} % more joint speed, covered: {design.judgement.covered}, "
+        f"{limits if np.isfinite(margin) else 'no joint limits'}."
     )
