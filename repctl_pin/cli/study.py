@@ -29,8 +29,11 @@ def add_options(parser: Parser) -> None:
     add("--period", type=positive, help=period)
     region = "Ω: half-width round the start, rad (default: round the cycle)"
     add("--region", type=positive, metavar="W", help=region)
-    degree = "degree of the potentials (default 2); 3 or 4 may come nearer to J⁺, and the work grows fast"
-    add("--degree", type=whole, default=2, help=degree)
+    degree = (
+        "degree of the potentials (default 2, or 1 for arms of many joints); 3 or 4 may come nearer to J⁺, and the "
+        "work grows fast"
+    )
+    add("--degree", type=whole, help=degree)
     parser.weight()
     add("--seed", type=natural, default=0, help="seed of the design's nodes (default 0)")
     add("--out", metavar="FOLDER", help="where the files go (default repctl-out/ROBOT)")

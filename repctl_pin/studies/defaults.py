@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -26,7 +27,7 @@ PREFERRED_KINDS = ("pose", "position", "xy", "xz", "yz")
 """Kinds tried in this order when none is named (``axis`` on request only)."""
 
 PERIOD = 5.0
-"""Time of a cycle, s, where none is given and the joints are fast enough."""
+"""Period, s, where none is given and the joints are fast enough."""
 
 SHARE = 0.9
 """Share of a speed limit that a cycle uses at most, where its time is chosen."""
@@ -115,22 +116,63 @@ def kind_note(robot: Robot, task: Task) -> list[str]:
             f"{task.kind} was taken"]  # fmt: skip
 
 
-def choose_period(usual: float, *motions: Motion | None) -> tuple[float, list[str]]:
-    """Choose the time of a cycle in which first cycles keep the speed limits: the usual, or a longer one; and say so.
+def choose_period(usual: float, motions: Mapping[str, Motion | None]) -> tuple[float, list[str]]:
+    """Choose a period in which first cycles keep the speed limits: the usual one, or a longer one; and say so.
 
-    ``q̇ = G ẋ`` goes as fast as the path is driven: the joints' path is the same in any time.
+    ``q̇ = G ẋ`` goes as fast as the path is driven: the joints' path is the same in any time. A motion that leaves its
+    path in the first cycle does not count.
+
+    Parameters
+    ----------
+    usual
+        The period to lengthen if need be, s.
+    motions
+        The motions at that period, by the name of their controller.
     """
-    first = [replace(m, qdot=m.qdot[: m.steps + 1]) for m in motions if m is not None]
-    worst = max(first, key=lambda m: m.speed_ratio, default=None)
-    if worst is None or not 1 < worst.speed_ratio < np.inf:
+    first = {
+        name: replace(motion, qdot=motion.qdot[: motion.steps + 1])
+        for name, motion in motions.items()
+        if motion is not None and not (motion.path_loss and motion.path_loss[0] <= 1)
+    }
+    name = max(first, key=lambda name: first[name].speed_ratio, default=None)
+    if name is None or not 1 < first[name].speed_ratio < np.inf:
         return usual, []
+    worst = first[name]
     longer = usual * worst.speed_ratio / SHARE
     digit = 10.0 ** (np.floor(np.log10(longer)) - 1)
     period = float(f"{np.ceil(longer / digit) * digit:.2g}")
     return period, [
-        f"a cycle takes {period:g} s: in {usual:g} s {worst.fastest_joint} would go {worst.speed_ratio:.2g} times as "
-        "fast as its limit allows"
+        f"period increased to {period:g} s; at {usual:g} s, {worst.fastest_joint} would reach "
+        f"{worst.speed_ratio:.2g} times its speed limit ({name})"
     ]
+
+
+MOST_COEFFICIENTS = 500
+"""Coefficients that a design of a study fits in a minute at most."""
+
+
+def coefficients(task: Task, degree: int) -> int:
+    """Count what a design of a degree fits: r potentials out of N polynomials, (N − r) r."""
+    size = math.comb(task.n + degree, degree) - 1
+    return (size - task.r) * task.r
+
+
+def choose_degree(task: Task, degree: int | None) -> tuple[int, list[str]]:
+    """Take the degree asked for, or 2, or 1 for arms of so many joints that 2 would take long; and say so.
+
+    Raises
+    ------
+    InputError
+        If the degree makes too many potentials of all joints, before anything long is begun.
+    """
+    if degree is None:
+        degree = 2 if coefficients(task, 2) <= MOST_COEFFICIENTS else 1
+        why = f"degree 1 is used: degree 2 would fit {coefficients(task, 2)} coefficients for {task.n} joints"
+        notes = [] if degree == 2 else [f"{why}, which takes minutes to hours; choose it with --degree 2 (degree=2)"]
+    else:
+        notes = []
+    check_degree(task, degree)
+    return degree, notes
 
 
 def check_degree(task: Task, degree: int) -> None:

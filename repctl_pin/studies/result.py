@@ -114,7 +114,7 @@ class Study:
 
     def __repr__(self) -> str:
         done = [(row.label, row.motion) for row in self.rows]
-        drifts = ", ".join(f"{label} {motion.drift[-1]:.2g}" if motion else f"{label} stuck" for label, motion in done)
+        drifts = ", ".join(f"{label} {motion.drift[-1]:.2g}" if motion else f"{label} stopped" for label, motion in done)
         return f"<Study of {self.robot.name} {self.task.frame}: {self.path.name}, drift at the end: {drifts}>"
 
     @property
@@ -134,7 +134,7 @@ class Study:
 
     @property
     def setting(self) -> dict[str, str]:
-        """What was studied, as label and text; ``path again`` is the path as the command line takes it."""
+        """What was studied, as label and text; ``path options`` is the path as the command line takes it."""
         task = self.task
         start = ", ".join(f"{v:.4g}" for v in self.q0)
         return {
@@ -142,9 +142,9 @@ class Study:
             "task": str(task),
             "start": start,
             "path": self.path.name,
-            **({"path again": self.path.options} if self.path.options else {}),
-            "cycle": f"{self.period:g} s",
-            "region": str(self.region),
+            **({"path options": self.path.options} if self.path.options else {}),
+            "period": f"{self.period:g} s",
+            "region Ω": str(self.region),
             "accelerations": presumed_acceleration(task)[1],
             "potentials": str(self.design.fields),
         }
@@ -200,6 +200,12 @@ def limits_dict(motion: Motion) -> dict[str, Any]:
     }
 
 
+def _path_loss(motion: Motion) -> dict[str, float] | None:
+    """Say when the frame leaves its path, and by how much."""
+    loss = motion.path_loss
+    return None if loss is None else dict(zip(("cycle", "distance", "angle"), loss, strict=True))
+
+
 def _row_dict(row: Row) -> dict[str, Any]:
     motion = row.motion
     if motion is None:
@@ -213,7 +219,8 @@ def _row_dict(row: Row) -> dict[str, Any]:
         "outside": motion.outside,
         "tracking_error": float(motion.tracking_error.max()),
         "turning_error": float(motion.turning_error.max()),
-        **picked(motion, "rms_speed", "peak_speed"),
+        "path_loss": _path_loss(motion),
+        **picked(motion, "first_rms_speed", "rms_speed", "peak_speed"),
         "speed_ratio": motion.speed_ratio if np.isfinite(motion.speed_ratio) else None,
         **limits_dict(motion),
         **bodies_dict(motion.coarse),
