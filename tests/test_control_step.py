@@ -372,7 +372,7 @@ def test_outside_the_region_is_told_where_it_is_asked_for(panda_design, panda_po
                 assert np.array_equal(call("warn"), plain)
             assert ["nothing was designed there" in str(w.message) for w in told] == [True] * out
             if out:
-                with pytest.raises(rp.InputError, match=r"outside Ω, 1\.50 times its width"):
+                with pytest.raises(rp.InputError, match=r"outside Ω, 1\.50 times its half-width"):
                     call("raise")
             else:
                 assert np.array_equal(call("raise"), plain)

@@ -26,7 +26,10 @@ class Bounded(Protocol):
     """What tells whether configurations lie in it: all that is asked of Ω here."""
 
     def ratio(self, Q: Array) -> Array:
-        """By what factor it would have to shrink for each row of Q to lie on its edge: (K,); above 1 is outside."""
+        """Factor by which the region would have to be scaled for each row of Q to lie on its boundary: (K,).
+
+        Above 1 is outside.
+        """
 
 
 class RepeatableInverse:
@@ -192,7 +195,7 @@ class RepeatableInverse:
         q = vector(q, self.task.n, "q")
         ratio = float(self.region.ratio(q[None])[0])
         if ratio > 1 + 1e-12:
-            told = f"q = {row(q)} is outside Ω, {ratio:.2f} times its width from the middle: nothing was designed there"
+            told = f"q = {row(q)} is outside Ω, {ratio:.2f} times its half-width from the centre: nothing was designed there"
             if outside == "raise":
                 raise InputError(told)
             warnings.warn(told, UserWarning, stacklevel=3)

@@ -69,6 +69,22 @@ class Row:
         except InputError:  # it does not move, or no speed is slow enough
             return None
 
+    def summary(self) -> str:
+        """Say in a line what the strategy did."""
+        motion = self.motion
+        if motion is None:
+            return f"stopped: {self.stopped}"
+        unit = motion.task.unit
+        parts = [
+            f"drift {motion.drift[0]:.2g} {unit} after 1 cycle, {motion.drift[-1]:.2g} after {motion.cycles}",
+            f"tracking error {motion.tracking_error.max():.2g} m",
+            f"joint speed {motion.first_rms_speed:.3g} in cycle 1, {motion.rms_speed:.3g} overall",
+        ]
+        margin = float(motion.limit_margin.min())
+        parts += [f"limit margin {margin:.2g}"] if np.isfinite(margin) else []
+        parts += [f"body distance {self.body_distance:.2g} m"] if self.body_distance is not None else []
+        return "; ".join([*parts, *map(str, self.violations)])
+
     @property
     def outside(self) -> float:
         """Share of the motion that lies outside Ω; 0 where there is no Ω, or no motion."""
@@ -117,6 +133,13 @@ class Study:
         drifts = ", ".join(f"{label} {motion.drift[-1]:.2g}" if motion else f"{label} stopped" for label, motion in done)
         return f"<Study of {self.robot.name} {self.task.frame}: {self.path.name}, drift at the end: {drifts}>"
 
+    def summary(self) -> str:
+        """Say for each strategy where it ended: drift, tracking error, joint speed, and margins."""
+        cycles = next((row.motion.cycles for row in self.rows if row.motion is not None), 0)
+        head = f"{self.robot.name} {self.task.frame}, {self.task.kind}: {self.path.name}, {cycles} cycles"
+        width = max(len(row.label) for row in self.rows)
+        return "\n".join([head, *(f"  {row.label.ljust(width)}  {row.summary()}" for row in self.rows)])
+
     @property
     def robot(self) -> Mechanism:
         """The robot."""
@@ -124,7 +147,7 @@ class Study:
 
     @property
     def elbow(self) -> int:
-        """The joint whose origin a self-motion at the start moves fastest: where the creep is seen."""
+        """The joint whose origin a self-motion at the start moves fastest: where the displacement is seen."""
         return elbow(self.task, self.q0)
 
     def row(self, key: str) -> Row:

@@ -37,6 +37,12 @@ Control = Strategy | Callable[[Array, Array], ArrayLike]
 POSTURE_GAIN = 1.0
 """Gain of the posture in the null space, 1/s."""
 
+EDGE = 1e-6
+"""How far from the start, rad or m, another one is followed, to see whether it leads elsewhere."""
+
+AMPLIFIED = 1000.0
+"""A start is on an edge if one beside it ends a cycle so many times farther away than it began."""
+
 LITTLE = 1e-4
 """Drift per cycle that nobody would see, rad or m."""
 
@@ -169,11 +175,11 @@ def study(
         design = _asked(make, region, setting.q0)
     q0, drawn = setting.q0, setting.drawn
     notes = [*machine.warnings, *(defaults.kind_note(machine, moved) if task is None else []), *setting.notes]
-    notes.extend(shortened)
+    notes.extend([*shortened, *_unlimited(moved)])
     notes.extend([*bodies_of(moved).notes, *shrunk_note(design)])
     say(f"following the path for {cycles} cycles")
-    rows, time, slower = _followed(setting, design, own, cycles=cycles, steps=steps, period=period)
-    notes.extend([*slower, *_off_the_path(rows), *_beyond_limits(rows)])
+    rows, time, slower, edges = _followed(setting, design, own, cycles=cycles, steps=steps, period=period)
+    notes.extend([*slower, *edges, *_off_the_path(rows), *_beyond_limits(rows)])
     notes.extend(_where_it_drifts(Pseudoinverse(moved), q0, rows[0].motion))
     notes.extend(_why_it_costs(rows[0].motion, rows[-1].motion))
     design = replace(design, cycle=Cycle(q0, drawn, time))
@@ -182,8 +188,8 @@ def study(
 
 def _followed(
     setting: Setting, design: Design, own: Mapping[str, Strategy], *, cycles: int, steps: int, period: float | None
-) -> tuple[list[Row], float, list[str]]:
-    """Follow the path with every control: their rows, the time of a cycle, and why it is longer than usual."""
+) -> tuple[list[Row], float, list[str], list[str]]:
+    """Follow the path with every control: their rows, the period, why it is longer than usual, and edges."""
     q0, drawn, task = setting.q0, setting.drawn, design.inverse.task
     usual = period or drawn.period or defaults.PERIOD
     options: dict[str, Any] = {"cycles": cycles, "steps": steps, "period": usual}
@@ -207,7 +213,30 @@ def _followed(
         *(_run(name, control, drawn, q0, options) for name, control in own.items()),
         replace(last, leaf_margin=_leaf_margin(design, last.motion), distance=design.relative_distance),
     ]
-    return rows, options["period"], slower
+    edges = [
+        *_on_an_edge(first, Pseudoinverse(task), drawn, q0, options),
+        *_on_an_edge(last, design.inverse, drawn, q0, options),
+    ]
+    return rows, options["period"], slower, edges
+
+
+def _on_an_edge(row: Row, strategy: Strategy, path: TaskPath, q0: Array, options: dict[str, Any]) -> list[str]:
+    """Warn if a start that differs by a millionth, along the self-motion, leads elsewhere within a cycle."""
+    task = strategy.task
+    beside = q0 + EDGE * nullspace(task.jacobian(q0))[:, 0]
+    other = _run(row.key, strategy, path, beside, options | {"cycles": 1}).motion
+    if row.motion is None and other is None:
+        return []
+    where = "stops" if other is None else "goes on"
+    if row.motion is not None and other is not None:
+        gap = float(np.linalg.norm(other.q[-1] - row.motion.cycle(0)[-1]))
+        if gap <= AMPLIFIED * EDGE:
+            return []
+        where = f"ends cycle 1 {gap:.2g} {task.unit} away"
+    return [
+        f"{row.label}: the start is on an edge: from a start that differs by {EDGE:g} {task.unit} the motion {where}; "
+        "choose another start or a smaller path"
+    ]
 
 
 def _own_controls(task: Task, controls: Mapping[str, Control]) -> dict[str, Strategy]:
@@ -252,6 +281,13 @@ def _asked(make: Callable[[Region], Design], region: float | Region, q0: Array) 
 
 def _slowed(row: Row, factor: float) -> Row:
     return row if row.motion is None else replace(row, motion=row.motion.slowed(factor))
+
+
+def _unlimited(task: Task) -> list[str]:
+    """Name the joints that have no speed limit."""
+    limits = zip(task.robot_joints, task.joint_limits[2], strict=True)
+    names = [name for name, limit in limits if not np.isfinite(limit)]
+    return [f"no speed limit in the URDF, so speeds are not checked: {', '.join(names)}"] if names else []
 
 
 def _off_the_path(rows: Sequence[Row]) -> list[str]:

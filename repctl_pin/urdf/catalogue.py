@@ -85,7 +85,7 @@ def find(name: str) -> Entry:
     names = {alias: known for known, row in rows.items() for alias in (known, *row.get("aliases", ()))}
     known = names.get(str(name).strip().lower())
     if known is None:
-        raise unknown("robot", name, rows, aliases=names, listing="(`repctl robots` lists them all)")
+        raise unknown("robot", name, rows, aliases=names, listing="(`repctl robots` lists them all); for any other robot give its URDF file")
     return _entry(known, rows[known])
 
 
