@@ -28,8 +28,10 @@ LIMITS = "Joint limits respected."
             "Joint limits: violated in cycle 7 by left_s0 (J⁺) → respected (repeatable).",
         ),
         ([J], f"Elbow displacement after 10 cycles: 45 cm. {LIMITS}"),
-        ([Deed("a", 0, 1.0), Deed("b", 0, 1.0)],
-         f"Elbow displacement after 10 cycles: 0. Joint speed, relative to a: 0 %. {LIMITS}"),
+        (
+            [Deed("a", 0, 1.0), Deed("b", 0, 1.0)],
+            f"Elbow displacement after 10 cycles: 0. Joint speed, relative to a: 0 %. {LIMITS}",
+        ),
         (  # what is small is said, if the motion is not closed
             [replace(J, creep=9e-5), OURS],
             f"Elbow displacement after 10 cycles: 0.09 mm (J⁺) → 0 (repeatable). {SPEED} {LIMITS}",

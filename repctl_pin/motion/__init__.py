@@ -9,8 +9,8 @@ from .motion import Motion as Motion
 from .paths import ClosedPath as ClosedPath
 from .paths import TaskPath as TaskPath
 from .paths import closed_path as closed_path
-from .polyline import polygon as polygon
 from .polyline import Waypoints as Waypoints
+from .polyline import polygon as polygon
 from .polyline import waypoints as waypoints
 from .shapes import circle as circle
 from .shapes import figure_eight as figure_eight

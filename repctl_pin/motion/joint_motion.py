@@ -57,7 +57,10 @@ class JointMotion:
 
     @property
     def closes(self) -> bool:
-        """Whether every cycle ends in the configuration it began in, to 1e-5 rad (or, prismatic joints, arm lengths)."""
+        """Whether every cycle ends in the configuration it began in.
+
+        To 1e-5 rad, and for prismatic joints to 1e-5 of the arm's length: the rest is integration error.
+        """
         gaps = (self.q[:: self.steps] - self.q[0]) / joint_scale(self.task, self.q[0])
         return bool(np.linalg.norm(gaps, axis=1).max() < CLOSED)
 

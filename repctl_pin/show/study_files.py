@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from pathlib import Path
+from typing import Any
 
 from ..files import prepare_folder, write_whole
 from ..motion.csv_file import csv_text
@@ -40,7 +41,7 @@ def write_study(study: Study, folder: Path, *, run: str = "") -> list[Path]:
     """
     title = f"{study.robot.name}, {study.task.kind} task, {study.path.name}"
     moved = drawn(study)
-    named = {"metadata": {"Run": run}} if run else {}
+    named: dict[str, Any] = {"metadata": {"Run": run}} if run else {}
     contents: dict[str, str | bytes] = {
         "animation.html": with_run(study_page(study), run),
         "drift.png": png(drift_figure(moved, title), **named),

@@ -195,7 +195,8 @@ class RepeatableInverse:
         q = vector(q, self.task.n, "q")
         ratio = float(self.region.ratio(q[None])[0])
         if ratio > 1 + 1e-12:
-            told = f"q = {row(q)} is outside Ω, {ratio:.2f} times its half-width from the centre: nothing was designed there"
+            where = f"q = {row(q)} is outside Ω, {ratio:.2f} times its half-width from the centre"
+            told = f"{where}: nothing was designed there"
             if outside == "raise":
                 raise InputError(told)
             warnings.warn(told, UserWarning, stacklevel=3)

@@ -130,7 +130,9 @@ class Study:
 
     def __repr__(self) -> str:
         done = [(row.label, row.motion) for row in self.rows]
-        drifts = ", ".join(f"{label} {motion.drift[-1]:.2g}" if motion else f"{label} stopped" for label, motion in done)
+        drifts = ", ".join(
+            f"{label} {motion.drift[-1]:.2g}" if motion else f"{label} stopped" for label, motion in done
+        )
         return f"<Study of {self.robot.name} {self.task.frame}: {self.path.name}, drift at the end: {drifts}>"
 
     def summary(self) -> str:

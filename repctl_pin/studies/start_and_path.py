@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from itertools import islice
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -195,7 +195,7 @@ def _design_along(
     return design
 
 
-def follow_own(design: Design, path: TaskPath, q0: Array, **options: float) -> Motion:
+def follow_own(design: Design, path: TaskPath, q0: Array, **options: Any) -> Motion:
     """Follow one cycle under a design that was made for it.
 
     Raises

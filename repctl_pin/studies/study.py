@@ -164,9 +164,8 @@ def study(
 
     def make(box: Region) -> Design:
         say(degree_text)
-        return nearest_repeatable(
-            desired, None, box, degree=degree, seed=seed, shrink=region is None, progress=progress is not None and report
-        )
+        shown = report if progress is not None else False
+        return nearest_repeatable(desired, None, box, degree=degree, seed=seed, shrink=region is None, progress=shown)
 
     if region is None:
         setting, design = design_from(desired, start, round_it, make, seed=seed, say=say)

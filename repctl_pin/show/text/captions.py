@@ -22,7 +22,8 @@ GLOSSARY = {
     "posture), to which it moves first.",
     "potentials": "Functions of the joints that the repeatable control holds constant. A higher degree leaves more to "
     "choose from, and comes nearer to J⁺.",
-    "Ω": "The region of joint space for which the repeatable control was designed; outside, repeatability is not guaranteed.",
+    "Ω": "The region of joint space for which the repeatable control was designed; outside, repeatability is not "
+    "guaranteed.",
     "cost": "The mean over Ω of ‖G − J⁺‖², by which the repeatable control G differs from J⁺.",
     "leaf margin": "How far the potentials are from failing to fix the joints: 1 is best, 0 is singular.",
     "defect": "By how much a control fails the test of repeatability at a configuration, per rad: 0 where it passes.",
@@ -116,9 +117,7 @@ def joints_words(study: Study) -> str:
 def orbits_words(study: Study) -> str:
     """Describe the figure of the orbits."""
     said = [
-        f"{label}: one closed loop"
-        if motion.closes
-        else f"{label}: ends {amount(motion, -1)} off its start"
+        f"{label}: one closed loop" if motion.closes else f"{label}: ends {amount(motion, -1)} off its start"
         for label, motion in _moved(study, without="posture_off")
     ]
     return f"The three joints that drift most, plotted against each other in three views. {'; '.join(said)}."

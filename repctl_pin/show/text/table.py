@@ -89,7 +89,9 @@ def study_cells(study: Study) -> list[tuple[str, list[str]]]:
     apart = [("body distance, cycle 1, m", of_motions(lambda motion: _apart(motion, 1)))]
     apart += [("body distance, all cycles, m", of_motions(lambda motion: _apart(motion, cycles)))] * (cycles > 1)
     speeds = [(f"joint speed, cycle 1, {speed}", of_motions(lambda motion: number(motion.first_rms_speed)))]
-    speeds += [(f"joint speed, all cycles, {speed}", of_motions(lambda motion: number(motion.rms_speed)))] * (cycles > 1)
+    speeds += [(f"joint speed, all cycles, {speed}", of_motions(lambda motion: number(motion.rms_speed)))] * (
+        cycles > 1
+    )
     return [
         (f"drift after 1 cycle, {rad}", of_motions(lambda motion: number(motion.drift[0]))),
         *(later if cycles > 1 else []),

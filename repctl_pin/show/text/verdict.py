@@ -42,7 +42,7 @@ class Deed:
     overall_speed : float or None
         Joint speed ‖q̇‖ over all cycles, rms; None for one cycle.
     path_loss : (int, float, float) or None
-        The cycle in which the frame leaves its path, and its largest distances from it, m and rad; None if it never does.
+        The cycle in which the frame leaves its path, and its largest errors, m and rad; None if it never does.
     size : float
         Length of the arm, m.
     """
@@ -152,7 +152,9 @@ def verdict(deeds: Sequence[Deed], cycles: int) -> Verdict:
         tiles.append(Tile("Joint speed", said))
     hasty = [deed.haste > 1 + 1e-9 for deed in deeds]
     if any(hasty):
-        hastes = [f"up to {d.haste:.2g} times the limit" if h else "respected" for d, h in zip(deeds, hasty, strict=True)]
+        hastes = [
+            f"up to {d.haste:.2g} times the limit" if h else "respected" for d, h in zip(deeds, hasty, strict=True)
+        ]
         said = _compared(deeds, hastes)
         words.append(f"Speed limits: {said}.")
         tiles.append(Tile("Speed limits", said, bad=True))
