@@ -34,11 +34,19 @@ class Waypoints:
     points : (P, 3) array
         Positions, m in the base frame.
     rotations : (P, 3, 3) array or None
-        Orientations, if the file has quaternions.
+        Orientations in base axes, if the file has quaternions.
     times : (P,) array or None
         When each point is passed, s, if the file has a column ``time``.
     lines : tuple of int
         Numbers of the file's lines, from 1.
+
+    Examples
+    --------
+    >>> loop = np.array([[0, 0, 0, 0], [1, 0.1, 0, 0], [2, 0, 0.1, 0], [3, 0, 0, 0]])  # s and m
+    >>> np.savetxt("loop.csv", loop, delimiter=",", header="time,x,y,z", comments="")
+    >>> found = rp.read_waypoints("loop.csv")
+    >>> rp.waypoints(found, task.placement(q0).rotation).period  # s
+    3.0
     """
 
     points: Array
