@@ -147,14 +147,21 @@ def choose_period(usual: float, motions: Mapping[str, Motion | None]) -> tuple[f
     ]
 
 
-MOST_COEFFICIENTS = 500
-"""Coefficients that a design of a study fits in a minute at most."""
+LONG = 60.0
+"""Estimated processor time of a design, s, above which a lower degree is chosen, or it is said."""
+
+_TOO_LONG = 600.0
+"""The same, above which a study is refused unless its degree was asked for."""
+
+_RATE = 3000.0
+"""Blocks of the Gauss–Newton matrix that are summed per second of a whole design, in units of N² entries."""
 
 
-def coefficients(task: Task, degree: int) -> int:
-    """Count what a design of a degree fits: r potentials out of N polynomials, (N − r) r."""
-    size = math.comb(task.n + degree, degree) - 1
-    return (size - task.r) * task.r
+def design_seconds(task: Task, degree: int) -> float:
+    """Estimate the processor time of a design of r out of N polynomials, s, to a factor of about 3."""
+    N = math.comb(task.n + degree, degree) - 1
+    nodes = max(1.0, 32 * (N - task.r) * task.r / task.m / 16384)
+    return nodes * N**2 * task.r * (task.r + 1) / 2 / _RATE
 
 
 def choose_degree(task: Task, degree: int | None) -> tuple[int, list[str]]:
@@ -163,16 +170,32 @@ def choose_degree(task: Task, degree: int | None) -> tuple[int, list[str]]:
     Raises
     ------
     InputError
-        If the degree makes too many potentials of all joints, before anything long is begun.
+        If the degree makes too many potentials of all joints, or takes very long and was not asked for: before
+        anything long is begun.
     """
-    if degree is None:
-        degree = 2 if coefficients(task, 2) <= MOST_COEFFICIENTS else 1
-        why = f"degree 1 is used: degree 2 would fit {coefficients(task, 2)} coefficients for {task.n} joints"
-        notes = [] if degree == 2 else [f"{why}, which takes minutes to hours; choose it with --degree 2 (degree=2)"]
-    else:
-        notes = []
-    check_degree(task, degree)
-    return degree, notes
+    if degree is not None:
+        check_degree(task, degree)
+        seconds = design_seconds(task, degree)
+        told = f"a design of degree {degree} for {task.n} joints takes {_about(seconds)}; a lower --degree takes less"
+        return degree, [told] if seconds > LONG else []
+    seconds = design_seconds(task, 2)
+    if seconds <= LONG:
+        check_degree(task, 2)
+        return 2, []
+    least = design_seconds(task, 1)
+    if least > _TOO_LONG:
+        raise InputError(
+            f"a study of {task.n} joints takes {_about(least)} even at degree 1; choose a frame that fewer joints move "
+            "(--frame), lock joints (--lock), or ask for it with --degree 1 (degree=1)"
+        )
+    why = f"degree 1 is used, which takes {_about(least)}: degree 2 would take {_about(seconds)} for {task.n} joints"
+    return 1, [f"{why}; ask for it with --degree 2 (degree=2)"]
+
+
+def _about(seconds: float) -> str:
+    if seconds < 100:
+        return f"about {max(seconds, 1):.0f} s"
+    return f"about {seconds / 60:.0f} min" if seconds < 6000 else f"about {seconds / 3600:.0f} h"
 
 
 def check_degree(task: Task, degree: int) -> None:

@@ -144,7 +144,9 @@ def study(
     say("loading the robot")
     machine = robot if isinstance(robot, Robot) else Robot.load(robot)
     moved = defaults.choose_task(machine, frame, task)
-    asked, (degree, shortened) = degree, defaults.choose_degree(moved, degree)
+    degree, long = defaults.choose_degree(moved, degree)
+    for note in long:
+        say(f"note: {note}")
     check_length(moved, cycles, steps)
     own = _own_controls(moved, {} if controls is None else controls)
     say("finding a path" if path is None else "finding a start")
@@ -154,10 +156,6 @@ def study(
         own = {wished: desired} | own
     round_it = partial(fitting_circle, plane=plane, radius=radius) if wanted_path is None else wanted_path
     degree_text = f"designing the nearest repeatable inverse, degree {degree}"
-    count = defaults.coefficients(moved, degree)
-    if asked is not None and count > defaults.MOST_COEFFICIENTS:
-        say(f"note: degree {degree} fits {count} coefficients for {moved.n} joints, which takes minutes to hours; "
-            "a lower --degree (degree=) takes less")  # fmt: skip
 
     def report(what: str, share: float) -> None:
         say(f"{degree_text}: {what}, {share:.0%}")
@@ -174,7 +172,7 @@ def study(
         design = _asked(make, region, setting.q0)
     q0, drawn = setting.q0, setting.drawn
     notes = [*machine.warnings, *(defaults.kind_note(machine, moved) if task is None else []), *setting.notes]
-    notes.extend([*shortened, *_unlimited(moved)])
+    notes.extend([*long, *_unlimited(moved)])
     notes.extend([*bodies_of(moved).notes, *shrunk_note(design)])
     say(f"following the path for {cycles} cycles")
     rows, time, slower, edges = _followed(setting, design, own, cycles=cycles, steps=steps, period=period)
