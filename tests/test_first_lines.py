@@ -196,3 +196,39 @@ def test_animate_knows_the_surroundings(tmp_path: Path, capsys: pytest.CaptureFi
 def test_an_unknown_robot_leads_to_its_urdf() -> None:
     with pytest.raises(rp.InputError, match="for any other robot give its URDF file"):
         rp.Robot.load("gen3")
+
+
+def test_a_design_that_fails_says_what_to_change(monkeypatch: pytest.MonkeyPatch) -> None:
+    from repctl_pin.design import nearest
+
+    def failing(options: object) -> None:
+        raise rp.SingularityError("J_V is singular, at 426 of 512 configurations")
+
+    monkeypatch.setattr(nearest, "fit", failing)
+    task = rp.Robot.load("ppr").task("tool", "xy")
+    control = rp.Pseudoinverse(task)
+    with pytest.raises(rp.SingularityError, match="the design fails there, not the arm; use a smaller region, a lower d"):
+        rp.nearest_repeatable(control, rp.Polynomial(task.reference, 1), rp.Box(task.reference, 0.1))
+
+
+def test_postures_of_long_ranged_joints_are_not_wound_up() -> None:
+    """The joints of xarm7 turn by up to two pi either way: the values nearest to the reference are taken."""
+    from repctl_pin.section.middle import _unwound
+
+    task = rp.Robot.load("xarm7").task("link_eef", "pose")
+    middle = rp.Robot.load("xarm7").poses["ready"]
+    cell = rp.Cell(task, task.placement(middle), half_width=0.05)
+    wound = middle + 2 * np.pi * np.array([1, 0, -1, 0, 0, 0, 0]) + 0.01
+    near = _unwound(cell, wound)
+    np.testing.assert_allclose(near, middle + 0.01, atol=1e-12)
+    limits = (task.lower <= near) & (near <= task.upper)
+    assert limits.all() and task.placement(near).isApprox(task.placement(wound), 1e-9)
+
+
+def test_what_regions_and_messages_say_is_so() -> None:
+    """A region must grow to reach a point outside: the factor is above 1 there."""
+    box = rp.Box([0.0, 0.0], 0.5)
+    assert box.ratio([[1.0, 0.0]]) == [2.0]
+    for region in (rp.Box, rp.Tube, rp.WorkspaceBox):
+        words = " ".join(region.ratio.__doc__.split())
+        assert words.startswith("Factor by which the region would have to be scaled") and "Above 1 is outside" in words
