@@ -5,8 +5,8 @@
 
 Each arm runs `repctl study` with its defaults: start, path and region are chosen for it, ten cycles of 500
 RK4 steps, open loop. *Price* compares the root mean square joint speed over the first cycle, before J⁺ has
-drifted away from the common start: what closing the cycle costs. J⁺ is the fastest way to lose the least speed
-at every instant, but not over a whole cycle, so the price can be negative.
+drifted away from the common start: what closing the cycle costs. J⁺ minimises ‖q̇‖ at every instant, but not over
+a whole cycle, so the extra joint speed can be negative.
 """
 
 from __future__ import annotations

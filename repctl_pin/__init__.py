@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from .motion import Motion as Motion
     from .motion import TaskPath as TaskPath
     from .motion import TimedMotion as TimedMotion
+    from .motion import Waypoints as Waypoints
     from .motion import approach as approach
     from .motion import best_leaf as best_leaf
     from .motion import circle as circle
@@ -99,7 +100,7 @@ _DOOR = {
     "section": "Cell CellDesign InverseFunction NoFunctionError nearest_inverse_function",
     "integrability": "bracket_defect candidate_surface drift_per_area is_repeatable stable_surface",
     "motion": (
-        "BestLeaf Motion TaskPath TimedMotion approach best_leaf circle figure_eight follow polygon solve_ik "
+        "BestLeaf Motion TaskPath TimedMotion Waypoints approach best_leaf circle figure_eight follow polygon solve_ik "
         "read_waypoints rose timed waypoints write_motion"
     ),
     "show.page.animation": "Animation animation",

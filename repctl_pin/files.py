@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import secrets
+import shutil
 import stat
 import tempfile
 from collections.abc import Iterator
@@ -47,6 +48,69 @@ def not_left_empty(folder: Path) -> Iterator[Path]:
         for part in missing:
             with contextlib.suppress(OSError):  # it is not there, or holds something
                 part.rmdir()
+
+
+@contextlib.contextmanager
+def written_together(folder: Path) -> Iterator[Path]:
+    """Give an empty folder to write files into; at the end all of them replace those in ``folder``, or none do.
+
+    They are moved at once, and one process at a time moves: a folder never holds files of two runs. After an exception
+    the files in ``folder`` are as they were.
+
+    Raises
+    ------
+    InputError
+        If the folder cannot be written, or a file would replace a folder.
+    """
+    prepare_folder(folder)
+    staged = Path(tempfile.mkdtemp(prefix=".repctl-", dir=folder))
+    try:
+        yield staged
+        moves = [(file, _target_in(folder, file.name)) for file in sorted(staged.iterdir())]
+        with _one_at_a_time(folder):
+            for file, target in moves:
+                _move(file, target)
+    finally:
+        shutil.rmtree(staged, ignore_errors=True)
+
+
+def _target_in(folder: Path, name: str) -> Path:
+    try:
+        return _target(folder / name)
+    except (OSError, ValueError) as error:
+        raise InputError(f"cannot write {folder / name}: {error}") from None
+
+
+def _move(file: Path, target: Path) -> None:
+    """Rename a file that is whole already; where that cannot be done, write the other anew."""
+    old = target.stat() if target.exists() else None
+    try:
+        if old is None or stat.S_ISREG(old.st_mode):
+            if old is not None:
+                os.chmod(file, stat.S_IMODE(old.st_mode))
+            os.replace(file, target)
+            return
+    except OSError:  # on another disk
+        pass
+    write_whole(target, file.read_bytes())
+
+
+@contextlib.contextmanager
+def _one_at_a_time(folder: Path) -> Iterator[None]:
+    """Wait for other processes that move files into a folder; not where folders cannot be locked."""
+    try:
+        import fcntl
+
+        handle = os.open(folder, os.O_RDONLY)
+    except (ImportError, OSError):
+        yield
+        return
+    try:
+        with contextlib.suppress(OSError):  # a disk without locks
+            fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(handle)
 
 
 def write_whole(path: str | Path, content: str | bytes) -> Path:

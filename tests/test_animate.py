@@ -104,7 +104,7 @@ def test_a_files_times_say_how_fast_its_joints_are(study: rp.Study, tmp_path: Pa
         (track,) = read_tracks(tmp_path / "fast.csv", study.robot)
         page = tracks_page([Limb(study.task, 0)], [track])
         (arm,) = read(page)[0]["arms"]
-        assert ("Speed limits broken, " in page) == told
+        assert ("Speed limits: up to " in page) == told
         assert (arm["broken"] is not None) == told
         if told:
             assert arm["broken"]["words"] == "d1 past its speed limit" and arm["broken"]["cycle"] == 2

@@ -102,9 +102,9 @@ def test_a_flat_task_takes_its_own_plane() -> None:
 
 def test_a_path_made_in_python_has_no_words(panda_pose, q_panda) -> None:
     study = rp.study("panda", path=rp.circle(panda_pose, q_panda, 0.05), cycles=1, steps=60, degree=1)
-    assert study.as_dict()["path_words"] is study.as_dict()["plane"] is None and "path again" not in study.setting
+    assert study.as_dict()["path_words"] is study.as_dict()["plane"] is None and "path options" not in study.setting
     study = rp.study("panda", radius=0.05, cycles=1, steps=60, degree=1)
-    assert study.setting["path again"] == "--path circle:0.05:180 --plane xy"
+    assert study.setting["path options"] == "--path circle:0.05:180 --plane xy"
 
 
 # ---- waypoints from a file -----------------------------------------------------------------------
@@ -124,7 +124,7 @@ def test_a_file_is_followed_and_named(tmp_path, monkeypatch, capsys) -> None:
     assert (data["path"], data["path_words"], data["plane"]) == ("my loop.csv", "my loop.csv", None)
     assert data["tracking_error"] < 1e-6 and "the start was moved to the path's first point" in data["notes"]
     assert main(loop(["x, y, z", *GOOD], "my loop.csv")) == 0
-    assert "path again      --path 'my loop.csv'\n" in capsys.readouterr().out
+    assert "path options    --path 'my loop.csv'\n" in capsys.readouterr().out
 
 
 UNREACHABLE = {

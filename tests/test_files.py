@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from repctl_pin import InputError
-from repctl_pin.files import read_whole, write_whole
+from repctl_pin.files import read_whole, write_whole, written_together
 
 ZERO, NULL, FULL = os.makedev(1, 5), os.makedev(1, 3), os.makedev(1, 7)
 
@@ -141,3 +141,38 @@ def test_only_files_are_read_and_only_of_a_size_that_is_meant(tmp_path: Path) ->
     (tmp_path / "x.json").symlink_to(device(tmp_path / "zero", ZERO))
     with pytest.raises(InputError, match="a device or a pipe"):
         read_whole(tmp_path / "x.json", 1000)
+
+
+def test_files_are_replaced_together_or_not_at_all(tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        (tmp_path / name).write_text("old")
+    (tmp_path / "b").chmod(0o640)
+    with pytest.raises(KeyboardInterrupt), written_together(tmp_path) as staged:
+        write_whole(staged / "a", "new")
+        raise KeyboardInterrupt
+    assert {p.name: p.read_text() for p in tmp_path.iterdir()} == {"a": "old", "b": "old"}
+    with written_together(tmp_path) as staged:
+        for name in ("a", "b", "c"):
+            write_whole(staged / name, "new")
+        assert (tmp_path / "a").read_text() == "old"
+    assert {p.name: p.read_text() for p in tmp_path.iterdir()} == {"a": "new", "b": "new", "c": "new"}
+    assert stat.S_IMODE((tmp_path / "b").stat().st_mode) == 0o640
+    (tmp_path / "d").mkdir()
+    with pytest.raises(InputError, match="cannot write .*d: it is a folder"), written_together(tmp_path) as staged:
+        write_whole(staged / "a", "newer")
+        write_whole(staged / "d", "newer")
+    assert (tmp_path / "a").read_text() == "new" and not list(tmp_path.glob(".repctl*"))
+
+
+def test_two_that_write_together_never_mix(tmp_path: Path) -> None:
+    names = [f"file{k}" for k in range(8)]
+
+    def run(k: int) -> None:
+        for _ in range(20):
+            with written_together(tmp_path) as staged:
+                for name in names:
+                    write_whole(staged / name, str(k))
+
+    with ThreadPoolExecutor(4) as pool:
+        list(pool.map(run, range(4)))
+    assert len({(tmp_path / name).read_text() for name in names}) == 1

@@ -171,13 +171,14 @@ def test_blended_corners_are_arcs_of_the_radius(panda_pose, q_panda) -> None:
 def test_columns_are_taken_by_their_names(tmp_path, panda_pose, q_panda) -> None:
     file, turns = tmp_path / "loop.csv", TILTS.as_quat()
     file.write_text("y,X, z\n" + "".join(f"{y},{x},{z}\n" for x, y, z in LOOP))
-    np.testing.assert_array_equal(rp.read_waypoints(file), LOOP)
+    np.testing.assert_array_equal(rp.read_waypoints(file).points, LOOP)
     lines = [",".join(map(repr, map(float, row))) for row in np.hstack([LOOP, turns])]
     for head in ("", "x,y,z,qx,qy,qz,qw\n"):
         file.write_text(head + "\n".join(lines))
-        poses = rp.read_waypoints(file)
-        for pose, p, R in zip(poses, LOOP, TILTS.as_matrix(), strict=True):
-            np.testing.assert_allclose(pose.homogeneous[:3], np.c_[R, p], atol=1e-15)
+        found = rp.read_waypoints(file)
+        np.testing.assert_allclose(found.points, LOOP, atol=1e-15)
+        np.testing.assert_allclose(found.rotations, TILTS.as_matrix(), atol=1e-15)
+        assert found.times is None and rp.waypoints(found).period is None
     times = [0.5, 1, 2, 4, 5, 6.5]
     file.write_text(
         "time,qw,qx,qy,qz,x,y,z\n"
@@ -188,9 +189,14 @@ def test_columns_are_taken_by_their_names(tmp_path, panda_pose, q_panda) -> None
     )
     path = parse_path(str(file))(panda_pose, q_panda)
     same = rp.waypoints(LOOP, TILTS, times=times)
+    read = rp.waypoints(rp.read_waypoints(file))
+    assert read.period == 6 and read.breaks == same.breaks
+    with pytest.raises(rp.InputError, match="these waypoints have times; leave times= out"):
+        rp.waypoints(rp.read_waypoints(file), times=times)
     assert path.period == 6 and path.breaks == same.breaks and path.corners[0] == "line 2"
     for s in np.linspace(0, 1, 17):
         np.testing.assert_allclose(path.placement(s).homogeneous, same.placement(s).homogeneous, atol=1e-12)
+        np.testing.assert_allclose(read.placement(s).homogeneous, same.placement(s).homogeneous, atol=1e-12)
 
 
 WRONG: dict[str, tuple[Callable[[], object], str]] = {

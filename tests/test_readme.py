@@ -280,7 +280,7 @@ def test_the_arm_to_copy_is_sound() -> None:
 
 
 def test_the_loop_to_copy_is_the_seam_of_two_pipes() -> None:
-    points = rp.read_waypoints(OWN[1])
+    points = rp.read_waypoints(OWN[1]).points
     assert np.array_equal(points[0], points[-1])
     x, y, z = points.T
     assert np.abs(np.hypot(x - 0.45, y) - 0.08).max() < 1e-4 and np.abs(np.hypot(y, z - 0.25) - 0.15).max() < 1e-4

@@ -112,7 +112,7 @@ def test_it_says_what_was_found_and_how_to_repeat_it(page: str, study: rp.Study)
     assert versions()["numpy"] == np.__version__ and versions()["repctl_pin"] == rp.__version__
     assert "<dt>seed</dt><dd>0</dd>" in text and "<dt>frame</dt><dd>chosen by the study</dd>" in text
     rows = re.findall(r"<tr>(.*?)</tr>", page)
-    assert len(rows) == 12 and f"cycles, rad</th><td>{number(plain.drift[-1])}</td>" in rows[2]
+    assert len(rows) == 13 and f"cycles, rad</th><td>{number(plain.drift[-1])}</td>" in rows[2]
 
 
 def test_a_strategy_that_is_stuck_is_said(study: rp.Study) -> None:

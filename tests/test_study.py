@@ -1,4 +1,4 @@
-"""The main job on real robots: what the table says is what the motions did."""
+"""The main job on models of real robots: what the table says is what the motions did."""
 
 from __future__ import annotations
 

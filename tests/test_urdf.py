@@ -318,7 +318,10 @@ def test_plain_data(tmp_path: Path) -> None:
     assert [j.mimic for j in d.joints] == [None, None, None, "lift", None]
     assert [j.line for j in d.joints] == [4, 5, 6, 7, 8]
     assert fixed.name == "f"  # as the link is called too
-    assert d.notes == ("joint 'none' has no range (lower = upper = 0): taken as unlimited",)
+    assert d.notes == (
+        "joint 'none' has no range (lower = upper = 0): taken as unlimited",
+        "speed limit 0 of joint 'none': taken as no limit",
+    )
 
     model = pin.buildModelFromXML(d.xml)
     assert tuple(model.names)[1:] == ("turn", "lift", "free", "none")

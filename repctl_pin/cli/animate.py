@@ -32,6 +32,7 @@ _Shown = tuple["rp.Task", "list[Track]", "dict[str, Any]"]
 def add_options(parser: Parser) -> None:
     """Add the options of this subcommand."""
     parser.what()
+    parser.surroundings()
     add = parser.add_argument
     add("--motion", metavar="FILE", help="a CSV of joint positions, as study and follow write it")
     add("--only", metavar="NAMES", help="show only these of the CSV's strategies, separated by commas")

@@ -66,6 +66,7 @@ def run(options: Options) -> int:
     from ..robot.bodies import bodies_of
     from ..show.text.table import outside_words
     from ..strategies import OnLeaves
+    from ..studies.start_and_path import NO_BETTER
 
     _check_control(options)
     strategy, setting, desired = _saved(options) if options.saved else (*_made(options, say), None)
@@ -93,7 +94,9 @@ def run(options: Options) -> int:
         result["peak_speed"] = float((rest.qdot**2).sum(axis=1).max() ** 0.5)
     broken = violations_of(slowed)
     remedies = ["--best-leaf"] if isinstance(strategy, rp.RepeatableInverse) and found is None else []
-    remedies += ["another --start", *(["a smaller --path"] if all(one.moment > 0 for one in broken) else [])]
+    tried = options.start is None and not options.saved
+    remedies.append(f"a --start of your own ({NO_BETTER})" if tried else "another --start")
+    remedies += [*(["a smaller --path"] if all(one.moment > 0 for one in broken) else [])]
     remedy = " or ".join(remedies)
     if (options.csv or options.yaml) and not options.allow_violations:
         refuse_violations(slowed, f"try {remedy}; --allow-violations writes it anyway")
@@ -219,7 +222,7 @@ def _lines(result: dict[str, Any], motion: rp.Motion, *, written: bool) -> Itera
     """What a person is told of a motion."""
     yield f"{result['robot']} {result['frame']}, {result['task']}: {result['path']}"
     if motion.path.options:
-        yield f"path again      {motion.path.options}"
+        yield f"path options    {motion.path.options}"
     yield f"start           {row(result['start'])}"
     last = "" if motion.cycles == 1 else f", {number(motion.drift[-1])} after {motion.cycles}"
     yield f"joint drift     {number(motion.drift[0])} {motion.task.unit} after 1 cycle{last}"

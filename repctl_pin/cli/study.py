@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
 import repctl_pin as rp
 
-from ..files import prepare_folder, write_whole
-from .given import Options, natural, positive, said_by_options, save_control, whole
+from ..files import write_whole, written_together
+from .given import Options, natural, positive, said_by_options, whole
 from .options import Parser
 from .terminal import progress, report
 
@@ -29,8 +30,11 @@ def add_options(parser: Parser) -> None:
     add("--period", type=positive, help=period)
     region = "Ω: half-width round the start, rad (default: round the cycle)"
     add("--region", type=positive, metavar="W", help=region)
-    degree = "degree of the potentials (default 2); 3 or 4 may come nearer to J⁺, and the work grows fast"
-    add("--degree", type=whole, default=2, help=degree)
+    degree = (
+        "degree of the potentials (default 2, or 1 for arms of many joints); 3 or 4 may come nearer to J⁺, and the "
+        "work grows fast"
+    )
+    add("--degree", type=whole, help=degree)
     parser.weight()
     add("--seed", type=natural, default=0, help="seed of the design's nodes (default 0)")
     add("--out", metavar="FOLDER", help="where the files go (default repctl-out/ROBOT)")
@@ -43,7 +47,7 @@ def run(options: Options) -> int:
     """Run the study and write its files."""
     folder = options.output_folder(Path(options.robot).stem)
     say = progress(options.quiet)
-    from ..show.study_files import write_study
+    from ..show.study_files import run_name, write_study
     from ..show.text.table import study_table
 
     try:
@@ -57,22 +61,24 @@ def run(options: Options) -> int:
     except rp.SingularRegionError as error:
         raise error if options.region is None else said_by_options(error) from None
     say("drawing the figures and the animation")
-    prepare_folder(folder)
-    control = save_control(result.design, folder / "control.json")
-    files = [*write_study(result, folder), control]
-    if options.report:
-        say("writing the report")
-        files.append(_report(result, files[0], folder / "report.html", options))
-    elif (folder / "report.html").exists():
-        result = replace(
-            result, notes=(*result.notes, "the report.html there is from an earlier study; --report writes a new one")
-        )
-    return report(options, result.as_dict, lambda: f"{study_table(result)}\n", files)
+    with written_together(folder) as staged:
+        control = rp.save(result.design, staged / "control.json")
+        run = run_name(result, json.loads(control.read_text(encoding="utf-8"))["checksum"])
+        files = [*write_study(result, staged, run=run), control]
+        if options.report:
+            say("writing the report")
+            files.append(_report(result, files[0], staged / "report.html", options, run))
+        elif (folder / "report.html").exists():
+            note = "the report.html there is from an earlier study; --report writes a new one"
+            result = replace(result, notes=(*result.notes, note))
+    files = [folder / file.name for file in files]
+    return report(options, lambda: result.as_dict() | {"run": run}, lambda: f"{study_table(result)}\n", files)
 
 
-def _report(result: rp.Study, animation: Path, file: Path, options: Options) -> Path:
+def _report(result: rp.Study, animation: Path, file: Path, options: Options, run: str) -> Path:
     """Write the report, with every option as it was used."""
     from ..show.report import report_page
+    from ..show.study_files import with_run
     from ..studies.study_maps import study_maps
 
     own = {"run", "ending", "command_line", "json", "quiet", "report", "out"}
@@ -83,4 +89,4 @@ def _report(result: rp.Study, animation: Path, file: Path, options: Options) -> 
         command=options.command_line,
         animation=animation.read_text(encoding="utf-8"),
     )
-    return write_whole(file, page)
+    return write_whole(file, with_run(page, run))

@@ -16,14 +16,18 @@ from ..show.text.lines import on_terminal
 
 
 def progress(quiet: bool) -> Callable[[str], None]:
-    """Show what is being done on one line of a terminal, from now on; nothing anywhere else."""
-    if quiet or not on_terminal(sys.stderr):
-        return lambda text: None
+    """Show what is being done on one line of a terminal, from now on; elsewhere only what begins with "note: "."""
+    shown = on_terminal(sys.stderr)
 
     def say(text: str) -> None:
         clear_line()
-        print(f"… {text}", end="", file=sys.stderr, flush=True)
+        if text.startswith("note: "):
+            print(text, file=sys.stderr, flush=True)
+        elif shown:
+            print(f"… {text}", end="", file=sys.stderr, flush=True)
 
+    if quiet:
+        return lambda text: None
     say("starting up")
     return say
 

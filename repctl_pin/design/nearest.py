@@ -12,7 +12,7 @@ import numpy as np
 from .. import progress as reporting
 from ..arguments import MOST_NODES, flag, positive, shown, wanted, whole
 from ..blas import one_blas_thread
-from ..errors import InputError
+from ..errors import InputError, SingularityError
 from ..fields.field import Field, check_joints
 from ..fields.polynomial import Polynomial
 from ..regions import Region
@@ -191,6 +191,10 @@ def _shrinking(wish: Wish, shrink: bool) -> Design:
             smaller = attempt > 0 and (stride.bounds.half_width < free.bounds.half_width).any()
             wish = replace(wish, region=stride if smaller else free)
             attempt += 1
+        except SingularityError as error:
+            raise SingularityError(
+                f"{error}: the design fails there, not the arm; use a smaller region, a lower degree, or another center"
+            ) from None
 
 
 def _check_margin(design: Design) -> None:

@@ -9,6 +9,7 @@ from .motion import Motion as Motion
 from .paths import ClosedPath as ClosedPath
 from .paths import TaskPath as TaskPath
 from .paths import closed_path as closed_path
+from .polyline import Waypoints as Waypoints
 from .polyline import polygon as polygon
 from .polyline import waypoints as waypoints
 from .shapes import circle as circle

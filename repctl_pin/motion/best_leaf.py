@@ -218,7 +218,7 @@ def best_leaf(
         best = candidate
     if best is None:
         raise InputError(
-            f"none of {tried} leaves through the start carries a whole cycle of {path.name}"
+            f"none of {tried} starts at the path's first point carries a whole cycle of {path.name}"
             f"{'' if region is None else ' inside the region'}; "
             "make the path smaller, or design over a larger region"
         )

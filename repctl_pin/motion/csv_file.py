@@ -21,6 +21,7 @@ from .waypoint_file import number
 
 _SUFFIX = re.compile("_(velocity|acceleration)$")
 _BESIDE = ("strategy", "cycle", "time")
+_RUN = "run"
 _CLOCKS = ("time", "t")
 _LARGEST = 64_000_000
 
@@ -50,7 +51,9 @@ class Recorded:
     t: Array | None = None
 
 
-def csv_text(motions: Motion | TimedMotion | Iterable[tuple[str, Motion]], *, most: int | None = None) -> str:
+def csv_text(
+    motions: Motion | TimedMotion | Iterable[tuple[str, Motion]], *, most: int | None = None, run: str = ""
+) -> str:
     """Write motions of one task as CSV: s, rad or m, rad/s or m/s; cycles are counted from 0, in fractions.
 
     Parameters
@@ -58,7 +61,9 @@ def csv_text(motions: Motion | TimedMotion | Iterable[tuple[str, Motion]], *, mo
     motions
         One motion, or several, each with the name of its strategy; a timed one with accelerations, and no cycles.
     most
-        At most so many rows of a cycle, cycle ends included; by default all, and every digit of each number.
+        Maximum number of rows per cycle, cycle ends included; by default all, and every digit of each number.
+    run
+        Name of the run, written into a last column if it is given.
 
     Raises
     ------
@@ -80,6 +85,8 @@ def csv_text(motions: Motion | TimedMotion | Iterable[tuple[str, Motion]], *, mo
             for name, motion in named
             for cells in _cells(motion, most)
         )
+    if run:
+        header, rows = [*header, _RUN], ([*row, run] for row in rows)
     _refuse_twice(header, "a CSV of this robot's joints")
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
@@ -163,7 +170,7 @@ def _joints(names: list[str], known: Sequence[str], where: str) -> tuple[str, ..
     """Choose the columns that hold joints."""
     _refuse_twice(names, where)
     joints = tuple(name for name in names if name in known)
-    beside = {*_BESIDE, *_CLOCKS}
+    beside = {*_BESIDE, *_CLOCKS, _RUN}
     strange = [n for n in names if n not in known and n not in beside and _SUFFIX.sub("", n) not in known]
     if strange or not joints:
         what = f"no joint {strange[0]!r}" if strange else "no column of a joint"

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..arguments import Array, stacks, whole
 from ..errors import InputError
 from ..robot.bodies import Nearest, bodies_of
+from ..robot.length import joint_scale
 from ..robot.task import Task
 
 if TYPE_CHECKING:
@@ -20,6 +21,9 @@ if TYPE_CHECKING:
 
 COARSE = 100
 """Points of a cycle, at most, at which studies and pages look at bodies."""
+
+CLOSED = 1e-5
+"""A motion is closed if each cycle ends so near its start, in rad or arm lengths: the rest is integration error."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +54,15 @@ class JointMotion:
         """``‖q(after cycle k) − q(after cycle k − 1)‖``, k = 1, 2, …: what each cycle adds, (cycles,)."""
         ends = self.q[:: self.steps]
         return np.linalg.norm(np.diff(ends, axis=0), axis=1)
+
+    @property
+    def closes(self) -> bool:
+        """Whether every cycle ends in the configuration it began in.
+
+        To 1e-5 rad, and for prismatic joints to 1e-5 of the arm's length: the rest is integration error.
+        """
+        gaps = (self.q[:: self.steps] - self.q[0]) / joint_scale(self.task, self.q[0])
+        return bool(np.linalg.norm(gaps, axis=1).max() < CLOSED)
 
     @property
     def speed(self) -> Array:

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arguments import Array, positive
+from ..robot.length import arm_length
 from ..strategies import Bounded
 from ..strategies.control_step import speeds
+from .joint_motion import CLOSED as CLOSED
 from .joint_motion import JointMotion
 from .paths import TaskPath
 
-CLOSED = 1e-6
-"""A motion that comes back so near, rad or m, is taken as closed: the rest is the integrator's error."""
+ON_PATH = 1e-3
+"""The frame is on its path while it is so near, in arm lengths or rad."""
 
 
 @dataclass(frozen=True)
@@ -71,10 +74,18 @@ class Motion(JointMotion):
         """Share of the motion that lies outside Ω, where no promise is made; None without an Ω."""
         return None if self.region is None else float(np.mean(self.region.ratio(self.q) > 1 + 1e-9))
 
-    @property
-    def closes(self) -> bool:
-        """Whether every cycle ends at the joints it began with, within 1e-6 rad or m."""
-        return bool(self.drift.max() < CLOSED)
+    @cached_property
+    def path_loss(self) -> tuple[float, float, float] | None:
+        """When the frame leaves its path (in cycles), and its largest errors, m and rad; None if it never does.
+
+        It is on the path while both errors are small: a thousandth of the arm's length, and of a radian.
+        """
+        length = arm_length(self.task, self.q[0]) or 1.0
+        off = ~((self.tracking_error <= ON_PATH * length) & (self.turning_error <= ON_PATH))
+        if not off.any():
+            return None
+        when = int(np.argmax(off)) / self.steps
+        return when, float(self.tracking_error.max()), float(self.turning_error.max())
 
     def slowed(self, factor: float) -> Motion:
         """Let every cycle take ``factor`` times as long: for controls ``q̇ = G ẋ``, whose joint path stays the same."""

@@ -35,7 +35,7 @@ class ClosedPath(Protocol):
         """Evaluate d(pose)/ds: (6,), m and rad per cycle, base axes."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class TaskPath:
     """A closed path: a curve of the frame's origin, and its orientation, held or turning.
 
@@ -129,6 +129,11 @@ class TaskPath:
     def as_dict(self) -> dict[str, Any]:
         """Say what it is called, in plain Python types."""
         return {"path": self.name, "path_words": self.words or None, "plane": self.plane or None}
+
+    def __repr__(self) -> str:
+        turning = "turning" if callable(self.rotation) else "orientation held"
+        period = "" if self.period is None else f", {self.period:g} s"
+        return f"<TaskPath {self.name}: {turning}, {len(self.breaks)} corners{period}>"
 
     @property
     def length(self) -> float:

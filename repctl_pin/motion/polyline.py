@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -22,6 +23,40 @@ MOST_POINTS = 3000
 
 _PER_RADIAN = 0.1
 """Turning by a radian takes as long as moving by so many metres."""
+
+
+@dataclass(frozen=True, eq=False)
+class Waypoints:
+    """Waypoints as a file holds them: what :func:`read_waypoints` returns, and :func:`waypoints` takes.
+
+    Attributes
+    ----------
+    points : (P, 3) array
+        Positions, m in the base frame.
+    rotations : (P, 3, 3) array or None
+        Orientations in base axes, if the file has quaternions.
+    times : (P,) array or None
+        When each point is passed, s, if the file has a column ``time``.
+    lines : tuple of int
+        Numbers of the file's lines, from 1.
+
+    Examples
+    --------
+    >>> loop = np.array([[0, 0, 0, 0], [1, 0.1, 0, 0], [2, 0, 0.1, 0], [3, 0, 0, 0]])  # s and m
+    >>> np.savetxt("loop.csv", loop, delimiter=",", header="time,x,y,z", comments="")
+    >>> found = rp.read_waypoints("loop.csv")
+    >>> rp.waypoints(found, task.placement(q0).rotation).period  # s
+    3.0
+    """
+
+    points: Array
+    rotations: Array | None = None
+    times: Array | None = None
+    lines: tuple[int, ...] = ()
+
+    def __repr__(self) -> str:
+        more = [word for word, it in (("orientations", self.rotations), ("times", self.times)) if it is not None]
+        return f"<{len(self.points)} Waypoints{' with ' if more else ''}{' and '.join(more)}>"
 
 
 def polygon(task: Task, q0: ArrayLike, corners: ArrayLike, *, blend: float = 0.0, name: str = "polygon") -> TaskPath:
@@ -75,14 +110,15 @@ def waypoints(
 
     Parameters
     ----------
-    points : (P, 3) array, or P placements
-        Positions, m in the base frame; or rigid transforms, position and orientation in one. A repeated
-        one is a stay: as long as its times say, else as the mean edge takes.
+    points : (P, 3) array, P placements, or Waypoints
+        Positions, m in the base frame; or rigid transforms, position and orientation in one; or what
+        :func:`read_waypoints` returned, with its orientations and times. A repeated point is a stay: as long as its
+        times say, else as the mean edge takes.
     rotation : (3, 3) array, or P of them
         The orientation held, or that of each point, then led through by a spline on SO(3); matrices or scipy's
-        Rotation. Not with placements.
+        Rotation. Not with points that have orientations.
     times : (P,) array, optional
-        When each point is passed, s, rising. By default the speed is constant.
+        When each point is passed, s, rising; by default those of the file, or constant speed.
     blend
         Radius of the arcs that round the corners, m; the path begins in the middle of the first one's. A way back on
         itself stays sharp. Not with times.
@@ -105,6 +141,14 @@ def waypoints(
     >>> path.breaks  # corners
     (0.2928932188134524, 0.7071067811865475)
     """
+    if isinstance(points, Waypoints):
+        if times is not None and points.times is not None:
+            raise InputError("these waypoints have times; leave times= out")
+        if rotation is not None and points.rotations is not None:
+            raise InputError("these waypoints have orientations; leave rotation= out")
+        times = points.times if times is None else times
+        rotation = points.rotations if rotation is None else rotation
+        points = points.points
     if (
         not isinstance(points, np.ndarray)
         and len(given := list_of(points, "waypoints", "rows of three numbers"))

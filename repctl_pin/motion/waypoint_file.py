@@ -5,36 +5,26 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, file_name
+from ..arguments import file_name
 from ..errors import InputError
 from ..files import read_whole
 from ..robot.task import Task
 from .paths import TaskPath
-from .polyline import MOST_POINTS, waypoints
+from .polyline import MOST_POINTS, Waypoints, waypoints
 
 _POINT, _TURN, _TIME = ("x", "y", "z"), ("qx", "qy", "qz", "qw"), ("time",)
 _LAYOUTS = (_POINT, _POINT + _TURN, _POINT + _TIME, _POINT + _TURN + _TIME)
 _LARGEST = 4_000_000
 
 
-@dataclass(frozen=True)
-class _Table:
-    """What a file says: the numbers of its lines, points (P, 3), rotations (P) and times (P,) where it has them."""
-
-    lines: tuple[int, ...]
-    points: Array
-    rotations: list[Array] | None
-    times: Array | None
-
-
-def read_waypoints(file: str | Path) -> Array | list[pin.SE3]:
+def read_waypoints(file: str | Path) -> Waypoints:
     """Read waypoints from a CSV file: x, y, z in m, and a quaternion qx, qy, qz, qw if the frame is to turn.
 
     A first line of names says which column is which, in any order, ``time`` among them; without it there are three
@@ -42,8 +32,8 @@ def read_waypoints(file: str | Path) -> Array | list[pin.SE3]:
 
     Returns
     -------
-    (P, 3) array, or list of placements
-        What :func:`waypoints` takes; placements if the file has quaternions.
+    Waypoints
+        ``points`` (P, 3), ``rotations`` and ``times`` if the file has them; :func:`waypoints` takes it as it is.
 
     Raises
     ------
@@ -53,13 +43,10 @@ def read_waypoints(file: str | Path) -> Array | list[pin.SE3]:
     Examples
     --------
     >>> np.savetxt("loop.csv", [[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0]], delimiter=",")  # m
-    >>> rp.read_waypoints("loop.csv").shape
+    >>> rp.read_waypoints("loop.csv").points.shape
     (4, 3)
     """
-    table = _read(file_name(file))
-    if table.rotations is None:
-        return table.points
-    return [pin.SE3(R, p) for R, p in zip(table.rotations, table.points, strict=True)]
+    return _read(file_name(file))
 
 
 def waypoint_path(file: str, blend: float = 0.0) -> Callable[[Task, ArrayLike], TaskPath]:
@@ -76,7 +63,7 @@ def waypoint_path(file: str, blend: float = 0.0) -> Callable[[Task, ArrayLike], 
     name = Path(file).name
     corners = () if blend else tuple(f"line {line}" for line in table.lines)
 
-    def through(rotation: ArrayLike | list[Array]) -> TaskPath:
+    def through(rotation: ArrayLike) -> TaskPath:
         path = waypoints(table.points, rotation, times=table.times, blend=blend, name=name)
         return replace(path, words=file + (f":blend={blend:.15g}" if blend else ""), corners=corners)
 
@@ -86,7 +73,7 @@ def waypoint_path(file: str, blend: float = 0.0) -> Callable[[Task, ArrayLike], 
     return lambda task, q0: through(task.placement(q0).rotation)
 
 
-def _read(file: Path) -> _Table:
+def _read(file: Path) -> Waypoints:
     lines = csv.reader(io.StringIO(read_whole(file, _LARGEST), newline=""))
     try:
         rows = [(number, row) for number, row in enumerate(lines, 1) if any(map(str.strip, row))]
@@ -112,11 +99,11 @@ def _read(file: Path) -> _Table:
                 f"{file}, line {numbers[at]}: the quaternion has length {sizes[at]:.3g}; it must be 1, in the order "
                 "qx, qy, qz, qw"
             )
-        rotations = [pin.Quaternion(q).normalized().matrix() for q in quaternions]
+        rotations = np.array([pin.Quaternion(q).normalized().matrix() for q in quaternions])
     times = column.get("time")
     if times is not None and (late := np.diff(times) <= 0).any():
         raise InputError(f"{file}, line {numbers[int(np.argmax(late)) + 1]}: the time must rise from line to line")
-    return _Table(numbers, np.stack([column[name] for name in _POINT], axis=1), rotations, times)
+    return Waypoints(np.stack([column[name] for name in _POINT], axis=1), rotations, times, numbers)
 
 
 def _is_header(row: list[str]) -> bool:

@@ -38,7 +38,10 @@ class Region(Protocol):
         """What each of the points of :meth:`random` counts for: (K,), sum 1."""
 
     def ratio(self, Q: Array) -> Array:
-        """By what factor Ω would have to shrink for each row of Q to lie on its edge: (K,); above 1 is outside."""
+        """Factor by which the region would have to be scaled for each row of Q to lie on its boundary: (K,).
+
+        Above 1 is outside.
+        """
 
     def clip(self, Q: Array) -> Array:
         """Move points that have left Ω back to its edge: (K, n)."""
@@ -139,7 +142,10 @@ class Box:
         return normalised(evaluate_density(self.density, rows(Q, self.n, "this box")))
 
     def ratio(self, Q: ArrayLike) -> Array:
-        """By what factor the box would have to shrink for each row of Q to lie on its face: (K,)."""
+        """Factor by which the region would have to be scaled for each row of Q to lie on its boundary: (K,).
+
+        Above 1 is outside.
+        """
         return (np.abs(rows(Q, self.n, "this box") - self.center) / self.half_width).max(-1)
 
     def contains(self, Q: ArrayLike) -> NDArray[np.bool_]:

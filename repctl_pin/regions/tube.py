@@ -15,7 +15,7 @@ from .box import Box, Density, check_density, evaluate_density, normalised, sobo
 _MOST_SAMPLES = 256
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Tube:
     """All q within ``|q_i − s_i| ≤ radius_i`` of a joint sample s: a box drawn along a motion.
 
@@ -81,7 +81,10 @@ class Tube:
         return normalised(evaluate_density(self.density, rows(Q, self.samples.shape[1], "this tube")))
 
     def ratio(self, Q: ArrayLike) -> Array:
-        """By what factor the radius would have to shrink for each row of Q to lie on the edge: (K,)."""
+        """Factor by which the region would have to be scaled for each row of Q to lie on its boundary: (K,).
+
+        Above 1 is outside.
+        """
         return self._nearest(Q)[1]
 
     def contains(self, Q: ArrayLike) -> NDArray[np.bool_]:
@@ -107,4 +110,7 @@ class Tube:
         return KDTree(self.samples / self.radius)
 
     def __str__(self) -> str:
-        return f"tube of radius {span(self.radius)} round {len(self.samples)} configurations"
+        return f"tube of radius {span(self.radius)} around {len(self.samples)} configurations"
+
+    def __repr__(self) -> str:
+        return f"<Tube of radius {span(self.radius)} around {len(self.samples)} configurations>"

@@ -95,7 +95,10 @@ class WorkspaceBox:
         return normalised(volume * evaluate_density(self.density, Q))
 
     def ratio(self, Q: ArrayLike) -> Array:
-        """By what factor both boxes would have to shrink for each row of Q to lie on the edge: (K,)."""
+        """Factor by which the region would have to be scaled for each row of Q to lie on its boundary: (K,).
+
+        Above 1 is outside.
+        """
         axes = [row for row in self.task.rows if row < 3]
         away = np.abs(self.task.positions(Q)[:, axes] - self.position) / self.half_width
         return np.maximum(away.max(-1), self.within.ratio(Q))

@@ -1,1 +1,1 @@
-"""URDF to kinematics. The only room where Pinocchio computes."""
+"""Kinematics from a URDF, by Pinocchio."""

@@ -177,8 +177,8 @@ class Robot(Mechanism):
         frame
             A link's name; by default :attr:`default_frame`, the arm's end.
         kind
-            ``pose`` (m = 6), ``axis`` (position and tool axis, 5), ``position`` (3), ``xy``, ``xz``,
-            ``yz`` (2).
+            ``pose`` (m = 6), ``axis`` (position, and the direction of the frame's z axis, 5), ``position`` (3),
+            ``xy``, ``xz``, ``yz`` (2).
         joints
             Choose among the joints of the chain; the others are locked at the reference pose.
 

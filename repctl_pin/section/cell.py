@@ -294,12 +294,13 @@ class Cell:
         return f"{text}, turned by {turn} rad"
 
     def where(self, u: ArrayLike) -> str:
-        """Say where a coordinate is, in m and rad: ``(0.1, 0.2, 0.5) m, turned by (0.3, 0, 0) rad``."""
+        """Say where a coordinate is, in m and rad: ``(0.1, 0.2, 0.5) m, turned by (0.3, 0, 0) rad from …``."""
         x = self.at(u)
         text = f"({', '.join(f'{v:.3g}' for v in np.round(x.translation, 9) + 0.0)}) m"
         if self.rotation.any():
             turn = self.spread(np.asarray(u, float)[None])[0, len(self.half_width) :]
-            text += f", turned by ({', '.join(f'{v:.2g}' for v in turn)}) rad"
+            turned = f", turned by ({', '.join(f'{v:.2g}' for v in turn)}) rad from the middle's orientation"
+            text += turned if turn.any() else ""
         return text
 
     def __repr__(self) -> str:

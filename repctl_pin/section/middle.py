@@ -94,6 +94,7 @@ def searched(desired: Batched, cell: Cell, seed: int = 0) -> Array:
     high = np.where(np.isfinite(task.upper), task.upper, task.reference + np.pi)
     starts = np.concatenate([task.reference[None], low + (high - low) * rng.random((_STARTS, task.n))])
     Q, left = reached(cell, starts, u, push=0.3)
+    Q = np.array([_unwound(cell, q) for q in Q])
     there = left < 1e-9
     if not there.any():
         raise InputError(
@@ -171,6 +172,15 @@ def chosen(candidates: list[Candidate], reference: Array) -> Candidate:
     candidates = [c for c in candidates if min(c.margin, _ENOUGH) > best - _ALIKE]
     quick = _AS_QUICK * min(c.speed for c in candidates)
     return min((c for c in candidates if c.speed <= quick), key=lambda c: np.linalg.norm(c.q - reference))
+
+
+def _unwound(cell: Cell, q: Array) -> Array:
+    """Take whole turns out of revolute joints: the values nearest to the reference, where limits allow them."""
+    task = cell.task
+    near = q - 2 * np.pi * np.rint((q - task.reference) / (2 * np.pi)) * task.revolute
+    near = np.where((near > task.lower) & (near < task.upper), near, q)
+    same = task.placement(near).isApprox(task.placement(q), 1e-9)  # a joint that drives others may turn them less
+    return near if same else q
 
 
 def _regular(cell: Cell, Q: Array) -> NDArray[np.bool_]:

@@ -53,7 +53,9 @@ def broken_limit(cell: Cell, U: Array, Q: Array, share: float) -> Stop | None:
         return None
     at, joint = np.unravel_index(int(np.argmin(room)), room.shape)
     unit = "rad" if task.revolute[joint] else "m"
-    what = f"at {cell.where(U[at])}, {task.joint_names[joint]} is {-room[at, joint]:.2g} {unit} beyond its limit"
+    far = unit == "rad" and -room[at, joint] > 2 * np.pi
+    by = "more than a turn" if far else f"{-room[at, joint]:.2g} {unit}"
+    what = f"at {cell.where(U[at])}, {task.joint_names[joint]} is {by} beyond its limit"
     return Stop("limit", share, U[at], what)
 
 

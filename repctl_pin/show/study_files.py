@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 from pathlib import Path
+from typing import Any
 
 from ..files import prepare_folder, write_whole
 from ..motion.csv_file import csv_text
@@ -13,11 +15,20 @@ from .plots.motions import drawn, drift_figure, joints_figure, png
 from .text.verdict import study_verdict
 
 CSV_ROWS_PER_CYCLE = 100
-"""At most so many rows of a cycle go into ``motion.csv``."""
+"""Maximum number of rows per cycle in ``motion.csv``."""
 
 
-def write_study(study: Study, folder: Path) -> list[Path]:
+def write_study(study: Study, folder: Path, *, run: str = "") -> list[Path]:
     """Write ``animation.html``, ``drift.png``, ``joints.png`` and ``motion.csv``, each whole or not at all.
+
+    Parameters
+    ----------
+    study
+        What was found.
+    folder
+        Where the files go.
+    run
+        Name of the run, see :func:`run_name`, which each file then holds.
 
     Returns
     -------
@@ -30,15 +41,34 @@ def write_study(study: Study, folder: Path) -> list[Path]:
     """
     title = f"{study.robot.name}, {study.task.kind} task, {study.path.name}"
     moved = drawn(study)
-    kept = [(row.key, row.motion) for row in study.rows if row.motion is not None]
+    named: dict[str, Any] = {"metadata": {"Run": run}} if run else {}
     contents: dict[str, str | bytes] = {
-        "animation.html": study_page(study),
-        "drift.png": png(drift_figure(moved, title)),
-        "joints.png": png(joints_figure(moved, title)),
-        "motion.csv": csv_text(kept, most=CSV_ROWS_PER_CYCLE),
+        "animation.html": with_run(study_page(study), run),
+        "drift.png": png(drift_figure(moved, title), **named),
+        "joints.png": png(joints_figure(moved, title), **named),
+        "motion.csv": _motions(study, run),
     }
     prepare_folder(folder)
     return [write_whole(folder / name, content) for name, content in contents.items()]
+
+
+def run_name(study: Study, checksum: str) -> str:
+    """Name a run by what it found: the design file's checksum, and a digest of the motions.
+
+    The same run has the same name. ``control.json`` holds the first part as its checksum.
+    """
+    digest = hashlib.sha256(_motions(study).encode()).hexdigest()
+    return f"{checksum.removeprefix('sha256:')[:12]}-{digest[:8]}"
+
+
+def with_run(page: str, run: str) -> str:
+    """Write the name of a run into a page."""
+    return page.replace("<head>", f'<head>\n<meta name="repctl-run" content="{run}">', 1) if run else page
+
+
+def _motions(study: Study, run: str = "") -> str:
+    kept = [(row.key, row.motion) for row in study.rows if row.motion is not None]
+    return csv_text(kept, most=CSV_ROWS_PER_CYCLE, run=run)
 
 
 def study_page(study: Study) -> str:

@@ -30,7 +30,10 @@ class Bounded(Protocol):
     """What tells whether configurations lie in it: all that is asked of Ω here."""
 
     def ratio(self, Q: Array) -> Array:
-        """By what factor it would have to shrink for each row of Q to lie on its edge: (K,); above 1 is outside."""
+        """Factor by which the region would have to be scaled for each row of Q to lie on its boundary: (K,).
+
+        Above 1 is outside.
+        """
 
 
 class RepeatableInverse:

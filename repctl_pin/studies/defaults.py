@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -26,7 +27,7 @@ PREFERRED_KINDS = ("pose", "position", "xy", "xz", "yz")
 """Kinds tried in this order when none is named (``axis`` on request only)."""
 
 PERIOD = 5.0
-"""Time of a cycle, s, where none is given and the joints are fast enough."""
+"""Period, s, where none is given and the joints are fast enough."""
 
 SHARE = 0.9
 """Share of a speed limit that a cycle uses at most, where its time is chosen."""
@@ -115,22 +116,86 @@ def kind_note(robot: Robot, task: Task) -> list[str]:
             f"{task.kind} was taken"]  # fmt: skip
 
 
-def choose_period(usual: float, *motions: Motion | None) -> tuple[float, list[str]]:
-    """Choose the time of a cycle in which first cycles keep the speed limits: the usual, or a longer one; and say so.
+def choose_period(usual: float, motions: Mapping[str, Motion | None]) -> tuple[float, list[str]]:
+    """Choose a period in which first cycles keep the speed limits: the usual one, or a longer one; and say so.
 
-    ``q̇ = G ẋ`` goes as fast as the path is driven: the joints' path is the same in any time.
+    ``q̇ = G ẋ`` goes as fast as the path is driven: the joints' path is the same in any time. A motion that leaves its
+    path in the first cycle does not count.
+
+    Parameters
+    ----------
+    usual
+        The period to lengthen if need be, s.
+    motions
+        The motions at that period, by the name of their controller.
     """
-    first = [replace(m, qdot=m.qdot[: m.steps + 1]) for m in motions if m is not None]
-    worst = max(first, key=lambda m: m.speed_ratio, default=None)
-    if worst is None or not 1 < worst.speed_ratio < np.inf:
+    first = {
+        name: replace(motion, qdot=motion.qdot[: motion.steps + 1])
+        for name, motion in motions.items()
+        if motion is not None and not (motion.path_loss and motion.path_loss[0] <= 1)
+    }
+    name = max(first, key=lambda name: first[name].speed_ratio, default=None)
+    if name is None or not 1 < first[name].speed_ratio < np.inf:
         return usual, []
+    worst = first[name]
     longer = usual * worst.speed_ratio / SHARE
     digit = 10.0 ** (np.floor(np.log10(longer)) - 1)
     period = float(f"{np.ceil(longer / digit) * digit:.2g}")
     return period, [
-        f"a cycle takes {period:g} s: in {usual:g} s {worst.fastest_joint} would go {worst.speed_ratio:.2g} times as "
-        "fast as its limit allows"
+        f"period increased to {period:g} s; at {usual:g} s, {worst.fastest_joint} would reach "
+        f"{worst.speed_ratio:.2g} times its speed limit ({name})"
     ]
+
+
+LONG = 60.0
+"""Estimated processor time of a design, s, above which a lower degree is chosen, or it is said."""
+
+_TOO_LONG = 600.0
+"""The same, above which a study is refused unless its degree was asked for."""
+
+_RATE = 3000.0
+"""Blocks of the Gauss–Newton matrix that are summed per second of a whole design, in units of N² entries."""
+
+
+def design_seconds(task: Task, degree: int) -> float:
+    """Estimate the processor time of a design of r out of N polynomials, s, to a factor of about 3."""
+    N = math.comb(task.n + degree, degree) - 1
+    nodes = max(1.0, 32 * (N - task.r) * task.r / task.m / 16384)
+    return nodes * N**2 * task.r * (task.r + 1) / 2 / _RATE
+
+
+def choose_degree(task: Task, degree: int | None) -> tuple[int, list[str]]:
+    """Take the degree asked for, or 2, or 1 for arms of so many joints that 2 would take long; and say so.
+
+    Raises
+    ------
+    InputError
+        If the degree makes too many potentials of all joints, or takes very long and was not asked for: before
+        anything long is begun.
+    """
+    if degree is not None:
+        check_degree(task, degree)
+        seconds = design_seconds(task, degree)
+        told = f"a design of degree {degree} for {task.n} joints takes {_about(seconds)}; a lower --degree takes less"
+        return degree, [told] if seconds > LONG else []
+    seconds = design_seconds(task, 2)
+    if seconds <= LONG:
+        check_degree(task, 2)
+        return 2, []
+    least = design_seconds(task, 1)
+    if least > _TOO_LONG:
+        raise InputError(
+            f"a study of {task.n} joints takes {_about(least)} even at degree 1; choose a frame that fewer joints move "
+            "(--frame), lock joints (--lock), or ask for it with --degree 1 (degree=1)"
+        )
+    why = f"degree 1 is used, which takes {_about(least)}: degree 2 would take {_about(seconds)} for {task.n} joints"
+    return 1, [f"{why}; ask for it with --degree 2 (degree=2)"]
+
+
+def _about(seconds: float) -> str:
+    if seconds < 100:
+        return f"about {max(seconds, 1):.0f} s"
+    return f"about {seconds / 60:.0f} min" if seconds < 6000 else f"about {seconds / 3600:.0f} h"
 
 
 def check_degree(task: Task, degree: int) -> None:

@@ -69,6 +69,22 @@ class Row:
         except InputError:  # it does not move, or no speed is slow enough
             return None
 
+    def summary(self) -> str:
+        """Say in a line what the strategy did."""
+        motion = self.motion
+        if motion is None:
+            return f"stopped: {self.stopped}"
+        unit = motion.task.unit
+        parts = [
+            f"drift {motion.drift[0]:.2g} {unit} after 1 cycle, {motion.drift[-1]:.2g} after {motion.cycles}",
+            f"tracking error {motion.tracking_error.max():.2g} m",
+            f"joint speed {motion.first_rms_speed:.3g} in cycle 1, {motion.rms_speed:.3g} overall",
+        ]
+        margin = float(motion.limit_margin.min())
+        parts += [f"limit margin {margin:.2g}"] if np.isfinite(margin) else []
+        parts += [f"body distance {self.body_distance:.2g} m"] if self.body_distance is not None else []
+        return "; ".join([*parts, *map(str, self.violations)])
+
     @property
     def outside(self) -> float:
         """Share of the motion that lies outside Ω; 0 where there is no Ω, or no motion."""
@@ -114,8 +130,17 @@ class Study:
 
     def __repr__(self) -> str:
         done = [(row.label, row.motion) for row in self.rows]
-        drifts = ", ".join(f"{label} {motion.drift[-1]:.2g}" if motion else f"{label} stuck" for label, motion in done)
+        drifts = ", ".join(
+            f"{label} {motion.drift[-1]:.2g}" if motion else f"{label} stopped" for label, motion in done
+        )
         return f"<Study of {self.robot.name} {self.task.frame}: {self.path.name}, drift at the end: {drifts}>"
+
+    def summary(self) -> str:
+        """Say for each strategy where it ended: drift, tracking error, joint speed, and margins."""
+        cycles = next((row.motion.cycles for row in self.rows if row.motion is not None), 0)
+        head = f"{self.robot.name} {self.task.frame}, {self.task.kind}: {self.path.name}, {cycles} cycles"
+        width = max(len(row.label) for row in self.rows)
+        return "\n".join([head, *(f"  {row.label.ljust(width)}  {row.summary()}" for row in self.rows)])
 
     @property
     def robot(self) -> Mechanism:
@@ -124,7 +149,7 @@ class Study:
 
     @property
     def elbow(self) -> int:
-        """The joint whose origin a self-motion at the start moves fastest: where the creep is seen."""
+        """The joint whose origin a self-motion at the start moves fastest: where the displacement is seen."""
         return elbow(self.task, self.q0)
 
     def row(self, key: str) -> Row:
@@ -134,7 +159,7 @@ class Study:
 
     @property
     def setting(self) -> dict[str, str]:
-        """What was studied, as label and text; ``path again`` is the path as the command line takes it."""
+        """What was studied, as label and text; ``path options`` is the path as the command line takes it."""
         task = self.task
         start = ", ".join(f"{v:.4g}" for v in self.q0)
         return {
@@ -142,9 +167,9 @@ class Study:
             "task": str(task),
             "start": start,
             "path": self.path.name,
-            **({"path again": self.path.options} if self.path.options else {}),
-            "cycle": f"{self.period:g} s",
-            "region": str(self.region),
+            **({"path options": self.path.options} if self.path.options else {}),
+            "period": f"{self.period:g} s",
+            "region Ω": str(self.region),
             "accelerations": presumed_acceleration(task)[1],
             "potentials": str(self.design.fields),
         }
@@ -200,6 +225,12 @@ def limits_dict(motion: Motion) -> dict[str, Any]:
     }
 
 
+def _path_loss(motion: Motion) -> dict[str, float] | None:
+    """Say when the frame leaves its path, and by how much."""
+    loss = motion.path_loss
+    return None if loss is None else dict(zip(("cycle", "distance", "angle"), loss, strict=True))
+
+
 def _row_dict(row: Row) -> dict[str, Any]:
     motion = row.motion
     if motion is None:
@@ -213,7 +244,8 @@ def _row_dict(row: Row) -> dict[str, Any]:
         "outside": motion.outside,
         "tracking_error": float(motion.tracking_error.max()),
         "turning_error": float(motion.turning_error.max()),
-        **picked(motion, "rms_speed", "peak_speed"),
+        "path_loss": _path_loss(motion),
+        **picked(motion, "first_rms_speed", "rms_speed", "peak_speed"),
         "speed_ratio": motion.speed_ratio if np.isfinite(motion.speed_ratio) else None,
         **limits_dict(motion),
         **bodies_dict(motion.coarse),

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from itertools import islice
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,13 +14,15 @@ from numpy.typing import ArrayLike
 from ..arguments import Array, function
 from ..design import Design, SingularRegionError
 from ..errors import RepctlError, SingularityError
-from ..motion import ClosedPath, TaskPath, check_reach, closed_path, follow, reach_start
+from ..motion import ClosedPath, Motion, TaskPath, check_reach, closed_path, follow, reach_start
 from ..motion.fitting_circle import dexterity_at, fitting_circle
+from ..motion.joint_motion import violations_of
 from ..motion.paths import Cycle
 from ..regions import Region
 from ..robot.task import Task
 from ..section import CellDesign
 from ..strategies import Bounded, Inverse, Pseudoinverse
+from ..strategies.names import LABELS
 from . import defaults
 
 Say = Callable[[str], None]
@@ -28,10 +30,17 @@ Say = Callable[[str], None]
 GIVEN = "as given"
 
 MOST_STARTS = 5
-"""So many starts are tried before a path is given up."""
+"""Starts for which a design is made, at most."""
+
+DEAR = 0.05
+"""Extra joint speed in cycle 1, relative to J⁺, above which another start is tried."""
+
+NO_BETTER = "none of the default starts keeps the joint limits and the bodies apart on this path"
 
 _SINGULAR = 1e-3
 _FAR = 1.0  # rad
+_LOOKS = 12
+"""Points of a cycle at which bodies are looked at before a start is taken."""
 
 
 class Setting(NamedTuple):
@@ -43,6 +52,7 @@ class Setting(NamedTuple):
     region: Bounded | None = None
     moved: tuple[str, ...] = ()  # notes, where it is not quite what was asked for
     period: float | None = None
+    violates: bool = False  # whether J⁺ violates a limit in the first cycle, or bodies collide
 
     @property
     def drawn(self) -> TaskPath:
@@ -83,6 +93,7 @@ def settings(
     function(path, "path", "a closed path, such as rp.circle(task, q0), or a function (task, q0) → path", 2)
     failure: RepctlError | None = None
     found = fixed = False
+    violating: list[Setting] = []
     wild: list[Setting] = []
     for q0, where in defaults.starts(task) if start is None else [(task.check(start, "start"), GIVEN)]:
         if fixed and where in defaults.SEARCHED:
@@ -102,22 +113,28 @@ def settings(
         there = np.array_equal(begin, q0)
         moved = () if there else ("the start was moved to the path's first point",)
         setting = Setting(begin, where, drawn, moved=moved)
-        if start is None and _turns_over(task, setting):
+        once = _once(task, setting) if start is None else None
+        if start is not None:
+            yield setting
+        elif once is None or once.drift[0] > _FAR:
             wild.append(setting)
+        elif violations_of(once, once.thinned(_LOOKS)):
+            violating.append(setting._replace(violates=True))
         else:
             yield setting
+    yield from violating
     yield from wild
     if not found:
         assert failure is not None  # there is always a start to try
         raise failure
 
 
-def _turns_over(task: Task, setting: Setting) -> bool:
-    """Say whether J⁺ ends one cycle in quite another posture: a start to take only for want of any."""
+def _once(task: Task, setting: Setting) -> Motion | None:
+    """Follow one cycle with J⁺; None where it cannot."""
     try:
-        return bool(follow(Pseudoinverse(task), setting.drawn, setting.q0, cycles=1, steps=96).drift[0] > _FAR)
+        return follow(Pseudoinverse(task), setting.drawn, setting.q0, cycles=1, steps=96)
     except SingularityError:
-        return True
+        return None
 
 
 def choose_setting(
@@ -170,7 +187,7 @@ def _design_along(
     say("designing")
     design = make(region)
     for _ in range(2):
-        motion = follow(design.inverse, path, setting.q0, cycles=1)
+        motion = follow_own(design, path, setting.q0)
         if design.shrunk < 1 or not (design.region.ratio(motion.q) > 1).any():
             break
         say("designing again, round the motion that came of it")
@@ -178,9 +195,34 @@ def _design_along(
     return design
 
 
+def follow_own(design: Design, path: TaskPath, q0: Array, **options: Any) -> Motion:
+    """Follow one cycle under a design that was made for it.
+
+    Raises
+    ------
+    SingularityError
+        If it fails; where J⁺ follows the same path, the message says that the design fails, not the path.
+    """
+    try:
+        return follow(design.inverse, path, q0, cycles=1, **options)
+    except SingularityError as error:
+        raise SingularityError(whose_fault(error, design.task, path, q0)) from None
+
+
+def whose_fault(error: object, task: Task, path: TaskPath, q0: Array) -> str:
+    """Say why a design stopped on its own cycle: the design fails, if J⁺ follows the path there."""
+    if _once(task, Setting(q0, "", path)) is None:
+        return str(error)
+    what = str(error).partition(":")[0]
+    return (
+        f"{what}: the design fails on its own cycle, which J⁺ can follow; "
+        "choose another start, a smaller path or another degree"
+    )
+
+
 def shrunk_note(design: Design) -> tuple[str, ...]:
     """Say by how much Ω was shrunk, if it was."""
-    what = f"Ω was shrunk to {design.shrunk:.0%} of its width to keep clear of singularities"
+    what = f"Ω was shrunk to {design.shrunk:.0%} of its half-width to keep clear of singularities"
     return (what,) if design.shrunk < 1 else ()
 
 
@@ -190,8 +232,8 @@ def with_cycle(design: Design, setting: Setting, *, period: float | None = None)
     time = period or path.period or defaults.PERIOD
     notes: list[str] = []
     if period is None:
-        motion = follow(design.inverse, path, setting.q0, cycles=1, steps=200, period=time)
-        time, notes = defaults.choose_period(time, motion)
+        motion = follow_own(design, path, setting.q0, steps=200, period=time)
+        time, notes = defaults.choose_period(time, {LABELS["repeatable"]: motion})
     return replace(design, cycle=Cycle(setting.q0, path, time)), notes
 
 
@@ -205,7 +247,10 @@ def design_from(
     seed: int = 0,
     say: Say = lambda text: None,
 ) -> tuple[Setting, Design]:
-    """Design for the first start that allows it: one that was chosen here is no one else's fault.
+    """Design for the first start that will do: if a default start does not, try the next.
+
+    It will do if the repeatable motion keeps the joint limits, no bodies collide, and it costs little joint speed. If
+    none does, the one with the fewest kinds of violation is taken, of those the cheapest, and a note says so.
 
     Parameters
     ----------
@@ -228,13 +273,35 @@ def design_from(
         What the first start was refused for.
     """
     failure: SingularityError | None = None
+    best: tuple[tuple[float, float], Setting, Design] | None = None
     for setting in islice(settings(desired.task, start, path), MOST_STARTS):
+        if setting.violates and best is not None:
+            break
         try:
-            return setting, _design_along(desired, setting, make, width, seed, say)
+            design = _design_along(desired, setting, make, width, seed, say)
+            merit = _merit(design, setting)
         except SingularityError as error:
             failure = failure or error
+            continue
+        if best is None or merit < best[0]:
+            best = merit, setting, design
+        if start is not None or setting.violates or merit <= (0, DEAR):
+            break
+    if best is not None:
+        (violated, _), setting, design = best
+        if violated and start is None:
+            setting = setting._replace(moved=(*setting.moved, NO_BETTER))
+        return setting, design
     assert failure is not None
     if isinstance(failure, SingularRegionError):
         other = f"none of {MOST_STARTS} starts does better; give one" if start is None else "choose another start"
         raise failure.with_remedy(f"{other}, or a smaller path") from None
     raise failure
+
+
+def _merit(design: Design, setting: Setting) -> tuple[float, float]:
+    """Count the kinds of violation of a design's first cycle, and measure its joint speed relative to J⁺'s."""
+    motion = follow_own(design, setting.drawn, setting.q0, steps=96)
+    plain = _once(design.task, setting)
+    dear = 0.0 if plain is None else motion.first_rms_speed / plain.first_rms_speed - 1
+    return len(violations_of(motion, motion.thinned(_LOOKS))), dear if dear > DEAR else 0.0

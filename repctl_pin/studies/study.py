@@ -16,6 +16,8 @@ from ..errors import InputError, SingularityError
 from ..integrability import drift_per_area
 from ..motion import ClosedPath, Motion, TaskPath, check_length, follow
 from ..motion.fitting_circle import fitting_circle
+from ..motion.joint_motion import cycle_of
+from ..motion.motion import ON_PATH
 from ..motion.paths import Cycle
 from ..motion.shapes import PLANES
 from ..motion.spec import parse_path
@@ -28,12 +30,18 @@ from ..strategies import FunctionStrategy, PostureControl, Pseudoinverse, Strate
 from ..strategies.names import LABELS
 from . import defaults
 from .result import Row, Study
-from .start_and_path import Setting, choose_setting, design_from, shrunk_note
+from .start_and_path import DEAR, Setting, choose_setting, design_from, shrunk_note, whose_fault
 
 Control = Strategy | Callable[[Array, Array], ArrayLike]
 
 POSTURE_GAIN = 1.0
 """Gain of the posture in the null space, 1/s."""
+
+EDGE = 1e-6
+"""How far from the start, rad or m, another one is followed, to see whether it leads elsewhere."""
+
+AMPLIFIED = 1000.0
+"""A start is on an edge if one beside it ends a cycle so many times farther away than it began."""
 
 LITTLE = 1e-4
 """Drift per cycle that nobody would see, rad or m."""
@@ -54,7 +62,7 @@ def study(
     cycles: int = 10,
     steps: int = 500,
     region: float | Region | None = None,
-    degree: int = 2,
+    degree: int | None = None,
     weight: ArrayLike | str | None = None,
     controls: Mapping[str, Control] | None = None,
     period: float | None = None,
@@ -83,18 +91,18 @@ def study(
     region
         Ω: a half-width round the start, rad (and m), or a region; by default a tube round the cycle.
     degree
-        Of the polynomial potentials.
+        Degree of the polynomial potentials; by default 2, or 1 for arms of so many joints that 2 would take long.
     weight : str or (n,) or (n, n) array, optional
         Of the desired inverse, in place of J⁺: ``"inertia"``, ``"limits"``, or as :class:`WeightedInverse` takes it.
     controls
         Controls of your own to compare, by name: strategies on this task, or
         functions (q, ẋ) → q̇.
     period
-        Time of one cycle, s; by default the path's own, else 5, or longer if that is too fast for a joint.
+        Period of one cycle, s; by default the path's own, else 5, or longer if that is too fast for a joint.
     seed
         Of the nodes.
     progress
-        Called with a word on what is being done.
+        Called with a line on what is being done; it begins with "note: " if that will take long.
 
     Returns
     -------
@@ -136,7 +144,9 @@ def study(
     say("loading the robot")
     machine = robot if isinstance(robot, Robot) else Robot.load(robot)
     moved = defaults.choose_task(machine, frame, task)
-    defaults.check_degree(moved, degree)
+    degree, long = defaults.choose_degree(moved, degree)
+    for note in long:
+        say(f"note: {note}")
     check_length(moved, cycles, steps)
     own = _own_controls(moved, {} if controls is None else controls)
     say("finding a path" if path is None else "finding a start")
@@ -147,9 +157,13 @@ def study(
     round_it = partial(fitting_circle, plane=plane, radius=radius) if wanted_path is None else wanted_path
     degree_text = f"designing the nearest repeatable inverse, degree {degree}"
 
+    def report(what: str, share: float) -> None:
+        say(f"{degree_text}: {what}, {share:.0%}")
+
     def make(box: Region) -> Design:
         say(degree_text)
-        return nearest_repeatable(desired, None, box, degree=degree, seed=seed, shrink=region is None)
+        shown = report if progress is not None else False
+        return nearest_repeatable(desired, None, box, degree=degree, seed=seed, shrink=region is None, progress=shown)
 
     if region is None:
         setting, design = design_from(desired, start, round_it, make, seed=seed, say=say)
@@ -158,29 +172,34 @@ def study(
         design = _asked(make, region, setting.q0)
     q0, drawn = setting.q0, setting.drawn
     notes = [*machine.warnings, *(defaults.kind_note(machine, moved) if task is None else []), *setting.notes]
+    notes.extend([*long, *_unlimited(moved)])
     notes.extend([*bodies_of(moved).notes, *shrunk_note(design)])
     say(f"following the path for {cycles} cycles")
-    rows, time, slower = _followed(setting, design, own, cycles=cycles, steps=steps, period=period)
-    notes.extend([*slower, *_beyond_limits(rows), *_where_it_drifts(Pseudoinverse(moved), q0, rows[0].motion)])
+    rows, time, slower, edges = _followed(setting, design, own, cycles=cycles, steps=steps, period=period)
+    notes.extend([*slower, *edges, *_off_the_path(rows), *_beyond_limits(rows)])
+    notes.extend(_where_it_drifts(Pseudoinverse(moved), q0, rows[0].motion))
+    notes.extend(_why_it_costs(rows[0].motion, rows[-1].motion))
     design = replace(design, cycle=Cycle(q0, drawn, time))
     return Study(moved, q0, drawn, design.region, design, tuple(rows), tuple(notes), time)
 
 
 def _followed(
     setting: Setting, design: Design, own: Mapping[str, Strategy], *, cycles: int, steps: int, period: float | None
-) -> tuple[list[Row], float, list[str]]:
-    """Follow the path with every control: their rows, the time of a cycle, and why it is longer than usual."""
+) -> tuple[list[Row], float, list[str], list[str]]:
+    """Follow the path with every control: their rows, the period, why it is longer than usual, and edges."""
     q0, drawn, task = setting.q0, setting.drawn, design.inverse.task
     usual = period or drawn.period or defaults.PERIOD
     options: dict[str, Any] = {"cycles": cycles, "steps": steps, "period": usual}
     last = _run("repeatable", design.inverse, drawn, q0, options)
-    if last.motion is not None:
+    if last.motion is None:
+        last = replace(last, stopped=whose_fault(last.stopped, task, drawn, q0))
+    else:
         last = replace(last, motion=replace(last.motion, region=design.region))
     itself = 0.0 if type(design.desired) is Pseudoinverse else None  # the distance of J⁺ from what was desired
     first = replace(_run("pseudoinverse", Pseudoinverse(task), drawn, q0, options), distance=itself)
     slower: list[str] = []
     if period is None:
-        options["period"], slower = defaults.choose_period(usual, last.motion, first.motion)
+        options["period"], slower = defaults.choose_period(usual, {row.label: row.motion for row in (last, first)})
         first, last = (_slowed(row, options["period"] / usual) for row in (first, last))
     N = align(nullspace(task.jacobian(q0)), np.eye(task.n)[:, : task.r])
     away = np.clip(q0 + POSTURE_OFFSET * N[:, 0], task.lower, task.upper)
@@ -191,7 +210,30 @@ def _followed(
         *(_run(name, control, drawn, q0, options) for name, control in own.items()),
         replace(last, leaf_margin=_leaf_margin(design, last.motion), distance=design.relative_distance),
     ]
-    return rows, options["period"], slower
+    edges = [
+        *_on_an_edge(first, Pseudoinverse(task), drawn, q0, options),
+        *_on_an_edge(last, design.inverse, drawn, q0, options),
+    ]
+    return rows, options["period"], slower, edges
+
+
+def _on_an_edge(row: Row, strategy: Strategy, path: TaskPath, q0: Array, options: dict[str, Any]) -> list[str]:
+    """Warn if a start that differs by a millionth, along the self-motion, leads elsewhere within a cycle."""
+    task = strategy.task
+    beside = q0 + EDGE * nullspace(task.jacobian(q0))[:, 0]
+    other = _run(row.key, strategy, path, beside, options | {"cycles": 1}).motion
+    if row.motion is None and other is None:
+        return []
+    where = "stops" if other is None else "goes on"
+    if row.motion is not None and other is not None:
+        gap = float(np.linalg.norm(other.q[-1] - row.motion.cycle(0)[-1]))
+        if gap <= AMPLIFIED * EDGE:
+            return []
+        where = f"ends cycle 1 {gap:.2g} {task.unit} away"
+    return [
+        f"{row.label}: the start is on an edge: from a start that differs by {EDGE:g} {task.unit} the motion {where}; "
+        "choose another start or a smaller path"
+    ]
 
 
 def _own_controls(task: Task, controls: Mapping[str, Control]) -> dict[str, Strategy]:
@@ -236,6 +278,46 @@ def _asked(make: Callable[[Region], Design], region: float | Region, q0: Array) 
 
 def _slowed(row: Row, factor: float) -> Row:
     return row if row.motion is None else replace(row, motion=row.motion.slowed(factor))
+
+
+def _unlimited(task: Task) -> list[str]:
+    """Name the joints that have no speed limit."""
+    limits = zip(task.robot_joints, task.joint_limits[2], strict=True)
+    names = [name for name, limit in limits if not np.isfinite(limit)]
+    return [f"no speed limit in the URDF, so speeds are not checked: {', '.join(names)}"] if names else []
+
+
+def _off_the_path(rows: Sequence[Row]) -> list[str]:
+    """Say under which controller the frame leaves its path, when, and by how much."""
+    notes: list[str] = []
+    for row in rows:
+        motion = row.motion
+        if motion is None or motion.path_loss is None:
+            continue
+        when, distance, angle = motion.path_loss
+        turned = f" and {angle:.2g} rad" if angle > ON_PATH else ""
+        notes.append(
+            f"{row.label}: {motion.task.frame} leaves the path in cycle {cycle_of(when, motion.cycles)}, by up to "
+            f"{distance:.2g} m{turned}; the arm is near a singularity, or the steps are too few"
+        )
+    return notes
+
+
+def _why_it_costs(plain: Motion | None, closed: Motion | None) -> list[str]:
+    """Say why a repeatable motion takes much more joint speed than J⁺'s: what it costs, and what J⁺'s drift saves."""
+    if plain is None or closed is None or plain.path_loss or closed.path_loss:
+        return []
+    extra = closed.first_rms_speed / plain.first_rms_speed - 1
+    if extra <= DEAR:
+        return []
+    Q, qdot = closed.q[: closed.steps], closed.qdot[: closed.steps]
+    J = closed.task.jacobians(Q)
+    least = (np.linalg.pinv(J) @ (J @ qdot[:, :, None]))[:, :, 0]
+    same = np.sqrt((qdot**2).sum() / (least**2).sum()) - 1
+    return [
+        f"joint speed: {same:+.1%} relative to J⁺ at the same configurations; the rest of {extra:+.1%} is due to J⁺'s "
+        f"drift of {plain.drift[0]:.2g} {plain.task.unit} in cycle 1, to configurations in which the path takes less"
+    ]
 
 
 def _beyond_limits(rows: Sequence[Row]) -> list[str]:

@@ -85,7 +85,8 @@ def find(name: str) -> Entry:
     names = {alias: known for known, row in rows.items() for alias in (known, *row.get("aliases", ()))}
     known = names.get(str(name).strip().lower())
     if known is None:
-        raise unknown("robot", name, rows, aliases=names, listing="(`repctl robots` lists them all)")
+        listing = "(`repctl robots` lists them all); for any other robot give its URDF file"
+        raise unknown("robot", name, rows, aliases=names, listing=listing)
     return _entry(known, rows[known])
 
 

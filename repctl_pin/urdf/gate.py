@@ -106,6 +106,9 @@ def read_urdf(path: str | Path) -> Description:
         split_joints(robot, notes)
         elements = {joint.get("name"): joint for joint in robot.findall("joint")}
         joints = tuple(_joint(element, elements, notes) for element in elements.values())
+        still = [repr(name) for name, element in elements.items() if _no_speed(element)]
+        if still:
+            notes.append(f"speed limit 0 of joint {', '.join(still)}: taken as no limit")
     except UrdfError as error:
         raise UrdfError(one_line(f"{path}: {error}")) from error
     shapes = shapes_of(robot, "visual")
@@ -191,6 +194,13 @@ def _joint(element: etree._Element, joints: Mapping[str, etree._Element], notes:
         multiplier=multiplier,
         offset=offset,
     )
+
+
+def _no_speed(element: etree._Element) -> bool:
+    """Whether a joint that moves has the speed limit 0: what exporters write where none was given."""
+    limit = element.find("limit")
+    moves = element.get("type") not in ("fixed", None) and limit is not None
+    return moves and limit.get("velocity") is not None and number(limit, "velocity") == 0
 
 
 def _mimicked(

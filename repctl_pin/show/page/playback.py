@@ -44,6 +44,8 @@ class Track:
         Of the drift.
     t : (T + 1,) array or None
         Time, s, where it is known.
+    path_loss : (float, float, float) or None
+        Where the frame leaves its path, see :attr:`Motion.path_loss`; None where the path is not known, too.
     """
 
     label: str
@@ -53,6 +55,7 @@ class Track:
     drift: Array
     unit: str = "rad"
     t: Array | None = None
+    path_loss: tuple[float, float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -73,7 +76,8 @@ class Limb:
 
 def track_of(label: str, motion: Motion, color: str) -> Track:
     """Take a motion as it is."""
-    return Track(label, color, motion.task.full(motion.q), motion.cycles, motion.drift, motion.task.unit, motion.t)
+    task, Q = motion.task, motion.task.full(motion.q)
+    return Track(label, color, Q, motion.cycles, motion.drift, task.unit, motion.t, motion.path_loss)
 
 
 def read_tracks(file: str | Path, robot: Robot, *, cycles: int | None = None) -> list[Track]:
@@ -209,10 +213,14 @@ def _deed(limbs: Sequence[Limb], played: Sequence[JointMotion], track: Track) ->
     deeds = [
         deed_of(track.label, one, limb.elbow, bodies=len(limbs) == 1) for limb, one in zip(limbs, played, strict=True)
     ]
+    overall = [deed.overall_speed for deed in deeds if deed.overall_speed is not None]
+    loss = track.path_loss
     return replace(
         deeds[0],
         creep=max(deed.creep for deed in deeds),
         speed=float(np.linalg.norm([deed.speed for deed in deeds])),
+        overall_speed=float(np.linalg.norm(overall)) if overall else None,
+        path_loss=None if loss is None else (cycle_of(loss[0], track.cycles), *loss[1:]),
         broken=min((deed.broken for deed in deeds if deed.broken is not None), default=None),
         haste=0.0 if track.t is None else max(deed.haste for deed in deeds),
         turn=max(deed.turn for deed in deeds),

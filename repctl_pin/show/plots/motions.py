@@ -81,8 +81,9 @@ def _end_labels(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> None:
     for label, motion, colour in sorted(motions, key=lambda one: float(one[1].drift[-1])):
         drift = float(motion.drift[-1])
         above, floor = drift > high, max(min(drift, high), floor + step)
-        back = drift < CLOSED
-        value = f"0 ({number(drift)}, the integrator's error)" if back else f"{number(drift)} {motion.task.unit}"
+        value = (
+            f"0 ({number(drift)}, the integrator's error)" if motion.closes else f"{number(drift)} {motion.task.unit}"
+        )
         beyond = "".join(
             f"\n$\\times$ {'limit' if len(it.names) == 1 else 'touch'} in cycle {it.cycle}"
             for it in violations_of(motion, motion.coarse)

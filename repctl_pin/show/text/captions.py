@@ -15,14 +15,15 @@ GLOSSARY = {
     "same way.",
     "J⁺": "The pseudoinverse of the Jacobian J: of all joint velocities that move the frame as asked, the one with the "
     "least norm. The usual control, and the desired one here.",
-    "repeatable": "Every closed path of the frame ends at the joints it began with.",
+    "repeatable": "Every closed path of the frame ends in the configuration it began in.",
     "drift": "How far the joints are off the start after a cycle: the norm over all joints, so it may exceed what any "
     "one of them has moved.",
     "J⁺ + posture": "J⁺, plus a pull in its null space towards given joints: those of the start, or others (other "
     "posture), to which it moves first.",
     "potentials": "Functions of the joints that the repeatable control holds constant. A higher degree leaves more to "
     "choose from, and comes nearer to J⁺.",
-    "Ω": "The region of joint space for which the repeatable control was designed; outside, nothing is promised.",
+    "Ω": "The region of joint space for which the repeatable control was designed; outside, repeatability is not "
+    "guaranteed.",
     "cost": "The mean over Ω of ‖G − J⁺‖², by which the repeatable control G differs from J⁺.",
     "leaf margin": "How far the potentials are from failing to fix the joints: 1 is best, 0 is singular.",
     "defect": "By how much a control fails the test of repeatability at a configuration, per rad: 0 where it passes.",
@@ -116,9 +117,7 @@ def joints_words(study: Study) -> str:
 def orbits_words(study: Study) -> str:
     """Describe the figure of the orbits."""
     said = [
-        f"{label}: one closed loop"
-        if motion.drift.max() < 1e-6
-        else f"{label}: ends {amount(motion, -1)} off its start"
+        f"{label}: one closed loop" if motion.closes else f"{label}: ends {amount(motion, -1)} off its start"
         for label, motion in _moved(study, without="posture_off")
     ]
     return f"The three joints that drift most, plotted against each other in three views. {'; '.join(said)}."
@@ -172,8 +171,10 @@ def _price(plain: Row, closed: Row) -> str:
     if plain.motion is None or closed.motion is None:
         return "the cost in joint speed is not known"
     price = closed.motion.first_rms_speed / plain.motion.first_rms_speed - 1
+    overall = closed.motion.rms_speed / plain.motion.rms_speed - 1
     worth = f"costs {price:+.1%} of" if abs(price) >= 5e-4 else "costs no"
-    return f"{worth} joint speed (rms) over the first cycle"
+    more = f" and {overall:+.1%} over all cycles" if plain.motion.cycles > 1 else ""
+    return f"{worth} joint speed (rms) over the first cycle{more}"
 
 
 def _moved(study: Study, without: str = "") -> list[tuple[str, Motion]]:

@@ -19,16 +19,17 @@ def number(value: float) -> str:
 
 
 def metres(value: float) -> str:
-    """Write a length in the unit that suits it: 1.2 m, 45 cm, 2.6 mm; below a tenth of a millimetre it is 0."""
-    if value < 1e-4:
+    """Write a length in the unit that suits it: 1.2 m, 45 cm, 2.6 mm, 0.02 mm, 7 µm; 0 below a nanometre."""
+    if value < 1e-9:
         return "0"
-    scale, unit = (1, "m") if value >= 0.995 else (100, "cm") if value >= 0.00995 else (1000, "mm")
+    units = ((0.995, 1, "m"), (0.00995, 100, "cm"), (1e-5, 1000, "mm"), (0.0, 1e6, "µm"))
+    scale, unit = next((scale, unit) for least, scale, unit in units if value >= least)
     return f"{float(f'{scale * value:.2g}'):g} {unit}"
 
 
 def radians(value: float) -> str:
-    """Write an angle: 3.7 rad; below a thousandth it is 0."""
-    return "0" if abs(value) < 1e-3 else f"{value:.2g} rad"
+    """Write an angle: 3.7 rad, 2e-5 rad."""
+    return f"{number(float(f'{value:.2g}'))} rad"
 
 
 def percent(share: float) -> str:

@@ -64,8 +64,8 @@ def outside_words(share: float) -> list[str]:
     if share <= 0:
         return []
     return [
-        f"warning: {100 * share:.1f} % of the motion lies outside Ω, where nothing is promised;",
-        "repctl design ROBOT --path PATH designs round a path",
+        f"warning: {100 * share:.1f} % of the motion lies outside Ω, where repeatability is not guaranteed;",
+        "use `repctl design ROBOT --path PATH` to design for this path",
         "",
     ]
 
@@ -77,7 +77,7 @@ def study_cells(study: Study) -> list[tuple[str, list[str]]]:
     speed = f"{rad}/s" if rad in ("rad", "m") else "per s"
 
     def of_motions(say: Callable[[Motion], str]) -> list[str]:
-        return ["stuck" if row.motion is None else say(row.motion) for row in study.rows]
+        return ["stopped" if row.motion is None else say(row.motion) for row in study.rows]
 
     def of_rows(say: Callable[[Row], float | None]) -> list[str]:
         return ["–" if value is None else f"{100 * value:.3g} %" for value in map(say, study.rows)]
@@ -86,17 +86,21 @@ def study_cells(study: Study) -> list[tuple[str, list[str]]]:
         (f"drift after {cycles} cycles, {rad}", of_motions(lambda motion: number(motion.drift[-1]))),
         (f"drift in cycle {cycles}, {rad}", of_motions(lambda motion: number(motion.cycle_drift[-1]))),
     ]
-    apart = [("bodies apart in cycle 1, m", of_motions(lambda motion: _apart(motion, 1)))]
-    apart += [(f"bodies apart in {cycles} cycles, m", of_motions(lambda motion: _apart(motion, cycles)))] * (cycles > 1)
+    apart = [("body distance, cycle 1, m", of_motions(lambda motion: _apart(motion, 1)))]
+    apart += [("body distance, all cycles, m", of_motions(lambda motion: _apart(motion, cycles)))] * (cycles > 1)
+    speeds = [(f"joint speed, cycle 1, {speed}", of_motions(lambda motion: number(motion.first_rms_speed)))]
+    speeds += [(f"joint speed, all cycles, {speed}", of_motions(lambda motion: number(motion.rms_speed)))] * (
+        cycles > 1
+    )
     return [
         (f"drift after 1 cycle, {rad}", of_motions(lambda motion: number(motion.drift[0]))),
         *(later if cycles > 1 else []),
-        ("tracking error, m", of_motions(lambda motion: number(motion.tracking_error.max()))),
-        (f"joint speed in cycle 1, {speed}", of_motions(lambda motion: number(motion.first_rms_speed))),
+        ("tracking error, m", of_motions(_tracking)),
+        *speeds,
         (f"peak joint speed, {speed}", of_motions(_peak)),
-        (f"margin to the limits, {rad}", of_motions(_limit_margin)),
+        (f"joint-limit margin, {rad}", of_motions(_limit_margin)),
         *(apart if any(row.body_distance is not None for row in study.rows) else []),
-        ("time of a cycle, s", [_time(row) for row in study.rows]),
+        ("fastest first cycle, s", [_time(row) for row in study.rows]),
         ("leaf margin", ["–" if row.leaf_margin is None else number(row.leaf_margin) for row in study.rows]),
         (f"distance from {_desired(study)}", of_rows(lambda row: row.distance)),
         ("outside Ω", of_rows(lambda row: None if row.motion is None else row.motion.outside)),
@@ -107,13 +111,14 @@ def study_legend(study: Study) -> str:
     """Say what the words of :func:`study_cells` mean."""
     desired = _desired(study)
     return (
-        "! a limit is broken, or two bodies touch (checked at 100 points per cycle). Joint speed: ‖q̇‖, root mean "
-        "square. Time: the first cycle from rest to rest, as fast as the speed limits and these accelerations allow: "
-        f"{study.setting['accelerations']}; "
-        f"≠ the cycle does not close. Leaf margin: the smallest σ_min(Nᵀ V̂) along the path; 1 is best, 0 is singular. "
-        f"Distance: ‖G − {desired}‖ / ‖{desired}‖, averaged over Ω. Posture: J⁺ with a pull towards the start's joints "
-        "in its null space; other posture: towards other joints, to which it moves first. Both settle on a closed "
-        "motion after some cycles; nearest repeatable closes the first cycle, from any start."
+        "! the frame leaves its path, a position or speed limit is violated, or two bodies collide (collisions are "
+        "checked at 100 points per cycle). Joint speed: ‖q̇‖, root mean square. Fastest first cycle: minimum time from "
+        f"rest to rest within the speed limits and the accelerations above ({study.setting['accelerations']}); "
+        "≠ means that the joint path does not close. Leaf margin: the smallest σ_min(Nᵀ V̂) along the path; 1 is best, "
+        f"0 is singular. Distance: ‖G − {desired}‖ / ‖{desired}‖, averaged over Ω. J⁺ + posture: J⁺ with null-space "
+        "attraction to the start configuration. J⁺ + other posture: attraction to a different configuration, which "
+        "the arm reaches first. Both settle on a closed motion after some cycles; nearest repeatable closes the first "
+        "cycle, from any start."
     )
 
 
@@ -124,6 +129,10 @@ def study_notes(study: Study) -> list[str]:
 
 def _desired(study: Study) -> str:
     return "J⁺" if type(study.design.desired) is Pseudoinverse else "G_d"
+
+
+def _tracking(motion: Motion) -> str:
+    return f"{number(motion.tracking_error.max())}{'!' if motion.path_loss else ''}"
 
 
 def _peak(motion: Motion) -> str:

@@ -1,4 +1,4 @@
-"""One verdict on motions, and its three tiles: the same words on the page, in the report and in the terminal."""
+"""One verdict on motions, and its tiles: the same words on the page, in the report and in the terminal."""
 
 from __future__ import annotations
 
@@ -8,32 +8,43 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...motion.joint_motion import JointMotion, cycle_of
+from ...motion.motion import ON_PATH, Motion
+from ...robot.length import arm_length
 from ...studies import Study
 from .numbers import metres, percent, radians
+
+_STILL = 1e-5
+"""An elbow that is nearer to its start than this, in arm lengths, is back there."""
 
 
 @dataclass(frozen=True)
 class Deed:
-    """What of one motion the verdict speaks of.
+    """The quantities of one motion that the verdict reports.
 
     Attributes
     ----------
     label : str
-        What the control is called.
+        Name of the controller.
     creep : float
-        How far the elbow is off its start at the end, m.
+        Elbow displacement at the end, m; 0 if the motion is closed.
     speed : float
         Joint speed ‖q̇‖ over the first cycle, rms.
     broken : (int, str) or None
-        The cycle in which a joint first leaves its limits, and which joint.
+        The cycle in which a joint first exceeds its limits, and that joint.
     apart : float or None
-        The least distance between bodies, m; None where there are none.
+        Minimum distance between bodies, m; None without bodies.
     touch : int
-        The cycle in which two bodies first touch; 0 where none do.
+        The cycle in which two bodies first collide; 0 if none do.
     haste : float
-        The largest share of a joint's speed limit; above 1 it is broken.
+        The largest share of a joint's speed limit; above 1 it is violated.
     turn : (float, str)
-        How far the turning joint that is farthest off its start at the end has turned, rad, and which it is.
+        The revolute joint that is farthest from its start at the end, by how much, rad; 0 if the motion is closed.
+    overall_speed : float or None
+        Joint speed ‖q̇‖ over all cycles, rms; None for one cycle.
+    path_loss : (int, float, float) or None
+        The cycle in which the frame leaves its path, and its largest errors, m and rad; None if it never does.
+    size : float
+        Length of the arm, m.
     """
 
     label: str
@@ -44,11 +55,19 @@ class Deed:
     touch: int = 0
     haste: float = 0.0
     turn: tuple[float, str] = (0.0, "")
+    overall_speed: float | None = None
+    path_loss: tuple[int, float, float] | None = None
+    size: float = 1.0
 
     @property
     def twists(self) -> bool:
-        """Whether a joint turns that the elbow does not tell of: by 0.1 rad, and over 1 rad for each 10 cm of creep."""
-        return self.turn[0] >= 0.1 and self.turn[0] > 10 * self.creep
+        """Whether the elbow does not show how far a joint has turned.
+
+        It turned by 0.1 rad, and by more than 1 rad for each tenth of the arm's length that the elbow moved; or it
+        turned and the elbow did not move.
+        """
+        angle, still = self.turn[0], self.creep < _STILL * self.size
+        return (angle >= 0.1 and angle * self.size > 10 * self.creep) or (still and angle > 0)
 
 
 @dataclass(frozen=True)
@@ -62,7 +81,7 @@ class Tile:
 
 @dataclass(frozen=True)
 class Verdict:
-    """A sentence, and the same in tiles: creep, joint speed, limits, bodies."""
+    """A sentence, and the same in tiles: end effector, elbow, joint speed, limits, bodies."""
 
     sentence: str
     tiles: tuple[Tile, ...]
@@ -72,32 +91,37 @@ NO_VERDICT = Verdict("", ())
 
 
 def deed_of(label: str, motion: JointMotion, elbow: int, *, bodies: bool = True) -> Deed:
-    """Take from a motion what the verdict speaks of.
+    """Take from a motion what the verdict reports.
 
     Parameters
     ----------
     label
-        What the control is called.
+        Name of the controller.
     motion
-        What it did.
+        The motion.
     elbow
-        The joint whose origin is the elbow, of the task's.
+        Index of the joint whose origin is the elbow.
     bodies
         Whether the robot's other joints stand still, so that its bodies are where the task has them.
     """
-    start, end = (motion.task.joint_origins(q)[elbow] for q in (motion.q[0], motion.q[-1]))
+    task, closes = motion.task, motion.closes
+    start, end = (task.joint_origins(q)[elbow] for q in (motion.q[0], motion.q[-1]))
     violation, coarse = motion.first_violation, motion.coarse
-    turned = np.abs(motion.q[-1] - motion.q[0]) * motion.task.revolute  # (n,)
+    loss = motion.path_loss if isinstance(motion, Motion) else None
+    turned = np.abs(motion.q[-1] - motion.q[0]) * task.revolute * (not closes)  # (n,)
     apart, touch = (float(coarse.body_distance.min()), coarse.first_touch) if bodies else (np.inf, None)
     return Deed(
         label,
-        float(np.linalg.norm(end - start)),
+        0.0 if closes else float(np.linalg.norm(end - start)),
         motion.first_rms_speed,
         None if violation is None else (motion.broken_cycle, violation[1]),
         apart if np.isfinite(apart) else None,
         0 if touch is None else cycle_of(touch[0], motion.cycles),
         motion.speed_ratio,
-        (float(turned.max()), motion.task.joint_names[int(turned.argmax())]),
+        (float(turned.max()), task.joint_names[int(turned.argmax())]),
+        motion.rms_speed if motion.cycles > 1 else None,
+        None if loss is None else (cycle_of(loss[0], motion.cycles), *loss[1:]),
+        arm_length(task, motion.q[0]) or 1.0,
     )
 
 
@@ -109,54 +133,97 @@ def verdict(deeds: Sequence[Deed], cycles: int) -> Verdict:
     deeds
         One for each motion.
     cycles
-        Their number.
+        Number of cycles of each.
     """
-    first, last = deeds[0], deeds[-1]
     times = "1 cycle" if cycles == 1 else f"{cycles} cycles"
+    words, tiles = [], []
+    if any(deed.path_loss for deed in deeds):
+        said = _compared(deeds, [_loss(deed) for deed in deeds])
+        words.append(f"End effector: {said}.")
+        tiles.append(Tile("End effector", said, bad=True))
     twists = any(deed.twists for deed in deeds)
-    creeps = [_creep(deed, " and {} turns {}" if twists else "") for deed in deeds]
-    limits = [f"broken in cycle {d.broken[0]} ({d.broken[1]})" if d.broken else "kept" for d in deeds]
-    words = [
-        f"The elbow creeps {' → '.join(dict.fromkeys(creeps))} in {times}."
-        if creeps[0] == creeps[-1] or len(deeds) == 1
-        else f"The elbow creeps {creeps[0]} in {times} → {creeps[-1]}."
-    ]
-    if creeps[0] == creeps[-1] == "0":
-        words = [f"The elbow is back after {times}."]
-    told = [_creep(deed, ", {} {}" if twists else "") for deed in deeds]
-    tiles = [Tile(f"{'Elbow and joint' if twists else 'Elbow'} creep in {times}", " → ".join(told), told[-1] != "0")]
+    name = f"{'Elbow and joint' if twists else 'Elbow'} displacement after {times}"
+    said = _compared(deeds, [_creep(deed, twists) for deed in deeds])
+    words.append(f"{name}: {said}.")
+    tiles.append(Tile(name, said, _creep(deeds[-1], twists) != "0"))
     if len(deeds) > 1:
-        price = percent(last.speed / first.speed - 1) if first.speed > 0 else "–"
-        words.append(f"Joint speed {price}.")
-        tiles.append(Tile("Joint speed", price))
-    hasty = any(deed.haste > 1 + 1e-9 for deed in deeds)
-    if hasty:
-        hastes = [f"broken, {d.haste:.2g} × the limit" if d.haste > 1 + 1e-9 else "kept" for d in deeds]
-        said = " → ".join(dict.fromkeys(hastes))
-        words.append(f"Speed limits {said}.")
+        said = _speeds(deeds[0], deeds[-1], times)
+        words.append(f"Joint speed, relative to {_short(deeds[0])}: {said}.")
+        tiles.append(Tile("Joint speed", said))
+    hasty = [deed.haste > 1 + 1e-9 for deed in deeds]
+    if any(hasty):
+        hastes = [
+            f"up to {d.haste:.2g} times the limit" if h else "respected" for d, h in zip(deeds, hasty, strict=True)
+        ]
+        said = _compared(deeds, hastes)
+        words.append(f"Speed limits: {said}.")
         tiles.append(Tile("Speed limits", said, bad=True))
-    words.append(f"{'Joint limits' if hasty else 'Limits'} {' → '.join(dict.fromkeys(limits))}.")
-    tiles.append(Tile("Joint limits", " → ".join(dict.fromkeys(limits)), any(d.broken for d in deeds)))
+    limits = [f"violated in cycle {d.broken[0]} by {d.broken[1]}" if d.broken else "respected" for d in deeds]
+    said, broken = _compared(deeds, limits), any(deed.broken for deed in deeds)
+    words.append(f"Joint limits: {said}." if broken else "Joint limits respected.")
+    tiles.append(Tile("Joint limits", said, broken))
     if all(deed.apart is not None for deed in deeds):
-        apart = [f"touch in cycle {deed.touch}" if deed.touch else metres(deed.apart or 0.0) for deed in deeds]
-        said = " → ".join(dict.fromkeys(apart))
-        words.append(f"Bodies {said}{'' if deeds[-1].touch else ' apart'}.")
-        tiles.append(Tile("Bodies apart, at least", said, any(deed.touch for deed in deeds)))
+        collides = any(deed.touch for deed in deeds)
+        said = _compared(deeds, [_bodies(deed, collides) for deed in deeds])
+        words.append(f"Body distance: {said}." if collides else f"Minimum body distance: {said}.")
+        tiles.append(Tile("Minimum body distance", said, collides))
     return Verdict(" ".join(words), tuple(tiles))
 
 
-def _creep(deed: Deed, joint: str) -> str:
-    """How far the elbow is off at the end, and, where they are asked for, the words on the joint that turned most."""
-    name, turn = deed.turn[1], radians(deed.turn[0])
-    return metres(deed.creep) + (joint.format(name, turn) if turn != "0" else "")
+def _compared(deeds: Sequence[Deed], texts: Sequence[str]) -> str:
+    """Write one text for each motion, each with its controller; all alike only once."""
+    if len(set(texts)) == 1:
+        return texts[0]
+    return " → ".join(f"{text} ({_short(deed)})" for deed, text in zip(deeds, texts, strict=True))
+
+
+def _short(deed: Deed) -> str:
+    return deed.label.removeprefix("nearest ")
+
+
+def _loss(deed: Deed) -> str:
+    """Say where the frame leaves its path."""
+    if deed.path_loss is None:
+        return "on the path"
+    cycle, distance, angle = deed.path_loss
+    by = [metres(distance)] if distance > ON_PATH * deed.size else []
+    by += [f"{angle:.2g} rad"] if angle > ON_PATH else []
+    return f"leaves the path in cycle {cycle}, by up to {' and '.join(by)}"
+
+
+def _speeds(first: Deed, last: Deed, times: str) -> str:
+    """Compare the joint speed of two motions in the first cycle and, where that is another number, over all."""
+    if first.path_loss or last.path_loss:
+        return "not compared, since the path is left"
+    if not first.speed > 0:
+        return "–"
+    once = percent(last.speed / first.speed - 1)
+    if not (first.overall_speed and last.overall_speed):
+        return once
+    overall = percent(last.overall_speed / first.overall_speed - 1)
+    return once if once == overall else f"{once} in cycle 1, {overall} over {times}"
+
+
+def _creep(deed: Deed, twists: bool) -> str:
+    """Write how far the elbow is off at the end, and, where that is asked for, the joint that turned most."""
+    moved = "0" if deed.creep < _STILL * deed.size else metres(deed.creep)
+    angle, name = deed.turn
+    return f"{moved}, {name} {radians(angle)}" if twists and angle > 0 else moved
+
+
+def _bodies(deed: Deed, collides: bool) -> str:
+    if deed.touch:
+        return f"collision in cycle {deed.touch}"
+    distance = metres(deed.apart or 0.0)
+    return f"minimum {distance}" if collides else distance
 
 
 def study_verdict(study: Study) -> Verdict:
     """Sum up a study: J⁺, and what the nearest repeatable inverse makes of it."""
     rows = [study.row("pseudoinverse"), study.row("repeatable")]
-    stuck = [f"{row.label} is stuck: {row.stopped}." for row in rows if row.motion is None]
+    stopped = [f"{row.label} stopped: {row.stopped}." for row in rows if row.motion is None]
     moved = [(row.label, row.motion) for row in rows if row.motion is not None]
     if not moved:
-        return Verdict(" ".join(stuck), NO_VERDICT.tiles)
+        return Verdict(" ".join(stopped), NO_VERDICT.tiles)
     told = verdict([deed_of(label, motion, study.elbow) for label, motion in moved], moved[0][1].cycles)
-    return Verdict(" ".join([*stuck, told.sentence]), told.tiles)
+    return Verdict(" ".join([*stopped, told.sentence]), told.tiles)
