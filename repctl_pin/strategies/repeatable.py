@@ -184,14 +184,12 @@ class RepeatableInverse:
         """
         if outside != "ignore":
             self._guard(q, outside)
-        if limit is None and isinstance(damping, NUMBER) and not damping:
-            following, used, slowed = self._loop.step(q, target, dt, twist, leaf, gain), None, 1.0
-        else:
-            following, used, slowed = self._loop.bounded(q, target, dt, twist, leaf, gain, limit, damping)
-        if outside != "ignore":
+            following = self.step(q, target, dt, twist, leaf=leaf, gain=gain, limit=limit, damping=damping)
             self._check_limits(following, "the next q", outside)
-        if used is not None:
-            self.damping, self.slowed = used, slowed
+            return following
+        if limit is None and isinstance(damping, NUMBER) and not damping:
+            return self._loop.step(q, target, dt, twist, leaf, gain)
+        following, self.damping, self.slowed = self._loop.bounded(q, target, dt, twist, leaf, gain, limit, damping)
         return following
 
     def _guard(self, q: ArrayLike, outside: str) -> None:
