@@ -191,15 +191,13 @@ class RepeatableInverse:
         """
         if outside != "ignore":
             self._guard(q, outside)
-        loop, used = self._loop.own, None
-        if limit is None and type(damping) is float and not damping:
-            following = loop.step(q, target, dt, twist, leaf, gain)
-        else:
-            following, *used = loop.bounded(q, target, dt, twist, leaf, gain, limit, damping)
-        if outside != "ignore":
+            following = self.step(q, target, dt, twist, leaf=leaf, gain=gain, limit=limit, damping=damping)
             self._check_limits(following, "the next q", outside)
-        if used is not None:
-            loop.damping, loop.slowed = used
+            return following
+        loop = self._loop.own
+        if limit is None and type(damping) is float and not damping:
+            return loop.step(q, target, dt, twist, leaf, gain)
+        following, loop.damping, loop.slowed = loop.bounded(q, target, dt, twist, leaf, gain, limit, damping)
         return following
 
     def _guard(self, q: ArrayLike, outside: str) -> None:
