@@ -47,7 +47,8 @@ class Bodies:
 
     Only contact counts, and no distance, between the robot's own bodies that its SRDF rules out, that only one joint
     moves against each other, or whose hulls overlap at every configuration tried. Left out are links that a joint
-    connects, such pairs that touch at the reference pose, and pairs that touch at every configuration tried.
+    connects; of the pairs of the first two kinds, those that touch at the reference pose or at a quarter of the
+    configurations tried; and pairs that touch at every one.
 
     Bodies of the same files and joints are made once. Threads may share them.
 
@@ -64,9 +65,9 @@ class Bodies:
         Links between which only contact counts.
     adjacent : tuple of (str, str)
         Pairs left out because a joint connects them, or because only one joint moves them against each other and
-        they touch at the reference pose.
+        they touch at the reference pose, or often.
     disabled : tuple of (str, str)
-        Pairs left out because the SRDF rules them out and they touch at the reference pose.
+        Pairs left out because the SRDF rules them out and they touch at the reference pose, or often.
     touching : tuple of (str, str)
         Pairs left out because they touch at every configuration tried.
     missing : tuple of str
@@ -119,9 +120,10 @@ class Bodies:
         if overlap:
             notes.append(f"{_listed(overlap)} overlap at every sampled configuration; they are not checked")
         inside = [pair for pair in self.touching if not self.standing & {*pair}]
-        if inside or self.disabled:
-            where = "at the reference pose" if self.disabled else "at every sampled configuration"
-            notes.append(f"{_listed([*self.disabled, *inside])} overlap {where}; they are not checked")
+        if inside:
+            notes.append(f"{_listed(inside)} overlap at every sampled configuration; they are not checked")
+        if self.disabled:
+            notes.append(f"{_listed([*self.disabled])} overlap in ordinary poses and are ruled out by the SRDF; they are not checked")
         return notes
 
     def nearest(self, q: ArrayLike) -> Nearest:

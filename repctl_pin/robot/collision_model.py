@@ -19,6 +19,7 @@ from ..urdf.shapes import find_mesh
 from .body_bounds import BodyBounds
 from .body_shapes import BodyShape, UnusableShape, body_shape, fixed_placements, holds, meet, origin, transform
 from .model import link_frames
+from .separation import Separation
 from .task import Task
 
 Pair = tuple[str, str]
@@ -29,6 +30,9 @@ _SAMPLES = 100
 
 _FREE = np.pi
 """How far, rad or m, from the reference pose they go where a joint has no limit."""
+
+_FUSED = 0.25
+"""Share of the configurations tried at which bodies touch that stand for neighbours with overlapping shapes."""
 
 _TOUCHING = 1e-12
 """Distance, m, below 0, of two bodies that touch in a point."""
@@ -239,14 +243,25 @@ class CollisionModel:
         entry = task.robot.entry
         ruled_out = self._are_in(disabled_pairs(entry.srdf) if entry is not None and entry.srdf is not None else set())
         near = ruled_out | self._one_joint_between()
-        at_reference, always, hulls_always = self._touching(task)
-        self.disabled = self.named(ruled_out & at_reference)
-        self.adjacent += self.named(near & ~ruled_out & at_reference)
+        at_reference, share, hulls_always = self._touching(task, near)
+        fused, always = near & (at_reference | (share >= _FUSED)), share == 1
+        self.disabled = self.named(ruled_out & fused)
+        self.adjacent += self.named(near & ~ruled_out & fused)
         self.touching = self.named(always & ~near)
-        kept = ~(near & at_reference) & ~always
         own = self.pairs[:, 1] < self._own
-        self._measure(self.pairs[kept], (near | (hulls_always & own))[kept])
-        self.only_contact, self.measured = self.named(self._only_contact), self.named(~self._only_contact)
+        only_contact, left_out = near | (hulls_always & own), fused | always
+        self.measured = self.named(~only_contact & ~left_out)
+        self.only_contact = self.named(only_contact & ~left_out)
+        kept = ~left_out & ~self._never_touching(task, only_contact & ~left_out)
+        self._measure(self.pairs[kept], only_contact[kept])
+
+    def _never_touching(self, task: Task, asked: Mask) -> Mask:
+        """Say of which of the robot's own pairs asked for (P,) it is proved that they never touch."""
+        never = np.zeros(len(self.pairs), bool)
+        separation = Separation(self._model, task.robot.joints, self._shapes)
+        for k in np.flatnonzero(asked).tolist():
+            never[k] = separation.proved(k)
+        return never
 
     def _moving_pairs(self, path: object) -> NDArray[np.intp]:
         """List the pairs (P, 2) of bodies that a joint moves against each other, the robot's own first."""
@@ -291,21 +306,34 @@ class CollisionModel:
         measured = [body.measured for body in self._bodies]
         self._bounds = BodyBounds(self._model, self._joint, self._place, measured, pairs)
 
-    def _touching(self, task: Task) -> tuple[Mask, Mask, Mask]:
-        """Say which pairs touch at the reference pose; which touch, and whose hulls overlap, wherever it is tried."""
-        at_reference: Mask | None = None
-        always = np.ones(len(self.pairs), bool)
-        hulls = always.copy()
-        for q, bounds in self._with_bounds(_tried(task)) if len(self.pairs) else ():
+    def _touching(self, task: Task, near: Mask) -> tuple[Mask, Array, Mask]:
+        """Look at which configurations pairs touch.
+
+        Parameters
+        ----------
+        task
+            Its reference pose is the first configuration.
+        near
+            Pairs (P,) that are looked at everywhere; the others are as long as their hulls overlap.
+
+        Returns
+        -------
+        Which touch at the reference pose, the share of configurations at which they touch, and which overlap, as
+        their hulls, at all: (P,) each.
+        """
+        Q = _tried(task)
+        count, at_reference = np.zeros(len(self.pairs)), np.zeros(len(self.pairs), bool)
+        overlaps = ~at_reference
+        for i, (q, bounds) in enumerate(self._with_bounds(Q) if len(self.pairs) else ()):
             self._move(q)
-            hulls &= bounds < 0
-            for k in np.flatnonzero(hulls).tolist():
-                hulls[k] = self._apart(k) <= 0
-            always &= hulls
-            for k in np.flatnonzero(always).tolist():
-                always[k] = self._meet(k)
-            at_reference = always.copy() if at_reference is None else at_reference
-        return always if at_reference is None else at_reference, always, hulls
+            overlap = (bounds < 0) & (near | overlaps)
+            for k in np.flatnonzero(overlap).tolist():
+                overlap[k] = self._apart(k) <= 0
+                count[k] += overlap[k] and self._meet(k)
+            overlaps &= overlap
+            if i == 0:
+                at_reference = count > 0
+        return at_reference, count / len(Q), overlaps
 
 
 def _tried(task: Task) -> Array:

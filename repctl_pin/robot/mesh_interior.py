@@ -93,8 +93,13 @@ class MeshInterior:
         return any(self._holds(point) for point in points)
 
     def _holds(self, point: Array) -> bool:
-        inside = [ray.crossings(point) > 0 for ray in self._rays]
-        return 2 * sum(inside) > len(inside)
+        left = {True: len(self._rays) // 2, False: (len(self._rays) - 1) // 2}  # votes that decide nothing yet
+        for ray in self._rays:
+            inside = ray.crossings(point) > 0
+            if not left[inside]:
+                return inside
+            left[inside] -= 1
+        return False
 
 
 class _Ray:
@@ -103,12 +108,30 @@ class _Ray:
     def __init__(self, turn: Array, points: Array, faces: Index) -> None:
         self._turn = turn
         corners = (points @ turn)[faces]  # (F, 3, 3)
-        self._low, self._high = corners.min(axis=1), corners.max(axis=1)
-        self._corners = corners
+        self._bottom, self._top = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+        low, high = corners[:, :, 0].min(axis=1), corners[:, :, 0].max(axis=1)
+        self._edges = np.linspace(self._bottom[0], self._top[0], int(np.sqrt(len(faces))) + 1)
+        ends = zip(self._edges[:-1], self._edges[1:], strict=True)
+        self._strips = [_Strip(corners[(low <= end) & (high >= start)]) for start, end in ends]
 
     def crossings(self, point: Array) -> int:
         """Count the faces over a point, those that look down as −1."""
         p = point @ self._turn
+        if (p < self._bottom).any() or (p > self._top).any():
+            return 0
+        strip = min(int(np.searchsorted(self._edges, p[0], side="right")), len(self._strips)) - 1
+        return self._strips[strip].crossings(p)
+
+
+class _Strip:
+    """The faces (F, 3, 3) over a strip of the plane that rays are upright on."""
+
+    def __init__(self, corners: Array) -> None:
+        self._low, self._high = corners.min(axis=1, initial=np.inf), corners.max(axis=1, initial=-np.inf)
+        self._corners = corners
+
+    def crossings(self, p: Array) -> int:
+        """Count the faces over p (3,), those that look down as −1."""
         low, high = self._low, self._high
         near = (low[:, 0] <= p[0]) & (p[0] <= high[:, 0]) & (low[:, 1] <= p[1]) & (p[1] <= high[:, 1])
         corners = self._corners[near & (p[2] <= high[:, 2])] - p
