@@ -187,6 +187,16 @@ class CollisionModel:
             return True
         return meet(one, self._transform(a), other, self._transform(b))
 
+    def _full_distance(self, k: int, q: Array) -> float:
+        """Measure a pair at q (N,), as the bodies are where their hulls overlap; 0 where they touch."""
+        self._move(q)
+        distance = self._apart(k)
+        if distance > 0 or self._meet(k):
+            return max(distance, 0.0)
+        (a, b), result = self._both[k], coal.DistanceResult()
+        one, other = self._bodies[a].exact, self._bodies[b].exact
+        return float(coal.distance(one, self._transform(a), other, self._transform(b), self._request, result))
+
     def _transform(self, k: int) -> coal.Transform3s:
         """Say where a body is, for the distance library."""
         if k >= self._own:
@@ -258,7 +268,7 @@ class CollisionModel:
     def _never_touching(self, task: Task, asked: Mask) -> Mask:
         """Say of which of the robot's own pairs asked for (P,) it is proved that they never touch."""
         never = np.zeros(len(self.pairs), bool)
-        separation = Separation(self._model, task.robot.joints, self._shapes)
+        separation = Separation(self._model, task.robot.joints, self._shapes, self._full_distance)
         for k in np.flatnonzero(asked).tolist():
             never[k] = separation.proved(k)
         return never

@@ -127,19 +127,26 @@ class _Strip:
     """The faces (F, 3, 3) over a strip of the plane that rays are upright on."""
 
     def __init__(self, corners: Array) -> None:
-        self._low, self._high = corners.min(axis=1, initial=np.inf), corners.max(axis=1, initial=-np.inf)
+        low, high = corners.min(axis=1, initial=np.inf), corners.max(axis=1, initial=-np.inf)
+        self._low, self._high, self._top = low[:, :2].T, high[:, :2].T, high[:, 2]
         self._corners = corners
 
     def crossings(self, p: Array) -> int:
         """Count the faces over p (3,), those that look down as −1."""
-        low, high = self._low, self._high
-        near = (low[:, 0] <= p[0]) & (p[0] <= high[:, 0]) & (low[:, 1] <= p[1]) & (p[1] <= high[:, 1])
-        corners = self._corners[near & (p[2] <= high[:, 2])] - p
-        following = np.roll(corners, -1, axis=1)
-        # twice the areas, signed, of the triangles that p makes with each edge
-        areas = corners[:, :, 0] * following[:, :, 1] - corners[:, :, 1] * following[:, :, 0]
-        opposite = np.roll(corners[:, :, 2], 1, axis=1)
-        total = areas.sum(axis=1)
-        above = (areas * opposite).sum(axis=1) * np.sign(total) > 0
-        up, down = (areas > 0).all(axis=1), (areas < 0).all(axis=1)
-        return int((up & above).sum() - (down & above).sum())
+        (left, front), (right, back), (x, y, z) = self._low, self._high, p.tolist()
+        near = (left <= x) & (x <= right) & (front <= y) & (y <= back) & (z <= self._top)
+        corners = self._corners[near] - p
+        return sum(_looks_up(corner) for corner in corners.tolist())
+
+
+def _looks_up(corners: list[list[float]]) -> int:
+    """Say whether a triangle is over the origin and looks up, 1, or down, −1; 0 where it is not over it."""
+    (ax, ay, az), (bx, by, bz), (cx, cy, cz) = corners
+    # twice the areas, signed, of the triangles that the origin makes with each edge
+    bc, ca, ab = bx * cy - by * cx, cx * ay - cy * ax, ax * by - ay * bx
+    height = bc * az + ca * bz + ab * cz
+    if bc > 0 and ca > 0 and ab > 0:
+        return int(height > 0)
+    if bc < 0 and ca < 0 and ab < 0:
+        return -int(height < 0)
+    return 0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import pinocchio as pin
@@ -23,7 +23,7 @@ _BEYOND = 0.05
 
 
 class Separation:
-    r"""Asks of pairs of convex bodies whether any position of the joints between them makes them touch.
+    r"""Asks of pairs of bodies whether any position of the joints between them makes them touch.
 
     At the middle of a box of joint positions with half-widths w, the distance is d. If a joint moves the points of a
     body by at most ρ per rad, or m, there is no touch in the box where d > Σ ρ_j w_j; else the box is split.
@@ -36,11 +36,18 @@ class Separation:
         Its joints, by name.
     shapes
         The bodies, and the pairs of them.
+    distance
+        Measures a pair at the model's joints (N,); at most what it is, and 0 or less where it may touch.
     """
 
-    def __init__(self, model: pin.Model, joints: dict[str, Joint], shapes: pin.GeometryModel) -> None:
-        self._model, self._data = model, model.createData()
-        self._shapes, self._placed = shapes, pin.GeometryData(shapes)
+    def __init__(
+        self,
+        model: pin.Model,
+        joints: dict[str, Joint],
+        shapes: pin.GeometryModel,
+        distance: Callable[[int, Array], float],
+    ) -> None:
+        self._model, self._shapes, self._distance = model, shapes, distance
         self._bodies = list(shapes.geometryObjects)
         kinds = [joints[name] for name in tuple(model.names)[1:]]
         self._slides = [False, *(joint.kind == "prismatic" for joint in kinds)]
@@ -64,8 +71,7 @@ class Separation:
             middle, half = boxes.pop()
             looked += 1
             q[moving] = middle
-            pin.updateGeometryPlacements(self._model, self._data, self._shapes, self._placed, q)
-            distance = pin.computeDistance(self._shapes, self._placed, pair).min_distance
+            distance = self._distance(pair, q)
             if distance <= 0 or looked > _BOXES:
                 return False
             if distance <= reach @ half:
