@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import Array, rows, wanted
+from ..urdf.gate import MAX_SHAPES
 from .collision_model import Pair, collision_model
 from .task import Task
 
@@ -71,7 +72,8 @@ class Bodies:
     touching : tuple of (str, str)
         Pairs left out because they touch at every configuration tried.
     missing : tuple of str
-        Links of the robot with a shape that cannot be measured, such as a mesh that was not found.
+        Meshes of the robot, as the URDF writes them, and other shapes that cannot be measured: a mesh that was not
+        found, a shape without a size. Those links have no body.
     standing : frozenset of str
         Links of the surroundings; if the robot has a link of the same name, it is called ``surroundings/name``.
 
@@ -96,7 +98,7 @@ class Bodies:
         self.pairs, self.only_contact = model.measured, model.only_contact
         self.adjacent, self.disabled, self.touching = model.adjacent, model.disabled, model.touching
         self.standing = model.standing
-        self.missing = tuple(dict.fromkeys(link for link, _ in model.unusable))
+        self.missing = tuple(model.unusable)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Bodies, (self.task,)
@@ -111,11 +113,15 @@ class Bodies:
         """What a user should know: which bodies are missing, and which pairs are not looked at."""
         notes = []
         if unusable := self._model.unusable:
-            link, why = unusable[0]
+            link, why = next(iter(unusable.values()))
             more = f" (and {len(unusable) - 1} more like it)" if len(unusable) > 1 else ""
             notes.append(f"collisions of {link} are not detected: {why}{more}")
         elif not self.task.robot.description.collisions:
             notes.append("the URDF has no collision geometry, so collisions of the robot are not detected")
+        around = self.task.robot.surroundings
+        if around is not None and len(around.collisions) > MAX_SHAPES:
+            count = len(around.collisions)
+            notes.append(f"{count} shapes of the surroundings: all are measured, the first {MAX_SHAPES} are drawn")
         overlap = [pair for pair in self.touching if self.standing & {*pair}]
         if overlap:
             notes.append(f"{_listed(overlap)} overlap at every sampled configuration; they are not checked")
@@ -123,7 +129,8 @@ class Bodies:
         if inside:
             notes.append(f"{_listed(inside)} overlap at every sampled configuration; they are not checked")
         if self.disabled:
-            notes.append(f"{_listed([*self.disabled])} overlap in ordinary poses and are ruled out by the SRDF; they are not checked")
+            which = _listed([*self.disabled])
+            notes.append(f"{which} overlap in ordinary poses, and the SRDF rules them out; they are not checked")
         return notes
 
     def nearest(self, q: ArrayLike) -> Nearest:

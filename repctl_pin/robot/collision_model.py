@@ -69,8 +69,8 @@ class CollisionModel:
         The link of every body.
     standing : frozenset of str
         Links of the surroundings.
-    unusable : tuple of (str, str)
-        Links with a shape that cannot be measured, and why.
+    unusable : dict of (str, str)
+        By mesh, or by shape: the robot's link with a shape that cannot be measured, and why it cannot.
     pairs : (P, 2) array
         Bodies between which distances are measured.
     measured, only_contact, adjacent, disabled, touching : tuples of (str, str)
@@ -207,18 +207,18 @@ class CollisionModel:
 
     # ---- bodies --------------------------------------------------------------------------------
 
-    def _add_robot(self, task: Task) -> tuple[Pair, ...]:
-        """Add the robot's bodies; say which links have a shape that cannot be measured, and why."""
-        description, links, unusable = task.robot.description, link_frames(self._model), []
+    def _add_robot(self, task: Task) -> dict[str, Pair]:
+        """Add the robot's bodies; say which shapes cannot be measured, of which link, and why."""
+        description, links, unusable = task.robot.description, link_frames(self._model), {}
         for solid in description.collisions:
             link = links[solid.link]
             try:
                 body = body_shape(solid, description.path, task.robot.package_dirs)
             except UnusableShape as error:
-                unusable.append((solid.link, str(error)))
+                unusable[solid.filename or solid.name] = solid.link, str(error)
                 continue
             self._add(body, link.parentJoint, link.placement * origin(solid), solid.link)
-        return tuple(dict.fromkeys(unusable))
+        return unusable
 
     def _add_surroundings(self, task: Task) -> None:
         """Add the bodies of the robot's surroundings, measured from its root."""

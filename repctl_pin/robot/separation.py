@@ -15,7 +15,7 @@ from ..urdf.gate import Joint
 _JOINTS = 2
 """Joints between two bodies, at most."""
 
-_BOXES = 200
+_BOXES = 1000
 """Boxes of joint positions that are looked at, at most, for a pair."""
 
 _BEYOND = 0.05
