@@ -130,7 +130,7 @@ def test_a_room_in_one_mesh_is_as_near_as_its_walls(chain: rp.Task, tmp_path: Pa
     assert apart.sum() > 20
     other = ((bodies.distances(Q)[apart] - nearer[apart]) < 1e-6).all()  # the box of b may be nearer still
     assert other and bodies.nearest(np.zeros(3)) == Nearest(pytest.approx(0.3, abs=1e-6), ("tip", "wall"))
-    post = trimesh.creation.cylinder(0.02, 2).apply_translation([2.5, 0, 0])
+    post = trimesh.creation.cylinder(0.02, 2).apply_translation([1.5, 0, 0])
     trimesh.util.concatenate([walls(*places), post]).export(tmp_path / "room.stl")
     bodies = surrounded(tmp_path, '<mesh filename="room.stl"/>', at="0 0 0")
     through = bodies.nearest(np.zeros(3))
@@ -212,7 +212,10 @@ def test_baxters_padded_neighbours_are_named_and_left_out() -> None:
 
 def test_no_shape_is_dropped_however_many_there_are(chain: rp.Task, tmp_path: Path) -> None:
     """1,500 boxes far away, then one on the tip's ball."""
-    far = [f'<collision><origin xyz="0 {20 + k} 0"/><geometry><box size="1 1 1"/></geometry></collision>' for k in range(1500)]
+    far = [
+        f'<collision><origin xyz="0 {20 + k} 0"/><geometry><box size="1 1 1"/></geometry></collision>'
+        for k in range(1500)
+    ]
     near = '<collision><origin xyz="3 0 0"/><geometry><box size="1 1 1"/></geometry></collision>'
     text = f'<robot name="cell"><link name="wall">{"".join(far)}{near}</link></robot>'
     (tmp_path / "cell.urdf").write_text(text)
@@ -238,12 +241,10 @@ UNUSABLE = {
 
 
 @pytest.mark.parametrize("case", UNUSABLE)
-def test_shapes_that_cannot_be_measured_are_said_to_be_what_they_are(
-    chain: rp.Task, tmp_path: Path, case: str
-) -> None:
+def test_shapes_that_cannot_be_measured_are_said_to_be_what_they_are(chain: rp.Task, tmp_path: Path, case: str) -> None:
     """Surroundings are refused; the robot's own are in its notes."""
     shape, why = UNUSABLE[case]
-    (tmp_path / "torn.stl").write_bytes(b"solid torn\nfacet normal 0 0")
+    (tmp_path / "torn.stl").write_bytes(b"\x00" * 80 + b"\xff\xff\xff\x7f" + b"\x01" * 30)
     (tmp_path / "empty.obj").write_text("v 0 0 0\n")
     trimesh.creation.icosphere(2, 1.0).export(tmp_path / "ball.stl")
     with pytest.raises(rp.InputError, match=why) as error:
@@ -413,7 +414,12 @@ def test_the_pandas_elbow_comes_near_its_body_under_the_pseudoinverse(
     assert motion.body_distance[:101].min() == pytest.approx(0.1175, abs=5e-4)
     assert motion.body_distance[:651].min() > 0.03 and motion.first_touch is not None
     when, nearest = motion.nearest_bodies
-    assert when > 8 and nearest.distance < 0 and nearest.distance == pytest.approx(motion.body_distance.min()) and "panda_link5" in nearest.links
+    assert (
+        when > 8
+        and nearest.distance < 0
+        and nearest.distance == pytest.approx(motion.body_distance.min())
+        and "panda_link5" in nearest.links
+    )
     ours = rp.follow(panda_design.inverse, path, q_panda, cycles=10, steps=100).body_distance
     assert ours.min() == pytest.approx(0.1192, abs=5e-4) and ours.min() == pytest.approx(ours[:101].min(), abs=1e-6)
 

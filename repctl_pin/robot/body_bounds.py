@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from ..arguments import Array
 
-
 Index = NDArray[np.intp]
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable, Hashable, Iterable, Iterator
+from collections.abc import Callable, Hashable, Iterator
+from pathlib import Path
 from threading import Lock, RLock
 
 import coal
@@ -372,7 +373,7 @@ def _key(task: Task) -> Hashable:
     """All that a collision model is made of: what the files say, the files themselves, and what stands still."""
     robot = task.robot
     around, entry = robot.surroundings, robot.entry
-    files = [*_mesh_files(robot.description, robot.package_dirs)]
+    files = _mesh_files(robot.description, robot.package_dirs)
     files += [] if around is None else _mesh_files(around, robot.package_dirs)
     files += [] if entry is None else [entry.srdf]
     stamps = tuple((path, path.stat().st_mtime_ns, path.stat().st_size) if path else None for path in files)
@@ -381,7 +382,7 @@ def _key(task: Task) -> Hashable:
     return robot.description, around, robot.package_dirs, stamps, still
 
 
-def _mesh_files(description: Description, package_dirs: tuple[str, ...]) -> Iterable[object]:
+def _mesh_files(description: Description, package_dirs: tuple[str, ...]) -> list[Path | None]:
     """Find the files of a description's collision meshes, None for each that is not there."""
     names = dict.fromkeys(solid.filename for solid in description.collisions if solid.filename)
-    return (find_mesh(name, description.path, package_dirs) for name in names)
+    return [find_mesh(name, description.path, package_dirs) for name in names]
