@@ -210,7 +210,7 @@ def _read_mesh(path: Path, scale: tuple[float, ...]) -> tuple[Array, NDArray[np.
     except Exception as error:  # a stranger's file, read by a dozen libraries: whatever they raise
         raise UnusableShape("cannot be read; export it again, as STL for example") from error
     if faces.ndim != 2 or not len(faces):
-        raise UnusableShape("has no triangles in it; export it again, as STL for example")
+        raise UnusableShape("holds no triangles that can be read; export it again, as STL for example")
     used = np.unique(faces)
     if used[0] < 0 or used[-1] >= len(vertices) or not np.isfinite(vertices[used]).all():
         raise UnusableShape("cannot be read: a vertex is not a finite number or is missing; export it again")
