@@ -90,7 +90,7 @@ def test_surroundings_must_not_be_touched(tmp_path, capsys) -> None:
     assert main(near) == 0
     out, warning = capsys.readouterr()
     assert "\nbodies overlap  0." in out and " m at most: tip and post\n" in out
-    assert "note: collision mesh 'lost.stl' not found or not read" in out
+    assert "note: collisions of a are not detected: mesh 'lost.stl' was not found" in out
     assert warning.startswith("repctl: warning: tip and post touch in cycle 1, ") and warning.count("\n") == 1
     assert main([*near, "--json"]) == 0
     touch = json.loads(capsys.readouterr().out)["first_touch"]

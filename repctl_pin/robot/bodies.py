@@ -2,42 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
+from threading import Lock
+from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import Array, rows, wanted
-from ..errors import InputError
-from ..urdf.catalogue import disabled_pairs
-from ..urdf.shapes import Solid
-from .body_bounds import BodyBounds
-from .body_shapes import BodyShape, body_shape, fixed_placements, origin, touch
-from .model import link_frames
+from ..urdf.gate import MAX_SHAPES
+from .collision_model import Pair, collision_model
 from .task import Task
 
-Pair = tuple[str, str]
-
-_SAMPLES = 100
-"""Configurations at which it is looked whether a pair touches always."""
-
-_FREE = np.pi
-"""How far, rad or m, from the reference pose they go where a joint has no limit."""
-
-_TOUCHING = 1e-12
-"""Distance, m, below 0, of two bodies that touch in a point."""
-
-_BLOCK = 64
-"""Configurations whose bounds are worked out at once: they stay in the processor's cache."""
-
-_MOST_BOUNDS = 1_000_000
-"""Bounds held at once, at most, where there are very many pairs."""
+_NAMED = 3
+"""Pairs of links that a note names, at most."""
 
 _MADE: WeakKeyDictionary[Task, Bodies] = WeakKeyDictionary()
+_MADE_LOCK = Lock()
 
 
 @dataclass(frozen=True)
@@ -47,7 +29,7 @@ class Nearest:
     Attributes
     ----------
     distance : float
-        m; below 0 they touch, at 0 only their hulls do. inf if no two bodies move against each other.
+        m; below 0 they touch, at 0 only their hulls do. inf if there is no distance to measure.
     links : (str, str)
         Whose they are.
     """
@@ -59,10 +41,17 @@ class Nearest:
 class Bodies:
     """The collision bodies of a robot and of its surroundings, and the pairs that a task's joints move.
 
-    A mesh is replaced by its convex hull, so no distance is larger than that of the mesh; if hulls overlap but the
-    meshes do not touch, it is 0. Among the robot's own bodies, pairs are left out that share a joint, that its SRDF
-    rules out, or whose hulls overlap at every configuration tried (as neighbours' do); with the surroundings
-    (``rp.Robot.load(…, surroundings=)``), only the last kind. Not thread-safe.
+    A mesh of the robot is replaced by its convex hull, so no distance is larger than that of the mesh; if hulls
+    overlap but the bodies do not touch, it is 0. A body inside a mesh touches it. A mesh of the surroundings
+    (``rp.Robot.load(…, surroundings=)``) counts as it is, so an arm may move inside a room; where it is closed, it is
+    solid on the inner side of its faces.
+
+    Only contact counts, and no distance, between the robot's own bodies that its SRDF rules out, that only one joint
+    moves against each other, or whose hulls overlap at every configuration tried. Left out are links that a joint
+    connects; of the pairs of the first two kinds, those that touch at the reference pose or at a quarter of the
+    configurations tried; and pairs that touch at every one.
+
+    Bodies of the same files and joints are made once. Threads may share them.
 
     Parameters
     ----------
@@ -73,19 +62,25 @@ class Bodies:
     ----------
     pairs : tuple of (str, str)
         Links between which distances are measured.
-    touching : tuple of (str, str)
-        Pairs left out because they, or their hulls, touch at every configuration tried.
+    only_contact : tuple of (str, str)
+        Links between which only contact counts.
+    adjacent : tuple of (str, str)
+        Pairs left out because a joint connects them, or because only one joint moves them against each other and
+        they touch at the reference pose, or often.
     disabled : tuple of (str, str)
-        Pairs left out because the SRDF rules them out.
+        Pairs left out because the SRDF rules them out and they touch at the reference pose, or often.
+    touching : tuple of (str, str)
+        Pairs left out because they touch at every configuration tried.
     missing : tuple of str
-        Meshes, as the URDF writes them, that were not found or cannot be read: those links have no body.
+        Meshes of the robot, as the URDF writes them, and other shapes that cannot be measured: a mesh that was not
+        found, a shape without a size. Those links have no body.
     standing : frozenset of str
         Links of the surroundings; if the robot has a link of the same name, it is called ``surroundings/name``.
 
     Raises
     ------
     InputError
-        If what is given is not a task, or a mesh of the surroundings cannot be read.
+        If what is given is not a task, a shape of the surroundings cannot be measured, or there are too many pairs.
 
     Examples
     --------
@@ -98,55 +93,50 @@ class Bodies:
 
     def __init__(self, task: Task) -> None:
         self.task = wanted(task, Task, "task", "a task, such as rp.Robot.load('panda').task()")
-        self._model, self._drive = task.bodies_model()
-        self._data = self._model.createData()
-        self._shapes = pin.GeometryModel()
-        robot = task.robot
-        self._links: list[str] = []
-        self._bodies: list[BodyShape] = []
-        links, missing = link_frames(self._model), []
-        for solid in robot.description.collisions:
-            link = links[solid.link]
-            if not self._add(solid, robot.description.path, link.parentJoint, link.placement, solid.link):
-                missing.append(solid.filename)
-        self.missing = tuple(dict.fromkeys(missing))
-        own = len(self._links)
-        self._add_surroundings()
-        self.standing = frozenset(self._links[own:])
-        pairs = self._moving_pairs(own)
-        entry = robot.entry
-        ruled_out = disabled_pairs(entry.srdf) if entry is not None and entry.srdf is not None else set()
-        self.disabled = self._named(pair for pair in pairs if frozenset(self._pair(pair)) in ruled_out)
-        self._measure([pair for pair in pairs if frozenset(self._pair(pair)) not in ruled_out])
-        always = self._touching_always()
-        self.touching = self._named(pair for pair, touch in zip(self._both, always, strict=True) if touch)
-        self._measure([pair for pair, touch in zip(self._both, always, strict=True) if not touch])
-        self.pairs = self._named(self._both)
+        _, self._drive = task.bodies_model()
+        model = self._model = collision_model(task)
+        self.pairs, self.only_contact = model.measured, model.only_contact
+        self.adjacent, self.disabled, self.touching = model.adjacent, model.disabled, model.touching
+        self.standing = model.standing
+        self.missing = tuple(model.unusable)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Bodies, (self.task,)
 
     def __repr__(self) -> str:
-        left_out = f"{len(self.disabled)} disabled by the SRDF, {len(self.touching)} that always touch"
-        return f"<Bodies of {self.task.robot.name}: {len(self.pairs)} pairs measured; left out: {left_out}>"
+        measured = f"{len(self.pairs)} pairs measured, {len(self.only_contact)} for contact only"
+        left_out = f"{len(self.adjacent)} adjacent, {len(self.disabled)} disabled by the SRDF"
+        return f"<Bodies of {self.task.robot.name}: {measured}; left out: {left_out}, {len(self.touching)} touching>"
 
     @property
     def notes(self) -> list[str]:
-        """What a user should know: which bodies are missing, and which of the surroundings are ignored."""
+        """What a user should know: which bodies are missing, and which pairs are not looked at."""
         notes = []
-        if self.missing:
-            more = f" and {len(self.missing) - 1} more" if len(self.missing) > 1 else ""
-            notes.append(f"collision mesh {self.missing[0]!r}{more} not found or not read: touches there are not seen")
+        if unusable := self._model.unusable:
+            link, why = next(iter(unusable.values()))
+            more = f" (and {len(unusable) - 1} more like it)" if len(unusable) > 1 else ""
+            notes.append(f"collisions of {link} are not detected: {why}{more}")
         elif not self.task.robot.description.collisions:
-            notes.append("the URDF has no collision shapes: how near the robot comes to itself is not known")
-        stuck = [" and ".join(pair) for pair in self.touching if self.standing & {*pair}]
-        if stuck:
-            notes.append(f"{', '.join(stuck)} touch at every configuration tried, and are not looked at")
+            notes.append("the URDF has no collision geometry, so collisions of the robot are not detected")
+        around = self.task.robot.surroundings
+        if around is not None and len(around.collisions) > MAX_SHAPES:
+            count = len(around.collisions)
+            notes.append(f"{count} shapes of the surroundings: all are measured, the first {MAX_SHAPES} are drawn")
+        overlap = [pair for pair in self.touching if self.standing & {*pair}]
+        if overlap:
+            notes.append(f"{_listed(overlap)} overlap at every sampled configuration; they are not checked")
+        inside = [pair for pair in self.touching if not self.standing & {*pair}]
+        if inside:
+            notes.append(f"{_listed(inside)} overlap at every sampled configuration; they are not checked")
+        if self.disabled:
+            which = _listed([*self.disabled])
+            notes.append(f"{which} overlap in ordinary poses, and the SRDF rules them out; they are not checked")
         return notes
-
-    # ---- distances -----------------------------------------------------------------------------
 
     def nearest(self, q: ArrayLike) -> Nearest:
         """Find the two bodies nearest to each other at q (n,)."""
         distances, which = self._all(np.asarray(q, float)[None])
-        links = ("", "") if which[0] < 0 else self._pair(self._both[which[0]])
+        links = ("", "") if which[0] < 0 else self._model.names(int(which[0]))
         return Nearest(float(distances[0]), links)
 
     def distances(self, Q: ArrayLike) -> Array:
@@ -163,121 +153,18 @@ class Bodies:
     def _all(self, Q: ArrayLike, *, hulls: bool = False) -> tuple[Array, NDArray[np.intp]]:
         """Least distance and its pair at every row of Q: (K,), (K,)."""
         Q = rows(Q, self.task.n, repr(self.task))
-        found, which, last = np.full(len(Q), np.inf), np.full(len(Q), -1), 0
-        measure = self._of_hulls if hulls else self._exact
-        if not self._both:
-            return found, which
-        Q = Q if self._drive is None else self._drive.joints(Q)
-        for k, (q, bounds) in enumerate(self._with_bounds(Q)):
-            found[k], last = self._least(q, bounds, last, measure)
-            which[k] = last
-        return found, which
+        return self._model.least(Q if self._drive is None else self._drive.joints(Q), hulls=hulls)
 
-    def _with_bounds(self, Q: Array) -> Iterator[tuple[Array, Array]]:
-        """Go through the model's joints Q (K, N), each with its bounds (P,)."""
-        size = min(_BLOCK, max(1, _MOST_BOUNDS // len(self._both)))
-        for start in range(0, len(Q), size):
-            block = Q[start : start + size]
-            yield from zip(block, self._bounds(block), strict=True)
 
-    def _least(self, q: Array, bounds: Array, guess: int, measure: Callable[[int], float]) -> tuple[float, int]:
-        """Measure exactly only where the bound of two bodies is below the best pair known."""
-        pin.updateGeometryPlacements(self._model, self._data, self._shapes, self._placed, q)
-        best, at = measure(guess), guess
-        near = np.flatnonzero(bounds < best)
-        for k in near[np.argsort(bounds[near])].tolist():
-            if bounds[k] >= best:
-                break
-            distance = measure(k)
-            if distance < best:
-                best, at = distance, k
-        return best, at
-
-    def _of_hulls(self, k: int) -> float:
-        """Measure the hulls of a pair."""
-        return float(pin.computeDistance(self._shapes, self._placed, k).min_distance)
-
-    def _exact(self, k: int) -> float:
-        """Measure a pair; 0 where their hulls overlap and they do not touch."""
-        distance = self._of_hulls(k)
-        if distance > 0:
-            return distance
-        (a, b), placed = self._both[k], self._placed.oMg
-        one, other = self._bodies[a], self._bodies[b]
-        wrapped = one.points is not None or other.points is not None
-        return 0.0 if wrapped and not touch(one, placed[a], other, placed[b]) else min(distance, -_TOUCHING)
-
-    # ---- making them ---------------------------------------------------------------------------
-
-    def _add_surroundings(self) -> None:
-        """Add the bodies of the robot's surroundings, measured from its root."""
-        robot = self.task.robot
-        around = robot.surroundings
-        if around is None:
-            return
-        places = fixed_placements(around)
-        for solid in around.collisions:
-            name = f"surroundings/{solid.link}" if solid.link in robot.description.links else solid.link
-            if not self._add(solid, around.path, 0, places[solid.link], name):
-                raise InputError(
-                    f"{around.path}: mesh {solid.filename!r} of {solid.link!r} was not found or cannot be read; "
-                    "say where it is (--package-dir), or give the link a box"
-                )
-
-    def _add(self, solid: Solid, urdf: Path, joint: int, place: pin.SE3, link: str) -> bool:
-        """Add a body of a link, carried by a joint; say whether there is one."""
-        body = body_shape(solid, urdf, self.task.robot.package_dirs)
-        if body is None:
-            return False
-        body.hull.computeLocalAABB()
-        self._links.append(link)
-        self._bodies.append(body)
-        self._shapes.addGeometryObject(pin.GeometryObject(solid.name, joint, place * origin(solid), body.hull))
-        return True
-
-    def _moving_pairs(self, own: int) -> list[tuple[int, int]]:
-        """Pairs of bodies that a joint moves against each other, but not the robot's that are next to each other."""
-        parent, joint = list(self._model.parents), [body.parentJoint for body in self._shapes.geometryObjects]
-        return [
-            (a, b)
-            for b in range(len(joint))
-            for a in range(b)
-            if joint[a] != joint[b] and (b >= own or (parent[joint[a]] != joint[b] and parent[joint[b]] != joint[a]))
-        ]
-
-    def _measure(self, pairs: list[tuple[int, int]]) -> None:
-        """Choose the pairs whose distances are measured."""
-        self._both = pairs
-        self._shapes.removeAllCollisionPairs()
-        for a, b in pairs:
-            self._shapes.addCollisionPair(pin.CollisionPair(a, b))
-        self._placed = pin.GeometryData(self._shapes)
-        self._bounds = BodyBounds(self._model, self._shapes)
-
-    def _touching_always(self) -> NDArray[np.bool_]:
-        """Say which of the measured pairs touch at the reference and at random configurations: (P,)."""
-        always, task = np.ones(len(self._both), bool), self.task
-        (lower, upper, _), q0 = task.joint_limits, task.joints(task.reference)  # limits are the joints', whatever ψ
-        low, high = np.maximum(lower, q0 - _FREE), np.minimum(upper, q0 + _FREE)
-        Q = np.vstack([q0, np.random.default_rng(0).uniform(low, high, (_SAMPLES, task.n))])
-        Q = Q if task.coordinates is None else task.coordinates.coordinates(Q)
-        Q = Q if self._drive is None else self._drive.joints(Q)
-        for q, bounds in self._with_bounds(Q) if self._both else ():
-            always &= bounds < 0
-            pin.updateGeometryPlacements(self._model, self._data, self._shapes, self._placed, q)
-            for k in np.flatnonzero(always).tolist():
-                always[k] = self._of_hulls(k) <= 0
-        return always
-
-    def _pair(self, pair: tuple[int, int]) -> Pair:
-        return self._links[pair[0]], self._links[pair[1]]
-
-    def _named(self, pairs: Iterable[tuple[int, int]]) -> tuple[Pair, ...]:
-        return tuple(dict.fromkeys(map(self._pair, pairs)))
+def _listed(pairs: list[Pair]) -> str:
+    """Name a few pairs of links."""
+    few = ", ".join(" and ".join(pair) for pair in pairs[:_NAMED])
+    return few if len(pairs) <= _NAMED else f"{few} and {len(pairs) - _NAMED} more pairs"
 
 
 def bodies_of(task: Task) -> Bodies:
     """Make the bodies of a task, once."""
-    if task not in _MADE:
-        _MADE[task] = Bodies(task)
-    return _MADE[task]
+    with _MADE_LOCK:
+        if task not in _MADE:
+            _MADE[task] = Bodies(task)
+        return _MADE[task]

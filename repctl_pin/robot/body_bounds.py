@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+import coal
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
 from ..arguments import Array
+
+Index = NDArray[np.intp]
 
 
 class JointPlacements:
@@ -52,8 +57,6 @@ class JointPlacements:
         return R, p
 
 
-Index = NDArray[np.intp]
-
 _TELLING = 1e-6
 """Distance, m, of two bodies' centres from which on the direction between them is known."""
 
@@ -71,29 +74,49 @@ class BodyBounds:
     ----------
     model
         Whose joints carry the bodies, all of one number.
-    shapes
-        The bodies, and the pairs of them.
+    joint
+        The joint that carries each body (B,); 0 where none does.
+    place
+        The place of each body on it.
+    bodies
+        The bodies, their boxes known.
+    pairs
+        The pairs (P, 2) of them.
     """
 
-    def __init__(self, model: pin.Model, shapes: pin.GeometryModel) -> None:
-        bodies = list(shapes.geometryObjects)
-        self._joints, self._joint = JointPlacements(model), np.array([body.parentJoint for body in bodies], int)
-        centers = [body.placement.act(body.geometry.aabb_center) for body in bodies]
-        boxes = [body.geometry.aabb_local for body in bodies]
+    def __init__(
+        self,
+        model: pin.Model,
+        joint: Sequence[int],
+        place: Sequence[pin.SE3],
+        bodies: Sequence[coal.CollisionGeometry],
+        pairs: Index,
+    ) -> None:
+        self._joints, self._joint = JointPlacements(model), np.array(joint, np.intp)
+        centers = [at.act(body.aabb_center) for at, body in zip(place, bodies, strict=True)]
+        boxes = [body.aabb_local for body in bodies]
         self._centers = np.array(centers).reshape(-1, 3)
-        self._radii = np.array([body.geometry.aabb_radius for body in bodies])
-        self._turns = np.array([body.placement.rotation for body in bodies]).reshape(-1, 3, 3)
+        self._radii = np.array([body.aabb_radius for body in bodies])
+        self._turns = np.array([at.rotation for at in place]).reshape(-1, 3, 3)
         self._half = np.array([(box.max_ - box.min_) / 2 for box in boxes]).reshape(-1, 3)
-        self._first, self._second = np.array([(p.first, p.second) for p in shapes.collisionPairs], int).reshape(-1, 2).T
-        self._flat = self._first * len(bodies) + self._second
+        self._first, self._second = pairs.T
+        self._rows, row = np.unique(self._first, return_inverse=True)
+        self._columns, column = np.unique(self._second, return_inverse=True)
+        self._flat = row * len(self._columns) + column
         self._reach = self._radii[self._first] + self._radii[self._second]
+
+    @property
+    def size(self) -> int:
+        """Numbers that a configuration takes in memory."""
+        return len(self._rows) * len(self._columns)
 
     def __call__(self, Q: Array) -> Array:
         """Bound every pair at the model's joints Q (K, N): (K, P), m; by boxes only where balls leave it near."""
         R, p = self._joints(Q)
         centers = np.einsum("kbij,bj->kbi", R[:, self._joint], self._centers) + p[:, self._joint]
         squares = np.einsum("kbi,kbi->kb", centers, centers)
-        products = (centers @ centers.swapaxes(1, 2)).reshape(len(Q), -1)[:, self._flat]  # (K, P)
+        products = centers[:, self._rows] @ centers[:, self._columns].swapaxes(1, 2)
+        products = products.reshape(len(Q), -1)[:, self._flat]  # (K, P)
         gaps = squares[:, self._first] + squares[:, self._second] - 2 * products
         gaps = np.sqrt(np.maximum(gaps, 0.0, out=gaps), out=gaps)
         bounds = gaps - self._reach

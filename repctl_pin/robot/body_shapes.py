@@ -6,6 +6,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
+from typing import Any
 
 import coal
 import numpy as np
@@ -13,26 +14,47 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from ..arguments import Array
-from ..errors import needed
+from ..errors import InputError, needed
 from ..urdf.gate import Description
 from ..urdf.shapes import Solid, find_mesh
+from .mesh_interior import MeshInterior, MeshParts, mesh_parts
 from .model import link_frames
 
-_LARGEST = 100_000_000
+_LARGEST_FILE = 100_000_000
 """Bytes of a mesh file that is still read."""
 
+_LARGEST = 1e5
+"""Metres of a body: distances to larger ones are lost in rounding."""
 
 _THIN = 1e-4
 """Thinner than this, m, a body is given a thickness."""
 
+_CONVEX = 1e-6
+"""Relative difference in area and volume up to which a mesh is its hull."""
+
+
+class UnusableShape(InputError):
+    """A collision shape cannot be measured; the message says why, and the remedy."""
+
 
 @dataclass(frozen=True)
 class BodyShape:
-    """A body: its convex hull, and the points (V, 3) and triangles (F, 3) of the mesh that it wraps, if it is one."""
+    """A body: a convex one, or a mesh and its convex hull.
+
+    Attributes
+    ----------
+    hull
+        The convex body, or the hull of the mesh.
+    points, faces
+        Vertices (V, 3), m, and triangles (F, 3) of a mesh that is not convex; else None.
+    standing
+        Whether it is of the surroundings: a mesh with gaps, such as a room without a ceiling, then has no inside.
+    """
 
     hull: coal.CollisionGeometry
     points: Array | None = None
     faces: NDArray[np.intp] | None = None
+    standing: bool = False
 
     @cached_property
     def exact(self) -> coal.CollisionGeometry:
@@ -44,23 +66,104 @@ class BodyShape:
         mesh.beginModel(len(self.faces), len(self.points))
         mesh.addSubModel(_cloud(self.points), triangles)
         mesh.endModel()
+        mesh.computeLocalAABB()
         return mesh
 
+    @property
+    def convex(self) -> bool:
+        """Whether the body is convex."""
+        return self.points is None
 
-def body_shape(solid: Solid, urdf: Path, package_dirs: tuple[str, ...]) -> BodyShape | None:
-    """Make a body; None where its mesh cannot be had."""
-    if solid.kind == "mesh":
-        path = find_mesh(solid.filename, urdf, package_dirs)
-        return None if path is None else _wrapped(path, tuple(solid.scale), path.stat().st_mtime_ns)
+    @property
+    def measured(self) -> coal.CollisionGeometry:
+        """The body to which distances are measured: as it is in the surroundings, else its hull."""
+        return self.exact if self.standing else self.hull
+
+    @cached_property
+    def witnesses(self) -> Array:
+        """One point (K, 3) of every connected part, m."""
+        return self._center if self._parts is None else self._parts.witnesses
+
+    @cached_property
+    def interior(self) -> MeshInterior | None:
+        """The inside of a mesh; None where the distance library knows it, and where there is none."""
+        if self._parts is None or (self.standing and not self._parts.closed.any()):
+            return None
+        return MeshInterior(self._parts, gaps=not self.standing)
+
+    @cached_property
+    def _parts(self) -> MeshParts | None:
+        return None if self.points is None or self.faces is None else mesh_parts(self.points, self.faces)
+
+    @property
+    def _center(self) -> Array:
+        return np.asarray(self.hull.aabb_center, float)[None]
+
+    def holds(self, points: Array) -> bool:
+        """Say whether one of the points (K, 3) is inside a mesh."""
+        return self.interior is not None and self.interior.holds(points)
+
+
+def body_shape(solid: Solid, urdf: Path, package_dirs: tuple[str, ...], *, standing: bool = False) -> BodyShape:
+    """Make a body.
+
+    Raises
+    ------
+    UnusableShape
+        If there is no mesh, or a shape has no size or one beyond all measure.
+    """
+    if solid.kind != "mesh":
+        return _primitive(solid)
+    path = find_mesh(solid.filename, urdf, package_dirs)
+    if path is None:
+        raise UnusableShape(
+            f"mesh {solid.filename!r} was not found; say where it is (--package-dir), or give the link a box"
+        )
+    collada = ["collada"] if path.suffix.lower() == ".dae" else []
+    needed("trimesh", *collada, by=f"the distance to the mesh {path.name}")
+    try:
+        return _from_mesh(path, tuple(solid.scale), path.stat().st_mtime_ns, standing)
+    except UnusableShape as error:
+        raise UnusableShape(f"mesh {solid.filename!r} {error}") from error
+
+
+def _primitive(solid: Solid) -> BodyShape:
+    """Make a box, a sphere, a cylinder or a capsule; a box or a cylinder may be flat."""
+    size, allowed = solid.size, {"box": 1, "cylinder": 1, "capsule": 1}.get(solid.kind, 0)
+    empty = size.count(0.0) > allowed or (solid.kind in ("cylinder", "capsule") and size[0] == 0)
+    if empty:
+        raise UnusableShape(f"the {solid.kind} {solid.name!r} has no size; give it one, or delete it")
+    if max(size) > _LARGEST:
+        raise UnusableShape(f"the {solid.kind} {solid.name!r} is {_too_large(max(size))}; correct its size")
     kinds = {"box": coal.Box, "sphere": coal.Sphere, "cylinder": coal.Cylinder, "capsule": coal.Capsule}
-    return BodyShape(kinds[solid.kind](*solid.size))
+    hull = kinds[solid.kind](*size)
+    hull.computeLocalAABB()
+    return BodyShape(hull)
 
 
-def touch(one: BodyShape, here: pin.SE3, other: BodyShape, there: pin.SE3) -> bool:
-    """Say whether two bodies touch as they are, at their places."""
-    places = [coal.Transform3s(place.rotation, place.translation) for place in (here, there)]
+def _too_large(size: float) -> str:
+    return f"{size:.3g} m large, and no body may exceed {_LARGEST:g} m"
+
+
+def meet(one: BodyShape, here: coal.Transform3s, other: BodyShape, there: coal.Transform3s) -> bool:
+    """Say whether two bodies touch as they are, at their places, or one is inside the other."""
     request, result = coal.CollisionRequest(), coal.CollisionResult()
-    return bool(coal.collide(one.exact, places[0], other.exact, places[1], request, result))
+    if coal.collide(one.exact, here, other.exact, there, request, result):
+        return True
+    return holds(one, here, other, there) or holds(other, there, one, here)
+
+
+def holds(outer: BodyShape, here: coal.Transform3s, inner: BodyShape, there: coal.Transform3s) -> bool:
+    """Say whether a mesh has a part of another body inside it, where their surfaces do not meet."""
+    if outer.interior is None:
+        return False
+    points = inner.witnesses @ there.getRotation().T + there.getTranslation()
+    return outer.holds((points - here.getTranslation()) @ here.getRotation())
+
+
+def transform(place: pin.SE3) -> coal.Transform3s:
+    """Turn a placement into the distance library's own."""
+    return coal.Transform3s(place.rotation, place.translation)
 
 
 def origin(solid: Solid) -> pin.SE3:
@@ -74,27 +177,77 @@ def fixed_placements(description: Description) -> dict[str, pin.SE3]:
 
 
 @lru_cache(maxsize=256)
-def _wrapped(path: Path, scale: tuple[float, ...], changed: int) -> BodyShape | None:
-    """Read a mesh and wrap it, once for all tasks; None where it cannot be read."""
-    collada = ["collada"] if path.suffix.lower() == ".dae" else []
-    needed("trimesh", *collada, by=f"the distance to the mesh {path.name}")
+def _from_mesh(path: Path, scale: tuple[float, ...], changed: int, standing: bool) -> BodyShape:
+    """Read a mesh and wrap it, once for all robots."""
+    vertices, faces = _read_mesh(path, scale)
+    size = float(np.ptp(vertices, axis=0).max())
+    if not size <= _LARGEST:
+        raise UnusableShape(f"is {_too_large(size)}; correct its scale, {scale[0]:g} {scale[1]:g} {scale[2]:g}")
+    if size == 0:
+        raise UnusableShape("has no size; correct the file, or its scale")
+    if np.prod(scale) < 0:
+        faces = faces[:, ::-1]  # mirrored: they would look inwards
+    if not standing and _volume(vertices, faces) < 0:
+        faces = faces[:, ::-1]  # a robot's link is no room
+    wrapped = _convex_hull(vertices)
+    hull, coarse = _hull(wrapped.vertices)
+    hull.computeLocalAABB()
+    if not coarse and _is_convex(vertices, faces, wrapped):
+        return BodyShape(hull, standing=standing)
+    return BodyShape(hull, vertices, faces, standing)
+
+
+def _read_mesh(path: Path, scale: tuple[float, ...]) -> tuple[Array, NDArray[np.intp]]:
+    """Read vertices (V, 3), m, and triangles (F, 3)."""
+    import trimesh
+
+    size = path.stat().st_size
+    if size > _LARGEST_FILE:
+        raise UnusableShape(f"is a file of {size / 1e6:.0f} MB, and no more than {_LARGEST_FILE / 1e6:.0f} MB are read")
+    try:
+        mesh = trimesh.load(path, force="mesh", process=False)
+        vertices, faces = np.asarray(mesh.vertices, float) * scale, np.asarray(mesh.faces, np.intp)
+    except Exception as error:  # a stranger's file, read by a dozen libraries: whatever they raise
+        raise UnusableShape("cannot be read; export it again, as STL for example") from error
+    if faces.ndim != 2 or not len(faces):
+        raise UnusableShape("holds no triangles that can be read; export it again, as STL for example")
+    used = np.unique(faces)
+    if used[0] < 0 or used[-1] >= len(vertices) or not np.isfinite(vertices[used]).all():
+        raise UnusableShape("cannot be read: a vertex is not a finite number or is missing; export it again")
+    if len(used) < len(vertices):
+        vertices, faces = vertices[used], np.searchsorted(used, faces)
+    return vertices, faces
+
+
+def _convex_hull(vertices: Array) -> Any:
+    """Wrap vertices (V, 3) in a convex mesh with a volume."""
     import trimesh
 
     try:
-        if path.stat().st_size > _LARGEST:
-            return None
-        mesh = trimesh.load(path, force="mesh", process=False)
-        vertices, faces = np.asarray(mesh.vertices, float) * scale, np.asarray(mesh.faces, np.intp)
-        points = trimesh.convex.convex_hull(_thickened(vertices)).vertices
-    except Exception:  # a stranger's file, read by a dozen libraries: whatever they raise, there is no body
-        return None
-    if len(points) < 4 or not np.isfinite(points).all():
-        return None
-    return BodyShape(_hull(points), vertices, faces)
+        return trimesh.convex.convex_hull(_thickened(vertices))
+    except Exception as error:  # Qhull's
+        raise UnusableShape("has no convex hull; export it again, as STL for example") from error
 
 
-def _hull(points: Array) -> coal.CollisionGeometry:
-    """Wrap the corners of a convex body; where one has more neighbours than coal takes, 255, on a coarser grid."""
+def _volume(points: Array, faces: NDArray[np.intp]) -> float:
+    """Volume of a closed mesh, m³; negative where its faces look inwards."""
+    a, b, c = (points[faces[:, k]] - points[0] for k in range(3))
+    return float(np.einsum("fi,fi->", a, np.cross(b, c)) / 6)
+
+
+def _is_convex(points: Array, faces: NDArray[np.intp], hull: Any) -> bool:
+    """Say whether a mesh is the surface of its hull, and looks outwards."""
+    a, b, c = (points[faces[:, k]] for k in range(3))
+    area = float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
+    same = abs(area - hull.area) <= _CONVEX * hull.area
+    return bool(same and abs(_volume(points, faces) - hull.volume) <= _CONVEX * hull.volume)
+
+
+def _hull(points: Array) -> tuple[coal.CollisionGeometry, bool]:
+    """Wrap the corners of a convex body; where one has more neighbours than coal takes, 255, on a coarser grid.
+
+    The second value says whether it is coarser.
+    """
     size = float(np.ptp(points, axis=0).max())
     for grid in size * np.array([0, 1 / 1024, 1 / 256, 1 / 64]):
         corners = points
@@ -104,10 +257,10 @@ def _hull(points: Array) -> coal.CollisionGeometry:
             out /= np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-300)
             corners = np.unique(np.round((points + grid * out) / grid), axis=0) * grid
         with suppress(RuntimeError):
-            return coal.ConvexBase.convexHull(_cloud(corners), True, "Qt")
+            return coal.ConvexBase.convexHull(_cloud(corners), True, "Qt"), bool(grid)
     low, high = points.min(axis=0), points.max(axis=0)
     box = np.array([[(low, high)[k >> i & 1][i] for i in range(3)] for k in range(8)])
-    return coal.ConvexBase.convexHull(_cloud(box), True, "Qt")
+    return coal.ConvexBase.convexHull(_cloud(box), True, "Qt"), True
 
 
 def _thickened(points: Array) -> Array:

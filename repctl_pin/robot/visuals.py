@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import Array
 from ..errors import InputError
-from ..urdf.gate import Joint
+from ..urdf.gate import MAX_SHAPES, Joint
 from ..urdf.shapes import Color, find_mesh
 from .body_shapes import fixed_placements, origin
 from .coupling import Coupling
@@ -156,12 +156,15 @@ def _find_shapes(robot: Mechanism) -> Iterator[tuple[Shape, pin.SE3, str]]:
 
 
 def _surroundings(robot: Mechanism) -> Iterator[Placed]:
-    """Place what stands round the robot, measured from its root; a mesh that is missing is refused by its bodies."""
+    """Place the surroundings, measured from the robot's root, the first ``MAX_SHAPES`` shapes of them.
+
+    A mesh that is missing is refused by :class:`Bodies`, whose notes say how many shapes are not drawn.
+    """
     around = robot.surroundings
     if around is None:
         return
     places = fixed_placements(around)
-    for solid in around.collisions:
+    for solid in around.collisions[:MAX_SHAPES]:
         path = find_mesh(solid.filename, around.path, robot.package_dirs) if solid.filename else None
         if path is not None or solid.kind != "mesh":
             name, M = f"surroundings/{solid.name}", places[solid.link] * origin(solid)

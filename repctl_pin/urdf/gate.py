@@ -65,7 +65,7 @@ class Description:
     shapes : tuple of Solid
         What is to be drawn.
     collisions : tuple of Solid
-        The bodies that must not touch.
+        The bodies that must not touch: all that the file names.
     meshes : tuple of str
         Visual mesh files, as written in the file, each once.
     notes : tuple of str
@@ -121,7 +121,7 @@ def read_urdf(path: str | Path) -> Description:
         links=tuple(link.get("name") for link in robot.findall("link")),
         root=root,
         shapes=tuple(shapes[:MAX_SHAPES]),
-        collisions=tuple(shapes_of(robot, "collision")[:MAX_SHAPES]),
+        collisions=tuple(shapes_of(robot, "collision")),
         meshes=tuple(dict.fromkeys(shape.filename for shape in shapes if shape.filename)),
         notes=tuple(one_line(note) for note in [*notes, *_degrees(joints)]),
         xml=_for_pinocchio(robot, joints, path.absolute().parent),

@@ -1,0 +1,388 @@
+"""Collision model: the bodies that a chain of joints moves, the pairs that can collide, and their distances."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Iterator
+from pathlib import Path
+from threading import Lock, RLock
+
+import coal
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from ..arguments import Array
+from ..errors import InputError
+from ..urdf.catalogue import disabled_pairs
+from ..urdf.gate import Description
+from ..urdf.shapes import find_mesh
+from .body_bounds import BodyBounds
+from .body_shapes import BodyShape, UnusableShape, body_shape, fixed_placements, holds, meet, origin, transform
+from .model import link_frames
+from .separation import Separation
+from .task import Task
+
+Pair = tuple[str, str]
+Mask = NDArray[np.bool_]
+
+_SAMPLES = 100
+"""Random configurations at which it is looked whether a pair touches always."""
+
+_FREE = np.pi
+"""How far, rad or m, from the reference pose they go where a joint has no limit."""
+
+_FUSED = 0.25
+"""Share of the configurations tried at which bodies touch that stand for neighbours with overlapping shapes."""
+
+_TOUCHING = 1e-12
+"""Distance, m, below 0, of two bodies that touch in a point."""
+
+_BLOCK = 64
+"""Configurations whose bounds are worked out at once: they stay in the processor's cache."""
+
+_MOST_BOUNDS = 1_000_000
+"""Bounds held at once, at most, where there are very many pairs."""
+
+_MOST_PAIRS = 1_000_000
+"""Pairs of bodies, at most."""
+
+_KEPT = 8
+"""Collision models kept for later tasks."""
+
+_MODELS: OrderedDict[Hashable, CollisionModel] = OrderedDict()
+_MODELS_LOCK = RLock()
+
+
+class CollisionModel:
+    """Bodies of a robot and its surroundings, and the pairs that some joints move against each other.
+
+    Tasks with the same joints share it; threads may, too.
+
+    Parameters
+    ----------
+    task
+        A task whose joints move; the other joints stay at the reference pose.
+
+    Attributes
+    ----------
+    links : list of str
+        The link of every body.
+    standing : frozenset of str
+        Links of the surroundings.
+    unusable : dict of (str, str)
+        By mesh, or by shape: the robot's link with a shape that cannot be measured, and why it cannot.
+    pairs : (P, 2) array
+        Bodies between which distances are measured.
+    measured, only_contact, adjacent, disabled, touching : tuples of (str, str)
+        Pairs of links: see :class:`Bodies`.
+    """
+
+    def __init__(self, task: Task) -> None:
+        self._model, _ = task.bodies_model()
+        self._data = self._model.createData()
+        self._lock = Lock()
+        self.links: list[str] = []
+        self._bodies: list[BodyShape] = []
+        self._joint: list[int] = []
+        self._place: list[pin.SE3] = []
+        self.unusable = self._add_robot(task)
+        self._own = len(self.links)
+        self._add_surroundings(task)
+        self.standing = frozenset(self.links[self._own :])
+        self._shapes = pin.GeometryModel()
+        for k in range(self._own):
+            body = pin.GeometryObject(f"{k}", self._joint[k], self._place[k], self._bodies[k].hull)
+            self._shapes.addGeometryObject(body)
+        self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
+        self._transforms: dict[int, coal.Transform3s] = {}
+        self._standing_transforms = [transform(place) for place in self._place[self._own :]]
+        self._choose_pairs(task)
+
+    def least(self, Q: Array, *, hulls: bool = False) -> tuple[Array, NDArray[np.intp]]:
+        """Find the least distance at every row of the model's joints Q (K, N), and its pair: (K,), (K,).
+
+        Parameters
+        ----------
+        Q
+            Configurations.
+        hulls
+            Measure the robot's bodies as their hulls, overlaps included.
+        """
+        found, which, last = np.full(len(Q), np.inf), np.full(len(Q), -1), 0
+        measure = self._of_hulls if hulls else self._exact
+        if not len(self.pairs):
+            return found, which
+        for k, (q, bounds) in enumerate(self._with_bounds(Q)):
+            with self._lock:
+                found[k], last = self._least(q, bounds, last, measure)
+            which[k] = last if found[k] < np.inf else -1
+        return found, which
+
+    def names(self, pair: int) -> Pair:
+        """Name the links of a measured pair."""
+        a, b = self.pairs[pair].tolist()
+        return self.links[a], self.links[b]
+
+    def named(self, which: Mask) -> tuple[Pair, ...]:
+        """Name the links of some of the measured pairs (P,), each once."""
+        return tuple(dict.fromkeys(map(self.names, np.flatnonzero(which).tolist())))
+
+    # ---- distances -----------------------------------------------------------------------------
+
+    def _with_bounds(self, Q: Array) -> Iterator[tuple[Array, Array]]:
+        """Go through Q (K, N), each row with the bounds (P,) of its pairs; infinite where only contact would count."""
+        size = min(_BLOCK, max(1, _MOST_BOUNDS // max(len(self.pairs), self._bounds.size)))
+        for start in range(0, len(Q), size):
+            block = Q[start : start + size]
+            bounds = self._bounds(block)
+            if self._some_only_contact:
+                bounds[self._only_contact & (bounds >= 0)] = np.inf
+            yield from zip(block, bounds, strict=True)
+
+    def _least(self, q: Array, bounds: Array, guess: int, measure: Callable[[int], float]) -> tuple[float, int]:
+        """Measure exactly only where the bound of two bodies is below the best pair known."""
+        self._move(q)
+        best, at = measure(guess), guess
+        near = np.flatnonzero(bounds < best)
+        for k in near[np.argsort(bounds[near])].tolist():
+            if bounds[k] >= best:
+                break
+            distance = measure(k)
+            if distance < best:
+                best, at = distance, k
+        return best, at
+
+    def _move(self, q: Array) -> None:
+        """Place the robot's bodies at the model's joints q (N,)."""
+        pin.updateGeometryPlacements(self._model, self._data, self._shapes, self._placed, q)
+        self._transforms.clear()
+
+    def _exact(self, k: int) -> float:
+        """Measure a pair; 0 where hulls overlap and the bodies do not touch, infinite where only contact counts."""
+        distance = self._apart(k)
+        if distance <= 0:
+            distance = min(distance, -_TOUCHING) if self._meet(k) else 0.0
+        return np.inf if distance >= 0 and self._only_contact[k] else distance
+
+    def _of_hulls(self, k: int) -> float:
+        """Measure a pair, the robot's bodies as their hulls."""
+        return self._exact(k) if self._only_contact[k] else self._apart(k)
+
+    def _apart(self, k: int) -> float:
+        """Measure a pair, the robot's bodies as their hulls, those of the surroundings as they are."""
+        if k < self._own_pairs:
+            return float(pin.computeDistance(self._shapes, self._placed, k).min_distance)
+        a, b = self._both[k]
+        here, there, other = self._transform(a), self._transform(b), self._bodies[b]
+        self._result.clear()
+        hull = self._bodies[a].hull
+        distance = float(coal.distance(hull, here, other.measured, there, self._request, self._result))
+        return -distance if distance > 0 and holds(other, there, self._bodies[a], here) else distance
+
+    def _meet(self, k: int) -> bool:
+        """Say whether two bodies whose hulls overlap touch."""
+        a, b = self._both[k]
+        one, other = self._bodies[a], self._bodies[b]
+        if one.convex and other.convex:
+            return True
+        return meet(one, self._transform(a), other, self._transform(b))
+
+    def _full_distance(self, k: int, q: Array) -> float:
+        """Measure a pair at q (N,), as the bodies are where their hulls overlap; 0 where they touch."""
+        self._move(q)
+        distance = self._apart(k)
+        if distance > 0 or self._meet(k):
+            return max(distance, 0.0)
+        (a, b), result = self._both[k], coal.DistanceResult()
+        one, other = self._bodies[a].exact, self._bodies[b].exact
+        return float(coal.distance(one, self._transform(a), other, self._transform(b), self._request, result))
+
+    def _transform(self, k: int) -> coal.Transform3s:
+        """Say where a body is, for the distance library."""
+        if k >= self._own:
+            return self._standing_transforms[k - self._own]
+        if k not in self._transforms:
+            self._transforms[k] = transform(self._placed.oMg[k])
+        return self._transforms[k]
+
+    # ---- bodies --------------------------------------------------------------------------------
+
+    def _add_robot(self, task: Task) -> dict[str, Pair]:
+        """Add the robot's bodies; say which shapes cannot be measured, of which link, and why."""
+        description, links, unusable = task.robot.description, link_frames(self._model), {}
+        for solid in description.collisions:
+            link = links[solid.link]
+            try:
+                body = body_shape(solid, description.path, task.robot.package_dirs)
+            except UnusableShape as error:
+                unusable[solid.filename or solid.name] = solid.link, str(error)
+                continue
+            self._add(body, link.parentJoint, link.placement * origin(solid), solid.link)
+        return unusable
+
+    def _add_surroundings(self, task: Task) -> None:
+        """Add the bodies of the robot's surroundings, measured from its root."""
+        around, own = task.robot.surroundings, set(task.robot.description.links)
+        if around is None:
+            return
+        places = fixed_placements(around)
+        for solid in around.collisions:
+            name = f"surroundings/{solid.link}" if solid.link in own else solid.link
+            try:
+                body = body_shape(solid, around.path, task.robot.package_dirs, standing=True)
+            except UnusableShape as error:
+                raise InputError(f"{around.path}: link {solid.link!r}: {error}") from error
+            self._add(body, 0, places[solid.link] * origin(solid), name)
+
+    def _add(self, body: BodyShape, joint: int, place: pin.SE3, link: str) -> None:
+        self.links.append(link)
+        self._bodies.append(body)
+        self._joint.append(joint)
+        self._place.append(place)
+
+    # ---- pairs ---------------------------------------------------------------------------------
+
+    def _choose_pairs(self, task: Task) -> None:
+        """Choose the pairs whose distances are measured, and name those that are left out."""
+        self._measure(self._moving_pairs(task.robot.description.path))
+        joined = {frozenset((joint.parent, joint.child)) for joint in task.robot.description.joints}
+        neighbours = self._are_in(joined)
+        self.adjacent = self.named(neighbours)
+        self._measure(self.pairs[~neighbours])
+
+        entry = task.robot.entry
+        ruled_out = self._are_in(disabled_pairs(entry.srdf) if entry is not None and entry.srdf is not None else set())
+        near = ruled_out | self._one_joint_between()
+        at_reference, share, hulls_always = self._touching(task, near)
+        fused, always = near & (at_reference | (share >= _FUSED)), share == 1
+        self.disabled = self.named(ruled_out & fused)
+        self.adjacent += self.named(near & ~ruled_out & fused)
+        self.touching = self.named(always & ~near)
+        own = self.pairs[:, 1] < self._own
+        only_contact, left_out = near | (hulls_always & own), fused | always
+        self.measured = self.named(~only_contact & ~left_out)
+        self.only_contact = self.named(only_contact & ~left_out)
+        kept = ~left_out & ~self._never_touching(task, only_contact & ~left_out)
+        self._measure(self.pairs[kept], only_contact[kept])
+
+    def _never_touching(self, task: Task, asked: Mask) -> Mask:
+        """Say of which of the robot's own pairs asked for (P,) it is proved that they never touch."""
+        never = np.zeros(len(self.pairs), bool)
+        separation = Separation(self._model, task.robot.joints, self._shapes, self._full_distance)
+        for k in np.flatnonzero(asked).tolist():
+            never[k] = separation.proved(k)
+        return never
+
+    def _moving_pairs(self, path: object) -> NDArray[np.intp]:
+        """List the pairs (P, 2) of bodies that a joint moves against each other, the robot's own first."""
+        joint, own = np.array(self._joint, np.intp), self._own
+        moving = np.flatnonzero(joint[:own])
+        counts = np.bincount(joint[:own]) if own else np.zeros(1, int)
+        count = (own**2 - (counts**2).sum()) // 2 + len(moving) * (len(joint) - own)
+        if count > _MOST_PAIRS:
+            raise InputError(
+                f"{path}: {count} pairs of collision shapes move against each other, more than {_MOST_PAIRS}; "
+                "join shapes of one link in a mesh"
+            )
+        a, b = np.triu_indices(own, 1)
+        differ = joint[a] != joint[b]
+        inner = np.stack([a[differ], b[differ]], axis=1)
+        outer = np.stack(np.meshgrid(moving, np.arange(own, len(joint)), indexing="ij"), axis=-1).reshape(-1, 2)
+        return np.concatenate([inner, outer]).astype(np.intp)
+
+    def _are_in(self, links: set[frozenset[str]]) -> Mask:
+        """Say which pairs of the robot's own bodies (P,) are of the given pairs of links."""
+        found = np.zeros(len(self.pairs), bool)
+        if links:
+            found[: self._own_pairs] = [frozenset(self.names(k)) in links for k in range(self._own_pairs)]
+        return found
+
+    def _one_joint_between(self) -> Mask:
+        """Say which pairs of the robot's own bodies (P,) only one joint moves against each other."""
+        parent = np.array([int(joint) for joint in self._model.parents])
+        a, b = np.array(self._joint, np.intp)[self.pairs].T
+        return ((parent[a] == b) | (parent[b] == a)) & (self.pairs[:, 1] < self._own)
+
+    def _measure(self, pairs: NDArray[np.intp], only_contact: Mask | None = None) -> None:
+        """Set the pairs (P, 2) whose distances are measured, and those (P,) of which only contact counts."""
+        self.pairs, self._both = pairs, [(a, b) for a, b in pairs.tolist()]
+        self._only_contact = np.zeros(len(pairs), bool) if only_contact is None else only_contact
+        self._some_only_contact = bool(self._only_contact.any())
+        self._own_pairs = int((pairs[:, 1] < self._own).sum())
+        self._shapes.removeAllCollisionPairs()
+        for a, b in self._both[: self._own_pairs]:
+            self._shapes.addCollisionPair(pin.CollisionPair(a, b))
+        self._placed = pin.GeometryData(self._shapes)
+        measured = [body.measured for body in self._bodies]
+        self._bounds = BodyBounds(self._model, self._joint, self._place, measured, pairs)
+
+    def _touching(self, task: Task, near: Mask) -> tuple[Mask, Array, Mask]:
+        """Look at which configurations pairs touch.
+
+        Parameters
+        ----------
+        task
+            Its reference pose is the first configuration.
+        near
+            Pairs (P,) that are looked at everywhere; the others are as long as their hulls overlap.
+
+        Returns
+        -------
+        Which touch at the reference pose, the share of configurations at which they touch, and which overlap, as
+        their hulls, at all: (P,) each.
+        """
+        Q = _tried(task)
+        count, at_reference = np.zeros(len(self.pairs)), np.zeros(len(self.pairs), bool)
+        overlaps = ~at_reference
+        for i, (q, bounds) in enumerate(self._with_bounds(Q) if len(self.pairs) else ()):
+            self._move(q)
+            overlap = (bounds < 0) & (near | overlaps)
+            for k in np.flatnonzero(overlap).tolist():
+                overlap[k] = self._apart(k) <= 0
+                count[k] += overlap[k] and self._meet(k)
+            overlaps &= overlap
+            if i == 0:
+                at_reference = count > 0
+        return at_reference, count / len(Q), overlaps
+
+
+def _tried(task: Task) -> Array:
+    """The reference pose and random ones inside the joints' limits, as the model's joints: (K, N)."""
+    (lower, upper, _), q0 = task.joint_limits, task.joints(task.reference)  # limits are the joints', whatever ψ
+    low, high = np.maximum(lower, q0 - _FREE), np.minimum(upper, q0 + _FREE)
+    Q = np.vstack([q0, np.random.default_rng(0).uniform(low, high, (_SAMPLES, task.n))])
+    Q = Q if task.coordinates is None else task.coordinates.coordinates(Q)
+    _, drive = task.bodies_model()
+    return Q if drive is None else drive.joints(Q)
+
+
+def collision_model(task: Task) -> CollisionModel:
+    """Make the collision model of a task's joints, once for all tasks with the same robot, files and joints."""
+    key = _key(task)
+    with _MODELS_LOCK:
+        if key not in _MODELS:
+            _MODELS[key] = CollisionModel(task)
+            while len(_MODELS) > _KEPT:
+                _MODELS.popitem(last=False)
+        _MODELS.move_to_end(key)
+        return _MODELS[key]
+
+
+def _key(task: Task) -> Hashable:
+    """All that a collision model is made of: what the files say, the files themselves, and what stands still."""
+    robot = task.robot
+    around, entry = robot.surroundings, robot.entry
+    files = _mesh_files(robot.description, robot.package_dirs)
+    files += [] if around is None else _mesh_files(around, robot.package_dirs)
+    files += [] if entry is None else [entry.srdf]
+    stamps = tuple((path, path.stat().st_mtime_ns, path.stat().st_size) if path else None for path in files)
+    model, _ = task.bodies_model()
+    still = (robot.locked, robot.reference.tobytes(), tuple(model.names), task.robot_joints)
+    return robot.description, around, robot.package_dirs, stamps, still
+
+
+def _mesh_files(description: Description, package_dirs: tuple[str, ...]) -> list[Path | None]:
+    """Find the files of a description's collision meshes, None for each that is not there."""
+    names = dict.fromkeys(solid.filename for solid in description.collisions if solid.filename)
+    return [find_mesh(name, description.path, package_dirs) for name in names]

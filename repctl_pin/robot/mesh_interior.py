@@ -1,0 +1,152 @@
+"""Points inside a triangle mesh, by counting the faces that a ray crosses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arguments import Array
+
+Index = NDArray[np.intp]
+
+_SAME = 1e-8
+"""Vertices nearer to each other than this share of the mesh's size are one."""
+
+_DIRECTIONS = np.linalg.qr(np.random.default_rng(5).normal(size=(3, 3, 3)))[0]
+"""Frames (3, 3, 3) whose z axes are the rays: in general position, so that no ray meets an edge."""
+
+
+@dataclass(frozen=True)
+class MeshParts:
+    """The connected parts of a mesh, with vertices at one place merged.
+
+    Attributes
+    ----------
+    points, faces
+        Vertices (V, 3), m, and triangles (F, 3).
+    part
+        The part of each triangle (F,).
+    closed
+        Whether each part (P,) is closed: every edge is passed as often one way as the other.
+    """
+
+    points: Array
+    faces: Index
+    part: Index
+    closed: NDArray[np.bool_]
+
+    @property
+    def witnesses(self) -> Array:
+        """One vertex of every part (P, 3), m."""
+        _, first = np.unique(self.part, return_index=True)
+        return self.points[self.faces[first, 0]]
+
+
+def mesh_parts(points: Array, faces: Index) -> MeshParts:
+    """Split a mesh into connected parts."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    grid = max(float(np.ptp(points, axis=0).max()), 1e-300) * _SAME
+    _, first, merged = np.unique(np.round(points / grid), axis=0, return_index=True, return_inverse=True)
+    points, faces = points[first], merged.reshape(-1)[faces]
+    thin = (faces == np.roll(faces, 1, axis=1)).any(axis=1)
+    if not thin.all():
+        faces = faces[~thin]
+    tails, heads = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
+    size = (len(points), len(points))
+    passed: Any = coo_array((np.ones(len(tails)), (tails, heads)), shape=size).tocsr()
+    _, label = connected_components(passed, directed=False)
+    _, part = np.unique(label[faces[:, 0]], return_inverse=True)
+    uneven = (passed - passed.T).tocoo()
+    closed = np.ones(part.max() + 1, bool)
+    part_of_vertex = np.zeros(len(points), np.intp)
+    part_of_vertex[faces] = part[:, None]
+    closed[part_of_vertex[uneven.row[uneven.data != 0]]] = False
+    return MeshParts(points, faces, part, closed)
+
+
+class MeshInterior:
+    r"""The inside of a mesh: points from which rays cross more faces outwards than inwards.
+
+    With s = 1 where a face that a ray crosses looks along the ray, and −1 where it looks against it, a point is
+    inside a closed mesh where Σ s > 0: also where closed parts overlap, and not in a cavity.
+
+    Parameters
+    ----------
+    parts
+        The mesh.
+    gaps
+        Whether parts with gaps have an inside too: then two of three rays decide.
+    """
+
+    def __init__(self, parts: MeshParts, *, gaps: bool) -> None:
+        kept = parts.faces if gaps else parts.faces[parts.closed[parts.part]]
+        turns = _DIRECTIONS if gaps and not parts.closed.all() else _DIRECTIONS[:1]
+        self._rays = [_Ray(turn, parts.points, kept) for turn in turns] if len(kept) else []
+
+    def holds(self, points: Array) -> bool:
+        """Say whether one of the points (K, 3) is inside."""
+        return any(self._holds(point) for point in points)
+
+    def _holds(self, point: Array) -> bool:
+        left = {True: len(self._rays) // 2, False: (len(self._rays) - 1) // 2}  # votes that decide nothing yet
+        for ray in self._rays:
+            inside = ray.crossings(point) > 0
+            if not left[inside]:
+                return inside
+            left[inside] -= 1
+        return False
+
+
+class _Ray:
+    """Rays in one direction through a mesh."""
+
+    def __init__(self, turn: Array, points: Array, faces: Index) -> None:
+        self._turn = turn
+        corners = (points @ turn)[faces]  # (F, 3, 3)
+        self._bottom, self._top = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+        low, high = corners[:, :, 0].min(axis=1), corners[:, :, 0].max(axis=1)
+        self._edges = np.linspace(self._bottom[0], self._top[0], int(np.sqrt(len(faces))) + 1)
+        ends = zip(self._edges[:-1], self._edges[1:], strict=True)
+        self._strips = [_Strip(corners[(low <= end) & (high >= start)]) for start, end in ends]
+
+    def crossings(self, point: Array) -> int:
+        """Count the faces over a point, those that look down as −1."""
+        p = point @ self._turn
+        if (p < self._bottom).any() or (p > self._top).any():
+            return 0
+        strip = min(int(np.searchsorted(self._edges, p[0], side="right")), len(self._strips)) - 1
+        return self._strips[strip].crossings(p)
+
+
+class _Strip:
+    """The faces (F, 3, 3) over a strip of the plane that rays are upright on."""
+
+    def __init__(self, corners: Array) -> None:
+        low, high = corners.min(axis=1, initial=np.inf), corners.max(axis=1, initial=-np.inf)
+        self._low, self._high, self._top = low[:, :2].T, high[:, :2].T, high[:, 2]
+        self._corners = corners
+
+    def crossings(self, p: Array) -> int:
+        """Count the faces over p (3,), those that look down as −1."""
+        (left, front), (right, back), (x, y, z) = self._low, self._high, p.tolist()
+        near = (left <= x) & (x <= right) & (front <= y) & (y <= back) & (z <= self._top)
+        corners = self._corners[near] - p
+        return sum(_looks_up(corner) for corner in corners.tolist())
+
+
+def _looks_up(corners: list[list[float]]) -> int:
+    """Say whether a triangle is over the origin and looks up, 1, or down, −1; 0 where it is not over it."""
+    (ax, ay, az), (bx, by, bz), (cx, cy, cz) = corners
+    # twice the areas, signed, of the triangles that the origin makes with each edge
+    bc, ca, ab = bx * cy - by * cx, cx * ay - cy * ax, ax * by - ay * bx
+    height = bc * az + ca * bz + ab * cz
+    if bc > 0 and ca > 0 and ab > 0:
+        return int(height > 0)
+    if bc < 0 and ca < 0 and ab < 0:
+        return -int(height < 0)
+    return 0
