@@ -26,6 +26,9 @@ NUMBER = (float, int)
 MOST_NODES = 2**22
 """Most nodes of a region: more would take too much memory and time."""
 
+MIN_LENGTH = 1e-12
+"""Smallest length that joint positions are divided by, rad or m."""
+
 MOST_STEPS = 10_000_000
 """Steps of a motion."""
 
@@ -116,12 +119,17 @@ def vector(values: ArrayLike, n: int | None, name: str, each: str = "one per joi
 
 
 def spread(values: ArrayLike, n: int, name: str, each: str = "one per joint", *, finite: bool = False) -> Array:
-    """Take one number above 0 for all of n, or n of them: (n,); infinity is allowed."""
+    """Take one number above 0 for all of n, or n of them: (n,); infinity is allowed.
+
+    ``finite`` is for lengths that numbers are divided by: finite, and large beside the rounding of a joint's position.
+    """
     array = numbers(values)
     most = array is not None and array.shape in ((), (1,), (n,)) and (not finite or np.isfinite(array).all())
     if array is None or not most or not (array > 0).all():
         what = "finite number" if finite else "number"
         raise InputError(f"{name} must be one {what} above 0 or {n} of them, {each}; got {shown(values)}")
+    if finite and (array < MIN_LENGTH).any():
+        raise InputError(f"{name} must be at least {MIN_LENGTH:g}, the rounding of a joint position; got {shown(values)}")
     return np.full(n, array) if array.size == 1 else array
 
 
