@@ -118,7 +118,7 @@ def _run_live(options: Options, design: rp.Design | None, say: Callable[[str], N
             due = max(due + 1 / RATE, now)
             loop.run(min(now - before, 0.25), view.offset)
             before = now
-            view.show(*loop.q, before=loop.before)
+            view.show(*loop.q, before=loop.before, out_of_reach=loop.out_of_reach)
     return 0
 
 
