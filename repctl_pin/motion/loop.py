@@ -20,8 +20,8 @@ SPEED = 0.15
 """How fast the target leaves the path and comes back, m/s."""
 _MOST = 0.1
 """A step that moves a joint by more, rad or m, is not taken: the target is out of reach."""
-_SHOWN = 0.5
-"""Time for which a target counts as out of reach after a step that could not be taken, s."""
+_FREE = 0.5
+"""Time without a refused step after which the way on counts as free, s."""
 
 
 class Loop:
@@ -48,7 +48,7 @@ class Loop:
     offset : (3,) array
         How far the target is off the path, m, base axes.
     out_of_reach : bool
-        Whether a control could not follow the target within the last half second.
+        Whether a control could not follow, and the target has not yet come to where it should be.
     cycle : (steps + 1, strategies, n) array
         What each did in an undisturbed first cycle.
     """
@@ -73,13 +73,9 @@ class Loop:
         self.q = [start.copy() for _ in self.strategies]
         self.offset, self._at, self._rest = np.zeros(3), 0, 0.0
         self._trail: deque[tuple[list[Array], Array, int]] = deque(maxlen=4 * self.steps)
-        self._refused = 0  # steps for which the target still counts as out of reach
+        self.out_of_reach = False
+        self._free = 0  # steps since the last refusal
         self._back, self._stride = 0, 1  # steps still to go back, and how many the next time
-
-    @property
-    def out_of_reach(self) -> bool:
-        """Whether a control could not follow the target within the last half second."""
-        return self._refused > 0
 
     @property
     def before(self) -> Array:
@@ -100,13 +96,14 @@ class Loop:
             return
         way = wish - self.offset
         onward = self.offset + way * min(1.0, SPEED * self.dt / max(float(np.linalg.norm(way)), 1e-12))
-        self._refused = max(self._refused - 1, 0)
-        if not self._refused:
+        self._free += 1
+        if self._free * self.dt > _FREE:
             self._stride = 1
         for offset in (onward, self.offset, 0.99 * self.offset):
             if self._go(offset):
+                self.out_of_reach &= not np.array_equal(offset, wish)
                 return
-            self._refused = round(_SHOWN / self.dt)
+            self.out_of_reach, self._free = True, 0
         self._back, self._stride = self._stride, 2 * self._stride  # ever further, until there is a way on
         self._return()
 
