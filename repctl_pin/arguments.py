@@ -151,11 +151,11 @@ def rows(values: ArrayLike, n: int | None, whose: str) -> Array:
     return array
 
 
-def stacks(*given: tuple[str, ArrayLike, str], exact: bool = False) -> list[Array]:
+def stacks(*given: tuple[str, ArrayLike, str], exact: bool = False, finite: bool = True) -> list[Array]:
     """Take stacks of matrices whose last axes fit together: ``("J", J, "m n"), ("V", V, "n r")``.
 
-    An axis is a number, or a letter that means the same size in all of them: 1 at least, but for r. The axes
-    before must be such that NumPy broadcasts them; ``exact`` allows none.
+    An axis is a number, or a letter that means the same size in all of them: 1 at least, but for r and K. The axes
+    before must be such that NumPy broadcasts them; ``exact`` allows none. Without ``finite``, NaN and infinity pass.
     """
     sizes: dict[str, int] = {}
     arrays = []
@@ -166,13 +166,14 @@ def stacks(*given: tuple[str, ArrayLike, str], exact: bool = False) -> list[Arra
         last = () if array is None else array.shape[-len(letters) :]
         fits = len(last) == len(letters) and (not exact or array is None or array.ndim == len(last))
         fits = fits and all(
-            size == (int(x) if x.isdecimal() else sizes.setdefault(x, size)) and (size or x == "r")
+            size == (int(x) if x.isdecimal() else sizes.setdefault(x, size)) and (size or x in "rK")
             for x, size in zip(letters, last, strict=True)
         )
-        if array is None or not fits or not np.isfinite(array).all():
+        if array is None or not fits or (finite and not np.isfinite(array).all()):
             known = ", ".join(f"{x} = {sizes[x]}" for x in letters if x in sizes and name != given[0][0])
             shape = f"({'' if exact else '..., '}{', '.join(letters)}){known and ' with '}{known}"
-            raise InputError(f"{name} must be finite numbers {shape}; got {_shape(values, array)}")
+            what = "finite numbers" if finite else "numbers"
+            raise InputError(f"{name} must be {what} {shape}; got {_shape(values, array)}")
         arrays.append(array)
     leading = [a.shape[: a.ndim - len(axes.split())] for a, (_, _, axes) in zip(arrays, given, strict=True)]
     if len(set(leading)) > 1:

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import Array, rows, wanted
+from ..arguments import Array, rows, vector, wanted
 from ..errors import InputError
 from ..urdf.catalogue import disabled_pairs
 from ..urdf.shapes import Solid
@@ -123,6 +123,10 @@ class Bodies:
         self._measure([pair for pair, touch in zip(self._both, always, strict=True) if not touch])
         self.pairs = self._named(self._both)
 
+    def __reduce__(self) -> tuple[type[Bodies], tuple[Task]]:
+        """Pickle the task: its bodies are made again."""
+        return type(self), (self.task,)
+
     def __repr__(self) -> str:
         left_out = f"{len(self.disabled)} disabled by the SRDF, {len(self.touching)} that always touch"
         return f"<Bodies of {self.task.robot.name}: {len(self.pairs)} pairs measured; left out: {left_out}>"
@@ -145,7 +149,7 @@ class Bodies:
 
     def nearest(self, q: ArrayLike) -> Nearest:
         """Find the two bodies nearest to each other at q (n,)."""
-        distances, which = self._all(np.asarray(q, float)[None])
+        distances, which = self._all(vector(q, self.task.n, "q")[None])
         links = ("", "") if which[0] < 0 else self._pair(self._both[which[0]])
         return Nearest(float(distances[0]), links)
 

@@ -23,11 +23,11 @@ from tornado.netutil import bind_sockets
 from tornado.web import Application, RequestHandler
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
-from ...arguments import Array, flag, vector, whole
+from ...arguments import Array, flag, list_of_names, vector, wanted, whole
 from ...errors import InputError
 from ...motion import TaskPath
 from ...robot.length import arm_length
-from ...robot.task import Task
+from ...robot.task import Task, wanted_task
 from ...robot.visuals import Visuals
 from ..palette import BLUE, GREEN, PURPLE, VERMILLION
 from .scene import Arm, Frames, animation_page, moving_of, poses_of
@@ -83,9 +83,13 @@ class Viewer:
         start: ArrayLike | None = None,
         port: int = 0,
     ) -> None:
-        if isinstance(names, str) or not names:
+        wanted_task(task)
+        if path is not None:
+            wanted(path, TaskPath, "path", "a path, such as rp.circle(task, q0)")
+        listed = () if isinstance(names, str) else list_of_names(names, "names", "a list of names, one per pane")
+        if not listed:
             raise InputError("a viewer needs the controls' names, one per pane, such as ['J⁺', 'ours']")
-        self.task, self.names, self.offset = task, tuple(names), np.zeros(3)
+        self.task, self.names, self.offset = task, listed, np.zeros(3)
         self._visuals = Visuals.of(task.robot)
         self._first: Array | None = None
         q0 = vector(task.reference if start is None else start, task.n, "the start")
@@ -138,6 +142,8 @@ class Viewer:
 
     def _each(self, configurations: Sequence[ArrayLike] | Array) -> Array:
         """One configuration a control: (K, n)."""
+        if not isinstance(configurations, (Sequence, np.ndarray)) or np.ndim(configurations) == 0:
+            raise InputError(f"before must be {len(self.names)} configurations, one per control")
         if len(configurations) != len(self.names):
             raise InputError(f"this viewer shows {len(self.names)} controls, but {len(configurations)} were given")
         return np.array([vector(q, self.task.n, "q") for q in configurations])
