@@ -192,6 +192,11 @@ def flag(value: Any, name: str) -> bool:
     raise InputError(f"{name} must be True or False, not {shown(value)}")
 
 
+def flag_or_function(value: Any, name: str, what: str, takes: int) -> Any:
+    """Take True, False, or a function of so many arguments."""
+    return function(value, name, f"True, False or {what}", takes) if callable(value) else flag(value, name)
+
+
 def list_of(values: Any, name: str, what: str) -> list[Any]:
     """Take a list, or anything else that gives one thing after another."""
     no_list = isinstance(values, (str, bytes, type, Mapping)) or (isinstance(values, np.ndarray) and values.ndim != 1)

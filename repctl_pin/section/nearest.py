@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import progress as reporting
-from ..arguments import Array, chosen, flag, positive, wanted, whole
+from ..arguments import Array, chosen, flag_or_function, positive, wanted, whole
 from ..errors import InputError
 from ..strategies.strategy import AN_INVERSE, Batched, Inverse
 from .cell import Cell
@@ -146,8 +146,7 @@ def nearest_inverse_function(
     wanted(desired, Batched, "desired", AN_INVERSE)
     wanted(cell, Cell, "cell", "a cell, such as rp.Cell(task, placement, 0.1)")
     chosen(incomplete, ("refuse", "shrink", "keep"), "way to treat an incomplete cell")
-    if not callable(progress):
-        progress = flag(progress, "progress")
+    progress = flag_or_function(progress, "progress", "a function of what is being done and the share that is done", 2)
     if desired.task.as_dict() != cell.task.as_dict():
         raise InputError(f"the control is for {desired.task!r}, the cell for {cell.task!r}; make both for one task")
     if cell.task.r < 1:

@@ -23,7 +23,7 @@ from tornado.netutil import bind_sockets
 from tornado.web import Application, RequestHandler
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
-from ...arguments import Array, flag, list_of_names, vector, wanted, whole
+from ...arguments import Array, flag, list_of, list_of_names, vector, wanted, whole
 from ...errors import InputError
 from ...motion import TaskPath
 from ...robot.length import arm_length
@@ -142,8 +142,9 @@ class Viewer:
 
     def _each(self, configurations: Sequence[ArrayLike] | Array) -> Array:
         """One configuration a control: (K, n)."""
-        if not isinstance(configurations, (Sequence, np.ndarray)) or np.ndim(configurations) == 0:
-            raise InputError(f"before must be {len(self.names)} configurations, one per control")
+        if isinstance(configurations, np.ndarray) and configurations.ndim == 2:
+            configurations = list(configurations)
+        configurations = list_of(configurations, "before", "a list of configurations, one per control")
         if len(configurations) != len(self.names):
             raise InputError(f"this viewer shows {len(self.names)} controls, but {len(configurations)} were given")
         return np.array([vector(q, self.task.n, "q") for q in configurations])
