@@ -129,7 +129,9 @@ def spread(values: ArrayLike, n: int, name: str, each: str = "one per joint", *,
         what = "finite number" if finite else "number"
         raise InputError(f"{name} must be one {what} above 0 or {n} of them, {each}; got {shown(values)}")
     if finite and (array < MIN_LENGTH).any():
-        raise InputError(f"{name} must be at least {MIN_LENGTH:g}, the rounding of a joint position; got {shown(values)}")
+        raise InputError(
+            f"{name} must be at least {MIN_LENGTH:g}, the rounding of a joint position; got {shown(values)}"
+        )
     return np.full(n, array) if array.size == 1 else array
 
 

@@ -12,7 +12,7 @@ _LONGEST = 800
 
 
 def printable(text: str, *, lines: bool = False) -> str:
-    """Write what does not print, such as a terminal's escape sequences, as Python would; ``lines`` keeps line breaks."""
+    """Escape what does not print, such as a terminal's control sequences; ``lines`` keeps line breaks."""
     if text.isprintable():
         return text
     return "".join(c if c.isprintable() or (lines and c == "\n") else ascii(c)[1:-1] for c in text)

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
 from wrong_arguments import ARM_URDF
 
 import repctl_pin as rp

@@ -18,6 +18,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -46,16 +47,21 @@ class Call:
 
 
 _LINKS = ("base", "shoulder", "upper", "lower", "hand", "tip")
-ARM_URDF = '<robot name="arm">' + "".join(
-    f'<link name="{name}"><inertial><mass value="1"/><inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/>'
-    f'</inertial><collision><origin xyz="0 0 0.1"/><geometry><sphere radius="0.05"/></geometry></collision></link>'
-    for name in _LINKS
-) + "".join(
-    f'<joint name="j{k}" type="revolute"><parent link="{above}"/><child link="{below}"/><origin xyz="0 0 0.3"/>'
-    f'<axis xyz="{"0 0 1" if k == 0 else "0 1 0" if k % 2 else "1 0 0"}"/>'
-    f'<limit lower="-2" upper="2" effort="1" velocity="1"/></joint>'
-    for k, (above, below) in enumerate(zip(_LINKS, _LINKS[1:], strict=False))
-) + "</robot>"
+_BODY = (
+    '<inertial><mass value="1"/><inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>'
+    '<collision><origin xyz="0 0 0.1"/><geometry><sphere radius="0.05"/></geometry></collision>'
+)
+_AXES = ("0 0 1", "0 1 0", "1 0 0", "0 1 0", "1 0 0")
+ARM_URDF = (
+    '<robot name="arm">'
+    + "".join(f'<link name="{name}">{_BODY}</link>' for name in _LINKS)
+    + "".join(
+        f'<joint name="j{k}" type="revolute"><parent link="{above}"/><child link="{below}"/><origin xyz="0 0 0.3"/>'
+        f'<axis xyz="{axis}"/><limit lower="-2" upper="2" effort="1" velocity="1"/></joint>'
+        for k, ((above, below), axis) in enumerate(zip(pairwise(_LINKS), _AXES, strict=True))
+    )
+    + "</robot>"
+)
 """An arm of five joints in space, with bodies and inertias."""
 
 
@@ -273,7 +279,8 @@ def right_calls(folder: Path) -> list[Call]:
     fast, fast_function = rp.compiled(inverse), rp.compiled(found.function)
     things = [
         cell, found, found.function, found.inverse, fast, fast_function, rp.Bodies(arm), angle, viewer,
-        rp.LeafImpedance(inverse), robot, task, control, rp.WeightedInverse(task, [1, 2, 3]), rp.PostureControl(task, q0), inverse,
+        rp.LeafImpedance(inverse), robot, task,
+        control, rp.WeightedInverse(task, [1, 2, 3]), rp.PostureControl(task, q0), inverse,
         rp.CustomInverse(task, control), rp.ExtendedJacobian(task, q0), rp.LimitWeight(task), fields, waves, joined,
         potentials, box, tube, workspace, design, motion, study, path,
         rp.best_leaf(inverse, path, q0, steps=8), rp.animation({"J⁺": motion}, seconds=1.0),

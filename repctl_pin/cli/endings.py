@@ -18,7 +18,7 @@ REFUSED, FAULT, INTERRUPTED = 2, 1, 130
 
 
 class Stopped(BaseException):
-    """SIGTERM or the end of the terminal, raised where the main thread is: what is half-written is removed on the way."""
+    """SIGTERM or the end of the terminal, raised in the main thread, so that half-written files are removed."""
 
     def __init__(self, number: int) -> None:
         super().__init__(signal.Signals(number).name)
@@ -43,10 +43,11 @@ def stopped_cleanly() -> Iterator[None]:
     def swallowed(what: Any) -> None:
         """Raise it anew a little later, where it was raised inside a finaliser, which drops exceptions."""
         nonlocal coming
-        if not isinstance(what.exc_value, Stopped):
-            return hook(what)
-        coming = False
-        threading.Timer(0.01, os.kill, (os.getpid(), what.exc_value.number)).start()
+        if isinstance(what.exc_value, Stopped):
+            coming = False
+            threading.Timer(0.01, os.kill, (os.getpid(), what.exc_value.number)).start()
+        else:
+            hook(what)
 
     for number in caught:
         signal.signal(number, stop)

@@ -101,7 +101,7 @@ def _unpickled(pieces: Sequence[Piece], rotation: Array, what: dict[str, Any]) -
     return path_of(pieces, rotation, **what)
 
 
-copyreg.pickle(TaskPath, _pickled)  # type: ignore[arg-type]
+copyreg.pickle(TaskPath, _pickled)
 
 
 def _fitted(path: TaskPath, begin: float, end: float, turns: bool, size: float, depth: int) -> list[Piece]:

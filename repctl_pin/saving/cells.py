@@ -108,6 +108,8 @@ def cell_of(content: CellFile, task: Task) -> CellDesign:
     widths, at, positions = np.array(content.widths), np.array(content.placement), min(3, task.m)
     if widths.shape != (task.m,) or at.shape != (4, 4):
         raise InputError(f"a cell of this task has {task.m} widths and a placement of 4 × 4 numbers")
+    if not np.array_equal(at[3], [0.0, 0.0, 0.0, 1.0]):
+        raise InputError("the last row of the cell's placement must be 0, 0, 0, 1")
     cell = Cell(task, pin.SE3(at), widths[:positions], widths[positions:] if task.m > positions else 0.0)
     C, due = np.array(content.coefficients), (comb(cell.k + content.degree, cell.k), task.n, 1 + task.r)
     if C.shape != due:

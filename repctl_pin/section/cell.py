@@ -305,7 +305,9 @@ class Cell:
         x = self.at(u)
         text = f"({', '.join(f'{v:.3g}' for v in np.round(x.translation, 9) + 0.0)}) m"
         if self.rotation.any():
-            turn = self.spread(vector(u, self.k, "u", "one per coordinate of the cell")[None])[0, len(self.half_width) :]
+            turn = self.spread(vector(u, self.k, "u", "one per coordinate of the cell")[None])[
+                0, len(self.half_width) :
+            ]
             text += f", turned by ({', '.join(f'{v:.2g}' for v in turn)}) rad"
         return text
 
@@ -318,7 +320,7 @@ class Cell:
     def _active_widths(self) -> Array:
         return self.widths[self.widths > 0]
 
-    def spread(self, U: Array) -> Array:
+    def spread(self, U: ArrayLike) -> Array:
         """All m coordinates, m and rad, of U (K, k)."""
         (U,) = stacks(("U", U, f"K {self.k}"), exact=True, finite=False)
         Y = np.zeros((len(U), len(self.widths)))

@@ -69,7 +69,9 @@ class ArmAngle(Family):
         self.task, self.n = wanted_task(task), task.n
         if task.coordinates is not None:
             raise InputError("an arm angle is of the joints themselves; use the task before in_coordinates()")
-        self.frames = tuple(wanted(name, str, "a frame of an arm angle", "a link's name") for name in (shoulder, elbow, wrist))
+        self.frames = tuple(
+            wanted(name, str, "a frame of an arm angle", "a link's name") for name in (shoulder, elbow, wrist)
+        )
         self._ids = [frame_id(task.model, name) for name in self.frames]
         self.reference = _unit(reference, "the reference direction")
         self.singular = None if singular is None else _unit(singular, "the singular direction")

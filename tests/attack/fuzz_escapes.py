@@ -89,21 +89,24 @@ def cases(folder: Path) -> list[Case]:
     rp.save(rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, degree=1, samples=256, held_out=64), "cell.json")
     control = json.loads((folder / "made" / "control.json").read_text())
     motion = "\n".join((folder / "made" / "motion.csv").read_text().splitlines()[:3]) + "\n"
-    room = '<robot name="room"><link name="post"><collision><origin xyz="5 5 0"/><geometry><sphere radius="0.1"/>' \
+    room = (
+        '<robot name="room"><link name="post"><collision><origin xyz="5 5 0"/><geometry><sphere radius="0.1"/>'
         "</geometry></collision></link></robot>"
+    )
     square = "x,y,z\n0.3,0,0.4\n0.3,0.1,0.4\n0.4,0.1,0.4\n0.3,0,0.4\n"
     follow = ["follow", "arm.urdf", "--strategy", "pseudoinverse", "--steps", "40", "--allow-violations"]
     attributes = r'\b[a-z_]+="([^"]*)"'
-    every = [
-        *json_cases("control.json", control, [["follow", "control.json", "--robot", "arm.urdf"], ["check", "control.json"]]),
+    read = [["follow", "control.json", "--robot", "arm.urdf"], ["check", "control.json"]]
+    shown = [["animate", "arm.urdf", "--motion", "m.csv"]]
+    return [
+        *json_cases("control.json", control, read),
         *json_cases("cell.json", json.loads(Path("cell.json").read_text()), [["export", "cell.json", "--to", "c"]]),
         *text_cases("b.urdf", urdf, attributes, [["inspect", "b.urdf"], ["inspect", "b.urdf", "--json"]], xml=True),
         *text_cases("b.urdf", urdf, r"<([a-z]+)", [["inspect", "b.urdf"]], xml=False),
         *text_cases("room.urdf", room, attributes, [[*follow, "--surroundings", "room.urdf"]], xml=True),
-        *text_cases("m.csv", motion, r"(?m)(?:^|,)([^,\n]+)", [["animate", "arm.urdf", "--motion", "m.csv"]], xml=False),
+        *text_cases("m.csv", motion, r"(?m)(?:^|,)([^,\n]+)", shown, xml=False),
         *text_cases("p.csv", square, r"([^,\n]+)", [[*follow, "--path", "p.csv"]], xml=False),
-    ]  # fmt: skip
-    return every
+    ]
 
 
 def prints(command: list[str]) -> tuple[int, str]:

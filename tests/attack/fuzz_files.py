@@ -77,6 +77,8 @@ def load_and_use(file: Path, again: Path) -> None:
     rp.save(design, again)
     said, kept = (json.loads(path.read_text()) for path in (file, again))
     said["task"]["file"] = kept["task"]["file"]  # of a catalogue's robot: for a person
+    if "stops" in kept["figures"]:  # a cell's: null is what older files did not say
+        kept["figures"] |= {name: None for name, value in said["figures"].items() if value is None}
     other = [part for part in said if part not in ("checksum", "written_by") and not alike(said[part], kept[part])]
     if other:
         raise ArithmeticError(f"silently read as something else: {other}")

@@ -189,7 +189,7 @@ class Viewer:
 
     def _serve(self, sockets: Any, page: str) -> None:
         asyncio.set_event_loop(self._loop)
-        handlers = [("/", _Page, {"page": page}), ("/poses", _Poses, {"viewer": self})]
+        handlers: list[Any] = [("/", _Page, {"page": page}), ("/poses", _Poses, {"viewer": self})]
         server = HTTPServer(Application(handlers, websocket_max_message_size=_MESSAGE))
         self._loop.call_soon(server.add_sockets, sockets)
         self._loop.run_forever()
