@@ -24,6 +24,9 @@ FLOAT = np.dtype(float)
 MOST_NODES = 2**22
 """Most nodes of a region: more would take too much memory and time."""
 
+MIN_LENGTH = 1e-12
+"""Smallest length that joint positions are divided by, rad or m."""
+
 MOST_STEPS = 10_000_000
 """Steps of a motion."""
 
@@ -114,12 +117,19 @@ def vector(values: ArrayLike, n: int | None, name: str, each: str = "one per joi
 
 
 def spread(values: ArrayLike, n: int, name: str, each: str = "one per joint", *, finite: bool = False) -> Array:
-    """Take one number above 0 for all of n, or n of them: (n,); infinity is allowed."""
+    """Take one number above 0 for all of n, or n of them: (n,); infinity is allowed.
+
+    ``finite`` is for lengths that numbers are divided by: finite, and large beside the rounding of a joint's position.
+    """
     array = numbers(values)
     most = array is not None and array.shape in ((), (1,), (n,)) and (not finite or np.isfinite(array).all())
     if array is None or not most or not (array > 0).all():
         what = "finite number" if finite else "number"
         raise InputError(f"{name} must be one {what} above 0 or {n} of them, {each}; got {shown(values)}")
+    if finite and (array < MIN_LENGTH).any():
+        raise InputError(
+            f"{name} must be at least {MIN_LENGTH:g}, the rounding of a joint position; got {shown(values)}"
+        )
     return np.full(n, array) if array.size == 1 else array
 
 
@@ -141,11 +151,11 @@ def rows(values: ArrayLike, n: int | None, whose: str) -> Array:
     return array
 
 
-def stacks(*given: tuple[str, ArrayLike, str], exact: bool = False) -> list[Array]:
+def stacks(*given: tuple[str, ArrayLike, str], exact: bool = False, finite: bool = True) -> list[Array]:
     """Take stacks of matrices whose last axes fit together: ``("J", J, "m n"), ("V", V, "n r")``.
 
-    An axis is a number, or a letter that means the same size in all of them: 1 at least, but for r. The axes
-    before must be such that NumPy broadcasts them; ``exact`` allows none.
+    An axis is a number, or a letter that means the same size in all of them: 1 at least, but for r and K. The axes
+    before must be such that NumPy broadcasts them; ``exact`` allows none. Without ``finite``, NaN and infinity pass.
     """
     sizes: dict[str, int] = {}
     arrays = []
@@ -156,13 +166,14 @@ def stacks(*given: tuple[str, ArrayLike, str], exact: bool = False) -> list[Arra
         last = () if array is None else array.shape[-len(letters) :]
         fits = len(last) == len(letters) and (not exact or array is None or array.ndim == len(last))
         fits = fits and all(
-            size == (int(x) if x.isdecimal() else sizes.setdefault(x, size)) and (size or x == "r")
+            size == (int(x) if x.isdecimal() else sizes.setdefault(x, size)) and (size or x in "rK")
             for x, size in zip(letters, last, strict=True)
         )
-        if array is None or not fits or not np.isfinite(array).all():
+        if array is None or not fits or (finite and not np.isfinite(array).all()):
             known = ", ".join(f"{x} = {sizes[x]}" for x in letters if x in sizes and name != given[0][0])
             shape = f"({'' if exact else '..., '}{', '.join(letters)}){known and ' with '}{known}"
-            raise InputError(f"{name} must be finite numbers {shape}; got {_shape(values, array)}")
+            what = "finite numbers" if finite else "numbers"
+            raise InputError(f"{name} must be {what} {shape}; got {_shape(values, array)}")
         arrays.append(array)
     leading = [a.shape[: a.ndim - len(axes.split())] for a, (_, _, axes) in zip(arrays, given, strict=True)]
     if len(set(leading)) > 1:
@@ -179,6 +190,11 @@ def flag(value: Any, name: str) -> bool:
     if isinstance(value, (bool, np.bool_)) or (isinstance(value, int) and value in (0, 1)):
         return bool(value)
     raise InputError(f"{name} must be True or False, not {shown(value)}")
+
+
+def flag_or_function(value: Any, name: str, what: str, takes: int) -> Any:
+    """Take True, False, or a function of so many arguments."""
+    return function(value, name, f"True, False or {what}", takes) if callable(value) else flag(value, name)
 
 
 def list_of(values: Any, name: str, what: str) -> list[Any]:

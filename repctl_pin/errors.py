@@ -11,6 +11,13 @@ _LONGEST = 800
 """Characters of a message: a name that is quoted may have any number."""
 
 
+def printable(text: str, *, lines: bool = False) -> str:
+    """Escape what does not print, such as a terminal's control sequences; ``lines`` keeps line breaks."""
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() or (lines and c == "\n") else ascii(c)[1:-1] for c in text)
+
+
 class RepctlError(Exception):
     """Base of every error this package raises on purpose.
 
@@ -26,7 +33,7 @@ class RepctlError(Exception):
     def __str__(self) -> str:
         """The message, on one line of bounded length whatever it quotes."""
         text = super().__str__()
-        text = text if text.isprintable() else " ".join(text.split())
+        text = text if text.isprintable() else printable(" ".join(text.split()))
         return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 200]} … {text[-200:]}"
 
 

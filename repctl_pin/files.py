@@ -190,8 +190,8 @@ def _target(path: str | Path) -> Path:
 def _replace(target: Path, data: bytes, old: os.stat_result | None) -> None:
     """Write a temporary file beside the target, under an unpredictable name, and rename it."""
     temporary = target.with_name(f".repctl-{secrets.token_hex(8)}")
-    handle = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_NOFOLLOW", 0), 0o666)
-    try:
+    try:  # from here on: a signal may come before the file's handle is known
+        handle = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_NOFOLLOW", 0), 0o666)
         with open(handle, "wb") as file:
             if old is not None:
                 with contextlib.suppress(OSError):

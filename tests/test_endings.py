@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import json
 import os
+import signal
 import stat
 import subprocess
 import sys
+import threading
+import time
+import weakref
 from pathlib import Path
 
 import pytest
@@ -47,6 +52,109 @@ def test_interrupted_while_it_writes_no_file_is_left(tmp_path: Path, monkeypatch
     with pytest.raises(KeyboardInterrupt):
         write_whole(tmp_path / "whole.txt", "half")
     assert list(tmp_path.iterdir()) == []
+
+
+SLOW_DISK = """
+import os, sys, time
+fsync = os.fsync
+os.fsync = lambda handle: (time.sleep(0.3), fsync(handle))
+from repctl_pin.cli import main
+sys.exit(main())
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals are POSIX's")
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP], ids=lambda number: number.name)
+def test_stopped_while_it_writes_no_file_is_left(number: signal.Signals, tmp_path: Path) -> None:
+    small = ["follow", "ppr", "--strategy", "pseudoinverse", "--steps", "40", "--allow-violations", "--csv", "m.csv"]
+    process = subprocess.Popen(
+        [sys.executable, "-c", SLOW_DISK, *small],
+        cwd=tmp_path,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=lambda: signal.signal(number, signal.SIG_DFL),  # under nohup it would be ignored
+    )
+    try:
+        deadline = time.monotonic() + 60
+        while not any(file.name.startswith(".repctl-") for file in tmp_path.iterdir()):
+            assert time.monotonic() < deadline and process.poll() is None
+            time.sleep(0.002)
+        process.send_signal(number)
+        said = process.communicate(timeout=60)[1]
+    finally:
+        process.kill()
+        process.wait()
+    assert list(tmp_path.iterdir()) == []
+    assert (process.returncode, said) == (
+        128 + number,
+        f"repctl: stopped by {number.name}; nothing half-written was left\n",
+    )
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals are POSIX's")
+def test_a_stop_inside_a_finaliser_is_not_lost() -> None:
+    """Python drops exceptions that are raised there."""
+    from repctl_pin.cli.endings import Stopped, stopped_cleanly
+
+    before = signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    dropped = threading.Event()
+
+    def finalise(reference: object) -> None:
+        signal.raise_signal(signal.SIGTERM)
+        dropped.set()
+
+    class Thing:
+        pass
+
+    thing = Thing()
+    reference = weakref.ref(thing, finalise)
+    try:
+        with pytest.raises(Stopped, match="SIGTERM"), stopped_cleanly():
+            del thing
+            assert reference() is None and not dropped.is_set()
+            time.sleep(10)
+        assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+ESCAPES = "\x1b[2J\x1b]0;title\x07\x9b2J\r\t\u202e"
+
+
+def test_what_a_command_prints_controls_no_terminal(capsys: pytest.CaptureFixture, monkeypatch) -> None:
+    """Texts of files, whatever reads them: on stdout, as JSON, and on stderr."""
+    from repctl_pin.cli import inspect
+    from repctl_pin.cli.terminal import report
+    from repctl_pin.errors import InputError
+
+    def shown(options) -> int:
+        return report(options, lambda: {"name": ESCAPES}, lambda: f"name {ESCAPES}\nend", [ESCAPES])
+
+    def refused(options) -> int:
+        raise InputError(f"no {ESCAPES}")
+
+    def broken(options) -> int:
+        raise KeyError(ESCAPES)
+
+    for run, arguments in ((shown, []), (shown, ["--json"]), (refused, []), (broken, [])):
+        monkeypatch.setattr(inspect, "run", run)
+        main(["inspect", "ppr", *arguments])
+        told = capsys.readouterr()
+        assert all(line.isprintable() for line in (told.out + told.err).split("\n"))
+        if arguments:
+            assert json.loads(told.out) == {"name": ESCAPES, "files": [ESCAPES]}
+        elif run is shown:
+            assert told.out.split("\n")[0] == "name \\x1b[2J\\x1b]0;title\\x07\\x9b2J\\r\\t\\u202e"
+
+
+def test_no_control_character_stands_in_a_robots_name(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    for escape in ("&#13;", "&#9;", "&#10;forged: a line", "\x9b2J", "\u202e"):
+        file = tmp_path / "arm.urdf"
+        file.write_text(planar_urdf([1, 0.8, 0.6]).replace('"planar"', f'"arm{escape}"'), encoding="utf-8")
+        assert main(["inspect", str(file)]) == 2
+        told = capsys.readouterr()
+        assert told.out == "" and "stands in the robot's name; rename it" in told.err
 
 
 def test_a_fault_of_ours_is_one_line_and_says_how_to_report_it(capsys, monkeypatch) -> None:

@@ -75,3 +75,11 @@ def test_bad_input_gets_one_clear_line(make, message: str) -> None:
     with pytest.raises(rp.InputError, match=message) as error:
         make()
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("period", [5e-324, 1e-300, [6.0, 6.0, 1e-13]])
+def test_a_period_below_the_rounding_of_a_joint_position_is_refused(period: object) -> None:
+    with pytest.raises(rp.InputError, match="period of a Fourier field must be at least 1e-12"):
+        rp.Fourier(3, 1, period=period)
+    with pytest.raises(rp.InputError, match="radius of a tube must be at least 1e-12"):
+        rp.Tube([[0.3, 0.8, 0.8]], period)

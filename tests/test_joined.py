@@ -88,3 +88,24 @@ def test_bad_input_gets_one_clear_line(make, message: str) -> None:
     with pytest.raises(rp.InputError, match=message) as error:
         make(rp.Polynomial(CENTER, 1, SCALE))
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("samples", [32, 64])
+def test_nearly_dependent_potentials_on_few_nodes_still_give_an_inverse(samples: int) -> None:
+    """Over a small box sines are close to cubics: the rounding of the Gauss–Newton matrix is then large."""
+    task = rp.Robot.load("planar4r").task(kind="xy")
+    q0 = task.reference
+    fields, box = rp.Polynomial(q0, 3, 0.2) + rp.Fourier(task.n, 1), rp.Box(q0, 0.2)
+    design = rp.nearest_repeatable(rp.Pseudoinverse(task), fields, box, samples=samples, held_out=256)
+    plain = rp.nearest_repeatable(rp.Pseudoinverse(task), None, box, degree=1, samples=256, held_out=256)
+    assert design.cost < plain.cost
+    assert np.allclose(task.jacobian(q0) @ design.inverse(q0), np.eye(task.m), atol=1e-9)
+
+
+def test_a_fit_that_is_singular_between_its_nodes_is_refused_with_a_remedy() -> None:
+    task = rp.Robot.load("kinova").task(kind="xz")
+    q0 = task.reference
+    fields = rp.Polynomial(q0, 3, 0.2) + rp.Fourier(task.n, 1)
+    with pytest.raises(rp.SingularRegionError, match="between the nodes.*give more samples") as refused:
+        rp.nearest_repeatable(rp.Pseudoinverse(task), fields, rp.Box(q0, 0.2), samples=64, held_out=64)
+    assert refused.value.free is None and refused.value.at.shape == (task.n,)

@@ -102,9 +102,9 @@ def test_poses_arrive_and_keys_come_back(task: rp.Task) -> None:
         visuals = Visuals.of(task.robot)
         for numbers, shown, before in zip(told, (first, now, now), (first, first, now), strict=True):
             expected = poses_of(visuals.placements(task.full(np.array([*shown, *before]))))[:, view._moving]
-            np.testing.assert_allclose(numbers[:-4], expected.ravel(), atol=1e-6)
+            np.testing.assert_allclose(numbers[:-5], expected.ravel(), atol=1e-6)
             drift = np.linalg.norm(np.array(shown) - before, axis=1)
-            np.testing.assert_allclose(numbers[-4:], [*drift, 0, shown is now], atol=1e-6)
+            np.testing.assert_allclose(numbers[-5:], [*drift, 0, shown is now, 0], atol=1e-6)
         with pytest.raises(rp.InputError, match="2 controls, but 1"):
             view.show(Q0)
         with pytest.raises(rp.InputError, match=f"port {port_of(view.url)}"):
@@ -135,13 +135,34 @@ def test_the_last_poses_always_arrive(task: rp.Task, monkeypatch: pytest.MonkeyP
         for k in range(100):
             view.show(Q0 + [0, 0, 0.001 * k])
         while drifts[-1] < 0.0989:
-            drifts.append(float(np.frombuffer(await asyncio.wait_for(socket.read_message(), 20), "<f4")[-2]))
+            drifts.append(float(np.frombuffer(await asyncio.wait_for(socket.read_message(), 20), "<f4")[-3]))
         return drifts
 
     with rp.Viewer(task, ["a"]) as view:
         view.show(Q0)
         drifts = asyncio.run(flood(view))
     assert drifts == sorted(drifts) and len(drifts) < 50
+
+
+def test_no_message_does_more_than_a_key_can(task: rp.Task, capfd: pytest.CaptureFixture[str]) -> None:
+    """Keys move the target as far as the arm reaches; nothing prints, and the page is served as before."""
+
+    async def send(view: rp.Viewer, messages: list[str | bytes]) -> None:
+        socket = await connect(view)
+        for message in messages:
+            await socket.write_message(message, binary=isinstance(message, bytes))
+        socket.close()
+
+    with rp.Viewer(task, ["a"], start=Q0) as view:
+        asyncio.run(send(view, ["[0.1, 0, -0.1]"] * 2000))
+        until(lambda: view.offset[0] == 3.0)  # three links of 1 m
+        assert view.offset.tolist() == [3.0, 0.0, -3.0]
+        for hostile in ("[" * 100_000, "[" * 199, "9" * 199, "[NaN, 0, 0]", "\0", b"\xff" * 1000, '{"home": 1}'):
+            asyncio.run(send(view, [hostile]))
+        asyncio.run(send(view, ['"home"']))
+        until(lambda: not view.offset.any())
+        assert fetch(view.url) == 200
+    assert capfd.readouterr().err == ""
 
 
 def test_strangers_are_refused(task: rp.Task) -> None:
@@ -286,6 +307,10 @@ def test_a_real_browser_follows_the_loop(task: rp.Task, driver: Any) -> None:
         assert same < 0.0005 and moved > 0.01
         said = [note.text for note in driver.find_elements("class name", "past")]
         assert said == ["0 rad off cycle 1", "0.985 rad off cycle 1"]
+        view.show(Q0, Q0, out_of_reach=True)
+        until(lambda: driver.execute_script("return repctl.received") > 2)
+        said = [note.text for note in driver.find_elements("class name", "past")]
+        assert said == ["0 rad off cycle 1, target out of reach"] * 2
         body = driver.find_element("tag name", "body")
         for key, offset in (  # as it is seen from above
             (Keys.ARROW_UP, [0, 0.01, 0]),

@@ -64,3 +64,25 @@ def test_a_target_out_of_reach_comes_back_as_far_as_needed(loop: Loop) -> None:
     assert np.linalg.norm(loop.offset) < 3  # the arm is three long
     where = loop.task.placement(loop.q[0]).translation
     np.testing.assert_allclose(loop.task.placement(loop.q[1]).translation, where, atol=1e-2)  # both are kept waiting
+
+
+def test_out_of_reach_it_holds_says_so_and_comes_back(panda_pose: rp.Task, q_panda: np.ndarray) -> None:
+    """A pose task near the end of the arm's reach: no step on is possible there, in any direction."""
+    plain = rp.Pseudoinverse(panda_pose)
+    fields, box = rp.Polynomial(q_panda, 1, 0.3), rp.Box(q_panda, 0.3)
+    found = rp.nearest_repeatable(plain, fields, box, samples=256, held_out=64)
+    path = rp.circle(panda_pose, q_panda, 0.1)
+    loop = Loop([plain, found.inverse], path, q_panda, period=2.0)
+    loop.run(1.0)
+    assert not loop.out_of_reach
+    held = []
+    for k in range(100):
+        loop.run(0.1, [0.01 * min(k, 60), 0.0, 0.0])
+        held.append(loop.out_of_reach)
+        place = loop._targets[loop._at]
+        hands = [panda_pose.placement(q).translation - place.translation for q in loop.q]
+        np.testing.assert_allclose(hands, [loop.offset] * 2, atol=0.01)  # the hand is where the target is
+    assert not held[0] and all(held[60:]) and 0.05 < loop.offset[0] < 0.5
+    loop.run(10.0)
+    assert not loop.offset.any() and not loop.out_of_reach
+    np.testing.assert_allclose(loop.q[1], loop.before[1], atol=1e-6)

@@ -222,6 +222,29 @@ def test_the_checksum_is_of_everything_else_however_it_is_laid_out() -> None:
     assert _checksum(content) == f"sha256:{hashlib.sha256(written).hexdigest()}"
 
 
+def test_no_text_of_a_file_holds_control_characters(small, panda_pose, q_panda, tmp_path) -> None:
+    """Written, they are escaped; in a file by somebody else they are refused, though its checksum fits."""
+    path = rp.circle(panda_pose, q_panda, 0.1)
+    named = dataclasses.replace(path, name="loop\x1b[2J\nof mine")
+    file = rp.save(dataclasses.replace(small, cycle=Cycle(q_panda, named, 3.0)), tmp_path / "control.json")
+    assert rp.load(file, panda_pose).cycle.path.name == "loop\\x1b[2J\\nof mine"
+    cycle = json.loads(file.read_text())["cycle"]
+    for escape in ("\x1b[2J", "a\nforged: a line", "\x9b", "\u202e"):
+        with pytest.raises(rp.InputError, match="a control character or a line break stands in a text"):
+            rp.load(edited(file, cycle=cycle | {"path": escape}), panda_pose)
+
+
+def test_a_cell_is_placed_by_a_rigid_transform(tmp_path) -> None:
+    task = rp.Robot.load("planar3r").task(kind="xy")
+    cell = rp.Cell(task, task.placement(np.array([0.3, 0.8, 0.8])), 0.05)
+    found = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, degree=1, samples=16, held_out=64)
+    file = rp.save(found, tmp_path / "cell.json")
+    rows = json.loads(file.read_text())["placement"]
+    for last in ([0.0, 0.0, 0.0, 2.0], [0.5, 0.0, 0.0, 1.0]):
+        with pytest.raises(rp.InputError, match="last row of the cell's placement must be 0, 0, 0, 1"):
+            rp.load(edited(file, placement=[*rows[:3], last]))
+
+
 @pytest.mark.parametrize("end", [0.99, 1.01])
 def test_a_path_that_is_not_whole_is_refused(end: float, small, panda_pose, q_panda, tmp_path) -> None:
     cycle = Cycle(q_panda, rp.circle(panda_pose, q_panda, 0.1), 3.0)

@@ -18,6 +18,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -32,8 +33,8 @@ PATIENCE = 20.0
 RESULTS = {"Animation", "BestLeaf", "Design", "FamilyDesign", "Motion", "Robot", "Study", "Task", "TimedMotion"}
 """Classes that functions make, not people: their methods are tried, their constructors are not."""
 
-ELSEWHERE = {"ArmAngle", "Bodies", "CellDesign", "InverseFunction", "Viewer", "nearest_inverse_function"}
-"""What takes too long to be tried thousands of times, or wants another arm than this one."""
+MADE = {"CellDesign", "InverseFunction"}
+"""Classes that are made by functions only: their methods are tried, their constructors are not."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,25 @@ class Call:
     name: str
     function: Callable[..., Any]
     good: dict[str, Any]
+
+
+_LINKS = ("base", "shoulder", "upper", "lower", "hand", "tip")
+_BODY = (
+    '<inertial><mass value="1"/><inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>'
+    '<collision><origin xyz="0 0 0.1"/><geometry><sphere radius="0.05"/></geometry></collision>'
+)
+_AXES = ("0 0 1", "0 1 0", "1 0 0", "0 1 0", "1 0 0")
+ARM_URDF = (
+    '<robot name="arm">'
+    + "".join(f'<link name="{name}">{_BODY}</link>' for name in _LINKS)
+    + "".join(
+        f'<joint name="j{k}" type="revolute"><parent link="{above}"/><child link="{below}"/><origin xyz="0 0 0.3"/>'
+        f'<axis xyz="{axis}"/><limit lower="-2" upper="2" effort="1" velocity="1"/></joint>'
+        for k, ((above, below), axis) in enumerate(zip(pairwise(_LINKS), _AXES, strict=True))
+    )
+    + "</robot>"
+)
+"""An arm of five joints in space, with bodies and inertias."""
 
 
 def right_calls(folder: Path) -> list[Call]:
@@ -64,6 +84,14 @@ def right_calls(folder: Path) -> list[Call]:
     motion = rp.follow(inverse, path, q0, cycles=2, steps=24, leaf_lock=1)
     study = rp.study(robot, task="xy", start=q0, path=path, cycles=1, steps=24, region=0.2)
     saved = rp.save(design, folder / "design.json")
+    cell = rp.Cell(task, target, (0.05, 0.05))
+    found = rp.nearest_inverse_function(control, cell, degree=1, samples=16, held_out=64)
+    arm_file = folder / "arm.urdf"
+    arm_file.write_text(ARM_URDF, encoding="utf-8")
+    arm = rp.Robot.load(arm_file).task("tip", "position")
+    angle = rp.ArmAngle(arm, "upper", "lower", "hand", (0.0, 1.0, 0.0))
+    viewer = rp.Viewer(task, ["J⁺"], start=q0)
+    viewer.close()
     functions: dict[str, dict[str, Any]] = {
         "absolute_angles": {"task": task},
         "animation": {"motions": {"J⁺": motion}, "seconds": 1.0},
@@ -113,6 +141,16 @@ def right_calls(folder: Path) -> list[Call]:
         },
         "compiled": {"control": inverse},
         "export_c": {"control": inverse, "folder": folder / "c", "name": "arm_control", "region": box},
+        "nearest_inverse_function": {
+            "desired": control, "cell": cell, "posture": q0, "degree": 1, "room": 0.05, "apart": 0.0, "dexterity": 0.0,
+            "incomplete": "refuse", "samples": 16, "held_out": 64, "seed": 0, "progress": False,
+        },
+        "ArmAngle": {
+            "task": arm, "shoulder": "upper", "elbow": "lower", "wrist": "hand", "reference": (0.0, 1.0, 0.0),
+            "singular": (1.0, 0.0, 0.0),
+        },
+        "Bodies": {"task": task},
+        "Viewer": {"task": task, "names": ["J⁺"], "path": path, "start": q0, "port": 0},
         "Cell": {"task": task, "placement": target, "half_width": (0.05, 0.05), "rotation": 0.0},
         "LeafImpedance": {
             "inverse": inverse, "stiffness": (1000.0, 50.0), "damping": 1.0, "leaf_frequency": 5.0, "leaf_damping": 1.0,
@@ -204,27 +242,66 @@ def right_calls(folder: Path) -> list[Call]:
         "velocity": {"q": q0, "xdot": np.ones(2)},
         "weights": {"Q": Q},
     }  # fmt: skip
+    U, R, p = cell.sample(4), np.tile(np.eye(3), (4, 1, 1)), np.zeros((4, 3))
+    Q_arm = arm.reference + np.array([[0.1, 0.2, 0.3, 0.1, 0.2], [0.2, 0.1, 0.4, 0.3, 0.1]])
+    own: dict[tuple[type, str], dict[str, Any]] = {
+        (rp.Cell, "around"): {"task": task, "poses": [target], "room": 0.02, "rotation": 0.0},
+        (rp.Cell, "at"): {"u": U[0]},
+        (rp.Cell, "coordinates"): {"p": p, "R": R},
+        (rp.Cell, "coordinates_of"): {"target": target},
+        (rp.Cell, "errors"): {"p_goal": p, "R_goal": R, "p": p, "R": R},
+        (rp.Cell, "inside"): {"U": U, "off": np.zeros(4)},
+        (rp.Cell, "placements"): {"U": U},
+        (rp.Cell, "sample"): {"count": 8, "seed": 0},
+        (rp.Cell, "scaled"): {"factor": 0.5},
+        (rp.Cell, "slopes"): {"p": p, "R": R},
+        (rp.Cell, "speeds"): {"U": U},
+        (rp.Cell, "spread"): {"U": U},
+        (rp.Cell, "twists"): {"U": U, "R": R},
+        (rp.Cell, "vectors"): {"turns": p[:, :2]},
+        (rp.Cell, "where"): {"u": U[0]},
+        (rp.InverseFunction, "__call__"): {"target": target, "leaf": [0.0]},
+        (rp.InverseFunction, "batch"): {"targets": [target], "leaf": [0.0]},
+        (rp.InverseFunction, "jacobian"): {"target": target, "leaf": [0.0]},
+        (rp.InverseFunction, "leaves"): {"target": target},
+        (rp.Viewer, "show"): {"configurations": q0, "before": [q0], "out_of_reach": False},
+        (rp.Bodies, "nearest"): {"q": Q_arm[0]},
+        (rp.Bodies, "distances"): {"Q": Q_arm},
+        (rp.Bodies, "hull_distances"): {"Q": Q_arm},
+        (rp.ArmAngle, "distance"): {"q": Q_arm[0]},
+        (rp.ArmAngle, "gradients"): {"Q": Q_arm},
+        (rp.ArmAngle, "potentials"): {"Q": Q_arm},
+        (rp.LeafImpedance, "torque"): {
+            "q": q0, "qdot": np.zeros(3), "target": target, "twist": np.zeros(6), "leaf": inverse.leaf(q0),
+        },
+        (rp.TaskPath, "placement"): {"s": 0.3},
+    }  # fmt: skip
+    fast, fast_function = rp.compiled(inverse), rp.compiled(found.function)
     things = [
-        robot, task, control, rp.WeightedInverse(task, [1, 2, 3]), rp.PostureControl(task, q0), inverse,
+        cell, found, found.function, found.inverse, fast, fast_function, rp.Bodies(arm), angle, viewer,
+        rp.LeafImpedance(inverse), robot, task,
+        control, rp.WeightedInverse(task, [1, 2, 3]), rp.PostureControl(task, q0), inverse,
         rp.CustomInverse(task, control), rp.ExtendedJacobian(task, q0), rp.LimitWeight(task), fields, waves, joined,
         potentials, box, tube, workspace, design, motion, study, path,
         rp.best_leaf(inverse, path, q0, steps=8), rp.animation({"J⁺": motion}, seconds=1.0),
         rp.nearest_in_family(**functions["nearest_in_family"]),
     ]  # fmt: skip
     public = {n for n in dir(rp) if callable(getattr(rp, n)) and not n.endswith("Error")}
-    assert public - RESULTS - ELSEWHERE == set(functions), "give each public name a right call here"
+    assert public - RESULTS - MADE == set(functions), "give each public name a right call here"
     calls = [Call(name, getattr(rp, name), good) for name, good in functions.items()]
     calls += [Call(f"redundancy.{name}", getattr(rp.redundancy, name), good) for name, good in formulas.items()]
     for thing in things:
         for name in public_methods(type(thing)):
-            good = methods.get(name)
+            good = next((own[kind, name] for kind in type(thing).__mro__ if (kind, name) in own), methods.get(name))
             if name in ("weighted", "split"):
                 good = {"A": np.ones((thing.size, 1))}
-            elif (type(thing), name) == (rp.TaskPath, "placement"):
-                good = {"s": 0.3}
-            elif name in ("show", "dynamics", "bodies_model"):
+            elif name in ("figures", "corners", "size", "close"):
+                good = {}
+            elif good is None and name in ("show", "open", "of", "dynamics", "bodies_model"):
                 continue  # the first serves until it is stopped, the others take nothing
             assert good is not None, f"give {type(thing).__name__}.{name} a right call here"
+            if thing is found.inverse and "leaf" in good:
+                good = good | {"leaf": thing.leaf(q0)}
             if good:
                 calls.append(Call(f"{type(thing).__name__}.{name}", getattr(thing, name), good))
     return calls

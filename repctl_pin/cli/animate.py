@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,7 +12,7 @@ from ..errors import InputError
 from ..files import prepare_folder, write_whole
 from .given import Options, positive, whole
 from .options import Parser
-from .terminal import clear_line, progress, report, until_stopped
+from .terminal import as_json, clear_line, progress, report, until_stopped
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -110,7 +109,7 @@ def _run_live(options: Options, design: rp.Design | None, say: Callable[[str], N
     ):
         clear_line()
         told = {"robot": design.task.robot.name, "frame": design.task.frame, "url": view.url}
-        print(json.dumps(told) if options.json else f"showing at {view.url} until Ctrl-C", flush=True)
+        print(as_json(told) if options.json else f"showing at {view.url} until Ctrl-C", flush=True)
         if not options.no_browser:
             view.open()
         before = due = time.monotonic()
@@ -119,7 +118,7 @@ def _run_live(options: Options, design: rp.Design | None, say: Callable[[str], N
             due = max(due + 1 / RATE, now)
             loop.run(min(now - before, 0.25), view.offset)
             before = now
-            view.show(*loop.q, before=loop.before)
+            view.show(*loop.q, before=loop.before, out_of_reach=loop.out_of_reach)
     return 0
 
 

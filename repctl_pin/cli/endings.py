@@ -4,13 +4,60 @@ from __future__ import annotations
 
 import os
 import shlex
+import signal
 import sys
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
 
-from ..errors import RepctlError
+from ..errors import RepctlError, printable
 from .terminal import clear_line
 
 REFUSED, FAULT, INTERRUPTED = 2, 1, 130
+
+
+class Stopped(BaseException):
+    """SIGTERM or the end of the terminal, raised in the main thread, so that half-written files are removed."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(signal.Signals(number).name)
+        self.number = number
+
+
+@contextmanager
+def stopped_cleanly() -> Iterator[None]:
+    """Raise :class:`Stopped` where SIGTERM or SIGHUP would end the process at once: the first of them alone."""
+    numbers = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    if threading.current_thread() is not threading.main_thread():  # only the main thread gets signals
+        numbers = []
+    caught = [number for number in numbers if signal.getsignal(number) is signal.SIG_DFL]  # under nohup it is ignored
+    coming, hook = False, sys.unraisablehook
+
+    def stop(number: int, frame: object) -> None:
+        nonlocal coming
+        if not coming:
+            coming = True
+            raise Stopped(number)
+
+    def swallowed(what: Any) -> None:
+        """Raise it anew a little later, where it was raised inside a finaliser, which drops exceptions."""
+        nonlocal coming
+        if isinstance(what.exc_value, Stopped):
+            coming = False
+            threading.Timer(0.01, os.kill, (os.getpid(), what.exc_value.number)).start()
+        else:
+            hook(what)
+
+    for number in caught:
+        signal.signal(number, stop)
+    sys.unraisablehook = swallowed
+    try:
+        yield
+    finally:
+        sys.unraisablehook = hook
+        for number in caught:
+            signal.signal(number, signal.SIG_DFL)
 
 
 def told(run: Callable[[], int], arguments: list[str], *, debug: bool) -> int:
@@ -26,7 +73,8 @@ def told(run: Callable[[], int], arguments: list[str], *, debug: bool) -> int:
         Show the traceback of an unexpected error instead of the line.
     """
     try:
-        code = run()
+        with stopped_cleanly():
+            code = run()
         if sys.stdout is not None:
             sys.stdout.flush()  # here a full disk can still be told
         return code
@@ -34,6 +82,8 @@ def told(run: Callable[[], int], arguments: list[str], *, debug: bool) -> int:
         return _say(str(error), REFUSED)
     except KeyboardInterrupt:
         return _say("interrupted; nothing half-written was left", INTERRUPTED)
+    except Stopped as stop:
+        return _say(f"stopped by {stop}; nothing half-written was left", 128 + stop.number)
     except BrokenPipeError:  # the reader of our output went away, as `| head` does
         _drop_output()
         return 0
@@ -56,7 +106,7 @@ def _say(line: str, code: int) -> int:
     """Print the line, unless stderr is closed."""
     clear_line()
     try:
-        print(f"repctl: {' '.join(line.split())}", file=sys.stderr, flush=True)
+        print(printable(f"repctl: {' '.join(line.split())}"), file=sys.stderr, flush=True)
     except OSError:
         _drop_output()
     return code

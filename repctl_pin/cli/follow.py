@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import repctl_pin as rp
 
-from ..errors import InputError, needed
+from ..errors import InputError, needed, printable
 from ..files import write_whole
 from ..show.text.lines import fitted
 from ..show.text.numbers import number, row
@@ -116,7 +116,8 @@ def run(options: Options) -> int:
     report(options, lambda: result, text, files)
     if broken and not options.json:
         sys.stdout.flush()
-        print(f"repctl: warning: {'; '.join(map(str, broken))}; try {remedy}", file=sys.stderr)
+        warning = f"repctl: warning: {'; '.join(map(str, broken))}; try {remedy}"
+        print(printable(warning), file=sys.stderr)
     return 0
 
 

@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from ..errors import printable
 from ..show.text.lines import on_terminal
 
 
@@ -22,9 +23,9 @@ def progress(quiet: bool) -> Callable[[str], None]:
     def say(text: str) -> None:
         clear_line()
         if text.startswith("note: "):
-            print(text, file=sys.stderr, flush=True)
+            print(printable(text), file=sys.stderr, flush=True)
         elif shown:
-            print(f"… {text}", end="", file=sys.stderr, flush=True)
+            print(f"… {printable(text)}", end="", file=sys.stderr, flush=True)
 
     if quiet:
         return lambda text: None
@@ -58,10 +59,17 @@ def report(
     clear_line()
     if options.json:
         found = result() if files is None else result() | {"files": [str(file) for file in files]}
-        print(json.dumps(found, indent=2, ensure_ascii=False, default=lambda array: array.tolist()))
+        print(as_json(found, indent=2))
     elif not options.quiet:
-        print(*filter(None, [text(), *(f"wrote {file}" for file in files or ())]), sep="\n")
+        wrote = [printable(f"wrote {file}") for file in files or ()]
+        print(*filter(None, [printable(text(), lines=True), *wrote]), sep="\n")
     return 0
+
+
+def as_json(value: Any, indent: int | None = None) -> str:
+    """Write JSON that any terminal can show: what does not print is escaped, which JSON reads as the same."""
+    text = json.dumps(value, indent=indent, ensure_ascii=False, default=lambda array: array.tolist())
+    return "".join(c if c.isprintable() or c == "\n" else json.dumps(c)[1:-1] for c in text)
 
 
 @contextmanager

@@ -107,7 +107,8 @@ def descend(
     nodes. Of all V of next to the same cost the penalty takes the one closest to the null space's own field.
 
     In the coordinates C = B⁻¹ A, in which the potentials' gradients are orthonormal over Ω, the step solves
-    ``(H + τ mean EᵀE + μ I) dC = −g``; μ falls where Gauss–Newton predicts the decrease and rises where not.
+    ``(H + τ mean EᵀE + μ I) dC = −g``; μ falls where Gauss–Newton predicts the decrease and rises where not. Nearly
+    dependent potentials have a large B, and the rounding of ``Bᵀ H B`` then sets the smallest μ.
     """
     r = A.shape[1]
     EE, toward = basis.T @ begin.EE @ basis, basis.T @ begin.toward
@@ -132,7 +133,8 @@ def descend(
     C = scipy.linalg.solve_triangular(basis, A)
     size = len(C)
     total, cost, gradient, matrix, sides = evaluate(C)
-    converged, steps, still, norm, damping = False, 0, 0, 0.0, _DAMPING
+    converged, steps, still, norm = False, 0, 0, 0.0
+    damping, least = _DAMPING, _LEAST_DAMPING
     for steps in range(_MAX_STEPS):
         report(steps, cost)
         g = gradient.T.ravel()  # (r N,)
@@ -143,15 +145,15 @@ def descend(
         H = np.block(
             [[basis.T @ matrix[i, :, j, :] @ basis + (tau * EE if i == j else 0.0) for j in range(r)] for i in range(r)]
         )
-        level = max(float(np.trace(H)) / len(g), 1e-300)
-        H[np.diag_indices_from(H)] += damping * level
-        step = -scipy.linalg.solve(H, g, assume_a="pos")
+        H, step, used = _damped_step(H, g, damping)
+        if used > damping:
+            damping = least = used
         predicted = -2 * float(g @ step) - float(step @ (H @ step))
         if predicted <= tolerance * cost:
-            if damping <= _LEAST_DAMPING:
+            if damping <= least:
                 converged = True
                 break
-            damping = max(damping / 100, _LEAST_DAMPING)  # stop only where an undamped step predicts nothing either
+            damping = max(damping / 100, least)  # stop only where an undamped step predicts nothing either
             continue
         dC = step.reshape(r, size).T
         found = evaluate(C + dC)  # the full step is usually taken: its matrix at once
@@ -162,13 +164,36 @@ def descend(
             found = evaluate(C + length * dC)
         gain = (total - found[0]) / predicted
         still = still + 1 if abs(cost - found[1]) <= tolerance * cost else 0
-        damping = float(np.clip(damping * (0.2 if gain > 0.5 else 1 if gain > 0.2 else 5), _LEAST_DAMPING, 1.0))
+        damping = float(np.clip(damping * (0.2 if gain > 0.5 else 1 if gain > 0.2 else 5), least, 1.0))
         C = C + length * dC
         total, cost, gradient, matrix, sides = found
         if still == _STILL:  # only the penalty still falls, among V of equal cost
             converged = True
             break
     return Descent(basis @ C, cost, norm, converged, steps, sides)
+
+
+def _damped_step(H: Array, g: Array, damping: float) -> tuple[Array, Array, float]:
+    """Solve ``(H + μ I) x = −g``, with μ raised until the matrix is positive definite.
+
+    Returns
+    -------
+    matrix : (N, N) array
+        H + μ I.
+    step : (N,) array
+    damping : float
+        μ / mean(diag H): at least what was asked for.
+    """
+    level = max(float(np.trace(H)) / len(g), 1e-300)
+    while True:
+        matrix = (H + H.T) / 2
+        matrix[np.diag_indices_from(matrix)] += damping * level
+        try:
+            factor = scipy.linalg.cho_factor(matrix)
+        except np.linalg.LinAlgError:
+            damping *= 10
+        else:
+            return matrix, -scipy.linalg.cho_solve(factor, g), damping
 
 
 def _solve(matrix: Array, rhs: Array) -> Array:

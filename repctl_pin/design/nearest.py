@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from .. import progress as reporting
-from ..arguments import MOST_NODES, flag, positive, shown, wanted, whole
+from ..arguments import MOST_NODES, flag, flag_or_function, positive, shown, wanted, whole
 from ..blas import one_blas_thread
 from ..errors import InputError, SingularityError
 from ..fields.field import Field, check_joints
@@ -120,8 +120,7 @@ def nearest_repeatable(
     if executor is not None and not callable(getattr(executor, "submit", None)):
         wanted(executor, Executor, "executor", "a concurrent.futures.Executor or a Dask client")
     shrink = flag(shrink, "shrink")
-    if not callable(progress):
-        progress = flag(progress, "progress")
+    progress = flag_or_function(progress, "progress", "a function of what is being done and the share that is done", 2)
     _check(desired, fields, region, degree)
     if fields is None:
         fields = _polynomial(region, 1 if degree == "auto" else degree)

@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 
 from .._version import __version__
-from ..errors import InputError
+from ..errors import InputError, printable
 from ..files import read_whole, write_whole
 from ..robot.task import Task
 from ..strategies.repeatable import RepeatableInverse
@@ -29,7 +29,7 @@ _LARGEST = 64_000_000
 
 def write(content: Sealed, path: str | Path) -> Path:
     """Write data to a file with its checksum, whole or not at all."""
-    plain = msgspec.to_builtins(content)
+    plain = _printable(msgspec.to_builtins(content))
     text = json.dumps(plain | {"checksum": _checksum(plain)}, indent=1, ensure_ascii=False, allow_nan=False)
     return write_whole(path, text + "\n")
 
@@ -59,7 +59,10 @@ def read(path: str | Path, kinds: Mapping[str, type[Sealed]]) -> Any:
         raise InputError(f"{where} is not a valid design file: {error}") from None
     except (msgspec.DecodeError, RecursionError, UnicodeError) as error:
         raise InputError(f"{where} is not a design file: not valid JSON ({error})") from None
-    if content.checksum != _checksum(json.loads(text)):  # as written: an older file says less than its class does
+    plain = json.loads(text)  # as written: an older file says less than its class does
+    if _printable(plain) != plain:
+        raise InputError(f"{where} is not a valid design file: a control character or a line break stands in a text")
+    if content.checksum != _checksum(plain):
         raise InputError(f"{where} was changed after it was written: its checksum does not fit; design again")
     return content
 
@@ -124,6 +127,15 @@ class _Head(msgspec.Struct):
     format: str
     schema: int
     written_by: str = ""
+
+
+def _printable(value: Any) -> Any:
+    """Escape what does not print in every text of plain data."""
+    if isinstance(value, dict):
+        return {key: _printable(part) for key, part in value.items()}
+    if isinstance(value, (list, tuple)):
+        return type(value)(map(_printable, value))
+    return printable(value) if isinstance(value, str) else value
 
 
 def _checksum(content: dict[str, Any]) -> str:

@@ -22,6 +22,7 @@ from ..regions import Region
 from ..strategies.strategy import Inverse
 from . import criterion
 from .batches import Guarded
+from .criterion import named
 from .descend import Descent, Start, descend, start
 from .independence import Independent
 from .singularities import LeafMargin, Lowest, SingularRegionError, refuse_singular, search
@@ -140,8 +141,22 @@ class Way:
             bad = lowest.ends[lowest.values <= 0]
         if not len(bad) and error is not None:
             bad = error.at[None]
+        if not len(bad):
+            return self._between_nodes(Q)
         wish = self.wish
         return refuse_singular("an algorithmic singularity lies", wish.desired.task, measure, wish.region, bad)
+
+    def _between_nodes(self, Q: Array) -> SingularRegionError:
+        """Refuse too few nodes: the linear start is regular, but every descent from it becomes singular."""
+        task, kept = self.wish.desired.task, self.chosen.kept
+        at = self.coarse.guards[-1][0] if self.coarse.guards else self.wish.region.center
+        return SingularRegionError(
+            f"{len(Q)} nodes do not determine {len(kept)} potentials: each fit has an algorithmic singularity "
+            f"between the nodes, such as near {named(task, at)}",
+            at,
+            None,
+            "give more samples, a lower degree or fewer potentials",
+        )
 
     def told(self, step: int, cost: float) -> None:
         """Report a step of a descent."""

@@ -1,6 +1,7 @@
 """Closed paths, and what a strategy does on them."""
 
 from ..robot.length import elbow as elbow
+from . import pieces as pieces  # makes paths picklable
 from .best_leaf import BestLeaf as BestLeaf
 from .best_leaf import best_leaf as best_leaf
 from .follow import check_length as check_length

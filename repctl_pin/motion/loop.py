@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 
 import numpy as np
@@ -19,13 +20,15 @@ SPEED = 0.15
 """How fast the target leaves the path and comes back, m/s."""
 _MOST = 0.1
 """A step that moves a joint by more, rad or m, is not taken: the target is out of reach."""
+_FREE = 0.5
+"""Time without a refused step after which the way on counts as free, s."""
 
 
 class Loop:
     """Runs controls round a path, ``q += G(q + G(q) e / 2) e`` a step, e the error to the next target.
 
-    A control that has leaves keeps to one. The target may be moved off the path; where a control cannot follow it, it
-    comes back as far as needed.
+    A control that has leaves keeps to one. The target may be moved off the path. Where a control cannot follow it, the
+    target comes back as far as needed; where that does not help either, all go back along the steps they came by.
 
     Parameters
     ----------
@@ -44,6 +47,8 @@ class Loop:
         Where each control has brought the joints.
     offset : (3,) array
         How far the target is off the path, m, base axes.
+    out_of_reach : bool
+        Whether a control could not follow, and the target has not yet come to where it should be.
     cycle : (steps + 1, strategies, n) array
         What each did in an undisturbed first cycle.
     """
@@ -64,8 +69,13 @@ class Loop:
         self._begin(start)
 
     def _begin(self, start: Array) -> None:
+        self._start = start
         self.q = [start.copy() for _ in self.strategies]
         self.offset, self._at, self._rest = np.zeros(3), 0, 0.0
+        self._trail: deque[tuple[list[Array], Array, int]] = deque(maxlen=4 * self.steps)
+        self.out_of_reach = False
+        self._free = 0  # steps since the last refusal
+        self._back, self._stride = 0, 1  # steps still to go back, and how many the next time
 
     @property
     def before(self) -> Array:
@@ -80,18 +90,42 @@ class Loop:
             self._step(wish)
 
     def _step(self, wish: Array) -> None:
-        """Take one step: onward, or with the target where it is, or a little nearer to the path."""
+        """Take one step: onward, or with the target where it is, or a little nearer to the path; or one step back."""
+        if self._back:
+            self._return()
+            return
         way = wish - self.offset
         onward = self.offset + way * min(1.0, SPEED * self.dt / max(float(np.linalg.norm(way)), 1e-12))
-        ahead = (self._at + 1) % self.steps
+        self._free += 1
+        if self._free * self.dt > _FREE:
+            self._stride = 1
         for offset in (onward, self.offset, 0.99 * self.offset):
-            place = self._targets[ahead]
-            target = pin.SE3(place.rotation, place.translation + offset)
-            found = [self._next(k, target) for k in range(len(self.strategies))]
-            if all(q is not None for q in found):
-                self.q, self.offset, self._at = [q for q in found if q is not None], offset, ahead
+            if self._go(offset):
+                self.out_of_reach &= not np.array_equal(offset, wish)
                 return
-        self.offset = 0.99 * self.offset
+            self.out_of_reach, self._free = True, 0
+        self._back, self._stride = self._stride, 2 * self._stride  # ever further, until there is a way on
+        self._return()
+
+    def _return(self) -> None:
+        """Go one step back along the trail; where it ends, to the start."""
+        self._back -= 1
+        if self._trail:
+            self.q, self.offset, self._at = self._trail.pop()
+        else:
+            self._begin(self._start)
+
+    def _go(self, offset: Array) -> bool:
+        """Go on to the path's next point and an offset from it; False where a control cannot."""
+        ahead = (self._at + 1) % self.steps
+        place = self._targets[ahead]
+        target = pin.SE3(place.rotation, place.translation + offset)
+        found = [q for k in range(len(self.strategies)) if (q := self._next(k, target)) is not None]
+        if len(found) < len(self.strategies):
+            return False
+        self._trail.append((self.q, self.offset, self._at))
+        self.q, self.offset, self._at = found, offset, ahead
+        return True
 
     def _next(self, k: int, target: pin.SE3) -> Array | None:
         """Where a control goes from here; None where it cannot."""

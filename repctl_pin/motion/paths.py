@@ -120,6 +120,10 @@ class TaskPath:
         count = whole(count, "count", 2, MOST_STEPS)
         return np.array([self.point(s) for s in np.union1d(np.linspace(0, 1, count), self.breaks)])
 
+    def __deepcopy__(self, memo: dict[int, Any]) -> TaskPath:
+        """Copy nothing: a path does not change."""
+        return self
+
     @property
     def options(self) -> str:
         """The options that make the command line draw it again; empty if there are none."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import copyreg
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -88,6 +89,19 @@ def path_of(pieces: Sequence[Piece], rotation: Array, **what: Any) -> TaskPath:
     if pieces[0].coefficients.shape[1] == 7:
         turning = {"rotation": lambda s: Rotation.from_quat(at(s)[3:]).as_matrix(), "spin": spin}
     return TaskPath(point=lambda s: at(s)[:3], slope=lambda s: at(s, slope=True)[:3], **turning, **what)
+
+
+def _pickled(path: TaskPath) -> tuple[Callable[..., TaskPath], tuple[Any, ...]]:
+    """Pickle a path as its pieces: its functions cannot be pickled."""
+    what = {name: getattr(path, name) for name in ("name", "breaks", "words", "plane", "corners", "period")}
+    return _unpickled, (pieces_of(path), path.placement(0.0).rotation, what)
+
+
+def _unpickled(pieces: Sequence[Piece], rotation: Array, what: dict[str, Any]) -> TaskPath:
+    return path_of(pieces, rotation, **what)
+
+
+copyreg.pickle(TaskPath, _pickled)
 
 
 def _fitted(path: TaskPath, begin: float, end: float, turns: bool, size: float, depth: int) -> list[Piece]:

@@ -50,6 +50,9 @@ def presumed_acceleration(task: Task) -> tuple[Array, str]:
 _MOMENT = 1e-3
 """Velocities and accelerations are means over this time to either side, s: the exact ones jump."""
 
+_MOST_SAMPLES = MOST_STEPS // 5
+"""Samples of a timed motion: each takes the memory of several steps."""
+
 
 @dataclass(frozen=True)
 class TimedMotion:
@@ -261,15 +264,15 @@ def _sampled(
     period = 0
     if len(marks) > 3:  # a steady cycle takes a whole number of samples
         steady = float(marks[2] - marks[1])
-        if not steady / dt < MOST_STEPS:
+        if not steady / dt < _MOST_SAMPLES:
             raise InputError(f"a cycle of {steady:.3g} s at {rate:g} samples per second is too much; lower the rate")
         period = int(np.ceil(steady / dt - 1e-6))
         factor *= period * dt / steady
         marks = profile.marks * factor
     moment = min(dt, _MOMENT)
     lead = int(np.ceil(2 * moment / dt - 1e-9))
-    if not marks[-1] / dt + (more * period) + 2 * lead < MOST_STEPS:
-        raise InputError(f"{marks[-1]:.3g} s at {rate:g} samples per second are over {MOST_STEPS:,}; lower the rate")
+    if not marks[-1] / dt + (more * period) + 2 * lead < _MOST_SAMPLES:
+        raise InputError(f"{marks[-1]:.3g} s at {rate:g} samples per second are over {_MOST_SAMPLES:,}; lower the rate")
     samples = int(np.ceil(marks[-1] / dt - 1e-9)) + 2 * lead + 1
     clock = np.linspace(-lead, samples - 1 - lead, samples) * dt
     back, before, q, after, beyond = (profile.positions((clock + k * moment) / factor) for k in (-2, -1, 0, 1, 2))

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from threading import Lock
-from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import Array, rows, wanted
+from ..arguments import Array, rows, vector, wanted
 from ..urdf.gate import MAX_SHAPES
 from .collision_model import Pair, collision_model
 from .task import Task
@@ -100,8 +99,9 @@ class Bodies:
         self.standing = model.standing
         self.missing = tuple(model.unusable)
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return Bodies, (self.task,)
+    def __reduce__(self) -> tuple[type[Bodies], tuple[Task]]:
+        """Pickle the task: its bodies are made again."""
+        return type(self), (self.task,)
 
     def __repr__(self) -> str:
         measured = f"{len(self.pairs)} pairs measured, {len(self.only_contact)} for contact only"
@@ -135,7 +135,7 @@ class Bodies:
 
     def nearest(self, q: ArrayLike) -> Nearest:
         """Find the two bodies nearest to each other at q (n,)."""
-        distances, which = self._all(np.asarray(q, float)[None])
+        distances, which = self._all(vector(q, self.task.n, "q")[None])
         links = ("", "") if which[0] < 0 else self._model.names(int(which[0]))
         return Nearest(float(distances[0]), links)
 

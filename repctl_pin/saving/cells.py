@@ -112,6 +112,8 @@ def cell_of(content: CellFile, task: Task) -> CellDesign:
     widths, at, positions = np.array(content.widths), np.array(content.placement), min(3, task.m)
     if widths.shape != (task.m,) or at.shape != (4, 4):
         raise InputError(f"a cell of this task has {task.m} widths and a placement of 4 × 4 numbers")
+    if not np.array_equal(at[3], [0.0, 0.0, 0.0, 1.0]):
+        raise InputError("the last row of the cell's placement must be 0, 0, 0, 1")
     if not content.degrees:
         raise InputError("a cell's file names at least one degree that was tried")
     degree = whole(content.degree, "the degree of a cell's polynomials", 0, _MOST_DEGREE)

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, freeze, numbers, shown, wanted
+from ..arguments import MOST_NODES, Array, freeze, numbers, positive, rows, shown, stacks, vector, wanted, whole
 from ..errors import InputError
 from ..robot.formulas import require_rotation
 from ..robot.task import Task, wanted_task
@@ -146,6 +146,7 @@ class Cell:
 
     def scaled(self, factor: float) -> Cell:
         """Make the cell with the same middle and all widths scaled."""
+        factor = positive(factor, "the factor")
         turn = self.rotation * factor if len(self.rotation) else 0.0
         return Cell(self.task, self.placement, self.half_width * factor, turn)
 
@@ -153,7 +154,7 @@ class Cell:
 
     def placements(self, U: ArrayLike) -> tuple[Array, Array]:
         """Place the coordinates U (K, k): positions (K, 3), m, and rotations (K, 3, 3)."""
-        Y = self.spread(np.asarray(U, float))
+        Y = self.spread(U)
         positions = len(self.half_width)
         p = np.tile(self.placement.translation, (len(Y), 1))
         p[:, self.task.rows[:positions]] += Y[:, :positions]
@@ -164,7 +165,7 @@ class Cell:
 
     def at(self, u: ArrayLike) -> pin.SE3:
         """Place one u (k,)."""
-        p, R = self.placements(np.asarray(u, float)[None])
+        p, R = self.placements(vector(u, self.k, "u", "one per coordinate of the cell")[None])
         return pin.SE3(R[0].copy(), p[0])
 
     def coordinates(self, p: Array, R: Array) -> tuple[Array, Array]:
@@ -181,6 +182,7 @@ class Cell:
         off : (K,) array
             The largest distance along a held coordinate, m or rad.
         """
+        p, R = stacks(("p", p, "K 3"), ("R", R, "K 3 3"), exact=True, finite=False)
         Y = self._measured(p, R)
         on = self.widths > 0
         return Y[:, on] / self.widths[on], np.abs(Y[:, ~on]).max(axis=1, initial=0.0)
@@ -198,6 +200,7 @@ class Cell:
 
     def inside(self, U: Array, off: Array) -> Array:
         """Take coordinates that have to lie in the cell, or say which does not."""
+        U, off = stacks(("U", U, f"K {self.k}"), ("off", off, "K"), exact=True, finite=False)
         bad = ~((np.abs(U) <= 1 + _INSIDE).all(axis=1) & (off <= TURNED))
         if not bad.any():
             return U
@@ -216,7 +219,7 @@ class Cell:
 
     def ratio(self, Q: Array) -> Array:
         """By what factor the cell would have to grow for each row of Q (K, n) to reach its edge: above 1 is outside."""
-        U, off = self.coordinates(*placed(self.task, Q)[:2])
+        U, off = self.coordinates(*placed(self.task, rows(Q, self.task.n, "this cell"))[:2])
         return np.where(off <= TURNED, np.abs(U).max(axis=1), np.inf)
 
     # ---- velocities --------------------------------------------------------------------------------
@@ -230,10 +233,12 @@ class Cell:
         R : (K, 3, 3) array
             The frame's rotations: for an axis task they may be spun about the tool's axis against the cell's.
         """
+        U, R = stacks(("U", U, f"K {self.k}"), ("R", R, "K 3 3"), exact=True, finite=False)
         return self._all_twists(self.spread(U), R)[:, :, self.widths > 0] * self._active_widths
 
     def slopes(self, p: Array, R: Array) -> tuple[Array, Array]:
         """Evaluate u and ∂u/∂x at placements: (K, k) and (K, k, m)."""
+        p, R = stacks(("p", p, "K 3"), ("R", R, "K 3 3"), exact=True, finite=False)
         Y, on = self._measured(p, R), self.widths > 0
         slopes = np.linalg.inv(self._all_twists(Y, R))[:, on] / self._active_widths[:, None]
         return Y[:, on] / self._active_widths, slopes
@@ -247,6 +252,10 @@ class Cell:
 
     def errors(self, p_goal: Array, R_goal: Array, p: Array, R: Array) -> Array:
         """Measure the task errors (K, m) from placements to goals, as :meth:`Task.error` does."""
+        p_goal, R_goal, p, R = stacks(
+            ("p_goal", p_goal, "K 3"), ("R_goal", R_goal, "K 3 3"), ("p", p, "K 3"), ("R", R, "K 3 3"),
+            exact=True, finite=False,
+        )  # fmt: skip
         e = p_goal - p
         if self.task.kind == "pose":
             return np.concatenate([e, log3(R_goal @ np.swapaxes(R, 1, 2))], axis=1)
@@ -258,6 +267,7 @@ class Cell:
 
     def sample(self, count: int, seed: int = 0) -> Array:
         """Draw coordinates U (count, k), uniform in the cell: scrambled Sobol points."""
+        count, seed = whole(count, "count", 1, MOST_NODES), whole(seed, "seed")
         power = int(np.ceil(np.log2(max(count, 2))))
         from scipy.stats import qmc  # slow to import
 
@@ -298,7 +308,8 @@ class Cell:
         x = self.at(u)
         text = f"({', '.join(f'{v:.3g}' for v in np.round(x.translation, 9) + 0.0)}) m"
         if self.rotation.any():
-            turn = self.spread(np.asarray(u, float)[None])[0, len(self.half_width) :]
+            u = vector(u, self.k, "u", "one per coordinate of the cell")
+            turn = self.spread(u[None])[0, len(self.half_width) :]
             turned = f", turned by ({', '.join(f'{v:.2g}' for v in turn)}) rad from the middle's orientation"
             text += turned if turn.any() else ""
         return text
@@ -312,8 +323,9 @@ class Cell:
     def _active_widths(self) -> Array:
         return self.widths[self.widths > 0]
 
-    def spread(self, U: Array) -> Array:
+    def spread(self, U: ArrayLike) -> Array:
         """All m coordinates, m and rad, of U (K, k)."""
+        (U,) = stacks(("U", U, f"K {self.k}"), exact=True, finite=False)
         Y = np.zeros((len(U), len(self.widths)))
         Y[:, self.widths > 0] = U * self._active_widths
         return Y
@@ -332,6 +344,7 @@ class Cell:
 
     def vectors(self, turns: Array) -> Array:
         """Rotation vectors (K, 3), base axes, of the turns (K, 3) or (K, 2)."""
+        (turns,) = stacks(("turns", turns, f"K {3 if self.task.kind == 'pose' else 2}"), exact=True, finite=False)
         return turns if turns.shape[1] == 3 else turns @ self.placement.rotation[:, :2].T
 
     def _all_twists(self, Y: Array, R: Array) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, vector
+from ..arguments import Array, list_of, numbers, stacks, vector, wanted
 from ..errors import InputError
 from ..redundancy import leaf_margin
 from ..robot.task import Task
@@ -103,9 +103,8 @@ class InverseFunction:
             Naming the first target, counted from 0, that is outside the cell or has no joints there.
         """
         cell = self.cell
+        targets = self._targets(targets)
         if isinstance(targets, np.ndarray):
-            if targets.ndim != 2 or targets.shape[1] != cell.k:
-                raise InputError(f"coordinates of this cell are an array (K, {cell.k}); got shape {targets.shape}")
             U = cell.inside(np.asarray(targets, float), np.zeros(len(targets)))
         else:
             U = cell.inside(*cell.coordinates(*stacked(cell.task, targets, "target")))
@@ -153,8 +152,17 @@ class InverseFunction:
             step[~good] /= 2
         return np.stack([-done[:r], done[r:]], axis=1)
 
+    def _targets(self, targets: Sequence[pin.SE3] | Array) -> list[pin.SE3] | Array:
+        """Take placements, or coordinates U (K, k)."""
+        if isinstance(targets, np.ndarray):
+            return stacks(("coordinates of this cell", targets, f"K {self.cell.k}"), exact=True, finite=False)[0]
+        a_target = "a placement (pinocchio.SE3)"
+        listed = list_of(targets, "targets", "a list of placements, or an array of coordinates (K, k)")
+        return [wanted(one, pin.SE3, f"target {i}", a_target) for i, one in enumerate(listed)]
+
     def _leaf(self, leaf: ArrayLike) -> Array:
-        return vector(np.atleast_1d(leaf), self.task.r, "the leaf c")
+        array = numbers(leaf)
+        return vector(leaf if array is None else np.atleast_1d(array), self.task.r, "the leaf c")
 
     def _beyond(self, q: Array, target: pin.SE3) -> InputError:
         joint = int(np.argmin(self.task.limit_margin(q)))

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import progress as reporting
-from ..arguments import Array, positive, wanted, whole
+from ..arguments import Array, chosen, flag_or_function, positive, wanted, whole
 from ..errors import InputError
 from ..strategies.strategy import AN_INVERSE, Batched, Inverse
 from .cell import LEAST_WIDTH, Cell
@@ -155,13 +155,13 @@ def nearest_inverse_function(
     """
     wanted(desired, Batched, "desired", AN_INVERSE)
     wanted(cell, Cell, "cell", "a cell, such as rp.Cell(task, placement, 0.1)")
-    if incomplete not in ("refuse", "shrink", "keep"):
-        raise InputError(f"incomplete must be 'refuse', 'shrink' or 'keep', not {incomplete!r}")
+    chosen(incomplete, ("refuse", "shrink", "keep"), "way to treat an incomplete cell")
+    progress = flag_or_function(progress, "progress", "a function of what is being done and the share that is done", 2)
     if desired.task.as_dict() != cell.task.as_dict():
         raise InputError(f"the control is for {desired.task!r}, the cell for {cell.task!r}; make both for one task")
     if cell.task.r < 1:
         raise InputError(f"{cell.task!r} is not redundant: with r = {cell.task.r} its joints are given by the pose")
-    if degree != "auto":
+    if not (isinstance(degree, str) and degree == "auto"):
         degree = whole(degree, "degree", 1, _MOST_DEGREE)
         if comb(cell.k + degree, degree) * cell.task.r > 4 * _MOST_UNKNOWNS:
             raise InputError(f"degree {degree} in {cell.k} coordinates makes more than {4 * _MOST_UNKNOWNS} unknowns")

@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, numbers, rows
+from ..arguments import Array, numbers, rows, shown, vector, wanted
 from ..errors import InputError, SingularityError
 from ..fields.custom import PotentialsMap
 from ..fields.field import coefficients
@@ -69,7 +69,9 @@ class ArmAngle(Family):
         self.task, self.n = wanted_task(task), task.n
         if task.coordinates is not None:
             raise InputError("an arm angle is of the joints themselves; use the task before in_coordinates()")
-        self.frames = (shoulder, elbow, wrist)
+        self.frames = tuple(
+            wanted(name, str, "a frame of an arm angle", "a link's name") for name in (shoulder, elbow, wrist)
+        )
         self._ids = [frame_id(task.model, name) for name in self.frames]
         self.reference = _unit(reference, "the reference direction")
         self.singular = None if singular is None else _unit(singular, "the singular direction")
@@ -105,7 +107,7 @@ class ArmAngle(Family):
 
     def distance(self, q: ArrayLike) -> float:
         """The angle, rad, between the wrist's direction and the nearest singular one."""
-        w = self._points(np.asarray(q, float))[1][0]
+        w = self._points(vector(q, self.task.n, "q"))[1][0]
         w = w / np.linalg.norm(w)
         along = abs(w @ self.reference) if self.singular is None else w @ self.singular
         return float(np.arccos(np.clip(along, -1, 1)))
@@ -153,5 +155,5 @@ class ArmAngle(Family):
 def _unit(value: ArrayLike, what: str) -> Array:
     v = numbers(value)
     if v is None or v.shape != (3,) or not np.isfinite(v).all() or not np.linalg.norm(v) > 0:
-        raise InputError(f"{what} must be three finite numbers, not all 0; got {value!r}")
+        raise InputError(f"{what} must be three finite numbers, not all 0; got {shown(value)}")
     return v / np.linalg.norm(v)

@@ -65,6 +65,8 @@ def check(robot: etree._Element) -> str:
         raise bad(robot, "there is no <link> in this file, so there is no robot; give the full URDF")
     if not robot.get("name"):
         raise bad(robot, 'the robot has no name; write <robot name="…">')
+    if not robot.get("name").isprintable():
+        raise bad(robot, "a control character or a line break stands in the robot's name; rename it")
     if robot.get("version", "1.0") not in ("1.0", "1.1", "1.2"):
         raise bad(robot, f"version {short(robot.get('version'))} is unknown; write 1.0")
     if max(len(joints), len(links) - 1) > MAX_JOINTS:

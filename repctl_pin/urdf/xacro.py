@@ -46,6 +46,9 @@ def expand(path: Path, most: int) -> bytes:
         except subprocess.TimeoutExpired:
             process.kill()
             raise UrdfError(f"xacro does not expand it within {SECONDS:g} s; does a macro call itself?") from None
+        except BaseException:  # stopped: nothing is to wait for it
+            process.kill()
+            raise
     if process.returncode != 0:
         said = [line for line in complaints.decode(errors="replace").splitlines() if line.strip()] or ["no reason"]
         raise UrdfError(f"xacro cannot expand it ({said[0].strip()[:200]}); correct it, or expand it where ROS is")

@@ -23,15 +23,19 @@ from tornado.netutil import bind_sockets
 from tornado.web import Application, RequestHandler
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
-from ...arguments import Array, vector, whole
+from ...arguments import Array, flag, list_of, list_of_names, vector, wanted, whole
 from ...errors import InputError
 from ...motion import TaskPath
-from ...robot.task import Task
+from ...robot.length import arm_length
+from ...robot.task import Task, wanted_task
 from ...robot.visuals import Visuals
 from ..palette import BLUE, GREEN, PURPLE, VERMILLION
 from .scene import Arm, Frames, animation_page, moving_of, poses_of
 
 HOST = "127.0.0.1"
+
+_MESSAGE = 200
+"""Most bytes of a message: a key's takes 30."""
 
 
 class Viewer:
@@ -56,7 +60,7 @@ class Viewer:
         Where the page is.
     offset : (3,) array
         How far the keys have moved the target, m, base axes: arrows across and up the screen, Page Up and Down away
-        and nearer, Home back to 0.
+        and nearer, Home back to 0. At most the arm's length along each axis.
 
     Raises
     ------
@@ -79,12 +83,18 @@ class Viewer:
         start: ArrayLike | None = None,
         port: int = 0,
     ) -> None:
-        if isinstance(names, str) or not names:
+        wanted_task(task)
+        if path is not None:
+            wanted(path, TaskPath, "path", "a path, such as rp.circle(task, q0)")
+        listed = () if isinstance(names, str) else list_of_names(names, "names", "a list of names, one per pane")
+        if not listed:
             raise InputError("a viewer needs the controls' names, one per pane, such as ['J⁺', 'ours']")
-        self.task, self.names, self.offset = task, tuple(names), np.zeros(3)
+        self.task, self.names, self.offset = task, listed, np.zeros(3)
         self._visuals = Visuals.of(task.robot)
         self._first: Array | None = None
-        page = self._page(vector(task.reference if start is None else start, task.n, "the start"), path)
+        q0 = vector(task.reference if start is None else start, task.n, "the start")
+        self._reach = arm_length(task, q0) or 1.0
+        page = self._page(q0, path)
         try:
             sockets = bind_sockets(whole(port, "the port", 0, 65535), HOST)
         except OSError as error:
@@ -97,7 +107,12 @@ class Viewer:
         self._thread = threading.Thread(target=self._serve, args=(sockets, page), daemon=True)
         self._thread.start()
 
-    def show(self, *configurations: ArrayLike, before: Sequence[ArrayLike] | Array | None = None) -> None:
+    def show(
+        self,
+        *configurations: ArrayLike,
+        before: Sequence[ArrayLike] | Array | None = None,
+        out_of_reach: bool = False,
+    ) -> None:
         """Show where the joints are: a configuration (n,) for each name, in order. It returns at once.
 
         Parameters
@@ -106,6 +121,8 @@ class Viewer:
             Where the joints are now.
         before
             The joints when the hand was first there, shown as ghosts; by default what was shown first.
+        out_of_reach
+            Whether the page says that the target is out of reach.
 
         Raises
         ------
@@ -118,12 +135,16 @@ class Viewer:
         drift = np.linalg.norm(now - then, axis=1)  # (K,)
         past = self.task.limit_margin(now).min(axis=1) < -1e-9
         placements = self._visuals.placements(self.task.full(np.vstack([now, then])))[:, self._moving]  # (2K, M, 4, 4)
-        self._last = np.concatenate([poses_of(placements).ravel(), drift, past]).astype("<f4").tobytes()
+        numbers = [poses_of(placements).ravel(), drift, past, [flag(out_of_reach, "out_of_reach")]]
+        self._last = np.concatenate(numbers).astype("<f4").tobytes()
         if not self._loop.is_closed():
             self._loop.call_soon_threadsafe(self._send)
 
     def _each(self, configurations: Sequence[ArrayLike] | Array) -> Array:
         """One configuration a control: (K, n)."""
+        if isinstance(configurations, np.ndarray) and configurations.ndim == 2:
+            configurations = list(configurations)
+        configurations = list_of(configurations, "before", "a list of configurations, one per control")
         if len(configurations) != len(self.names):
             raise InputError(f"this viewer shows {len(self.names)} controls, but {len(configurations)} were given")
         return np.array([vector(q, self.task.n, "q") for q in configurations])
@@ -168,7 +189,8 @@ class Viewer:
 
     def _serve(self, sockets: Any, page: str) -> None:
         asyncio.set_event_loop(self._loop)
-        server = HTTPServer(Application([("/", _Page, {"page": page}), ("/poses", _Poses, {"viewer": self})]))
+        handlers: list[Any] = [("/", _Page, {"page": page}), ("/poses", _Poses, {"viewer": self})]
+        server = HTTPServer(Application(handlers, websocket_max_message_size=_MESSAGE))
         self._loop.call_soon(server.add_sockets, sockets)
         self._loop.run_forever()
         server.stop()
@@ -194,7 +216,7 @@ class Viewer:
             and len(move) == 3
             and all(isinstance(v, int | float) and abs(v) <= 0.1 for v in move)
         ):
-            self.offset = self.offset + move
+            self.offset = np.clip(self.offset + move, -self._reach, self._reach)
 
 
 class _Page(RequestHandler):

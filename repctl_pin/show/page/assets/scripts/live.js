@@ -13,10 +13,11 @@ export function follow(arms, camera, shown) {
   let newest = null;
   function draw() {
     const numbers = new Float32Array(newest), stride = arms[0].stride, count = arms.length;
+    const waiting = numbers[2 * count * (stride + 1)] ? ", target out of reach" : "";
     arms.forEach((arm, k) => {
       arm.standAs(numbers, k * stride, (count + k) * stride);
       const drift = numbers[2 * count * stride + k], past = numbers[2 * count * stride + count + k];
-      arm.notice.textContent = `${inWords(drift)} ${arm.data.unit} off cycle 1${past ? ", past a limit" : ""}`;
+      arm.notice.textContent = `${inWords(drift)} ${arm.data.unit} off cycle 1${past ? ", past a limit" : ""}${waiting}`;
     });
     newest = null;
     api.received += 1;
