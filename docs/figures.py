@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 import repctl_pin as rp
-from repctl_pin.section.result import slices
+from repctl_pin.inverse_function.cell_design import slices
 from repctl_pin.show.palette import BLUE, GREEN, VERMILLION
 from repctl_pin.show.plots.cells import cell_figure
 from repctl_pin.show.plots.cycles import orbit
@@ -24,13 +24,18 @@ def drift() -> Figure:
     q0 = np.array(task.reference)
     desired, path = rp.Pseudoinverse(task), rp.circle(task, q0, radius=0.1, normal="x")
     box = rp.Box(q0, 0.4)
-    nearest = rp.nearest_repeatable(desired, rp.Polynomial(q0, 2, 0.4), box, samples=512, held_out=256)
+    nearest = rp.nearest_repeatable(
+        desired, rp.Polynomial(q0, 2, 0.4), box, samples=512, held_out=256
+    )
     controls = [
         ("J⁺", desired, VERMILLION),
         ("J⁺ + posture", rp.PostureControl(task, q0), GREEN),
         ("nearest repeatable", nearest.inverse, BLUE),
     ]
-    motions = [(name, rp.follow(it, path, q0, cycles=10, steps=200), colour) for name, it, colour in controls]
+    motions = [
+        (name, rp.follow(it, path, q0, cycles=10, steps=200), colour)
+        for name, it, colour in controls
+    ]
     figure = Figure(figsize=(9.6, 3.6), layout="constrained")
     left, right = figure.subplots(1, 2)
     orbit(left, [motions[0], motions[2]], 0, 1)
@@ -44,7 +49,9 @@ def cell() -> Figure:
     middle = task.placement(task.reference)
     middle.translation = middle.translation + np.array([0.15, 0.0, -0.19])
     box = rp.Cell(task, middle, (0.1, 0.2, 0.1))
-    found = rp.nearest_inverse_function(rp.Pseudoinverse(task), box, degree=3, samples=128, held_out=128)
+    found = rp.nearest_inverse_function(
+        rp.Pseudoinverse(task), box, degree=3, samples=128, held_out=128
+    )
     return cell_figure(found, slices(found, 15))
 
 

@@ -1,14 +1,15 @@
 """Audit somebody else's control loop: does pink's differential inverse kinematics repeat?
 
-`rp.follow` takes any function (q, ẋ) → q̇. Here the function asks pink for a velocity: pink gets a frame task
-whose target lies ẋ dt ahead, and its quadratic program is solved by daqp. The panda's flange goes round a circle
-of 0.1 m ten times, from the same start, under
+`rp.follow` takes any function (q, ẋ) → q̇. Here the function asks pink for a velocity: pink gets a
+frame task whose target lies ẋ dt ahead, and its quadratic program is solved by daqp. The panda's
+flange goes round a circle of 0.1 m ten times, from the same start, under
 
-    pink            the frame task alone: it drifts as the pseudoinverse does, cycle after cycle;
-    J⁺              the pseudoinverse, for comparison;
-    pink + ours     the frame task, and beside it our task that holds h(q) = c: the same pink program, closed.
+    pink            the frame task alone: it drifts as the pseudoinverse does, cycle after cycle; J⁺
+    the pseudoinverse, for comparison; pink + ours     the frame task, and beside it our task that
+    holds h(q) = c: the same pink program, closed.
 
-A loop of roboticstoolbox, Drake or mink is audited in the same way: write the function, call follow.
+A loop of roboticstoolbox, Drake or mink is audited in the same way: write the function, call
+follow.
 
     pip install '.[pink]' daqp
     python examples/audit_pink.py
@@ -32,7 +33,9 @@ Q0 = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
 DT = 0.01
 
 
-def pink_control(task: rp.Task, *extra: RepeatableTask) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+def pink_control(
+    task: rp.Task, *extra: RepeatableTask
+) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
     """Make pink's answer to "move the frame with this velocity" a plain function (q, ẋ) → q̇."""
     configuration = pink.Configuration(task.model, task.model.createData(), Q0)
     frame = FrameTask(task.frame, position_cost=1.0, orientation_cost=1.0)
@@ -52,28 +55,53 @@ def pink_control(task: rp.Task, *extra: RepeatableTask) -> Callable[[np.ndarray,
 def audit(cycles: int, steps: int) -> dict[str, rp.Motion]:
     """Follow the circle with each control, by Euler steps with feedback of the task error."""
     task = rp.Robot.load("panda").task("panda_hand_tcp", "pose")
-    design = rp.nearest_repeatable(rp.Pseudoinverse(task), rp.Polynomial(Q0, 2, 0.4), rp.Box(Q0, 0.4))
+    design = rp.nearest_repeatable(
+        rp.Pseudoinverse(task), rp.Polynomial(Q0, 2, 0.4), rp.Box(Q0, 0.4)
+    )
     path = rp.circle(task, Q0, 0.1, normal="yz", start_angle=np.pi)
     controls = {
         "pink": pink_control(task),
         "J⁺": rp.Pseudoinverse(task),
         "pink + ours": pink_control(task, RepeatableTask(design.inverse)),
     }
-    options = {"cycles": cycles, "steps": steps, "period": steps * DT, "integrator": "euler", "feedback": 20.0}
-    return {name: rp.follow(control, path, Q0, task=task, **options) for name, control in controls.items()}
+    options = {
+        "cycles": cycles,
+        "steps": steps,
+        "period": steps * DT,
+        "integrator": "euler",
+        "feedback": 20.0,
+    }
+    return {
+        name: rp.follow(control, path, Q0, task=task, **options)
+        for name, control in controls.items()
+    }
 
 
 def main() -> None:
     """Print the audit."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--cycles", type=int, default=10)
     parser.add_argument("--steps", type=int, default=500, help="a cycle")
     options = parser.parse_args()
     rows = [
-        [name, f"{m.drift[0]:.2e}", f"{m.drift[-1]:.2e}", f"{m.tracking_error.max():.1e}", f"{m.peak_speed:.2f}"]
+        [
+            name,
+            f"{m.drift[0]:.2e}",
+            f"{m.drift[-1]:.2e}",
+            f"{m.tracking_error.max():.1e}",
+            f"{m.peak_speed:.2f}",
+        ]
         for name, m in audit(options.cycles, options.steps).items()
     ]
-    header = ["control", "drift, cycle 1, rad", f"cycle {options.cycles}", "tracking error, m", "peak speed, rad/s"]
+    header = [
+        "control",
+        "drift, cycle 1, rad",
+        f"cycle {options.cycles}",
+        "tracking error, m",
+        "peak speed, rad/s",
+    ]
     print(table(header, rows))
 
 

@@ -1,13 +1,16 @@
-"""The same circle, the same control, another start: one breaks a joint limit, the other keeps well inside.
+"""The same circle, the same control, another start: one breaks a joint limit, the other keeps well
+inside.
 
-Under a repeatable control every start has its leaf h(q) = c, and the joint path of all cycles is known after
-the first. So the choice that redundancy leaves at the start can be made once, with the whole cycle in view:
-`rp.best_leaf` walks along the self-motion of the start, follows one cycle from each point, and keeps the one
-with the most room to joint limits, between bodies, and to algorithmic singularities.
+Under a repeatable control every start has its leaf h(q) = c, and the joint path of all cycles is
+known after the first. So the choice that redundancy leaves at the start can be made once, with the
+whole cycle in view: `rp.best_leaf` walks along the self-motion of the start, follows one cycle from
+each point, and keeps the one with the most room to joint limits, between bodies, and to algorithmic
+singularities.
 
-tiago's reference pose holds its torso half-way up its short lift. On a circle of 5 cm the torso leaves the lift;
-from the start that is found it does not. (The collision shapes of its column and first arm link overlap by a
-centimetre from every start tried, which is said too.) So with a panda that begins with its elbow far out.
+tiago's reference pose holds its torso half-way up its short lift. On a circle of 5 cm the torso
+leaves the lift; from the start that is found it does not. (The collision shapes of its column and
+first arm link overlap by a centimetre from every start tried, which is said too.) So with a panda
+that begins with its elbow far out.
 
     python examples/best_leaf.py
 """
@@ -21,8 +24,8 @@ import repctl_pin as rp
 
 def design_round(task: rp.Task, center: np.ndarray, half_width: float) -> rp.Design:
     """Find the quadratic design round a configuration."""
-    fields = rp.Polynomial(center, 2, half_width)
-    return rp.nearest_repeatable(rp.Pseudoinverse(task), fields, rp.Box(center, half_width))
+    potentials = rp.Polynomial(center, 2, half_width)
+    return rp.nearest_repeatable(rp.Pseudoinverse(task), potentials, rp.Box(center, half_width))
 
 
 def tiago() -> tuple[rp.BestLeaf, rp.RepeatableInverse, rp.TaskPath]:
@@ -53,8 +56,14 @@ def main() -> None:
     for name, (found, inverse, path) in {"tiago": tiago(), "panda": panda()}.items():
         print(f"{name}: {found.summary()}")
         motion = rp.follow(inverse, path, found.q0, cycles=10, leaf_lock=2)
-        kept = "no joint leaves its limits" if motion.first_violation is None else f"{motion.first_violation[1]} leaves"
-        print(f"  ten cycles   {kept}, margin {motion.limit_margin.min():.3g}, drift {motion.drift.max():.1e}\n")
+        kept = (
+            "no joint leaves its limits"
+            if motion.first_violation is None
+            else f"{motion.first_violation[1]} leaves"
+        )
+        print(
+            f"  ten cycles   {kept}, margin {motion.limit_margin.min():.3g}, drift {motion.drift.max():.1e}\n"
+        )
 
 
 if __name__ == "__main__":

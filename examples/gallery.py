@@ -4,12 +4,11 @@
     python examples/gallery.py ppr talos        some of them
     python examples/gallery.py --out elsewhere
 
-Each picture is an animation page, opened in a headless Chromium and stopped at the end of the last cycle: the
-ghosts are the arms in cycle 1, the lines are what tip and elbow left behind, and the colour of a body is how far it is
-off. ``panda.webp`` goes through the cycles' ends: the hand stands still, the elbow walks. A browser and its driver are
-needed (Debian: ``chromium`` and ``chromium-driver``), ``pip install selenium``, and for ``audit`` what `audit_pink.py`
-needs.
-"""
+Each picture is an animation page, opened in a headless Chromium and stopped at the end of the last
+cycle: the ghosts are the arms in cycle 1, the lines are what tip and elbow left behind, and the
+colour of a body is how far it is off. ``panda.webp`` goes through the cycles' ends: the hand stands
+still, the elbow walks. A browser and its driver are needed (Debian: ``chromium`` and
+``chromium-driver``), ``pip install selenium``, and for ``audit`` what `audit_pink.py` needs."""
 
 from __future__ import annotations
 
@@ -30,7 +29,8 @@ from repctl_pin.show.study_files import study_page
 
 PICTURES = Path(__file__).parent / "pictures"
 SIZE = (720, 620)
-"""Of the browser's window: small, so that its words can be read at a gallery's width; drawn at twice that."""
+"""Of the browser's window: small, so that its words can be read at a gallery's width; drawn at
+twice that."""
 LIMIT = 150_000
 """At most so many bytes a picture."""
 
@@ -65,8 +65,11 @@ GALLERY: dict[str, Callable[[], str]] = {
 }
 
 
-def photograph(page: str, file: Path, *, seconds: float = 120.0, moving: bool = False) -> list[Path]:
-    """Open a page, go to the end of its last cycle, and keep heading and scene; ``moving``: every cycle's end, too."""
+def photograph(
+    page: str, file: Path, *, seconds: float = 120.0, moving: bool = False
+) -> list[Path]:
+    """Open a page, go to the end of its last cycle, and keep heading and scene; ``moving``: every
+    cycle's end, too."""
     options = webdriver.ChromeOptions()
     options.binary_location = shutil.which("chromium") or ""
     with tempfile.TemporaryDirectory() as folder:
@@ -104,23 +107,36 @@ def photograph(page: str, file: Path, *, seconds: float = 120.0, moving: bool = 
         return [file]
     frames, strobe = [_narrow(shot, 1100) for shot in shots], file.with_suffix(".webp")
     times = [450] * (len(frames) - 1) + [2000]
-    frames[0].save(strobe, save_all=True, append_images=frames[1:], duration=times, loop=0, quality=80, method=6)
+    frames[0].save(
+        strobe,
+        save_all=True,
+        append_images=frames[1:],
+        duration=times,
+        loop=0,
+        quality=80,
+        method=6,
+    )
     return [file, strobe]
 
 
 def _shot(driver: webdriver.Chrome, cycle: int) -> Image.Image:
     """The window at the end of a cycle."""
     driver.execute_script("repctl.seek(arguments[0])", cycle)
-    driver.execute_async_script("requestAnimationFrame(() => requestAnimationFrame(arguments[0]))")  # it is drawn
+    driver.execute_async_script(
+        "requestAnimationFrame(() => requestAnimationFrame(arguments[0]))"
+    )  # it is drawn
     return Image.open(io.BytesIO(driver.get_screenshot_as_png())).convert("RGB")
 
 
 def _narrow(picture: Image.Image, width: int) -> Image.Image:
-    return picture.resize((width, round(width * picture.height / picture.width)), Image.Resampling.LANCZOS)
+    return picture.resize(
+        (width, round(width * picture.height / picture.width)), Image.Resampling.LANCZOS
+    )
 
 
 def few_colours(picture: Image.Image) -> Image.Image:
-    """Draw with 256 colours, which is a quarter of the size, dithered: those the picture has most of, and the arms'."""
+    """Draw with 256 colours, which is a quarter of the size, dithered: those the picture has most
+    of, and the arms'."""
     own = [0xD5, 0x5E, 0x00, 0x00, 0x72, 0xB2, 255, 255, 255]
     palette = Image.new("P", (1, 1))
     palette.putpalette([*picture.quantize(253).getpalette()[: 253 * 3], *own])
@@ -129,15 +145,21 @@ def few_colours(picture: Image.Image) -> Image.Image:
 
 def main() -> None:
     """Make the pictures that are asked for."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("names", nargs="*", metavar="NAME", help=f"{', '.join(GALLERY)} (default: all)")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "names", nargs="*", metavar="NAME", help=f"{', '.join(GALLERY)} (default: all)"
+    )
     parser.add_argument("--out", type=Path, default=PICTURES, metavar="FOLDER")
     options = parser.parse_args()
     unknown = [name for name in options.names if name not in GALLERY]
     if unknown:
         parser.error(f"no picture {unknown[0]!r}; there is {', '.join(GALLERY)}")
     for name in options.names or GALLERY:
-        for file in photograph(GALLERY[name](), options.out / f"{name}.png", moving=name == "panda"):
+        for file in photograph(
+            GALLERY[name](), options.out / f"{name}.png", moving=name == "panda"
+        ):
             print(f"wrote {file} ({file.stat().st_size / 1000:.0f} kB)", flush=True)
 
 

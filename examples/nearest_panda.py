@@ -1,16 +1,20 @@
 """What the paper does on its slide-and-joint arm, done on a real one: a Panda and its whole pose.
 
-Seven joints, six task coordinates: r = 1, as in the paper, but no closed form. The script asks the paper's four
-questions of it.
+Seven joints, six task coordinates: r = 1, as in the paper, but no closed form. The script asks the
+paper's four questions of it.
 
-1. *Is J⁺ repeatable?* (24) No: its Lie bracket leaves the column space at every configuration looked at. The
+1. *Is J⁺ repeatable?* (24) No: its Lie bracket leaves the column space at every configuration
+looked at. The
    nearest repeatable inverse over a box of ±0.4 rad is, to rounding.
-2. *How much does it matter?* By the small-loop law a loop of area A in the x–y plane ends A Δ_xy away from where
-   it began. Squares of 0.5 to 16 cm are driven once round: the smaller the square, the better one evaluation of
-   the bracket predicts the drift. The repeatable inverse ends where it began.
-3. *Is there a place to hide?* The arm can be brought to the same tool pose along a self-motion. The defect of J⁺
+2. *How much does it matter?* By the small-loop law a loop of area A in the x–y plane ends A Δ_xy
+away from where
+   it began. Squares of 0.5 to 16 cm are driven once round: the smaller the square, the better one
+   evaluation of the bracket predicts the drift. The repeatable inverse ends where it began.
+3. *Is there a place to hide?* The arm can be brought to the same tool pose along a self-motion. The
+defect of J⁺
    changes along it, but does not vanish: no stable surface is passed.
-4. *What is the price?* The mean of ‖G_r − J⁺‖² (26) by degree of the potentials, and the leaf margin from
+4. *What is the price?* The mean of ‖G_r − J⁺‖² (26) by degree of the potentials, and the leaf
+margin from
    algorithmic singularities, both on configurations that the design has not seen.
 
     python examples/nearest_panda.py
@@ -49,8 +53,8 @@ class Result:
     verdicts
         Of J⁺ and of the repeatable inverse.
     predicted, measured, repeatable
-        Joint drift after one square of each side, rad: by the small-loop law, of J⁺, of the repeatable
-        inverse.
+        Joint drift after one square of each side, rad: by the small-loop law, of J⁺, of the
+        repeatable inverse.
     angle, defect, defect_repeatable
         Way along the self-motion, rad, and the relative defects there, per rad.
     designs
@@ -70,14 +74,16 @@ class Result:
 
 def square(task: rp.Task, side: float) -> rp.TaskPath:
     """Draw a square in x–y from the tool's place at q0: +x, +y, −x, −y."""
-    return rp.polygon(task, Q0, [[side, 0, 0], [side, side, 0], [0, side, 0]], name=f"square of {side:g} m")
+    return rp.polygon(
+        task, Q0, [[side, 0, 0], [side, side, 0], [0, side, 0]], name=f"square of {side:g} m"
+    )
 
 
 def self_motion(task: rp.Task, length: float, step: float = 0.01) -> tuple[np.ndarray, np.ndarray]:
     """Move the arm with the tool held still, both ways: way (K,), rad, and configurations (K, 7).
 
-    The null vector is the generalized cross product, which is smooth; four Runge–Kutta slopes a step.
-    """
+    The null vector is the generalized cross product, which is smooth; four Runge–Kutta slopes a
+    step."""
 
     def direction(q: np.ndarray) -> np.ndarray:
         n = null_vector(task.jacobian(q))
@@ -106,7 +112,8 @@ def slice_of(plain: rp.Pseudoinverse, count: int) -> tuple[np.ndarray, np.ndarra
 
 
 def picture(found: Result, plain: rp.Pseudoinverse, count: int) -> Figure:
-    """Draw drift against the size of the loop, the defect along the self-motion, and a map of it."""
+    """Draw drift against the size of the loop, the defect along the self-motion, and a map of
+    it."""
     figure = Figure(figsize=(15, 4.6), layout="constrained")
     loops, way, area = figure.subplots(1, 3)
     law = r"$A\,\|\Delta_{xy}\|$, from one evaluation"
@@ -118,7 +125,12 @@ def picture(found: Result, plain: rp.Pseudoinverse, count: int) -> Figure:
     loops.set_title("The small-loop law", fontsize=10, loc="left")
     loops.legend(fontsize=8, frameon=False, loc="center left")
     way.semilogy(found.angle, found.defect, color=VERMILLION, label="J⁺")
-    way.semilogy(found.angle, np.maximum(found.defect_repeatable, 1e-17), color=BLUE, label="nearest repeatable")
+    way.semilogy(
+        found.angle,
+        np.maximum(found.defect_repeatable, 1e-17),
+        color=BLUE,
+        label="nearest repeatable",
+    )
     way.set(xlabel="way along the self-motion (rad)", ylabel="relative defect (per rad)")
     way.set_title("The same tool pose, other elbows", fontsize=10, loc="left")
     way.legend(fontsize=8, frameon=False, loc="center left")
@@ -135,7 +147,9 @@ def picture(found: Result, plain: rp.Pseudoinverse, count: int) -> Figure:
     return figure
 
 
-def main(out: Path, *, degrees: tuple[int, ...] = (1, 2, 3), steps: int = 200, count: int = 41) -> Result:
+def main(
+    out: Path, *, degrees: tuple[int, ...] = (1, 2, 3), steps: int = 200, count: int = 41
+) -> Result:
     """Print the tables and write the picture.
 
     Parameters
@@ -152,7 +166,9 @@ def main(out: Path, *, degrees: tuple[int, ...] = (1, 2, 3), steps: int = 200, c
     out.mkdir(parents=True, exist_ok=True)
     task = rp.Robot.load("panda").task("panda_hand_tcp", "pose")
     plain, box = rp.Pseudoinverse(task), rp.Box(Q0, HALF_WIDTH)
-    designs = {d: rp.nearest_repeatable(plain, rp.Polynomial(Q0, d, HALF_WIDTH), box) for d in degrees}
+    designs = {
+        d: rp.nearest_repeatable(plain, rp.Polynomial(Q0, d, HALF_WIDTH), box) for d in degrees
+    }
     inverse = designs[degrees[-1]].inverse
 
     verdicts = rp.is_repeatable(plain, box), rp.is_repeatable(inverse, box)
@@ -182,10 +198,20 @@ def main(out: Path, *, degrees: tuple[int, ...] = (1, 2, 3), steps: int = 200, c
         f"{defect_repeatable.max():.0e}\n"
     )
     rows = [
-        [f"degree {d}", str(x.fields.size), f"{x.cost:.4f}", f"{x.relative_distance:.1%}", f"{x.leaf_margin:.3f}"]
+        [
+            f"degree {d}",
+            str(x.potentials.size),
+            f"{x.cost:.4f}",
+            f"{x.relative_distance:.1%}",
+            f"{x.leaf_margin:.3f}",
+        ]
         for d, x in designs.items()
     ]
-    print(table(["potentials", "how many", "mean ‖G_r − J⁺‖²", "distance from J⁺", "leaf margin"], rows))
+    print(
+        table(
+            ["potentials", "how many", "mean ‖G_r − J⁺‖²", "distance from J⁺", "leaf margin"], rows
+        )
+    )
 
     found = Result(
         verdicts,
@@ -206,5 +232,7 @@ def main(out: Path, *, degrees: tuple[int, ...] = (1, 2, 3), steps: int = 200, c
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("repctl-out/nearest_panda"), help="folder for the picture")
+    parser.add_argument(
+        "--out", type=Path, default=Path("repctl-out/nearest_panda"), help="folder for the picture"
+    )
     found = main(parser.parse_args().out)  # to look into, after python -i

@@ -1,11 +1,14 @@
-"""Ten cycles in a physics engine, with servos that lag, noisy encoders and a push: what is left of the promise?
+"""Ten cycles in a physics engine, with servos that lag, noisy encoders and a push: what is left of
+the promise?
 
-MuJoCo moves a panda by its masses. Each joint has a position servo, soft enough to lag and to sag under gravity; the
-control reads encoders with noise and runs at 500 Hz. In the fourth cycle somebody pushes the elbow with 30 N for 0.2 s.
+MuJoCo moves a panda by its masses. Each joint has a position servo, soft enough to lag and to sag
+under gravity; the control reads encoders with noise and runs at 500 Hz. In the fourth cycle
+somebody pushes the elbow with 30 N for 0.2 s.
 
-1. *Velocity control by J⁺.* q̇ = J⁺ (ẋ + K e): the hand does its work, the elbow drifts, and keeps what the push did.
-2. *The nearest repeatable inverse with the leaf lock.* The same gains; the step also feeds back c − h(q).
-3. *Torques on the leaf.* No servos: `rp.LeafImpedance`, a spring for the hand, and one for the leaf that the hand does
+1. *Velocity control by J⁺.* q̇ = J⁺ (ẋ + K e): the hand does its work, the elbow drifts, and keeps
+what the push did. 2. *The nearest repeatable inverse with the leaf lock.* The same gains; the step
+also feeds back c − h(q). 3. *Torques on the leaf.* No servos: `rp.LeafImpedance`, a spring for the
+hand, and one for the leaf that the hand does
    not feel. A push of 20 N moves the elbow; it comes back, and the hand hardly moves.
 
 What the engine did is written as pages: `servos.html`, both side by side, and `torques.html`.
@@ -28,7 +31,7 @@ import repctl_pin as rp
 from repctl_pin.files import prepare_folder, write_whole
 from repctl_pin.motion import elbow
 from repctl_pin.redundancy import nullspace
-from repctl_pin.show.page.playback import Limb, Track, tracks_page
+from repctl_pin.show.page.playback import Playback, TracedChain, playback_page
 from repctl_pin.show.palette import COLOURS
 
 DT = 2e-3
@@ -45,14 +48,16 @@ GAIN = 10.0
 """K, 1/s."""
 
 PUSH_CYCLE, PUSH, SHOVE = 4, (30.0, 0.2), (20.0, 0.5)
-"""In which cycle the elbow is pushed; N and s of the push under servos, and of the one under torques."""
+"""In which cycle the elbow is pushed; N and s of the push under servos, and of the one under
+torques."""
 
 Control = Callable[[np.ndarray, float], np.ndarray]
 """Measured q and the time → q̇."""
 
 
 def physics(task: rp.Task, *, servos: bool) -> mujoco.MjModel:
-    """Make MuJoCo's model of a robot: its masses and joints without shapes; joints beside the task's are held."""
+    """Make MuJoCo's model of a robot: its masses and joints without shapes; joints beside the
+    task's are held."""
     robot = ElementTree.fromstring(task.robot.description.xml)
     for link in robot.findall("link"):
         for shape in [*link.findall("visual"), *link.findall("collision")]:
@@ -78,7 +83,9 @@ class Pushed:
         self.data = mujoco.MjData(self.model)
         self.data.qpos[:] = q0
         mujoco.mj_forward(self.model, self.data)
-        joint = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_JOINT, task.joint_names[elbow(task, q0)])
+        joint = mujoco.mj_name2id(
+            self.model, mujoco.mjtObj.mjOBJ_JOINT, task.joint_names[elbow(task, q0)]
+        )
         self.body = int(self.model.jnt_bodyid[joint])
         jacobian = np.zeros((3, task.n))
         mujoco.mj_jac(self.model, self.data, jacobian, None, self.data.xpos[self.body], self.body)
@@ -124,7 +131,8 @@ def controls(design: rp.Design, path: rp.TaskPath, q0: np.ndarray) -> dict[str, 
 
 
 def shoved(design: rp.Design, q0: np.ndarray) -> np.ndarray:
-    """Hold the hand still by torques while the elbow is pushed; joints after every step (T + 1, n)."""
+    """Hold the hand still by torques while the elbow is pushed; joints after every step (T + 1,
+    n)."""
     task, inverse = design.task, design.inverse
     arm = Pushed(task, q0, servos=False)
     torques = rp.LeafImpedance(inverse, stiffness=(2000.0, 100.0))
@@ -136,23 +144,32 @@ def shoved(design: rp.Design, q0: np.ndarray) -> np.ndarray:
     return np.array(went)
 
 
-def page(task: rp.Task, moved: dict[str, np.ndarray], colours: list[str], cycles: int, name: str) -> str:
+def page(
+    task: rp.Task, moved: dict[str, np.ndarray], colours: list[str], cycles: int, name: str
+) -> str:
     """Show side by side what the engine did, a hundred moments a cycle."""
     tracks = []
     for (label, Q), colour in zip(moved.items(), colours, strict=True):
         rows = np.rint(np.linspace(0, len(Q) - 1, 100 * cycles + 1)).astype(int)
         drift = np.linalg.norm(Q[rows[100::100]] - Q[0], axis=1)
-        tracks.append(Track(label, colour, task.full(Q[rows]), cycles, drift, t=rows * DT))
-    return tracks_page([Limb(task, elbow(task, task.part(tracks[0].Q[0])))], tracks, name=name)
+        tracks.append(Playback(label, colour, task.to_robot(Q[rows]), cycles, drift, t=rows * DT))
+    return playback_page(
+        [TracedChain(task, elbow(task, task.from_robot(tracks[0].Q[0])))], tracks, name=name
+    )
 
 
 def main() -> dict[str, np.ndarray]:
-    """Print what became of the joints; return their distance from the end of cycle 2, at the end of each cycle."""
+    """Print what became of the joints; return their distance from the end of cycle 2, at the end of
+    each cycle."""
     task = rp.Robot.load("panda").task("panda_hand_tcp", "pose")
     q0 = np.array(task.reference)
-    design = rp.nearest_repeatable(rp.Pseudoinverse(task), rp.Polynomial(q0, 2, 0.4), rp.Box(q0, 0.4))
+    design = rp.nearest_repeatable(
+        rp.Pseudoinverse(task), rp.Polynomial(q0, 2, 0.4), rp.Box(q0, 0.4)
+    )
     path = rp.circle(task, q0, radius=0.1, normal="x")
-    print(f"{CYCLES} cycles with servos; in cycle {PUSH_CYCLE} a push of {PUSH[0]:g} N for {PUSH[1]:g} s")
+    print(
+        f"{CYCLES} cycles with servos; in cycle {PUSH_CYCLE} a push of {PUSH[0]:g} N for {PUSH[1]:g} s"
+    )
     found, moved = {}, {}
     for name, control in controls(design, path, q0).items():
         moved[name] = ten_cycles(task, path, q0, control)
@@ -169,9 +186,15 @@ def main() -> dict[str, np.ndarray]:
     servos = page(task, moved, [COLOURS["pseudoinverse"], COLOURS["repeatable"]], CYCLES, path.name)
     unpushed = np.repeat(held[:1], len(held) - 1, axis=0)  # for comparison, a cycle without a push
     torques = page(
-        task, {"torques on the leaf": np.vstack([unpushed, held])}, [COLOURS["repeatable"]], 2, "a push at the elbow"
+        task,
+        {"torques on the leaf": np.vstack([unpushed, held])},
+        [COLOURS["repeatable"]],
+        2,
+        "a push at the elbow",
     )
-    print(f"wrote {write_whole(folder / 'servos.html', servos)} and {write_whole(folder / 'torques.html', torques)}")
+    print(
+        f"wrote {write_whole(folder / 'servos.html', servos)} and {write_whole(folder / 'torques.html', torques)}"
+    )
     return found | {"joints": joints, "hand": hand}
 
 

@@ -1,11 +1,13 @@
-"""Section II of the paper: surfaces on which the pseudoinverse is repeatable all the same, and how rare they are.
+"""Section II of the paper: surfaces on which the pseudoinverse is repeatable all the same, and how
+rare they are.
 
-A control that is not repeatable may still have a *stable surface*: a hypersurface of joint space that its
-motions never leave, so that closed paths close for an arm that starts on it. Where to look is known: the
-Lie bracket condition must hold there, s(q) = 0 (5), (6). For long every such *candidate* was taken for stable.
-But the motion must also stay on it,
+A control that is not repeatable may still have a *stable surface*: a hypersurface of joint space
+that its motions never leave, so that closed paths close for an arm that starts on it. Where to look
+is known: the Lie bracket condition must hold there, s(q) = 0 (5), (6). For long every such
+*candidate* was taken for stable. But the motion must also stay on it,
 
-    (∂s/∂q) G = 0  on  s = 0,                                                                        (9)
+    (∂s/∂q) G = 0  on  s = 0,
+    (9)
 
 and that is a much stronger demand. The script puts it to planar arms under J⁺, read from URDFs:
 
@@ -16,12 +18,13 @@ and that is a much stronger demand. The script puts it to planar arms under J⁺
 * The same arm in absolute angles has stable surfaces again: two links parallel. There J⁺ keeps the speed of other
   angles small, so it is another control. Stable surfaces do not survive a change of coordinates.
 * n links in absolute angles: with one or two distinct lengths there are stable surfaces, on which equal links
-  move as one and the arm is a two-link arm; three distinct lengths have none. A workshop makes no two links
-  equal, so in practice there is none at all.
+  move as one and the arm is a two-link arm; three distinct lengths have none. A workshop makes no
+  two links equal, so in practice there is none at all.
 
-Each arm is a row of the table: Newton's method brings seeds from all over joint space to s = 0, and each point
-it reaches is put to the test. The picture shows s and these points. The two short strokes through a point are
-the directions in which J⁺ moves the arm: on a stable surface both lie in it.
+Each arm is a row of the table: Newton's method brings seeds from all over joint space to s = 0, and
+each point it reaches is put to the test. The picture shows s and these points. The two short
+strokes through a point are the directions in which J⁺ moves the arm: on a stable surface both lie
+in it.
 
     python examples/stable_surfaces.py
 """
@@ -70,7 +73,9 @@ def planar_arm(lengths: Sequence[float]) -> rp.Task:
     )
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "planar.urdf"
-        path.write_text(f'<?xml version="1.0"?><robot name="planar">{"".join(parts)}</robot>', encoding="utf-8")
+        path.write_text(
+            f'<?xml version="1.0"?><robot name="planar">{"".join(parts)}</robot>', encoding="utf-8"
+        )
         return rp.Robot.load(path).task("tool", "xy")
 
 
@@ -82,7 +87,9 @@ def absolute(task: rp.Task) -> rp.Task:
 def find(name: str, coordinates: str, task: rp.Task, samples: int) -> Case:
     """Look for the surfaces of J⁺ all over joint space: ±1 m, ±3.1 rad."""
     box = rp.Box(np.zeros(task.n), np.where(task.revolute, 3.1, 1.0))
-    return Case(name, coordinates, task, rp.stable_surface(rp.Pseudoinverse(task), box, samples=samples))
+    return Case(
+        name, coordinates, task, rp.stable_surface(rp.Pseudoinverse(task), box, samples=samples)
+    )
 
 
 def summary(cases: Sequence[Case]) -> str:
@@ -99,16 +106,26 @@ def summary(cases: Sequence[Case]) -> str:
         ]
         for case in cases
     ]
-    return table(["arm", "angles", "r", "points on s = 0", "stable", "candidate only", "verdict"], rows)
+    return table(
+        ["arm", "angles", "r", "points on s = 0", "stable", "candidate only", "verdict"], rows
+    )
 
 
 def curl(task: rp.Task, Q: np.ndarray) -> np.ndarray:
-    """Evaluate the paper's s(q) = n_J · ∇×n_J (6) at every row of Q: from the rows of J alone (Corollary 1)."""
+    """Evaluate the paper's s(q) = n_J · ∇×n_J (6) at every row of Q: from the rows of J alone
+    (Corollary 1)."""
     return curl_form(np.swapaxes(task.jacobians(Q), 1, 2), np.swapaxes(task.hessians(Q), 1, 2))
 
 
-def draw(ax: Axes, case: Case, seen: Callable[[np.ndarray], np.ndarray], at: Callable, labels: Sequence[str]) -> None:
-    """Draw s over a plane that it depends on, and the points found with the directions of J⁺ through them.
+def draw(
+    ax: Axes,
+    case: Case,
+    seen: Callable[[np.ndarray], np.ndarray],
+    at: Callable,
+    labels: Sequence[str],
+) -> None:
+    """Draw s over a plane that it depends on, and the points found with the directions of J⁺
+    through them.
 
     Parameters
     ----------
@@ -127,7 +144,9 @@ def draw(ax: Axes, case: Case, seen: Callable[[np.ndarray], np.ndarray], at: Cal
     plane = np.stack(np.meshgrid(side, side), axis=-1)
     s = curl(case.task, at(plane.reshape(-1, 2))).reshape(101, 101)
     top = np.abs(s).max()
-    image = ax.pcolormesh(side, side, s, cmap="PuOr", vmin=-top, vmax=top, shading="gouraud", rasterized=True)
+    image = ax.pcolormesh(
+        side, side, s, cmap="PuOr", vmin=-top, vmax=top, shading="gouraud", rasterized=True
+    )
     ax.contour(side, side, s, levels=[0], colors=INK, linewidths=0.6)
     for points, colour, label in (
         (case.found.candidate, VERMILLION, "candidate only"),
@@ -138,13 +157,21 @@ def draw(ax: Axes, case: Case, seen: Callable[[np.ndarray], np.ndarray], at: Cal
         flat = (seen(points) + np.pi) % (2 * np.pi) - np.pi
         ax.plot(*flat.T, "o", ms=3, color=colour, label=label)
         some = slice(None, None, 1 + len(points) // 36)
-        for place, G in zip(flat[some], rp.Pseudoinverse(case.task).batch(points[some]), strict=True):
+        for place, G in zip(
+            flat[some], rp.Pseudoinverse(case.task).batch(points[some]), strict=True
+        ):
             for stroke in seen(G.T):
                 size = np.linalg.norm(stroke)
                 if size > 1e-9:
                     ends = place + np.outer([-0.28, 0.28], stroke / size)
                     ax.plot(*ends.T, color=colour, lw=0.9)
-    ax.set(xlim=(-np.pi, np.pi), ylim=(-np.pi, np.pi), xlabel=labels[0], ylabel=labels[1], aspect="equal")
+    ax.set(
+        xlim=(-np.pi, np.pi),
+        ylim=(-np.pi, np.pi),
+        xlabel=labels[0],
+        ylabel=labels[1],
+        aspect="equal",
+    )
     ax.set_title(f"{case.name}\n{case.coordinates} angles", fontsize=10, loc="left")
     ax.legend(loc="lower right", bbox_to_anchor=(1, 1), fontsize=8, frameon=False, borderpad=0)
     ax.figure.colorbar(image, ax=ax, shrink=0.72, label=r"$s = n_J \cdot \nabla \times n_J$")
@@ -184,7 +211,14 @@ def main(out: Path, *, samples: int = 256) -> list[Case]:
         find("three unit links", "relative", three, samples),
         find("three unit links", "absolute", absolute(three), samples),
     ]
-    for lengths in ((1, 1, 1, 1), (1, 1, 2, 2), (1, 1, 2, 2, 1), (1.0, 1.3, 1.7), (1, 1, 1.4, 1.8), (1, 1, 1.5, 2, 2)):
+    for lengths in (
+        (1, 1, 1, 1),
+        (1, 1, 2, 2),
+        (1, 1, 2, 2, 1),
+        (1.0, 1.3, 1.7),
+        (1, 1, 1.4, 1.8),
+        (1, 1, 1.5, 2, 2),
+    ):
         name = "links " + ", ".join(f"{length:g}" for length in lengths)
         cases.append(find(name, "absolute", absolute(planar_arm(lengths)), samples))
     print(summary(cases))
@@ -196,5 +230,10 @@ def main(out: Path, *, samples: int = 256) -> list[Case]:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("repctl-out/stable_surfaces"), help="folder for the picture")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path("repctl-out/stable_surfaces"),
+        help="folder for the picture",
+    )
     found = main(parser.parse_args().out)  # to look into, after python -i

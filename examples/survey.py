@@ -1,13 +1,13 @@
-"""Every arm of a list, one line each: how far it drifts under J⁺ and under the repeatable inverse, and the price.
+"""Every arm of a list, one line each: how far it drifts under J⁺ and under the repeatable inverse,
+and the price.
 
     python examples/survey.py            # the table of the README, as Markdown
     python examples/survey.py panda ur5  # only these, pose and position
 
-Each arm runs `repctl study` with its defaults: start, path and region are chosen for it, ten cycles of 500
-RK4 steps, open loop. *Price* compares the root mean square joint speed over the first cycle, before J⁺ has
-drifted away from the common start: what closing the cycle costs. J⁺ minimises ‖q̇‖ at every instant, but not over
-a whole cycle, so the extra joint speed can be negative.
-"""
+Each arm runs `repctl study` with its defaults: start, path and region are chosen for it, ten cycles
+of 500 RK4 steps, open loop. *Price* compares the root mean square joint speed over the first cycle,
+before J⁺ has drifted away from the common start: what closing the cycle costs. J⁺ minimises ‖q̇‖ at
+every instant, but not over a whole cycle, so the extra joint speed can be negative."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def rms_of_first_cycle(motion: rp.Motion) -> float:
 
 def line(name: str, frame: str | None, kind: str, **options: int) -> str:
     """Study one arm and write its line of the table."""
-    study = rp.study(name, frame=frame, task=kind, **options)
+    study = rp.study(name, frame=frame, kind=kind, **options)
     creeping, closed = study.row("pseudoinverse").motion, study.row("repeatable").motion
     assert closed is not None
     price = "–"
@@ -67,7 +67,9 @@ def main(arguments: Sequence[str] = (), **options: int) -> list[str]:
     if arguments:
         known = {name for name, _, _ in ARMS}
         chosen = tuple(row for row in ARMS if row[0] in arguments)
-        chosen += tuple((name, None, ("pose", "position")) for name in arguments if name not in known)
+        chosen += tuple(
+            (name, None, ("pose", "position")) for name in arguments if name not in known
+        )
     lines = [HEADER, "|" + " --- |" * (HEADER.count("|") - 1)]
     print("\n".join(lines))
     for name, frame, kinds in chosen:

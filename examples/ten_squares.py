@@ -1,22 +1,25 @@
-"""Section V of the paper: ten squares, followed by the pseudoinverse and by two repeatable controls.
+"""Section V of the paper: ten squares, followed by the pseudoinverse and by two repeatable
+controls.
 
 The arm of Section IV, two slides and a turning unit link, stands at q = (0, 0, 0) with its tool at
-(x, y) = (1, 0). It draws ten squares from there: right, down, left, up (Fig. 5). The printed paper gives no
-sizes; sides of 0.4, 0.8, …, 4.0 m at ‖ẋ‖ = 0.04 m/s agree with all that it says.
+(x, y) = (1, 0). It draws ten squares from there: right, down, left, up (Fig. 5). The printed paper
+gives no sizes; sides of 0.4, 0.8, …, 4.0 m at ‖ẋ‖ = 0.04 m/s agree with all that it says.
 
-Under the pseudoinverse J⁺ no square closes: every motion ends elsewhere on the spiral of joint positions
-that put the tool on (1, 0) (Fig. 6). Under the repeatable inverse G_r(θ, k) of (60) with k = 0, which equals
-J⁺ at θ₃ = 0, all ten come back and all ten lie in one surface (Fig. 7). On the largest square, A → B → C → D
-→ E = A:
+Under the pseudoinverse J⁺ no square closes: every motion ends elsewhere on the spiral of joint
+positions that put the tool on (1, 0) (Fig. 6). Under the repeatable inverse G_r(θ, k) of (60) with
+k = 0, which equals J⁺ at θ₃ = 0, all ten come back and all ten lie in one surface (Fig. 7). On the
+largest square, A → B → C → D → E = A:
 
-    F   is where J⁺ and k = 0 part, at the corner C;
-    G   is where J⁺ has θ₃ = −5π/4; there k = −tan(−5π/4) = 1 matches it, so a run with k = 1 starts there;
-    H   is where J⁺ and k = 1 are in the same configuration again, but not at the same speed.
+    F   is where J⁺ and k = 0 part, at the corner C; G   is where J⁺ has θ₃ = −5π/4; there k =
+    −tan(−5π/4) = 1 matches it, so a run with k = 1 starts there; H   is where J⁺ and k = 1 are in
+    the same configuration again, but not at the same speed.
 
-The text does not say where H lies. Integrated exactly, the two runs touch at G and stay apart for the rest of
-the turn; they cross once, on A → B, when J⁺ goes round a second time: that is the H marked here.
+The text does not say where H lies. Integrated exactly, the two runs touch at G and stay apart for
+the rest of the turn; they cross once, on A → B, when J⁺ goes round a second time: that is the H
+marked here.
 
-The script writes Figures 4 to 12 as PNG, to be laid beside the paper, and prints where the squares end.
+The script writes Figures 4 to 12 as PNG, to be laid beside the paper, and prints where the squares
+end.
 
     python examples/ten_squares.py
 """
@@ -46,7 +49,7 @@ from repctl_pin.show.text.table import table
 
 PI = np.pi
 SIDES = tuple(0.4 * i for i in range(1, 11))
-"""Sides of the squares, m."""
+"""SignCount of the squares, m."""
 SPEED = 0.04
 """‖ẋ‖, m/s."""
 START, TOOL = np.zeros(3), np.array([1.0, 0.0, 0.0])
@@ -59,7 +62,8 @@ VIEWS = ((0, 1), (0, 2), (1, 2))
 Control = rp.CustomInverse | rp.Pseudoinverse
 
 
-# ---- controls, squares, runs ----------------------------------------------------------------------
+# ---- controls, squares, runs
+# ----------------------------------------------------------------------
 
 
 def paper_inverse(task: rp.Task, k: float) -> rp.CustomInverse:
@@ -113,7 +117,8 @@ class Run:
         return np.linalg.norm(self.qdot, axis=1)
 
     def theta(self) -> CubicHermiteSpline:
-        """θ₃ as a function of s, to fourth order in the step everywhere but in the last step of a side."""
+        """θ₃ as a function of s, to fourth order in the step everywhere but in the last step of a
+        side."""
         return CubicHermiteSpline(self.s, self.q[:, 2], self.qdot[:, 2] / SPEED)
 
     def at(self, s: float) -> np.ndarray:
@@ -134,7 +139,8 @@ def turn(motion: rp.Motion, count: int = 0) -> Run:
 
 
 def turn_from(strategy: Control, s: float, q: np.ndarray, steps: int) -> tuple[Run, float]:
-    """Go once round the largest square from a point on D → A, and tell it from A on; also ‖q − q₀‖ at the end."""
+    """Go once round the largest square from a point on D → A, and tell it from A on; also ‖q − q₀‖
+    at the end."""
     side = SIDES[-1]
     path = rp.polygon(strategy.task, q, ring(side)[:4] - place(s), name="largest square, from G")
     motion = rp.follow(strategy, path, q, cycles=1, steps=steps, period=4 * side / SPEED)
@@ -142,7 +148,10 @@ def turn_from(strategy: Control, s: float, q: np.ndarray, steps: int) -> tuple[R
     after = along >= 4 * side - 1e-9  # past E = A
     order = np.concatenate([np.flatnonzero(after), np.flatnonzero(~after)])
     along = np.where(after, along - 4 * side, along)[order]
-    run = Run(np.append(along, 4 * side), *(np.vstack([a[order], a[order[:1]]]) for a in (motion.q, motion.qdot)))
+    run = Run(
+        np.append(along, 4 * side),
+        *(np.vstack([a[order], a[order[:1]]]) for a in (motion.q, motion.qdot)),
+    )
     keep = np.append(np.diff(run.s) > 1e-9, True)  # G is there twice, as start and as end
     return Run(run.s[keep], run.q[keep], run.qdot[keep]), float(motion.drift[0])
 
@@ -185,7 +194,11 @@ class Result:
 def compute(steps: int = 800) -> Result:
     """Draw all squares, ``steps`` integration steps each."""
     task = rp.Robot.load("ppr").task("tool", "xy")
-    pseudoinverse, k0, k1 = rp.Pseudoinverse(task), paper_inverse(task, 0.0), paper_inverse(task, 1.0)
+    pseudoinverse, k0, k1 = (
+        rp.Pseudoinverse(task),
+        paper_inverse(task, 0.0),
+        paper_inverse(task, 1.0),
+    )
     squares = {
         "J⁺": [square(pseudoinverse, side, steps) for side in SIDES],
         "k = 0": [square(k0, side, steps) for side in SIDES],
@@ -204,7 +217,8 @@ def compute(steps: int = 800) -> Result:
     return Result(task, squares, {"J⁺": first, "k = 0": zero, "k = 1": one}, second, points, closed)
 
 
-# ---- figures ---------------------------------------------------------------------------------------
+# ---- figures
+# ---------------------------------------------------------------------------------------
 
 
 def fiber(low: float = -6.0, high: float = 1.2) -> np.ndarray:
@@ -236,7 +250,9 @@ def tidy(ax: Axes, xlabel: str, ylabel: str) -> None:
     ax.set_axisbelow(True)
 
 
-def letter(ax: Axes, text: str, x: float, y: float, offset: tuple[float, float] = (6, 6), dot: bool = True) -> None:
+def letter(
+    ax: Axes, text: str, x: float, y: float, offset: tuple[float, float] = (6, 6), dot: bool = True
+) -> None:
     """Mark a point and write its letter beside it."""
     if dot:
         ax.plot([x], [y], "o", ms=4.5, color=INK, zorder=6)
@@ -251,7 +267,9 @@ def shade(side: float) -> tuple[float, float, float, float]:
 
 def side_bar(figure: Figure, axes: list[Axes]) -> None:
     """Say which colour is which square."""
-    bar = figure.colorbar(ScalarMappable(Normalize(0, SIDES[-1]), colormaps["viridis"].reversed()), ax=axes, pad=0.01)
+    bar = figure.colorbar(
+        ScalarMappable(Normalize(0, SIDES[-1]), colormaps["viridis"].reversed()), ax=axes, pad=0.01
+    )
     bar.set_label("side of the square (m)")
     bar.set_ticks(SIDES)
 
@@ -261,11 +279,15 @@ def figure_4(task: rp.Task) -> Figure:
     theta, ks = np.linspace(-PI, PI, 121), np.linspace(-4, 4, 65)
     Q = np.stack([0 * theta, 0 * theta, theta], axis=-1)
     desired = rp.Pseudoinverse(task).batch(Q)
-    norm = np.array([np.linalg.norm(paper_inverse(task, k).batch(Q) - desired, 2, axis=(1, 2)) for k in ks])
+    norm = np.array(
+        [np.linalg.norm(paper_inverse(task, k).batch(Q) - desired, 2, axis=(1, 2)) for k in ks]
+    )
     figure = Figure(figsize=(12, 5))
     ax = figure.add_axes((0.0, 0.0, 0.5, 0.95), projection="3d")
     X, Y = np.meshgrid(theta, ks)
-    ax.plot_surface(X, Y, norm, cmap="cividis", rcount=65, ccount=121, linewidth=0, antialiased=False)
+    ax.plot_surface(
+        X, Y, norm, cmap="cividis", rcount=65, ccount=121, linewidth=0, antialiased=False
+    )
     ax.set(xlabel="θ₃ (rad)", ylabel="k", zlabel="‖w‖₂", zlim=(0, 0.75))
     ax.set_xticks(*pi_ticks(-1, 1))
     ax.set_box_aspect((1.2, 1, 0.6), zoom=0.95)
@@ -284,7 +306,13 @@ def figure_4(task: rp.Task) -> Figure:
     bar = figure.colorbar(mesh, cax=figure.add_axes((0.93, 0.13, 0.012, 0.75)))
     bar.set_ticks(np.arange(0, 0.71, 0.1))
     bar.set_label("‖w‖₂")
-    figure.text(0.01, 0.96, r"Fig. 4: the norm of the difference between $G_r$(θ, k) and $J^+$", fontsize=11, va="top")
+    figure.text(
+        0.01,
+        0.96,
+        r"Fig. 4: the norm of the difference between $G_r$(θ, k) and $J^+$",
+        fontsize=11,
+        va="top",
+    )
     return figure
 
 
@@ -293,7 +321,11 @@ def pi_ticks(low: int, high: int, parts: int = 2) -> tuple[list[float], list[str
     wholes = range(low * parts, high * parts + 1)
     names = {0: "0"} | {i: f"{'−' if i < 0 else ''}{abs(i) // parts if abs(i) != parts else ''}π"
                         for i in wholes if i and i % parts == 0}  # fmt: skip
-    names |= {i: f"{'−' if i < 0 else ''}{abs(i) if abs(i) != 1 else ''}π/{parts}" for i in wholes if i % parts}
+    names |= {
+        i: f"{'−' if i < 0 else ''}{abs(i) if abs(i) != 1 else ''}π/{parts}"
+        for i in wholes
+        if i % parts
+    }
     return [i * PI / parts for i in wholes], [names[i] for i in wholes]
 
 
@@ -306,9 +338,17 @@ def figure_5() -> Figure:
         ax.plot(*ring(side)[:, :2].T, color=shade(side), lw=1.4)
     for start, end in pairwise(ring(SIDES[-1])):
         middle, step = (start + end)[:2] / 2, 0.02 * (end - start)[:2]
-        ax.annotate("", middle + step, middle - step, arrowprops={"arrowstyle": "-|>", "color": shade(SIDES[-1])})
+        ax.annotate(
+            "",
+            middle + step,
+            middle - step,
+            arrowprops={"arrowstyle": "-|>", "color": shade(SIDES[-1])},
+        )
     for text, (x, y), offset in zip(
-        ("A, E", "B", "C", "D"), ring(SIDES[-1])[:4, :2], [(-2, 11), (6, 11), (6, -11), (-6, -11)], strict=True
+        ("A, E", "B", "C", "D"),
+        ring(SIDES[-1])[:4, :2],
+        [(-2, 11), (6, 11), (6, -11), (-6, -11)],
+        strict=True,
     ):
         letter(ax, text, x, y, offset)
     ax.set_aspect("equal")
@@ -330,12 +370,25 @@ def figure_6_or_7(motions: list[rp.Motion], title: str, *, leaf: bool) -> Figure
         for side, motion in reversed(list(zip(SIDES, motions, strict=True))):
             ax.plot(motion.q[:, i], motion.q[:, j], color=shade(side), lw=1.3)
             if not leaf:
-                ax.plot(*motion.q[-1, [i, j]], "o", ms=5, color=shade(side), mec="white", mew=0.6, zorder=5)
+                ax.plot(
+                    *motion.q[-1, [i, j]],
+                    "o",
+                    ms=5,
+                    color=shade(side),
+                    mec="white",
+                    mew=0.6,
+                    zorder=5,
+                )
         ax.plot(0, 0, "s", ms=6, color=INK, zorder=6)
     axes[1].plot([], [], "s", ms=6, color=INK, ls="", label="start")
     if leaf:
         axes[1].plot(
-            [], [], color=VERMILLION, lw=5, alpha=0.28, label="the surface of k = 0 through the start, edge on"
+            [],
+            [],
+            color=VERMILLION,
+            lw=5,
+            alpha=0.28,
+            label="the surface of k = 0 through the start, edge on",
         )
     else:
         axes[1].plot([], [], "o", ms=5, color=shade(2.0), ls="", label="end")
@@ -359,30 +412,85 @@ def figure_8(result: Result) -> Figure:
     ax.plot(*run.q[~on].T, color=VERMILLION, lw=2.6, zorder=4, label="J⁺ after it has left")
     zero = result.runs["k = 0"]
     off = zero.s >= points["F"]
-    ax.plot(*zero.q[off].T, color=BLUE, lw=1.6, ls=(0, (3, 1.5)), zorder=4, label="k = 0 from F back to the start")
-    shifts = [(-0.3, 0.1, 0.3), (0.15, 0.1, 0.25), (0.2, -0.3, 0.3), (-0.3, 0, -0.3), (0, 0.2, -0.35)]
+    ax.plot(
+        *zero.q[off].T,
+        color=BLUE,
+        lw=1.6,
+        ls=(0, (3, 1.5)),
+        zorder=4,
+        label="k = 0 from F back to the start",
+    )
+    shifts = [
+        (-0.3, 0.1, 0.3),
+        (0.15, 0.1, 0.25),
+        (0.2, -0.3, 0.3),
+        (-0.3, 0, -0.3),
+        (0, 0.2, -0.35),
+    ]
     for text, shift in zip("ABCDE", shifts, strict=True):
         q = run.at(points[text])
         ax.plot(*q[:, None], "o", ms=5, color=INK, zorder=6)
-        ax.text(*(q + shift), "C, F" if text == "C" else text, fontsize=12, weight="bold", color=INK, zorder=7)
-    ax.set(xlabel="d₁ (m)", ylabel="d₂ (m)", zlabel="θ₃ (rad)", xlim=(-0.5, 5.2), ylim=(-5.2, 1), zlim=(-4.6, 0.8))
+        ax.text(
+            *(q + shift),
+            "C, F" if text == "C" else text,
+            fontsize=12,
+            weight="bold",
+            color=INK,
+            zorder=7,
+        )
+    ax.set(
+        xlabel="d₁ (m)",
+        ylabel="d₂ (m)",
+        zlabel="θ₃ (rad)",
+        xlim=(-0.5, 5.2),
+        ylim=(-5.2, 1),
+        zlim=(-4.6, 0.8),
+    )
     ax.set_box_aspect((1, 1, 0.95), zoom=0.95)
     ax.view_init(24, -128)
     figure.legend(loc="lower center", ncols=3, frameon=False, fontsize=9)
-    ax.set_title("Fig. 8: a motion of J⁺ and the surface of k = 0 through the origin", fontsize=11, y=1.0)
+    ax.set_title(
+        "Fig. 8: a motion of J⁺ and the surface of k = 0 through the origin", fontsize=11, y=1.0
+    )
     return figure
 
 
 OFFSETS_9 = {
-    (0, 1): {"A": (-10, 6), "B": (9, 8), "C": (20, 4), "D": (-9, -9), "E": (-3, 11), "G": (11, -6), "H": (7, -11)},
-    (0, 2): {"A": (9, 9), "B": (8, 9), "C": (19, 5), "D": (-11, 6), "E": (-10, -8), "G": (-10, 8), "H": (12, 5)},
-    (1, 2): {"A": (10, 4), "B": (-14, 9), "C": (-12, 10), "D": (-11, 4), "E": (11, 2), "G": (-11, -5), "H": (13, -2)},
+    (0, 1): {
+        "A": (-10, 6),
+        "B": (9, 8),
+        "C": (20, 4),
+        "D": (-9, -9),
+        "E": (-3, 11),
+        "G": (11, -6),
+        "H": (7, -11),
+    },
+    (0, 2): {
+        "A": (9, 9),
+        "B": (8, 9),
+        "C": (19, 5),
+        "D": (-11, 6),
+        "E": (-10, -8),
+        "G": (-10, 8),
+        "H": (12, 5),
+    },
+    (1, 2): {
+        "A": (10, 4),
+        "B": (-14, 9),
+        "C": (-12, 10),
+        "D": (-11, 4),
+        "E": (11, 2),
+        "G": (-11, -5),
+        "H": (13, -2),
+    },
 }
 
 
 def figure_9(result: Result) -> Figure:
     """Three motions round the largest square in joint space, three orthogonal views."""
-    figure, axes = three_views("Fig. 9: J⁺ and the repeatable controls k = 0 and k = 1 on the largest square")
+    figure, axes = three_views(
+        "Fig. 9: J⁺ and the repeatable controls k = 0 and k = 1 on the largest square"
+    )
     spiral = fiber(-5.2)
     for ax, (i, j) in zip(axes, VIEWS, strict=True):
         ax.plot(spiral[:, i], spiral[:, j], color="#8a8a8a", lw=1.2, ls=(0, (4, 2)), zorder=1)
@@ -398,11 +506,15 @@ def figure_9(result: Result) -> Figure:
     return figure
 
 
-def draw_runs(ax: Axes, result: Result, x: Callable[[Run], np.ndarray], y: Callable[[Run], np.ndarray]) -> None:
+def draw_runs(
+    ax: Axes, result: Result, x: Callable[[Run], np.ndarray], y: Callable[[Run], np.ndarray]
+) -> None:
     """Draw the three runs, J⁺ a little way into its second turn."""
     wide = {"J⁺": 3.2, "k = 0": 1.5, "k = 1": 1.8}
     for label, run in result.runs.items():
-        ax.plot(x(run), y(run), color=STYLE[label], lw=wide[label], label=label, solid_capstyle="butt")
+        ax.plot(
+            x(run), y(run), color=STYLE[label], lw=wide[label], label=label, solid_capstyle="butt"
+        )
     second = result.second
     part = second.s <= SIDES[-1] / 2
     cut = Run(second.s[part], second.q[part], second.qdot[part])
@@ -427,7 +539,9 @@ def along_the_square(title: str, ylabel: str) -> tuple[Figure, Axes]:
 
 def figure_10(result: Result) -> Figure:
     """θ₃, which with the place of the tool says the whole configuration."""
-    figure, ax = along_the_square("Fig. 10: the configuration, told by θ₃, along the largest square", "θ₃ (rad)")
+    figure, ax = along_the_square(
+        "Fig. 10: the configuration, told by θ₃, along the largest square", "θ₃ (rad)"
+    )
     draw_runs(ax, result, lambda run: run.s, lambda run: run.q[:, 2])
     for text, offset in {"F": (9, 9), "G": (4, 12), "H": (8, 9)}.items():
         run, s = result.second if text == "H" else result.runs["J⁺"], result.points[text]
@@ -439,14 +553,24 @@ def figure_10(result: Result) -> Figure:
 
 def quarter_ticks(low: int, high: int) -> tuple[list[float], list[str]]:
     """Ticks at quarters of π."""
-    text = {0: "0", -1: "−π/4", -2: "−π/2", -3: "−3π/4", -4: "−π", -5: "−5π/4", -6: "−3π/2", -7: "−7π/4"}
+    text = {
+        0: "0",
+        -1: "−π/4",
+        -2: "−π/2",
+        -3: "−3π/4",
+        -4: "−π",
+        -5: "−5π/4",
+        -6: "−3π/2",
+        -7: "−7π/4",
+    }
     return [i * PI / 4 for i in range(low, high + 1)], [text[i] for i in range(low, high + 1)]
 
 
 def figure_11(result: Result) -> Figure:
     """‖q̇‖ along the way."""
     figure, ax = along_the_square(
-        "Fig. 11: the norm of the joint velocity along the largest square, ‖ẋ‖ = 0.04 m/s", "‖q̇‖ (m/s and rad/s)"
+        "Fig. 11: the norm of the joint velocity along the largest square, ‖ẋ‖ = 0.04 m/s",
+        "‖q̇‖ (m/s and rad/s)",
     )
     # The velocity at E is that of the next side already.
     draw_runs(ax, result, lambda run: run.s[:-1], lambda run: run.speed[:-1])
@@ -468,18 +592,22 @@ def figure_12(result: Result) -> Figure:
     """What repeatability costs at each configuration of the k = 0 run."""
     difference, bound = penalty(result)
     figure, ax = along_the_square(
-        "Fig. 12: what k = 0 adds to the joint velocity of J⁺ in the same configuration", "norm (m/s and rad/s)"
+        "Fig. 12: what k = 0 adds to the joint velocity of J⁺ in the same configuration",
+        "norm (m/s and rad/s)",
     )
     s = result.runs["k = 0"].s
     ax.plot(s, difference, color=BLUE, lw=2.2, label="‖q̇(k = 0) − J⁺ ẋ‖")
-    ax.plot(s, bound, color=VERMILLION, lw=1.6, ls=(0, (4, 2)), label="‖w‖₂ ‖ẋ‖₂, the worst direction")
+    ax.plot(
+        s, bound, color=VERMILLION, lw=1.6, ls=(0, (4, 2)), label="‖w‖₂ ‖ẋ‖₂, the worst direction"
+    )
     ax.set_ylim(bottom=-0.0004)
     ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize=9)
     return figure
 
 
 def penalty(result: Result) -> tuple[np.ndarray, np.ndarray]:
-    """Along the k = 0 run: ‖q̇ − J⁺ ẋ‖ for the ẋ of the square, and ‖w‖₂ ‖ẋ‖₂, its largest for any ẋ."""
+    """Along the k = 0 run: ‖q̇ − J⁺ ẋ‖ for the ẋ of the square, and ‖w‖₂ ‖ẋ‖₂, its largest for any
+    ẋ."""
     run, task = result.runs["k = 0"], result.task
     J = task.jacobians(run.q)
     desired = rp.Pseudoinverse(task).batch(run.q, J)
@@ -509,7 +637,9 @@ def main(out: Path, *, steps: int = 800, dpi: int = 150) -> Result:
         rows.append([f"{side:.1f} m", end, f"{by_J.drift[0]:.4f}", number(by_k.drift[0])])
     print(table(["side", "J⁺ ends at (d₁, d₂, θ₃)", "‖q − q₀‖ of J⁺", "of k = 0"], rows))
     G, H = result.points["G"], result.points["H"]
-    print(f"\nk = 1, started at G = {G:.4f} m from A where J⁺ has θ₃ = −5π/4, is back there to {result.closed:.0e}.")
+    print(
+        f"\nk = 1, started at G = {G:.4f} m from A where J⁺ has θ₃ = −5π/4, is back there to {result.closed:.0e}."
+    )
     one = result.runs["k = 1"]
     speeds = f"{np.interp(H, result.second.s, result.second.speed):.4f} and {np.interp(H, one.s, one.speed):.4f}"
     print(f"J⁺ meets it again at H, {H:.4f} m into its second turn: ‖q̇‖ is {speeds}.")
@@ -517,8 +647,12 @@ def main(out: Path, *, steps: int = 800, dpi: int = 150) -> Result:
     figures = {
         4: figure_4(result.task),
         5: figure_5(),
-        6: figure_6_or_7(result.squares["J⁺"], "Fig. 6: the ten motions of J⁺ in joint space", leaf=False),
-        7: figure_6_or_7(result.squares["k = 0"], "Fig. 7: the ten motions of k = 0 in joint space", leaf=True),
+        6: figure_6_or_7(
+            result.squares["J⁺"], "Fig. 6: the ten motions of J⁺ in joint space", leaf=False
+        ),
+        7: figure_6_or_7(
+            result.squares["k = 0"], "Fig. 7: the ten motions of k = 0 in joint space", leaf=True
+        ),
         8: figure_8(result),
         9: figure_9(result),
         10: figure_10(result),
@@ -535,6 +669,9 @@ def main(out: Path, *, steps: int = 800, dpi: int = 150) -> Result:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument(
-        "--out", type=Path, default=Path("repctl-out"), help="folder for the figures (default: repctl-out)"
+        "--out",
+        type=Path,
+        default=Path("repctl-out"),
+        help="folder for the figures (default: repctl-out)",
     )
     found = main(parser.parse_args().out)  # to look into, after python -i

@@ -19,22 +19,22 @@ if TYPE_CHECKING:
     from .design import FamilyDesign as FamilyDesign
     from .design import SingularRegionError as SingularRegionError
     from .design import nearest_in_family as nearest_in_family
-    from .design import nearest_repeatable as nearest_repeatable
-    from .design import settled as settled
     from .design.compare import compare as compare
+    from .design.nearest import nearest_repeatable as nearest_repeatable
     from .errors import InputError as InputError
     from .errors import RepctlError as RepctlError
     from .errors import SingularityError as SingularityError
     from .errors import UrdfError as UrdfError
-    from .fields import Fourier as Fourier
-    from .fields import Joined as Joined
-    from .fields import Polynomial as Polynomial
-    from .fields import Potentials as Potentials
     from .integrability import bracket_defect as bracket_defect
     from .integrability import candidate_surface as candidate_surface
     from .integrability import drift_per_area as drift_per_area
     from .integrability import is_repeatable as is_repeatable
     from .integrability import stable_surface as stable_surface
+    from .inverse_function import Cell as Cell
+    from .inverse_function import CellDesign as CellDesign
+    from .inverse_function import InverseFunction as InverseFunction
+    from .inverse_function import NoFunctionError as NoFunctionError
+    from .inverse_function import nearest_inverse_function as nearest_inverse_function
     from .motion import BestLeaf as BestLeaf
     from .motion import Motion as Motion
     from .motion import TaskPath as TaskPath
@@ -52,6 +52,10 @@ if TYPE_CHECKING:
     from .motion import timed as timed
     from .motion import waypoints as waypoints
     from .motion import write_motion as write_motion
+    from .potentials import CustomPotentials as CustomPotentials
+    from .potentials import Fourier as Fourier
+    from .potentials import Joined as Joined
+    from .potentials import Polynomial as Polynomial
     from .regions import Box as Box
     from .regions import Tube as Tube
     from .regions import WorkspaceBox as WorkspaceBox
@@ -61,11 +65,6 @@ if TYPE_CHECKING:
     from .robot.task import Task as Task
     from .saving import load as load
     from .saving import save as save
-    from .section import Cell as Cell
-    from .section import CellDesign as CellDesign
-    from .section import InverseFunction as InverseFunction
-    from .section import NoFunctionError as NoFunctionError
-    from .section import nearest_inverse_function as nearest_inverse_function
     from .show.notebook import inline as inline
     from .show.page.animation import Animation as Animation
     from .show.page.animation import animation as animation
@@ -89,15 +88,15 @@ _DOOR = {
     "robot.robot": "Robot",
     "robot.task": "Task",
     "regions": "Box Tube WorkspaceBox",
-    "fields": "Fourier Joined Polynomial Potentials",
+    "potentials": "Fourier Joined Polynomial CustomPotentials",
     "strategies": (
         "ArmAngle CustomInverse ExtendedJacobian LeafImpedance LimitWeight PostureControl Pseudoinverse "
         "RepeatableInverse WeightedInverse"
     ),
-    "design": "Design FamilyDesign SingularRegionError compare nearest_in_family nearest_repeatable settled",
+    "design": "Design FamilyDesign SingularRegionError compare nearest_in_family nearest_repeatable",
     "codegen": "compiled export_c",
     "saving": "load save",
-    "section": "Cell CellDesign InverseFunction NoFunctionError nearest_inverse_function",
+    "inverse_function": "Cell CellDesign InverseFunction NoFunctionError nearest_inverse_function",
     "integrability": "bracket_defect candidate_surface drift_per_area is_repeatable stable_surface",
     "motion": (
         "BestLeaf Motion TaskPath TimedMotion Waypoints approach best_leaf circle figure_eight follow polygon solve_ik "

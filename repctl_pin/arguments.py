@@ -1,4 +1,5 @@
-"""What a person gives to a function: taken as it is meant, or refused in one line that names it and the remedy."""
+"""What a person gives to a function: taken as it is meant, or refused in one line that names it and
+the remedy."""
 
 from __future__ import annotations
 
@@ -31,7 +32,7 @@ MOST_STEPS = 10_000_000
 """Steps of a motion."""
 
 
-def wanted(value: Any, kind: type[T], name: str, what: str) -> T:
+def require_type(value: Any, kind: type[T], name: str, what: str) -> T:
     """Take an argument of one kind, a class or a runtime protocol.
 
     Parameters
@@ -41,7 +42,8 @@ def wanted(value: Any, kind: type[T], name: str, what: str) -> T:
     name
         What the argument is called.
     what
-        What to give, in words and with an example: ``"a closed path, such as rp.circle(task, q0)"``.
+        What to give, in words and with an example: ``"a closed path, such as rp.circle(task,
+        q0)"``.
 
     Raises
     ------
@@ -71,7 +73,7 @@ def _binds(value: Callable[..., Any], takes: int) -> bool:
     return True
 
 
-def chosen(value: Any, names: Iterable[str], kind: str) -> str:
+def require_choice(value: Any, names: Iterable[str], kind: str) -> str:
     """Take one of some names."""
     names = tuple(names)
     if isinstance(value, str) and value in names:
@@ -79,7 +81,7 @@ def chosen(value: Any, names: Iterable[str], kind: str) -> str:
     raise unknown(kind, value if isinstance(value, str) else shown(value), names)
 
 
-def whole(value: Any, name: str, least: int = 0, most: int | None = None) -> int:
+def as_int(value: Any, name: str, least: int = 0, most: int | None = None) -> int:
     """Take a whole number; ``most`` is what fits into memory."""
     number = _number(value)
     if not (math.isfinite(number) and number == int(number) and number >= least):
@@ -94,7 +96,9 @@ def positive(value: Any, name: str, unit: str = "", *, zero: bool = False) -> fl
     number = _number(value)
     if not (math.isfinite(number) and (number > 0 or (zero and number == 0))):
         least = f"0{unit and ' '}{unit} or more" if zero else f"above 0{unit and ' '}{unit}"
-        raise InputError(f"{name} must be {least}{' and finite' if number > 0 else ''}, not {shown(value)}")
+        raise InputError(
+            f"{name} must be {least}{' and finite' if number > 0 else ''}, not {shown(value)}"
+        )
     return number
 
 
@@ -108,24 +112,34 @@ def finite(value: Any, name: str, unit: str = "") -> float:
 
 def vector(values: ArrayLike, n: int | None, name: str, each: str = "one per joint") -> Array:
     """Take n finite numbers (n,), copied; with n = None any number of them, but one at least."""
-    array = numbers(values)
+    array = as_numbers(values)
     wrong = array is None or array.ndim != 1 or not array.size or n not in (None, array.size)
     if array is None or wrong or not np.isfinite(array).all():
         count = f"{n} finite numbers" if n is not None else "a list of finite numbers"
-        raise InputError(f"{name} must be {count}{each and ', '}{each}; got {_shape(values, array)}")
+        raise InputError(
+            f"{name} must be {count}{each and ', '}{each}; got {_shape(values, array)}"
+        )
     return array
 
 
-def spread(values: ArrayLike, n: int, name: str, each: str = "one per joint", *, finite: bool = False) -> Array:
+def per_joint(
+    values: ArrayLike, n: int, name: str, each: str = "one per joint", *, finite: bool = False
+) -> Array:
     """Take one number above 0 for all of n, or n of them: (n,); infinity is allowed.
 
-    ``finite`` is for lengths that numbers are divided by: finite, and large beside the rounding of a joint's position.
-    """
-    array = numbers(values)
-    most = array is not None and array.shape in ((), (1,), (n,)) and (not finite or np.isfinite(array).all())
+    ``finite`` is for lengths that numbers are divided by: finite, and large beside the rounding of
+    a joint's position."""
+    array = as_numbers(values)
+    most = (
+        array is not None
+        and array.shape in ((), (1,), (n,))
+        and (not finite or np.isfinite(array).all())
+    )
     if array is None or not most or not (array > 0).all():
         what = "finite number" if finite else "number"
-        raise InputError(f"{name} must be one {what} above 0 or {n} of them, {each}; got {shown(values)}")
+        raise InputError(
+            f"{name} must be one {what} above 0 or {n} of them, {each}; got {shown(values)}"
+        )
     if finite and (array < MIN_LENGTH).any():
         raise InputError(
             f"{name} must be at least {MIN_LENGTH:g}, the rounding of a joint position; got {shown(values)}"
@@ -135,34 +149,45 @@ def spread(values: ArrayLike, n: int, name: str, each: str = "one per joint", *,
 
 def limits(values: ArrayLike, n: int, name: str, each: str = "one per joint") -> Array:
     """Take n limits (n,), infinity where there is none."""
-    array = numbers(values)
+    array = as_numbers(values)
     if array is None or array.shape != (n,) or np.isnan(array).any():
         raise InputError(f"{name} must be {n} numbers, {each}; got {shown(values)}")
     return array
 
 
-def rows(values: ArrayLike, n: int | None, whose: str) -> Array:
+def as_configurations(values: ArrayLike, n: int | None, whose: str) -> Array:
     """Take configurations (K, n), finite, one a row; with n = None of any length."""
-    array = numbers(values)
-    if array is None or array.ndim != 2 or n not in (None, array.shape[1]) or not np.isfinite(array).all():
+    array = as_numbers(values)
+    if (
+        array is None
+        or array.ndim != 2
+        or n not in (None, array.shape[1])
+        or not np.isfinite(array).all()
+    ):
         width = "(K, n), one number a joint" if n is None else f"(K, {n}), {n} finite numbers a row"
-        single = ": write [q] for a single q" if array is not None and n in (None, array.size) else ""
-        raise InputError(f"{whose} takes Q as an array {width}; got {_shape(values, array)}{single}")
+        single = (
+            ": write [q] for a single q" if array is not None and n in (None, array.size) else ""
+        )
+        raise InputError(
+            f"{whose} takes Q as an array {width}; got {_shape(values, array)}{single}"
+        )
     return array
 
 
-def stacks(*given: tuple[str, ArrayLike, str], exact: bool = False, finite: bool = True) -> list[Array]:
+def as_matrices(
+    *given: tuple[str, ArrayLike, str], exact: bool = False, finite: bool = True
+) -> list[Array]:
     """Take stacks of matrices whose last axes fit together: ``("J", J, "m n"), ("V", V, "n r")``.
 
-    An axis is a number, or a letter that means the same size in all of them: 1 at least, but for r and K. The axes
-    before must be such that NumPy broadcasts them; ``exact`` allows none. Without ``finite``, NaN and infinity pass.
-    """
+    An axis is a number, or a letter that means the same size in all of them: 1 at least, but for r
+    and K. The axes before must be such that NumPy broadcasts them; ``exact`` allows none. Without
+    ``finite``, NaN and infinity pass."""
     sizes: dict[str, int] = {}
     arrays = []
     for name, values, axes in given:
         letters = axes.split()
         native = type(values) is np.ndarray and values.dtype is FLOAT  # used as it is, not copied
-        array: Array | None = values if native else numbers(values)  # type: ignore[assignment]
+        array: Array | None = values if native else as_numbers(values)  # type: ignore[assignment]
         last = () if array is None else array.shape[-len(letters) :]
         fits = len(last) == len(letters) and (not exact or array is None or array.ndim == len(last))
         fits = fits and all(
@@ -170,12 +195,16 @@ def stacks(*given: tuple[str, ArrayLike, str], exact: bool = False, finite: bool
             for x, size in zip(letters, last, strict=True)
         )
         if array is None or not fits or (finite and not np.isfinite(array).all()):
-            known = ", ".join(f"{x} = {sizes[x]}" for x in letters if x in sizes and name != given[0][0])
+            known = ", ".join(
+                f"{x} = {sizes[x]}" for x in letters if x in sizes and name != given[0][0]
+            )
             shape = f"({'' if exact else '..., '}{', '.join(letters)}){known and ' with '}{known}"
             what = "finite numbers" if finite else "numbers"
             raise InputError(f"{name} must be {what} {shape}; got {_shape(values, array)}")
         arrays.append(array)
-    leading = [a.shape[: a.ndim - len(axes.split())] for a, (_, _, axes) in zip(arrays, given, strict=True)]
+    leading = [
+        a.shape[: a.ndim - len(axes.split())] for a, (_, _, axes) in zip(arrays, given, strict=True)
+    ]
     if len(set(leading)) > 1:
         try:
             np.broadcast_shapes(*leading)
@@ -194,12 +223,18 @@ def flag(value: Any, name: str) -> bool:
 
 def flag_or_function(value: Any, name: str, what: str, takes: int) -> Any:
     """Take True, False, or a function of so many arguments."""
-    return function(value, name, f"True, False or {what}", takes) if callable(value) else flag(value, name)
+    return (
+        function(value, name, f"True, False or {what}", takes)
+        if callable(value)
+        else flag(value, name)
+    )
 
 
 def list_of(values: Any, name: str, what: str) -> list[Any]:
     """Take a list, or anything else that gives one thing after another."""
-    no_list = isinstance(values, (str, bytes, type, Mapping)) or (isinstance(values, np.ndarray) and values.ndim != 1)
+    no_list = isinstance(values, (str, bytes, type, Mapping)) or (
+        isinstance(values, np.ndarray) and values.ndim != 1
+    )
     if isinstance(values, Iterable) and not no_list:
         return list(values)
     raise InputError(f"{name} must be {what}, not {shown(values)}")
@@ -236,13 +271,18 @@ def file_name(value: Any, name: str = "file") -> Path:
 def _number(value: Any) -> float:
     """A number as a float; NaN where it is none, written or not."""
     try:
-        return math.nan if isinstance(value, (str, bytes, bytearray)) or np.ndim(value) else float(value)
+        return (
+            math.nan
+            if isinstance(value, (str, bytes, bytearray)) or np.ndim(value)
+            else float(value)
+        )
     except (TypeError, ValueError, OverflowError):
         return math.nan
 
 
-def numbers(values: ArrayLike) -> Array | None:
-    """Numbers as a new array of doubles in the machine's own order; None where they are none, or no rectangle."""
+def as_numbers(values: ArrayLike) -> Array | None:
+    """Numbers as a new array of doubles in the machine's own order; None where they are none, or no
+    rectangle."""
     try:
         array = np.asarray(values)
         return np.array(array, dtype=float, order="C") if array.dtype.kind in "biuf" else None

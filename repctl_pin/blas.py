@@ -16,7 +16,8 @@ _limits: Any = None
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Keep BLAS to one thread; the last to leave, of all threads, gives back what there was. Also a decorator."""
+    """Keep BLAS to one thread; the last to leave, of all threads, gives back what there was. Also a
+    decorator."""
     global _working, _limits
     with _lock:
         if _working == 0:

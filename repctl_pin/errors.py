@@ -12,7 +12,8 @@ _LONGEST = 800
 
 
 def printable(text: str, *, lines: bool = False) -> str:
-    """Escape what does not print, such as a terminal's control sequences; ``lines`` keeps line breaks."""
+    """Escape what does not print, such as a terminal's control sequences; ``lines`` keeps line
+    breaks."""
     if text.isprintable():
         return text
     return "".join(c if c.isprintable() or (lines and c == "\n") else ascii(c)[1:-1] for c in text)
@@ -83,14 +84,17 @@ _PACKAGES = {"collada": "pycollada", "PIL": "pillow", "umsgpack": "meshcat"}
 
 
 def needed(*modules: str, by: str) -> None:
-    """Refuse to begin without packages that the installation on a robot's computer may have left out.
+    """Refuse to begin without packages that the installation on a robot's computer may have left
+    out.
 
     Raises
     ------
     InputError
         If one is missing, with the command that installs it.
     """
-    missing = " ".join(dict.fromkeys(_PACKAGES.get(name, name) for name in modules if find_spec(name) is None))
+    missing = " ".join(
+        dict.fromkeys(_PACKAGES.get(name, name) for name in modules if find_spec(name) is None)
+    )
     if missing:
         raise InputError(f"{by} needs what is not installed here: run `pip install {missing}`")
 
@@ -136,6 +140,10 @@ def unknown(
 def _near(name: str, names: Mapping[str, str]) -> list[str]:
     """At most four names that hold what was written, or begin with it, or are spelled like it."""
     written, folded = name.strip().lower(), {k.lower(): v for k, v in names.items()}
-    holding = [k for k in folded if written and (k.startswith(written) or (len(written) > 2 and written in k))]
+    holding = [
+        k
+        for k in folded
+        if written and (k.startswith(written) or (len(written) > 2 and written in k))
+    ]
     alike = difflib.get_close_matches(written, folded, n=4, cutoff=0.5)
     return list(dict.fromkeys(folded[k] for k in [*holding, *alike]))[:4]

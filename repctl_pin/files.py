@@ -1,4 +1,5 @@
-"""Files written whole or not at all, and read only where they are files and of a size that is meant."""
+"""Files written whole or not at all, and read only where they are files and of a size that is
+meant."""
 
 from __future__ import annotations
 
@@ -15,7 +16,8 @@ from .errors import InputError
 
 
 def check_folder(folder: Path, *, make: bool = False) -> Path:
-    """Make sure that files can be written into a folder, before any long work; one that is not there may be made.
+    """Make sure that files can be written into a folder, before any long work; one that is not
+    there may be made.
 
     Raises
     ------
@@ -29,7 +31,9 @@ def check_folder(folder: Path, *, make: bool = False) -> Path:
         with tempfile.TemporaryFile(dir=there):
             pass
     except OSError as error:
-        raise InputError(f"cannot write into {folder}: {error.strerror}; choose another folder") from None
+        raise InputError(
+            f"cannot write into {folder}: {error.strerror}; choose another folder"
+        ) from None
     return folder
 
 
@@ -40,7 +44,8 @@ def prepare_folder(folder: Path) -> Path:
 
 @contextlib.contextmanager
 def not_left_empty(folder: Path) -> Iterator[Path]:
-    """Leave no empty folder behind: what is made on the way to it, and holds nothing in the end, goes again."""
+    """Leave no empty folder behind: what is made on the way to it, and holds nothing in the end,
+    goes again."""
     missing = [part for part in (folder, *folder.parents) if not part.exists()]
     try:
         yield folder
@@ -52,10 +57,11 @@ def not_left_empty(folder: Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def written_together(folder: Path) -> Iterator[Path]:
-    """Give an empty folder to write files into; at the end all of them replace those in ``folder``, or none do.
+    """Give an empty folder to write files into; at the end all of them replace those in ``folder``,
+    or none do.
 
-    They are moved at once, and one process at a time moves: a folder never holds files of two runs. After an exception
-    the files in ``folder`` are as they were.
+    They are moved at once, and one process at a time moves: a folder never holds files of two runs.
+    After an exception the files in ``folder`` are as they were.
 
     Raises
     ------
@@ -97,7 +103,8 @@ def _move(file: Path, target: Path) -> None:
 
 @contextlib.contextmanager
 def _one_at_a_time(folder: Path) -> Iterator[None]:
-    """Wait for other processes that move files into a folder; not where folders cannot be locked."""
+    """Wait for other processes that move files into a folder; not where folders cannot be
+    locked."""
     try:
         import fcntl
 
@@ -114,9 +121,11 @@ def _one_at_a_time(folder: Path) -> Iterator[None]:
 
 
 def write_whole(path: str | Path, content: str | bytes) -> Path:
-    """Write a file through a temporary one beside it and a rename: a reader sees the old or the new, never half.
+    """Write a file through a temporary one beside it and a rename: a reader sees the old or the
+    new, never half.
 
-    A link is followed, and what it leads to is replaced. A device or a pipe is written through, never replaced.
+    A link is followed, and what it leads to is replaced. A device or a pipe is written through,
+    never replaced.
 
     Parameters
     ----------
@@ -133,7 +142,8 @@ def write_whole(path: str | Path, content: str | bytes) -> Path:
     Raises
     ------
     InputError
-        If it is a folder, or cannot be written (permission, full disk); an old file stays as it was.
+        If it is a folder, or cannot be written (permission, full disk); an old file stays as it
+        was.
     """
     data = content.encode("utf-8", "replace") if isinstance(content, str) else content
     try:
@@ -145,7 +155,9 @@ def write_whole(path: str | Path, content: str | bytes) -> Path:
             with open(os.open(target, os.O_WRONLY | os.O_NOCTTY), "wb") as through:
                 through.write(data)
     except (OSError, ValueError) as error:  # ValueError: a name with a NUL
-        raise InputError(f"cannot write {path}: {getattr(error, 'strerror', None) or error}") from None
+        raise InputError(
+            f"cannot write {path}: {getattr(error, 'strerror', None) or error}"
+        ) from None
     return target
 
 
@@ -160,10 +172,14 @@ def read_whole(path: str | Path, largest: int) -> str:
     try:
         mode, data = os.stat(path).st_mode, b""
         if stat.S_ISREG(mode):
-            with open(os.open(path, os.O_RDONLY | os.O_NONBLOCK), "rb") as file:  # were it a pipe by now: no waiting
+            with open(
+                os.open(path, os.O_RDONLY | os.O_NONBLOCK), "rb"
+            ) as file:  # were it a pipe by now: no waiting
                 mode, data = os.fstat(file.fileno()).st_mode, file.read(largest + 1)
     except (OSError, ValueError) as error:  # ValueError: a name with a NUL
-        raise InputError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from None
+        raise InputError(
+            f"cannot read {path}: {getattr(error, 'strerror', None) or error}"
+        ) from None
     if not stat.S_ISREG(mode):
         what = "a folder" if stat.S_ISDIR(mode) else "a device or a pipe, where a file is wanted"
         raise InputError(f"cannot read {path}: it is {what}")
@@ -191,7 +207,9 @@ def _replace(target: Path, data: bytes, old: os.stat_result | None) -> None:
     """Write a temporary file beside the target, under an unpredictable name, and rename it."""
     temporary = target.with_name(f".repctl-{secrets.token_hex(8)}")
     try:  # from here on: a signal may come before the file's handle is known
-        handle = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_NOFOLLOW", 0), 0o666)
+        handle = os.open(
+            temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_NOFOLLOW", 0), 0o666
+        )
         with open(handle, "wb") as file:
             if old is not None:
                 with contextlib.suppress(OSError):
@@ -204,7 +222,9 @@ def _replace(target: Path, data: bytes, old: os.stat_result | None) -> None:
         with contextlib.suppress(OSError):
             temporary.unlink()
         raise
-    with contextlib.suppress(OSError):  # make the rename itself outlast a power cut, where the system can
+    with contextlib.suppress(
+        OSError
+    ):  # make the rename itself outlast a power cut, where the system can
         folder = os.open(target.parent, os.O_RDONLY)
         try:
             os.fsync(folder)

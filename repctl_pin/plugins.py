@@ -1,11 +1,11 @@
-"""What other packages register: strategies, fields and paths, by entry point.
+"""What other packages register: strategies, potentials and paths, by entry point.
 
 In the ``pyproject.toml`` of such a package::
 
     [project.entry-points."repctl_pin.strategies"]
     my_control = "my_package:MyControl"          # task → strategy
 
-    [project.entry-points."repctl_pin.fields"]
+    [project.entry-points."repctl_pin.potentials"]
     my_waves = "my_package:waves"                # (task, q0) → family of potentials
 
     [project.entry-points."repctl_pin.paths"]
@@ -21,7 +21,7 @@ from typing import Any
 
 from .errors import InputError, unknown
 
-_ONE_OF = {"strategies": "strategy", "fields": "field", "paths": "path"}
+_ONE_OF = {"strategies": "strategy", "potentials": "basis of potentials", "paths": "path"}
 """What is registered, and what one of each kind is called."""
 
 
@@ -37,7 +37,7 @@ def plugin(kind: str, name: str, *, known: tuple[str, ...] = ()) -> Any:
     Parameters
     ----------
     kind
-        ``strategies``, ``fields`` or ``paths``.
+        ``strategies``, ``potentials`` or ``paths``.
     name
         The name it was registered under.
     known
@@ -56,7 +56,9 @@ def plugin(kind: str, name: str, *, known: tuple[str, ...] = ()) -> Any:
     try:
         made = point.load()
     except Exception as error:
-        raise InputError(f"{name!r} of {package} cannot be imported: {type(error).__name__}: {error}") from error
+        raise InputError(
+            f"{name!r} of {package} cannot be imported: {type(error).__name__}: {error}"
+        ) from error
     if not callable(made):
         raise InputError(f"{name!r} of {package} must be something to call, not {made!r}")
     return made

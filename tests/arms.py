@@ -15,7 +15,8 @@ Q_PANDA = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
 
 
 def heed_interrupts() -> None:
-    """Let a child process take Ctrl-C, even where the tests themselves run in a shell's background."""
+    """Let a child process take Ctrl-C, even where the tests themselves run in a shell's
+    background."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
@@ -54,7 +55,9 @@ def spatial_urdf(n: int, seed: int) -> str:
     parent = "base"
     for i in range(1, n + 1):
         kind = "prismatic" if i % 3 == 0 else "revolute"
-        xyz, rpy, axis = (" ".join(f"{v:.6f}" for v in rng.uniform(-1, 1, 3) * s) for s in (0.4, 1.5, 1.0))
+        xyz, rpy, axis = (
+            " ".join(f"{v:.6f}" for v in rng.uniform(-1, 1, 3) * s) for s in (0.4, 1.5, 1.0)
+        )
         links.append(f'<link name="link{i}"/>')
         joints.append(
             f'<joint name="q{i}" type="{kind}"><parent link="{parent}"/><child link="link{i}"/>'
@@ -78,14 +81,20 @@ def spatial_task(n: int, folder: Path, *, kind: str = "position", seed: int = 0)
 
 
 def chain_with_bodies(folder: Path) -> Path:
-    """Three unit links in a plane; balls of 0.1 m at the root and at the tip, and a mesh that is not there."""
+    """Three unit links in a plane; balls of 0.1 m at the root and at the tip, and a mesh that is
+    not there."""
     link = '<link name="{}"><collision><origin xyz="{} 0 0"/><geometry>{}</geometry></collision></link>'
     joint = (
         '<joint name="j{}" type="revolute"><parent link="{}"/><child link="{}"/><origin xyz="{} 0 0"/>'
         '<axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="1" velocity="1"/></joint>'
     )
     ball, lost = '<sphere radius="0.1"/>', '<mesh filename="lost.stl"/>'
-    links = [("base", 0, ball), ("a", 0.5, lost), ("b", 0.5, '<box size="0.2 0.1 0.1"/>'), ("tip", 1, ball)]
+    links = [
+        ("base", 0, ball),
+        ("a", 0.5, lost),
+        ("b", 0.5, '<box size="0.2 0.1 0.1"/>'),
+        ("tip", 1, ball),
+    ]
     joints = [("base", "a", 0), ("a", "b", 1), ("b", "tip", 1)]
     text = "".join(link.format(*one) for one in links)
     text += "".join(joint.format(k, *one) for k, one in enumerate(joints))

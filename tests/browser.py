@@ -1,4 +1,5 @@
-"""Drive a real headless Chromium through Selenium: open a page offline, take pictures at exact times."""
+"""Drive a real headless Chromium through Selenium: open a page offline, take pictures at exact
+times."""
 
 from __future__ import annotations
 
@@ -53,14 +54,17 @@ viewer.scene.traverse((node) => { if (node.isLight) node.castShadow = false; });
 viewer.render = () => {};
 repctl.picture = () => { viewer.render = draw; try { return picture(); } finally { viewer.render = () => {}; } };
 """
-"""A picture costs a second in software: none is drawn but those that are asked for, and without shadows."""
+"""A picture costs a second in software: none is drawn but those that are asked for, and without
+shadows."""
 
 
 def require_browser() -> None:
     """Skip the test where there is no Chromium; fail it on CI, where there must be one."""
     if CHROMIUM and DRIVER:
         return
-    reason = "chromium and chromedriver are not installed (apt-get install chromium chromium-driver)"
+    reason = (
+        "chromium and chromedriver are not installed (apt-get install chromium chromium-driver)"
+    )
     if os.environ.get("CI") == "true":
         pytest.fail(reason)
     pytest.skip(reason)
@@ -88,8 +92,11 @@ def browser(width: int = 1280, height: int = 760) -> Iterator[Any]:
 
 @contextmanager
 def asleep(driver: Any, more: str = "") -> Iterator[None]:
-    """Pages that are opened within draw nothing until they are awake; ``more`` runs before their own scripts."""
-    script = driver.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument", {"source": _ASLEEP + more})
+    """Pages that are opened within draw nothing until they are awake; ``more`` runs before their
+    own scripts."""
+    script = driver.execute_cdp_cmd(
+        "Page.addScriptToEvaluateOnNewDocument", {"source": _ASLEEP + more}
+    )
     try:
         yield
     finally:
@@ -97,9 +104,12 @@ def asleep(driver: Any, more: str = "") -> Iterator[None]:
 
 
 def open_page(driver: Any, page: Path | str, *, seconds: float = 60.0) -> None:
-    """Open an animation from its file or address and wait until all of it is drawn; it stands still."""
+    """Open an animation from its file or address and wait until all of it is drawn; it stands
+    still."""
     address = page.resolve().as_uri() if isinstance(page, Path) else page
-    driver.get("about:blank")  # an address that differs by nothing, or by its #, would not load anew
+    driver.get(
+        "about:blank"
+    )  # an address that differs by nothing, or by its #, would not load anew
     driver.get_log("browser")  # what came before is not this page's
     with asleep(driver):
         driver.get(address + "#paused")
@@ -108,21 +118,31 @@ def open_page(driver: Any, page: Path | str, *, seconds: float = 60.0) -> None:
 
 
 def wait_until_drawn(driver: Any, name: str, *, seconds: float = 60.0) -> None:
-    """Wait until all of the animation that the driver looks at, a page or a frame in one, is drawn."""
+    """Wait until all of the animation that the driver looks at, a page or a frame in one, is
+    drawn."""
     deadline = time.monotonic() + seconds
-    while not driver.execute_script("return Boolean(window.repctl && (repctl.ready || repctl.errors.length))"):
-        assert time.monotonic() < deadline, f"{name} did not become ready in {seconds:g} s: {errors(driver)}"
+    while not driver.execute_script(
+        "return Boolean(window.repctl && (repctl.ready || repctl.errors.length))"
+    ):
+        assert time.monotonic() < deadline, (
+            f"{name} did not become ready in {seconds:g} s: {errors(driver)}"
+        )
         time.sleep(0.05)
 
 
 def errors(driver: Any) -> list[str]:
     """Everything that went wrong on the page: the console's errors and the page's own list."""
-    console = [entry["message"] for entry in driver.get_log("browser") if entry["level"] == "SEVERE"]
+    console = [
+        entry["message"] for entry in driver.get_log("browser") if entry["level"] == "SEVERE"
+    ]
     return console + driver.execute_script("return (window.repctl && repctl.errors) || []")
 
 
-def picture(driver: Any, cycles: float, *, traces: bool = False, ghost: bool = True) -> NDArray[np.int16]:
-    """Take the scene's picture at a time, in cycles: (height, width, 3), 0 to 255; with what drift leaves, or not."""
+def picture(
+    driver: Any, cycles: float, *, traces: bool = False, ghost: bool = True
+) -> NDArray[np.int16]:
+    """Take the scene's picture at a time, in cycles: (height, width, 3), 0 to 255; with what drift
+    leaves, or not."""
     driver.execute_script(
         "const [time, left, ghost] = arguments; repctl.set('traces', left); repctl.set('drift', left);"
         "repctl.set('ghost', ghost); repctl.seek(time)",
@@ -146,16 +166,25 @@ def pane(driver: Any, image: NDArray[np.int16], arm: int) -> NDArray[np.int16]:
     """Cut an arm's pane out of the picture."""
     left, top, width, height = driver.execute_script("return repctl.pane(arguments[0])", arm)
     tall, wide = image.shape[:2]
-    return image[round(top * tall) : round((top + height) * tall), round(left * wide) : round((left + width) * wide)]
+    return image[
+        round(top * tall) : round((top + height) * tall),
+        round(left * wide) : round((left + width) * wide),
+    ]
 
 
-def schemes(driver: Any, *, width: int, height: int, dark: bool = False, still: bool = False) -> None:
+def schemes(
+    driver: Any, *, width: int, height: int, dark: bool = False, still: bool = False
+) -> None:
     """Set the size of the window's inside, and what the person has asked of colours and motion."""
     size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 600}
     driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
-    wishes = {"prefers-color-scheme": "dark" if dark else "light", "prefers-reduced-motion": "reduce" if still else ""}
+    wishes = {
+        "prefers-color-scheme": "dark" if dark else "light",
+        "prefers-reduced-motion": "reduce" if still else "",
+    }
     driver.execute_cdp_cmd(
-        "Emulation.setEmulatedMedia", {"features": [{"name": k, "value": v} for k, v in wishes.items()]}
+        "Emulation.setEmulatedMedia",
+        {"features": [{"name": k, "value": v} for k, v in wishes.items()]},
     )
 
 

@@ -19,5 +19,7 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
     """The one line of a command that refuses what it was given."""
     assert main([*arguments]) == 2
     captured = capsys.readouterr()
-    assert captured.out == "" and captured.err.count("\n") == 1 and captured.err.startswith("repctl: ")
+    assert (
+        captured.out == "" and captured.err.count("\n") == 1 and captured.err.startswith("repctl: ")
+    )
     return captured.err

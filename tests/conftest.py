@@ -35,7 +35,9 @@ def q_panda() -> np.ndarray:
 @pytest.fixture(scope="session")
 def panda_design(panda_pose: rp.Task) -> rp.Design:
     """The quadratic design of the theory: J⁺, box ±0.4 rad."""
-    return rp.nearest_repeatable(rp.Pseudoinverse(panda_pose), rp.Polynomial(Q_PANDA, 2, 0.4), rp.Box(Q_PANDA, 0.4))
+    return rp.nearest_repeatable(
+        rp.Pseudoinverse(panda_pose), rp.Polynomial(Q_PANDA, 2, 0.4), rp.Box(Q_PANDA, 0.4)
+    )
 
 
 @pytest.fixture(scope="session")

@@ -1,4 +1,5 @@
-"""Repeatable inverses of every kind that can be written as C: arms, tasks, joint coordinates, bases, fields."""
+"""Repeatable inverses of every kind that can be written as C: arms, tasks, joint coordinates,
+bases, potentials."""
 
 from __future__ import annotations
 
@@ -11,7 +12,7 @@ from arms import Q_PANDA, spatial_task
 
 import repctl_pin as rp
 from repctl_pin.codegen.build import NoCompilerError, compiler
-from repctl_pin.fields import Field
+from repctl_pin.potentials import PotentialBasis
 
 
 def no_compiler() -> str:
@@ -67,12 +68,17 @@ def iiwa(folder: Path) -> rp.Robot:
     return rp.Robot.load(path)
 
 
-def control(task: rp.Task, center: np.ndarray, fields: Field, seed: int = 0) -> rp.RepeatableInverse:
-    """Potentials of a family whose gradients at a configuration span the null space there, and that curve."""
+def control(
+    task: rp.Task, center: np.ndarray, potentials: PotentialBasis, seed: int = 0
+) -> rp.RepeatableInverse:
+    """Potentials of a family whose gradients at a configuration span the null space there, and that
+    curve."""
     rng = np.random.default_rng(seed)
     N = rp.redundancy.nullspace(task.jacobian(center))
-    A = np.linalg.lstsq(fields.gradients(center[None])[0], N, rcond=None)[0]
-    return rp.RepeatableInverse(task, fields.weighted(A + 0.02 * rng.normal(size=A.shape) / np.sqrt(fields.size)))
+    A = np.linalg.lstsq(potentials.gradients(center[None])[0], N, rcond=None)[0]
+    return rp.RepeatableInverse(
+        task, potentials.weighted(A + 0.02 * rng.normal(size=A.shape) / np.sqrt(potentials.size))
+    )
 
 
 def _start(task: rp.Task) -> np.ndarray:
@@ -97,8 +103,12 @@ def _with_base() -> rp.Task:
 
 
 def _joined(task: rp.Task) -> tuple[rp.RepeatableInverse, np.ndarray]:
-    fields = rp.Fourier(7, 1) + rp.Polynomial(Q_PANDA, 3, 0.5, variables=[1, 3]) + rp.Polynomial(Q_PANDA, 2, 0.6)
-    return control(task, Q_PANDA, fields), Q_PANDA
+    potentials = (
+        rp.Fourier(7, 1)
+        + rp.Polynomial(Q_PANDA, 3, 0.5, variables=[1, 3])
+        + rp.Polynomial(Q_PANDA, 2, 0.6)
+    )
+    return control(task, Q_PANDA, potentials), Q_PANDA
 
 
 def _fourier(order: int, **options: object) -> tuple[rp.RepeatableInverse, np.ndarray]:
@@ -109,8 +119,10 @@ def _partial() -> tuple[rp.RepeatableInverse, np.ndarray]:
     """PPR's own kind: a polynomial of the slides, and one of the turning joint alone."""
     task = rp.Robot.load("ppr").task(None, "xy")
     q0 = np.array([0.2, 0.3, 0.8])
-    fields = rp.Polynomial(q0, 1, 0.5, variables=[0, 1]) + rp.Polynomial(q0, 5, 0.5, variables=[2], cross=False)
-    return control(task, q0, fields), q0
+    potentials = rp.Polynomial(q0, 1, 0.5, variables=[0, 1]) + rp.Polynomial(
+        q0, 5, 0.5, variables=[2], cross=False
+    )
+    return control(task, q0, potentials), q0
 
 
 def _in_coordinates() -> rp.Task:
@@ -129,12 +141,18 @@ CONTROLS: dict[str, Callable[[Path], tuple[rp.RepeatableInverse, np.ndarray]]] =
     "panda in other coordinates": lambda _: _polynomial(_in_coordinates(), 2),
     "xarm7, pose, degree 3": lambda _: _polynomial(rp.Robot.load("xarm7").task(None, "pose"), 3),
     "iiwa, pose, degree 2": lambda folder: _polynomial(iiwa(folder).task("flange", "pose"), 2),
-    "tiago, position, degree 2": lambda _: _polynomial(rp.Robot.load("tiago").task(None, "position"), 2),
-    "talos, pose, degree 2": lambda _: _polynomial(rp.Robot.load("talos").task("wrist_left_ft_tool_link", "pose"), 2),
+    "tiago, position, degree 2": lambda _: _polynomial(
+        rp.Robot.load("tiago").task(None, "position"), 2
+    ),
+    "talos, pose, degree 2": lambda _: _polynomial(
+        rp.Robot.load("talos").task("wrist_left_ft_tool_link", "pose"), 2
+    ),
     "talos from its torso": lambda _: _polynomial(_with_base(), 2),
     "ppr, degree 5 of some joints": lambda _: _partial(),
     "planar7r, xy, degree 3": lambda _: _polynomial(rp.Robot.load("planar7r").task(None, "xy"), 3),
     "random axes and slides": lambda folder: _polynomial(spatial_task(6, folder, seed=2), 2),
-    "random axes, axis task": lambda folder: _polynomial(spatial_task(7, folder, kind="axis", seed=5), 3),
+    "random axes, axis task": lambda folder: _polynomial(
+        spatial_task(7, folder, kind="axis", seed=5), 3
+    ),
 }
 """By name: what makes the inverse and a configuration in the middle of where it serves."""

@@ -1,4 +1,5 @@
-"""What a page shows against what a run gives: text to the last character, but for rounding errors, and pictures."""
+"""What a page shows against what a run gives: text to the last character, but for rounding errors,
+and pictures."""
 
 from __future__ import annotations
 
@@ -15,10 +16,13 @@ FIGURES = Path(__file__).parent.parent / "examples" / "figures"
 def steady(text: str) -> list[str]:
     """Take the lines of a text without what differs from machine to machine.
 
-    Of a number below 1e-9 only its smallness is promised, so it becomes ``tiny``; and a table's columns are as wide
-    as such numbers happen to be.
-    """
-    lines = re.sub(r"\d(\.\d+)?e-(\d\d+)", lambda m: "tiny" if int(m[2]) >= 10 else m[0], text).strip().splitlines()
+    Of a number below 1e-9 only its smallness is promised, so it becomes ``tiny``; and a table's
+    columns are as wide as such numbers happen to be."""
+    lines = (
+        re.sub(r"\d(\.\d+)?e-(\d\d+)", lambda m: "tiny" if int(m[2]) >= 10 else m[0], text)
+        .strip()
+        .splitlines()
+    )
     return [re.sub(r" +", " ", line).rstrip() for line in lines]
 
 
@@ -33,16 +37,21 @@ def small(file: Path) -> Image.Image:
 def likeness(file: Path, kept: Path) -> float:
     """Correlate a figure just made with the one that is kept, as seen from afar: 1 is the same.
 
-    150 pixels wide, letters and hair lines no longer count, which every version of matplotlib draws a little elsewhere
-    (0.97 and more between 3.8 and 3.11); another figure of the same layout has 0.73.
-    """
+    150 pixels wide, letters and hair lines no longer count, which every version of matplotlib draws
+    a little elsewhere (0.97 and more between 3.8 and 3.11); another figure of the same layout has
+    0.73."""
     there = Image.open(kept).convert("RGB")
     size = (150, round(150 * there.height / there.width))
     made = Image.open(file).convert("RGB")
-    far = [np.asarray(image.resize(size, Image.Resampling.BOX), float).ravel() for image in (made, there)]
+    far = [
+        np.asarray(image.resize(size, Image.Resampling.BOX), float).ravel()
+        for image in (made, there)
+    ]
     return float(np.corrcoef(far)[0, 1])
 
 
-if __name__ == "__main__":  # python tests/shown.py repctl-out/figure_06.png …: keep these figures from now on
+if (
+    __name__ == "__main__"
+):  # python tests/shown.py repctl-out/figure_06.png …: keep these figures from now on
     for name in sys.argv[1:]:
         small(Path(name)).save(FIGURES / Path(name).name, optimize=True)

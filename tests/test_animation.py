@@ -21,8 +21,14 @@ def motions() -> dict[str, rp.Motion]:
     task = rp.Robot.load("planar3r").task(kind="xy")
     q0 = np.array([0.3, 0.8, 0.8])
     plain = rp.Pseudoinverse(task)
-    paths = rp.circle(task, q0, 0.2), rp.polygon(task, q0, [[0.2, 0, 0], [0.2, 0.2, 0], [0, 0.2, 0]])
-    return {name: rp.follow(plain, path, q0, cycles=2, steps=40) for name, path in zip("ab", paths, strict=True)}
+    paths = (
+        rp.circle(task, q0, 0.2),
+        rp.polygon(task, q0, [[0.2, 0, 0], [0.2, 0.2, 0], [0, 0.2, 0]]),
+    )
+    return {
+        name: rp.follow(plain, path, q0, cycles=2, steps=40)
+        for name, path in zip("ab", paths, strict=True)
+    }
 
 
 def test_every_motion_and_every_path_is_on_the_page(motions: dict[str, rp.Motion]) -> None:
@@ -30,14 +36,20 @@ def test_every_motion_and_every_path_is_on_the_page(motions: dict[str, rp.Motion
     assert [(arm["label"], arm["drift"]) for arm in scene["arms"]] == [
         (k, m.drift.tolist()) for k, m in motions.items()
     ]
-    assert len({arm["color"] for arm in scene["arms"]}) == 2 and scene["seconds"] == 2.0 and scene["planar"]
+    assert (
+        len({arm["color"] for arm in scene["arms"]}) == 2
+        and scene["seconds"] == 2.0
+        and scene["planar"]
+    )
     lines = [motion.path.points() for motion in motions.values()]
     assert scene["paths"] == [len(line) for line in lines]
-    np.testing.assert_allclose(numbers[-3 * sum(map(len, lines)) :].reshape(-1, 3), np.vstack(lines), atol=1e-6)
+    np.testing.assert_allclose(
+        numbers[-3 * sum(map(len, lines)) :].reshape(-1, 3), np.vstack(lines), atol=1e-6
+    )
     assert scene["title"] == "planar3r: circle of radius 0.2 m in xy and polygon"
     # the same path twice is drawn once, a frame that two motions move leaves one trace in each arm
     again, _, _ = read(rp.animation({"a": motions["a"], "again": motions["a"]}).page)
-    assert again["paths"] == [len(lines[0])] and [arm["limbs"] for arm in again["arms"]] == [1, 1]
+    assert again["paths"] == [len(lines[0])] and [arm["chains"] for arm in again["arms"]] == [1, 1]
 
 
 def test_who_creeps_is_warm_and_who_comes_back_is_cool(motions: dict[str, rp.Motion]) -> None:
@@ -47,7 +59,9 @@ def test_who_creeps_is_warm_and_who_comes_back_is_cool(motions: dict[str, rp.Mot
     assert [arm["color"] for arm in scene["arms"]] == [VERMILLION, BLUE, ORANGE, GREEN]
     alone, _, _ = read(rp.animation({"b": still}).page)
     assert alone["arms"][0]["color"] == BLUE
-    known, _, _ = read(rp.animation({"mine": motions["a"], "J⁺": motions["b"]}).page)  # J⁺ has one colour everywhere
+    known, _, _ = read(
+        rp.animation({"mine": motions["a"], "J⁺": motions["b"]}).page
+    )  # J⁺ has one colour everywhere
     assert [arm["color"] for arm in known["arms"]] == [ORANGE, VERMILLION]
 
 
@@ -57,9 +71,11 @@ def test_two_hands_are_two_limbs() -> None:
     for side in ("left", "right"):
         task = robot.task(f"{side}_gripper")
         q0 = task.reference
-        done[side] = rp.follow(rp.Pseudoinverse(task), rp.circle(task, q0, 0.02), q0, cycles=1, steps=10)
+        done[side] = rp.follow(
+            rp.Pseudoinverse(task), rp.circle(task, q0, 0.02), q0, cycles=1, steps=10
+        )
     scene, _, _ = read(rp.animation(done).page)
-    assert [arm["limbs"] for arm in scene["arms"]] == [2, 2] and len(scene["paths"]) == 2
+    assert [arm["chains"] for arm in scene["arms"]] == [2, 2] and len(scene["paths"]) == 2
 
 
 def test_a_study_is_shown_as_its_own_page() -> None:
@@ -84,9 +100,14 @@ def test_it_is_kept_and_shown(motions: dict[str, rp.Motion], tmp_path: Path, mon
 def test_results_are_short_at_the_prompt(motions: dict[str, rp.Motion]) -> None:
     motion = motions["a"]
     first, last = (f"{value:.3g}" for value in motion.drift)
-    assert repr(motion) == f"<Motion of planar3r tool: {motion.path.name}, 2 cycles, drift {first} … {last}>"
+    assert (
+        repr(motion)
+        == f"<Motion of planar3r tool: {motion.path.name}, 2 cycles, drift {first} … {last}>"
+    )
     task, q0 = motion.task, motion.q[0]
-    design = rp.nearest_repeatable(rp.Pseudoinverse(task), rp.Polynomial(q0, 1, 0.3), rp.Box(q0, 0.3))
+    design = rp.nearest_repeatable(
+        rp.Pseudoinverse(task), rp.Polynomial(q0, 1, 0.3), rp.Box(q0, 0.3)
+    )
     assert f"cost {design.cost:.4g}" in repr(design) and len(repr(design)) < 120
 
 
@@ -94,7 +115,13 @@ def test_what_cannot_be_shown_is_named(motions: dict[str, rp.Motion]) -> None:
     task = rp.Robot.load("ppr").task(kind="xy")
     q0 = np.array([0.0, 0.0, 0.5])
     other = rp.follow(rp.Pseudoinverse(task), rp.circle(task, q0, 0.1), q0, cycles=2, steps=40)
-    short = rp.follow(rp.Pseudoinverse(motions["a"].task), motions["a"].path, motions["a"].q[0], cycles=1, steps=40)
+    short = rp.follow(
+        rp.Pseudoinverse(motions["a"].task),
+        motions["a"].path,
+        motions["a"].q[0],
+        cycles=1,
+        steps=40,
+    )
     for given, words in (
         ({}, "there is none"),
         ({"q": motions["a"].q}, "'q' is a ndarray"),

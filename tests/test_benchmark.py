@@ -1,4 +1,5 @@
-"""The repeatability benchmark: its tables are its own, and its loops do what they are said to do."""
+"""The repeatability benchmark: its tables are its own, and its loops do what they are said to
+do."""
 
 from __future__ import annotations
 
@@ -54,7 +55,9 @@ def test_what_the_loops_do_on_the_circle(
         "ours": ours.repeatable(scene, panda_design.inverse),
     }
     found = {name: cycles.joints_of(step, scene, 2)[0] for name, step in loops.items()}
-    rows = {name: cycles.measure(scene, name, Q, found["pinv"], 0.0, "") for name, Q in found.items()}
+    rows = {
+        name: cycles.measure(scene, name, Q, found["pinv"], 0.0, "") for name, Q in found.items()
+    }
     path = rp.circle(scene.task, scene.q0, 0.1, start_angle=np.pi)
     exact = rp.follow(rp.Pseudoinverse(scene.task), path, scene.q0, cycles=1, steps=200)
     assert rows["pinv"].drift_1 == pytest.approx(exact.drift[0], rel=0.02)
@@ -63,7 +66,9 @@ def test_what_the_loops_do_on_the_circle(
     assert all(row.tracking < 1e-3 and row.limit_margin > 0 for row in rows.values())
 
 
-def test_a_program_that_stops_is_said_to_have_stopped(scenes: list, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_program_that_stops_is_said_to_have_stopped(
+    scenes: list, monkeypatch: pytest.MonkeyPatch
+) -> None:
     cycles = module("cycles", monkeypatch)
 
     def step(q: np.ndarray, target: object) -> np.ndarray:

@@ -16,7 +16,11 @@ def tiago() -> rp.Design:
     task = rp.Robot.load("tiago").task("wrist_ft_tool_link", "pose")
     q0 = task.reference
     return rp.nearest_repeatable(
-        rp.Pseudoinverse(task), rp.Polynomial(q0, 2, 0.2), rp.Box(q0, 0.08), samples=2048, held_out=1024
+        rp.Pseudoinverse(task),
+        rp.Polynomial(q0, 2, 0.2),
+        rp.Box(q0, 0.08),
+        samples=2048,
+        held_out=1024,
     )
 
 
@@ -25,18 +29,27 @@ def dense(inverse: rp.RepeatableInverse, path: rp.TaskPath, q0: np.ndarray) -> r
 
 
 @pytest.mark.parametrize("plane, radius, angle", [("xy", 0.1, np.pi), ("yz", 0.2, 0)])
-def test_panda_is_never_worse(panda_design, q_panda, plane: str, radius: float, angle: float) -> None:
+def test_panda_is_never_worse(
+    panda_design, q_panda, plane: str, radius: float, angle: float
+) -> None:
     path = rp.circle(panda_design.task, q_panda, radius, normal=plane, start_angle=angle)
     found = rp.best_leaf(panda_design.inverse, path, q_panda)
     assert found.given is not None
-    assert found.best.margin >= found.given.margin and found.best.limit_margin >= found.given.limit_margin
+    assert (
+        found.best.margin >= found.given.margin
+        and found.best.limit_margin >= found.given.limit_margin
+    )
     assert np.linalg.norm(panda_design.task.error(found.q0, path.placement(0.0))) < 1e-9
     motion = dense(panda_design.inverse, path, found.q0)
     assert motion.drift.max() < 1e-8
-    assert abs(motion.limit_margin.min() - found.best.limit_margin) < 5e-3  # what it claims is so between its points
+    assert (
+        abs(motion.limit_margin.min() - found.best.limit_margin) < 5e-3
+    )  # what it claims is so between its points
 
 
-def walked(task: rp.Task, q: np.ndarray, path: rp.TaskPath, length: float, sign: float) -> np.ndarray:
+def walked(
+    task: rp.Task, q: np.ndarray, path: rp.TaskPath, length: float, sign: float
+) -> np.ndarray:
     """Go along the self-motion of a start, the frame held."""
     along = None
     for _ in range(round(length / 0.1)):
@@ -48,7 +61,8 @@ def walked(task: rp.Task, q: np.ndarray, path: rp.TaskPath, length: float, sign:
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_panda_out_of_a_limit(panda_design, q_panda, sign: float) -> None:
-    """Begun with its elbow far out, a circle breaks a limit; from the found start it breaks none."""
+    """Begun with its elbow far out, a circle breaks a limit; from the found start it breaks
+    none."""
     path = rp.circle(panda_design.task, q_panda, 0.15, normal="yz", start_angle=np.pi / 2)
     worse = walked(panda_design.task, q_panda, path, 2.5, sign)
     violation = dense(panda_design.inverse, path, worse).first_violation
@@ -67,23 +81,34 @@ def test_tiago_given_start_breaks_a_limit(tiago) -> None:
     assert violation is not None and violation[1] == "torso_lift_joint"
     found = rp.best_leaf(tiago.inverse, path, q0, steps=32)
     assert found.given is not None and found.best.order > found.given.order
-    assert found.best.limit_margin >= found.given.limit_margin and found.best.margin > found.given.margin - 0.01
+    assert (
+        found.best.limit_margin >= found.given.limit_margin
+        and found.best.margin > found.given.margin - 0.01
+    )
     assert dense(tiago.inverse, path, found.q0).first_violation is None
 
 
 def test_it_stays_in_the_region_and_says_how_near_it_is() -> None:
     task, q0 = rp.Robot.load("planar3r").task("tool", "xy"), np.array([2.0, 0.6, 0.9])
     path, desired = rp.circle(task, q0, 0.05), rp.Pseudoinverse(task)
-    design = rp.nearest_repeatable(desired, None, rp.Box(q0, 0.2), degree=2, samples=512, held_out=256)
+    design = rp.nearest_repeatable(
+        desired, None, rp.Box(q0, 0.2), degree=2, samples=512, held_out=256
+    )
     options = {"desired": design.desired, "steps": 24}
-    free, kept = (rp.best_leaf(design.inverse, path, q0, region=r, **options) for r in (None, design.region))
+    free, kept = (
+        rp.best_leaf(design.inverse, path, q0, region=r, **options) for r in (None, design.region)
+    )
     assert design.region.ratio(free.best.motion.q).max() > 3  # with no region it leaves
     assert free.best.motion.outside is None and "outside" not in free.summary()
-    assert design.region.ratio(kept.best.motion.q).max() <= 1 + 1e-9 and kept.best.motion.outside == 0
+    assert (
+        design.region.ratio(kept.best.motion.q).max() <= 1 + 1e-9 and kept.best.motion.outside == 0
+    )
     assert kept.best.margin >= kept.given.margin
     assert "from G_d, 0% outside Ω" in kept.summary()
     for found in (free.best, kept.best):
-        G, G_d = (np.array([it(q) for q in found.motion.q]) for it in (design.inverse, design.desired))
+        G, G_d = (
+            np.array([it(q) for q in found.motion.q]) for it in (design.inverse, design.desired)
+        )
         assert found.distance == pytest.approx(np.sqrt(np.sum((G - G_d) ** 2) / np.sum(G_d**2)))
     assert kept.best.distance < free.best.distance / 2
 
@@ -95,15 +120,22 @@ def test_margins_are_of_the_joints_in_any_coordinates() -> None:
     psi = task.in_coordinates(T)
     psi0 = np.linalg.solve(T, q0)
     desired = rp.Pseudoinverse(psi)
-    design = rp.nearest_repeatable(desired, None, rp.Box(psi0, 0.3), degree=2, samples=512, held_out=256)
+    design = rp.nearest_repeatable(
+        desired, None, rp.Box(psi0, 0.3), degree=2, samples=512, held_out=256
+    )
     found = rp.best_leaf(design.inverse, path, psi0, region=design.region, steps=24).best
     lower, upper, _ = psi.joint_limits
     least = psi.limit_margin(found.motion.q).min(axis=0)
-    assert found.margin == pytest.approx(min(np.min(least / ((upper - lower) / 2)), found.leaf_margin))
+    assert found.margin == pytest.approx(
+        min(np.min(least / ((upper - lower) / 2)), found.leaf_margin)
+    )
 
 
-def test_no_leaf_is_preferred_that_comes_near_an_algorithmic_singularity(panda_design, q_panda, monkeypatch) -> None:
-    """A leaf with more room to limits, but a leaf margin under 0.1 and under the given one's, is refused."""
+def test_no_leaf_is_preferred_that_comes_near_an_algorithmic_singularity(
+    panda_design, q_panda, monkeypatch
+) -> None:
+    """A leaf with more room to limits, but a leaf margin under 0.1 and under the given one's, is
+    refused."""
     module = importlib.import_module("repctl_pin.motion.best_leaf")
     path = rp.circle(panda_design.task, q_panda, 0.02)
     judged, seen = module._judged, []
@@ -128,8 +160,13 @@ def test_the_seed_fixes_it(monkeypatch) -> None:
     monkeypatch.setattr(module, "_DIRECTIONS", 1)
     monkeypatch.setattr(module, "_STRIDE", 0.5)
     task, q0 = rp.Robot.load("planar4r").task("tool", "xy"), np.array([0.3, 0.8, 0.5, 0.7])
-    inverse = rp.RepeatableInverse(task, rp.Polynomial(q0, 1).weighted(rp.redundancy.nullspace(task.jacobian(q0))))
-    a, b, c = (rp.best_leaf(inverse, rp.circle(task, q0, 0.1), q0, steps=8, seed=seed) for seed in (3, 3, 4))
+    inverse = rp.RepeatableInverse(
+        task, rp.Polynomial(q0, 1).weighted(rp.redundancy.nullspace(task.jacobian(q0)))
+    )
+    a, b, c = (
+        rp.best_leaf(inverse, rp.circle(task, q0, 0.1), q0, steps=8, seed=seed)
+        for seed in (3, 3, 4)
+    )
     assert np.array_equal(a.q0, b.q0) and a.tried == b.tried
     assert not np.array_equal(a.q0, c.q0)
 
@@ -143,18 +180,30 @@ def test_bad_input(panda_design, q_panda) -> None:
 
 
 def test_rooms_are_compared_from_the_least_up(panda_design, q_panda) -> None:
-    """Fewer violations first; a room that is the same for both, such as two links of a wrist, hides nothing."""
+    """Fewer violations first; a room that is the same for both, such as two links of a wrist, hides
+    nothing."""
     path = rp.circle(panda_design.task, q_panda, 0.02)
     one = rp.best_leaf(panda_design.inverse, path, q_panda, steps=4).best
     assert one.margin == min(one.rooms.values()) == one.rooms[one.binds]
     coarse = one.motion.thinned(32).body_distance.min()
     assert one.body_distance == pytest.approx(coarse) and one.rooms["leaf"] == one.leaf_margin
 
-    def order(limits: float, bodies: float, leaf: float, *, distance: float = 0.1, limit_margin: float = 0.1) -> tuple:
+    def order(
+        limits: float,
+        bodies: float,
+        leaf: float,
+        *,
+        distance: float = 0.1,
+        limit_margin: float = 0.1,
+    ) -> tuple:
         rooms = {"limits": limits, "bodies": bodies, "leaf": leaf}
         return replace(one, rooms=rooms, body_distance=distance, limit_margin=limit_margin).order
 
-    assert order(0.3, 0.2, 0.9) > order(0.3, 0.1, 0.9) and order(0.3, 0.061, 0.9) > order(0.1, 0.062, 0.9)
+    assert order(0.3, 0.2, 0.9) > order(0.3, 0.1, 0.9) and order(0.3, 0.061, 0.9) > order(
+        0.1, 0.062, 0.9
+    )
     assert order(0.1, 0.1, 0.1) > order(0.5, -0.1, 0.9, distance=-0.01)
-    assert order(0.1, -0.3, 0.1, distance=-0.02) > order(-0.1, -0.1, 0.9, distance=-0.01, limit_margin=-0.1)
+    assert order(0.1, -0.3, 0.1, distance=-0.02) > order(
+        -0.1, -0.1, 0.9, distance=-0.01, limit_margin=-0.1
+    )
     assert order(0.3, np.inf, 0.9) > order(0.2, np.inf, 0.9)

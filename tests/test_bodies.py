@@ -23,7 +23,8 @@ from repctl_pin.robot.body_bounds import JointPlacements
 
 @pytest.fixture
 def chain(tmp_path: Path) -> rp.Task:
-    """Three unit links in a plane; balls of 0.1 m at the root and at the tip, and a mesh that is not there."""
+    """Three unit links in a plane; balls of 0.1 m at the root and at the tip, and a mesh that is
+    not there."""
     return rp.Robot.load(chain_with_bodies(tmp_path)).task("tip", "position")
 
 
@@ -31,21 +32,29 @@ def test_two_balls_and_a_box(chain: rp.Task) -> None:
     bodies = rp.Bodies(chain)
     assert set(bodies.pairs) == {("base", "b"), ("base", "tip")} and bodies.missing == ("lost.stl",)
     straight = bodies.nearest(np.zeros(3))
-    assert straight.links == ("base", "b") and straight.distance == pytest.approx(1.5 - 0.1 - 0.1, abs=1e-6)
+    assert straight.links == ("base", "b") and straight.distance == pytest.approx(
+        1.5 - 0.1 - 0.1, abs=1e-6
+    )
     q = np.array([0.3, 2.0, 2.2])  # folded: the tip comes near the root
     tip = sum(np.exp(1j * angle) for angle in np.cumsum(q))
     found = bodies.nearest(q)
-    assert found.links == ("base", "tip") and found.distance == pytest.approx(abs(tip) - 0.2, abs=1e-6)
+    assert found.links == ("base", "tip") and found.distance == pytest.approx(
+        abs(tip) - 0.2, abs=1e-6
+    )
     both = bodies.distances(np.array([q, np.zeros(3), q]))
     assert np.allclose(both, [found.distance, straight.distance, found.distance], atol=1e-9)
 
 
 def test_bodies_that_overlap_are_below_zero(chain: rp.Task) -> None:
-    q = np.array([0.0, 2 * np.pi / 3, 2 * np.pi / 3])  # an equilateral triangle: both balls in one place
+    q = np.array(
+        [0.0, 2 * np.pi / 3, 2 * np.pi / 3]
+    )  # an equilateral triangle: both balls in one place
     assert rp.Bodies(chain).nearest(q).distance < -0.1
 
 
-def test_what_always_touches_is_asked_inside_the_limits_in_any_coordinates(chain: rp.Task, tmp_path: Path) -> None:
+def test_what_always_touches_is_asked_inside_the_limits_in_any_coordinates(
+    chain: rp.Task, tmp_path: Path
+) -> None:
     text = (tmp_path / "chain.urdf").read_text()
     for j in (1, 2):  # folded to a triangle, whatever they do: both balls in one place
         at = text.index(f'"j{j}"')
@@ -66,15 +75,25 @@ CELL = """<robot name="cell"><link name="room"/>
 
 
 def test_surroundings_stand_where_their_root_is(chain: rp.Task, tmp_path: Path) -> None:
-    """A wall ahead of the tip, and a post over the root whose link has a name that the robot has too."""
+    """A wall ahead of the tip, and a post over the root whose link has a name that the robot has
+    too."""
     (tmp_path / "cell.urdf").write_text(CELL.format(kind="fixed"))
-    task = rp.Robot.load(tmp_path / "chain.urdf", surroundings=tmp_path / "cell.urdf").task("tip", "position")
+    task = rp.Robot.load(tmp_path / "chain.urdf", surroundings=tmp_path / "cell.urdf").task(
+        "tip", "position"
+    )
     bodies, alone = rp.Bodies(task), rp.Bodies(chain)
     assert bodies.standing == {"wall", "surroundings/base"}
-    assert set(bodies.pairs) >= {*alone.pairs, ("tip", "wall"), ("b", "wall"), ("tip", "surroundings/base")}
+    assert set(bodies.pairs) >= {
+        *alone.pairs,
+        ("tip", "wall"),
+        ("b", "wall"),
+        ("tip", "surroundings/base"),
+    }
     straight = bodies.nearest(np.zeros(3))  # the tip's ball ends at 3.1 m, the wall begins at 3.5 m
     assert straight.links == ("tip", "wall") and straight.distance == pytest.approx(0.4, abs=1e-6)
-    q = np.array([2.9, 1.9, 2.0])  # folded, far from the wall: the post is nearer than the root's ball
+    q = np.array(
+        [2.9, 1.9, 2.0]
+    )  # folded, far from the wall: the post is nearer than the root's ball
     tip = abs(sum(np.exp(1j * angle) for angle in np.cumsum(q)))
     assert bodies.nearest(q).links == ("tip", "surroundings/base")
     assert np.isclose(bodies.nearest(q).distance, np.hypot(tip, 0.3) - 0.35, atol=1e-6)
@@ -85,7 +104,8 @@ def test_surroundings_stand_where_their_root_is(chain: rp.Task, tmp_path: Path) 
 
 
 def test_hulls_that_overlap_are_no_touch(chain: rp.Task, tmp_path: Path) -> None:
-    """The tip's ball is in the hole of the root's ring, where the ring's hull is full; then on the ring itself."""
+    """The tip's ball is in the hole of the root's ring, where the ring's hull is full; then on the
+    ring itself."""
     trimesh.creation.torus(0.4, 0.1).export(tmp_path / "ring.stl")
     text = (tmp_path / "chain.urdf").read_text()
     ring = '<origin xyz="3 0 0"/><geometry><mesh filename="ring.stl"/></geometry>'
@@ -117,7 +137,8 @@ def walls(*places: tuple[float, float]) -> trimesh.Trimesh:
 
 
 def test_a_room_in_one_mesh_is_as_near_as_its_walls(chain: rp.Task, tmp_path: Path) -> None:
-    """Its hull holds the whole arm, at every configuration; a post through the elbow is seen too."""
+    """Its hull holds the whole arm, at every configuration; a post through the elbow is seen
+    too."""
     places = ((3.5, 0.0), (-3.5, 0.0), (0.0, 3.5), (0.0, -3.5))
     walls(*places).export(tmp_path / "room.stl")
     bodies = surrounded(tmp_path, '<mesh filename="room.stl"/>', at="0 0 0")
@@ -128,8 +149,12 @@ def test_a_room_in_one_mesh_is_as_near_as_its_walls(chain: rp.Task, tmp_path: Pa
     nearer = np.minimum(rp.Bodies(chain).distances(Q), walls_at)
     apart = nearer > 0
     assert apart.sum() > 20
-    other = ((bodies.distances(Q)[apart] - nearer[apart]) < 1e-6).all()  # the box of b may be nearer still
-    assert other and bodies.nearest(np.zeros(3)) == Nearest(pytest.approx(0.3, abs=1e-6), ("tip", "wall"))
+    other = (
+        (bodies.distances(Q)[apart] - nearer[apart]) < 1e-6
+    ).all()  # the box of b may be nearer still
+    assert other and bodies.nearest(np.zeros(3)) == Nearest(
+        pytest.approx(0.3, abs=1e-6), ("tip", "wall")
+    )
     post = trimesh.creation.cylinder(0.02, 2).apply_translation([1.5, 0, 0])
     trimesh.util.concatenate([walls(*places), post]).export(tmp_path / "room.stl")
     bodies = surrounded(tmp_path, '<mesh filename="room.stl"/>', at="0 0 0")
@@ -138,7 +163,9 @@ def test_a_room_in_one_mesh_is_as_near_as_its_walls(chain: rp.Task, tmp_path: Pa
 
 
 @pytest.mark.parametrize("roof", [True, False])
-def test_a_hollow_mesh_has_no_inside_and_a_full_one_has(chain: rp.Task, tmp_path: Path, roof: bool) -> None:
+def test_a_hollow_mesh_has_no_inside_and_a_full_one_has(
+    chain: rp.Task, tmp_path: Path, roof: bool
+) -> None:
     """A shell around the tip's ball: open, or a closed cavity; then the full block."""
     block = trimesh.creation.box((1, 1, 1))
     if roof:
@@ -172,11 +199,17 @@ def test_a_ball_wholly_inside_a_link_touches_it(panda_pose: rp.Task, tmp_path: P
     assert within.links == ("tip", "wall") and within.distance < 0
     assert surrounded(tmp_path, small, at="3 0 0").nearest(np.zeros(3)).distance == 0  # in the hole
     trimesh.creation.icosphere(1, 0.016).export(tmp_path / "small.stl")
-    assert surrounded(tmp_path, '<mesh filename="small.stl"/>', at="3.4 0 0").nearest(np.zeros(3)).distance < 0
+    assert (
+        surrounded(tmp_path, '<mesh filename="small.stl"/>', at="3.4 0 0")
+        .nearest(np.zeros(3))
+        .distance
+        < 0
+    )
 
 
 def test_pairs_that_an_srdf_rules_out_are_looked_at_for_contact(panda_pose: rp.Task) -> None:
-    """MoveIt's file for the panda rules out its hand and link 5, whose meshes meet where q6 is small."""
+    """MoveIt's file for the panda rules out its hand and link 5, whose meshes meet where q6 is
+    small."""
     bodies, q = rp.Bodies(panda_pose), np.array(panda_pose.reference)
     assert bodies.disabled == () and ("panda_link5", "panda_hand") in bodies.only_contact
     assert bodies.nearest(q).distance > 0.1  # though links 5 and 7 are 2 cm apart
@@ -194,11 +227,15 @@ def test_no_contact_of_the_meshes_is_missed(name: str, count: int) -> None:
     touch = np.isneginf(full_mesh_distances(task, looked_at, Q, only_contact=True))
     assert touch.sum() >= count
     assert (touch == (bodies.distances(Q) < 0)).all()
-    named = looked_at | {frozenset(pair) for pair in (*bodies.adjacent, *bodies.disabled, *bodies.touching)}
+    named = looked_at | {
+        frozenset(pair) for pair in (*bodies.adjacent, *bodies.disabled, *bodies.touching)
+    }
     links = {link for pair in named for link in pair}
     moved = [frozenset((a, b)) for a in bodies._model.links for b in bodies._model.links if a < b]
     carried = dict(zip(bodies._model.links, bodies._model._joint, strict=True))
-    assert links and all(pair in named for pair in moved if len({carried[link] for link in pair}) == 2)
+    assert links and all(
+        pair in named for pair in moved if len({carried[link] for link in pair}) == 2
+    )
 
 
 def test_baxters_padded_neighbours_are_named_and_left_out() -> None:
@@ -223,16 +260,29 @@ def test_no_shape_is_dropped_however_many_there_are(chain: rp.Task, tmp_path: Pa
     bodies = rp.Bodies(robot.task("tip", "position"))
     assert bodies.nearest(np.zeros(3)).distance < -0.1
     assert any("1501 shapes of the surroundings: all are measured" in note for note in bodies.notes)
-    own = (tmp_path / "chain.urdf").read_text().replace('<link name="tip">', f'<link name="tip">{"".join(far)}')
+    own = (
+        (tmp_path / "chain.urdf")
+        .read_text()
+        .replace('<link name="tip">', f'<link name="tip">{"".join(far)}')
+    )
     (tmp_path / "chain.urdf").write_text(own)
     assert len(rp.Robot.load(tmp_path / "chain.urdf").description.collisions) == 1504
 
 
 UNUSABLE = {
     "malformed": ('<mesh filename="torn.dae"/>', "'torn.dae' cannot be read"),
-    "torn": ('<mesh filename="torn.stl"/>', "'torn.stl' (holds no triangles that can be|cannot be) read"),
-    "no triangles": ('<mesh filename="empty.obj"/>', "'empty.obj' (holds no triangles that can be|cannot be) read"),
-    "huge": ('<mesh filename="ball.stl" scale="1e9 1e9 1e9"/>', "'ball.stl' is 2e\\+09 m large.*correct its scale"),
+    "torn": (
+        '<mesh filename="torn.stl"/>',
+        "'torn.stl' (holds no triangles that can be|cannot be) read",
+    ),
+    "no triangles": (
+        '<mesh filename="empty.obj"/>',
+        "'empty.obj' (holds no triangles that can be|cannot be) read",
+    ),
+    "huge": (
+        '<mesh filename="ball.stl" scale="1e9 1e9 1e9"/>',
+        "'ball.stl' is 2e\\+09 m large.*correct its scale",
+    ),
     "no size": ('<mesh filename="ball.stl" scale="0 0 0"/>', "'ball.stl' has no size"),
     "a point": ('<sphere radius="0"/>', "the sphere 'wall_0' has no size"),
     "a line": ('<box size="1 0 0"/>', "the box 'wall_0' has no size"),
@@ -242,7 +292,9 @@ UNUSABLE = {
 
 
 @pytest.mark.parametrize("case", UNUSABLE)
-def test_shapes_that_cannot_be_measured_are_said_to_be_what_they_are(chain: rp.Task, tmp_path: Path, case: str) -> None:
+def test_shapes_that_cannot_be_measured_are_said_to_be_what_they_are(
+    chain: rp.Task, tmp_path: Path, case: str
+) -> None:
     """Surroundings are refused; the robot's own are in its notes."""
     shape, why = UNUSABLE[case]
     (tmp_path / "torn.stl").write_bytes(b"\x00" * 80 + b"\xff\xff\xff\x7f" + b"\x01" * 30)
@@ -255,7 +307,10 @@ def test_shapes_that_cannot_be_measured_are_said_to_be_what_they_are(chain: rp.T
     text = (tmp_path / "chain.urdf").read_text().replace('<mesh filename="lost.stl"/>', shape)
     (tmp_path / "chain.urdf").write_text(text)
     own = rp.Bodies(rp.Robot.load(tmp_path / "chain.urdf").task("tip", "position"))
-    assert re.search(why.replace("wall_0", "a_0"), own.notes[0]) and "collisions of a are not detected" in own.notes[0]
+    assert (
+        re.search(why.replace("wall_0", "a_0"), own.notes[0])
+        and "collisions of a are not detected" in own.notes[0]
+    )
 
 
 def test_a_flat_box_is_a_plate(chain: rp.Task, tmp_path: Path) -> None:
@@ -263,12 +318,16 @@ def test_a_flat_box_is_a_plate(chain: rp.Task, tmp_path: Path) -> None:
     assert bodies.nearest(np.zeros(3)).distance == pytest.approx(0.3, abs=1e-6)
 
 
-def test_bodies_of_the_same_joints_are_made_once(chain: rp.Task, tmp_path: Path, monkeypatch) -> None:
+def test_bodies_of_the_same_joints_are_made_once(
+    chain: rp.Task, tmp_path: Path, monkeypatch
+) -> None:
     """Whatever task asks for them; a mesh that changes, or other joints, make others."""
     made = []
     plain = collision_model.CollisionModel.__init__
     monkeypatch.setattr(
-        collision_model.CollisionModel, "__init__", lambda self, task: (made.append(task), plain(self, task))[1]
+        collision_model.CollisionModel,
+        "__init__",
+        lambda self, task: (made.append(task), plain(self, task))[1],
     )
     trimesh.creation.box((0.1, 0.1, 0.1)).export(tmp_path / "lost.stl")  # the chain's own mesh
     load = lambda **given: rp.Robot.load(tmp_path / "chain.urdf", **given).task("tip", "position")  # noqa: E731
@@ -300,13 +359,16 @@ def test_threads_may_share_bodies(panda_pose: rp.Task) -> None:
 
 
 def test_a_flat_mesh_is_a_thin_body(chain: rp.Task, tmp_path: Path) -> None:
-    """A square of no thickness 0.6 m before the tip's ball: a hull without volume crashes the distance library."""
+    """A square of no thickness 0.6 m before the tip's ball: a hull without volume crashes the
+    distance library."""
     corners = [[0, -0.5, -0.5], [0, 0.5, -0.5], [0, 0.5, 0.5], [0, -0.5, 0.5]]
     trimesh.Trimesh(corners, [[0, 1, 2], [0, 2, 3]]).export(tmp_path / "flat.stl")
     sign = CELL.format(kind="fixed").replace('<box size="0.2 4 4"/>', '<mesh filename="flat.stl"/>')
     (tmp_path / "cell.urdf").write_text(sign)
     bodies = rp.Bodies(
-        rp.Robot.load(tmp_path / "chain.urdf", surroundings=tmp_path / "cell.urdf").task("tip", "position")
+        rp.Robot.load(tmp_path / "chain.urdf", surroundings=tmp_path / "cell.urdf").task(
+            "tip", "position"
+        )
     )
     assert bodies.nearest(np.zeros(3)).links == ("tip", "wall")
     assert bodies.nearest(np.zeros(3)).distance == pytest.approx(0.5, abs=2e-4)
@@ -319,24 +381,38 @@ def test_a_hull_with_a_corner_of_many_neighbours_is_made_coarser() -> None:
     assert coarse
     ball, far = coal.Sphere(0.05), np.array([0.5, 0.0, 0.0])
     request, result = coal.DistanceRequest(), coal.DistanceResult()
-    apart = coal.distance(hull, coal.Transform3s(), ball, coal.Transform3s(np.eye(3), far), request, result)
+    apart = coal.distance(
+        hull, coal.Transform3s(), ball, coal.Transform3s(np.eye(3), far), request, result
+    )
     assert 0.35 - 2e-3 < apart <= 0.35 + 1e-9  # never farther than it is
 
 
 BAD_CELLS = {
-    "moves": (CELL.format(kind="continuous"), "line 4: joint 'there' moves, but surroundings stand still"),
+    "moves": (
+        CELL.format(kind="continuous"),
+        "line 4: joint 'there' moves, but surroundings stand still",
+    ),
     "empty": ('<robot name="cell"><link name="room"/></robot>', "no <collision> in it"),
     "torn": (CELL[:200], "cell.urdf"),
-    "mesh": (CELL.format(kind="fixed").replace('<sphere radius="0.25"/>', '<mesh filename="no.stl"/>'), "'no.stl'"),
+    "mesh": (
+        CELL.format(kind="fixed").replace('<sphere radius="0.25"/>', '<mesh filename="no.stl"/>'),
+        "'no.stl'",
+    ),
 }
 
 
 @pytest.mark.parametrize("case", BAD_CELLS)
-def test_surroundings_that_cannot_be_used_are_refused(chain: rp.Task, tmp_path: Path, case: str) -> None:
+def test_surroundings_that_cannot_be_used_are_refused(
+    chain: rp.Task, tmp_path: Path, case: str
+) -> None:
     text, why = BAD_CELLS[case]
     (tmp_path / "cell.urdf").write_text(text)
     with pytest.raises(rp.InputError, match=why) as error:
-        rp.Bodies(rp.Robot.load(tmp_path / "chain.urdf", surroundings=tmp_path / "cell.urdf").task("tip", "position"))
+        rp.Bodies(
+            rp.Robot.load(tmp_path / "chain.urdf", surroundings=tmp_path / "cell.urdf").task(
+                "tip", "position"
+            )
+        )
     assert "\n" not in str(error.value)
 
 
@@ -366,11 +442,14 @@ def test_balls_and_boxes_bound_every_pair_from_below(panda_pose: rp.Task) -> Non
 def full_mesh_distances(
     task: rp.Task, pairs: set[frozenset[str]], Q: np.ndarray, *, only_contact: bool = False
 ) -> np.ndarray:
-    """The same pairs on the meshes as the files hold them, by Pinocchio's own reader; or −inf for contact, else inf."""
+    """The same pairs on the meshes as the files hold them, by Pinocchio's own reader; or −inf for
+    contact, else inf."""
     robot = task.robot
     model = pin.buildModelFromXML(robot.description.xml)
     names = [model.names[i] for i in range(1, model.njoints)]
-    shapes = pin.buildGeomFromUrdf(model, str(robot.description.path), pin.COLLISION, None, list(robot.package_dirs))
+    shapes = pin.buildGeomFromUrdf(
+        model, str(robot.description.path), pin.COLLISION, None, list(robot.package_dirs)
+    )
     link = [model.frames[body.parentFrame].name for body in shapes.geometryObjects]
     for b in range(shapes.ngeoms):
         for a in range(b):
@@ -378,7 +457,7 @@ def full_mesh_distances(
                 shapes.addCollisionPair(pin.CollisionPair(a, b))
     data, placed, found = model.createData(), pin.GeometryData(shapes), []
     place = {name: i for i, name in enumerate(robot.model.names[1:])}
-    for q in robot.coupling.joints(task.full(Q)):
+    for q in robot.coupling.joints(task.to_robot(Q)):
         whole = pin.neutral(model)
         for i, name in enumerate(names):
             if name in place:
@@ -394,7 +473,13 @@ def full_mesh_distances(
 
 @pytest.mark.parametrize(
     ("name", "count"),
-    [("panda", 30), *[pytest.param(name, 1000, marks=pytest.mark.slow) for name in ("panda", "baxter", "talos")]],
+    [
+        ("panda", 30),
+        *[
+            pytest.param(name, 1000, marks=pytest.mark.slow)
+            for name in ("panda", "baxter", "talos")
+        ],
+    ],
 )
 def test_never_above_the_meshes(name: str, count: int) -> None:
     """And, on bodies as round as these, at most 2 cm below them where they are apart."""
@@ -403,12 +488,16 @@ def test_never_above_the_meshes(name: str, count: int) -> None:
     Q = np.random.default_rng(3).uniform(task.lower, task.upper, (count, task.n))
     ours = bodies.distances(Q)
     meshes = full_mesh_distances(task, set(map(frozenset, bodies.pairs)), Q)
-    contact = full_mesh_distances(task, set(map(frozenset, bodies.only_contact)), Q, only_contact=True)
+    contact = full_mesh_distances(
+        task, set(map(frozenset, bodies.only_contact)), Q, only_contact=True
+    )
     meshes = np.where(np.isneginf(contact), np.minimum(meshes, 0), meshes)
     apart = ours > 0
     assert apart.sum() > count // 10
     assert (ours[apart] - meshes[apart]).max() < 1e-6
-    assert (meshes[ours < 0] < 1e-6).all() and (meshes[ours == 0] > 0).all()  # it touches where the meshes do
+    assert (meshes[ours < 0] < 1e-6).all() and (
+        meshes[ours == 0] > 0
+    ).all()  # it touches where the meshes do
     if name == "panda":
         assert (meshes[apart] - ours[apart]).max() < 0.02
 
@@ -416,7 +505,8 @@ def test_never_above_the_meshes(name: str, count: int) -> None:
 def test_the_pandas_elbow_comes_near_its_body_under_the_pseudoinverse(
     panda_pose: rp.Task, panda_design: rp.Design, q_panda: np.ndarray
 ) -> None:
-    """From 0.117 m in cycle 1 to contact within ten; the repeatable inverse keeps the first cycle's distance."""
+    """From 0.117 m in cycle 1 to contact within ten; the repeatable inverse keeps the first cycle's
+    distance."""
     path = rp.circle(panda_pose, q_panda, radius=0.1, normal="z")
     motion = rp.follow(rp.Pseudoinverse(panda_pose), path, q_panda, cycles=10, steps=100)
     assert motion.body_distance[:101].min() == pytest.approx(0.1175, abs=5e-4)
@@ -429,7 +519,9 @@ def test_the_pandas_elbow_comes_near_its_body_under_the_pseudoinverse(
         and "panda_link5" in nearest.links
     )
     ours = rp.follow(panda_design.inverse, path, q_panda, cycles=10, steps=100).body_distance
-    assert ours.min() == pytest.approx(0.1192, abs=5e-4) and ours.min() == pytest.approx(ours[:101].min(), abs=1e-6)
+    assert ours.min() == pytest.approx(0.1192, abs=5e-4) and ours.min() == pytest.approx(
+        ours[:101].min(), abs=1e-6
+    )
 
 
 def test_an_arm_without_bodies() -> None:

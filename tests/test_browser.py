@@ -39,7 +39,8 @@ SHOWN = ("panda", "baxter", "tiago", "talos", "kinova", "planar7r", "my_arm", "x
 
 
 def circling(robot: Robot, q0: NDArray[np.float64], kind: str, plane: tuple[int, int]) -> list[Arm]:
-    """J⁺ on a circle, and beside it a control that closes: the extended Jacobian with constant rows."""
+    """J⁺ on a circle, and beside it a control that closes: the extended Jacobian with constant
+    rows."""
     task = robot.task(kind=kind)
     start = task.placement(q0)
     angles = 2 * np.pi * np.arange(1, CYCLES * STEPS + 1) / STEPS
@@ -54,14 +55,32 @@ def circling(robot: Robot, q0: NDArray[np.float64], kind: str, plane: tuple[int,
             goal = pin.SE3(start.rotation, start.translation + shift)
             for _ in range(4):
                 J, e = task.jacobian(q), task.error(q, goal)
-                rows, wish = (np.vstack([J, N0]), np.concatenate([e, N0 @ (q0 - q)])) if repeatable else (J, e)
+                rows, wish = (
+                    (np.vstack([J, N0]), np.concatenate([e, N0 @ (q0 - q)]))
+                    if repeatable
+                    else (J, e)
+                )
                 q = q + np.linalg.pinv(rows) @ wish
             assert np.linalg.norm(task.error(q, goal)) < 1e-6
             Q.append(q)
         Q = np.array(Q)
         drift = np.linalg.norm(Q[STEPS::STEPS] - q0, axis=1)
-        tip, elbow = task.positions(Q)[:, None], np.array([[task.joint_origins(q)[task.n // 2]] for q in Q])
-        arms.append(Arm(label, visuals.shapes, visuals.placements(task.full(Q)), tip, elbow, Q, drift, color))
+        tip, elbow = (
+            task.positions(Q)[:, None],
+            np.array([[task.joint_origins(q)[task.n // 2]] for q in Q]),
+        )
+        arms.append(
+            Arm(
+                label,
+                visuals.shapes,
+                visuals.placements(task.to_robot(Q)),
+                tip,
+                elbow,
+                Q,
+                drift,
+                color,
+            )
+        )
     return arms
 
 
@@ -70,7 +89,12 @@ def write(folder: Path, arms: list[Arm], **options: Any) -> Path:
     words = {"seconds": 2.0, "title": "arms on a circle", "caption": "a test", **options}
     frames = choose_frames(len(arms[0].q), len(arms[0].cycle_drift))
     shown = [
-        replace(a, **{name: getattr(a, name)[frames.index] for name in ("placements", "tip", "elbow", "q")})
+        replace(
+            a,
+            **{
+                name: getattr(a, name)[frames.index] for name in ("placements", "tip", "elbow", "q")
+            },
+        )
         for a in arms
     ]
     way = arms[0].tip[: STEPS + 1, 0]
@@ -83,14 +107,18 @@ def motions_of(study: rp.Study) -> list[rp.Motion]:
 
 
 def test_the_page_of_a_study_shows_who_comes_back(driver: Any, tmp_path: Path) -> None:
-    """The main job's own page: both arms, moving; after a cycle the repeatable one is back, J⁺'s is not."""
+    """The main job's own page: both arms, moving; after a cycle the repeatable one is back, J⁺'s is
+    not."""
     study, page = rp.study("panda", cycles=3, steps=60, degree=1), tmp_path / "animation.html"
     page.write_text(study_page(study), encoding="utf-8")
     motions = motions_of(study)
     assert motions[0].drift[0] > 0.1 and motions[1].drift[-1] < 1e-6
     open_page(driver, page)
     visuals = Visuals.of(study.robot)
-    assert driver.execute_script("return [repctl.meshes(0), repctl.meshes(1)]") == [len(visuals.shapes)] * 2
+    assert (
+        driver.execute_script("return [repctl.meshes(0), repctl.meshes(1)]")
+        == [len(visuals.shapes)] * 2
+    )
     ghosts_show_drift_and_nothing_else(driver, motions, (2.5,))
     start, quarter, three = (picture(driver, c, ghost=False) for c in (0, 0.25, 3))
     for arm in (0, 1):
@@ -105,7 +133,7 @@ def test_the_page_of_a_study_shows_who_comes_back(driver: Any, tmp_path: Path) -
     # the browser's own matrices are where the motion put the shapes, half a cycle into the second
     driver.execute_script("repctl.seek(1.5)")
     for k, motion in enumerate(motions):
-        expected = visuals.placements(study.task.full(motion.q[[90]]))[0]
+        expected = visuals.placements(study.task.to_robot(motion.q[[90]]))[0]
         for s in (0, len(visuals.shapes) // 2, len(visuals.shapes) - 1):
             told = driver.execute_script(
                 "return repctl.placement(arguments[0], arguments[1])", k, visuals.shapes[s].name
@@ -116,14 +144,18 @@ def test_the_page_of_a_study_shows_who_comes_back(driver: Any, tmp_path: Path) -
 
 
 def the_colour_is_how_far_a_body_is_off_its_start(driver: Any, study: rp.Study) -> None:
-    """Told by the corners of the meshes and Pinocchio's placements; the hand itself is always back."""
+    """Told by the corners of the meshes and Pinocchio's placements; the hand itself is always
+    back."""
     visuals = Visuals.of(study.robot)
     off = np.zeros((2, len(visuals.shapes)))  # at the end, m
     for arm, key in enumerate(("pseudoinverse", "repeatable")):
-        ends = visuals.placements(study.task.full(study.row(key).motion.q[[0, -1]]))
+        ends = visuals.placements(study.task.to_robot(study.row(key).motion.q[[0, -1]]))
         for s, shape in enumerate(visuals.shapes):
             points = read_surface(shape.path).points
-            box = np.array(list(itertools.product(*zip(points.min(0), points.max(0), strict=True)))) * shape.scale
+            box = (
+                np.array(list(itertools.product(*zip(points.min(0), points.max(0), strict=True))))
+                * shape.scale
+            )
             corners = np.c_[box, np.ones(8)] @ ends[:, s].transpose(0, 2, 1)  # (2, 8, 4)
             off[arm, s] = np.linalg.norm(corners[1] - corners[0], axis=1).max()
     moving = [s for s, shape in enumerate(visuals.shapes) if "link0" not in shape.name]
@@ -136,7 +168,10 @@ def the_colour_is_how_far_a_body_is_off_its_start(driver: Any, study: rp.Study) 
             time,
             [visuals.shapes[s].name for s in moving],
         )
-        colours = [[np.array([int(c[k : k + 2], 16) for k in (1, 3, 5)]) for _, c in row] for row in answers]
+        colours = [
+            [np.array([int(c[k : k + 2], 16) for k in (1, 3, 5)]) for _, c in row]
+            for row in answers
+        ]
         return np.array([[d for d, _ in row] for row in answers]), colours
 
     at_start, plain = told(0)
@@ -153,39 +188,56 @@ def the_colour_is_how_far_a_body_is_off_its_start(driver: Any, study: rp.Study) 
     # within a cycle, against the same moment of cycle 1
     between, _ = told(2.5)
     motion = study.row("pseudoinverse").motion
-    there = visuals.placements(study.task.full(motion.q[[30, 150]]))
+    there = visuals.placements(study.task.to_robot(motion.q[[30, 150]]))
     for s, k in enumerate(moving):
         points = read_surface(visuals.shapes[k].path).points
         box = np.array(list(itertools.product(*zip(points.min(0), points.max(0), strict=True))))
         corners = np.c_[box * visuals.shapes[k].scale, np.ones(8)] @ there[:, k].transpose(0, 2, 1)
-        assert between[0, s] == pytest.approx(np.linalg.norm(corners[1] - corners[0], axis=1).max(), abs=2e-6)
+        assert between[0, s] == pytest.approx(
+            np.linalg.norm(corners[1] - corners[0], axis=1).max(), abs=2e-6
+        )
     driver.find_element("id", "show-drift").click()
     _, own = told(3)
-    assert len({tuple(c) for c in own[0]}) > 1 or not np.array_equal(own[0][0], grey)  # the robot's own colours
+    assert len({tuple(c) for c in own[0]}) > 1 or not np.array_equal(
+        own[0][0], grey
+    )  # the robot's own colours
     assert driver.find_element("id", "drift-note").text == ""
     driver.find_element("id", "show-drift").click()
     assert driver.find_element("id", "drift-note").text.endswith("10 cm and more")
 
 
-def ghosts_show_drift_and_nothing_else(driver: Any, motions: list[rp.Motion], moments: tuple[float, ...]) -> None:
-    """At every moment the ghost of who repeats is hidden by the arm, that of who has crept by 0.1 rad is seen."""
+def ghosts_show_drift_and_nothing_else(
+    driver: Any, motions: list[rp.Motion], moments: tuple[float, ...]
+) -> None:
+    """At every moment the ghost of who repeats is hidden by the arm, that of who has crept by 0.1
+    rad is seen."""
     for moment in moments:
         with_ghost, without = (picture(driver, moment, ghost=ghost) for ghost in (True, False))
         for arm, motion in enumerate(motions):
             at, phase = round(moment * motion.steps), round(moment % 1 * motion.steps)
             off = np.linalg.norm(motion.q[at] - motion.q[phase])
             seen = changed(pane(driver, with_ghost, arm), pane(driver, without, arm))
-            assert seen <= 0.0005 if off < 1e-6 else off < 0.1 or seen > 0.0005, (moment, arm, off, seen)
+            assert seen <= 0.0005 if off < 1e-6 else off < 0.1 or seen > 0.0005, (
+                moment,
+                arm,
+                off,
+                seen,
+            )
 
 
 @pytest.mark.parametrize(
     "name",
     ["ppr", *(pytest.param(name, marks=pytest.mark.slow) for name in SHOWN)],
 )
-def test_every_kind_of_robot_moves_and_only_who_repeats_comes_back(driver: Any, tmp_path: Path, name: str) -> None:
-    """Two arms, a lift, a humanoid, joints without limits, a planar arm, one without meshes: their studies' pages."""
+def test_every_kind_of_robot_moves_and_only_who_repeats_comes_back(
+    driver: Any, tmp_path: Path, name: str
+) -> None:
+    """Two arms, a lift, a humanoid, joints without limits, a planar arm, one without meshes: their
+    studies' pages."""
     name, _, bare = name.partition(" ")
-    robot: Robot = Robot.load(Path(__file__).parents[1] / "examples" / "my_arm.urdf" if name == "my_arm" else name)
+    robot: Robot = Robot.load(
+        Path(__file__).parents[1] / "examples" / "my_arm.urdf" if name == "my_arm" else name
+    )
     if bare:
         text = robot.description.xml.replace("package://", "package://not_here/")
         (tmp_path / "bare.urdf").write_text(text, encoding="utf-8")
@@ -200,15 +252,23 @@ def test_every_kind_of_robot_moves_and_only_who_repeats_comes_back(driver: Any, 
     assert driver.execute_script("return [repctl.meshes(0), repctl.meshes(1)]") == [len(shapes)] * 2
     moments = (5.5,) if name == "ppr" else (0, 0.5, 5.5, 10)
     ghosts_show_drift_and_nothing_else(driver, motions_of(study), moments)
-    start, quarter, middle, one, end = (picture(driver, c, ghost=False) for c in (0, 0.25, 0.5, 1, 10))
+    start, quarter, middle, one, end = (
+        picture(driver, c, ghost=False) for c in (0, 0.25, 0.5, 1, 10)
+    )
     for arm, key in enumerate(("pseudoinverse", "repeatable")):
         a, b, c, *whole = (pane(driver, image, arm) for image in (start, quarter, middle, one, end))
         assert np.ptp(a) > 150, "nothing is drawn"
         assert min(changed(a, b), changed(b, c), changed(a, c)) > 0.004
         for drift, after in zip(study.row(key).motion.drift[[0, -1]], whole, strict=True):
-            assert changed(a, after) <= 0.0005 if key == "repeatable" else drift < 0.1 or changed(a, after) > 0.0005
+            assert (
+                changed(a, after) <= 0.0005
+                if key == "repeatable"
+                else drift < 0.1 or changed(a, after) > 0.0005
+            )
     assert study.row("repeatable").motion.drift[-1] < 1e-7
-    assert name in ("kinova", "tiago") or study.row("pseudoinverse").motion.drift[-1] > 0.1  # these creep too little
+    assert (
+        name in ("kinova", "tiago") or study.row("pseudoinverse").motion.drift[-1] > 0.1
+    )  # these creep too little
     assert errors(driver) == []
 
 
@@ -224,7 +284,9 @@ def test_mirrored_meshes_are_not_inside_out(driver: Any, tmp_path: Path) -> None
     open_page(driver, write(tmp_path, [still]))
     both = picture(driver, 0)
     show_only = "repctl.materials((m) => { m.side = arguments[0]; })"
-    driver.execute_script(show_only, 0)  # three's FrontSide: a wrong winding would show the far walls instead
+    driver.execute_script(
+        show_only, 0
+    )  # three's FrontSide: a wrong winding would show the far walls instead
     front = picture(driver, 0)
     driver.execute_script(show_only, 1)  # BackSide
     back = picture(driver, 0)
@@ -243,7 +305,10 @@ def test_controls_work_when_clicked(driver: Any, tmp_path: Path) -> None:
         return driver.find_element("id", name)
 
     assert element("title").text == "<i>four</i> links"
-    assert [e.text for e in driver.find_elements("css selector", ".arm-label .name")] == ["J⁺", "repeatable"]
+    assert [e.text for e in driver.find_elements("css selector", ".arm-label .name")] == [
+        "J⁺",
+        "repeatable",
+    ]
     assert not driver.execute_script("return repctl.playing")
     element("play").click()
     assert driver.execute_script("return repctl.playing")
@@ -274,7 +339,12 @@ def test_controls_work_when_clicked(driver: Any, tmp_path: Path) -> None:
     element("show-traces").click()
     time.sleep(0.1)
     body = driver.switch_to.active_element
-    for keys, expected in ((Keys.END, 2), (Keys.PAGE_UP, 1), (Keys.ARROW_RIGHT, 1 + 1 / 60), (Keys.HOME, 0)):
+    for keys, expected in (
+        (Keys.END, 2),
+        (Keys.PAGE_UP, 1),
+        (Keys.ARROW_RIGHT, 1 + 1 / 60),
+        (Keys.HOME, 0),
+    ):
         body.send_keys(keys)
         assert driver.execute_script("return repctl.time") == pytest.approx(expected)
     body.send_keys(" ")
@@ -304,7 +374,9 @@ def test_controls_work_when_clicked(driver: Any, tmp_path: Path) -> None:
     element("show-traces").click()
     assert driver.execute_script("return repctl.picture()") != without
     element("show-ghost").click()
-    assert changed(before, picture_now(driver)) > 0.0002  # the ghost is no more than what one cycle's drift leaves bare
+    assert (
+        changed(before, picture_now(driver)) > 0.0002
+    )  # the ghost is no more than what one cycle's drift leaves bare
     element("show-ghost").click()
     driver.execute_script("repctl.turn(0.5, 0.2, 0.8)")
     labels_are_in_their_panes(driver)
@@ -334,7 +406,11 @@ def test_it_opens_on_the_end_walks_the_cycles_and_runs(driver: Any, tmp_path: Pa
     """The first ten seconds: what has crept is seen at once; who wants no motion gets none."""
     robot = Robot.load("planar4r")
     task = robot.task(kind="xy")
-    page = write(tmp_path, circling(robot, task.reference + np.array([0.3, -0.7, 0.6, 0.5]), "xy", (0, 1)), planar=True)
+    page = write(
+        tmp_path,
+        circling(robot, task.reference + np.array([0.3, -0.7, 0.6, 0.5]), "xy", (0, 1)),
+        planar=True,
+    )
     watch = (
         "window.seen = []; (function look() { requestAnimationFrame(look);"
         "if (window.repctl && repctl.ready && seen.at(-1) !== repctl.time) seen.push(repctl.time); })()"
@@ -356,7 +432,9 @@ def test_it_opens_on_the_end_walks_the_cycles_and_runs(driver: Any, tmp_path: Pa
     wait_until_drawn(driver, "the page")
     assert driver.execute_script("return [repctl.time, repctl.playing]") == [2, False]
     left, right = (pane(driver, picture_now(driver), k) for k in (0, 1))
-    assert changed(left[:, : right.shape[1]], right[:, : left.shape[1]]) > 0.01  # what one sees first
+    assert (
+        changed(left[:, : right.shape[1]], right[:, : left.shape[1]]) > 0.01
+    )  # what one sees first
     assert errors(driver) == []
 
 
@@ -364,7 +442,9 @@ def every_word_is_read(driver: Any, axe: Any) -> None:
     """No serious finding of axe-core's, no word cut, nothing beside the window."""
     axe.inject()
     groups = "{rules: {dlitem: {enabled: false}}}"  # since HTML 5.2 a <div> may group <dt> and <dd>
-    found = [v for v in axe.run(options=groups)["violations"] if v["impact"] in ("serious", "critical")]
+    found = [
+        v for v in axe.run(options=groups)["violations"] if v["impact"] in ("serious", "critical")
+    ]
     assert found == [], [(v["id"], [n["html"] for n in v["nodes"]]) for v in found]
     assert driver.execute_script("return document.documentElement.scrollWidth <= window.innerWidth")
     cut = driver.execute_script(
@@ -388,7 +468,8 @@ def labels_are_in_their_panes(driver: Any) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["ppr", *(name for name in SHOWN if " " not in name)])
 def test_a_studys_page_is_whole_at_every_size(driver: Any, tmp_path: Path, name: str) -> None:
-    """A desk, a phone, a wall; light and dark: words, labels after any orbit, ghosts, and what is seen first."""
+    """A desk, a phone, a wall; light and dark: words, labels after any orbit, ghosts, and what is
+    seen first."""
     axe = pytest.importorskip("axe_selenium_python").Axe(driver)
     robot = Path(__file__).parents[1] / "examples" / "my_arm.urdf" if name == "my_arm" else name
     study, page = rp.study(robot, cycles=10, steps=120, degree=1), tmp_path / "animation.html"
@@ -399,7 +480,9 @@ def test_a_studys_page_is_whole_at_every_size(driver: Any, tmp_path: Path, name:
         open_page(driver, page)
         for dark in (False, True):
             schemes(driver, width=width, height=height, dark=dark)
-            driver.execute_async_script("requestAnimationFrame(() => requestAnimationFrame(arguments[0]))")
+            driver.execute_async_script(
+                "requestAnimationFrame(() => requestAnimationFrame(arguments[0]))"
+            )
             driver.execute_script("repctl.seek(10)")
             every_word_is_read(driver, axe)
         for way in ((0.5, 0.2, 0.8), (1.5, 0, 1), (-3, 0.4, 2)):
@@ -415,23 +498,37 @@ def test_a_studys_page_is_whole_at_every_size(driver: Any, tmp_path: Path, name:
 
 
 def test_everybody_can_read_and_use_it(driver: Any, tmp_path: Path) -> None:
-    """No serious finding of axe-core's, nothing beside the window, panes of one size; in every size and scheme."""
+    """No serious finding of axe-core's, nothing beside the window, panes of one size; in every size
+    and scheme."""
     axe = pytest.importorskip("axe_selenium_python").Axe(driver)
     robot = Robot.load("planar3r")
-    tiles = (Tile("Elbow creep in 10 cycles", "45 cm → 0"), *(Tile("Joint limits", "broken in cycle 7", True),) * 3)
-    words = Verdict("The elbow creeps 45 cm in 10 cycles → 0. Joint speed +0.3 %. Limits broken in cycle 7.", tiles)
-    arms = [replace(arm, unit="rad and m") for arm in circling(robot, np.array([0.3, 0.8, 0.8]), "xy", (0, 1))]
+    tiles = (
+        Tile("Elbow creep in 10 cycles", "45 cm → 0"),
+        *(Tile("Joint limits", "broken in cycle 7", True),) * 3,
+    )
+    words = Verdict(
+        "The elbow creeps 45 cm in 10 cycles → 0. Joint speed +0.3 %. Limits broken in cycle 7.",
+        tiles,
+    )
+    arms = [
+        replace(arm, unit="rad and m")
+        for arm in circling(robot, np.array([0.3, 0.8, 0.8]), "xy", (0, 1))
+    ]
     arms[1] = replace(arms[1], label="nearest repeatable")
     open_page(driver, write(tmp_path, arms, planar=True, verdict=words))
     driver.execute_script("repctl.seek(1.5)")
     for (width, height), dark in itertools.product(((1400, 900), (390, 844)), (False, True)):
         schemes(driver, width=width, height=height, dark=dark)
-        driver.execute_async_script("requestAnimationFrame(() => requestAnimationFrame(arguments[0]))")
+        driver.execute_async_script(
+            "requestAnimationFrame(() => requestAnimationFrame(arguments[0]))"
+        )
         every_word_is_read(driver, axe)
         ask = "return repctl.pane(arguments[0])"
         (a, b, wide, tall), (c, d, *same) = (driver.execute_script(ask, k) for k in (0, 1))
         np.testing.assert_allclose(same, [wide, tall], atol=0.01)
-        assert (a == c and d > b) if width < height else (b == d and c > a)  # stacked, or side by side
+        assert (
+            (a == c and d > b) if width < height else (b == d and c > a)
+        )  # stacked, or side by side
         for figure in driver.find_elements("css selector", ".card canvas"):
             assert figure.size["width"] > 60 and figure.size["height"] > 40
     assert errors(driver) == []

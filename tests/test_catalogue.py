@@ -1,4 +1,5 @@
-"""The catalogue: every robot passes the gatekeeper, builds, and has the frames and the pose it promises."""
+"""The catalogue: every robot passes the gatekeeper, builds, and has the frames and the pose it
+promises."""
 
 from __future__ import annotations
 
@@ -17,8 +18,15 @@ from numpy.typing import NDArray
 from repctl_pin.errors import InputError
 from repctl_pin.robot.robot import Robot, lock_joints
 from repctl_pin.urdf import catalogue
-from repctl_pin.urdf.catalogue import default_package_dirs, entries, find, reference_posture, table, urdf_folder
-from repctl_pin.urdf.gate import read_urdf
+from repctl_pin.urdf.catalogue import (
+    default_package_dirs,
+    entries,
+    find,
+    reference_posture,
+    table,
+    urdf_folder,
+)
+from repctl_pin.urdf.validate import read_urdf
 
 NAMES = list(table())
 PLANAR = {
@@ -48,8 +56,9 @@ def test_every_robot_is_what_it_promises(name: str) -> None:
     for frame in entry.frames:
         task = machine.task(frame, "xy" if "planar" in entry.note else "position")
         assert task.n == JOINTS.get(name, task.n) or frame != entry.frames[0]
-        # one of its poses is away from singularities of the frame's position and leaves the arm room to move
-        poses = [task.part(pose) for pose in machine.poses.values()]
+        # one of its poses is away from singularities of the frame's position and leaves the arm
+        # room to move
+        poses = [task.from_robot(pose) for pose in machine.poses.values()]
         dexterous = [np.linalg.svd(task.jacobian(q), compute_uv=False)[-1] > 0.07 for q in poses]
         roomy = [np.minimum(q - task.lower, task.upper - q).min() > 0.08 for q in poses]
         assert any(a and b for a, b in zip(dexterous, roomy, strict=True)), frame
@@ -66,7 +75,9 @@ def test_reference_poses_are_the_srdfs_inside_the_limits(name: str) -> None:
     assert known
     moved = [j for j in known if not np.isclose(values[j], pose[j], atol=1e-3)]
     told = " ".join(machine.warnings)
-    assert all(f"{j} = " in told for j in moved)  # what was outside its limits was moved inside, and is said
+    assert all(
+        f"{j} = " in told for j in moved
+    )  # what was outside its limits was moved inside, and is said
     assert len(moved) < len(known)
     for pose_of_all in machine.poses.values():
         assert (pose_of_all >= machine.lower).all() and (pose_of_all <= machine.upper).all()
@@ -101,7 +112,8 @@ def test_meshes_are_found(name: str) -> None:
     geometry = pin.buildGeomFromUrdfString(model, xml, pin.GeometryType.VISUAL, package_dirs=paths)
     assert geometry.ngeoms >= 5
     assert all(
-        Path(g.meshPath).is_file() or g.meshPath in ("BOX", "CYLINDER", "SPHERE") for g in geometry.geometryObjects
+        Path(g.meshPath).is_file() or g.meshPath in ("BOX", "CYLINDER", "SPHERE")
+        for g in geometry.geometryObjects
     )
 
 
@@ -117,7 +129,9 @@ def position(name: str) -> tuple[pin.Model, Callable[[NDArray[np.float64]], NDAr
 
 
 def samples(model: pin.Model) -> NDArray[np.float64]:
-    return np.random.default_rng(5).uniform(model.lowerPositionLimit, model.upperPositionLimit, (50, model.nq))
+    return np.random.default_rng(5).uniform(
+        model.lowerPositionLimit, model.upperPositionLimit, (50, model.nq)
+    )
 
 
 @pytest.mark.parametrize("name", PLANAR)
@@ -141,7 +155,8 @@ def test_ppr_closed_form() -> None:
 
 
 def test_prr_closed_form() -> None:
-    """x = (d₁ + cos ψ₂ + cos ψ₃, sin ψ₂ + sin ψ₃) with ψ₂ = θ₂, ψ₃ = θ₂ + θ₃: the paper's Fig. 1, (10)."""
+    """x = (d₁ + cos ψ₂ + cos ψ₃, sin ψ₂ + sin ψ₃) with ψ₂ = θ₂, ψ₃ = θ₂ + θ₃: the paper's Fig. 1,
+    (10)."""
     model, tip = position("prr")
     for q in samples(model):
         psi = q[1], q[1] + q[2]
@@ -177,7 +192,11 @@ def test_poses_are_read_as_they_stand(tmp_path: Path) -> None:
         reference_posture(path, "upp")
     with pytest.raises(InputError, match="j1 = 'nan' is not a finite number"):
         reference_posture(path, "bad")
-    for content in ("<robot", '<!DOCTYPE r [<!ENTITY a SYSTEM "file:///etc/hostname">]><robot>&a;</robot>', "<robot/>"):
+    for content in (
+        "<robot",
+        '<!DOCTYPE r [<!ENTITY a SYSTEM "file:///etc/hostname">]><robot>&a;</robot>',
+        "<robot/>",
+    ):
         path.write_text(content)
         with pytest.raises(InputError):
             reference_posture(path)
@@ -185,12 +204,16 @@ def test_poses_are_read_as_they_stand(tmp_path: Path) -> None:
         reference_posture(tmp_path / "nowhere.srdf")
 
 
-def test_package_dirs_of_a_persons_own_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_package_dirs_of_a_persons_own_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     urdf = tmp_path / "ws" / "my_arm" / "urdf" / "arm.urdf"
     urdf.parent.mkdir(parents=True)
     for folder in ("ros/pkg", "ament/share"):
         (tmp_path / folder).mkdir(parents=True)
-    monkeypatch.setenv("ROS_PACKAGE_PATH", os.pathsep.join([str(tmp_path / "ros" / "pkg"), "/not/there"]))
+    monkeypatch.setenv(
+        "ROS_PACKAGE_PATH", os.pathsep.join([str(tmp_path / "ros" / "pkg"), "/not/there"])
+    )
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path / "ament"))
     dirs = default_package_dirs(urdf)
     ws = [str(p) for p in (urdf.parent, urdf.parents[1], urdf.parents[2])]
@@ -211,7 +234,10 @@ def test_a_package_dir_that_is_not_there_is_refused(tmp_path: Path) -> None:
     ("typed", "near"),
     [
         ("x", "did you mean 'xarm7'?"),
-        ("franka emika", "did you mean 'panda'?"),  # an alias is understood; the name is what is shown
+        (
+            "franka emika",
+            "did you mean 'panda'?",
+        ),  # an alias is understood; the name is what is shown
         ("talos_full", "did you mean 'talos' or 'talos_left_arm'?"),
         ("grip", "did you mean 'ur3_gripper' or 'ur5_gripper'?"),
         ("abb", f"there are {len(table())}, such as ppr, prr, planar3r"),
@@ -237,7 +263,9 @@ def test_frames_at_the_ends_of_arms_are_named_where_none_is_near(typed: str, nea
     with pytest.raises(InputError) as error:
         Robot.load("panda").task(typed)
     assert str(error.value).startswith(f"no frame {typed!r}; {near}")
-    with pytest.raises(InputError, match="no frame 'nope'; choose from tool, link4, base, .*link1, link2, link3$"):
+    with pytest.raises(
+        InputError, match="no frame 'nope'; choose from tool, link4, base, .*link1, link2, link3$"
+    ):
         Robot.load("planar4r").task("nope")
 
 
@@ -259,5 +287,7 @@ def test_without_the_data_only_our_own_arms(monkeypatch: pytest.MonkeyPatch) -> 
 def test_looking_a_robot_up_is_light() -> None:
     code = """import sys; from repctl_pin.urdf.catalogue import entries; entries()
 print([m for m in ('numpy', 'scipy', 'pinocchio', 'lxml', 'yourdfpy') if m in sys.modules])"""
-    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    result = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
     assert result.stdout.strip() == "[]"

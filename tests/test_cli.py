@@ -62,14 +62,32 @@ def test_study_prints_its_table_and_writes_its_files(tmp_path) -> None:
     done = repctl_alone("study", "panda", "--cycles", "2", "--steps", "100", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""  # progress is for terminals
-    for word in ("panda_hand_tcp, pose", "circle of radius 0.1 m", "J⁺", "nearest", "repeatable", "outside"):
+    for word in (
+        "panda_hand_tcp, pose",
+        "circle of radius 0.1 m",
+        "J⁺",
+        "nearest",
+        "repeatable",
+        "outside",
+    ):
         assert word in done.stdout
     names = {"animation.html", "drift.png", "joints.png", "motion.csv", "control.json"}
     assert {p.name for p in (tmp_path / "repctl-out" / "panda").iterdir()} == names
 
 
 def test_json_and_quiet(tmp_path) -> None:
-    options = ("--cycles", "1", "--steps", "60", "--degree", "1", "--start", "-0.1,1,1", "--path", "square:0.1")
+    options = (
+        "--cycles",
+        "1",
+        "--steps",
+        "60",
+        "--degree",
+        "1",
+        "--start",
+        "-0.1,1,1",
+        "--path",
+        "square:0.1",
+    )
     done = repctl("study", "planar3r", *options, "--json", "--out", "here", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     data = json.loads(done.stdout)
@@ -83,24 +101,42 @@ def test_robots_and_inspect(tmp_path) -> None:
     done = repctl("robots", "--json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     rows = {row["frame"]: row for row in json.loads(done.stdout)}
-    assert rows["panda_hand_tcp"]["chain"] == 7 and rows["panda_hand_tcp"]["redundancy"]["pose"] == 1
+    assert (
+        rows["panda_hand_tcp"]["chain"] == 7 and rows["panda_hand_tcp"]["redundancy"]["pose"] == 1
+    )
     assert rows["right_gripper"]["redundancy"]["position"] == 4
     done = repctl("inspect", "panda", cwd=tmp_path)
-    assert done.returncode == 0 and "panda_joint4" in done.stdout and "mimics panda_finger_joint1" in done.stdout
+    assert (
+        done.returncode == 0
+        and "panda_joint4" in done.stdout
+        and "mimics panda_finger_joint1" in done.stdout
+    )
 
 
 BAD_ARGUMENTS = {
-    "one file for two": (["follow", "panda", "--csv", "x", "--yaml", "x"], ["--csv", "--yaml", "another name"]),
+    "one file for two": (
+        ["follow", "panda", "--csv", "x", "--yaml", "x"],
+        ["--csv", "--yaml", "another name"],
+    ),
     "unknown robot": (["study", "pandda"], ["no robot 'pandda'", "did you mean 'panda'"]),
     "missing file": (["study", "my/arm.urdf"], ["my/arm.urdf"]),
-    "unknown frame": (["study", "panda", "--frame", "panda_hand_tpc"], ["did you mean 'panda_hand_tcp'"]),
+    "unknown frame": (
+        ["study", "panda", "--frame", "panda_hand_tpc"],
+        ["did you mean 'panda_hand_tcp'"],
+    ),
     "unknown joint": (["study", "panda", "--lock", "panda_joint77"], ["no joint", "did you mean"]),
     "unknown base": (["study", "panda", "--base", "panda_link99"], ["did you mean"]),
     "unknown kind": (["study", "panda", "--task", "poses"], ["no task kind 'poses'", "position"]),
     "start too short": (["study", "panda", "--start", "0,0,0"], ["3 numbers", "7 joints"]),
     "start not numbers": (["study", "panda", "--start", "zero"], ["not a list of numbers"]),
-    "start nan": (["study", "panda", "--start", "nan" + PANDA_START[1:]], ["panda_joint1", "finite"]),
-    "start out of limits": (["study", "panda", "--start", "9" + PANDA_START[1:]], ["panda_joint1", "limits"]),
+    "start nan": (
+        ["study", "panda", "--start", "nan" + PANDA_START[1:]],
+        ["panda_joint1", "finite"],
+    ),
+    "start out of limits": (
+        ["study", "panda", "--start", "9" + PANDA_START[1:]],
+        ["panda_joint1", "limits"],
+    ),
     "start singular": (["study", "planar3r", "--start", "0.1,0,0"], ["singularity"]),
     "unknown path": (["study", "panda", "--path", "spiral:1"], ["circle:RADIUS"]),
     "negative circle": (["study", "panda", "--path", "circle:-1"], ["above 0"]),
@@ -133,7 +169,8 @@ def test_an_output_folder_that_cannot_be_written(tmp_path) -> None:
 
 
 def test_a_folder_is_there_only_if_it_holds_something(tmp_path) -> None:
-    """What is made for a run that fails goes again; what a person made stays, and what holds a file."""
+    """What is made for a run that fails goes again; what a person made stays, and what holds a
+    file."""
     from repctl_pin.files import check_folder, not_left_empty, prepare_folder, write_whole
 
     for failure in (RuntimeError, KeyboardInterrupt):
@@ -152,7 +189,9 @@ def test_a_folder_is_there_only_if_it_holds_something(tmp_path) -> None:
     assert (tmp_path / "a" / "b" / "c" / "file").read_text() == "text"
 
 
-@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="a folder is never closed to root")
+@pytest.mark.skipif(
+    not hasattr(os, "geteuid") or os.geteuid() == 0, reason="a folder is never closed to root"
+)
 def test_a_closed_folder_is_seen_before_the_work(tmp_path) -> None:
     from repctl_pin import InputError
     from repctl_pin.files import check_folder
@@ -208,10 +247,14 @@ main()
 from threadpoolctl import threadpool_info
 print({pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}, file=sys.stderr)
 """
-    environment = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")}
+    environment = {
+        name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")
+    }
     if asked is not None:
         environment["OPENBLAS_NUM_THREADS"] = str(asked)
-    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, env=environment, capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, env=environment, capture_output=True, text=True
+    )
     assert json.loads(done.stdout)["robot"] == "ppr"
     assert done.stderr.strip().splitlines()[-1] == str({min(asked or 1, os.cpu_count() or 1)})
 
@@ -222,5 +265,8 @@ def test_a_report_of_before_is_said_to_be_old(tmp_path: Path) -> None:
     assert done.returncode == 0 and "earlier" not in done.stdout
     report = (tmp_path / "out" / "report.html").read_bytes()
     done = repctl("study", *small, cwd=tmp_path)
-    assert "note: the report.html there is from an earlier study; --report writes a new one" in done.stdout
+    assert (
+        "note: the report.html there is from an earlier study; --report writes a new one"
+        in done.stdout
+    )
     assert (tmp_path / "out" / "report.html").read_bytes() == report

@@ -36,11 +36,29 @@ def size_of(png: Path) -> tuple[int, int]:
 
 
 def test_table_and_picture(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
-    arguments = ["design", "panda", "--start", PANDA_START, "--degree", "2", *SMALL, "--out", str(tmp_path / "here")]
+    arguments = [
+        "design",
+        "panda",
+        "--start",
+        PANDA_START,
+        "--degree",
+        "2",
+        *SMALL,
+        "--out",
+        str(tmp_path / "here"),
+    ]
     assert main(arguments) == 0
     captured = capsys.readouterr()
     assert captured.err == ""  # progress is for terminals
-    for word in ("J⁺", "mean ‖G_r − G_d‖²", "constant rows", "extended Jacobian", "leaf margin", "converged", "degree"):
+    for word in (
+        "J⁺",
+        "mean ‖G_r − G_d‖²",
+        "constant rows",
+        "extended Jacobian",
+        "leaf margin",
+        "converged",
+        "degree",
+    ):
         assert word in captured.out
     width, height = size_of(tmp_path / "here" / "design.png")
     assert width > 1500 and height > 400
@@ -56,7 +74,11 @@ def test_json_says_what_the_design_is_worth(tmp_path: Path, capsys: pytest.Captu
     assert data["converged"] and data["leaf_margin"] > 0.5 and data["r"] == 1
     assert set(data["baselines"]) == {"constant rows", "extended Jacobian"}
     assert data["files"] == [str(tmp_path / "design.png"), str(tmp_path / "design.json")]
-    assert data["region"] == {"center": [0, 0, 0], "half_width": [1, 1, 1], "is": "box ±1 round (0, 0, 0)"}
+    assert data["region"] == {
+        "center": [0, 0, 0],
+        "half_width": [1, 1, 1],
+        "is": "box ±1 round (0, 0, 0)",
+    }
 
 
 @pytest.mark.parametrize(
@@ -69,17 +91,41 @@ def test_json_says_what_the_design_is_worth(tmp_path: Path, capsys: pytest.Captu
         (("--task", "axis", "--region", "0.2", "--restarts", "1", "--stream"), "box"),
     ],
 )
-def test_regions_and_desires(tmp_path: Path, capsys: pytest.CaptureFixture, extra, where: str) -> None:
-    arguments = ["design", "panda", "--start", PANDA_START, "--degree", "1", *SMALL, *extra, "--json"]
+def test_regions_and_desires(
+    tmp_path: Path, capsys: pytest.CaptureFixture, extra, where: str
+) -> None:
+    arguments = [
+        "design",
+        "panda",
+        "--start",
+        PANDA_START,
+        "--degree",
+        "1",
+        *SMALL,
+        *extra,
+        "--json",
+    ]
     assert main([*arguments, "--out", str(tmp_path)]) == 0
     data = json.loads(capsys.readouterr().out)
-    assert where in data["region"]["is"] and data["converged"] and 0 < data["relative_distance"] < 0.3
+    assert (
+        where in data["region"]["is"] and data["converged"] and 0 < data["relative_distance"] < 0.3
+    )
 
 
 def test_a_region_with_a_singularity_is_refused_unless_it_may_shrink(
     tmp_path: Path, capsys: pytest.CaptureFixture
 ) -> None:
-    arguments = ["design", "planar3r", "--start", "0.3,0.6,0.5", "--region", "0.7", "--degree", "1", *SMALL]
+    arguments = [
+        "design",
+        "planar3r",
+        "--start",
+        "0.3,0.6,0.5",
+        "--region",
+        "0.7",
+        "--degree",
+        "1",
+        *SMALL,
+    ]
     assert main([*arguments, "--out", str(tmp_path)]) == 2
     refused(capsys, "loses rank", "shrink")
     assert not (tmp_path / "design.png").exists()
@@ -97,27 +143,46 @@ def test_a_region_with_a_singularity_is_refused_unless_it_may_shrink(
         (["panda", "--samples", "2", "--degree", "2"], ["too few"]),
         (["panda", "--held-out", "3"], ["held_out"]),
         (["panda", "--fourier", "1"], ["--degree"]),
-        (["panda", "--path", "circle:0.1", "--workspace", "0.1"], ["--workspace", "--path", "leave one out"]),
+        (
+            ["panda", "--path", "circle:0.1", "--workspace", "0.1"],
+            ["--workspace", "--path", "leave one out"],
+        ),
         (["panda", "--path", "spiral:3"], ["spiral"]),
         (["ur5", "--task", "pose"], ["r = 0"]),
         (["panda", "--workspace", "1e-6", "--degree", "1"], ["workspace box"]),
     ],
 )
-def test_bad_input_gets_one_clear_line(tmp_path: Path, capsys: pytest.CaptureFixture, arguments, words) -> None:
+def test_bad_input_gets_one_clear_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture, arguments, words
+) -> None:
     assert main(["design", *arguments, "--out", str(tmp_path)]) == 2
     refused(capsys, *words)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_processes_and_interruption(tmp_path: Path) -> None:
-    """Two workers give the same figures as one; Ctrl-C ends a long run with one clear line and code 130."""
-    command = [sys.executable, "-m", "repctl_pin", "design", "planar4r", "--out", str(tmp_path), "--json"]
+    """Two workers give the same figures as one; Ctrl-C ends a long run with one clear line and code
+    130."""
+    command = [
+        sys.executable,
+        "-m",
+        "repctl_pin",
+        "design",
+        "planar4r",
+        "--out",
+        str(tmp_path),
+        "--json",
+    ]
     environment = os.environ | {"OMP_NUM_THREADS": "1"}
     small = ["--degree", "1", "--samples", "2048", "--held-out", "512"]
     one, two = (
         json.loads(
             subprocess.run(
-                [*command, *small, *more], capture_output=True, check=True, env=environment, timeout=120
+                [*command, *small, *more],
+                capture_output=True,
+                check=True,
+                env=environment,
+                timeout=120,
             ).stdout
         )
         for more in ([], ["--processes", "2"])
@@ -144,7 +209,17 @@ def test_processes_and_interruption(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_a_cluster_gives_the_same_figures(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     distributed = pytest.importorskip("distributed")
-    command = ["design", "ppr", "--degree", "1", "--region", "0.4", "--out", str(tmp_path), "--json"]
+    command = [
+        "design",
+        "ppr",
+        "--degree",
+        "1",
+        "--region",
+        "0.4",
+        "--out",
+        str(tmp_path),
+        "--json",
+    ]
 
     def cost(*more: str) -> float:
         assert main([*command, *more]) == 0

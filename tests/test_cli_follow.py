@@ -46,7 +46,12 @@ def test_the_csv_is_the_motion(saved, panda_design, q_panda, capsys) -> None:
     ]
     assert main(command) == 0
     printed = capsys.readouterr().out
-    for words in ("circle of radius 0.1 m in yz", "joint drift", "limit margin", "wrote motion.csv"):
+    for words in (
+        "circle of radius 0.1 m in yz",
+        "joint drift",
+        "limit margin",
+        "wrote motion.csv",
+    ):
         assert words in printed
     header, rows = table(Path("motion.csv"))
     names = list(panda_design.task.joint_names)
@@ -57,14 +62,18 @@ def test_the_csv_is_the_motion(saved, panda_design, q_panda, capsys) -> None:
     assert np.linalg.norm(Q[-1] - Q[0]) < 1e-9 and np.allclose(Q[0], q_panda)
     for s, q, qdot in zip(np.linspace(0, 1, 401)[::40], Q[::40], Qdot[::40], strict=True):
         assert np.linalg.norm(panda_design.task.error(q, path.placement(s))) < 1e-9
-        assert np.allclose(panda_design.task.jacobian(q) @ qdot, path.twist(min(s, 1 - 1e-12)) / 5.0, atol=1e-9)
+        assert np.allclose(
+            panda_design.task.jacobian(q) @ qdot, path.twist(min(s, 1 - 1e-12)) / 5.0, atol=1e-9
+        )
     # The velocities are the positions' own: central differences agree to their order.
     middle = (Q[2:] - Q[:-2]) / (t[2:] - t[:-2])[:, None]
     assert np.abs(middle - Qdot[1:-1]).max() < 1e-4
 
 
 def test_the_yaml_is_a_joint_trajectory(saved, panda_design) -> None:
-    assert main(["follow", "design.json", "--steps", "100", "--csv", "m.csv", "--yaml", "t.yaml"]) == 0
+    assert (
+        main(["follow", "design.json", "--steps", "100", "--csv", "m.csv", "--yaml", "t.yaml"]) == 0
+    )
     _, rows = table(Path("m.csv"))
     data = yaml.safe_load(Path("t.yaml").read_text())
     assert set(data) == {"header", "joint_names", "points"}
@@ -74,13 +83,26 @@ def test_the_yaml_is_a_joint_trajectory(saved, panda_design) -> None:
     for point, row in zip(data["points"], rows, strict=True):
         assert set(point) == {"positions", "velocities", "time_from_start"}
         time = point["time_from_start"]
-        assert 0 <= time["nanosec"] < 10**9 and abs(time["sec"] + time["nanosec"] * 1e-9 - row[0]) < 1e-9
+        assert (
+            0 <= time["nanosec"] < 10**9
+            and abs(time["sec"] + time["nanosec"] * 1e-9 - row[0]) < 1e-9
+        )
         assert np.allclose(point["positions"], row[1:8], atol=1e-11)
         assert np.allclose(point["velocities"], row[8:], atol=1e-11)
 
 
 def test_a_fast_cycle_is_slowed_down_to_the_speed_limits(saved, panda_design, capsys) -> None:
-    options = ["follow", "design.json", "--plane", "yz", "--period", "0.3", "--json", "--csv", "m.csv"]
+    options = [
+        "follow",
+        "design.json",
+        "--plane",
+        "yz",
+        "--period",
+        "0.3",
+        "--json",
+        "--csv",
+        "m.csv",
+    ]
     assert main(options) == 0
     data = json.loads(capsys.readouterr().out)
     _, rows = table(Path("m.csv"))
@@ -106,8 +128,13 @@ def test_a_design_for_an_arm_of_ones_own(tmp_path, monkeypatch, capsys) -> None:
 
     monkeypatch.chdir(tmp_path)
     task, q0 = planar_task([1, 0.8, 0.6], tmp_path), np.array([0.3, 0.8, 0.8])
-    fields, region = rp.Polynomial(q0, 1, 0.3), rp.Box(q0, 0.3)
-    rp.save(rp.nearest_repeatable(rp.Pseudoinverse(task), fields, region, samples=256, held_out=256), "arm.json")
+    potentials, region = rp.Polynomial(q0, 1, 0.3), rp.Box(q0, 0.3)
+    rp.save(
+        rp.nearest_repeatable(
+            rp.Pseudoinverse(task), potentials, region, samples=256, held_out=256
+        ),
+        "arm.json",
+    )
     assert main(["follow", "arm.json"]) == 2
     assert "not in the catalogue" in capsys.readouterr().err
     assert main(["follow", "arm.json", "--robot", "planar3.urdf", "--steps", "50"]) == 0
@@ -117,16 +144,31 @@ def test_a_design_for_an_arm_of_ones_own(tmp_path, monkeypatch, capsys) -> None:
 
 BAD = {
     "no design": (["follow", "none.json"], "No such file"),
-    "no control": (["follow", "panda", "--strategy", "psuedoinverse"], "did you mean 'pseudoinverse'"),
-    "a design and a strategy": (["follow", "design.json", "--strategy", "pseudoinverse"], "in place of a design"),
+    "no control": (
+        ["follow", "panda", "--strategy", "psuedoinverse"],
+        "did you mean 'pseudoinverse'",
+    ),
+    "a design and a strategy": (
+        ["follow", "design.json", "--strategy", "pseudoinverse"],
+        "in place of a design",
+    ),
     "a frame for a design": (["follow", "design.json", "--frame", "panda_link8"], "its own frame"),
     "out of reach": (["follow", "design.json", "--path", "circle:2"], "no circle of radius 2 m"),
     "no path": (["follow", "design.json", "--path", "hexagon:1"], "no path 'hexagon:1'"),
     "start": (["follow", "design.json", "--start", "0,0"], "--start"),
-    "best leaf of what has none": (["follow", "panda", "--strategy", "pseudoinverse", "--best-leaf"], "repeatable"),
-    "folder": (["follow", "design.json", "--csv", "none/motion.csv", "--steps", "20"], "cannot write none"),
+    "best leaf of what has none": (
+        ["follow", "panda", "--strategy", "pseudoinverse", "--best-leaf"],
+        "repeatable",
+    ),
+    "folder": (
+        ["follow", "design.json", "--csv", "none/motion.csv", "--steps", "20"],
+        "cannot write none",
+    ),
     "period": (["follow", "design.json", "--period", "0"], "--period"),
-    "a rate of no time": (["follow", "design.json", "--rate", "100"], "--rate is for a timed motion"),
+    "a rate of no time": (
+        ["follow", "design.json", "--rate", "100"],
+        "--rate is for a timed motion",
+    ),
 }
 
 

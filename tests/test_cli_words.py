@@ -14,7 +14,7 @@ from test_scene import read
 import repctl_pin as rp
 from repctl_pin.cli import main
 from repctl_pin.cli.animate import _only
-from repctl_pin.show.page.playback import read_tracks
+from repctl_pin.show.page.playback import read_playbacks
 from repctl_pin.show.study_files import write_study
 
 SINGULAR = ["planar3r", "--start", "0.3,0.6,0.5"]
@@ -84,20 +84,34 @@ def helped(command: str, capsys) -> str:
 def test_help_says_what_is_done(tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     for command in ("study", "design"):
-        assert "--quiet print nothing but errors, and what --json asks for" in helped(command, capsys)
+        assert "--quiet print nothing but errors, and what --json asks for" in helped(
+            command, capsys
+        )
     assert "1 to 4" not in helped("study", capsys)
     few = ["--cycles", "1", "--steps", "40", "--degree", "5", "--quiet", "--json"]
-    assert json.loads(printed(capsys, "study", "ppr", *few)[0])["design"]["potentials"] == 55  # (3 + 5)! / 3! / 5! - 1
+    assert (
+        json.loads(printed(capsys, "study", "ppr", *few)[0])["design"]["potentials"] == 55
+    )  # (3 + 5)! / 3! / 5! - 1
     text = helped("follow", capsys)
-    assert "begins and ends at full speed along the path. With --acceleration it goes from rest to rest" in text
+    assert (
+        "begins and ends at full speed along the path. With --acceleration it goes from rest to rest"
+        in text
+    )
 
 
-def test_the_motion_that_follow_writes_is_at_full_speed_at_both_ends(tmp_path, monkeypatch, capsys) -> None:
+def test_the_motion_that_follow_writes_is_at_full_speed_at_both_ends(
+    tmp_path, monkeypatch, capsys
+) -> None:
     monkeypatch.chdir(tmp_path)
     out, _ = printed(capsys, "follow", "ppr", "--strategy", "pseudoinverse", "--csv", "m.csv")
-    assert "note: the motion begins and ends at full speed along the path; a robot at rest needs a ramp\n" in out
+    assert (
+        "note: the motion begins and ends at full speed along the path; a robot at rest needs a ramp\n"
+        in out
+    )
     rows = np.genfromtxt("m.csv", delimiter=",", names=True)
-    speed = np.linalg.norm([rows[name] for name in rows.dtype.names if name.endswith("_velocity")], axis=0)
+    speed = np.linalg.norm(
+        [rows[name] for name in rows.dtype.names if name.endswith("_velocity")], axis=0
+    )
     assert speed[0] > 0.05 and speed[-1] > 0.05
     assert "full speed" not in printed(capsys, "follow", "ppr", "--strategy", "pseudoinverse")[0]
 
@@ -110,17 +124,31 @@ def test_drift_is_said_once_and_with_its_unit(capsys) -> None:
     out, _ = printed(capsys, *follow)
     assert re.search(r"^joint drift +0\.0638 rad after 1 cycle$", out, flags=re.MULTILINE)
     out, _ = printed(capsys, *follow, "--cycles", "10")
-    assert re.search(r"^joint drift +0\.0638 rad after 1 cycle, 0\.705 after 10$", out, flags=re.MULTILINE)
+    assert re.search(
+        r"^joint drift +0\.0638 rad after 1 cycle, 0\.705 after 10$", out, flags=re.MULTILINE
+    )
     out, _ = printed(capsys, "follow", "ppr", "--strategy", "pseudoinverse")
     assert re.search(r"^joint drift +0\.0117 rad and m after 1 cycle$", out, flags=re.MULTILINE)
 
 
 def test_leaving_the_limits_is_a_warning(capsys) -> None:
-    # theta1 ends at 2π; a circle so drawn takes it there in the first cycle (test_motion finds the row)
-    out_of = ["follow", "planar3r", "--strategy", "pseudoinverse", "--start", "6.2,1,-1.4", "--path", "circle:0.4:0"]
+    # theta1 ends at 2π; a circle so drawn takes it there in the first cycle (test_motion finds the
+    # row)
+    out_of = [
+        "follow",
+        "planar3r",
+        "--strategy",
+        "pseudoinverse",
+        "--start",
+        "6.2,1,-1.4",
+        "--path",
+        "circle:0.4:0",
+    ]
     out, error = printed(capsys, *out_of, "--plane", "xy", "--steps", "100")
     where = r"theta1 leaves its limits in cycle 1, \d+% of the way round"
-    assert re.fullmatch(rf"repctl: warning: {where}; try another --start or a smaller --path\n", error)
+    assert re.fullmatch(
+        rf"repctl: warning: {where}; try another --start or a smaller --path\n", error
+    )
     assert "limit margin    -" in out and "LIMITS" not in out
     out, error = printed(capsys, *out_of, "--plane", "xy", "--steps", "100", "--json")
     assert error == "" and 0 < json.loads(out)["first_violation"]["cycle"] < 1
@@ -141,7 +169,9 @@ def test_cycles_are_counted_in_whole_numbers() -> None:
 def test_live_options_need_live(tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     for option in (["--port", "8000"], ["--port", "0"], ["--no-browser"]):
-        assert "--port and --no-browser go with --live" in refused(capsys, "animate", "ppr", *option)
+        assert "--port and --no-browser go with --live" in refused(
+            capsys, "animate", "ppr", *option
+        )
     assert list(tmp_path.iterdir()) == []
 
 
@@ -149,7 +179,7 @@ def test_strategies_are_chosen_by_key_or_by_label(tmp_path, monkeypatch, capsys)
     monkeypatch.chdir(tmp_path)
     study = rp.study("ppr", cycles=1, steps=40, degree=1)
     write_study(study, tmp_path)
-    tracks = read_tracks("motion.csv", study.robot)
+    tracks = read_playbacks("motion.csv", study.robot)
     for names, labels in (
         ("repeatable,posture", ["nearest repeatable", "J⁺ + posture"]),
         ("J⁺, nearest repeatable", ["J⁺", "nearest repeatable"]),
@@ -158,7 +188,9 @@ def test_strategies_are_chosen_by_key_or_by_label(tmp_path, monkeypatch, capsys)
     ):
         assert [track.label for track in _only(names, tracks, "motion.csv")] == labels
     error = refused(capsys, "animate", "ppr", "--motion", "motion.csv", "--only", "nope")
-    assert error.strip().endswith("no strategy 'nope'; it has pseudoinverse, posture, posture_off, repeatable")
+    assert error.strip().endswith(
+        "no strategy 'nope'; it has pseudoinverse, posture, posture_off, repeatable"
+    )
     Path("mine.csv").write_text("d1\n0\n0.1\n0\n", encoding="utf-8")
     out, _ = printed(capsys, "animate", "ppr", "--motion", "mine.csv", "--only", "mine", "--json")
     assert json.loads(out)["drift"] == {"mine": [0.0]}
@@ -168,9 +200,14 @@ def test_drift_has_the_keys_of_the_study(tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     few = ["--cycles", "2", "--steps", "40", "--degree", "1", "--json"]
     studied = json.loads(printed(capsys, "study", "ppr", *few)[0])["strategies"]
-    animated = json.loads(printed(capsys, "animate", "ppr", "--motion", "repctl-out/ppr/motion.csv", "--json")[0])
+    animated = json.loads(
+        printed(capsys, "animate", "ppr", "--motion", "repctl-out/ppr/motion.csv", "--json")[0]
+    )
     assert list(animated["drift"]) == list(studied)
     for key, drift in animated["drift"].items():
         assert drift == pytest.approx(studied[key]["drift"], abs=1e-8)
     scene, _, _ = read(Path("repctl-out/ppr/animation.html").read_text(encoding="utf-8"))
-    assert {arm["label"] for arm in scene["arms"]} >= {"J⁺", "nearest repeatable"}  # what is drawn has its own names
+    assert {arm["label"] for arm in scene["arms"]} >= {
+        "J⁺",
+        "nearest repeatable",
+    }  # what is drawn has its own names

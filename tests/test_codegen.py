@@ -1,4 +1,5 @@
-"""Generated C: the same numbers and the same refusals as Python, and nothing of a file's words but comments."""
+"""Generated C: the same numbers and the same refusals as Python, and nothing of a file's words but
+comments."""
 
 from __future__ import annotations
 
@@ -36,7 +37,9 @@ def answer(question: Callable[[], Any]) -> Answer:
         return "singular"
 
 
-def questions(inverse: rp.RepeatableInverse, q0: np.ndarray, q: np.ndarray, rng: np.random.Generator) -> Iterator:
+def questions(
+    inverse: rp.RepeatableInverse, q0: np.ndarray, q: np.ndarray, rng: np.random.Generator
+) -> Iterator:
     """Velocities and steps of every kind at one q: functions of an inverse."""
     task = inverse.task
     xdot, twist = rng.normal(size=task.m), rng.normal(size=6)
@@ -50,11 +53,12 @@ def questions(inverse: rp.RepeatableInverse, q0: np.ndarray, q: np.ndarray, rng:
 
     def bounded(one: rp.RepeatableInverse) -> np.ndarray:
         return np.append(
-            one.step(q, far, 0.01, twist, leaf=leaf, gain=60.0, limit=limit, damping=0.15), [one.damping, one.slowed]
+            one.step(q, far, 0.01, twist, leaf=leaf, gain=60.0, velocity_limit=limit, damping=0.15),
+            [one.damping, one.slowed],
         )
 
     yield bounded
-    yield lambda one: one.step(q, far, 0.01, twist, leaf=leaf, limit=0.5)
+    yield lambda one: one.step(q, far, 0.01, twist, leaf=leaf, velocity_limit=0.5)
 
 
 def disagreement(
@@ -62,14 +66,14 @@ def disagreement(
 ) -> tuple[float, int]:
     """The greatest difference between Python and C, and how many are refused.
 
-    Relative where a result is above 1, and to what rounding does where J_V's condition is above 10⁴.
-    """
+    Relative where a result is above 1, and to what rounding does where J_V's condition is above
+    10⁴."""
     fast, rng, worst, none = rp.compiled(inverse), np.random.default_rng(1), 0.0, 0
     for k in range(count):
         q = q0 + spread * rng.uniform(-1, 1, len(q0)) * (5.0 if k % 8 == 7 else 1.0)
         if k % 16 == 15:
             q = np.zeros_like(q)  # stretched, for many an arm
-        J_V = np.vstack([inverse.task.jacobian(q), inverse.field.gradient(q).T])
+        J_V = np.vstack([inverse.task.jacobian(q), inverse.potentials.gradient(q).T])
         hard = max(1.0, 1e-4 * float(np.linalg.cond(J_V)))
         for ask in questions(inverse, q0, q, rng):
             python, c = answer(lambda ask=ask: ask(inverse)), answer(lambda ask=ask: ask(fast))
@@ -78,7 +82,9 @@ def disagreement(
                 assert python == c
                 none += 1
             else:
-                worst = max(worst, float(np.abs(python - c).max() / max(1.0, np.abs(python).max())) / hard)
+                worst = max(
+                    worst, float(np.abs(python - c).max() / max(1.0, np.abs(python).max())) / hard
+                )
     return worst, none
 
 
@@ -120,11 +126,19 @@ def test_singular_configurations_are_refused_alike() -> None:
     fast = rp.compiled(inverse)
     target, count = pin.SE3(np.eye(3), np.array([1.0, 0.5, 0.0])), 0
     for q in (np.zeros(7), np.eye(7)[0], np.eye(7)[0] * 1e-9, np.r_[0.3, np.zeros(6)]):
-        for ask in (lambda one, q=q: one.velocity(q, np.ones(2)), lambda one, q=q: one.step(q, target, 0.01)):
-            assert [answer(lambda ask=ask, one=one: ask(one)) for one in (inverse, fast)] == ["singular"] * 2
+        for ask in (
+            lambda one, q=q: one.velocity(q, np.ones(2)),
+            lambda one, q=q: one.step(q, target, 0.01),
+        ):
+            assert [answer(lambda ask=ask, one=one: ask(one)) for one in (inverse, fast)] == [
+                "singular"
+            ] * 2
             count += 1
         damped = [one.step(q, target, 0.01, damping=0.1) for one in (inverse, fast)]
-        assert np.abs(damped[0] - damped[1]).max() < AGREE and inverse.damping == pytest.approx(fast.damping) != 0
+        assert (
+            np.abs(damped[0] - damped[1]).max() < AGREE
+            and inverse.damping == pytest.approx(fast.damping) != 0
+        )
     assert count == 8
 
 
@@ -147,16 +161,21 @@ def least_sine(A: np.ndarray) -> float:
 @pytest.mark.parametrize("size", [1.0, 1e-8, 1e8])
 @pytest.mark.parametrize("arm, kind", [("panda", "pose"), ("tiago", "position"), ("ppr", "xy")])
 def test_near_singular_configurations_are_refused_alike(arm: str, kind: str, size: float) -> None:
-    """Sines from 1e-8 to 1e-3, on both sides of the least, 1e-6: neither units nor the potential's size count."""
+    """Sines from 1e-8 to 1e-3, on both sides of the least, 1e-6: neither units nor the potential's
+    size count."""
     task, rng = rp.Robot.load(arm).task(None, kind), np.random.default_rng(4)
     q0 = task.reference + rng.uniform(0.2, 0.6, task.n)
     inverse = nearly_singular(task, q0, size)
-    fast, xdot, V_T = rp.compiled(inverse), rng.normal(size=task.m), inverse.field.gradient(q0).T
+    fast, xdot, V_T = (
+        rp.compiled(inverse),
+        rng.normal(size=task.m),
+        inverse.potentials.gradient(q0).T,
+    )
     target, leaf, said = task.placement(q0), inverse.leaf(q0), []
     questions = [
         lambda one, q: one.velocity(q, xdot),
         lambda one, q: one.step(q, target, 0.01, leaf=leaf),
-        lambda one, q: one.step(q, target, 0.01, limit=0.5),
+        lambda one, q: one.step(q, target, 0.01, velocity_limit=0.5),
         lambda one, q: one.batch(q[None]),
         lambda one, q: one.velocities(q[None], xdot[None]),
     ]
@@ -169,7 +188,10 @@ def test_near_singular_configurations_are_refused_alike(arm: str, kind: str, siz
         for ask in questions:
             for one in (inverse, fast):
                 found = answer(lambda ask=ask, one=one, q=q: ask(one, q))
-                assert (found if isinstance(found, str) else "answered") == expected, (sine, exponent)
+                assert (found if isinstance(found, str) else "answered") == expected, (
+                    sine,
+                    exponent,
+                )
         said.append(expected)
     assert min(said.count("singular"), said.count("answered")) > 10
 
@@ -191,14 +213,24 @@ def test_batches_are_rows(what: str, panda_design: rp.Design) -> None:
     assert np.abs(pairs[0] - pairs[1]).max() < AGREE
 
 
-# ---- text ------------------------------------------------------------------------------------------
+# ---- text
+# ------------------------------------------------------------------------------------------
 
 
 def test_expressions_simplify_and_write_what_they_mean() -> None:
     graph = Graph()
-    x, y, one, zero = graph.input("x"), graph.input("y"), graph.number(1.0 - 1e-16), graph.number(-1e-17)
+    x, y, one, zero = (
+        graph.input("x"),
+        graph.input("y"),
+        graph.number(1.0 - 1e-16),
+        graph.number(-1e-17),
+    )
     assert (
-        one * x is x and (zero * x).value == 0.0 and x + zero is x and graph.negative(-x) is x and (x - x).value == 0.0
+        one * x is x
+        and (zero * x).value == 0.0
+        and x + zero is x
+        and graph.negative(-x) is x
+        and (x - x).value == 0.0
     )
     assert x * y is y * x and graph.function("cos", zero).value == 1.0
     three = graph.number(-3.0)
@@ -206,7 +238,9 @@ def test_expressions_simplify_and_write_what_they_mean() -> None:
     text = assignments({"a": -(x * three) - (y - x) * y, "b": sine * (x + three) - sine})
     given: dict[str, Any] = {"x": 0.7, "y": -1.3, "sin": np.sin}
     exec(re.sub(r" *(?:const double )?(\w+ = .*);", r"\1", text), given)
-    assert given["a"] == pytest.approx(2.1 + 2.0 * -1.3) and given["b"] == pytest.approx(np.sin(0.7) * -3.3)
+    assert given["a"] == pytest.approx(2.1 + 2.0 * -1.3) and given["b"] == pytest.approx(
+        np.sin(0.7) * -3.3
+    )
     assert number(-0.0) == "0.0" and float(number(0.1 + 0.2)) == 0.1 + 0.2
 
 
@@ -235,9 +269,15 @@ def test_no_words_end_a_comment(words: str) -> None:
 
 
 def test_a_hostile_urdf_gets_into_comments_only(tmp_path: Path) -> None:
-    """The same arm with harmless names gives the same code, comments aside; and no file outside the folder."""
+    """The same arm with harmless names gives the same code, comments aside; and no file outside the
+    folder."""
     texts = {}
-    hostile = {"spatial": '*/ #error "no" /*', "q1": "q1??/", "tool": "t*/x", "link1": "../l&quot;1"}
+    hostile = {
+        "spatial": '*/ #error "no" /*',
+        "q1": "q1??/",
+        "tool": "t*/x",
+        "link1": "../l&quot;1",
+    }
     for kind in ("plain", "hostile"):
         urdf = spatial_urdf(4, 3)
         if kind == "hostile":
@@ -247,47 +287,65 @@ def test_a_hostile_urdf_gets_into_comments_only(tmp_path: Path) -> None:
         path.write_text(urdf, encoding="utf-8")
         robot = rp.Robot.load(path)
         task = robot.task("tool" if kind == "plain" else hostile["tool"], "position")
-        fields = rp.Polynomial(task.reference, 1)
-        inverse = rp.RepeatableInverse(task, fields.weighted(np.ones((4, 1))))
+        potentials = rp.Polynomial(task.reference, 1)
+        inverse = rp.RepeatableInverse(task, potentials.weighted(np.ones((4, 1))))
         files = rp.export_c(inverse, tmp_path / kind)
         assert sorted(file.parent for file in files) == [tmp_path / kind] * 7
         code = "".join(file.read_text(encoding="ascii") for file in files)
         assert "??" not in code and max(map(len, re.findall(r"/\*.*?\*/", code, re.DOTALL))) < 4000
         texts[kind] = re.sub(r"/\*.*?\*/", "", code, flags=re.DOTALL)
     assert texts["plain"] == texts["hostile"]
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["hostile", "hostile.urdf", "plain", "plain.urdf"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == [
+        "hostile",
+        "hostile.urdf",
+        "plain",
+        "plain.urdf",
+    ]
 
 
 def test_two_exports_give_the_same_bytes(panda_design: rp.Design, tmp_path: Path) -> None:
     first, second = (
-        rp.export_c(panda_design.inverse, tmp_path / folder, "panda_control", region=panda_design.region)
+        rp.export_c(
+            panda_design.inverse, tmp_path / folder, "panda_control", region=panda_design.region
+        )
         for folder in "ab"
     )
     assert [f.name for f in first] == [f.name for f in second] and len(first) == 7
     for one, other in zip(first, second, strict=True):
         assert one.read_bytes() == other.read_bytes()
     header = first[0].read_text()
-    for words in (rp.__version__, "panda (panda.urdf)", "panda_hand_tcp", "v, omega", "panda_joint7, rad", "box +-0.4"):
+    for words in (
+        rp.__version__,
+        "panda (panda.urdf)",
+        "panda_hand_tcp",
+        "v, omega",
+        "panda_joint7, rad",
+        "box +-0.4",
+    ):
         assert words in header
 
 
 @pytest.mark.parametrize(
     "name", ["", "3d", "a-b", "int", "Math", "check", "a__b", "_a", "ä", "x" * 41, "a/b", "a\n", 3]
 )
-def test_names_that_c_cannot_have_are_refused(name: Any, panda_design: rp.Design, tmp_path: Path) -> None:
+def test_names_that_c_cannot_have_are_refused(
+    name: Any, panda_design: rp.Design, tmp_path: Path
+) -> None:
     with pytest.raises(rp.InputError) as caught:
         rp.export_c(panda_design.inverse, tmp_path, name)
     assert "\n" not in str(caught.value) and not list(tmp_path.iterdir())
     assert checked_name("panda_control") == "panda_control"
 
 
-def test_what_cannot_be_written_down_is_refused(panda_pose: rp.Task, panda_design: rp.Design, tmp_path: Path) -> None:
+def test_what_cannot_be_written_down_is_refused(
+    panda_pose: rp.Task, panda_design: rp.Design, tmp_path: Path
+) -> None:
     class Ball(Region):
         center = np.zeros(7)
 
-    own = rp.Potentials([lambda q: float(q[0])]).weighted(np.ones((1, 1)))
+    own = rp.CustomPotentials([lambda q: float(q[0])]).weighted(np.ones((1, 1)))
     for inverse, words in (
-        (rp.RepeatableInverse(panda_pose, own), "PotentialsMap cannot be written"),
+        (rp.RepeatableInverse(panda_pose, own), "CustomMap cannot be written"),
         (rp.ExtendedJacobian(panda_pose, Q_PANDA), "ExtendedMap cannot be written"),
         (rp.Pseudoinverse(panda_pose), "inverse must be a repeatable inverse"),
     ):
@@ -300,10 +358,13 @@ def test_what_cannot_be_written_down_is_refused(panda_pose: rp.Task, panda_desig
         rp.export_c(panda_design.inverse, tmp_path, region=rp.Box(np.zeros(3), 1))
 
 
-# ---- the command -----------------------------------------------------------------------------------
+# ---- the command
+# -----------------------------------------------------------------------------------
 
 
-def test_the_command_writes_a_saved_design(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
+def test_the_command_writes_a_saved_design(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
+) -> None:
     monkeypatch.chdir(tmp_path)
     Path("arm.urdf").write_text(planar_urdf([1, 0.8, 0.6]), encoding="utf-8")
     small = ["--degree", "1", "--samples", "256", "--held-out", "256", "--region", "0.2", "--quiet"]
@@ -314,8 +375,14 @@ def test_the_command_writes_a_saved_design(tmp_path: Path, monkeypatch: pytest.M
     given = ["export", "design.json", "--robot", "arm.urdf"]
     assert "means something else" in refused(capsys, *given, "--name", "double")
     said = told(capsys, *given, "--to", "c", "--name", "planar")
-    assert said["n"] == 3 and {Path(f).name for f in said["files"]} >= {"planar.h", "planar.c", "check.c"}
-    assert "holds the control 'planar' already" in refused(capsys, *given, "--to", "c", "--name", "other")
+    assert said["n"] == 3 and {Path(f).name for f in said["files"]} >= {
+        "planar.h",
+        "planar.c",
+        "check.c",
+    }
+    assert "holds the control 'planar' already" in refused(
+        capsys, *given, "--to", "c", "--name", "other"
+    )
     assert told(capsys, *given, "--to", "c", "--name", "planar")["files"] == said["files"]
     assert main([*given, "--to", "d"]) == 0
     assert capsys.readouterr().out.splitlines()[0] == "wrote d/arm_control.h"
@@ -327,7 +394,9 @@ OURS = ("CMakeLists.txt", "loop.c", "check.c", "test_vectors.h", "arm.c", "arm.h
 
 @pytest.mark.parametrize("file", OURS)
 @pytest.mark.parametrize("theirs", ["a file of the user's", "an edited file", "an empty file"])
-def test_a_file_that_was_not_written_here_is_not_overwritten(file: str, theirs: str, tmp_path: Path) -> None:
+def test_a_file_that_was_not_written_here_is_not_overwritten(
+    file: str, theirs: str, tmp_path: Path
+) -> None:
     inverse, _ = CONTROLS["ppr, degree 5 of some joints"](tmp_path)
     folder = tmp_path / "c"
     if theirs == "an edited file":
@@ -339,6 +408,8 @@ def test_a_file_that_was_not_written_here_is_not_overwritten(file: str, theirs: 
         text = "project(mine)\n" if theirs == "a file of the user's" else ""
     (folder / file).write_text(text, encoding="utf-8")
     before = {path: path.read_bytes() for path in folder.iterdir()}
-    with pytest.raises(rp.InputError, match=f"{re.escape(file)} was not written by repctl_pin, or was edited since"):
+    with pytest.raises(
+        rp.InputError, match=f"{re.escape(file)} was not written by repctl_pin, or was edited since"
+    ):
         rp.export_c(inverse, folder, "arm")
     assert {path: path.read_bytes() for path in folder.iterdir()} == before

@@ -1,4 +1,5 @@
-"""Exported folders, built strictly and run: on this machine, with sanitizers, on other processors."""
+"""Exported folders, built strictly and run: on this machine, with sanitizers, on other
+processors."""
 
 from __future__ import annotations
 
@@ -23,7 +24,9 @@ FUZZ = Path(__file__).with_name("fuzz.c")
 
 def run(command: Sequence[str | Path], folder: Path) -> str:
     """Run a command that must do what it should; what it says."""
-    done = subprocess.run([str(c) for c in command], cwd=folder, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [str(c) for c in command], cwd=folder, capture_output=True, text=True, check=False
+    )
     assert done.returncode == 0, f"{command}\n{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
     return done.stdout
 
@@ -37,12 +40,27 @@ def needed(*programs: str) -> None:
 
 def built_and_checked(folder: Path, compiler: str, *flags: str, by: Sequence[str] = ()) -> None:
     """Compile strictly, and run check.c."""
-    run([compiler, *BUILDS.get(compiler, C99), *STRICT, *flags, "arm.c", "check.c", "-o", "check", "-lm"], folder)
+    run(
+        [
+            compiler,
+            *BUILDS.get(compiler, C99),
+            *STRICT,
+            *flags,
+            "arm.c",
+            "check.c",
+            "-o",
+            "check",
+            "-lm",
+        ],
+        folder,
+    )
     said = run([*by, "./check"], folder)
     assert re.match(r"48 vectors, 0 differences, the greatest \d", said)
 
 
-def region_of(kind: str, task: rp.Task, q0: np.ndarray) -> rp.Box | rp.Tube | rp.WorkspaceBox | None:
+def region_of(
+    kind: str, task: rp.Task, q0: np.ndarray
+) -> rp.Box | rp.Tube | rp.WorkspaceBox | None:
     """A region of one kind round a configuration."""
     box = rp.Box(q0, 0.3)
     if kind == "tube":
@@ -67,12 +85,19 @@ CASES = {
 def exported(name: str, folder: Path, region: str | None = None) -> Path:
     """Export a control under the name ``arm``."""
     inverse, q0 = CONTROLS[name](folder)
-    rp.export_c(inverse, folder / "c", "arm", region=region_of(region or CASES.get(name, "box"), inverse.task, q0))
+    rp.export_c(
+        inverse,
+        folder / "c",
+        "arm",
+        region=region_of(region or CASES.get(name, "box"), inverse.task, q0),
+    )
     return folder / "c"
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_it_builds_without_a_warning_and_computes_what_python_does(name: str, tmp_path: Path) -> None:
+def test_it_builds_without_a_warning_and_computes_what_python_does(
+    name: str, tmp_path: Path
+) -> None:
     needed("gcc")
     folder = exported(name, tmp_path)
     for compiler in BUILDS if name == "panda, axis, degree 2" else ["gcc"]:
@@ -94,11 +119,17 @@ def test_a_wrong_build_is_told(tmp_path: Path) -> None:
     needed("gcc")
     folder = exported("panda, xz, degree 1", tmp_path)
     code = (folder / "arm.c").read_text()
-    for wrong in (code.replace("0.316", "0.317"), code.replace("return ARM_BAD_NUMBER", "return ARM_SINGULAR")):
+    for wrong in (
+        code.replace("0.316", "0.317"),
+        code.replace("return ARM_BAD_NUMBER", "return ARM_SINGULAR"),
+    ):
         assert wrong != code
         (folder / "arm.c").write_text(wrong)
         run(["gcc", "-w", "arm.c", "check.c", "-o", "check", "-lm"], folder)
-        assert subprocess.run(["./check"], cwd=folder, capture_output=True, check=False).returncode == 1
+        assert (
+            subprocess.run(["./check"], cwd=folder, capture_output=True, check=False).returncode
+            == 1
+        )
 
 
 def test_cmake_builds_and_tests_it(panda_design: rp.Design, tmp_path: Path) -> None:
@@ -138,7 +169,9 @@ int main() {
 def test_the_cpp_face(compiler: str, panda_design: rp.Design, tmp_path: Path) -> None:
     needed(compiler, "cc")
     rp.export_c(panda_design.inverse, tmp_path, "panda_control", region=panda_design.region)
-    (tmp_path / "use.cpp").write_text(CPP.replace("@q", "{" + ", ".join(map(repr, Q_PANDA.tolist())) + "}"))
+    (tmp_path / "use.cpp").write_text(
+        CPP.replace("@q", "{" + ", ".join(map(repr, Q_PANDA.tolist())) + "}")
+    )
     run(["cc", "-std=c99", *STRICT, "-c", "panda_control.c"], tmp_path)
     run([compiler, "-std=c++17", *STRICT, "use.cpp", "panda_control.o", "-o", "use"], tmp_path)
     said = np.array(run(["./use"], tmp_path).split(), float).reshape(2, 7)
@@ -201,7 +234,9 @@ int main(void) {
 
 
 @pytest.mark.slow
-def test_10000_cycles_have_no_trend_and_end_where_python_does(panda_design: rp.Design, tmp_path: Path) -> None:
+def test_10000_cycles_have_no_trend_and_end_where_python_does(
+    panda_design: rp.Design, tmp_path: Path
+) -> None:
     """With the leaf lock, one whole Newton step each time."""
     needed("gcc")
     inverse, task, cycles = panda_design.inverse, panda_design.task, 10_000
@@ -216,11 +251,15 @@ def test_10000_cycles_have_no_trend_and_end_where_python_does(panda_design: rp.D
     ways = []
     for k in range(500):
         angle, target = 2 * np.pi * k / 500, centre.copy()
-        target.translation = centre.translation + 0.1 * np.array([np.cos(angle) - 1, np.sin(angle), 0])
+        target.translation = centre.translation + 0.1 * np.array(
+            [np.cos(angle) - 1, np.sin(angle), 0]
+        )
         twist = 0.1 * 2 * np.pi / 5 * np.array([-np.sin(angle), np.cos(angle), 0, 0, 0, 0])
         ways.append((target, twist))
     for _ in range(cycles):
         for target, twist in ways:
             q = inverse.step(q, target, 0.01, twist, leaf=leaf)
-    print(f"C and Python {np.abs(q - ends[-1]).max():.1e} apart, drift {np.abs(q - Q_PANDA).max():.1e}")
+    print(
+        f"C and Python {np.abs(q - ends[-1]).max():.1e} apart, drift {np.abs(q - Q_PANDA).max():.1e}"
+    )
     assert np.abs(q - ends[-1]).max() < 1e-9

@@ -45,7 +45,10 @@ def test_f_in_c_is_f(name: str, tmp_path: Path) -> None:
     assert vectors.count("ARM_OK") >= 12 and vectors.count("ARM_OUTSIDE") >= 2
     for compiler in BUILDS if name == "poses" else ["gcc"]:
         needed(compiler)
-        run([compiler, *BUILDS[compiler], *STRICT, "arm.c", "check.c", "-o", "check", "-lm"], tmp_path)
+        run(
+            [compiler, *BUILDS[compiler], *STRICT, "arm.c", "check.c", "-o", "check", "-lm"],
+            tmp_path,
+        )
         assert run(["./check"], tmp_path).startswith("48 vectors, 0 differences")
     wrong = (tmp_path / "arm.c").read_text().replace("turn < 12", "turn < 1")
     (tmp_path / "arm.c").write_text(wrong)
@@ -53,7 +56,16 @@ def test_f_in_c_is_f(name: str, tmp_path: Path) -> None:
     with pytest.raises(AssertionError, match="F returns"):
         run(["./check"], tmp_path)
     run(
-        ["g++", "-std=c++17", *STRICT, "-fsyntax-only", "-x", "c++", "arm.hpp", "-Wno-pragma-once-outside-header"],
+        [
+            "g++",
+            "-std=c++17",
+            *STRICT,
+            "-fsyntax-only",
+            "-x",
+            "c++",
+            "arm.hpp",
+            "-Wno-pragma-once-outside-header",
+        ],
         tmp_path,
     )
 
@@ -74,7 +86,8 @@ def words(question: Callable[[], object]) -> str:
 
 
 def compare_f(function: rp.InverseFunction, count: int) -> tuple[float, int]:
-    """The greatest difference between F in Python and in C in and beyond the cell, and how many are refused alike."""
+    """The greatest difference between F in Python and in C in and beyond the cell, and how many are
+    refused alike."""
     fast, worst, none = rp.compiled(function), 0.0, 0
     assert fast.inverse._loop.own.inverses is not None
     for k, (target, c) in enumerate(targets(function, count, seed=3)):
@@ -100,7 +113,9 @@ def test_compiled_f_is_f(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     assert isinstance(fast, rp.InverseFunction) and fast.cell is function.cell
     poses = [function.cell.at(u) for u in U]
     expected, moved = (np.array([function(x, leaf=leaf) for x in poses]) for leaf in (None, c))
-    assert np.abs(fast.batch(U) - function.batch(U)).max() < 1e-9  # which takes one Newton step more
+    assert (
+        np.abs(fast.batch(U) - function.batch(U)).max() < 1e-9
+    )  # which takes one Newton step more
     with monkeypatch.context() as patch:  # neither F nor its batch comes back to Python's
         patch.setattr(rp.InverseFunction, "__call__", None)
         patch.setattr(rp.InverseFunction, "_batch", None)
@@ -117,7 +132,10 @@ def test_compiled_f_is_f(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_compiled_f_refuses_in_pythons_words() -> None:
     function = function_of("poses")
     middle, cell, fast = function.cell.placement, function.cell, rp.compiled(function)
-    nowhere, turned = pin.SE3(np.eye(3), np.full(3, np.nan)), pin.SE3(np.full((3, 3), np.nan), np.zeros(3))
+    nowhere, turned = (
+        pin.SE3(np.eye(3), np.full(3, np.nan)),
+        pin.SE3(np.full((3, 3), np.nan), np.zeros(3)),
+    )
     for ask in (
         lambda one: one(nowhere),
         lambda one: one(turned),
@@ -143,7 +161,9 @@ def test_a_bad_number_is_named_by_the_control_of_a_cell(name: str, bad: float) -
     q = np.append(bad, np.zeros(task.n - 1))
     assert "q must be 7 finite numbers" in words(lambda: inverse.velocity(q, np.ones(task.m)))
     for options in ({}, {"damping": 0.1}):
-        assert "q must be 7 finite numbers" in words(lambda options=options: inverse.step(q, middle, 0.01, **options))
+        assert "q must be 7 finite numbers" in words(
+            lambda options=options: inverse.step(q, middle, 0.01, **options)
+        )
 
 
 def test_without_a_compiler_pythons_f_serves(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -162,7 +182,9 @@ def test_without_a_compiler_pythons_f_serves(monkeypatch: pytest.MonkeyPatch) ->
 def test_f_and_its_control_agree_at_10000(name: str) -> None:
     function = function_of(name)
     worst, none = compare_f(function, 10_000)
-    steps, refused = disagreement(function.inverse, function(function.cell.placement), 10_000, spread=0.1)
+    steps, refused = disagreement(
+        function.inverse, function(function.cell.placement), 10_000, spread=0.1
+    )
     print(f"{name}: F {worst:.1e}, {none} refused; its control {steps:.1e}, {refused} refused")
     assert max(worst, steps) < AGREE
 
@@ -202,7 +224,8 @@ int main(void)
 
 
 def test_a_cells_control_in_c_knows_its_cell_and_the_limits(tmp_path: Path) -> None:
-    """Outside the cell, and where a step would pass a joint's limit, it says so; told to go on, it goes on."""
+    """Outside the cell, and where a step would pass a joint's limit, it says so; told to go on, it
+    goes on."""
     needed("gcc")
     cell = cell_of("pose", 0.3)
     q = rp.solve_ik(cell.task, Q_PANDA, cell.placement)
@@ -210,11 +233,22 @@ def test_a_cells_control_in_c_knows_its_cell_and_the_limits(tmp_path: Path) -> N
     outside = q + np.array([0.0, 0.0, 0.0, 0.9, 0.0, 0.0, 0.0])
     edge, onward, leaf = limit_edge(function)
     rp.export_c(function.inverse, tmp_path, "arm")
-    middle, scaled = cell.placement, pin.SE3(1.01 * cell.placement.rotation, cell.placement.translation)
-    parts = {"inside": row(q), "outside": row(outside), "edge": row(edge), "leaf": row(leaf), "middle": pose(middle)}
+    middle, scaled = (
+        cell.placement,
+        pin.SE3(1.01 * cell.placement.rotation, cell.placement.translation),
+    )
+    parts = {
+        "inside": row(q),
+        "outside": row(outside),
+        "edge": row(edge),
+        "leaf": row(leaf),
+        "middle": pose(middle),
+    }
     parts |= {"beyond": pose(onward), "scaled": pose(scaled)}
     rp.export_c(function, tmp_path / "F", "arm")
-    (tmp_path / "F" / "knows.c").write_text(re.sub("@([a-z]+)", lambda found: parts[found[1]], KNOWS))
+    (tmp_path / "F" / "knows.c").write_text(
+        re.sub("@([a-z]+)", lambda found: parts[found[1]], KNOWS)
+    )
     run(["gcc", "-std=c99", *STRICT, "arm.c", "knows.c", "-o", "knows", "-lm"], tmp_path / "F")
     assert run(["./knows"], tmp_path / "F") == "1 0 3 0 3 3 3 0 0 2 2"
     run(["gcc", "-std=c99", *STRICT, "arm.c", "check.c", "-o", "check", "-lm"], tmp_path)
@@ -229,7 +263,8 @@ def test_a_cells_control_in_c_knows_its_cell_and_the_limits(tmp_path: Path) -> N
 
 
 def limit_edge(function: rp.InverseFunction) -> tuple[np.ndarray, pin.SE3, np.ndarray]:
-    """A q in the cell, its pose, and a leaf on which a step to that pose takes a joint beyond its limit."""
+    """A q in the cell, its pose, and a leaf on which a step to that pose takes a joint beyond its
+    limit."""
     task, inverse, target = function.task, function.inverse, function.cell.placement
     for way in (0.05, -0.05):
         q = function(target)

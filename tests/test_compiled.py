@@ -1,4 +1,5 @@
-"""rp.compiled: the same object, built once, kept where only the user writes; Python where there is no compiler."""
+"""rp.compiled: the same object, built once, kept where only the user writes; Python where there is
+no compiler."""
 
 from __future__ import annotations
 
@@ -40,22 +41,34 @@ def test_it_is_the_same_object(panda_design: rp.Design, panda_pose: rp.Task) -> 
     inverse = panda_design.inverse
     fast = rp.compiled(inverse)
     assert (
-        isinstance(fast, rp.RepeatableInverse) and fast.task.frame == inverse.task.frame and fast.field is inverse.field
+        isinstance(fast, rp.RepeatableInverse)
+        and fast.task.frame == inverse.task.frame
+        and fast.potentials is inverse.potentials
     )
     path = rp.circle(panda_pose, Q_PANDA, 0.1, normal="x")
-    motions = [rp.follow(one, path, Q_PANDA, cycles=2, steps=100, leaf_lock=1) for one in (inverse, fast)]
+    motions = [
+        rp.follow(one, path, Q_PANDA, cycles=2, steps=100, leaf_lock=1) for one in (inverse, fast)
+    ]
     assert np.abs(motions[0].q - motions[1].q).max() < 1e-11 and motions[1].drift[-1] < 1e-3
     target = panda_pose.placement(Q_PANDA + 0.1)
     assert np.allclose(fast.solve(target, Q_PANDA), inverse.solve(target, Q_PANDA), atol=1e-10)
-    assert np.allclose(fast(Q_PANDA), inverse(Q_PANDA)) and np.array_equal(fast.leaf(Q_PANDA), inverse.leaf(Q_PANDA))
+    assert np.allclose(fast(Q_PANDA), inverse(Q_PANDA)) and np.array_equal(
+        fast.leaf(Q_PANDA), inverse.leaf(Q_PANDA)
+    )
     other = pickle.loads(pickle.dumps(fast))
     assert other._loop.own.inverses is not None
     assert np.array_equal(other.step(Q_PANDA, target, 0.01), fast.step(Q_PANDA, target, 0.01))
 
 
 @NEEDS_C
-def test_results_are_fresh_and_arguments_untouched(panda_design: rp.Design, panda_pose: rp.Task) -> None:
-    fast, target, xdot = rp.compiled(panda_design.inverse), panda_pose.placement(Q_PANDA + 0.02), np.ones(6)
+def test_results_are_fresh_and_arguments_untouched(
+    panda_design: rp.Design, panda_pose: rp.Task
+) -> None:
+    fast, target, xdot = (
+        rp.compiled(panda_design.inverse),
+        panda_pose.placement(Q_PANDA + 0.02),
+        np.ones(6),
+    )
     q = Q_PANDA.copy()
     q.setflags(write=False)
     first, following = fast.velocity(q, xdot), fast.step(q, target, 0.01, xdot)
@@ -63,7 +76,7 @@ def test_results_are_fresh_and_arguments_untouched(panda_design: rp.Design, pand
     fast.velocity(q + 0.1, 2 * xdot), fast.step(q + 0.1, target, 0.01)
     assert np.array_equal(first, kept[0]) and np.array_equal(following, kept[1])
     # A bounded step leaves nothing behind that a free one would see.
-    fast.step(q, target, 0.01, limit=0.1, damping=0.1)
+    fast.step(q, target, 0.01, velocity_limit=0.1, damping=0.1)
     assert fast.slowed < 1 and np.array_equal(fast.step(q, target, 0.01, xdot), kept[1])
     assert np.allclose(fast.velocity(list(q), [1, 1, 1, 1, 1, 1]), first)
     view = np.stack([q, q], axis=1)[:, 0]
@@ -72,9 +85,16 @@ def test_results_are_fresh_and_arguments_untouched(panda_design: rp.Design, pand
 
 @NEEDS_C
 @pytest.mark.parametrize("case", BAD_STEPS)
-def test_bad_steps_get_the_same_line(case: str, panda_design: rp.Design, panda_pose: rp.Task) -> None:
+def test_bad_steps_get_the_same_line(
+    case: str, panda_design: rp.Design, panda_pose: rp.Task
+) -> None:
     inverse, (changed, words) = panda_design.inverse, BAD_STEPS[case]
-    good = {"q": Q_PANDA + 0.01, "target": panda_pose.placement(Q_PANDA), "dt": 0.01, "leaf": inverse.leaf(Q_PANDA)}
+    good = {
+        "q": Q_PANDA + 0.01,
+        "target": panda_pose.placement(Q_PANDA),
+        "dt": 0.01,
+        "leaf": inverse.leaf(Q_PANDA),
+    }
     said = []
     fast = rp.compiled(inverse)
     before = fast.step(**good)
@@ -116,7 +136,8 @@ def test_singular_is_said_in_the_same_words() -> None:
         rp.compiled(inverse).batch(np.array([[0.3, 0.8, 0.8], [0, 0, 0]]))
 
 
-# ---- the cache -------------------------------------------------------------------------------------
+# ---- the cache
+# -------------------------------------------------------------------------------------
 
 
 @NEEDS_C
@@ -148,7 +169,11 @@ def test_what_was_tampered_with_is_built_again(harm: str, cache: Path, tmp_path:
         library.with_suffix(".sha256").unlink()
     assert shared_library(CODE) == library
     status = library.lstat()
-    assert stat.S_ISREG(status.st_mode) and not status.st_mode & 0o022 and b"answer" in library.read_bytes()
+    assert (
+        stat.S_ISREG(status.st_mode)
+        and not status.st_mode & 0o022
+        and b"answer" in library.read_bytes()
+    )
     assert library.read_bytes()[:1000] == whole[:1000]
 
 
@@ -167,13 +192,21 @@ def test_two_at_once_do_no_harm(cache: Path) -> None:
         "from repctl_pin.codegen.build import shared_library; import ctypes\n"
         f"print(ctypes.CDLL(str(shared_library({CODE!r}))).answer())"
     )
-    running = [subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) for _ in range(2)]
+    running = [
+        subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+        for _ in range(2)
+    ]
     assert [process.communicate()[0] for process in running] == ["42\n"] * 2
     assert len(list(cache.iterdir())) == 2
 
 
 @pytest.mark.parametrize(
-    "cc, words", [("no-such-compiler", "no C compiler 'no-such-compiler'"), ("false", "could not compile"), ("'", "CC")]
+    "cc, words",
+    [
+        ("no-such-compiler", "no C compiler 'no-such-compiler'"),
+        ("false", "could not compile"),
+        ("'", "CC"),
+    ],
 )
 def test_without_a_compiler_it_says_so_and_python_serves(
     cc: str, words: str, panda_design: rp.Design, monkeypatch: pytest.MonkeyPatch
@@ -181,7 +214,9 @@ def test_without_a_compiler_it_says_so_and_python_serves(
     monkeypatch.setenv("CC", cc)
     with pytest.warns(UserWarning, match=f"{words}.*; Python serves"):
         slow = rp.compiled(panda_design.inverse)
-    assert np.array_equal(slow.velocity(Q_PANDA, np.ones(6)), panda_design.inverse.velocity(Q_PANDA, np.ones(6)))
+    assert np.array_equal(
+        slow.velocity(Q_PANDA, np.ones(6)), panda_design.inverse.velocity(Q_PANDA, np.ones(6))
+    )
 
 
 def test_no_compiler_at_all(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -204,14 +239,17 @@ def test_one_for_each_thread(panda_design: rp.Design) -> None:
 
 
 @NEEDS_C
-def test_a_home_that_cannot_be_written_does_no_harm(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_home_that_cannot_be_written_does_no_harm(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     library = shared_library(CODE)
     assert library.is_file() and stat.S_IMODE(os.stat(library.parent).st_mode) == 0o700
 
 
-# ---- compilers that are none -----------------------------------------------------------------------
+# ---- compilers that are none
+# -----------------------------------------------------------------------
 
 OUT = 'while [ $# -gt 1 ]; do if [ "$1" = -o ]; then out="$2"; fi; shift; done\n'
 USELESS = {
@@ -220,7 +258,9 @@ USELESS = {
     "a folder": OUT + 'mkdir "$out"',
     "a pipe": OUT + 'mkfifo "$out"',
     "an object file": 'cc -c "$@"',
-    "a library cut short": 'cc "$@"\n' + OUT + 'head -c 3000 "$out" > "$out.cut"; mv "$out.cut" "$out"',
+    "a library cut short": 'cc "$@"\n'
+    + OUT
+    + 'head -c 3000 "$out" > "$out.cut"; mv "$out.cut" "$out"',
     "another library": OUT + 'echo "int other;" > "$out.c"; cc -shared -fPIC "$out.c" -o "$out"',
     "an escape": "printf '\\033]0;title\\007 error \\033[31m' >&2; exit 1",
 }
@@ -292,14 +332,21 @@ def test_without_a_home_a_temporary_folder_serves(monkeypatch: pytest.MonkeyPatc
     assert shared_library(CODE).is_file()
 
 
-# ---- large numbers, and rotations that are none ----------------------------------------------------
+# ---- large numbers, and rotations that are none
+# ----------------------------------------------------
 
 
 @NEEDS_C
 @pytest.mark.parametrize("size", [1e100, 1e150])
-@pytest.mark.parametrize("where", ["q", "leaf", "a coefficient", "xdot", "a twist", "dt", "a target"])
-def test_large_numbers_have_one_rule_in_python_and_c(size: float, where: str, panda_pose: rp.Task) -> None:
-    A = np.append(rp.redundancy.nullspace(panda_pose.jacobian(Q_PANDA))[:, 0], np.full(28, 0.01))[:, None]
+@pytest.mark.parametrize(
+    "where", ["q", "leaf", "a coefficient", "xdot", "a twist", "dt", "a target"]
+)
+def test_large_numbers_have_one_rule_in_python_and_c(
+    size: float, where: str, panda_pose: rp.Task
+) -> None:
+    A = np.append(rp.redundancy.nullspace(panda_pose.jacobian(Q_PANDA))[:, 0], np.full(28, 0.01))[
+        :, None
+    ]
     A[7] = size if where == "a coefficient" else A[7]
     inverse = rp.RepeatableInverse(panda_pose, rp.Polynomial(Q_PANDA, 2, 0.5).weighted(A))
     fast, q, xdot, twist, far = (
@@ -315,19 +362,31 @@ def test_large_numbers_have_one_rule_in_python_and_c(size: float, where: str, pa
     far = pin.SE3(far.rotation, np.full(3, size)) if where == "a target" else far
 
     def damped(one: rp.RepeatableInverse) -> np.ndarray:
-        return one.step(q, far, dt, twist, leaf=leaf, limit=1.0, damping=0.1)
+        return one.step(q, far, dt, twist, leaf=leaf, velocity_limit=1.0, damping=0.1)
 
-    for ask in (lambda one: one.velocity(q, xdot), lambda one: one.step(q, far, dt, twist, leaf=leaf), damped):
+    for ask in (
+        lambda one: one.velocity(q, xdot),
+        lambda one: one.step(q, far, dt, twist, leaf=leaf),
+        damped,
+    ):
         answers = [answer(lambda one=one, ask=ask: ask(one)) for one in (inverse, fast)]
         if any(isinstance(a, str) for a in answers):
             assert answers[0] == answers[1]
         else:
             assert np.isfinite(answers).all()
-            hard = where in ("q", "a coefficient")  # singular values of rows of 1 and 1e100 are those of rounding
+            hard = where in (
+                "q",
+                "a coefficient",
+            )  # singular values of rows of 1 and 1e100 are those of rounding
             assert np.allclose(*answers, rtol=1e-6) or (hard and ask is damped)
 
 
-TURNS = {"reflected": np.diag([1.0, 1.0, -1.0]), "ones": np.ones((3, 3)), "twice": 2.0, "1e-5 too large": 1 + 1e-5}
+TURNS = {
+    "reflected": np.diag([1.0, 1.0, -1.0]),
+    "ones": np.ones((3, 3)),
+    "twice": 2.0,
+    "1e-5 too large": 1 + 1e-5,
+}
 
 
 @NEEDS_C

@@ -1,4 +1,5 @@
-"""Completion: what bash is offered, and that every word it is offered is one that the commands take."""
+"""Completion: what bash is offered, and that every word it is offered is one that the commands
+take."""
 
 from __future__ import annotations
 
@@ -12,8 +13,8 @@ import pytest
 import repctl_pin as rp
 from repctl_pin.cli import main, parser
 from repctl_pin.cli.completion import SHELLS, WORDS, script
-from repctl_pin.motion.shapes import PLANES
 from repctl_pin.motion.spec import parse_path
+from repctl_pin.paths.shapes import PLANES
 from repctl_pin.robot.task import KINDS
 from repctl_pin.show.palette import COLOURS
 from repctl_pin.studies.defaults import choose_desired
@@ -29,7 +30,9 @@ def offered(folder: Path, *words: str) -> set[str]:
         f"source complete.bash; COMP_WORDS=({quoted}); COMP_CWORD={len(words)}; "
         "$(complete -p repctl | sed 's/.*-F \\([^ ]*\\) .*/\\1/') repctl; printf '%s\\n' \"${COMPREPLY[@]}\""
     )
-    done = subprocess.run(["bash", "-c", program], cwd=folder, capture_output=True, text=True, timeout=30)
+    done = subprocess.run(
+        ["bash", "-c", program], cwd=folder, capture_output=True, text=True, timeout=30
+    )
     return set(done.stdout.split("\n")) - {""}
 
 
@@ -40,7 +43,9 @@ def test_bash_is_offered_commands_options_robots_words_and_files(tmp_path: Path)
     (tmp_path / "folder").mkdir()
     assert offered(tmp_path, "") >= set(COMMANDS)
     assert offered(tmp_path, "st") == {"study"}
-    assert {"panda", "pr2"} <= offered(tmp_path, "study", "p") and "mine.urdf" in offered(tmp_path, "study", "mi")
+    assert {"panda", "pr2"} <= offered(tmp_path, "study", "p") and "mine.urdf" in offered(
+        tmp_path, "study", "mi"
+    )
     assert {"--frame", "--path", "--cycles"} <= offered(tmp_path, "study", "panda", "--")
     assert offered(tmp_path, "study", "panda", "--plane", "") >= set(PLANES)
     assert "folder" in offered(tmp_path, "study", "panda", "--out", "f")
@@ -57,7 +62,12 @@ def test_every_shell_gets_a_script(shell: str, capsys: pytest.CaptureFixture[str
 
 
 def test_every_word_is_one_the_commands_take() -> None:
-    known = {name for part in COMMANDS.values() for action in part._actions for name in action.option_strings}
+    known = {
+        name
+        for part in COMMANDS.values()
+        for action in part._actions
+        for name in action.option_strings
+    }
     assert set(WORDS) <= known
     words = {name: text.split() for name, text in WORDS.items()}
     assert words["--task"] == list(KINDS) or set(words["--task"]) == set(KINDS)

@@ -1,4 +1,5 @@
-"""The control step: the same numbers as plain formulas, fresh results, limits kept, bad input named."""
+"""The control step: the same numbers as plain formulas, fresh results, limits kept, bad input
+named."""
 
 from __future__ import annotations
 
@@ -12,28 +13,30 @@ import pinocchio as pin
 import pytest
 
 import repctl_pin as rp
-from repctl_pin.fields.inplace import in_place as field_in_place
-from repctl_pin.robot.inplace import in_place as task_in_place
+from repctl_pin.potentials.fast_potentials import in_place as field_in_place
+from repctl_pin.robot.fast_kinematics import in_place as task_in_place
 from repctl_pin.strategies.control_step import damped
 
 KINDS = ("pose", "axis", "position", "xy", "xz", "yz")
 
 
-def some_field(task: rp.Task, center: np.ndarray, degree: int, seed: int = 0) -> rp.RepeatableInverse:
-    """A field near constant rows: regular near the center, curved away from it."""
+def some_field(
+    task: rp.Task, center: np.ndarray, degree: int, seed: int = 0
+) -> rp.RepeatableInverse:
+    """A potentials near constant rows: regular near the center, curved away from it."""
     rng = np.random.default_rng(seed)
-    fields = rp.Polynomial(center, degree, 0.5)
-    A = 0.05 * rng.normal(size=(fields.size, task.r))
+    potentials = rp.Polynomial(center, degree, 0.5)
+    A = 0.05 * rng.normal(size=(potentials.size, task.r))
     A[: task.n] = rp.redundancy.nullspace(task.jacobian(center)) * 0.5 / np.sqrt(3)
-    return rp.RepeatableInverse(task, fields.weighted(A))
+    return rp.RepeatableInverse(task, potentials.weighted(A))
 
 
 def plain_step(inverse: rp.RepeatableInverse, q, target, dt, twist, leaf, gain) -> np.ndarray:
     """The law as it stands, with NumPy's general solver."""
     task = inverse.task
-    J_V = np.vstack([task.jacobian(q), inverse.field.gradient(q).T])
-    errors = np.concatenate([task.error(q, target), leaf - inverse.field.value(q)])
-    rates = np.concatenate([task.rate(q, twist), np.zeros(task.r)])
+    J_V = np.vstack([task.jacobian(q), inverse.potentials.gradient(q).T])
+    errors = np.concatenate([task.error(q, target), leaf - inverse.potentials.value(q)])
+    rates = np.concatenate([task.task_velocity(q, twist), np.zeros(task.r)])
     return q + np.linalg.solve(J_V, dt * rates + gain * dt * errors)
 
 
@@ -45,15 +48,17 @@ def test_in_place_kinematics_are_the_tasks_own(panda: rp.Robot, q_panda, kind: s
         J, e = np.empty((task.m, 7), order="F"), np.empty(task.m)
         quick = task_in_place(task, J, e)
         for _ in range(5):
-            q = (q_panda if task is plain else task.coordinates.coordinates(q_panda)) + 0.3 * rng.normal(size=7)
+            q = (
+                q_panda if task is plain else task.coordinates.coordinates(q_panda)
+            ) + 0.3 * rng.normal(size=7)
             target, twist = pin.SE3.Random(), rng.normal(size=6)
             quick.jacobian(q)
             assert np.allclose(J, task.jacobian(q), rtol=0, atol=1e-14)
             quick.jacobian(q)
-            rate = quick.rate(twist)
+            rate = quick.task_velocity(twist)
             quick.error(target)
             assert np.allclose(e, task.error(q, target), rtol=0, atol=1e-13)
-            assert np.allclose(rate, task.rate(q, twist), rtol=0, atol=1e-14)
+            assert np.allclose(rate, task.task_velocity(q, twist), rtol=0, atol=1e-14)
 
 
 @pytest.mark.parametrize("degree", [1, 2, 3, 4, 5])
@@ -61,14 +66,14 @@ def test_in_place_kinematics_are_the_tasks_own(panda: rp.Robot, q_panda, kind: s
 def test_homogeneous_tensors_are_the_polynomials(degree: int, n: int, r: int) -> None:
     """Against the family's own batch evaluation, which shares no code with them."""
     rng = np.random.default_rng(2)
-    fields = rp.Polynomial(rng.normal(size=n), degree, rng.uniform(0.3, 2, n))
-    A = rng.normal(size=(fields.size, r))
-    h = fields.weighted(A)
+    potentials = rp.Polynomial(rng.normal(size=n), degree, rng.uniform(0.3, 2, n))
+    A = rng.normal(size=(potentials.size, r))
+    h = potentials.weighted(A)
     V_T, gap = np.empty((r, n)), np.empty(r)
     quick = field_in_place(h, V_T, gap)
-    for q in fields.center + rng.uniform(-1, 1, (6, n)) * fields.scale:
-        value = fields.potentials(q[None])[0] @ A
-        V = fields.gradients(q[None])[0] @ A
+    for q in potentials.center + rng.uniform(-1, 1, (6, n)) * potentials.scale:
+        value = potentials.values(q[None])[0] @ A
+        V = potentials.gradients(q[None])[0] @ A
         quick.slope(q)
         quick.gap(np.arange(r, dtype=float))
         for found in (h.gradient(q), V_T.T):
@@ -79,7 +84,9 @@ def test_homogeneous_tensors_are_the_polynomials(degree: int, n: int, r: int) ->
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("degree", [1, 2, 3])
-def test_velocity_and_step_obey_their_laws(panda: rp.Robot, q_panda, kind: str, degree: int) -> None:
+def test_velocity_and_step_obey_their_laws(
+    panda: rp.Robot, q_panda, kind: str, degree: int
+) -> None:
     task = panda.task("panda_hand_tcp", kind)
     inverse = some_field(task, q_panda, degree)
     rng = np.random.default_rng(3)
@@ -88,34 +95,42 @@ def test_velocity_and_step_obey_their_laws(panda: rp.Robot, q_panda, kind: str, 
         qdot = inverse.velocity(q, xdot)
         assert np.allclose(qdot, inverse(q) @ xdot, atol=1e-10)
         assert np.allclose(task.jacobian(q) @ qdot, xdot, atol=1e-11)
-        assert np.allclose(inverse.field.gradient(q).T @ qdot, 0, atol=1e-11)
+        assert np.allclose(inverse.potentials.gradient(q).T @ qdot, 0, atol=1e-11)
         target = task.placement(q + 0.01 * rng.normal(size=7))
         leaf = inverse.leaf(q) + 0.01 * rng.normal(size=task.r)
         found = inverse.step(q, target, 0.01, twist, leaf=leaf, gain=60.0)
-        assert np.allclose(found, plain_step(inverse, q, target, 0.01, twist, leaf, 60.0), atol=1e-11)
+        assert np.allclose(
+            found, plain_step(inverse, q, target, 0.01, twist, leaf, 60.0), atol=1e-11
+        )
         newton = inverse.step(q, target, 0.01, leaf=leaf)
-        assert np.allclose(newton, plain_step(inverse, q, target, 1.0, np.zeros(6), leaf, 1.0), atol=1e-11)
+        assert np.allclose(
+            newton, plain_step(inverse, q, target, 1.0, np.zeros(6), leaf, 1.0), atol=1e-11
+        )
         held = inverse.step(q, target, 0.01)
         expected = plain_step(inverse, q, target, 1.0, np.zeros(6), inverse.leaf(q), 1.0)
         assert np.allclose(held, expected, atol=1e-11)
 
 
 def test_other_fields_step_by_the_same_law(panda_pose: rp.Task, q_panda) -> None:
-    """Fourier, joined and extended fields have no quick tensors, and the same result."""
+    """Fourier, joined and extended potentials have no quick tensors, and the same result."""
     rng = np.random.default_rng(4)
-    fields = rp.Fourier(7, 1) + rp.Polynomial(q_panda, 2, 0.5, variables=[0, 3])
-    A = 0.05 * rng.normal(size=(fields.size, 1))
+    potentials = rp.Fourier(7, 1) + rp.Polynomial(q_panda, 2, 0.5, variables=[0, 3])
+    A = 0.05 * rng.normal(size=(potentials.size, 1))
     slope = np.linalg.lstsq(
-        fields.gradients(q_panda[None])[0], rp.redundancy.nullspace(panda_pose.jacobian(q_panda)), rcond=None
+        potentials.gradients(q_panda[None])[0],
+        rp.redundancy.nullspace(panda_pose.jacobian(q_panda)),
+        rcond=None,
     )[0]
     for inverse in (
-        rp.RepeatableInverse(panda_pose, fields.weighted(A + slope)),
+        rp.RepeatableInverse(panda_pose, potentials.weighted(A + slope)),
         rp.ExtendedJacobian(panda_pose, q_panda),
     ):
         q, target = q_panda + 0.1 * rng.normal(size=7), panda_pose.placement(q_panda)
         leaf = inverse.leaf(q_panda)
         found = inverse.step(q, target, 0.01, leaf=leaf)
-        assert np.allclose(found, plain_step(inverse, q, target, 1.0, np.zeros(6), leaf, 1.0), atol=1e-10)
+        assert np.allclose(
+            found, plain_step(inverse, q, target, 1.0, np.zeros(6), leaf, 1.0), atol=1e-10
+        )
 
 
 def test_pseudoinverse_velocity_is_the_shortest(panda: rp.Robot, q_panda) -> None:
@@ -124,7 +139,9 @@ def test_pseudoinverse_velocity_is_the_shortest(panda: rp.Robot, q_panda) -> Non
         task = panda.task("panda_hand_tcp", kind)
         strategy = rp.Pseudoinverse(task)
         q, xdot = q_panda + 0.2 * rng.normal(size=7), rng.normal(size=task.m)
-        assert np.allclose(strategy.velocity(q, xdot), np.linalg.pinv(task.jacobian(q)) @ xdot, atol=1e-12)
+        assert np.allclose(
+            strategy.velocity(q, xdot), np.linalg.pinv(task.jacobian(q)) @ xdot, atol=1e-12
+        )
 
 
 def test_batch_is_the_single_form(panda_design, q_panda) -> None:
@@ -152,7 +169,11 @@ def test_results_are_fresh_and_arguments_untouched(panda_design, panda_pose, q_p
 
 
 def test_nothing_grows(panda_design, panda_pose, q_panda) -> None:
-    inverse, target, leaf = panda_design.inverse, panda_pose.placement(q_panda), panda_design.inverse.leaf(q_panda)
+    inverse, target, leaf = (
+        panda_design.inverse,
+        panda_pose.placement(q_panda),
+        panda_design.inverse.leaf(q_panda),
+    )
 
     def work(count: int) -> None:
         q = q_panda
@@ -170,7 +191,8 @@ def test_nothing_grows(panda_design, panda_pose, q_panda) -> None:
     assert grown < 4096
 
 
-# ---- near singularities and limits -----------------------------------------------------------------
+# ---- near singularities and limits
+# -----------------------------------------------------------------
 
 
 def test_damping_is_bounded_continuous_and_zero_far_away() -> None:
@@ -192,7 +214,8 @@ def test_damping_is_bounded_continuous_and_zero_far_away() -> None:
 
 
 def test_any_gain_below_divergence_is_taken(panda_design, panda_pose, q_panda) -> None:
-    """gain · dt from 0 to 2: a share of 1.5 overshoots, 2 goes round for ever, and neither is refused."""
+    """gain · dt from 0 to 2: a share of 1.5 overshoots, 2 goes round for ever, and neither is
+    refused."""
     inverse, q = panda_design.inverse, q_panda + 1e-4
     target, leaf = panda_pose.placement(q_panda), panda_design.inverse.leaf(q_panda)
     for share, left in ((0.5, 0.5), (1.5, -0.5), (2.0, -1.0)):
@@ -235,7 +258,9 @@ def test_damping_brings_an_arm_out_of_a_singularity() -> None:
         q = inverse.step(q, target, 0.01, leaf=leaf, gain=30.0, damping=0.1)
         used.append(inverse.damping)
     assert max(used) > 0 and used[-1] == 0
-    assert np.linalg.norm(task.error(q, target)) < 1e-9 and np.abs(inverse.leaf(q) - leaf).max() < 1e-9
+    assert (
+        np.linalg.norm(task.error(q, target)) < 1e-9 and np.abs(inverse.leaf(q) - leaf).max() < 1e-9
+    )
 
 
 def test_speed_limits_are_kept_and_the_task_goes_first(panda_design, panda_pose, q_panda) -> None:
@@ -245,28 +270,34 @@ def test_speed_limits_are_kept_and_the_task_goes_first(panda_design, panda_pose,
     limit = np.full(7, 2.0)
     free = inverse.step(pushed, target, dt, leaf=leaf)
     assert np.abs(free - pushed).max() / dt > 4 * limit.max()
-    bounded = inverse.step(pushed, target, dt, leaf=leaf, gain=5.0, limit=limit)
+    bounded = inverse.step(pushed, target, dt, leaf=leaf, gain=5.0, velocity_limit=limit)
     assert inverse.slowed == 1.0
     assert np.allclose(bounded - pushed, 0.05 * (free - pushed), atol=1e-12)
-    bounded = inverse.step(pushed, target, dt, leaf=leaf, limit=limit)
+    bounded = inverse.step(pushed, target, dt, leaf=leaf, velocity_limit=limit)
     assert np.abs(bounded - pushed).max() <= limit.max() * dt * (1 + 1e-12)
     assert 0 < inverse.slowed < 1
 
     def task_error_after(q: np.ndarray) -> float:
-        return float(np.linalg.norm(panda_pose.jacobian(pushed) @ (q - pushed) - panda_pose.error(pushed, target)))
+        return float(
+            np.linalg.norm(
+                panda_pose.jacobian(pushed) @ (q - pushed) - panda_pose.error(pushed, target)
+            )
+        )
 
-    # With room for the task's own part only the return to the leaf gives way: the task's error is still undone.
+    # With room for the task's own part only the return to the leaf gives way: the task's error is
+    # still undone.
     moved = pushed - 0.001 * panda_pose.jacobian(pushed)[0]
     task_part = inverse.step(moved, target, dt)
     roomy = 1.2 * np.abs(task_part - moved).max() / dt
-    slow = inverse.step(moved, target, dt, leaf=leaf, limit=roomy)
+    slow = inverse.step(moved, target, dt, leaf=leaf, velocity_limit=roomy)
     assert np.abs(slow - moved).max() <= roomy * dt * (1 + 1e-12)
     J, e = panda_pose.jacobian(moved), panda_pose.error(moved, target)
     assert np.allclose(J @ (slow - moved), e, atol=1e-10) and inverse.slowed < 1
     assert task_error_after(bounded) < np.linalg.norm(panda_pose.error(pushed, target)) + 1e-12
 
 
-# ---- bad input -------------------------------------------------------------------------------------
+# ---- bad input
+# -------------------------------------------------------------------------------------
 
 GOOD = {"dt": 0.01}
 BAD_STEPS: dict[str, tuple[dict, str]] = {
@@ -288,17 +319,24 @@ BAD_STEPS: dict[str, tuple[dict, str]] = {
     "leaf nan": ({"leaf": np.array([np.nan])}, "finite"),
     "gain": ({"gain": 1e6}, "gain"),
     "gain negative": ({"gain": -1.0}, "gain"),
-    "limit": ({"limit": np.zeros(7)}, "speed limit"),
-    "limit short": ({"limit": np.ones(3)}, "speed limit"),
+    "velocity_limit": ({"velocity_limit": np.zeros(7)}, "speed limit"),
+    "limit short": ({"velocity_limit": np.ones(3)}, "speed limit"),
     "damping": ({"damping": -0.1}, "damping"),
     "damping nan": ({"damping": float("nan")}, "damping"),
 }
 
 
 @pytest.mark.parametrize("case", BAD_STEPS)
-def test_bad_steps_get_one_clear_line_and_change_nothing(panda_design, panda_pose, q_panda, case: str) -> None:
+def test_bad_steps_get_one_clear_line_and_change_nothing(
+    panda_design, panda_pose, q_panda, case: str
+) -> None:
     inverse = panda_design.inverse
-    good = {"q": q_panda + 0.01, "target": panda_pose.placement(q_panda), "dt": 0.01, "leaf": inverse.leaf(q_panda)}
+    good = {
+        "q": q_panda + 0.01,
+        "target": panda_pose.placement(q_panda),
+        "dt": 0.01,
+        "leaf": inverse.leaf(q_panda),
+    }
     before = inverse.step(**good)
     changed, words = BAD_STEPS[case]
     with pytest.raises(rp.InputError, match=words) as caught:
@@ -318,22 +356,31 @@ def test_bad_velocities_get_one_clear_line(panda_design, panda_pose, q, xdot) ->
 
 def test_lists_and_whole_numbers_are_taken(panda_design, panda_pose, q_panda) -> None:
     inverse = panda_design.inverse
-    assert np.allclose(inverse.velocity(list(q_panda), [1, 0, 0, 0, 0, 0]), inverse(q_panda)[:, 0], atol=1e-12)
+    assert np.allclose(
+        inverse.velocity(list(q_panda), [1, 0, 0, 0, 0, 0]), inverse(q_panda)[:, 0], atol=1e-12
+    )
     whole = np.array([0, -1, 0, -2, 0, 2, 1])
-    assert np.allclose(inverse.velocity(whole, np.ones(6)), inverse.velocity(whole.astype(float), np.ones(6)))
+    assert np.allclose(
+        inverse.velocity(whole, np.ones(6)), inverse.velocity(whole.astype(float), np.ones(6))
+    )
     with pytest.raises(rp.InputError, match="Ẋ must be finite numbers .3, 6."):
         inverse.velocities(np.zeros((3, 7)), np.zeros((2, 6)))
 
 
 def test_one_singularity_test_one_error() -> None:
-    """At an algorithmic singularity every way to ask for G_r refuses; 1 % beside it every one answers, and alike."""
+    """At an algorithmic singularity every way to ask for G_r refuses; 1 % beside it every one
+    answers, and alike."""
     task = rp.Robot.load("ppr").task("tool", "xy")
     for size in (1.0, 1e-7, 1e7):  # of the potential: a gauge
         A = size * np.array([[-(2**0.5)], [0], [1]])  # Vᵀ n = 1 − √2 sin θ₃, 0 at π/4
         inverse = rp.RepeatableInverse(task, rp.Polynomial(np.zeros(3), 1).weighted(A))
         n = rp.redundancy.null_vector(task.jacobian([0, 0, np.pi / 4]))
-        assert abs(inverse.field.gradient(np.array([0, 0, np.pi / 4]))[:, 0] @ n) < 1e-9 * size
-        xdot, bad, good = np.ones(2), np.array([0, 0, np.pi / 4]), np.array([0, 0, np.pi / 4 + 0.01])
+        assert abs(inverse.potentials.gradient(np.array([0, 0, np.pi / 4]))[:, 0] @ n) < 1e-9 * size
+        xdot, bad, good = (
+            np.ones(2),
+            np.array([0, 0, np.pi / 4]),
+            np.array([0, 0, np.pi / 4 + 0.01]),
+        )
         asked = {
             "call": lambda G, q, v: G(q) @ v,
             "batch": lambda G, q, v: G.batch(q[None])[0] @ v,
@@ -343,7 +390,7 @@ def test_one_singularity_test_one_error() -> None:
         for ask in asked.values():
             with pytest.raises(rp.SingularityError, match="J_V is singular"):
                 ask(inverse, bad, xdot)
-            J_V = np.vstack([task.jacobian(good), inverse.field.gradient(good).T])
+            J_V = np.vstack([task.jacobian(good), inverse.potentials.gradient(good).T])
             assert np.allclose(ask(inverse, good, xdot), np.linalg.inv(J_V)[:, :2] @ xdot)
 
 
@@ -357,11 +404,16 @@ def test_the_velocity_of_the_pseudoinverse_is_as_exact_as_its_matrix() -> None:
         assert np.abs(task.jacobian(q) @ got - xdot).max() < 1e-11 * np.linalg.norm(exact)
 
 
-def test_outside_the_region_is_told_where_it_is_asked_for(panda_design, panda_pose, q_panda) -> None:
+def test_outside_the_region_is_told_where_it_is_asked_for(
+    panda_design, panda_pose, q_panda
+) -> None:
     inverse, xdot, target = panda_design.inverse, np.ones(6), panda_pose.placement(q_panda)
     assert inverse.region is panda_design.region
     edge = panda_design.region.half_width
-    for q, out in ((q_panda + 0.99 * edge, False), (q_panda - 1.5 * edge * (np.arange(7) == 3), True)):
+    for q, out in (
+        (q_panda + 0.99 * edge, False),
+        (q_panda - 1.5 * edge * (np.arange(7) == 3), True),
+    ):
         for call in (
             lambda how, q=q: inverse.velocity(q, xdot, outside=how),
             lambda how, q=q: inverse.step(q, target, 0.01, outside=how),
@@ -382,4 +434,4 @@ def test_outside_the_region_is_told_where_it_is_asked_for(panda_design, panda_po
     with pytest.raises(rp.InputError, match="no way to treat what is outside Ω 'shout'"):
         inverse.velocity(q_panda, xdot, outside="shout")
     with pytest.raises(rp.InputError, match="outside= requires a region"):
-        rp.RepeatableInverse(panda_pose, inverse.field).velocity(q_panda, xdot, outside="warn")
+        rp.RepeatableInverse(panda_pose, inverse.potentials).velocity(q_panda, xdot, outside="warn")

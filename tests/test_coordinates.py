@@ -1,4 +1,5 @@
-"""Joint coordinates q = T ψ: every method of a task in ψ, against the same task in q and closed forms."""
+"""Joint coordinates q = T ψ: every method of a task in ψ, against the same task in q and closed
+forms."""
 
 from __future__ import annotations
 
@@ -39,24 +40,34 @@ def test_absolute_angles_give_the_papers_kinematics(prr: rp.Task) -> None:
 
 def test_every_method_takes_psi(pair: tuple[rp.Task, rp.Task, np.ndarray]) -> None:
     task, other, T = pair
-    assert (other.n, other.m, other.r, other.kind, other.frame) == (task.n, task.m, task.r, task.kind, task.frame)
+    assert (other.n, other.m, other.r, other.kind, other.frame) == (
+        task.n,
+        task.m,
+        task.r,
+        task.kind,
+        task.frame,
+    )
     psi = np.linalg.solve(T, task.reference) + 0.1 * RNG.normal(size=(4, 7))
     Q = psi @ T.T
     target = task.placement(task.reference)
     twist = RNG.normal(size=6)
     for p, q in zip(psi, Q, strict=True):
-        assert np.allclose(other.placement(p).homogeneous, task.placement(q).homogeneous, atol=1e-12)
+        assert np.allclose(
+            other.placement(p).homogeneous, task.placement(q).homogeneous, atol=1e-12
+        )
         assert np.allclose(other.error(p, target), task.error(q, target), atol=1e-12)
-        assert np.allclose(other.rate(p, twist), task.rate(q, twist), atol=1e-12)
+        assert np.allclose(other.task_velocity(p, twist), task.task_velocity(q, twist), atol=1e-12)
         assert np.allclose(other.joint_origins(p), task.joint_origins(q), atol=1e-12)
         assert np.allclose(other.jacobian(p), task.jacobian(q) @ T, atol=1e-12)
     assert np.allclose(other.positions(psi), task.positions(Q), atol=1e-12)
-    assert np.allclose(other.full(psi), task.full(Q), atol=1e-12)
+    assert np.allclose(other.to_robot(psi), task.to_robot(Q), atol=1e-12)
     assert np.allclose(other.jacobians(psi), [other.jacobian(p) for p in psi], atol=1e-14)
     assert np.allclose(other.inertias(psi), [T.T @ M @ T for M in task.inertias(Q)], atol=1e-12)
 
 
-def test_the_hessian_in_psi_agrees_with_finite_differences(pair: tuple[rp.Task, rp.Task, np.ndarray]) -> None:
+def test_the_hessian_in_psi_agrees_with_finite_differences(
+    pair: tuple[rp.Task, rp.Task, np.ndarray],
+) -> None:
     _, other, T = pair
     psi, e = np.linalg.solve(T, other.robot.task(None, other.kind).reference) + 0.05, 1e-6
     H = other.hessian(psi)
@@ -65,7 +76,9 @@ def test_the_hessian_in_psi_agrees_with_finite_differences(pair: tuple[rp.Task, 
         assert np.allclose(H[:, :, k], slope, atol=2e-8)
 
 
-def test_the_pseudoinverse_in_psi_is_a_weighted_one_in_q(pair: tuple[rp.Task, rp.Task, np.ndarray]) -> None:
+def test_the_pseudoinverse_in_psi_is_a_weighted_one_in_q(
+    pair: tuple[rp.Task, rp.Task, np.ndarray],
+) -> None:
     task, other, T = pair
     M = np.linalg.inv(T @ T.T)
     M = (M + M.T) / 2
@@ -92,7 +105,9 @@ def test_limits_are_stated_where_they_are_exact_and_tested_on_the_joints(prr: rp
     assert task.joint_names == ("d1", "ψ2", "ψ3")
     assert task.lower[:2].tolist() == prr.lower[:2].tolist() and np.isneginf(task.lower[2])
     assert task.upper[:2].tolist() == prr.upper[:2].tolist() and np.isposinf(task.upper[2])
-    assert task.velocity_limit[:2].tolist() == prr.velocity_limit[:2].tolist() and np.isposinf(task.velocity_limit[2])
+    assert task.velocity_limit[:2].tolist() == prr.velocity_limit[:2].tolist() and np.isposinf(
+        task.velocity_limit[2]
+    )
     assert np.allclose(T @ task.reference, prr.reference)
     high = prr.upper[2]
     assert task.check([0, 1.0, 1.0 + high - 0.01]) is not None
@@ -120,7 +135,10 @@ def test_an_axis_that_points_the_other_way_counts_negative(tmp_path: Path) -> No
     task = rp.Robot.load(path).task("tool", "xy")
     other = task.in_coordinates(rp.absolute_angles(task))
     a, b, c = psi = np.array([0.3, -1.1, 2.0])
-    x = [np.cos(a) + 0.8 * np.cos(b) + 0.6 * np.cos(c), np.sin(a) + 0.8 * np.sin(b) + 0.6 * np.sin(c)]
+    x = [
+        np.cos(a) + 0.8 * np.cos(b) + 0.6 * np.cos(c),
+        np.sin(a) + 0.8 * np.sin(b) + 0.6 * np.sin(c),
+    ]
     assert np.abs(other.placement(psi).translation[:2] - x).max() < 1e-12
 
 
@@ -163,8 +181,12 @@ def test_limits_are_those_of_the_joints(prr: rp.Task) -> None:
     q0 = np.array([0.0, 1.0, -5.2])
     path = rp.circle(prr, q0, 0.3)
     M = np.linalg.inv(T @ T.T)
-    here = rp.follow(rp.WeightedInverse(prr, (M + M.T) / 2), path, q0, cycles=2, steps=60, period=0.2)
-    there = rp.follow(rp.Pseudoinverse(task), path, np.linalg.solve(T, q0), cycles=2, steps=60, period=0.2)
+    here = rp.follow(
+        rp.WeightedInverse(prr, (M + M.T) / 2), path, q0, cycles=2, steps=60, period=0.2
+    )
+    there = rp.follow(
+        rp.Pseudoinverse(task), path, np.linalg.solve(T, q0), cycles=2, steps=60, period=0.2
+    )
     assert here.limit_margin.min() < -0.01 and here.speed_ratio > 1.5
     assert np.allclose(there.limit_margin, here.limit_margin, atol=1e-8)
     assert there.speed_ratio == pytest.approx(here.speed_ratio, rel=1e-6)
@@ -172,18 +194,26 @@ def test_limits_are_those_of_the_joints(prr: rp.Task) -> None:
     assert there.first_violation == here.first_violation
 
 
-def test_a_design_in_psi_says_what_share_of_its_region_is_inside_the_joints_limits(prr: rp.Task) -> None:
+def test_a_design_in_psi_says_what_share_of_its_region_is_inside_the_joints_limits(
+    prr: rp.Task,
+) -> None:
     T = rp.absolute_angles(prr)
     task = prr.in_coordinates(T)
     center = np.linalg.solve(T, [0.0, 1.0, prr.upper[2]])  # half of the box is outside
     box = rp.Box(center, 0.1)
-    design = rp.nearest_repeatable(rp.Pseudoinverse(task), None, box, degree=1, samples=256, held_out=256)
+    design = rp.nearest_repeatable(
+        rp.Pseudoinverse(task), None, box, degree=1, samples=256, held_out=256
+    )
     assert design.inside_limits == pytest.approx(0.5, abs=0.05)
 
 
-def test_limits_are_the_joints_own_in_any_coordinates(pair: tuple[rp.Task, rp.Task, np.ndarray]) -> None:
+def test_limits_are_the_joints_own_in_any_coordinates(
+    pair: tuple[rp.Task, rp.Task, np.ndarray],
+) -> None:
     task, other, T = pair
-    assert np.array_equal(task.T, np.eye(7)) and np.array_equal(other.T, T)
+    assert np.array_equal(task.coordinate_matrix, np.eye(7)) and np.array_equal(
+        other.coordinate_matrix, T
+    )
     outside = np.array(task.reference)
     outside[3] = task.upper[3] + 0.5
     region = rp.Box(np.linalg.solve(T, outside), 0.01)
@@ -194,4 +224,6 @@ def test_limits_are_the_joints_own_in_any_coordinates(pair: tuple[rp.Task, rp.Ta
     with pytest.raises(rp.InputError, match="without in_coordinates"):
         rp.Cell(other, other.placement(region.center), 0.1)
     doubled = task.in_coordinates(2 * np.eye(7))  # a gear ratio mixes nothing
-    assert np.allclose(rp.LimitWeight(doubled)(task.reference / 2), rp.LimitWeight(task)(task.reference))
+    assert np.allclose(
+        rp.LimitWeight(doubled)(task.reference / 2), rp.LimitWeight(task)(task.reference)
+    )

@@ -15,10 +15,12 @@ import pytest
 from shown import likeness
 
 import repctl_pin as rp
-from repctl_pin.design.schema import DesignFile
+from repctl_pin.saving.schema import DesignFile
 
 ROOT = Path(__file__).parents[1]
-PAGES = [page for page in sorted((ROOT / "docs").rglob("*.md")) if page.name != "reference.md"]  # run with its examples
+PAGES = [
+    page for page in sorted((ROOT / "docs").rglob("*.md")) if page.name != "reference.md"
+]  # run with its examples
 
 
 def test_the_site_builds_strictly(tmp_path: Path) -> None:
@@ -41,24 +43,34 @@ def test_the_page_of_the_command_line_says_when_to_use_each() -> None:
     """Their help is put there from the parser when the site is built."""
     text = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")
     helps = runpy.run_path(str(ROOT / "docs" / "hooks" / "commands.py"))["commands"]()
-    assert sorted(re.findall(r"^\| \[`(\w+)`\]\(#\1\) \| ", text, flags=re.MULTILINE)) == sorted(helps)
+    assert sorted(re.findall(r"^\| \[`(\w+)`\]\(#\1\) \| ", text, flags=re.MULTILINE)) == sorted(
+        helps
+    )
     for name, words in helps.items():
         assert words.startswith(f"usage: repctl {name} ") and "\x1b" not in words
 
 
 def test_the_reference_names_everything_public() -> None:
     listed = re.findall(
-        r"^::: (\S+)$", (ROOT / "docs" / "reference.md").read_text(encoding="utf-8"), flags=re.MULTILINE
+        r"^::: (\S+)$",
+        (ROOT / "docs" / "reference.md").read_text(encoding="utf-8"),
+        flags=re.MULTILINE,
     )
     public = [getattr(rp, name) for name in dir(rp) if name not in ("redundancy", "__version__")]
     assert sorted(listed) == sorted(f"{thing.__module__}.{thing.__qualname__}" for thing in public)
 
 
-@pytest.mark.parametrize("page", [page for page in PAGES if "```python" in page.read_text(encoding="utf-8")], ids=str)
-def test_the_python_of_a_page_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    "page", [page for page in PAGES if "```python" in page.read_text(encoding="utf-8")], ids=str
+)
+def test_the_python_of_a_page_runs(
+    page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     names: dict = {}
-    for block in re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), flags=re.DOTALL):
+    for block in re.findall(
+        r"```python\n(.*?)```", page.read_text(encoding="utf-8"), flags=re.DOTALL
+    ):
         exec(block, names)
 
 
@@ -77,5 +89,7 @@ def test_the_figures_of_the_theory_are_what_the_package_draws(tmp_path: Path) ->
     for file in kept:
         assert file.stat().st_size < 150_000
         assert likeness(tmp_path / file.name, file) > 0.8, file.name
-    linked = re.findall(r"\]\((\S+\.png)\)", (ROOT / "docs" / "theory.md").read_text(encoding="utf-8"))
+    linked = re.findall(
+        r"\]\((\S+\.png)\)", (ROOT / "docs" / "theory.md").read_text(encoding="utf-8")
+    )
     assert len(linked) == 5 and all((ROOT / "docs" / name).resolve().is_file() for name in linked)

@@ -1,4 +1,5 @@
-"""Ctrl-C at the worst moments, and arguments that cannot be used: one line each, and the right exit code."""
+"""Ctrl-C at the worst moments, and arguments that cannot be used: one line each, and the right exit
+code."""
 
 from __future__ import annotations
 
@@ -23,8 +24,14 @@ DEVICES = {"full": os.makedev(1, 7), "zero": os.makedev(1, 5)}
 
 def repctl(*arguments: str, cwd: Path, **options) -> subprocess.CompletedProcess:
     """The command in a process of its own; what it writes comes back as bytes."""
-    options = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "stdin": subprocess.DEVNULL} | options
-    return subprocess.run([sys.executable, "-m", "repctl_pin", *arguments], cwd=cwd, timeout=120, **options)
+    options = {
+        "stdout": subprocess.PIPE,
+        "stderr": subprocess.PIPE,
+        "stdin": subprocess.DEVNULL,
+    } | options
+    return subprocess.run(
+        [sys.executable, "-m", "repctl_pin", *arguments], cwd=cwd, timeout=120, **options
+    )
 
 
 @pytest.fixture
@@ -42,7 +49,9 @@ def node(tmp_path: Path):
     return make
 
 
-def test_interrupted_while_it_writes_no_file_is_left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_interrupted_while_it_writes_no_file_is_left(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     from repctl_pin.files import write_whole
 
     def interrupt(handle: int) -> None:
@@ -66,7 +75,17 @@ sys.exit(main())
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are POSIX's")
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP], ids=lambda number: number.name)
 def test_stopped_while_it_writes_no_file_is_left(number: signal.Signals, tmp_path: Path) -> None:
-    small = ["follow", "ppr", "--strategy", "pseudoinverse", "--steps", "40", "--allow-violations", "--csv", "m.csv"]
+    small = [
+        "follow",
+        "ppr",
+        "--strategy",
+        "pseudoinverse",
+        "--steps",
+        "40",
+        "--allow-violations",
+        "--csv",
+        "m.csv",
+    ]
     process = subprocess.Popen(
         [sys.executable, "-c", SLOW_DISK, *small],
         cwd=tmp_path,
@@ -122,7 +141,9 @@ def test_a_stop_inside_a_finaliser_is_not_lost() -> None:
 ESCAPES = "\x1b[2J\x1b]0;title\x07\x9b2J\r\t\u202e"
 
 
-def test_what_a_command_prints_controls_no_terminal(capsys: pytest.CaptureFixture, monkeypatch) -> None:
+def test_what_a_command_prints_controls_no_terminal(
+    capsys: pytest.CaptureFixture, monkeypatch
+) -> None:
     """Texts of files, whatever reads them: on stdout, as JSON, and on stderr."""
     from repctl_pin.cli import inspect
     from repctl_pin.cli.terminal import report
@@ -148,10 +169,14 @@ def test_what_a_command_prints_controls_no_terminal(capsys: pytest.CaptureFixtur
             assert told.out.split("\n")[0] == "name \\x1b[2J\\x1b]0;title\\x07\\x9b2J\\r\\t\\u202e"
 
 
-def test_no_control_character_stands_in_a_robots_name(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+def test_no_control_character_stands_in_a_robots_name(
+    tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
     for escape in ("&#13;", "&#9;", "&#10;forged: a line", "\x9b2J", "\u202e"):
         file = tmp_path / "arm.urdf"
-        file.write_text(planar_urdf([1, 0.8, 0.6]).replace('"planar"', f'"arm{escape}"'), encoding="utf-8")
+        file.write_text(
+            planar_urdf([1, 0.8, 0.6]).replace('"planar"', f'"arm{escape}"'), encoding="utf-8"
+        )
         assert main(["inspect", str(file)]) == 2
         told = capsys.readouterr()
         assert told.out == "" and "stands in the robot's name; rename it" in told.err
@@ -166,7 +191,9 @@ def test_a_fault_of_ours_is_one_line_and_says_how_to_report_it(capsys, monkeypat
     monkeypatch.setattr(inspect, "run", broken)
     assert main(["inspect", "pan da"]) == 1
     (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith("repctl: a fault of repctl, not yours (ValueError: two lines); please report it")
+    assert line.startswith(
+        "repctl: a fault of repctl, not yours (ValueError: two lines); please report it"
+    )
     assert line.endswith("repctl --debug inspect 'pan da'")
     with pytest.raises(ValueError):  # the traceback
         main(["--debug", "inspect", "panda"])
@@ -175,7 +202,9 @@ def test_a_fault_of_ours_is_one_line_and_says_how_to_report_it(capsys, monkeypat
         raise MemoryError
 
     monkeypatch.setattr(inspect, "run", greedy)
-    assert main(["inspect", "panda"]) == 2 and "more memory than there is" in capsys.readouterr().err
+    assert (
+        main(["inspect", "panda"]) == 2 and "more memory than there is" in capsys.readouterr().err
+    )
 
 
 def test_a_full_disk_behind_stdout_is_one_line(tmp_path: Path, node) -> None:
@@ -191,7 +220,11 @@ def test_an_endless_design_is_refused_at_once(tmp_path: Path, node) -> None:
     for arguments in (["follow", "x.json"], ["check", "y.json"], ["animate", "ppr", "--motion", "loop.csv"],
                       ["study", "ppr", "--path", "loop.csv"]):  # fmt: skip
         done = repctl(*arguments, cwd=tmp_path)
-        assert done.returncode == 2 and b"it is a device or a pipe" in done.stderr and done.stderr.count(b"\n") == 1
+        assert (
+            done.returncode == 2
+            and b"it is a device or a pipe" in done.stderr
+            and done.stderr.count(b"\n") == 1
+        )
 
 
 def test_a_working_folder_that_is_gone(tmp_path: Path) -> None:
@@ -199,12 +232,30 @@ def test_a_working_folder_that_is_gone(tmp_path: Path) -> None:
         "import os, sys; os.mkdir('gone'); os.chdir('gone'); os.rmdir('../gone')\n"
         "from repctl_pin.cli import main; sys.argv[1:] = ['study', 'ppr']; sys.exit(main())"
     )
-    done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, timeout=60)
-    assert done.returncode == 2 and done.stderr.count("\n") == 1 and "No such file or directory" in done.stderr
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, timeout=60
+    )
+    assert (
+        done.returncode == 2
+        and done.stderr.count("\n") == 1
+        and "No such file or directory" in done.stderr
+    )
 
 
 def test_what_a_person_has_set_for_other_programs_does_not_matter(tmp_path: Path) -> None:
-    small = ["study", "planar3r", "--cycles", "1", "--steps", "40", "--region", "0.3", "--degree", "1", "--quiet"]
+    small = [
+        "study",
+        "planar3r",
+        "--cycles",
+        "1",
+        "--steps",
+        "40",
+        "--region",
+        "0.3",
+        "--degree",
+        "1",
+        "--quiet",
+    ]
     nonsense = {"MPLBACKEND": "nonsense", "MPLCONFIGDIR": "/dev/null", "PYTHONWARNINGS": "error"}
     done = subprocess.run(
         [sys.executable, "-m", "repctl_pin", *small],
@@ -218,13 +269,17 @@ def test_what_a_person_has_set_for_other_programs_does_not_matter(tmp_path: Path
 
 def test_names_that_are_no_text_and_names_with_dollars(tmp_path: Path) -> None:
     name = os.fsdecode(b"arm\xff.urdf")
-    urdf = planar_urdf([1, 0.8, 0.6]).replace('"planar"', '"arm_$a_$b"').replace("theta", "$th$eta_{")
+    urdf = (
+        planar_urdf([1, 0.8, 0.6]).replace('"planar"', '"arm_$a_$b"').replace("theta", "$th$eta_{")
+    )
     try:
         (tmp_path / name).write_text(urdf, encoding="utf-8")
     except OSError:
         name = "arm.urdf"  # where names must be text
         (tmp_path / name).write_text(urdf, encoding="utf-8")
-    done = repctl("study", name, "--cycles", "2", "--steps", "60", "--report", "--out", "out", cwd=tmp_path)
+    done = repctl(
+        "study", name, "--cycles", "2", "--steps", "60", "--report", "--out", "out", cwd=tmp_path
+    )
     assert (done.returncode, done.stderr) == (0, b"")
     assert {"animation.html", "drift.png", "joints.png", "motion.csv", "report.html"} <= {
         p.name for p in (tmp_path / "out").iterdir()
@@ -235,13 +290,19 @@ def test_names_that_are_no_text_and_names_with_dollars(tmp_path: Path) -> None:
 def test_files_that_cannot_be(name: str, tmp_path: Path, capsys, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     for option in ("--csv", "--yaml"):
-        assert main(["follow", "ppr", "--strategy", "pseudoinverse", "--steps", "40", option, name]) == 2
+        assert (
+            main(["follow", "ppr", "--strategy", "pseudoinverse", "--steps", "40", option, name])
+            == 2
+        )
         told = capsys.readouterr()
         assert told.out == "" and told.err.count("\n") == 1 and "cannot write" in told.err
 
 
 def test_names_that_are_too_long(capsys) -> None:
-    for arguments in (["inspect", "ppr", "--package-dir", "x" * 5000], ["follow", "ppr", "--path", "x" * 5000]):
+    for arguments in (
+        ["inspect", "ppr", "--package-dir", "x" * 5000],
+        ["follow", "ppr", "--path", "x" * 5000],
+    ):
         assert main(arguments) == 2
         assert capsys.readouterr().err.count("\n") == 1
 
@@ -250,18 +311,32 @@ def test_names_that_are_too_long(capsys) -> None:
     ("arguments", "words"),
     [
         (["stuy", "panda"], "no command 'stuy'; did you mean 'study'?"),
-        (["study", "panda", "--fraem", "x"], "repctl study: no option '--fraem'; did you mean '--frame'"),
-        (["study", "panda", "--fraem=x"], "repctl study: no option '--fraem'; did you mean '--frame'"),
+        (
+            ["study", "panda", "--fraem", "x"],
+            "repctl study: no option '--fraem'; did you mean '--frame'",
+        ),
+        (
+            ["study", "panda", "--fraem=x"],
+            "repctl study: no option '--fraem'; did you mean '--frame'",
+        ),
         (["study", "panda", "more"], "repctl study: 'more' is one too many"),
         (["study"], "repctl study: the following arguments are required: ROBOT"),
-        (["study", "panda", "--cycles", "0"], "repctl study: argument --cycles: '0' is not a whole number"),
-        (["study", "panda", "--seed", "-1"], "argument --seed: '-1' is not a whole number from 0 up"),
+        (
+            ["study", "panda", "--cycles", "0"],
+            "repctl study: argument --cycles: '0' is not a whole number",
+        ),
+        (
+            ["study", "panda", "--seed", "-1"],
+            "argument --seed: '-1' is not a whole number from 0 up",
+        ),
         (["study", "panda", "--cycles", "9" * 5000], "is not a whole number from 1 up"),
         (["study", "panda", "--cycles", "²"], "is not a whole number from 1 up"),
         (["completion", "tcsh"], "repctl completion: no shell 'tcsh'; "),
     ],
 )
-def test_arguments_are_refused_in_one_line(arguments: list[str], words: str, capsys: pytest.CaptureFixture) -> None:
+def test_arguments_are_refused_in_one_line(
+    arguments: list[str], words: str, capsys: pytest.CaptureFixture
+) -> None:
     with pytest.raises(SystemExit) as stopped:
         main(arguments)
     told = capsys.readouterr()

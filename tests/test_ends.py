@@ -1,4 +1,5 @@
-"""Where an arm ends: before the fingers, at the link that a tool is held by; and what ``repctl inspect`` says of it."""
+"""Where an arm ends: before the fingers, at the link that a tool is held by; and what ``repctl
+inspect`` says of it."""
 
 from __future__ import annotations
 
@@ -14,15 +15,27 @@ import repctl_pin as rp
 from repctl_pin import cli
 from repctl_pin.urdf.catalogue import table
 from repctl_pin.urdf.end_effectors import arm_ends, task_links
-from repctl_pin.urdf.gate import read_urdf
+from repctl_pin.urdf.validate import read_urdf
 
 Lines = list[str]
 
 
-def joint(child: str, parent: str, kind: str = "fixed", travel: float = 0.0, *, name: str = "", more: str = "") -> str:
+def joint(
+    child: str,
+    parent: str,
+    kind: str = "fixed",
+    travel: float = 0.0,
+    *,
+    name: str = "",
+    more: str = "",
+) -> str:
     """A link and the joint that carries it, 0.1 m along x; joints turn about x, y, z in turn."""
     axis = ("1 0 0", "0 1 0", "0 0 1")[sum(map(ord, child)) % 3]
-    limit = f'<limit lower="{-travel / 2}" upper="{travel / 2}" effort="1" velocity="1"/>' if travel else ""
+    limit = (
+        f'<limit lower="{-travel / 2}" upper="{travel / 2}" effort="1" velocity="1"/>'
+        if travel
+        else ""
+    )
     return (
         f'<link name="{child}"/><joint name="{name or "to_" + child}" type="{kind}"><parent link="{parent}"/>'
         f'<child link="{child}"/><origin xyz="0.1 0 0"/><axis xyz="{axis}"/>{limit}{more}</joint>'
@@ -47,7 +60,10 @@ def load(folder: Path, *lines: Lines, **options) -> rp.Robot:
 
 
 FINGERS = {
-    "two, one mimics": [joint("a", "l7", "prismatic", 0.04), joint("b", "l7", "prismatic", 0.04, more=mimics("to_a"))],
+    "two, one mimics": [
+        joint("a", "l7", "prismatic", 0.04),
+        joint("b", "l7", "prismatic", 0.04, more=mimics("to_a")),
+    ],
     "two of their own": [joint("a", "l7", "prismatic", 0.04), joint("b", "l7", "prismatic", 0.04)],
     "two that turn": [joint("a", "l7", "revolute", 0.8), joint("b", "l7", "revolute", 0.8)],
     "two that turn without end": [joint(f"finger_{x}", "l7", "continuous") for x in "ab"],
@@ -90,7 +106,9 @@ def test_a_tool_frame_beside_the_fingers_is_taken(tmp_path: Path) -> None:
     robot = load(tmp_path, turns(7), sides, [joint(x, "palm", "prismatic", 0.04) for x in "ab"])
     assert robot.default_frame == "tool0" and robot.chain("tool0") == robot.chain("palm")
     # nothing but the tool's name tells this last joint from one of the arm's
-    robot = load(tmp_path, turns(7), [joint("arm_tool0", "l7"), joint("flap", "l7", "revolute", 1.5)])
+    robot = load(
+        tmp_path, turns(7), [joint("arm_tool0", "l7"), joint("flap", "l7", "revolute", 1.5)]
+    )
     assert robot.default_frame == "arm_tool0"
 
 
@@ -113,7 +131,11 @@ def test_well_known_names_come_first(tmp_path: Path, links: list[str], best: str
 
 
 def test_without_a_known_name_it_is_the_link_farthest_out_but_no_camera(tmp_path: Path) -> None:
-    camera = [joint("camera_mount", "l7"), joint("camera_link", "camera_mount"), joint("optical", "camera_link")]
+    camera = [
+        joint("camera_mount", "l7"),
+        joint("camera_link", "camera_mount"),
+        joint("optical", "camera_link"),
+    ]
     robot = load(tmp_path, turns(7), [joint("plate", "l7"), joint("adapter", "plate")], camera)
     assert robot.default_frame == "adapter"
     assert robot.end_frames == ("adapter", "plate", "l7") and "optical" in robot.movable_frames
@@ -126,10 +148,17 @@ NO_FINGERS = {
         [*turns(6), joint("l7", "l6", "revolute", 6.0), joint("eye", "l6", "revolute", 1.0)],
         "l7",
     ),
-    "a wrist called after its gripper": ([*turns(6), joint("l7", "l6", "revolute", 5.2, name="gripper_yaw")], "l7"),
+    "a wrist called after its gripper": (
+        [*turns(6), joint("l7", "l6", "revolute", 5.2, name="gripper_yaw")],
+        "l7",
+    ),
     "a hand without an arm": ([line for x in "abc" for line in turns(3, "base", x, 1.5)], "a3"),
     "a waist with two stiff arms": (
-        [*turns(2, prefix="waist", travel=2.0), *turns(4, "waist2", "a", 2.0), *turns(4, "waist2", "b", 2.0)],
+        [
+            *turns(2, prefix="waist", travel=2.0),
+            *turns(4, "waist2", "a", 2.0),
+            *turns(4, "waist2", "b", 2.0),
+        ],
         "a4",
     ),
     "an arm that splits into two wrists": (
@@ -141,7 +170,12 @@ NO_FINGERS = {
         "a3",
     ),
     "a chest with two ears and an arm": (
-        [*turns(3), *turns(4, "l3", "arm"), joint("ear1", "l3", "revolute", 1.0), joint("ear2", "l3", "revolute", 1.0)],
+        [
+            *turns(3),
+            *turns(4, "l3", "arm"),
+            joint("ear1", "l3", "revolute", 1.0),
+            joint("ear2", "l3", "revolute", 1.0),
+        ],
         "arm4",
     ),
     "a slide before the last joint": (
@@ -190,7 +224,8 @@ def test_locked_joints_and_a_base_are_heeded(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", list(table()))
 def test_every_known_arm_is_found_without_what_the_catalogue_knows(name: str) -> None:
-    """Oracle: the catalogue's frames, chosen by hand; the frame found is one of them, or fixed to one."""
+    """Oracle: the catalogue's frames, chosen by hand; the frame found is one of them, or fixed to
+    one."""
     known = rp.Robot.load(name)
     assert known.default_frame == table()[name]["frames"][0]
     bare = rp.Robot.load(known.description.path)
@@ -219,7 +254,8 @@ def _moves_with(robot: rp.Robot, one: str, other: str) -> bool:
 
 
 def test_ends_are_found_in_any_tree(tmp_path: Path) -> None:
-    """Law: no end carries another, and every link that moves is on the way to an end, on one, or beyond one."""
+    """Law: no end carries another, and every link that moves is on the way to an end, on one, or
+    beyond one."""
     rng = np.random.default_rng(4)
     for _ in range(40):
         names = ["base"]
@@ -237,7 +273,8 @@ def test_ends_are_found_in_any_tree(tmp_path: Path) -> None:
         assert robot.default_frame in {task_links(body)[0] for body in arm_ends(robot.description)}
 
 
-# ---- what repctl inspect says ---------------------------------------------------------------------
+# ---- what repctl inspect says
+# ---------------------------------------------------------------------
 
 
 def inspected(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
@@ -245,7 +282,9 @@ def inspected(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
     return capsys.readouterr().out
 
 
-def test_inspect_lists_the_ends_with_their_places(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_inspect_lists_the_ends_with_their_places(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     load(tmp_path, turns(7), [joint("tool0", "l7")], FINGERS["two of their own"])
     path = str(tmp_path / "made.urdf")
     found = json.loads(inspected(capsys, path, "--json"))
@@ -254,13 +293,18 @@ def test_inspect_lists_the_ends_with_their_places(tmp_path: Path, capsys: pytest
     for frame, said in found["frames"].items():
         task = robot.task(frame)
         assert said["chain"] == list(task.joint_names) and said["redundancy"]["pose"] == 1
-        np.testing.assert_allclose(said["position"], task.placement(task.reference).translation, atol=1e-6)
+        np.testing.assert_allclose(
+            said["position"], task.placement(task.reference).translation, atol=1e-6
+        )
     assert found["frames_left_out"] == 8  # six links on the way, two fingers
 
     lines = inspected(capsys, path).splitlines()
     x, y, z = (f"{v:.4f}" for v in found["frames"]["tool0"]["position"])
     assert ["tool0", "(default)", "7", x, y, z] in [line.split() for line in lines]
-    assert "x, y, z in m from the base, at the reference pose; choose one with --frame; --all lists 8 more" in lines
+    assert (
+        "x, y, z in m from the base, at the reference pose; choose one with --frame; --all lists 8 more"
+        in lines
+    )
     assert any(line.startswith("frame tool0, moved by 7: to_l1, ") for line in lines)
 
 
@@ -275,12 +319,18 @@ def test_inspect_all_lists_whatever_moves(capsys: pytest.CaptureFixture[str]) ->
     assert "panda_leftfinger" not in inspected(capsys, "panda").partition("frame ")[2]
 
 
-def test_inspect_stays_short_on_a_humanoid_and_measures_from_the_base(capsys: pytest.CaptureFixture[str]) -> None:
+def test_inspect_stays_short_on_a_humanoid_and_measures_from_the_base(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     found = json.loads(inspected(capsys, "talos", "--json"))
-    assert found["default_frame"] == "wrist_left_ft_tool_link" and found["links"] > 50 >= 4 * len(found["frames"])
+    assert found["default_frame"] == "wrist_left_ft_tool_link" and found["links"] > 50 >= 4 * len(
+        found["frames"]
+    )
     assert {"left_sole_link", "gripper_right_base_link"} < set(found["frames"])
     found = json.loads(inspected(capsys, "tiago", "--base", "torso_lift_link", "--json"))
     task = rp.Robot.load("tiago", base="torso_lift_link").task("wrist_ft_tool_link")
     said = found["frames"]["wrist_ft_tool_link"]
-    np.testing.assert_allclose(said["position"], task.placement(task.reference).translation, atol=1e-6)
+    np.testing.assert_allclose(
+        said["position"], task.placement(task.reference).translation, atol=1e-6
+    )
     assert len(said["chain"]) == 7

@@ -23,7 +23,9 @@ import repctl_pin as rp
 
 ROOT = EXAMPLES.parent
 PAGE = (EXAMPLES / "README.md").read_text(encoding="utf-8")
-SHOWN = dict(re.findall(r"```bash\n(python examples/.*?)\n```\n\n```text\n(.*?)```", PAGE, flags=re.DOTALL))
+SHOWN = dict(
+    re.findall(r"```bash\n(python examples/.*?)\n```\n\n```text\n(.*?)```", PAGE, flags=re.DOTALL)
+)
 """The text shown under each command."""
 
 Run = Callable[[str], tuple[dict[str, Any], str]]
@@ -33,13 +35,16 @@ def start(command: str, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     """Run ``python examples/NAME.py …`` in this process; return the names it leaves behind."""
     script, *arguments = shlex.split(command.removeprefix("python "))
     monkeypatch.setattr(sys, "argv", [script, *arguments])
-    monkeypatch.syspath_prepend(str(EXAMPLES))  # where python looks first when it runs a script from there
+    monkeypatch.syspath_prepend(
+        str(EXAMPLES)
+    )  # where python looks first when it runs a script from there
     return runpy.run_path(str(ROOT / script), run_name="__main__")
 
 
 @pytest.fixture
 def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
-    """Run a command of the page in an empty folder, and hold what it prints against what the page shows."""
+    """Run a command of the page in an empty folder, and hold what it prints against what the page
+    shows."""
     monkeypatch.chdir(tmp_path)
 
     def once(command: str) -> tuple[dict[str, Any], str]:
@@ -67,7 +72,9 @@ def size_of(file: Path) -> tuple[int, int]:
 def test_every_example_is_on_the_page_and_run_here() -> None:
     files = {file.stem for file in EXAMPLES.glob("*.py")}
     assert set(re.findall(r"^## (\w+)\.py: ", PAGE, flags=re.MULTILINE)) == files
-    assert {command.split("/")[1].partition(".py")[0] for command in SHOWN} == files - {"gallery"}  # test_gallery.py
+    assert {command.split("/")[1].partition(".py")[0] for command in SHOWN} == files - {
+        "gallery"
+    }  # test_gallery.py
     source = Path(__file__).read_text(encoding="utf-8")
     assert all(f'run("{command}")' in source for command in SHOWN)
 
@@ -76,7 +83,9 @@ def test_every_picture_of_the_page_is_there_and_small() -> None:
     links = re.findall(r"\]\(([^)#:]+)\)", PAGE)
     assert all((EXAMPLES / name).is_file() for name in links)
     kept = sorted(FIGURES.iterdir())
-    assert {f"figures/{file.name}" for file in kept} == {name for name in links if name.startswith("figures/")}
+    assert {f"figures/{file.name}" for file in kept} == {
+        name for name in links if name.startswith("figures/")
+    }
     assert all(file.stat().st_size <= 150_000 for file in kept)
 
 
@@ -89,9 +98,16 @@ def test_survey(run: Run) -> None:
 
 
 @pytest.mark.slow
-def test_survey_of_all_arms(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_survey_of_all_arms(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     start("python examples/survey.py", monkeypatch)
-    table = (ROOT / "README.md").read_text(encoding="utf-8").split("<!-- survey -->")[1].split("\n\n")[0]
+    table = (
+        (ROOT / "README.md")
+        .read_text(encoding="utf-8")
+        .split("<!-- survey -->")[1]
+        .split("\n\n")[0]
+    )
     assert steady(capsys.readouterr().out) == steady(table)
 
 
@@ -114,7 +130,8 @@ def test_audit_pink(run: Run) -> None:
 
 
 def test_physics(run: Run) -> None:
-    """With servos, noise and a push: back within 1e-3 rad of cycle 2, as J⁺ is not; torques hold the hand to 5 mm."""
+    """With servos, noise and a push: back within 1e-3 rad of cycle 2, as J⁺ is not; torques hold
+    the hand to 5 mm."""
     pytest.importorskip("mujoco")
     found = run("python examples/physics.py")[0]["found"]
     assert found["nearest repeatable"][3:].max() < 1e-3 < 0.05 < found["J⁺"][3:].min()
@@ -126,7 +143,11 @@ def test_best_leaf(run: Run) -> None:
     _, told = run("python examples/best_leaf.py")
     for arm in told.strip().split("\n\n"):
         given, best, ten = arm.splitlines()[1:]
-        assert "leaves its limits" in given and "leaves" not in best and "no joint leaves its limits" in ten
+        assert (
+            "leaves its limits" in given
+            and "leaves" not in best
+            and "no joint leaves its limits" in ten
+        )
     assert "tiago" in told and "panda" in told
 
 
@@ -136,7 +157,9 @@ def test_nearest_panda(run: Run) -> None:
     plain, repeatable = found.verdicts
     assert not plain and repeatable and plain.defect > 1
     off = np.abs(found.measured / found.predicted - 1)
-    assert off[0] < 0.02 and (np.diff(off) > 0).all()  # the smaller the loop, the better the prediction
+    assert (
+        off[0] < 0.02 and (np.diff(off) > 0).all()
+    )  # the smaller the loop, the better the prediction
     assert found.repeatable.max() < 1e-8 < 1e-4 < found.measured.min()
     assert found.defect.min() > 1 and found.defect_repeatable.max() < 1e-12
     assert found.designs[3].cost < found.designs[2].cost < found.designs[1].cost < 0.6
@@ -166,7 +189,9 @@ def test_stable_surfaces(run: Run) -> None:
 def test_nearest_ppr(run: Run) -> None:
     names, told = run("python examples/nearest_ppr.py")
     # Table I, cell by cell, and the other two answers beside it.
-    rows = [line.split("  ") for line in told.split("Table I")[1].split("\n\n")[1].splitlines()[2:6]]
+    rows = [
+        line.split("  ") for line in told.split("Table I")[1].split("\n\n")[1].splitlines()[2:6]
+    ]
     cells = [[cell.strip() for cell in row if cell.strip()] for row in rows]
     assert [row[:6] for row in cells] == [
         ["1", "−", "0.00000", "sin θ₃/√2", "0", "0.00000"],
@@ -195,7 +220,9 @@ def test_leaves_of_nearest_ppr_are_level_sets() -> None:
     seen = np.isfinite(points[..., 2])
     assert seen.sum() > 20
     level = module.paper_potential(np.array([0, 0, 0.2]))
-    assert np.abs(module.paper_potential(points[seen]) - level).max() < 1e-3  # linear in cells of 1/60 rad
+    assert (
+        np.abs(module.paper_potential(points[seen]) - level).max() < 1e-3
+    )  # linear in cells of 1/60 rad
     with pytest.raises(rp.SingularityError, match="graph"):
         module.leaves(lambda Q: np.cos(3 * Q[..., 2]), (0.2,), 3)
 
@@ -206,7 +233,9 @@ def test_ten_squares(run: Run) -> None:
     assert [file.name for file in result.figures] == [f"figure_{n:02d}.png" for n in range(4, 13)]
     assert all(min(size_of(file)) > 400 for file in result.figures)
     assert "1.37361851, −0.92758245, −4.32948" in told
-    assert np.abs(result.squares["J⁺"][-1].q[-1] - [1.37361851, -0.92758245, -4.32948200]).max() < 1e-7
+    assert (
+        np.abs(result.squares["J⁺"][-1].q[-1] - [1.37361851, -0.92758245, -4.32948200]).max() < 1e-7
+    )
 
     points = result.points
     assert points["F"] == points["C"] == 8.0 and 12 < points["G"] < 16
@@ -226,6 +255,9 @@ def test_ten_squares(run: Run) -> None:
     # Every point of the k = 1 run, put in order, still puts the tool where it should be.
     for s in (0.5, 5.0, 9.5, 13.0, 15.5):
         i = int(np.argmin(np.abs(one.s - s)))
-        assert np.abs(result.task.placement(one.q[i]).translation - names["place"](one.s[i])).max() < 1e-8
+        assert (
+            np.abs(result.task.placement(one.q[i]).translation - names["place"](one.s[i])).max()
+            < 1e-8
+        )
     difference, bound = names["penalty"](result)
     assert (difference <= bound + 1e-12).all()

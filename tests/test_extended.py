@@ -42,12 +42,15 @@ def some_q(count: int = 4) -> np.ndarray:
 
 @pytest.mark.parametrize("potential", ["posture", "given"])
 def test_V_is_the_gradient_of_h(task: rp.Task, potential: str) -> None:
-    """For r > 1 this needs the gauge term: the aligned basis turns within the null space as q moves."""
+    """For r > 1 this needs the gauge term: the aligned basis turns within the null space as q
+    moves."""
     if potential == "posture":
         inverse = rp.ExtendedJacobian(task, Q0 + 0.1)
     else:
-        inverse = rp.ExtendedJacobian(task, bowl, gradient=bowl_gradient, hessian=bowl_hessian, reference=Q0)
-    h, e = inverse.field, 1e-5
+        inverse = rp.ExtendedJacobian(
+            task, bowl, gradient=bowl_gradient, hessian=bowl_hessian, reference=Q0
+        )
+    h, e = inverse.potentials, 1e-5
     for q in some_q():
         V = h.gradient(q)
         for i, d in enumerate(np.eye(7)):
@@ -59,23 +62,28 @@ def test_h_is_the_gradient_along_the_null_space(task: rp.Task) -> None:
     inverse = rp.ExtendedJacobian(task, Q0)
     for q in some_q():
         N = redundancy.nullspace(task.jacobian(q))
-        assert np.isclose(np.linalg.norm(inverse.field.value(q)), np.linalg.norm(N.T @ (q - Q0)), atol=1e-12)
-    assert np.abs(inverse.field.value(Q0)).max() < 1e-15
+        assert np.isclose(
+            np.linalg.norm(inverse.potentials.value(q)), np.linalg.norm(N.T @ (q - Q0)), atol=1e-12
+        )
+    assert np.abs(inverse.potentials.value(Q0)).max() < 1e-15
 
 
 def test_numerical_derivatives_come_close(panda_pose: rp.Task) -> None:
-    exact = rp.ExtendedJacobian(panda_pose, bowl, gradient=bowl_gradient, hessian=bowl_hessian, reference=Q0)
+    exact = rp.ExtendedJacobian(
+        panda_pose, bowl, gradient=bowl_gradient, hessian=bowl_hessian, reference=Q0
+    )
     Q = some_q()
-    V = exact.field.gradients(Q)
+    V = exact.potentials.gradients(Q)
     for rough, tolerance in (
         (rp.ExtendedJacobian(panda_pose, bowl, gradient=bowl_gradient, reference=Q0), 1e-8),
         (rp.ExtendedJacobian(panda_pose, bowl, reference=Q0), 1e-3),
     ):
-        assert np.abs(rough.field.gradients(Q) - V).max() < tolerance * np.abs(V).max()
+        assert np.abs(rough.potentials.gradients(Q) - V).max() < tolerance * np.abs(V).max()
 
 
 def test_on_the_leaf_U_stays_at_its_minimum(panda: rp.Robot) -> None:
-    """Follow a path from the posture: at every point q is the constrained minimum that another optimiser finds."""
+    """Follow a path from the posture: at every point q is the constrained minimum that another
+    optimiser finds."""
     task = panda.task("panda_hand_tcp", "position")
     inverse = rp.ExtendedJacobian(task, Q0)
     path = rp.circle(task, Q0, radius=0.08, normal="yz")
@@ -87,7 +95,11 @@ def test_on_the_leaf_U_stays_at_its_minimum(panda: rp.Robot) -> None:
         lambda x: 0.5 * np.sum((x - Q0) ** 2),
         Q0,
         jac=lambda x: x - Q0,
-        constraints={"type": "eq", "fun": lambda x: task.placement(x).translation - target, "jac": task.jacobian},
+        constraints={
+            "type": "eq",
+            "fun": lambda x: task.placement(x).translation - target,
+            "jac": task.jacobian,
+        },
         method="SLSQP",
         options={"ftol": 1e-15, "maxiter": 300},
     )
@@ -97,7 +109,7 @@ def test_on_the_leaf_U_stays_at_its_minimum(panda: rp.Robot) -> None:
 def test_it_is_repeatable_and_pickles(task: rp.Task) -> None:
     inverse = rp.ExtendedJacobian(task, Q0)
     q = some_q()[0]
-    G, V = inverse(q), inverse.field.gradient(q)
+    G, V = inverse(q), inverse.potentials.gradient(q)
     assert np.abs(task.jacobian(q) @ G - np.eye(task.m)).max() < 1e-10
     assert np.abs(V.T @ G).max() < 1e-9 * np.abs(V).max() * np.abs(G).max()
     again = pickle.loads(pickle.dumps(inverse))
@@ -112,8 +124,14 @@ def test_it_is_repeatable_and_pickles(task: rp.Task) -> None:
     [
         (lambda t: rp.ExtendedJacobian(t, Q0[:6]), "7 finite numbers"),
         (lambda t: rp.ExtendedJacobian(t, Q0 * np.nan), "7 finite numbers"),
-        (lambda t: rp.ExtendedJacobian(t, lambda q: np.nan).field.value(Q0), "value of the potential"),
-        (lambda t: rp.ExtendedJacobian(t, bowl, gradient=lambda q: q[:2]).field.value(Q0), "gradient of the potential"),
+        (
+            lambda t: rp.ExtendedJacobian(t, lambda q: np.nan).potentials.value(Q0),
+            "value of the potential",
+        ),
+        (
+            lambda t: rp.ExtendedJacobian(t, bowl, gradient=lambda q: q[:2]).potentials.value(Q0),
+            "gradient of the potential",
+        ),
     ],
 )
 def test_bad_input_gets_one_clear_line(panda_pose: rp.Task, make, message: str) -> None:

@@ -13,7 +13,7 @@ CENTER, SCALE = np.array([0.3, -1.0, 2.0, 0.5]), np.array([0.4, 0.8, 0.1, 2.0])
 
 
 @pytest.fixture(params=[1, 2, 3, 4])
-def field(request: pytest.FixtureRequest) -> rp.Polynomial:
+def potentials(request: pytest.FixtureRequest) -> rp.Polynomial:
     return rp.Polynomial(CENTER, request.param, SCALE)
 
 
@@ -21,49 +21,53 @@ def some_q(count: int = 6) -> np.ndarray:
     return CENTER + SCALE * np.random.default_rng(0).uniform(-1.2, 1.2, (count, 4))
 
 
-def test_all_monomials_up_to_the_degree_are_there(field: rp.Polynomial) -> None:
-    assert field.size == math.comb(4 + field.degree, 4) - 1
+def test_all_monomials_up_to_the_degree_are_there(potentials: rp.Polynomial) -> None:
+    assert potentials.size == math.comb(4 + potentials.degree, 4) - 1
     Q = some_q(200)
     u = (Q - CENTER) / SCALE
     rng = np.random.default_rng(1)
-    power = rng.multinomial(field.degree, np.ones(4) / 4)
-    basis = np.column_stack([np.ones(200), field.potentials(Q)])
+    power = rng.multinomial(potentials.degree, np.ones(4) / 4)
+    basis = np.column_stack([np.ones(200), potentials.values(Q)])
     residual = np.linalg.lstsq(basis, np.prod(u**power, axis=1))[1]
     assert residual.size == 1 and residual[0] < 1e-20
 
 
-def test_gradients_agree_with_finite_differences(field: rp.Polynomial) -> None:
+def test_gradients_agree_with_finite_differences(potentials: rp.Polynomial) -> None:
     Q, e = some_q(), 1e-6
-    D = field.gradients(Q)
+    D = potentials.gradients(Q)
     for i, d in enumerate(np.eye(4)):
-        slope = (field.potentials(Q + e * d) - field.potentials(Q - e * d)) / (2 * e)
+        slope = (potentials.values(Q + e * d) - potentials.values(Q - e * d)) / (2 * e)
         assert np.allclose(D[:, i], slope, rtol=1e-7, atol=1e-6)
 
 
-def test_basis_is_orthonormal_on_its_box(field: rp.Polynomial) -> None:
+def test_basis_is_orthonormal_on_its_box(potentials: rp.Polynomial) -> None:
     x, w = np.polynomial.legendre.leggauss(6)
     U = np.stack(np.meshgrid(x, x, x, x, indexing="ij"), -1).reshape(-1, 4)
     W = np.prod(np.stack(np.meshgrid(w, w, w, w, indexing="ij"), -1).reshape(-1, 4) / 2, axis=1)
-    H = field.potentials(CENTER + SCALE * U)
-    assert np.allclose(H.T @ (W[:, None] * H), np.eye(field.size), atol=1e-12)
+    H = potentials.values(CENTER + SCALE * U)
+    assert np.allclose(H.T @ (W[:, None] * H), np.eye(potentials.size), atol=1e-12)
 
 
-def test_restriction_to_variables(field: rp.Polynomial) -> None:
-    part = rp.Polynomial(CENTER, field.degree, SCALE, variables=[2])
-    assert part.size == field.degree
+def test_restriction_to_variables(potentials: rp.Polynomial) -> None:
+    part = rp.Polynomial(CENTER, potentials.degree, SCALE, variables=[2])
+    assert part.size == potentials.degree
     D = part.gradients(some_q())
     assert np.abs(D[:, [0, 1, 3]]).max() == 0 and np.abs(D[:, 2]).min() > 0
 
 
-def test_weighted_sum_is_the_sum_of_the_basis(field: rp.Polynomial) -> None:
-    A = np.random.default_rng(2).normal(size=(field.size, 3))
-    chosen = field.weighted(A)
+def test_weighted_sum_is_the_sum_of_the_basis(potentials: rp.Polynomial) -> None:
+    A = np.random.default_rng(2).normal(size=(potentials.size, 3))
+    chosen = potentials.weighted(A)
     Q = some_q()
-    constant = chosen.value(CENTER) - (field.potentials(CENTER[None]) @ A)[0]
+    constant = chosen.value(CENTER) - (potentials.values(CENTER[None]) @ A)[0]
     for q in Q:
-        assert np.allclose(chosen.gradient(q), field.gradients(q[None])[0] @ A, rtol=1e-11, atol=1e-10)
-        assert np.allclose(chosen.value(q) - constant, field.potentials(q[None])[0] @ A, rtol=1e-11, atol=1e-11)
-    assert np.allclose(chosen.gradients(Q), field.gradients(Q) @ A, rtol=1e-11, atol=1e-10)
+        assert np.allclose(
+            chosen.gradient(q), potentials.gradients(q[None])[0] @ A, rtol=1e-11, atol=1e-10
+        )
+        assert np.allclose(
+            chosen.value(q) - constant, potentials.values(q[None])[0] @ A, rtol=1e-11, atol=1e-11
+        )
+    assert np.allclose(chosen.gradients(Q), potentials.gradients(Q) @ A, rtol=1e-11, atol=1e-10)
 
 
 @pytest.mark.parametrize(

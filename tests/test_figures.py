@@ -22,7 +22,13 @@ from repctl_pin.show.plots.cycles import (
     speed_over_cycle,
 )
 from repctl_pin.show.plots.designs import joint_map
-from repctl_pin.show.plots.motions import drawn, drift_figure, drift_over_cycles, joint_over_cycles, joints_figure
+from repctl_pin.show.plots.motions import (
+    drawn,
+    drift_figure,
+    drift_over_cycles,
+    joint_over_cycles,
+    joints_figure,
+)
 from repctl_pin.show.text.numbers import number
 from repctl_pin.studies.study_maps import study_maps
 
@@ -46,8 +52,15 @@ def test_drift_lines_hold_the_drift(motions) -> None:
     assert ax.get_yscale() == "linear" and "(rad)" in ax.get_ylabel() and ax.get_xlabel() == "cycle"
     said = {text.get_text() for text in ax.texts}
     for label, motion, _ in motions:  # each line says its end, and what has come back is 0
-        end = f"{motion.drift[-1]:.3g} rad" if motion.drift[-1] > 1e-6 else f"0 ({motion.drift[-1]:.0e}"
-        assert any(text.startswith(f"{label}: {end.replace('e-0', 'e-')}") for text in said), (label, said)
+        end = (
+            f"{motion.drift[-1]:.3g} rad"
+            if motion.drift[-1] > 1e-6
+            else f"0 ({motion.drift[-1]:.0e}"
+        )
+        assert any(text.startswith(f"{label}: {end.replace('e-0', 'e-')}") for text in said), (
+            label,
+            said,
+        )
     assert drift_over_cycles(axes(), motions, log=True).get_yscale() == "log"
     for line, (label, motion, colour) in zip(ax.lines, motions, strict=True):
         assert line.get_label() == label and to_hex(line.get_color()) == colour.lower()
@@ -60,14 +73,20 @@ def test_joint_lines_hold_the_joint(motions) -> None:
     for line, (_, motion, _) in zip(ax.lines, motions, strict=False):
         np.testing.assert_array_equal(line.get_ydata(), motion.q[:, 2])
         assert line.get_xdata()[0] == 0 and line.get_xdata()[-1] == pytest.approx(3)
-    assert ax.get_ylabel() == "rad" and ax.get_title(loc="left") == motions[0][1].task.joint_names[2]
+    assert (
+        ax.get_ylabel() == "rad" and ax.get_title(loc="left") == motions[0][1].task.joint_names[2]
+    )
 
 
 def test_orbits_are_three_orthogonal_views(motions) -> None:
     ax = orbit(axes(), motions, 0, 3)
     np.testing.assert_array_equal(ax.lines[0].get_xydata(), motions[0][1].q[:, [0, 3]])
-    np.testing.assert_array_equal(ax.lines[1].get_xydata(), motions[0][1].q[-1:, [0, 3]])  # the end, marked
-    np.testing.assert_array_equal(ax.lines[-1].get_xydata(), motions[0][1].q[:1, [0, 3]])  # the start
+    np.testing.assert_array_equal(
+        ax.lines[1].get_xydata(), motions[0][1].q[-1:, [0, 3]]
+    )  # the end, marked
+    np.testing.assert_array_equal(
+        ax.lines[-1].get_xydata(), motions[0][1].q[:1, [0, 3]]
+    )  # the start
     figure = orbits_figure(motions, "", (1, 2, 3))
     names = motions[0][1].task.joint_names
     seen = [(a.get_xlabel(), a.get_ylabel()) for a in figure.axes]
@@ -75,7 +94,9 @@ def test_orbits_are_three_orthogonal_views(motions) -> None:
 
 
 def test_liveliest_joints_are_those_that_end_furthest_off(motions) -> None:
-    off = np.max([np.abs(m.q[m.steps :: m.steps] - m.q[0]).max(axis=0) for _, m, _ in motions], axis=0)
+    off = np.max(
+        [np.abs(m.q[m.steps :: m.steps] - m.q[0]).max(axis=0) for _, m, _ in motions], axis=0
+    )
     assert set(liveliest_joints(motions)) == set(np.argsort(off)[1:].tolist())
     assert liveliest_joints(motions) == sorted(liveliest_joints(motions))
 
@@ -109,7 +130,7 @@ def test_margin_lines_hold_the_least_margin_of_each_cycle(motions) -> None:
 def test_a_joint_without_limits_is_said(tmp_path) -> None:
     from dataclasses import replace
 
-    study = rp.study("kinova", task="position", cycles=1, steps=40, degree=1)
+    study = rp.study("kinova", kind="position", cycles=1, steps=40, degree=1)
     motion = study.row("repeatable").motion
     free = np.isinf(motion.task.lower)
     assert free.any() and not free.all()
@@ -134,12 +155,16 @@ def test_maps_hold_their_arrays(study: rp.Study) -> None:
     q = study.design.region.center.copy()
     q[i], q[j] = maps.design.x[2], maps.design.y[7]
     G, J, dG = study.design.desired(q), study.task.jacobian(q), np.empty((4, 2, 4))
-    for k in range(4):  # the defect from finite differences of G, and Λ = Δ_12 / area of the columns
+    for k in range(
+        4
+    ):  # the defect from finite differences of G, and Λ = Δ_12 / area of the columns
         step = 1e-5 * np.eye(4)[k]
         dG[:, :, k] = (study.design.desired(q + step) - study.design.desired(q - step)) / 2e-5
     bracket = np.einsum("ik,k->i", dG[:, 1], G[:, 0]) - np.einsum("ik,k->i", dG[:, 0], G[:, 1])
     delta = (np.eye(4) - G @ J) @ bracket
-    assert maps.defect[7, 2] == pytest.approx(np.linalg.norm(delta) / np.sqrt(np.linalg.det(G.T @ G)), rel=1e-6)
+    assert maps.defect[7, 2] == pytest.approx(
+        np.linalg.norm(delta) / np.sqrt(np.linalg.det(G.T @ G)), rel=1e-6
+    )
     ax = joint_map(axes(), study.design, maps.design, maps.defect, "defect")
     mesh = ax.collections[0]
     np.testing.assert_array_equal(mesh.get_array().reshape(9, 9), maps.defect)
@@ -158,13 +183,19 @@ def test_the_still_shows_start_and_end(study: rp.Study) -> None:
     path, trace, start, end = ax.lines
     np.testing.assert_allclose(start.get_xydata(), bones(study.task, motion.q[0])[:, :2])
     np.testing.assert_allclose(end.get_xydata(), bones(study.task, motion.q[-1])[:, :2])
-    np.testing.assert_allclose(bones(study.task, motion.q[-1])[-1], study.task.placement(motion.q[-1]).translation)
-    np.testing.assert_allclose(trace.get_xydata()[0], study.task.joint_origins(motion.q[0])[study.elbow, :2])
+    np.testing.assert_allclose(
+        bones(study.task, motion.q[-1])[-1], study.task.placement(motion.q[-1]).translation
+    )
+    np.testing.assert_allclose(
+        trace.get_xydata()[0], study.task.joint_origins(motion.q[0])[study.elbow, :2]
+    )
     np.testing.assert_allclose(path.get_xydata()[0], study.path.point(0.0)[:2])
 
 
 def test_every_axis_of_every_figure_has_a_name_and_its_unit(study: rp.Study, motions) -> None:
-    figures = [f(motions, "title") for f in (drift_figure, orbits_figure, cycle_figure)] + [still_figure(study)]
+    figures = [f(motions, "title") for f in (drift_figure, orbits_figure, cycle_figure)] + [
+        still_figure(study)
+    ]
     for figure in figures:
         figure.canvas.draw()
         for ax in figure.axes:
@@ -172,7 +203,9 @@ def test_every_axis_of_every_figure_has_a_name_and_its_unit(study: rp.Study, mot
             assert "(" in ax.get_ylabel()
     joints = joints_figure(motions, "")
     assert [ax.get_ylabel() for ax in joints.axes] == ["rad"] * 4
-    assert {to_hex(line.get_color()) for line in joints.axes[0].lines} >= {c.lower() for c in COLOURS.values()}
+    assert {to_hex(line.get_color()) for line in joints.axes[0].lines} >= {
+        c.lower() for c in COLOURS.values()
+    }
 
 
 def test_a_control_that_goes_away_at_once_does_not_hide_the_drift() -> None:
@@ -185,7 +218,9 @@ def test_a_control_that_goes_away_at_once_does_not_hide_the_drift() -> None:
     assert [note.get_text() for note in ax.texts if "↑" in note.get_text()] == [
         f"J⁺ + other posture: {number(away.drift[-1])} rad and m ↑"
     ]
-    ax = drift_over_cycles(Figure().add_subplot(), [m for m in shown if m[1] in (rest[0], rest[-1])])
+    ax = drift_over_cycles(
+        Figure().add_subplot(), [m for m in shown if m[1] in (rest[0], rest[-1])]
+    )
     assert not any("↑" in note.get_text() for note in ax.texts)  # J⁺ and ours: nothing is left out
 
 

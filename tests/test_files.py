@@ -1,4 +1,5 @@
-"""Files: whole or not at all, never in place of a device or a pipe, never by a name that somebody can foresee."""
+"""Files: whole or not at all, never in place of a device or a pipe, never by a name that somebody
+can foresee."""
 
 from __future__ import annotations
 
@@ -34,7 +35,10 @@ def test_a_device_is_written_through_and_stays_one(tmp_path: Path) -> None:
     (tmp_path / "link").symlink_to(node)
     for name in ("motion.csv", "link"):
         assert write_whole(tmp_path / name, "text") == node
-    assert stat.S_ISCHR(node.stat().st_mode) and sorted(p.name for p in tmp_path.iterdir()) == ["link", "motion.csv"]
+    assert stat.S_ISCHR(node.stat().st_mode) and sorted(p.name for p in tmp_path.iterdir()) == [
+        "link",
+        "motion.csv",
+    ]
     full = device(tmp_path / "full", FULL)
     with pytest.raises(InputError, match="cannot write .*full: No space left"):
         write_whole(full, "text")
@@ -59,11 +63,15 @@ def test_a_link_is_followed_and_stays(tmp_path: Path) -> None:
             target.chmod(0o640)
         link = tmp_path / f"link{there}"
         link.symlink_to(target.name)
-        assert write_whole(link, "new") == target and link.is_symlink() and target.read_text() == "new"
+        assert (
+            write_whole(link, "new") == target and link.is_symlink() and target.read_text() == "new"
+        )
     assert stat.S_IMODE((tmp_path / "targetTrue").stat().st_mode) == 0o640  # as it was
 
 
-def test_the_temporary_name_cannot_be_foreseen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_temporary_name_cannot_be_foreseen(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     seen, opened = [], os.open
 
     def watching(path, flags, *mode, **more) -> int:
@@ -94,7 +102,9 @@ def test_eight_threads_save_to_one_name(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["", ".", "folder", "/", "no\0name", "none/file"])
-def test_what_is_no_name_of_a_file(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_no_name_of_a_file(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "folder").mkdir()
     with pytest.raises(InputError, match="cannot write"):
@@ -118,7 +128,9 @@ except InputError as error:
 def test_where_it_does_not_fit_the_old_file_stays(tmp_path: Path) -> None:
     pytest.importorskip("resource")
     (tmp_path / "file").write_text("old")
-    done = subprocess.run([sys.executable, "-c", LIMITED], cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    done = subprocess.run(
+        [sys.executable, "-c", LIMITED], cwd=tmp_path, capture_output=True, text=True, timeout=60
+    )
     assert done.stdout == "cannot write file: File too large\n", done.stderr
     assert (tmp_path / "file").read_text() == "old" and len(list(tmp_path.iterdir())) == 1
 
@@ -155,10 +167,17 @@ def test_files_are_replaced_together_or_not_at_all(tmp_path: Path) -> None:
         for name in ("a", "b", "c"):
             write_whole(staged / name, "new")
         assert (tmp_path / "a").read_text() == "old"
-    assert {p.name: p.read_text() for p in tmp_path.iterdir()} == {"a": "new", "b": "new", "c": "new"}
+    assert {p.name: p.read_text() for p in tmp_path.iterdir()} == {
+        "a": "new",
+        "b": "new",
+        "c": "new",
+    }
     assert stat.S_IMODE((tmp_path / "b").stat().st_mode) == 0o640
     (tmp_path / "d").mkdir()
-    with pytest.raises(InputError, match="cannot write .*d: it is a folder"), written_together(tmp_path) as staged:
+    with (
+        pytest.raises(InputError, match="cannot write .*d: it is a folder"),
+        written_together(tmp_path) as staged,
+    ):
         write_whole(staged / "a", "newer")
         write_whole(staged / "d", "newer")
     assert (tmp_path / "a").read_text() == "new" and not list(tmp_path.glob(".repctl*"))

@@ -33,18 +33,33 @@ def lost(motion: rp.Motion) -> rp.Motion:
 
 
 def test_a_lost_hand_comes_first(planar: rp.Study) -> None:
-    rows = [replace(r, motion=lost(r.motion)) if r.key == "pseudoinverse" else r for r in planar.rows]
+    rows = [
+        replace(r, motion=lost(r.motion)) if r.key == "pseudoinverse" else r for r in planar.rows
+    ]
     told = study_verdict(replace(planar, rows=tuple(rows))).sentence
-    assert told.startswith("End effector: leaves the path in cycle 2, by up to 57 cm (J⁺) → on the path (repeatable).")
+    assert told.startswith(
+        "End effector: leaves the path in cycle 2, by up to 57 cm (J⁺) → on the path (repeatable)."
+    )
     assert study_verdict(planar).sentence.startswith("Elbow displacement")
-    assert lost(planar.rows[0].motion).path_loss[1:] == (0.572, 0.0) and planar.rows[0].motion.path_loss is None
+    assert (
+        lost(planar.rows[0].motion).path_loss[1:] == (0.572, 0.0)
+        and planar.rows[0].motion.path_loss is None
+    )
 
 
 def test_a_lost_motion_does_not_stretch_the_period(planar: rp.Study) -> None:
     motion = replace(planar.rows[0].motion, cycles=1, steps=2 * planar.rows[0].motion.steps)
-    fast = replace(motion, qdot=motion.qdot * 3 / motion.speed_ratio) if np.isfinite(motion.speed_ratio) else motion
+    fast = (
+        replace(motion, qdot=motion.qdot * 3 / motion.speed_ratio)
+        if np.isfinite(motion.speed_ratio)
+        else motion
+    )
     period, (note,) = defaults.choose_period(5.0, {"J⁺": fast})
-    assert period > 14 and "period increased to" in note and note.endswith("times its speed limit (J⁺)")
+    assert (
+        period > 14
+        and "period increased to" in note
+        and note.endswith("times its speed limit (J⁺)")
+    )
     assert defaults.choose_period(5.0, {"J⁺": lost(fast)}) == (5.0, [])
 
 
@@ -53,19 +68,27 @@ def test_a_start_beside_which_the_motion_goes_elsewhere_is_named(planar: rp.Stud
     options = {"cycles": 2, "steps": 60, "period": planar.period}
     plain = rp.Pseudoinverse(task)
     assert _on_an_edge(row, plain, planar.path, planar.q0, options) == []
-    elsewhere = replace(row, motion=replace(row.motion, q=row.motion.q + 0.01 * (row.motion.t > 0)[:, None]))
+    elsewhere = replace(
+        row, motion=replace(row.motion, q=row.motion.q + 0.01 * (row.motion.t > 0)[:, None])
+    )
     (note,) = _on_an_edge(elsewhere, plain, planar.path, planar.q0, options)
     assert "the start is on an edge" in note and "ends cycle 1 0.02 rad away" in note
-    (note,) = _on_an_edge(replace(row, motion=None, stopped="why"), plain, planar.path, planar.q0, options)
+    (note,) = _on_an_edge(
+        replace(row, motion=None, stopped="why"), plain, planar.path, planar.q0, options
+    )
     assert "the motion goes on" in note
 
 
-def test_a_default_start_keeps_limits_where_another_does(planar: rp.Study, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_default_start_keeps_limits_where_another_does(
+    planar: rp.Study, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The first start offered is at a limit, the second is not."""
     task = planar.task
     at_limit = planar.q0.copy()
     at_limit[0] = task.upper[0] - 1e-3
-    monkeypatch.setattr(defaults, "starts", lambda task: iter([(at_limit, "first"), (planar.q0, "second")]))
+    monkeypatch.setattr(
+        defaults, "starts", lambda task: iter([(at_limit, "first"), (planar.q0, "second")])
+    )
     path = lambda task, q0: rp.circle(task, q0, 0.1)  # noqa: E731
     study = rp.study("planar4r", path=path, **QUICK)
     assert "the start is second" in study.notes and not study.row("repeatable").violations
@@ -80,12 +103,27 @@ def test_follow_says_that_default_starts_were_tried(
     at_limit = planar.q0.copy()
     at_limit[0] = planar.task.upper[0] - 1e-3
     monkeypatch.setattr(defaults, "starts", lambda task: iter([(at_limit, "first")]))
-    assert main(["follow", "planar4r", "--path", "square:0.1", "--strategy", "pseudoinverse", "--steps", "60"]) == 0
+    assert (
+        main(
+            [
+                "follow",
+                "planar4r",
+                "--path",
+                "square:0.1",
+                "--strategy",
+                "pseudoinverse",
+                "--steps",
+                "60",
+            ]
+        )
+        == 0
+    )
     assert f"a --start of your own ({start_and_path.NO_BETTER})" in capsys.readouterr().err
 
 
 def test_a_dear_start_gives_way_to_a_cheap_one_or_is_explained(tmp_path: Path) -> None:
-    """An arm like the iiwa: from mid-range J⁺ drifts by 0.56 rad in a cycle, to where the same circle takes less."""
+    """An arm like the iiwa: from mid-range J⁺ drifts by 0.56 rad in a cycle, to where the same
+    circle takes less."""
     from controls import iiwa
 
     robot = iiwa(tmp_path)
@@ -98,7 +136,14 @@ def test_a_dear_start_gives_way_to_a_cheap_one_or_is_explained(tmp_path: Path) -
     )
     assert cheap < 0.05 < price
     (note,) = [note for note in dear.notes if note.startswith("joint speed: ")]
-    same = float(re.match(r"joint speed: ([+-][\d.]+)% relative to J⁺ at the same configurations", note)[1]) / 100
+    same = (
+        float(
+            re.match(r"joint speed: ([+-][\d.]+)% relative to J⁺ at the same configurations", note)[
+                1
+            ]
+        )
+        / 100
+    )
     motion, plain = dear.row("repeatable").motion, rp.Pseudoinverse(dear.task)
     Q, V = motion.q[:100], motion.qdot[:100]
     least = [plain.velocity(q, dear.task.jacobian(q) @ v) for q, v in zip(Q, V, strict=True)]
@@ -123,9 +168,13 @@ def test_many_joints_are_studied_at_once_or_it_is_said_what_takes_long(tmp_path:
         rp.study(str(tmp_path / "long.urdf"), degree=2, progress=say)
     assert said[-1].startswith("designing the nearest repeatable inverse, degree 2: ")
     (note,) = [text for text in said if text.startswith("note: ")]
-    assert re.fullmatch(r"note: a design of degree 2 for 12 joints takes about \d+ min; a lower --degree .*", note)
+    assert re.fullmatch(
+        r"note: a design of degree 2 for 12 joints takes about \d+ min; a lower --degree .*", note
+    )
     (tmp_path / "longer.urdf").write_text(planar_urdf([0.02] * 60))
-    with pytest.raises(rp.InputError, match="a study of 60 joints takes about .* even at degree 1; choose a frame"):
+    with pytest.raises(
+        rp.InputError, match="a study of 60 joints takes about .* even at degree 1; choose a frame"
+    ):
         rp.study(str(tmp_path / "longer.urdf"))
 
 
@@ -136,7 +185,9 @@ def test_a_design_that_fails_on_its_own_cycle_is_blamed_not_the_path(
 
     def failing(strategy, *args, **options):
         if isinstance(strategy, rp.RepeatableInverse):
-            raise rp.SingularityError("the joints jump by more than 1 rad: the path is out of reach")
+            raise rp.SingularityError(
+                "the joints jump by more than 1 rad: the path is out of reach"
+            )
         return real(strategy, *args, **options)
 
     monkeypatch.setattr(start_and_path, "follow", failing)
@@ -152,7 +203,18 @@ def test_files_name_their_run_and_it_is_the_control_files_checksum(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    command = ["study", "planar4r", "--cycles", "1", "--steps", "40", "--degree", "1", "--report", "--json"]
+    command = [
+        "study",
+        "planar4r",
+        "--cycles",
+        "1",
+        "--steps",
+        "40",
+        "--degree",
+        "1",
+        "--report",
+        "--json",
+    ]
     assert main(command) == 0
     run = json.loads(capsys.readouterr().out)["run"]
     folder = tmp_path / "repctl-out" / "planar4r"
@@ -188,7 +250,14 @@ def test_results_are_short_at_the_prompt(planar: rp.Study) -> None:
 
 
 def test_animate_knows_the_surroundings(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    asked = ["animate", "planar4r", "--surroundings", str(tmp_path / "missing.urdf"), "--out", str(tmp_path / "out")]
+    asked = [
+        "animate",
+        "planar4r",
+        "--surroundings",
+        str(tmp_path / "missing.urdf"),
+        "--out",
+        str(tmp_path / "out"),
+    ]
     assert main(asked) == 2
     assert "missing.urdf: no such file" in capsys.readouterr().err
 
@@ -207,13 +276,18 @@ def test_a_design_that_fails_says_what_to_change(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(nearest, "fit", failing)
     task = rp.Robot.load("ppr").task("tool", "xy")
     control = rp.Pseudoinverse(task)
-    with pytest.raises(rp.SingularityError, match="the design fails there, not the arm; use a smaller region"):
-        rp.nearest_repeatable(control, rp.Polynomial(task.reference, 1), rp.Box(task.reference, 0.1))
+    with pytest.raises(
+        rp.SingularityError, match="the design fails there, not the arm; use a smaller region"
+    ):
+        rp.nearest_repeatable(
+            control, rp.Polynomial(task.reference, 1), rp.Box(task.reference, 0.1)
+        )
 
 
 def test_postures_of_long_ranged_joints_are_not_wound_up() -> None:
-    """The joints of xarm7 turn by up to two pi either way: the values nearest to the reference are taken."""
-    from repctl_pin.section.middle import _unwound
+    """The joints of xarm7 turn by up to two pi either way: the values nearest to the reference are
+    taken."""
+    from repctl_pin.inverse_function.posture_search import _unwound
 
     task = rp.Robot.load("xarm7").task("link_eef", "pose")
     middle = rp.Robot.load("xarm7").poses["ready"]
@@ -231,4 +305,7 @@ def test_what_regions_and_messages_say_is_so() -> None:
     assert box.ratio([[1.0, 0.0]]) == [2.0]
     for region in (rp.Box, rp.Tube, rp.WorkspaceBox):
         words = " ".join(region.ratio.__doc__.split())
-        assert words.startswith("Factor by which the region would have to be scaled") and "Above 1 is outside" in words
+        assert (
+            words.startswith("Factor by which the region would have to be scaled")
+            and "Above 1 is outside" in words
+        )

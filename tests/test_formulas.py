@@ -1,4 +1,5 @@
-"""Formulas that a quick look would let pass if they were a little wrong, each against its closed form."""
+"""Formulas that a quick look would let pass if they were a little wrong, each against its closed
+form."""
 
 from __future__ import annotations
 
@@ -8,7 +9,7 @@ from threadpoolctl import threadpool_info
 
 import repctl_pin as rp
 from repctl_pin.blas import one_blas_thread
-from repctl_pin.design.judgement import REPLICATES, judge
+from repctl_pin.design.evaluation import REPLICATES, judge
 from repctl_pin.strategies.control_step import damped
 
 
@@ -27,8 +28,12 @@ def test_damping_is_continuous_and_bounds_the_step(least: float) -> None:
 def test_a_limit_weight_is_its_formula(panda_pose: rp.Task) -> None:
     quarter = panda_pose.lower + 0.25 * (panda_pose.upper - panda_pose.lower)
     near, far = (1 + (share / 0.4) ** 2 for share in (0.5, 1.5))  # shares of half the range
-    assert rp.LimitWeight(panda_pose, 0.6, 0.4)(quarter) == pytest.approx(1 + 0.6 * (near**-2 + far**-2))
-    assert np.array_equal(rp.LimitWeight(panda_pose)(quarter), rp.LimitWeight(panda_pose, 1.0, 0.1)(quarter))
+    assert rp.LimitWeight(panda_pose, 0.6, 0.4)(quarter) == pytest.approx(
+        1 + 0.6 * (near**-2 + far**-2)
+    )
+    assert np.array_equal(
+        rp.LimitWeight(panda_pose)(quarter), rp.LimitWeight(panda_pose, 1.0, 0.1)(quarter)
+    )
 
 
 def test_the_standard_error_is_widened_as_students(panda_design: rp.Design) -> None:
@@ -60,6 +65,12 @@ def test_blas_keeps_to_one_thread_and_is_given_back() -> None:
     task = rp.Robot.load("planar3r").task("tool", "xy")
     box = rp.Box([0.3, 1.0, 0.8], 0.2)
     rp.nearest_repeatable(
-        rp.Pseudoinverse(task), None, box, degree=1, samples=64, held_out=64, progress=lambda *_: seen.extend(threads())
+        rp.Pseudoinverse(task),
+        None,
+        box,
+        degree=1,
+        samples=64,
+        held_out=64,
+        progress=lambda *_: seen.extend(threads()),
     )
     assert set(seen) == {1} and threads() == before

@@ -23,7 +23,9 @@ def test_the_script_makes_a_picture(tmp_path: Path) -> None:
     done = subprocess.run(command, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
     assert re.fullmatch(r"wrote .*ppr\.png \(\d+ kB\)\n", done.stdout)
-    made, kept = (np.asarray(Image.open(d / "ppr.png").convert("RGB"), float) for d in (tmp_path, PICTURES))
+    made, kept = (
+        np.asarray(Image.open(d / "ppr.png").convert("RGB"), float) for d in (tmp_path, PICTURES)
+    )
     assert made.shape == kept.shape
     # another machine draws edges and letters a little differently, not another picture
     assert np.mean(np.abs(made - kept).max(axis=-1) > 60) < 0.03
@@ -36,7 +38,10 @@ def test_kept_pictures_are_small_and_show_both_arms() -> None:
         assert file.stat().st_size <= 150_000, file.name
         image = np.asarray(Image.open(file).convert("RGB"), int)
         middle = image.shape[1] // 2
-        for colour, half in (((0xD5, 0x5E, 0x00), image[:, :middle]), ((0x00, 0x72, 0xB2), image[:, middle:])):
+        for colour, half in (
+            ((0xD5, 0x5E, 0x00), image[:, :middle]),
+            ((0x00, 0x72, 0xB2), image[:, middle:]),
+        ):
             assert np.mean(np.abs(half - colour).max(axis=-1) < 24) > 0.001, file.name
 
 

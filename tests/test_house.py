@@ -15,9 +15,13 @@ import repctl_pin
 ROOT = Path(__file__).parent.parent
 
 
-@pytest.mark.parametrize("command", [["ruff", "check", "."], ["ruff", "format", "--check", "."], ["mypy"]])
+@pytest.mark.parametrize(
+    "command", [["ruff", "check", "."], ["ruff", "format", "--check", "."], ["mypy"]]
+)
 def test_style_and_types(command: list[str]) -> None:
-    done = subprocess.run([sys.executable, "-m", *command], cwd=ROOT, capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-m", *command], cwd=ROOT, capture_output=True, text=True
+    )
     assert done.returncode == 0, done.stdout + done.stderr
 
 
@@ -32,16 +36,21 @@ def imports_of(path: Path) -> set[Path]:
     found = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.ImportFrom) and node.level:
-            module = path.parents[node.level - 1].joinpath(*(node.module.split(".") if node.module else ()))
+            module = path.parents[node.level - 1].joinpath(
+                *(node.module.split(".") if node.module else ())
+            )
             for name in node.names:
                 stems = (module / name.name, module)
-                places = [place for stem in stems for place in (Path(f"{stem}.py"), stem / "__init__.py")]
+                places = [
+                    place for stem in stems for place in (Path(f"{stem}.py"), stem / "__init__.py")
+                ]
                 found.add(next(place for place in places if place.is_file()))
     return found - {path}
 
 
 def test_no_two_files_import_each_other() -> None:
-    """The door, repctl_pin/__init__.py, is left out: it loads what it lists when that is asked for."""
+    """The door, repctl_pin/__init__.py, is left out: it loads what it lists when that is asked
+    for."""
     package = ROOT / "repctl_pin"
     files = set(package.rglob("*.py")) - {package / "__init__.py"}
     graph = {path: imports_of(path) & files for path in files}
@@ -59,7 +68,9 @@ def test_every_name_at_the_door_exists() -> None:
 def test_door_and_type_checker_see_the_same_names() -> None:
     lines = Path(repctl_pin.__file__).read_text().split("_DOOR")[0].splitlines()
     assert (Path(repctl_pin.__file__).parent / "py.typed").exists()
-    typed = {line.split(" as ")[1] for line in lines if line.startswith("    from ") and " as " in line}
+    typed = {
+        line.split(" as ")[1] for line in lines if line.startswith("    from ") and " as " in line
+    }
     assert typed == set(dir(repctl_pin)) - {"__version__"}
 
 

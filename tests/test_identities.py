@@ -15,7 +15,8 @@ from repctl_pin.integrability.derivative import derivative
 
 
 class Setting:
-    """A random arm at random configurations, a desired inverse G_d that is not J⁺, and potentials."""
+    """A random arm at random configurations, a desired inverse G_d that is not J⁺, and
+    potentials."""
 
     def __init__(self, r: int, folder: Path) -> None:
         rng = np.random.default_rng(r)
@@ -27,9 +28,9 @@ class Setting:
         B = rng.normal(size=(n, n))
         self.desired = rp.WeightedInverse(self.task, B @ B.T + np.eye(n))
         self.G_d = self.desired.batch(self.Q)
-        self.fields = rp.Polynomial(np.zeros(n), 2)
-        self.D = self.fields.gradients(self.Q)  # (K, n, fields)
-        self.A = rng.normal(size=(self.fields.size, r))
+        self.potentials = rp.Polynomial(np.zeros(n), 2)
+        self.D = self.potentials.gradients(self.Q)  # (K, n, potentials)
+        self.A = rng.normal(size=(self.potentials.size, r))
         self.V = self.D @ self.A  # (35)
         self.G_r = redundancy.repeatable_inverse(self.G_d, self.N, self.V)  # (32)
         self.W_d = redundancy.null_component(self.G_d, self.N)
@@ -48,7 +49,9 @@ def t(A: np.ndarray) -> np.ndarray:
 def close(a: np.ndarray, b: np.ndarray) -> bool:
     """Equal to 1e-10 of their size, configuration by configuration."""
     axes = tuple(range(1, np.ndim(a)))
-    return bool((np.abs(a - b).max(axis=axes) <= 1e-10 * np.maximum(1, np.abs(b).max(axis=axes))).all())
+    return bool(
+        (np.abs(a - b).max(axis=axes) <= 1e-10 * np.maximum(1, np.abs(b).max(axis=axes))).all()
+    )
 
 
 def test_every_inverse_is_the_pseudoinverse_and_a_null_part(setting: Setting) -> None:
@@ -75,7 +78,9 @@ def test_the_inverse_of_the_augmented_jacobian_block_by_block(setting: Setting) 
     whole = redundancy.augmented_inverse(setting.J, setting.V)  # (30), (37)
     left, right = whole[:, :, :3], whole[:, :, 3:]
     assert close(left, setting.G_r)  # (31), (32)
-    assert close(right, setting.N @ np.linalg.inv(t(setting.V) @ setting.N))  # (31), its last columns
+    assert close(
+        right, setting.N @ np.linalg.inv(t(setting.V) @ setting.N)
+    )  # (31), its last columns
     # any inverse G_d gives the same G_r: only V counts
     plain = redundancy.repeatable_inverse(redundancy.pseudoinverse(setting.J), setting.N, setting.V)
     assert close(plain, setting.G_r)
@@ -94,20 +99,27 @@ def test_the_criterion_in_terms_of_coefficients(setting: Setting) -> None:
     difference = np.sum((setting.G_r - setting.G_d) ** 2, axis=(1, 2))
     if setting.r == 1:
         v, n, a = setting.V[:, :, 0], setting.N[:, :, 0], setting.A[:, 0]
-        ratio = np.sum((t(setting.G_d) @ v[:, :, None]) ** 2, axis=(1, 2)) / np.sum(n * v, axis=1) ** 2
+        ratio = (
+            np.sum((t(setting.G_d) @ v[:, :, None]) ** 2, axis=(1, 2)) / np.sum(n * v, axis=1) ** 2
+        )
         assert close(difference[:, None], ratio[:, None])  # (34)
         gram = t(setting.D) @ setting.G_d @ t(setting.G_d) @ setting.D  # v_iᵀ G_d G_dᵀ v_j
         below = np.einsum("k,Kk->K", a, np.einsum("Ki,Kij->Kj", n, setting.D)) ** 2
-        assert close(difference[:, None], (np.einsum("i,Kij,j->K", a, gram, a) / below)[:, None])  # (36)
+        assert close(
+            difference[:, None], (np.einsum("i,Kij,j->K", a, gram, a) / below)[:, None]
+        )  # (36)
     E, F = t(setting.N) @ setting.D, t(setting.G_d) @ setting.D
     X = F @ setting.A @ np.linalg.inv(E @ setting.A)
     assert close(difference[:, None], np.sum(X**2, axis=(1, 2))[:, None])
 
 
 def test_gradient_potentials_satisfy_the_bracket_condition(setting: Setting) -> None:
-    """(24), of the G that is evaluated: by formula, and by differences that know nothing of potentials."""
-    G_r = rp.RepeatableInverse(setting.task, setting.fields.weighted(setting.A))
-    clear = redundancy.leaf_margin(setting.N, setting.V) > 0.1  # away from algorithmic singularities
+    """(24), of the G that is evaluated: by formula, and by differences that know nothing of
+    potentials."""
+    G_r = rp.RepeatableInverse(setting.task, setting.potentials.weighted(setting.A))
+    clear = (
+        redundancy.leaf_margin(setting.N, setting.V) > 0.1
+    )  # away from algorithmic singularities
     Q = setting.Q[clear][:6]
     assert len(Q) >= 4 and close(G_r.batch(Q), setting.G_r[clear][:6])
     by_formula = derivative(G_r, Q)
@@ -115,9 +127,9 @@ def test_gradient_potentials_satisfy_the_bracket_condition(setting: Setting) -> 
     assert by_formula.exact and not by_difference.exact
     for found in (by_formula, by_difference):
         scale = np.abs(found.dG).max(axis=(1, 2, 3)) * np.abs(found.G).max(axis=(1, 2))
-        n_G = t(found.J) @ redundancy.null_component(found.G, redundancy.nullspace(found.J)) - redundancy.nullspace(
-            found.J
-        )
+        n_G = t(found.J) @ redundancy.null_component(
+            found.G, redundancy.nullspace(found.J)
+        ) - redundancy.nullspace(found.J)
         residual = np.abs(brackets(found.G, found.dG) @ n_G[:, None]).max(axis=(1, 2, 3))
         assert (residual < 1e-8 * scale * np.abs(n_G).max(axis=(1, 2))).all()
     assert measure(setting.desired, Q).norm.min() > 1e-2  # G_d itself does not

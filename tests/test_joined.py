@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import repctl_pin as rp
-from repctl_pin.fields import CurvedMap
+from repctl_pin.potentials import CurvedPotentials
 
 CENTER, SCALE = np.array([0.3, -1.0, 2.0, 0.5]), np.array([0.4, 0.8, 0.1, 2.0])
 
@@ -14,7 +14,11 @@ CENTER, SCALE = np.array([0.3, -1.0, 2.0, 0.5]), np.array([0.4, 0.8, 0.1, 2.0])
 @pytest.fixture
 def joined() -> rp.Joined:
     line = rp.Polynomial(CENTER, 1, SCALE, variables=[0, 1])
-    return line + rp.Polynomial(CENTER, 4, SCALE, variables=[2, 3]) + rp.Polynomial(CENTER, 7, SCALE, variables=[1])
+    return (
+        line
+        + rp.Polynomial(CENTER, 4, SCALE, variables=[2, 3])
+        + rp.Polynomial(CENTER, 7, SCALE, variables=[1])
+    )
 
 
 def some_q(count: int = 5) -> np.ndarray:
@@ -35,21 +39,26 @@ def test_a_choice_is_the_weighted_sum_and_its_derivatives(joined: rp.Joined) -> 
     A = np.random.default_rng(1).normal(size=(joined.size, 2))
     chosen, Q, e = joined.weighted(A), some_q(), 1e-6
     assert np.allclose(chosen.gradients(Q), joined.gradients(Q) @ A, rtol=1e-11, atol=1e-9)
-    h = joined.potentials(Q) @ A
-    assert np.allclose([chosen.value(q) - chosen.value(Q[0]) for q in Q], h - h[0], rtol=1e-11, atol=1e-10)
+    h = joined.values(Q) @ A
+    assert np.allclose(
+        [chosen.value(q) - chosen.value(Q[0]) for q in Q], h - h[0], rtol=1e-11, atol=1e-10
+    )
     for q in Q:
         V = chosen.gradient(q)
         assert np.allclose(V, joined.gradients(q[None])[0] @ A, rtol=1e-11, atol=1e-9)
         for i, d in enumerate(np.eye(4)):
             assert np.allclose(
-                V[i], (chosen.value(q + e * d) - chosen.value(q - e * d)) / (2 * e), rtol=1e-6, atol=1e-5
+                V[i],
+                (chosen.value(q + e * d) - chosen.value(q - e * d)) / (2 * e),
+                rtol=1e-6,
+                atol=1e-5,
             )
 
 
 def test_a_choice_knows_its_curvature(joined: rp.Joined) -> None:
     A = np.random.default_rng(2).normal(size=(joined.size, 2))
     chosen, e = joined.weighted(A), 1e-6
-    assert isinstance(chosen, CurvedMap)
+    assert isinstance(chosen, CurvedPotentials)
     for q in some_q(2):
         C = chosen.hessian(q)
         for k, d in enumerate(np.eye(4)):
@@ -59,8 +68,8 @@ def test_a_choice_knows_its_curvature(joined: rp.Joined) -> None:
 
 def test_one_joint_alone_takes_a_high_degree() -> None:
     """Degree 20 of one joint is twenty numbers, however many joints the arm has."""
-    field = rp.Polynomial(np.zeros(7), 20, 1.0, variables=[3])
-    chosen = field.weighted(np.eye(20)[:, -1:])
+    potentials = rp.Polynomial(np.zeros(7), 20, 1.0, variables=[3])
+    chosen = potentials.weighted(np.eye(20)[:, -1:])
     q = np.full(7, 0.9)
     x = np.polynomial.legendre.Legendre.basis(20)
     assert chosen.value(q)[0] == pytest.approx(np.sqrt(41) * x(0.9), rel=1e-8)
@@ -70,8 +79,10 @@ def test_one_joint_alone_takes_a_high_degree() -> None:
 
 def test_a_repeatable_inverse_of_a_joined_field_is_repeatable() -> None:
     task = rp.Robot.load("ppr").task("tool", "xy")
-    fields = rp.Polynomial(np.zeros(3), 1, variables=[0, 1]) + rp.Polynomial(np.zeros(3), 3, variables=[2])
-    inverse = rp.RepeatableInverse(task, fields.weighted([[0.1], [0.2], [-1.0], [0.1], [0.05]]))
+    potentials = rp.Polynomial(np.zeros(3), 1, variables=[0, 1]) + rp.Polynomial(
+        np.zeros(3), 3, variables=[2]
+    )
+    inverse = rp.RepeatableInverse(task, potentials.weighted([[0.1], [0.2], [-1.0], [0.1], [0.05]]))
     verdict = rp.is_repeatable(inverse, rp.Box(np.zeros(3), 0.4))
     assert verdict and verdict.exact and verdict.defect < 1e-12
 
@@ -92,12 +103,17 @@ def test_bad_input_gets_one_clear_line(make, message: str) -> None:
 
 @pytest.mark.parametrize("samples", [32, 64])
 def test_nearly_dependent_potentials_on_few_nodes_still_give_an_inverse(samples: int) -> None:
-    """Over a small box sines are close to cubics: the rounding of the Gauss–Newton matrix is then large."""
+    """Over a small box sines are close to cubics: the rounding of the Gauss–Newton matrix is then
+    large."""
     task = rp.Robot.load("planar4r").task(kind="xy")
     q0 = task.reference
-    fields, box = rp.Polynomial(q0, 3, 0.2) + rp.Fourier(task.n, 1), rp.Box(q0, 0.2)
-    design = rp.nearest_repeatable(rp.Pseudoinverse(task), fields, box, samples=samples, held_out=256)
-    plain = rp.nearest_repeatable(rp.Pseudoinverse(task), None, box, degree=1, samples=256, held_out=256)
+    potentials, box = rp.Polynomial(q0, 3, 0.2) + rp.Fourier(task.n, 1), rp.Box(q0, 0.2)
+    design = rp.nearest_repeatable(
+        rp.Pseudoinverse(task), potentials, box, samples=samples, held_out=256
+    )
+    plain = rp.nearest_repeatable(
+        rp.Pseudoinverse(task), None, box, degree=1, samples=256, held_out=256
+    )
     assert design.cost < plain.cost
     assert np.allclose(task.jacobian(q0) @ design.inverse(q0), np.eye(task.m), atol=1e-9)
 
@@ -105,7 +121,11 @@ def test_nearly_dependent_potentials_on_few_nodes_still_give_an_inverse(samples:
 def test_a_fit_that_is_singular_between_its_nodes_is_refused_with_a_remedy() -> None:
     task = rp.Robot.load("kinova").task(kind="xz")
     q0 = task.reference
-    fields = rp.Polynomial(q0, 3, 0.2) + rp.Fourier(task.n, 1)
-    with pytest.raises(rp.SingularRegionError, match="between the nodes.*give more samples") as refused:
-        rp.nearest_repeatable(rp.Pseudoinverse(task), fields, rp.Box(q0, 0.2), samples=64, held_out=64)
+    potentials = rp.Polynomial(q0, 3, 0.2) + rp.Fourier(task.n, 1)
+    with pytest.raises(
+        rp.SingularRegionError, match="between the nodes.*give more samples"
+    ) as refused:
+        rp.nearest_repeatable(
+            rp.Pseudoinverse(task), potentials, rp.Box(q0, 0.2), samples=64, held_out=64
+        )
     assert refused.value.free is None and refused.value.at.shape == (task.n,)

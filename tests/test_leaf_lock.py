@@ -19,8 +19,11 @@ def path(panda_pose: rp.Task) -> rp.TaskPath:
     return rp.circle(panda_pose, Q_PANDA, 0.1, normal="yz", start_angle=np.pi)
 
 
-def run(inverse: rp.RepeatableInverse, path: rp.TaskPath, q: np.ndarray, cycles: int, corrections: int) -> dict:
-    """Cycle after cycle in the person's own loop: ends of the cycles, and the largest tracking error."""
+def run(
+    inverse: rp.RepeatableInverse, path: rp.TaskPath, q: np.ndarray, cycles: int, corrections: int
+) -> dict:
+    """Cycle after cycle in the person's own loop: ends of the cycles, and the largest tracking
+    error."""
     task, leaf = inverse.task, inverse.leaf(q)
     targets = [path.placement(s) for s in np.linspace(0, 1, STEPS + 1)[1:]]
     points = np.array([t.translation for t in targets])
@@ -37,7 +40,9 @@ def run(inverse: rp.RepeatableInverse, path: rp.TaskPath, q: np.ndarray, cycles:
     return {"ends": np.array(ends), "tracking": worst}
 
 
-def check(cycles: int, corrections: int, design: rp.Design, path: rp.TaskPath, q0: np.ndarray) -> None:
+def check(
+    cycles: int, corrections: int, design: rp.Design, path: rp.TaskPath, q0: np.ndarray
+) -> None:
     found = run(design.inverse, path, q0, cycles, corrections)
     ends = found["ends"]
     away = np.linalg.norm(ends - q0, axis=1)
@@ -66,8 +71,11 @@ def test_ten_thousand_cycles(panda_design, path, q_panda, corrections: int) -> N
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_a_pushed_arm_is_back_within_a_cycle(panda_design, panda_pose, path, q_panda, seed: int) -> None:
-    """0.3 rad along the null space, at a random moment: speed bounded, then the same cycle as before."""
+def test_a_pushed_arm_is_back_within_a_cycle(
+    panda_design, panda_pose, path, q_panda, seed: int
+) -> None:
+    """0.3 rad along the null space, at a random moment: speed bounded, then the same cycle as
+    before."""
     rng = np.random.default_rng(seed)
     inverse, leaf = panda_design.inverse, panda_design.inverse.leaf(q_panda)
     dt, at = 5.0 / STEPS, int(rng.integers(1, STEPS))
@@ -80,7 +88,7 @@ def test_a_pushed_arm_is_back_within_a_cycle(panda_design, panda_pose, path, q_p
         if i == at:
             N = rp.redundancy.nullspace(panda_pose.jacobian(q))
             q = q + 0.3 * N @ (lambda v: v / np.linalg.norm(v))(rng.normal(size=N.shape[1]))
-        following = inverse.step(q, targets[i % STEPS], dt, leaf=leaf, limit=SPEED_LIMIT)
+        following = inverse.step(q, targets[i % STEPS], dt, leaf=leaf, velocity_limit=SPEED_LIMIT)
         peak = max(peak, float(np.abs(following - q).max()) / dt)
         q = following
         if i >= at + STEPS:
@@ -89,7 +97,8 @@ def test_a_pushed_arm_is_back_within_a_cycle(panda_design, panda_pose, path, q_p
 
 
 def test_euler_at_a_kilohertz_with_a_gain(panda_design, panda_pose, path, q_panda) -> None:
-    """Feed-forward and a soft gain, started off the path and off the leaf: the same cycle in the end."""
+    """Feed-forward and a soft gain, started off the path and off the leaf: the same cycle in the
+    end."""
     inverse, leaf, dt, period = panda_design.inverse, panda_design.inverse.leaf(q_panda), 1e-3, 4.0
     steps = int(period / dt)
     grid = np.arange(steps) / steps
@@ -101,14 +110,18 @@ def test_euler_at_a_kilohertz_with_a_gain(panda_design, panda_pose, path, q_pand
             q = inverse.step(q, target, dt, twist, leaf=leaf, gain=20.0)
         ends.append(q)
     assert np.abs(ends[2] - ends[1]).max() < 1e-11
-    assert np.abs(ends[1] - ends[0]).max() < 1e-6  # what a gain of 20 leaves of the start after one cycle
+    assert (
+        np.abs(ends[1] - ends[0]).max() < 1e-6
+    )  # what a gain of 20 leaves of the start after one cycle
     assert np.linalg.norm(ends[2] - q_panda) < 1e-4  # Euler's own error, always the same
     assert np.abs(inverse.leaf(q) - leaf).max() < 1e-4
 
 
 def test_without_the_lock_euler_creeps(panda_design, path, q_panda) -> None:
     """The lock is what holds: task feedback alone lets Euler's steps leave the leaf."""
-    free = rp.follow(panda_design.inverse, path, q_panda, cycles=10, steps=100, integrator="euler", feedback=20.0)
+    free = rp.follow(
+        panda_design.inverse, path, q_panda, cycles=10, steps=100, integrator="euler", feedback=20.0
+    )
     locked = rp.follow(panda_design.inverse, path, q_panda, cycles=10, steps=100, leaf_lock=1)
     assert free.drift[-1] > 5 * free.drift[0] > 1e-4
     assert np.ptp(locked.drift) < 1e-11 and locked.drift[-1] < 1e-3
@@ -135,7 +148,15 @@ def test_corners_are_met(panda_design, q_panda) -> None:
 def test_a_start_off_the_leaf_comes_to_it(panda_design, path, q_panda) -> None:
     off = q_panda + 0.05
     leaf = panda_design.inverse.leaf(q_panda)
-    motion = rp.follow(panda_design.inverse, path, off, cycles=2, leaf_lock=1, leaf=leaf, limit=SPEED_LIMIT)
+    motion = rp.follow(
+        panda_design.inverse,
+        path,
+        off,
+        cycles=2,
+        leaf_lock=1,
+        leaf=leaf,
+        velocity_limit=SPEED_LIMIT,
+    )
     assert np.abs(motion.q[-1] - q_panda).max() < 2e-5
     assert np.abs(motion.qdot).max() <= SPEED_LIMIT * (1 + 1e-9)
 
@@ -147,10 +168,14 @@ def test_a_path_out_of_reach_is_damped_bounded_and_reported() -> None:
     assert np.linalg.norm(out.points(), axis=1).max() > 3.0  # further than the arm is long
     with pytest.raises(rp.SingularityError, match="in cycle 1"):
         rp.follow(inverse, out, q0, cycles=1, steps=200, leaf_lock=1)
-    motion = rp.follow(inverse, out, q0, cycles=1, steps=200, leaf_lock=1, damping=0.1, limit=2.0)
+    motion = rp.follow(
+        inverse, out, q0, cycles=1, steps=200, leaf_lock=1, damping=0.1, velocity_limit=2.0
+    )
     assert 0 < motion.damping <= 0.1 and motion.tracking_error.max() > 0.1
     assert np.abs(motion.qdot).max() <= 2.0 * (1 + 1e-9)
-    near = rp.follow(inverse, rp.circle(task, q0, 0.1), q0, cycles=1, steps=200, leaf_lock=1, damping=0.01)
+    near = rp.follow(
+        inverse, rp.circle(task, q0, 0.1), q0, cycles=1, steps=200, leaf_lock=1, damping=0.01
+    )
     assert near.damping == 0 and near.drift[0] < 1e-4
 
 
@@ -164,7 +189,9 @@ def test_retiming_keeps_the_joint_path_and_the_limits(panda_design, path, q_pand
     assert (steps <= panda_design.task.velocity_limit * (1 + 1e-9)).all()
     # Where it was slow enough it keeps its time; asked for nothing, nothing changes.
     gentle = rp.follow(panda_design.inverse, path, q_panda, cycles=1, period=20.0, leaf_lock=2)
-    assert np.allclose(gentle.retimed().t, gentle.t, rtol=1e-14) and np.array_equal(gentle.retimed().qdot, gentle.qdot)
+    assert np.allclose(gentle.retimed().t, gentle.t, rtol=1e-14) and np.array_equal(
+        gentle.retimed().qdot, gentle.qdot
+    )
     assert np.abs(motion.retimed(0.5).qdot).max() <= 0.5 * (1 + 1e-12)
     for bad in (0.0, -1.0, np.ones(3), "fast"):
         with pytest.raises(rp.InputError, match="speed limit"):
@@ -178,10 +205,14 @@ def test_in_other_joint_coordinates_the_robots_own_joints_keep_their_limits() ->
     task = arm.in_coordinates(rp.absolute_angles(arm))
     psi = np.array([0.3, 1.0, 1.8, 2.5])
     inverse = rp.ExtendedJacobian(task, psi)
-    motion = rp.follow(inverse, rp.circle(task, psi, 0.1), psi, cycles=1, steps=60, leaf_lock=2, period=0.2)
+    motion = rp.follow(
+        inverse, rp.circle(task, psi, 0.1), psi, cycles=1, steps=60, leaf_lock=2, period=0.2
+    )
     slow = motion.retimed(1.0)
     Q, times = slow.q @ task.coordinates.T.T, np.diff(slow.t)
-    assert np.abs(np.diff(Q, axis=0) / times[:, None]).max() <= 1 + 1e-9 and slow.t[-1] > motion.t[-1]
+    assert (
+        np.abs(np.diff(Q, axis=0) / times[:, None]).max() <= 1 + 1e-9 and slow.t[-1] > motion.t[-1]
+    )
     header, first = csv_text(slow).splitlines()[:2]
     assert header.split(",")[2:6] == list(arm.joint_names)
     assert np.allclose(np.array(first.split(",")[2:6], float), task.coordinates.T @ psi)
@@ -192,7 +223,7 @@ def test_bad_input(panda_design, panda_pose, path, q_panda) -> None:
     with pytest.raises(rp.InputError, match="leaves to lock"):
         rp.follow(plain, path, q_panda, leaf_lock=1)
     with pytest.raises(rp.InputError, match="leaf_lock=1"):
-        rp.follow(panda_design.inverse, path, q_panda, limit=1.0)
+        rp.follow(panda_design.inverse, path, q_panda, velocity_limit=1.0)
     with pytest.raises(rp.InputError, match="leaf_lock"):
         rp.follow(panda_design.inverse, path, q_panda, leaf_lock=-1)
     with pytest.raises(rp.InputError, match="feedback= is the integrator's"):
@@ -200,7 +231,7 @@ def test_bad_input(panda_design, panda_pose, path, q_panda) -> None:
     with pytest.raises(rp.InputError, match="leaf c"):
         rp.follow(panda_design.inverse, path, q_panda, leaf_lock=1, leaf=np.zeros(3))
     with pytest.raises(rp.InputError, match="speed limit"):
-        rp.follow(panda_design.inverse, path, q_panda, leaf_lock=1, limit="fast")
+        rp.follow(panda_design.inverse, path, q_panda, leaf_lock=1, velocity_limit="fast")
     with pytest.raises(rp.InputError, match="task="):
         rp.follow(lambda q, xdot: q, path, q_panda)
     with pytest.raises(rp.InputError, match="7 finite numbers"):
@@ -210,7 +241,12 @@ def test_bad_input(panda_design, panda_pose, path, q_panda) -> None:
 def test_any_function_can_be_followed(panda_pose, path, q_panda) -> None:
     task = panda_pose
     own = rp.follow(
-        lambda q, xdot: np.linalg.pinv(task.jacobian(q)) @ xdot, path, q_panda, cycles=1, steps=50, task=task
+        lambda q, xdot: np.linalg.pinv(task.jacobian(q)) @ xdot,
+        path,
+        q_panda,
+        cycles=1,
+        steps=50,
+        task=task,
     )
     ours = rp.follow(rp.Pseudoinverse(task), path, q_panda, cycles=1, steps=50)
     assert np.allclose(own.q, ours.q, atol=1e-12)

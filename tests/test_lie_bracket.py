@@ -1,4 +1,5 @@
-"""The bracket defect: closed forms, two independent derivatives, measured loops, and honest tolerances."""
+"""The bracket defect: closed forms, two independent derivatives, measured loops, and honest
+tolerances."""
 
 from __future__ import annotations
 
@@ -28,7 +29,10 @@ def test_ppr_has_the_papers_curl_and_defect_everywhere() -> None:
     for q in np.random.default_rng(0).uniform(-3, 3, (10, 3)):
         J, H = task.jacobian(q), task.hessian(q)
         n_J = rp.redundancy.null_vector(J)
-        assert np.abs(n_J / np.sqrt(2) - np.array([np.sin(q[2]), -np.cos(q[2]), 1]) / np.sqrt(2)).max() < 1e-12  # (41)
+        assert (
+            np.abs(n_J / np.sqrt(2) - np.array([np.sin(q[2]), -np.cos(q[2]), 1]) / np.sqrt(2)).max()
+            < 1e-12
+        )  # (41)
         assert abs(curl_form(J.T, swapped(H)) / (n_J @ n_J) + 0.5) < 1e-12  # (42), by Lemma 2
         assert abs(np.linalg.norm(rp.bracket_defect(plain, q)) - 1 / np.sqrt(8)) < 1e-12
         assert abs(rp.drift_per_area(plain, q)[0, 1] - 1 / np.sqrt(8)) < 1e-12
@@ -48,7 +52,9 @@ def test_prr_and_3r_have_the_papers_null_vectors_and_curls() -> None:
         printed = [np.sin(c), -np.sin(c) - np.sin(b + c), np.sin(b) + np.sin(b + c)]
         assert np.abs(n_J - printed).max() < 1e-12  # (18)
         s = curl_form(three.jacobian(q).T, swapped(three.hessian(q)))
-        assert abs(s - (-np.sin(b) + np.sin(c) * np.cos(b) + np.sin(c) * np.cos(b + c))) < 1e-12  # (17)
+        assert (
+            abs(s - (-np.sin(b) + np.sin(c) * np.cos(b) + np.sin(c) * np.cos(b + c))) < 1e-12
+        )  # (17)
 
 
 def test_no_gradient_vanishes_on_the_candidates_of_3r() -> None:
@@ -70,10 +76,13 @@ def test_no_gradient_vanishes_on_the_candidates_of_3r() -> None:
     assert right.min() >= 1
 
 
-# ---- two derivatives that do not know each other ----------------------------------------------------
+# ---- two derivatives that do not know each other
+# ----------------------------------------------------
 
 
-@pytest.mark.parametrize("name, kind", [("panda", "pose"), ("panda", "axis"), ("xarm7", "position"), ("tiago", "pose")])
+@pytest.mark.parametrize(
+    "name, kind", [("panda", "pose"), ("panda", "axis"), ("xarm7", "position"), ("tiago", "pose")]
+)
 def test_the_formula_and_differences_agree_within_their_error(name: str, kind: str) -> None:
     task = rp.Robot.load(name).task(None, kind)
     Q = task.reference + 0.1 + 0.2 * np.random.default_rng(2).uniform(-1, 1, (3, task.n))
@@ -124,14 +133,17 @@ def test_a_weighted_inverse_has_the_defect_of_the_pseudoinverse_in_its_own_coord
 
 def test_the_potentials_second_derivatives(panda_pose: rp.Task, q_panda: np.ndarray) -> None:
     for degree in (1, 2, 3, 4):
-        fields = rp.Polynomial(q_panda, degree, 0.5)
-        h = fields.weighted(np.random.default_rng(degree).normal(size=(fields.size, 2)))
+        potentials = rp.Polynomial(q_panda, degree, 0.5)
+        h = potentials.weighted(np.random.default_rng(degree).normal(size=(potentials.size, 2)))
         q, e = q_panda + 0.1, 1e-5
-        slope = np.stack([(h.gradient(q + e * d) - h.gradient(q - e * d)) / (2 * e) for d in np.eye(7)], axis=1)
+        slope = np.stack(
+            [(h.gradient(q + e * d) - h.gradient(q - e * d)) / (2 * e) for d in np.eye(7)], axis=1
+        )
         assert np.allclose(h.hessian(q), slope, atol=1e-6 * max(1, np.abs(slope).max()))
 
 
-# ---- what the defect means ---------------------------------------------------------------------------
+# ---- what the defect means
+# ---------------------------------------------------------------------------
 
 
 def test_panda_drifts_as_the_small_loop_law_says(panda_pose: rp.Task, q_panda: np.ndarray) -> None:
@@ -142,23 +154,30 @@ def test_panda_drifts_as_the_small_loop_law_says(panda_pose: rp.Task, q_panda: n
     rest = []
     for side in (0.02, 0.01, 0.005):
         corners = [[side, 0, 0], [side, side, 0], [0, side, 0]]  # a → b → −a → −b
-        motion = rp.follow(plain, rp.polygon(panda_pose, q_panda, corners), q_panda, cycles=1, steps=40)
+        motion = rp.follow(
+            plain, rp.polygon(panda_pose, q_panda, corners), q_panda, cycles=1, steps=40
+        )
         rest.append(np.linalg.norm((motion.q[-1] - q_panda) / side**2 - delta))
     assert rest[-1] < 0.02 * np.linalg.norm(delta)
     assert all(1.8 < a / b < 2.2 for a, b in pairwise(rest))  # first order in the side
 
 
 @pytest.mark.parametrize(
-    "name, kind, r", [("panda", "pose", 1), ("xarm7", "pose", 1), ("xarm7", "position", 4), ("tiago", "pose", 2)]
+    "name, kind, r",
+    [("panda", "pose", 1), ("xarm7", "pose", 1), ("xarm7", "position", 4), ("tiago", "pose", 2)],
 )
-def test_designed_inverses_have_no_defect_where_the_pseudoinverse_has(name: str, kind: str, r: int) -> None:
+def test_designed_inverses_have_no_defect_where_the_pseudoinverse_has(
+    name: str, kind: str, r: int
+) -> None:
     task = rp.Robot.load(name).task(None, kind)
     assert task.r == r
     center = task.reference + np.where(task.revolute, 0.3, 0.0)
     plain, box = rp.Pseudoinverse(task), rp.Box(center, np.where(task.revolute, 0.1, 0.03))
-    variables = [0, 2, 3, 4, 6] if r == 4 else None  # fewer potentials, so that it does not take long
-    fields = rp.Polynomial(center, 2, box.half_width, variables=variables)
-    inverse = rp.nearest_repeatable(plain, fields, box, samples=2048).inverse
+    variables = (
+        [0, 2, 3, 4, 6] if r == 4 else None
+    )  # fewer potentials, so that it does not take long
+    potentials = rp.Polynomial(center, 2, box.half_width, variables=variables)
+    inverse = rp.nearest_repeatable(plain, potentials, box, samples=2048).inverse
     Q = box.random(8, 1)
     assert np.abs(measure(plain, Q).delta).max(axis=(1, 2, 3)).min() > 1e-2
     assert np.abs(measure(inverse, Q).delta).max() < 1e-8
@@ -179,7 +198,10 @@ def test_the_relative_defect_is_free_of_units_and_axes(
     a, b = (np.linalg.norm(m.delta[0, :3, :3], axis=-1) for m in (here, there))
     assert np.abs(a - b).max() > 0.1
     q = np.array([0.3, 0.8, -1.1])
-    metres, millimetres = planar_task([1, 0.7, 0.5], tmp_path), planar_task([1000, 700, 500], tmp_path)
+    metres, millimetres = (
+        planar_task([1, 0.7, 0.5], tmp_path),
+        planar_task([1000, 700, 500], tmp_path),
+    )
     a, b = (measure(rp.Pseudoinverse(task), q[None]) for task in (metres, millimetres))
     assert np.isclose(a.norm[0], b.norm[0], rtol=1e-9)
     assert np.allclose(a.delta, b.delta * 1e6, rtol=1e-9)
@@ -187,7 +209,8 @@ def test_the_relative_defect_is_free_of_units_and_axes(
     assert np.isclose(np.linalg.norm(pairs), a.norm[0])
 
 
-# ---- verdicts ------------------------------------------------------------------------------------------
+# ---- verdicts
+# ------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("k", [-2.0, 0.0, 0.7, 1.0, 30.0, np.inf])
@@ -196,7 +219,9 @@ def test_the_papers_family_is_repeatable_for_every_k(k: float) -> None:
 
     def G(q: np.ndarray) -> np.ndarray:
         s, c = np.sin(q[2]), np.cos(q[2])
-        w = np.array([0, -c]) if np.isinf(k) else np.array([1, -k]) * (k * c + s) / (k**2 + 1)  # √2 (48), (49)
+        w = (
+            np.array([0, -c]) if np.isinf(k) else np.array([1, -k]) * (k * c + s) / (k**2 + 1)
+        )  # √2 (48), (49)
         return np.linalg.pinv(task.jacobian(q)) + np.outer([s, -c, 1], w) / 2
 
     box = rp.Box([0, 0, 0.2], [0.5, 0.5, 1.0])
@@ -207,7 +232,9 @@ def test_the_papers_family_is_repeatable_for_every_k(k: float) -> None:
     assert "not repeatable" in against.summary() and "not" not in verdict.summary()
 
 
-def test_a_small_defect_is_seen_and_noise_is_refused(panda_design: rp.Design, q_panda: np.ndarray) -> None:
+def test_a_small_defect_is_seen_and_noise_is_refused(
+    panda_design: rp.Design, q_panda: np.ndarray
+) -> None:
     task, inverse, box = panda_design.task, panda_design.inverse, rp.Box(q_panda, 0.1)
     difference = rp.Pseudoinverse(task)
 
@@ -231,7 +258,9 @@ def test_the_error_of_a_difference_is_not_understated(noise: float) -> None:
     rng = np.random.default_rng(7)
 
     def function(Q: np.ndarray) -> np.ndarray:
-        smooth = np.stack([np.sin(3 * Q[:, 0]) * np.exp(Q[:, 1]), 1 / (1.2 + Q[:, 0] * Q[:, 1])], axis=-1)
+        smooth = np.stack(
+            [np.sin(3 * Q[:, 0]) * np.exp(Q[:, 1]), 1 / (1.2 + Q[:, 0] * Q[:, 1])], axis=-1
+        )
         return smooth + noise * rng.uniform(-1, 1, smooth.shape)
 
     Q = rng.uniform(-0.5, 0.5, (200, 2))
@@ -283,7 +312,11 @@ def test_what_cannot_be_judged_is_refused(panda_pose: rp.Task, q_panda: np.ndarr
 def test_a_custom_inverse_is_checked(panda_pose: rp.Task, q_panda: np.ndarray) -> None:
     good = rp.CustomInverse(panda_pose, lambda q: np.linalg.pinv(panda_pose.jacobian(q)))
     xdot = np.arange(6.0)
-    assert np.allclose(good.velocity(q_panda, xdot), rp.Pseudoinverse(panda_pose).velocity(q_panda, xdot), atol=1e-12)
+    assert np.allclose(
+        good.velocity(q_panda, xdot),
+        rp.Pseudoinverse(panda_pose).velocity(q_panda, xdot),
+        atol=1e-12,
+    )
     assert np.allclose(good.batch(q_panda[None])[0], good(q_panda), atol=0)
     bad = rp.CustomInverse(panda_pose, lambda q: panda_pose.jacobian(q).T)
     J = panda_pose.jacobian(q_panda)
@@ -300,7 +333,9 @@ def test_a_custom_inverse_is_checked(panda_pose: rp.Task, q_panda: np.ndarray) -
 
 
 @pytest.mark.parametrize("kind", ["pose", "position"])
-def test_an_extended_jacobian_is_repeatable(panda: rp.Robot, q_panda: np.ndarray, kind: str) -> None:
+def test_an_extended_jacobian_is_repeatable(
+    panda: rp.Robot, q_panda: np.ndarray, kind: str
+) -> None:
     """Its potentials know no second derivatives, so differences are taken of G itself."""
     task = panda.task(None, kind)
     verdict = rp.is_repeatable(rp.ExtendedJacobian(task, q_panda), rp.Box(q_panda, 0.1), samples=8)
@@ -309,7 +344,11 @@ def test_an_extended_jacobian_is_repeatable(panda: rp.Robot, q_panda: np.ndarray
 
 @pytest.mark.parametrize("robot, kind", [("ur5", "pose"), ("planar3r", "position")])
 def test_an_arm_without_redundancy_repeats_by_itself(robot: str, kind: str, tmp_path: Path) -> None:
-    task = rp.Robot.load("ur5").task(None, "pose") if robot == "ur5" else planar_task((1, 0.7), tmp_path)
+    task = (
+        rp.Robot.load("ur5").task(None, "pose")
+        if robot == "ur5"
+        else planar_task((1, 0.7), tmp_path)
+    )
     q = np.array([0.1, -1.2, 1.3, -0.9, -1.1, 0.2])[: task.n] + (0.0 if robot == "ur5" else 1.6)
     assert task.r == 0
     found = rp.is_repeatable(rp.Pseudoinverse(task), rp.Box(q, 0.1), samples=16)
@@ -338,4 +377,6 @@ def test_near_a_limit_the_differences_stay_inside(panda_pose: rp.Task, q_panda: 
 def test_near_a_singularity_it_is_the_singularity_that_is_blamed() -> None:
     task = rp.Robot.load("planar3r").task("tool", "xy")
     with pytest.raises(rp.SingularityError, match="too close to a singularity.*σ_min"):
-        rp.is_repeatable(rp.WeightedInverse(task, [1, 1, 1]), rp.Box([0.3, 1e-5, 1e-5], 5e-6), samples=4)
+        rp.is_repeatable(
+            rp.WeightedInverse(task, [1, 1, 1]), rp.Box([0.3, 1e-5, 1e-5], 5e-6), samples=4
+        )

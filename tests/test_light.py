@@ -14,8 +14,27 @@ import repctl_pin as rp
 from repctl_pin.errors import needed
 
 ROOT = Path(__file__).parents[1]
-LEFT_OUT = ["PIL", "collada", "embreex", "example_robot_data", "jinja2", "manifold3d", "matplotlib", "meshcat"]
-LEFT_OUT += ["networkx", "rtree", "shapely", "shtab", "toppra", "tornado", "tqdm", "trimesh", "umsgpack"]
+LEFT_OUT = [
+    "PIL",
+    "collada",
+    "embreex",
+    "example_robot_data",
+    "jinja2",
+    "manifold3d",
+    "matplotlib",
+    "meshcat",
+]
+LEFT_OUT += [
+    "networkx",
+    "rtree",
+    "shapely",
+    "shtab",
+    "toppra",
+    "tornado",
+    "tqdm",
+    "trimesh",
+    "umsgpack",
+]
 LOOP = """
 import sys
 sys.modules.update(dict.fromkeys(sys.argv[2:]))  # None: as if they were not installed
@@ -48,17 +67,24 @@ for ask in (
 
 
 def test_the_loop_runs_without_what_pictures_need(tmp_path: Path) -> None:
-    """URDF, design file, steps, a design, C: all but pictures; and these say which package they lack."""
+    """URDF, design file, steps, a design, C: all but pictures; and these say which package they
+    lack."""
     arm = ROOT / "examples" / "my_arm.urdf"
     task = rp.Robot.load(arm).task("tool0", "pose")
     box = rp.Box(task.reference, 0.2)
-    design = rp.nearest_repeatable(rp.Pseudoinverse(task), None, box, degree=1, samples=64, held_out=64)
+    design = rp.nearest_repeatable(
+        rp.Pseudoinverse(task), None, box, degree=1, samples=64, held_out=64
+    )
     rp.save(design, tmp_path / "design.json")
     command = [sys.executable, "-c", LOOP, str(arm), *LEFT_OUT]
-    path = os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])}
+    path = os.environ | {
+        "PYTHONPATH": os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
+    }
     done = subprocess.run(command, cwd=tmp_path, env=path, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    assert [line.split("needs")[0] + line.split("install ")[1] for line in done.stdout.splitlines()] == [
+    assert [
+        line.split("needs")[0] + line.split("install ")[1] for line in done.stdout.splitlines()
+    ] == [
         "an animation pillow pycollada jinja2 meshcat tornado trimesh`",
         "a figure matplotlib`",
         "a motion from rest to rest toppra`",
@@ -72,7 +98,9 @@ def test_the_commands_of_the_page_ask_for_what_the_package_does() -> None:
     page = (ROOT / "docs" / "how-to" / "robot-computer.md").read_text(encoding="utf-8")
     (line,) = re.findall(r"^pip install (.*numpy.*)$", page, flags=re.MULTILINE)
     asked = re.findall(r'"(.*?)"', line)
-    (listed,) = re.findall(r"^dependencies = \[(.*?)^\]", (ROOT / "pyproject.toml").read_text("utf-8"), re.M | re.S)
+    (listed,) = re.findall(
+        r"^dependencies = \[(.*?)^\]", (ROOT / "pyproject.toml").read_text("utf-8"), re.M | re.S
+    )
     wants = [text for text in re.findall(r'"(.*?)"', listed) if not text.startswith("tomli")]
     assert set(asked) < set(wants)
     modules = {"pycollada": "collada", "pillow": "PIL"}
@@ -82,5 +110,8 @@ def test_the_commands_of_the_page_ask_for_what_the_package_does() -> None:
 
 def test_what_is_there_is_not_asked_for() -> None:
     needed("numpy", by="a test")
-    with pytest.raises(rp.InputError, match="a test needs what is not installed here: run `pip install no_such_thing`"):
+    with pytest.raises(
+        rp.InputError,
+        match="a test needs what is not installed here: run `pip install no_such_thing`",
+    ):
         needed("numpy", "no_such_thing", by="a test")

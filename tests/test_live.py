@@ -1,4 +1,5 @@
-"""The live view: this machine only, keys come back, strangers are refused, nothing is left behind however it ends."""
+"""The live view: this machine only, keys come back, strangers are refused, nothing is left behind
+however it ends."""
 
 from __future__ import annotations
 
@@ -49,7 +50,9 @@ def is_open(port: int) -> bool:
 def fetch(url: str, host: str | None = None) -> int:
     request = urllib.request.Request(url, headers={"Host": host} if host else {})
     try:
-        with urllib.request.build_opener(urllib.request.ProxyHandler({})).open(request, timeout=10) as answer:
+        with urllib.request.build_opener(urllib.request.ProxyHandler({})).open(
+            request, timeout=10
+        ) as answer:
             assert answer.read().startswith(b"<!DOCTYPE html>")
             return answer.status
     except urllib.error.HTTPError as error:
@@ -70,7 +73,9 @@ def listening(pid: int) -> set[str]:
 
 async def connect(view: rp.Viewer, origin: str | None = None, host: str | None = None) -> Any:
     headers = {"Origin": origin or view.url.rstrip("/"), **({"Host": host} if host else {})}
-    return await websocket_connect(HTTPRequest(view.url.replace("http", "ws") + "poses", headers=headers))
+    return await websocket_connect(
+        HTTPRequest(view.url.replace("http", "ws") + "poses", headers=headers)
+    )
 
 
 def until(true: Callable[[], Any], seconds: float = 60.0) -> None:
@@ -100,8 +105,12 @@ def test_poses_arrive_and_keys_come_back(task: rp.Task) -> None:
         until(lambda: view.offset[0])
         np.testing.assert_allclose(view.offset, [0.02, 0.01, 0])
         visuals = Visuals.of(task.robot)
-        for numbers, shown, before in zip(told, (first, now, now), (first, first, now), strict=True):
-            expected = poses_of(visuals.placements(task.full(np.array([*shown, *before]))))[:, view._moving]
+        for numbers, shown, before in zip(
+            told, (first, now, now), (first, first, now), strict=True
+        ):
+            expected = poses_of(visuals.placements(task.to_robot(np.array([*shown, *before]))))[
+                :, view._moving
+            ]
             np.testing.assert_allclose(numbers[:-5], expected.ravel(), atol=1e-6)
             drift = np.linalg.norm(np.array(shown) - before, axis=1)
             np.testing.assert_allclose(numbers[-5:], [*drift, 0, shown is now, 0], atol=1e-6)
@@ -135,7 +144,9 @@ def test_the_last_poses_always_arrive(task: rp.Task, monkeypatch: pytest.MonkeyP
         for k in range(100):
             view.show(Q0 + [0, 0, 0.001 * k])
         while drifts[-1] < 0.0989:
-            drifts.append(float(np.frombuffer(await asyncio.wait_for(socket.read_message(), 20), "<f4")[-3]))
+            drifts.append(
+                float(np.frombuffer(await asyncio.wait_for(socket.read_message(), 20), "<f4")[-3])
+            )
         return drifts
 
     with rp.Viewer(task, ["a"]) as view:
@@ -144,8 +155,11 @@ def test_the_last_poses_always_arrive(task: rp.Task, monkeypatch: pytest.MonkeyP
     assert drifts == sorted(drifts) and len(drifts) < 50
 
 
-def test_no_message_does_more_than_a_key_can(task: rp.Task, capfd: pytest.CaptureFixture[str]) -> None:
-    """Keys move the target as far as the arm reaches; nothing prints, and the page is served as before."""
+def test_no_message_does_more_than_a_key_can(
+    task: rp.Task, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Keys move the target as far as the arm reaches; nothing prints, and the page is served as
+    before."""
 
     async def send(view: rp.Viewer, messages: list[str | bytes]) -> None:
         socket = await connect(view)
@@ -157,7 +171,15 @@ def test_no_message_does_more_than_a_key_can(task: rp.Task, capfd: pytest.Captur
         asyncio.run(send(view, ["[0.1, 0, -0.1]"] * 2000))
         until(lambda: view.offset[0] == 3.0)  # three links of 1 m
         assert view.offset.tolist() == [3.0, 0.0, -3.0]
-        for hostile in ("[" * 100_000, "[" * 199, "9" * 199, "[NaN, 0, 0]", "\0", b"\xff" * 1000, '{"home": 1}'):
+        for hostile in (
+            "[" * 100_000,
+            "[" * 199,
+            "9" * 199,
+            "[NaN, 0, 0]",
+            "\0",
+            b"\xff" * 1000,
+            '{"home": 1}',
+        ):
             asyncio.run(send(view, [hostile]))
         asyncio.run(send(view, ['"home"']))
         until(lambda: not view.offset.any())
@@ -169,8 +191,14 @@ def test_strangers_are_refused(task: rp.Task) -> None:
     with rp.Viewer(task, ["a"]) as view:
         port = port_of(view.url)
         assert fetch(view.url) == 200 and fetch(view.url, host=f"localhost:{port}") == 200
-        assert fetch(view.url, host="evil.example:80") == 403 and fetch(view.url + "etc/passwd") == 404
-        for stranger in ({"origin": "http://evil.example"}, {"host": f"evil.example:{port}"}, {"origin": "null"}):
+        assert (
+            fetch(view.url, host="evil.example:80") == 403 and fetch(view.url + "etc/passwd") == 404
+        )
+        for stranger in (
+            {"origin": "http://evil.example"},
+            {"host": f"evil.example:{port}"},
+            {"origin": "null"},
+        ):
             with pytest.raises(HTTPClientError, match="403"):
                 asyncio.run(connect(view, **stranger))
 
@@ -180,8 +208,10 @@ def test_strangers_are_refused(task: rp.Task) -> None:
 
 @pytest.fixture(scope="module")
 def design(task: rp.Task, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    fields, region = rp.Polynomial(Q0, 1, 0.3), rp.Box(Q0, 0.3)
-    found = rp.nearest_repeatable(rp.Pseudoinverse(task), fields, region, samples=256, held_out=64)
+    potentials, region = rp.Polynomial(Q0, 1, 0.3), rp.Box(Q0, 0.3)
+    found = rp.nearest_repeatable(
+        rp.Pseudoinverse(task), potentials, region, samples=256, held_out=64
+    )
     return rp.save(found, tmp_path_factory.mktemp("live") / "design.json")
 
 
@@ -189,8 +219,18 @@ LIVE = ("--path", "circle:0.15", "--plane", "xy", "--live")
 
 
 def test_the_command_leaves_nothing_behind(design: Path) -> None:
-    """A service manager's end, under nohup and with nobody who reads; and the worst; a browser's connection open."""
-    command = [sys.executable, "-m", "repctl_pin", "animate", design.name, *LIVE, "--json", "--no-browser"]
+    """A service manager's end, under nohup and with nobody who reads; and the worst; a browser's
+    connection open."""
+    command = [
+        sys.executable,
+        "-m",
+        "repctl_pin",
+        "animate",
+        design.name,
+        *LIVE,
+        "--json",
+        "--no-browser",
+    ]
 
     def start() -> subprocess.Popen[str]:
         return subprocess.Popen(
@@ -239,7 +279,16 @@ def test_nothing_is_left_when_its_terminal_is_closed(design: Path) -> None:
 
     window, terminal = os.openpty()
     process = subprocess.Popen(
-        [sys.executable, "-m", "repctl_pin", "animate", design.name, *LIVE, "--json", "--no-browser"],
+        [
+            sys.executable,
+            "-m",
+            "repctl_pin",
+            "animate",
+            design.name,
+            *LIVE,
+            "--json",
+            "--no-browser",
+        ],
         cwd=design.parent,
         env=os.environ | {"OMP_NUM_THREADS": "1"},
         stdin=terminal,
@@ -262,7 +311,9 @@ def test_nothing_is_left_when_its_terminal_is_closed(design: Path) -> None:
         process.wait()
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP], ids=lambda n: n.name)
+@pytest.mark.parametrize(
+    "number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP], ids=lambda n: n.name
+)
 def test_ctrl_c_and_a_closed_terminal_end_the_loop(number: signal.Signals) -> None:
     before = signal.signal(number, signal.SIG_DFL)
     try:
@@ -303,7 +354,10 @@ def test_a_real_browser_follows_the_loop(task: rp.Task, driver: Any) -> None:
         view.show(Q0, Q0 + [0.6, -0.6, -0.5])
         until(lambda: driver.execute_script("return repctl.received") > 1)
         after = picture_now(driver)
-        same, moved = (np.mean(np.abs(pane(driver, before, k) - pane(driver, after, k)).max(-1) > 8) for k in (0, 1))
+        same, moved = (
+            np.mean(np.abs(pane(driver, before, k) - pane(driver, after, k)).max(-1) > 8)
+            for k in (0, 1)
+        )
         assert same < 0.0005 and moved > 0.01
         said = [note.text for note in driver.find_elements("class name", "past")]
         assert said == ["0 rad off cycle 1", "0.985 rad off cycle 1"]
@@ -332,7 +386,9 @@ def test_a_real_browser_follows_the_loop(task: rp.Task, driver: Any) -> None:
         ) == "refused"  # fmt: skip
 
 
-def test_two_pandas_leave_time_for_sixty_pictures_a_second(panda_pose: rp.Task, q_panda: Any, driver: Any) -> None:
+def test_two_pandas_leave_time_for_sixty_pictures_a_second(
+    panda_pose: rp.Task, q_panda: Any, driver: Any
+) -> None:
     """All that a picture takes but the graphics card's part: Python's, and the page's own."""
     timed = (
         "window.frames_ = new Map(); const ask = window.requestAnimationFrame;"

@@ -1,4 +1,5 @@
-"""The loop that runs controls in real time: it is the motion that follow integrates, and the target can be moved."""
+"""The loop that runs controls in real time: it is the motion that follow integrates, and the target
+can be moved."""
 
 from __future__ import annotations
 
@@ -15,7 +16,9 @@ PERIOD = 1.0
 def controls() -> tuple[rp.Pseudoinverse, rp.RepeatableInverse]:
     task, q0 = rp.Robot.load("planar3r").task(kind="xy"), np.array([0.3, 0.8, 0.8])
     plain = rp.Pseudoinverse(task)
-    found = rp.nearest_repeatable(plain, rp.Polynomial(q0, 1, 0.3), rp.Box(q0, 0.3), samples=256, held_out=64)
+    found = rp.nearest_repeatable(
+        plain, rp.Polynomial(q0, 1, 0.3), rp.Box(q0, 0.3), samples=256, held_out=64
+    )
     return plain, found.inverse
 
 
@@ -31,7 +34,10 @@ def test_undisturbed_it_is_what_follow_integrates(loop: Loop, controls) -> None:
     plain, closed = (rp.follow(c, path, q0, cycles=3, steps=250) for c in controls)
     for seconds in (1.3, 0.0101, 1.6899 + 1e-6):  # odd pieces make up the same three cycles
         loop.run(seconds * PERIOD)
-    assert np.linalg.norm(loop.q[0] - q0) == pytest.approx(plain.drift[-1], rel=0.01) and plain.drift[-1] > 0.003
+    assert (
+        np.linalg.norm(loop.q[0] - q0) == pytest.approx(plain.drift[-1], rel=0.01)
+        and plain.drift[-1] > 0.003
+    )
     assert np.abs(loop.q[1] - q0).max() < 1e-9 > closed.drift[-1]
     loop.run(0.2 * PERIOD + 1e-6)
     np.testing.assert_allclose(loop.q[1], loop.before[1], atol=1e-9)
@@ -50,7 +56,9 @@ def test_a_target_moved_and_brought_back_brings_back_who_repeats(loop: Loop) -> 
     loop.run(4.0)
     assert not loop.offset.any()
     plain, ours = (np.linalg.norm(q - then) for q, then in zip(loop.q, loop.before, strict=True))
-    undisturbed = Loop(loop.strategies, rp.circle(loop.task, still[0], 0.15), still[0], period=PERIOD)
+    undisturbed = Loop(
+        loop.strategies, rp.circle(loop.task, still[0], 0.15), still[0], period=PERIOD
+    )
     undisturbed.run(8.0)
     assert ours < 1e-9 and np.linalg.norm(loop.q[0] - undisturbed.q[0]) > 1e-4 and plain > 0.003
 
@@ -59,18 +67,26 @@ def test_a_target_out_of_reach_comes_back_as_far_as_needed(loop: Loop) -> None:
     before = [q.copy() for q in loop.q]
     for _ in range(500):
         loop.run(0.02, [9.0, 9.0, 0.0])
-        assert all(np.isfinite(q).all() and np.abs(q - old).max() < 1.0 for q, old in zip(loop.q, before, strict=True))
+        assert all(
+            np.isfinite(q).all() and np.abs(q - old).max() < 1.0
+            for q, old in zip(loop.q, before, strict=True)
+        )
         before = [q.copy() for q in loop.q]
     assert np.linalg.norm(loop.offset) < 3  # the arm is three long
     where = loop.task.placement(loop.q[0]).translation
-    np.testing.assert_allclose(loop.task.placement(loop.q[1]).translation, where, atol=1e-2)  # both are kept waiting
+    np.testing.assert_allclose(
+        loop.task.placement(loop.q[1]).translation, where, atol=1e-2
+    )  # both are kept waiting
 
 
-def test_out_of_reach_it_holds_says_so_and_comes_back(panda_pose: rp.Task, q_panda: np.ndarray) -> None:
-    """A pose task near the end of the arm's reach: no step on is possible there, in any direction."""
+def test_out_of_reach_it_holds_says_so_and_comes_back(
+    panda_pose: rp.Task, q_panda: np.ndarray
+) -> None:
+    """A pose task near the end of the arm's reach: no step on is possible there, in any
+    direction."""
     plain = rp.Pseudoinverse(panda_pose)
-    fields, box = rp.Polynomial(q_panda, 1, 0.3), rp.Box(q_panda, 0.3)
-    found = rp.nearest_repeatable(plain, fields, box, samples=256, held_out=64)
+    potentials, box = rp.Polynomial(q_panda, 1, 0.3), rp.Box(q_panda, 0.3)
+    found = rp.nearest_repeatable(plain, potentials, box, samples=256, held_out=64)
     path = rp.circle(panda_pose, q_panda, 0.1)
     loop = Loop([plain, found.inverse], path, q_panda, period=2.0)
     loop.run(1.0)
@@ -81,7 +97,9 @@ def test_out_of_reach_it_holds_says_so_and_comes_back(panda_pose: rp.Task, q_pan
         held.append(loop.out_of_reach)
         place = loop._targets[loop._at]
         hands = [panda_pose.placement(q).translation - place.translation for q in loop.q]
-        np.testing.assert_allclose(hands, [loop.offset] * 2, atol=0.01)  # the hand is where the target is
+        np.testing.assert_allclose(
+            hands, [loop.offset] * 2, atol=0.01
+        )  # the hand is where the target is
     assert not held[0] and all(held[60:]) and 0.05 < loop.offset[0] < 0.5
     loop.run(10.0)
     assert not loop.offset.any() and not loop.out_of_reach

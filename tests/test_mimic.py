@@ -1,4 +1,5 @@
-"""Joints that mimic others: against Pinocchio's own mimic model, finite differences, and the same arm written out."""
+"""Joints that mimic others: against Pinocchio's own mimic model, finite differences, and the same
+arm written out."""
 
 from __future__ import annotations
 
@@ -23,8 +24,15 @@ def arm(folder: Path, mimics: dict[int, str], n: int = 7, **joints: dict[str, ob
     """Write an arm of n joints, the fourth one prismatic, some of which mimic others."""
     rng, lines, parent = np.random.default_rng(5), ['<robot name="arm"><link name="l0"/>'], "l0"
     for i in range(1, n + 1):
-        xyz, rpy, axis = (" ".join(f"{v:.4f}" for v in s * rng.uniform(-1, 1, 3)) for s in (0.4, 1.0, 1.0))
-        values = {"kind": "prismatic" if i == 4 else "revolute", "lower": -2, "upper": 2, "speed": 1}
+        xyz, rpy, axis = (
+            " ".join(f"{v:.4f}" for v in s * rng.uniform(-1, 1, 3)) for s in (0.4, 1.0, 1.0)
+        )
+        values = {
+            "kind": "prismatic" if i == 4 else "revolute",
+            "lower": -2,
+            "upper": 2,
+            "speed": 1,
+        }
         values |= joints.get(f"j{i}", {})
         mimic = f"<mimic {mimics[i]}/>" if i in mimics else ""
         lines.append(JOINT.format(name=f"j{i}", parent=parent, child=f"l{i}", xyz=xyz, rpy=rpy, axis=axis, mimic=mimic,
@@ -35,7 +43,11 @@ def arm(folder: Path, mimics: dict[int, str], n: int = 7, **joints: dict[str, ob
     return path
 
 
-MIMICS = {3: 'joint="j2" multiplier="-0.5" offset="0.3"', 4: 'joint="j1" multiplier="0.2"', 6: 'joint="j5"'}
+MIMICS = {
+    3: 'joint="j2" multiplier="-0.5" offset="0.3"',
+    4: 'joint="j1" multiplier="0.2"',
+    6: 'joint="j5"',
+}
 
 
 @pytest.fixture
@@ -67,15 +79,19 @@ def test_task_is_that_of_pinocchios_mimic_model(robot: rp.Robot, kind: str) -> N
     columns = [model.joints[model.getJointId(name)].idx_v for name in task.joint_names]
     if kind != "axis":
         assert np.allclose(task.jacobian(q), J[task.rows][:, columns], atol=1e-14)
-    assert np.allclose(task.jacobians([q, 0.5 * q]), [task.jacobian(q), task.jacobian(0.5 * q)], atol=1e-15)
-    assert np.allclose(task.inertias([q])[0], pin.crba(model, data, full)[np.ix_(columns, columns)], atol=1e-12)
+    assert np.allclose(
+        task.jacobians([q, 0.5 * q]), [task.jacobian(q), task.jacobian(0.5 * q)], atol=1e-15
+    )
+    assert np.allclose(
+        task.inertias([q])[0], pin.crba(model, data, full)[np.ix_(columns, columns)], atol=1e-12
+    )
     for k, d in enumerate(1e-6 * np.eye(4)):
         slope = (task.jacobian(q + d) - task.jacobian(q - d)) / 2e-6
         assert np.allclose(task.hessian(q)[:, :, k], slope, atol=1e-9)
 
 
 def test_in_other_coordinates_and_in_place(robot: rp.Robot) -> None:
-    from repctl_pin.robot.inplace import in_place
+    from repctl_pin.robot.fast_kinematics import in_place
 
     task = robot.task("l7", "position")
     T = np.eye(4) + 0.3 * np.random.default_rng(0).normal(size=(4, 4))
@@ -91,17 +107,26 @@ def test_limits_keep_followers_inside_theirs(tmp_path: Path) -> None:
     joints = {"j3": {"lower": -0.5, "upper": 0.8, "speed": 0.2}, "j6": {"lower": 3, "upper": 4}}
     robot = rp.Robot.load(arm(tmp_path, MIMICS, **joints))
     lower, upper, speed = (
-        dict(zip(robot.joint_names, v, strict=True)) for v in (robot.lower, robot.upper, robot.velocity)
+        dict(zip(robot.joint_names, v, strict=True))
+        for v in (robot.lower, robot.upper, robot.velocity_limit)
     )
-    assert (lower["j2"], upper["j2"], speed["j2"]) == pytest.approx((-1.0, 1.6, 0.4))  # j3 = 0.3 − j2/2
+    assert (lower["j2"], upper["j2"], speed["j2"]) == pytest.approx(
+        (-1.0, 1.6, 0.4)
+    )  # j3 = 0.3 − j2/2
     assert (lower["j5"], upper["j5"]) == (-2, 2)
     assert ["'j6' mimics 'j5', no position of which" in note for note in robot.warnings] == [True]
     assert (robot.reference >= robot.lower).all() and (robot.reference <= robot.upper).all()
 
 
 def test_a_follower_of_a_follower_whose_leader_comes_last(tmp_path: Path) -> None:
-    chained = {1: 'joint="j3" multiplier="2" offset="0.1"', 3: 'joint="j7" multiplier="-0.5" offset="0.2"'}
-    direct = {1: 'joint="j7" multiplier="-1" offset="0.5"', 3: 'joint="j7" multiplier="-0.5" offset="0.2"'}
+    chained = {
+        1: 'joint="j3" multiplier="2" offset="0.1"',
+        3: 'joint="j7" multiplier="-0.5" offset="0.2"',
+    }
+    direct = {
+        1: 'joint="j7" multiplier="-1" offset="0.5"',
+        3: 'joint="j7" multiplier="-0.5" offset="0.2"',
+    }
     placements = []
     for mimics in (chained, direct):
         task = rp.Robot.load(arm(tmp_path, mimics)).task("l7", "pose")
@@ -112,7 +137,9 @@ def test_a_follower_of_a_follower_whose_leader_comes_last(tmp_path: Path) -> Non
 
 def test_joints_in_a_circle_are_refused(tmp_path: Path) -> None:
     mimics = {1: 'joint="j3"', 3: 'joint="j7"', 7: 'joint="j1"'}
-    with pytest.raises(rp.InputError, match=r"<mimic> of joint 'j1': joints follow each other in a circle"):
+    with pytest.raises(
+        rp.InputError, match=r"<mimic> of joint 'j1': joints follow each other in a circle"
+    ):
         rp.Robot.load(arm(tmp_path, mimics))
 
 
@@ -121,9 +148,14 @@ def test_a_held_leader_holds_its_followers(tmp_path: Path) -> None:
     free, held = rp.Robot.load(path), rp.Robot.load(path, lock=["j2"])
     assert held.locked == ("j2", "j3") and "j2" not in held.joint_names
     q = free.task("l7").reference.copy()
-    assert np.allclose(held.task("l7").placement(np.delete(q, 1)).homogeneous, free.task("l7").placement(q).homogeneous)
+    assert np.allclose(
+        held.task("l7").placement(np.delete(q, 1)).homogeneous,
+        free.task("l7").placement(q).homogeneous,
+    )
     chosen = free.task("l7", "position", joints=["j1", "j5", "j7"])
-    assert np.allclose(chosen.placement(np.delete(q, 1)).homogeneous, free.task("l7").placement(q).homogeneous)
+    assert np.allclose(
+        chosen.placement(np.delete(q, 1)).homogeneous, free.task("l7").placement(q).homogeneous
+    )
 
 
 def test_a_leader_beside_the_path_moves_the_frame() -> None:
@@ -140,7 +172,9 @@ def test_a_leader_beside_the_path_moves_the_frame() -> None:
 def test_a_cycle_closes_and_an_active_joint_drives_both(robot: rp.Robot) -> None:
     task = robot.task("l7", "xy")
     q0 = np.array([0.4, -0.7, 0.9, 0.3])
-    design = rp.nearest_repeatable(rp.Pseudoinverse(task), rp.Polynomial(q0, 2, 0.3), rp.Box(q0, 0.3))
+    design = rp.nearest_repeatable(
+        rp.Pseudoinverse(task), rp.Polynomial(q0, 2, 0.3), rp.Box(q0, 0.3)
+    )
     motion = rp.follow(design.inverse, rp.circle(task, q0, radius=0.05), q0, cycles=2, steps=200)
     assert motion.drift[-1] < 1e-8 and motion.tracking_error.max() < 1e-8
     tip = pinocchios(robot, motion.q[100])[1].oMf[-1].translation
@@ -159,7 +193,11 @@ def test_inspect_says_who_drives_whom(robot: rp.Robot) -> None:
 def test_c_computes_the_same(robot: rp.Robot, base: str | None) -> None:
     task = rp.Robot.load(robot.description.path, base=base).task("l7", "xy")
     q0 = 0.3 + 0.2 * np.arange(task.n)
-    design = rp.nearest_repeatable(rp.Pseudoinverse(task), rp.Polynomial(q0, 1, 0.1), rp.Box(q0, 0.1))
+    design = rp.nearest_repeatable(
+        rp.Pseudoinverse(task), rp.Polynomial(q0, 1, 0.1), rp.Box(q0, 0.1)
+    )
     fast = rp.compiled(design.inverse)
     xdot = np.array([0.1, -0.2])
-    assert np.allclose(fast.velocity(q0 + 0.05, xdot), design.inverse.velocity(q0 + 0.05, xdot), atol=1e-12)
+    assert np.allclose(
+        fast.velocity(q0 + 0.05, xdot), design.inverse.velocity(q0 + 0.05, xdot), atol=1e-12
+    )

@@ -26,11 +26,15 @@ def all_paths(task: rp.Task, q: np.ndarray) -> list[rp.TaskPath]:
     ]
 
 
-def test_paths_are_closed_start_at_the_frame_and_their_twist_is_their_slope(panda_pose, q_panda) -> None:
+def test_paths_are_closed_start_at_the_frame_and_their_twist_is_their_slope(
+    panda_pose, q_panda
+) -> None:
     here = panda_pose.placement(q_panda)
     for path in all_paths(panda_pose, q_panda):
         for s in (0.0, 1.0):
-            assert np.allclose(path.placement(s).translation, here.translation, atol=1e-12), path.name
+            assert np.allclose(path.placement(s).translation, here.translation, atol=1e-12), (
+                path.name
+            )
             assert np.array_equal(path.placement(s).rotation, here.rotation)
         e = 1e-6
         for s in np.linspace(0.013, 0.987, 16):
@@ -43,9 +47,13 @@ def test_shapes_are_what_their_names_say(panda_pose, q_panda) -> None:
     circle, eight, _, _, _, square, pentagon = all_paths(panda_pose, q_panda)
     around = circle.points(200)[:-1]
     center = around.mean(axis=0)
-    assert np.allclose(np.linalg.norm(around - center, axis=1), 0.1) and np.ptp(around[:, 0]) < 1e-15
+    assert (
+        np.allclose(np.linalg.norm(around - center, axis=1), 0.1) and np.ptp(around[:, 0]) < 1e-15
+    )
     assert np.isclose(circle.length, 0.2 * np.pi, rtol=1e-4)
-    assert np.isclose(square.length, 0.8, rtol=1e-6) and np.allclose(square.breaks, [0.25, 0.5, 0.75])
+    assert np.isclose(square.length, 0.8, rtol=1e-6) and np.allclose(
+        square.breaks, [0.25, 0.5, 0.75]
+    )
     assert np.isclose(pentagon.length, 5 * 2 * 0.1 * np.sin(np.pi / 5), rtol=1e-6)
     assert np.allclose(eight.point(0.5), eight.point(0.0))
 
@@ -61,12 +69,16 @@ def test_reach_finds_the_target_and_says_when_it_cannot(panda_pose, q_panda) -> 
 
 
 @pytest.mark.parametrize("integrator, order", [("euler", 1), ("rk4", 4)])
-def test_integrators_converge_at_their_order(panda_pose, q_panda, integrator: str, order: int) -> None:
+def test_integrators_converge_at_their_order(
+    panda_pose, q_panda, integrator: str, order: int
+) -> None:
     path = rp.circle(panda_pose, q_panda, 0.1, normal="yz")
     strategy = rp.Pseudoinverse(panda_pose)
 
     def end(steps: int) -> np.ndarray:
-        return rp.follow(strategy, path, q_panda, cycles=1, steps=steps, integrator=integrator).q[-1]
+        return rp.follow(strategy, path, q_panda, cycles=1, steps=steps, integrator=integrator).q[
+            -1
+        ]
 
     exact = rp.follow(strategy, path, q_panda, cycles=1, steps=2000).q[-1]
     coarse, fine = np.linalg.norm(end(40) - exact), np.linalg.norm(end(80) - exact)
@@ -83,7 +95,8 @@ def test_corners_do_not_spoil_the_order(panda_pose, q_panda) -> None:
 
 
 def test_panda_ten_cycles(panda_pose, panda_design, q_panda) -> None:
-    """The main promise: J⁺ creeps by more than 0.1 rad, the repeatable inverse by less than 1e-8."""
+    """The main promise: J⁺ creeps by more than 0.1 rad, the repeatable inverse by less than
+    1e-8."""
     path = rp.circle(panda_pose, q_panda, 0.1, normal="yz", start_angle=np.pi)
     creeping = rp.follow(rp.Pseudoinverse(panda_pose), path, q_panda, cycles=10, steps=500)
     closed = rp.follow(panda_design.inverse, path, q_panda, cycles=10, steps=500)
@@ -103,7 +116,10 @@ def test_panda_ten_cycles(panda_pose, panda_design, q_panda) -> None:
 
 def test_planar_3r_drift_is_the_theorys() -> None:
     task = rp.Robot.load("planar3r").task("tool", "xy")
-    expected = {(1, -1.5, 1.2): (1.00150, 1.69832, 1.91071), (0.3, 0.8, 0.8): (0.000246, 0.001320, 0.002892)}
+    expected = {
+        (1, -1.5, 1.2): (1.00150, 1.69832, 1.91071),
+        (0.3, 0.8, 0.8): (0.000246, 0.001320, 0.002892),
+    }
     for q0, drifts in expected.items():
         path = rp.circle(task, q0, 0.3, normal="-z", start_angle=np.pi)
         motion = rp.follow(rp.Pseudoinverse(task), path, q0, cycles=10)
@@ -130,7 +146,9 @@ def test_turning_twists_are_followed_too(panda, q_panda) -> None:
         name, breaks = "tilt", ()
 
         def placement(self, s: float) -> pin.SE3:
-            return pin.SE3(pin.exp3(axis * 0.3 * np.sin(2 * np.pi * s)) @ start.rotation, start.translation)
+            return pin.SE3(
+                pin.exp3(axis * 0.3 * np.sin(2 * np.pi * s)) @ start.rotation, start.translation
+            )
 
         def twist(self, s: float) -> np.ndarray:
             return np.concatenate([np.zeros(3), axis * 0.6 * np.pi * np.cos(2 * np.pi * s)])
@@ -148,12 +166,20 @@ def test_feedback_brings_a_disturbed_start_back(panda_pose, q_panda) -> None:
         rp.follow(rp.Pseudoinverse(panda_pose), path, off, cycles=1)
     for integrator, gain in (("euler", 100.0), ("rk4", 50.0)):
         motion = rp.follow(
-            rp.Pseudoinverse(panda_pose), path, off, cycles=1, steps=500, integrator=integrator, feedback=gain
+            rp.Pseudoinverse(panda_pose),
+            path,
+            off,
+            cycles=1,
+            steps=500,
+            integrator=integrator,
+            feedback=gain,
         )
         assert motion.tracking_error[0] > 1e-3 and motion.tracking_error[-1] < 1e-4
 
 
-def test_posture_closes_on_the_posture_and_creeps_to_it_when_started_off_it(panda_pose, q_panda) -> None:
+def test_posture_closes_on_the_posture_and_creeps_to_it_when_started_off_it(
+    panda_pose, q_panda
+) -> None:
     path = rp.circle(panda_pose, q_panda, 0.1, normal="yz")
     off = q_panda + 0.57 * rp.redundancy.nullspace(panda_pose.jacobian(q_panda))[:, 0]
     on = rp.follow(rp.PostureControl(panda_pose, q_panda, 5.0), path, q_panda, cycles=4)
@@ -161,7 +187,8 @@ def test_posture_closes_on_the_posture_and_creeps_to_it_when_started_off_it(pand
     assert np.ptp(on.drift[1:]) < 1e-4  # settles in the first cycle
     assert away.drift[0] > 0.1 > 2 * np.abs(np.diff(away.drift))[-1]
     assert away.tracking_error.max() < 1e-8
-    # from the start it stays away, from cycle to cycle it closes: each adds a small share of the one before
+    # from the start it stays away, from cycle to cycle it closes: each adds a small share of the
+    # one before
     np.testing.assert_allclose(away.cycle_drift[0], away.drift[0], rtol=1e-12)
     assert (away.cycle_drift[1:] < 0.2 * away.cycle_drift[:-1]).all() and away.drift[-1] > 0.1
 
@@ -189,8 +216,12 @@ def test_motion_judges_limits_and_speeds(panda_pose, q_panda) -> None:
         assert outside[row, panda_pose.joint_names.index(motion.first_violation[1])]
     else:
         assert motion.first_violation is None
-    assert np.isclose(motion.rms_speed, np.sqrt(np.mean(np.sum(motion.qdot[:-1] ** 2, axis=1))), rtol=1e-3)
-    slower = rp.follow(rp.Pseudoinverse(panda_pose), path, q_panda, cycles=1, steps=100, period=10.0)
+    assert np.isclose(
+        motion.rms_speed, np.sqrt(np.mean(np.sum(motion.qdot[:-1] ** 2, axis=1))), rtol=1e-3
+    )
+    slower = rp.follow(
+        rp.Pseudoinverse(panda_pose), path, q_panda, cycles=1, steps=100, period=10.0
+    )
     assert np.allclose(slower.q, motion.q[:101], atol=1e-12)  # slowing down keeps the joint path
     assert np.allclose(slower.qdot[:100] * 2, motion.qdot[:100], atol=1e-12)
 
@@ -225,9 +256,18 @@ BAD_CSV = {
     "nowhere": ("0.5,0,0.5\n0.5,0,0.5\n0.5,0,0.5\n0.5,0,0.5\n", "all points are the same"),
     "columns unknown": ("x,z\n0.5,0\n", "called x, z; call them x, y, z"),
     "a column twice": ("x,y,y\n0.5,0,0\n", "called x, y, y"),
-    "no quaternion": ("x,y,z,qx,qy,qz,qw\n0.5,0,0.5,0,0,0,2\n", "line 2: the quaternion has length 2"),
-    "six numbers": ("x,y,z,qx,qy,qz,qw\n0.5,0,0.5,0,0,0\n", "line 2: .* is not seven finite numbers"),
-    "time back": ("x,y,z,time\n0.5,0,0.5,0\n0.6,0,0.5,2\n0.5,0,0.5,1\n", "line 4: the time must rise"),
+    "no quaternion": (
+        "x,y,z,qx,qy,qz,qw\n0.5,0,0.5,0,0,0,2\n",
+        "line 2: the quaternion has length 2",
+    ),
+    "six numbers": (
+        "x,y,z,qx,qy,qz,qw\n0.5,0,0.5,0,0,0\n",
+        "line 2: .* is not seven finite numbers",
+    ),
+    "time back": (
+        "x,y,z,time\n0.5,0,0.5,0\n0.6,0,0.5,2\n0.5,0,0.5,1\n",
+        "line 4: the time must rise",
+    ),
     "too many": ("0.5,0,0.5\n" * 100_000, "100000 waypoints; thin them out"),
     "binary": ("\udcff\udcfe\x00", "not a text file|not three"),
 }
@@ -262,13 +302,21 @@ def test_missing_waypoint_file(tmp_path) -> None:
         "",
     ],
 )
-def test_bad_path_words_get_one_clear_line(text: str) -> None:
+def test_bad_path_spec_get_one_clear_line(text: str) -> None:
     with pytest.raises(rp.InputError, match="circle:RADIUS"):
         parse_path(text)
 
 
 @pytest.mark.parametrize(
-    "options", [{"cycles": 0}, {"steps": 0}, {"steps": 1.5}, {"integrator": "rk5"}, {"period": 0}, {"feedback": -1}]
+    "options",
+    [
+        {"cycles": 0},
+        {"steps": 0},
+        {"steps": 1.5},
+        {"integrator": "rk5"},
+        {"period": 0},
+        {"feedback": -1},
+    ],
 )
 def test_bad_options_of_follow(panda_pose, q_panda, options: dict) -> None:
     path = rp.circle(panda_pose, q_panda, 0.1)
@@ -277,7 +325,8 @@ def test_bad_options_of_follow(panda_pose, q_panda, options: dict) -> None:
 
 
 def test_rms_speed_is_a_mean_over_time() -> None:
-    """A polygon under two prismatic joints: the speed is the path's; slowed down on two edges, a mean of two speeds."""
+    """A polygon under two prismatic joints: the speed is the path's; slowed down on two edges, a
+    mean of two speeds."""
     task = rp.Robot.load("ppr").task("tool", "xy")
     T = np.diag([1.0, 1.0, 1e6])  # θ₃ hardly moves: q̇ = (ẋ, ẏ, 0)
     motion = rp.follow(
@@ -285,9 +334,14 @@ def test_rms_speed_is_a_mean_over_time() -> None:
         cycles=1, steps=60, period=6.0,
     )  # fmt: skip
     assert motion.rms_speed == pytest.approx(1.0, rel=1e-6)
-    slow = motion.retimed([0.5, 1e3, 1e3])  # 4 m at 0.5 m/s and 2 m at 1 m/s, but for the steps at the corners
+    slow = motion.retimed(
+        [0.5, 1e3, 1e3]
+    )  # 4 m at 0.5 m/s and 2 m at 1 m/s, but for the steps at the corners
     assert slow.rms_speed == pytest.approx(np.sqrt((8 * 0.25 + 2 * 1.0) / 10), rel=0.02)
-    once, thrice = (rp.follow(rp.Pseudoinverse(task), motion.path, np.zeros(3), cycles=k, steps=12) for k in (1, 3))
+    once, thrice = (
+        rp.follow(rp.Pseudoinverse(task), motion.path, np.zeros(3), cycles=k, steps=12)
+        for k in (1, 3)
+    )
     fine = rp.follow(rp.Pseudoinverse(task), motion.path, np.zeros(3), cycles=1, steps=1200)
     assert once.rms_speed == pytest.approx(fine.rms_speed, rel=2e-3)
     assert np.isfinite(thrice.rms_speed)

@@ -38,11 +38,18 @@ def test_results_print_in_words() -> None:
     bodies, q0 = rp.Bodies(panda), np.array([0.3, 0.8, 0.8])
     counts = f"{len(bodies.pairs)} pairs measured, {len(bodies.only_contact)} for contact only"
     left_out = f"{len(bodies.adjacent)} adjacent, 0 disabled by the SRDF, 0 touching"
-    assert repr(bodies) == f"<Bodies of panda: {counts}; left out: {left_out}>" and len(bodies.pairs) > 10
+    assert (
+        repr(bodies) == f"<Bodies of panda: {counts}; left out: {left_out}>"
+        and len(bodies.pairs) > 10
+    )
     control = rp.Pseudoinverse(arm)
     verdict = rp.is_repeatable(control, rp.Box(q0, 0.2))
     assert repr(verdict) == f"<Repeatability: {verdict.summary()}>"
-    timed = rp.timed(rp.follow(control, rp.circle(arm, q0, 0.2), q0, cycles=1, steps=60), acceleration=5.0, rate=100)
+    timed = rp.timed(
+        rp.follow(control, rp.circle(arm, q0, 0.2), q0, cycles=1, steps=60),
+        acceleration=5.0,
+        rate=100,
+    )
     said = f"<TimedMotion of 3 joints: {timed.duration:.4g} s from rest to rest, {len(timed.t)} samples>"
     assert repr(timed) == said and abs(len(timed.t) / 100 - timed.duration) < 0.05
 
@@ -69,7 +76,9 @@ def notebook(tmp_path_factory: pytest.TempPathFactory) -> Any:
 
 def shown(cell: Any) -> Any:
     """What a cell shows: its one output's data, by MIME type."""
-    (output,) = [output for output in cell.outputs if output.output_type != "stream"]  # Python's own warnings
+    (output,) = [
+        output for output in cell.outputs if output.output_type != "stream"
+    ]  # Python's own warnings
     return output.data
 
 
@@ -77,7 +86,10 @@ def pictures(text: str) -> list[np.ndarray]:
     from PIL import Image
 
     held = re.findall(r'src="data:image/png;base64,([^"]*)"', text)
-    return [np.asarray(Image.open(io.BytesIO(base64.b64decode(data))).convert("RGB"), np.int16) for data in held]
+    return [
+        np.asarray(Image.open(io.BytesIO(base64.b64decode(data))).convert("RGB"), np.int16)
+        for data in held
+    ]
 
 
 def drawing(figure: Any) -> np.ndarray:
@@ -120,18 +132,25 @@ def test_what_cannot_be_shown_is_said(study: rp.Study) -> None:
 
 def test_a_kernel_shows_the_scene_and_the_figures(notebook: Any, study: rp.Study) -> None:
     scene, figure, of_pyplot = (notebook.cells[k] for k in (2, 4, 5))
-    assert shown(scene) == {"text/html": rp.inline(study, height=500).html, "text/plain": study_table(study)}
+    assert shown(scene) == {
+        "text/html": rp.inline(study, height=500).html,
+        "text/plain": study_table(study),
+    }
     (image,) = pictures(shown(figure)["text/html"])
     np.testing.assert_array_equal(image, drawing(drift_figure(drawn(study), "Drift")))
     assert shown(of_pyplot)["image/png"]  # as any of pyplot's figures
     assert not any(notebook.cells[k].outputs for k in (0, 1, 3))  # nothing is printed
 
 
-def test_the_exported_notebook_plays_in_a_browser(notebook: Any, tmp_path: Path, driver: Any) -> None:
+def test_the_exported_notebook_plays_in_a_browser(
+    notebook: Any, tmp_path: Path, driver: Any
+) -> None:
     from nbconvert import HTMLExporter
     from selenium.webdriver import ActionChains
 
-    exporter = HTMLExporter(mathjax_url="", require_js_url="", jquery_url="")  # nothing of its own from a network
+    exporter = HTMLExporter(
+        mathjax_url="", require_js_url="", jquery_url=""
+    )  # nothing of its own from a network
     file = tmp_path / "notebook.html"
     file.write_text(exporter.from_notebook_node(notebook)[0], encoding="utf-8")
     schemes(driver, width=1100, height=600)
@@ -152,14 +171,18 @@ def test_the_exported_notebook_plays_in_a_browser(notebook: Any, tmp_path: Path,
     )
     assert not driver.execute_script(wheel)
     ActionChains(driver).click(driver.find_element("id", "picture")).perform()
-    assert driver.execute_script("return document.hasFocus() && document.activeElement.id") == "panes"
+    assert (
+        driver.execute_script("return document.hasFocus() && document.activeElement.id") == "panes"
+    )
     assert driver.execute_script(wheel)
     driver.execute_script("document.activeElement.blur()")
     assert not driver.execute_script(wheel)
     count = len(Visuals.of(rp.Robot.load("ppr")).shapes)
     assert driver.execute_script("return [repctl.meshes(0), repctl.meshes(1)]") == [count, count]
     assert changed(picture(driver, 0), picture(driver, 0.25)) > 0.004
-    assert driver.execute_script("try { return String(parent.document.title) } catch (e) { return e.name }") == (
+    assert driver.execute_script(
+        "try { return String(parent.document.title) } catch (e) { return e.name }"
+    ) == (
         "SecurityError"  # the page cannot reach the notebook
     )
     assert errors(driver) == []

@@ -1,4 +1,5 @@
-"""Every example as a notebook, cut from the script itself, runs in a kernel and prints what the script prints."""
+"""Every example as a notebook, cut from the script itself, runs in a kernel and prints what the
+script prints."""
 
 from __future__ import annotations
 
@@ -18,7 +19,9 @@ QUICK = ("audit_pink",)
 
 def code(book: dict) -> str:
     """All that is run, the cells one after the other."""
-    return "\n\n".join("".join(cell["source"]) for cell in book["cells"] if cell["cell_type"] == "code")
+    return "\n\n".join(
+        "".join(cell["source"]) for cell in book["cells"] if cell["cell_type"] == "code"
+    )
 
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
@@ -34,7 +37,10 @@ def test_a_notebook_holds_its_script_whole(script: Path) -> None:
 
 @pytest.mark.parametrize(
     "script",
-    [pytest.param(script, marks=() if script.stem in QUICK else pytest.mark.slow) for script in SCRIPTS],
+    [
+        pytest.param(script, marks=() if script.stem in QUICK else pytest.mark.slow)
+        for script in SCRIPTS
+    ],
     ids=lambda script: script.stem,
 )
 def test_a_notebook_runs_and_prints_what_the_script_prints(
@@ -50,7 +56,11 @@ def test_a_notebook_runs_and_prints_what_the_script_prints(
     book = reads(HOOK["notebook"](script), as_version=4)
     done = NotebookClient(book, kernel_name="python3", timeout=900).execute(cwd=str(tmp_path))
     outputs = [output for cell in done.cells if cell.cell_type == "code" for output in cell.outputs]
-    told = "".join(output.text for output in outputs if output.output_type == "stream" and output.name == "stdout")
+    told = "".join(
+        output.text
+        for output in outputs
+        if output.output_type == "stream" and output.name == "stdout"
+    )
     if f"python examples/{script.name}" in SHOWN:  # the survey's is the README's table
         assert steady(told) == steady(SHOWN[f"python examples/{script.name}"])
     pictures = [output for output in outputs if "image/png" in output.get("data", {})]

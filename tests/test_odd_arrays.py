@@ -1,4 +1,5 @@
-"""Arrays of other byte orders, types and strides mean the numbers that they hold, or are refused by name."""
+"""Arrays of other byte orders, types and strides mean the numbers that they hold, or are refused by
+name."""
 
 from __future__ import annotations
 
@@ -42,15 +43,17 @@ ODD: dict[str, Callable[[np.ndarray], object]] = {
 @pytest.fixture(scope="module")
 def controls(panda_pose: rp.Task) -> dict[str, rp.Pseudoinverse]:
     task, q = panda_pose, np.array(panda_pose.reference)
-    fields = rp.Polynomial(q, 2, 0.5)
-    A = np.vstack([rp.redundancy.nullspace(task.jacobian(q)), 0.02 * np.ones((fields.size - 7, 1))])
+    potentials = rp.Polynomial(q, 2, 0.5)
+    A = np.vstack(
+        [rp.redundancy.nullspace(task.jacobian(q)), 0.02 * np.ones((potentials.size - 7, 1))]
+    )
     return {
         "J⁺": rp.Pseudoinverse(task),
         "J⁺, weighted": rp.WeightedInverse(task, np.arange(1.0, 8)),
         "posture": rp.PostureControl(task, q),
         "custom": rp.CustomInverse(task, rp.Pseudoinverse(task)),
         "extended": rp.ExtendedJacobian(task, q),
-        "repeatable": rp.RepeatableInverse(task, fields.weighted(A)),
+        "repeatable": rp.RepeatableInverse(task, potentials.weighted(A)),
         "Fourier": rp.RepeatableInverse(task, rp.Fourier(7, 1).weighted(np.arange(14.0)[:, None])),
     }
 
@@ -63,26 +66,50 @@ def test_odd_arrays_mean_their_numbers(controls, panda_pose: rp.Task, odd: str) 
     xdot, target = rng.normal(size=6), panda_pose.placement(panda_pose.reference)
     Q, Xdot = q + 0.1 * rng.normal(size=(3, 7)), rng.normal(size=(3, 6))
     for name, control in controls.items():
-        assert np.allclose(control.velocity(change(q), change(xdot)), control.velocity(q, xdot), **near), name
+        assert np.allclose(
+            control.velocity(change(q), change(xdot)), control.velocity(q, xdot), **near
+        ), name
         if hasattr(control, "batch"):
             assert np.allclose(control(change(q)), control(q), **near), name
-            assert np.allclose(control.batch(Q.astype(">f8")), control.batch(Q), rtol=0, atol=1e-12), name
+            assert np.allclose(
+                control.batch(Q.astype(">f8")), control.batch(Q), rtol=0, atol=1e-12
+            ), name
         if isinstance(control, rp.RepeatableInverse):
             leaf = control.leaf(q) + 0.01
             expected = control.step(q, target, 0.01, xdot, leaf=leaf, gain=20.0)
             assert np.allclose(control.leaf(change(q)), control.leaf(q), **near)
             assert np.allclose(
-                control.step(change(q), target, 0.01, change(xdot), leaf=change(leaf), gain=20.0), expected, **near
+                control.step(change(q), target, 0.01, change(xdot), leaf=change(leaf), gain=20.0),
+                expected,
+                **near,
             ), name
-            bounded = control.step(q, target, 0.01, leaf=leaf, limit=np.full(7, 1.5), damping=0.05)
+            bounded = control.step(
+                q, target, 0.01, leaf=leaf, velocity_limit=np.full(7, 1.5), damping=0.05
+            )
             found = control.step(
-                change(q), target, 0.01, leaf=change(leaf), limit=change(np.full(7, 1.5)), damping=0.05
+                change(q),
+                target,
+                0.01,
+                leaf=change(leaf),
+                velocity_limit=change(np.full(7, 1.5)),
+                damping=0.05,
             )
             assert np.allclose(found, bounded, **near), name
-            assert np.allclose(control.velocities(Q.astype(">f8"), Xdot.astype(">f8")), control.velocities(Q, Xdot))
-    for function in (panda_pose.jacobian, panda_pose.hessian, lambda q: panda_pose.placement(q).homogeneous):
+            assert np.allclose(
+                control.velocities(Q.astype(">f8"), Xdot.astype(">f8")), control.velocities(Q, Xdot)
+            )
+    for function in (
+        panda_pose.jacobian,
+        panda_pose.hessian,
+        lambda q: panda_pose.placement(q).homogeneous,
+    ):
         assert np.allclose(function(change(q)), function(q), **near)
-    for batch in (panda_pose.jacobians, panda_pose.hessians, panda_pose.positions, panda_pose.inertias):
+    for batch in (
+        panda_pose.jacobians,
+        panda_pose.hessians,
+        panda_pose.positions,
+        panda_pose.inertias,
+    ):
         assert np.allclose(batch(Q.astype(">f8")), batch(Q), rtol=0, atol=1e-12)
 
 
@@ -108,15 +135,24 @@ def test_one_joint() -> None:
             assert np.array_equal(task.jacobians([q])[0], J)
             step = 1e-6
             for row in range(min(3, task.m)):
-                ahead, behind = task.error(q, task.placement(q + step)), task.error(q, task.placement(q - step))
+                ahead, behind = (
+                    task.error(q, task.placement(q + step)),
+                    task.error(q, task.placement(q - step)),
+                )
                 assert (ahead - behind)[row] / (2 * step) == pytest.approx(J[row, 0], abs=1e-8)
         H = task.hessian([0.3])
         slope = (task.jacobian([0.3 + 1e-6]) - task.jacobian([0.3 - 1e-6])) / 2e-6
         assert np.allclose(H[:, :, 0], slope, atol=1e-8)
-        for make in (rp.Pseudoinverse, lambda t: rp.PostureControl(t, [0.0]), lambda t: rp.CustomInverse(t, sum)):
+        for make in (
+            rp.Pseudoinverse,
+            lambda t: rp.PostureControl(t, [0.0]),
+            lambda t: rp.CustomInverse(t, sum),
+        ):
             with pytest.raises(rp.InputError, match="moved by 1 joints, too few"):
                 make(task)
-        moved = rp.follow(lambda q, xdot: [0.0], rp.circle(task, [0.3], 1e-4), [0.3], cycles=1, steps=8, task=task)
+        moved = rp.follow(
+            lambda q, xdot: [0.0], rp.circle(task, [0.3], 1e-4), [0.3], cycles=1, steps=8, task=task
+        )
         assert np.array_equal(moved.q, np.full((9, 1), 0.3))
 
 

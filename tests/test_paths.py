@@ -1,4 +1,5 @@
-"""Paths that turn the frame, stay, come with times or have their corners rounded; and what is no closed path."""
+"""Paths that turn the frame, stay, come with times or have their corners rounded; and what is no
+closed path."""
 
 from __future__ import annotations
 
@@ -10,10 +11,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import repctl_pin as rp
-from repctl_pin.motion.paths import closed_path
 from repctl_pin.motion.spec import parse_path
+from repctl_pin.paths.task_path import closed_path
 
-TILTS = Rotation.from_rotvec([[0, 0, 0], [0.3, 0, 0], [0.2, 0.4, 0], [0, 0.2, 0.5], [-0.2, 0, 0.1], [0, 0, 0]])
+TILTS = Rotation.from_rotvec(
+    [[0, 0, 0], [0.3, 0, 0], [0.2, 0.4, 0], [0, 0.2, 0.5], [-0.2, 0, 0.1], [0, 0, 0]]
+)
 LOOP = np.array([[0, 0, 0], [0.1, 0, 0], [0.1, 0.1, 0], [0, 0.1, 0.05], [0, 0.05, 0.05], [0, 0, 0]])
 
 
@@ -22,7 +25,10 @@ def turned(here: pin.SE3) -> list[np.ndarray]:
 
 
 def nodding(s: float) -> np.ndarray:
-    return pin.exp3(0.3 * np.array([np.sin(2 * np.pi * s), 1 - np.cos(2 * np.pi * s), 0.5 * np.sin(4 * np.pi * s)]))
+    return pin.exp3(
+        0.3
+        * np.array([np.sin(2 * np.pi * s), 1 - np.cos(2 * np.pi * s), 0.5 * np.sin(4 * np.pi * s)])
+    )
 
 
 PATHS: dict[str, Callable[[rp.Task, np.ndarray], rp.TaskPath]] = {
@@ -34,7 +40,9 @@ PATHS: dict[str, Callable[[rp.Task, np.ndarray], rp.TaskPath]] = {
     "scipy's rotations": lambda task, q: rp.TaskPath(
         "nods", *_ring(task, q), lambda s: Rotation.from_matrix(nodding(s))
     ),
-    "matrices": lambda task, q: rp.waypoints(LOOP + task.placement(q).translation, turned(task.placement(q))),
+    "matrices": lambda task, q: rp.waypoints(
+        LOOP + task.placement(q).translation, turned(task.placement(q))
+    ),
     "scipy's": lambda task, q: rp.waypoints(LOOP, TILTS),
     "placements": lambda task, q: rp.waypoints(
         [pin.SE3(R, p) for R, p in zip(turned(task.placement(q)), LOOP, strict=True)]
@@ -64,10 +72,14 @@ def test_a_path_closes_and_its_twist_is_its_slope(case: str, panda_pose, q_panda
         before, after = path.placement(s - e), path.placement(s + e)
         v = (after.translation - before.translation) / (2 * e)
         w = pin.log3(after.rotation @ before.rotation.T) / (2 * e)
-        np.testing.assert_allclose(path.twist(s), np.concatenate([v, w]), atol=2e-7, err_msg=path.name)
+        np.testing.assert_allclose(
+            path.twist(s), np.concatenate([v, w]), atol=2e-7, err_msg=path.name
+        )
 
 
-def test_the_orientation_of_waypoints_is_met_and_turns_without_a_jump_of_its_rate_or_acceleration() -> None:
+def test_the_orientation_of_waypoints_is_met_and_turns_without_a_jump_of_its_rate_or_acceleration() -> (
+    None
+):
     path = rp.waypoints(LOOP, TILTS)
     knots = [0.0, *path.breaks, 1.0]
     for s, R in zip(knots, TILTS.as_matrix(), strict=True):
@@ -81,11 +93,15 @@ def test_the_orientation_of_waypoints_is_met_and_turns_without_a_jump_of_its_rat
         np.testing.assert_allclose(rate(s - 1e-12), rate(s + 1e-12), atol=1e-9)
         left, right = (rate(s - 1e-12) - rate(s - e)) / e, (rate(s + e) - rate(s + 1e-12)) / e
         assert np.abs(left - right).max() < 1e-2 * np.abs(left).max()
-    dense = Rotation.from_rotvec([[0.3 * np.cos(a), 0.3 * np.sin(a), 0] for a in np.linspace(0, 2 * np.pi, 81)])
+    dense = Rotation.from_rotvec(
+        [[0.3 * np.cos(a), 0.3 * np.sin(a), 0] for a in np.linspace(0, 2 * np.pi, 81)]
+    )
     ring = [[np.cos(a), np.sin(a), 0] for a in np.linspace(0, 2 * np.pi, 81)]
     spline = rp.waypoints(ring, dense)
     for s in np.linspace(0, 1, 33):  # a fourth-order spline through a smooth curve
-        meant = Rotation.from_rotvec([0.3 * np.cos(2 * np.pi * s), 0.3 * np.sin(2 * np.pi * s), 0]).as_matrix()
+        meant = Rotation.from_rotvec(
+            [0.3 * np.cos(2 * np.pi * s), 0.3 * np.sin(2 * np.pi * s), 0]
+        ).as_matrix()
         assert np.abs(spline.placement(s).rotation - meant).max() < 2e-6
 
 
@@ -93,7 +109,9 @@ def test_the_orientation_of_waypoints_is_met_and_turns_without_a_jump_of_its_rat
 @pytest.mark.parametrize("case", ["tangent", "facing", "function", "matrices"])
 def test_a_turning_path_is_followed(case: str, kind: str, panda, q_panda) -> None:
     task = panda.task("panda_hand_tcp", kind)
-    motion = rp.follow(rp.Pseudoinverse(task), PATHS[case](task, q_panda), q_panda, cycles=1, steps=200)
+    motion = rp.follow(
+        rp.Pseudoinverse(task), PATHS[case](task, q_panda), q_panda, cycles=1, steps=200
+    )
     assert motion.tracking_error.max() < 5e-6 and motion.turning_error.max() < 5e-6
 
 
@@ -101,14 +119,22 @@ def test_tangent_turns_with_the_circle_and_facing_keeps_its_point(panda_pose, q_
     path = rp.circle(panda_pose, q_panda, 0.05, normal="x", rotation="tangent")
     for s in np.linspace(0, 1, 9):  # the tangent stands still in the frame's own axes
         tangent = path.placement(s).rotation.T @ path.slope(s)
-        np.testing.assert_allclose(tangent, path.placement(0.0).rotation.T @ path.slope(0.0), atol=1e-12)
+        np.testing.assert_allclose(
+            tangent, path.placement(0.0).rotation.T @ path.slope(0.0), atol=1e-12
+        )
     target = np.array([0.4, 0.1, 0.1])
     path = rp.circle(panda_pose, q_panda, 0.08, rotation=target)
     seen = [path.placement(s).actInv(target) for s in np.linspace(0, 1, 9)]
     seen = [v / np.linalg.norm(v) for v in seen]
     np.testing.assert_allclose(seen, [seen[0]] * 9, atol=1e-12)
-    np.testing.assert_allclose(path.placement(0.0).homogeneous, panda_pose.placement(q_panda).homogeneous, atol=1e-15)
-    for wrong, why in (("along", "'fixed', 'tangent'"), ([0, 1], "3 finite"), (path.point(0.3), "runs through")):
+    np.testing.assert_allclose(
+        path.placement(0.0).homogeneous, panda_pose.placement(q_panda).homogeneous, atol=1e-15
+    )
+    for wrong, why in (
+        ("along", "'fixed', 'tangent'"),
+        ([0, 1], "3 finite"),
+        (path.point(0.3), "runs through"),
+    ):
         with pytest.raises(rp.InputError, match=why):
             rp.circle(panda_pose, q_panda, 0.08, rotation=wrong)
 
@@ -134,7 +160,12 @@ def test_a_stay_takes_its_time_and_nothing_moves_meanwhile() -> None:
     q0 = np.array([0.3, 0.8, 0.8])
     here = task.placement(q0)
     square = here.translation + LOOP[[0, 1, 1, 2, 5]] * [1, 1, 0]
-    motion = rp.follow(rp.Pseudoinverse(task), rp.waypoints(square, here.rotation, times=[0, 1, 2, 3, 4]), q0, cycles=2)
+    motion = rp.follow(
+        rp.Pseudoinverse(task),
+        rp.waypoints(square, here.rotation, times=[0, 1, 2, 3, 4]),
+        q0,
+        cycles=2,
+    )
     assert motion.t[-1] == 8 and motion.tracking_error.max() < 1e-9
     still = (motion.t > 1 + 1e-9) & (motion.t < 2 - 1e-9)
     assert np.ptp(motion.q[still], axis=0).max() < 1e-12
@@ -144,8 +175,12 @@ def test_a_stay_takes_its_time_and_nothing_moves_meanwhile() -> None:
 
 def test_blended_corners_are_arcs_of_the_radius(panda_pose, q_panda) -> None:
     path = parse_path("square:0.1:blend=0.02", "xy")(panda_pose, q_panda)
-    assert path.words == "square:0.1:blend=0.02" and np.isclose(path.length, 0.4 - 0.16 + 0.04 * np.pi, rtol=1e-5)
-    np.testing.assert_allclose(path.point(0.0), panda_pose.placement(q_panda).translation, atol=1e-15)
+    assert path.spec == "square:0.1:blend=0.02" and np.isclose(
+        path.length, 0.4 - 0.16 + 0.04 * np.pi, rtol=1e-5
+    )
+    np.testing.assert_allclose(
+        path.point(0.0), panda_pose.placement(q_panda).translation, atol=1e-15
+    )
     length = path.length
     speed = [np.linalg.norm(path.slope(s)) for s in np.linspace(0, 1, 401)]
     np.testing.assert_allclose(speed, length, rtol=1e-5)
@@ -158,7 +193,10 @@ def test_blended_corners_are_arcs_of_the_radius(panda_pose, q_panda) -> None:
     motion = rp.follow(rp.Pseudoinverse(panda_pose), path, q_panda, cycles=1, steps=200)
     assert motion.tracking_error.max() < 1e-8
     for words, why in (
-        ("square:0.1:blend=0.06", "do not fit the edge of 0.1 m from point . to .; blend by 0.05 m or less"),
+        (
+            "square:0.1:blend=0.06",
+            "do not fit the edge of 0.1 m from point . to .; blend by 0.05 m or less",
+        ),
         ("square:0.1:blend=", "not a number above 0"),
         ("circle:0.1:blend=0.01", "have corners to blend"),
         ("polygon:100000:0.1", "more than 3000 corners"),
@@ -195,8 +233,12 @@ def test_columns_are_taken_by_their_names(tmp_path, panda_pose, q_panda) -> None
         rp.waypoints(rp.read_waypoints(file), times=times)
     assert path.period == 6 and path.breaks == same.breaks and path.corners[0] == "line 2"
     for s in np.linspace(0, 1, 17):
-        np.testing.assert_allclose(path.placement(s).homogeneous, same.placement(s).homogeneous, atol=1e-12)
-        np.testing.assert_allclose(read.placement(s).homogeneous, same.placement(s).homogeneous, atol=1e-12)
+        np.testing.assert_allclose(
+            path.placement(s).homogeneous, same.placement(s).homogeneous, atol=1e-12
+        )
+        np.testing.assert_allclose(
+            read.placement(s).homogeneous, same.placement(s).homogeneous, atol=1e-12
+        )
 
 
 WRONG: dict[str, tuple[Callable[[], object], str]] = {
@@ -251,7 +293,9 @@ class Wave:
         self.start, self.way = start, way
 
     def placement(self, s: float) -> pin.SE3:
-        return pin.SE3(self.start.rotation, self.start.translation + 0.03 * (_round(s) - _round(0.0)))
+        return pin.SE3(
+            self.start.rotation, self.start.translation + 0.03 * (_round(s) - _round(0.0))
+        )
 
     def twist(self, s: float) -> np.ndarray:
         return self.way * np.concatenate([0.03 * _rate(s), np.zeros(3)])
@@ -262,9 +306,13 @@ def test_a_class_of_ones_own_goes_everywhere_and_is_tried_first(q_panda) -> None
     q0 = np.array([0.3, 0.8, 0.8])
     wave = Wave(task.placement(q0))
     motion = rp.follow(rp.Pseudoinverse(task), wave, q0, cycles=1, steps=60)
-    assert motion.tracking_error.max() < 1e-7 and np.isclose(motion.path.length, 0.06 * np.pi, rtol=1e-4)
+    assert motion.tracking_error.max() < 1e-7 and np.isclose(
+        motion.path.length, 0.06 * np.pi, rtol=1e-4
+    )
     assert "wave" in rp.animation({"mine": motion}).page
-    assert rp.study("planar3r", path=wave, start=q0, cycles=1, steps=60, degree=1).path.name == "wave"
+    assert (
+        rp.study("planar3r", path=wave, start=q0, cycles=1, steps=60, degree=1).path.name == "wave"
+    )
     with pytest.raises(rp.InputError, match="wave: at s = "):
         rp.follow(rp.Pseudoinverse(task), Wave(task.placement(q0), way=-1.0), q0)
     with pytest.raises(rp.InputError, match="path must be a closed path"):
@@ -273,7 +321,7 @@ def test_a_class_of_ones_own_goes_everywhere_and_is_tried_first(q_panda) -> None
 
 def test_a_study_takes_the_words_of_a_path() -> None:
     found = rp.study("planar3r", path="circle:0.3", cycles=1, steps=60, degree=1)
-    assert found.path.words.startswith("circle:0.3:") and found.path.plane == "xy"
+    assert found.path.spec.startswith("circle:0.3:") and found.path.plane == "xy"
     assert "a closed path, circle of radius 0.3 m" in "".join(_summary(found))
 
 

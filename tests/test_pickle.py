@@ -1,4 +1,5 @@
-"""What a process makes another one can take: everything at the door pickles, and copies are as good."""
+"""What a process makes another one can take: everything at the door pickles, and copies are as
+good."""
 
 from __future__ import annotations
 
@@ -26,9 +27,11 @@ def test_a_path_pickles_to_the_same_curve(rotation: str) -> None:
     arm = rp.Robot.load(ARM).task()
     path = rp.circle(arm, arm.reference, 0.05, rotation=rotation)
     again = pickle.loads(pickle.dumps(path))
-    assert (again.name, again.breaks, again.words) == (path.name, path.breaks, path.words)
+    assert (again.name, again.breaks, again.words) == (path.name, path.breaks, path.spec)
     for s in (0.0, 0.123, 0.5, 0.9):
-        np.testing.assert_allclose(again.placement(s).homogeneous, path.placement(s).homogeneous, atol=1e-11)
+        np.testing.assert_allclose(
+            again.placement(s).homogeneous, path.placement(s).homogeneous, atol=1e-11
+        )
         np.testing.assert_allclose(again.twist(s), path.twist(s), atol=1e-7)
     assert copy.deepcopy(path) is path
 
@@ -55,7 +58,9 @@ def test_bodies_pickle_and_measure_the_same(tmp_path: Path) -> None:
     assert copy.deepcopy(bodies).pairs == bodies.pairs
 
 
-def test_a_timed_motion_that_would_fill_the_memory_is_refused_before_it_is_sampled(task: rp.Task) -> None:
+def test_a_timed_motion_that_would_fill_the_memory_is_refused_before_it_is_sampled(
+    task: rp.Task,
+) -> None:
     motion = rp.follow(rp.Pseudoinverse(task), rp.circle(task, Q0, 0.1), Q0, cycles=2, steps=24)
     duration = rp.timed(motion, acceleration=1e-8, rate=1.0).duration
     with pytest.raises(rp.InputError, match="are over 2,000,000; lower the rate"):

@@ -18,12 +18,16 @@ from repctl_pin.integrations.pink import RepeatableTask  # noqa: E402
 STEPS = 500
 
 
-def drive(design: rp.Design, start: np.ndarray, cycles: int, *extra) -> tuple[np.ndarray, np.ndarray]:
+def drive(
+    design: rp.Design, start: np.ndarray, cycles: int, *extra
+) -> tuple[np.ndarray, np.ndarray]:
     """Drive pink's panda round the circle: ends of the cycles (cycles, n), and the joint speeds."""
     task, robot = design.task, design.task.robot
     path = rp.circle(task, start, 0.1, normal="yz", start_angle=np.pi)
     targets = [path.placement(s) for s in np.linspace(0, 1, STEPS + 1)[1:]]
-    configuration = pink.Configuration(robot.model, robot.model.createData(), robot.coupling.joints(task.full(start)))
+    configuration = pink.Configuration(
+        robot.model, robot.model.createData(), robot.coupling.joints(task.to_robot(start))
+    )
     leaders = [robot.model.getJointId(name) - 1 for name in robot.joint_names]
     frame = FrameTask(task.frame, position_cost=1.0, orientation_cost=1.0)
     for other in extra:
@@ -35,7 +39,7 @@ def drive(design: rp.Design, start: np.ndarray, cycles: int, *extra) -> tuple[np
             velocity = pink.solve_ik(configuration, [frame, *extra], 0.01, solver="daqp")
             configuration.integrate_inplace(velocity, 0.01)
             speeds.append(np.linalg.norm(velocity))
-        ends.append(task.part(configuration.q[leaders]))
+        ends.append(task.from_robot(configuration.q[leaders]))
     assert np.linalg.norm(task.error(ends[-1], targets[-1])) < 1e-4
     return np.array(ends), np.array(speeds)
 
@@ -46,7 +50,9 @@ def away(panda_pose: rp.Task) -> np.ndarray:
     from arms import Q_PANDA
 
     N = rp.redundancy.nullspace(panda_pose.jacobian(Q_PANDA))[:, 0]
-    start = rp.solve_ik(panda_pose, Q_PANDA + 0.57 * N * np.sign(N[0]), panda_pose.placement(Q_PANDA))
+    start = rp.solve_ik(
+        panda_pose, Q_PANDA + 0.57 * N * np.sign(N[0]), panda_pose.placement(Q_PANDA)
+    )
     assert np.linalg.norm(start - Q_PANDA) > 0.55
     return start
 
@@ -56,15 +62,18 @@ def test_with_our_task_pink_closes_its_cycles(panda_design, away) -> None:
     assert np.linalg.norm(repeatable - away, axis=1).max() < 1e-5
     plain, plain_speed = drive(panda_design, away, 10)
     assert np.linalg.norm(plain[-1] - away) > 0.1
-    # No jump: neither at the start nor anywhere else does it move faster than pink alone, give or take.
-    assert speed.max() < 1.3 * plain_speed.max() and np.abs(np.diff(speed)).max() < 0.05 * speed.max()
+    # No jump: neither at the start nor anywhere else does it move faster than pink alone, give or
+    # take.
+    assert (
+        speed.max() < 1.3 * plain_speed.max() and np.abs(np.diff(speed)).max() < 0.05 * speed.max()
+    )
 
 
 def test_a_posture_task_from_there_jumps(panda_design, away, q_panda) -> None:
     """The usual remedy, for comparison: a posture 0.57 rad away pulls at the start."""
     posture = PostureTask(cost=1e-2)
     posture.set_target_from_configuration = lambda configuration: posture.set_target(
-        panda_design.task.robot.coupling.joints(panda_design.task.full(q_panda))
+        panda_design.task.robot.coupling.joints(panda_design.task.to_robot(q_panda))
     )
     _, speed = drive(panda_design, away, 1, posture)
     _, ours = drive(panda_design, away, 1, RepeatableTask(panda_design.inverse))
@@ -75,7 +84,7 @@ def test_error_and_jacobian_are_h_and_its_derivative(panda_design, panda, q_pand
     """Central differences of the error in pink's whole model, its fingers included."""
     model, task = panda.model, RepeatableTask(panda_design.inverse)
     rng = np.random.default_rng(0)
-    q = panda.coupling.joints(panda_design.task.full(q_panda))
+    q = panda.coupling.joints(panda_design.task.to_robot(q_panda))
     task.set_target_from_configuration(pink.Configuration(model, model.createData(), q))
 
     def error(q: np.ndarray) -> np.ndarray:
@@ -85,7 +94,10 @@ def test_error_and_jacobian_are_h_and_its_derivative(panda_design, panda, q_pand
     q = q + 0.1 * rng.normal(size=model.nq)
     J = task.compute_jacobian(pink.Configuration(model, model.createData(), q))
     step = 1e-6 * np.eye(model.nv)
-    slope = [(error(pin.integrate(model, q, d)) - error(pin.integrate(model, q, -d))) / 2e-6 for d in step]
+    slope = [
+        (error(pin.integrate(model, q, d)) - error(pin.integrate(model, q, -d))) / 2e-6
+        for d in step
+    ]
     assert np.allclose(J.T, slope, atol=1e-8) and np.count_nonzero(J) == 7
 
 
@@ -94,9 +106,11 @@ def test_continuous_joints_are_one_number_each() -> None:
     robot = rp.Robot.load("kinova")
     task = robot.task(None, "position")
     rng = np.random.default_rng(1)
-    center = task.part(robot.poses["reference"])
-    fields = rp.Polynomial(center, 2)
-    inverse = rp.RepeatableInverse(task, fields.weighted(rng.normal(size=(fields.size, task.r))))
+    center = task.from_robot(robot.poses["reference"])
+    potentials = rp.Polynomial(center, 2)
+    inverse = rp.RepeatableInverse(
+        task, potentials.weighted(rng.normal(size=(potentials.size, task.r)))
+    )
     model = pin.buildModelFromUrdf(str(robot.description.path))
     assert model.nq > model.nv
     ours = RepeatableTask(inverse)
@@ -104,12 +118,18 @@ def test_continuous_joints_are_one_number_each() -> None:
     pinned = pin.neutral(model)
     for name, value in zip(task.joint_names, q, strict=True):
         joint = model.joints[model.getJointId(name)]
-        pinned[joint.idx_q : joint.idx_q + joint.nq] = [value] if joint.nq == 1 else [np.cos(value), np.sin(value)]
+        pinned[joint.idx_q : joint.idx_q + joint.nq] = (
+            [value] if joint.nq == 1 else [np.cos(value), np.sin(value)]
+        )
     ours.set_target(np.zeros(task.r))
     configuration = pink.Configuration(model, model.createData(), pinned)
-    assert np.allclose(ours.compute_error(configuration), inverse.field.value(q), atol=1e-12)
+    assert np.allclose(ours.compute_error(configuration), inverse.potentials.value(q), atol=1e-12)
     columns = [model.joints[model.getJointId(name)].idx_v for name in task.joint_names]
-    assert np.allclose(ours.compute_jacobian(configuration)[:, columns], inverse.field.gradient(q).T, atol=1e-12)
+    assert np.allclose(
+        ours.compute_jacobian(configuration)[:, columns],
+        inverse.potentials.gradient(q).T,
+        atol=1e-12,
+    )
 
 
 def test_bad_input(panda_design, panda) -> None:

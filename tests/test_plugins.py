@@ -1,4 +1,5 @@
-"""Another package's strategies, fields and paths, found by entry point: a tiny one, installed for the test."""
+"""Another package's strategies, potentials and paths, found by entry point: a tiny one, installed
+for the test."""
 
 from __future__ import annotations
 
@@ -44,7 +45,7 @@ nothing = tiny_plugin:nothing
 number = tiny_plugin:number
 broken = tiny_plugin_that_is_not_there:Thing
 
-[repctl_pin.fields]
+[repctl_pin.potentials]
 waves = tiny_plugin:waves
 
 [repctl_pin.paths]
@@ -66,7 +67,7 @@ def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_they_are_found_by_name() -> None:
     assert set(registered("strategies")) >= {"damped", "nothing", "number", "broken"}
-    assert set(registered("fields")) >= {"waves"} and set(registered("paths")) >= {"ellipse"}
+    assert set(registered("potentials")) >= {"waves"} and set(registered("paths")) >= {"ellipse"}
     assert plugin("strategies", "damped").__name__ == "Damped"
 
 
@@ -79,7 +80,23 @@ def test_a_strategy_on_the_command_line(capsys) -> None:
 
 
 def test_fields_on_the_command_line(capsys) -> None:
-    assert main(["follow", "panda", "--plane", "yz", "--steps", "60", "--fields", "waves", "--region", "0.3"]) == 0
+    assert (
+        main(
+            [
+                "follow",
+                "panda",
+                "--plane",
+                "yz",
+                "--steps",
+                "60",
+                "--potentials",
+                "waves",
+                "--region",
+                "0.3",
+            ]
+        )
+        == 0
+    )
     assert "joint drift" in capsys.readouterr().out
 
 
@@ -87,7 +104,16 @@ def test_a_path_wherever_paths_are_named(panda_pose, q_panda, capsys) -> None:
     path = parse_path("ellipse:0.1:0.05", "yz")(panda_pose, q_panda)
     assert path.name == "ellipse 0.1 0.05"
     assert np.allclose(path.point(0.0), panda_pose.placement(q_panda).translation)
-    command = ["follow", "panda", "--strategy", "damped", "--path", "ellipse:0.05:0.05", "--steps", "60"]
+    command = [
+        "follow",
+        "panda",
+        "--strategy",
+        "damped",
+        "--path",
+        "ellipse:0.05:0.05",
+        "--steps",
+        "60",
+    ]
     assert main(command) == 0
     assert "ellipse" in capsys.readouterr().out
     with pytest.raises(rp.InputError, match="ellipse"):
@@ -101,7 +127,7 @@ def test_a_path_wherever_paths_are_named(panda_pose, q_panda, capsys) -> None:
         (["--strategy", "broken"], "of tiny-plugin cannot be imported: ModuleNotFoundError"),
         (["--strategy", "number"], "of tiny-plugin must be something to call"),
         (["--strategy", "nothing"], "something without a task or a velocity"),
-        (["--fields", "wavs"], "did you mean 'waves'"),
+        (["--potentials", "wavs"], "did you mean 'waves'"),
         (["--strategy", "damped", "--path", "elipse:1"], "no path 'elipse:1'"),
     ],
 )

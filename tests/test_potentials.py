@@ -19,7 +19,7 @@ def bump_gradient(q: np.ndarray) -> np.ndarray:
 
 
 def test_given_and_numerical_gradients_agree_and_say_which_they_are() -> None:
-    given, numerical = rp.Potentials([(bump, bump_gradient)]), rp.Potentials([bump])
+    given, numerical = rp.CustomPotentials([(bump, bump_gradient)]), rp.CustomPotentials([bump])
     Q = np.random.default_rng(0).normal(size=(5, 3))
     assert np.allclose(given.gradients(Q), numerical.gradients(Q), atol=1e-9)
     assert given.numerical == (False,) and numerical.numerical == (True,)
@@ -28,18 +28,24 @@ def test_given_and_numerical_gradients_agree_and_say_which_they_are() -> None:
 
 
 def test_weighted_sum_is_the_sum() -> None:
-    fields = rp.Potentials([(bump, bump_gradient), lambda q: q[0] * q[1]], names=["bump", "product"])
+    potentials = rp.CustomPotentials(
+        [(bump, bump_gradient), lambda q: q[0] * q[1]], names=["bump", "product"]
+    )
     A = np.array([[1.0, 2.0], [3.0, -1.0]])
     q = np.array([0.3, -0.2, 0.5])
-    h = fields.weighted(A)
+    h = potentials.weighted(A)
     assert np.allclose(h.value(q), np.array([bump(q), q[0] * q[1]]) @ A)
-    assert np.allclose(h.gradient(q), np.column_stack([bump_gradient(q), [q[1], q[0], 0]]) @ A, atol=1e-9)
+    assert np.allclose(
+        h.gradient(q), np.column_stack([bump_gradient(q), [q[1], q[0], 0]]) @ A, atol=1e-9
+    )
     assert np.allclose(h.gradients(q[None])[0], h.gradient(q))
 
 
 def test_functions_design_like_the_polynomials_they_are(panda_pose: rp.Task) -> None:
     box, desired = rp.Box(Q0, 0.3), rp.Pseudoinverse(panda_pose)
-    linear = rp.Potentials([(lambda q, i=i: q[i], lambda q, i=i: np.eye(7)[i]) for i in range(7)])
+    linear = rp.CustomPotentials(
+        [(lambda q, i=i: q[i], lambda q, i=i: np.eye(7)[i]) for i in range(7)]
+    )
     options = {"samples": 512, "held_out": 512}
     ours = rp.nearest_repeatable(desired, linear, box, **options)
     theirs = rp.nearest_repeatable(desired, rp.Polynomial(Q0, 1, 0.3), box, **options)
@@ -50,7 +56,7 @@ def test_dependent_potentials_are_dropped_by_name(panda_pose: rp.Task) -> None:
     box, desired = rp.Box(Q0, 0.3), rp.Pseudoinverse(panda_pose)
     options = {"samples": 512, "held_out": 512}
     base = rp.Polynomial(Q0, 1, 0.3)
-    extra = rp.Potentials(
+    extra = rp.CustomPotentials(
         [
             (lambda q: 1.0, lambda q: np.zeros(7)),
             (lambda q: q[0] - 2 * q[3], lambda q: np.array([1.0, 0, 0, -2, 0, 0, 0])),
@@ -68,10 +74,12 @@ def test_dependent_potentials_are_dropped_by_name(panda_pose: rp.Task) -> None:
 
 
 def test_potentials_in_the_row_space_are_dropped_by_name(panda: rp.Robot) -> None:
-    """The height of the hand is a function of x = f(q): as V it would make J_V singular everywhere."""
+    """The height of the hand is a function of x = f(q): as V it would make J_V singular
+    everywhere."""
     task = panda.task("panda_hand_tcp", "position")
-    height = rp.Potentials(
-        [(lambda q: task.placement(q).translation[2], lambda q: task.jacobian(q)[2])], names=["height"]
+    height = rp.CustomPotentials(
+        [(lambda q: task.placement(q).translation[2], lambda q: task.jacobian(q)[2])],
+        names=["height"],
     )
     options = {"samples": 512, "held_out": 512}
     design = rp.nearest_repeatable(
@@ -87,19 +95,43 @@ def test_potentials_in_the_row_space_are_dropped_by_name(panda: rp.Robot) -> Non
 @pytest.mark.parametrize(
     "make, message",
     [
-        (lambda: rp.Potentials([]), "at least one"),
-        (lambda: rp.Potentials(3), "list of functions"),
-        (lambda: rp.Potentials([3]), "potential 1"),
-        (lambda: rp.Potentials([bump, (bump, 3)]), "potential 2"),
-        (lambda: rp.Potentials([(bump, bump_gradient, bump)]), "potential 1"),
-        (lambda: rp.Potentials([(3, None)]), "potential 1"),
-        (lambda: rp.Potentials([lambda q: q[5]], names=["bad"]).potentials(np.zeros((1, 3))), "bad"),
-        (lambda: rp.Potentials([lambda q: q + "x"], names=["bad"]).potentials(np.zeros((1, 3))), "bad"),
-        (lambda: rp.Potentials([bump], names=["a", "b"]), "2 names for 1"),
-        (lambda: rp.Potentials([lambda q: np.nan], names=["bad"]).gradients(np.zeros((1, 3))), "bad is nan"),
-        (lambda: rp.Potentials([lambda q: "x"], names=["bad"]).potentials(np.zeros((1, 3))), "bad gives no number"),
-        (lambda: rp.Potentials([(bump, lambda q: np.zeros(2))]).gradients(np.zeros((1, 3))), "3 finite numbers"),
-        (lambda: rp.Potentials([(bump, lambda q: q * np.nan)]).gradients(np.ones((1, 3))), "finite"),
+        (lambda: rp.CustomPotentials([]), "at least one"),
+        (lambda: rp.CustomPotentials(3), "list of functions"),
+        (lambda: rp.CustomPotentials([3]), "potential 1"),
+        (lambda: rp.CustomPotentials([bump, (bump, 3)]), "potential 2"),
+        (lambda: rp.CustomPotentials([(bump, bump_gradient, bump)]), "potential 1"),
+        (lambda: rp.CustomPotentials([(3, None)]), "potential 1"),
+        (
+            lambda: rp.CustomPotentials([lambda q: q[5]], names=["bad"]).values(np.zeros((1, 3))),
+            "bad",
+        ),
+        (
+            lambda: rp.CustomPotentials([lambda q: q + "x"], names=["bad"]).values(
+                np.zeros((1, 3))
+            ),
+            "bad",
+        ),
+        (lambda: rp.CustomPotentials([bump], names=["a", "b"]), "2 names for 1"),
+        (
+            lambda: rp.CustomPotentials([lambda q: np.nan], names=["bad"]).gradients(
+                np.zeros((1, 3))
+            ),
+            "bad is nan",
+        ),
+        (
+            lambda: rp.CustomPotentials([lambda q: "x"], names=["bad"]).values(np.zeros((1, 3))),
+            "bad gives no number",
+        ),
+        (
+            lambda: rp.CustomPotentials([(bump, lambda q: np.zeros(2))]).gradients(
+                np.zeros((1, 3))
+            ),
+            "3 finite numbers",
+        ),
+        (
+            lambda: rp.CustomPotentials([(bump, lambda q: q * np.nan)]).gradients(np.ones((1, 3))),
+            "finite",
+        ),
     ],
 )
 def test_bad_input_gets_one_clear_line(make, message: str) -> None:

@@ -1,4 +1,5 @@
-"""The README is true: every command of it runs, writes what it says and prints what is shown; so does its Python."""
+"""The README is true: every command of it runs, writes what it says and prints what is shown; so
+does its Python."""
 
 from __future__ import annotations
 
@@ -33,7 +34,8 @@ OWN = [ROOT / "examples" / name for name in ("my_arm.urdf", "loop.csv")]
 """What the README says to copy."""
 
 STUDY = {
-    f"repctl-out/my_arm/{name}" for name in ("animation.html", "drift.png", "joints.png", "motion.csv", "control.json")
+    f"repctl-out/my_arm/{name}"
+    for name in ("animation.html", "drift.png", "joints.png", "motion.csv", "control.json")
 }
 WRITES = {
     "inspect my_arm.urdf": set(),
@@ -45,13 +47,20 @@ WRITES = {
         "trajectory.yaml",
     },
     "check my_arm.urdf": set(),
-    "design my_arm.urdf --region 0.4": {"repctl-out/my_arm/design.png", "repctl-out/my_arm/design.json"},
-    "follow repctl-out/my_arm/design.json --robot my_arm.urdf --acceleration 5 --csv timed.csv": {"timed.csv"},
+    "design my_arm.urdf --region 0.4": {
+        "repctl-out/my_arm/design.png",
+        "repctl-out/my_arm/design.json",
+    },
+    "follow repctl-out/my_arm/design.json --robot my_arm.urdf --acceleration 5 --csv timed.csv": {
+        "timed.csv"
+    },
     "export repctl-out/my_arm/design.json --robot my_arm.urdf --to c": {
         *(f"c/arm_control.{end}" for end in ("h", "c", "hpp")),
         *(f"c/{name}" for name in ("test_vectors.h", "check.c", "loop.c", "CMakeLists.txt")),
     },
-    "cell my_arm.urdf --half-width 0.05": {f"repctl-out/my_arm/cell.{end}" for end in ("html", "json", "png")},
+    "cell my_arm.urdf --half-width 0.05": {
+        f"repctl-out/my_arm/cell.{end}" for end in ("html", "json", "png")
+    },
     "animate my_arm.urdf --live": set(),
     "robots": set(),
 }
@@ -64,7 +73,9 @@ def blocks(language: str) -> list[str]:
 
 def commands() -> list[str]:
     lines = [line for block in blocks("bash") for line in block.splitlines()]
-    return [part.split("#")[0].strip() for line in lines for part in re.findall(r"\brepctl (.*)", line)]
+    return [
+        part.split("#")[0].strip() for line in lines for part in re.findall(r"\brepctl (.*)", line)
+    ]
 
 
 @pytest.mark.parametrize("command", commands())
@@ -73,21 +84,30 @@ def test_commands_parse(command: str) -> None:
 
 
 def test_the_two_commands_are_there() -> None:
-    install = [line for block in blocks("bash") for line in block.splitlines() if line.startswith("python3 -m venv")]
+    install = [
+        line
+        for block in blocks("bash")
+        for line in block.splitlines()
+        if line.startswith("python3 -m venv")
+    ]
     assert install[0].endswith("repctl study panda") and install[1].endswith("python -m pytest")
 
 
 def test_three_commands_lead_to_ones_own_report() -> None:
     (three,) = (block for block in blocks("bash") if "--report" in block)
     install, *others = (line.split("#")[0].strip() for line in three.splitlines())
-    assert install == "python3 -m venv .venv && source .venv/bin/activate && pip install -q ~/repctl_pin"
+    assert (
+        install
+        == "python3 -m venv .venv && source .venv/bin/activate && pip install -q ~/repctl_pin"
+    )
     assert others == ["repctl inspect my_arm.urdf", "repctl study my_arm.urdf --report"]
 
 
 def test_every_command_for_ones_own_arm_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """In the README's order, with the two files it says to copy; later commands use what earlier ones wrote."""
+    """In the README's order, with the two files it says to copy; later commands use what earlier
+    ones wrote."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("repctl_pin.design.nearest._MOST_DEGREE", 3)  # the same in less time
     for file in OWN:
@@ -107,7 +127,9 @@ def test_every_command_for_ones_own_arm_runs(
         times[command] = time.monotonic() - begin
         after = stamps(tmp_path)
         assert {name for name in after if after[name] != before.get(name)} == files, command
-        assert set(re.findall(r"^wrote (\S+)$", printed[command], flags=re.MULTILINE)) == files, command
+        assert set(re.findall(r"^wrote (\S+)$", printed[command], flags=re.MULTILINE)) == files, (
+            command
+        )
     for command, seconds in times.items():
         print(f"{seconds:5.1f} s  repctl {command}")
 
@@ -123,14 +145,20 @@ def test_every_command_for_ones_own_arm_runs(
         assert max(drifts(text, "nearest repeatable")) < 1e-9
     assert "drift after 20 cycles" in studies[1]
     followed = next(told)
-    assert followed.startswith("my_arm tool0, pose: loop.csv\n") and "\noutside Ω       0.0%\n" in followed
+    assert (
+        followed.startswith("my_arm tool0, pose: loop.csv\n")
+        and "\noutside Ω       0.0%\n" in followed
+    )
     assert next(told).startswith("not repeatable: ") and "\ndegree" in next(told)
     design = json.loads((tmp_path / "repctl-out/my_arm/design.json").read_text(encoding="utf-8"))
     trajectory = yaml.safe_load((tmp_path / "trajectory.yaml").read_text(encoding="utf-8"))
     names = [f"joint{i}" for i in range(1, 8)]
     assert trajectory["joint_names"] == names and design["task"]["joints"] == names
     rows = np.genfromtxt(tmp_path / "motion.csv", delimiter=",", names=True)
-    assert all(abs(rows[name][-1] - rows[name][0]) < 1e-9 for name in names) and np.ptp(rows["joint1"]) > 0.1
+    assert (
+        all(abs(rows[name][-1] - rows[name][0]) < 1e-9 for name in names)
+        and np.ptp(rows["joint1"]) > 0.1
+    )
     assert max(map(len, printed["robots"].splitlines())) <= 80
     (robots,) = re.findall(r"repctl robots +# (\d+) robots", README)
     assert len({line.split()[0] for line in printed["robots"].splitlines()[2:-3]}) == int(robots)
@@ -139,12 +167,17 @@ def test_every_command_for_ones_own_arm_runs(
 @pytest.mark.parametrize(
     "command",
     [
-        pytest.param(command, marks=() if "my_arm" in command or "ppr" in command else pytest.mark.slow)
+        pytest.param(
+            command, marks=() if "my_arm" in command or "ppr" in command else pytest.mark.slow
+        )
         for command in re.findall(r"`repctl (study [^`]+)`", PROSE)
     ],
 )
 def test_the_gallerys_commands_run(
-    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    command: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
     shutil.copy(OWN[0], tmp_path)
@@ -155,11 +188,14 @@ def test_the_gallerys_commands_run(
 
 def stamps(folder: Path) -> dict[str, int]:
     """When each file of a folder was written."""
-    return {str(f.relative_to(folder)): f.stat().st_mtime_ns for f in folder.rglob("*") if f.is_file()}
+    return {
+        str(f.relative_to(folder)): f.stat().st_mtime_ns for f in folder.rglob("*") if f.is_file()
+    }
 
 
 def drifts(table: str, strategy: str) -> tuple[float, float]:
-    """After the first cycle and after the last, from the table a study prints: J⁺ first, nearest repeatable last."""
+    """After the first cycle and after the last, from the table a study prints: J⁺ first, nearest
+    repeatable last."""
     column = {"J⁺": 0, "nearest repeatable": -1}[strategy]
     rows = re.findall(r"^drift after .*?  +(.*)", table, flags=re.MULTILINE)
     first, last = (float(row.split()[column]) for row in rows)
@@ -167,8 +203,13 @@ def drifts(table: str, strategy: str) -> tuple[float, float]:
 
 
 def serve_once(command: str) -> str:
-    """Run a ``--live`` command as a person does: wait for the address, look at the page, press Ctrl-C."""
-    environment = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
+    """Run a ``--live`` command as a person does: wait for the address, look at the page, press
+    Ctrl-C."""
+    environment = {
+        name: value
+        for name, value in os.environ.items()
+        if name not in ("DISPLAY", "WAYLAND_DISPLAY")
+    }
     with subprocess.Popen(
         [sys.executable, "-m", "repctl_pin", *shlex.split(command)],
         env=environment | {"BROWSER": "true"},  # where there is a screen after all, open nothing
@@ -180,12 +221,18 @@ def serve_once(command: str) -> str:
         try:
             assert process.stdout is not None
             line = process.stdout.readline()
-            (url,) = re.findall(r"^showing at (http://127\.0\.0\.1:\d+/) until Ctrl-C$", line) or [""]
+            (url,) = re.findall(r"^showing at (http://127\.0\.0\.1:\d+/) until Ctrl-C$", line) or [
+                ""
+            ]
             assert url, line + process.communicate(timeout=20)[1]
             opener = urllib.request.build_opener(urllib.request.ProxyHandler({}))
             with opener.open(url, timeout=20) as answer:
                 page = answer.read().decode("utf-8")
-            assert page.startswith("<!DOCTYPE html>") and "my_arm" in page and page.rstrip().endswith("</html>")
+            assert (
+                page.startswith("<!DOCTYPE html>")
+                and "my_arm" in page
+                and page.rstrip().endswith("</html>")
+            )
             process.send_signal(signal.SIGINT)
             assert process.communicate(timeout=20) == ("", "") and process.returncode == 0
         finally:
@@ -203,11 +250,15 @@ def test_the_main_jobs_table_is_what_the_command_prints(
     assert set(stamps(tmp_path)) == set(re.findall(r"^wrote (\S+)$", shown, flags=re.MULTILINE))
 
 
-def test_the_python_runs_and_its_arm_comes_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_python_runs_and_its_arm_comes_back(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The block, and then each line of code in the text, with the names it leaves to the reader."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setattr(rp, "study", partial(rp.study, cycles=2, steps=100, degree=1))  # the same in less time
+    monkeypatch.setattr(
+        rp, "study", partial(rp.study, cycles=2, steps=100, degree=1)
+    )  # the same in less time
     (code,) = blocks("python")
     names: dict = {}
     out = io.StringIO()
@@ -218,7 +269,11 @@ def test_the_python_runs_and_its_arm_comes_back(tmp_path: Path, monkeypatch: pyt
 
     task, path, q0 = names["task"], names["path"], names["q0"]
     names |= {"q": q0, "dt": 0.01, "target": path.placement(0), "twist": path.twist(0) / 5}
-    names |= {"xdot": names["twist"], "my_G": rp.Pseudoinverse(task), "my_function": rp.Pseudoinverse(task).velocity}
+    names |= {
+        "xdot": names["twist"],
+        "my_G": rp.Pseudoinverse(task),
+        "my_function": rp.Pseudoinverse(task).velocity,
+    }
     found = {}
     for line in re.findall(r"`((?:\w = )?(?:rp|design)\.[^`…]*\))`", PROSE):
         exec(f"_ = {line}", names)
@@ -240,14 +295,23 @@ def test_the_python_runs_and_its_arm_comes_back(tmp_path: Path, monkeypatch: pyt
         "rp.inline",
     ]
     timed = calls["rp.timed"]
-    assert np.allclose(timed.cycle(3)[1], timed.cycle(4)[1], atol=1e-9) and not timed.qdot[[0, -1]].any()
+    assert (
+        np.allclose(timed.cycle(3)[1], timed.cycle(4)[1], atol=1e-9)
+        and not timed.qdot[[0, -1]].any()
+    )
     inverse = names["design"].inverse
     assert np.allclose(calls["design.inverse.velocity"], inverse(q0) @ names["xdot"])
-    assert (tmp_path / "panda.json").is_file() and np.array_equal(calls["rp.load"].inverse(q0), inverse(q0))
-    assert np.allclose(calls["rp.compiled"].velocity(q0, names["xdot"]), inverse.velocity(q0, names["xdot"]))
+    assert (tmp_path / "panda.json").is_file() and np.array_equal(
+        calls["rp.load"].inverse(q0), inverse(q0)
+    )
+    assert np.allclose(
+        calls["rp.compiled"].velocity(q0, names["xdot"]), inverse.velocity(q0, names["xdot"])
+    )
     assert calls["rp.follow"].drift[-1] > 0.01 and not calls["rp.is_repeatable"]
     audited = calls["rp.study"]
-    assert np.allclose(audited.row("mine").motion.q, audited.row("pseudoinverse").motion.q, atol=1e-9)
+    assert np.allclose(
+        audited.row("mine").motion.q, audited.row("pseudoinverse").motion.q, atol=1e-9
+    )
     assert calls["rp.animation"].read_text(encoding="utf-8").count('"label":"mine"') == 1
     assert "<iframe" in calls["rp.inline"]._repr_html_()
 
@@ -260,20 +324,31 @@ def test_the_python_runs_and_its_arm_comes_back(tmp_path: Path, monkeypatch: pyt
 
 
 def test_every_file_it_names_is_there() -> None:
-    for name in re.findall(r"\]\(([^)#:]+)\)", README) + re.findall(r"python ((?:examples|tests)/\S+\.py)", README):
+    for name in re.findall(r"\]\(([^)#:]+)\)", README) + re.findall(
+        r"python ((?:examples|tests)/\S+\.py)", README
+    ):
         assert (ROOT / name).is_file(), name
 
 
 def test_the_arm_to_copy_is_sound() -> None:
-    """As its comments describe it: upright at 0, 0.85 m from shoulder to tool, its middle a pose to work from."""
+    """As its comments describe it: upright at 0, 0.85 m from shoulder to tool, its middle a pose to
+    work from."""
     robot = rp.Robot.load(OWN[0])
-    assert robot.warnings == () and robot.description.meshes == () and robot.default_frame == "tool0"
+    assert (
+        robot.warnings == () and robot.description.meshes == () and robot.default_frame == "tool0"
+    )
     task = robot.task("tool0", "pose")
     upright = task.placement(np.zeros(7))
-    assert np.allclose(upright.translation, [0.04, 0, 0.32 + 0.85]) and np.allclose(upright.rotation, np.eye(3))
+    assert np.allclose(upright.translation, [0.04, 0, 0.32 + 0.85]) and np.allclose(
+        upright.rotation, np.eye(3)
+    )
     assert np.allclose(task.reference, (task.lower + task.upper) / 2)
     middle = task.placement(task.reference)
-    assert middle.translation[0] > 0.4 and middle.translation[2] > 0.3 and middle.rotation[2, 2] < -0.999
+    assert (
+        middle.translation[0] > 0.4
+        and middle.translation[2] > 0.3
+        and middle.rotation[2, 2] < -0.999
+    )
     for inertia in robot.model.inertias[1:]:
         a, b, c = np.linalg.eigvalsh(inertia.inertia)
         assert inertia.mass > 0 and 0 < a <= b <= c <= a + b  # a body can have it
@@ -283,4 +358,7 @@ def test_the_loop_to_copy_is_the_seam_of_two_pipes() -> None:
     points = rp.read_waypoints(OWN[1]).points
     assert np.array_equal(points[0], points[-1])
     x, y, z = points.T
-    assert np.abs(np.hypot(x - 0.45, y) - 0.08).max() < 1e-4 and np.abs(np.hypot(y, z - 0.25) - 0.15).max() < 1e-4
+    assert (
+        np.abs(np.hypot(x - 0.45, y) - 0.08).max() < 1e-4
+        and np.abs(np.hypot(y, z - 0.25) - 0.15).max() < 1e-4
+    )

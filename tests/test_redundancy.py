@@ -1,4 +1,5 @@
-"""Laws of the generalized inverses on random Jacobians: Penrose, (21)–(23), (30)–(32), (37), (38)."""
+"""Laws of the generalized inverses on random Jacobians: Penrose, (21)–(23), (30)–(32), (37),
+(38)."""
 
 from __future__ import annotations
 
@@ -30,7 +31,9 @@ def test_pseudoinverse_obeys_the_penrose_identities(J: np.ndarray) -> None:
     assert np.allclose(G, np.linalg.pinv(J), rtol=0, atol=1e-10)  # an independent oracle
 
 
-def test_weighted_pseudoinverse_is_the_formula_and_minimises_the_weighted_norm(J: np.ndarray) -> None:
+def test_weighted_pseudoinverse_is_the_formula_and_minimises_the_weighted_norm(
+    J: np.ndarray,
+) -> None:
     rng = np.random.default_rng(1)
     n, m = J.shape[2], J.shape[1]
     B = rng.normal(size=(n, n))
@@ -120,7 +123,10 @@ def test_repeatable_inverse_is_the_first_block_of_the_augmented_inverse(J: np.nd
     assert np.array_equal(one_J, redundancy.augmented_inverse(np.broadcast_to(J[0], J.shape), V))
     # (38), with the minus sign that (33) lacks
     difference = redundancy.null_component(G_r, N) - redundancy.null_component(G_d, N)
-    assert np.abs(difference + transpose(G_d) @ V @ np.linalg.inv(transpose(N) @ V)).max() < 1e-9 * scale
+    assert (
+        np.abs(difference + transpose(G_d) @ V @ np.linalg.inv(transpose(N) @ V)).max()
+        < 1e-9 * scale
+    )
     # gauge: only the column space of V matters
     T = rng.normal(size=(n - m, n - m)) + 3 * np.eye(n - m)
     assert np.abs(redundancy.repeatable_inverse(G_d, N, V @ T) - G_r).max() < 1e-9 * scale
@@ -156,7 +162,9 @@ def test_rank_loss_is_a_named_error() -> None:
     for function in (redundancy.pseudoinverse, redundancy.nullspace):
         with pytest.raises(SingularityError, match="1 of 5"):
             function(J)
-        with pytest.raises(SingularityError, match="loses rank: the arm"):  # of one, none is counted
+        with pytest.raises(
+            SingularityError, match="loses rank: the arm"
+        ):  # of one, none is counted
             function(J[2])
 
 

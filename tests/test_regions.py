@@ -25,7 +25,9 @@ def test_sobol_nodes_fill_the_box_evenly_and_change_with_the_seed() -> None:
     Q, w = box.nodes(1000, 0)
     assert len(Q) == 1024 and np.isclose(w.sum(), 1) and box.contains(Q).all()
     counts = [np.histogram((Q[:, j] - Q0[j]) / 0.4, bins=8, range=(-1, 1))[0] for j in range(7)]
-    assert np.abs(np.array(counts) - 128).max() == 0  # a (t, m, s) net: every eighth holds its share
+    assert (
+        np.abs(np.array(counts) - 128).max() == 0
+    )  # a (t, m, s) net: every eighth holds its share
     assert not np.isclose(box.random(1024, 1), Q).any()
 
 
@@ -47,7 +49,10 @@ def test_a_design_with_a_density_is_nearer_where_it_counts(panda_pose: rp.Task) 
     here = rp.Box(Q0, 0.4, density=lambda Q: np.exp(-20 * np.sum((Q - corner) ** 2, axis=1)))
     leaning = rp.nearest_repeatable(desired, None, here, **options)
     Q = rp.Box(corner, 0.1).random(256, 0)
-    near, far = (np.mean(np.sum((d.inverse.batch(Q) - desired.batch(Q)) ** 2, axis=(1, 2))) for d in (leaning, plain))
+    near, far = (
+        np.mean(np.sum((d.inverse.batch(Q) - desired.batch(Q)) ** 2, axis=(1, 2)))
+        for d in (leaning, plain)
+    )
     assert near < 0.7 * far
 
 
@@ -62,15 +67,20 @@ def test_a_tube_follows_its_samples(panda_pose: rp.Task) -> None:
     outside = Q + 0.5
     assert not tube.contains(outside).any() and tube.contains(tube.clip(outside)).all()
     assert tube.shrunk(0.5).contains(Q).mean() < 1 and tube.bounds.contains(Q).all()
-    design = rp.nearest_repeatable(rp.Pseudoinverse(panda_pose), None, tube, degree=2, samples=2048, held_out=2048)
-    box = rp.nearest_repeatable(rp.Pseudoinverse(panda_pose), None, tube.bounds, degree=2, samples=2048, held_out=2048)
+    design = rp.nearest_repeatable(
+        rp.Pseudoinverse(panda_pose), None, tube, degree=2, samples=2048, held_out=2048
+    )
+    box = rp.nearest_repeatable(
+        rp.Pseudoinverse(panda_pose), None, tube.bounds, degree=2, samples=2048, held_out=2048
+    )
     # fitted to the tube it is nearer to J⁺ there than the design for the box around it
-    assert design.cost < rp.compare(box).judgements[0].cost  # type: ignore[union-attr]
-    assert design.cost < rp.compare(design, box).judgements[1].cost  # type: ignore[union-attr]
+    assert design.cost < rp.compare(box).evaluations[0].cost  # type: ignore[union-attr]
+    assert design.cost < rp.compare(design, box).evaluations[1].cost  # type: ignore[union-attr]
 
 
 def test_a_workspace_box_is_a_mean_over_positions_and_self_motions() -> None:
-    """Planar 3R: the weighted nodes land evenly in the workspace, as the coarea formula says they should."""
+    """Planar 3R: the weighted nodes land evenly in the workspace, as the coarea formula says they
+    should."""
     task = rp.Robot.load("planar3r").task(None, "xy")
     within = rp.Box([0.2, 1.2, 0.9], [1.5, 0.9, 0.7])
     middle = task.positions(within.center[None])[0, :2]
@@ -94,7 +104,8 @@ lengths: dict[tuple[int, int], tuple[float, float]] = {}
 
 
 def fibre_length(task: rp.Task, at: np.ndarray, within: rp.Box) -> float:
-    """Length of {q in the box: f(q) = at}, traced by θ₁: two-link inverse kinematics for the rest."""
+    """Length of {q in the box: f(q) = at}, traced by θ₁: two-link inverse kinematics for the
+    rest."""
     total = 0.0
     theta = np.linspace(within.lower[0], within.upper[0], 4001)
     rest = at - np.column_stack([np.cos(theta), np.sin(theta)])
@@ -116,18 +127,28 @@ def test_a_design_over_a_workspace_box() -> None:
     task = rp.Robot.load("planar3r").task(None, "xy")
     within = rp.Box([0.2, 1.2, 0.9], 0.5)
     region = rp.WorkspaceBox(task, task.positions(within.center[None])[0, :2], 0.2, within=within)
-    design = rp.nearest_repeatable(rp.Pseudoinverse(task), None, region, degree=3, samples=4096, held_out=4096)
-    other = rp.nearest_repeatable(rp.Pseudoinverse(task), None, within, degree=3, samples=4096, held_out=4096)
+    design = rp.nearest_repeatable(
+        rp.Pseudoinverse(task), None, region, degree=3, samples=4096, held_out=4096
+    )
+    other = rp.nearest_repeatable(
+        rp.Pseudoinverse(task), None, within, degree=3, samples=4096, held_out=4096
+    )
     assert design.converged and design.leaf_margin > 0.3
-    assert design.cost < rp.compare(design, other).judgements[1].cost  # type: ignore[union-attr]
+    assert design.cost < rp.compare(design, other).evaluations[1].cost  # type: ignore[union-attr]
 
 
 def test_boxes_are_cut_to_limits(panda_pose: rp.Task) -> None:
     wide = rp.Box(Q0, 3.0)
     cut = wide.inside(panda_pose.lower, panda_pose.upper)
-    assert (cut.lower >= panda_pose.lower - 1e-12).all() and (cut.upper <= panda_pose.upper + 1e-12).all()
+    assert (cut.lower >= panda_pose.lower - 1e-12).all() and (
+        cut.upper <= panda_pose.upper + 1e-12
+    ).all()
     share = rp.nearest_repeatable(
-        rp.Pseudoinverse(panda_pose), None, rp.Box(Q0, [0.1, 0.1, 0.1, 0.9, 0.1, 0.1, 0.1]), degree=1, held_out=4096
+        rp.Pseudoinverse(panda_pose),
+        None,
+        rp.Box(Q0, [0.1, 0.1, 0.1, 0.9, 0.1, 0.1, 0.1]),
+        degree=1,
+        held_out=4096,
     ).inside_limits
     expected = (Q0[3] + 0.9 - panda_pose.lower[3]) / 1.8  # joint 4 alone goes over its lower limit
     assert abs(share - expected) < 2e-3 < 1 - expected
@@ -145,14 +166,30 @@ def test_boxes_are_cut_to_limits(panda_pose: rp.Task) -> None:
         (lambda: rp.Box("ab", 1.0), "center"),
         (lambda: rp.Box.between([0.0, 1.0], [1.0, 0.5]), "joint 1 goes from 1 to 0.5"),
         (lambda: rp.Box.between([0.0, 1.0], [1.0, 1.0]), "lower < upper"),
-        (lambda: rp.Box.between([0.0, 1.0], [1.0]), "upper corner of a box must be 2 finite numbers"),
+        (
+            lambda: rp.Box.between([0.0, 1.0], [1.0]),
+            "upper corner of a box must be 2 finite numbers",
+        ),
         (lambda: rp.Tube([], 0.1), "samples"),
         (lambda: rp.Tube([[0.0, np.nan]], 0.1), "finite"),
         (lambda: rp.Tube([[0.0, 0.0]], 0.0), "radius"),
         (lambda: rp.Tube([[0.0, 0.0]], [0.1, 0.1, 0.1]), "radius"),
-        (lambda: rp.Box([0.0], 1.0, density=lambda Q: np.zeros(len(Q))).weights(np.zeros((3, 1))), "0 everywhere"),
-        (lambda: rp.Box([0.0], 1.0, density=lambda Q: np.full(len(Q), np.nan)).weights(np.zeros((3, 1))), "finite"),
-        (lambda: rp.Box([0.0], 1.0, density=lambda Q: 1.0).weights(np.zeros((3, 1))), "one number a row"),
+        (
+            lambda: rp.Box([0.0], 1.0, density=lambda Q: np.zeros(len(Q))).weights(
+                np.zeros((3, 1))
+            ),
+            "0 everywhere",
+        ),
+        (
+            lambda: rp.Box([0.0], 1.0, density=lambda Q: np.full(len(Q), np.nan)).weights(
+                np.zeros((3, 1))
+            ),
+            "finite",
+        ),
+        (
+            lambda: rp.Box([0.0], 1.0, density=lambda Q: 1.0).weights(np.zeros((3, 1))),
+            "one number a row",
+        ),
     ],
 )
 def test_bad_regions_get_one_clear_line(make, message: str) -> None:

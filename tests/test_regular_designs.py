@@ -1,4 +1,5 @@
-"""No false refusals: what a lower degree solves a higher one does too, whatever the sample; and auto goes on."""
+"""No false refusals: what a lower degree solves a higher one does too, whatever the sample; and
+auto goes on."""
 
 from __future__ import annotations
 
@@ -10,7 +11,7 @@ from arms import Q_PANDA, spatial_task
 
 import repctl_pin as rp
 from repctl_pin.design import criterion
-from repctl_pin.design.batches import Guarded, Local
+from repctl_pin.design.batches import BarrierCost, Local
 from repctl_pin.design.criterion import Builder
 from repctl_pin.design.singularities import Dexterity, search
 
@@ -20,7 +21,10 @@ def test_the_verdict_does_not_hang_on_the_sample() -> None:
     task = rp.Robot.load("tiago").task(None, "pose")
     desired, box = rp.Pseudoinverse(task), rp.Box(task.reference, 0.15)
     linear = rp.nearest_repeatable(desired, None, box, degree=1, samples=2048, held_out=4096)
-    found = [rp.nearest_repeatable(desired, None, box, degree=2, samples=k, held_out=4096) for k in (2048, 4096)]
+    found = [
+        rp.nearest_repeatable(desired, None, box, degree=2, samples=k, held_out=4096)
+        for k in (2048, 4096)
+    ]
     for design in found:
         assert design.converged and design.leaf_margin > 0.02
         assert design.cost < 0.05 * linear.cost
@@ -29,7 +33,9 @@ def test_the_verdict_does_not_hang_on_the_sample() -> None:
 
 def test_auto_goes_on_while_it_pays(tmp_path: Path) -> None:
     task, box = spatial_task(4, tmp_path, seed=2), rp.Box(np.full(4, 0.2), 0.5)
-    design = rp.nearest_repeatable(rp.Pseudoinverse(task), None, box, degree="auto", samples=2048, held_out=2048)
+    design = rp.nearest_repeatable(
+        rp.Pseudoinverse(task), None, box, degree="auto", samples=2048, held_out=2048
+    )
     degrees, costs, _ = zip(*design.degrees, strict=True)
     assert degrees[-1] == 6 and costs[4] < 0.6 * costs[3]
     assert design.cost == min(costs)
@@ -37,26 +43,35 @@ def test_auto_goes_on_while_it_pays(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_panda_and_xarm_at_higher_degrees(panda_pose: rp.Task) -> None:
-    """Costs on held-out nodes; the xarm's tube is that of its study, where degree 4 used to be refused."""
+    """Costs on held-out nodes; the xarm's tube is that of its study, where degree 4 used to be
+    refused."""
     box = rp.Box(Q_PANDA, 0.4)
-    assert rp.nearest_repeatable(rp.Pseudoinverse(panda_pose), None, box, degree="auto").cost < 0.1525
-    study = rp.study("xarm7", task="pose")
-    design = rp.nearest_repeatable(rp.Pseudoinverse(study.task), None, study.design.region, degree=4)
+    assert (
+        rp.nearest_repeatable(rp.Pseudoinverse(panda_pose), None, box, degree="auto").cost < 0.1525
+    )
+    study = rp.study("xarm7", kind="pose")
+    design = rp.nearest_repeatable(
+        rp.Pseudoinverse(study.task), None, study.design.region, degree=4
+    )
     assert design.cost < 0.84 and design.leaf_margin > 0.3
 
 
 def test_a_guarded_point_is_one_more_node(panda_pose: rp.Task) -> None:
-    box, fields = rp.Box(Q_PANDA, 0.4), rp.Polynomial(Q_PANDA, 2, 0.4)
-    N = criterion.oriented_nullspace(panda_pose.jacobian(Q_PANDA)[None], panda_pose, Q_PANDA[None])[0]
-    builder = Builder(rp.Pseudoinverse(panda_pose), fields, np.arange(fields.size), N)
+    box, potentials = rp.Box(Q_PANDA, 0.4), rp.Polynomial(Q_PANDA, 2, 0.4)
+    N = criterion.oriented_nullspace(panda_pose.jacobian(Q_PANDA)[None], panda_pose, Q_PANDA[None])[
+        0
+    ]
+    builder = Builder(rp.Pseudoinverse(panda_pose), potentials, np.arange(potentials.size), N)
     Q, weights = box.nodes(64, 0)
-    guarded = Guarded(Local(builder, Q, weights, 16), builder, 0.5)
-    A = np.random.default_rng(0).normal(size=(fields.size, 1))
+    guarded = BarrierCost(Local(builder, Q, weights, 16), builder, 0.5)
+    A = np.random.default_rng(0).normal(size=(potentials.size, 1))
     plain, _ = guarded.total(criterion.cost, A)
     at = box.random(4, 1)[:2]
     guarded.guard(at)
-    inverse = rp.RepeatableInverse(panda_pose, fields.weighted(A))
-    distance = np.sum((inverse.batch(at) - rp.Pseudoinverse(panda_pose).batch(at)) ** 2, axis=(1, 2))
+    inverse = rp.RepeatableInverse(panda_pose, potentials.weighted(A))
+    distance = np.sum(
+        (inverse.batch(at) - rp.Pseudoinverse(panda_pose).batch(at)) ** 2, axis=(1, 2)
+    )
     with_guards, sides = guarded.total(criterion.cost, A)
     assert with_guards == pytest.approx(plain + 0.5 * distance.sum())
     assert sides.positive + sides.negative == len(Q) + 2
@@ -68,7 +83,8 @@ def test_a_guarded_point_is_one_more_node(panda_pose: rp.Task) -> None:
 
 
 def test_an_arm_stretched_inside_the_region_is_found() -> None:
-    """Six joints at 0 at once: σ_min of planar7r is a cone there, on whose side every descent stops short."""
+    """Six joints at 0 at once: σ_min of planar7r is a cone there, on whose side every descent stops
+    short."""
     task = rp.Robot.load("planar7r").task("tool", "xy")
     measure = Dexterity(task)
     for center, width in ((np.full(7, 0.3), 0.4), (np.full(7, -0.1), 0.3)):
@@ -78,7 +94,9 @@ def test_an_arm_stretched_inside_the_region_is_found() -> None:
         sigma = np.linalg.svd(task.jacobian(found.at), compute_uv=False)
         assert sigma[-1] <= 1e-5 * sigma[0] and np.abs(found.at[1:]).max() < 1e-3
         with pytest.raises(rp.SingularityError, match="loses rank"):
-            rp.nearest_repeatable(rp.Pseudoinverse(task), None, box, degree=1, samples=64, held_out=64)
+            rp.nearest_repeatable(
+                rp.Pseudoinverse(task), None, box, degree=1, samples=64, held_out=64
+            )
     bent = rp.Box(np.full(7, 0.3), 0.25)  # without a stretched arm
     assert search(measure, bent, bent.random(2048, 0)).value > 0.01
 

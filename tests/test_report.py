@@ -51,7 +51,10 @@ def study() -> rp.Study:
 @pytest.fixture(scope="module")
 def page(study: rp.Study) -> str:
     return report_page(
-        study, maps=study_maps(study, points=9), options={"seed": 0, "frame": None, "cycles": 2}, command=COMMAND
+        study,
+        maps=study_maps(study, points=9),
+        options={"seed": 0, "frame": None, "cycles": 2},
+        command=COMMAND,
     )
 
 
@@ -65,7 +68,9 @@ def test_it_is_valid_html_and_so_is_the_animation_inside(page: str) -> None:
     (frame,) = Tags(page).all("iframe")
     for text in (page, frame["srcdoc"]):
         html5lib.HTMLParser(strict=True).parse(shortened(text))  # raises where there is an error
-        ids = re.findall(r'\sid="([^"]+)"', re.sub(r"(?s)<script>.*?</script>|srcdoc=\"[^\"]*\"", "", text))
+        ids = re.findall(
+            r'\sid="([^"]+)"', re.sub(r"(?s)<script>.*?</script>|srcdoc=\"[^\"]*\"", "", text)
+        )
         assert len(ids) == len(set(ids))
 
 
@@ -98,19 +103,26 @@ def test_it_says_what_was_found_and_how_to_repeat_it(page: str, study: rp.Study)
     for sentence in summary(study):
         assert sentence in text
     plain, closed = study.row("pseudoinverse").motion, study.row("repeatable").motion
-    assert f"{plain.drift[-1]:.3g} rad after {plain.cycles} (the norm over all joints)" in summary(study)[1]
+    assert (
+        f"{plain.drift[-1]:.3g} rad after {plain.cycles} (the norm over all joints)"
+        in summary(study)[1]
+    )
     assert amount(closed, -1) in summary(study)[2]
     assert f"<code>{COMMAND}</code>" in text
     assert study_verdict(study).sentence in text
     for tile in study_verdict(study).tiles:
         assert f"<dt>{tile.name}</dt><dd>{tile.value}</dd>" in text
     folded = text[text.index("<details>") :]  # what the command does not name
-    assert "<dt>seed</dt>" in folded and "<dt>cycles</dt><dd>2</dd>" in text[: text.index("<details>")]
+    assert (
+        "<dt>seed</dt>" in folded and "<dt>cycles</dt><dd>2</dd>" in text[: text.index("<details>")]
+    )
     assert f"<dd>{', '.join(f'{v:.10g}' for v in study.q0)}</dd>" in text
     for name, edition in versions().items():
         assert f"<dt>{name}</dt><dd>{edition}</dd>" in text
     assert versions()["numpy"] == np.__version__ and versions()["repctl_pin"] == rp.__version__
-    assert "<dt>seed</dt><dd>0</dd>" in text and "<dt>frame</dt><dd>chosen by the study</dd>" in text
+    assert (
+        "<dt>seed</dt><dd>0</dd>" in text and "<dt>frame</dt><dd>chosen by the study</dd>" in text
+    )
     rows = re.findall(r"<tr>(.*?)</tr>", page)
     assert len(rows) == 13 and f"cycles, rad</th><td>{number(plain.drift[-1])}</td>" in rows[2]
 
@@ -140,7 +152,17 @@ def test_the_command_writes_it_for_ones_own_arm(
     monkeypatch.chdir(tmp_path)
     urdf = (Path(__file__).parents[1] / "urdf" / "planar3r.urdf").read_text(encoding="utf-8")
     (tmp_path / "my_arm.urdf").write_text(urdf, encoding="utf-8")
-    arguments = ["study", "my_arm.urdf", "--cycles", "2", "--steps", "60", "--degree", "1", "--report"]
+    arguments = [
+        "study",
+        "my_arm.urdf",
+        "--cycles",
+        "2",
+        "--steps",
+        "60",
+        "--degree",
+        "1",
+        "--report",
+    ]
     assert main([*arguments, "--json"]) == 0
     written = json.loads(capsys.readouterr().out)["files"]
     assert written[-1] == "repctl-out/my_arm/report.html" and len(written) == 6
@@ -152,8 +174,11 @@ def test_the_command_writes_it_for_ones_own_arm(
     assert len(Tags(text).all("img")) >= 6
 
 
-def test_it_plays_offline_and_no_figure_is_cut_on_paper(page: str, tmp_path: Path, driver: Any) -> None:
-    """Each picture is on one page of the PDF, inside its margins, as wide against its height as it was drawn."""
+def test_it_plays_offline_and_no_figure_is_cut_on_paper(
+    page: str, tmp_path: Path, driver: Any
+) -> None:
+    """Each picture is on one page of the PDF, inside its margins, as wide against its height as it
+    was drawn."""
     pdfium = pytest.importorskip("pypdfium2")
     source = tmp_path / "report.html"
     source.write_text(page, encoding="utf-8")
@@ -164,9 +189,13 @@ def test_it_plays_offline_and_no_figure_is_cut_on_paper(page: str, tmp_path: Pat
     assert driver.execute_script("return repctl.playing") and errors(driver) == []
     driver.execute_script("repctl.pause()")
     driver.switch_to.default_content()
-    assert driver.execute_script("return [...document.images].every((i) => i.complete && i.naturalWidth > 100)")
+    assert driver.execute_script(
+        "return [...document.images].every((i) => i.complete && i.naturalWidth > 100)"
+    )
     assert driver.execute_script("return document.documentElement.scrollWidth <= window.innerWidth")
-    printed = driver.execute_cdp_cmd("Page.printToPDF", {"preferCSSPageSize": True, "printBackground": True})
+    printed = driver.execute_cdp_cmd(
+        "Page.printToPDF", {"preferCSSPageSize": True, "printBackground": True}
+    )
     found = []
     for sheet in pdfium.PdfDocument(base64.b64decode(printed["data"])):
         width, height = sheet.get_size()

@@ -1,4 +1,5 @@
-"""The same design from one process, several, threads and a cluster; streaming; progress; interruption."""
+"""The same design from one process, several, threads and a cluster; streaming; progress;
+interruption."""
 
 from __future__ import annotations
 
@@ -24,7 +25,9 @@ def processes() -> Iterator[Executor]:
 
 def design(panda: rp.Robot, **options) -> rp.Design:
     task = panda.task("panda_hand_tcp", "axis")
-    return rp.nearest_repeatable(rp.Pseudoinverse(task), None, rp.Box(Q0, 0.4), **(OPTIONS | options))
+    return rp.nearest_repeatable(
+        rp.Pseudoinverse(task), None, rp.Box(Q0, 0.4), **(OPTIONS | options)
+    )
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +44,9 @@ def same(a: rp.Design, b: rp.Design) -> bool:
 
 
 @pytest.mark.parametrize("stream", [False, True])
-def test_processes_give_the_same_design(panda: rp.Robot, alone: rp.Design, processes: Executor, stream: bool) -> None:
+def test_processes_give_the_same_design(
+    panda: rp.Robot, alone: rp.Design, processes: Executor, stream: bool
+) -> None:
     assert same(design(panda, executor=processes, stream=stream), alone)
 
 
@@ -61,7 +66,9 @@ def test_few_nodes_first_then_all(panda: rp.Robot, processes: Executor) -> None:
 def test_a_cluster_gives_the_same_design(panda: rp.Robot, alone: rp.Design) -> None:
     distributed = pytest.importorskip("distributed")
     with (
-        distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as cluster,
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
+        ) as cluster,
         distributed.Client(cluster) as client,
     ):
         assert same(design(panda, executor=client), alone)
@@ -70,9 +77,9 @@ def test_a_cluster_gives_the_same_design(panda: rp.Robot, alone: rp.Design) -> N
 
 def test_batches_stay_with_the_workers_and_are_rebuilt_when_lost(panda: rp.Robot) -> None:
     task = panda.task("panda_hand_tcp", "pose")
-    box, fields = rp.Box(Q0, 0.4), rp.Polynomial(Q0, 1, 0.4)
+    box, potentials = rp.Box(Q0, 0.4), rp.Polynomial(Q0, 1, 0.4)
     N = criterion.oriented_nullspace(task.jacobian(Q0)[None], task, Q0[None])[0]
-    builder = criterion.Builder(rp.Pseudoinverse(task), fields, np.arange(7), N)
+    builder = criterion.Builder(rp.Pseudoinverse(task), potentials, np.arange(7), N)
     Q, w = box.nodes(512, 0)
     with ThreadPoolExecutor(1) as pool:
         batches = workers.hand_out(builder, Q, w, 64, pool)
@@ -92,18 +99,27 @@ def _drop_one() -> None:
     workers._held.batches.pop(3)
 
 
-def test_what_cannot_be_sent_is_refused_before_any_work(panda_pose: rp.Task, processes: Executor) -> None:
+def test_what_cannot_be_sent_is_refused_before_any_work(
+    panda_pose: rp.Task, processes: Executor
+) -> None:
     desired = rp.WeightedInverse(panda_pose, lambda q: np.ones(7))
     with pytest.raises(rp.InputError, match="top level of a module"):
-        rp.nearest_repeatable(desired, None, rp.Box(Q0, 0.3), degree=1, samples=512, executor=processes)
+        rp.nearest_repeatable(
+            desired, None, rp.Box(Q0, 0.3), degree=1, samples=512, executor=processes
+        )
     with pytest.raises(rp.InputError, match=r"concurrent\.futures"):
         rp.nearest_repeatable(
-            rp.Pseudoinverse(panda_pose), None, rp.Box(Q0, 0.3), degree=1, samples=512, executor="two"
+            rp.Pseudoinverse(panda_pose),
+            None,
+            rp.Box(Q0, 0.3),
+            degree=1,
+            samples=512,
+            executor="two",
         )
 
 
 def test_an_error_on_a_worker_arrives(panda: rp.Robot, processes: Executor) -> None:
-    class_free = rp.Polynomial(Q0, 1) + rp.Potentials([_nan_in_a_corner])
+    class_free = rp.Polynomial(Q0, 1) + rp.CustomPotentials([_nan_in_a_corner])
     task = panda.task("panda_hand_tcp", "pose")
     with pytest.raises(rp.InputError, match="_nan_in_a_corner is nan"):
         rp.nearest_repeatable(

@@ -35,7 +35,9 @@ def swinging(name: str, cycles: int = 2, steps: int = 20) -> tuple[Arm, Arm]:
     robot = Robot.load(name)
     visuals = Visuals.of(robot)
     s = np.linspace(0, cycles, cycles * steps + 1)
-    Q = robot.reference + 0.2 * np.sin(2 * np.pi * s)[:, None] * np.cos(np.arange(len(robot.reference)))
+    Q = robot.reference + 0.2 * np.sin(2 * np.pi * s)[:, None] * np.cos(
+        np.arange(len(robot.reference))
+    )
     placements = visuals.placements(Q)
     drift = 0.1 * np.arange(1, cycles + 1)
     tip, elbow = placements[:, -1:, :3, 3], placements[:, 1:2, :3, 3]
@@ -47,7 +49,12 @@ def page_of(arms: Sequence[Arm], **words: Any) -> str:
     """The page of arms that hold all samples of all cycles."""
     frames = choose_frames(len(arms[0].q), len(arms[0].cycle_drift))
     shown = [
-        replace(a, **{name: getattr(a, name)[frames.index] for name in ("placements", "tip", "elbow", "q")})
+        replace(
+            a,
+            **{
+                name: getattr(a, name)[frames.index] for name in ("placements", "tip", "elbow", "q")
+            },
+        )
         for a in arms
     ]
     return animation_page(shown, [PATH], frames=frames, **(WORDS | words))
@@ -107,11 +114,15 @@ def test_page_holds_what_went_in(name: str) -> None:
         for k, shape in enumerate(told["shapes"]):
             if shape["pose"] is not None:
                 still = matrices(np.array(shape["pose"])[None, None])[0, 0]
-                np.testing.assert_allclose(np.broadcast_to(still, expected[:, k].shape), expected[:, k], atol=1e-6)
+                np.testing.assert_allclose(
+                    np.broadcast_to(still, expected[:, k].shape), expected[:, k], atol=1e-6
+                )
         at += size
         for point in (arm.tip[:, 0], arm.elbow[:, 0]):
             np.testing.assert_allclose(
-                motion[at : at + 3 * len(frames.index)].reshape(-1, 3), point[frames.index], atol=1e-6
+                motion[at : at + 3 * len(frames.index)].reshape(-1, 3),
+                point[frames.index],
+                atol=1e-6,
             )
             at += 3 * len(frames.index)
         q = arm.q[frames.index]
@@ -120,7 +131,9 @@ def test_page_holds_what_went_in(name: str) -> None:
         )
         at += len(q)
         i, j = (int(name.removeprefix("joint ")) - 1 for name in scene["pair"]["names"])
-        np.testing.assert_allclose(motion[at : at + 2 * len(q)].reshape(-1, 2), q[:, [i, j]], atol=1e-6)
+        np.testing.assert_allclose(
+            motion[at : at + 2 * len(q)].reshape(-1, 2), q[:, [i, j]], atol=1e-6
+        )
         at += 2 * len(q)
     np.testing.assert_allclose(motion[at:].reshape(-1, 3), PATH, atol=1e-6)
 
@@ -137,11 +150,15 @@ def test_a_mesh_goes_in_as_its_triangles() -> None:
         data = geometry["data"]
         points = np.frombuffer(data["attributes"]["position"]["array"].data, "<f4").reshape(-1, 3)
         index = data["index"]
-        faces = np.frombuffer(index["array"].data, {"Uint16Array": "<u2", "Uint32Array": "<u4"}[index["type"]])
+        faces = np.frombuffer(
+            index["array"].data, {"Uint16Array": "<u2", "Uint32Array": "<u4"}[index["type"]]
+        )
         surface = read_surface(Path(path))
         np.testing.assert_allclose(points, surface.points, atol=1e-6)
         np.testing.assert_array_equal(faces.reshape(-1, 3), surface.faces)
-        normals = np.frombuffer(data["attributes"]["normal"]["array"].data, "i1").reshape(-1, 3) / 127
+        normals = (
+            np.frombuffer(data["attributes"]["normal"]["array"].data, "i1").reshape(-1, 3) / 127
+        )
         np.testing.assert_allclose(normals, surface.normals, atol=0.01)
 
 
@@ -171,7 +188,9 @@ def test_page_is_self_contained_and_its_text_harmless() -> None:
     assert "{{" not in re.sub(r'(?s)<script type="text/plain".*?</script>', "", page)
 
 
-@pytest.mark.parametrize(("samples", "cycles"), [(101, 1), (5001, 10), (4, 3), (100_001, 200), (241, 24), (251, 25)])
+@pytest.mark.parametrize(
+    ("samples", "cycles"), [(101, 1), (5001, 10), (4, 3), (100_001, 200), (241, 24), (251, 25)]
+)
 def test_choose_frames(samples: int, cycles: int) -> None:
     frames = choose_frames(samples, cycles)
     steps = (samples - 1) // cycles
@@ -202,7 +221,9 @@ def test_poses_are_exact_and_do_not_jump() -> None:
     np.testing.assert_allclose(matrices(poses_of(M)), M, atol=1e-14)
     # a steady turn of two revolutions: the quaternion never changes sign
     steady = np.tile(np.eye(4), (400, 1, 1, 1))
-    steady[:, 0, :3, :3] = [pin.exp3(a * np.array([0.6, 0, 0.8])) for a in np.linspace(0, 4 * np.pi, 400)]
+    steady[:, 0, :3, :3] = [
+        pin.exp3(a * np.array([0.6, 0, 0.8])) for a in np.linspace(0, 4 * np.pi, 400)
+    ]
     q = poses_of(steady)[:, 0, 3:]
     assert np.abs(np.diff(q, axis=0)).max() < 0.02
 
@@ -229,7 +250,11 @@ def test_a_texture_goes_into_the_page(tmp_path: Path) -> None:
     first, _ = swinging("planar3r")
     shapes = (Shape("two", "mesh", path=tmp_path / "two.dae", textured=True), *first.shapes[1:])
     scene, commands, _ = read(page_of([replace(first, shapes=shapes)]))
-    sent = next(c["object"] for c in commands if c["path"] == f"/library/{scene['arms'][0]['shapes'][0]['body']}")
+    sent = next(
+        c["object"]
+        for c in commands
+        if c["path"] == f"/library/{scene['arms'][0]['shapes'][0]['body']}"
+    )
     assert scene["arms"][0]["shapes"][0]["color"] is None
     materials = {m["uuid"]: m for m in sent["materials"]}
     maps = [materials[uuid].get("map") for uuid in sent["object"]["material"]]

@@ -17,20 +17,20 @@ import pytest
 from arms import Q_PANDA, planar_task, planar_urdf, spatial_task
 
 import repctl_pin as rp
-from repctl_pin.design.storage import _checksum
-from repctl_pin.section.chart import Chart
-from repctl_pin.section.cost import Cost, Kept, descend
-from repctl_pin.section.field import SectionField
-from repctl_pin.section.judgement import judge
-from repctl_pin.section.margins import Section, distances_of, limits_of, singular_values_of
-from repctl_pin.section.margins import searched as searched_poses
-from repctl_pin.section.middle import judged, searched
-from repctl_pin.section.monomials import Monomials
-from repctl_pin.section.nearest import _fit, _rank, _refusal, _Work
-from repctl_pin.section.reference import fitted, rays
-from repctl_pin.section.rotations import exp3, left_jacobian, log3, tilts
-from repctl_pin.section.stops import Stop, touching
-from repctl_pin.section.tour import tour
+from repctl_pin.inverse_function.cell_evaluation import judge
+from repctl_pin.inverse_function.cell_potentials import CellPotentials
+from repctl_pin.inverse_function.chart import Chart
+from repctl_pin.inverse_function.cost import Cost, Penalty, descend
+from repctl_pin.inverse_function.failures import FailureReason, touching
+from repctl_pin.inverse_function.margins import Section, distances_of, limits_of, singular_values_of
+from repctl_pin.inverse_function.margins import searched as searched_poses
+from repctl_pin.inverse_function.monomials import Monomials
+from repctl_pin.inverse_function.nearest_function import _fit, _rank, _refusal, _Work
+from repctl_pin.inverse_function.posture_search import judged, searched
+from repctl_pin.inverse_function.reference import fitted, rays
+from repctl_pin.inverse_function.rotations import exp3, left_jacobian, log3, tilts
+from repctl_pin.inverse_function.sample_path import tour
+from repctl_pin.saving.design_file import _checksum
 
 
 @cache
@@ -70,7 +70,9 @@ def test_rotations_by_the_batch_agree_with_pinocchio() -> None:
     omega[0] *= 1e-6
     for w, R, J in zip(omega, exp3(omega), left_jacobian(omega), strict=True):
         assert np.allclose(R, pin.exp3(w))
-        assert np.allclose(J, pin.Jexp3(w).T)  # the left one is the transpose of Pinocchio's right one
+        assert np.allclose(
+            J, pin.Jexp3(w).T
+        )  # the left one is the transpose of Pinocchio's right one
         assert np.allclose(log3(R[None])[0], pin.log3(R))
     goal = exp3(omega[::-1])
     from repctl_pin.robot.formulas import axis_turn
@@ -81,7 +83,14 @@ def test_rotations_by_the_batch_agree_with_pinocchio() -> None:
 
 @pytest.mark.parametrize(
     ("kind", "rotation"),
-    [("pose", 0.3), ("pose", (0.2, 0.0, 0.4)), ("pose", 0), ("axis", 0.3), ("position", 0), ("xy", 0)],
+    [
+        ("pose", 0.3),
+        ("pose", (0.2, 0.0, 0.4)),
+        ("pose", 0),
+        ("axis", 0.3),
+        ("position", 0),
+        ("xy", 0),
+    ],
 )
 def test_coordinates_placements_and_their_velocities(kind: str, rotation: object) -> None:
     task = panda(kind)
@@ -98,7 +107,9 @@ def test_coordinates_placements_and_their_velocities(kind: str, rotation: object
     # a task's error in coordinates: u(f(q)) changes by ∂u/∂x J
     Q = np.array([rp.solve_ik(task, Q_PANDA, cell.at(u)) for u in U[:3]])
     placements = [task.placement(q) for q in Q]
-    p, R = (np.array([getattr(x, name) for x in placements]) for name in ("translation", "rotation"))
+    p, R = (
+        np.array([getattr(x, name) for x in placements]) for name in ("translation", "rotation")
+    )
     _, dU = cell.slopes(p, R)
     for q, slope in zip(Q, dU @ task.jacobians(Q), strict=True):
         d = 1e-6 * np.random.default_rng(1).normal(size=task.n)
@@ -110,11 +121,15 @@ def test_coordinates_placements_and_their_velocities(kind: str, rotation: object
 def test_a_cell_goes_round_poses_and_paths() -> None:
     task, cell = panda(), cell_of(rotation=0.3)
     poses = [cell.at(u) for u in cell.sample(16)]
-    around = rp.Cell.around(task, poses, room=0.01)
-    U, off = around.coordinates(*(np.array([getattr(x, a) for x in poses]) for a in ("translation", "rotation")))
+    around = rp.Cell.around(task, poses, margin=0.01)
+    U, off = around.coordinates(
+        *(np.array([getattr(x, a) for x in poses]) for a in ("translation", "rotation"))
+    )
     assert (np.abs(U) <= 1).all() and np.allclose(off, 0) and np.abs(U).max() > 0.8
     path = rp.circle(task, Q_PANDA, 0.1, normal="x")
-    assert np.allclose(rp.Cell.around(task, path, room=0.01).half_width, [0.01, 0.11, 0.11], atol=1e-3)
+    assert np.allclose(
+        rp.Cell.around(task, path, margin=0.01).half_width, [0.01, 0.11, 0.11], atol=1e-3
+    )
 
 
 @pytest.mark.parametrize(
@@ -129,7 +144,7 @@ def test_a_cell_goes_round_poses_and_paths() -> None:
         ),
         ({"half_width": (0.1, 1e300, 0.1)}, "from 1e-06 to 1000 m"),
         ({"rotation": 1e-12}, "rotation must be 0"),
-        ({"rotation": 2.0}, "half a turn"),
+        ({"half_angle": 2.0}, "half a turn"),
         ({"placement": "home"}, "placement"),
         ({"task": 3}, "task must be"),
     ],
@@ -149,7 +164,9 @@ def test_monomials_differentiate() -> None:
     monomials = Monomials(3, 4)
     U = np.random.default_rng(0).uniform(-1, 1, (5, 3))
     T = monomials.values(U)
-    assert monomials.size == 35 and np.allclose(T, np.prod(U[:, None] ** monomials.exponents, axis=2))
+    assert monomials.size == 35 and np.allclose(
+        T, np.prod(U[:, None] ** monomials.exponents, axis=2)
+    )
     for j in range(3):
         d = 1e-6 * np.eye(3)[j]
         slope = (monomials.values(U + d) - monomials.values(U - d)) / 2e-6
@@ -158,8 +175,12 @@ def test_monomials_differentiate() -> None:
                                      np.ones((99, 2)))[0], 1)  # fmt: skip
 
 
-@pytest.mark.parametrize(("kind", "rotation"), [("pose", 0.2), ("axis", 0.2), ("position", 0.0), ("xy", 0.0)])
-def test_a_section_is_exact_and_its_derivative_is_its_derivative(kind: str, rotation: float) -> None:
+@pytest.mark.parametrize(
+    ("kind", "rotation"), [("pose", 0.2), ("axis", 0.2), ("position", 0.0), ("xy", 0.0)]
+)
+def test_a_section_is_exact_and_its_derivative_is_its_derivative(
+    kind: str, rotation: float
+) -> None:
     cell = cell_of(kind, rotation, 0.08)
     chart = chart_of(cell, rp.solve_ik(cell.task, Q_PANDA, cell.placement), degree=2)
     U, r = 0.9 * cell.sample(6, 3), cell.task.r
@@ -193,17 +214,27 @@ def test_gradient_of_the_cost_against_finite_differences(kind: str) -> None:
     chart = chart_of(cell, rp.solve_ik(cell.task, Q_PANDA, cell.placement), degree=2, count=64)
     terms, edge = Monomials(cell.k, 2), 0.9 * cell.sample(8, 5)
     rng = np.random.default_rng(0)
-    margins = [(limits_of(cell.task), 0.75), (distances_of(cell.task), 0.2), (singular_values_of(cell.task), 1.0)]
+    margins = [
+        (limits_of(cell.task), 0.75),
+        (distances_of(cell.task), 0.2),
+        (singular_values_of(cell.task), 1.0),
+    ]
     for chosen, exact in [(margins[:1], 1e-5), (margins, 1e-3)]:
-        kept = [Kept(margin, edge, np.full(len(edge), asked)) for margin, asked in chosen]
+        kept = [Penalty(margin, edge, np.full(len(edge), asked)) for margin, asked in chosen]
         cost = Cost(rp.Pseudoinverse(cell.task), chart, terms, cell.sample(16), kept, weight=3.0)
         a = 0.03 * rng.normal(size=(terms.size, cell.task.r))
         value = cost.value(a)
         gradient, H = cost.model(value)
-        E, G_d = cell.twists(cost.U, value.points.R)[:16], rp.Pseudoinverse(cell.task).batch(value.points.Q[:16])
+        E, G_d = (
+            cell.twists(cost.U, value.points.R)[:16],
+            rp.Pseudoinverse(cell.task).batch(value.points.Q[:16]),
+        )
         wanted = G_d @ E @ cell.speeds(cost.U[:16])
         assert value.wanted == pytest.approx(np.mean(np.sum(wanted**2, axis=(1, 2))), rel=1e-12)
-        assert all((part.margin.measure(value.points.Q[16:24]) < part.asked[:, None]).any() for part in kept)
+        assert all(
+            (part.margin.measure(value.points.Q[16:24]) < part.asked[:, None]).any()
+            for part in kept
+        )
         for _ in range(3):
             v = rng.normal(size=a.shape)
             slope = (cost.value(a + 1e-5 * v).cost - cost.value(a - 1e-5 * v).cost) / 2e-5
@@ -240,7 +271,8 @@ def test_no_section_beats_the_optimum_and_more_terms_help() -> None:
         assert again.value.cost > 0.999 * costs[-1].value.cost
 
 
-# ---- the function ----------------------------------------------------------------------------------
+# ---- the function
+# ----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("rotation", [0.0, 0.25])
@@ -265,14 +297,16 @@ def test_the_function_is_exact_and_without_history(rotation: float) -> None:
 def test_the_field_is_the_section_and_its_gradient(kind: str) -> None:
     cell = cell_of(kind, 0.2 if kind != "position" else 0.0, 0.08)
     task = cell.task
-    F = rp.InverseFunction(chart_of(cell, rp.solve_ik(task, Q_PANDA, cell.placement), degree=2, count=64))
-    field = F.inverse.field
+    F = rp.InverseFunction(
+        chart_of(cell, rp.solve_ik(task, Q_PANDA, cell.placement), degree=2, count=64)
+    )
+    potentials = F.inverse.potentials
     rng = np.random.default_rng(0)
     Q = F.batch(0.7 * cell.sample(4)) + 0.02 * rng.normal(size=(4, task.n))
-    for q, V in zip(Q, field.gradients(Q), strict=True):
+    for q, V in zip(Q, potentials.gradients(Q), strict=True):
         for _ in range(2):
             d = rng.normal(size=task.n)
-            slope = (field.value(q + 1e-6 * d) - field.value(q - 1e-6 * d)) / 2e-6
+            slope = (potentials.value(q + 1e-6 * d) - potentials.value(q - 1e-6 * d)) / 2e-6
             assert np.allclose(V.T @ d, slope, atol=1e-7)
     u = 0.5 * np.ones(cell.k)
     G = F.jacobian(cell.at(u))
@@ -297,20 +331,27 @@ def test_the_field_is_the_section_and_its_gradient(kind: str) -> None:
     ],
 )
 def test_potentials_in_place_are_the_potentials(kind: str, rotation: object) -> None:
-    """On random polynomials, inside the cell and off what it holds: the loop's own way, and finite differences."""
+    """On random polynomials, inside the cell and off what it holds: the loop's own way, and finite
+    differences."""
     cell = rp.Cell(panda(kind), middle(kind), 0.3, rotation)
     task, rng, monomials = cell.task, np.random.default_rng(0), Monomials(cell.k, 3)
-    field = SectionField(Chart(cell, monomials, rng.normal(size=(monomials.size, task.n, 1 + task.r))))
+    potentials = CellPotentials(
+        Chart(cell, monomials, rng.normal(size=(monomials.size, task.n, 1 + task.r)))
+    )
     V_T, e = np.zeros((task.n, task.n), order="F")[: task.r], np.zeros(task.r)
-    quick = field.in_place(V_T, e)
+    quick = potentials.in_place(V_T, e)
     for _ in range(3):
-        q, c, d = Q_PANDA + 0.1 * rng.normal(size=task.n), rng.normal(size=task.r), rng.normal(size=task.n)
+        q, c, d = (
+            Q_PANDA + 0.1 * rng.normal(size=task.n),
+            rng.normal(size=task.r),
+            rng.normal(size=task.n),
+        )
         quick.slope(q)
         quick.gap(c)
         size = np.abs(V_T).max()
-        assert np.allclose(V_T, field.gradient(q).T, rtol=0, atol=1e-12 * size)
-        assert np.allclose(e, c - field.value(q), rtol=0, atol=1e-12 * size)
-        slope = (field.value(q + 1e-6 * d) - field.value(q - 1e-6 * d)) / 2e-6
+        assert np.allclose(V_T, potentials.gradient(q).T, rtol=0, atol=1e-12 * size)
+        assert np.allclose(e, c - potentials.value(q), rtol=0, atol=1e-12 * size)
+        slope = (potentials.value(q + 1e-6 * d) - potentials.value(q - 1e-6 * d)) / 2e-6
         assert np.allclose(V_T @ d, slope, rtol=0, atol=1e-6 * size)
 
 
@@ -330,13 +371,17 @@ def test_ten_laps_of_a_random_tour_through_all_turns() -> None:
 
 def test_a_closed_tour_closes_and_a_pushed_arm_comes_back() -> None:
     design = found()
-    path = rp.circle(design.task, design.function(design.cell.at(np.array([0.8, 0.0, 0.0]))), 0.08, normal="z")
+    path = rp.circle(
+        design.task, design.function(design.cell.at(np.array([0.8, 0.0, 0.0]))), 0.08, normal="z"
+    )
     q0 = design.function(path.placement(0.0))
     motion = rp.follow(design.inverse, path, q0, cycles=2, steps=40, leaf_lock=3)
     assert motion.drift.max() < 1e-9
     for i in range(0, 41, 8):
         assert np.abs(motion.q[i] - design.function(path.placement(i / 40))).max() < 1e-8
-    pushed = rp.follow(design.inverse, path, q0 + 0.05, cycles=2, steps=40, leaf_lock=3, leaf=np.zeros(1))
+    pushed = rp.follow(
+        design.inverse, path, q0 + 0.05, cycles=2, steps=40, leaf_lock=3, leaf=np.zeros(1)
+    )
     assert np.abs(pushed.q[-1] - q0).max() < 1e-9
 
 
@@ -353,7 +398,8 @@ def test_leaves_are_an_interval_inside_the_limits() -> None:
 
 
 def test_a_posture_is_judged_by_the_way_to_the_corners() -> None:
-    """All of an easy cell's corners are reached, with the margin met there and the mean of G_d's own speed."""
+    """All of an easy cell's corners are reached, with the margin met there and the mean of G_d's
+    own speed."""
     cell, G_d = cell_of(), rp.Pseudoinverse(panda())
     q = rp.solve_ik(cell.task, Q_PANDA, cell.placement)
     candidate, U = judged(G_d, cell, q), cell.corners()
@@ -367,21 +413,47 @@ def test_a_posture_is_judged_by_the_way_to_the_corners() -> None:
 
 
 def test_what_a_design_says_of_itself() -> None:
-    """The numbers of its judgement in a person's words, what was asked for by default, and its rank among others."""
+    """The numbers of its evaluation in a person's words, what was asked for by default, and its
+    rank among others."""
     design = found()
-    j, said = design.judgement, design.figures()
-    assert (design.room, design.apart, design.dexterity) == (0.05, 0.0, 0.0)
-    assert said["extra joint speed"].startswith(f"{100 * j.extra_speed:.3g} % ± {100 * j.extra_speed_error:.1g}, ")
+    j, said = design.evaluation, design.figures()
+    assert (
+        design.requested_limit_margin,
+        design.requested_body_distance,
+        design.requested_sigma_min,
+    ) == (0.05, 0.0, 0.0)
+    assert said["extra joint speed"].startswith(
+        f"{100 * j.extra_speed:.3g} % ± {100 * j.extra_speed_error:.1g}, "
+    )
     assert said["coverage"] == "100.00%" and f"{j.limit_margin:.3g}" in said["limit margin"]
-    assert f"{j.body_distance:.3g}" in said["body distance"] and "no" not in said["body distance"].split()
-    free = replace(design, judgement=replace(j, body_distance=np.inf, limit_margin=np.inf))
-    assert free.figures()["body distance"] == "no collision bodies" and free.figures()["limit margin"] == "no limits"
-    touching = replace(design, judgement=replace(j, body_distance=-0.01))
-    assert _rank(design, 0.05) == (1.0, True, True, 0.4 * 0.05, -design.cost) > _rank(touching, 0.05)
-    near = replace(design, judgement=replace(j, limit_margin=0.01))
+    assert (
+        f"{j.body_distance:.3g}" in said["body distance"]
+        and "no" not in said["body distance"].split()
+    )
+    free = replace(design, evaluation=replace(j, body_distance=np.inf, limit_margin=np.inf))
+    assert (
+        free.figures()["body distance"] == "no collision bodies"
+        and free.figures()["limit margin"] == "no limits"
+    )
+    touching = replace(design, evaluation=replace(j, body_distance=-0.01))
+    assert (
+        _rank(design, 0.05) == (1.0, True, True, 0.4 * 0.05, -design.cost) > _rank(touching, 0.05)
+    )
+    near = replace(design, evaluation=replace(j, limit_margin=0.01))
     assert _rank(near, 0.05)[3] == 0.01 and _rank(near, 0.05) < _rank(design, 0.05)
-    options = {"room": 0.05, "apart": 0.0, "dexterity": 0.0, "samples": 64, "held_out": 64, "seed": 0, "keep": False}
-    work, dear = _Work(design.desired, 2, **options), replace(design, judgement=replace(j, extra_speed=0.03))
+    options = {
+        "limit_margin": 0.05,
+        "body_distance": 0.0,
+        "sigma_min": 0.0,
+        "samples": 64,
+        "held_out": 64,
+        "seed": 0,
+        "keep": False,
+    }
+    work, dear = (
+        _Work(design.desired, 2, **options),
+        replace(design, evaluation=replace(j, extra_speed=0.03)),
+    )
     assert work.good(design) and not any(work.good(one) for one in (dear, touching, near))
 
 
@@ -397,18 +469,24 @@ def test_the_judgement_is_honest() -> None:
     assert j.extra_speed == pytest.approx(np.sqrt(ratio) - 1, rel=1e-6)
     assert 0 < j.extra_speed < 0.002 and j.coverage == 1.0
     task = design.task
-    assert j.limit_margin == pytest.approx(np.minimum(Q - task.lower, task.upper - Q).min(), rel=1e-9)
-    assert abs(design.cost - j.cost) < 3 * (design.judgement.cost_error + j.cost_error)
+    assert j.limit_margin == pytest.approx(
+        np.minimum(Q - task.lower, task.upper - Q).min(), rel=1e-9
+    )
+    assert abs(design.cost - j.cost) < 3 * (design.evaluation.cost_error + j.cost_error)
     assert j.limit_margin_worst <= min(j.limit_margin, j.attainable_margin_worst)
     assert j.attainable_margin >= j.limit_margin
-    bodies, every = rp.Bodies(task), np.concatenate([Q, design.function.batch(design.cell.corners())])
+    bodies, every = (
+        rp.Bodies(task),
+        np.concatenate([Q, design.function.batch(design.cell.corners())]),
+    )
     distances = bodies.distances(every)
     assert 0.05 < j.body_distance <= distances.min() + 1e-9
     assert j.smallest_singular_value <= np.linalg.svd(task.jacobians(Q), compute_uv=False).min()
 
 
 def test_the_largest_joint_speeds_of_a_cell_are_found_by_search() -> None:
-    """No pose of many, and no corner, costs more than is said: all task directions together, and one alone."""
+    """No pose of many, and no corner, costs more than is said: all task directions together, and
+    one alone."""
     design = found(0.25)
     cell, task, rng = design.cell, design.task, np.random.default_rng(3)
     U = np.concatenate([cell.corners(), np.sign(cell.sample(400, 5)), cell.sample(400, 6)])
@@ -419,11 +497,14 @@ def test_the_largest_joint_speeds_of_a_cell_are_found_by_search() -> None:
     whole = np.linalg.norm(own, axis=(1, 2)) / np.linalg.norm(wanted, axis=(1, 2)) - 1
     xdot = rng.normal(size=(task.m, 2000))
     single = np.linalg.norm(G @ xdot, axis=1) / np.linalg.norm(G_d @ xdot, axis=1) - 1
-    assert whole.max() <= design.extra_speed_worst + 1e-9 and whole[:64].max() > 2 * np.median(whole)
+    assert whole.max() <= design.extra_speed_worst + 1e-9 and whole[:64].max() > 2 * np.median(
+        whole
+    )
     assert single.max() <= design.extra_speed_direction + 1e-9
     assert 0.8 * design.extra_speed_direction < single.max()  # and it is there
     assert (
-        f"{design.extra_speed_direction:.1%} at the worst pose in the worst single task direction" in design.summary()
+        f"{design.extra_speed_direction:.1%} at the worst pose in the worst single task direction"
+        in design.summary()
     )
 
 
@@ -444,11 +525,11 @@ def test_what_was_asked_for_and_is_not_met_is_said(tmp_path: Path) -> None:
     task, q = planar_task([1.0, 0.9, 0.8], tmp_path), [0.3, 0.5, 2.4]
     cell = rp.Cell(task, task.placement(q), 0.2)
     small = {"posture": q, "degree": 1, "samples": 32, "held_out": 64}
-    asked = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, dexterity=9.0, **small)
+    asked = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, sigma_min=9.0, **small)
     assert "9 was asked for and is not met" in asked.figures()["σ_min(J)"]
     plain = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, **small)
     assert "asked for" not in plain.summary()
-    near = replace(found(), apart=0.5)
+    near = replace(found(), body_distance=0.5)
     assert near.figures()["body distance"].endswith("; 0.5 was asked for and is not met")
 
 
@@ -465,7 +546,10 @@ def test_a_degree_whose_start_has_no_joints_begins_at_the_reference() -> None:
     """Whatever the start, the cost that a fit ends with is finite: it is written to a file."""
     cell = cell_of()
     chart = chart_of(cell, rp.solve_ik(cell.task, Q_PANDA, cell.placement), degree=2, count=64)
-    cost, start = Cost(rp.Pseudoinverse(cell.task), chart, Monomials(3, 1), cell.sample(64)), 50 * np.ones((4, 1))
+    cost, start = (
+        Cost(rp.Pseudoinverse(cell.task), chart, Monomials(3, 1), cell.sample(64)),
+        50 * np.ones((4, 1)),
+    )
     assert not np.isfinite(descend(cost, start).value.cost)
     assert _fit(cost, start).value.cost < cost.value(np.zeros((4, 1))).cost < np.inf
 
@@ -496,28 +580,43 @@ def test_limits_in_the_cost_keep_the_joints_inside(tmp_path: Path) -> None:
     cell = rp.Cell(task, x, 0.35)
     kept = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, **small)
     assert kept.limit_margin > 0.02 and kept.coverage == 1.0
-    assert kept.judgement.attainable_margin_worst >= kept.limit_margin_worst > 0.0
+    assert kept.evaluation.attainable_margin_worst >= kept.limit_margin_worst > 0.0
     assert kept.cost > free.cost
 
 
 def test_bodies_in_the_cost_are_kept_apart(tmp_path: Path) -> None:
-    """A post beside the forearm: under J⁺'s own section it is touched, with bodies in the cost it is not."""
+    """A post beside the forearm: under J⁺'s own section it is touched, with bodies in the cost it
+    is not."""
     (tmp_path / "post.urdf").write_text(
         '<robot name="post"><link name="post"><collision><origin xyz="0.2 0.185 0.6"/>'
         '<geometry><box size="0.1 0.1 0.1"/></geometry></collision></link></robot>'
     )
-    task = rp.Robot.load("panda", surroundings=tmp_path / "post.urdf").task("panda_hand_tcp", "position")
+    task = rp.Robot.load("panda", surroundings=tmp_path / "post.urdf").task(
+        "panda_hand_tcp", "position"
+    )
     cell = rp.Cell(task, middle(), 0.08)
-    small = {"posture": rp.solve_ik(panda(), Q_PANDA, middle()), "degree": 2, "samples": 64, "held_out": 128}
-    free, kept = (rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, apart=a, **small) for a in (0.0, 0.02))
-    assert free.body_distance < 0 and any(stop.cause == "collision" for stop in free.stops)
-    assert kept.body_distance > 0.01 and not kept.stops
-    assert "post" in kept.judgement.nearest_bodies and kept.extra_speed < 0.001
+    small = {
+        "posture": rp.solve_ik(panda(), Q_PANDA, middle()),
+        "degree": 2,
+        "samples": 64,
+        "held_out": 128,
+    }
+    free, kept = (
+        rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, body_distance=a, **small)
+        for a in (0.0, 0.02)
+    )
+    assert free.body_distance < 0 and any(stop.cause == "collision" for stop in free.failures)
+    assert kept.body_distance > 0.01 and not kept.failures
+    assert "post" in kept.evaluation.nearest_bodies and kept.extra_speed < 0.001
     Q = kept.function.batch(cell.sample(200, 31))
     anywhere = np.random.default_rng(0).uniform(task.lower, task.upper, (50, task.n))
     bodies, Q = rp.Bodies(task), np.concatenate([Q, free.function.batch(cell.corners()), anywhere])
     distances, hulls = bodies.distances(Q), bodies.hull_distances(Q)
-    assert distances[:200].min() > 0.01 and (hulls[distances <= 0] <= 0).all() and (hulls < -0.001).any()
+    assert (
+        distances[:200].min() > 0.01
+        and (hulls[distances <= 0] <= 0).all()
+        and (hulls < -0.001).any()
+    )
     assert np.allclose(hulls[distances > 0], distances[distances > 0])
 
 
@@ -525,19 +624,28 @@ def test_singularities_in_the_cost_are_kept_away(tmp_path: Path) -> None:
     task, q = planar_task([1.0, 0.9, 0.8], tmp_path), [0.3, 0.5, 2.4]
     cell = rp.Cell(task, task.placement(q), 0.2)
     small = {"posture": q, "degree": 2, "samples": 64, "held_out": 128}
-    free, kept = (rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, dexterity=a, **small) for a in (0.0, 0.9))
+    free, kept = (
+        rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, sigma_min=a, **small)
+        for a in (0.0, 0.9)
+    )
     least = [np.linalg.svd(task.jacobians(d.function.batch(cell.sample(200, 31))), compute_uv=False).min()
              for d in (free, kept)]  # fmt: skip
     assert least[0] < 0.6 and least[1] > 0.85 and kept.extra_speed < 0.01
 
 
 @pytest.mark.parametrize(("n", "seed"), [(4, 5), (6, 3)])
-def test_arms_with_slides_and_more_joints_than_one_too_many(n: int, seed: int, tmp_path: Path) -> None:
+def test_arms_with_slides_and_more_joints_than_one_too_many(
+    n: int, seed: int, tmp_path: Path
+) -> None:
     task = spatial_task(n, tmp_path, seed=seed)
     q = 0.4 * np.ones(n)
     cell = rp.Cell(task, task.placement(q), 0.05)
-    design = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, posture=q, degree=2, samples=64, held_out=64)
-    assert design.coverage == 1.0 and design.extra_speed < 0.03 and design.judgement.residual < 1e-9
+    design = rp.nearest_inverse_function(
+        rp.Pseudoinverse(task), cell, posture=q, degree=2, samples=64, held_out=64
+    )
+    assert (
+        design.coverage == 1.0 and design.extra_speed < 0.03 and design.evaluation.residual < 1e-9
+    )
     Q = design.function.batch(cell.sample(8))
     assert np.allclose([design.function(task.placement(q)) for q in Q], Q, atol=1e-9)
 
@@ -550,7 +658,10 @@ def test_an_arm_without_limits(tmp_path: Path) -> None:
     design = rp.nearest_inverse_function(
         rp.Pseudoinverse(task), cell, posture=[0.6, -1.2, 1.4], degree=1, samples=32, held_out=64
     )
-    assert design.limit_margin == design.limit_margin_worst == np.inf and "no limits" in design.summary()
+    assert (
+        design.limit_margin == design.limit_margin_worst == np.inf
+        and "no limits" in design.summary()
+    )
     again = rp.load(rp.save(design, tmp_path / "cell.json"), task)
     assert isinstance(again, rp.CellDesign) and again.limit_margin_worst == np.inf
 
@@ -562,7 +673,8 @@ def test_functions_pickle_and_repeat_bit_for_bit() -> None:
     assert (again(x) == F(x)).all()
 
 
-# ---- what cannot be ----------------------------------------------------------------------------------
+# ---- what cannot be
+# ----------------------------------------------------------------------------------
 
 
 def refused(cell: rp.Cell, posture: object = None, **options: object) -> str:
@@ -581,11 +693,14 @@ def refused(cell: rp.Cell, posture: object = None, **options: object) -> str:
 
 
 def test_a_middle_out_of_reach() -> None:
-    assert "is out of reach" in refused(rp.Cell(panda(), pin.SE3(middle().rotation, np.array([1.5, 0, 0.4])), 0.1))
+    assert "is out of reach" in refused(
+        rp.Cell(panda(), pin.SE3(middle().rotation, np.array([1.5, 0, 0.4])), 0.1)
+    )
 
 
 def corner_out_of_reach(folder: Path) -> rp.Cell:
-    """The arm reaches 2.7 m; two corners of the cell are at 2.72 m, and no held-out pose of a few is beyond 2.69."""
+    """The arm reaches 2.7 m; two corners of the cell are at 2.72 m, and no held-out pose of a few
+    is beyond 2.69."""
     task = planar_task([1.0, 0.9, 0.8], folder)
     return rp.Cell(task, pin.SE3(np.eye(3), np.array([1.9, 0.0, 0.0])), (0.72, 0.72))
 
@@ -594,39 +709,53 @@ def test_a_broken_corner_refuses_a_cell_and_is_not_called_covered(tmp_path: Path
     """All held-out poses have joints, a corner has none: refused; if kept, nothing says 100 %."""
     cell = corner_out_of_reach(tmp_path)
     task = cell.task
-    small = {"posture": rp.solve_ik(task, [-0.6, 1.0, 0.4], cell.placement), "degree": 1, "samples": 64, "held_out": 64}
+    small = {
+        "posture": rp.solve_ik(task, [-0.6, 1.0, 0.4], cell.placement),
+        "degree": 1,
+        "samples": 64,
+        "held_out": 64,
+    }
     with pytest.raises(rp.NoFunctionError, match="is out of reach") as caught:
         rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, **small)
     assert 0.5 < caught.value.fits < 1
     kept = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, incomplete="keep", **small)
-    assert kept.coverage == 1.0 and not kept.judgement.everywhere
+    assert kept.coverage == 1.0 and not kept.evaluation.everywhere
     assert kept.figures()["coverage"] == "all held-out poses, but not every pose of the cell"
     assert "out of reach" in kept.figures()["stopped"]
     assert "100" not in kept.figures()["coverage"] + repr(kept)
-    smaller = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, incomplete="shrink", **small)
+    smaller = rp.nearest_inverse_function(
+        rp.Pseudoinverse(task), cell, incomplete="shrink", **small
+    )
     F = smaller.function
-    assert smaller.judgement.everywhere and len(F.batch(smaller.cell.corners())) == 8
+    assert smaller.evaluation.everywhere and len(F.batch(smaller.cell.corners())) == 8
 
 
 def test_a_limit_broken_at_a_corner_refuses_a_cell(tmp_path: Path) -> None:
-    """The held-out poses keep the limits, the search finds one that does not: no single joint says otherwise."""
+    """The held-out poses keep the limits, the search finds one that does not: no single joint says
+    otherwise."""
     design = found()
-    j = replace(design.judgement, limit_margin_worst=-0.25)
+    j = replace(design.evaluation, limit_margin_worst=-0.25)
     assert j.coverage == 1.0 and not j.everywhere and "100" not in j.covered
-    almost = replace(design.judgement, coverage=0.99999)
+    almost = replace(design.evaluation, coverage=0.99999)
     assert almost.covered == "99.99% of the held-out poses"
 
 
 def test_a_refusal_names_all_causes_but_bodies_that_touch() -> None:
     cell, u = cell_of(), np.ones(3)
-    stops = (
-        Stop("collision", 0.6, u, "a and b touch"),
-        Stop("reach", 0.1, u, "a corner is out of reach"),
-        Stop("limit", 0.2, u, "joint1 is 0.2 rad beyond its limit"),
+    failures = (
+        FailureReason("collision", 0.6, u, "a and b touch"),
+        FailureReason("reach", 0.1, u, "a corner is out of reach"),
+        FailureReason("limit", 0.2, u, "joint1 is 0.2 rad beyond its limit"),
     )
-    error = _refusal(cell, stops, 0.5, keep=True)
-    assert "cell: joint1 is 0.2 rad beyond its limit, and a corner is out of reach; a cell of" in str(error)
-    assert "touch" not in str(error) and [stop.cause for stop in error.stops] == ["limit", "reach"]
+    error = _refusal(cell, failures, 0.5, keep=True)
+    assert (
+        "cell: joint1 is 0.2 rad beyond its limit, and a corner is out of reach; a cell of"
+        in str(error)
+    )
+    assert "touch" not in str(error) and [stop.cause for stop in error.failures] == [
+        "limit",
+        "reach",
+    ]
 
 
 @pytest.mark.parametrize(
@@ -636,9 +765,9 @@ def test_a_refusal_names_all_causes_but_bodies_that_touch() -> None:
         ({"degree": 10**12}, "degree can be 12 at most"),
         ({"samples": 10**12}, "samples can be 65,536 at most"),
         ({"held_out": 2 * 10**7}, "held_out can be 1,048,576 at most"),
-        ({"dexterity": 1e300}, r"dexterity can be 1e\+06 at most"),
-        ({"room": 1e300}, r"room can be 1e\+06 at most"),
-        ({"apart": -1}, "apart must be 0 m or more"),
+        ({"sigma_min": 1e300}, r"dexterity can be 1e\+06 at most"),
+        ({"limit_margin": 1e300}, r"room can be 1e\+06 at most"),
+        ({"body_distance": -1}, "apart must be 0 m or more"),
     ],
 )
 def test_options_have_bounds(options: dict, says: str) -> None:
@@ -655,22 +784,34 @@ def test_a_cell_that_reaches_too_far_and_what_would_fit() -> None:
 
 
 def test_a_cell_beyond_the_joint_limits_and_one_through_a_singularity(tmp_path: Path) -> None:
-    (tmp_path / "narrow.urdf").write_text(planar_urdf([1.0, 0.9, 0.8], range_=1.0), encoding="utf-8")
+    (tmp_path / "narrow.urdf").write_text(
+        planar_urdf([1.0, 0.9, 0.8], range_=1.0), encoding="utf-8"
+    )
     narrow = rp.Robot.load(tmp_path / "narrow.urdf").task("tool", "xy")
     q = [-0.5, 0.9, 0.6]
     says = refused(rp.Cell(narrow, narrow.placement(q), 0.35), q)
-    assert re.search(r"at \(1\.\d+, .*\) m, theta\d is [\d.]+ rad beyond its limit; a cell of .* works", says), says
-    task = planar_task([1.0, 0.9, 0.8], tmp_path)  # folded together, it has no way outward along its links
+    assert re.search(
+        r"at \(1\.\d+, .*\) m, theta\d is [\d.]+ rad beyond its limit; a cell of .* works", says
+    ), says
+    task = planar_task(
+        [1.0, 0.9, 0.8], tmp_path
+    )  # folded together, it has no way outward along its links
     x = pin.SE3(np.eye(3), np.array([0.9, 0.0, 0.0]))
-    says = refused(rp.Cell(task, x, (0.3, 0.1)), rp.solve_ik(task, [0.0, np.pi - 0.15, np.pi + 0.15], x))
-    assert re.search(r"between the middle of the cell and \(.*\) m the arm passes a singularity", says), says
+    says = refused(
+        rp.Cell(task, x, (0.3, 0.1)), rp.solve_ik(task, [0.0, np.pi - 0.15, np.pi + 0.15], x)
+    )
+    assert re.search(
+        r"between the middle of the cell and \(.*\) m the arm passes a singularity", says
+    ), says
 
 
 def test_a_middle_at_a_singularity_and_postures_at_one(tmp_path: Path) -> None:
     task = planar_task([1.0, 0.9, 0.8], tmp_path)
     stretched = rp.Cell(task, task.placement([0.1, 0.0, 0.0]), 0.02)
     assert "the arm is at a singularity" in refused(stretched, [0.1, 0.0, 0.0])
-    xarm = rp.Robot.load("xarm7").task("link_eef", "pose")  # of its postures some are singular, in others links touch
+    xarm = rp.Robot.load("xarm7").task(
+        "link_eef", "pose"
+    )  # of its postures some are singular, in others links touch
     cell = rp.Cell(xarm, xarm.placement(xarm.reference), 0.03, 0.1)
     q = searched(rp.Pseudoinverse(xarm), cell)[0]
     s = np.linalg.svd(xarm.jacobian(q), compute_uv=False)
@@ -684,21 +825,31 @@ def test_the_largest_cell_that_works() -> None:
     q = rp.solve_ik(panda(), Q_PANDA, x)
     cell = rp.Cell(panda(), x, 0.35)
     smaller = rp.nearest_inverse_function(
-        rp.Pseudoinverse(panda()), cell, posture=q, degree=1, samples=32, held_out=64, incomplete="shrink"
+        rp.Pseudoinverse(panda()),
+        cell,
+        posture=q,
+        degree=1,
+        samples=32,
+        held_out=64,
+        incomplete="shrink",
     )
     assert smaller.coverage == 1.0 and 0.05 < smaller.cell.half_width[0] < 0.35
 
 
 def test_a_cell_round_the_base() -> None:
     x = pin.SE3(middle().rotation, np.array([0.0, 0.0, 0.9]))
-    says = refused(rp.Cell(panda("position"), x, (0.7, 0.7, 0.1)), rp.solve_ik(panda("position"), Q_PANDA, x))
+    says = refused(
+        rp.Cell(panda("position"), x, (0.7, 0.7, 0.1)), rp.solve_ik(panda("position"), Q_PANDA, x)
+    )
     assert "goes round the axis of panda_joint1" in says, says
 
 
 def test_targets_outside_and_other_wrong_things() -> None:
     design = found()
     F = design.function
-    with pytest.raises(rp.InputError, match=r"lies outside the cell: y is \+0.15 m from the middle"):
+    with pytest.raises(
+        rp.InputError, match=r"lies outside the cell: y is \+0.15 m from the middle"
+    ):
         F(design.cell.at(np.array([0.0, 1.5, 0.0])))
     turned = design.cell.at(np.zeros(3))
     turned.rotation = pin.exp3(np.array([0.2, 0, 0])) @ turned.rotation
@@ -717,7 +868,15 @@ def test_targets_outside_and_other_wrong_things() -> None:
 def broken_rotations(R: np.ndarray) -> list[np.ndarray]:
     sheared = R.copy()
     sheared[0, 0] += 1e-5
-    return [np.diag([1.0, 1.0, -1.0]), R @ np.diag([1.0, 1.0, -1.0]), np.ones((3, 3)), 2 * R, -R, 0 * R, sheared]
+    return [
+        np.diag([1.0, 1.0, -1.0]),
+        R @ np.diag([1.0, 1.0, -1.0]),
+        np.ones((3, 3)),
+        2 * R,
+        -R,
+        0 * R,
+        sheared,
+    ]
 
 
 @pytest.mark.parametrize("kind", ["pose", "axis"])
@@ -730,25 +889,36 @@ def test_what_is_not_a_rotation_is_refused(kind: str, tmp_path: Path) -> None:
         wrong = pin.SE3(R, x.translation)
         with pytest.raises(rp.InputError, match="is not a rotation matrix"):
             rp.Cell(task, wrong, 0.1)
-        with pytest.raises(rp.InputError, match="the rotation of the target is not a rotation matrix"):
+        with pytest.raises(
+            rp.InputError, match="the rotation of the target is not a rotation matrix"
+        ):
             task.error(Q_PANDA, wrong)
         for control in controls:
-            with pytest.raises(rp.InputError, match="the rotation of the target is not a rotation matrix"):
+            with pytest.raises(
+                rp.InputError, match="the rotation of the target is not a rotation matrix"
+            ):
                 control.step(Q_PANDA, wrong, 0.01)
         if kind == "pose":
             within = pin.SE3(R, design.cell.placement.translation)
-            with pytest.raises(rp.InputError, match="the rotation of the target is not a rotation matrix"):
+            with pytest.raises(
+                rp.InputError, match="the rotation of the target is not a rotation matrix"
+            ):
                 design.function(within)
-            with pytest.raises(rp.InputError, match="the rotation of target 1 is not a rotation matrix"):
+            with pytest.raises(
+                rp.InputError, match="the rotation of target 1 is not a rotation matrix"
+            ):
                 design.function.batch([design.cell.placement, within])
     rounded = pin.SE3(np.round(x.rotation, 7), x.translation)
-    assert np.allclose(controls[0].step(Q_PANDA, rounded, 0.01), controls[0].step(Q_PANDA, x, 0.01), atol=1e-6)
+    assert np.allclose(
+        controls[0].step(Q_PANDA, rounded, 0.01), controls[0].step(Q_PANDA, x, 0.01), atol=1e-6
+    )
     with pytest.raises(rp.InputError, match="finite"):
         controls[0].step(Q_PANDA, pin.SE3(np.full((3, 3), np.nan), x.translation), 0.01)
 
 
 def test_the_control_of_a_cell_knows_its_cell_and_the_limits(tmp_path: Path) -> None:
-    """Outside the cell, and where the next joints would be beyond a limit: refused or warned of, where asked for."""
+    """Outside the cell, and where the next joints would be beyond a limit: refused or warned of,
+    where asked for."""
     design = found()
     inverse, cell, task = design.inverse, design.cell, design.task
     assert inverse.region is cell
@@ -757,7 +927,9 @@ def test_the_control_of_a_cell_knows_its_cell_and_the_limits(tmp_path: Path) -> 
     for how in (inverse, pickle.loads(pickle.dumps(inverse)), rp.compiled(inverse)):
         inside = how.step(q, cell.at(np.array([0.02, 0.0, 0.0])), 0.01, outside="raise")
         assert np.abs(inside - q).max() < 0.1
-        with pytest.raises(rp.InputError, match=r"outside Ω \(scaled distance 1\.2; the boundary is at 1\)"):
+        with pytest.raises(
+            rp.InputError, match=r"outside Ω \(scaled distance 1\.2; the boundary is at 1\)"
+        ):
             how.step(far, beyond, 0.01, outside="raise")
     corner = corner_beyond_a_limit(tmp_path)
     control, start = corner.inverse, corner.posture
@@ -790,12 +962,13 @@ def corner_beyond_a_limit(folder: Path) -> rp.CellDesign:
     (folder / "bound.urdf").write_text('name="theta3"'.join(text))
     bound_task = rp.Robot.load(folder / "bound.urdf").task("tool", "xy")
     chart = replace(free.function.chart, cell=rp.Cell(bound_task, cell.placement, 0.35))
-    judgement = judge(rp.Pseudoinverse(bound_task), chart, 128, 0)
-    assert not judgement.everywhere
-    return replace(free, function=rp.InverseFunction(chart), judgement=judgement)
+    evaluation = judge(rp.Pseudoinverse(bound_task), chart, 128, 0)
+    assert not evaluation.everywhere
+    return replace(free, function=rp.InverseFunction(chart), evaluation=evaluation)
 
 
-# ---- files -------------------------------------------------------------------------------------------
+# ---- files
+# -------------------------------------------------------------------------------------------
 
 
 def test_saved_and_loaded_it_gives_the_same_bits(tmp_path: Path) -> None:
@@ -805,8 +978,13 @@ def test_saved_and_loaded_it_gives_the_same_bits(tmp_path: Path) -> None:
     assert isinstance(again, rp.CellDesign)
     x = design.cell.at(np.array([0.1, 0.7, -0.3, 0.2, -0.9, 0.4]))
     assert (again.function(x) == design.function(x)).all()
-    assert again.summary() == design.summary() and rp.save(again, tmp_path / "b.json").read_bytes() == file.read_bytes()
-    touching = replace(design, judgement=replace(design.judgement, limit_margin=0.1, limit_margin_worst=0.0))
+    assert (
+        again.summary() == design.summary()
+        and rp.save(again, tmp_path / "b.json").read_bytes() == file.read_bytes()
+    )
+    touching = replace(
+        design, evaluation=replace(design.evaluation, limit_margin=0.1, limit_margin_worst=0.0)
+    )
     assert rp.load(rp.save(touching, tmp_path / "c.json"), panda()).limit_margin_worst == 0.0
     with pytest.raises(rp.InputError, match="is for the task kind 'pose'"):
         rp.load(file, panda("axis"))
@@ -822,7 +1000,10 @@ def test_saved_and_loaded_it_gives_the_same_bits(tmp_path: Path) -> None:
         ({"degree": -1}, "the degree of a cell's polynomials must be a whole number from 0 up"),
         ({"degree": 10**9}, "can be 64 at most"),
         ({"placement": np.diag([1.0, 1.0, -1.0, 1.0]).tolist()}, "is not a rotation matrix"),
-        ({"widths": [1e-300, 0.1, 0.1, 0, 0, 0]}, "half_width must be 0, which holds the coordinate"),
+        (
+            {"widths": [1e-300, 0.1, 0.1, 0, 0, 0]},
+            "half_width must be 0, which holds the coordinate",
+        ),
     ],
 )
 def test_files_that_describe_no_cell_are_refused(changes: dict, says: str, tmp_path: Path) -> None:

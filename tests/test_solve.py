@@ -51,7 +51,9 @@ def test_out_of_reach_says_how_far_it_got(panda_design, panda_pose, q_panda) -> 
     q0 = q_panda.copy()
     far = panda_pose.placement(q0)
     far.translation = far.translation + [1.5, 0, 0]
-    with pytest.raises(rp.InputError, match=r"cannot reach .* on this leaf: the way ends at \d+%.*nearer"):
+    with pytest.raises(
+        rp.InputError, match=r"cannot reach .* on this leaf: the way ends at \d+%.*nearer"
+    ):
         panda_design.inverse.solve(far, q0)
     with pytest.raises(rp.InputError, match="target 1: "):
         panda_design.inverse.solve_all([panda_pose.placement(q0), far], q0)
@@ -61,22 +63,24 @@ def test_out_of_reach_says_how_far_it_got(panda_design, panda_pose, q_panda) -> 
 def test_a_leaf_that_does_not_reach_where_the_arm_does() -> None:
     """x is within the arm's reach, but θ₁ − 1 = c keeps it away: the elbow cannot help alone."""
     task = rp.Robot.load("planar3r").task("tool", "xy")
-    fields = rp.Polynomial(np.array([1.0, 0, 0]), 1, np.sqrt(3), variables=[0])
-    inverse = rp.RepeatableInverse(task, fields.weighted(np.ones((1, 1))))
+    potentials = rp.Polynomial(np.array([1.0, 0, 0]), 1, np.sqrt(3), variables=[0])
+    inverse = rp.RepeatableInverse(task, potentials.weighted(np.ones((1, 1))))
     q0 = np.array([0.0, 1.0, 1.0])
     reachable = task.placement([2.5, 0.5, 0.5])
     with pytest.raises(rp.InputError, match="on this leaf"):
         inverse.solve(reachable, q0)
     assert np.allclose(task.error([2.5, 0.5, 0.5], reachable), 0)
     q = inverse.solve(task.placement([0.0, 0.5, 1.5]), q0)
-    assert np.allclose(q, [0.0, 0.5, 1.5], atol=1e-10)  # closed form: two links, the same elbow, θ₁ held
+    assert np.allclose(
+        q, [0.0, 0.5, 1.5], atol=1e-10
+    )  # closed form: two links, the same elbow, θ₁ held
 
 
 def test_it_does_not_change_the_elbow() -> None:
     """Beyond the straight arm lies the other solution; a sheet is never left silently."""
     task = rp.Robot.load("planar3r").task("tool", "xy")
-    fields = rp.Polynomial(np.zeros(3), 1, np.sqrt(3), variables=[0])
-    inverse = rp.RepeatableInverse(task, fields.weighted(np.ones((1, 1))))
+    potentials = rp.Polynomial(np.zeros(3), 1, np.sqrt(3), variables=[0])
+    inverse = rp.RepeatableInverse(task, potentials.weighted(np.ones((1, 1))))
     rng = np.random.default_rng(2)
     for t1, t2, t3 in zip(*rng.uniform(0.3, 2.0, (3, 30)), strict=True):
         q = inverse.solve(task.placement([0.0, t2, t3]), np.array([0.0, t1, 1.0]))
@@ -100,7 +104,7 @@ def test_bad_input(panda_design, panda_pose, q_panda) -> None:
     with pytest.raises(rp.InputError, match="q must be 7"):
         inverse.leaf(np.zeros(3))
     planar = rp.Robot.load("planar3r").task("tool", "xy")
-    fields = rp.Polynomial(np.zeros(3), 1, variables=[0])
-    singular = rp.RepeatableInverse(planar, fields.weighted(np.ones((1, 1))))
+    potentials = rp.Polynomial(np.zeros(3), 1, variables=[0])
+    singular = rp.RepeatableInverse(planar, potentials.weighted(np.ones((1, 1))))
     with pytest.raises(rp.SingularityError, match="start is singular"):
         singular.solve(planar.placement([0, 1, 1]), np.zeros(3))

@@ -1,4 +1,5 @@
-"""Section II: candidate and stable surfaces from the URDFs, n-link arms, and surfaces made to be awkward."""
+"""Section II: candidate and stable surfaces from the URDFs, n-link arms, and surfaces made to be
+awkward."""
 
 from __future__ import annotations
 
@@ -40,9 +41,12 @@ def test_prr_has_one_stable_surface_and_one_that_is_candidate_only() -> None:
     assert len(found.stable) > 5 and len(found.candidate) > 5
     assert np.abs(wrapped(found.stable[:, 1] - found.stable[:, 2])).max() < 1e-8  # (14)
     assert np.abs(wrapped(found.candidate[:, 1] + found.candidate[:, 2])).max() < 1e-8  # (15)
-    # the two kinds are far apart: on (14) the rate is rounding, on (15) ∇s lies across the surface's normal
+    # the two kinds are far apart: on (14) the rate is rounding, on (15) ∇s lies across the
+    # surface's normal
     ratio = found.rate / found.tolerance
-    assert ratio[found.kind == "stable"].max() < 1e-2 and ratio[found.kind == "candidate"].min() > 1e2
+    assert (
+        ratio[found.kind == "stable"].max() < 1e-2 and ratio[found.kind == "candidate"].min() > 1e2
+    )
 
 
 def test_3r_in_relative_angles_has_candidates_and_none_is_stable() -> None:
@@ -51,7 +55,9 @@ def test_3r_in_relative_angles_has_candidates_and_none_is_stable() -> None:
     found = rp.stable_surface(plain, box)
     assert len(found.stable) == 0 and len(found.candidate) > 50
     b, c = found.candidate[:, 1:].T
-    assert np.abs(-np.sin(b) + np.sin(c) * np.cos(b) + np.sin(c) * np.cos(b + c)).max() < 1e-9  # (17)
+    assert (
+        np.abs(-np.sin(b) + np.sin(c) * np.cos(b) + np.sin(c) * np.cos(b + c)).max() < 1e-9
+    )  # (17)
     assert "no stable surface" in found.summary()
     points = rp.candidate_surface(plain, box)
     assert np.array_equal(points, found.candidate)
@@ -80,13 +86,17 @@ def test_the_same_3r_in_absolute_angles_has_its_stable_surface_again() -> None:
         ((1, 1, 1.5, 2, 2), False),
     ],
 )
-def test_n_link_arms_need_at_most_two_link_lengths(lengths: tuple[float, ...], stable: bool, tmp_path: Path) -> None:
+def test_n_link_arms_need_at_most_two_link_lengths(
+    lengths: tuple[float, ...], stable: bool, tmp_path: Path
+) -> None:
     task = absolute(planar_task(lengths, tmp_path))
     assert task.r == len(lengths) - 2
     found = rp.stable_surface(rp.Pseudoinverse(task), rp.Box(np.zeros(len(lengths)), 3))
     assert len(found.candidate) + len(found.stable) > 20
     assert (len(found.stable) > 0) == stable
-    for psi in found.stable:  # two distinct joint values; links of different lengths have different ones
+    for (
+        psi
+    ) in found.stable:  # two distinct joint values; links of different lengths have different ones
         direction = np.exp(1j * psi)
         groups = np.abs(direction[:, None] - direction) < 1e-5
         assert len(np.unique(groups, axis=0)) == 2
@@ -103,17 +113,19 @@ def test_ppr_has_no_candidate_at_all() -> None:
 
 def test_every_point_of_a_repeatable_inverse_is_on_a_stable_surface() -> None:
     task = rp.Robot.load("planar3r").task("tool", "xy")
-    fields = rp.Polynomial([0.5, 0.8, 0.8], 2, 0.3)
-    A = np.zeros((fields.size, 1))
+    potentials = rp.Polynomial([0.5, 0.8, 0.8], 2, 0.3)
+    A = np.zeros((potentials.size, 1))
     A[[0, 1, 2, 4], 0] = 1, -1, 0.5, 0.2
-    found = rp.stable_surface(rp.RepeatableInverse(task, fields.weighted(A)), rp.Box([0.5, 0.8, 0.8], 0.3), samples=16)
+    found = rp.stable_surface(
+        rp.RepeatableInverse(task, potentials.weighted(A)), rp.Box([0.5, 0.8, 0.8], 0.3), samples=16
+    )
     assert len(found.stable) == len(found.points) == 16
 
 
 @pytest.mark.parametrize("stable", [True, False])
 def test_a_surface_on_which_the_gradient_of_s_vanishes(stable: bool) -> None:
-    """n_G = (a, 0, 1) has n_G · ∇×n_G = −∂a/∂q₂. Both choices of a give a double root of s, so (9) holds
-    on it by itself: on q₃ = 0, which n_G is normal to, and on q₂ = 0, which it is not."""
+    """n_G = (a, 0, 1) has n_G · ∇×n_G = −∂a/∂q₂. Both choices of a give a double root of s, so (9)
+    holds on it by itself: on q₃ = 0, which n_G is normal to, and on q₂ = 0, which it is not."""
     task = rp.Robot.load("ppr").task("tool", "xy")
 
     class Normal(rp.CustomInverse):
@@ -134,9 +146,14 @@ def test_a_surface_on_which_the_gradient_of_s_vanishes(stable: bool) -> None:
 def test_the_walk_alone_tells_stable_from_candidate(
     length: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Were ∇s along G to look like 0 everywhere, a walk along G would still leave (15), and stay on (14)."""
-    module = import_module("repctl_pin.integrability.stable_surface")  # the name at the door is the function's
-    monkeypatch.setattr(module, "_rates", lambda strategy, function, Q: (np.zeros(len(Q)), np.ones(len(Q))))
+    """Were ∇s along G to look like 0 everywhere, a walk along G would still leave (15), and stay on
+    (14)."""
+    module = import_module(
+        "repctl_pin.integrability.stable_surface"
+    )  # the name at the door is the function's
+    monkeypatch.setattr(
+        module, "_rates", lambda strategy, function, Q: (np.zeros(len(Q)), np.ones(len(Q)))
+    )
     task = absolute(slide_task(length, tmp_path))
     found = rp.stable_surface(rp.Pseudoinverse(task), rp.Box([0, 0, 0], [length, 3, 3]), samples=32)
     assert len(found.stable) > 2 and len(found.candidate) > 2
@@ -145,8 +162,11 @@ def test_the_walk_alone_tells_stable_from_candidate(
 
 
 @pytest.mark.parametrize("length", [1e-3, 10.0])
-def test_the_surfaces_of_an_arm_in_millimetres_and_of_a_crane_are_found(length: float, tmp_path: Path) -> None:
-    """The s of (13) is length³ times a function of the angles alone: (14) and (15) hold at any size."""
+def test_the_surfaces_of_an_arm_in_millimetres_and_of_a_crane_are_found(
+    length: float, tmp_path: Path
+) -> None:
+    """The s of (13) is length³ times a function of the angles alone: (14) and (15) hold at any
+    size."""
     task = absolute(slide_task(length, tmp_path))
     found = rp.stable_surface(rp.Pseudoinverse(task), rp.Box([0, 0, 0], [length, 3, 3]), samples=32)
     assert len(found.stable) > 5 and len(found.candidate) > 10

@@ -20,10 +20,10 @@ from numpy.polynomial.chebyshev import chebval
 from scipy.spatial.transform import Rotation
 
 import repctl_pin as rp
-from repctl_pin.design.schema import DesignFile, Figures
-from repctl_pin.design.storage import _checksum
-from repctl_pin.motion.paths import Cycle
-from repctl_pin.motion.pieces import pieces_of
+from repctl_pin.paths.pieces import pieces_of
+from repctl_pin.paths.task_path import Cycle
+from repctl_pin.saving.design_file import _checksum
+from repctl_pin.saving.schema import DesignFile, Figures
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +31,9 @@ def small(panda_pose: rp.Task) -> rp.Design:
     from arms import Q_PANDA
 
     plain = rp.Pseudoinverse(panda_pose)
-    return rp.nearest_repeatable(plain, rp.Polynomial(Q_PANDA, 1, 0.3), rp.Box(Q_PANDA, 0.3), samples=256, held_out=256)
+    return rp.nearest_repeatable(
+        plain, rp.Polynomial(Q_PANDA, 1, 0.3), rp.Box(Q_PANDA, 0.3), samples=256, held_out=256
+    )
 
 
 @pytest.fixture
@@ -47,39 +49,61 @@ def same(a: rp.Design, b: rp.Design) -> None:
             assert type(one) is type(other) or isinstance(one, float), attribute.name
             assert np.array_equal(one, other), attribute.name
     assert a.task.joint_names == b.task.joint_names and type(a.desired) is type(b.desired)
-    assert repr(a.fields) == repr(b.fields) and str(a.region) == str(b.region)
+    assert repr(a.potentials) == repr(b.potentials) and str(a.region) == str(b.region)
 
 
-def test_save_load_save_is_byte_identical_and_steps_bit_for_bit(tmp_path, saved, panda_design, panda_pose) -> None:
+def test_save_load_save_is_byte_identical_and_steps_bit_for_bit(
+    tmp_path, saved, panda_design, panda_pose
+) -> None:
     for task in (None, panda_pose):
         loaded = rp.load(saved, task)
         again = rp.save(loaded, tmp_path / "again.json")
         assert again.read_bytes() == saved.read_bytes()
         same(panda_design, loaded)
         rng = np.random.default_rng(0)
-        target, leaf = panda_pose.placement(panda_pose.reference), loaded.inverse.leaf(panda_pose.reference)
+        target, leaf = (
+            panda_pose.placement(panda_pose.reference),
+            loaded.inverse.leaf(panda_pose.reference),
+        )
         for q in panda_pose.reference + 0.2 * rng.normal(size=(20, 7)):
             xdot = rng.normal(size=6)
-            assert np.array_equal(loaded.inverse.velocity(q, xdot), panda_design.inverse.velocity(q, xdot))
-            steps = [d.inverse.step(q, target, 0.01, xdot, leaf=leaf, gain=50.0) for d in (loaded, panda_design)]
+            assert np.array_equal(
+                loaded.inverse.velocity(q, xdot), panda_design.inverse.velocity(q, xdot)
+            )
+            steps = [
+                d.inverse.step(q, target, 0.01, xdot, leaf=leaf, gain=50.0)
+                for d in (loaded, panda_design)
+            ]
             assert np.array_equal(*steps)
 
 
-def test_every_kind_of_field_region_desired_inverse_and_task(tmp_path, panda, panda_pose, q_panda, small) -> None:
+def test_every_kind_of_field_region_desired_inverse_and_task(
+    tmp_path, panda, panda_pose, q_panda, small
+) -> None:
     waves = rp.Fourier(7, 1, variables=[0, 2], period=5.0)
-    family = waves + rp.Polynomial(q_panda, 2, np.linspace(0.2, 0.8, 7), variables=[1, 3], cross=False)
+    family = waves + rp.Polynomial(
+        q_panda, 2, np.linspace(0.2, 0.8, 7), variables=[1, 3], cross=False
+    )
     A = np.random.default_rng(1).normal(size=(family.size, 1))
     inverse = rp.RepeatableInverse(panda_pose, family.weighted(A))
     tube = rp.Tube(q_panda + 0.01 * np.arange(21).reshape(3, 7), np.linspace(0.1, 0.7, 7))
-    workspace = rp.WorkspaceBox(panda_pose, panda_pose.placement(q_panda).translation, 0.1, within=rp.Box(q_panda, 0.4))
+    workspace = rp.WorkspaceBox(
+        panda_pose, panda_pose.placement(q_panda).translation, 0.1, within=rp.Box(q_panda, 0.4)
+    )
     limits = rp.LimitWeight(panda_pose, 0.7, 0.2)
     weights = [
-        rp.WeightedInverse(panda_pose, w) for w in (limits, "inertia", np.linspace(0.1, 0.7, 7), np.eye(7) + 0.3)
+        rp.WeightedInverse(panda_pose, w)
+        for w in (limits, "inertia", np.linspace(0.1, 0.7, 7), np.eye(7) + 0.3)
     ]
     for region in (tube, workspace):
         for desired in (*weights, rp.Pseudoinverse(panda_pose)):
             design = dataclasses.replace(
-                small, inverse=inverse, fields=family, coefficients=A, region=region, desired=desired
+                small,
+                inverse=inverse,
+                potentials=family,
+                coefficients=A,
+                region=region,
+                desired=desired,
             )
             loaded = rp.load(rp.save(design, tmp_path / "d.json"))
             same(design, loaded)
@@ -87,13 +111,21 @@ def test_every_kind_of_field_region_desired_inverse_and_task(tmp_path, panda, pa
             assert np.array_equal(design.desired(q_panda), loaded.desired(q_panda))
             assert np.array_equal(design.inverse(q_panda + 0.1), loaded.inverse(q_panda + 0.1))
 
-    planar = rp.Robot.load("planar3r", base="link1", lock=["theta1"]).task("tool", "xy", joints=None)
-    assert planar.r == 0  # a chain that lock and base have shortened; its names are kept by the next one
+    planar = rp.Robot.load("planar3r", base="link1", lock=["theta1"]).task(
+        "tool", "xy", joints=None
+    )
+    assert (
+        planar.r == 0
+    )  # a chain that lock and base have shortened; its names are kept by the next one
     absolute = rp.Robot.load("planar4r").task("tool", "xy")
     absolute = absolute.in_coordinates(rp.absolute_angles(absolute))
     center = np.array([0.3, 1.0, 1.8, 2.5])
     design = rp.nearest_repeatable(
-        rp.Pseudoinverse(absolute), rp.Polynomial(center, 1), rp.Box(center, 0.2), samples=256, held_out=256
+        rp.Pseudoinverse(absolute),
+        rp.Polynomial(center, 1),
+        rp.Box(center, 0.2),
+        samples=256,
+        held_out=256,
     )
     loaded = rp.load(rp.save(design, tmp_path / "psi.json"))
     same(design, loaded)
@@ -104,11 +136,11 @@ def test_every_kind_of_field_region_desired_inverse_and_task(tmp_path, panda, pa
 
 def test_what_no_file_can_hold_is_refused(tmp_path, panda_pose, q_panda, small) -> None:
     density = rp.Box(q_panda, 0.3, density=lambda Q: np.ones(len(Q)))
-    own = rp.Potentials([lambda q: q[0]])
+    own = rp.CustomPotentials([lambda q: q[0]])
     custom = rp.CustomInverse(panda_pose, lambda q: np.linalg.pinv(panda_pose.jacobian(q)))
     for change, words in (
         ({"region": density}, "density"),
-        ({"fields": own}, "functions of your own"),
+        ({"potentials": own}, "functions of your own"),
         ({"desired": custom}, "CustomInverse"),
         ({"cost_error": float("nan")}, "cost_error"),
     ):
@@ -122,13 +154,16 @@ def test_what_no_file_can_hold_is_refused(tmp_path, panda_pose, q_panda, small) 
 PATHS = {
     "circle": lambda task, q: rp.circle(task, q, 0.1, start_angle=0.3),
     "eight": lambda task, q: rp.figure_eight(task, q, 0.05),
-    "polygon": lambda task, q: rp.polygon(task, q, [(0.1, 0, 0), (0.1, 0.1, 0.05), (0, 0.07, 0.01)]),
+    "polygon": lambda task, q: rp.polygon(
+        task, q, [(0.1, 0, 0), (0.1, 0.1, 0.05), (0, 0.07, 0.01)]
+    ),
 }
 
 
 @pytest.mark.parametrize("name", PATHS)
 def test_the_cycle_of_a_control_comes_back(name: str, tmp_path, small, panda_pose, q_panda) -> None:
-    """Start and time exactly; the path to rounding, corners included, and what is followed with it."""
+    """Start and time exactly; the path to rounding, corners included, and what is followed with
+    it."""
     path = PATHS[name](panda_pose, q_panda)
     design = dataclasses.replace(small, cycle=Cycle(q_panda, path, 3.0))
     file = rp.save(design, tmp_path / "control.json")
@@ -136,7 +171,10 @@ def test_the_cycle_of_a_control_comes_back(name: str, tmp_path, small, panda_pos
     assert np.array_equal(cycle.start, q_panda) and cycle.period == 3.0
     assert (cycle.path.name, cycle.path.breaks) == (path.name, path.breaks)
     for s in np.linspace(0, 1, 57):
-        assert np.abs(cycle.path.placement(s).homogeneous - path.placement(s).homogeneous).max() < 1e-12
+        assert (
+            np.abs(cycle.path.placement(s).homogeneous - path.placement(s).homogeneous).max()
+            < 1e-12
+        )
         assert np.abs(cycle.path.twist(s) - path.twist(s)).max() < 1e-9
     again = [rp.follow(small.inverse, p, q_panda, cycles=1, steps=60).q for p in (path, cycle.path)]
     assert np.abs(again[0] - again[1]).max() < 1e-9
@@ -147,7 +185,8 @@ def test_the_cycle_of_a_control_comes_back(name: str, tmp_path, small, panda_pos
 
 
 def test_a_turning_path_is_told_by_quaternions() -> None:
-    """A frame that goes round a circle and back and forth about a tilted axis, checked against itself."""
+    """A frame that goes round a circle and back and forth about a tilted axis, checked against
+    itself."""
     axis = np.array([1.0, 2.0, 2.0]) / 3
 
     def turned(s: float) -> np.ndarray:
@@ -161,18 +200,21 @@ def test_a_turning_path_is_told_by_quaternions() -> None:
     assert {piece.coefficients.shape[1] for piece in pieces} == {7}
     for s in np.linspace(0.01, 0.99, 23):
         piece = next(p for p in pieces if p.begin <= s <= p.end)
-        values = chebval((2 * s - piece.begin - piece.end) / (piece.end - piece.begin), piece.coefficients)
+        values = chebval(
+            (2 * s - piece.begin - piece.end) / (piece.end - piece.begin), piece.coefficients
+        )
         assert np.abs(values[:3] - path.placement(s).translation).max() < 1e-12
         assert np.abs(Rotation.from_quat(values[3:]).as_matrix() - turned(s)).max() < 1e-11
 
 
 def test_the_file_holds_every_figure_of_a_design() -> None:
-    own = {"inverse", "desired", "fields", "region", "coefficients", "cycle"}
+    own = {"inverse", "desired", "potentials", "region", "coefficients", "cycle"}
     assert {a.name for a in dataclasses.fields(rp.Design)} - own == set(Figures.__struct_fields__)
     assert json.dumps(msgspec.json.schema(DesignFile))  # for the docs
 
 
-# ---- refusals --------------------------------------------------------------------------------------
+# ---- refusals
+# --------------------------------------------------------------------------------------
 
 
 def test_another_robot_frame_kind_or_joints_is_refused_by_name(saved, panda) -> None:
@@ -180,8 +222,12 @@ def test_another_robot_frame_kind_or_joints_is_refused_by_name(saved, panda) -> 
         "robot 'panda', not 'xarm7'": rp.Robot.load("xarm7").task("link_eef", "pose"),
         "frame 'panda_hand_tcp', not 'panda_link8'": panda.task("panda_link8", "pose"),
         "task kind 'pose', not 'position'": panda.task("panda_hand_tcp", "position"),
-        "joints panda_joint1": panda.task("panda_hand_tcp", "pose", joints=panda.chain("panda_hand_tcp")[1:]),
-        "base None, not 'panda_link0'": rp.Robot.load("panda", base="panda_link0").task("panda_hand_tcp", "pose"),
+        "joints panda_joint1": panda.task(
+            "panda_hand_tcp", "pose", joints=panda.chain("panda_hand_tcp")[1:]
+        ),
+        "base None, not 'panda_link0'": rp.Robot.load("panda", base="panda_link0").task(
+            "panda_hand_tcp", "pose"
+        ),
     }
     for words, task in cases.items():
         with pytest.raises(rp.InputError, match=words):
@@ -196,11 +242,17 @@ def test_a_urdf_that_was_changed_is_refused(tmp_path) -> None:
     task = rp.Robot.load(file).task("tool", "xy")
     center = np.array([0.3, 0.8, 0.8])
     design = rp.nearest_repeatable(
-        rp.Pseudoinverse(task), rp.Polynomial(center, 1), rp.Box(center, 0.2), samples=256, held_out=256
+        rp.Pseudoinverse(task),
+        rp.Polynomial(center, 1),
+        rp.Box(center, 0.2),
+        samples=256,
+        held_out=256,
     )
     saved = rp.save(design, tmp_path / "arm.json")
     same(design, rp.load(saved, task))
-    with pytest.raises(rp.InputError, match=r"not in the catalogue; load it with the task.*arm\.urdf"):
+    with pytest.raises(
+        rp.InputError, match=r"not in the catalogue; load it with the task.*arm\.urdf"
+    ):
         rp.load(saved)
     file.write_text(planar_urdf([1, 0.8, 0.601]))
     with pytest.raises(rp.InputError, match=r"lies 0\.00\d* m"):
@@ -208,7 +260,8 @@ def test_a_urdf_that_was_changed_is_refused(tmp_path) -> None:
 
 
 def edited(saved: Path, **changes) -> Path:
-    """Change entries and make the checksum fit again: a newer version, or somebody who knows how."""
+    """Change entries and make the checksum fit again: a newer version, or somebody who knows
+    how."""
     content = json.loads(saved.read_text()) | changes
     content["checksum"] = _checksum(content)
     saved.write_text(json.dumps(content))
@@ -216,37 +269,49 @@ def edited(saved: Path, **changes) -> Path:
 
 
 def test_the_checksum_is_of_everything_else_however_it_is_laid_out() -> None:
-    """What was written yesterday has to be readable tomorrow: keys in order, no spaces, names as they are."""
+    """What was written yesterday has to be readable tomorrow: keys in order, no spaces, names as
+    they are."""
     content = {"ä": 1, "checksum": "another", "b": [2.5, "é"]}
     written = '{"b":[2.5,"é"],"ä":1}'.encode()
     assert _checksum(content) == f"sha256:{hashlib.sha256(written).hexdigest()}"
 
 
 def test_no_text_of_a_file_holds_control_characters(small, panda_pose, q_panda, tmp_path) -> None:
-    """Written, they are escaped; in a file by somebody else they are refused, though its checksum fits."""
+    """Written, they are escaped; in a file by somebody else they are refused, though its checksum
+    fits."""
     path = rp.circle(panda_pose, q_panda, 0.1)
     named = dataclasses.replace(path, name="loop\x1b[2J\nof mine")
-    file = rp.save(dataclasses.replace(small, cycle=Cycle(q_panda, named, 3.0)), tmp_path / "control.json")
+    file = rp.save(
+        dataclasses.replace(small, cycle=Cycle(q_panda, named, 3.0)), tmp_path / "control.json"
+    )
     assert rp.load(file, panda_pose).cycle.path.name == "loop\\x1b[2J\\nof mine"
     cycle = json.loads(file.read_text())["cycle"]
     for escape in ("\x1b[2J", "a\nforged: a line", "\x9b", "\u202e"):
-        with pytest.raises(rp.InputError, match="a control character or a line break stands in a text"):
+        with pytest.raises(
+            rp.InputError, match="a control character or a line break stands in a text"
+        ):
             rp.load(edited(file, cycle=cycle | {"path": escape}), panda_pose)
 
 
 def test_a_cell_is_placed_by_a_rigid_transform(tmp_path) -> None:
     task = rp.Robot.load("planar3r").task(kind="xy")
     cell = rp.Cell(task, task.placement(np.array([0.3, 0.8, 0.8])), 0.05)
-    found = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, degree=1, samples=16, held_out=64)
+    found = rp.nearest_inverse_function(
+        rp.Pseudoinverse(task), cell, degree=1, samples=16, held_out=64
+    )
     file = rp.save(found, tmp_path / "cell.json")
     rows = json.loads(file.read_text())["placement"]
     for last in ([0.0, 0.0, 0.0, 2.0], [0.5, 0.0, 0.0, 1.0]):
-        with pytest.raises(rp.InputError, match="last row of the cell's placement must be 0, 0, 0, 1"):
+        with pytest.raises(
+            rp.InputError, match="last row of the cell's placement must be 0, 0, 0, 1"
+        ):
             rp.load(edited(file, placement=[*rows[:3], last]))
 
 
 @pytest.mark.parametrize("end", [0.99, 1.01])
-def test_a_path_that_is_not_whole_is_refused(end: float, small, panda_pose, q_panda, tmp_path) -> None:
+def test_a_path_that_is_not_whole_is_refused(
+    end: float, small, panda_pose, q_panda, tmp_path
+) -> None:
     cycle = Cycle(q_panda, rp.circle(panda_pose, q_panda, 0.1), 3.0)
     file = rp.save(dataclasses.replace(small, cycle=cycle), tmp_path / "control.json")
     pieces = json.loads(file.read_text())["cycle"]
@@ -326,7 +391,8 @@ def _paths(value, path=()):
 
 
 def test_wrong_content_with_a_right_checksum_is_refused_too(tmp_path, small, panda_pose) -> None:
-    """Every entry in turn replaced by what it cannot be: an error of ours, or a design; never a crash."""
+    """Every entry in turn replaced by what it cannot be: an error of ours, or a design; never a
+    crash."""
     good = json.loads(rp.save(small, tmp_path / "good.json").read_text())
     mutant = tmp_path / "mutant.json"
     others = (None, "two\nlines", -1, [], {}, True, [[0.5]], 1e30)
@@ -379,7 +445,8 @@ def test_no_file_a_folder_and_bytes(tmp_path) -> None:
         rp.load(tmp_path / "b.json")
 
 
-# ---- whole or not at all ---------------------------------------------------------------------------
+# ---- whole or not at all
+# ---------------------------------------------------------------------------
 
 
 def _keep_saving(designs: tuple[rp.Design, rp.Design], file: Path, started) -> None:
@@ -392,12 +459,15 @@ def _keep_saving(designs: tuple[rp.Design, rp.Design], file: Path, started) -> N
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="kills forked processes")
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
 def test_two_hundred_kills_leave_a_whole_file(tmp_path, panda_design, small) -> None:
-    """A process that saves without pause is killed at a random moment: one of the two designs is there, whole."""
+    """A process that saves without pause is killed at a random moment: one of the two designs is
+    there, whole."""
     fork, rng = multiprocessing.get_context("fork"), np.random.default_rng(0)
     folder = tmp_path / "kept"
     folder.mkdir()
     file = folder / "design.json"
-    whole = {rp.save(d, tmp_path / f"{i}.json").read_bytes() for i, d in enumerate((panda_design, small))}
+    whole = {
+        rp.save(d, tmp_path / f"{i}.json").read_bytes() for i, d in enumerate((panda_design, small))
+    }
     rp.save(small, file)
     seen, interrupted = set(), 0
     for _ in range(200):

@@ -55,12 +55,14 @@ def test_inertia_weighting_gives_the_least_kinetic_energy(panda_pose, Q) -> None
 
 
 def test_repeatable_inverse_keeps_h(panda_pose, panda_design, Q) -> None:
-    V = panda_design.inverse.field.gradients(Q)
+    V = panda_design.inverse.potentials.gradients(Q)
     assert np.abs(np.swapaxes(V, -1, -2) @ panda_design.inverse.batch(Q)).max() < 1e-12
 
 
 def test_unit_weight_is_the_pseudoinverse(panda_pose, Q) -> None:
-    assert np.allclose(rp.WeightedInverse(panda_pose, np.ones(7)).batch(Q), rp.Pseudoinverse(panda_pose).batch(Q))
+    assert np.allclose(
+        rp.WeightedInverse(panda_pose, np.ones(7)).batch(Q), rp.Pseudoinverse(panda_pose).batch(Q)
+    )
 
 
 @pytest.mark.parametrize(
@@ -97,7 +99,9 @@ def test_singular_configurations_are_named_errors() -> None:
 
 def test_a_link_without_inertia_is_named(tmp_path: Path) -> None:
     task = planar_task((1, 1, 1), tmp_path)
-    with pytest.raises(rp.InputError, match="nothing that theta1 moves .* link 'link1' needs an <inertial>"):
+    with pytest.raises(
+        rp.InputError, match="nothing that theta1 moves .* link 'link1' needs an <inertial>"
+    ):
         rp.WeightedInverse(task, "inertia")
 
 

@@ -14,7 +14,7 @@ from test_scene import read
 import repctl_pin as rp
 from repctl_pin.motion import elbow
 from repctl_pin.motion.fitting_circle import fitting_circle
-from repctl_pin.show.page.playback import read_tracks
+from repctl_pin.show.page.playback import read_playbacks
 from repctl_pin.show.palette import colours
 from repctl_pin.show.report import report_page
 from repctl_pin.show.study_files import write_study
@@ -48,16 +48,26 @@ REDUNDANT = [
 ]
 
 
-QUICK = {("panda", "pose"), ("tiago", "pose"), ("z1", "position"), ("ppr", "xy"), ("prr", "xy"), ("planar7r", "xy")}
+QUICK = {
+    ("panda", "pose"),
+    ("tiago", "pose"),
+    ("z1", "position"),
+    ("ppr", "xy"),
+    ("prr", "xy"),
+    ("planar7r", "xy"),
+}
 
 
 @pytest.mark.parametrize(
     "name, frame, kind",
-    [pytest.param(*arm, marks=() if (arm[0], arm[2]) in QUICK else pytest.mark.slow) for arm in REDUNDANT],
+    [
+        pytest.param(*arm, marks=() if (arm[0], arm[2]) in QUICK else pytest.mark.slow)
+        for arm in REDUNDANT
+    ],
     ids=lambda v: str(v),
 )
 def test_defaults_work_for_every_redundant_arm(name: str, frame: str | None, kind: str) -> None:
-    study = rp.study(name, frame=frame, task=kind, cycles=3, steps=200)
+    study = rp.study(name, frame=frame, kind=kind, cycles=3, steps=200)
     creeping, closed = study.row("pseudoinverse").motion, study.row("repeatable").motion
     assert creeping is not None and closed is not None
     assert closed.drift.max() < 1e-8
@@ -80,9 +90,11 @@ def test_defaults_work_for_every_redundant_arm(name: str, frame: str | None, kin
         ("ppr", "position", "xy (r = 1)"),
     ],
 )
-def test_no_redundancy_is_said_with_the_kinds_that_have_it(name: str, kind: str, redundant: str) -> None:
+def test_no_redundancy_is_said_with_the_kinds_that_have_it(
+    name: str, kind: str, redundant: str
+) -> None:
     with pytest.raises(rp.InputError) as error:
-        rp.study(name, task=kind)
+        rp.study(name, kind=kind)
     assert redundant in str(error.value) and "\n" not in str(error.value)
 
 
@@ -93,10 +105,15 @@ def test_default_kind_is_the_first_redundant_one() -> None:
 
 def test_where_no_task_is_redundant_another_frame_is_named_if_there_is_one(tmp_path) -> None:
     arm = rp.Robot.load("planar3r")
-    with pytest.raises(rp.InputError, match=r"moved by 2 joints: .* but one is at 'tool', for example; choose another"):
+    with pytest.raises(
+        rp.InputError,
+        match=r"moved by 2 joints: .* but one is at 'tool', for example; choose another",
+    ):
         defaults.choose_task(arm, "link2", None)
     (tmp_path / "two.urdf").write_text(planar_urdf([1.0, 1.0]))
-    with pytest.raises(rp.InputError, match="moved by 2 joints: no kind of task is redundant there, nor at another"):
+    with pytest.raises(
+        rp.InputError, match="moved by 2 joints: no kind of task is redundant there, nor at another"
+    ):
         defaults.choose_task(rp.Robot.load(tmp_path / "two.urdf"), None, None)
 
 
@@ -114,34 +131,48 @@ def test_the_default_circle_of_a_finger_is_small(tmp_path) -> None:
         ("panda", None),
         ("ur5", "pose has no redundancy: 6 joints; position was taken"),
         ("planar3r", "pose has no redundancy: 3 joints; xy was taken"),
-        ("planar7r", "pose is not possible: 7 joints never move tool in all its coordinates; xy was taken"),
+        (
+            "planar7r",
+            "pose is not possible: 7 joints never move tool in all its coordinates; xy was taken",
+        ),
     ],
 )
 def test_why_a_kind_was_taken_is_told(name: str, told: str | None) -> None:
     robot = rp.Robot.load(name)
-    assert defaults.kind_note(robot, defaults.choose_task(robot, None, None)) == ([told] if told else [])
+    assert defaults.kind_note(robot, defaults.choose_task(robot, None, None)) == (
+        [told] if told else []
+    )
 
 
 def test_why_a_kind_was_taken_is_said_where_nobody_chose_it() -> None:
     few = {"cycles": 1, "steps": 40, "degree": 1}
-    chosen, asked = rp.study("planar3r", **few), rp.study("planar3r", task="xy", **few)
+    chosen, asked = rp.study("planar3r", **few), rp.study("planar3r", kind="xy", **few)
     assert "pose has no redundancy: 3 joints; xy was taken" in chosen.notes
     assert not [note for note in asked.notes if note.startswith("pose")]
 
 
 def test_the_default_region_holds_the_motion() -> None:
-    """The tube is laid round a linear design's motion, which this square's leaves for a tenth of its time."""
+    """The tube is laid round a linear design's motion, which this square's leaves for a tenth of
+    its time."""
     from repctl_pin.motion.spec import parse_path
 
     study = rp.study("panda", path=parse_path("square:0.3", "xy"), cycles=1, steps=100)
     tube, motion = study.region, study.row("repeatable").motion
     off = np.abs(motion.q[:, None] - tube.samples) / tube.radius  # (T + 1, S, n)
     assert off.max(axis=2).min(axis=1).max() <= 1
-    assert study.row("repeatable").outside == 0 and "OUTSIDE" not in study_table(study) and study.design.region is tube
-    small = rp.study("panda", path=parse_path("square:0.3", "xy"), cycles=1, steps=100, region=0.2, degree=1)
+    assert (
+        study.row("repeatable").outside == 0
+        and "OUTSIDE" not in study_table(study)
+        and study.design.region is tube
+    )
+    small = rp.study(
+        "panda", path=parse_path("square:0.3", "xy"), cycles=1, steps=100, region=0.2, degree=1
+    )
     share = np.mean((np.abs(small.row("repeatable").motion.q - small.q0) > 0.2).any(axis=1))
     assert small.row("repeatable").outside == pytest.approx(share)
-    assert study_table(small).startswith(f"warning: {100 * share:.1f} % of the motion lies outside Ω")
+    assert study_table(small).startswith(
+        f"warning: {100 * share:.1f} % of the motion lies outside Ω"
+    )
 
 
 def test_elbow_of_a_panda_is_its_elbow(panda_pose, q_panda) -> None:
@@ -164,7 +195,7 @@ def test_options_are_what_was_asked(small: rp.Study) -> None:
         cycles=1, steps=60, region=0.3, degree=1,
     )  # fmt: skip
     assert np.array_equal(other.q0, start) and np.allclose(other.region.half_width, 0.3)
-    assert other.design.fields.size == 7 and other.path.name == "polygon"
+    assert other.design.potentials.size == 7 and other.path.name == "polygon"
 
 
 def test_a_csv_path_elsewhere_moves_the_start(tmp_path, small: rp.Study) -> None:
@@ -188,7 +219,9 @@ def test_table_and_dict_say_what_the_motions_did(small: rp.Study) -> None:
         assert data["strategies"][row.key]["drift"] == row.motion.drift.tolist()
         assert data["strategies"][row.key]["rms_speed"] == row.motion.rms_speed
     plain = small.row("pseudoinverse").motion
-    assert re.search(rf"^drift after 2 cycles, rad +{number(plain.drift[-1])} ", text, flags=re.MULTILINE)
+    assert re.search(
+        rf"^drift after 2 cycles, rad +{number(plain.drift[-1])} ", text, flags=re.MULTILINE
+    )
     assert text.startswith(study_verdict(small).sentence + "\n")
     assert data["start"] == small.q0.tolist() and small.path.name in text
 
@@ -207,7 +240,9 @@ def test_files_hold_the_motions(small: rp.Study, tmp_path) -> None:
     assert len(ours) == 201 and [row["strategy"] for row in rows].count("pseudoinverse") == 201
     for i in (0, 77, 200):
         q = [float(ours[i][name]) for name in small.task.joint_names]
-        assert np.allclose(q, motion.q[i], atol=1e-9) and np.isclose(float(ours[i]["time"]), motion.t[i])
+        assert np.allclose(q, motion.q[i], atol=1e-9) and np.isclose(
+            float(ours[i]["time"]), motion.t[i]
+        )
 
 
 def test_a_radius_or_plane_beside_a_path_of_its_own_is_refused() -> None:
@@ -231,7 +266,8 @@ def test_a_singular_start_is_refused() -> None:
 
 
 def test_controls_of_ones_own_stand_beside(tmp_path) -> None:
-    """J⁺ written by hand as a function does what J⁺ does; it is in the table, the files, the page and the report."""
+    """J⁺ written by hand as a function does what J⁺ does; it is in the table, the files, the page
+    and the report."""
     robot = rp.Robot.load("panda")
     task = robot.task(robot.default_frame, "pose")
     own = {
@@ -256,7 +292,9 @@ def test_controls_of_ones_own_stand_beside(tmp_path) -> None:
     assert [arm["label"] for arm in read(page.read_text(encoding="utf-8"))[0]["arms"]] == [
         "J⁺", "by <hand>", "M", "nearest repeatable",
     ]  # fmt: skip
-    assert {track.label for track in read_tracks(table, robot)} == {row.label for row in study.rows}
+    assert {track.label for track in read_playbacks(table, robot)} == {
+        row.label for row in study.rows
+    }
     report = report_page(study)
     assert (
         f"Under your control M, they are off by {number(weighted.drift[-1])} rad" in report
@@ -270,7 +308,10 @@ def test_controls_that_cannot_be_used_are_named() -> None:
         ({"repeatable": other}, "'repeatable' is taken"),
         ({"J⁺": other}, "'J⁺' is taken"),
         (other.velocity, r"controls must be a dictionary .*\{'mine': control\}"),
-        ({"mine": other}, "'mine' controls 'panda_hand_tcp', position, but the study is of 'panda_hand_tcp', pose"),
+        (
+            {"mine": other},
+            "'mine' controls 'panda_hand_tcp', position, but the study is of 'panda_hand_tcp', pose",
+        ),
         ({"mine": 3}, "a function"),
         ({"mine": lambda q, xdot: q[:3]}, "must give 7 finite numbers"),
     ):
@@ -290,7 +331,11 @@ def test_the_first_start_that_can_follow_the_path_is_taken() -> None:
         return rp.circle(task, q0, 0.03)
 
     study = rp.study("panda", path=path, cycles=1, steps=60, degree=1)
-    assert len(offered) > 1 and np.array_equal(asked, offered[:2]) and np.array_equal(study.q0, offered[1])
+    assert (
+        len(offered) > 1
+        and np.array_equal(asked, offered[:2])
+        and np.array_equal(study.q0, offered[1])
+    )
     assert sum(note.startswith("the start is ") for note in study.notes) == 1
     with pytest.raises(rp.InputError, match="not from here"):
         asked.clear()
@@ -298,13 +343,16 @@ def test_the_first_start_that_can_follow_the_path_is_taken() -> None:
 
 
 def test_where_an_arm_creeps_is_said_when_it_does_not_here() -> None:
-    """so100 turns about a vertical axis and folds in a plane: by symmetry a level loop encloses nothing there."""
+    """so100 turns about a vertical axis and folds in a plane: by symmetry a level loop encloses
+    nothing there."""
     level = rp.study("so100", cycles=1, steps=100, degree=1)
     plain = rp.Pseudoinverse(level.task)
     assert level.path.name.endswith("xy") and level.row("pseudoinverse").motion.drift[0] < 1e-6
     (note,) = [note for note in level.notes if "hardly drifts" in note]
     rate = rp.drift_per_area(plain, level.q0)
-    assert f"small loops in yz it drifts by {rate[1, 2]:.2g} rad per m²" in note and rate.argmax() == 5
+    assert (
+        f"small loops in yz it drifts by {rate[1, 2]:.2g} rad per m²" in note and rate.argmax() == 5
+    )
     upright = rp.study("so100", plane="yz", cycles=1, steps=100, degree=1)
     assert upright.row("pseudoinverse").motion.drift[0] > 0.05
     assert not [note for note in upright.notes if "hardly" in note]

@@ -18,14 +18,20 @@ from repctl_pin.show.page.surfaces import MOST_BYTES, read_surface, smooth
 
 def sphere(n: int = 40) -> np.ndarray:
     """Triangles (F, 3, 3) of a fine unit sphere, outward."""
-    polar, turn = np.meshgrid(np.linspace(0, np.pi, n), np.linspace(0, 2 * np.pi, 2 * n), indexing="ij")
+    polar, turn = np.meshgrid(
+        np.linspace(0, np.pi, n), np.linspace(0, 2 * np.pi, 2 * n), indexing="ij"
+    )
     P = np.stack([np.sin(polar) * np.cos(turn), np.sin(polar) * np.sin(turn), np.cos(polar)], -1)
     a, b, c, d = P[:-1, :-1], P[:-1, 1:], P[1:, :-1], P[1:, 1:]
-    return np.concatenate([np.stack([a, c, b], 2).reshape(-1, 3, 3), np.stack([b, c, d], 2).reshape(-1, 3, 3)])
+    return np.concatenate(
+        [np.stack([a, c, b], 2).reshape(-1, 3, 3), np.stack([b, c, d], 2).reshape(-1, 3, 3)]
+    )
 
 
 def write_stl(path: Path, triangles: np.ndarray) -> None:
-    record = np.zeros(len(triangles), [("normal", "<f4", 3), ("points", "<f4", (3, 3)), ("extra", "<u2")])
+    record = np.zeros(
+        len(triangles), [("normal", "<f4", 3), ("points", "<f4", (3, 3)), ("extra", "<u2")]
+    )
     record["points"] = triangles
     path.write_bytes(bytes(80) + struct.pack("<I", len(triangles)) + record.tobytes())
 
@@ -81,8 +87,12 @@ def test_surfaces_are_as_large_as_pinocchios(name: str) -> None:
         surface = read_surface(path)
         used = surface.points[np.unique(surface.faces)]
         size = np.abs(mesh.aabb_local.max_ - mesh.aabb_local.min_).max()
-        np.testing.assert_allclose(used.min(0), mesh.aabb_local.min_, atol=1e-4 * size, err_msg=path.name)
-        np.testing.assert_allclose(used.max(0), mesh.aabb_local.max_, atol=1e-4 * size, err_msg=path.name)
+        np.testing.assert_allclose(
+            used.min(0), mesh.aabb_local.min_, atol=1e-4 * size, err_msg=path.name
+        )
+        np.testing.assert_allclose(
+            used.max(0), mesh.aabb_local.max_, atol=1e-4 * size, err_msg=path.name
+        )
 
 
 DAE = """<?xml version="1.0"?><COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
@@ -145,7 +155,8 @@ def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
 
 
 def test_odd_meshes_are_one_line_each(tmp_path: Path) -> None:
-    """Infinite corners, units that are none, archives, pipes beside them, sizes that cannot be drawn."""
+    """Infinite corners, units that are none, archives, pipes beside them, sizes that cannot be
+    drawn."""
     infinite = cube()
     infinite[0, 0, 0] = np.inf
     write_stl(tmp_path / "infinite.stl", infinite)
@@ -156,7 +167,11 @@ def test_odd_meshes_are_one_line_each(tmp_path: Path) -> None:
     (tmp_path / "huge.stl").write_bytes(b"")
     os.truncate(tmp_path / "huge.stl", MOST_BYTES + 1)
     os.mkfifo(tmp_path / "pipe.stl")
-    expected = {"infinite.stl": "not finite", "mesh.zip": "not one of", "huge.stl": "larger than 50 MB"}
+    expected = {
+        "infinite.stl": "not finite",
+        "mesh.zip": "not one of",
+        "huge.stl": "larger than 50 MB",
+    }
     expected |= {"pipe.stl": "not a regular file"}
     expected |= {f"unit_{meter}.dae": "its unit is" for meter in ("nan", "0", "-1", "inf", "one")}
     for name, words in expected.items():
@@ -167,7 +182,9 @@ def test_odd_meshes_are_one_line_each(tmp_path: Path) -> None:
 
 def test_a_pipe_that_a_mesh_names_is_not_waited_for(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.mtl")
-    (tmp_path / "m.obj").write_text("mtllib pipe.mtl\nusemtl a\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    (tmp_path / "m.obj").write_text(
+        "mtllib pipe.mtl\nusemtl a\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
+    )
     assert len(read_surface(tmp_path / "m.obj").faces) == 1
 
 

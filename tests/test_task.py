@@ -52,7 +52,9 @@ def test_hessian_agrees_with_pinocchio(robot: rp.Robot) -> None:
     pin.computeForwardKinematicsDerivatives(model, data, q, np.zeros(task.n), np.zeros(task.n))
     for k, e_k in enumerate(np.eye(task.n)):
         pin.computeJointJacobiansTimeVariation(model, data, q, e_k)
-        slope = pin.getFrameJacobianTimeVariation(model, data, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
+        slope = pin.getFrameJacobianTimeVariation(
+            model, data, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        )
         assert np.allclose(task.hessian(q)[:, :, k], slope, atol=1e-12)
 
 
@@ -77,7 +79,7 @@ def test_a_task_moves_its_frame_as_the_whole_robot_does(robot: rp.Robot) -> None
     task = robot.task(None, "pose")
     q = some_q(task, 2)
     data = robot.model.createData()
-    pin.framesForwardKinematics(robot.model, data, robot.coupling.joints(task.full(q)))
+    pin.framesForwardKinematics(robot.model, data, robot.coupling.joints(task.to_robot(q)))
     whole = data.oMf[robot.model.getFrameId(task.frame, pin.FrameType.BODY)]
     assert np.allclose(whole.homogeneous, task.placement(q).homogeneous, atol=1e-14)
 
@@ -114,7 +116,9 @@ def test_continuous_joints_are_one_number_without_limits() -> None:
     assert task.n == 6 and free.sum() == 3
     q = np.array(task.reference)
     turned = q + 2 * np.pi * free
-    assert np.allclose(task.placement(q).homogeneous, task.placement(turned).homogeneous, atol=1e-12)
+    assert np.allclose(
+        task.placement(q).homogeneous, task.placement(turned).homogeneous, atol=1e-12
+    )
     assert task.check(turned).tolist() == turned.tolist()
 
 
@@ -127,7 +131,9 @@ def test_inertia_is_symmetric_positive_and_gives_the_kinetic_energy(panda_pose: 
     M = panda_pose.inertias(q[None])[0]
     assert np.array_equal(M, M.T) and np.linalg.eigvalsh(M)[0] > 0
     data = panda_pose.model.createData()
-    assert np.isclose(0.5 * v @ M @ v, pin.computeKineticEnergy(panda_pose.model, data, q, v), rtol=1e-12)
+    assert np.isclose(
+        0.5 * v @ M @ v, pin.computeKineticEnergy(panda_pose.model, data, q, v), rtol=1e-12
+    )
 
 
 def test_axis_error_turns_the_tool_axis_the_short_way(panda: rp.Robot) -> None:
@@ -149,7 +155,9 @@ def test_a_task_pickles_to_the_same_numbers(panda_pose: rp.Task) -> None:
 
 
 def test_bad_names_get_one_helpful_line(panda: rp.Robot) -> None:
-    with pytest.raises(rp.InputError, match="no frame 'panda_hand_tpc'; did you mean 'panda_hand_tcp'"):
+    with pytest.raises(
+        rp.InputError, match="no frame 'panda_hand_tpc'; did you mean 'panda_hand_tcp'"
+    ):
         panda.task("panda_hand_tpc")
     with pytest.raises(rp.InputError, match="no task kind 'poses'; choose from pose, axis"):
         panda.task("panda_hand_tcp", "poses")
@@ -180,6 +188,9 @@ def test_bad_configurations_get_one_helpful_line(panda_pose: rp.Task) -> None:
 
 
 def test_the_unit_of_a_norm_over_the_joints() -> None:
-    units = {name: rp.Robot.load(name).task(kind=kind).unit for name, kind in (("panda", "pose"), ("ppr", "xy"))}
+    units = {
+        name: rp.Robot.load(name).task(kind=kind).unit
+        for name, kind in (("panda", "pose"), ("ppr", "xy"))
+    }
     assert units == {"panda": "rad", "ppr": "rad and m"}
     assert rp.Robot.load("ppr").task(kind="xy", joints=["d1", "d2"]).unit == "m"

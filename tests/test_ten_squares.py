@@ -1,4 +1,5 @@
-"""Section V of the paper: ten squares under J⁺, k = 0 and k = 1, against the theory's end points and closed forms."""
+"""Section V of the paper: ten squares under J⁺, k = 0 and k = 1, against the theory's end points
+and closed forms."""
 
 from __future__ import annotations
 
@@ -30,7 +31,8 @@ def inverse_60(task: rp.Task, k: float) -> rp.CustomInverse:
 
 
 def potential(q: np.ndarray, k: float) -> np.ndarray:
-    """What (60) keeps constant: k d₁ + d₂ − √(1 + k²) ∫ (1 + sin²)/cos, the integral ln((1 + sin)/(1 − sin)) − sin."""
+    """What (60) keeps constant: k d₁ + d₂ − √(1 + k²) ∫ (1 + sin²)/cos, the integral ln((1 +
+    sin)/(1 − sin)) − sin."""
     t = q[..., 2] + np.arctan(k)
     integral = np.log((1 + np.sin(t)) / (1 - np.sin(t))) - np.sin(t)
     return k * q[..., 0] + q[..., 1] - np.sqrt(1 + k * k) * integral
@@ -59,16 +61,24 @@ def by_k0(task: rp.Task) -> dict[float, rp.Motion]:
     "side, end",
     [(4.0, (1.37361851, -0.92758245, -4.32948200)), (1.0, (0.06030406, 0.34201102, -0.34905614))],
 )
-def test_pseudoinverse_ends_where_theory_says(by_pseudoinverse: dict[float, rp.Motion], side: float, end) -> None:
+def test_pseudoinverse_ends_where_theory_says(
+    by_pseudoinverse: dict[float, rp.Motion], side: float, end
+) -> None:
     assert np.abs(by_pseudoinverse[side].q[-1] - end).max() < 1e-7
 
 
-def test_every_square_drifts_along_the_fiber_under_the_pseudoinverse(by_pseudoinverse: dict[float, rp.Motion]) -> None:
+def test_every_square_drifts_along_the_fiber_under_the_pseudoinverse(
+    by_pseudoinverse: dict[float, rp.Motion],
+) -> None:
     for side in SIDES:
         d1, d2, t = by_pseudoinverse[side].q[-1]
-        assert abs(d1 - (1 - np.cos(t))) < 1e-9 and abs(d2 + np.sin(t)) < 1e-9  # the tool is back on (1, 0)
+        assert (
+            abs(d1 - (1 - np.cos(t))) < 1e-9 and abs(d2 + np.sin(t)) < 1e-9
+        )  # the tool is back on (1, 0)
         assert by_pseudoinverse[side].drift[0] > 0.06
-    assert by_pseudoinverse[0.4].drift[0] == pytest.approx(0.4**2 / np.sqrt(8), rel=0.15)  # the small-loop law
+    assert by_pseudoinverse[0.4].drift[0] == pytest.approx(
+        0.4**2 / np.sqrt(8), rel=0.15
+    )  # the small-loop law
 
 
 def test_k0_closes_every_square_and_stays_on_one_surface(by_k0: dict[float, rp.Motion]) -> None:
@@ -89,7 +99,8 @@ def test_pseudoinverse_and_k0_coincide_up_to_C_and_part_after(by_pseudoinverse, 
 
 @pytest.fixture(scope="module")
 def from_G(task: rp.Task) -> tuple[rp.Motion, rp.Motion]:
-    """The largest square once more by J⁺ and k = 1, both from where J⁺ first has θ₃ = −5π/4, on D → A."""
+    """The largest square once more by J⁺ and k = 1, both from where J⁺ first has θ₃ = −5π/4, on D →
+    A."""
     fine = square(rp.Pseudoinverse(task), 4.0, 8000)
     theta = fine.q[:, 2]
     i = int(np.argmax(theta < -5 * PI / 4))
@@ -100,17 +111,24 @@ def from_G(task: rp.Task) -> tuple[rp.Motion, rp.Motion]:
     assert np.abs(q - (fine.q[i - 1] + share * (fine.q[i] - fine.q[i - 1]))).max() < 1e-6
     path = rp.polygon(task, q, np.vstack([np.zeros(3), corners(4.0)]) - [0, y, 0])
     options = {"cycles": 1, "steps": STEPS, "period": 400.0}
-    return rp.follow(rp.Pseudoinverse(task), path, q, **options), rp.follow(inverse_60(task, 1.0), path, q, **options)
+    return rp.follow(rp.Pseudoinverse(task), path, q, **options), rp.follow(
+        inverse_60(task, 1.0), path, q, **options
+    )
 
 
-def test_k1_matches_the_pseudoinverse_at_G(task: rp.Task, from_G: tuple[rp.Motion, rp.Motion]) -> None:
+def test_k1_matches_the_pseudoinverse_at_G(
+    task: rp.Task, from_G: tuple[rp.Motion, rp.Motion]
+) -> None:
     desired, one = from_G
     G = one.q[0]
     assert G[2] == -5 * PI / 4 and -np.tan(G[2]) == pytest.approx(1.0)
     assert np.abs(inverse_60(task, 1.0)(G) - rp.Pseudoinverse(task)(G)).max() < 1e-14
-    assert np.linalg.norm(inverse_60(task, 0.0)(G) - rp.Pseudoinverse(task)(G)) == pytest.approx(0.5)  # |sin θ₃|/√2
+    assert np.linalg.norm(inverse_60(task, 0.0)(G) - rp.Pseudoinverse(task)(G)) == pytest.approx(
+        0.5
+    )  # |sin θ₃|/√2
     assert np.abs(one.qdot[0] - desired.qdot[0]).max() < 1e-14
-    # They touch: with equal velocities and equal ∂(G ẋ)/∂θ₃ but for w's slope, the gap opens with the square of s.
+    # They touch: with equal velocities and equal ∂(G ẋ)/∂θ₃ but for w's slope, the gap opens with
+    # the square of s.
     s = one.t * 0.04
     gap = np.abs(one.q[:, 2] - desired.q[:, 2])
     i, j = np.searchsorted(s, [0.1, 0.2])
@@ -124,8 +142,11 @@ def test_k1_closes_and_stays_on_its_surface(from_G: tuple[rp.Motion, rp.Motion])
     assert np.abs(h - h[0]).max() < 1e-8
 
 
-def test_k0_pays_only_where_the_tool_moves_along_x(task: rp.Task, by_k0: dict[float, rp.Motion]) -> None:
-    """Fig. 12: the inverses differ from B on, the velocities only on C → D, where the difference is ‖w‖ ‖ẋ‖."""
+def test_k0_pays_only_where_the_tool_moves_along_x(
+    task: rp.Task, by_k0: dict[float, rp.Motion]
+) -> None:
+    """Fig. 12: the inverses differ from B on, the velocities only on C → D, where the difference is
+    ‖w‖ ‖ẋ‖."""
     motion = by_k0[SIDES[-1]]
     J = task.jacobians(motion.q)
     G = rp.Pseudoinverse(task).batch(motion.q, J)

@@ -33,11 +33,14 @@ def narrow(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def fits(text: str) -> None:
-    """No line is longer, but for a path, which is to be copied; and nothing is told as Python writes it."""
+    """No line is longer, but for a path, which is to be copied; and nothing is told as Python
+    writes it."""
     for line in text.splitlines():
         seen = sum(not unicodedata.combining(letter) for letter in line)
         assert seen <= 80 or max(map(len, line.split())) > 70, line
-    assert not {"<", "array(", "None", "nan", "inf,"} & {word for word in text.split() if word[:1].isascii()}, text
+    assert not {"<", "array(", "None", "nan", "inf,"} & {
+        word for word in text.split() if word[:1].isascii()
+    }, text
     assert "potentials>" not in text and "<Task" not in text
 
 
@@ -54,7 +57,10 @@ def test_a_study_fits_in_one_piece(narrow: None) -> None:
 
 def test_controls_of_ones_own_go_on_below(narrow: None) -> None:
     task = rp.Robot.load("ppr").task(kind="xy")  # of both units
-    own = {f"a control with a long name, {k}": rp.WeightedInverse(task, [1.0, 2.0, k]) for k in (1, 2, 3)}
+    own = {
+        f"a control with a long name, {k}": rp.WeightedInverse(task, [1.0, 2.0, k])
+        for k in (1, 2, 3)
+    }
     text = study_table(rp.study("ppr", controls=own, cycles=2, steps=40, degree=1))
     fits(text)
     assert text.count("─\n") == 2 and text.count("drift after 2 cycles, rad and m") == 2
@@ -62,7 +68,11 @@ def test_controls_of_ones_own_go_on_below(narrow: None) -> None:
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_command_fits(
-    command: str, narrow: None, tmp_path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    command: str,
+    narrow: None,
+    tmp_path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
     assert main(shlex.split(command)) == 0
@@ -74,7 +84,11 @@ def test_a_command_fits(
 def test_what_stands_behind_a_label_goes_on_below_itself(narrow: None) -> None:
     words = "word " * 30
     first, *later = fitted(f"joint drift     {words}").splitlines()
-    assert first.startswith("joint drift     word") and later and all(line.startswith(" " * 16 + "w") for line in later)
+    assert (
+        first.startswith("joint drift     word")
+        and later
+        and all(line.startswith(" " * 16 + "w") for line in later)
+    )
     assert fitted(f"note: {words}").splitlines()[1].startswith("      word")
     assert fitted("from /" + "a" * 100) == "from /" + "a" * 100
 

@@ -1,4 +1,5 @@
-"""One object for many threads, one inverse a thread on one shared task, and results between processes."""
+"""One object for many threads, one inverse a thread on one shared task, and results between
+processes."""
 
 from __future__ import annotations
 
@@ -39,21 +40,28 @@ CONTROLS = {
 
 @pytest.mark.parametrize("kind", ["axis", "pose"])
 @pytest.mark.parametrize("name", CONTROLS)
-def test_one_inverse_a_thread_on_one_shared_task(panda: rp.Robot, q_panda, many_switches, name: str, kind: str) -> None:
+def test_one_inverse_a_thread_on_one_shared_task(
+    panda: rp.Robot, q_panda, many_switches, name: str, kind: str
+) -> None:
     task = panda.task("panda_hand_tcp", kind)
-    fields, r = rp.Polynomial(q_panda, 2, 0.5), task.r
-    A = np.zeros((fields.size, r))
+    potentials, r = rp.Polynomial(q_panda, 2, 0.5), task.r
+    A = np.zeros((potentials.size, r))
     A[:7] = rp.redundancy.nullspace(task.jacobian(q_panda))
-    h = fields.weighted(A + 0.01 * np.random.default_rng(0).normal(size=A.shape))
+    h = potentials.weighted(A + 0.01 * np.random.default_rng(0).normal(size=A.shape))
 
     target = task.placement(q_panda)
 
     def work(seed: int) -> np.ndarray:
         control, rng = CONTROLS[name](task, h), np.random.default_rng(seed)
-        found = [control.velocity(q_panda + 0.2 * rng.normal(size=7), np.ones(task.m)) for _ in range(150)]
+        found = [
+            control.velocity(q_panda + 0.2 * rng.normal(size=7), np.ones(task.m))
+            for _ in range(150)
+        ]
         if isinstance(control, rp.RepeatableInverse):
             starts = q_panda + 0.1 * rng.normal(size=(50, 7))
-            found += [control.step(q, target, 0.01, leaf=control.leaf(q_panda), gain=10.0) for q in starts]
+            found += [
+                control.step(q, target, 0.01, leaf=control.leaf(q_panda), gain=10.0) for q in starts
+            ]
         return np.array(found)
 
     alone = [work(seed) for seed in range(4)]
@@ -62,7 +70,9 @@ def test_one_inverse_a_thread_on_one_shared_task(panda: rp.Robot, q_panda, many_
     assert np.array_equal(together, alone)
 
 
-def test_a_copy_of_an_inverse_is_one_for_another_thread(panda_pose: rp.Task, q_panda, many_switches) -> None:
+def test_a_copy_of_an_inverse_is_one_for_another_thread(
+    panda_pose: rp.Task, q_panda, many_switches
+) -> None:
     inverse = rp.ExtendedJacobian(panda_pose, q_panda)
     xdot = np.ones(6)
 
@@ -77,7 +87,17 @@ def test_a_copy_of_an_inverse_is_one_for_another_thread(panda_pose: rp.Task, q_p
     assert np.array_equal(together, alone)
 
 
-SHARED = ("F", "F in C", "a step", "a step in C", "a bounded step", "a cell's step", "J⁺", "torques", "a task")
+SHARED = (
+    "F",
+    "F in C",
+    "a step",
+    "a step in C",
+    "a bounded step",
+    "a cell's step",
+    "J⁺",
+    "torques",
+    "a task",
+)
 
 
 def shared(what: str, design: rp.Design) -> Callable[[np.ndarray], object]:
@@ -98,13 +118,17 @@ def shared(what: str, design: rp.Design) -> Callable[[np.ndarray], object]:
         spring = rp.LeafImpedance(inverse)
         return lambda x: spring.torque(q0 + 0.1 * x, x, target, leaf=leaf)
     if what == "a task":
-        return lambda x: np.append(task.jacobian(q0 + 0.1 * x), task.placement(q0 + 0.1 * x).translation)
+        return lambda x: np.append(
+            task.jacobian(q0 + 0.1 * x), task.placement(q0 + 0.1 * x).translation
+        )
     fast = rp.compiled(inverse) if what == "a step in C" else inverse
 
     def step(x: np.ndarray) -> np.ndarray:
         if what != "a bounded step":
             return fast.step(q0 + 0.05 * x, target, 0.01, xdot, leaf=leaf, gain=20.0)
-        q = fast.step(q0 + 0.05 * x, target, 0.01, leaf=leaf, limit=0.3 + abs(x[0]), damping=0.3)
+        q = fast.step(
+            q0 + 0.05 * x, target, 0.01, leaf=leaf, velocity_limit=0.3 + abs(x[0]), damping=0.3
+        )
         return np.append(q, [fast.damping, fast.slowed])
 
     return step
@@ -124,7 +148,9 @@ def test_one_object_serves_many_threads(what: str, panda_design: rp.Design, many
 def refuse(center: list[float]) -> None:
     """Design over a region with a singularity of the planar arm in it: stretched."""
     task = rp.Robot.load("planar3r").task("tool", "xy")
-    rp.nearest_repeatable(rp.Pseudoinverse(task), rp.Polynomial(center, 1, 0.3), rp.Box(center, 0.3), samples=256)
+    rp.nearest_repeatable(
+        rp.Pseudoinverse(task), rp.Polynomial(center, 1, 0.3), rp.Box(center, 0.3), samples=256
+    )
 
 
 def test_a_singular_region_is_told_across_processes() -> None:

@@ -1,4 +1,5 @@
-"""Time for motions: closed forms, laws of scale, limits on a finer grid, cycles alike; and the way in."""
+"""Time for motions: closed forms, laws of scale, limits on a finer grid, cycles alike; and the way
+in."""
 
 from __future__ import annotations
 
@@ -30,7 +31,9 @@ def planar() -> rp.Task:
 
 def closing(task: rp.Task) -> rp.RepeatableInverse:
     """A control whose leaf is θ₁ − θ₂/2 + θ₃/2 = const."""
-    return rp.RepeatableInverse(task, rp.Polynomial(Q3, 1).weighted(np.array([[1.0], [-0.5], [0.5]])))
+    return rp.RepeatableInverse(
+        task, rp.Polynomial(Q3, 1).weighted(np.array([[1.0], [-0.5], [0.5]]))
+    )
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +47,10 @@ def ring(planar: rp.Task) -> rp.Motion:
 def panda_motions(panda_pose, panda_design, q_panda) -> dict[str, rp.Motion]:
     path = rp.circle(panda_pose, q_panda, 0.1, start_angle=np.pi)
     controls = {"plain": rp.Pseudoinverse(panda_pose), "ours": panda_design.inverse}
-    return {name: rp.follow(control, path, q_panda, cycles=10, steps=300) for name, control in controls.items()}
+    return {
+        name: rp.follow(control, path, q_panda, cycles=10, steps=300)
+        for name, control in controls.items()
+    }
 
 
 def judged(timed: rp.TimedMotion) -> None:
@@ -56,12 +62,17 @@ def judged(timed: rp.TimedMotion) -> None:
     assert np.abs(timed.qdot / timed.velocity).max() <= 1.001
     assert np.abs(timed.qddot / timed.acceleration).max() <= 1.001
     if rate >= 1000:
-        assert (np.abs(np.gradient(timed.q, timed.t, axis=0) - timed.qdot) / timed.velocity).max() < 1e-3
-        assert (np.abs(np.gradient(timed.qdot, timed.t, axis=0) - timed.qddot) / timed.acceleration).max() < 1e-3
+        assert (
+            np.abs(np.gradient(timed.q, timed.t, axis=0) - timed.qdot) / timed.velocity
+        ).max() < 1e-3
+        assert (
+            np.abs(np.gradient(timed.qdot, timed.t, axis=0) - timed.qddot) / timed.acceleration
+        ).max() < 1e-3
 
 
 def test_a_straight_way_in_takes_the_time_of_the_closed_form(planar, ring) -> None:
-    """T = Δ/v + v/a where the speed limit is met, 2 √(Δ/a) where it is not, of the slowest joint."""
+    """T = Δ/v + v/a where the speed limit is met, 2 √(Δ/a) where it is not, of the slowest
+    joint."""
     begin = Q3 + [1.2, -0.4, 0.1]
     for v, a in ((0.5, 2.0), (5.0, 2.0)):
         way = rp.approach(begin, ring, velocity=v, acceleration=a)
@@ -70,7 +81,9 @@ def test_a_straight_way_in_takes_the_time_of_the_closed_form(planar, ring) -> No
         assert np.isclose(way.duration, expected, rtol=1e-4)
         np.testing.assert_allclose(way.q[[0, -1]], [begin, ring.q[0]], atol=1e-12)
         share = (way.q - begin) @ (Q3 - begin) / np.sum((Q3 - begin) ** 2)
-        np.testing.assert_allclose(way.q, begin + share[:, None] * (Q3 - begin), atol=1e-12)  # straight
+        np.testing.assert_allclose(
+            way.q, begin + share[:, None] * (Q3 - begin), atol=1e-12
+        )  # straight
 
 
 def test_ten_cycles_are_alike_but_the_first_and_the_last(ring) -> None:
@@ -89,7 +102,9 @@ def test_ten_cycles_are_alike_but_the_first_and_the_last(ring) -> None:
         np.testing.assert_allclose(s, ring.q[0], atol=1e-7)
     few = [rp.timed(replace(ring, cycles=k, q=ring.q[: 200 * k + 1], t=ring.t[: 200 * k + 1]), velocity=2.0,
                     acceleration=6.0).duration for k in (1, 2, 3, 4)]  # fmt: skip
-    np.testing.assert_allclose(np.diff(few)[1:], timed.cycle_time, atol=2.1e-3)  # each cycle more takes one more
+    np.testing.assert_allclose(
+        np.diff(few)[1:], timed.cycle_time, atol=2.1e-3
+    )  # each cycle more takes one more
     assert np.isclose(few[3] + 6 * timed.cycle_time, timed.duration, atol=1e-9)
 
 
@@ -101,7 +116,9 @@ def test_limits_hold_on_a_finer_grid_and_the_path_is_the_same(ring) -> None:
     qdot, qddot = np.diff(fine.q, axis=0) / h, np.diff(fine.q, 2, axis=0) / h**2
     used = np.abs(qdot / limits["velocity"]).max(), np.abs(qddot / limits["acceleration"]).max()
     assert max(used) <= 1.001 and max(used) > 0.99
-    at_most = np.maximum(np.abs(qdot[1:]) / limits["velocity"], np.abs(qddot) / limits["acceleration"]).max(axis=1)
+    at_most = np.maximum(
+        np.abs(qdot[1:]) / limits["velocity"], np.abs(qddot) / limits["acceleration"]
+    ).max(axis=1)
     assert np.median(at_most) > 0.98  # time-optimal: some limit is met nearly always
     path = ring.q[:201]
     away = [np.linalg.norm(path - q, axis=1).min() for q in fine.q[::400]]
@@ -110,7 +127,10 @@ def test_limits_hold_on_a_finer_grid_and_the_path_is_the_same(ring) -> None:
 
 def test_time_goes_with_the_root_of_acceleration(ring) -> None:
     """With no speed limit t → λ t turns a into a / λ²."""
-    slow, quick = (rp.timed(ring, velocity=np.inf, acceleration=a, rate=1e5 if a > 3 else 1e4) for a in (2.0, 200.0))
+    slow, quick = (
+        rp.timed(ring, velocity=np.inf, acceleration=a, rate=1e5 if a > 3 else 1e4)
+        for a in (2.0, 200.0)
+    )
     assert np.isclose(slow.duration, 10 * quick.duration, rtol=1e-4)
 
 
@@ -135,7 +155,12 @@ def test_torques_stay_within_the_efforts(panda_pose, panda_motions) -> None:
     used = []
     for torque in (False, True):
         timed = rp.timed(one, velocity=100.0, acceleration=300.0, torque=torque)
-        tau = np.array([pin.rnea(model, data, *row) for row in zip(timed.q, timed.qdot, timed.qddot, strict=True)])
+        tau = np.array(
+            [
+                pin.rnea(model, data, *row)
+                for row in zip(timed.q, timed.qdot, timed.qddot, strict=True)
+            ]
+        )
         used.append(float(np.abs(tau / effort).max()))
     assert used[0] > 1.05 and 0.95 < used[1] < 1.01
     weak = panda_pose.robot.model.effortLimit.copy()
@@ -149,7 +174,9 @@ def test_torques_stay_within_the_efforts(panda_pose, panda_motions) -> None:
 
 def test_the_arm_stands_at_corners_and_stays_and_turns_round(planar) -> None:
     here = planar.placement(Q3)
-    points = here.translation + np.array([[0, 0, 0], [0.3, 0, 0], [0.3, 0, 0], [0.3, 0.3, 0], [0, 0, 0]])
+    points = here.translation + np.array(
+        [[0, 0, 0], [0.3, 0, 0], [0.3, 0, 0], [0.3, 0.3, 0], [0, 0, 0]]
+    )
     path = rp.waypoints(points, here.rotation, times=[0, 1, 1.7, 3, 4])
     control = closing(planar)
     motion = rp.follow(control, path, Q3, cycles=4, steps=200)
@@ -157,7 +184,10 @@ def test_the_arm_stands_at_corners_and_stays_and_turns_round(planar) -> None:
     judged(timed)
     assert timed.stops == 2
     still = (np.abs(timed.qdot).max(axis=1) < 1e-12).astype(int)
-    runs = np.diff(np.flatnonzero(np.diff(np.r_[0, still, 0])).reshape(-1, 2), axis=1)[:, 0] * timed.t[1]
+    runs = (
+        np.diff(np.flatnonzero(np.diff(np.r_[0, still, 0])).reshape(-1, 2), axis=1)[:, 0]
+        * timed.t[1]
+    )
     assert np.sum(np.abs(runs - 0.7) < 5e-3) == 4  # the stay, once a cycle
     second, third = timed.cycle(1), timed.cycle(2)
     for one, other in zip(second, third, strict=True):
@@ -183,7 +213,9 @@ def test_rounded_corners_are_not_stops_and_take_less_time(planar) -> None:
 def test_coordinates_do_not_matter(planar) -> None:
     absolute = planar.in_coordinates(rp.absolute_angles(planar))
     path = rp.circle(planar, Q3, 0.2)
-    motion = rp.follow(rp.Pseudoinverse(absolute), path, absolute.coordinates.coordinates(Q3), cycles=1, steps=200)
+    motion = rp.follow(
+        rp.Pseudoinverse(absolute), path, absolute.coordinates.coordinates(Q3), cycles=1, steps=200
+    )
     timed = rp.timed(motion, velocity=[1.0, 2.0, 3.0], acceleration=[3.0, 4.0, 5.0])
     judged(timed)
     plain = replace(motion, task=planar, q=motion.joints(motion.q), qdot=motion.joints(motion.qdot))
@@ -249,7 +281,9 @@ def test_the_way_in_does_not_lead_through_the_robot_itself(panda_pose, panda_mot
     motion = panda_motions["ours"]
     least = rp.Bodies(panda_pose).distances(np.linspace(folded, motion.q[0], 101)).min()
     assert least < 0
-    with pytest.raises(rp.InputError, match=r"'panda_\w+' and 'panda_\w+' touch, \d+% of it done: .* bodies=False"):
+    with pytest.raises(
+        rp.InputError, match=r"'panda_\w+' and 'panda_\w+' touch, \d+% of it done: .* bodies=False"
+    ):
         rp.approach(folded, motion, acceleration="panda")
     judged(rp.approach(folded, motion, acceleration="panda", bodies=False))
     judged(rp.approach(motion.q[0] + 0.2, motion, acceleration="panda"))
@@ -260,15 +294,26 @@ def test_a_robot_reads_what_was_computed(ring, tmp_path) -> None:
     timed = rp.timed(once, velocity=2.0, acceleration=6.0, rate=100)
     text = csv_text(timed)
     names = text.splitlines()[0].split(",")
-    assert names == ["time", *(f"{j}{end}" for end in ("", "_velocity", "_acceleration") for j in timed.joints)]
+    assert names == [
+        "time",
+        *(f"{j}{end}" for end in ("", "_velocity", "_acceleration") for j in timed.joints),
+    ]
     table = np.loadtxt(io.StringIO(text), delimiter=",", skiprows=1)
-    np.testing.assert_array_equal(table, np.column_stack([timed.t, timed.q, timed.qdot, timed.qddot]))
+    np.testing.assert_array_equal(
+        table, np.column_stack([timed.t, timed.q, timed.qdot, timed.qddot])
+    )
     (tmp_path / "timed.csv").write_text(text)
     np.testing.assert_array_equal(read_motions(tmp_path / "timed.csv", timed.joints)[0].q, timed.q)
     message = yaml.safe_load(yaml_text(timed))
     assert tuple(message["joint_names"]) == timed.joints
-    for point, t, *rows in zip(message["points"], timed.t, timed.q, timed.qdot, timed.qddot, strict=True):
-        assert np.isclose(point["time_from_start"]["sec"] + 1e-9 * point["time_from_start"]["nanosec"], t, atol=1e-9)
+    for point, t, *rows in zip(
+        message["points"], timed.t, timed.q, timed.qdot, timed.qddot, strict=True
+    ):
+        assert np.isclose(
+            point["time_from_start"]["sec"] + 1e-9 * point["time_from_start"]["nanosec"],
+            t,
+            atol=1e-9,
+        )
         for name, row in zip(("positions", "velocities", "accelerations"), rows, strict=True):
             np.testing.assert_allclose(point[name], row, atol=1e-12)
 
@@ -278,10 +323,14 @@ def test_a_motion_is_written_for_a_robot(ring, tmp_path) -> None:
     way = rp.approach(Q3 + 0.2, ring, acceleration=6.0, rate=100)
     for motion, text in ((ring, csv_text(ring)), (timed, csv_text(timed)), (way, csv_text(way))):
         assert rp.write_motion(motion, tmp_path / "m.csv").read_text(encoding="utf-8") == text
-        assert rp.write_motion(motion, str(tmp_path / "m.yaml")).read_text(encoding="utf-8") == yaml_text(motion)
+        assert rp.write_motion(motion, str(tmp_path / "m.yaml")).read_text(
+            encoding="utf-8"
+        ) == yaml_text(motion)
     beyond = replace(ring, q=ring.q + 9.0)
     for motion in (beyond, replace(timed, motion=beyond)):
-        with pytest.raises(rp.InputError, match="leaves its limits in cycle 1.*allow_violations=True"):
+        with pytest.raises(
+            rp.InputError, match="leaves its limits in cycle 1.*allow_violations=True"
+        ):
             rp.write_motion(motion, tmp_path / "no.csv")
         assert rp.write_motion(motion, tmp_path / "yes.csv", allow_violations=True).exists()
     assert not (tmp_path / "no.csv").exists()
@@ -298,12 +347,25 @@ def test_a_motion_is_written_for_a_robot(ring, tmp_path) -> None:
 
 def test_follow_times_a_motion(tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
-    words = ["follow", "planar3r", "--strategy", "pseudoinverse", "--path", "square:0.2", "--steps", "80"]
+    words = [
+        "follow",
+        "planar3r",
+        "--strategy",
+        "pseudoinverse",
+        "--path",
+        "square:0.2",
+        "--steps",
+        "80",
+    ]
     data = told(capsys, *words, "--acceleration", "2,3,4", "--rate", "100", "--csv", "m.csv", "--yaml", "m.yaml",
                 "--profile", "p.png")  # fmt: skip
-    assert data["slowed_by"] is None and data["cycle_time"] == data["duration"] and data["stops"] == 3
+    assert (
+        data["slowed_by"] is None and data["cycle_time"] == data["duration"] and data["stops"] == 3
+    )
     table = np.loadtxt("m.csv", delimiter=",", skiprows=1)
-    assert table.shape[1] == 10 and not table[[0, -1], 4:].any() and table[-1, 0] >= data["duration"]
+    assert (
+        table.shape[1] == 10 and not table[[0, -1], 4:].any() and table[-1, 0] >= data["duration"]
+    )
     assert (np.abs(table[:, 7:]).max(axis=0) < np.array([2, 3, 4]) * 1.001).all()
     assert (tmp_path / "p.png").read_bytes()[:4] == b"\x89PNG"
     assert "neither numbers" in refused(capsys, *words, "--acceleration", "1,x")

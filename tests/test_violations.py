@@ -16,7 +16,7 @@ import repctl_pin as rp
 from repctl_pin.cli import main
 from repctl_pin.motion.fitting_circle import fitting_circle
 from repctl_pin.motion.joint_motion import refuse_violations, violations_of
-from repctl_pin.show.page.playback import Limb, track_of, tracks_page
+from repctl_pin.show.page.playback import TracedChain, playback_of, playback_page
 from repctl_pin.show.plots.motions import drift_figure, joints_figure
 
 OUT = ["follow", "planar3r", "--strategy", "pseudoinverse", "--start", "6.2,1,-1.4", "--path", "circle:0.4:0",
@@ -28,7 +28,9 @@ CELL = """<robot name="cell"><link name="room"/>
 <joint name="there" type="fixed"><parent link="room"/><child link="post"/><origin xyz="{x} {y} 0"/></joint></robot>"""
 
 
-def test_the_first_limit_and_the_first_touch_in_order(panda_pose: rp.Task, q_panda: np.ndarray) -> None:
+def test_the_first_limit_and_the_first_touch_in_order(
+    panda_pose: rp.Task, q_panda: np.ndarray
+) -> None:
     """The elbow is folded until links overlap, and then joint 4 leaves its limits."""
     path = rp.circle(panda_pose, q_panda, 0.05)
     motion = rp.follow(rp.Pseudoinverse(panda_pose), path, q_panda, cycles=2, steps=10)
@@ -39,26 +41,47 @@ def test_the_first_limit_and_the_first_touch_in_order(panda_pose: rp.Task, q_pan
     touch, limit = violations_of(replace(motion, q=q))
     assert limit.names == ("panda_joint4",) and (limit.moment, limit.cycle) == (1.7, 2)
     assert str(limit) == "panda_joint4 leaves its limits in cycle 2, 70% of the way round"
-    assert set(touch.names) == set(rp.Bodies(panda_pose).nearest(folded).links) and touch.moment == 1.3
+    assert (
+        set(touch.names) == set(rp.Bodies(panda_pose).nearest(folded).links) and touch.moment == 1.3
+    )
     assert str(touch) == f"{' and '.join(touch.names)} touch in cycle 2, 30% of the way round"
-    with pytest.raises(rp.InputError, match=f"^{touch}; {limit}: no file for a robot is written; go home$"):
+    with pytest.raises(
+        rp.InputError, match=f"^{touch}; {limit}: no file for a robot is written; go home$"
+    ):
         refuse_violations(replace(motion, q=q), "go home")
 
 
-def test_a_thinned_motion_is_the_same_at_fewer_points(panda_pose: rp.Task, q_panda: np.ndarray) -> None:
+def test_a_thinned_motion_is_the_same_at_fewer_points(
+    panda_pose: rp.Task, q_panda: np.ndarray
+) -> None:
     path = rp.circle(panda_pose, q_panda, 0.05)
     motion = rp.follow(rp.Pseudoinverse(panda_pose), path, q_panda, cycles=3, steps=20)
     few = motion.thinned(5)
-    assert few.steps == 5 and np.array_equal(few.q, motion.q[::4]) and np.array_equal(few.t, motion.t[::4])
-    assert np.array_equal(few.drift, motion.drift) and np.array_equal(motion.thinned(99).q, motion.q)
-    assert np.array_equal(motion.thinned(7).q[::7], motion.q[::20])  # the ends of cycles are among them
+    assert (
+        few.steps == 5
+        and np.array_equal(few.q, motion.q[::4])
+        and np.array_equal(few.t, motion.t[::4])
+    )
+    assert np.array_equal(few.drift, motion.drift) and np.array_equal(
+        motion.thinned(99).q, motion.q
+    )
+    assert np.array_equal(
+        motion.thinned(7).q[::7], motion.q[::20]
+    )  # the ends of cycles are among them
 
 
 def test_no_file_for_a_robot_beyond_the_limits(tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
-    for more in (["--csv", "m.csv"], ["--yaml", "m.yaml"], ["--csv", "m.csv", "--acceleration", "2"]):
+    for more in (
+        ["--csv", "m.csv"],
+        ["--yaml", "m.yaml"],
+        ["--csv", "m.csv", "--acceleration", "2"],
+    ):
         error = refused(capsys, *OUT, *more)
-        assert "theta1 leaves its limits in cycle 1, " in error and "--allow-violations writes it anyway" in error
+        assert (
+            "theta1 leaves its limits in cycle 1, " in error
+            and "--allow-violations writes it anyway" in error
+        )
         assert not list(tmp_path.iterdir())
     data = told(capsys, *OUT, "--csv", "m.csv", "--allow-violations")
     assert data["files"] == ["m.csv"] and data["first_violation"]["joint"] == "theta1"
@@ -83,7 +106,9 @@ def test_surroundings_must_not_be_touched(tmp_path, capsys) -> None:
     assert far["first_touch"] is None and far["body_distance"] > 0.5
     (tmp_path / "m.csv").unlink()
     words = follow_past((ball.real, ball.imag), tmp_path)
-    assert "tip and post touch from the start: no file" in refused(capsys, *words, "--csv", str(tmp_path / "m.csv"))
+    assert "tip and post touch from the start: no file" in refused(
+        capsys, *words, "--csv", str(tmp_path / "m.csv")
+    )
     near = follow_past((ball.real - 0.25, ball.imag), tmp_path)  # not at the start, but on the way
     error = refused(capsys, *near, "--yaml", str(tmp_path / "m.yaml"))
     assert "tip and post touch in cycle 1, " in error and not (tmp_path / "m.yaml").exists()
@@ -91,7 +116,10 @@ def test_surroundings_must_not_be_touched(tmp_path, capsys) -> None:
     out, warning = capsys.readouterr()
     assert "\nbodies overlap  0." in out and " m at most: tip and post\n" in out
     assert "note: collisions of a are not detected: mesh 'lost.stl' was not found" in out
-    assert warning.startswith("repctl: warning: tip and post touch in cycle 1, ") and warning.count("\n") == 1
+    assert (
+        warning.startswith("repctl: warning: tip and post touch in cycle 1, ")
+        and warning.count("\n") == 1
+    )
     assert main([*near, "--json"]) == 0
     touch = json.loads(capsys.readouterr().out)["first_touch"]
     assert touch["links"] == ["tip", "post"] and 0 < touch["cycle"] < 1
@@ -100,18 +128,31 @@ def test_surroundings_must_not_be_touched(tmp_path, capsys) -> None:
 def test_baxter_breaks_a_limit_in_cycle_7_and_ours_none() -> None:
     """Ten cycles of the study's circle, from the middle of the joints' ranges."""
     task = rp.Robot.load("baxter").task("left_gripper", "pose")
-    q0 = task.part(task.robot.poses["middle"])
+    q0 = task.from_robot(task.robot.poses["middle"])
     path = fitting_circle(task, q0)
     design = rp.nearest_repeatable(
-        rp.Pseudoinverse(task), None, rp.Box(q0, 0.4), degree=1, samples=512, held_out=256, shrink=True
+        rp.Pseudoinverse(task),
+        None,
+        rp.Box(q0, 0.4),
+        degree=1,
+        samples=512,
+        held_out=256,
+        shrink=True,
     )
-    plain, ours = (rp.follow(it, path, q0, cycles=10, steps=80) for it in (rp.Pseudoinverse(task), design.inverse))
+    plain, ours = (
+        rp.follow(it, path, q0, cycles=10, steps=80)
+        for it in (rp.Pseudoinverse(task), design.inverse)
+    )
     (violation,) = violations_of(plain, plain.thinned(10))
     assert violation.cycle == 7 and violation.names == ("left_w2",)
     assert ours.drift.max() < 1e-3 and violations_of(ours, ours.thinned(10)) == ()
-    drift, joints = (figure([("J⁺", plain, "#D55E00")], "") for figure in (drift_figure, joints_figure))
+    drift, joints = (
+        figure([("J⁺", plain, "#D55E00")], "") for figure in (drift_figure, joints_figure)
+    )
     assert any("limit in cycle 7" in text.get_text() for text in drift.axes[0].texts)
-    crosses = [ax.get_title("left") for ax in joints.axes for line in ax.lines if line.get_marker() == "x"]
+    crosses = [
+        ax.get_title("left") for ax in joints.axes for line in ax.lines if line.get_marker() == "x"
+    ]
     assert crosses == ["left_w2"]
 
 
@@ -122,7 +163,9 @@ def test_the_page_marks_the_touch(tmp_path) -> None:
     q0 = np.array([0.2, 0.5, 0.3])
     motion = rp.follow(rp.Pseudoinverse(task), rp.circle(task, q0, 0.2), q0, cycles=2, steps=100)
     assert motion.first_touch is not None and 0 < motion.first_touch[0] < 1
-    scene, _, _ = read(tracks_page([Limb(task, 1)], [track_of("J⁺", motion, "#D55E00")]))
+    scene, _, _ = read(
+        playback_page([TracedChain(task, 1)], [playback_of("J⁺", motion, "#D55E00")])
+    )
     broken = scene["arms"][0]["broken"]
     assert broken["words"] == "tip and post have touched" and broken["cycle"] == 1
     assert np.isclose(broken["at"], motion.first_touch[0], atol=0.011)

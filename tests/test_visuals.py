@@ -18,7 +18,10 @@ from repctl_pin.robot.visuals import Shape, Visuals, find_mesh
 def configurations(robot: Robot, count: int = 4) -> np.ndarray:
     """Some configurations inside the limits, near the reference pose."""
     rng = np.random.default_rng(1)
-    low, high = (np.clip(limit, robot.reference - 1, robot.reference + 1) for limit in (robot.lower, robot.upper))
+    low, high = (
+        np.clip(limit, robot.reference - 1, robot.reference + 1)
+        for limit in (robot.lower, robot.upper)
+    )
     return rng.uniform(low, high, (count, len(robot.joint_names)))
 
 
@@ -26,7 +29,9 @@ def pinocchios(robot: Robot) -> tuple[pin.Model, pin.GeometryModel]:
     """Pinocchio's own model and visual geometry, the same joints locked."""
     model = pin.buildModelFromXML(robot.description.xml)
     kind = pin.GeometryType.VISUAL
-    geometry = pin.buildGeomFromUrdfString(model, robot.description.xml, kind, package_dirs=list(robot.package_dirs))
+    geometry = pin.buildGeomFromUrdfString(
+        model, robot.description.xml, kind, package_dirs=list(robot.package_dirs)
+    )
     assert not robot.locked
     return model, geometry
 
@@ -52,10 +57,14 @@ def test_placements_are_pinocchios(name: str) -> None:
     assert placements.shape == (len(Q), len(visuals.shapes), 4, 4)
     data, geometry_data = model.createData(), geometry.createData()
     for q, placed in zip(Q, placements, strict=True):
-        pin.updateGeometryPlacements(model, data, geometry, geometry_data, all_joints(robot, model, q))
+        pin.updateGeometryPlacements(
+            model, data, geometry, geometry_data, all_joints(robot, model, q)
+        )
         for shape, M in zip(visuals.shapes, placed, strict=True):
             k = geometry.getGeometryId(shape.name)
-            np.testing.assert_allclose(M, geometry_data.oMg[k].homogeneous, atol=1e-12, err_msg=shape.name)
+            np.testing.assert_allclose(
+                M, geometry_data.oMg[k].homogeneous, atol=1e-12, err_msg=shape.name
+            )
 
 
 @pytest.mark.parametrize("name", ["panda", "talos", "kinova", "baxter"])
@@ -81,7 +90,9 @@ def test_scales_and_colours_are_pinocchios(name: str) -> None:
 def test_placements_are_rigid_where_meshes_are_mirrored() -> None:
     robot = Robot.load("talos")
     R = Visuals.of(robot).placements(configurations(robot))[..., :3, :3]
-    np.testing.assert_allclose(R @ np.swapaxes(R, -1, -2), np.broadcast_to(np.eye(3), R.shape), atol=1e-12)
+    np.testing.assert_allclose(
+        R @ np.swapaxes(R, -1, -2), np.broadcast_to(np.eye(3), R.shape), atol=1e-12
+    )
     np.testing.assert_allclose(np.linalg.det(R), 1.0, atol=1e-12)
 
 
@@ -100,7 +111,14 @@ ARM = """<robot name="arm">
 BOX, BALL = '<box size="0.1 0.2 0.3"/>', '<sphere radius="0.05"/>'
 
 
-def arm(folder: Path, base: str = BOX, upper: str = BALL, material: str = "", text: str = ARM, **options: Any) -> Robot:
+def arm(
+    folder: Path,
+    base: str = BOX,
+    upper: str = BALL,
+    material: str = "",
+    text: str = ARM,
+    **options: Any,
+) -> Robot:
     """Load a small arm: a turning link, a sliding one, a tool."""
     file = folder / "arm.urdf"
     file.write_text(text.format(base=base, upper=upper, material=material))
@@ -135,7 +153,14 @@ def test_robot_without_shapes_is_drawn_from_its_kinematics(tmp_path: Path) -> No
     visuals = Visuals.of(robot)
     shapes = {s.name: k for k, s in enumerate(visuals.shapes)}
     assert visuals.missing == ()
-    assert set(shapes) == {"turn_tube", "turn_joint", "slide_tube", "slide_slider", "slide_rail", "end_tube"}
+    assert set(shapes) == {
+        "turn_tube",
+        "turn_joint",
+        "slide_tube",
+        "slide_slider",
+        "slide_rail",
+        "end_tube",
+    }
     q = np.array([0.7, 0.3])
     placed = visuals.placements(q[None])[0]
     upper = pin.SE3(pin.rpy.rpyToMatrix(0, 0.7, 0), np.array([0, 0, 0.4]))
@@ -149,8 +174,12 @@ def test_robot_without_shapes_is_drawn_from_its_kinematics(tmp_path: Path) -> No
     }
     for name, points in expected.items():
         k = shapes[name]
-        np.testing.assert_allclose(ends(visuals.shapes[k], placed[k]), points, atol=1e-12, err_msg=name)
-    np.testing.assert_allclose(placed[shapes["turn_joint"]][:3, 2], [0, 1, 0], atol=1e-12)  # along its axis
+        np.testing.assert_allclose(
+            ends(visuals.shapes[k], placed[k]), points, atol=1e-12, err_msg=name
+        )
+    np.testing.assert_allclose(
+        placed[shapes["turn_joint"]][:3, 2], [0, 1, 0], atol=1e-12
+    )  # along its axis
     np.testing.assert_allclose(placed[shapes["slide_slider"]][:3, 3], rod.translation, atol=1e-12)
 
 
@@ -160,7 +189,7 @@ def test_base_moves_the_picture_as_it_moves_the_task() -> None:
     q = task.reference + 0.1
     visuals = Visuals.of(robot)
     k = next(k for k, s in enumerate(visuals.shapes) if s.link == "arm_1_link")
-    placed = visuals.placements(task.full(q)[None])[0, k, :3, 3]
+    placed = visuals.placements(task.to_robot(q)[None])[0, k, :3, 3]
     np.testing.assert_allclose(placed, task.joint_origins(q)[0], atol=1e-12)
 
 
@@ -170,10 +199,19 @@ def test_materials(tmp_path: Path) -> None:
     written = '<mesh filename="a.obj" scale="1 -2 3"/>'
 
     def upper(material: str) -> list[Shape]:
-        return [s for s in Visuals.of(arm(tmp_path, upper=written, material=material)).shapes if s.link == "upper"]
+        return [
+            s
+            for s in Visuals.of(arm(tmp_path, upper=written, material=material)).shapes
+            if s.link == "upper"
+        ]
 
     (own,) = upper("")
-    assert (own.kind, own.path, own.scale, own.textured) == ("mesh", mesh.resolve(), (1.0, -2.0, 3.0), True)
+    assert (own.kind, own.path, own.scale, own.textured) == (
+        "mesh",
+        mesh.resolve(),
+        (1.0, -2.0, 3.0),
+        True,
+    )
     (red,) = upper('<material name="red"><color rgba="1 0 0 0.5"/></material>')
     assert (red.color, red.textured) == ((1.0, 0.0, 0.0, 0.5), False)
     assert upper('<material name="none"><color rgba="1 0 0 0"/></material>') == []  # invisible
@@ -201,7 +239,8 @@ def test_a_shape_that_cannot_be_read_is_named(tmp_path: Path) -> None:
 
 
 def test_surroundings_are_drawn_where_they_stand(tmp_path: Path) -> None:
-    """A shelf, turned, on a panda: its collision shape, measured from the root, however the joints are."""
+    """A shelf, turned, on a panda: its collision shape, measured from the root, however the joints
+    are."""
     (tmp_path / "cell.urdf").write_text(
         """<robot name="cell"><link name="room"/>
 <link name="shelf"><collision><origin xyz="0 0 0.1"/><geometry><box size="0.4 1 0.02"/></geometry></collision></link>
@@ -211,10 +250,15 @@ def test_surroundings_are_drawn_where_they_stand(tmp_path: Path) -> None:
     robot = Robot.load("panda", surroundings=tmp_path / "cell.urdf")
     visuals, alone = Visuals.of(robot), Visuals.of(Robot.load("panda"))
     assert visuals.shapes[:-1] == alone.shapes
-    assert (visuals.shapes[-1].kind, visuals.shapes[-1].size) == ("box", (0.4, 1, 0.02)) and visuals.shapes[-1].standing
+    assert (visuals.shapes[-1].kind, visuals.shapes[-1].size) == (
+        "box",
+        (0.4, 1, 0.02),
+    ) and visuals.shapes[-1].standing
     expected = np.eye(4)
     expected[:3, :3] = [[np.cos(1.5), 0, np.sin(1.5)], [0, 1, 0], [-np.sin(1.5), 0, np.cos(1.5)]]
     expected[:3, 3] = [0.5 + 0.1 * np.sin(1.5), 0, 0.4 + 0.1 * np.cos(1.5)]
     Q = configurations(robot)
-    np.testing.assert_allclose(visuals.placements(Q)[:, -1], np.broadcast_to(expected, (len(Q), 4, 4)), atol=1e-12)
+    np.testing.assert_allclose(
+        visuals.placements(Q)[:, -1], np.broadcast_to(expected, (len(Q), 4, 4)), atol=1e-12
+    )
     np.testing.assert_array_equal(visuals.placements(Q)[:, :-1], alone.placements(Q))

@@ -1,4 +1,5 @@
-"""Everything at the door refuses what is wrong by name: a seeded sample of wrong arguments, generated from a table."""
+"""Everything at the door refuses what is wrong by name: a seeded sample of wrong arguments,
+generated from a table."""
 
 from __future__ import annotations
 
@@ -12,8 +13,19 @@ from wrong_arguments import Call, all_wrong, outcome, right_calls
 
 import repctl_pin as rp
 
-SLOW = ("animation", "best_leaf", "inline", "nearest_", "study", "stable_", "candidate_", "export_c", "compiled")
-"""What is left to the slow test: a call that is taken, though one of its arguments is odd, takes its time."""
+SLOW = (
+    "animation",
+    "best_leaf",
+    "inline",
+    "nearest_",
+    "study",
+    "stable_",
+    "candidate_",
+    "export_c",
+    "compiled",
+)
+"""What is left to the slow test: a call that is taken, though one of its arguments is odd, takes
+its time."""
 
 
 @pytest.fixture(scope="module")
@@ -23,8 +35,11 @@ def calls(tmp_path_factory: pytest.TempPathFactory) -> list[Call]:
         return right_calls(tmp_path_factory.mktemp("calls"))
 
 
-def tried(calls: list[Call], count: int, seed: int, *, quick: bool) -> tuple[Counter[str], list[str]]:
-    """Try so many wrong arguments at random: how many were refused, taken or mishandled, and which were that."""
+def tried(
+    calls: list[Call], count: int, seed: int, *, quick: bool
+) -> tuple[Counter[str], list[str]]:
+    """Try so many wrong arguments at random: how many were refused, taken or mishandled, and which
+    were that."""
     tries = [one for one in all_wrong(calls) if not (quick and one[0].name.startswith(SLOW))]
     counts: Counter[str] = Counter()
     mishandled = []
@@ -61,14 +76,23 @@ def test_the_right_calls_are_right(calls: list[Call], tmp_path: Path, monkeypatc
 
 def test_huge_counts_are_refused(calls: list[Call]) -> None:
     by_name = {call.name: call for call in calls}
-    designing, following = ("restarts", "held_out", "samples", "batch"), ("leaf_lock", "cycles", "steps")
+    designing, following = (
+        ("restarts", "held_out", "samples", "batch"),
+        ("leaf_lock", "cycles", "steps"),
+    )
     for count in (10**9, 10**19):
-        assert [outcome(by_name["nearest_repeatable"], {name: count}) for name in designing] == ["refused"] * 4
+        assert [outcome(by_name["nearest_repeatable"], {name: count}) for name in designing] == [
+            "refused"
+        ] * 4
         assert [outcome(by_name["follow"], {name: count}) for name in following] == ["refused"] * 3
         assert outcome(by_name["Box.random"], {"count": count}) == "refused"
         assert outcome(by_name["rose"], {"petals": count + 1}) == "refused"
         with pytest.raises(rp.InputError, match="fit into memory|cycles can be"):
-            rp.study("planar3r", cycles=count, progress=lambda text: pytest.fail(text) if "design" in text else None)
+            rp.study(
+                "planar3r",
+                cycles=count,
+                progress=lambda text: pytest.fail(text) if "design" in text else None,
+            )
     assert outcome(by_name["Motion.cycle"], {"k": 99}) == "refused"
     assert outcome(by_name["solve_ik"], {"tolerance": np.inf}) == "refused"
 
@@ -77,5 +101,7 @@ def test_huge_counts_are_refused(calls: list[Call]) -> None:
 @pytest.mark.parametrize("u", [np.nan, [np.nan, 0.0], [0.0], "middle", None])
 def test_a_place_in_a_cell_is_k_finite_numbers(calls: list[Call], method: str, u: object) -> None:
     cell = next(call for call in calls if call.name == f"Cell.{method}").function.__self__
-    with pytest.raises(rp.InputError, match="u must be 2 finite numbers, one per coordinate of the cell"):
+    with pytest.raises(
+        rp.InputError, match="u must be 2 finite numbers, one per coordinate of the cell"
+    ):
         getattr(cell, method)(u)

@@ -1,4 +1,5 @@
-"""Wrong arguments for everything at the door: the right calls, the values to spoil them with, and what came of it.
+"""Wrong arguments for everything at the door: the right calls, the values to spoil them with, and
+what came of it.
 
     python tests/wrong_arguments.py [--seed 0] [--count 10000]
 
@@ -30,7 +31,17 @@ import repctl_pin as rp
 PATIENCE = 20.0
 """Seconds after which a call counts as hung."""
 
-RESULTS = {"Animation", "BestLeaf", "Design", "FamilyDesign", "Motion", "Robot", "Study", "Task", "TimedMotion"}
+RESULTS = {
+    "Animation",
+    "BestLeaf",
+    "Design",
+    "FamilyDesign",
+    "Motion",
+    "Robot",
+    "Study",
+    "Task",
+    "TimedMotion",
+}
 """Classes that functions make, not people: their methods are tried, their constructors are not."""
 
 MADE = {"CellDesign", "InverseFunction"}
@@ -69,20 +80,30 @@ def right_calls(folder: Path) -> list[Call]:
     """Make a right call of every public function, class and method; all of them small."""
     task = rp.Robot.load("planar3r").task("tool", "xy")
     robot, q0 = task.robot, np.array([0.3, 0.8, 0.8])
-    Q, Xdot, target = q0 + np.array([[0.0, 0, 0], [0.1, 0, 0.05]]), np.ones((2, 2)), task.placement(q0 + 0.02)
+    Q, Xdot, target = (
+        q0 + np.array([[0.0, 0, 0], [0.1, 0, 0.05]]),
+        np.ones((2, 2)),
+        task.placement(q0 + 0.02),
+    )
     control, box = rp.Pseudoinverse(task), rp.Box(q0, 0.2)
-    fields, waves = rp.Polynomial(q0, 2, 0.2), rp.Fourier(3, 1)
-    joined, potentials = fields + waves, rp.Potentials([lambda q: q[0], lambda q: q[1] * q[2]])
+    potentials, waves = rp.Polynomial(q0, 2, 0.2), rp.Fourier(3, 1)
+    joined, custom = (
+        potentials + waves,
+        rp.CustomPotentials([lambda q: q[0], lambda q: q[1] * q[2]]),
+    )
     path = rp.circle(task, q0, 0.05)
-    square = np.array([[0, 0, 0], [0, 0.1, 0], [0.1, 0.1, 0], [0, 0, 0]]) + path.placement(0.0).translation
+    square = (
+        np.array([[0, 0, 0], [0, 0.1, 0], [0.1, 0.1, 0], [0, 0, 0]])
+        + path.placement(0.0).translation
+    )
     waypoint_file = folder / "square.csv"
     waypoint_file.write_text("\n".join(",".join(map(str, row)) for row in square), encoding="utf-8")
-    design = rp.nearest_repeatable(control, fields, box, samples=64, held_out=256)
+    design = rp.nearest_repeatable(control, potentials, box, samples=64, held_out=256)
     inverse, tube = design.inverse, rp.Tube(Q, 0.2)
     middle = task.placement(q0).translation[:2]
     workspace = rp.WorkspaceBox(task, middle, 0.2, within=box)
     motion = rp.follow(inverse, path, q0, cycles=2, steps=24, leaf_lock=1)
-    study = rp.study(robot, task="xy", start=q0, path=path, cycles=1, steps=24, region=0.2)
+    study = rp.study(robot, kind="xy", start=q0, path=path, cycles=1, steps=24, region=0.2)
     saved = rp.save(design, folder / "design.json")
     cell = rp.Cell(task, target, (0.05, 0.05))
     found = rp.nearest_inverse_function(control, cell, degree=1, samples=16, held_out=64)
@@ -106,7 +127,7 @@ def right_calls(folder: Path) -> list[Call]:
         "figure_eight": {"task": task, "q0": q0, "radius": 0.05, "normal": "z", "start_angle": 0.0},
         "follow": {
             "strategy": inverse, "path": path, "q0": q0, "cycles": 1, "steps": 12, "integrator": "rk4", "feedback": 0.0,
-            "period": 5.0, "leaf_lock": 1, "leaf": inverse.leaf(q0), "limit": 3.0, "damping": 0.01, "task": task,
+            "period": 5.0, "leaf_lock": 1, "leaf": inverse.leaf(q0), "velocity_limit": 3.0, "damping": 0.01, "task": task,
         },
         "inline": {"shown": study, "height": 300},
         "is_repeatable": {"strategy": control, "region": box, "samples": 8, "seed": 0},
@@ -116,7 +137,7 @@ def right_calls(folder: Path) -> list[Call]:
             "bounds": (-1.0, 1.0), "samples": 64, "seed": 0,
         },
         "nearest_repeatable": {
-            "desired": control, "fields": fields, "region": box, "degree": None, "samples": 64, "held_out": 64,
+            "desired": control, "potentials": potentials, "region": box, "degree": None, "samples": 64, "held_out": 64,
             "seed": 0, "batch": 64, "stream": False, "executor": None, "shrink": False, "restarts": 0,
             "tolerance": 1e-3, "progress": False,
         },
@@ -124,11 +145,10 @@ def right_calls(folder: Path) -> list[Call]:
         "read_waypoints": {"file": waypoint_file},
         "rose": {"task": task, "q0": q0, "radius": 0.05, "petals": 3, "normal": "z"},
         "save": {"design": design, "path": folder / "again.json"},
-        "settled": {"designs": [design, design], "tolerance": 1e-4},
         "solve_ik": {"task": task, "q0": q0, "target": target, "tolerance": 1e-9, "iterations": 20, "limits": True},
         "stable_surface": {"strategy": control, "region": box, "samples": 8, "seed": 0},
         "study": {
-            "robot": "planar3r", "frame": "tool", "task": "xy", "start": q0, "path": None, "radius": 0.05,
+            "robot": "planar3r", "frame": "tool", "kind": "xy", "start": q0, "path": None, "radius": 0.05,
             "plane": "xy", "cycles": 1, "steps": 24, "region": 0.1, "degree": 1, "controls": {"mine": control},
             "period": 5.0, "seed": 0, "progress": None,
         },
@@ -142,7 +162,7 @@ def right_calls(folder: Path) -> list[Call]:
         "compiled": {"control": inverse},
         "export_c": {"control": inverse, "folder": folder / "c", "name": "arm_control", "region": box},
         "nearest_inverse_function": {
-            "desired": control, "cell": cell, "posture": q0, "degree": 1, "room": 0.05, "apart": 0.0, "dexterity": 0.0,
+            "desired": control, "cell": cell, "posture": q0, "degree": 1, "limit_margin": 0.05, "body_distance": 0.0, "sigma_min": 0.0,
             "incomplete": "refuse", "samples": 16, "held_out": 64, "seed": 0, "progress": False,
         },
         "ArmAngle": {
@@ -151,7 +171,7 @@ def right_calls(folder: Path) -> list[Call]:
         },
         "Bodies": {"task": task},
         "Viewer": {"task": task, "names": ["J⁺"], "path": path, "start": q0, "port": 0},
-        "Cell": {"task": task, "placement": target, "half_width": (0.05, 0.05), "rotation": 0.0},
+        "Cell": {"task": task, "placement": target, "half_width": (0.05, 0.05), "half_angle": 0.0},
         "LeafImpedance": {
             "inverse": inverse, "stiffness": (1000.0, 50.0), "damping": 1.0, "leaf_frequency": 5.0, "leaf_damping": 1.0,
         },
@@ -159,13 +179,13 @@ def right_calls(folder: Path) -> list[Call]:
         "CustomInverse": {"task": task, "function": control, "tolerance": 1e-8},
         "ExtendedJacobian": {"task": task, "potential": q0, "gradient": None, "hessian": None, "reference": q0},
         "Fourier": {"n": 3, "order": 1, "variables": [0, 1], "period": 6.0, "cross": True},
-        "Joined": {"parts": fields},
-        "LimitWeight": {"task": task, "gain": 1.0, "room": 0.1},
+        "Joined": {"parts": potentials},
+        "LimitWeight": {"task": task, "gain": 1.0, "limit_margin": 0.1},
         "Polynomial": {"center": q0, "degree": 2, "scale": 0.2, "variables": [0, 2], "cross": True},
         "PostureControl": {"task": task, "posture": q0, "gain": 1.0},
-        "Potentials": {"functions": [lambda q: q[0]], "names": ["q1"]},
+        "CustomPotentials": {"functions": [lambda q: q[0]], "names": ["q1"]},
         "Pseudoinverse": {"task": task},
-        "RepeatableInverse": {"task": task, "field": inverse.field},
+        "RepeatableInverse": {"task": task, "potentials": inverse.potentials},
         "TaskPath": {
             "name": "mine", "point": path.point, "slope": path.slope, "rotation": np.eye(3), "breaks": (0.5,),
         },
@@ -174,7 +194,7 @@ def right_calls(folder: Path) -> list[Call]:
         "WorkspaceBox": {"task": task, "position": middle, "half_width": 0.2, "within": box, "density": None},
     }  # fmt: skip
     J, N = task.jacobian(q0), rp.redundancy.nullspace(task.jacobian(q0))
-    V, G = inverse.field.gradient(q0), control(q0)
+    V, G = inverse.potentials.gradient(q0), control(q0)
     formulas: dict[str, dict[str, Any]] = {
         "align": {"N": N, "reference": N},
         "augmented_inverse": {"J": J, "V": V},
@@ -189,7 +209,7 @@ def right_calls(folder: Path) -> list[Call]:
         "weighted_pseudoinverse": {"J": J, "M": np.eye(3)},
     }
     step = {"q": q0, "target": target, "dt": 0.01, "twist": np.zeros(6), "leaf": inverse.leaf(q0), "gain": 10.0,
-            "limit": 3.0, "damping": 0.01}  # fmt: skip
+            "velocity_limit": 3.0, "damping": 0.01}  # fmt: skip
     methods: dict[str, dict[str, Any]] = {
         "__call__": {"q": q0},
         "as_dict": {},
@@ -223,7 +243,7 @@ def right_calls(folder: Path) -> list[Call]:
         "placement": {"q": q0},
         "points": {"count": 5},
         "positions": {"Q": Q},
-        "potentials": {"Q": Q},
+        "values": {"Q": Q},
         "random": {"count": 8, "seed": 0},
         "rate": {"q": q0, "twist": np.zeros(6)},
         "ratio": {"Q": Q},
@@ -245,7 +265,7 @@ def right_calls(folder: Path) -> list[Call]:
     U, R, p = cell.sample(4), np.tile(np.eye(3), (4, 1, 1)), np.zeros((4, 3))
     Q_arm = arm.reference + np.array([[0.1, 0.2, 0.3, 0.1, 0.2], [0.2, 0.1, 0.4, 0.3, 0.1]])
     own: dict[tuple[type, str], dict[str, Any]] = {
-        (rp.Cell, "around"): {"task": task, "poses": [target], "room": 0.02, "rotation": 0.0},
+        (rp.Cell, "around"): {"task": task, "poses": [target], "limit_margin": 0.02, "rotation": 0.0},
         (rp.Cell, "at"): {"u": U[0]},
         (rp.Cell, "coordinates"): {"p": p, "R": R},
         (rp.Cell, "coordinates_of"): {"target": target},
@@ -281,18 +301,24 @@ def right_calls(folder: Path) -> list[Call]:
         cell, found, found.function, found.inverse, fast, fast_function, rp.Bodies(arm), angle, viewer,
         rp.LeafImpedance(inverse), robot, task,
         control, rp.WeightedInverse(task, [1, 2, 3]), rp.PostureControl(task, q0), inverse,
-        rp.CustomInverse(task, control), rp.ExtendedJacobian(task, q0), rp.LimitWeight(task), fields, waves, joined,
-        potentials, box, tube, workspace, design, motion, study, path,
+        rp.CustomInverse(task, control), rp.ExtendedJacobian(task, q0), rp.LimitWeight(task), potentials, waves, joined,
+        custom, box, tube, workspace, design, motion, study, path,
         rp.best_leaf(inverse, path, q0, steps=8), rp.animation({"J⁺": motion}, seconds=1.0),
         rp.nearest_in_family(**functions["nearest_in_family"]),
     ]  # fmt: skip
     public = {n for n in dir(rp) if callable(getattr(rp, n)) and not n.endswith("Error")}
     assert public - RESULTS - MADE == set(functions), "give each public name a right call here"
     calls = [Call(name, getattr(rp, name), good) for name, good in functions.items()]
-    calls += [Call(f"redundancy.{name}", getattr(rp.redundancy, name), good) for name, good in formulas.items()]
+    calls += [
+        Call(f"redundancy.{name}", getattr(rp.redundancy, name), good)
+        for name, good in formulas.items()
+    ]
     for thing in things:
         for name in public_methods(type(thing)):
-            good = next((own[kind, name] for kind in type(thing).__mro__ if (kind, name) in own), methods.get(name))
+            good = next(
+                (own[kind, name] for kind in type(thing).__mro__ if (kind, name) in own),
+                methods.get(name),
+            )
             if name in ("weighted", "split"):
                 good = {"A": np.ones((thing.size, 1))}
             elif name in ("figures", "corners", "size", "close"):
@@ -380,7 +406,11 @@ ODD: list[tuple[str, Any]] = [
 
 def spoilt(good: Any) -> list[tuple[str, Any]]:
     """Spoil a right value in ways of its own kind."""
-    if isinstance(good, bool) or good is None or not isinstance(good, (int, float, list, tuple, np.ndarray)):
+    if (
+        isinstance(good, bool)
+        or good is None
+        or not isinstance(good, (int, float, list, tuple, np.ndarray))
+    ):
         return []
     if isinstance(good, (int, float)):
         return [("negative", -good if good else -3), ("half", good + 0.5), ("huge", good + 10**12)]
@@ -431,11 +461,16 @@ def patience(seconds: float) -> Iterator[None]:
 
 
 def outcome(call: Call, wrong: dict[str, Any]) -> str:
-    """Make a call with some of its arguments wrong: ``taken``, ``refused``, or what went wrong with that."""
+    """Make a call with some of its arguments wrong: ``taken``, ``refused``, or what went wrong with
+    that."""
     given = call.good | wrong
     parameters = inspect.signature(call.function).parameters.values()
     stars = [p.name for p in parameters if p.kind is inspect.Parameter.VAR_POSITIONAL]
-    first = [given.pop(p.name) for p in parameters if stars and p.kind is inspect.Parameter.POSITIONAL_OR_KEYWORD]
+    first = [
+        given.pop(p.name)
+        for p in parameters
+        if stars and p.kind is inspect.Parameter.POSITIONAL_OR_KEYWORD
+    ]
     first += [given.pop(name) for name in stars]
     try:
         with patience(PATIENCE), warnings.catch_warnings(), np.errstate(all="ignore"):
@@ -458,8 +493,11 @@ def outcome(call: Call, wrong: dict[str, Any]) -> str:
 
 
 def wrong_function(values: Any, error: Exception) -> bool:
-    """A person's own function may fail in its own way: its own traceback is the best that can be had."""
-    return isinstance(error, RuntimeError) and "own function fails" in str(error) and broken in values
+    """A person's own function may fail in its own way: its own traceback is the best that can be
+    had."""
+    return (
+        isinstance(error, RuntimeError) and "own function fails" in str(error) and broken in values
+    )
 
 
 def all_wrong(calls: list[Call]) -> list[tuple[Call, str, str, Any]]:
@@ -474,7 +512,9 @@ def all_wrong(calls: list[Call]) -> list[tuple[Call, str, str, Any]]:
 
 def main() -> None:
     """Try at random, one argument or two at a time, and print what was not refused by name."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--count", type=int, default=10_000)
     parser.add_argument("--only", default="", help="calls whose name holds this")
@@ -491,7 +531,9 @@ def main() -> None:
             came = outcome(call, {name: value})
             counts[came.split(":")[0].split(" ")[0]] += 1
             shout = came not in ("refused", "taken")
-            if shout or (options.taken and came == "taken" and any(value is v for _, v in NONSENSE)):
+            if shout or (
+                options.taken and came == "taken" and any(value is v for _, v in NONSENSE)
+            ):
                 print(f"{call.name}({name} = {what}): {came}", flush=True)
         print(dict(counts), "of", len(order), "(all:", len(tries), ")", file=sys.stderr)
 

@@ -1,4 +1,5 @@
-"""Write the page on the command line from the parser itself, so that page and program cannot differ."""
+"""Write the page on the command line from the parser itself, so that page and program cannot
+differ."""
 
 from __future__ import annotations
 
@@ -24,5 +25,7 @@ def on_page_markdown(text: str, /, **_: object) -> str:
     """Put a section for each subcommand where a page asks for them."""
     if "<!-- commands -->" not in text:
         return text
-    sections = (f"## {name}\n\n```text\n{words.rstrip()}\n```" for name, words in commands().items())
+    sections = (
+        f"## {name}\n\n```text\n{words.rstrip()}\n```" for name, words in commands().items()
+    )
     return text.replace("<!-- commands -->", "\n\n".join(sections))

@@ -25,7 +25,8 @@ for file in sorted(Path("repctl-out").rglob("*.png")):
 
 
 def notebook(script: Path) -> str:
-    """Cut a script into cells: its words, its imports, each function, and what it does when it is run."""
+    """Cut a script into cells: its words, its imports, each function, and what it does when it is
+    run."""
     text = script.read_text(encoding="utf-8")
     lines, body = text.splitlines(), ast.parse(text).body
     title, _, words = str(ast.literal_eval(body[0].value)).strip().partition("\n")  # type: ignore[attr-defined]
@@ -45,7 +46,9 @@ def notebook(script: Path) -> str:
         if isinstance(node, ast.If) and ast.unparse(node.test) == "__name__ == '__main__'":
             cut()
             run = dedent("\n".join(lines[node.body[0].lineno - 1 : end]))
-            pieces.append(f"import sys\nfrom pathlib import Path\n\nsys.argv = [{script.name!r}]\n{run}")
+            pieces.append(
+                f"import sys\nfrom pathlib import Path\n\nsys.argv = [{script.name!r}]\n{run}"
+            )
         elif isinstance(node, (ast.FunctionDef, ast.ClassDef)):
             cut()
             pieces.append(piece)
@@ -73,7 +76,9 @@ def on_files(files: Any, *, config: Any) -> Any:
     for figure in sorted((EXAMPLES / "figures").glob("*.png")):
         files.append(File.generated(config, f"figures/{figure.name}", abs_src_path=str(figure)))
     for script in scripts():
-        files.append(File.generated(config, f"notebooks/{script.stem}.ipynb", content=notebook(script)))
+        files.append(
+            File.generated(config, f"notebooks/{script.stem}.ipynb", content=notebook(script))
+        )
     return files
 
 

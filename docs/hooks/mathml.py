@@ -1,4 +1,5 @@
-"""Write the pages' formulas as MathML: browsers draw it themselves, so the site needs no script and no network."""
+"""Write the pages' formulas as MathML: browsers draw it themselves, so the site needs no script and
+no network."""
 
 from __future__ import annotations
 
@@ -19,8 +20,14 @@ def on_page_content(text: str, /, **_: object) -> str:
     def display(found: re.Match[str]) -> str:
         formula = html.unescape(found[1])
         number = _TAG.search(formula)
-        right = f'<span class="equation-number">({number[1].replace("--", "–")})</span>' if number else ""
-        return f'<div class="equation">{convert(_TAG.sub("", formula), display="block")}{right}</div>'
+        right = (
+            f'<span class="equation-number">({number[1].replace("--", "–")})</span>'
+            if number
+            else ""
+        )
+        return (
+            f'<div class="equation">{convert(_TAG.sub("", formula), display="block")}{right}</div>'
+        )
 
     text = _ROLE.sub("", text)  # docstrings name things as Sphinx does
     return _DISPLAY.sub(display, _INLINE.sub(lambda found: convert(html.unescape(found[1])), text))

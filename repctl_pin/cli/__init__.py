@@ -1,4 +1,5 @@
-"""The command ``repctl``: parse, call, print. One file a subcommand; nothing heavy is imported to parse."""
+"""The command ``repctl``: parse, call, print. One file a subcommand; nothing heavy is imported to
+parse."""
 
 from __future__ import annotations
 
@@ -14,11 +15,14 @@ from typing import Any
 
 from .._version import __version__
 from . import animate, cell, check, completion, design, export, follow, inspect, robots, study
-from .endings import told
+from .endings import exit_code
 from .executors import BLAS_THREADS
 from .options import Parser
 
-_AS_WRITTEN: dict[str, Any] = {"formatter_class": argparse.RawDescriptionHelpFormatter, "allow_abbrev": False}
+_AS_WRITTEN: dict[str, Any] = {
+    "formatter_class": argparse.RawDescriptionHelpFormatter,
+    "allow_abbrev": False,
+}
 _COMMANDS = (study, design, cell, follow, check, animate, export, robots, inspect, completion)
 
 _EXAMPLES = """examples:
@@ -26,7 +30,7 @@ _EXAMPLES = """examples:
   repctl study my_arm.urdf --frame tool0        the same for an arm of your own
   repctl study xarm7 --task position --path square:0.2 --plane yz
   repctl design panda --degree auto             the nearest repeatable inverse, and what it is worth
-  repctl cell panda --half-width 0.1 --rotation 0.3   one function for a box of poses
+  repctl cell panda --half-width 0.1 --half-angle 0.3   one function for a box of poses
   repctl check panda --weight inertia           is this control repeatable? how much does it drift?
   repctl follow design.json --csv motion.csv    one cycle of a saved design, ready for a robot
   repctl animate panda --live                   both arms in the browser, until Ctrl-C
@@ -37,7 +41,8 @@ _EXAMPLES = """examples:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command; return its exit code: 0 done, 2 something given cannot be used, 1 a fault of ours."""
+    """Run the command; return its exit code: 0 done, 2 something given cannot be used, 1 a fault of
+    ours."""
     if argv is None:  # our own process: matrices of 7 joints are faster on one thread
         for variable in BLAS_THREADS:
             os.environ.setdefault(variable, "1")
@@ -62,19 +67,28 @@ def main(argv: Sequence[str] | None = None) -> int:
         with ExitStack() as options.ending:
             return options.run(options)
 
-    return told(run, [word for word in arguments if word != "--debug"], debug="--debug" in arguments)
+    return exit_code(
+        run, [word for word in arguments if word != "--debug"], debug="--debug" in arguments
+    )
 
 
 def parser() -> Parser:
     """Make the parser of the whole command."""
     about = "Repeatable control for redundant robot arms."
     whole = Parser(prog="repctl", description=about, epilog=_EXAMPLES, **_AS_WRITTEN)
-    whole.add_argument("--debug", action="store_true", help="before COMMAND: show the traceback of a fault")
+    whole.add_argument(
+        "--debug", action="store_true", help="before COMMAND: show the traceback of a fault"
+    )
     whole.add_argument("--version", action="version", version=f"repctl {__version__}")
     commands = whole.add_subparsers(metavar="COMMAND", required=True)
     for command in _COMMANDS:
-        name, about = command.__name__.rpartition(".")[2], f"{command.HELP[0].upper()}{command.HELP[1:]}."
-        part = commands.add_parser(name, help=command.HELP, description=about, epilog=command.EXAMPLE, **_AS_WRITTEN)
+        name, about = (
+            command.__name__.rpartition(".")[2],
+            f"{command.HELP[0].upper()}{command.HELP[1:]}.",
+        )
+        part = commands.add_parser(
+            name, help=command.HELP, description=about, epilog=command.EXAMPLE, **_AS_WRITTEN
+        )
         command.add_options(part)
         part.set_defaults(run=command.run, parser=part, whole=whole, quiet=False)
     return whole
@@ -84,7 +98,12 @@ def join_negative(arguments: list[str]) -> list[str]:
     """Let ``--start -0.1,0.2`` stand, which argparse would take for an option."""
     joined: list[str] = []
     for argument in arguments:
-        if joined and joined[-1] in ("--start", "--at") and argument[:1] == "-" and argument[1:2] in "0123456789.":
+        if (
+            joined
+            and joined[-1] in ("--start", "--at")
+            and argument[:1] == "-"
+            and argument[1:2] in "0123456789."
+        ):
             joined[-1] += f"={argument}"
         else:
             joined.append(argument)

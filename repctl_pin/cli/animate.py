@@ -1,4 +1,5 @@
-"""``repctl animate``: motions on a page, written to a file; or the controls themselves, running in the browser."""
+"""``repctl animate``: motions on a page, written to a file; or the controls themselves, running in
+the browser."""
 
 from __future__ import annotations
 
@@ -10,14 +11,14 @@ import repctl_pin as rp
 
 from ..errors import InputError
 from ..files import prepare_folder, write_whole
-from .given import Options, positive, whole
+from .given import Options, integer, positive
 from .options import Parser
 from .terminal import as_json, clear_line, progress, report, until_stopped
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from ..show.page.playback import Track
+    from ..show.page.playback import Playback
 
 HELP = "show motions in the browser: from a CSV, from a saved design, or J⁺ beside the nearest repeatable"
 EXAMPLE = "example: repctl animate panda --motion repctl-out/panda/motion.csv --only pseudoinverse,repeatable --live"
@@ -25,7 +26,7 @@ EXAMPLE = "example: repctl animate panda --motion repctl-out/panda/motion.csv --
 RATE = 60.0
 """Pictures a second of a live view."""
 
-_Shown = tuple["rp.Task", "list[Track]", "dict[str, Any]"]
+_Shown = tuple["rp.Task", "list[Playback]", "dict[str, Any]"]
 
 
 def add_options(parser: Parser) -> None:
@@ -34,15 +35,21 @@ def add_options(parser: Parser) -> None:
     parser.surroundings()
     add = parser.add_argument
     add("--motion", metavar="FILE", help="a CSV of joint positions, as study and follow write it")
-    add("--only", metavar="NAMES", help="show only these of the CSV's strategies, separated by commas")
+    add(
+        "--only",
+        metavar="NAMES",
+        help="show only these of the CSV's strategies, separated by commas",
+    )
     parser.task()
     parser.path()
-    add("--cycles", type=whole, help="number of cycles (default 10, or what the CSV says)")
-    add("--steps", type=whole, default=200, help="steps a cycle (default 200)")
-    add("--degree", type=whole, default=2, help="degree of the potentials (default 2)")
+    add("--cycles", type=integer, help="number of cycles (default 10, or what the CSV says)")
+    add("--steps", type=integer, default=200, help="steps a cycle (default 200)")
+    add("--degree", type=integer, default=2, help="degree of the potentials (default 2)")
     add("--seconds", type=positive, default=4.0, help="time of a cycle, s (default 4)")
     add("--out", metavar="FOLDER", help="where animation.html goes (default repctl-out/ROBOT)")
-    live = "run both controls in real time, in the browser of this machine, where keys move the target"
+    live = (
+        "run both controls in real time, in the browser of this machine, where keys move the target"
+    )
     add("--live", action="store_true", help=live)
     add("--port", type=int, help="with --live: port of the page (default: a free one)")
     add("--no-browser", action="store_true", help="with --live: only print the address")
@@ -60,16 +67,18 @@ def run(options: Options) -> int:
         folder = options.output_folder(Path(options.what).stem)
         task, tracks, more = (_from_study if options.motion is None else _from_csv)(options, say)
     else:
-        folder = options.output_folder(design.task.robot.name if options.robot is None else Path(options.robot).stem)
+        folder = options.output_folder(
+            design.task.robot.name if options.robot is None else Path(options.robot).stem
+        )
         task, tracks, more = _from_design(design, options, say)
 
     from ..motion import elbow
-    from ..show.page.playback import Limb, tracks_page
+    from ..show.page.playback import TracedChain, playback_page
     from ..strategies.names import KEYS
 
     say("drawing")
-    limb = Limb(task, elbow(task, task.part(tracks[0].Q[0])))
-    page = tracks_page([limb], tracks, seconds=options.seconds, **more)
+    chain = TracedChain(task, elbow(task, task.from_robot(tracks[0].Q[0])))
+    page = playback_page([chain], tracks, seconds=options.seconds, **more)
     file = write_whole(prepare_folder(folder) / "animation.html", page)
     result = {
         "robot": task.robot.name,
@@ -90,11 +99,14 @@ def _check(options: Options) -> None:
         raise InputError("--port and --no-browser go with --live")
     for name in ("motion", "out", "cycles"):
         if options.live and getattr(options, name) is not None:
-            raise InputError(f"--live runs the controls themselves, and writes nothing; leave --{name} out")
+            raise InputError(
+                f"--live runs the controls themselves, and writes nothing; leave --{name} out"
+            )
 
 
 def _run_live(options: Options, design: rp.Design | None, say: Callable[[str], None]) -> int:
-    """Run both controls round the path in real time, where the browser shows them, until Ctrl-C or SIGTERM."""
+    """Run both controls round the path in real time, where the browser shows them, until Ctrl-C or
+    SIGTERM."""
     from ..motion.loop import Loop
 
     if design is None:
@@ -124,18 +136,22 @@ def _run_live(options: Options, design: rp.Design | None, say: Callable[[str], N
 
 def _from_csv(options: Options, say: Callable[[str], None]) -> _Shown:
     """Motions as a file holds them."""
-    from ..show.page.playback import read_tracks
+    from ..show.page.playback import read_playbacks
     from ..studies.defaults import choose_task
 
     robot = options.load_robot()
     say("reading the motion")
-    tracks = read_tracks(options.motion, robot, cycles=options.cycles)
+    tracks = read_playbacks(options.motion, robot, cycles=options.cycles)
     if options.only is not None:
         tracks = _only(options.only, tracks, options.motion)
-    return choose_task(robot, options.frame, options.task), tracks, {"name": Path(options.motion).name}
+    return (
+        choose_task(robot, options.frame, options.task),
+        tracks,
+        {"name": Path(options.motion).name},
+    )
 
 
-def _only(names: str, tracks: list[Track], file: str) -> list[Track]:
+def _only(names: str, tracks: list[Playback], file: str) -> list[Playback]:
     """Choose among a file's strategies, by what the file calls them or by what the pictures do."""
     from ..strategies.names import KEYS
 
@@ -144,12 +160,16 @@ def _only(names: str, tracks: list[Track], file: str) -> list[Track]:
     chosen = []
     for name in [names] if names in labelled else names.split(","):  # a label may hold a comma
         if name.strip() not in labelled:
-            raise InputError(f"--only: {file} has no strategy {name.strip()!r}; it has {', '.join(there)}")
+            raise InputError(
+                f"--only: {file} has no strategy {name.strip()!r}; it has {', '.join(there)}"
+            )
         chosen.append(labelled[name.strip()])
     return chosen
 
 
-def _setting(design: rp.Design, options: Options, say: Callable[[str], None]) -> tuple[Any, rp.TaskPath]:
+def _setting(
+    design: rp.Design, options: Options, say: Callable[[str], None]
+) -> tuple[Any, rp.TaskPath]:
     """Where a saved design starts, and its path; or what the options ask for."""
     from ..studies.start_and_path import setting_of
 
@@ -162,20 +182,29 @@ def _names(design: rp.Design) -> tuple[str, str]:
     """What a design's two controls are called: the desired one, and the nearest repeatable."""
     from ..strategies.names import LABELS
 
-    return LABELS["pseudoinverse"] if type(design.desired) is rp.Pseudoinverse else "desired", LABELS["repeatable"]
+    return LABELS["pseudoinverse"] if type(
+        design.desired
+    ) is rp.Pseudoinverse else "desired", LABELS["repeatable"]
 
 
 def _from_design(design: rp.Design, options: Options, say: Callable[[str], None]) -> _Shown:
     """A saved design, beside the inverse that it is the nearest to."""
-    from ..show.page.playback import track_of
+    from ..show.page.playback import playback_of
     from ..show.palette import COLOURS
 
     q0, path = _setting(design, options, say)
     cycles = options.cycles or 10
     say(f"following the path for {cycles} cycles")
-    controls = zip(_names(design), ("pseudoinverse", "repeatable"), (design.desired, design.inverse), strict=True)
+    controls = zip(
+        _names(design),
+        ("pseudoinverse", "repeatable"),
+        (design.desired, design.inverse),
+        strict=True,
+    )
     tracks = [
-        track_of(label, rp.follow(strategy, path, q0, cycles=cycles, steps=options.steps), COLOURS[key])
+        playback_of(
+            label, rp.follow(strategy, path, q0, cycles=cycles, steps=options.steps), COLOURS[key]
+        )
         for label, key, strategy in controls
     ]
     return design.task, tracks, {"name": path.name, "paths": [path.points()]}
@@ -183,12 +212,16 @@ def _from_design(design: rp.Design, options: Options, say: Callable[[str], None]
 
 def _from_study(options: Options, say: Callable[[str], None]) -> _Shown:
     """J⁺ and the nearest repeatable inverse, as a study finds them."""
-    from ..show.page.playback import track_of
+    from ..show.page.playback import playback_of
     from ..show.palette import COLOURS
 
     found = _study(options, say, cycles=options.cycles or 10)
     rows = (found.row("pseudoinverse"), found.row("repeatable"))
-    tracks = [track_of(row.label, row.motion, COLOURS[row.key]) for row in rows if row.motion is not None]
+    tracks = [
+        playback_of(row.label, row.motion, COLOURS[row.key])
+        for row in rows
+        if row.motion is not None
+    ]
     return found.task, tracks, {"name": found.path.name, "paths": [found.path.points()]}
 
 

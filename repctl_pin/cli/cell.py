@@ -12,13 +12,13 @@ import repctl_pin as rp
 from ..errors import InputError, RepctlError, needed
 from ..files import prepare_folder, write_whole
 from ..show.text.lines import fitted
-from .given import Options, natural, numbers_of, positive, save_control, whole
+from .given import Options, integer, natural, numbers_of, positive, save_control
 from .options import Parser
 from .terminal import progress, report
 
 HELP = "find one function for a whole cell: a pose in, the same joints out, everywhere in a box of poses"
 EXAMPLE = """examples:
-  repctl cell panda --half-width 0.1,0.15,0.1 --rotation 0.3
+  repctl cell panda --half-width 0.1,0.15,0.1 --half-angle 0.3
   repctl cell panda --half-width 0.15,0.3,0.2 --at 0.46,0,0.3
   repctl cell panda --path circle:0.1 --half-width 0.03
   repctl cell my_arm.urdf --frame tool0 --task position --half-width 0.2 --shrink
@@ -44,18 +44,43 @@ def add_options(parser: Parser) -> None:
     parser.task()
     parser.surroundings()
     add = parser.add_argument
-    width = "of the box, m: one number, or x,y,z along the base's axes; with --path, the room around it"
+    width = (
+        "of the box, m: one number, or x,y,z along the base's axes; with --path, the room around it"
+    )
     add("--half-width", required=True, metavar="W", help=width)
-    add("--rotation", default="0", metavar="A", help="rotations of up to A rad about each axis (default 0)")
-    add("--at", metavar="X,Y,Z", help="the middle, m from the base (default: where the start's frame is)")
+    add(
+        "--half-angle",
+        default="0",
+        metavar="A",
+        help="rotations of up to A rad about each axis (default 0)",
+    )
+    add(
+        "--at",
+        metavar="X,Y,Z",
+        help="the middle, m from the base (default: where the start's frame is)",
+    )
     parser.path("the box goes round this closed path, or these poses, starting at --start: ", "")
     add("--degree", default="auto", metavar="D", help="degree of the polynomial, or auto (default)")
-    add("--room", type=positive, default=0.05, help="distance kept from limits, rad (default 0.05)")
-    add("--apart", type=float, default=0.0, help="distance kept between bodies, m (default 0: none)")
-    add("--dexterity", type=float, default=0.0, help="σ_min of J that is kept (default 0: none)")
+    add(
+        "--limit-margin",
+        type=positive,
+        default=0.05,
+        help="distance kept from limits, rad (default 0.05)",
+    )
+    add(
+        "--body-distance",
+        type=float,
+        default=0.0,
+        help="distance kept between bodies, m (default 0: none)",
+    )
+    add("--sigma-min", type=float, default=0.0, help="σ_min of J that is kept (default 0: none)")
     add("--shrink", action="store_true", help="shrink the cell until one function covers it")
-    add("--keep", action="store_true", help="keep the function on the part of the cell that it covers")
-    add("--held-out", type=whole, default=8192, help="held-out poses (default 8192)")
+    add(
+        "--keep",
+        action="store_true",
+        help="keep the function on the part of the cell that it covers",
+    )
+    add("--held-out", type=integer, default=8192, help="held-out poses (default 8192)")
     add("--seed", type=natural, default=0, help="seed of all nodes (default 0)")
     add("--out", metavar="FOLDER", help="where the files go (default repctl-out/ROBOT)")
     add("--json", action="store_true", help="print JSON instead of the table")
@@ -66,7 +91,9 @@ def run(options: Options) -> int:
     try:
         return _run(options)
     except InputError as error:
-        raise InputError(re.sub("|".join(map(re.escape, _OPTIONS)), lambda m: _OPTIONS[m[0]], str(error))) from None
+        raise InputError(
+            re.sub("|".join(map(re.escape, _OPTIONS)), lambda m: _OPTIONS[m[0]], str(error))
+        ) from None
 
 
 def _run(options: Options) -> int:
@@ -83,7 +110,7 @@ def _run(options: Options) -> int:
         posture=posture,
         degree=options.asked_degree(),
         incomplete="shrink" if options.shrink else "keep" if options.keep else "refuse",
-        **options.of("room", "apart", "dexterity", "held_out", "seed"),
+        **options.of("limit_margin", "body_distance", "sigma_min", "held_out", "seed"),
         progress=lambda what, share: say(f"{what} {share:.0%}"),
     )
     say("drawing")
@@ -94,7 +121,9 @@ def _run(options: Options) -> int:
     def text() -> str:
         lines = [design.summary()]
         if design.cell.size() != cell.size():
-            lines.append(f"\nnote: --shrink: no single function covers {cell.size()}; this is for {design.cell.size()}")
+            lines.append(
+                f"\nnote: --shrink: no single function covers {cell.size()}; this is for {design.cell.size()}"
+            )
         least = "extra joint speed: of the function over J⁺ at the same joints; J⁺ is the least that any control needs"
         lines.append(f"\n{least}\n")
         return fitted("\n".join(lines + [f"note: {note}\n"] * bool(note)))
@@ -108,7 +137,10 @@ def _cell(options: Options, task: rp.Task) -> tuple[rp.Cell, Any]:
     import pinocchio as pin
 
     start, path_of = options.asked_start(task), options.asked_path()
-    sizes = _numbers(options.half_width, "--half-width"), _numbers(options.rotation, "--rotation")
+    sizes = (
+        _numbers(options.half_width, "--half-width"),
+        _numbers(options.half_angle, "--half-angle"),
+    )
     if path_of is not None:
         if options.at is not None:
             raise InputError("--path and --at are two answers to one question; give one")
@@ -132,9 +164,10 @@ def _numbers(text: str, option: str, size: int | None = None) -> Any:
 
 
 def _pictures(design: rp.CellDesign, folder: Path, command: str) -> tuple[list[Path], str]:
-    """Draw the slices, and the page with a tour through the cell; why there is no tour, where there is none."""
-    from ..section.result import slices
-    from ..section.tour import tour
+    """Draw the slices, and the page with a tour through the cell; why there is no tour, where there
+    is none."""
+    from ..inverse_function.cell_design import slices
+    from ..inverse_function.sample_path import tour
     from ..show.cell_page import cell_page
     from ..show.plots.cells import cell_figure
     from ..show.plots.motions import png
@@ -145,29 +178,37 @@ def _pictures(design: rp.CellDesign, folder: Path, command: str) -> tuple[list[P
     try:
         q0 = design.function(path.placement(0.0))
         motions["q = F(x)"] = rp.follow(design.inverse, path, q0, steps=_STEPS, leaf_lock=2)
-        motions = {LABELS["pseudoinverse"]: rp.follow(design.desired, path, q0, steps=_STEPS)} | motions
+        motions = {
+            LABELS["pseudoinverse"]: rp.follow(design.desired, path, q0, steps=_STEPS)
+        } | motions
     except RepctlError as error:
         note = f"on the tour through the cell: {error}"
     picture = png(cell_figure(design, cuts)) if cuts else None
-    files = [write_whole(folder / "cell.html", cell_page(design, picture, motions, command=command))]
+    files = [
+        write_whole(folder / "cell.html", cell_page(design, picture, motions, command=command))
+    ]
     return files if picture is None else [*files, write_whole(folder / "cell.png", picture)], note
 
 
 def _as_dict(design: rp.CellDesign) -> dict[str, Any]:
     import numpy as np
 
-    from ..studies.result import picked
+    from ..studies.study_result import picked
 
-    figures = asdict(design.judgement)
-    del figures["stops"]  # which come last, in words
-    infinite = [name for name, value in figures.items() if isinstance(value, float) and not np.isfinite(value)]
+    figures = asdict(design.evaluation)
+    del figures["failures"]  # which come last, in words
+    infinite = [
+        name
+        for name, value in figures.items()
+        if isinstance(value, float) and not np.isfinite(value)
+    ]
     return {
         **design.task.as_dict(),
         "middle": design.cell.placement.homogeneous,
         **picked(design.cell, "half_width", "rotation"),
         "posture": design.posture,
         **figures | dict.fromkeys(infinite),
-        "everywhere": design.judgement.everywhere,
-        "stops": [picked(stop, "cause", "share", "what") for stop in design.stops],
+        "everywhere": design.evaluation.everywhere,
+        "failures": [picked(stop, "cause", "share", "what") for stop in design.failures],
         "degrees": [{"degree": d, "cost": c} for d, c in design.degrees],
     }

@@ -10,7 +10,7 @@ import repctl_pin as rp
 from ..errors import InputError
 from ..show.text.lines import fitted
 from ..show.text.numbers import number, row
-from .given import REGION, Options, box_round, natural, positive, whole
+from .given import REGION, Options, box_round, integer, natural, positive
 from .options import Parser
 from .terminal import progress, report
 
@@ -36,10 +36,16 @@ def add_options(parser: Parser) -> None:
     parser.task()
     parser.weight()
     add = parser.add_argument
-    add("--absolute", action="store_true", help="describe a planar arm by absolute angles, not by relative ones")
-    region = "Ω: half-width round the start, rad, cut to the joint limits (default 0.4; a design's own)"
+    add(
+        "--absolute",
+        action="store_true",
+        help="describe a planar arm by absolute angles, not by relative ones",
+    )
+    region = (
+        "Ω: half-width round the start, rad, cut to the joint limits (default 0.4; a design's own)"
+    )
     add("--region", type=positive, metavar="W", help=region)
-    add("--samples", type=whole, default=128, help="configurations to look at (default 128)")
+    add("--samples", type=integer, default=128, help="configurations to look at (default 128)")
     add("--seed", type=natural, default=0, help="seed of those (default 0)")
     add("--json", action="store_true", help="print JSON instead of text")
 
@@ -83,7 +89,10 @@ def _named(options: Options) -> tuple[Inverse, str, Setting]:
         assert task.coordinates is not None
         q0 = task.coordinates.coordinates(q0)
     region, notes = box_round(task, q0, options.region or REGION)
-    return (*choose_desired(task, options.asked_weight()), Setting(q0, where, region=region, moved=notes))
+    return (
+        *choose_desired(task, options.asked_weight()),
+        Setting(q0, where, region=region, moved=notes),
+    )
 
 
 def _saved(options: Options) -> tuple[Inverse, str, Setting]:
@@ -96,8 +105,16 @@ def _saved(options: Options) -> tuple[Inverse, str, Setting]:
     design = options.load_design()
     given = options.asked_start(design.task)
     q0, where = (design.region.center, "the region's center") if given is None else (given, GIVEN)
-    region, notes = (design.region, ()) if options.region is None else box_round(design.task, q0, options.region)
-    return design.inverse, f"the design in {options.what}", Setting(q0, where, region=region, moved=notes)
+    region, notes = (
+        (design.region, ())
+        if options.region is None
+        else box_round(design.task, q0, options.region)
+    )
+    return (
+        design.inverse,
+        f"the design in {options.what}",
+        Setting(q0, where, region=region, moved=notes),
+    )
 
 
 def _in_planes(drift: Any, task: rp.Task) -> _Drift:
@@ -107,10 +124,15 @@ def _in_planes(drift: Any, task: rp.Task) -> _Drift:
 
 
 def _as_dict(
-    task: rp.Task, name: str, setting: Setting, verdict: Repeatability, drift: _Drift, surfaces: Surfaces | None
+    task: rp.Task,
+    name: str,
+    setting: Setting,
+    verdict: Repeatability,
+    drift: _Drift,
+    surfaces: Surfaces | None,
 ) -> dict[str, Any]:
     from ..regions import Region
-    from ..studies.result import picked, region_dict
+    from ..studies.study_result import picked, region_dict
 
     assert isinstance(setting.region, Region)
     return {
@@ -123,12 +145,21 @@ def _as_dict(
         **picked(verdict, "tolerance", "samples"),
         "drift_per_m2": drift,
         "notes": setting.moved,
-        **({} if surfaces is None else {"surfaces": picked(surfaces, "stable", "candidate", "singular")}),
+        **(
+            {}
+            if surfaces is None
+            else {"surfaces": picked(surfaces, "stable", "candidate", "singular")}
+        ),
     }
 
 
 def _lines(
-    task: rp.Task, name: str, setting: Setting, verdict: Repeatability, drift: _Drift, surfaces: Surfaces | None
+    task: rp.Task,
+    name: str,
+    setting: Setting,
+    verdict: Repeatability,
+    drift: _Drift,
+    surfaces: Surfaces | None,
 ) -> list[str]:
     """What a person is told."""
     robot = task.robot

@@ -1,4 +1,5 @@
-"""``repctl completion``: a script that completes ``repctl`` in a shell, as shtab writes it from the parser."""
+"""``repctl completion``: a script that completes ``repctl`` in a shell, as shtab writes it from the
+parser."""
 
 from __future__ import annotations
 
@@ -40,7 +41,8 @@ def run(options: Options) -> int:
 
 
 def script(whole: argparse.ArgumentParser, shell: str) -> str:
-    """Write the script: all words stand in it, and nothing is run to complete. The parser is of no use after that."""
+    """Write the script: all words stand in it, and nothing is run to complete. The parser is of no
+    use after that."""
     needed("shtab", by="completion")
     import shtab
 
@@ -69,7 +71,8 @@ def script(whole: argparse.ArgumentParser, shell: str) -> str:
 
 
 def _words_and_files(name: str, robots: list[str]) -> dict[str, str]:
-    """Say, in each shell's own way, that words may stand here, and files: shtab knows only one or the other."""
+    """Say, in each shell's own way, that words may stand here, and files: shtab knows only one or
+    the other."""
     words = " ".join(robots) if name == "robot" else WORDS["--path"]
     return {
         "bash": f"_repctl_{name}",

@@ -12,7 +12,16 @@ from ..files import prepare_folder, write_whole
 from ..show.text.lines import fitted
 from ..show.text.numbers import row
 from .executors import executor_of
-from .given import REGION, Options, box_round, natural, positive, said_by_options, save_control, whole
+from .given import (
+    REGION,
+    Options,
+    box_round,
+    integer,
+    natural,
+    positive,
+    said_by_options,
+    save_control,
+)
 from .options import Parser
 from .terminal import progress, report
 
@@ -37,22 +46,39 @@ def add_options(parser: Parser) -> None:
     parser.task()
     parser.weight()
     add = parser.add_argument
-    add("--region", type=positive, default=REGION, metavar="W", help="Ω: half-width round the start, rad (default 0.4)")
+    add(
+        "--region",
+        type=positive,
+        default=REGION,
+        metavar="W",
+        help="Ω: half-width round the start, rad (default 0.4)",
+    )
     parser.path("Ω: a tube of that half-width round the motion on a path: ", "")
-    workspace = "Ω: only configurations with the frame within M metres of its start, along each axis"
+    workspace = (
+        "Ω: only configurations with the frame within M metres of its start, along each axis"
+    )
     add("--workspace", type=positive, metavar="M", help=workspace)
     add("--shrink", action="store_true", help="shrink Ω until it is free of singularities")
     add("--degree", default="auto", metavar="D", help="of the polynomials, or auto (default)")
     fourier = "add sines and cosines of up to K turns of the revolute joints"
-    add("--fourier", type=whole, metavar="K", help=fourier)
-    add("--samples", type=whole, help="nodes of the fit (default: by the number of unknowns)")
-    add("--held-out", type=whole, default=16384, help="nodes that judge the design (default 16384)")
+    add("--fourier", type=integer, metavar="K", help=fourier)
+    add("--samples", type=integer, help="nodes of the fit (default: by the number of unknowns)")
+    add(
+        "--held-out",
+        type=integer,
+        default=16384,
+        help="nodes that judge the design (default 16384)",
+    )
     add("--restarts", type=natural, default=0, metavar="K", help="more starts of the optimiser")
     add("--stream", action="store_true", help="do not keep the nodes in memory")
-    add("--processes", type=whole, default=1, metavar="P", help="number of processes (default 1)")
+    add("--processes", type=integer, default=1, metavar="P", help="number of processes (default 1)")
     add("--dask", metavar="ADDRESS", help="use a Dask cluster: the address of its scheduler")
     add("--seed", type=natural, default=0, help="seed of all nodes (default 0)")
-    add("--out", metavar="FOLDER", help="where design.png and design.json go (default repctl-out/ROBOT)")
+    add(
+        "--out",
+        metavar="FOLDER",
+        help="where design.png and design.json go (default repctl-out/ROBOT)",
+    )
     add("--json", action="store_true", help="print JSON instead of the table")
     add("--quiet", action="store_true", help="print nothing but errors, and what --json asks for")
 
@@ -65,7 +91,9 @@ def run(options: Options) -> int:
     if options.fourier is not None and degree == "auto":
         raise InputError("--fourier needs --degree D, the degree of the polynomials beside it")
     if options.path is not None and options.workspace is not None:
-        raise InputError("--workspace cuts a box round the start, and Ω round a --path is a tube; leave one out")
+        raise InputError(
+            "--workspace cuts a box round the start, and Ω round a --path is a tube; leave one out"
+        )
     if options.plane is not None and options.path is None:
         raise InputError("--plane is of a --path, round which Ω lies; give one")
 
@@ -87,12 +115,12 @@ def run(options: Options) -> int:
     with executor_of(options) as executor:
 
         def make(region: Region) -> rp.Design:
-            fields = _fields(task, region, degree, options.fourier)
+            potentials = _fields(task, region, degree, options.fourier)
             return rp.nearest_repeatable(
                 desired,
-                fields,
+                potentials,
                 region,
-                degree=degree if fields is None else None,
+                degree=degree if potentials is None else None,
                 executor=executor,
                 progress=share_done,
                 **options.of("samples", "held_out", "seed", "stream", "shrink", "restarts"),
@@ -115,7 +143,12 @@ def run(options: Options) -> int:
     files = [write_whole(folder / "design.png", png(figure)), saved]
 
     def text() -> str:
-        lines = [f"desired  {name}", f"start    {row(setting.q0)} ({setting.where})", "", design.summary()]
+        lines = [
+            f"desired  {name}",
+            f"start    {row(setting.q0)} ({setting.where})",
+            "",
+            design.summary(),
+        ]
         if len(degrees) > 1:
             rows = [[str(d), f"{cost:.5g}", f"{error:.1g}"] for d, cost, error in degrees]
             lines += ["", table(["degree", "cost", "± error"], rows)]
@@ -125,22 +158,30 @@ def run(options: Options) -> int:
 
 
 def _designed(
-    desired: Inverse, make: Callable[[Region], rp.Design], options: Options, say: Callable[[str], None]
+    desired: Inverse,
+    make: Callable[[Region], rp.Design],
+    options: Options,
+    say: Callable[[str], None],
 ) -> tuple[Setting, rp.Design]:
-    """Design in a tube round a path's cycle, a box cut to the joint limits, or a workspace box in it."""
+    """Design in a tube round a path's cycle, a box cut to the joint limits, or a workspace box in
+    it."""
     from ..studies.defaults import choose_start
     from ..studies.start_and_path import GIVEN, Setting, design_from
 
     task, start = desired.task, options.asked_start(desired.task)
     if options.path is not None:
         path = options.asked_path()
-        return design_from(desired, start, path, make, width=options.region, seed=options.seed, say=say)
+        return design_from(
+            desired, start, path, make, width=options.region, seed=options.seed, say=say
+        )
     q0, where = choose_start(task) if start is None else (start, GIVEN)
     box, notes = box_round(task, q0, options.region)
     region: Region = box
     if options.workspace is not None:
         axes = [row for row in task.rows if row < 3]
-        region = rp.WorkspaceBox(task, task.placement(q0).translation[axes], options.workspace, within=box)
+        region = rp.WorkspaceBox(
+            task, task.placement(q0).translation[axes], options.workspace, within=box
+        )
     return Setting(q0, where, region=region, moved=notes), make(region)
 
 
@@ -161,7 +202,8 @@ def _with_cycle(design: rp.Design, setting: Setting) -> tuple[rp.Design, list[st
 
 
 def _fields(task: rp.Task, region: Region, degree: Any, fourier: int | None) -> Any:
-    """Join Fourier potentials to the polynomials, where asked to; None leaves the polynomials to the degree."""
+    """Join Fourier basis to the polynomials, where asked to; None leaves the polynomials to the
+    degree."""
     if fourier is None:
         return None
     import numpy as np
@@ -174,8 +216,10 @@ def _fields(task: rp.Task, region: Region, degree: Any, fourier: int | None) -> 
     return rp.Polynomial(region.bounds.center, degree, region.bounds.half_width) + waves
 
 
-def _as_dict(design: rp.Design, degrees: Any, name: str, setting: Setting, notes: list[str]) -> dict[str, Any]:
-    from ..studies.result import picked, region_dict
+def _as_dict(
+    design: rp.Design, degrees: Any, name: str, setting: Setting, notes: list[str]
+) -> dict[str, Any]:
+    from ..studies.study_result import picked, region_dict
 
     figures = ("cost", "cost_error", "relative_distance", "leaf_margin")
     fit = ("fit_cost", "gradient_norm", "converged", "steps", "samples", "held_out", "seed")
@@ -184,14 +228,20 @@ def _as_dict(design: rp.Design, degrees: Any, name: str, setting: Setting, notes
         "desired": name,
         "start": [float(v) for v in setting.q0],
         "start_is": setting.where,
-        **({} if design.cycle is None else design.cycle.path.as_dict() | {"period": design.cycle.period}),
+        **(
+            {}
+            if design.cycle is None
+            else design.cycle.path.as_dict() | {"period": design.cycle.period}
+        ),
         "region": region_dict(design.region),
         "shrunk": design.shrunk,
-        "potentials": design.fields.size,
+        "potentials": design.potentials.size,
         "dropped": design.dropped,
         **picked(design, *figures, "leaf_margin_at", "inside_limits", *fit),
         "baselines": {
-            other.name: {"refused": other.refused} if other.judgement is None else picked(other.judgement, *figures)
+            other.name: {"refused": other.refused}
+            if other.evaluation is None
+            else picked(other.evaluation, *figures)
             for other in design.baselines
         },
         "degrees": [{"degree": d, "cost": c, "cost_error": e} for d, c, e in degrees],

@@ -18,7 +18,8 @@ REFUSED, FAULT, INTERRUPTED = 2, 1, 130
 
 
 class Stopped(BaseException):
-    """SIGTERM or the end of the terminal, raised in the main thread, so that half-written files are removed."""
+    """SIGTERM or the end of the terminal, raised in the main thread, so that half-written files are
+    removed."""
 
     def __init__(self, number: int) -> None:
         super().__init__(signal.Signals(number).name)
@@ -27,11 +28,16 @@ class Stopped(BaseException):
 
 @contextmanager
 def stopped_cleanly() -> Iterator[None]:
-    """Raise :class:`Stopped` where SIGTERM or SIGHUP would end the process at once: the first of them alone."""
+    """Raise :class:`Stopped` where SIGTERM or SIGHUP would end the process at once: the first of
+    them alone."""
     numbers = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
-    if threading.current_thread() is not threading.main_thread():  # only the main thread gets signals
+    if (
+        threading.current_thread() is not threading.main_thread()
+    ):  # only the main thread gets signals
         numbers = []
-    caught = [number for number in numbers if signal.getsignal(number) is signal.SIG_DFL]  # under nohup it is ignored
+    caught = [
+        number for number in numbers if signal.getsignal(number) is signal.SIG_DFL
+    ]  # under nohup it is ignored
     coming, hook = False, sys.unraisablehook
 
     def stop(number: int, frame: object) -> None:
@@ -41,7 +47,8 @@ def stopped_cleanly() -> Iterator[None]:
             raise Stopped(number)
 
     def swallowed(what: Any) -> None:
-        """Raise it anew a little later, where it was raised inside a finaliser, which drops exceptions."""
+        """Raise it anew a little later, where it was raised inside a finaliser, which drops
+        exceptions."""
         nonlocal coming
         if isinstance(what.exc_value, Stopped):
             coming = False
@@ -60,7 +67,7 @@ def stopped_cleanly() -> Iterator[None]:
             signal.signal(number, signal.SIG_DFL)
 
 
-def told(run: Callable[[], int], arguments: list[str], *, debug: bool) -> int:
+def exit_code(run: Callable[[], int], arguments: list[str], *, debug: bool) -> int:
     """Run a command; what goes wrong becomes one line on stderr, and a code.
 
     Parameters
@@ -88,7 +95,10 @@ def told(run: Callable[[], int], arguments: list[str], *, debug: bool) -> int:
         _drop_output()
         return 0
     except MemoryError:
-        return _say("this takes more memory than there is; ask for less: fewer --cycles, --steps or --samples", REFUSED)
+        return _say(
+            "this takes more memory than there is; ask for less: fewer --cycles, --steps or --samples",
+            REFUSED,
+        )
     except Exception as error:
         if debug:
             raise

@@ -14,7 +14,8 @@ if TYPE_CHECKING:
     from concurrent.futures import Executor
 
 BLAS_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-"""Where the libraries of linear algebra read how many threads they may use, when they are loaded."""
+"""Where the libraries of linear algebra read how many threads they may use, when they are
+loaded."""
 
 
 @contextmanager
@@ -28,7 +29,9 @@ def executor_of(options: Options) -> Iterator[Any]:
         try:
             client = Client(options.dask, timeout=10)
         except (OSError, ValueError, TimeoutError) as error:
-            raise InputError(f"--dask {options.dask}: no scheduler answers there ({error})") from None
+            raise InputError(
+                f"--dask {options.dask}: no scheduler answers there ({error})"
+            ) from None
         with client:
             yield client
     elif options.processes > 1:
@@ -38,7 +41,9 @@ def executor_of(options: Options) -> Iterator[Any]:
 
         # each worker does its own share: BLAS threads on top would only slow it down
         os.environ.update(dict.fromkeys(BLAS_THREADS, "1"))
-        pool = ProcessPoolExecutor(options.processes, mp_context=multiprocessing.get_context("spawn"))
+        pool = ProcessPoolExecutor(
+            options.processes, mp_context=multiprocessing.get_context("spawn")
+        )
         try:
             _start(pool, options.processes)
             yield pool
@@ -49,7 +54,8 @@ def executor_of(options: Options) -> Iterator[Any]:
 
 
 def _start(pool: Executor, processes: int) -> None:
-    """Start the workers without Ctrl-C, from their first moment on: it is for the process that starts them."""
+    """Start the workers without Ctrl-C, from their first moment on: it is for the process that
+    starts them."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         for _ in range(processes):

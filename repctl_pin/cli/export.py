@@ -22,9 +22,16 @@ def add_options(parser: Parser) -> None:
     """Add the options of this subcommand."""
     parser.what("a saved design or cell (.json), made by repctl design, study or cell")
     parser.set_defaults(frame=None, task=None)
-    parser.add_argument("--to", metavar="FOLDER", default="arm_control", help="folder to write (default arm_control)")
     parser.add_argument(
-        "--name", default="arm_control", help="prefix of the files and of every name in C (default arm_control)"
+        "--to",
+        metavar="FOLDER",
+        default="arm_control",
+        help="folder to write (default arm_control)",
+    )
+    parser.add_argument(
+        "--name",
+        default="arm_control",
+        help="prefix of the files and of every name in C (default arm_control)",
     )
     parser.add_argument("--json", action="store_true", help="print JSON instead of text")
 
@@ -32,7 +39,9 @@ def add_options(parser: Parser) -> None:
 def run(options: Options) -> int:
     """Write the folder."""
     if not options.saved:
-        raise InputError(f"{options.what!r} is not a saved design (.json); repctl design, study and cell make one")
+        raise InputError(
+            f"{options.what!r} is not a saved design (.json); repctl design, study and cell make one"
+        )
     design = options.load_saved()
     if isinstance(design, rp.CellDesign):
         files = rp.export_c(design.function, options.to, options.name)

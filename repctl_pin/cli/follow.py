@@ -12,7 +12,7 @@ from ..errors import InputError, needed, printable
 from ..files import write_whole
 from ..show.text.lines import fitted
 from ..show.text.numbers import number, row
-from .given import REGION, Options, numbers_of, positive, said_by_options, whole
+from .given import REGION, Options, integer, numbers_of, positive, said_by_options
 from .options import Parser
 from .terminal import progress, report
 
@@ -37,20 +37,46 @@ def add_options(parser: Parser) -> None:
     add = parser.add_argument
     names = f"in place of a design: {', '.join(OWN)}, or a registered one (default {OWN[0]})"
     add("--strategy", metavar="NAME", help=names)
-    add("--fields", metavar="NAME", help="in place of a design: design with registered fields, round the start")
-    add("--region", type=positive, default=REGION, metavar="W", help="with --fields: Ω (default 0.4)")
+    add(
+        "--potentials",
+        metavar="NAME",
+        help="in place of a design: design with registered potentials, round the start",
+    )
+    add(
+        "--region",
+        type=positive,
+        default=REGION,
+        metavar="W",
+        help="with --potentials: Ω (default 0.4)",
+    )
     parser.surroundings()
     parser.task()
     parser.path()
-    add("--cycles", type=whole, default=1, help="number of cycles (default 1)")
-    add("--steps", type=whole, default=500, help="points per cycle (default 500)")
-    add("--period", type=positive, help="time of a cycle, s (default: the design's or the path's own, else 5)")
+    add("--cycles", type=integer, default=1, help="number of cycles (default 1)")
+    add("--steps", type=integer, default=500, help="points per cycle (default 500)")
+    add(
+        "--period",
+        type=positive,
+        help="time of a cycle, s (default: the design's or the path's own, else 5)",
+    )
     add("--best-leaf", action="store_true", help="start on the leaf with the most room")
     accelerations = "rad/s² (m/s²), a number, one for each joint, or panda, fr3, ur"
-    add("--acceleration", metavar="A", help=f"go from rest to rest within these limits: {accelerations}")
+    add(
+        "--acceleration",
+        metavar="A",
+        help=f"go from rest to rest within these limits: {accelerations}",
+    )
     add("--rate", type=positive, help="with --acceleration: samples per second (default 1000)")
-    add("--profile", metavar="FILE", help="with --acceleration: draw joint speed over the path's length, as PNG")
-    add("--csv", metavar="FILE", help="write time, positions, velocities, and accelerations if timed")
+    add(
+        "--profile",
+        metavar="FILE",
+        help="with --acceleration: draw joint speed over the path's length, as PNG",
+    )
+    add(
+        "--csv",
+        metavar="FILE",
+        help="write time, positions, velocities, and accelerations if timed",
+    )
     add("--yaml", metavar="FILE", help="write a ROS JointTrajectory")
     broken = "write --csv and --yaml even where a joint leaves its limits, or bodies touch"
     add("--allow-violations", action="store_true", help=broken)
@@ -82,18 +108,35 @@ def run(options: Options) -> int:
     say("following the path")
     lock = 2 if isinstance(strategy, OnLeaves) else 0
     period = options.period or setting.period
-    motion = rp.follow(strategy, path, q0, cycles=options.cycles, steps=options.steps, period=period, leaf_lock=lock)
+    motion = rp.follow(
+        strategy,
+        path,
+        q0,
+        cycles=options.cycles,
+        steps=options.steps,
+        period=period,
+        leaf_lock=lock,
+    )
     motion = replace(motion, region=setting.region)
     slowed = (commanded(motion, strategy) if lock else motion).retimed()
     result = _result(slowed, motion.t[-1], q0, notes)
     rest: rp.TimedMotion | None = None
     if options.acceleration is not None:
         say("timing the motion")
-        rest = rp.timed(motion, acceleration=_accelerations(options.acceleration), rate=options.rate or 1000.0)
-        result |= {"duration": rest.duration, "slowed_by": None, "cycle_time": rest.cycle_time, "stops": rest.stops}
+        rest = rp.timed(
+            motion, acceleration=_accelerations(options.acceleration), rate=options.rate or 1000.0
+        )
+        result |= {
+            "duration": rest.duration,
+            "slowed_by": None,
+            "cycle_time": rest.cycle_time,
+            "stops": rest.stops,
+        }
         result["peak_speed"] = float((rest.qdot**2).sum(axis=1).max() ** 0.5)
     broken = violations_of(slowed)
-    remedies = ["--best-leaf"] if isinstance(strategy, rp.RepeatableInverse) and found is None else []
+    remedies = (
+        ["--best-leaf"] if isinstance(strategy, rp.RepeatableInverse) and found is None else []
+    )
     tried = options.start is None and not options.saved
     remedies.append(f"a --start of your own ({NO_BETTER})" if tried else "another --start")
     remedies += [*(["a smaller --path"] if all(one.moment > 0 for one in broken) else [])]
@@ -110,7 +153,10 @@ def run(options: Options) -> int:
     files = [write_whole(name, content) for name, content in contents.items()]
 
     def text() -> str:
-        loud = [*outside_words(motion.outside or 0.0), *([] if found is None else [found.summary()])]
+        loud = [
+            *outside_words(motion.outside or 0.0),
+            *([] if found is None else [found.summary()]),
+        ]
         return fitted("\n".join([*loud, *_lines(result, slowed, written=bool(files))]))
 
     report(options, lambda: result, text, files)
@@ -122,16 +168,21 @@ def run(options: Options) -> int:
 
 
 def _check_control(options: Options) -> None:
-    """Refuse two controls, options of a timed motion for one that is not, and a file asked for twice."""
-    given = [name for name in ("strategy", "fields") if getattr(options, name)]
+    """Refuse two controls, options of a timed motion for one that is not, and a file asked for
+    twice."""
+    given = [name for name in ("strategy", "potentials") if getattr(options, name)]
     if given and (options.saved or len(given) > 1):
-        raise InputError("--strategy and --fields stand in place of a design and of each other; give a robot with one")
+        raise InputError(
+            "--strategy and --potentials stand in place of a design and of each other; give a robot with one"
+        )
     for option in ("rate", "profile"):
         if getattr(options, option) is not None and options.acceleration is None:
             raise InputError(f"--{option} is for a timed motion; give --acceleration with it")
     files = [file for file in (options.csv, options.yaml, options.profile) if file is not None]
     if len(set(files)) < len(files):
-        raise InputError("--csv, --yaml and --profile are files of their own; give each another name")
+        raise InputError(
+            "--csv, --yaml and --profile are files of their own; give each another name"
+        )
     if options.profile is not None:
         needed("matplotlib", by="--profile")
 
@@ -141,39 +192,63 @@ def _saved(options: Options) -> tuple[Strategy, Setting, Inverse]:
     from ..studies.start_and_path import setting_of
 
     design = options.load_saved()
-    return design.inverse, setting_of(design, options.asked_start(design.task), options.asked_path()), design.desired
+    return (
+        design.inverse,
+        setting_of(design, options.asked_start(design.task), options.asked_path()),
+        design.desired,
+    )
 
 
 def _made(options: Options, say: Callable[[str], None]) -> tuple[Strategy, Setting]:
-    """The control that ``--strategy`` or ``--fields`` names, or else the nearest repeatable, and where it goes."""
+    """The control that ``--strategy`` or ``--potentials`` names, or else the nearest repeatable,
+    and where it goes."""
     from ..motion.fitting_circle import fitting_circle
     from ..plugins import plugin
     from ..strategies import Strategy
     from ..studies.start_and_path import choose_setting, design_from, shrunk_note, with_cycle
 
     task = options.load_task()
-    plain, start, path = rp.Pseudoinverse(task), options.asked_start(task), options.asked_path() or fitting_circle
-    if not options.fields and options.strategy in (None, "repeatable"):
+    plain, start, path = (
+        rp.Pseudoinverse(task),
+        options.asked_start(task),
+        options.asked_path() or fitting_circle,
+    )
+    if not options.potentials and options.strategy in (None, "repeatable"):
         setting, design = design_from(
-            plain, start, path, lambda box: rp.nearest_repeatable(plain, None, box, degree=2, shrink=True), say=say
+            plain,
+            start,
+            path,
+            lambda box: rp.nearest_repeatable(plain, None, box, degree=2, shrink=True),
+            say=say,
         )
         design, slower = with_cycle(design, setting, period=options.period)
         assert design.cycle is not None
         moved = (*setting.moved, *shrunk_note(design), *slower)
-        return design.inverse, setting._replace(region=design.region, period=design.cycle.period, moved=moved)
+        return design.inverse, setting._replace(
+            region=design.region, period=design.cycle.period, moved=moved
+        )
     say("finding a path")
     setting = choose_setting(task, start, path)
-    if options.fields:
-        fields, box = plugin("fields", options.fields)(task, setting.q0), rp.Box(setting.q0, options.region)
+    if options.potentials:
+        potentials, box = (
+            plugin("potentials", options.potentials)(task, setting.q0),
+            rp.Box(setting.q0, options.region),
+        )
         try:
-            return rp.nearest_repeatable(plain, fields, box).inverse, setting._replace(region=box)
+            return rp.nearest_repeatable(plain, potentials, box).inverse, setting._replace(
+                region=box
+            )
         except rp.SingularRegionError as error:
             raise said_by_options(error) from None
     if options.strategy in OWN:
-        return (plain if options.strategy == "pseudoinverse" else rp.WeightedInverse(task, "inertia")), setting
+        return (
+            plain if options.strategy == "pseudoinverse" else rp.WeightedInverse(task, "inertia")
+        ), setting
     strategy = plugin("strategies", options.strategy, known=OWN)(task)
     if not isinstance(strategy, Strategy):
-        raise InputError(f"--strategy {options.strategy} makes something without a task or a velocity(q, ẋ)")
+        raise InputError(
+            f"--strategy {options.strategy} makes something without a task or a velocity(q, ẋ)"
+        )
     return strategy, setting
 
 
@@ -197,7 +272,7 @@ def _drawn(rest: rp.TimedMotion) -> bytes:
 
 
 def _result(motion: rp.Motion, asked: float, q0: Any, notes: list[str]) -> dict[str, Any]:
-    from ..studies.result import bodies_dict, limits_dict
+    from ..studies.study_result import bodies_dict, limits_dict
 
     task = motion.task
     return {
@@ -232,11 +307,19 @@ def _lines(result: dict[str, Any], motion: rp.Motion, *, written: bool) -> Itera
     yield f"limit margin    {'no limits' if margin is None else number(margin)}"
     if room is not None:
         links = " and ".join(result["nearest_bodies"]["links"])
-        apart = f"apart    {number(room)} m at least" if room >= 0 else f"overlap  {number(-room)} m at most"
+        apart = (
+            f"apart    {number(room)} m at least"
+            if room >= 0
+            else f"overlap  {number(-room)} m at most"
+        )
         yield f"bodies {apart}: {links}"
     more, slowed = "", result["slowed_by"]
     if slowed is None:
-        stops = f", stopping {result['stops']} times in each; blend= rounds corners" if result["stops"] else ""
+        stops = (
+            f", stopping {result['stops']} times in each; blend= rounds corners"
+            if result["stops"]
+            else ""
+        )
         more = f" from rest to rest, {result['cycle_time']:.4g} s per cycle{stops}"
     elif slowed > 1.0001:
         more = f", slowed down by {slowed:.3g} to keep the speed limits"

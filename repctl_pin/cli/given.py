@@ -14,7 +14,7 @@ from ..errors import InputError
 from ..files import check_folder, not_left_empty
 
 if TYPE_CHECKING:
-    from ..design.schema import TaskFile
+    from ..saving.schema import TaskFile
 
 REGION = 0.4
 """Half-width of Ω round a start, rad, where none is given."""
@@ -53,7 +53,10 @@ class Options(argparse.Namespace):
 
     def beside(self) -> dict[str, Any]:
         """Say where a robot's meshes are, and what stands round it."""
-        return {"package_dirs": self.package_dir, "surroundings": getattr(self, "surroundings", None)}
+        return {
+            "package_dirs": self.package_dir,
+            "surroundings": getattr(self, "surroundings", None),
+        }
 
     def load_task(self) -> rp.Task:
         """Load the robot, and take the task asked for, or the first redundant one."""
@@ -62,15 +65,16 @@ class Options(argparse.Namespace):
         return choose_task(self.load_robot(), self.frame, self.task)
 
     def load_saved(self) -> rp.Design | rp.CellDesign:
-        """Load the design of either kind that WHAT names, on the robot that ``--robot`` names or the catalogue's.
+        """Load the design of either kind that WHAT names, on the robot that ``--robot`` names or
+        the catalogue's.
 
         Raises
         ------
         InputError
             If it is no design, its robot is not known, or an option contradicts it.
         """
-        from ..design.identity import task_of
         from ..saving.files import made_of, read_design
+        from ..saving.task_identity import task_of
 
         content = read_design(self.what)
         return made_of(content, task_of(content.task, self._robot_of(content.task)), self.what)
@@ -93,7 +97,9 @@ class Options(argparse.Namespace):
                 raise InputError(f"{file} has its own {option}, {its}; leave --{option} out")
         for joint in self.lock:
             if joint not in made_for.lock:
-                raise InputError(f"{file} was made with {joint!r} free to move; leave --lock {joint} out")
+                raise InputError(
+                    f"{file} was made with {joint!r} free to move; leave --lock {joint} out"
+                )
         if self.robot is None and not made_for.catalogue:
             raise InputError(
                 f"{file} is for {made_for.robot} ({made_for.file}), which is not in the catalogue; "
@@ -101,41 +107,60 @@ class Options(argparse.Namespace):
             )
         robot = rp.Robot.load(self.robot or made_for.robot, **self.beside())
         if robot.name != made_for.robot:
-            raise InputError(f"{file} is for the robot {made_for.robot!r}, not {robot.name!r}; give that with --robot")
+            raise InputError(
+                f"{file} is for the robot {made_for.robot!r}, not {robot.name!r}; give that with --robot"
+            )
         return robot
 
     def asked_start(self, task: rp.Task | None = None) -> Any:
         """Read ``--start``, if it was given; for a task, check it too."""
         if self.start is None:
             return None
-        numbers = numbers_of(self.start, "--start", "is not a list of numbers; separate them by commas")
+        numbers = numbers_of(
+            self.start, "--start", "is not a list of numbers; separate them by commas"
+        )
         return numbers if task is None else task.check(numbers, "--start")
 
     def asked_path(self) -> Any:
-        """Read ``--path`` and ``--plane``: a function (task, q0) → path, or None where neither is given."""
+        """Read ``--path`` and ``--plane``: a function (task, q0) → path, or None where neither is
+        given."""
         from ..motion.spec import parse_path
 
-        return None if self.path is None and self.plane is None else parse_path(self.path, self.plane)
+        return (
+            None if self.path is None and self.plane is None else parse_path(self.path, self.plane)
+        )
 
     def asked(self) -> dict[str, Any]:
         """Read the frame, task, start and path, as :func:`repctl_pin.study` takes them."""
-        return {"frame": self.frame, "task": self.task, "start": self.asked_start(), "path": self.asked_path()}
+        return {
+            "frame": self.frame,
+            "task": self.task,
+            "start": self.asked_start(),
+            "path": self.asked_path(),
+        }
 
     def asked_weight(self) -> Any:
         """Read ``--weight``: None, a word, or numbers."""
         if self.weight in (None, "inertia", "limits"):
             return self.weight
-        return numbers_of(self.weight, "--weight", "is neither inertia, nor limits, nor numbers separated by commas")
+        return numbers_of(
+            self.weight,
+            "--weight",
+            "is neither inertia, nor limits, nor numbers separated by commas",
+        )
 
     def asked_degree(self) -> Any:
         """Read ``--degree``: auto, or a whole number."""
         try:
-            return "auto" if self.degree == "auto" else whole(self.degree)
+            return "auto" if self.degree == "auto" else integer(self.degree)
         except argparse.ArgumentTypeError:
-            raise InputError(f"--degree {self.degree!r} is neither auto nor a whole number from 1 up") from None
+            raise InputError(
+                f"--degree {self.degree!r} is neither auto nor a whole number from 1 up"
+            ) from None
 
     def output_folder(self, name: str) -> Path:
-        """Where the files go: ``--out``, else ``repctl-out/NAME``. It can be written; it is not left empty."""
+        """Where the files go: ``--out``, else ``repctl-out/NAME``. It can be written; it is not
+        left empty."""
         folder = Path(self.out or Path("repctl-out") / name)
         try:
             check_folder(folder)
@@ -178,11 +203,17 @@ def save_control(design: rp.Design | rp.CellDesign, file: Path) -> Path:
 def box_round(task: rp.Task, q0: Any, half_width: float) -> tuple[rp.Box, tuple[str, ...]]:
     """Make Ω, a box round the start cut to the joint limits; and a note where it was cut."""
     box = rp.Box(q0, half_width).inside(task.lower, task.upper)
-    cut = [n for n, w in zip(task.joint_names, box.half_width, strict=True) if w < half_width * (1 - 1e-9)]
+    cut = [
+        n
+        for n, w in zip(task.joint_names, box.half_width, strict=True)
+        if w < half_width * (1 - 1e-9)
+    ]
     return box, (f"Ω was cut at the limits of {', '.join(cut)}",) if cut else ()
 
 
-def said_by_options(error: rp.SingularRegionError, *, shrink: bool = False) -> rp.SingularRegionError:
+def said_by_options(
+    error: rp.SingularRegionError, *, shrink: bool = False
+) -> rp.SingularRegionError:
     """Name the options that help where Ω holds a singularity."""
     from ..studies.defaults import half_width_within
 
@@ -190,10 +221,12 @@ def said_by_options(error: rp.SingularRegionError, *, shrink: bool = False) -> r
         return error.with_remedy(
             "choose another --start, or a smaller --region: cut at the joint limits, it has another center"
         )
-    return error.with_remedy("--shrink takes that" if shrink else f"give --region {half_width_within(error.free)}")
+    return error.with_remedy(
+        "--shrink takes that" if shrink else f"give --region {half_width_within(error.free)}"
+    )
 
 
-def whole(text: str, least: int = 1) -> int:
+def integer(text: str, least: int = 1) -> int:
     """Take a whole number from 1 up."""
     value = int(text) if re.fullmatch(r"\s*\+?[0-9]{1,15}\s*", text) else least - 1
     if value < least:
@@ -203,7 +236,7 @@ def whole(text: str, least: int = 1) -> int:
 
 def natural(text: str) -> int:
     """Take a whole number from 0 up."""
-    return whole(text, 0)
+    return integer(text, 0)
 
 
 def positive(text: str) -> float:

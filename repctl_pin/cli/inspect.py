@@ -15,7 +15,9 @@ EXAMPLE = """examples: repctl inspect my_arm.urdf          the frames at the end
 def add_options(parser: Parser) -> None:
     """Add the options of this subcommand."""
     parser.robot()
-    parser.add_argument("--all", action="store_true", help="list every frame that moves, not only the ends of arms")
+    parser.add_argument(
+        "--all", action="store_true", help="list every frame that moves, not only the ends of arms"
+    )
     parser.add_argument("--json", action="store_true", help="print JSON instead of text")
 
 

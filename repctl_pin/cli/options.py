@@ -1,4 +1,5 @@
-"""The options that several subcommands share, and the parser that has them; what is wrong gets one line."""
+"""The options that several subcommands share, and the parser that has them; what is wrong gets one
+line."""
 
 from __future__ import annotations
 
@@ -17,7 +18,8 @@ _PATHS = (
 
 
 class Parser(argparse.ArgumentParser):
-    """An argument parser whose complaint is one line: the nearest that can be used, and where the others are."""
+    """An argument parser whose complaint is one line: the nearest that can be used, and where the
+    others are."""
 
     def error(self, message: str) -> NoReturn:
         """Say the line and exit with 2."""
@@ -25,7 +27,11 @@ class Parser(argparse.ArgumentParser):
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         if action.choices is not None and value not in action.choices:
-            kind = "command" if isinstance(action, argparse._SubParsersAction) else action.dest.replace("_", " ")
+            kind = (
+                "command"
+                if isinstance(action, argparse._SubParsersAction)
+                else action.dest.replace("_", " ")
+            )
             raise argparse.ArgumentError(None, str(unknown(kind, value, action.choices)))
 
     def parse_all(self, arguments: list[str]) -> Options:
@@ -34,13 +40,21 @@ class Parser(argparse.ArgumentParser):
         chosen: Parser = vars(options).pop("parser")
         if rest:
             word = next((w for w in rest if w.startswith("-")), rest[0]).partition("=")[0]
-            known = [w for action in chosen._actions for w in action.option_strings if w.startswith("--")]
-            chosen.error(str(unknown("option", word, known)) if word.startswith("-") else f"{word!r} is one too many")
+            known = [
+                w for action in chosen._actions for w in action.option_strings if w.startswith("--")
+            ]
+            chosen.error(
+                str(unknown("option", word, known))
+                if word.startswith("-")
+                else f"{word!r} is one too many"
+            )
         return options
 
     def robot(self) -> None:
         """Add ROBOT and what says how to load it."""
-        self.add_argument("robot", metavar="ROBOT", help="catalogue name (see `repctl robots`) or path to a URDF")
+        self.add_argument(
+            "robot", metavar="ROBOT", help="catalogue name (see `repctl robots`) or path to a URDF"
+        )
         self._loading()
 
     def what(
@@ -49,13 +63,27 @@ class Parser(argparse.ArgumentParser):
     ) -> None:
         """Add WHAT, which is a robot or a saved design, and what says how to load it."""
         self.add_argument("what", metavar="WHAT", help=what)
-        self.add_argument("--robot", metavar="ROBOT", help="the robot of a design that is not in the catalogue")
+        self.add_argument(
+            "--robot", metavar="ROBOT", help="the robot of a design that is not in the catalogue"
+        )
         self._loading()
 
     def _loading(self) -> None:
         add = self.add_argument
-        add("--package-dir", action="append", default=[], metavar="DIR", help="folder of package:// paths")
-        add("--lock", action="append", default=[], metavar="JOINT", help="hold a joint at the reference pose")
+        add(
+            "--package-dir",
+            action="append",
+            default=[],
+            metavar="DIR",
+            help="folder of package:// paths",
+        )
+        add(
+            "--lock",
+            action="append",
+            default=[],
+            metavar="JOINT",
+            help="hold a joint at the reference pose",
+        )
         hands = "link in which x is measured, taken as fixed: one on the way to the frame, or another hand"
         add("--base", metavar="LINK", help=hands)
 
@@ -69,12 +97,19 @@ class Parser(argparse.ArgumentParser):
         kinds = "pose, axis, position, xy, xz or yz (default: the first redundant of pose, position, xy, xz, yz)"
         self.add_argument("--frame", help="link to move (default: the arm's end)")
         self.add_argument("--task", metavar="KIND", help=kinds)
-        self.add_argument("--start", metavar="Q", help="joint positions, rad or m, separated by commas")
+        self.add_argument(
+            "--start", metavar="Q", help="joint positions, rad or m, separated by commas"
+        )
 
     def path(self, lead: str = "", default: str = " (default: a circle that fits)") -> None:
-        """Add what says along which path; a command may have words of its own before it, and another default."""
+        """Add what says along which path; a command may have words of its own before it, and
+        another default."""
         self.add_argument("--path", metavar="PATH", help=lead + _PATHS + default)
-        self.add_argument("--plane", metavar="PLANE", help="of the path: xy, yz or xz (default: the first that fits)")
+        self.add_argument(
+            "--plane",
+            metavar="PLANE",
+            help="of the path: xy, yz or xz (default: the first that fits)",
+        )
 
     def weight(self) -> None:
         """Add what says which inverse is meant, or should be come near to."""

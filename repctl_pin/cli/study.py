@@ -9,7 +9,7 @@ from pathlib import Path
 import repctl_pin as rp
 
 from ..files import write_whole, written_together
-from .given import Options, natural, positive, said_by_options, whole
+from .given import Options, integer, natural, positive, said_by_options
 from .options import Parser
 from .terminal import progress, report
 
@@ -24,9 +24,11 @@ def add_options(parser: Parser) -> None:
     parser.task()
     parser.path()
     add = parser.add_argument
-    add("--cycles", type=whole, default=10, help="number of cycles (default 10)")
-    add("--steps", type=whole, default=500, help="RK4 steps a cycle (default 500)")
-    period = "time of a cycle, s (default: the path's own, else 5, or longer to keep the speed limits)"
+    add("--cycles", type=integer, default=10, help="number of cycles (default 10)")
+    add("--steps", type=integer, default=500, help="RK4 steps a cycle (default 500)")
+    period = (
+        "time of a cycle, s (default: the path's own, else 5, or longer to keep the speed limits)"
+    )
     add("--period", type=positive, help=period)
     region = "Ω: half-width round the start, rad (default: round the cycle)"
     add("--region", type=positive, metavar="W", help=region)
@@ -34,7 +36,7 @@ def add_options(parser: Parser) -> None:
         "degree of the potentials (default 2, or 1 for arms of many joints); 3 or 4 may come nearer to J⁺, and the "
         "work grows fast"
     )
-    add("--degree", type=whole, help=degree)
+    add("--degree", type=integer, help=degree)
     parser.weight()
     add("--seed", type=natural, default=0, help="seed of the design's nodes (default 0)")
     add("--out", metavar="FOLDER", help="where the files go (default repctl-out/ROBOT)")
@@ -72,7 +74,9 @@ def run(options: Options) -> int:
             note = "the report.html there is from an earlier study; --report writes a new one"
             result = replace(result, notes=(*result.notes, note))
     files = [folder / file.name for file in files]
-    return report(options, lambda: result.as_dict() | {"run": run}, lambda: f"{study_table(result)}\n", files)
+    return report(
+        options, lambda: result.as_dict() | {"run": run}, lambda: f"{study_table(result)}\n", files
+    )
 
 
 def _report(result: rp.Study, animation: Path, file: Path, options: Options, run: str) -> Path:
@@ -85,7 +89,11 @@ def _report(result: rp.Study, animation: Path, file: Path, options: Options, run
     page = report_page(
         result,
         maps=study_maps(result),
-        options={name.replace("_", "-"): value for name, value in vars(options).items() if name not in own},
+        options={
+            name.replace("_", "-"): value
+            for name, value in vars(options).items()
+            if name not in own
+        },
         command=options.command_line,
         animation=animation.read_text(encoding="utf-8"),
     )

@@ -17,7 +17,8 @@ from ..show.text.lines import on_terminal
 
 
 def progress(quiet: bool) -> Callable[[str], None]:
-    """Show what is being done on one line of a terminal, from now on; elsewhere only what begins with "note: "."""
+    """Show what is being done on one line of a terminal, from now on; elsewhere only what begins
+    with "note: "."""
     shown = on_terminal(sys.stderr)
 
     def say(text: str) -> None:
@@ -45,7 +46,8 @@ def report(
     text: Callable[[], str] = str,
     files: Sequence[str | Path] | None = None,
 ) -> int:
-    """Print what a command found: as JSON, or as text and the files that it wrote; the command is done.
+    """Print what a command found: as JSON, or as text and the files that it wrote; the command is
+    done.
 
     Parameters
     ----------
@@ -67,8 +69,11 @@ def report(
 
 
 def as_json(value: Any, indent: int | None = None) -> str:
-    """Write JSON that any terminal can show: what does not print is escaped, which JSON reads as the same."""
-    text = json.dumps(value, indent=indent, ensure_ascii=False, default=lambda array: array.tolist())
+    """Write JSON that any terminal can show: what does not print is escaped, which JSON reads as
+    the same."""
+    text = json.dumps(
+        value, indent=indent, ensure_ascii=False, default=lambda array: array.tolist()
+    )
     return "".join(c if c.isprintable() or c == "\n" else json.dumps(c)[1:-1] for c in text)
 
 
@@ -77,7 +82,9 @@ def until_stopped() -> Iterator[threading.Event]:
     """Give an event that Ctrl-C, SIGTERM and the end of the terminal set, in the main thread."""
     stop = threading.Event()
     numbers = [signal.SIGINT, signal.SIGTERM]
-    if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # ignored under nohup
+    if (
+        hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN
+    ):  # ignored under nohup
         numbers.append(signal.SIGHUP)
     before = {number: signal.signal(number, lambda *_: stop.set()) for number in numbers}
     try:

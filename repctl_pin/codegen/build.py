@@ -34,7 +34,8 @@ text = ctypes.c_char * 65
 made = text.in_dll(ctypes.CDLL(sys.argv[1]), {_KEY!r}).value
 sys.exit(made.decode() != sys.argv[2] and "error: it is another library")
 """
-"""Python that loads a library in a process of its own: a file cut short ends the process that loads it."""
+"""Python that loads a library in a process of its own: a file cut short ends the process that loads
+it."""
 
 
 class NoCompilerError(RepctlError):
@@ -63,11 +64,12 @@ def compiler() -> list[str]:
 
 
 def shared_library(code: str) -> Path:
-    """Compile C to a shared library that loads, or take the one that was compiled from the same source before.
+    """Compile C to a shared library that loads, or take the one that was compiled from the same
+    source before.
 
-    Files are written under another name and renamed, so two processes at once do no harm. The folder is the
-    user's alone; a file in it counts only with the checksum that was written beside it. Where the cache cannot be
-    used, a temporary folder serves.
+    Files are written under another name and renamed, so two processes at once do no harm. The
+    folder is the user's alone; a file in it counts only with the checksum that was written beside
+    it. Where the cache cannot be used, a temporary folder serves.
 
     Raises
     ------
@@ -75,7 +77,9 @@ def shared_library(code: str) -> Path:
         If there is no compiler, it fails, or what it makes does not load here.
     """
     command = [*compiler(), *FLAGS]
-    key = hashlib.sha256("\0".join([code, *command, platform.machine(), platform.system()]).encode()).hexdigest()
+    key = hashlib.sha256(
+        "\0".join([code, *command, platform.machine(), platform.system()]).encode()
+    ).hexdigest()
     keyed = f'{code}\nextern const char {_KEY}[];\nconst char {_KEY}[] = "{key}";\n'
     refused = ""
     for folder in (_cache_folder, _own_folder):
@@ -98,14 +102,19 @@ def loaded_library(code: str) -> str:
     try:
         made = (ctypes.c_char * 65).in_dll(ctypes.CDLL(str(library)), _KEY).value
     except (OSError, ValueError) as error:
-        raise NoCompilerError(f"a compiled control does not load: {_clean(error)}; delete {library}") from None
+        raise NoCompilerError(
+            f"a compiled control does not load: {_clean(error)}; delete {library}"
+        ) from None
     if made != library.stem.encode():
-        raise NoCompilerError(f"another library stands in the place of a compiled control; delete {library}")
+        raise NoCompilerError(
+            f"another library stands in the place of a compiled control; delete {library}"
+        )
     return str(library)
 
 
 def _kept(code: str, command: list[str], folder: Path, key: str) -> Path:
-    """Take the library from a folder, or compile it there; OSError where that folder cannot serve."""
+    """Take the library from a folder, or compile it there; OSError where that folder cannot
+    serve."""
     library, checksum = folder / f"{key}.so", folder / f"{key}.sha256"
     if not _intact(library, checksum):
         _compile(code, command, library, checksum, key)
@@ -117,7 +126,9 @@ def _intact(library: Path, checksum: Path) -> bool:
     try:
         if not (_ours(library) and _ours(checksum) and checksum.stat().st_size == 64):
             return False
-        return checksum.read_text(encoding="ascii") == hashlib.sha256(library.read_bytes()).hexdigest()
+        return (
+            checksum.read_text(encoding="ascii") == hashlib.sha256(library.read_bytes()).hexdigest()
+        )
     except (OSError, UnicodeDecodeError):
         return False
 
@@ -125,17 +136,27 @@ def _intact(library: Path, checksum: Path) -> bool:
 def _ours(file: Path) -> bool:
     """Whether it is a plain file that the user owns and nobody else can write."""
     status = file.lstat()
-    return stat.S_ISREG(status.st_mode) and status.st_uid == os.getuid() and not status.st_mode & 0o022
+    return (
+        stat.S_ISREG(status.st_mode) and status.st_uid == os.getuid() and not status.st_mode & 0o022
+    )
 
 
 def _compile(code: str, command: list[str], library: Path, checksum: Path, key: str) -> None:
     """Compile, load in another process, and put in place."""
-    with tempfile.TemporaryDirectory(dir=library.parent, prefix=".building-", ignore_cleanup_errors=True) as building:
-        source, built, digest = (Path(building) / name for name in ("control.c", "control.so", "digest"))
+    with tempfile.TemporaryDirectory(
+        dir=library.parent, prefix=".building-", ignore_cleanup_errors=True
+    ) as building:
+        source, built, digest = (
+            Path(building) / name for name in ("control.c", "control.so", "digest")
+        )
         source.write_text(code, encoding="ascii", newline="\n")
-        failed, said = _run([*command, "-o", str(built), str(source), "-lm"], shlex.join(command), _COMPILES)
+        failed, said = _run(
+            [*command, "-o", str(built), str(source), "-lm"], shlex.join(command), _COMPILES
+        )
         if failed or not built.is_file() or built.is_symlink():
-            raise NoCompilerError(f"{_clean(command[0])} could not compile the control: {said or 'it made no file'}")
+            raise NoCompilerError(
+                f"{_clean(command[0])} could not compile the control: {said or 'it made no file'}"
+            )
         built.chmod(0o700)
         if sys.executable:
             line = [sys.executable, "-I", "-S", "-c", _PROBE, str(built), key]
@@ -143,7 +164,9 @@ def _compile(code: str, command: list[str], library: Path, checksum: Path, key: 
             if failed and "failed to map segment" in said:
                 raise OSError(said)  # a folder from which nothing can be run
             if failed:
-                raise NoCompilerError(f"what {_clean(command[0])} made does not load here: {said or 'it ended Python'}")
+                raise NoCompilerError(
+                    f"what {_clean(command[0])} made does not load here: {said or 'it ended Python'}"
+                )
         digest.write_text(hashlib.sha256(built.read_bytes()).hexdigest(), encoding="ascii")
         os.replace(built, library)
         os.replace(digest, checksum)
@@ -154,7 +177,8 @@ _hung: set[str] = set()
 
 
 def _run(line: list[str], name: str, most: float) -> tuple[bool, str]:
-    """Run a program and all that it starts for a limited time, s: whether it failed, and its first words on stderr."""
+    """Run a program and all that it starts for a limited time, s: whether it failed, and its first
+    words on stderr."""
     too_long = f"{_clean(name)} took longer than {most:g} s"
     if name in _hung:
         raise NoCompilerError(f"{too_long}, and is not asked again")
@@ -182,7 +206,8 @@ def _run(line: list[str], name: str, most: float) -> tuple[bool, str]:
 
 
 def _first_words(process: subprocess.Popen[bytes], until: float) -> str:
-    """Wait for a program, read all that it says, and keep the beginning: the first line that tells of an error."""
+    """Wait for a program, read all that it says, and keep the beginning: the first line that tells
+    of an error."""
     assert process.stderr is not None
     kept = b""
     with process.stderr as pipe:
@@ -209,7 +234,8 @@ def _clean(text: object) -> str:
 
 
 def _cache_folder() -> Path:
-    """Find or make the folder of the user's cache, for the user alone; OSError where there is none."""
+    """Find or make the folder of the user's cache, for the user alone; OSError where there is
+    none."""
     base = os.environ.get("XDG_CACHE_HOME", "")
     try:
         cache = Path(base) if os.path.isabs(base) else Path.home() / ".cache"

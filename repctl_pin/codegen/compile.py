@@ -1,4 +1,5 @@
-"""A repeatable control, or a cell's inverse kinematic function, in compiled C, called from Python."""
+"""A repeatable control, or a cell's inverse kinematic function, in compiled C, called from
+Python."""
 
 from __future__ import annotations
 
@@ -11,11 +12,11 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, wanted
+from ..arguments import Array, require_type
+from ..inverse_function import InverseFunction
+from ..inverse_function.cell_potentials import CellPotentials
+from ..inverse_function.chart import Chart
 from ..robot.task import Task
-from ..section import InverseFunction
-from ..section.chart import Chart
-from ..section.field import SectionField
 from ..strategies.repeatable import RepeatableInverse
 from ..threads import PerThread
 from .compiled_loop import GIVEN_LEAF, NAME, call_memory, compiled_loops, library, run_many
@@ -53,10 +54,14 @@ class CompiledFunction(InverseFunction):
         """The control ``q̇ = ∂F/∂x ẋ``, in C too."""
         if self._library is None:  # which was said
             return super().inverse
-        return RepeatableInverse(self.task, SectionField(self.chart), region=self.cell, loops=compiled_loops)
+        return RepeatableInverse(
+            self.task, CellPotentials(self.chart), region=self.cell, loops=compiled_loops
+        )
 
 
-def _one_pose(task: Task, run: Callable[..., int]) -> Callable[[pin.SE3, Array | None], Array | None]:
+def _one_pose(
+    task: Task, run: Callable[..., int]
+) -> Callable[[pin.SE3, Array | None], Array | None]:
     """Make the function (target, leaf or None) → q (n,) of one thread; None where C refuses."""
     parts, address = call_memory(task)
     pose, leaf_in, result = parts["target"].reshape(4, 4), parts["leaf"], parts["result"]
@@ -77,16 +82,17 @@ def compiled(control: RepeatableInverse) -> RepeatableInverse: ...
 @overload
 def compiled(control: InverseFunction) -> InverseFunction: ...
 def compiled(control: RepeatableInverse | InverseFunction) -> RepeatableInverse | InverseFunction:
-    """Make the same inverse with ``velocity``, ``step``, ``batch`` and ``velocities`` in compiled C, or the same F.
+    """Make the same inverse with ``velocity``, ``step``, ``batch`` and ``velocities`` in compiled
+    C, or the same F.
 
-    It is compiled once with the machine's C compiler, and kept in the user's cache. Without a compiler there is a
-    warning, and Python is used. Any number of threads may call it.
+    It is compiled once with the machine's C compiler, and kept in the user's cache. Without a
+    compiler there is a warning, and Python is used. Any number of threads may call it.
 
     Parameters
     ----------
     control
-        An inverse of polynomials, Fourier series, or their sums. Or a cell's inverse kinematic function, such as
-        ``found.function``: then F, ``batch`` and its ``inverse`` are in C.
+        An inverse of polynomials, Fourier series, or their sums. Or a cell's inverse kinematic
+        function, such as ``found.function``: then F, ``batch`` and its ``inverse`` are in C.
 
     Returns
     -------
@@ -105,5 +111,12 @@ def compiled(control: RepeatableInverse | InverseFunction) -> RepeatableInverse 
     """
     if isinstance(control, InverseFunction):
         return CompiledFunction(control.chart, keep_limits=control.keep_limits)
-    wanted(control, RepeatableInverse, "inverse", "a repeatable inverse, such as design.inverse, or found.function")
-    return RepeatableInverse(control.task, control.field, region=control.region, loops=compiled_loops)
+    require_type(
+        control,
+        RepeatableInverse,
+        "inverse",
+        "a repeatable inverse, such as design.inverse, or found.function",
+    )
+    return RepeatableInverse(
+        control.task, control.potentials, region=control.region, loops=compiled_loops
+    )

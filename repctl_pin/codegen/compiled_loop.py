@@ -13,11 +13,11 @@ import pinocchio as pin
 from numpy import ndarray
 from numpy.typing import ArrayLike
 
-from ..arguments import FLOAT, Array, positive, vector, wanted
+from ..arguments import FLOAT, Array, positive, require_type, vector
 from ..errors import SingularityError
-from ..fields.field import FieldMap
+from ..inverse_function import InverseFunction
+from ..potentials.basis import Potentials
 from ..robot.task import Task
-from ..section import InverseFunction
 from ..strategies.control_step import Loop, failure, python_loops, share_of, speeds
 from ..strategies.repeatable import RepeatableInverse
 from .build import NoCompilerError, loaded_library
@@ -30,19 +30,25 @@ _TWIST, GIVEN_LEAF, _BOUNDED = 1, 2, 4
 _OK, _SINGULAR = 0, 1
 
 
-def compiled_loops(task: Task, field: FieldMap) -> Callable[[], Loop]:
-    """Make what makes the quick functions in C, once in each thread; with a warning in Python, without a compiler."""
-    path = library(RepeatableInverse(task, field))
+def compiled_loops(task: Task, potentials: Potentials) -> Callable[[], Loop]:
+    """Make what makes the quick functions in C, once in each thread; with a warning in Python,
+    without a compiler."""
+    path = library(RepeatableInverse(task, potentials))
     if path is None:
-        return python_loops(task, field)
+        return python_loops(task, potentials)
     return partial(_loop, task, ctypes.PyDLL(path), ctypes.CDLL(path))
 
 
 def library(control: RepeatableInverse | InverseFunction) -> str | None:
-    """Compile a control: the shared library's path; None, with a warning, where it cannot be compiled."""
+    """Compile a control: the shared library's path; None, with a warning, where it cannot be
+    compiled."""
     source = write_source(control, NAME)
     function = filled("python_function.c", NAME, {}) if isinstance(control, InverseFunction) else ""
-    code = source.code.replace(f'#include "{NAME}.h"', source.header) + filled("python.c", NAME, {}) + function
+    code = (
+        source.code.replace(f'#include "{NAME}.h"', source.header)
+        + filled("python.c", NAME, {})
+        + function
+    )
     try:
         return loaded_library(code)
     except NoCompilerError as error:
@@ -51,7 +57,8 @@ def library(control: RepeatableInverse | InverseFunction) -> str | None:
 
 
 def call_memory(task: Task) -> tuple[dict[str, Array], ctypes.c_void_p]:
-    """Make the block of memory that the calls of one thread work on: its parts by name, and its address."""
+    """Make the block of memory that the calls of one thread work on: its parts by name, and its
+    address."""
     n, m, r = task.n, task.m, task.r
     sizes = {"q": n, "xdot": m, "target": 16, "twist": 6, "leaf": r, "dt": 1, "report": 2, "result": n,
              "gain": 1, "limit": n, "damping": 1}  # fmt: skip
@@ -64,8 +71,15 @@ def _loop(task: Task, held: ctypes.PyDLL, released: ctypes.CDLL) -> Loop:
     """Wrap a library: quick calls hold the interpreter's lock, long ones release it."""
     n, m, r = task.n, task.m, task.r
     parts, address = call_memory(task)
-    q_in, xdot_in, twist_in, leaf_in, result = (parts[key] for key in ("q", "xdot", "twist", "leaf", "result"))
-    target_in, dt_in, gain_in, report = parts["target"].reshape(4, 4), parts["dt"], parts["gain"], parts["report"]
+    q_in, xdot_in, twist_in, leaf_in, result = (
+        parts[key] for key in ("q", "xdot", "twist", "leaf", "result")
+    )
+    target_in, dt_in, gain_in, report = (
+        parts["target"].reshape(4, 4),
+        parts["dt"],
+        parts["gain"],
+        parts["report"],
+    )
     run_velocity, run_step = held[f"{NAME}_call_velocity"], held[f"{NAME}_call_step"]
     flags, SE3 = [ctypes.c_int(given) for given in range(8)], pin.SE3
 
@@ -102,7 +116,7 @@ def _loop(task: Task, held: ctypes.PyDLL, released: ctypes.CDLL) -> Loop:
         if not (isinstance(dt, float) and 0.0 < dt < inf):
             dt = positive(dt, "dt", "s")
         if not isinstance(target, SE3):
-            wanted(target, SE3, "the target", "a placement (pinocchio.SE3)")
+            require_type(target, SE3, "the target", "a placement (pinocchio.SE3)")
         q_in[:] = q
         target_in[:] = target.homogeneous
         dt_in[0] = dt
@@ -133,11 +147,11 @@ def _loop(task: Task, held: ctypes.PyDLL, released: ctypes.CDLL) -> Loop:
         twist: Array | None,
         leaf: Array | None,
         gain: float | None,
-        limit: ArrayLike | None,
+        velocity_limit: ArrayLike | None,
         damping: float,
     ) -> tuple[Array, float, float]:
         dt, damping = positive(dt, "dt", "s"), positive(damping, "damping", zero=True)
-        parts["limit"][:] = inf if limit is None else speeds(limit, n)
+        parts["limit"][:] = inf if velocity_limit is None else speeds(velocity_limit, n)
         parts["damping"][0] = damping
         following = step(q, target, dt, twist, leaf, gain, _BOUNDED)
         return following, float(report[0]), float(report[1])
@@ -146,15 +160,19 @@ def _loop(task: Task, held: ctypes.PyDLL, released: ctypes.CDLL) -> Loop:
 
 
 def run_many(library: ctypes.CDLL, name: str, *arrays: Array) -> int:
-    """Call a C function for every row of some arrays, the last its results: how many rows it did."""
+    """Call a C function for every row of some arrays, the last its results: how many rows it
+    did."""
     function = library[f"{NAME}_call_{name}"]
     function.restype = ctypes.c_long
     pointers = (ctypes.c_void_p(array.ctypes.data) for array in arrays)
     return function(ctypes.c_long(len(arrays[0])), *pointers)
 
 
-def _batches(task: Task, library: ctypes.CDLL) -> tuple[Callable[[Array], Array], Callable[[Array, Array], Array]]:
-    """Make the functions of many configurations: Q (K, n) → G (K, n, m), and Q, Ẋ (K, m) → q̇ (K, n)."""
+def _batches(
+    task: Task, library: ctypes.CDLL
+) -> tuple[Callable[[Array], Array], Callable[[Array, Array], Array]]:
+    """Make the functions of many configurations: Q (K, n) → G (K, n, m), and Q, Ẋ (K, m) → q̇ (K,
+    n)."""
     n, m = task.n, task.m
 
     def run(name: str, *arrays: Array) -> Array:
@@ -167,6 +185,8 @@ def _batches(task: Task, library: ctypes.CDLL) -> tuple[Callable[[Array], Array]
         return run("inverses", np.ascontiguousarray(Q), np.empty((len(Q), n, m)))
 
     def velocities(Q: Array, Xdot: Array) -> Array:
-        return run("velocities", np.ascontiguousarray(Q), np.ascontiguousarray(Xdot), np.empty((len(Q), n)))
+        return run(
+            "velocities", np.ascontiguousarray(Q), np.ascontiguousarray(Xdot), np.empty((len(Q), n))
+        )
 
     return inverses, velocities

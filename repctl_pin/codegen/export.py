@@ -11,15 +11,15 @@ import numpy as np
 import pinocchio as pin
 
 from .._version import __version__
-from ..arguments import file_name, wanted
+from ..arguments import file_name, require_type
 from ..errors import InputError
 from ..files import prepare_folder, write_whole
+from ..inverse_function import Cell, InverseFunction
 from ..regions import Region
 from ..robot.task import Task
-from ..section import Cell, InverseFunction
 from ..strategies.repeatable import RepeatableInverse
 from .source import about, region_of, write_source
-from .text import checked_name, filled, pose, row, value, whole
+from .text import checked_name, filled, integer, pose, row, value
 from .vectors import BAD_NUMBER, OUTSIDE, STATUS, Vector, answers, asked, targets, vectors
 
 _SIGNED = "written by repctl_pin"
@@ -32,25 +32,29 @@ def export_c(
     *,
     region: Region | None = None,
 ) -> list[Path]:
-    """Write a repeatable inverse as C99 (and C++17) that needs nothing but ``<math.h>``, and all that goes with it.
+    """Write a repeatable inverse as C99 (and C++17) that needs nothing but ``<math.h>``, and all
+    that goes with it.
 
-    ``name.h`` and ``name.c``: placement, jacobian, inverse, leaf, velocity, step, inside, every name beginning with
-    ``name_``. They allocate and keep nothing, and return a status. ``name.hpp``: the same with
+    ``name.h`` and ``name.c``: placement, jacobian, inverse, leaf, velocity, step, inside, every
+    name beginning with ``name_``. They allocate and keep nothing, and return a status.
+    ``name.hpp``: the same with
     ``std::array``. ``test_vectors.h`` and ``check.c`` compare a build with Python; ``loop.c`` is an example at 1 kHz;
     ``CMakeLists.txt`` builds all. The same inverse gives the same bytes.
 
     Parameters
     ----------
     control
-        Such as ``design.inverse``, of polynomials, Fourier series, or their sums. Or a cell's inverse kinematic
-        function, such as ``found.function``: then ``name_F(target)`` is there too.
+        Such as ``design.inverse``, of polynomials, Fourier series, or their sums. Or a cell's
+        inverse kinematic function, such as ``found.function``: then ``name_F(target)`` is there
+        too.
     folder
         Created if it does not exist.
     name
         What the files and every name in C begin with.
     region
-        Such as ``design.region``: what ``name_inside`` checks, and from where the test vectors are drawn. A cell's
-        function and its inverse have their cell, and stay inside it and the joints' limits unless told otherwise.
+        Such as ``design.region``: what ``name_inside`` checks, and from where the test vectors are
+        drawn. A cell's function and its inverse have their cell, and stay inside it and the joints'
+        limits unless told otherwise.
 
     Returns
     -------
@@ -60,9 +64,9 @@ def export_c(
     Raises
     ------
     InputError
-        If the name is not an identifier, the inverse or the region holds user-defined functions, or the folder
-        cannot be written, holds another control, or a file of one of these names that was not written here or
-        was edited since.
+        If the name is not an identifier, the inverse or the region holds user-defined functions, or
+        the folder cannot be written, holds another control, or a file of one of these names that
+        was not written here or was edited since.
 
     Examples
     --------
@@ -72,7 +76,7 @@ def export_c(
     """
     name, folder = checked_name(name), file_name(folder, "folder")
     if region is not None:
-        wanted(region, Region, "region", "a region of joint space, such as rp.Box(q0, 0.3)")
+        require_type(region, Region, "region", "a region of joint space, such as rp.Box(q0, 0.3)")
     source = write_source(control, name, region)
     if isinstance(control, InverseFunction):
         inverse, start = control.inverse, control(control.cell.placement)
@@ -96,13 +100,17 @@ def export_c(
         f"{name}.hpp": filled("arm.hpp", name, parts),
         "test_vectors.h": filled("test_vectors.h", name, parts),
         "check.c": filled("check.c", name, {}),
-        "loop.c": filled("loop.c", name, {"start": row(start), "radius": value(radius), "axes": whole(axes)}),
+        "loop.c": filled(
+            "loop.c", name, {"start": row(start), "radius": value(radius), "axes": integer(axes)}
+        ),
         "CMakeLists.txt": filled("CMakeLists.txt", name, {}),
     }
     where = prepare_folder(folder)
     for other in where.glob("*.hpp"):
         if other.stem != name and where.joinpath("test_vectors.h").exists():
-            raise InputError(f"{where} holds the control {other.stem!r} already; choose another folder")
+            raise InputError(
+                f"{where} holds the control {other.stem!r} already; choose another folder"
+            )
     signed = {where / file: _signed(file, text) for file, text in texts.items()}
     for path in signed:
         _refuse_foreign(path)
@@ -120,7 +128,8 @@ def _checksum(text: bytes) -> str:
 
 
 def _refuse_foreign(path: Path) -> None:
-    """Refuse to overwrite a file that was not written here, or was edited since: its first line tells."""
+    """Refuse to overwrite a file that was not written here, or was edited since: its first line
+    tells."""
     if not path.is_file():
         return
     with path.open("rb") as file:
@@ -134,12 +143,15 @@ def _refuse_foreign(path: Path) -> None:
 
 
 def _circle(task: Task, region: Region | Cell | None) -> tuple[list[int], float]:
-    """Choose the axes, and the radius, m, of a small circle that begins at the start; in a cell it stays there."""
+    """Choose the axes, and the radius, m, of a small circle that begins at the start; in a cell it
+    stays there."""
     axes = [int(axis) for axis in task.rows if axis < 3]
     if not isinstance(region, Cell):
         return axes[:2], 0.02
     widths = dict(zip(axes, region.half_width.tolist(), strict=True))
-    axes = sorted(axes, key=lambda axis: -widths[axis])[:2]  # the circle goes from the middle to −2 radii
+    axes = sorted(axes, key=lambda axis: -widths[axis])[
+        :2
+    ]  # the circle goes from the middle to −2 radii
     return axes, min(0.02, *(0.45 * widths[axis] for axis in axes))
 
 
@@ -151,10 +163,17 @@ def _vector(vector: Vector, said: dict[str, Any], inverse: RepeatableInverse, na
     entries = [row(vector.q), row(vector.xdot), pose(vector.target), value(vector.dt)]
     for part, size in ((vector.twist, 6), (vector.leaf, task.r)):  # whether it is given, and what
         entries += [str(int(part is not None)), row(np.zeros(size) if part is None else part)]
-    entries.append(f"{{{value(gain)}, {row(limit)}, {value(vector.damping)}, {int(vector.stay_inside)}}}")
-    entries += [f"{name.upper()}_{STATUS[said[key]]}" for key in ("usable", "inside", "velocity", "step")]
+    entries.append(
+        f"{{{value(gain)}, {row(limit)}, {value(vector.damping)}, {int(vector.stay_inside)}}}"
+    )
+    entries += [
+        f"{name.upper()}_{STATUS[said[key]]}" for key in ("usable", "inside", "velocity", "step")
+    ]
     entries.append(pose(said.get("placement", pin.SE3.Identity())))
-    entries += [row(np.ravel(said.get("J", np.zeros((task.m, task.n))))), row(said.get("c", np.zeros(task.r)))]
+    entries += [
+        row(np.ravel(said.get("J", np.zeros((task.m, task.n))))),
+        row(said.get("c", np.zeros(task.r))),
+    ]
     entries += [row(said["qdot"]), row(said["q_next"])]
     return "    {" + ",\n     ".join(entries) + "}"
 
@@ -164,6 +183,10 @@ def _function_vectors(function: InverseFunction, name: str) -> str:
     rows = []
     for target, leaf in targets(function):
         status, q = asked(partial(function, target, leaf=leaf), function.task.n)
-        status = OUTSIDE if status == BAD_NUMBER else status  # the targets are placements: only the cell is left
-        rows.append(f"    {{{pose(target)}, {row(leaf)}, {name.upper()}_{STATUS[status]}, {row(q)}}}")
+        status = (
+            OUTSIDE if status == BAD_NUMBER else status
+        )  # the targets are placements: only the cell is left
+        rows.append(
+            f"    {{{pose(target)}, {row(leaf)}, {name.upper()}_{STATUS[status]}, {row(q)}}}"
+        )
     return filled("function_vectors.h", name, {"count": len(rows), "vectors": ",\n".join(rows)})

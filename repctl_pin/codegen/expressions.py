@@ -16,11 +16,14 @@ _SNAP = 1e-15
 
 
 class Expression:
-    """A number, an input, a sine or cosine of one, or a sum or product of two. Made by a :class:`Graph`."""
+    """A number, an input, a sine or cosine of one, or a sum or product of two. Made by a
+    :class:`Graph`."""
 
     __slots__ = ("graph", "kind", "order", "parts", "value")
 
-    def __init__(self, graph: Graph, kind: str, parts: tuple[Expression, ...], value: float | str, order: int) -> None:
+    def __init__(
+        self, graph: Graph, kind: str, parts: tuple[Expression, ...], value: float | str, order: int
+    ) -> None:
         self.graph, self.kind, self.parts, self.value, self.order = graph, kind, parts, value, order
 
     def __add__(self, other: Expression) -> Expression:
@@ -82,7 +85,9 @@ class Graph:
             return self.number(float(a.value) * float(b.value))
         for one, other in ((a, b), (b, a)):
             if one.kind == "number" and one.value in (0.0, 1.0, -1.0):
-                return {0.0: self.number(0.0), 1.0: other, -1.0: self.negative(other)}[float(one.value)]
+                return {0.0: self.number(0.0), 1.0: other, -1.0: self.negative(other)}[
+                    float(one.value)
+                ]
             if one.kind == "number" and float(one.value) < 0:
                 return self.negative(self.product(self.negative(one), other))
         if a.kind == "negative":
@@ -136,7 +141,9 @@ def assignments(targets: dict[str, Expression], indent: str = "    ") -> str:
             text = _text(expression, names)
             names[id(expression)] = f"t{len(names)}"
             lines.append(f"{indent}const double {names[id(expression)]} = {text};")
-    lines += [f"{indent}{target} = {_text(expression, names)};" for target, expression in targets.items()]
+    lines += [
+        f"{indent}{target} = {_text(expression, names)};" for target, expression in targets.items()
+    ]
     return "\n".join(lines)
 
 
@@ -156,14 +163,20 @@ def _text(expression: Expression, names: dict[int, str]) -> str:
         inner = expression.parts[0]
         return f"-{_text(inner, names) if inner.kind == 'product' else _factor(inner, names)}"
     a, b = parts
-    return f"{a} - {b[1:]}" if b.startswith("-") and _is_single(expression.parts[1], names) else f"{a} + {b}"
+    return (
+        f"{a} - {b[1:]}"
+        if b.startswith("-") and _is_single(expression.parts[1], names)
+        else f"{a} + {b}"
+    )
 
 
 def _factor(expression: Expression, names: dict[int, str]) -> str:
     """Write what stands in a product or behind a minus."""
     text = _text(expression, names)
     bare = id(expression) in names or expression.kind in ("input", "sin", "cos")
-    return text if bare or (expression.kind == "number" and not text.startswith("-")) else f"({text})"
+    return (
+        text if bare or (expression.kind == "number" and not text.startswith("-")) else f"({text})"
+    )
 
 
 def _is_single(expression: Expression, names: dict[int, str]) -> bool:

@@ -25,7 +25,8 @@ class Chain:
     R : (3, 3) expressions
         How the frame is turned.
     J : (m, n) expressions
-        ``ẋ = J q̇`` (2), the rows of :class:`repctl_pin.robot.task.Task`; in joint coordinates ψ too.
+        ``ẋ = J q̇`` (2), the rows of :class:`repctl_pin.robot.task.Task`; in joint coordinates ψ
+        too.
     """
 
     def __init__(self, task: Task) -> None:
@@ -56,10 +57,16 @@ class Chain:
         J = [[column[i] for column in columns] for i in range(6)]
         if task.kind == "axis":  # ω along the frame's own x and y
             axes_of_frame = [[row[k] for row in self.R] for k in range(2)]
-            J[3:] = [[self.graph.total(map(mul, axis, c[3:])) for c in columns] for axis in axes_of_frame]
+            J[3:] = [
+                [self.graph.total(map(mul, axis, c[3:])) for c in columns] for axis in axes_of_frame
+            ]
         else:
             J = [J[row] for row in task.rows]
-        self.J = J if drive is None else [[self._weighted(column, row) for column in drive.S.T] for row in J]
+        self.J = (
+            J
+            if drive is None
+            else [[self._weighted(column, row) for column in drive.S.T] for row in J]
+        )
 
     def _column(self, turns: bool, z: Vector, o: Vector) -> Vector:
         """The frame's twist (v, ω) per unit of a joint's speed."""
@@ -69,7 +76,9 @@ class Chain:
         return [z[1] * d[2] - z[2] * d[1], z[2] * d[0] - z[0] * d[2], z[0] * d[1] - z[1] * d[0], *z]
 
     def _fixed(self, rotation: Array, translation: Array) -> None:
-        self.p = [p + self._weighted(translation, row) for p, row in zip(self.p, self.R, strict=True)]
+        self.p = [
+            p + self._weighted(translation, row) for p, row in zip(self.p, self.R, strict=True)
+        ]
         self.R = [[self._weighted(column, row) for column in rotation.T] for row in self.R]
 
     def _turn(self, angle: Expression) -> None:
@@ -78,7 +87,9 @@ class Chain:
         self.R = [[x * c + y * s, y * c - x * s, z] for x, y, z in self.R]
 
     def _weighted(self, weights: Array, terms: Vector) -> Expression:
-        return self.graph.total(self.graph.number(w) * t for w, t in zip(weights, terms, strict=True))
+        return self.graph.total(
+            self.graph.number(w) * t for w, t in zip(weights, terms, strict=True)
+        )
 
     def _numbers(self, values: Array) -> Vector:
         return [self.graph.number(v) for v in values]
@@ -88,7 +99,11 @@ class Chain:
         p = {f"p[{i}]": e for i, e in enumerate(self.p)}
         R = {f"R[{3 * i + k}]": e for i, row in enumerate(self.R) for k, e in enumerate(row)}
         J = {f"J[{a}][{i}]": e for a, row in enumerate(self.J) for i, e in enumerate(row)}
-        return {"placement": assignments(p | R), "jacobian": assignments(J), "chain": assignments(p | R | J)}
+        return {
+            "placement": assignments(p | R),
+            "jacobian": assignments(J),
+            "chain": assignments(p | R | J),
+        }
 
 
 def _joints(task: Task) -> list[tuple[bool, Array]]:
@@ -104,7 +119,8 @@ def _joints(task: Task) -> list[tuple[bool, Array]]:
 
 
 def _z_along(axis: Array) -> Array:
-    """A rotation (3, 3) whose third column is a unit axis; of zeros and ones where the axis is one of x, y, z."""
+    """A rotation (3, 3) whose third column is a unit axis; of zeros and ones where the axis is one
+    of x, y, z."""
     axis = np.where(np.abs(axis) < 1e-15, 0.0, axis) + 0.0
     k = int(np.argmax(np.abs(axis)))
     other = np.eye(3)[(k + 1) % 3]

@@ -5,17 +5,17 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from .._version import __version__
-from ..arguments import wanted
+from ..arguments import require_type
 from ..errors import InputError
+from ..inverse_function import Cell, InverseFunction
+from ..inverse_function.cell_potentials import CellPotentials
 from ..regions import Box, Region, Tube, WorkspaceBox
 from ..robot.task import Task
-from ..section import Cell, InverseFunction
-from ..section.field import SectionField
 from ..strategies.repeatable import RepeatableInverse
 from .expressions import Graph, assignments
 from .kinematics import Chain
 from .potentials import field_functions, function_code
-from .text import comment, filled, row, table, whole
+from .text import comment, filled, integer, row, table
 
 _MEANING = {
     "pose": "position and orientation: xdot = (v, omega), base axes, m/s and rad/s",
@@ -34,18 +34,22 @@ class Source(NamedTuple):
     code: str
 
 
-def write_source(control: RepeatableInverse | InverseFunction, name: str, region: Region | None = None) -> Source:
-    """Write a repeatable inverse, or a cell's inverse kinematic function, as C; names begin with ``name_``.
+def write_source(
+    control: RepeatableInverse | InverseFunction, name: str, region: Region | None = None
+) -> Source:
+    """Write a repeatable inverse, or a cell's inverse kinematic function, as C; names begin with
+    ``name_``.
 
     Parameters
     ----------
     control
-        Of polynomials, Fourier series, or their sums; or a function, whose own inverse is written with it.
+        Of polynomials, Fourier series, or their sums; or a function, whose own inverse is written
+        with it.
     name
         A checked name.
     region
-        Ω that it was designed for: what ``name_inside`` asks for. A section's is its cell; without one every q is
-        inside.
+        Ω that it was designed for: what ``name_inside`` asks for. A section's is its cell; without
+        one every q is inside.
 
     Raises
     ------
@@ -54,15 +58,21 @@ def write_source(control: RepeatableInverse | InverseFunction, name: str, region
     """
     inverse, declared, defined = control, "", ""
     if isinstance(control, InverseFunction):
-        inverse, declared, defined = control.inverse, filled("function.h", name, {}), function_code(control, name)
-    inverse = wanted(inverse, RepeatableInverse, "inverse", "a repeatable inverse, such as design.inverse")
+        inverse, declared, defined = (
+            control.inverse,
+            filled("function.h", name, {}),
+            function_code(control, name),
+        )
+    inverse = require_type(
+        inverse, RepeatableInverse, "inverse", "a repeatable inverse, such as design.inverse"
+    )
     task = inverse.task
     if task.r < 1:
         raise InputError(f"{task!r} has no joint to spare: there is no potential to write")
     if isinstance(region, Region) and len(region.center) != task.n:
         raise InputError(f"the region has {len(region.center)} joints, but the task has {task.n}")
     kept = region_of(inverse, region)
-    potentials = field_functions(inverse.field, task.n, name)
+    potentials = field_functions(inverse.potentials, task.n, name)
     kind = task.kind if task.kind in ("pose", "axis") else "position"
     rotation = "rotation_free.c" if kind == "position" else "rotation.c"
     stays = isinstance(kept, Cell)
@@ -73,7 +83,8 @@ def write_source(control: RepeatableInverse | InverseFunction, name: str, region
         "r": task.r,
         "potentials": "\n".join(potentials).rstrip("\n"),
         "parts": "\n".join(f"    {name}_potential_{i}(q, h, V);" for i in range(len(potentials))),
-        "error": filled(rotation, name, {}) + filled(f"error_{kind}.c", name, {"rows": whole(task.rows)}).rstrip("\n"),
+        "error": filled(rotation, name, {})
+        + filled(f"error_{kind}.c", name, {"rows": integer(task.rows)}).rstrip("\n"),
         "inside": _inside(kept, task, name).rstrip("\n"),
         "limits": filled("limits.c", name, _limits(task)).rstrip("\n"),
         "staying": int(stays),
@@ -85,7 +96,11 @@ def write_source(control: RepeatableInverse | InverseFunction, name: str, region
 
 def region_of(inverse: RepeatableInverse, region: Region | None) -> Region | Cell | None:
     """Take the region given, or the cell of a section."""
-    return inverse.field.chart.cell if region is None and isinstance(inverse.field, SectionField) else region
+    return (
+        inverse.potentials.chart.cell
+        if region is None and isinstance(inverse.potentials, CellPotentials)
+        else region
+    )
 
 
 def _limits(task: Task) -> dict[str, str]:
@@ -95,7 +110,7 @@ def _limits(task: Task) -> dict[str, str]:
     q = [graph.input(f"q[{i}]") for i in range(task.n)]
     joints = {
         f"joint[{i}]": graph.total(graph.number(t) * x for t, x in zip(weights, q, strict=True))
-        for i, weights in enumerate(task.T)
+        for i, weights in enumerate(task.coordinate_matrix)
     }
     return {"lower": row(lower), "upper": row(upper), "joints": assignments(joints)}
 
@@ -123,7 +138,9 @@ def about(control: RepeatableInverse | InverseFunction, region: Region | Cell | 
         "units   m, rad, s; q that is outside the joints' ranges is not refused",
     ]
     if task.coordinates is not None:
-        lines.append("        q are joint coordinates psi; the joints themselves are T psi, T row by row:")
+        lines.append(
+            "        q are joint coordinates psi; the joints themselves are T psi, T row by row:"
+        )
         lines += [f"        {', '.join(f'{t:g}' for t in values)}" for values in task.coordinates.T]
     return "\n".join([lines[0], *(f" * {line}".rstrip() for line in lines[1:])])
 
@@ -142,19 +159,27 @@ def _inside(region: Region | Cell | None, task: Task, name: str) -> str:
     if isinstance(region, Cell):
         return filled("inside_cell.c", name, {})
     if isinstance(region, Tube):
-        parts = {"radius": row(region.radius), "count": len(region.samples), "samples": table(region.samples)}
+        parts = {
+            "radius": row(region.radius),
+            "count": len(region.samples),
+            "samples": table(region.samples),
+        }
         return filled("inside_tube.c", name, parts)
     if isinstance(region, Box):
-        return filled("inside_box.c", name, {"center": row(region.center), "half": row(region.half_width)})
+        return filled(
+            "inside_box.c", name, {"center": row(region.center), "half": row(region.half_width)}
+        )
     if isinstance(region, WorkspaceBox):
         axes = [axis for axis in task.rows if axis < 3]
         parts = {
             "center": row(region.within.center),
             "half": row(region.within.half_width),
             "count": len(axes),
-            "axes": whole(axes),
+            "axes": integer(axes),
             "position": row(region.position),
             "width": row(region.half_width),
         }
         return filled("inside_workspace.c", name, parts)
-    raise InputError(f"a region {type(region).__name__} cannot be written as C; boxes, tubes and workspace boxes can")
+    raise InputError(
+        f"a region {type(region).__name__} cannot be written as C; boxes, tubes and workspace boxes can"
+    )

@@ -26,18 +26,25 @@ def checked_name(name: Any) -> str:
     InputError
         If it is no plain identifier, or one that C, C++ or the other files have already.
     """
-    plain = isinstance(name, str) and re.fullmatch(r"[A-Za-z][A-Za-z0-9]*(_[A-Za-z0-9]+)*", name, re.ASCII)
+    plain = isinstance(name, str) and re.fullmatch(
+        r"[A-Za-z][A-Za-z0-9]*(_[A-Za-z0-9]+)*", name, re.ASCII
+    )
     if not plain or len(name) > 40:
         raise InputError(
             f"the name of the C code is a letter and then letters, digits and single _, 40 at most, not {name!r:.60}"
         )
-    if name.lower() in template("taken.txt").split():  # words of C and C++, headers, and our other files
-        raise InputError(f"{name!r} means something else in C, C++ or the export; choose another name")
+    if (
+        name.lower() in template("taken.txt").split()
+    ):  # words of C and C++, headers, and our other files
+        raise InputError(
+            f"{name!r} means something else in C, C++ or the export; choose another name"
+        )
     return name
 
 
 def comment(text: str) -> str:
-    """Write a text that came out of a file so that it ends no comment: ASCII, all but plain marks as ``\\u002a``."""
+    """Write a text that came out of a file so that it ends no comment: ASCII, all but plain marks
+    as ``\\u002a``."""
     short = text if len(text) <= _LONGEST else text[: _LONGEST - 3] + "..."
     return "".join(c if _PLAIN.match(c) else _escaped(c) for c in short)
 
@@ -64,7 +71,7 @@ def value(x: float) -> str:
     return number(x) if math.isfinite(x) else "HUGE_VAL" if x > 0 else "-HUGE_VAL"
 
 
-def whole(values: Iterable[int]) -> str:
+def integer(values: Iterable[int]) -> str:
     """Write one row of whole numbers."""
     return f"{{{', '.join(str(int(v)) for v in values)}}}"
 

@@ -1,4 +1,5 @@
-"""What Python computes at some configurations, good and bad, for the C code to be checked against."""
+"""What Python computes at some configurations, good and bad, for the C code to be checked
+against."""
 
 from __future__ import annotations
 
@@ -10,8 +11,8 @@ import pinocchio as pin
 
 from ..arguments import Array
 from ..errors import InputError, SingularityError
+from ..inverse_function import InverseFunction
 from ..regions import Region
-from ..section import InverseFunction
 from ..strategies.repeatable import Bounded, RepeatableInverse
 
 STATUS = ("OK", "SINGULAR", "BAD_NUMBER", "OUTSIDE")
@@ -42,7 +43,8 @@ class Vector:
 def vectors(
     inverse: RepeatableInverse, region: Bounded | None, start: Array, count: int = 48, seed: int = 0
 ) -> list[Vector]:
-    """Choose configurations in and near the region, or near the start, and questions of every kind."""
+    """Choose configurations in and near the region, or near the start, and questions of every
+    kind."""
     task, rng = inverse.task, np.random.default_rng(seed)
     near_start = start + rng.uniform(-0.2, 0.2, (count, task.n))
     Q = region.random(count, seed)[:count] if isinstance(region, Region) else near_start
@@ -51,7 +53,10 @@ def vectors(
         if k % 6 == 5:  # farther out
             q = q + rng.normal(size=task.n)
         near = task.placement(q + 0.01 * rng.normal(size=task.n))
-        away = pin.SE3(pin.exp3(rng.normal(size=3) * (2.0 if k % 7 == 6 else 0.01)), np.zeros(3)) * near
+        away = (
+            pin.SE3(pin.exp3(rng.normal(size=3) * (2.0 if k % 7 == 6 else 0.01)), np.zeros(3))
+            * near
+        )
         found.append(
             Vector(
                 q=q,
@@ -75,11 +80,18 @@ def vectors(
     }
     if inverse.task.kind in ("pose", "axis"):  # R reflected, and R scaled
         bad |= {37: ("target", pin.SE3(np.diag([1.0, 1.0, -1.0]), np.zeros(3)))}
-        bad |= {43: ("target", pin.SE3((1 + 1e-5) * found[43].target.rotation, found[43].target.translation))}
+        bad |= {
+            43: (
+                "target",
+                pin.SE3((1 + 1e-5) * found[43].target.rotation, found[43].target.translation),
+            )
+        }
     for k, (what, value) in bad.items():
         if k < len(found):
             vector = what in ("q", "xdot")
-            setattr(found[k], what, np.append(getattr(found[k], what)[:-1], value) if vector else value)
+            setattr(
+                found[k], what, np.append(getattr(found[k], what)[:-1], value) if vector else value
+            )
     return found
 
 
@@ -89,29 +101,46 @@ def answers(inverse: RepeatableInverse, region: Bounded | None, vector: Vector) 
     if not np.isfinite(q).all():
         refused = dict.fromkeys(("usable", "inside", "velocity", "step"), BAD_NUMBER)
         return refused | dict.fromkeys(("qdot", "q_next"), np.zeros(task.n))
-    said: dict[str, Any] = {"placement": task.placement(q), "J": task.jacobian(q), "c": inverse.leaf(q), "usable": OK}
+    said: dict[str, Any] = {
+        "placement": task.placement(q),
+        "J": task.jacobian(q),
+        "c": inverse.leaf(q),
+        "usable": OK,
+    }
     beyond = region is not None and not region.ratio(q[None])[0] <= 1 + EDGE
     said["inside"] = OUTSIDE if beyond else OK
     said["velocity"], said["qdot"] = asked(lambda: inverse.velocity(q, vector.xdot), task.n)
     said["step"], said["q_next"] = asked(
         lambda: inverse.step(
-            q, vector.target, vector.dt, vector.twist, leaf=vector.leaf, gain=vector.gain, limit=vector.limit,
+            q, vector.target, vector.dt, vector.twist, leaf=vector.leaf, gain=vector.gain, velocity_limit=vector.limit,
             damping=vector.damping,
         ),
         task.n,
     )  # fmt: skip
     if vector.stay_inside and said["step"] in (OK, SINGULAR) and beyond:
         said["step"] = OUTSIDE
-    if vector.stay_inside and said["step"] == OK and task.limit_margin(said["q_next"]).min() < -EDGE:
+    if (
+        vector.stay_inside
+        and said["step"] == OK
+        and task.limit_margin(said["q_next"]).min() < -EDGE
+    ):
         said["step"] = OUTSIDE
     return said
 
 
-def targets(function: InverseFunction, count: int = 24, seed: int = 0) -> list[tuple[pin.SE3, Array]]:
+def targets(
+    function: InverseFunction, count: int = 24, seed: int = 0
+) -> list[tuple[pin.SE3, Array]]:
     """Choose targets in the cell and beyond it, and leaves."""
     rng = np.random.default_rng(seed)
-    U = rng.uniform(-1.1, 1.1, (count, function.cell.k)) * np.where(np.arange(count) % 3, 0.8, 1.0)[:, None]
-    return [(function.cell.at(u), 0.05 * (k % 2) * rng.normal(size=function.task.r)) for k, u in enumerate(U)]
+    U = (
+        rng.uniform(-1.1, 1.1, (count, function.cell.k))
+        * np.where(np.arange(count) % 3, 0.8, 1.0)[:, None]
+    )
+    return [
+        (function.cell.at(u), 0.05 * (k % 2) * rng.normal(size=function.task.r))
+        for k, u in enumerate(U)
+    ]
 
 
 def asked(question: Any, n: int) -> tuple[int, Array]:

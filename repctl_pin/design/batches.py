@@ -1,8 +1,8 @@
 """Nodes in batches: kept or built anew at every pass, here, in other processes, or on a cluster.
 
-One seam, :class:`Batches`: add a function of the criterion up over all batches. Where the batches lie and who
-evaluates them is hidden behind it, and sums are taken in the order of the nodes whoever did the work.
-"""
+One seam, :class:`Batches`: add a function of the criterion up over all batches. Where the batches
+lie and who evaluates them is hidden behind it, and sums are taken in the order of the nodes whoever
+did the work."""
 
 from __future__ import annotations
 
@@ -46,16 +46,29 @@ class Local:
     batch
         How many are evaluated at a time.
     stream
-        Build the batches anew at every pass instead of keeping them: slower, but the memory is that of one
-        batch.
+        Build the batches anew at every pass instead of keeping them: slower, but the memory is that
+        of one batch.
     tick
         Called with the share of a pass that is done.
     """
 
     def __init__(
-        self, builder: Builder, Q: Array, weights: Array, batch: int, *, stream: bool = False, tick: Tick = silent
+        self,
+        builder: Builder,
+        Q: Array,
+        weights: Array,
+        batch: int,
+        *,
+        stream: bool = False,
+        tick: Tick = silent,
     ) -> None:
-        self._builder, self._Q, self._weights, self._batch, self._tick = builder, Q, weights, batch, tick
+        self._builder, self._Q, self._weights, self._batch, self._tick = (
+            builder,
+            Q,
+            weights,
+            batch,
+            tick,
+        )
         self._kept: list[Batch] | None = None if stream else list(self._build())
 
     def total(self, function: Sum, *arguments: Any) -> Sums:
@@ -72,11 +85,11 @@ class Local:
             self._tick(min(1.0, i * self._batch / len(self._Q)))
 
 
-class Guarded:
+class BarrierCost:
     """Batches, and points of Ω at which det(Nᵀ V) was found to vanish between the nodes.
 
-    Each point counts as one more node of the mean: its cost, which has no bound where det(Nᵀ V) goes to 0, keeps a
-    descent away from there.
+    Each point counts as one more node of the mean: its cost, which has no bound where det(Nᵀ V)
+    goes to 0, keeps a descent away from there.
 
     Parameters
     ----------
@@ -90,7 +103,9 @@ class Guarded:
         Points that are there already.
     """
 
-    def __init__(self, batches: Batches, builder: Builder, weight: float, guards: Sequence[Array] = ()) -> None:
+    def __init__(
+        self, batches: Batches, builder: Builder, weight: float, guards: Sequence[Array] = ()
+    ) -> None:
         self.batches, self._builder, self._weight = batches, builder, weight
         self.guards: list[Array] = []
         self._built: list[Batch] = []
@@ -103,7 +118,8 @@ class Guarded:
         self._built.append(self._builder(Q, np.full(len(Q), self._weight)))
 
     def total(self, function: Sum, *arguments: Any) -> Sums:
-        """Add ``function(batch, *arguments)`` up over all batches and guarded points, item by item."""
+        """Add ``function(batch, *arguments)`` up over all batches and guarded points, item by
+        item."""
         nodes = self.batches.total(function, *arguments)
         return add([nodes, *(function(b, *arguments) for b in self._built)])
 

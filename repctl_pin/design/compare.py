@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arguments import positive, wanted
+from ..arguments import positive, require_type
 from ..errors import InputError, SingularityError
-from .judgement import REPLICATES, Judgement, judge
-from .result import Design
+from .design_result import Design
+from .evaluation import REPLICATES, Evaluation, judge
 
 
 @dataclass(frozen=True)
@@ -20,35 +20,35 @@ class Comparison:
     Attributes
     ----------
     designs : tuple of Design
-    judgements : tuple of Judgement or None
+    evaluations : tuple of Evaluation or None
         None where a design has a singularity in Ω.
     differences : tuple of (float, float)
-        Cost above the first design's, and the standard error of that difference: on common nodes it is far
-        smaller than that of either cost.
+        Cost above the first design's, and the standard error of that difference: on common nodes it
+        is far smaller than that of either cost.
     """
 
     designs: tuple[Design, ...]
-    judgements: tuple[Judgement | None, ...]
+    evaluations: tuple[Evaluation | None, ...]
     differences: tuple[tuple[float, float], ...]
 
     @property
     def best(self) -> int:
         """The number of the design of least cost, counted from 0."""
-        costs = [np.inf if j is None else j.cost for j in self.judgements]
+        costs = [np.inf if j is None else j.cost for j in self.evaluations]
         return int(np.argmin(costs))
 
     def __str__(self) -> str:
         lines = ["  potentials   cost       beside the first      distance  leaf margin"]
         for i, (design, j, (more, error)) in enumerate(
-            zip(self.designs, self.judgements, self.differences, strict=True)
+            zip(self.designs, self.evaluations, self.differences, strict=True)
         ):
             mark = "*" if i == self.best else " "
             if j is None:
-                lines.append(f"{mark} {design.fields.size:10d}   singular in Ω")
+                lines.append(f"{mark} {design.potentials.size:10d}   singular in Ω")
                 continue
             beside = "" if i == 0 else f"{more:+.4g} ± {error:.1g}"
             lines.append(
-                f"{mark} {design.fields.size:10d}   {j.cost:<9.5g}  {beside:20s}  {j.relative_distance:8.1%}  "
+                f"{mark} {design.potentials.size:10d}   {j.cost:<9.5g}  {beside:20s}  {j.relative_distance:8.1%}  "
                 f"{j.leaf_margin:9.3f}"
             )
         return "\n".join(lines)
@@ -60,7 +60,8 @@ def compare(first: Design, *others: Design) -> Comparison:
     Returns
     -------
     Comparison
-        Each one's judgement, and its cost above the first one's with the standard error of that difference.
+        Each one's evaluation, and its cost above the first one's with the standard error of that
+        difference.
 
     Raises
     ------
@@ -76,41 +77,55 @@ def compare(first: Design, *others: Design) -> Comparison:
     """
     designs = (first, *others)
     for design in designs:
-        wanted(design, Design, "what is compared", "a design, as rp.nearest_repeatable makes them")
+        require_type(
+            design, Design, "what is compared", "a design, as rp.nearest_repeatable makes them"
+        )
     task = first.task
     for other in others:
         one, two = ((t.robot.name, t.frame, t.kind, t.joint_names) for t in (task, other.task))
         if one != two:
-            raise InputError(f"designs of different tasks cannot be compared: {task!r} and {other.task!r}")
-    judgements: list[Judgement | None] = []
+            raise InputError(
+                f"designs of different tasks cannot be compared: {task!r} and {other.task!r}"
+            )
+    evaluations: list[Evaluation | None] = []
     for design in designs:
         try:
-            verdict = judge(design.inverse, first.desired, first.region, samples=first.held_out, seed=first.seed + 1)
-            judgements.append(verdict)
+            verdict = judge(
+                design.inverse,
+                first.desired,
+                first.region,
+                samples=first.held_out,
+                seed=first.seed + 1,
+            )
+            evaluations.append(verdict)
         except SingularityError:
-            judgements.append(None)
-    base = judgements[0]
+            evaluations.append(None)
+    base = evaluations[0]
     differences = []
-    for j in judgements:
+    for j in evaluations:
         if j is None or base is None:
             differences.append((np.inf, np.nan))
             continue
         gap = j.replicates - base.replicates
         differences.append((float(gap.mean()), float(gap.std(ddof=1) / np.sqrt(REPLICATES))))
-    return Comparison(designs, tuple(judgements), tuple(differences))
+    return Comparison(designs, tuple(evaluations), tuple(differences))
 
 
-def settled(designs: Sequence[Design | SingularityError], *, tolerance: float = 1e-4) -> bool:
+def cost_has_converged(
+    designs: Sequence[Design | SingularityError], *, tolerance: float = 1e-4
+) -> bool:
     """Say whether the cost has stopped falling as the potentials grew richer.
 
-    A design's ``converged`` is about the optimiser: even if every design converged, the family may be far from
-    the best repeatable inverse. If smooth potentials of the chosen form cannot reach the best foliation, the cost
-    keeps falling from degree to degree, or the design is refused: not settled.
+    A design's ``converged`` is about the optimiser: even if every design converged, the family may
+    be far from the best repeatable inverse. If smooth potentials of the chosen form cannot reach
+    the best foliation, the cost keeps falling from degree to degree, or the design is refused: not
+    settled.
 
     Parameters
     ----------
     designs
-        Designs with the same G_d and Ω and ever richer potentials; an error in place of a refused one.
+        Designs with the same G_d and Ω and ever richer potentials; an error in place of a refused
+        one.
     tolerance
         Relative change of the cost between the last two that counts as none.
 
@@ -126,16 +141,23 @@ def settled(designs: Sequence[Design | SingularityError], *, tolerance: float = 
     Examples
     --------
     >>> plain = rp.nearest_repeatable(control, None, rp.Box(q0, 0.4), degree=1, samples=512, held_out=512)
-    >>> rp.settled([plain, design])  # a higher degree still pays
+    >>> cost_has_converged([plain, design])  # a higher degree still pays
     False
     """
-    wanted(designs, Sequence, "designs", "a list of designs")
+    require_type(designs, Sequence, "designs", "a list of designs")
     tolerance = positive(tolerance, "the tolerance")
     for design in designs:
         if not isinstance(design, SingularityError):
-            wanted(design, Design, "each of the designs", "what rp.nearest_repeatable makes, or its refusal")
+            require_type(
+                design,
+                Design,
+                "each of the designs",
+                "what rp.nearest_repeatable makes, or its refusal",
+            )
     if len(designs) < 2:
-        raise InputError("whether the cost has settled takes at least two designs, of rising degree")
+        raise InputError(
+            "whether the cost has settled takes at least two designs, of rising degree"
+        )
     costs = [d.cost for d in designs if not isinstance(d, SingularityError) and d.converged]
     if len(costs) < len(designs):
         return False

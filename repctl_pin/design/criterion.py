@@ -1,9 +1,9 @@
-"""The cost of a choice of potentials, its gradient and its Gauss–Newton matrix, on batches of nodes.
+"""The cost of a choice of potentials, its gradient and its Gauss–Newton matrix, on batches of
+nodes.
 
-Everything that depends on the arm is in E and F, built once (34), (36), (38). After that an evaluation is
-dense linear algebra. Each function here takes one batch and returns sums that add up over batches; A with fewer rows
-than there are potentials speaks of the first of them.
-"""
+Everything that depends on the arm is in E and F, built once (34), (36), (38). After that an
+evaluation is dense linear algebra. Each function here takes one batch and returns sums that add up
+over batches; A with fewer rows than there are potentials speaks of the first of them."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from ..arguments import Array
 from ..errors import InputError, SingularityError
-from ..fields.field import Field, name_of
-from ..redundancy.inverses import dexterity, row_factor
+from ..potentials.basis import PotentialBasis, name_of
+from ..redundancy.inverses import inverse_condition_number, row_factor
 from ..robot.task import Task
 from ..strategies.strategy import Inverse
 
@@ -25,23 +25,23 @@ from ..strategies.strategy import Inverse
 class Batch:
     """What the criterion needs of K nodes.
 
-    With D = [∇h_1 … ∇h_N] at a node: ``E = Nᵀ D`` (r, N) and ``F = G_dᵀ D`` (m, N). Then for ``V = D A``
-    ``W_r − W_d = −F A (E A)⁻¹`` (38).
+    With D = [∇h_1 … ∇h_N] at a node: ``E = Nᵀ D`` (r, N) and ``F = G_dᵀ D`` (m, N). Then for ``V =
+    D A`` ``W_r − W_d = −F A (E A)⁻¹`` (38).
 
     Attributes
     ----------
     EF : (K, n, N) array
-        E above F. N is oriented: ``det [J; Nᵀ] > 0``, so that ``det(E A)`` has one sign over all of Ω
-        unless V has an algorithmic singularity in it.
-    toward : (K, r, r) array
-        ``Nᵀ N(center)``: the null space's own field, seen in the basis N.
+        E above F. N is oriented: ``det [J; Nᵀ] > 0``, so that ``det(E A)`` has one sign over all of
+        Ω unless V has an algorithmic singularity in it.
+    null_alignment : (K, r, r) array
+        ``Nᵀ N(center)``: the null space's own potentials, seen in the basis N.
     weights : (K,) array
         Quadrature weights, summing to 1 over all batches.
     r : int
     """
 
     EF: Array
-    toward: Array
+    null_alignment: Array
     weights: Array
     r: int
 
@@ -66,7 +66,7 @@ class Builder:
 
     Attributes
     ----------
-    desired, fields
+    desired, potentials
         G_d and the family of potentials.
     kept : (N',) array of int
         The potentials that are used.
@@ -75,14 +75,14 @@ class Builder:
     """
 
     desired: Inverse
-    fields: Field
+    potentials: PotentialBasis
     kept: NDArray[np.intp]
     N_center: Array
 
     def __call__(self, Q: Array, weights: Array) -> Batch:
         """Evaluate the arm at K nodes Q (K, n) and keep what the criterion needs of it."""
         task = self.desired.task
-        N, G, D = evaluate(self.desired, self.fields, Q)
+        N, G, D = evaluate(self.desired, self.potentials, Q)
         if len(self.kept) < D.shape[-1]:
             D = D[..., self.kept]
         N_T = np.swapaxes(N, -1, -2)
@@ -95,8 +95,9 @@ class Builder:
             yield self(Q[i : i + size], weights[i : i + size])
 
 
-def evaluate(desired: Inverse, fields: Field, Q: Array) -> tuple[Array, Array, Array]:
-    """Evaluate N (K, n, r), G_d (K, n, m) and D = [∇h_1 … ∇h_N] (K, n, N) at K nodes, and check them.
+def evaluate(desired: Inverse, potentials: PotentialBasis, Q: Array) -> tuple[Array, Array, Array]:
+    """Evaluate N (K, n, r), G_d (K, n, m) and D = [∇h_1 … ∇h_N] (K, n, N) at K nodes, and check
+    them.
 
     Raises
     ------
@@ -115,12 +116,16 @@ def evaluate(desired: Inverse, fields: Field, Q: Array) -> tuple[Array, Array, A
         raise InputError(
             f"the desired strategy is no inverse: J G = I is missed by {residual[k]:.2g} at {named(task, Q[k])}"
         )
-    D = np.asarray(fields.gradients(Q), float)
-    if D.shape != (len(Q), task.n, fields.size):
-        raise InputError(f"the fields' gradients must be (K, {task.n}, {fields.size}) numbers, not {D.shape}")
+    D = np.asarray(potentials.gradients(Q), float)
+    if D.shape != (len(Q), task.n, potentials.size):
+        raise InputError(
+            f"the potentials' gradients must be (K, {task.n}, {potentials.size}) numbers, not {D.shape}"
+        )
     if not np.isfinite(D).all():
         k, _, j = np.argwhere(~np.isfinite(D))[0]
-        raise InputError(f"the gradient of potential {name_of(fields, int(j))} is not finite at {named(task, Q[k])}")
+        raise InputError(
+            f"the gradient of potential {name_of(potentials, int(j))} is not finite at {named(task, Q[k])}"
+        )
     return N, G, D
 
 
@@ -134,45 +139,50 @@ def oriented_nullspace(J: Array, task: Task, Q: Array) -> Array:
     try:
         basis, R = row_factor(J, mode="complete")
     except SingularityError:
-        k = int(np.argmin(dexterity(J)))
+        k = int(np.argmin(inverse_condition_number(J)))
         raise SingularityError(f"the Jacobian loses rank near {named(task, Q[k])}") from None
     N = basis[..., m:]
-    side = np.prod(np.sign(np.diagonal(R, axis1=-2, axis2=-1)), axis=-1) * np.sign(np.linalg.det(basis))
+    side = np.prod(np.sign(np.diagonal(R, axis1=-2, axis2=-1)), axis=-1) * np.sign(
+        np.linalg.det(basis)
+    )
     N[..., 0] *= side[..., None]
     return N
 
 
 @dataclass(frozen=True)
-class Sides:
+class SignCount:
     """On which side of an algorithmic singularity nodes lie: how many on each."""
 
     positive: int
     negative: int
 
     @property
-    def clear(self) -> bool:
+    def uniform(self) -> bool:
         """Whether all lie on one side."""
         return not (self.positive and self.negative)
 
-    def __add__(self, other: Sides) -> Sides:
-        return Sides(self.positive + other.positive, self.negative + other.negative)
+    def __add__(self, other: SignCount) -> SignCount:
+        return SignCount(self.positive + other.positive, self.negative + other.negative)
 
 
 def linear(b: Batch) -> tuple[Array, Array, Array]:
-    """Sum what the linear start needs: ``mean EᵀE``, ``mean FᵀF`` (N, N) and ``mean Eᵀ NᵀN(center)`` (N, r)."""
+    """Sum what the linear start needs: ``mean EᵀE``, ``mean FᵀF`` (N, N) and ``mean Eᵀ
+    NᵀN(center)`` (N, r)."""
     root = np.sqrt(b.weights)[:, None, None]
     E, F = (b.E * root).reshape(-1, b.EF.shape[-1]), (b.F * root).reshape(-1, b.EF.shape[-1])
-    return E.T @ E, F.T @ F, E.T @ (b.toward * root).reshape(-1, b.r)
+    return E.T @ E, F.T @ F, E.T @ (b.null_alignment * root).reshape(-1, b.r)
 
 
-def cost(b: Batch, A: Array) -> tuple[float, Sides]:
-    """Evaluate this batch's part of ``C(A) = mean ‖F A (E A)⁻¹‖_F²`` (34), (36), (38), and its sides."""
+def cost(b: Batch, A: Array) -> tuple[float, SignCount]:
+    """Evaluate this batch's part of ``C(A) = mean ‖F A (E A)⁻¹‖_F²`` (34), (36), (38), and its
+    sides."""
     X, _, sides = _difference(b.first(len(A)), A)
     return float(b.weights @ np.sum(X**2, axis=(1, 2))), sides
 
 
-def gauss_newton(b: Batch, A: Array) -> tuple[float, Array, Array, Sides]:
-    """Evaluate this batch's part of C(A), of half its gradient (N, r), and of the Gauss–Newton matrix (r, N, r, N).
+def gauss_newton(b: Batch, A: Array) -> tuple[float, Array, Array, SignCount]:
+    """Evaluate this batch's part of C(A), of half its gradient (N, r), and of the Gauss–Newton
+    matrix (r, N, r, N).
 
     ``½ ∂C/∂A = mean Lᵀ X P⁻ᵀ`` with P = E A, X = F A P⁻¹, ``L = F − X E``. To first order
     ``dX = L dA P⁻¹``, so that ``mean ‖dX‖² = Σ_jj' dA[:, j]ᵀ (mean S[j, j'] LᵀL) dA[:, j']`` with
@@ -200,10 +210,12 @@ def gauss_newton(b: Batch, A: Array) -> tuple[float, Array, Array, Sides]:
 
 def named(task: Task, q: Array) -> str:
     """Write a configuration so that a person can find it."""
-    return ", ".join(f"{name} = {value:.3f}" for name, value in zip(task.joint_names, q, strict=True))
+    return ", ".join(
+        f"{name} = {value:.3f}" for name, value in zip(task.joint_names, q, strict=True)
+    )
 
 
-def _difference(b: Batch, A: Array) -> tuple[Array, Array, Sides]:
+def _difference(b: Batch, A: Array) -> tuple[Array, Array, SignCount]:
     """``X = F A P⁻¹ = −(W_r − W_d)`` (38), P⁻¹, and the sides of det P, P = E A."""
     K, n, size = b.EF.shape
     EFA = (b.EF.reshape(-1, size) @ A).reshape(K, n, -1)
@@ -216,4 +228,4 @@ def _difference(b: Batch, A: Array) -> tuple[Array, Array, Sides]:
         flat = (det == 0)[:, None, None]
         P_inv = np.linalg.inv(np.where(flat, np.finfo(float).tiny ** (1 / b.r) * np.eye(b.r), P))
     positive = int(np.count_nonzero(det > 0))
-    return EFA[:, b.r :] @ P_inv, P_inv, Sides(positive, K - positive)
+    return EFA[:, b.r :] @ P_inv, P_inv, SignCount(positive, K - positive)

@@ -1,4 +1,5 @@
-"""Arrays for pictures of a design: distance and leaf margin over two joints, cost against degree."""
+"""Arrays for pictures of a design: distance and leaf margin over two joints, cost against
+degree."""
 
 from __future__ import annotations
 
@@ -8,9 +9,9 @@ import numpy as np
 
 from ..arguments import Array
 from ..errors import InputError, SingularityError
-from ..fields.polynomial import Polynomial
+from ..potentials.polynomial import Polynomial
 from ..progress import Report, silent
-from .result import Design
+from .design_result import Design
 from .singularities import LeafMargin
 
 
@@ -38,7 +39,9 @@ class DesignMap:
     leaf_margin: Array
 
 
-def design_map(design: Design, joints: tuple[int, int] | None = None, *, points: int = 61) -> DesignMap:
+def design_map(
+    design: Design, joints: tuple[int, int] | None = None, *, points: int = 61
+) -> DesignMap:
     """Evaluate a design on a grid over two joints.
 
     Parameters
@@ -58,39 +61,55 @@ def design_map(design: Design, joints: tuple[int, int] | None = None, *, points:
     Q = np.tile(center, (points * points, 1))
     Q[:, first], Q[:, second] = (grid.ravel() for grid in np.meshgrid(x, y))
     distance, reference = _distance(design, Q)
-    sigma = np.abs(LeafMargin(design.task, design.inverse.field, center)(Q))
+    sigma = np.abs(LeafMargin(design.task, design.inverse.potentials, center)(Q))
     shape = (points, points)
-    return DesignMap((first, second), x, y, distance.reshape(shape), reference.reshape(shape), sigma.reshape(shape))
+    return DesignMap(
+        (first, second),
+        x,
+        y,
+        distance.reshape(shape),
+        reference.reshape(shape),
+        sigma.reshape(shape),
+    )
 
 
 def degree_curve(design: Design, report: Report = silent) -> tuple[tuple[int, float, float], ...]:
-    """Cost on the same held-out nodes against the degree of the polynomials, up to the design's own.
+    """Cost on the same held-out nodes against the degree of the polynomials, up to the design's
+    own.
 
     Returns
     -------
     tuple of (degree, cost, standard error)
-        What ``degree="auto"`` tried, or else all lower degrees designed anew; those with a singularity in
-        Ω are left out.
+        What ``degree="auto"`` tried, or else all lower degrees designed anew; those with a
+        singularity in Ω are left out.
     """
     if design.degrees:
         return design.degrees
-    fields = design.fields
-    if not isinstance(fields, Polynomial):
+    potentials = design.potentials
+    if not isinstance(potentials, Polynomial):
         return ()
     from .nearest import nearest_repeatable
 
     found = []
-    for degree in range(1, fields.degree):
+    for degree in range(1, potentials.degree):
         report(f"degree {degree}, for comparison", 0.0)
-        lower = Polynomial(fields.center, degree, fields.scale, fields.variables, cross=fields.cross)
+        lower = Polynomial(
+            potentials.center,
+            degree,
+            potentials.scale,
+            potentials.variables,
+            cross=potentials.cross,
+        )
         if lower.size < design.task.r:
             continue
         try:
-            one = nearest_repeatable(design.desired, lower, design.region, held_out=design.held_out, seed=design.seed)
+            one = nearest_repeatable(
+                design.desired, lower, design.region, held_out=design.held_out, seed=design.seed
+            )
         except SingularityError:
             continue
         found.append((degree, one.cost, one.cost_error))
-    return (*found, (fields.degree, design.cost, design.cost_error))
+    return (*found, (potentials.degree, design.cost, design.cost_error))
 
 
 def _liveliest(design: Design) -> tuple[int, int]:

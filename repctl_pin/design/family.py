@@ -1,8 +1,8 @@
 """The member of a one-parameter family of inverses that lies nearest to a desired one.
 
-The criterion is the same as everywhere, ``C = mean over Ω of ‖G − G_d‖_F²`` (26); only what is chosen from is
-another: not the coefficients of potentials, but one number k. The paper's family (60) is the example.
-"""
+The criterion is the same as everywhere, ``C = mean over Ω of ‖G − G_d‖_F²`` (26); only what is
+chosen from is another: not the coefficients of potentials, but one number k. The paper's family
+(60) is the example."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..arguments import MOST_NODES, Array, function, limits, shown, wanted, whole
+from ..arguments import MOST_NODES, Array, as_int, function, limits, require_type, shown
 from ..blas import one_blas_thread
 from ..errors import InputError, SingularityError
 from ..regions import Region
@@ -37,11 +37,13 @@ class FamilyDesign:
     region : Region
         Ω.
     parameter : float
-        The best k; may be inf on the whole line. If every k costs the same, the middle of the bounds.
+        The best k; may be inf on the whole line. If every k costs the same, the middle of the
+        bounds.
     unique : bool
         False if every parameter costs the same.
     cost, cost_error : float
-        Mean over Ω of ‖G − G_d‖_F² (26), on finer nodes than the search's, and how far the two disagree.
+        Mean over Ω of ‖G − G_d‖_F² (26), on finer nodes than the search's, and how far the two
+        disagree.
     relative_distance : float
         ``sqrt(cost / mean ‖G_d‖_F²)``.
     scanned : (S,) array
@@ -72,7 +74,11 @@ class FamilyDesign:
 
     def summary(self) -> str:
         """Say in a few lines how good the choice is."""
-        best = f"{self.parameter:.6g}" if self.unique else "every value: the cost does not depend on it"
+        best = (
+            f"{self.parameter:.6g}"
+            if self.unique
+            else "every value: the cost does not depend on it"
+        )
         return (
             f"nearest member of a family of inverses for {self.desired.task.robot.name} {self.desired.task}\n"
             f"  parameter          {best}\n"
@@ -106,19 +112,20 @@ def nearest_in_family(
     samples: int = 4096,
     seed: int = 0,
 ) -> FamilyDesign:
-    """Find the member of a one-parameter family that lies nearest to a desired inverse in the mean over Ω (26).
+    """Find the member of a one-parameter family that lies nearest to a desired inverse in the mean
+    over Ω (26).
 
-    On the whole line the search runs over ``φ = atan k`` (57), so that k = ∞, where −∞ and ∞ meet, is a
-    member like any other: a scan of φ, then Brent's method in the best bracket.
+    On the whole line the search runs over ``φ = atan k`` (57), so that k = ∞, where −∞ and ∞ meet,
+    is a member like any other: a scan of φ, then Brent's method in the best bracket.
 
     Parameters
     ----------
     desired
         G_d, any inverse with ``J G = I``.
     family
-        ``k → G``: a function that makes an inverse of the same task for every k within the bounds; on the
-        whole line, k = ∞ too. Members made of potentials do as well:
-        ``lambda k: rp.RepeatableInverse(task, fields.weighted(A(k)))``.
+        ``k → G``: a function that makes an inverse of the same task for every k within the bounds;
+        on the whole line, k = ∞ too. Members made of potentials do as well: ``lambda k:
+        rp.RepeatableInverse(task, potentials.weighted(A(k)))``.
     region
         Ω.
     bounds
@@ -147,14 +154,16 @@ def nearest_in_family(
     >>> found.unique
     True
     """
-    wanted(desired, Batched, "desired", AN_INVERSE)
-    wanted(region, Region, "region", "a region of joint space, such as rp.Box(q0, 0.3)")
+    require_type(desired, Batched, "desired", AN_INVERSE)
+    require_type(region, Region, "region", "a region of joint space, such as rp.Box(q0, 0.3)")
     function(family, "family", "a function k → inverse")
-    samples, seed = whole(samples, "samples", 1, MOST_NODES), whole(seed, "seed")
+    samples, seed = as_int(samples, "samples", 1, MOST_NODES), as_int(seed, "seed")
     low, high = limits(bounds, 2, "bounds", "from where to where")
     projective = low == -np.inf and high == np.inf
     if not projective and not (np.isfinite([low, high]).all() and low < high):
-        raise InputError(f"bounds must be two finite numbers in order, or the whole line, not {shown(bounds)}")
+        raise InputError(
+            f"bounds must be two finite numbers in order, or the whole line, not {shown(bounds)}"
+        )
     if projective:
         low, high = -np.pi / 2, np.pi / 2
 
@@ -163,7 +172,7 @@ def nearest_in_family(
 
     def member(k: float) -> Inverse:
         made = family(k)
-        wanted(made, Batched, f"what the family makes of k = {k:g}", AN_INVERSE)
+        require_type(made, Batched, f"what the family makes of k = {k:g}", AN_INVERSE)
         return made
 
     def cost(angle: float) -> float:
@@ -175,13 +184,17 @@ def nearest_in_family(
     angles = np.linspace(low, high, _SCAN + 1)
     costs = np.array([cost(a) for a in angles])
     if not np.isfinite(costs).any():
-        raise SingularityError("no member of this family is free of singularities in Ω; make the region smaller")
+        raise SingularityError(
+            "no member of this family is free of singularities in Ω; make the region smaller"
+        )
     judge = _Comparison(desired, region, 8 * len(nodes.Q), seed + 1)
     spread = np.ptp(costs) if np.isfinite(costs).all() else np.inf
     unique = bool(spread > _FLAT * max(float(costs.mean()), 1e-15 * nodes.scale))
     if unique and np.isfinite(spread):
         # A spread that the finer nodes do not confirm is the search's own quadrature error.
-        worst, least = (judge.cost(member(parameter(angles[i]))) for i in (np.argmax(costs), np.argmin(costs)))
+        worst, least = (
+            judge.cost(member(parameter(angles[i]))) for i in (np.argmax(costs), np.argmin(costs))
+        )
         unique = bool(worst - least > spread / 2)
     best = _polish(cost, angles, costs, projective) if unique else (low + high) / 2
 

@@ -1,4 +1,5 @@
-"""Fit potentials in one region: the arm searched, the useless potentials dropped, few nodes, all nodes, judgement."""
+"""Fit potentials in one region: the arm searched, the useless potentials dropped, few nodes, all
+nodes, evaluation."""
 
 from __future__ import annotations
 
@@ -12,14 +13,14 @@ from ..arguments import Array
 from ..errors import InputError
 from ..strategies.repeatable import RepeatableInverse
 from . import criterion
-from .batches import Batches, Guarded, Local
+from .batches import BarrierCost, Batches, Local
+from .continuation import Continuation, FitOptions
 from .criterion import Builder, evaluate, oriented_nullspace
 from .descend import Descent
+from .design_result import Design
+from .evaluation import judge
 from .independence import Independent, independent
-from .judgement import judge
-from .result import Design
 from .singularities import Dexterity, SingularRegionError, refuse_singular, search
-from .way import Way, Wish
 from .workers import hand_out
 
 if TYPE_CHECKING:
@@ -32,7 +33,7 @@ _PENALTY = 1e-3
 _ROUNDS = 4
 
 
-def fit(wish: Wish) -> Design:
+def fit(options: FitOptions) -> Design:
     """Fit and judge in one region.
 
     Raises
@@ -40,52 +41,60 @@ def fit(wish: Wish) -> Design:
     SingularRegionError
         If a singularity lies in the region.
     """
-    desired, fields, region, seed, report = wish.desired, wish.fields, wish.region, wish.seed, wish.report
+    desired, potentials, region, seed, report = (
+        options.desired,
+        options.potentials,
+        options.region,
+        options.seed,
+        options.report,
+    )
     task = desired.task
     report("searching Ω for singularities of the arm", 0.0)
     measure = Dexterity(task)
     lowest = search(measure, region, region.random(2048, seed))
     if lowest.value <= 0:
         raise refuse_singular("the Jacobian loses rank", task, measure, region, lowest.at[None])
-    unknowns = (fields.size - task.r) * task.r
+    unknowns = (potentials.size - task.r) * task.r
     few = max(_LEAST_NODES, _NODES_PER_UNKNOWN * unknowns // task.m)
-    count = max(few, _DEFAULT_NODES) if wish.samples is None else wish.samples
-    if count * task.m < fields.size:
-        least = -(-fields.size // task.m)
-        raise InputError(f"{count} nodes are too few for {fields.size} potentials; give at least {least}")
+    count = max(few, _DEFAULT_NODES) if options.samples is None else options.samples
+    if count * task.m < potentials.size:
+        least = -(-potentials.size // task.m)
+        raise InputError(
+            f"{count} nodes are too few for {potentials.size} potentials; give at least {least}"
+        )
     Q, weights = region.nodes(count, seed)
     Q_few, w_few = region.nodes(few, seed) if len(Q) >= 2 * few else (Q, weights)
-    chosen = independent(desired, fields, *region.nodes(max(512, 2 * fields.size), seed))
+    chosen = independent(desired, potentials, *region.nodes(max(512, 2 * potentials.size), seed))
     N_center = oriented_nullspace(task.jacobian(region.center)[None], task, region.center[None])[0]
-    builder = Builder(desired, fields, chosen.kept, N_center)
+    builder = Builder(desired, potentials, chosen.kept, N_center)
 
     def batches_of(Q: Array, weights: Array, where: Executor | Client | None) -> Batches:
         def tick(share: float) -> None:
             report(f"{len(Q)} nodes", share)
 
         if where is None:
-            return Local(builder, Q, weights, wish.batch, stream=wish.stream, tick=tick)
-        return hand_out(builder, Q, weights, wish.batch, where, stream=wish.stream, tick=tick)
+            return Local(builder, Q, weights, options.batch, stream=options.stream, tick=tick)
+        return hand_out(builder, Q, weights, options.batch, where, stream=options.stream, tick=tick)
 
-    few_nodes = batches_of(Q_few, w_few, wish.executor if len(Q_few) == len(Q) else None)
+    few_nodes = batches_of(Q_few, w_few, options.executor if len(Q_few) == len(Q) else None)
     all_nodes = few_nodes
     try:
-        coarse = Guarded(few_nodes, builder, 1 / len(Q_few))
-        way = Way(wish, chosen, coarse)
+        coarse = BarrierCost(few_nodes, builder, 1 / len(Q_few))
+        way = Continuation(options, chosen, coarse)
         refusal: SingularRegionError | None = None
         fine = coarse
         for near in way.regular():
             if all_nodes is few_nodes and len(Q_few) < len(Q):
-                all_nodes = batches_of(Q, weights, wish.executor)
-                fine = Guarded(all_nodes, builder, 1 / len(Q), coarse.guards)
+                all_nodes = batches_of(Q, weights, options.executor)
+                fine = BarrierCost(all_nodes, builder, 1 / len(Q), coarse.guards)
             for _ in range(_ROUNDS):
-                found = way.descend(fine, near.A, _PENALTY, wish.tolerance)
+                found = way.descend(fine, near.A, _PENALTY, options.tolerance)
                 result = found or replace(near, converged=False)
                 cost, _ = all_nodes.total(criterion.cost, result.A)
                 result = replace(result, cost=cost, steps=result.steps + near.steps)
                 report("judging on held-out nodes", 0.0)
                 try:
-                    return _judged(wish, chosen, result, len(Q))
+                    return _judged(options, chosen, result, len(Q))
                 except SingularRegionError as error:
                     refusal = error
                 if found is None or way.margin(near.A)(refusal.at[None])[0] <= 0:
@@ -97,18 +106,20 @@ def fit(wish: Wish) -> Design:
         all_nodes.close()
 
 
-def _judged(wish: Wish, chosen: Independent, result: Descent, samples: int) -> Design:
+def _judged(options: FitOptions, chosen: Independent, result: Descent, samples: int) -> Design:
     """Make the design, with figures from held-out nodes."""
-    desired, fields, region = wish.desired, wish.fields, wish.region
+    desired, potentials, region = options.desired, options.potentials, options.region
     A = chosen.spread(result.A)
-    N, _, D = evaluate(desired, fields, region.center[None])
-    A = A @ np.linalg.inv(N[0].T @ D[0] @ A)  # gauge: Nᵀ V = I at the center, J_V as well conditioned as J there
-    inverse = RepeatableInverse(desired.task, fields.weighted(A), region=region)
-    verdict = vars(judge(inverse, desired, region, samples=wish.held_out, seed=wish.seed + 1))
+    N, _, D = evaluate(desired, potentials, region.center[None])
+    A = A @ np.linalg.inv(
+        N[0].T @ D[0] @ A
+    )  # gauge: Nᵀ V = I at the center, J_V as well conditioned as J there
+    inverse = RepeatableInverse(desired.task, potentials.weighted(A), region=region)
+    verdict = vars(judge(inverse, desired, region, samples=options.held_out, seed=options.seed + 1))
     return Design(
         inverse,
         desired,
-        fields,
+        potentials,
         region,
         A,
         **{name: value for name, value in verdict.items() if name != "replicates"},
@@ -117,7 +128,7 @@ def _judged(wish: Wish, chosen: Independent, result: Descent, samples: int) -> D
         converged=result.converged,
         steps=result.steps,
         samples=samples,
-        held_out=wish.held_out,
-        seed=wish.seed,
+        held_out=options.held_out,
+        seed=options.seed,
         dropped=chosen.dropped,
     )

@@ -1,4 +1,5 @@
-"""Which potentials of a family are of use over Ω, and coordinates in which they are orthonormal there."""
+"""Which potentials of a family are of use over Ω, and coordinates in which they are orthonormal
+there."""
 
 from __future__ import annotations
 
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..arguments import Array
 from ..errors import InputError
-from ..fields.field import Field, name_of
+from ..potentials.basis import PotentialBasis, name_of
 from ..strategies.strategy import Inverse
 from .criterion import evaluate
 
@@ -29,9 +30,9 @@ class Independent:
     dropped : tuple of str
         The others, each with the reason, for a person.
     basis : (N', N') array
-        B: the gradients of ``B⁻¹``-combinations, D B, are orthonormal in the mean over Ω. The optimiser
-        works in these coordinates, so that it does not depend on the basis it was given. Upper triangular:
-        its leading blocks do the same for the first potentials.
+        B: the gradients of ``B⁻¹``-combinations, D B, are orthonormal in the mean over Ω. The
+        optimiser works in these coordinates, so that it does not depend on the basis it was given.
+        Upper triangular: its leading blocks do the same for the first potentials.
     size : int
         N.
     """
@@ -42,21 +43,25 @@ class Independent:
     size: int
 
     def spread(self, A: Array) -> Array:
-        """Put zeros where potentials were dropped, or where A has fewer rows than were kept: (N, r)."""
+        """Put zeros where potentials were dropped, or where A has fewer rows than were kept: (N,
+        r)."""
         whole = np.zeros((self.size, A.shape[1]))
         whole[self.kept[: len(A)]] = A
         return whole
 
 
-def independent(desired: Inverse, fields: Field, Q: Array, weights: Array) -> Independent:
-    """Drop what is constant, what lies in the row space of J, and what depends on potentials before it.
+def independent(
+    desired: Inverse, potentials: PotentialBasis, Q: Array, weights: Array
+) -> Independent:
+    """Drop what is constant, what lies in the row space of J, and what depends on potentials before
+    it.
 
-    A function of x = f(q) alone has its gradient in the row space of J; taken as V it makes J_V singular
-    everywhere.
+    A function of x = f(q) alone has its gradient in the row space of J; taken as V it makes J_V
+    singular everywhere.
 
     Parameters
     ----------
-    desired, fields
+    desired, potentials
         G_d and the family.
     Q, weights : (K, n), (K,) arrays
         Nodes in Ω.
@@ -67,13 +72,15 @@ def independent(desired: Inverse, fields: Field, Q: Array, weights: Array) -> In
         If fewer than r potentials are left; the reasons are named.
     """
     r = desired.task.r
-    triangle, square, in_null = np.zeros((0, fields.size)), 0.0, 0.0
+    triangle, square, in_null = np.zeros((0, potentials.size)), 0.0, 0.0
     for i in range(0, len(Q), 1024):
-        N, _, D = evaluate(desired, fields, Q[i : i + 1024])
+        N, _, D = evaluate(desired, potentials, Q[i : i + 1024])
         D = D * np.sqrt(weights[i : i + 1024])[:, None, None]
         square = square + np.sum(D**2, axis=(0, 1))
         in_null = in_null + np.sum((np.swapaxes(N, -1, -2) @ D) ** 2, axis=(0, 1))
-        triangle = np.asarray(np.linalg.qr(np.concatenate([triangle, D.reshape(-1, fields.size)]), mode="r"))
+        triangle = np.asarray(
+            np.linalg.qr(np.concatenate([triangle, D.reshape(-1, potentials.size)]), mode="r")
+        )
     size, part = np.sqrt(square), np.sqrt(in_null)
     constant = size <= 1e-12 * max(float(np.max(size)), 1e-300)
     in_rows = ~constant & (part <= _ROW_SPACE * size)
@@ -84,17 +91,25 @@ def independent(desired: Inverse, fields: Field, Q: Array, weights: Array) -> In
         "in the row space of J, a function of the task alone": np.flatnonzero(in_rows),
         "depends linearly on the potentials before it": np.setdiff1d(left, left[kept]),
     }
-    dropped = [f"{name_of(fields, int(j))}: {why}" for why, numbers in reasons.items() for j in numbers]
+    dropped = [
+        f"{name_of(potentials, int(j))}: {why}" for why, numbers in reasons.items() for j in numbers
+    ]
     if len(kept) < r:
         why = f" ({'; '.join(dropped[:4])}{'; …' if len(dropped) > 4 else ''})" if dropped else ""
         raise InputError(
             f"{len(kept)} independent potentials cannot give r = {r} of them{why}; raise the degree or add others"
         )
-    return Independent(left[kept], tuple(dropped), scipy.linalg.solve_triangular(R, np.eye(len(R))), fields.size)
+    return Independent(
+        left[kept],
+        tuple(dropped),
+        scipy.linalg.solve_triangular(R, np.eye(len(R))),
+        potentials.size,
+    )
 
 
 def _sequential(triangle: Array) -> tuple[Array, list[int]]:
-    """Factor the columns in order, leaving out each that depends on those before: R of the others, their numbers."""
+    """Factor the columns in order, leaving out each that depends on those before: R of the others,
+    their numbers."""
     size = np.linalg.norm(triangle, axis=0)
     kept = list(range(triangle.shape[1]))
     while True:  # a QR factorisation shows the first dependent columns by a small diagonal; once more without

@@ -10,18 +10,18 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from .. import progress as reporting
-from ..arguments import MOST_NODES, flag, flag_or_function, positive, shown, wanted, whole
+from ..arguments import MOST_NODES, as_int, flag, flag_or_function, positive, require_type, shown
 from ..blas import one_blas_thread
 from ..errors import InputError, SingularityError
-from ..fields.field import Field, check_joints
-from ..fields.polynomial import Polynomial
+from ..potentials.basis import PotentialBasis, check_joints
+from ..potentials.polynomial import Polynomial
 from ..regions import Region
 from ..strategies.strategy import AN_INVERSE, Batched, Inverse
+from .continuation import FitOptions
+from .design_result import Design
+from .evaluation import REPLICATES
 from .fit import fit
-from .judgement import REPLICATES
-from .result import Design
 from .singularities import SHRUNK_MARGIN, LeafMargin, SingularRegionError, refuse_singular
-from .way import Wish
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -37,7 +37,7 @@ _WORTHWHILE = 0.01
 @one_blas_thread()
 def nearest_repeatable(
     desired: Inverse,
-    fields: Field | None,
+    potentials: PotentialBasis | None,
     region: Region,
     *,
     degree: int | Literal["auto"] | None = None,
@@ -54,27 +54,28 @@ def nearest_repeatable(
 ) -> Design:
     """Find the repeatable inverse nearest to a desired one in the mean over Ω (26), (36), (38).
 
-    A linear least-squares start, then Gauss–Newton on the Grassmann manifold of span A: only the column
-    space of V matters. The line search never lets det(Nᵀ V) change sign at a node. Large fits
-    begin on a few of the nodes.
+    A linear least-squares start, then Gauss–Newton on the Grassmann manifold of span A: only the
+    column space of V matters. The line search never lets det(Nᵀ V) change sign at a node. Large
+    fits begin on a few of the nodes.
 
     Parameters
     ----------
     desired
         G_d, any strategy with ``J G = I``.
-    fields
+    potentials
         The family of potentials; None with ``degree=``.
     region
         Ω.
     degree
-        In place of fields: all polynomials of this degree over Ω's box; ``"auto"`` raises the degree from 1
-        until the cost on held-out nodes stops falling by 1 % (at most 6, or 8 for n ≤ 3, and 1000 unknowns).
+        In place of potentials: all polynomials of this degree over Ω's box; ``"auto"`` raises the
+        degree from 1 until the cost on held-out nodes stops falling by 1 % (at most 6, or 8 for n ≤
+        3, and 1000 unknowns).
     samples
         Nodes of the fit; by default 16,384, or 32 times the unknowns divided by m if that is more.
     held_out
-        Nodes of the judgement.
+        Nodes of the evaluation.
     seed
-        Fixes nodes and judgement.
+        Fixes nodes and evaluation.
     batch
         Nodes evaluated at a time.
     stream
@@ -82,29 +83,29 @@ def nearest_repeatable(
     executor
         Any ``concurrent.futures.Executor``, or a Dask client: the batches are built and stay there.
     shrink
-        If Ω holds a singularity, or the leaf margin falls below 0.1 in it, take the largest region round its center
-        that is free of singularities and has a leaf margin of 0.1 or more.
+        If Ω holds a singularity, or the leaf margin falls below 0.1 in it, take the largest region
+        round its center that is free of singularities and has a leaf margin of 0.1 or more.
     restarts
         Further descents, from random changes of the start; the best is taken.
     tolerance
-        The optimiser stops when a step is predicted to lower the cost by less than this share, or when
-        three steps together did not lower it.
+        The optimiser stops when a step is predicted to lower the cost by less than this share, or
+        when three steps together did not lower it.
     progress
         True for a bar on stderr, or a function of what is being done and the share that is done.
 
     Returns
     -------
     Design
-        ``inverse``, the control, and how good it is: ``cost``, ``relative_distance``, ``leaf_margin`` …;
-        ``summary()`` says it in words.
+        ``inverse``, the control, and how good it is: ``cost``, ``relative_distance``,
+        ``leaf_margin`` …; ``summary()`` says it in words.
 
     Raises
     ------
     InputError
-        If the task is not redundant, fields and region do not fit it, or nodes are too few.
+        If the task is not redundant, potentials and region do not fit it, or nodes are too few.
     SingularRegionError
-        If J loses rank in Ω, or the nearest V has an algorithmic singularity there; the message names a
-        configuration, and the largest region round the center that is free of it.
+        If J loses rank in Ω, or the nearest V has an algorithmic singularity there; the message
+        names a configuration, and the largest region round the center that is free of it.
 
     Examples
     --------
@@ -113,56 +114,69 @@ def nearest_repeatable(
     (True, True)
     >>> qdot = found.inverse.velocity(q0, [0.1, 0.0])  # rad/s
     """
-    wanted(desired, Batched, "desired", AN_INVERSE)
-    wanted(region, Region, "region", "a region of joint space, such as rp.Box(q0, 0.3)")
-    if fields is not None:
-        wanted(fields, Field, "fields", "potentials, such as rp.Polynomial(q0, 2, 0.3)")
+    require_type(desired, Batched, "desired", AN_INVERSE)
+    require_type(region, Region, "region", "a region of joint space, such as rp.Box(q0, 0.3)")
+    if potentials is not None:
+        require_type(
+            potentials,
+            PotentialBasis,
+            "potentials",
+            "potentials, such as rp.Polynomial(q0, 2, 0.3)",
+        )
     if executor is not None and not callable(getattr(executor, "submit", None)):
-        wanted(executor, Executor, "executor", "a concurrent.futures.Executor or a Dask client")
+        require_type(
+            executor, Executor, "executor", "a concurrent.futures.Executor or a Dask client"
+        )
     shrink = flag(shrink, "shrink")
-    progress = flag_or_function(progress, "progress", "a function of what is being done and the share that is done", 2)
-    _check(desired, fields, region, degree)
-    if fields is None:
-        fields = _polynomial(region, 1 if degree == "auto" else degree)
-    wish = Wish(
+    progress = flag_or_function(
+        progress, "progress", "a function of what is being done and the share that is done", 2
+    )
+    _check(desired, potentials, region, degree)
+    if potentials is None:
+        potentials = _polynomial(region, 1 if degree == "auto" else degree)
+    options = FitOptions(
         desired,
-        fields,
+        potentials,
         region,
         executor,
-        samples=None if samples is None else whole(samples, "samples", 1, MOST_NODES),
-        held_out=whole(held_out, "held_out", 2 * REPLICATES, MOST_NODES),
-        seed=whole(seed, "seed"),
-        batch=whole(batch, "batch", 1, MOST_NODES),
+        samples=None if samples is None else as_int(samples, "samples", 1, MOST_NODES),
+        held_out=as_int(held_out, "held_out", 2 * REPLICATES, MOST_NODES),
+        seed=as_int(seed, "seed"),
+        batch=as_int(batch, "batch", 1, MOST_NODES),
         stream=flag(stream, "stream"),
-        restarts=whole(restarts, "restarts", 0, _MOST_RESTARTS),
+        restarts=as_int(restarts, "restarts", 0, _MOST_RESTARTS),
         tolerance=positive(tolerance, "the tolerance"),
     )
     with reporting.reporter(progress) as report:
-        wish = replace(wish, report=report)
-        return _auto(wish, shrink) if degree == "auto" else _shrinking(wish, shrink)
+        options = replace(options, report=report)
+        return _auto(options, shrink) if degree == "auto" else _shrinking(options, shrink)
 
 
-def _auto(wish: Wish, shrink: bool) -> Design:
+def _auto(options: FitOptions, shrink: bool) -> Design:
     """Raise the degree until the cost on held-out nodes stops falling."""
     best: Design | None = None
     tried: list[tuple[int, float, float]] = []
-    task = wish.desired.task
+    task = options.desired.task
     for degree in range(1, (_MOST_DEGREE + 2 if task.n <= 3 else _MOST_DEGREE) + 1):
-        wish = replace(wish, fields=_polynomial(wish.region, degree), warm=None if best is None else best.coefficients)
-        unknowns = (wish.fields.size - task.r) * task.r
+        options = replace(
+            options,
+            potentials=_polynomial(options.region, degree),
+            warm=None if best is None else best.coefficients,
+        )
+        unknowns = (options.potentials.size - task.r) * task.r
         if unknowns < 0:
             continue
         if best is not None and unknowns > _MOST_UNKNOWNS:
             break
         try:
-            design = _shrinking(wish, shrink and best is None)
+            design = _shrinking(options, shrink and best is None)
         except SingularRegionError:
             if best is None:
                 raise
             break
         if shrink and design.leaf_margin < SHRUNK_MARGIN:  # of a higher degree: one region for all
             break
-        wish = replace(wish, region=design.region)
+        options = replace(options, region=design.region)
         tried.append((degree, design.cost, design.cost_error))
         worthwhile = best is None or design.cost < (1 - _WORTHWHILE) * best.cost
         if best is None or design.cost < best.cost:
@@ -173,22 +187,24 @@ def _auto(wish: Wish, shrink: bool) -> Design:
     return replace(best, degrees=tuple(tried))
 
 
-def _shrinking(wish: Wish, shrink: bool) -> Design:
-    """Design in Ω, or where a person allows it in the largest part of it that is free of singularities."""
-    asked, attempt = wish.region.bounds.half_width, 0
+def _shrinking(options: FitOptions, shrink: bool) -> Design:
+    """Design in Ω, or where a person allows it in the largest part of it that is free of
+    singularities."""
+    asked, attempt = options.region.bounds.half_width, 0
     while True:
         try:
-            design = fit(wish)
+            design = fit(options)
             if shrink:
                 _check_margin(design)
             return replace(design, shrunk=float(np.max(design.region.bounds.half_width / asked)))
         except SingularRegionError as error:
             if error.free is None or attempt == (_SHRINKINGS if shrink else 0):
                 raise
-            # the first time what the refusal names; a V fitted there may need less room again, so then in strides
-            free, stride = error.free, wish.region.shrunk(0.9)
+            # the first time what the refusal names; a V fitted there may need less room again, so
+            # then in strides
+            free, stride = error.free, options.region.shrunk(0.9)
             smaller = attempt > 0 and (stride.bounds.half_width < free.bounds.half_width).any()
-            wish = replace(wish, region=stride if smaller else free)
+            options = replace(options, region=stride if smaller else free)
             attempt += 1
         except SingularityError as error:
             raise SingularityError(
@@ -200,7 +216,7 @@ def _check_margin(design: Design) -> None:
     """Refuse a design that comes too near to an algorithmic singularity to be shrunk to."""
     if design.leaf_margin < SHRUNK_MARGIN:
         task, at = design.inverse.task, design.leaf_margin_at
-        measure = LeafMargin(task, design.inverse.field, design.region.center)
+        measure = LeafMargin(task, design.inverse.potentials, design.region.center)
         what = f"the leaf margin falls to {design.leaf_margin:.2g}"
         raise refuse_singular(what, task, measure, design.region, at[None])
 
@@ -210,22 +226,24 @@ def _polynomial(region: Region, degree: Any) -> Polynomial:
     return Polynomial(box.center, degree, box.half_width)
 
 
-def _check(desired: Inverse, fields: Field | None, region: Region, degree: int | str | None) -> None:
+def _check(
+    desired: Inverse, potentials: PotentialBasis | None, region: Region, degree: int | str | None
+) -> None:
     """Refuse what cannot work, before anything is evaluated."""
     task = desired.task
     if task.r < 1:
         raise InputError(
             f"a {task.kind} task leaves the {task.n} joints that move {task.frame!r} no redundancy (r = {task.r})"
         )
-    if (fields is None) == (degree is None):
-        raise InputError("give either fields, or None and degree=")
+    if (potentials is None) == (degree is None):
+        raise InputError("give either potentials, or None and degree=")
     if isinstance(degree, str) and degree != "auto":
         raise InputError(f"degree is a whole number from 1 up, or 'auto', not {shown(degree)}")
     if len(region.center) != task.n:
         raise InputError(f"the region has {len(region.center)} joints, but the task has {task.n}")
     box, (lower, upper, _) = region.bounds, task.joint_limits
     middle = task.joints((box.lower + box.upper) / 2)
-    reach = np.abs(task.T) @ box.half_width  # of q = T ψ
+    reach = np.abs(task.coordinate_matrix) @ box.half_width  # of q = T ψ
     rows = zip(task.robot_joints, middle - reach, middle + reach, lower, upper, strict=True)
     for name, low, high, least, most in rows:
         if high < least or low > most:
@@ -233,8 +251,10 @@ def _check(desired: Inverse, fields: Field | None, region: Region, degree: int |
                 f"the region lies outside the joint limits: {name} from {low:.4g} to {high:.4g}, "
                 f"but its limits are [{least:.4g}, {most:.4g}]"
             )
-    if fields is None:
+    if potentials is None:
         return
-    check_joints(fields, task.n)
-    if fields.size < task.r:
-        raise InputError(f"{fields.size} potentials cannot give r = {task.r} independent ones; give more")
+    check_joints(potentials, task.n)
+    if potentials.size < task.r:
+        raise InputError(
+            f"{potentials.size} potentials cannot give r = {task.r} independent ones; give more"
+        )

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..arguments import Array
 from ..errors import SingularityError
-from ..fields.field import FieldMap
+from ..potentials.basis import Potentials
 from ..regions import Region
 from ..robot.task import Task
 from .criterion import named
@@ -25,7 +25,8 @@ _RANK = 1e-5
 _BISECTIONS = 12
 
 SHRUNK_MARGIN = 0.1
-"""The leaf margin to which a region is shrunk: at the very edge of a singularity a design is of no use."""
+"""The leaf margin to which a region is shrunk: at the very edge of a singularity a design is of no
+use."""
 
 
 class SingularRegionError(SingularityError):
@@ -38,8 +39,8 @@ class SingularRegionError(SingularityError):
     at : (n,) array
         Where, rad (m for sliding joints).
     free : Region or None
-        The largest region round the center, of the same shape, that was found free of it; of an algorithmic
-        singularity: with a leaf margin of 0.1 or more.
+        The largest region round the center, of the same shape, that was found free of it; of an
+        algorithmic singularity: with a leaf margin of 0.1 or more.
 
     Examples
     --------
@@ -96,41 +97,48 @@ class Dexterity:
     def newton(self, Q: Array, scale: Array) -> Array:
         """Take the shortest step to rank loss to first order, (K, n), in units of scale (n,).
 
-        J = U Σ Vᵀ loses rank where ``V₂ᵀ Jᵀ u = 0``, u the last column of U and V₂ those of V from m on: n − m + 1
-        equations. An arm stretched out is such a cone's tip, which no descent of σ_min reaches.
-        """
+        J = U Σ Vᵀ loses rank where ``V₂ᵀ Jᵀ u = 0``, u the last column of U and V₂ those of V from
+        m on: n − m + 1 equations. An arm stretched out is such a cone's tip, which no descent of
+        σ_min reaches."""
         m = self.task.m
         U, sigma, Vt = np.linalg.svd(self.task.jacobians(Q))
-        slope = np.einsum("Kvi,Kaik,Ka->Kvk", Vt[:, m - 1 :], self.task.hessians(Q), U[:, :, -1], optimize=True)
+        slope = np.einsum(
+            "Kvi,Kaik,Ka->Kvk", Vt[:, m - 1 :], self.task.hessians(Q), U[:, :, -1], optimize=True
+        )
         step: Array = -np.linalg.pinv(slope * scale, rcond=1e-6)[:, :, 0] * sigma[:, -1:]
         return step
 
 
 class LeafMargin:
-    """Measure ``σ_min(Nᵀ V̂)``, below 0 where ``det [J; Vᵀ]`` has another sign than at a center (n,).
+    """Measure ``σ_min(Nᵀ V̂)``, below 0 where ``det [J; Vᵀ]`` has another sign than at a center
+    (n,).
 
-    The sign changes at an algorithmic singularity. Where J has full rank this is smooth through its zeros but for
-    crossings of singular values.
-    """
+    The sign changes at an algorithmic singularity. Where J has full rank this is smooth through its
+    zeros but for crossings of singular values."""
 
-    def __init__(self, task: Task, field: FieldMap, center: Array) -> None:
-        self.task, self.field, self.side = task, field, 1.0
+    def __init__(self, task: Task, potentials: Potentials, center: Array) -> None:
+        self.task, self.potentials, self.side = task, potentials, 1.0
         self.side = float(np.sign(self(center[None]))[0])
 
     def __call__(self, Q: Array) -> Array:
         """Measure it at every row of Q (K, n): (K,)."""
-        J, V = self.task.jacobians(Q), self.field.gradients(Q)
+        J, V = self.task.jacobians(Q), self.potentials.gradients(Q)
         N = np.linalg.qr(np.swapaxes(J, -1, -2), mode="complete")[0][..., self.task.m :]
         V_hat = np.linalg.qr(V)[0]
         sigma = np.linalg.svd(np.swapaxes(N, -1, -2) @ V_hat, compute_uv=False)[:, -1]
-        return self.side * sigma * np.sign(np.linalg.det(np.concatenate([J, np.swapaxes(V, -1, -2)], axis=1)))
+        return (
+            self.side
+            * sigma
+            * np.sign(np.linalg.det(np.concatenate([J, np.swapaxes(V, -1, -2)], axis=1)))
+        )
 
 
 def lowest(measure: Measure, region: Region, starts: Array) -> Lowest:
-    """Minimise a measure over Ω from several starts at once, until it is 0 or below, or no step helps.
+    """Minimise a measure over Ω from several starts at once, until it is 0 or below, or no step
+    helps.
 
-    Each start goes down the slope, no further than to where the slope would reach 0, with a bound on the
-    step that doubles where it helped and is quartered where not.
+    Each start goes down the slope, no further than to where the slope would reach 0, with a bound
+    on the step that doubles where it helped and is quartered where not.
 
     Parameters
     ----------
@@ -151,9 +159,13 @@ def lowest(measure: Measure, region: Region, starts: Array) -> Lowest:
         if value.min() <= 0 or not len(moving):
             break
         here, at = Q[moving], value[moving]
-        slope = (measure((here[:, None] + nudge).reshape(-1, n)).reshape(-1, n) - at[:, None]) / 1e-6  # (S, n)
+        slope = (
+            measure((here[:, None] + nudge).reshape(-1, n)).reshape(-1, n) - at[:, None]
+        ) / 1e-6  # (S, n)
         # what of the way down stays in Ω
-        down = (region.clip(here - 1e-4 * slope * scale / _length(slope)[:, None]) - here) / (1e-4 * scale)
+        down = (region.clip(here - 1e-4 * slope * scale / _length(slope)[:, None]) - here) / (
+            1e-4 * scale
+        )
         steepness = np.maximum(-np.sum(down * slope, axis=1) / _length(down), 1e-12)
         length = np.minimum(bound[moving], 1.01 * at / steepness)
         trial = region.clip(here + (length / _length(down))[:, None] * down * scale)
@@ -176,7 +188,8 @@ def lowest(measure: Measure, region: Region, starts: Array) -> Lowest:
 
 
 def search(measure: Measure, region: Region, Q: Array, values: Array | None = None) -> Lowest:
-    """Find the lowest value of a measure in Ω: local searches from the worst of the points Q and from some others."""
+    """Find the lowest value of a measure in Ω: local searches from the worst of the points Q and
+    from some others."""
     values = measure(Q) if values is None else values
     order = np.argsort(values)
     others = order[np.linspace(0, len(order) - 1, _STARTS // 4).astype(int)]
@@ -185,10 +198,12 @@ def search(measure: Measure, region: Region, Q: Array, values: Array | None = No
 
 
 def largest_free(measure: Measure, region: Region, bad: Array) -> Region | None:
-    """Find the largest region round the center, of Ω's shape, in which a measure stays above its floor.
+    """Find the largest region round the center, of Ω's shape, in which a measure stays above its
+    floor.
 
-    The floor is 0 for the arm's own singularities, and a leaf margin of 0.1. The first crossings on the way from
-    known ones to the center bound the region from above; then it is bisected, each smaller one being searched anew.
+    The floor is 0 for the arm's own singularities, and a leaf margin of 0.1. The first crossings on
+    the way from known ones to the center bound the region from above; then it is bisected, each
+    smaller one being searched anew.
 
     Parameters
     ----------
@@ -229,8 +244,11 @@ def largest_free(measure: Measure, region: Region, bad: Array) -> Region | None:
     return best
 
 
-def refuse_singular(what: str, task: Task, measure: Measure, region: Region, bad: Array) -> SingularRegionError:
-    """Make the refusal that names the first of some points (B, n), and the largest region that is free of them."""
+def refuse_singular(
+    what: str, task: Task, measure: Measure, region: Region, bad: Array
+) -> SingularRegionError:
+    """Make the refusal that names the first of some points (B, n), and the largest region that is
+    free of them."""
     at, largest = bad[0], largest_free(measure, region, bad)
     where = f"{what} in Ω near {named(task, at)}"
     if largest is None:
@@ -238,7 +256,11 @@ def refuse_singular(what: str, task: Task, measure: Measure, region: Region, bad
             f"{where}; the center of the region is singular, or nearly so", at, None,
             "choose another, or a smaller region",
         )  # fmt: skip
-    free = "free of it" if not isinstance(measure, LeafMargin) else f"{SHRUNK_MARGIN:g} or more in leaf margin from it"
+    free = (
+        "free of it"
+        if not isinstance(measure, LeafMargin)
+        else f"{SHRUNK_MARGIN:g} or more in leaf margin from it"
+    )
     found = f"{where}; the largest region round its center that is {free} is a {largest}"
     return SingularRegionError(found, at, largest, "take that (shrink=True)")
 

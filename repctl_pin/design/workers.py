@@ -1,9 +1,8 @@
 """Batches in other processes: any ``concurrent.futures`` executor, or a Dask cluster.
 
-The nodes are cut into pieces. A worker that has evaluated a piece keeps its batches; at the next pass every
-worker is asked for the pieces that it holds, and what is missing then (a worker died, or was not reached) is
-built anew by whoever is free. Which worker does what affects only the time.
-"""
+The nodes are cut into pieces. A worker that has evaluated a piece keeps its batches; at the next
+pass every worker is asked for the pieces that it holds, and what is missing then (a worker died, or
+was not reached) is built anew by whoever is free. Which worker does what affects only the time."""
 
 from __future__ import annotations
 
@@ -38,7 +37,8 @@ Answer = tuple[str, dict[int, Sums]]
 
 @dataclass(frozen=True)
 class Piece:
-    """Some of the nodes, and what builds their batches: pickled, so that every worker has an arm of its own."""
+    """Some of the nodes, and what builds their batches: pickled, so that every worker has an arm of
+    its own."""
 
     builder: bytes
     Q: Array
@@ -75,12 +75,17 @@ def hand_out(
         ) from None
     count = -(-len(Q) // batch)
     size = -(-count // min(_PIECES, count)) * batch
-    pieces = [Piece(payload, Q[i : i + size], weights[i : i + size], batch) for i in range(0, len(Q), size)]
+    pieces = [
+        Piece(payload, Q[i : i + size], weights[i : i + size], batch)
+        for i in range(0, len(Q), size)
+    ]
     if isinstance(executor, Executor):
         return InExecutor(pieces, executor, stream, tick)
     if "distributed" in sys.modules and isinstance(executor, sys.modules["distributed"].Client):
         return OnCluster(pieces, executor, stream, tick)
-    raise InputError(f"executor= takes a concurrent.futures Executor or a Dask Client, not {type(executor).__name__}")
+    raise InputError(
+        f"executor= takes a concurrent.futures Executor or a Dask Client, not {type(executor).__name__}"
+    )
 
 
 class InExecutor:
@@ -98,9 +103,14 @@ class InExecutor:
         work, submit = partial(over, function=function, arguments=arguments), self._executor.submit
         found: dict[int, Sums] = {}
         key = self._run, self._passes
-        self._collect([submit(_evaluate_held, key, self._owners, work) for _ in self._owners], found)
+        self._collect(
+            [submit(_evaluate_held, key, self._owners, work) for _ in self._owners], found
+        )
         left = [(i, piece) for i, piece in enumerate(self._pieces) if i not in found]
-        self._collect([submit(_evaluate_piece, self._run, i, piece, self._stream, work) for i, piece in left], found)
+        self._collect(
+            [submit(_evaluate_piece, self._run, i, piece, self._stream, work) for i, piece in left],
+            found,
+        )
         return add(found[i] for i in range(len(self._pieces)))
 
     def close(self) -> None:
@@ -127,7 +137,9 @@ class OnCluster:
 
     def __init__(self, pieces: list[Piece], client: Client, stream: bool, tick: Tick) -> None:
         self._client, self._tick = client, tick
-        self._batches: list[Any] = pieces if stream else [client.submit(list, piece, pure=False) for piece in pieces]
+        self._batches: list[Any] = (
+            pieces if stream else [client.submit(list, piece, pure=False) for piece in pieces]
+        )
 
     def total(self, function: Sum, *arguments: Any) -> Sums:
         """Add ``function(batch, *arguments)`` up over all batches, item by item."""
@@ -148,7 +160,8 @@ class OnCluster:
         self._batches = []
 
 
-# ---- what runs on a worker ------------------------------------------------------------------------
+# ---- what runs on a worker
+# ------------------------------------------------------------------------
 
 
 def _evaluate_piece(run: str, number: int, piece: Piece, stream: bool, work: Work) -> Answer:

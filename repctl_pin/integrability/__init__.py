@@ -1,4 +1,5 @@
-"""Is a control strategy repeatable? The Lie bracket condition, the drift it predicts, and stable surfaces."""
+"""Is a control strategy repeatable? The Lie bracket condition, the drift it predicts, and stable
+surfaces."""
 
 from .derivative import differentiate as differentiate
 from .lie_bracket import bracket_defect as bracket_defect

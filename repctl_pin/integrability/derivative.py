@@ -1,4 +1,5 @@
-"""∂G/∂q of any inverse: exact where the arm's Hessian gives it, by differences with an error where not."""
+"""∂G/∂q of any inverse: exact where the arm's Hessian gives it, by differences with an error where
+not."""
 
 from __future__ import annotations
 
@@ -8,9 +9,9 @@ from functools import singledispatch
 
 import numpy as np
 
-from ..arguments import Array, wanted
+from ..arguments import Array, require_type
 from ..errors import SingularityError
-from ..fields.field import CurvedMap
+from ..potentials.basis import CurvedPotentials
 from ..redundancy.augmented import augmented_inverse
 from ..redundancy.inverses import pseudoinverse_derivative
 from ..robot.length import joint_scale
@@ -38,7 +39,8 @@ class Derivative:
     dG : (K, n, m, n) array
         ``[:, i, a, k] = ∂G[i, a]/∂q[k]``.
     error : (K, n) array
-        Estimated largest error of any entry of ∂G/∂q_k, a prismatic joint's row in units of the arm's length.
+        Estimated largest error of any entry of ∂G/∂q_k, a prismatic joint's row in units of the
+        arm's length.
     exact : bool
         True where a formula was evaluated and only rounding is left.
     """
@@ -52,7 +54,8 @@ class Derivative:
 
 @singledispatch
 def derivative(strategy: Inverse, Q: Array) -> Derivative:
-    """Differentiate an inverse at every row of Q (K, n), by differences unless its kind has a formula.
+    """Differentiate an inverse at every row of Q (K, n), by differences unless its kind has a
+    formula.
 
     Raises
     ------
@@ -79,54 +82,62 @@ def _(strategy: Pseudoinverse, Q: Array) -> Derivative:
 @derivative.register
 def _(strategy: RepeatableInverse, Q: Array) -> Derivative:
     """``∂G_r/∂q_k = −J_V⁻¹ [H_k; (∂V/∂q_k)ᵀ] G_r``, from ``∂J_V⁻¹ = −J_V⁻¹ ∂J_V J_V⁻¹``."""
-    field, m = strategy.field, strategy.task.m
-    if not isinstance(field, CurvedMap):  # potentials without second derivatives
+    potentials, m = strategy.potentials, strategy.task.m
+    if not isinstance(potentials, CurvedPotentials):  # potentials without second derivatives
         return derivative.dispatch(object)(strategy, Q)
     J = strategy.task.jacobians(Q)
-    inverse = augmented_inverse(J, field.gradients(Q))  # (K, n, n)
+    inverse = augmented_inverse(J, potentials.gradients(Q))  # (K, n, n)
     G = inverse[:, :, :m]
-    dV = np.array([field.hessian(q) for q in Q])  # (K, n, n, r)
-    dJ_V = np.concatenate([strategy.task.hessians(Q), np.moveaxis(dV, -1, 1)], axis=1)  # (K, n, n, n)
+    dV = np.array([potentials.hessian(q) for q in Q])  # (K, n, n, r)
+    dJ_V = np.concatenate(
+        [strategy.task.hessians(Q), np.moveaxis(dV, -1, 1)], axis=1
+    )  # (K, n, n, n)
     dG = -np.einsum("Kis,Kspk,Kpa->Kiak", inverse, dJ_V, G, optimize=True)
-    J_V = np.concatenate([J, np.swapaxes(field.gradients(Q), 1, 2)], axis=1)
+    J_V = np.concatenate([J, np.swapaxes(potentials.gradients(Q), 1, 2)], axis=1)
     return Derivative(J, G, dG, _rounding(J_V, dG, joint_scale(strategy.task, Q[0])), exact=True)
 
 
 def inside_limits(task: Task, Q: Array) -> Array:
-    """Choose the scale of a derivative's steps at every row of Q: a joint's unit, and less near a limit: (K, n).
+    """Choose the scale of a derivative's steps at every row of Q: a joint's unit, and less near a
+    limit: (K, n).
 
-    The first step, 1/16 of it, takes no joint further than half the way to its limit; outside limits, where G may be
-    asked for all the same, nothing is changed.
-    """
+    The first step, 1/16 of it, takes no joint further than half the way to its limit; outside
+    limits, where G may be asked for all the same, nothing is changed."""
     room = task.limit_margin(Q)  # (K, n)
     with np.errstate(divide="ignore"):
-        most = np.min(np.where(room > 0, 8 * room, np.inf)[:, :, None] / np.abs(task.T), axis=1)
+        most = np.min(
+            np.where(room > 0, 8 * room, np.inf)[:, :, None] / np.abs(task.coordinate_matrix),
+            axis=1,
+        )
     return np.minimum(joint_scale(task, Q[0]), most)
 
 
 def wanted_inverse(strategy: Inverse) -> Inverse:
     """Take an argument that has to be an inverse, with a G(q)."""
-    wanted(strategy, Batched, "strategy", AN_INVERSE)
+    require_type(strategy, Batched, "strategy", AN_INVERSE)
     return strategy
 
 
 def _rounding(matrix: Array, dG: Array, L: Array) -> Array:
-    """Rounding error of a formula that inverts a matrix (K, a, b), along every joint, in their units L: (K, n)."""
+    """Rounding error of a formula that inverts a matrix (K, a, b), along every joint, in their
+    units L: (K, n)."""
     values = np.linalg.svd(matrix * L, compute_uv=False)
     condition = values[:, 0] / values[:, -1]
     largest = np.abs(dG / L[:, None, None]).max(axis=(1, 2))
     return 4 * _EPS * matrix.shape[-1] * condition[:, None] * largest
 
 
-def differentiate(function: Callable[[Array], Array], Q: Array, scale: Array) -> tuple[Array, Array]:
+def differentiate(
+    function: Callable[[Array], Array], Q: Array, scale: Array
+) -> tuple[Array, Array]:
     """Differentiate a batched function along every joint, by extrapolated central differences.
 
-    Central differences with steps h, h/2, …, h/32 are extrapolated to h → 0 (Romberg's table, orders 2 to
-    12); of the table the entry is taken that differs least from its two parents. So the function itself
-    chooses step and order: a smooth one gets short steps and high order, a noisy one long steps and low order.
-    That difference is the error estimate (Ridders' method), unless the noise seen at the shortest steps
-    promises more. Where the error stays above 1e-6 of the derivative, as near a pole, all is tried again with
-    steps an eighth as long.
+    Central differences with steps h, h/2, …, h/32 are extrapolated to h → 0 (Romberg's table,
+    orders 2 to 12); of the table the entry is taken that differs least from its two parents. So the
+    function itself chooses step and order: a smooth one gets short steps and high order, a noisy
+    one long steps and low order. That difference is the error estimate (Ridders' method), unless
+    the noise seen at the shortest steps promises more. Where the error stays above 1e-6 of the
+    derivative, as near a pole, all is tried again with steps an eighth as long.
 
     Parameters
     ----------
@@ -154,14 +165,18 @@ def differentiate(function: Callable[[Array], Array], Q: Array, scale: Array) ->
     error, open_rows = np.full(Q.shape, np.inf), np.arange(len(Q))
     for narrower in _NARROWER:
         try:
-            found, doubt = _extrapolate(function, Q[open_rows], _FIRST_STEP * narrower * scale[open_rows])
+            found, doubt = _extrapolate(
+                function, Q[open_rows], _FIRST_STEP * narrower * scale[open_rows]
+            )
         except SingularityError:
             if slope is None and narrower == _NARROWER[-1]:
                 raise
             continue
         if slope is None:
             slope = np.empty((len(Q), *found.shape[1:]))
-        row, joint = np.nonzero(doubt < error[open_rows] / 4)  # noise can make an error estimate a little too small
+        row, joint = np.nonzero(
+            doubt < error[open_rows] / 4
+        )  # noise can make an error estimate a little too small
         slope[open_rows[row], ..., joint] = found[row, ..., joint]
         error[open_rows[row], joint] = doubt[row, joint]
         size = np.abs(slope[open_rows]).reshape(len(open_rows), -1).max(axis=1, initial=0.0)
@@ -181,7 +196,9 @@ def _extrapolate(function: Callable[[Array], Array], Q: Array, first: Array) -> 
     values = np.asarray(function(stencil.reshape(-1, n)))
     shape = values.shape[1:]
     values = values.reshape(K, 2, _LEVELS, n, -1)
-    rows = [(values[:, 0, j] - values[:, 1, j]) / (2 * steps[:, j, :, None]) for j in range(_LEVELS)]  # (K, n, size)
+    rows = [
+        (values[:, 0, j] - values[:, 1, j]) / (2 * steps[:, j, :, None]) for j in range(_LEVELS)
+    ]  # (K, n, size)
 
     best, error, level = rows[-1], np.full((K, n), np.inf), np.zeros((K, n), int)
     table = [[rows[0]]]
@@ -196,7 +213,8 @@ def _extrapolate(function: Callable[[Array], Array], Q: Array, first: Array) -> 
             best = np.where(better[..., None], entry, best)
             current.append(entry)
         table.append(current)
-    # What the two shortest rows say is off by little but noise; at the steps chosen it is that much less.
+    # What the two shortest rows say is off by little but noise; at the steps chosen it is that much
+    # less.
     last, before = (np.abs(row[3] - best).max(-1, initial=0.0) for row in table[-2:][::-1])
     noise = np.maximum(last, before / 2) * 2.0 ** (level - _LEVELS + 1)
     rounding = np.finfo(float).eps * np.abs(values).max(axis=(1, 2, 4), initial=0.0) / steps[:, -1]

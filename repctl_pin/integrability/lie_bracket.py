@@ -1,4 +1,5 @@
-"""The Lie bracket of G's columns and its defect Δ: how far G is from being repeatable, and how much it drifts."""
+"""The Lie bracket of G's columns and its defect Δ: how far G is from being repeatable, and how much
+it drifts."""
 
 from __future__ import annotations
 
@@ -16,8 +17,8 @@ from .derivative import derivative, wanted_inverse
 def brackets(G: Array, dG: Array) -> Array:
     """Evaluate ``[g_a, g_b] = (∂g_b/∂q) g_a − (∂g_a/∂q) g_b`` (4) of all columns.
 
-    With ``G = Jᵀ``, ``dG = Hᵀ`` these are the brackets of Corollary 1: enough to judge J⁺, and no inverse in
-    them.
+    With ``G = Jᵀ``, ``dG = Hᵀ`` these are the brackets of Corollary 1: enough to judge J⁺, and no
+    inverse in them.
 
     Parameters
     ----------
@@ -35,7 +36,8 @@ def brackets(G: Array, dG: Array) -> Array:
 
 
 def defects(J: Array, G: Array, dG: Array) -> Array:
-    """Evaluate ``Δ_ab = (I − G J) [g_a, g_b]``: (..., m, m, n). All are 0 where the LBC holds (5), (24).
+    """Evaluate ``Δ_ab = (I − G J) [g_a, g_b]``: (..., m, m, n). All are 0 where the LBC holds (5),
+    (24).
 
     Without redundancy ``G J = I``: no motion is left over, and they are 0 exactly.
     """
@@ -75,8 +77,8 @@ class Defects:
     delta : (K, m, m, n) array
         Δ_ab in the task's and the joints' own units.
     relative : (K, m, m, n) array
-        The same for an orthonormal basis of G's column space, prismatic joints in units of the arm's
-        length: free of units and of the choice of axes.
+        The same for an orthonormal basis of G's column space, prismatic joints in units of the
+        arm's length: free of units and of the choice of axes.
     error : (K,) array
         Estimated error of ``norm``, from the derivative's.
     exact : bool
@@ -101,11 +103,11 @@ class Defects:
 def measure(strategy: Inverse, Q: Array) -> Defects:
     """Evaluate the defects of an inverse at every row of Q (K, n).
 
-    The relative defect: let L be the unit of each joint (1 rad; the arm's length) and ``L⁻¹ G = Q R``. The
-    columns of ``G R⁻¹`` span the same space (Proposition 1), are orthonormal, and have the defects
-    ``Λ_cd = L⁻¹ Σ_ab R⁻¹[a, c] R⁻¹[b, d] Δ_ab``: the rate, per unit of joint motion, at which two directions
-    of the motion turn out of it. It does not change with the units or the axes of the task.
-    """
+    The relative defect: let L be the unit of each joint (1 rad; the arm's length) and ``L⁻¹ G = Q
+    R``. The columns of ``G R⁻¹`` span the same space (Proposition 1), are orthonormal, and have the
+    defects ``Λ_cd = L⁻¹ Σ_ab R⁻¹[a, c] R⁻¹[b, d] Δ_ab``: the rate, per unit of joint motion, at
+    which two directions of the motion turn out of it. It does not change with the units or the axes
+    of the task."""
     found = derivative(strategy, Q)
     L = joint_scale(strategy.task, Q[0])
     delta = defects(found.J, found.G, found.dG)
@@ -115,7 +117,8 @@ def measure(strategy: Inverse, Q: Array) -> Defects:
     R_inv = np.linalg.inv(R)
     relative = np.einsum("Kac,Kbd,Kabi->Kcdi", R_inv, R_inv, delta, optimize=True) / L
 
-    # An error e_k of L⁻¹ ∂G/∂q_k moves Λ_cd by at most ‖P‖ √n Σ_k e_k (|Q_kc| ‖R⁻¹_d‖₁ + |Q_kd| ‖R⁻¹_c‖₁).
+    # An error e_k of L⁻¹ ∂G/∂q_k moves Λ_cd by at most ‖P‖ √n Σ_k e_k (|Q_kc| ‖R⁻¹_d‖₁ + |Q_kd|
+    # ‖R⁻¹_c‖₁).
     n = found.G.shape[1]
     P = (np.eye(n) - found.G @ found.J) * L / L[:, None]
     size = np.linalg.norm(P, 2, axis=(1, 2)) * np.sqrt(n)
@@ -129,8 +132,8 @@ def measure(strategy: Inverse, Q: Array) -> Defects:
 def bracket_defect(strategy: Inverse, q: ArrayLike, *, relative: bool = False) -> Array:
     """Evaluate the defects ``Δ_ab = (I − G J) [g_a, g_b]`` for all a < b (4), (5), (24).
 
-    Repeatable near q if and only if all of them vanish there. Exact for J⁺ (from the kinematic Hessian) and
-    for a repeatable inverse; by extrapolated differences for anything else.
+    Repeatable near q if and only if all of them vanish there. Exact for J⁺ (from the kinematic
+    Hessian) and for a repeatable inverse; by extrapolated differences for anything else.
 
     Parameters
     ----------
@@ -139,14 +142,14 @@ def bracket_defect(strategy: Inverse, q: ArrayLike, *, relative: bool = False) -
     q : (n,) array
         Where, rad (m for sliding joints).
     relative
-        Give instead the defects of an orthonormal basis of G's column space, which are free of units and of
-        the task's axes (see :func:`measure`); the pairs are then the basis' own.
+        Give instead the defects of an orthonormal basis of G's column space, which are free of
+        units and of the task's axes (see :func:`measure`); the pairs are then the basis' own.
 
     Returns
     -------
     (pairs, n) array
-        One row per pair, in the order (0, 1), (0, 2), …, (1, 2), …; row Δ_ab has the joints' units per unit
-        of task coordinate a and of b (rad/m² for two lengths).
+        One row per pair, in the order (0, 1), (0, 2), …, (1, 2), …; row Δ_ab has the joints' units
+        per unit of task coordinate a and of b (rad/m² for two lengths).
 
     Raises
     ------
@@ -170,7 +173,8 @@ def bracket_defect(strategy: Inverse, q: ArrayLike, *, relative: bool = False) -
 def drift_per_area(strategy: Inverse, q: ArrayLike) -> Array:
     """Predict the joint drift of a small closed loop per area it encloses, by the small-loop law.
 
-    A loop a → b → −a → −b of area A ends at ``q + A Δ_ab + o(A)``, so ``‖Δ_ab‖`` is the drift per area.
+    A loop a → b → −a → −b of area A ends at ``q + A Δ_ab + o(A)``, so ``‖Δ_ab‖`` is the drift per
+    area.
 
     Parameters
     ----------
@@ -182,8 +186,8 @@ def drift_per_area(strategy: Inverse, q: ArrayLike) -> Array:
     Returns
     -------
     (k, k) array
-        rad/m² (m/m² for prismatic joints) for loops in the plane of translations a and b; k = 3, or the 2 of
-        an ``xy``, ``xz`` or ``yz`` task. 0 on the diagonal.
+        rad/m² (m/m² for prismatic joints) for loops in the plane of translations a and b; k = 3, or
+        the 2 of an ``xy``, ``xz`` or ``yz`` task. 0 on the diagonal.
 
     Raises
     ------

@@ -1,4 +1,5 @@
-"""Is G repeatable in a region? A verdict with the worst defect, where it is, and the tolerance it was held to."""
+"""Is G repeatable in a region? A verdict with the worst defect, where it is, and the tolerance it
+was held to."""
 
 from __future__ import annotations
 
@@ -6,9 +7,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..arguments import MOST_NODES, Array, wanted, whole
+from ..arguments import MOST_NODES, Array, as_int, require_type
 from ..errors import InputError, SingularityError
-from ..redundancy.inverses import dexterity
+from ..redundancy.inverses import inverse_condition_number
 from ..regions import Region
 from ..strategies.strategy import Inverse
 from .derivative import wanted_inverse
@@ -68,10 +69,13 @@ class Repeatability:
         )
 
 
-def is_repeatable(strategy: Inverse, region: Region, *, samples: int = 128, seed: int = 0) -> Repeatability:
+def is_repeatable(
+    strategy: Inverse, region: Region, *, samples: int = 128, seed: int = 0
+) -> Repeatability:
     """Test the Lie bracket condition (24) throughout a region.
 
-    The tolerance is not a choice: it is twice the defect that the estimated error of ∂G/∂q could produce.
+    The tolerance is not a choice: it is twice the defect that the estimated error of ∂G/∂q could
+    produce.
 
     Parameters
     ----------
@@ -87,12 +91,14 @@ def is_repeatable(strategy: Inverse, region: Region, *, samples: int = 128, seed
     Returns
     -------
     Repeatability
-        True in an ``if`` when repeatable; with the worst ``defect``, where it occurs, and the tolerance.
+        True in an ``if`` when repeatable; with the worst ``defect``, where it occurs, and the
+        tolerance.
 
     Raises
     ------
     InputError
-        If the function is too noisy to tell: no defect exceeds the tolerance, but the tolerance exceeds 1e-3.
+        If the function is too noisy to tell: no defect exceeds the tolerance, but the tolerance
+        exceeds 1e-3.
     SingularityError
         If J, or G, is singular at one of the configurations, or nearly so.
 
@@ -112,7 +118,7 @@ def is_repeatable(strategy: Inverse, region: Region, *, samples: int = 128, seed
     worst = int(np.argmax(norm if repeatable else np.where(norm > tolerance, norm, -1.0)))
     if repeatable and tolerance.max() > _BLIND:
         blind = int(np.argmax(tolerance))
-        ratio = dexterity(strategy.task.jacobian(Q[blind]))
+        ratio = inverse_condition_number(strategy.task.jacobian(Q[blind]))
         if found[0].exact or ratio < _NEAR_SINGULAR:
             raise SingularityError(
                 f"near q = ({', '.join(f'{v:.3g}' for v in Q[blind])}) G is too close to a singularity to be judged: "
@@ -143,8 +149,8 @@ def points_of(region: Region, strategy: Inverse, samples: int, seed: int) -> Arr
         If one is no region or the other no inverse, or they do not fit.
     """
     n = wanted_inverse(strategy).task.n
-    wanted(region, Region, "region", "a region of joint space, such as rp.Box(q0, 0.3)")
-    Q = region.random(whole(samples, "samples", 1, MOST_NODES), whole(seed, "seed"))
+    require_type(region, Region, "region", "a region of joint space, such as rp.Box(q0, 0.3)")
+    Q = region.random(as_int(samples, "samples", 1, MOST_NODES), as_int(seed, "seed"))
     if Q.shape[1] != n:
         raise InputError(f"the region has {Q.shape[1]} joints, but the task has {n}")
     return Q

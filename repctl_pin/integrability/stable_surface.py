@@ -1,4 +1,5 @@
-"""Where a control that is not repeatable is repeatable all the same: candidate and stable surfaces."""
+"""Where a control that is not repeatable is repeatable all the same: candidate and stable
+surfaces."""
 
 from __future__ import annotations
 
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..arguments import Array
 from ..blas import one_blas_thread
-from ..redundancy.inverses import dexterity
+from ..redundancy.inverses import inverse_condition_number
 from ..redundancy.nullspace import nullspace
 from ..regions import Region
 from ..robot.length import joint_scale
@@ -38,8 +39,9 @@ class Surfaces:
     points : (K, n) array
         On s = 0, inside the region.
     kind : (K,) array of str
-        ``stable``: (9) holds and s stays 0 along the motion; ``candidate``: s = 0, but the motion leaves it;
-        ``singular``: the search ended at a singularity of J, where there is nothing to judge.
+        ``stable``: (9) holds and s stays 0 along the motion; ``candidate``: s = 0, but the motion
+        leaves it; ``singular``: the search ended at a singularity of J, where there is nothing to
+        judge.
     rate : (K,) array
         ``‖(∂s/∂q) G‖`` of (9), per unit of joint motion; nan where singular.
     tolerance : (K,) array
@@ -87,12 +89,12 @@ Surface = Callable[[Array], tuple[Array, Array]]
 def surface_function(strategy: Inverse, Q: Array) -> tuple[Array, Array]:
     """Evaluate s(q), the stacked defects of all pairs: (K, pairs · n), and their error (K,).
 
-    The relative defects times ``det(BᵀB)``, ``B = L⁻¹ G J Jᵀ``: the normal of G's column space is then not of unit
-    length but as smooth as J itself. For J⁺, n = 3 and m = 2, B is Jᵀ and s the paper's scalar (6) along n̂. On an arm
-    whose slides are much longer or shorter than 1 m the unit normal turns over in a hair's breadth, and Newton's
-    method misses it. The rows of s are dependent (each defect lies in the null space of J, so r of n count); the
-    search allows for that.
-    """
+    The relative defects times ``det(BᵀB)``, ``B = L⁻¹ G J Jᵀ``: the normal of G's column space is
+    then not of unit length but as smooth as J itself. For J⁺, n = 3 and m = 2, B is Jᵀ and s the
+    paper's scalar (6) along n̂. On an arm whose slides are much longer or shorter than 1 m the unit
+    normal turns over in a hair's breadth, and Newton's method misses it. The rows of s are
+    dependent (each defect lies in the null space of J, so r of n count); the search allows for
+    that."""
     found, task = measure(strategy, Q), strategy.task
     B = found.G @ found.J @ np.swapaxes(found.J, 1, 2) / joint_scale(task, Q[0])[:, None]
     size = np.linalg.det(np.swapaxes(B, 1, 2) @ B)
@@ -105,7 +107,10 @@ def _in_units_of_itself(strategy: Inverse, Q: Array) -> Surface:
     regular = _dexterity(strategy, Q) > _SINGULAR
     unit = 1.0
     if regular.any():
-        unit = float(np.median(np.linalg.norm(surface_function(strategy, Q[regular])[0], axis=1))) or 1.0
+        unit = (
+            float(np.median(np.linalg.norm(surface_function(strategy, Q[regular])[0], axis=1)))
+            or 1.0
+        )
 
     def s(P: Array) -> tuple[Array, Array]:
         values, error = surface_function(strategy, P)
@@ -114,7 +119,9 @@ def _in_units_of_itself(strategy: Inverse, Q: Array) -> Surface:
     return s
 
 
-def candidate_surface(strategy: Inverse, region: Region, *, samples: int = 128, seed: int = 0) -> Array:
+def candidate_surface(
+    strategy: Inverse, region: Region, *, samples: int = 128, seed: int = 0
+) -> Array:
     """Find points on ``s(q) = 0`` (5), (6) by Gauss–Newton from seeds all over a region.
 
     Returns
@@ -138,12 +145,16 @@ def candidate_surface(strategy: Inverse, region: Region, *, samples: int = 128, 
 
 
 @one_blas_thread()
-def stable_surface(strategy: Inverse, region: Region, *, samples: int = 128, seed: int = 0) -> Surfaces:
-    """Find the surfaces s(q) = 0, and which of them are stable: every motion of G stays on them (9).
+def stable_surface(
+    strategy: Inverse, region: Region, *, samples: int = 128, seed: int = 0
+) -> Surfaces:
+    """Find the surfaces s(q) = 0, and which of them are stable: every motion of G stays on them
+    (9).
 
-    A point of s = 0 is on a stable surface if ``(∂s/∂q) G = 0`` there, within the error of ∂s/∂q, *and* s is
-    still 0 after moving 0.2 rad along the control in every task direction. The second test settles what the first
-    cannot: a single point of contact, or an s whose gradient vanishes on the surface.
+    A point of s = 0 is on a stable surface if ``(∂s/∂q) G = 0`` there, within the error of ∂s/∂q,
+    *and* s is still 0 after moving 0.2 rad along the control in every task direction. The second
+    test settles what the first cannot: a single point of contact, or an s whose gradient vanishes
+    on the surface.
 
     Parameters
     ----------
@@ -195,7 +206,8 @@ def stable_surface(strategy: Inverse, region: Region, *, samples: int = 128, see
 
 
 def _search(strategy: Inverse, function: Surface, region: Region, Q: Array) -> tuple[Array, Array]:
-    """Bring seeds to s = 0 by Gauss–Newton: points on it (K, n), and where the search met a singularity."""
+    """Bring seeds to s = 0 by Gauss–Newton: points on it (K, n), and where the search met a
+    singularity."""
     task = strategy.task
     L = joint_scale(task, Q[0])
     found: list[Array] = []
@@ -223,7 +235,10 @@ def _search(strategy: Inverse, function: Surface, region: Region, Q: Array) -> t
         best = norms.argmin(axis=1)
         improved = norms[np.arange(len(Q)), best] < size
         Q = trials[np.arange(len(Q)), best][improved]
-    points, stuck = np.vstack([np.empty((0, task.n)), *found]), np.vstack([np.empty((0, task.n)), *singular])
+    points, stuck = (
+        np.vstack([np.empty((0, task.n)), *found]),
+        np.vstack([np.empty((0, task.n)), *singular]),
+    )
     return points[region.ratio(points) <= 1 + 1e-9], stuck[region.ratio(stuck) <= 1 + 1e-9]
 
 
@@ -267,10 +282,11 @@ def _rates(strategy: Inverse, function: Surface, Q: Array) -> tuple[Array, Array
 
 
 def _walk(strategy: Inverse, function: Surface, Q: Array) -> tuple[Array, Array]:
-    """Move along the control in every task direction, ±: the largest ‖s‖ met at the ends, and the least way (K,).
+    """Move along the control in every task direction, ±: the largest ‖s‖ met at the ends, and the
+    least way (K,).
 
-    The way is given in shares of the whole. Where G turns within less than a radian, the whole is as much shorter.
-    """
+    The way is given in shares of the whole. Where G turns within less than a radian, the whole is
+    as much shorter."""
     task = strategy.task
     L = joint_scale(task, Q[0])
     found = derivative(strategy, Q)
@@ -305,4 +321,4 @@ def _walk(strategy: Inverse, function: Surface, Q: Array) -> tuple[Array, Array]
 
 def _dexterity(strategy: Inverse, Q: Array) -> Array:
     """σ_min / σ_max of J at every row of Q, joints in comparable units."""
-    return dexterity(strategy.task.jacobians(Q) * joint_scale(strategy.task, Q[0]))
+    return inverse_condition_number(strategy.task.jacobians(Q) * joint_scale(strategy.task, Q[0]))

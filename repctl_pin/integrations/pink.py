@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, vector, wanted
+from ..arguments import Array, require_type, vector
 from ..errors import InputError
 from ..strategies import RepeatableInverse
 
@@ -22,18 +22,20 @@ except ImportError as error:
 class RepeatableTask(PinkTask):
     """Hold h(q) = c: beside a frame task, pink's arm then closes every closed path.
 
-    ``e(q) = h(q) − c``, with the Jacobian ``∂h/∂q``. The joints are found in pink's model by their names; its
-    other joints are left alone.
+    ``e(q) = h(q) − c``, with the Jacobian ``∂h/∂q``. The joints are found in pink's model by their
+    names; its other joints are left alone.
 
     Parameters
     ----------
     inverse
-        A repeatable inverse, such as ``design.inverse``; its task's frame and kind should be the frame task's.
+        A repeatable inverse, such as ``design.inverse``; its task's frame and kind should be the
+        frame task's.
     cost : float or (r,) numbers
-        Weight of each of the r errors beside the other tasks' costs. The two kinds of tasks do not compete:
-        together they fix all joints.
+        Weight of each of the r errors beside the other tasks' costs. The two kinds of tasks do not
+        compete: together they fix all joints.
     gain
-        Share of the error that is undone in one step, from 0 to 1; below 1 the arm returns slowly after a push.
+        Share of the error that is undone in one step, from 0 to 1; below 1 the arm returns slowly
+        after a push.
     lm_damping
         pink's Levenberg–Marquardt damping.
     """
@@ -45,7 +47,9 @@ class RepeatableTask(PinkTask):
         gain: float = 1.0,
         lm_damping: float = 0.0,
     ) -> None:
-        wanted(inverse, RepeatableInverse, "inverse", "a repeatable inverse, such as design.inverse")
+        require_type(
+            inverse, RepeatableInverse, "inverse", "a repeatable inverse, such as design.inverse"
+        )
         super().__init__(cost=cost, gain=gain, lm_damping=lm_damping)
         if inverse.task.coordinates is not None:
             raise InputError("a pink task needs a design in the robot's own joint coordinates")
@@ -62,17 +66,19 @@ class RepeatableTask(PinkTask):
 
     def set_target_from_configuration(self, configuration: Configuration) -> None:
         """Stay on the leaf of a configuration."""
-        self.set_target(self.inverse.field.value(self._joints(configuration)))
+        self.set_target(self.inverse.potentials.value(self._joints(configuration)))
 
     def compute_error(self, configuration: Configuration) -> Array:
         """Evaluate h(q) − c: (r,)."""
         if self.leaf is None:
-            raise InputError("no leaf is set; call set_target_from_configuration(configuration) at the start")
-        return self.inverse.field.value(self._joints(configuration)) - self.leaf
+            raise InputError(
+                "no leaf is set; call set_target_from_configuration(configuration) at the start"
+            )
+        return self.inverse.potentials.value(self._joints(configuration)) - self.leaf
 
     def compute_jacobian(self, configuration: Configuration) -> Array:
         """Evaluate ∂h/∂q: (r, nv), 0 in the columns of joints that are not the design's."""
-        V = self.inverse.field.gradient(self._joints(configuration))
+        V = self.inverse.potentials.gradient(self._joints(configuration))
         J = np.zeros((V.shape[1], configuration.model.nv))
         J[:, self._columns] = V.T
         return J
@@ -99,6 +105,4 @@ class RepeatableTask(PinkTask):
         self._model = model
 
     def __repr__(self) -> str:
-        return (
-            f"RepeatableTask({self.inverse.task!r}, cost={self.cost}, gain={self.gain}, lm_damping={self.lm_damping})"
-        )
+        return f"RepeatableTask({self.inverse.task!r}, cost={self.cost}, gain={self.gain}, lm_damping={self.lm_damping})"

@@ -1,26 +1,26 @@
 """Closed paths, and what a strategy does on them."""
 
+from ..paths import pieces as pieces  # makes paths picklable
+from ..paths.polyline import Waypoints as Waypoints
+from ..paths.polyline import polygon as polygon
+from ..paths.polyline import waypoints as waypoints
+from ..paths.shapes import circle as circle
+from ..paths.shapes import figure_eight as figure_eight
+from ..paths.shapes import rose as rose
+from ..paths.task_path import ClosedPath as ClosedPath
+from ..paths.task_path import TaskPath as TaskPath
+from ..paths.task_path import closed_path as closed_path
+from ..paths.waypoint_file import read_waypoints as read_waypoints
 from ..robot.length import elbow as elbow
-from . import pieces as pieces  # makes paths picklable
 from .best_leaf import BestLeaf as BestLeaf
 from .best_leaf import best_leaf as best_leaf
 from .follow import check_length as check_length
 from .follow import follow as follow
 from .motion import Motion as Motion
-from .paths import ClosedPath as ClosedPath
-from .paths import TaskPath as TaskPath
-from .paths import closed_path as closed_path
-from .polyline import Waypoints as Waypoints
-from .polyline import polygon as polygon
-from .polyline import waypoints as waypoints
-from .shapes import circle as circle
-from .shapes import figure_eight as figure_eight
-from .shapes import rose as rose
 from .solve_ik import check_reach as check_reach
 from .solve_ik import reach_start as reach_start
 from .solve_ik import solve_ik as solve_ik
 from .timing import TimedMotion as TimedMotion
 from .timing import approach as approach
 from .timing import timed as timed
-from .waypoint_file import read_waypoints as read_waypoints
 from .write_motion import write_motion as write_motion

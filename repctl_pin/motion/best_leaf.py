@@ -1,4 +1,5 @@
-"""The best leaf for a closed path: the start, among all that reach the path's first point, with the most room."""
+"""The best leaf for a closed path: the start, among all that reach the path's first point, with the
+most room."""
 
 from __future__ import annotations
 
@@ -8,8 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import MOST_STEPS, Array, wanted, whole
+from ..arguments import MOST_STEPS, Array, as_int, require_type
 from ..errors import InputError, SingularityError
+from ..paths.task_path import TaskPath, closed_path
 from ..redundancy import leaf_margin, nullspace
 from ..robot.length import arm_length, joint_scale
 from ..strategies import Bounded, Inverse, Pseudoinverse, RepeatableInverse
@@ -17,7 +19,6 @@ from ..strategies.strategy import AN_INVERSE, Batched
 from .follow import follow
 from .joint_motion import violations_of
 from .motion import Motion
-from .paths import TaskPath, closed_path
 from .solve_ik import solve_ik
 
 _STRIDE = 0.1
@@ -25,10 +26,12 @@ _STRIDE = 0.1
 
 _FINEST = 0.01
 _LOST = 1e-3
-"""Tracking error and drift, in lengths of the arm and rad, of a cycle that lost the path or came back another way."""
+"""Tracking error and drift, in lengths of the arm and rad, of a cycle that lost the path or came
+back another way."""
 
 _ROOM = 0.1
-"""Bodies so far apart, in lengths of the arm, have as much room as a joint in the middle of its range."""
+"""Bodies so far apart, in lengths of the arm, have as much room as a joint in the middle of its
+range."""
 
 _ALIKE = 0.01
 """Rooms that differ by less are taken as the same."""
@@ -38,7 +41,8 @@ _BODY_POINTS = 32
 
 _DIRECTIONS = 8
 _LEAST_LEAF_MARGIN = 0.1
-"""No leaf is preferred to the given one that comes nearer to an algorithmic singularity than this."""
+"""No leaf is preferred to the given one that comes nearer to an algorithmic singularity than
+this."""
 
 
 @dataclass(frozen=True)
@@ -52,8 +56,9 @@ class Candidate:
     leaf : (r,) array
         c = h(q0).
     rooms : dict
-        How much room ``limits``, ``bodies`` and ``leaf`` leave: the least limit margin as a share of half the joint's
-        range, the least distance as a share of a tenth of the arm's length, the least leaf margin.
+        How much room ``limits``, ``bodies`` and ``leaf`` leave: the least limit margin as a share
+        of half the joint's range, the least distance as a share of a tenth of the arm's length, the
+        least leaf margin.
     limit_margin : float
         Smallest distance of a joint to its limit over the cycle, rad or m; negative outside.
     body_distance : float
@@ -87,10 +92,11 @@ class Candidate:
 
     @property
     def order(self) -> tuple[float, ...]:
-        """By what starts are compared: fewer kinds of violation, then the least room; where it is the same, the next.
+        """By what starts are compared: fewer kinds of violation, then the least room; where it is
+        the same, the next.
 
-        A wrist whose links are always near each other would else hide how near the others come to a limit.
-        """
+        A wrist whose links are always near each other would else hide how near the others come to a
+        limit."""
         broken = (self.limit_margin < -1e-9) + (self.body_distance < 0)
         rooms = np.rint(np.sort(list(self.rooms.values())) / _ALIKE)
         return -broken, *rooms.tolist(), self.margin
@@ -143,12 +149,13 @@ def best_leaf(
 ) -> BestLeaf:
     """Search the self-motion of the start for the leaf with the most room over the whole cycle.
 
-    Under a repeatable control the joint path of all cycles is known after the first, so limits, distances between
-    bodies and leaf margin can be checked before the robot moves. Starts are taken along the self-motion of the given
-    one, both ways (for r > 1 in several directions), inside the joint limits; the best is then refined by
-    a pattern search. It breaks no more limits than the given one, and its limit margin is never smaller. With a region,
-    starts whose cycle stays inside it are preferred; without one a cycle may go far outside Ω, where the control is
-    no longer near G_d.
+    Under a repeatable control the joint path of all cycles is known after the first, so limits,
+    distances between bodies and leaf margin can be checked before the robot moves. Starts are taken
+    along the self-motion of the given one, both ways (for r > 1 in several directions), inside the
+    joint limits; the best is then refined by a pattern search. It breaks no more limits than the
+    given one, and its limit margin is never smaller. With a region, starts whose cycle stays inside
+    it are preferred; without one a cycle may go far outside Ω, where the control is no longer near
+    G_d.
 
     Parameters
     ----------
@@ -170,12 +177,14 @@ def best_leaf(
     Returns
     -------
     BestLeaf
-        The best start found and the given one, each with its cycle, its margins, which of them binds, and its distance.
+        The best start found and the given one, each with its cycle, its margins, which of them
+        binds, and its distance.
 
     Raises
     ------
     InputError
-        If the path's first point is out of reach, or no leaf that was tried carries a whole cycle (inside the region).
+        If the path's first point is out of reach, or no leaf that was tried carries a whole cycle
+        (inside the region).
 
     Examples
     --------
@@ -183,14 +192,16 @@ def best_leaf(
     >>> found.q0.shape
     (3,)
     """
-    wanted(inverse, RepeatableInverse, "inverse", "a repeatable inverse, such as design.inverse")
+    require_type(
+        inverse, RepeatableInverse, "inverse", "a repeatable inverse, such as design.inverse"
+    )
     path = closed_path(path)
-    steps, seed = whole(steps, "steps", 1, MOST_STEPS), whole(seed, "seed")
+    steps, seed = as_int(steps, "steps", 1, MOST_STEPS), as_int(seed, "seed")
     task, target = inverse.task, path.placement(0.0)
     if region is not None:
-        wanted(region, Bounded, "region", "a region, such as design.region")
+        require_type(region, Bounded, "region", "a region, such as design.region")
     if desired is not None:
-        wanted(desired, Batched, "desired", AN_INVERSE)
+        require_type(desired, Batched, "desired", AN_INVERSE)
     G_d = desired or Pseudoinverse(task)
     start = solve_ik(task, task.check(q0, "the start"), target)
 
@@ -235,12 +246,19 @@ def best_leaf(
 
 
 def _judged(
-    inverse: RepeatableInverse, desired: Inverse, path: TaskPath, q0: Array, region: Bounded | None, steps: int
+    inverse: RepeatableInverse,
+    desired: Inverse,
+    path: TaskPath,
+    q0: Array,
+    region: Bounded | None,
+    steps: int,
 ) -> Candidate | None:
     """Follow one cycle from a start; None where it cannot be done."""
     task, length = inverse.task, arm_length(inverse.task, q0) or 1.0
     try:
-        motion = replace(follow(inverse, path, q0, cycles=1, steps=steps, leaf_lock=2), region=region)
+        motion = replace(
+            follow(inverse, path, q0, cycles=1, steps=steps, leaf_lock=2), region=region
+        )
         N = nullspace(task.jacobians(motion.q))
         G, G_d = inverse.batch(motion.q), desired.batch(motion.q)
     except SingularityError:
@@ -248,11 +266,18 @@ def _judged(
     gap = np.linalg.norm((motion.q[-1] - motion.q[0]) / joint_scale(task, q0))
     if motion.tracking_error.max() > _LOST * length or gap > _LOST:
         return None  # it lost the path, or came back another way
-    clear = float(leaf_margin(N, inverse.field.gradients(motion.q)).min())
-    least, bodies = motion.limit_margin.min(axis=0), float(motion.thinned(_BODY_POINTS).body_distance.min())
+    clear = float(leaf_margin(N, inverse.potentials.gradients(motion.q)).min())
+    least, bodies = (
+        motion.limit_margin.min(axis=0),
+        float(motion.thinned(_BODY_POINTS).body_distance.min()),
+    )
     lower, upper, _ = task.joint_limits
     half = np.where(np.isfinite(upper - lower), (upper - lower) / 2, 1.0)
-    rooms = {"limits": float(np.min(least / half)), "bodies": bodies / (_ROOM * length), "leaf": clear}
+    rooms = {
+        "limits": float(np.min(least / half)),
+        "bodies": bodies / (_ROOM * length),
+        "leaf": clear,
+    }
     return Candidate(
         q0=motion.q[0],
         leaf=inverse.leaf(motion.q[0]),
@@ -265,8 +290,11 @@ def _judged(
     )
 
 
-def _self_motions(inverse: RepeatableInverse, start: Array, path: TaskPath, seed: int) -> Iterator[Array]:
-    """Walk from the start in its null space, the frame held, until a limit or a full turn ends the walk."""
+def _self_motions(
+    inverse: RepeatableInverse, start: Array, path: TaskPath, seed: int
+) -> Iterator[Array]:
+    """Walk from the start in its null space, the frame held, until a limit or a full turn ends the
+    walk."""
     task, L = inverse.task, joint_scale(inverse.task, start)
     N = nullspace(task.jacobian(start))
     directions = list(N.T)
@@ -303,8 +331,14 @@ def _line(candidate: Candidate | None) -> str:
         return "no whole cycle from there"
     outside = candidate.motion.outside
     text = f"limit margin {candidate.limit_margin:.3g}, leaf margin {candidate.leaf_margin:.3g}"
-    text += f", bodies {candidate.body_distance:.3g} m apart" if np.isfinite(candidate.body_distance) else ""
+    text += (
+        f", bodies {candidate.body_distance:.3g} m apart"
+        if np.isfinite(candidate.body_distance)
+        else ""
+    )
     text += f" ({candidate.binds} bind)" if candidate.binds != "leaf" else " (the leaf binds)"
-    text += f", {candidate.distance:.2g} from G_d" + ("" if outside is None else f", {outside:.0%} outside Ω")
+    text += f", {candidate.distance:.2g} from G_d" + (
+        "" if outside is None else f", {outside:.0%} outside Ω"
+    )
     beyond = "; ".join(map(str, violations_of(candidate.motion)))
     return text + (beyond and f"; {beyond}")

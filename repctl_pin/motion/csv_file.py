@@ -1,4 +1,5 @@
-"""Motions as CSV, one layout for all: ``strategy``, ``cycle``, ``time``, columns for joints and their velocities."""
+"""Motions as CSV, one layout for all: ``strategy``, ``cycle``, ``time``, columns for joints and
+their velocities."""
 
 from __future__ import annotations
 
@@ -14,10 +15,10 @@ import numpy as np
 from ..arguments import Array
 from ..errors import InputError
 from ..files import read_whole
+from ..paths.waypoint_file import number
 from .joint_motion import rows_of
 from .motion import Motion
 from .timing import TimedMotion
-from .waypoint_file import number
 
 _SUFFIX = re.compile("_(velocity|acceleration)$")
 _BESIDE = ("strategy", "cycle", "time")
@@ -52,27 +53,41 @@ class Recorded:
 
 
 def csv_text(
-    motions: Motion | TimedMotion | Iterable[tuple[str, Motion]], *, most: int | None = None, run: str = ""
+    motions: Motion | TimedMotion | Iterable[tuple[str, Motion]],
+    *,
+    most: int | None = None,
+    run: str = "",
 ) -> str:
-    """Write motions of one task as CSV: s, rad or m, rad/s or m/s; cycles are counted from 0, in fractions.
+    """Write motions of one task as CSV: s, rad or m, rad/s or m/s; cycles are counted from 0, in
+    fractions.
 
     Parameters
     ----------
     motions
-        One motion, or several, each with the name of its strategy; a timed one with accelerations, and no cycles.
+        One motion, or several, each with the name of its strategy; a timed one with accelerations,
+        and no cycles.
     most
-        Maximum number of rows per cycle, cycle ends included; by default all, and every digit of each number.
+        Maximum number of rows per cycle, cycle ends included; by default all, and every digit of
+        each number.
     run
         Name of the run, written into a last column if it is given.
 
     Raises
     ------
     InputError
-        If two columns would have one name: a joint is called ``time``, or ``a_velocity`` beside ``a``.
+        If two columns would have one name: a joint is called ``time``, or ``a_velocity`` beside
+        ``a``.
     """
     rows: Iterable[Sequence[object]]
     if isinstance(motions, TimedMotion):
-        header = ["time", *(f"{name}{end}" for end in ("", "_velocity", "_acceleration") for name in motions.joints)]
+        header = [
+            "time",
+            *(
+                f"{name}{end}"
+                for end in ("", "_velocity", "_acceleration")
+                for name in motions.joints
+            ),
+        ]
         numbers = np.hstack([motions.t[:, None], motions.q, motions.qdot, motions.qddot])
         rows = ([repr(float(v)) for v in row] for row in numbers)
     else:
@@ -103,8 +118,11 @@ def _cells(motion: Motion, most: int | None) -> Iterator[list[str]]:
         yield [repr(float(v)) if most is None else f"{v:.10g}" for v in values]
 
 
-def read_motions(file: str | Path, known: Sequence[str], *, cycles: int | None = None) -> list[Recorded]:
-    """Read the motions of a CSV file that :func:`csv_text` wrote, or that has a column for each joint.
+def read_motions(
+    file: str | Path, known: Sequence[str], *, cycles: int | None = None
+) -> list[Recorded]:
+    """Read the motions of a CSV file that :func:`csv_text` wrote, or that has a column for each
+    joint.
 
     Velocities are passed over.
 
@@ -120,8 +138,9 @@ def read_motions(file: str | Path, known: Sequence[str], *, cycles: int | None =
     Raises
     ------
     InputError
-        If the file cannot be read, names a joint that the robot does not have, has a column twice, goes back in
-        time, or holds no whole cycles of equal steps; the line is named where there is one.
+        If the file cannot be read, names a joint that the robot does not have, has a column twice,
+        goes back in time, or holds no whole cycles of equal steps; the line is named where there is
+        one.
     """
     lines = csv.reader(io.StringIO(read_whole(file, _LARGEST), newline=""))
     where = str(file)
@@ -149,16 +168,24 @@ def read_motions(file: str | Path, known: Sequence[str], *, cycles: int | None =
 
 
 def _recorded(
-    key: str, rows: list[tuple[int, float | None, list[float]]], joints: tuple[str, ...], where: str, asked: int | None
+    key: str,
+    rows: list[tuple[int, float | None, list[float]]],
+    joints: tuple[str, ...],
+    where: str,
+    asked: int | None,
 ) -> Recorded:
     """Make one motion of its rows, round as often as asked, or as its last row says, or once."""
     line, end, _ = rows[-1]
     count = asked or (1 if end is None else round(end))
     if asked is None and end is not None and (count < 1 or abs(end - count) > 1e-6):
-        raise InputError(f"{where}, line {line}: the motion ends in cycle {end:g}, not at the end of one")
+        raise InputError(
+            f"{where}, line {line}: the motion ends in cycle {end:g}, not at the end of one"
+        )
     steps, rest = divmod(len(rows) - 1, count)
     if rest or not steps:
-        raise InputError(f"{where}: {len(rows)} rows of {key!r} are not {count} cycles of equal steps and a start")
+        raise InputError(
+            f"{where}: {len(rows)} rows of {key!r} are not {count} cycles of equal steps and a start"
+        )
     values = np.array([numbers for _, _, numbers in rows])
     times = values[:, len(joints)] if values.shape[1] > len(joints) else None
     if times is not None and (late := np.flatnonzero(np.diff(times) <= 0)).size:
@@ -171,7 +198,9 @@ def _joints(names: list[str], known: Sequence[str], where: str) -> tuple[str, ..
     _refuse_twice(names, where)
     joints = tuple(name for name in names if name in known)
     beside = {*_BESIDE, *_CLOCKS, _RUN}
-    strange = [n for n in names if n not in known and n not in beside and _SUFFIX.sub("", n) not in known]
+    strange = [
+        n for n in names if n not in known and n not in beside and _SUFFIX.sub("", n) not in known
+    ]
     if strange or not joints:
         what = f"no joint {strange[0]!r}" if strange else "no column of a joint"
         raise InputError(f"{where}: the robot has {what}; its joints are {', '.join(known)}")
@@ -181,7 +210,9 @@ def _joints(names: list[str], known: Sequence[str], where: str) -> tuple[str, ..
 def _refuse_twice(names: Sequence[str], where: str) -> None:
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
-        raise InputError(f"{where}: two columns are called {twice[0]!r}; each needs a name of its own")
+        raise InputError(
+            f"{where}: two columns are called {twice[0]!r}; each needs a name of its own"
+        )
 
 
 def _number(text: str, name: str, line: str) -> float:

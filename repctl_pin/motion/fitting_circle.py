@@ -1,4 +1,5 @@
-"""A circle that the arm can follow: of a radius that is given or the largest that fits, turned until it does."""
+"""A circle that the arm can follow: of a radius that is given or the largest that fits, turned
+until it does."""
 
 from __future__ import annotations
 
@@ -8,13 +9,13 @@ import numpy as np
 
 from ..arguments import Array
 from ..errors import InputError, SingularityError
-from ..redundancy.inverses import dexterity
+from ..paths.shapes import circle
+from ..paths.task_path import TaskPath
+from ..redundancy.inverses import inverse_condition_number
 from ..robot.length import arm_length
 from ..robot.task import Task
 from ..strategies import Bounded, Pseudoinverse, Strategy
 from .follow import follow
-from .paths import TaskPath
-from .shapes import circle
 
 _RADII = (0.5, 0.3, 0.2, 0.1, 0.05, 0.03, 0.02, 0.01)
 _SMALL = (0.005, 0.003, 0.002, 0.001)
@@ -23,7 +24,8 @@ _DEGREES = (180.0, 0.0, 90.0, -90.0)
 _LEAST_MARGIN = 0.02
 """To the joint limits, rad or m."""
 _INSIDE = 0.999
-"""Share of Ω's width that a circle keeps to: between the points looked at it comes a little nearer to the edge."""
+"""Share of Ω's width that a circle keeps to: between the points looked at it comes a little nearer
+to the edge."""
 _LOOKS = 12
 """So often in a cycle it is looked whether bodies touch."""
 
@@ -37,18 +39,19 @@ def fitting_circle(
     control: Strategy | None = None,
     region: Bounded | None = None,
 ) -> TaskPath:
-    """Find a circle that a control (J⁺) can follow for a cycle inside the joint limits, and inside a region.
+    """Find a circle that a control (J⁺) can follow for a cycle inside the joint limits, and inside
+    a region.
 
     It keeps well away from singularities, and the robot's bodies apart if there is such a circle.
 
-    Where they are not given: the largest round radius up to a seventh of the reach; horizontal if possible,
-    then upright. Where on the circle the start lies is always looked for.
+    Where they are not given: the largest round radius up to a seventh of the reach; horizontal if
+    possible, then upright. Where on the circle the start lies is always looked for.
 
     Raises
     ------
     InputError
-        If there is none; without a radius, down to 1 cm, or to 1 mm inside a region, and for an arm as short as a
-        finger.
+        If there is none; without a radius, down to 1 cm, or to 1 mm inside a region, and for an arm
+        as short as a finger.
     """
     planes = (plane,) if plane is not None else planes_of(task)
     limit = 0.14 * arm_length(task, q0)
@@ -74,7 +77,9 @@ def fitting_circle(
                 touching = touching or path
     if touching is not None:
         return touching
-    size_text = f"of radius {radius:g} m" if radius is not None else f"of {100 * radii[-1]:g} cm or more"
+    size_text = (
+        f"of radius {radius:g} m" if radius is not None else f"of {100 * radii[-1]:g} cm or more"
+    )
     where = "its joint limits" if region is None else "Ω and its joint limits"
     raise InputError(
         f"from this start the arm follows no circle {size_text} in {' or '.join(planes)} inside {where}; "
@@ -83,16 +88,17 @@ def fitting_circle(
 
 
 def circle_at(task: Task, q0: Array, radius: float, plane: str, degrees: float) -> TaskPath:
-    """Draw a circle on which the start lies at an angle, in degrees from the plane's first axis; with its words."""
+    """Draw a circle on which the start lies at an angle, in degrees from the plane's first axis;
+    with its words."""
     path = circle(task, q0, radius, normal=plane, start_angle=float(np.deg2rad(degrees)))
-    return replace(path, words=f"circle:{_digits(radius)}:{_digits(degrees)}", plane=plane)
+    return replace(path, spec=f"circle:{_digits(radius)}:{_digits(degrees)}", plane=plane)
 
 
 def dexterity_at(task: Task, q: Array) -> float:
     """Measure ``σ_min / σ_max`` of J, lengths in units of the arm's reach: 0 at a singularity."""
     J = task.jacobian(q).copy()
     J[: min(3, task.m)] /= max(arm_length(task, q), 1e-9)
-    return float(dexterity(J))
+    return float(inverse_condition_number(J))
 
 
 def planes_of(task: Task) -> tuple[str, ...]:

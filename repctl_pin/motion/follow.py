@@ -8,36 +8,44 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, chosen, function, positive, vector, whole
+from ..arguments import Array, as_int, function, positive, require_choice, vector
 from ..errors import InputError, SingularityError
+from ..paths.task_path import ClosedPath, TaskPath, closed_path
 from ..robot.length import joint_scale
-from ..robot.task import Task, wanted_task
+from ..robot.task import Task, require_task
 from ..strategies import FunctionStrategy, OnLeaves, Strategy
 from ..strategies.control_step import speeds
 from .motion import Motion
-from .paths import ClosedPath, TaskPath, closed_path
 
 # Butcher tableaux: nodes c, matrix A (lower triangle, row by row), weights b.
-INTEGRATORS: dict[str, tuple[tuple[float, ...], tuple[tuple[float, ...], ...], tuple[float, ...]]] = {
+INTEGRATORS: dict[
+    str, tuple[tuple[float, ...], tuple[tuple[float, ...], ...], tuple[float, ...]]
+] = {
     "euler": ((0.0,), ((),), (1.0,)),
-    "rk4": ((0.0, 0.5, 0.5, 1.0), ((), (0.5,), (0.0, 0.5), (0.0, 0.0, 1.0)), (1 / 6, 1 / 3, 1 / 3, 1 / 6)),
+    "rk4": (
+        (0.0, 0.5, 0.5, 1.0),
+        ((), (0.5,), (0.0, 0.5), (0.0, 0.0, 1.0)),
+        (1 / 6, 1 / 3, 1 / 3, 1 / 6),
+    ),
 }
 
 _INSIDE = 1e-12
-"""How far from a grid point, in cycles, a velocity is asked for: on the step's own side of a corner."""
+"""How far from a grid point, in cycles, a velocity is asked for: on the step's own side of a
+corner."""
 
 _MOST_CORRECTIONS = 1000
 """Most corrections in a step; Newton's method has converged after a handful."""
 
 _JUMP = 1.0
-"""No arm moves a joint this far in one step: the integration has failed. In rad; of prismatic joints in lengths of
-the arm or of the path."""
+"""No arm moves a joint this far in one step: the integration has failed. In rad; of prismatic
+joints in lengths of the arm or of the path."""
 
 _MOST = 100_000_000
 """Numbers that a motion may hold: 0.8 GB of positions, and as much of velocities."""
 
 Advance = Callable[[int, Array], tuple[Array, Array, float]]
-"""Step of a cycle, q → q after it, q̇ where it begins (on a leaf: its mean), and the damping that was used."""
+"""Step of a cycle, q → q after it, q̇ where it begins (on a leaf: its mean), and the damping that
+was used."""
 AtEnd = Callable[[Array], Array]
 """q → q̇ where the motion ends."""
 
@@ -54,19 +62,21 @@ def follow(
     period: float | None = None,
     leaf_lock: int = 0,
     leaf: ArrayLike | None = None,
-    limit: ArrayLike | None = None,
+    velocity_limit: ArrayLike | None = None,
     damping: float = 0.0,
     task: Task | None = None,
 ) -> Motion:
     """Integrate ``q̇ = strategy(q, ẋ)`` along a closed path, cycle after cycle.
 
-    With feedback, ``ẋ = ẋ_path + K e`` with e the task error. With ``leaf_lock=k`` a repeatable strategy steps
-    from point to point by k Newton corrections of both errors, ``q += J_V⁻¹ [x − f(q); c − h(q)]``.
+    With feedback, ``ẋ = ẋ_path + K e`` with e the task error. With ``leaf_lock=k`` a repeatable
+    strategy steps from point to point by k Newton corrections of both errors, ``q += J_V⁻¹ [x −
+    f(q); c − h(q)]``.
 
     Parameters
     ----------
     strategy
-        What turns ẋ, m/s and rad/s, into q̇, rad/s; any function (q, ẋ) → q̇, (n,) and (m,) → (n,), with ``task=``.
+        What turns ẋ, m/s and rad/s, into q̇, rad/s; any function (q, ẋ) → q̇, (n,) and (m,) → (n,),
+        with ``task=``.
     path
         The closed path; it should start where the frame is at q0.
     q0 : (n,) array
@@ -83,7 +93,7 @@ def follow(
         Corrections per step, in place of the integrator; 0 is no leaf lock.
     leaf : (r,) array, optional
         With the leaf lock: c, by default h(q0).
-    limit : float or (n,) array, optional
+    velocity_limit : float or (n,) array, optional
         With the leaf lock: joint speeds not to exceed, rad/s.
     damping
         With the leaf lock: λ_max near singularities, see :meth:`RepeatableInverse.step`.
@@ -93,9 +103,10 @@ def follow(
     Returns
     -------
     Motion
-        Joint positions ``q`` and velocities ``qdot`` at the times ``t``, and what is measured on them: ``drift`` after
-        each cycle, ``tracking_error`` and ``turning_error`` of the frame, ``speed`` (``rms_speed``,
-        ``peak_speed``), ``limit_margin`` and ``first_violation``. ``retimed()`` slows it down to the speed limits.
+        Joint positions ``q`` and velocities ``qdot`` at the times ``t``, and what is measured on
+        them: ``drift`` after each cycle, ``tracking_error`` and ``turning_error`` of the frame,
+        ``speed`` (``rms_speed``, ``peak_speed``), ``limit_margin`` and ``first_violation``.
+        ``retimed()`` slows it down to the speed limits.
 
     Raises
     ------
@@ -113,24 +124,31 @@ def follow(
     True
     """
     if task is not None:
-        wanted_task(task)
+        require_task(task)
     path = closed_path(path)
     if not isinstance(strategy, Strategy):
         what = "a control, such as rp.Pseudoinverse(task) or design.inverse, or a function of (q, xdot)"
         function(strategy, "strategy", what, 2)
         if task is None:
-            raise InputError("to follow a path with a plain function (q, ẋ) → q̇, say what it controls: task=")
+            raise InputError(
+                "to follow a path with a plain function (q, ẋ) → q̇, say what it controls: task="
+            )
         strategy = FunctionStrategy(task, strategy)
     task = strategy.task
     q = task.check(q0, "the start")
-    chosen(integrator, INTEGRATORS, "integrator")
-    cycles, steps = whole(cycles, "cycles", 1), whole(steps, "steps", 1)
-    leaf_lock, damping = whole(leaf_lock, "leaf_lock", 0, _MOST_CORRECTIONS), positive(damping, "damping", zero=True)
+    require_choice(integrator, INTEGRATORS, "integrator")
+    cycles, steps = as_int(cycles, "cycles", 1), as_int(steps, "steps", 1)
+    leaf_lock, damping = (
+        as_int(leaf_lock, "leaf_lock", 0, _MOST_CORRECTIONS),
+        positive(damping, "damping", zero=True),
+    )
     check_length(task, cycles, steps)
     period = positive((path.period or 5.0) if period is None else period, "the period", "s")
     feedback = positive(feedback, "the feedback gain", zero=True)
-    if not leaf_lock and (leaf is not None or limit is not None or damping):
-        raise InputError("leaf=, limit= and damping= belong to the leaf lock; give leaf_lock=1 with them")
+    if not leaf_lock and (leaf is not None or velocity_limit is not None or damping):
+        raise InputError(
+            "leaf=, velocity_limit= and damping= belong to the leaf lock; give leaf_lock=1 with them"
+        )
     gap = float(np.linalg.norm(task.error(q, path.placement(0.0))))
     if gap > 1e-3 and not feedback and not leaf_lock:
         raise InputError(
@@ -140,18 +158,30 @@ def follow(
     grid = _grid(path, steps)
     if leaf_lock:
         if feedback:
-            raise InputError("feedback= is the integrator's; the leaf lock corrects the error itself, so leave it out")
+            raise InputError(
+                "feedback= is the integrator's; the leaf lock corrects the error itself, so leave it out"
+            )
         if not isinstance(strategy, OnLeaves):
-            raise InputError("only a repeatable strategy, such as design.inverse, has leaves to lock to")
-        c = strategy.leaf(q) if leaf is None else vector(leaf, task.r, "the leaf c = h(q)", "one per potential")
-        advance, at_end = _locked(strategy, path, grid, period, leaf_lock, c, limit, damping)
+            raise InputError(
+                "only a repeatable strategy, such as design.inverse, has leaves to lock to"
+            )
+        c = (
+            strategy.leaf(q)
+            if leaf is None
+            else vector(leaf, task.r, "the leaf c = h(q)", "one per potential")
+        )
+        advance, at_end = _locked(
+            strategy, path, grid, period, leaf_lock, c, velocity_limit, damping
+        )
     else:
         advance, at_end = _integrated(strategy, path, grid, q, period, integrator, feedback)
     Q, Qdot, used = _run(advance, at_end, task, path, grid, q, cycles)
 
     t = np.concatenate([(np.arange(cycles)[:, None] + grid[:-1]).ravel(), [float(cycles)]]) * period
     *targets, end = [path.placement(s) for s in grid]
-    errors = np.array([task.error(q, target) for q, target in zip(Q, targets * cycles + [end], strict=True)])
+    errors = np.array(
+        [task.error(q, target) for q, target in zip(Q, targets * cycles + [end], strict=True)]
+    )
     linear = min(3, task.m)
     return Motion(
         task=task,
@@ -171,11 +201,19 @@ def follow(
 def check_length(task: Task, cycles: int, steps: int) -> None:
     """Refuse a motion that does not fit into memory, before anything long is begun."""
     if cycles * steps * task.n > _MOST:
-        raise InputError(f"{cycles} cycles of {steps} steps are more than fit into memory; ask for fewer")
+        raise InputError(
+            f"{cycles} cycles of {steps} steps are more than fit into memory; ask for fewer"
+        )
 
 
 def _run(
-    advance: Advance, at_end: AtEnd | None, task: Task, path: TaskPath, grid: Array, q: Array, cycles: int
+    advance: Advance,
+    at_end: AtEnd | None,
+    task: Task,
+    path: TaskPath,
+    grid: Array,
+    q: Array,
+    cycles: int,
 ) -> tuple[Array, Array, float]:
     """Take step after step; joint positions and velocities (T + 1, n), and the largest damping."""
     n_steps, used = len(grid) - 1, 0.0
@@ -190,7 +228,9 @@ def _run(
             try:
                 following, Qdot[step], damping = advance(step % n_steps, q)
             except SingularityError as error:
-                raise SingularityError(f"{error}, in cycle {1 + step // n_steps} of {path.name}") from None
+                raise SingularityError(
+                    f"{error}, in cycle {1 + step // n_steps} of {path.name}"
+                ) from None
             if not (np.abs(following - q) < most_step).all():
                 raise SingularityError(
                     f"the joints jump by more than {_JUMP:g} rad, or the arm's length, in one step, in cycle "
@@ -204,26 +244,38 @@ def _run(
 
 
 def _integrated(
-    strategy: Strategy, path: TaskPath, grid: Array, q: Array, period: float, integrator: str, feedback: float
+    strategy: Strategy,
+    path: TaskPath,
+    grid: Array,
+    q: Array,
+    period: float,
+    integrator: str,
+    feedback: float,
 ) -> tuple[Advance, AtEnd]:
     """Make the step of a Runge–Kutta method."""
     task = strategy.task
     nodes, matrix, weights = INTEGRATORS[integrator]
 
-    # A path's twists are the same in every cycle: evaluated once, on the step's own side of a corner. So is ẋ, but
+    # A path's twists are the same in every cycle: evaluated once, on the step's own side of a
+    # corner. So is ẋ, but
     # for an axis task, whose ẋ depends on how the frame stands.
     ends = [(float(a), float(b)) for a, b in pairwise(grid)]
     places = sorted(set(nodes))
-    inside = [[min(max(a + c * (b - a), a + _INSIDE), b - _INSIDE) for c in places] for a, b in ends]
+    inside = [
+        [min(max(a + c * (b - a), a + _INSIDE), b - _INSIDE) for c in places] for a, b in ends
+    ]
     twists = [[path.twist(s) / period for s in row] for row in inside]
     turning = task.kind == "axis"
     if not turning:
-        twists = [[task.rate(q, twist) for twist in row] for row in twists]
-    stages = [(i, places.index(c), c, np.array(row)) for i, (c, row) in enumerate(zip(nodes, matrix, strict=True))]
+        twists = [[task.task_velocity(q, twist) for twist in row] for row in twists]
+    stages = [
+        (i, places.index(c), c, np.array(row))
+        for i, (c, row) in enumerate(zip(nodes, matrix, strict=True))
+    ]
     b_T, slopes = np.array(weights), np.empty((len(nodes), task.n))
 
     def velocity(q: Array, twist: Array, s: float) -> Array:
-        xdot = task.rate(q, twist) if turning else twist
+        xdot = task.task_velocity(q, twist) if turning else twist
         if feedback:
             xdot = xdot + feedback * task.error(q, path.placement(s))
         return strategy.velocity(q, xdot)
@@ -238,7 +290,7 @@ def _integrated(
 
     def at_end(q: Array) -> Array:
         last = path.twist(1.0 - _INSIDE) / period
-        return velocity(q, last if turning else task.rate(q, last), 1.0)
+        return velocity(q, last if turning else task.task_velocity(q, last), 1.0)
 
     return advance, at_end
 
@@ -250,17 +302,19 @@ def _locked(
     period: float,
     corrections: int,
     c: Array,
-    limit: ArrayLike | None,
+    velocity_limit: ArrayLike | None,
     damping: float,
 ) -> tuple[Advance, None]:
     """Make the step from point to point on a leaf; its velocity is the mean."""
     targets, times = [path.placement(float(s)) for s in grid[1:]], np.diff(grid) * period
-    most = None if limit is None else speeds(limit, strategy.task.n) / corrections  # shared by the corrections
+    most = (
+        None if velocity_limit is None else speeds(velocity_limit, strategy.task.n) / corrections
+    )  # shared by the corrections
 
     def advance(k: int, q: Array) -> tuple[Array, Array, float]:
         start, h, used = q, float(times[k]), 0.0
         for _ in range(corrections):
-            q = strategy.step(q, targets[k], h, leaf=c, limit=most, damping=damping)
+            q = strategy.step(q, targets[k], h, leaf=c, velocity_limit=most, damping=damping)
             if damping:
                 used = max(used, strategy.damping)
         return q, (q - start) / h, used
@@ -273,5 +327,11 @@ def _grid(path: TaskPath, steps: int) -> Array:
     knots = np.array([0.0, *path.breaks, 1.0])
     pieces = np.maximum(1, np.rint(np.diff(knots) * steps).astype(int))
     return np.concatenate(
-        [*(np.linspace(a, b, k, endpoint=False) for a, b, k in zip(knots[:-1], knots[1:], pieces, strict=True)), [1.0]]
+        [
+            *(
+                np.linspace(a, b, k, endpoint=False)
+                for a, b, k in zip(knots[:-1], knots[1:], pieces, strict=True)
+            ),
+            [1.0],
+        ]
     )

@@ -1,4 +1,5 @@
-"""Controls that follow a closed path in real time, side by side, as a robot's own loop does: a step at a time."""
+"""Controls that follow a closed path in real time, side by side, as a robot's own loop does: a step
+at a time."""
 
 from __future__ import annotations
 
@@ -11,8 +12,8 @@ from numpy.typing import ArrayLike
 
 from ..arguments import Array
 from ..errors import SingularityError
+from ..paths.task_path import TaskPath
 from ..strategies import OnLeaves, Strategy
-from .paths import TaskPath
 
 STEP = 0.004
 """Time of a step, s."""
@@ -25,10 +26,12 @@ _FREE = 0.5
 
 
 class Loop:
-    """Runs controls round a path, ``q += G(q + G(q) e / 2) e`` a step, e the error to the next target.
+    """Runs controls round a path, ``q += G(q + G(q) e / 2) e`` a step, e the error to the next
+    target.
 
-    A control that has leaves keeps to one. The target may be moved off the path. Where a control cannot follow it, the
-    target comes back as far as needed; where that does not help either, all go back along the steps they came by.
+    A control that has leaves keeps to one. The target may be moved off the path. Where a control
+    cannot follow it, the target comes back as far as needed; where that does not help either, all
+    go back along the steps they came by.
 
     Parameters
     ----------
@@ -53,13 +56,17 @@ class Loop:
         What each did in an undisturbed first cycle.
     """
 
-    def __init__(self, strategies: Sequence[Strategy], path: TaskPath, q0: ArrayLike, *, period: float) -> None:
+    def __init__(
+        self, strategies: Sequence[Strategy], path: TaskPath, q0: ArrayLike, *, period: float
+    ) -> None:
         self.strategies, self.task = tuple(strategies), strategies[0].task
         self.steps = max(round(period / STEP), 8)
         self.dt = period / self.steps
         self._targets = [path.placement(k / self.steps) for k in range(self.steps)]
         start = self.task.check(q0, "the start")
-        self._leaves = [control.leaf(start) if isinstance(control, OnLeaves) else None for control in strategies]
+        self._leaves = [
+            control.leaf(start) if isinstance(control, OnLeaves) else None for control in strategies
+        ]
         self._begin(start)
         first = [list(self.q)]
         for _ in range(self.steps):
@@ -83,19 +90,23 @@ class Loop:
         return self.cycle[self._at]
 
     def run(self, seconds: float, offset: ArrayLike = (0.0, 0.0, 0.0)) -> None:
-        """Let so much time pass, in whole steps, while the target goes to an offset from the path (3,), m."""
+        """Let so much time pass, in whole steps, while the target goes to an offset from the path
+        (3,), m."""
         wish = np.asarray(offset, float)
         steps, self._rest = divmod(self._rest + seconds, self.dt)
         for _ in range(int(steps)):
             self._step(wish)
 
     def _step(self, wish: Array) -> None:
-        """Take one step: onward, or with the target where it is, or a little nearer to the path; or one step back."""
+        """Take one step: onward, or with the target where it is, or a little nearer to the path; or
+        one step back."""
         if self._back:
             self._return()
             return
         way = wish - self.offset
-        onward = self.offset + way * min(1.0, SPEED * self.dt / max(float(np.linalg.norm(way)), 1e-12))
+        onward = self.offset + way * min(
+            1.0, SPEED * self.dt / max(float(np.linalg.norm(way)), 1e-12)
+        )
         self._free += 1
         if self._free * self.dt > _FREE:
             self._stride = 1
@@ -104,7 +115,10 @@ class Loop:
                 self.out_of_reach &= not np.array_equal(offset, wish)
                 return
             self.out_of_reach, self._free = True, 0
-        self._back, self._stride = self._stride, 2 * self._stride  # ever further, until there is a way on
+        self._back, self._stride = (
+            self._stride,
+            2 * self._stride,
+        )  # ever further, until there is a way on
         self._return()
 
     def _return(self) -> None:
@@ -132,7 +146,9 @@ class Loop:
         control, q, leaf = self.strategies[k], self.q[k], self._leaves[k]
         try:
             if isinstance(control, OnLeaves):
-                new = control.step(control.step(q, target, self.dt, leaf=leaf), target, self.dt, leaf=leaf)
+                new = control.step(
+                    control.step(q, target, self.dt, leaf=leaf), target, self.dt, leaf=leaf
+                )
             else:
                 e = self.task.error(q, target)
                 new = q + control.velocity(q + 0.5 * control.velocity(q, e), e)

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arguments import Array, positive
+from ..paths.task_path import TaskPath
 from ..robot.length import arm_length
 from ..strategies import Bounded
 from ..strategies.control_step import speeds
 from .joint_motion import CLOSED as CLOSED
 from .joint_motion import JointMotion
-from .paths import TaskPath
 
 ON_PATH = 1e-3
 """The frame is on its path while it is so near, in arm lengths or rad."""
@@ -66,8 +66,12 @@ class Motion(JointMotion):
 
     def __repr__(self) -> str:
         task, cycles = self.task, "1 cycle" if self.cycles == 1 else f"{self.cycles} cycles"
-        drift = " … ".join(f"{value:.3g}" for value in dict.fromkeys((self.drift[0], self.drift[-1])))
-        return f"<Motion of {task.robot.name} {task.frame}: {self.path.name}, {cycles}, drift {drift}>"
+        drift = " … ".join(
+            f"{value:.3g}" for value in dict.fromkeys((self.drift[0], self.drift[-1]))
+        )
+        return (
+            f"<Motion of {task.robot.name} {task.frame}: {self.path.name}, {cycles}, drift {drift}>"
+        )
 
     @property
     def outside(self) -> float | None:
@@ -76,10 +80,11 @@ class Motion(JointMotion):
 
     @cached_property
     def path_loss(self) -> tuple[float, float, float] | None:
-        """When the frame leaves its path (in cycles), and its largest errors, m and rad; None if it never does.
+        """When the frame leaves its path (in cycles), and its largest errors, m and rad; None if it
+        never does.
 
-        It is on the path while both errors are small: a thousandth of the arm's length, and of a radian.
-        """
+        It is on the path while both errors are small: a thousandth of the arm's length, and of a
+        radian."""
         length = arm_length(self.task, self.q[0]) or 1.0
         off = ~((self.tracking_error <= ON_PATH * length) & (self.turning_error <= ON_PATH))
         if not off.any():
@@ -88,20 +93,21 @@ class Motion(JointMotion):
         return when, float(self.tracking_error.max()), float(self.turning_error.max())
 
     def slowed(self, factor: float) -> Motion:
-        """Let every cycle take ``factor`` times as long: for controls ``q̇ = G ẋ``, whose joint path stays the same."""
+        """Let every cycle take ``factor`` times as long: for controls ``q̇ = G ẋ``, whose joint
+        path stays the same."""
         factor = positive(factor, "the factor")
         return replace(self, t=self.t[0] + (self.t - self.t[0]) * factor, qdot=self.qdot / factor)
 
     def retimed(self, limit: ArrayLike | None = None) -> Motion:
         """Slow the motion down wherever a joint is too fast; the joint path stays the same.
 
-        Scaling ẋ by a positive number scales q̇ of every strategy ``q̇ = G ẋ`` alike. Each step is stretched
-        by the largest share of a speed limit that it, or one of its ends, uses; steps below the limits keep
-        their time.
+        Scaling ẋ by a positive number scales q̇ of every strategy ``q̇ = G ẋ`` alike. Each step is
+        stretched by the largest share of a speed limit that it, or one of its ends, uses; steps
+        below the limits keep their time.
 
         Parameters
         ----------
-        limit : float or (n,) array, optional
+        velocity_limit : float or (n,) array, optional
             Speeds of the robot's joints, rad/s or m/s; by default the arm's own.
 
         Returns

@@ -18,7 +18,8 @@ _BEND = 0.05
 """A corner: the joint path turns by more than this, rad, from one side to the other."""
 
 STAGES = 450
-"""Stages of a cycle's profile, at least: so many keep the limits exceeded by less than 2 % between them."""
+"""Stages of a cycle's profile, at least: so many keep the limits exceeded by less than 2 % between
+them."""
 
 _LEAST_STAGES = 50
 """Stages between two stops, at least."""
@@ -26,7 +27,8 @@ _LEAST_STAGES = 50
 
 @dataclass(frozen=True)
 class Limits:
-    """What the joints may do: speed and acceleration (n,), and torque where its dynamics are given."""
+    """What the joints may do: speed and acceleration (n,), and torque where its dynamics are
+    given."""
 
     velocity: Array
     acceleration: Array
@@ -61,7 +63,8 @@ class Run:
         return self.s[i] + self.speed[i] * tau + 0.5 * push * tau**2
 
     def excess(self, limits: Limits) -> float:
-        """By what factor time has to be stretched for the limits to hold at stages and between them; 1 if they hold."""
+        """By what factor time has to be stretched for the limits to hold at stages and between
+        them; 1 if they hold."""
         u = (self.speed[1:] ** 2 - self.speed[:-1] ** 2) / (2 * np.diff(self.s))
         factor = 1.0
         for share in (0.0, 0.5, 1.0):
@@ -76,7 +79,9 @@ class Run:
                     weight = limits.dynamics(q, 0 * v, 0 * v)
                     moving = limits.dynamics(q, v, a) - weight  # goes with the square of the speed
                     room = np.where(moving > 0, limits.torque - weight, limits.torque + weight)
-                    factor = max(factor, float(np.sqrt((np.abs(moving) / np.maximum(room, 1e-9)).max())))
+                    factor = max(
+                        factor, float(np.sqrt((np.abs(moving) / np.maximum(room, 1e-9)).max()))
+                    )
         return factor
 
 
@@ -95,7 +100,9 @@ class Profile:
         Length travelled, and its rate.
     """
 
-    def __init__(self, runs: list[Run], stays: list[float], stops: list[int], ends: list[int], limits: Limits) -> None:
+    def __init__(
+        self, runs: list[Run], stays: list[float], stops: list[int], ends: list[int], limits: Limits
+    ) -> None:
         self.runs = runs
         took = np.array([run.t[-1] for run in runs])
         self.starts = np.cumsum(stays) + np.concatenate([[0.0], np.cumsum(took)[:-1]])
@@ -117,7 +124,9 @@ class Profile:
 
     def positions(self, clock: Array) -> Array:
         """Joints (T, n) at times (T,); at rest before the start and after the end."""
-        which = np.clip(np.searchsorted(self.starts, clock, side="right") - 1, 0, len(self.runs) - 1)
+        which = np.clip(
+            np.searchsorted(self.starts, clock, side="right") - 1, 0, len(self.runs) - 1
+        )
         Q = np.empty((len(clock), self.runs[0].curve(0.0).size))
         for j in np.unique(which):
             rows, run = which == j, self.runs[j]
@@ -126,14 +135,20 @@ class Profile:
 
 
 def corners_of(Q: Array, candidates: Iterable[int]) -> list[int]:
-    """Find the points (T, n) of a joint path where its direction jumps: among the candidates, and cusps anywhere."""
+    """Find the points (T, n) of a joint path where its direction jumps: among the candidates, and
+    cusps anywhere."""
     steps = np.diff(Q, axis=0)
     sizes = np.linalg.norm(steps, axis=1)
-    cosine = np.einsum("ij,ij->i", steps[1:], steps[:-1]) / np.maximum(sizes[1:] * sizes[:-1], 1e-300)
+    cosine = np.einsum("ij,ij->i", steps[1:], steps[:-1]) / np.maximum(
+        sizes[1:] * sizes[:-1], 1e-300
+    )
     found = set((np.flatnonzero(cosine < 0.5) + 1).tolist())  # cusps
     marks = sorted({0, len(Q) - 1, *candidates})
     for before, at, after in zip(marks[:-2], marks[1:-1], marks[2:], strict=True):
-        into, out = _tangent(Q[max(before, at - 3) : at + 1][::-1]), _tangent(Q[at : min(after, at + 3) + 1])
+        into, out = (
+            _tangent(Q[max(before, at - 3) : at + 1][::-1]),
+            _tangent(Q[at : min(after, at + 3) + 1]),
+        )
         if np.arccos(np.clip(-into @ out, -1, 1)) > _BEND:
             found.add(at)
     return sorted(found)
@@ -149,7 +164,8 @@ def _tangent(points: Array) -> Array:
 
 
 def fastest(Q: Array, limits: Limits, stages: float = STAGES) -> Run:
-    """Find the time-optimal profile along a smooth joint path (T, n), from rest to rest, in so many stages or more.
+    """Find the time-optimal profile along a smooth joint path (T, n), from rest to rest, in so many
+    stages or more.
 
     Raises
     ------
@@ -159,7 +175,11 @@ def fastest(Q: Array, limits: Limits, stages: float = STAGES) -> Run:
     needed("toppra", by="a motion from rest to rest")
     import toppra
     from toppra.algorithm import TOPPRA
-    from toppra.constraint import JointAccelerationConstraint, JointTorqueConstraint, JointVelocityConstraint
+    from toppra.constraint import (
+        JointAccelerationConstraint,
+        JointTorqueConstraint,
+        JointVelocityConstraint,
+    )
 
     s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(Q, axis=0), axis=1))])
     curve = toppra.SplineInterpolator(s, Q, bc_type="not-a-knot")
@@ -171,11 +191,17 @@ def fastest(Q: Array, limits: Limits, stages: float = STAGES) -> Run:
         torque = np.stack([-limits.torque, limits.torque], axis=1)
         constraints.append(JointTorqueConstraint(limits.dynamics, torque, np.zeros(len(torque))))
         constraints[-1].set_discretization_type(1)
-    solver = TOPPRA(constraints, curve, grid, solver_wrapper="seidel", parametrizer="ParametrizeConstAccel")
+    solver = TOPPRA(
+        constraints, curve, grid, solver_wrapper="seidel", parametrizer="ParametrizeConstAccel"
+    )
     _, speed, _ = solver.compute_parameterization(0.0, 0.0)
     if speed is None or not np.isfinite(speed).all() or not (speed[1:-1] > 0).all():
         torque_bound = limits.torque is not None
-        why = "the torque limits do not hold the arm somewhere" if torque_bound else "the path is too rough"
+        why = (
+            "the torque limits do not hold the arm somewhere"
+            if torque_bound
+            else "the path is too rough"
+        )
         raise InputError(f"no speed along this joint path is within the limits: {why}")
     t = np.concatenate([[0.0], np.cumsum(2 * np.diff(grid) / (speed[1:] + speed[:-1]))])
     return Run(curve.cspl, grid, speed, t)

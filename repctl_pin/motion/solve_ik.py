@@ -6,12 +6,12 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ..arguments import MOST_STEPS, Array, flag, positive, vector, wanted, whole
+from ..arguments import MOST_STEPS, Array, as_int, flag, positive, require_type, vector
 from ..errors import InputError, SingularityError
+from ..paths.task_path import TaskPath
 from ..redundancy.inverses import pseudoinverse
 from ..robot.length import arm_length
-from ..robot.task import Task, wanted_task
-from .paths import TaskPath
+from ..robot.task import Task, require_task
 
 _THERE = 1e-9
 """Task error, m and rad, of a point that is reached."""
@@ -21,7 +21,13 @@ _FAR = 10
 
 
 def solve_ik(
-    task: Task, q0: ArrayLike, target: pin.SE3, *, tolerance: float = 1e-12, iterations: int = 200, limits: bool = True
+    task: Task,
+    q0: ArrayLike,
+    target: pin.SE3,
+    *,
+    tolerance: float = 1e-12,
+    iterations: int = 200,
+    limits: bool = True,
 ) -> Array:
     """Find q near q0 with f(q) at the target, by Newton's method with J⁺ and bounded steps.
 
@@ -54,11 +60,14 @@ def solve_ik(
     >>> bool(np.abs(task.error(q, target)).max() < 1e-9)  # m
     True
     """
-    wanted(target, pin.SE3, "target", "a rigid transform, such as path.placement(0)")
+    require_type(target, pin.SE3, "target", "a rigid transform, such as path.placement(0)")
     if not np.isfinite(target.homogeneous).all():
         raise InputError("the target must be finite numbers, m and a rotation")
-    q = vector(q0, wanted_task(task).n, "q0")
-    tolerance, iterations = positive(tolerance, "the tolerance"), whole(iterations, "iterations", 1, MOST_STEPS)
+    q = vector(q0, require_task(task).n, "q0")
+    tolerance, iterations = (
+        positive(tolerance, "the tolerance"),
+        as_int(iterations, "iterations", 1, MOST_STEPS),
+    )
     limits = flag(limits, "limits")
     error = task.error(q, target)
     where = np.array2string(np.asarray(target.translation), precision=3, separator=", ")
@@ -113,7 +122,8 @@ def check_reach(task: Task, q0: ArrayLike, path: TaskPath, *, points: int = 48) 
     Raises
     ------
     InputError
-        If it cannot; the message names the first point out of reach, or the corner that the path goes to there.
+        If it cannot; the message names the first point out of reach, or the corner that the path
+        goes to there.
     """
     q = start = np.asarray(q0, float)
     for s in np.union1d(np.linspace(0, 1, points), path.breaks):
@@ -123,8 +133,11 @@ def check_reach(task: Task, q0: ArrayLike, path: TaskPath, *, points: int = 48) 
             raise _told(error, task, start, q, path, float(s)) from None
 
 
-def _told(error: InputError, task: Task, start: Array, q: Array, path: TaskPath, s: float) -> InputError:
-    """Say what is out of reach in the path's own terms, where its corners have names, and why that may be."""
+def _told(
+    error: InputError, task: Task, start: Array, q: Array, path: TaskPath, s: float
+) -> InputError:
+    """Say what is out of reach in the path's own terms, where its corners have names, and why that
+    may be."""
     if not path.corners:
         return error
     knots = (0.0, *path.breaks, 1.0)
@@ -140,11 +153,16 @@ def _told(error: InputError, task: Task, start: Array, q: Array, path: TaskPath,
 
 
 def _hint(task: Task, start: Array, path: TaskPath, knots: tuple[float, ...]) -> str:
-    """Say what the numbers may have been meant as: only where the whole path could be reached then."""
+    """Say what the numbers may have been meant as: only where the whole path could be reached
+    then."""
     points = np.array([path.point(s) for s in knots])
-    if np.abs(points).max() > _FAR * arm_length(task, start) and _all_reached(task, start, path, points / 1000):
+    if np.abs(points).max() > _FAR * arm_length(task, start) and _all_reached(
+        task, start, path, points / 1000
+    ):
         return "; are the numbers mm? They must be m"
-    if not points[0].any() and _all_reached(task, start, path, points + task.placement(start).translation):
+    if not points[0].any() and _all_reached(
+        task, start, path, points + task.placement(start).translation
+    ):
         return "; are the points counted from the start? They must be counted from the base"
     return ""
 

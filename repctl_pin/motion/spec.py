@@ -1,4 +1,5 @@
-"""A path in a few characters, as the command line takes it: ``circle:0.1``, ``square:0.2``, ``loop.csv``."""
+"""A path in a few characters, as the command line takes it: ``circle:0.1``, ``square:0.2``,
+``loop.csv``."""
 
 from __future__ import annotations
 
@@ -8,15 +9,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..arguments import Array, wanted
+from ..arguments import Array, require_type
 from ..errors import InputError
+from ..paths.polyline import MOST_POINTS, polygon
+from ..paths.shapes import PLANES, figure_eight, rose
+from ..paths.task_path import TaskPath
+from ..paths.waypoint_file import number, waypoint_path
 from ..plugins import plugin, registered
 from ..robot.task import Task
 from .fitting_circle import circle_at, fitting_circle, planes_of
-from .paths import TaskPath
-from .polyline import MOST_POINTS, polygon
-from .shapes import PLANES, figure_eight, rose
-from .waypoint_file import number, waypoint_path
 
 PathMaker = Callable[[Task, Array], TaskPath]
 Drawn = Callable[[Task, Array, str], TaskPath]
@@ -35,8 +36,8 @@ def parse_path(text: str | None, plane: str | None = None) -> PathMaker:
     ----------
     text
         The short form. A circle without DEGREES is turned until the arm can follow it, see
-        :func:`fitting_circle`; with them, the start lies there on it, from the plane's first axis. None is
-        the largest circle that fits.
+        :func:`fitting_circle`; with them, the start lies there on it, from the plane's first axis.
+        None is the largest circle that fits.
     plane
         ``xy``, ``yz`` or ``xz``; None is the first that fits.
 
@@ -57,7 +58,9 @@ def parse_path(text: str | None, plane: str | None = None) -> PathMaker:
         return waypoint_path(words, blend)
     kind, *parts = words.split(":")
     if blend and kind not in ("square", "polygon"):
-        raise InputError(f"path {text!r}: only a square, a polygon and a file have corners to blend")
+        raise InputError(
+            f"path {text!r}: only a square, a polygon and a file have corners to blend"
+        )
     if kind == "circle" and len(parts) == 1:
         radius = _length(parts[0], text)
         return lambda task, q0: fitting_circle(task, q0, plane=plane, radius=radius)
@@ -65,8 +68,13 @@ def parse_path(text: str | None, plane: str | None = None) -> PathMaker:
 
     def make(task: Task, q0: Array) -> TaskPath:
         flat = plane or planes_of(task)[0]
-        path = wanted(drawn(task, q0, flat), TaskPath, f"what {kind!r} makes", "a closed path, as rp.circle makes one")
-        return path if path.words else replace(path, words=text, plane=flat)
+        path = require_type(
+            drawn(task, q0, flat),
+            TaskPath,
+            f"what {kind!r} makes",
+            "a closed path, as rp.circle makes one",
+        )
+        return path if path.spec else replace(path, spec=text, plane=flat)
 
     return make
 
@@ -85,7 +93,12 @@ def _drawn(kind: str, parts: list[str], text: str, blend: float) -> Drawn:
     if kind == "square" and len(numbers) == 1:
         side = numbers[0]
         return _polygon([(side, 0), (side, side), (0, side)], f"square of side {side:g} m", blend)
-    if kind == "polygon" and len(numbers) == 2 and numbers[0] >= 3 and numbers[0] == int(numbers[0]):
+    if (
+        kind == "polygon"
+        and len(numbers) == 2
+        and numbers[0] >= 3
+        and numbers[0] == int(numbers[0])
+    ):
         count, radius = int(min(numbers[0], MOST_POINTS + 1)), numbers[1]
         if count > MOST_POINTS:
             raise InputError(f"path {text!r} has more than {MOST_POINTS} corners; draw a circle")
@@ -113,5 +126,7 @@ def _polygon(corners: list[tuple[float, float]], name: str, blend: float) -> Dra
 def _length(part: str, text: str) -> float:
     value = number(part)
     if not (np.isfinite(value) and value > 0):
-        raise InputError(f"path {text!r}: {part!r} is not a number above 0; give {FORMS}, lengths in m")
+        raise InputError(
+            f"path {text!r}: {part!r} is not a number above 0; give {FORMS}, lengths in m"
+        )
     return value

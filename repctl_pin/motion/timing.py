@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import MOST_STEPS, Array, flag, positive, spread, wanted, whole
+from ..arguments import MOST_STEPS, Array, as_int, flag, per_joint, positive, require_type
 from ..errors import InputError
 from ..robot.bodies import bodies_of
 from ..robot.task import Task
@@ -18,33 +18,43 @@ from .motion import CLOSED, Motion
 from .profile import STAGES, Limits, Profile, corners_of, fastest
 
 PRESETS: dict[str, tuple[tuple[float, ...], str]] = {
-    "panda": ((15, 7.5, 10, 12.5, 15, 20, 20), "frankaemika.github.io/docs/control_parameters.html, limits for Panda"),
-    "fr3": ((10,) * 7, "frankarobotics.github.io/docs/robot_specifications.html, limits for Franka Research 3"),
+    "panda": (
+        (15, 7.5, 10, 12.5, 15, 20, 20),
+        "frankaemika.github.io/docs/control_parameters.html, limits for Panda",
+    ),
+    "fr3": (
+        (10,) * 7,
+        "frankarobotics.github.io/docs/robot_specifications.html, limits for Franka Research 3",
+    ),
     "ur": ((5,) * 6, "Universal_Robots_ROS2_Driver, ur_moveit_config/config/joint_limits.yaml"),
 }
 """Published accelerations of arms, rad/s² from the base outward, and where they stand.
 
-Franka's are limits: its controller stops beyond them, and libfranka's ``rate_limiting.h`` has the same numbers (branch
-0.8 for Panda, main for FR3). UR's arms have none but torques: these are what their own MoveIt configuration chooses,
-"conservatively". Jerk and, of FR3, the joint speeds that depend on position are not among them.
-"""
+Franka's are limits: its controller stops beyond them, and libfranka's ``rate_limiting.h`` has the
+same numbers (branch 0.8 for Panda, main for FR3). UR's arms have none but torques: these are what
+their own MoveIt configuration chooses, "conservatively". Jerk and, of FR3, the joint speeds that
+depend on position are not among them. """
 
 FULL_SPEED = 0.2
-"""Time, s, in which a joint is taken to reach its speed limit where nobody says how fast it speeds up."""
+"""Time, s, in which a joint is taken to reach its speed limit where nobody says how fast it speeds
+up."""
 
 _UNLIMITED = 10.0
 """Acceleration, per s², of a joint that has no speed limit either."""
 
 
 def presumed_acceleration(task: Task) -> tuple[Array, str]:
-    """Presume accelerations (n,) of a task's joints: published ones of a known arm, else by their speeds; and words."""
+    """Presume accelerations (n,) of a task's joints: published ones of a known arm, else by their
+    speeds; and words."""
     entry, names = task.robot.entry, task.robot_joints
     if entry is not None and entry.acceleration is not None:
         published = PRESETS[entry.acceleration][0]
         if len(published) == len(names):
             return np.array(published, float), f"{entry.acceleration}'s, as published"
     speed = task.joint_limits[2]
-    return np.where(np.isfinite(speed), speed / FULL_SPEED, _UNLIMITED), f"full speed in {FULL_SPEED:g} s, assumed"
+    return np.where(
+        np.isfinite(speed), speed / FULL_SPEED, _UNLIMITED
+    ), f"full speed in {FULL_SPEED:g} s, assumed"
 
 
 _MOMENT = 1e-3
@@ -65,17 +75,19 @@ class TimedMotion:
     t : (T,) array
         Time, s, from 0; the samples begin and end a little outside the motion, at rest.
     q, qdot, qddot : (T, n) arrays
-        Positions, velocities and accelerations, rad or m. Velocities and accelerations are central differences
-        over a millisecond (or a sample, if shorter) to either side, because time-optimal q̈ jumps.
+        Positions, velocities and accelerations, rad or m. Velocities and accelerations are central
+        differences over a millisecond (or a sample, if shorter) to either side, because
+        time-optimal q̈ jumps.
     starts : (cycles + 1,) array
         When each cycle begins, and the last ends, s.
     length, speed : (K,) arrays
-        The phase-plane profile: ‖q‖ travelled from the start, and its rate, per s; the first three cycles if
-        there are more.
+        The phase-plane profile: ‖q‖ travelled from the start, and its rate, per s; the first three
+        cycles if there are more.
     velocity, acceleration : (n,) arrays
         The limits kept, rad/s and rad/s² (m for sliding joints).
     stops : int
-        How often it stands still within a cycle, not counting its start: at corners of the joint path, and stays.
+        How often it stands still within a cycle, not counting its start: at corners of the joint
+        path, and stays.
     motion : Motion, optional
         What was timed; None for the way in of :func:`approach`.
 
@@ -118,8 +130,10 @@ class TimedMotion:
 
     def cycle(self, k: int) -> tuple[Array, Array, Array, Array]:
         """Samples of cycle k, counted from 0: time from its start, q, q̇, q̈."""
-        if whole(k, "k") >= len(self.starts) - 1:
-            raise InputError(f"there are {len(self.starts) - 1} cycles, counted from 0; no cycle {k}")
+        if as_int(k, "k") >= len(self.starts) - 1:
+            raise InputError(
+                f"there are {len(self.starts) - 1} cycles, counted from 0; no cycle {k}"
+            )
         rows = (self.t >= self.starts[k] - 1e-9) & (self.t < self.starts[k + 1] - 1e-9)
         return self.t[rows] - self.starts[k], self.q[rows], self.qdot[rows], self.qddot[rows]
 
@@ -134,17 +148,18 @@ def timed(
 ) -> TimedMotion:
     """Run a motion's joint path as quickly as the limits allow, from rest to rest.
 
-    ``min T`` with ``|q̇| ≤ velocity``, ``|q̈| ≤ acceleration`` and, if asked, ``|τ(q, q̇, q̈)| ≤ τ_max``, by TOPP-RA.
-    The first cycle speeds up, the last slows down, and those between are the same in joints and time, if the
-    motion closes. The arm stops at sharp corners; round them with ``blend=``.
+    ``min T`` with ``|q̇| ≤ velocity``, ``|q̈| ≤ acceleration`` and, if asked, ``|τ(q, q̇, q̈)| ≤
+    τ_max``, by TOPP-RA. The first cycle speeds up, the last slows down, and those between are the
+    same in joints and time, if the motion closes. The arm stops at sharp corners; round them with
+    ``blend=``.
 
     Parameters
     ----------
     motion
         What :func:`follow` made; its times are ignored, except for stays.
     acceleration : float, (n,) array or str
-        Of the robot's joints, rad/s² or m/s²; a URDF has none. Or a name in ``PRESETS``, published limits:
-        ``panda``, ``fr3``, ``ur``.
+        Of the robot's joints, rad/s² or m/s²; a URDF has none. Or a name in ``PRESETS``, published
+        limits: ``panda``, ``fr3``, ``ur``.
     velocity : float or (n,) array, optional
         Speed limits, rad/s (m/s); by default the URDF's.
     torque
@@ -167,7 +182,7 @@ def timed(
     >>> bool(np.abs(timed.qddot).max() < 5.01)
     True
     """
-    wanted(motion, Motion, "motion", "a motion, such as rp.follow makes")
+    require_type(motion, Motion, "motion", "a motion, such as rp.follow makes")
     limits = limits_of(motion.task, velocity, acceleration, torque=flag(torque, "torque"))
     rate = positive(rate, "rate", "samples per second")
     Q, steps = motion.joints(motion.q), motion.steps
@@ -189,14 +204,19 @@ def timed(
 
 
 def limits_of(
-    task: Task, velocity: ArrayLike | None, acceleration: ArrayLike | str | None, *, torque: bool = False
+    task: Task,
+    velocity: ArrayLike | None,
+    acceleration: ArrayLike | str | None,
+    *,
+    torque: bool = False,
 ) -> Limits:
     """Take the limits of a task's joints that a person gave, or the URDF's.
 
     Raises
     ------
     InputError
-        If accelerations are missing, a number is not above 0, or the URDF lacks efforts or masses that are wanted.
+        If accelerations are missing, a number is not above 0, or the URDF lacks efforts or masses
+        that are wanted.
     """
     names = task.robot_joints
     known = ", ".join(PRESETS)
@@ -206,24 +226,32 @@ def limits_of(
         )
     if isinstance(acceleration, str):
         if acceleration not in PRESETS:
-            raise InputError(f"no accelerations of {acceleration!r} are known, only of {known}; give numbers")
+            raise InputError(
+                f"no accelerations of {acceleration!r} are known, only of {known}; give numbers"
+            )
         acceleration, count = np.array(PRESETS[acceleration][0], dtype=float), len(names)
         if len(acceleration) != count:
             moved = f"{task.frame!r} is moved by {count}: give {count} numbers"
             raise InputError(f"these accelerations are of {len(acceleration)} joints, but {moved}")
-    own = np.array([task.robot.velocity[task.robot.joint_names.index(name)] for name in names])
-    speeds = own if velocity is None else spread(velocity, len(names), "velocity")
-    most = spread(acceleration, len(names), "acceleration")
+    own = np.array(
+        [task.robot.velocity_limit[task.robot.joint_names.index(name)] for name in names]
+    )
+    speeds = own if velocity is None else per_joint(velocity, len(names), "velocity")
+    most = per_joint(acceleration, len(names), "acceleration")
     if not np.isfinite(most).all():
         raise InputError("acceleration must be finite numbers")
     if not torque:
         return Limits(speeds, most)
     if task.coordinates is not None:
-        raise InputError("torque limits are of the robot's own joints; follow the path with the original task")
+        raise InputError(
+            "torque limits are of the robot's own joints; follow the path with the original task"
+        )
     model = task.robot.model
     efforts = np.array([model.effortLimit[model.getJointId(name) - 1] for name in names])
     if (efforts >= NO_EFFORT).any() or not sum(inertia.mass for inertia in model.inertias) > 0:
-        raise InputError("torque limits need efforts and masses, and this URDF lacks some; leave torque out")
+        raise InputError(
+            "torque limits need efforts and masses, and this URDF lacks some; leave torque out"
+        )
     return Limits(speeds, most, efforts, task.dynamics())
 
 
@@ -249,7 +277,9 @@ def _profile(Q: Array, motion: Motion, cycles: int, limits: Limits) -> tuple[Pro
     stops = sorted({0, int(place[-1]), *corners, *np.flatnonzero(stays).tolist()})
     way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(Q[kept], axis=0), axis=1))])
     density = STAGES * cycles / way[-1]
-    runs = [fastest(Q[kept][a : b + 1], limits, density * (way[b] - way[a])) for a, b in pairwise(stops)]
+    runs = [
+        fastest(Q[kept][a : b + 1], limits, density * (way[b] - way[a])) for a, b in pairwise(stops)
+    ]
     ends = [int(place[cycle * steps]) for cycle in range(cycles + 1)]
     count = sum(0 < k < ends[1] for k in {*corners, *np.flatnonzero(stays).tolist()})
     return Profile(runs, [float(stays[k]) for k in stops[:-1]], stops, ends, limits), count
@@ -265,21 +295,29 @@ def _sampled(
     if len(marks) > 3:  # a steady cycle takes a whole number of samples
         steady = float(marks[2] - marks[1])
         if not steady / dt < _MOST_SAMPLES:
-            raise InputError(f"a cycle of {steady:.3g} s at {rate:g} samples per second is too much; lower the rate")
+            raise InputError(
+                f"a cycle of {steady:.3g} s at {rate:g} samples per second is too much; lower the rate"
+            )
         period = int(np.ceil(steady / dt - 1e-6))
         factor *= period * dt / steady
         marks = profile.marks * factor
     moment = min(dt, _MOMENT)
     lead = int(np.ceil(2 * moment / dt - 1e-9))
     if not marks[-1] / dt + (more * period) + 2 * lead < _MOST_SAMPLES:
-        raise InputError(f"{marks[-1]:.3g} s at {rate:g} samples per second are over {_MOST_SAMPLES:,}; lower the rate")
+        raise InputError(
+            f"{marks[-1]:.3g} s at {rate:g} samples per second are over {_MOST_SAMPLES:,}; lower the rate"
+        )
     samples = int(np.ceil(marks[-1] / dt - 1e-9)) + 2 * lead + 1
     clock = np.linspace(-lead, samples - 1 - lead, samples) * dt
-    back, before, q, after, beyond = (profile.positions((clock + k * moment) / factor) for k in (-2, -1, 0, 1, 2))
+    back, before, q, after, beyond = (
+        profile.positions((clock + k * moment) / factor) for k in (-2, -1, 0, 1, 2)
+    )
     qdot, qddot = (after - before) / (2 * moment), (beyond - 2 * q + back) / (4 * moment**2)
     begin = int(np.ceil((marks[1] / dt if more else 0) - 1e-6)) + lead
     steady_rows = np.tile(np.arange(begin, begin + period), more)
-    rows = np.concatenate([np.arange(begin + period), steady_rows, np.arange(begin + period, len(clock))])
+    rows = np.concatenate(
+        [np.arange(begin + period), steady_rows, np.arange(begin + period, len(clock))]
+    )
     starts = marks
     if more:
         turns = marks[1] + period * dt * np.arange(more + 2)
@@ -316,8 +354,8 @@ def approach(
 ) -> TimedMotion:
     """Move the joints straight, from rest to rest, from where the arm is to the start of a motion.
 
-    ``q(s) = q_now + s (q_start − q_now)``, as quickly as the limits allow. Both ends are inside the joint limits,
-    hence so is all between.
+    ``q(s) = q_now + s (q_start − q_now)``, as quickly as the limits allow. Both ends are inside the
+    joint limits, hence so is all between.
 
     Parameters
     ----------
@@ -342,8 +380,8 @@ def approach(
     Raises
     ------
     InputError
-        If q_now or the start is outside the joint limits, the arm is there already or would touch itself, or a limit
-        cannot be used.
+        If q_now or the start is outside the joint limits, the arm is there already or would touch
+        itself, or a limit cannot be used.
 
     Examples
     --------
@@ -351,13 +389,15 @@ def approach(
     >>> np.allclose(way.q[-1], motion.q[0])
     True
     """
-    task = wanted(motion, Motion, "motion", "a motion, such as rp.follow makes").task
+    task = require_type(motion, Motion, "motion", "a motion, such as rp.follow makes").task
     bodies = flag(bodies, "bodies")
     limits = limits_of(task, velocity, acceleration, torque=flag(torque, "torque"))
     ends = [task.check(q_now, "q_now"), task.check(motion.q[0], "the motion's start")]
     begin, end = motion.joints(np.array(ends))
     if np.linalg.norm(end - begin) < 1e-9:
-        raise InputError("the arm is at the start of the motion already; there is nothing to approach")
+        raise InputError(
+            "the arm is at the start of the motion already; there is nothing to approach"
+        )
     share = np.linspace(0, 1, _LOOKED_AT)[:, None]
     if bodies:
         straight = ends[0] + share * (ends[1] - ends[0])
@@ -370,4 +410,6 @@ def approach(
                 "configuration, or give bodies=False if they do not"
             )
     line = begin + share * (end - begin)
-    return rest_to_rest(line, task.robot_joints, positive(rate, "rate", "samples per second"), limits)
+    return rest_to_rest(
+        line, task.robot_joints, positive(rate, "rate", "samples per second"), limits
+    )

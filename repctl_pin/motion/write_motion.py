@@ -1,4 +1,5 @@
-"""A motion as a file for a robot: CSV, or ROS's JointTrajectory in YAML; with the velocities of its control."""
+"""A motion as a file for a robot: CSV, or ROS's JointTrajectory in YAML; with the velocities of its
+control."""
 
 from __future__ import annotations
 
@@ -7,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..arguments import file_name, flag, wanted
+from ..arguments import file_name, flag, require_type
 from ..errors import InputError
 from ..files import write_whole
 from ..strategies import Strategy
@@ -17,7 +18,9 @@ from .motion import Motion
 from .timing import TimedMotion
 
 
-def write_motion(motion: Motion | TimedMotion, file: str | Path, *, allow_violations: bool = False) -> Path:
+def write_motion(
+    motion: Motion | TimedMotion, file: str | Path, *, allow_violations: bool = False
+) -> Path:
     """Write a motion for a robot: time, positions, velocities, and accelerations if it is timed.
 
     Parameters
@@ -25,7 +28,8 @@ def write_motion(motion: Motion | TimedMotion, file: str | Path, *, allow_violat
     motion
         From :func:`follow`, :func:`timed` or :func:`approach`.
     file
-        ``.csv``, or ``.yaml`` for ROS 2's ``trajectory_msgs/msg/JointTrajectory``. s, rad or m, per s and per s².
+        ``.csv``, or ``.yaml`` for ROS 2's ``trajectory_msgs/msg/JointTrajectory``. s, rad or m, per
+        s and per s².
     allow_violations
         Write it even if a joint leaves its limits, or bodies touch.
 
@@ -37,7 +41,8 @@ def write_motion(motion: Motion | TimedMotion, file: str | Path, *, allow_violat
     Raises
     ------
     InputError
-        If the motion breaks a limit or bodies touch, the name ends otherwise, or the file cannot be written.
+        If the motion breaks a limit or bodies touch, the name ends otherwise, or the file cannot be
+        written.
 
     Examples
     --------
@@ -46,30 +51,36 @@ def write_motion(motion: Motion | TimedMotion, file: str | Path, *, allow_violat
     True
     """
     if not isinstance(motion, TimedMotion):
-        wanted(motion, Motion, "motion", "a motion, such as rp.follow or rp.timed makes")
+        require_type(motion, Motion, "motion", "a motion, such as rp.follow or rp.timed makes")
     path = Path(file_name(file, "file"))
     if path.suffix not in (".csv", ".yaml", ".yml"):
         raise InputError(f"{str(path)!r} must end in .csv or .yaml")
     followed = motion.motion if isinstance(motion, TimedMotion) else motion
     if followed is not None and not flag(allow_violations, "allow_violations"):
-        refuse_violations(followed, "choose another start or path; allow_violations=True writes it anyway")
+        refuse_violations(
+            followed, "choose another start or path; allow_violations=True writes it anyway"
+        )
     return write_whole(path, csv_text(motion) if path.suffix == ".csv" else yaml_text(motion))
 
 
 def commanded(motion: Motion, strategy: Strategy) -> Motion:
-    """Give a motion the velocities ``q̇ = G ẋ`` of its strategy at its points, in place of the steps' means."""
+    """Give a motion the velocities ``q̇ = G ẋ`` of its strategy at its points, in place of the
+    steps' means."""
     period = (motion.t[-1] - motion.t[0]) / motion.cycles
     ends = (motion.t - motion.t[0]) / period % 1.0
     task = motion.task
     Qdot = [
-        strategy.velocity(q, task.rate(q, motion.path.twist(min(float(s), 1.0 - 1e-12))) / period)
+        strategy.velocity(
+            q, task.task_velocity(q, motion.path.twist(min(float(s), 1.0 - 1e-12))) / period
+        )
         for q, s in zip(motion.q, ends, strict=True)
     ]
     return replace(motion, qdot=np.array(Qdot))
 
 
 def yaml_text(motion: Motion | TimedMotion) -> str:
-    """Write ROS 2's ``trajectory_msgs/msg/JointTrajectory``, as ``ros2 topic pub`` and controllers take it.
+    """Write ROS 2's ``trajectory_msgs/msg/JointTrajectory``, as ``ros2 topic pub`` and controllers
+    take it.
 
     With accelerations where the motion is timed.
     """
@@ -83,14 +94,20 @@ def yaml_text(motion: Motion | TimedMotion) -> str:
     lines = ["header:", "  stamp: {sec: 0, nanosec: 0}", "  frame_id: ''", joints, "points:"]
     for moment, *values in zip(t, *rows.values(), strict=True):
         nanoseconds = round(float(moment) * 1e9)
-        said = [f"  {what}: [{', '.join(f'{v:.12f}' for v in row)}]" for what, row in zip(rows, values, strict=True)]
-        said.append(f"  time_from_start: {{sec: {nanoseconds // 10**9}, nanosec: {nanoseconds % 10**9}}}")
+        said = [
+            f"  {what}: [{', '.join(f'{v:.12f}' for v in row)}]"
+            for what, row in zip(rows, values, strict=True)
+        ]
+        said.append(
+            f"  time_from_start: {{sec: {nanoseconds // 10**9}, nanosec: {nanoseconds % 10**9}}}"
+        )
         lines += ["-" + said[0][1:], *said[1:]]
     return "\n".join(lines) + "\n"
 
 
 def _quoted(name: str) -> str:
-    """Quote a name for YAML, which folds the ends of lines where they are not written as escapes."""
+    """Quote a name for YAML, which folds the ends of lines where they are not written as
+    escapes."""
     if name.isprintable():
         return "'" + name.replace("'", "''") + "'"
     plain = (c if c.isprintable() and c not in '"\\' else f"\\U{ord(c):08x}" for c in name)

@@ -1,4 +1,5 @@
-"""Formulas of kinematic redundancy: arrays in, arrays out, batched over leading axes; knows no robot."""
+"""Formulas of kinematic redundancy: arrays in, arrays out, batched over leading axes; knows no
+robot."""
 
 from .augmented import augmented_inverse as augmented_inverse
 from .augmented import leaf_margin as leaf_margin

@@ -1,11 +1,12 @@
-"""The augmented Jacobian J_V = [J; Vᵀ] (30), (37), its inverse (31), and its distance from singularity."""
+"""The augmented Jacobian J_V = [J; Vᵀ] (30), (37), its inverse (31), and its distance from
+singularity."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import Array, stacks
+from ..arguments import Array, as_matrices
 from ..errors import InputError, SingularityError
 from .inverses import RANK_TOLERANCE
 
@@ -13,7 +14,8 @@ SINGULAR = "J_V is singular: the arm is at a singularity, or the control's V is 
 
 
 def augmented_inverse(J: ArrayLike, V: ArrayLike) -> Array:
-    """Invert ``J_V = [J; Vᵀ]`` (37). Its first m columns are G_r, with ``J G_r = I`` and ``Vᵀ G_r = 0``.
+    """Invert ``J_V = [J; Vᵀ]`` (37). Its first m columns are G_r, with ``J G_r = I`` and ``Vᵀ G_r =
+    0``.
 
     Parameters
     ----------
@@ -29,10 +31,12 @@ def augmented_inverse(J: ArrayLike, V: ArrayLike) -> Array:
     SingularityError
         Where J_V is singular.
     """
-    J, V = stacks(("J", J, "m n"), ("V", V, "n r"))
+    J, V = as_matrices(("J", J, "m n"), ("V", V, "n r"))
     (m, n), r = J.shape[-2:], V.shape[-1]
     if m + r != n:
-        raise InputError(f"J_V = [J; Vᵀ] must be square, m + r = n; J is {m} × {n}, and V has {r} columns")
+        raise InputError(
+            f"J_V = [J; Vᵀ] must be square, m + r = n; J is {m} × {n}, and V has {r} columns"
+        )
     J_V = np.empty((*np.broadcast_shapes(J.shape[:-2], V.shape[:-2]), n, n))
     J_V[..., :m, :], J_V[..., m:, :] = J, np.swapaxes(V, -1, -2)
     try:
@@ -41,7 +45,11 @@ def augmented_inverse(J: ArrayLike, V: ArrayLike) -> Array:
         raise SingularityError(SINGULAR) from None
     regular = is_regular(J_V, inverse)
     if not np.all(regular):
-        where = "" if np.ndim(regular) == 0 else f", at {np.sum(~regular)} of {np.size(regular)} configurations"
+        where = (
+            ""
+            if np.ndim(regular) == 0
+            else f", at {np.sum(~regular)} of {np.size(regular)} configurations"
+        )
         raise SingularityError(SINGULAR + where)
     return inverse
 
@@ -49,8 +57,9 @@ def augmented_inverse(J: ArrayLike, V: ArrayLike) -> Array:
 def is_regular(A: Array, inverse: Array) -> NDArray[np.bool_]:
     """Say which square matrices are far enough from singular for their inverses to be trusted.
 
-    The sine of the angle between a row of A and the span of the others is ``1 / (‖row_i‖ ‖column_i of A⁻¹‖)``;
-    the smallest must exceed 1e-6. It depends neither on the rows' units nor on the size of a potential.
+    The sine of the angle between a row of A and the span of the others is ``1 / (‖row_i‖ ‖column_i
+    of A⁻¹‖)``; the smallest must exceed 1e-6. It depends neither on the rows' units nor on the size
+    of a potential.
 
     Parameters
     ----------
@@ -60,7 +69,9 @@ def is_regular(A: Array, inverse: Array) -> NDArray[np.bool_]:
     -------
     (...) array of bool
     """
-    with np.errstate(over="ignore", invalid="ignore"):  # rows too long for a square of theirs are refused
+    with np.errstate(
+        over="ignore", invalid="ignore"
+    ):  # rows too long for a square of theirs are refused
         size = np.sum(A**2, axis=-1) * np.sum(inverse**2, axis=-2)
     return size.max(axis=-1) < RANK_TOLERANCE**-2
 
@@ -88,7 +99,7 @@ def repeatable_inverse(G_d: ArrayLike, N: ArrayLike, V: ArrayLike) -> Array:
     SingularityError
         At an algorithmic singularity, ``det(Nᵀ V) = 0``.
     """
-    G_d, N, V = stacks(("G_d", G_d, "n m"), ("N", N, "n r"), ("V", V, "n r"))
+    G_d, N, V = as_matrices(("G_d", G_d, "n m"), ("N", N, "n r"), ("V", V, "n r"))
     V_T = np.swapaxes(V, -1, -2)
     try:
         return G_d - N @ np.linalg.solve(V_T @ N, V_T @ G_d)  # (32)
@@ -97,10 +108,11 @@ def repeatable_inverse(G_d: ArrayLike, N: ArrayLike, V: ArrayLike) -> Array:
 
 
 def leaf_margin(N: ArrayLike, V: ArrayLike) -> Array:
-    """Measure how far the augmented Jacobian is from an algorithmic singularity: 1 is best, 0 singular.
+    """Measure how far the augmented Jacobian is from an algorithmic singularity: 1 is best, 0
+    singular.
 
-    ``σ_min(Nᵀ V̂)``, V̂ an orthonormal basis of V: the sine of the smallest angle between span V and the
-    row space of J. It does not depend on the gauge V → V T.
+    ``σ_min(Nᵀ V̂)``, V̂ an orthonormal basis of V: the sine of the smallest angle between span V
+    and the row space of J. It does not depend on the gauge V → V T.
 
     Parameters
     ----------
@@ -112,6 +124,6 @@ def leaf_margin(N: ArrayLike, V: ArrayLike) -> Array:
     -------
     (...) array
     """
-    N, V = stacks(("N", N, "n k"), ("V", V, "n k"))
+    N, V = as_matrices(("N", N, "n k"), ("V", V, "n k"))
     V_hat, _ = np.linalg.qr(V)
     return np.linalg.svd(np.swapaxes(N, -1, -2) @ V_hat, compute_uv=False)[..., -1]

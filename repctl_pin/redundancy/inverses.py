@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, stacks
+from ..arguments import Array, as_matrices
 from ..errors import InputError, SingularityError
 
 RANK_TOLERANCE = 1e-6
@@ -57,7 +57,7 @@ def weighted_pseudoinverse(J: ArrayLike, M: ArrayLike) -> Array:
     SingularityError
         Where J loses rank, or M is not positive definite.
     """
-    J, M = stacks(("J", J, "m n"), ("M", M, "n n"))
+    J, M = as_matrices(("J", J, "m n"), ("M", M, "n n"))
     try:
         L = np.linalg.cholesky(M)  # M = L Lᵀ
     except np.linalg.LinAlgError:
@@ -84,7 +84,7 @@ def pseudoinverse_derivative(J: ArrayLike, H: ArrayLike) -> Array:
     (..., n, m, n) array
         ``[..., i, a, k] = ∂J⁺[..., i, a]/∂q[k]``.
     """
-    J, H = stacks(("J", J, "m n"), ("H", H, "m n n"))
+    J, H = as_matrices(("J", J, "m n"), ("H", H, "m n n"))
     G = pseudoinverse(J)
     onto_null = np.eye(J.shape[-1]) - G @ J
     Hk = np.moveaxis(H, -1, -3)  # (..., k, m, n)
@@ -96,23 +96,25 @@ def pseudoinverse_derivative(J: ArrayLike, H: ArrayLike) -> Array:
 
 def null_component(G: ArrayLike, N: ArrayLike) -> Array:
     """Take W out of ``G = J⁺ + N Wᵀ`` (21), (22): ``W = Gᵀ N``, an array (..., m, r)."""
-    G, N = stacks(("G", G, "n m"), ("N", N, "n r"))
+    G, N = as_matrices(("G", G, "n m"), ("N", N, "n r"))
     return np.swapaxes(G, -1, -2) @ N
 
 
 def from_null_component(J: ArrayLike, N: ArrayLike, W: ArrayLike) -> Array:
     """Build the generalized inverse ``G = J⁺ + N Wᵀ`` (21), an array (..., n, m)."""
-    J, N, W = stacks(("J", J, "m n"), ("N", N, "n r"), ("W", W, "m r"))
+    J, N, W = as_matrices(("J", J, "m n"), ("N", N, "n r"), ("W", W, "m r"))
     return pseudoinverse(J) + N @ np.swapaxes(W, -1, -2)
 
 
-def dexterity(J: Array) -> Array:
+def inverse_condition_number(J: Array) -> Array:
     """Measure ``σ_min / σ_max`` of J (..., m, n): 1 is best, 0 where J loses rank."""
     values = np.linalg.svd(J, compute_uv=False)
     return values[..., -1] / np.maximum(values[..., 0], np.finfo(float).tiny)
 
 
-def row_factor(J: ArrayLike, mode: Literal["reduced", "complete"] = "reduced") -> tuple[Array, Array]:
+def row_factor(
+    J: ArrayLike, mode: Literal["reduced", "complete"] = "reduced"
+) -> tuple[Array, Array]:
     """Factor ``Jᵀ = Q R`` and make sure that J has full row rank.
 
     Returns
@@ -125,14 +127,19 @@ def row_factor(J: ArrayLike, mode: Literal["reduced", "complete"] = "reduced") -
     SingularityError
         Where J loses rank; the message counts how many of the batch do.
     """
-    (J,) = stacks(("J", J, "m n"))
+    (J,) = as_matrices(("J", J, "m n"))
     m, n = J.shape[-2:]
     if m > n:
-        raise InputError(f"J is {m} × {n}: with fewer joints than coordinates there is no right inverse")
-    Q, R = np.linalg.qr(np.swapaxes(J, -1, -2), mode="complete")  # twice as quick as "reduced" and a cut
+        raise InputError(
+            f"J is {m} × {n}: with fewer joints than coordinates there is no right inverse"
+        )
+    Q, R = np.linalg.qr(
+        np.swapaxes(J, -1, -2), mode="complete"
+    )  # twice as quick as "reduced" and a cut
     R = R[..., :m, :]
     Q = Q if mode == "complete" else Q[..., :, :m]
-    # |R_jj| / ‖R_:j‖ is the sine of the angle between row j of J and the span of those before: free of the rows' units
+    # |R_jj| / ‖R_:j‖ is the sine of the angle between row j of J and the span of those before: free
+    # of the rows' units
     diagonal, size = np.diagonal(R, axis1=-2, axis2=-1), np.linalg.norm(R, axis=-2)
     lost = ~(np.abs(diagonal) > RANK_TOLERANCE * size).all(axis=-1)
     if np.any(lost):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, stacks
+from ..arguments import Array, as_matrices
 from ..errors import InputError
 from .inverses import row_factor
 
@@ -13,9 +13,9 @@ from .inverses import row_factor
 def nullspace(J: ArrayLike) -> Array:
     """Span the null space of J by an orthonormal basis N: ``J N = 0``, ``Nᵀ N = I``.
 
-    The last r columns of Q in the complete factorisation ``Jᵀ = Q R``. The basis is not smooth in q: signs
-    and rotations jump from point to point. :func:`align` it before differentiating or comparing, or use
-    :func:`null_vector`.
+    The last r columns of Q in the complete factorisation ``Jᵀ = Q R``. The basis is not smooth in
+    q: signs and rotations jump from point to point. :func:`align` it before differentiating or
+    comparing, or use :func:`null_vector`.
 
     Parameters
     ----------
@@ -38,8 +38,8 @@ def nullspace(J: ArrayLike) -> Array:
 def null_vector(J: ArrayLike) -> Array:
     """Evaluate the null vector that is smooth in q, for r = 1: the generalized cross product.
 
-    ``n_i = (−1)^i det(J without column i)``, i counted from 0; not normalised. These are (12), (18) and
-    √2 times (41). ``‖n‖² = det(J Jᵀ)``, so it vanishes where J loses rank.
+    ``n_i = (−1)^i det(J without column i)``, i counted from 0; not normalised. These are (12), (18)
+    and √2 times (41). ``‖n‖² = det(J Jᵀ)``, so it vanishes where J loses rank.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def null_vector(J: ArrayLike) -> Array:
     -------
     (..., m + 1) array
     """
-    (J,) = stacks(("J", J, "m n"))
+    (J,) = as_matrices(("J", J, "m n"))
     m, n = J.shape[-2:]
     if n != m + 1:
         raise InputError(f"the cross product needs one column more than rows; J is {m} × {n}")
@@ -72,6 +72,6 @@ def align(N: ArrayLike, reference: ArrayLike) -> Array:
     -------
     (..., n, r) array
     """
-    N, reference = stacks(("N", N, "n r"), ("reference", reference, "n r"))
+    N, reference = as_matrices(("N", N, "n r"), ("reference", reference, "n r"))
     U, _, Vt = np.linalg.svd(np.swapaxes(N, -1, -2) @ reference)
     return N @ U @ Vt

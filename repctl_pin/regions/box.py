@@ -1,4 +1,5 @@
-"""What a region Ω offers, a box in joint space, and the quadrature every region shares: Sobol points, densities."""
+"""What a region Ω offers, a box in joint space, and the quadrature every region shares: Sobol
+points, densities."""
 
 from __future__ import annotations
 
@@ -9,11 +10,23 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import MOST_NODES, Array, freeze, function, limits, positive, rows, spread, vector, whole
+from ..arguments import (
+    MOST_NODES,
+    Array,
+    as_configurations,
+    as_int,
+    freeze,
+    function,
+    limits,
+    per_joint,
+    positive,
+    vector,
+)
 from ..errors import InputError
 
 Density = Callable[[Array], ArrayLike]
-"""A weight for every row of Q (K, n): (K,) numbers from 0 up. Where it is larger, closeness matters more."""
+"""A weight for every row of Q (K, n): (K,) numbers from 0 up. Where it is larger, closeness matters
+more."""
 
 
 @runtime_checkable
@@ -38,7 +51,8 @@ class Region(Protocol):
         """What each of the points of :meth:`random` counts for: (K,), sum 1."""
 
     def ratio(self, Q: Array) -> Array:
-        """Factor by which the region would have to be scaled for each row of Q to lie on its boundary: (K,).
+        """Factor by which the region would have to be scaled for each row of Q to lie on its
+        boundary: (K,).
 
         Above 1 is outside.
         """
@@ -83,9 +97,11 @@ class Box:
     half_width: Array
     density: Density | None = None
 
-    def __init__(self, center: ArrayLike, half_width: ArrayLike, *, density: Density | None = None) -> None:
+    def __init__(
+        self, center: ArrayLike, half_width: ArrayLike, *, density: Density | None = None
+    ) -> None:
         middle = vector(center, None, "the center of a box")
-        half = spread(half_width, len(middle), "the half-widths of a box", finite=True)
+        half = per_joint(half_width, len(middle), "the half-widths of a box", finite=True)
         check_density(density)
         freeze(self, center=middle, half_width=half, density=density)
 
@@ -126,12 +142,18 @@ class Box:
         if self.n > 3:
             Q = self.random(count, seed)
             return Q, self.weights(Q)
-        count = whole(count, "the number of nodes", 1, MOST_NODES)
-        x, w = np.polynomial.legendre.leggauss(max(2, int(np.ceil(round(count ** (1 / self.n), 9)))))
+        count = as_int(count, "the number of nodes", 1, MOST_NODES)
+        x, w = np.polynomial.legendre.leggauss(
+            max(2, int(np.ceil(round(count ** (1 / self.n), 9))))
+        )
         grid = np.stack(np.meshgrid(*[x] * self.n, indexing="ij"), -1).reshape(-1, self.n)
-        weights = np.prod(np.stack(np.meshgrid(*[w / 2] * self.n, indexing="ij"), -1).reshape(-1, self.n), axis=1)
+        weights = np.prod(
+            np.stack(np.meshgrid(*[w / 2] * self.n, indexing="ij"), -1).reshape(-1, self.n), axis=1
+        )
         Q = self.center + self.half_width * grid
-        return Q, weights if self.density is None else normalised(weights * evaluate_density(self.density, Q))
+        return Q, weights if self.density is None else normalised(
+            weights * evaluate_density(self.density, Q)
+        )
 
     def random(self, count: int, seed: int) -> Array:
         """Scrambled Sobol points (K, n), K the power of two from count up."""
@@ -139,14 +161,17 @@ class Box:
 
     def weights(self, Q: Array) -> Array:
         """What each of the points of :meth:`random` counts for: (K,), sum 1."""
-        return normalised(evaluate_density(self.density, rows(Q, self.n, "this box")))
+        return normalised(evaluate_density(self.density, as_configurations(Q, self.n, "this box")))
 
     def ratio(self, Q: ArrayLike) -> Array:
-        """Factor by which the region would have to be scaled for each row of Q to lie on its boundary: (K,).
+        """Factor by which the region would have to be scaled for each row of Q to lie on its
+        boundary: (K,).
 
         Above 1 is outside.
         """
-        return (np.abs(rows(Q, self.n, "this box") - self.center) / self.half_width).max(-1)
+        return (
+            np.abs(as_configurations(Q, self.n, "this box") - self.center) / self.half_width
+        ).max(-1)
 
     def contains(self, Q: ArrayLike) -> NDArray[np.bool_]:
         """Say which rows of Q (K, n) lie inside."""
@@ -154,16 +179,20 @@ class Box:
 
     def clip(self, Q: ArrayLike) -> Array:
         """Move points that have left the box back to its faces: (K, n)."""
-        return np.clip(rows(Q, self.n, "this box"), self.lower, self.upper)
+        return np.clip(as_configurations(Q, self.n, "this box"), self.lower, self.upper)
 
     def shrunk(self, factor: float) -> Box:
         """Make the box of the same center and a fraction of the width."""
-        return Box(self.center, self.half_width * positive(factor, "the factor"), density=self.density)
+        return Box(
+            self.center, self.half_width * positive(factor, "the factor"), density=self.density
+        )
 
     def inside(self, lower: ArrayLike, upper: ArrayLike) -> Box:
         """Cut the box to what lies inside limits, such as ``task.lower`` and ``task.upper``."""
         low, high = (limits(values, self.n, "the limits of this box") for values in (lower, upper))
-        return Box.between(np.maximum(self.lower, low), np.minimum(self.upper, high), density=self.density)
+        return Box.between(
+            np.maximum(self.lower, low), np.minimum(self.upper, high), density=self.density
+        )
 
     def __str__(self) -> str:
         centre = ", ".join(f"{c:.3g}" for c in self.center)
@@ -177,7 +206,7 @@ def span(widths: Array, sign: str = "") -> str:
 
 def sobol(n: int, count: int, seed: int) -> Array:
     """Scrambled Sobol points in the unit cube: (K, n), K the power of two from count up."""
-    count, seed = whole(count, "the number of nodes", 1, MOST_NODES), whole(seed, "seed")
+    count, seed = as_int(count, "the number of nodes", 1, MOST_NODES), as_int(seed, "seed")
     from scipy.stats import qmc  # slow to import
 
     return qmc.Sobol(n, scramble=True, rng=seed).random_base2(int(np.ceil(np.log2(max(count, 2)))))
@@ -196,9 +225,13 @@ def evaluate_density(density: Density | None, Q: Array) -> Array:
     try:
         values: Any = np.asarray(density(Q), float)
     except (TypeError, ValueError) as error:
-        raise InputError(f"the density must be a function of Q (K, n) that gives (K,) numbers: {error}") from error
+        raise InputError(
+            f"the density must be a function of Q (K, n) that gives (K,) numbers: {error}"
+        ) from error
     if values.shape != (len(Q),):
-        raise InputError(f"the density must give one number a row of Q, ({len(Q)},), not {values.shape}")
+        raise InputError(
+            f"the density must give one number a row of Q, ({len(Q)},), not {values.shape}"
+        )
     if not (np.isfinite(values).all() and (values >= 0).all()):
         raise InputError("the density must be finite and 0 or more everywhere in the region")
     return values

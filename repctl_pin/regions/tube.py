@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import KDTree
 
-from ..arguments import Array, freeze, positive, rows, spread, stacks
+from ..arguments import Array, as_configurations, as_matrices, freeze, per_joint, positive
 from .box import Box, Density, check_density, evaluate_density, normalised, sobol, span
 
 _MOST_SAMPLES = 256
@@ -19,13 +19,14 @@ _MOST_SAMPLES = 256
 class Tube:
     """All q within ``|q_i − s_i| ≤ radius_i`` of a joint sample s: a box drawn along a motion.
 
-    The mean over a tube is the average, over its samples, of the mean over each one's box, so places
-    where the motion lingers count more. Nodes are scrambled Sobol points for any n.
+    The mean over a tube is the average, over its samples, of the mean over each one's box, so
+    places where the motion lingers count more. Nodes are scrambled Sobol points for any n.
 
     Parameters
     ----------
     samples : (S, n) array
-        Configurations along a motion, rad or m; thinned to 256. Space them more closely than the radius.
+        Configurations along a motion, rad or m; thinned to 256. Space them more closely than the
+        radius.
     radius : float or (n,) array
         rad (m for sliding joints): the same for every joint, or one per joint.
     density : function, optional
@@ -47,9 +48,11 @@ class Tube:
     radius: Array
     density: Density | None = None
 
-    def __init__(self, samples: ArrayLike, radius: ArrayLike, *, density: Density | None = None) -> None:
-        (Q,) = stacks(("the samples of a tube", samples, "S n"), exact=True)
-        wide = spread(radius, Q.shape[1], "the radius of a tube", finite=True)
+    def __init__(
+        self, samples: ArrayLike, radius: ArrayLike, *, density: Density | None = None
+    ) -> None:
+        (Q,) = as_matrices(("the samples of a tube", samples, "S n"), exact=True)
+        wide = per_joint(radius, Q.shape[1], "the radius of a tube", finite=True)
         check_density(density)
         Q = Q[np.linspace(0, len(Q) - 1, min(len(Q), _MOST_SAMPLES)).round().astype(int)]
         freeze(self, samples=Q, radius=wide, density=density)
@@ -58,7 +61,9 @@ class Tube:
     def center(self) -> Array:
         """The sample nearest to the middle of all."""
         box = self.bounds
-        return self.samples[int(np.argmin(np.linalg.norm((self.samples - box.center) / box.half_width, axis=1)))]
+        return self.samples[
+            int(np.argmin(np.linalg.norm((self.samples - box.center) / box.half_width, axis=1)))
+        ]
 
     @property
     def bounds(self) -> Box:
@@ -78,10 +83,13 @@ class Tube:
 
     def weights(self, Q: Array) -> Array:
         """What each of the points of :meth:`random` counts for: (K,), sum 1."""
-        return normalised(evaluate_density(self.density, rows(Q, self.samples.shape[1], "this tube")))
+        return normalised(
+            evaluate_density(self.density, as_configurations(Q, self.samples.shape[1], "this tube"))
+        )
 
     def ratio(self, Q: ArrayLike) -> Array:
-        """Factor by which the region would have to be scaled for each row of Q to lie on its boundary: (K,).
+        """Factor by which the region would have to be scaled for each row of Q to lie on its
+        boundary: (K,).
 
         Above 1 is outside.
         """
@@ -98,11 +106,15 @@ class Tube:
 
     def shrunk(self, factor: float) -> Tube:
         """Make the tube round the same samples with a fraction of the radius."""
-        return Tube(self.samples, self.radius * positive(factor, "the factor"), density=self.density)
+        return Tube(
+            self.samples, self.radius * positive(factor, "the factor"), density=self.density
+        )
 
     def _nearest(self, Q: ArrayLike) -> tuple[NDArray[np.intp], Array]:
         """Find each point's nearest sample, and how far it is in units of the radius."""
-        distance, which = self._tree.query(rows(Q, self.samples.shape[1], "this tube") / self.radius, p=np.inf)
+        distance, which = self._tree.query(
+            as_configurations(Q, self.samples.shape[1], "this tube") / self.radius, p=np.inf
+        )
         return which, distance
 
     @cached_property

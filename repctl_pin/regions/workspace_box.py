@@ -1,4 +1,5 @@
-"""A region of the workspace, with all the configurations that reach it: the paper's alternative to a box of joints."""
+"""A region of the workspace, with all the configurations that reach it: the paper's alternative to
+a box of joints."""
 
 from __future__ import annotations
 
@@ -7,7 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import MOST_NODES, Array, freeze, positive, rows, spread, vector, wanted, whole
+from ..arguments import (
+    MOST_NODES,
+    Array,
+    as_configurations,
+    as_int,
+    freeze,
+    per_joint,
+    positive,
+    require_type,
+    vector,
+)
 from ..errors import InputError
 from ..robot.task import Task, own_task
 from .box import Box, Density, check_density, evaluate_density, normalised, span
@@ -17,18 +28,19 @@ _MOST_DRAWS = 2**18
 
 @dataclass(frozen=True)
 class WorkspaceBox:
-    """All q of a box of joints whose frame lies in a box of the workspace, ``|p_i − center_i| ≤ half_width_i``.
+    """All q of a box of joints whose frame lies in a box of the workspace, ``|p_i − center_i| ≤
+    half_width_i``.
 
-    The mean is over the workspace *and* the self-motions that reach each of its points. By the coarea
-    formula, ``∫∫ … dσ dx = ∫ … √det(J Jᵀ) dq``, so each q has the weight ``√det(J Jᵀ)``.
+    The mean is over the workspace *and* the self-motions that reach each of its points. By the
+    coarea formula, ``∫∫ … dσ dx = ∫ … √det(J Jᵀ) dq``, so each q has the weight ``√det(J Jᵀ)``.
 
     Parameters
     ----------
     task
         The task; the box bounds its frame's position, m.
     position, half_width : (3,) arrays
-        The box, in m in the base frame; two numbers for the tasks ``xy``, ``xz``, ``yz``. One half-width
-        serves all axes.
+        The box, in m in the base frame; two numbers for the tasks ``xy``, ``xz``, ``yz``. One
+        half-width serves all axes.
     within : Box
         A box of joints: it selects among the arm's postures.
     density : function, optional
@@ -37,8 +49,8 @@ class WorkspaceBox:
     Raises
     ------
     InputError
-        If sizes do not fit the task, a half-width is not positive, or no configuration of ``within``
-        reaches the box.
+        If sizes do not fit the task, a half-width is not positive, or no configuration of
+        ``within`` reaches the box.
 
     Examples
     --------
@@ -54,13 +66,25 @@ class WorkspaceBox:
     density: Density | None = None
 
     def __init__(
-        self, task: Task, position: ArrayLike, half_width: ArrayLike, *, within: Box, density: Density | None = None
+        self,
+        task: Task,
+        position: ArrayLike,
+        half_width: ArrayLike,
+        *,
+        within: Box,
+        density: Density | None = None,
     ) -> None:
         task = own_task(task)
         axes = [row for row in task.rows if row < 3]
-        wanted(within, Box, "within", "a box of the joints, such as rp.Box(q0, 0.5)")
+        require_type(within, Box, "within", "a box of the joints, such as rp.Box(q0, 0.5)")
         middle = vector(position, len(axes), "the center of a workspace box", "m")
-        half = spread(half_width, len(axes), "the half-widths of a workspace box", "one an axis, m", finite=True)
+        half = per_joint(
+            half_width,
+            len(axes),
+            "the half-widths of a workspace box",
+            "one an axis, m",
+            finite=True,
+        )
         check_density(density)
         if within.n != task.n:
             raise InputError(f"within= has {within.n} joints, but the task has {task.n}")
@@ -89,13 +113,14 @@ class WorkspaceBox:
 
     def weights(self, Q: Array) -> Array:
         """``√det(J Jᵀ)``, scaled to sum 1: (K,)."""
-        Q = rows(Q, self.task.n, "this box")
+        Q = as_configurations(Q, self.task.n, "this box")
         J = self.task.jacobians(Q)
         volume = np.sqrt(np.maximum(np.linalg.det(J @ np.swapaxes(J, -1, -2)), 0.0))
         return normalised(volume * evaluate_density(self.density, Q))
 
     def ratio(self, Q: ArrayLike) -> Array:
-        """Factor by which the region would have to be scaled for each row of Q to lie on its boundary: (K,).
+        """Factor by which the region would have to be scaled for each row of Q to lie on its
+        boundary: (K,).
 
         Above 1 is outside.
         """
@@ -115,12 +140,16 @@ class WorkspaceBox:
         """Shrink both boxes, of joints and of the workspace."""
         factor = positive(factor, "the factor")
         return WorkspaceBox(
-            self.task, self.position, self.half_width * factor, within=self.within.shrunk(factor), density=self.density
+            self.task,
+            self.position,
+            self.half_width * factor,
+            within=self.within.shrunk(factor),
+            density=self.density,
         )
 
     def _draw(self, count: int, seed: int) -> Array:
         """Draw points of ``within`` until enough of them reach the box."""
-        count, seed = whole(count, "the number of nodes", 1, MOST_NODES), whole(seed, "seed")
+        count, seed = as_int(count, "the number of nodes", 1, MOST_NODES), as_int(seed, "seed")
         found: list[Array] = []
         size, drawn, part = max(1024, count), 0, 0
         while sum(map(len, found)) < count:

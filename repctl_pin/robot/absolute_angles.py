@@ -6,14 +6,14 @@ import numpy as np
 
 from ..arguments import Array
 from ..errors import InputError
-from .task import Task, wanted_task
+from .task import Task, require_task
 
 
 def absolute_angles(task: Task) -> Array:
     """Make the T of q = T ψ with ψ the absolute angles of a planar arm's links.
 
-    ``ψ_i = q_1 + … + q_i`` over the revolute joints up to the i-th (a joint whose axis points the other way
-    counts negative), prismatic joints unchanged; so ``q_i = ψ_i − ψ_(i−1)``.
+    ``ψ_i = q_1 + … + q_i`` over the revolute joints up to the i-th (a joint whose axis points the
+    other way counts negative), prismatic joints unchanged; so ``q_i = ψ_i − ψ_(i−1)``.
 
     Parameters
     ----------
@@ -40,10 +40,14 @@ def absolute_angles(task: Task) -> Array:
     >>> np.allclose(links.placement(psi).translation, task.placement(q0).translation)
     True
     """
-    if wanted_task(task).coordinates is not None:
-        raise InputError("this task is in joint coordinates already; take the absolute angles of the original task")
+    if require_task(task).coordinates is not None:
+        raise InputError(
+            "this task is in joint coordinates already; take the absolute angles of the original task"
+        )
     if task.drive is not None:
-        raise InputError("absolute angles need joints that move by themselves, but in this chain some mimic others")
+        raise InputError(
+            "absolute angles need joints that move by themselves, but in this chain some mimic others"
+        )
     turning = np.flatnonzero(task.revolute)
     axes = task.axes(task.reference)[turning]  # (revolute joints, 3)
     signs = axes @ axes[0] if len(axes) else np.zeros(0)

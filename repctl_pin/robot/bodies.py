@@ -9,8 +9,8 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import Array, rows, vector, wanted
-from ..urdf.gate import MAX_SHAPES
+from ..arguments import Array, as_configurations, require_type, vector
+from ..urdf.validate import MAX_SHAPES
 from .collision_model import Pair, collision_model
 from .task import Task
 
@@ -38,17 +38,19 @@ class Nearest:
 
 
 class Bodies:
-    """The collision bodies of a robot and of its surroundings, and the pairs that a task's joints move.
+    """The collision bodies of a robot and of its surroundings, and the pairs that a task's joints
+    move.
 
-    A mesh of the robot is replaced by its convex hull, so no distance is larger than that of the mesh; if hulls
-    overlap but the bodies do not touch, it is 0. A body inside a mesh touches it. A mesh of the surroundings
-    (``rp.Robot.load(…, surroundings=)``) counts as it is, so an arm may move inside a room; where it is closed, it is
-    solid on the inner side of its faces.
+    A mesh of the robot is replaced by its convex hull, so no distance is larger than that of the
+    mesh; if hulls overlap but the bodies do not touch, it is 0. A body inside a mesh touches it. A
+    mesh of the surroundings (``rp.Robot.load(…, surroundings=)``) counts as it is, so an arm may
+    move inside a room; where it is closed, it is solid on the inner side of its faces.
 
-    Only contact counts, and no distance, between the robot's own bodies that its SRDF rules out, that only one joint
-    moves against each other, or whose hulls overlap at every configuration tried. Left out are links that a joint
-    connects; of the pairs of the first two kinds, those that touch at the reference pose or at a quarter of the
-    configurations tried; and pairs that touch at every one.
+    Only contact counts, and no distance, between the robot's own bodies that its SRDF rules out,
+    that only one joint moves against each other, or whose hulls overlap at every configuration
+    tried. Left out are links that a joint connects; of the pairs of the first two kinds, those that
+    touch at the reference pose or at a quarter of the configurations tried; and pairs that touch at
+    every one.
 
     Bodies of the same files and joints are made once. Threads may share them.
 
@@ -64,22 +66,25 @@ class Bodies:
     only_contact : tuple of (str, str)
         Links between which only contact counts.
     adjacent : tuple of (str, str)
-        Pairs left out because a joint connects them, or because only one joint moves them against each other and
-        they touch at the reference pose, or often.
+        Pairs left out because a joint connects them, or because only one joint moves them against
+        each other and they touch at the reference pose, or often.
     disabled : tuple of (str, str)
-        Pairs left out because the SRDF rules them out and they touch at the reference pose, or often.
+        Pairs left out because the SRDF rules them out and they touch at the reference pose, or
+        often.
     touching : tuple of (str, str)
         Pairs left out because they touch at every configuration tried.
     missing : tuple of str
-        Meshes of the robot, as the URDF writes them, and other shapes that cannot be measured: a mesh that was not
-        found, a shape without a size. Those links have no body.
+        Meshes of the robot, as the URDF writes them, and other shapes that cannot be measured: a
+        mesh that was not found, a shape without a size. Those links have no body.
     standing : frozenset of str
-        Links of the surroundings; if the robot has a link of the same name, it is called ``surroundings/name``.
+        Links of the surroundings; if the robot has a link of the same name, it is called
+        ``surroundings/name``.
 
     Raises
     ------
     InputError
-        If what is given is not a task, a shape of the surroundings cannot be measured, or there are too many pairs.
+        If what is given is not a task, a shape of the surroundings cannot be measured, or there are
+        too many pairs.
 
     Examples
     --------
@@ -91,7 +96,9 @@ class Bodies:
     """
 
     def __init__(self, task: Task) -> None:
-        self.task = wanted(task, Task, "task", "a task, such as rp.Robot.load('panda').task()")
+        self.task = require_type(
+            task, Task, "task", "a task, such as rp.Robot.load('panda').task()"
+        )
         _, self._drive = task.bodies_model()
         model = self._model = collision_model(task)
         self.pairs, self.only_contact = model.measured, model.only_contact
@@ -117,20 +124,30 @@ class Bodies:
             more = f" (and {len(unusable) - 1} more like it)" if len(unusable) > 1 else ""
             notes.append(f"collisions of {link} are not detected: {why}{more}")
         elif not self.task.robot.description.collisions:
-            notes.append("the URDF has no collision geometry, so collisions of the robot are not detected")
+            notes.append(
+                "the URDF has no collision geometry, so collisions of the robot are not detected"
+            )
         around = self.task.robot.surroundings
         if around is not None and len(around.collisions) > MAX_SHAPES:
             count = len(around.collisions)
-            notes.append(f"{count} shapes of the surroundings: all are measured, the first {MAX_SHAPES} are drawn")
+            notes.append(
+                f"{count} shapes of the surroundings: all are measured, the first {MAX_SHAPES} are drawn"
+            )
         overlap = [pair for pair in self.touching if self.standing & {*pair}]
         if overlap:
-            notes.append(f"{_listed(overlap)} overlap at every sampled configuration; they are not checked")
+            notes.append(
+                f"{_listed(overlap)} overlap at every sampled configuration; they are not checked"
+            )
         inside = [pair for pair in self.touching if not self.standing & {*pair}]
         if inside:
-            notes.append(f"{_listed(inside)} overlap at every sampled configuration; they are not checked")
+            notes.append(
+                f"{_listed(inside)} overlap at every sampled configuration; they are not checked"
+            )
         if self.disabled:
             which = _listed([*self.disabled])
-            notes.append(f"{which} overlap in ordinary poses, and the SRDF rules them out; they are not checked")
+            notes.append(
+                f"{which} overlap in ordinary poses, and the SRDF rules them out; they are not checked"
+            )
         return notes
 
     def nearest(self, q: ArrayLike) -> Nearest:
@@ -140,19 +157,20 @@ class Bodies:
         return Nearest(float(distances[0]), links)
 
     def distances(self, Q: ArrayLike) -> Array:
-        """Measure the smallest distance between bodies at every row of Q (K, n): (K,), m; below 0 they touch."""
+        """Measure the smallest distance between bodies at every row of Q (K, n): (K,), m; below 0
+        they touch."""
         return self._all(Q)[0]
 
     def hull_distances(self, Q: ArrayLike) -> Array:
         """Measure the smallest distance between convex hulls at every row of Q (K, n): (K,), m.
 
-        Below 0 it is how deep the hulls overlap, whether or not the bodies touch: its slope says what moves them apart.
-        """
+        Below 0 it is how deep the hulls overlap, whether or not the bodies touch: its slope says
+        what moves them apart."""
         return self._all(Q, hulls=True)[0]
 
     def _all(self, Q: ArrayLike, *, hulls: bool = False) -> tuple[Array, NDArray[np.intp]]:
         """Least distance and its pair at every row of Q: (K,), (K,)."""
-        Q = rows(Q, self.task.n, repr(self.task))
+        Q = as_configurations(Q, self.task.n, repr(self.task))
         return self._model.least(Q if self._drive is None else self._drive.joints(Q), hulls=hulls)
 
 

@@ -1,4 +1,5 @@
-"""How near two bodies can be at least: a bound from below that costs little, for all pairs at many configurations."""
+"""How near two bodies can be at least: a bound from below that costs little, for all pairs at many
+configurations."""
 
 from __future__ import annotations
 
@@ -21,8 +22,8 @@ class JointPlacements:
 
     .. math:: R_j = P_j (1 + \sin q \, [u] + (1 - \cos q) \, [u]^2),
 
-    one that slides moves by q u. Pinocchio places one configuration in a microsecond, but each placement that is read
-    from Python costs two.
+    one that slides moves by q u. Pinocchio places one configuration in a microsecond, but each
+    placement that is read from Python costs two.
 
     Parameters
     ----------
@@ -34,8 +35,12 @@ class JointPlacements:
         data, self._parents = model.createData(), [int(parent) for parent in model.parents]
         here = model.jointPlacements
         pin.forwardKinematics(model, data, np.ones(model.nq))
-        moved = [pin.log6(place.actInv(now)).vector for place, now in zip(here, data.liMi, strict=True)]
-        self._slides = np.array([twist[:3] for twist in moved])  # q u, at q = 1; 0 where a joint turns
+        moved = [
+            pin.log6(place.actInv(now)).vector for place, now in zip(here, data.liMi, strict=True)
+        ]
+        self._slides = np.array(
+            [twist[:3] for twist in moved]
+        )  # q u, at q = 1; 0 where a joint turns
         crosses = [pin.skew(twist[3:]) for twist in moved]
         self._fixed = np.array([place.homogeneous for place in here])
         P = self._fixed[:, :3, :3]
@@ -43,7 +48,8 @@ class JointPlacements:
         self._cos = self._sin @ np.array(crosses)
 
     def __call__(self, Q: Array) -> tuple[Array, Array]:
-        """Place the joints at every row of Q (K, N): rotations (K, N + 1, 3, 3) and origins (K, N + 1, 3), m."""
+        """Place the joints at every row of Q (K, N): rotations (K, N + 1, 3, 3) and origins (K, N +
+        1, 3), m."""
         K, N = Q.shape
         R, p = np.empty((K, N + 1, 3, 3)), np.zeros((K, N + 1, 3))
         R[:, 0] = np.eye(3)
@@ -64,11 +70,13 @@ _TELLING = 1e-6
 class BodyBounds:
     """Bounds the distances of pairs of convex bodies from below, by balls and boxes round them.
 
-    With c the centres of two bodies and u = (c_a − c_b) / |c_a − c_b|, no two points of theirs are nearer than
+    With c the centres of two bodies and u = (c_a − c_b) / |c_a − c_b|, no two points of theirs are
+    nearer than
 
         |c_a − c_b| − h_a(u) − h_b(u),
 
-    where h(u) is how far along u the ball round a body reaches, or the box with half-widths w: Σ w_i |(Rᵀ u)_i|.
+    where h(u) is how far along u the ball round a body reaches, or the box with half-widths w: Σ
+    w_i |(Rᵀ u)_i|.
 
     Parameters
     ----------
@@ -111,7 +119,8 @@ class BodyBounds:
         return len(self._rows) * len(self._columns)
 
     def __call__(self, Q: Array) -> Array:
-        """Bound every pair at the model's joints Q (K, N): (K, P), m; by boxes only where balls leave it near."""
+        """Bound every pair at the model's joints Q (K, N): (K, P), m; by boxes only where balls
+        leave it near."""
         R, p = self._joints(Q)
         centers = np.einsum("kbij,bj->kbi", R[:, self._joint], self._centers) + p[:, self._joint]
         squares = np.einsum("kbi,kbi->kb", centers, centers)
@@ -129,7 +138,8 @@ class BodyBounds:
         return bounds
 
     def _extent(self, R: Array, k: Index, body: Index, u: Array) -> Array:
-        """How far bodies (M,) at configurations k (M,) reach at most from their centres along u (M, 3), m."""
+        """How far bodies (M,) at configurations k (M,) reach at most from their centres along u (M,
+        3), m."""
         local = np.einsum("mij,mi->mj", R[k, self._joint[body]], u)
         box = np.abs(np.einsum("mij,mi->mj", self._turns[body], local))
         return np.minimum(self._radii[body], np.einsum("mi,mi->m", box, self._half[body]))

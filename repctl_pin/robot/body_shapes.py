@@ -1,4 +1,5 @@
-"""Collision bodies as the distance library takes them: primitives, and meshes with their convex hulls."""
+"""Collision bodies as the distance library takes them: primitives, and meshes with their convex
+hulls."""
 
 from __future__ import annotations
 
@@ -15,8 +16,8 @@ from numpy.typing import NDArray
 
 from ..arguments import Array
 from ..errors import InputError, needed
-from ..urdf.gate import Description
 from ..urdf.shapes import Solid, find_mesh
+from ..urdf.validate import Description
 from .mesh_interior import MeshInterior, MeshParts, mesh_parts
 from .model import link_frames
 
@@ -48,7 +49,8 @@ class BodyShape:
     points, faces
         Vertices (V, 3), m, and triangles (F, 3) of a mesh that is not convex; else None.
     standing
-        Whether it is of the surroundings: a mesh with gaps, such as a room without a ceiling, then has no inside.
+        Whether it is of the surroundings: a mesh with gaps, such as a room without a ceiling, then
+        has no inside.
     """
 
     hull: coal.CollisionGeometry
@@ -86,14 +88,19 @@ class BodyShape:
 
     @cached_property
     def interior(self) -> MeshInterior | None:
-        """The inside of a mesh; None where the distance library knows it, and where there is none."""
+        """The inside of a mesh; None where the distance library knows it, and where there is
+        none."""
         if self._parts is None or (self.standing and not self._parts.closed.any()):
             return None
         return MeshInterior(self._parts, gaps=not self.standing)
 
     @cached_property
     def _parts(self) -> MeshParts | None:
-        return None if self.points is None or self.faces is None else mesh_parts(self.points, self.faces)
+        return (
+            None
+            if self.points is None or self.faces is None
+            else mesh_parts(self.points, self.faces)
+        )
 
     @property
     def _center(self) -> Array:
@@ -104,7 +111,9 @@ class BodyShape:
         return self.interior is not None and self.interior.holds(points)
 
 
-def body_shape(solid: Solid, urdf: Path, package_dirs: tuple[str, ...], *, standing: bool = False) -> BodyShape:
+def body_shape(
+    solid: Solid, urdf: Path, package_dirs: tuple[str, ...], *, standing: bool = False
+) -> BodyShape:
     """Make a body.
 
     Raises
@@ -132,10 +141,19 @@ def _primitive(solid: Solid) -> BodyShape:
     size, allowed = solid.size, {"box": 1, "cylinder": 1, "capsule": 1}.get(solid.kind, 0)
     empty = size.count(0.0) > allowed or (solid.kind in ("cylinder", "capsule") and size[0] == 0)
     if empty:
-        raise UnusableShape(f"the {solid.kind} {solid.name!r} has no size; give it one, or delete it")
+        raise UnusableShape(
+            f"the {solid.kind} {solid.name!r} has no size; give it one, or delete it"
+        )
     if max(size) > _LARGEST:
-        raise UnusableShape(f"the {solid.kind} {solid.name!r} is {_too_large(max(size))}; correct its size")
-    kinds = {"box": coal.Box, "sphere": coal.Sphere, "cylinder": coal.Cylinder, "capsule": coal.Capsule}
+        raise UnusableShape(
+            f"the {solid.kind} {solid.name!r} is {_too_large(max(size))}; correct its size"
+        )
+    kinds = {
+        "box": coal.Box,
+        "sphere": coal.Sphere,
+        "cylinder": coal.Cylinder,
+        "capsule": coal.Capsule,
+    }
     hull = kinds[solid.kind](*size)
     hull.computeLocalAABB()
     return BodyShape(hull)
@@ -153,7 +171,9 @@ def meet(one: BodyShape, here: coal.Transform3s, other: BodyShape, there: coal.T
     return holds(one, here, other, there) or holds(other, there, one, here)
 
 
-def holds(outer: BodyShape, here: coal.Transform3s, inner: BodyShape, there: coal.Transform3s) -> bool:
+def holds(
+    outer: BodyShape, here: coal.Transform3s, inner: BodyShape, there: coal.Transform3s
+) -> bool:
     """Say whether a mesh has a part of another body inside it, where their surfaces do not meet."""
     if outer.interior is None:
         return False
@@ -173,7 +193,10 @@ def origin(solid: Solid) -> pin.SE3:
 
 def fixed_placements(description: Description) -> dict[str, pin.SE3]:
     """Place every link of something that does not move, measured from its root."""
-    return {name: frame.placement for name, frame in link_frames(pin.buildModelFromXML(description.xml)).items()}
+    return {
+        name: frame.placement
+        for name, frame in link_frames(pin.buildModelFromXML(description.xml)).items()
+    }
 
 
 @lru_cache(maxsize=256)
@@ -182,7 +205,9 @@ def _from_mesh(path: Path, scale: tuple[float, ...], changed: int, standing: boo
     vertices, faces = _read_mesh(path, scale)
     size = float(np.ptp(vertices, axis=0).max())
     if not size <= _LARGEST:
-        raise UnusableShape(f"is {_too_large(size)}; correct its scale, {scale[0]:g} {scale[1]:g} {scale[2]:g}")
+        raise UnusableShape(
+            f"is {_too_large(size)}; correct its scale, {scale[0]:g} {scale[1]:g} {scale[2]:g}"
+        )
     if size == 0:
         raise UnusableShape("has no size; correct the file, or its scale")
     if np.prod(scale) < 0:
@@ -203,17 +228,23 @@ def _read_mesh(path: Path, scale: tuple[float, ...]) -> tuple[Array, NDArray[np.
 
     size = path.stat().st_size
     if size > _LARGEST_FILE:
-        raise UnusableShape(f"is a file of {size / 1e6:.0f} MB, and no more than {_LARGEST_FILE / 1e6:.0f} MB are read")
+        raise UnusableShape(
+            f"is a file of {size / 1e6:.0f} MB, and no more than {_LARGEST_FILE / 1e6:.0f} MB are read"
+        )
     try:
         mesh = trimesh.load(path, force="mesh", process=False)
         vertices, faces = np.asarray(mesh.vertices, float) * scale, np.asarray(mesh.faces, np.intp)
     except Exception as error:  # a stranger's file, read by a dozen libraries: whatever they raise
         raise UnusableShape("cannot be read; export it again, as STL for example") from error
     if faces.ndim != 2 or not len(faces):
-        raise UnusableShape("holds no triangles that can be read; export it again, as STL for example")
+        raise UnusableShape(
+            "holds no triangles that can be read; export it again, as STL for example"
+        )
     used = np.unique(faces)
     if used[0] < 0 or used[-1] >= len(vertices) or not np.isfinite(vertices[used]).all():
-        raise UnusableShape("cannot be read: a vertex is not a finite number or is missing; export it again")
+        raise UnusableShape(
+            "cannot be read: a vertex is not a finite number or is missing; export it again"
+        )
     if len(used) < len(vertices):
         vertices, faces = vertices[used], np.searchsorted(used, faces)
     return vertices, faces
@@ -244,7 +275,8 @@ def _is_convex(points: Array, faces: NDArray[np.intp], hull: Any) -> bool:
 
 
 def _hull(points: Array) -> tuple[coal.CollisionGeometry, bool]:
-    """Wrap the corners of a convex body; where one has more neighbours than coal takes, 255, on a coarser grid.
+    """Wrap the corners of a convex body; where one has more neighbours than coal takes, 255, on a
+    coarser grid.
 
     The second value says whether it is coarser.
     """
@@ -264,7 +296,8 @@ def _hull(points: Array) -> tuple[coal.CollisionGeometry, bool]:
 
 
 def _thickened(points: Array) -> Array:
-    """Give a flat body a thickness, 0.2 mm: the distance library crashes on a hull without volume."""
+    """Give a flat body a thickness, 0.2 mm: the distance library crashes on a hull without
+    volume."""
     spread, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[1:]
     for axis in axes[spread < np.sqrt(len(points)) * _THIN]:
         points = np.concatenate([points + _THIN * axis, points - _THIN * axis])

@@ -1,4 +1,5 @@
-"""Collision model: the bodies that a chain of joints moves, the pairs that can collide, and their distances."""
+"""Collision model: the bodies that a chain of joints moves, the pairs that can collide, and their
+distances."""
 
 from __future__ import annotations
 
@@ -15,10 +16,19 @@ from numpy.typing import NDArray
 from ..arguments import Array
 from ..errors import InputError
 from ..urdf.catalogue import disabled_pairs
-from ..urdf.gate import Description
 from ..urdf.shapes import find_mesh
+from ..urdf.validate import Description
 from .body_bounds import BodyBounds
-from .body_shapes import BodyShape, UnusableShape, body_shape, fixed_placements, holds, meet, origin, transform
+from .body_shapes import (
+    BodyShape,
+    UnusableShape,
+    body_shape,
+    fixed_placements,
+    holds,
+    meet,
+    origin,
+    transform,
+)
 from .model import link_frames
 from .separation import Separation
 from .task import Task
@@ -33,7 +43,8 @@ _FREE = np.pi
 """How far, rad or m, from the reference pose they go where a joint has no limit."""
 
 _FUSED = 0.25
-"""Share of the configurations tried at which bodies touch that stand for neighbours with overlapping shapes."""
+"""Share of the configurations tried at which bodies touch that stand for neighbours with
+overlapping shapes."""
 
 _TOUCHING = 1e-12
 """Distance, m, below 0, of two bodies that touch in a point."""
@@ -55,7 +66,8 @@ _MODELS_LOCK = RLock()
 
 
 class CollisionModel:
-    """Bodies of a robot and its surroundings, and the pairs that some joints move against each other.
+    """Bodies of a robot and its surroundings, and the pairs that some joints move against each
+    other.
 
     Tasks with the same joints share it; threads may, too.
 
@@ -71,7 +83,8 @@ class CollisionModel:
     standing : frozenset of str
         Links of the surroundings.
     unusable : dict of (str, str)
-        By mesh, or by shape: the robot's link with a shape that cannot be measured, and why it cannot.
+        By mesh, or by shape: the robot's link with a shape that cannot be measured, and why it
+        cannot.
     pairs : (P, 2) array
         Bodies between which distances are measured.
     measured, only_contact, adjacent, disabled, touching : tuples of (str, str)
@@ -100,7 +113,8 @@ class CollisionModel:
         self._choose_pairs(task)
 
     def least(self, Q: Array, *, hulls: bool = False) -> tuple[Array, NDArray[np.intp]]:
-        """Find the least distance at every row of the model's joints Q (K, N), and its pair: (K,), (K,).
+        """Find the least distance at every row of the model's joints Q (K, N), and its pair: (K,),
+        (K,).
 
         Parameters
         ----------
@@ -131,7 +145,8 @@ class CollisionModel:
     # ---- distances -----------------------------------------------------------------------------
 
     def _with_bounds(self, Q: Array) -> Iterator[tuple[Array, Array]]:
-        """Go through Q (K, N), each row with the bounds (P,) of its pairs; infinite where only contact would count."""
+        """Go through Q (K, N), each row with the bounds (P,) of its pairs; infinite where only
+        contact would count."""
         size = min(_BLOCK, max(1, _MOST_BOUNDS // max(len(self.pairs), self._bounds.size)))
         for start in range(0, len(Q), size):
             block = Q[start : start + size]
@@ -140,7 +155,9 @@ class CollisionModel:
                 bounds[self._only_contact & (bounds >= 0)] = np.inf
             yield from zip(block, bounds, strict=True)
 
-    def _least(self, q: Array, bounds: Array, guess: int, measure: Callable[[int], float]) -> tuple[float, int]:
+    def _least(
+        self, q: Array, bounds: Array, guess: int, measure: Callable[[int], float]
+    ) -> tuple[float, int]:
         """Measure exactly only where the bound of two bodies is below the best pair known."""
         self._move(q)
         best, at = measure(guess), guess
@@ -159,7 +176,8 @@ class CollisionModel:
         self._transforms.clear()
 
     def _exact(self, k: int) -> float:
-        """Measure a pair; 0 where hulls overlap and the bodies do not touch, infinite where only contact counts."""
+        """Measure a pair; 0 where hulls overlap and the bodies do not touch, infinite where only
+        contact counts."""
         distance = self._apart(k)
         if distance <= 0:
             distance = min(distance, -_TOUCHING) if self._meet(k) else 0.0
@@ -170,15 +188,20 @@ class CollisionModel:
         return self._exact(k) if self._only_contact[k] else self._apart(k)
 
     def _apart(self, k: int) -> float:
-        """Measure a pair, the robot's bodies as their hulls, those of the surroundings as they are."""
+        """Measure a pair, the robot's bodies as their hulls, those of the surroundings as they
+        are."""
         if k < self._own_pairs:
             return float(pin.computeDistance(self._shapes, self._placed, k).min_distance)
         a, b = self._both[k]
         here, there, other = self._transform(a), self._transform(b), self._bodies[b]
         self._result.clear()
         hull = self._bodies[a].hull
-        distance = float(coal.distance(hull, here, other.measured, there, self._request, self._result))
-        return -distance if distance > 0 and holds(other, there, self._bodies[a], here) else distance
+        distance = float(
+            coal.distance(hull, here, other.measured, there, self._request, self._result)
+        )
+        return (
+            -distance if distance > 0 and holds(other, there, self._bodies[a], here) else distance
+        )
 
     def _meet(self, k: int) -> bool:
         """Say whether two bodies whose hulls overlap touch."""
@@ -189,14 +212,17 @@ class CollisionModel:
         return meet(one, self._transform(a), other, self._transform(b))
 
     def _full_distance(self, k: int, q: Array) -> float:
-        """Measure a pair at q (N,), as the bodies are where their hulls overlap; 0 where they touch."""
+        """Measure a pair at q (N,), as the bodies are where their hulls overlap; 0 where they
+        touch."""
         self._move(q)
         distance = self._apart(k)
         if distance > 0 or self._meet(k):
             return max(distance, 0.0)
         (a, b), result = self._both[k], coal.DistanceResult()
         one, other = self._bodies[a].exact, self._bodies[b].exact
-        return float(coal.distance(one, self._transform(a), other, self._transform(b), self._request, result))
+        return float(
+            coal.distance(one, self._transform(a), other, self._transform(b), self._request, result)
+        )
 
     def _transform(self, k: int) -> coal.Transform3s:
         """Say where a body is, for the distance library."""
@@ -252,7 +278,9 @@ class CollisionModel:
         self._measure(self.pairs[~neighbours])
 
         entry = task.robot.entry
-        ruled_out = self._are_in(disabled_pairs(entry.srdf) if entry is not None and entry.srdf is not None else set())
+        ruled_out = self._are_in(
+            disabled_pairs(entry.srdf) if entry is not None and entry.srdf is not None else set()
+        )
         near = ruled_out | self._one_joint_between()
         at_reference, share, hulls_always = self._touching(task, near)
         fused, always = near & (at_reference | (share >= _FUSED)), share == 1
@@ -267,7 +295,8 @@ class CollisionModel:
         self._measure(self.pairs[kept], only_contact[kept])
 
     def _never_touching(self, task: Task, asked: Mask) -> Mask:
-        """Say of which of the robot's own pairs asked for (P,) it is proved that they never touch."""
+        """Say of which of the robot's own pairs asked for (P,) it is proved that they never
+        touch."""
         never = np.zeros(len(self.pairs), bool)
         separation = Separation(self._model, task.robot.joints, self._shapes, self._full_distance)
         for k in np.flatnonzero(asked).tolist():
@@ -275,7 +304,8 @@ class CollisionModel:
         return never
 
     def _moving_pairs(self, path: object) -> NDArray[np.intp]:
-        """List the pairs (P, 2) of bodies that a joint moves against each other, the robot's own first."""
+        """List the pairs (P, 2) of bodies that a joint moves against each other, the robot's own
+        first."""
         joint, own = np.array(self._joint, np.intp), self._own
         moving = np.flatnonzero(joint[:own])
         counts = np.bincount(joint[:own]) if own else np.zeros(1, int)
@@ -288,24 +318,30 @@ class CollisionModel:
         a, b = np.triu_indices(own, 1)
         differ = joint[a] != joint[b]
         inner = np.stack([a[differ], b[differ]], axis=1)
-        outer = np.stack(np.meshgrid(moving, np.arange(own, len(joint)), indexing="ij"), axis=-1).reshape(-1, 2)
+        outer = np.stack(
+            np.meshgrid(moving, np.arange(own, len(joint)), indexing="ij"), axis=-1
+        ).reshape(-1, 2)
         return np.concatenate([inner, outer]).astype(np.intp)
 
     def _are_in(self, links: set[frozenset[str]]) -> Mask:
         """Say which pairs of the robot's own bodies (P,) are of the given pairs of links."""
         found = np.zeros(len(self.pairs), bool)
         if links:
-            found[: self._own_pairs] = [frozenset(self.names(k)) in links for k in range(self._own_pairs)]
+            found[: self._own_pairs] = [
+                frozenset(self.names(k)) in links for k in range(self._own_pairs)
+            ]
         return found
 
     def _one_joint_between(self) -> Mask:
-        """Say which pairs of the robot's own bodies (P,) only one joint moves against each other."""
+        """Say which pairs of the robot's own bodies (P,) only one joint moves against each
+        other."""
         parent = np.array([int(joint) for joint in self._model.parents])
         a, b = np.array(self._joint, np.intp)[self.pairs].T
         return ((parent[a] == b) | (parent[b] == a)) & (self.pairs[:, 1] < self._own)
 
     def _measure(self, pairs: NDArray[np.intp], only_contact: Mask | None = None) -> None:
-        """Set the pairs (P, 2) whose distances are measured, and those (P,) of which only contact counts."""
+        """Set the pairs (P, 2) whose distances are measured, and those (P,) of which only contact
+        counts."""
         self.pairs, self._both = pairs, [(a, b) for a, b in pairs.tolist()]
         self._only_contact = np.zeros(len(pairs), bool) if only_contact is None else only_contact
         self._some_only_contact = bool(self._only_contact.any())
@@ -329,9 +365,8 @@ class CollisionModel:
 
         Returns
         -------
-        Which touch at the reference pose, the share of configurations at which they touch, and which overlap, as
-        their hulls, at all: (P,) each.
-        """
+        Which touch at the reference pose, the share of configurations at which they touch, and
+        which overlap, as their hulls, at all: (P,) each."""
         Q = _tried(task)
         count, at_reference = np.zeros(len(self.pairs)), np.zeros(len(self.pairs), bool)
         overlaps = ~at_reference
@@ -348,8 +383,12 @@ class CollisionModel:
 
 
 def _tried(task: Task) -> Array:
-    """The reference pose and random ones inside the joints' limits, as the model's joints: (K, N)."""
-    (lower, upper, _), q0 = task.joint_limits, task.joints(task.reference)  # limits are the joints', whatever ψ
+    """The reference pose and random ones inside the joints' limits, as the model's joints: (K,
+    N)."""
+    (lower, upper, _), q0 = (
+        task.joint_limits,
+        task.joints(task.reference),
+    )  # limits are the joints', whatever ψ
     low, high = np.maximum(lower, q0 - _FREE), np.minimum(upper, q0 + _FREE)
     Q = np.vstack([q0, np.random.default_rng(0).uniform(low, high, (_SAMPLES, task.n))])
     Q = Q if task.coordinates is None else task.coordinates.coordinates(Q)
@@ -358,7 +397,8 @@ def _tried(task: Task) -> Array:
 
 
 def collision_model(task: Task) -> CollisionModel:
-    """Make the collision model of a task's joints, once for all tasks with the same robot, files and joints."""
+    """Make the collision model of a task's joints, once for all tasks with the same robot, files
+    and joints."""
     key = _key(task)
     with _MODELS_LOCK:
         if key not in _MODELS:
@@ -370,13 +410,16 @@ def collision_model(task: Task) -> CollisionModel:
 
 
 def _key(task: Task) -> Hashable:
-    """All that a collision model is made of: what the files say, the files themselves, and what stands still."""
+    """All that a collision model is made of: what the files say, the files themselves, and what
+    stands still."""
     robot = task.robot
     around, entry = robot.surroundings, robot.entry
     files = _mesh_files(robot.description, robot.package_dirs)
     files += [] if around is None else _mesh_files(around, robot.package_dirs)
     files += [] if entry is None else [entry.srdf]
-    stamps = tuple((path, path.stat().st_mtime_ns, path.stat().st_size) if path else None for path in files)
+    stamps = tuple(
+        (path, path.stat().st_mtime_ns, path.stat().st_size) if path else None for path in files
+    )
     model, _ = task.bodies_model()
     still = (robot.locked, robot.reference.tobytes(), tuple(model.names), task.robot_joints)
     return robot.description, around, robot.package_dirs, stamps, still

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import Array, stacks
+from ..arguments import Array, as_matrices
 from ..errors import InputError
 
 
@@ -17,9 +17,9 @@ class Coordinates:
 
     ``J_ψ = J T``, ``H_ψ[a, i, k] = Σ H[a, p, s] T[p, i] T[s, k]``, ``M_ψ = Tᵀ M T``.
 
-    The box of allowed q is no box of ψ. A joint whose row of T has a single entry, q_i = T_ij ψ_j, bounds
-    ψ_j exactly, and only such bounds are stated; elsewhere there is −inf, inf. :meth:`Task.check` tests
-    q = T ψ itself.
+    The box of allowed q is no box of ψ. A joint whose row of T has a single entry, q_i = T_ij ψ_j,
+    bounds ψ_j exactly, and only such bounds are stated; elsewhere there is −inf, inf.
+    :meth:`Task.check` tests q = T ψ itself.
 
     Attributes
     ----------
@@ -27,7 +27,7 @@ class Coordinates:
         T and T⁻¹.
     names : tuple of str
         A joint's own name where ψ_i = q_i, else ``ψ1``, ``ψ2``, …
-    lower, upper, velocity : (n,) arrays
+    lower, upper, velocity_limit : (n,) arrays
         The bounds on ψ and its rate that hold whatever the other ψ are.
     revolute : (n,) array of bool
         True where ψ_i turns any joint: it is counted in rad.
@@ -38,7 +38,7 @@ class Coordinates:
     names: tuple[str, ...]
     lower: Array
     upper: Array
-    velocity: Array
+    velocity_limit: Array
     revolute: NDArray[np.bool_]
 
     def joints(self, psi: Array) -> Array:
@@ -51,7 +51,12 @@ class Coordinates:
 
 
 def change_of(
-    names: tuple[str, ...], lower: Array, upper: Array, velocity: Array, revolute: NDArray[np.bool_], T: ArrayLike
+    names: tuple[str, ...],
+    lower: Array,
+    upper: Array,
+    velocity_limit: Array,
+    revolute: NDArray[np.bool_],
+    T: ArrayLike,
 ) -> Coordinates:
     """Make the change ``q = T ψ`` of n joints with these names, limits (n,) and kinds (n,).
 
@@ -61,7 +66,7 @@ def change_of(
         If T is not an invertible (n, n) matrix of finite numbers.
     """
     n = len(names)
-    matrix: Array = np.array(stacks(("T of q = T ψ", T, f"{n} {n}"), exact=True)[0])
+    matrix: Array = np.array(as_matrices(("T of q = T ψ", T, f"{n} {n}"), exact=True)[0])
     values = np.linalg.svd(matrix, compute_uv=False)
     if values[-1] <= 1e-12 * values[0]:
         raise InputError("T of q = T ψ must be invertible; its rows are dependent")
@@ -74,11 +79,13 @@ def change_of(
             continue
         j, factor = used[0], row[used[0]]
         low[j], high[j] = sorted((lower[i] / factor, upper[i] / factor))
-        fastest[j] = velocity[i] / abs(factor)
+        fastest[j] = velocity_limit[i] / abs(factor)
         if factor == 1.0 and np.count_nonzero(matrix[:, j]) == 1:
             psi[j] = names[i]
     turns = np.array([revolute[np.nonzero(column)[0]].any() for column in matrix.T])
-    change = Coordinates(matrix, np.linalg.inv(matrix).astype(float), tuple(psi), low, high, fastest, turns)
+    change = Coordinates(
+        matrix, np.linalg.inv(matrix).astype(float), tuple(psi), low, high, fastest, turns
+    )
     for array in (change.T, change.inverse, low, high, fastest, turns):
         array.setflags(write=False)
     return change

@@ -1,4 +1,5 @@
-"""The free joints of a robot: those that mimic them, ``q_all = S q + o``, their limits, and their poses."""
+"""The free joints of a robot: those that mimic them, ``q_all = S q + o``, their limits, and their
+poses."""
 
 from __future__ import annotations
 
@@ -9,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import Array
-from ..urdf.gate import Joint
+from ..urdf.validate import Joint
 
 
 @dataclass(frozen=True)
@@ -50,14 +51,19 @@ def couple(names: Sequence[str], free: Sequence[str], joints: Mapping[str, Joint
     return Coupling(S, offset)
 
 
-def limits(joint: Joint, followers: Sequence[Joint], notes: list[str]) -> tuple[float, float, float]:
+def limits(
+    joint: Joint, followers: Sequence[Joint], notes: list[str]
+) -> tuple[float, float, float]:
     """Find lower, upper and speed limit of a joint that keep its followers, too, inside theirs.
 
-    A follower that no position of its leader keeps inside its limits is left out, and a note says so.
-    """
+    A follower that no position of its leader keeps inside its limits is left out, and a note says
+    so."""
     lower, upper, velocity = joint.lower, joint.upper, joint.velocity
     for follower in followers:
-        ends = [(end - follower.offset) / follower.multiplier for end in (follower.lower, follower.upper)]
+        ends = [
+            (end - follower.offset) / follower.multiplier
+            for end in (follower.lower, follower.upper)
+        ]
         low, high = max(lower, min(ends)), min(upper, max(ends))
         if low < high:
             lower, upper = low, high
@@ -104,12 +110,15 @@ def pose(
             continue
         q[i] = _inside(named[name], lower[i], upper[i], bool(turns[i]))
         if abs(q[i] - named[name]) > 1e-3:
-            notes.append(f"reference pose: {name} = {named[name]:g} is outside its limits, {q[i]:g} used")
+            notes.append(
+                f"reference pose: {name} = {named[name]:g} is outside its limits, {q[i]:g} used"
+            )
     return q
 
 
 def _inside(value: float, lower: float, upper: float, turns: bool) -> float:
-    """Move a joint value inside its limits: by a full turn if that does it, else to the nearer limit."""
+    """Move a joint value inside its limits: by a full turn if that does it, else to the nearer
+    limit."""
     ways = (0.0, 2 * np.pi, -2 * np.pi) if turns else (0.0,)
     inside = [value + way for way in ways if lower <= value + way <= upper]
     return float(inside[0] if inside else np.clip(value, lower, upper))

@@ -1,4 +1,5 @@
-"""Formulas of a serial chain, arrays in, arrays out: kinematic Hessian, turn between two tool axes, rotations."""
+"""Formulas of a serial chain, arrays in, arrays out: kinematic Hessian, turn between two tool axes,
+rotations."""
 
 from __future__ import annotations
 
@@ -46,7 +47,8 @@ def chain_hessians(twists: Array, R: Array | None = None) -> Array:
 
 
 def axis_turn(R: Array, goal: Array) -> Array:
-    """Measure the turn (2,) about the tool's own x and y that takes its z axis to a goal's by the shortest way, rad.
+    """Measure the turn (2,) about the tool's own x and y that takes its z axis to a goal's by the
+    shortest way, rad.
 
     Parameters
     ----------
@@ -64,8 +66,8 @@ def axis_turn(R: Array, goal: Array) -> Array:
 def is_rotation(R: Sequence[float]) -> bool:
     """Whether ``R Rᵀ = I`` and ``det R = 1``, to 1e-6.
 
-    Two rows of length 1 at a right angle, and the third their cross product: in plain floats, for it is
-    asked in every step of a control loop.
+    Two rows of length 1 at a right angle, and the third their cross product: in plain floats, for
+    it is asked in every step of a control loop.
 
     Parameters
     ----------
@@ -84,7 +86,8 @@ def is_rotation(R: Sequence[float]) -> bool:
 
 
 def require_rotation(R: Array, name: str) -> None:
-    """Refuse a matrix (3, 3) that is not a rotation to 1e-6: one reflected, scaled, sheared, or not finite.
+    """Refuse a matrix (3, 3) that is not a rotation to 1e-6: one reflected, scaled, sheared, or not
+    finite.
 
     Raises
     ------
@@ -98,4 +101,6 @@ def require_rotation(R: Array, name: str) -> None:
     off = float(np.abs(R @ R.T - np.eye(3)).max())
     reflected = off < 1e-5 and np.linalg.det(R) < 0
     why = "it is reflected, with det R = −1" if reflected else f"R Rᵀ differs from I by {off:.2g}"
-    raise InputError(f"the rotation of {name} is not a rotation matrix: {why}; normalise R, to 1e-6")
+    raise InputError(
+        f"the rotation of {name} is not a rotation matrix: {why}; normalise R, to 1e-6"
+    )

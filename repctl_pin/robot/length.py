@@ -1,4 +1,5 @@
-"""How long an arm is, the unit in which slides and turns can be compared; and which of its joints is the elbow."""
+"""How long an arm is, the unit in which slides and turns can be compared; and which of its joints
+is the elbow."""
 
 from __future__ import annotations
 
@@ -10,7 +11,8 @@ from .task import Task
 
 
 def arm_length(task: Task, q: Array) -> float:
-    """Sum the distances from one turning joint to the next, and to the frame, m; 0 if no joint turns.
+    """Sum the distances from one turning joint to the next, and to the frame, m; 0 if no joint
+    turns.
 
     Parameters
     ----------
@@ -25,7 +27,8 @@ def arm_length(task: Task, q: Array) -> float:
 
 
 def joint_scale(task: Task, q: Array) -> Array:
-    """Choose a unit for every joint: 1 rad, and for a prismatic joint the length of the arm, m: (n,).
+    """Choose a unit for every joint: 1 rad, and for a prismatic joint the length of the arm, m:
+    (n,).
 
     In these units joint motions of both kinds can be compared. An arm that has no length, of
     prismatic joints alone, is measured in m.
@@ -36,7 +39,8 @@ def joint_scale(task: Task, q: Array) -> Array:
 
 
 def elbow(task: Task, q: Array) -> int:
-    """Find the joint whose origin moves most when the arm moves in its null space, q̇ = N ż: its elbow.
+    """Find the joint whose origin moves most when the arm moves in its null space, q̇ = N ż: its
+    elbow.
 
     Of all self-motions with ‖ż‖ = 1 alike: the largest ``Σ_i ‖dp/dz_i‖²``, p the joint's origin.
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from ..arguments import Array
 from ..urdf.catalogue import Entry
-from ..urdf.gate import Description, Joint
+from ..urdf.validate import Description, Joint
 from .coupling import Coupling
 from .model import frame_id
 
@@ -29,21 +29,24 @@ class Mechanism:
     joints : dict of Joint
         All joints of the file that are not fixed, by name.
     model : pinocchio.Model
-        All joints that move, N of them, those that follow others included; the rest fixed at the reference pose.
+        All joints that move, N of them, those that follow others included; the rest fixed at the
+        reference pose.
     coupling : Coupling
         The model's joints out of the robot's: ``q_model = S q + o``.
     joint_names : tuple of str
         Movable joints, n of them, in Pinocchio's order.
     lower, upper : (n,) arrays
-        Position limits, rad or m, that keep followers inside theirs too; −inf and inf where there is none.
-    velocity : (n,) array
+        Position limits, rad or m, that keep followers inside theirs too; −inf and inf where there
+        is none.
+    velocity_limit : (n,) array
         Speed limits, rad/s or m/s; inf where there is none.
     revolute : (n,) array of bool
         False if the joint is prismatic.
     reference : (n,) array
         The reference pose: the SRDF's, where the catalogue names one, else mid-range.
     poses : dict of (n,) arrays
-        ``reference``; ``ready``, a pose to work from, where the catalogue has one; ``middle`` of the joints' range.
+        ``reference``; ``ready``, a pose to work from, where the catalogue has one; ``middle`` of
+        the joints' range.
     locked : tuple of str
         Joints held at the reference pose.
     package_dirs : tuple of str
@@ -63,7 +66,7 @@ class Mechanism:
     joint_names: tuple[str, ...]
     lower: Array
     upper: Array
-    velocity: Array
+    velocity_limit: Array
     revolute: NDArray[np.bool_]
     reference: Array
     poses: dict[str, Array]

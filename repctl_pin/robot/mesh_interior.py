@@ -51,7 +51,9 @@ def mesh_parts(points: Array, faces: Index) -> MeshParts:
     from scipy.sparse.csgraph import connected_components
 
     grid = max(float(np.ptp(points, axis=0).max()), 1e-300) * _SAME
-    _, first, merged = np.unique(np.round(points / grid), axis=0, return_index=True, return_inverse=True)
+    _, first, merged = np.unique(
+        np.round(points / grid), axis=0, return_index=True, return_inverse=True
+    )
     points, faces = points[first], merged.reshape(-1)[faces]
     thin = (faces == np.roll(faces, 1, axis=1)).any(axis=1)
     if not thin.all():
@@ -72,8 +74,9 @@ def mesh_parts(points: Array, faces: Index) -> MeshParts:
 class MeshInterior:
     r"""The inside of a mesh: points from which rays cross more faces outwards than inwards.
 
-    With s = 1 where a face that a ray crosses looks along the ray, and −1 where it looks against it, a point is
-    inside a closed mesh where Σ s > 0: also where closed parts overlap, and not in a cavity.
+    With s = 1 where a face that a ray crosses looks along the ray, and −1 where it looks against
+    it, a point is inside a closed mesh where Σ s > 0: also where closed parts overlap, and not in a
+    cavity.
 
     Parameters
     ----------
@@ -93,7 +96,10 @@ class MeshInterior:
         return any(self._holds(point) for point in points)
 
     def _holds(self, point: Array) -> bool:
-        left = {True: len(self._rays) // 2, False: (len(self._rays) - 1) // 2}  # votes that decide nothing yet
+        left = {
+            True: len(self._rays) // 2,
+            False: (len(self._rays) - 1) // 2,
+        }  # votes that decide nothing yet
         for ray in self._rays:
             inside = ray.crossings(point) > 0
             if not left[inside]:
@@ -140,7 +146,8 @@ class _Strip:
 
 
 def _looks_up(corners: list[list[float]]) -> int:
-    """Say whether a triangle is over the origin and looks up, 1, or down, −1; 0 where it is not over it."""
+    """Say whether a triangle is over the origin and looks up, 1, or down, −1; 0 where it is not
+    over it."""
     (ax, ay, az), (bx, by, bz), (cx, cy, cz) = corners
     # twice the areas, signed, of the triangles that the origin makes with each edge
     bc, ca, ab = bx * cy - by * cx, cx * ay - cy * ax, ax * by - ay * bx

@@ -1,4 +1,5 @@
-"""Around Pinocchio's models: a frame by name, joints held still, the chain between two links, its Jacobian."""
+"""Around Pinocchio's models: a frame by name, joints held still, the chain between two links, its
+Jacobian."""
 
 from __future__ import annotations
 
@@ -9,7 +10,7 @@ import pinocchio as pin
 
 from ..arguments import Array
 from ..errors import unknown
-from ..urdf.gate import Joint
+from ..urdf.validate import Joint
 
 SHARED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
@@ -19,9 +20,8 @@ _MEANWHILE = "\N{NULL} link"
 def frame_id(model: pin.Model, name: str) -> int:
     """Find a frame by name, links before joints.
 
-    Pinocchio itself answers an unknown name with a number that later crashes it, and raises on a name
-    that a joint and a link share.
-    """
+    Pinocchio itself answers an unknown name with a number that later crashes it, and raises on a
+    name that a joint and a link share."""
     ids = {f.name: i for i, f in reversed(list(enumerate(model.frames)))}
     ids |= {f.name: i for i, f in enumerate(model.frames) if f.type == pin.FrameType.BODY}
     if name not in ids:
@@ -37,9 +37,8 @@ def link_frames(model: pin.Model) -> dict[str, pin.Frame]:
 def lock_joints(model: pin.Model, ids: Sequence[int], posture: Array) -> pin.Model:
     """Build the reduced model, some joints held at a posture.
 
-    Pinocchio looks locked joints up by name among all frames and raises where a link has a joint's name, so
-    such links go by another name meanwhile.
-    """
+    Pinocchio looks locked joints up by name among all frames and raises where a link has a joint's
+    name, so such links go by another name meanwhile."""
     joints = {f.name for f in model.frames if f.type != pin.FrameType.BODY}
     links = [f for f in model.frames if f.type == pin.FrameType.BODY and f.name in joints]
     for link in links:
@@ -68,17 +67,24 @@ def frame_jacobian(model: pin.Model, data: pin.Data, frame: int) -> Callable[[Ar
 
 
 def path_between(model: pin.Model, base: int, frame: int) -> tuple[list[int], list[int]]:
-    """List the joints from the base's frame up to where the two branches meet, and from there down to the other."""
-    up, down = ([int(j) for j in model.supports[model.frames[f].parentJoint] if j > 0] for f in (base, frame))
+    """List the joints from the base's frame up to where the two branches meet, and from there down
+    to the other."""
+    up, down = (
+        [int(j) for j in model.supports[model.frames[f].parentJoint] if j > 0]
+        for f in (base, frame)
+    )
     shared = set(up) & set(down)
     return [j for j in reversed(up) if j not in shared], [j for j in down if j not in shared]
 
 
-def seen_from(model: pin.Model, base: int, frame: int, joints: Mapping[str, Joint]) -> tuple[pin.Model, int]:
+def seen_from(
+    model: pin.Model, base: int, frame: int, joints: Mapping[str, Joint]
+) -> tuple[pin.Model, int]:
     """Make the serial chain from one frame of a tree to another, with the first one held still.
 
-    A joint that is passed from its child to its parent turns about its axis the other way:
-    ``(P E(q))⁻¹ = E(−q) P⁻¹``, with P its placement. Joint i of the chain keeps its name and the sign of its q.
+    A joint that is passed from its child to its parent turns about its axis the other way: ``(P
+    E(q))⁻¹ = E(−q) P⁻¹``, with P its placement. Joint i of the chain keeps its name and the sign of
+    its q.
 
     Parameters
     ----------
@@ -103,9 +109,15 @@ def seen_from(model: pin.Model, base: int, frame: int, joints: Mapping[str, Join
         at = _append(chain, at, here * model.jointPlacements[j], joints[model.names[j]], 1.0)
         here = pin.SE3.Identity()
     end = model.frames[frame]
-    return chain, chain.addFrame(pin.Frame(end.name, at, 0, here * end.placement, pin.FrameType.BODY))
+    return chain, chain.addFrame(
+        pin.Frame(end.name, at, 0, here * end.placement, pin.FrameType.BODY)
+    )
 
 
 def _append(chain: pin.Model, parent: int, placement: pin.SE3, joint: Joint, sign: float) -> int:
-    kind = pin.JointModelPrismaticUnaligned if joint.kind == "prismatic" else pin.JointModelRevoluteUnaligned
+    kind = (
+        pin.JointModelPrismaticUnaligned
+        if joint.kind == "prismatic"
+        else pin.JointModelRevoluteUnaligned
+    )
     return int(chain.addJoint(parent, kind(sign * np.array(joint.axis)), placement, joint.name))

@@ -11,12 +11,19 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from ..arguments import Array, file_name, list_of, list_of_names, shown, wanted
+from ..arguments import Array, file_name, list_of, list_of_names, require_type, shown
 from ..errors import InputError, UrdfError, unknown
-from ..urdf.catalogue import READY, Entry, default_package_dirs, find, reference_posture, urdf_folder
+from ..urdf.catalogue import (
+    READY,
+    Entry,
+    default_package_dirs,
+    find,
+    reference_posture,
+    urdf_folder,
+)
 from ..urdf.end_effectors import arm_ends, is_sensor, task_links
-from ..urdf.gate import Description, read_urdf, standing
 from ..urdf.shapes import find_mesh
+from ..urdf.validate import Description, read_urdf, standing
 from ..urdf.xml import short
 from .coupling import couple, limits, pose
 from .mechanism import Mechanism
@@ -27,8 +34,8 @@ from .task import KINDS, Task
 class Robot(Mechanism):
     """A robot as its URDF describes it, with one number per movable joint.
 
-    Continuous joints are revolute joints without limits, planar and floating ones are three and six joints of one
-    number. A joint that mimics another moves with it, within the limits of both.
+    Continuous joints are revolute joints without limits, planar and floating ones are three and six
+    joints of one number. A joint that mimics another moves with it, within the limits of both.
 
     Make one with :meth:`Robot.load`.
 
@@ -39,8 +46,8 @@ class Robot(Mechanism):
     frames : tuple of str
         Every link, by name; any of them can carry a task.
     default_frame : str
-        The frame that is moved if none is named: the catalogue's, else the end of the longest arm, before
-        the fingers of a gripper. ``repctl inspect`` shows it.
+        The frame that is moved if none is named: the catalogue's, else the end of the longest arm,
+        before the fingers of a gripper. ``repctl inspect`` shows it.
     end_frames : tuple of str
         The frames at the ends of arms, the default first.
     warnings : tuple of str
@@ -76,11 +83,17 @@ class Robot(Mechanism):
         for joint_name in held:
             if joint_name not in self.joints:
                 raise unknown("joint", joint_name, self.joints)
-        still = {j.name for j in self.joints.values() if j.name in held or j.mimic in held or j.multiplier == 0}
+        still = {
+            j.name
+            for j in self.joints.values()
+            if j.name in held or j.mimic in held or j.multiplier == 0
+        }
         try:
             model = pin.buildModelFromXML(description.xml)
         except (ValueError, RuntimeError, MemoryError) as error:
-            raise UrdfError(f"{description.path}: Pinocchio cannot build a model of it ({error})") from error
+            raise UrdfError(
+                f"{description.path}: Pinocchio cannot build a model of it ({error})"
+            ) from error
         model.name = self.name
 
         notes: list[str] = []
@@ -97,14 +110,20 @@ class Robot(Mechanism):
         whole = couple(names, free, self.joints)
         for name, q in poses.items():
             model.referenceConfigurations[name] = whole.joints(q)
-        model = lock_joints(model, [model.getJointId(j) for j in still], whole.joints(poses["reference"]))
+        model = lock_joints(
+            model, [model.getJointId(j) for j in still], whole.joints(poses["reference"])
+        )
 
         self.model = model
         self.locked = tuple(name for name in self.joints if name in still)
         self.joint_names = tuple(name for name in free if name not in still)
         self.coupling = couple(tuple(model.names)[1:], self.joint_names, self.joints)
         mine = [free.index(name) for name in self.joint_names]
-        self.lower, self.upper, self.velocity = _frozen(lower[mine]), _frozen(upper[mine]), _frozen(velocity[mine])
+        self.lower, self.upper, self.velocity_limit = (
+            _frozen(lower[mine]),
+            _frozen(upper[mine]),
+            _frozen(velocity[mine]),
+        )
         self.revolute = turns[mine]
         self.poses = {name: _frozen(q[mine]) for name, q in poses.items()}
         self.reference = self.poses["reference"]
@@ -134,11 +153,12 @@ class Robot(Mechanism):
         lock
             Joints to hold at the reference pose.
         base
-            The link in whose frame x is measured, as if it stood still: a link on the way to the frame, or on
-            another branch, such as the other hand. The task's joints are those between the two links.
+            The link in whose frame x is measured, as if it stood still: a link on the way to the
+            frame, or on another branch, such as the other hand. The task's joints are those between
+            the two links.
         surroundings
-            A URDF of the robot's surroundings, its joints all fixed, its root where the robot's root is:
-            :class:`Bodies` measures the distances to it.
+            A URDF of the robot's surroundings, its joints all fixed, its root where the robot's
+            root is: :class:`Bodies` measures the distances to it.
 
         Raises
         ------
@@ -149,15 +169,23 @@ class Robot(Mechanism):
         """
         text = str(file_name(name_or_path, "robot"))
         one = isinstance(package_dirs, (str, Path))
-        given = [package_dirs] if one else list_of(package_dirs, "package_dirs", "a list of folders")
-        own = [os.path.expanduser(str(file_name(folder, "each of package_dirs"))) for folder in given]
+        given = (
+            [package_dirs] if one else list_of(package_dirs, "package_dirs", "a list of folders")
+        )
+        own = [
+            os.path.expanduser(str(file_name(folder, "each of package_dirs"))) for folder in given
+        ]
         lock = list_of_names(lock, "lock", "a list of joints' names")
         if base is not None:
-            wanted(base, str, "base", "a link's name")
+            require_type(base, str, "base", "a link's name")
         for folder in own:
             if not os.path.isdir(folder):  # as a path's own is_dir, but for names that are too long
-                raise InputError(f"there is no folder {folder!r} to look up package:// in; correct --package-dir")
-        is_file = any(mark in text for mark in "./\\") or os.path.isfile(text)  # no name of the catalogue has these
+                raise InputError(
+                    f"there is no folder {folder!r} to look up package:// in; correct --package-dir"
+                )
+        is_file = any(mark in text for mark in "./\\") or os.path.isfile(
+            text
+        )  # no name of the catalogue has these
         entry = None if is_file else find(text)
         path = Path(os.path.expanduser(text)) if entry is None else entry.urdf
         folders = [*own, *(default_package_dirs(path) if entry is None else entry.package_dirs)]
@@ -167,9 +195,18 @@ class Robot(Mechanism):
             around = standing(read_urdf(beside))
             folders += default_package_dirs(beside)
         description = read_urdf(path)
-        return cls(description, entry=entry, package_dirs=folders, lock=lock, base=base, surroundings=around)
+        return cls(
+            description,
+            entry=entry,
+            package_dirs=folders,
+            lock=lock,
+            base=base,
+            surroundings=around,
+        )
 
-    def task(self, frame: str | None = None, kind: str = "pose", *, joints: Sequence[str] | None = None) -> Task:
+    def task(
+        self, frame: str | None = None, kind: str = "pose", *, joints: Sequence[str] | None = None
+    ) -> Task:
         """Make the task of moving a frame, with only the joints that move it.
 
         Parameters
@@ -177,8 +214,8 @@ class Robot(Mechanism):
         frame
             A link's name; by default :attr:`default_frame`, the arm's end.
         kind
-            ``pose`` (m = 6), ``axis`` (position, and the direction of the frame's z axis, 5), ``position`` (3),
-            ``xy``, ``xz``, ``yz`` (2).
+            ``pose`` (m = 6), ``axis`` (position, and the direction of the frame's z axis, 5),
+            ``position`` (3), ``xy``, ``xz``, ``yz`` (2).
         joints
             Choose among the joints of the chain; the others are locked at the reference pose.
 
@@ -197,10 +234,14 @@ class Robot(Mechanism):
                 if joint not in self.joint_names:
                     raise unknown("joint", joint, self.joint_names)
                 if joint not in chain:
-                    raise InputError(f"joint {joint!r} does not move {frame!r}; these do: {', '.join(chain)}")
+                    raise InputError(
+                        f"joint {joint!r} does not move {frame!r}; these do: {', '.join(chain)}"
+                    )
             chain = tuple(j for j in chain if j in set(joints))
         if not chain:
-            raise InputError(f"no movable joint moves {frame!r}; choose a frame further along an arm")
+            raise InputError(
+                f"no movable joint moves {frame!r}; choose a frame further along an arm"
+            )
         return Task(self, frame, kind, chain)
 
     def chain(self, frame: str) -> tuple[str, ...]:
@@ -209,10 +250,13 @@ class Robot(Mechanism):
         A joint that drives others stands at the first of them.
         """
         up, down = path_between(self.model, self.base_id, self._frame_id(frame))
-        return tuple(dict.fromkeys(self.joint_names[self.coupling.leader(j - 1)] for j in (*up, *down)))
+        return tuple(
+            dict.fromkeys(self.joint_names[self.coupling.leader(j - 1)] for j in (*up, *down))
+        )
 
     def reference_positions(self) -> dict[str, Array]:
-        """Place every link's origin at the reference pose: (3,) arrays by name, m, measured as tasks measure it."""
+        """Place every link's origin at the reference pose: (3,) arrays by name, m, measured as
+        tasks measure it."""
         data = self.model.createData()
         pin.framesForwardKinematics(self.model, data, self.coupling.joints(self.reference))
         base = data.oMf[self.base_id]
@@ -222,7 +266,11 @@ class Robot(Mechanism):
     def _missing_meshes(self) -> list[str]:
         """Say which meshes were not found; kinematics does without."""
         names = self.description.meshes
-        missing = [name for name in names if find_mesh(name, self.description.path, self.package_dirs) is None]
+        missing = [
+            name
+            for name in names
+            if find_mesh(name, self.description.path, self.package_dirs) is None
+        ]
         if not missing:
             return []
         which = short(missing[0])[1:-1] + (", …" if len(missing) > 1 else "")
@@ -230,7 +278,7 @@ class Robot(Mechanism):
         return [f"{note}say where the packages are with --package-dir"]
 
     def _frame_id(self, frame: str) -> int:
-        wanted(frame, str, "frame", "a link's name")
+        require_type(frame, str, "frame", "a link's name")
         try:
             return frame_id(self.model, frame)
         except InputError:
@@ -238,33 +286,46 @@ class Robot(Mechanism):
             raise unknown("frame", frame, self.frames, likely=likely) from None
 
     def _ends(self) -> list[list[str]]:
-        """The links at the end of every arm, leg and head, the best first; the longest chain first."""
-        return [task_links(body) for body in sorted(arm_ends(self.description), key=lambda body: -body.before)]
+        """The links at the end of every arm, leg and head, the best first; the longest chain
+        first."""
+        return [
+            task_links(body)
+            for body in sorted(arm_ends(self.description), key=lambda body: -body.before)
+        ]
 
     def _beyond_base(self, frame: str) -> bool:
-        """Whether a frame is farther out than the base: what is offered, though any frame can carry a task."""
+        """Whether a frame is farther out than the base: what is offered, though any frame can carry
+        a task."""
         return not path_between(self.model, self.base_id, self._frame_id(frame))[0]
 
     @property
     def default_frame(self) -> str:
-        """The frame to move if none is named: the catalogue's, else the best at the end of the longest arm.
+        """The frame to move if none is named: the catalogue's, else the best at the end of the
+        longest arm.
 
-        An arm ends before its fingers; how these are told, :func:`repctl_pin.urdf.end_effectors.arm_ends` says. Of the
-        links there that no joint moves against each other, one that is called a tool (``tcp``, ``tool0``,
-        ``ee_link``, ``flange``) comes first, then a gripper, a palm or a hand, then the farthest out.
-        """
+        An arm ends before its fingers; how these are told,
+        :func:`repctl_pin.urdf.end_effectors.arm_ends` says. Of the links there that no joint moves
+        against each other, one that is called a tool (``tcp``, ``tool0``, ``ee_link``, ``flange``)
+        comes first, then a gripper, a palm or a hand, then the farthest out."""
         return self.offered_frames[0]
 
     @property
     def offered_frames(self) -> tuple[str, ...]:
         """End frames worth offering: the catalogue's, else the default one."""
-        known = tuple(frame for frame in (self.entry.frames if self.entry else ()) if self._beyond_base(frame))
+        known = tuple(
+            frame for frame in (self.entry.frames if self.entry else ()) if self._beyond_base(frame)
+        )
         ends = [links[0] for links in self._ends() if self._beyond_base(links[0])]
-        return known or (max(ends, key=lambda frame: len(self.chain(frame)), default=self.base or self.frames[0]),)
+        return known or (
+            max(
+                ends, key=lambda frame: len(self.chain(frame)), default=self.base or self.frames[0]
+            ),
+        )
 
     @property
     def end_frames(self) -> tuple[str, ...]:
-        """Frames worth a task, the default first: all links at the ends of the longest arms, one of each other.
+        """Frames worth a task, the default first: all links at the ends of the longest arms, one of
+        each other.
 
         Sensors are left out, and what fewer than two joints move.
         """
@@ -278,7 +339,8 @@ class Robot(Mechanism):
 
     @property
     def movable_frames(self) -> tuple[str, ...]:
-        """Every frame that a joint moves, fingers and sensors too; those of :attr:`end_frames` first."""
+        """Every frame that a joint moves, fingers and sensors too; those of :attr:`end_frames`
+        first."""
         moved = (frame for frame in self.frames if self._beyond_base(frame) and self.chain(frame))
         return tuple(dict.fromkeys([*self.end_frames, *moved]))
 

@@ -1,4 +1,5 @@
-"""Proof by branch and bound that two bodies never touch, where one joint or two move them against each other."""
+"""Proof by branch and bound that two bodies never touch, where one joint or two move them against
+each other."""
 
 from __future__ import annotations
 
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..arguments import Array
 from ..urdf.checks import NO_LIMIT
-from ..urdf.gate import Joint
+from ..urdf.validate import Joint
 
 _JOINTS = 2
 """Joints between two bodies, at most."""
@@ -25,8 +26,9 @@ _BEYOND = 0.05
 class Separation:
     r"""Asks of pairs of bodies whether any position of the joints between them makes them touch.
 
-    At the middle of a box of joint positions with half-widths w, the distance is d. If a joint moves the points of a
-    body by at most ρ per rad, or m, there is no touch in the box where d > Σ ρ_j w_j; else the box is split.
+    At the middle of a box of joint positions with half-widths w, the distance is d. If a joint
+    moves the points of a body by at most ρ per rad, or m, there is no touch in the box where d > Σ
+    ρ_j w_j; else the box is split.
 
     Parameters
     ----------
@@ -37,7 +39,8 @@ class Separation:
     shapes
         The bodies, and the pairs of them.
     distance
-        Measures a pair at the model's joints (N,); at most what it is, and 0 or less where it may touch.
+        Measures a pair at the model's joints (N,); at most what it is, and 0 or less where it may
+        touch.
     """
 
     def __init__(
@@ -65,7 +68,9 @@ class Separation:
             return False
         return self._free(pair, moving, low, high, np.array([reach[j] for j in sorted(reach)]))
 
-    def _free(self, pair: int, moving: NDArray[np.intp], low: Array, high: Array, reach: Array) -> bool:
+    def _free(
+        self, pair: int, moving: NDArray[np.intp], low: Array, high: Array, reach: Array
+    ) -> bool:
         q, boxes, looked = pin.neutral(self._model), [((low + high) / 2, (high - low) / 2)], 0
         while boxes:
             middle, half = boxes.pop()
@@ -85,7 +90,10 @@ class Separation:
     def _reach(self, way: Sequence[int], body: int) -> dict[int, float]:
         """How far each joint on the way to a body moves its points, at most, per rad or m."""
         shape, found = self._bodies[body], {}
-        far = float(np.linalg.norm(shape.placement.act(shape.geometry.aabb_center)) + shape.geometry.aabb_radius)
+        far = float(
+            np.linalg.norm(shape.placement.act(shape.geometry.aabb_center))
+            + shape.geometry.aabb_radius
+        )
         for j in reversed(way):
             if self._slides[j]:
                 far += max(abs(self._low[j - 1]), abs(self._high[j - 1]))
@@ -95,7 +103,8 @@ class Separation:
 
 
 def _range(joint: Joint) -> tuple[float, float]:
-    """Positions of a joint; any where it follows another, whose limits may not keep it inside its own."""
+    """Positions of a joint; any where it follows another, whose limits may not keep it inside its
+    own."""
     turns = joint.kind != "prismatic"
     if turns and (joint.mimic is not None or joint.upper - joint.lower > 2 * np.pi):
         return -np.pi, np.pi

@@ -12,7 +12,15 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 from scipy.linalg.blas import ddot
 
-from ..arguments import FLOAT, Array, numbers, rows, stacks, vector, wanted
+from ..arguments import (
+    FLOAT,
+    Array,
+    as_configurations,
+    as_matrices,
+    as_numbers,
+    require_type,
+    vector,
+)
 from ..errors import InputError
 from ..threads import PerThread
 from .coordinates import Coordinates, change_of
@@ -45,8 +53,8 @@ def unit_of(revolute: Iterable[bool]) -> str:
 class Task:
     """Move one frame of a robot, with the joints that move it.
 
-    ``ẋ = J q̇`` (2), with ``x`` the pose, the position, the position and tool axis, or two coordinates of
-    the position. Redundant when r = n − m ≥ 1.
+    ``ẋ = J q̇`` (2), with ``x`` the pose, the position, the position and tool axis, or two
+    coordinates of the position. Redundant when r = n − m ≥ 1.
 
     Made by :meth:`Robot.task`. Every thread has scratch memory of its own. It can be pickled.
 
@@ -55,8 +63,8 @@ class Task:
     n, m, r : int
         Joints, task coordinates, degree of redundancy.
     joint_names : tuple of str
-        From the base outward; q, limits and Jacobian columns are in this order. A joint that others mimic drives
-        them all.
+        From the base outward; q, limits and Jacobian columns are in this order. A joint that others
+        mimic drives them all.
     lower, upper, velocity_limit : (n,) arrays
         Limits, rad or m, and per second.
     revolute : (n,) array of bool
@@ -66,8 +74,8 @@ class Task:
     coordinates : Coordinates or None
         The change q = T ψ of :meth:`in_coordinates`; every method's q is then a ψ.
     model : pinocchio.Model
-        The chain; all else is fixed at the reference pose. With ``base``, it is the chain as seen from there,
-        and has no masses.
+        The chain; all else is fixed at the reference pose. With ``base``, it is the chain as seen
+        from there, and has no masses.
     drive : Coupling or None
         Gives the model's joints from q; None if they are the same.
 
@@ -86,7 +94,7 @@ class Task:
         self.joint_names = tuple(joint_names)
         self._columns = np.array([robot.joint_names.index(j) for j in joint_names])
         self.lower, self.upper = robot.lower[self._columns], robot.upper[self._columns]
-        self.velocity_limit = robot.velocity[self._columns]
+        self.velocity_limit = robot.velocity_limit[self._columns]
         self.revolute = robot.revolute[self._columns]
         self.reference = robot.reference[self._columns]
         for array in (self.lower, self.upper, self.velocity_limit, self.revolute, self.reference):
@@ -96,7 +104,9 @@ class Task:
         self.r = self.n - self.m
         self.rows = np.array(KINDS[kind])
 
-        driven = set((np.flatnonzero((robot.coupling.S[:, self._columns] != 0).any(axis=1)) + 1).tolist())
+        driven = set(
+            (np.flatnonzero((robot.coupling.S[:, self._columns] != 0).any(axis=1)) + 1).tolist()
+        )
         up, down = path_between(robot.model, robot.base_id, frame_id(robot.model, frame))
         self._bodies = _held(robot, driven)
         self.model = self._bodies if driven <= {*up, *down} else _held(robot, driven & {*up, *down})
@@ -119,18 +129,24 @@ class Task:
         self.drive, self._body_drive = self._drive(self.model), self._drive(self._bodies)
 
     def _drive(self, model: pin.Model) -> Coupling | None:
-        """Make the map from q to the joints of a model of the chain; None where they are the same."""
-        rows, all_ = [self.robot.model.getJointId(name) - 1 for name in tuple(model.names)[1:]], self.robot.coupling
+        """Make the map from q to the joints of a model of the chain; None where they are the
+        same."""
+        rows, all_ = (
+            [self.robot.model.getJointId(name) - 1 for name in tuple(model.names)[1:]],
+            self.robot.coupling,
+        )
         S, offset = all_.S[np.ix_(rows, self._columns)], all_.offset[rows]
         if self.coordinates is not None:
             S = S @ self.coordinates.T
-        return None if np.array_equal(S, np.eye(self.n)) and not offset.any() else Coupling(S, offset)
+        return (
+            None if np.array_equal(S, np.eye(self.n)) and not offset.any() else Coupling(S, offset)
+        )
 
     def in_coordinates(self, T: ArrayLike) -> Task:
         """Make the same task in other joint coordinates ψ, ``q = T ψ``: every method then takes ψ.
 
-        ``J_ψ = J T``, so J⁺ in ψ is a weighted inverse in q. ``lower`` and ``upper`` hold only limits that
-        bound a single ψ_i; :meth:`check` tests the joints. See :func:`absolute_angles`.
+        ``J_ψ = J T``, so J⁺ in ψ is a weighted inverse in q. ``lower`` and ``upper`` hold only
+        limits that bound a single ψ_i; :meth:`check` tests the joints. See :func:`absolute_angles`.
 
         Parameters
         ----------
@@ -138,13 +154,21 @@ class Task:
             Invertible, one row per joint.
         """
         if self.coordinates is not None:
-            raise InputError("this task is in joint coordinates already; start from the original task")
-        change = change_of(self.joint_names, self.lower, self.upper, self.velocity_limit, self.revolute, T)
+            raise InputError(
+                "this task is in joint coordinates already; start from the original task"
+            )
+        change = change_of(
+            self.joint_names, self.lower, self.upper, self.velocity_limit, self.revolute, T
+        )
         task = copy(self)
         task.coordinates = change
         task._couple()
         task.joint_names, task.revolute = change.names, change.revolute
-        task.lower, task.upper, task.velocity_limit = change.lower, change.upper, change.velocity
+        task.lower, task.upper, task.velocity_limit = (
+            change.lower,
+            change.upper,
+            change.velocity_limit,
+        )
         task.reference = change.coordinates(self.reference)
         task.reference.setflags(write=False)
         return task
@@ -174,11 +198,12 @@ class Task:
     def error(self, q: ArrayLike, target: pin.SE3) -> Array:
         """Measure the task error (m,) from f(q) to a target: what ẋ would have to undo, m and rad.
 
-        ``e = (p* − p, log(R* Rᵀ))``, the rows of this kind; for ``axis`` the rotation that takes the tool
-        axis to the target's by the shortest way.
-        """
+        ``e = (p* − p, log(R* Rᵀ))``, the rows of this kind; for ``axis`` the rotation that takes
+        the tool axis to the target's by the shortest way."""
         if not isinstance(target, pin.SE3):
-            wanted(target, pin.SE3, "target", "a placement (pinocchio.SE3), such as path.placement(0)")
+            require_type(
+                target, pin.SE3, "target", "a placement (pinocchio.SE3), such as path.placement(0)"
+            )
         here = self.placement(q)
         p = target.translation - here.translation
         if self.kind in ("pose", "axis"):
@@ -189,7 +214,7 @@ class Task:
             return np.concatenate([p, axis_turn(here.rotation, target.rotation)])
         return p[self.rows]
 
-    def rate(self, q: ArrayLike, twist: Array) -> Array:
+    def task_velocity(self, q: ArrayLike, twist: Array) -> Array:
         """Take the task velocity ẋ (m,) from a frame's twist (v, ω), base axes, m/s and rad/s."""
         twist = vector(twist, 6, "the twist (v, ω)", "m/s and rad/s")
         if self.kind != "axis":
@@ -208,7 +233,8 @@ class Task:
         return Js if self.drive is None else Js @ self.drive.S
 
     def hessians(self, Q: ArrayLike) -> Array:
-        """Evaluate H at every row of Q (K, n): an array (K, m, n, n). See :func:`chain_hessians`."""
+        """Evaluate H at every row of Q (K, n): an array (K, m, n, n). See
+        :func:`chain_hessians`."""
         J, R = self._twists(Q)
         H = chain_hessians(np.swapaxes(J, 1, 2), R)[:, self.rows]
         if self.drive is None:
@@ -233,20 +259,23 @@ class Task:
         return np.array([self._data.oMi[j].translation for j in self._first])
 
     def axes(self, q: ArrayLike) -> Array:
-        """Point along the joints, from the base outward: unit vectors (n, 3), base axes; 0 if prismatic.
+        """Point along the joints, from the base outward: unit vectors (n, 3), base axes; 0 if
+        prismatic.
 
         Of several joints that one drives, the first on the way to the frame.
         """
         return self._scratch.own.jacobian(self._vector(q))[3:].T[[j - 1 for j in self._first]]
 
     def bodies_model(self) -> tuple[pin.Model, Coupling | None]:
-        """The tree of all links, its root standing still, with the joints that q moves; and those joints out of q."""
+        """The tree of all links, its root standing still, with the joints that q moves; and those
+        joints out of q."""
         return self._bodies, self._body_drive
 
     def inertias(self, Q: ArrayLike) -> Array:
-        """Evaluate the joint-space inertia M (K, n, n) of the chain, kg m² and kg; the tree's root stands still."""
+        """Evaluate the joint-space inertia M (K, n, n) of the chain, kg m² and kg; the tree's root
+        stands still."""
         model, data, drive = self._bodies, self._scratch.own.body_data, self._body_drive
-        Q = rows(Q, self.n, repr(self))
+        Q = as_configurations(Q, self.n, repr(self))
         Ms = np.empty((len(Q), model.nv, model.nv))
         for q, M in zip(Q if drive is None else drive.joints(Q), Ms, strict=True):
             upper = np.triu(pin.crba(model, data, q))
@@ -254,28 +283,35 @@ class Task:
         return Ms if drive is None else drive.S.T @ Ms @ drive.S
 
     def dynamics(self) -> Callable[[Array, Array, Array], Array]:
-        """Make the function (q, q̇, q̈) → ``τ = M q̈ + C q̇ + g`` (n,), N m and N; its scratch memory is its own."""
+        """Make the function (q, q̇, q̈) → ``τ = M q̈ + C q̇ + g`` (n,), N m and N; its scratch
+        memory is its own."""
         model, drive = self._bodies, self._drive(self._bodies)
         data = model.createData()
         if drive is None:
             return lambda q, qdot, qddot: pin.rnea(model, data, q, qdot, qddot).copy()
         S = drive.S
-        return lambda q, qdot, qddot: S.T @ pin.rnea(model, data, drive.joints(q), S @ qdot, S @ qddot)
+        return lambda q, qdot, qddot: (
+            S.T @ pin.rnea(model, data, drive.joints(q), S @ qdot, S @ qddot)
+        )
 
     # ---- between the chain and the robot --------------------------------------------------------
 
-    def full(self, q: ArrayLike) -> Array:
-        """Put q (n,) or Q (T, n) into the whole robot's configuration, the rest at the reference."""
-        (q,) = stacks(("q", q, f"{self.n}"))
+    def to_robot(self, q: ArrayLike) -> Array:
+        """Put q (n,) or Q (T, n) into the whole robot's configuration, the rest at the
+        reference."""
+        (q,) = as_matrices(("q", q, f"{self.n}"))
         if self.coordinates is not None:
             q = self.coordinates.joints(q)
-        whole = np.broadcast_to(self.robot.reference, (*q.shape[:-1], len(self.robot.reference))).copy()
+        whole = np.broadcast_to(
+            self.robot.reference, (*q.shape[:-1], len(self.robot.reference))
+        ).copy()
         whole[..., self._columns] = q
         return whole
 
     @property
-    def T(self) -> Array:
-        """T of ``q = T ψ`` (n, n); the identity where the coordinates are the robot's own joints."""
+    def coordinate_matrix(self) -> Array:
+        """T of ``q = T ψ`` (n, n); the identity where the coordinates are the robot's own
+        joints."""
         return np.eye(self.n) if self.coordinates is None else self.coordinates.T
 
     @property
@@ -283,26 +319,29 @@ class Task:
         """Names of the robot's own joints that move the frame, whatever the joint coordinates."""
         return tuple(self.robot.joint_names[i] for i in self._columns)
 
-    def part(self, whole: ArrayLike) -> Array:
-        """Take this task's joints (n,) from a configuration of the whole robot: the reverse of :meth:`full`."""
-        (whole,) = stacks(("the whole robot's q", whole, f"{len(self.robot.reference)}"))
+    def from_robot(self, whole: ArrayLike) -> Array:
+        """Take this task's joints (n,) from a configuration of the whole robot: the reverse of
+        :meth:`to_robot`."""
+        (whole,) = as_matrices(("the whole robot's q", whole, f"{len(self.robot.reference)}"))
         q = whole[..., self._columns]
         return q if self.coordinates is None else self.coordinates.coordinates(q)
 
     def joints(self, values: Array) -> Array:
-        """Turn positions or velocities (..., n) of the coordinates ψ into those of the robot's own joints."""
+        """Turn positions or velocities (..., n) of the coordinates ψ into those of the robot's own
+        joints."""
         return values if self.coordinates is None else self.coordinates.joints(values)
 
     @property
     def joint_limits(self) -> tuple[Array, Array, Array]:
         """Lower and upper position limits and speed limits of the robot's own joints: (n,) each."""
         robot, columns = self.robot, self._columns
-        return robot.lower[columns], robot.upper[columns], robot.velocity[columns]
+        return robot.lower[columns], robot.upper[columns], robot.velocity_limit[columns]
 
     def limit_margin(self, q: ArrayLike) -> Array:
-        """Measure every one of the robot's joints' distance to its nearer limit: (..., n); negative outside."""
+        """Measure every one of the robot's joints' distance to its nearer limit: (..., n); negative
+        outside."""
         if not (isinstance(q, np.ndarray) and q.dtype.kind == "f" and q.shape[-1:] == (self.n,)):
-            (q,) = stacks(("q", q, f"{self.n}"))
+            (q,) = as_matrices(("q", q, f"{self.n}"))
         joints, (lower, upper, _) = self.joints(np.asarray(q, float)), self.joint_limits
         return np.minimum(joints - lower, upper - joints)
 
@@ -319,7 +358,7 @@ class Task:
         InputError
             If it has the wrong size, is not finite, or is out of limits, naming the joint.
         """
-        given = numbers(q)
+        given = as_numbers(q)
         if given is not None and given.ndim == 1 and len(given) != self.n:
             moved = f"{self.frame!r} is moved by {self.n} joints: {', '.join(self.joint_names)}"
             raise InputError(f"{what} has {len(given)} numbers, but {moved}")
@@ -328,18 +367,25 @@ class Task:
             raise InputError(f"{what}: the value of {bad!r} is not a finite number")
         q = vector(q, self.n, what)
         lower, upper, _ = self.joint_limits
-        for name, value, low, high in zip(self.robot_joints, self.joints(q), lower, upper, strict=True):
+        for name, value, low, high in zip(
+            self.robot_joints, self.joints(q), lower, upper, strict=True
+        ):
             if not low - 1e-9 <= value <= high + 1e-9:
-                raise InputError(f"{what}: {name} = {value:g} is outside its limits [{low:g}, {high:g}]")
+                raise InputError(
+                    f"{what}: {name} = {value:g} is outside its limits [{low:g}, {high:g}]"
+                )
         return q
 
     # ---- inside --------------------------------------------------------------------------------
 
     def _first_driven(self) -> list[int]:
-        """The first joint of the model, on the way to the frame, that each of the robot's joints drives."""
+        """The first joint of the model, on the way to the frame, that each of the robot's joints
+        drives."""
         leaders = self.robot.coupling.S[:, self._columns] != 0  # (N, n)
         ids = path_between(self.model, 0, self._frame_id)[1]
-        driven = leaders[[self.robot.model.getJointId(self.model.names[j]) - 1 for j in ids]]  # (path, n)
+        driven = leaders[
+            [self.robot.model.getJointId(self.model.names[j]) - 1 for j in ids]
+        ]  # (path, n)
         return [ids[k] for k in np.argmax(driven, axis=0)]
 
     def _task_rows(self, J: Array) -> Array:
@@ -352,7 +398,8 @@ class Task:
         return np.concatenate([J[:3], R[:, :2].T @ J[3:]])
 
     def _twists(self, Q: ArrayLike) -> tuple[Array, Array | None]:
-        """Evaluate the frame's Jacobian at every row of Q: (K, 6, N); and for ``axis`` its rotation (K, 3, 3)."""
+        """Evaluate the frame's Jacobian at every row of Q: (K, 6, N); and for ``axis`` its rotation
+        (K, 3, 3)."""
         Q = self._matrix(Q)
         Js, evaluate = np.empty((len(Q), 6, self.model.nv)), self._scratch.own.jacobian
         Rs = np.empty((len(Q), 3, 3)) if self.kind == "axis" else None
@@ -364,12 +411,17 @@ class Task:
 
     def _vector(self, q: ArrayLike) -> Array:
         values: Any = q
-        if not (type(q) is np.ndarray and q.dtype is FLOAT and q.shape == (self.n,) and ddot(q, q) < np.inf):
+        if not (
+            type(q) is np.ndarray
+            and q.dtype is FLOAT
+            and q.shape == (self.n,)
+            and ddot(q, q) < np.inf
+        ):
             values = vector(q, self.n, f"q of {self!r}")  # ddot: quicker than np.isfinite
         return values if self.drive is None else self.drive.joints(values)
 
     def _matrix(self, Q: ArrayLike) -> Array:
-        Q = np.ascontiguousarray(rows(Q, self.n, repr(self)))
+        Q = np.ascontiguousarray(as_configurations(Q, self.n, repr(self)))
         return Q if self.drive is None else self.drive.joints(Q)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -402,11 +454,11 @@ def _held(robot: Mechanism, moving: set[int]) -> pin.Model:
     return lock_joints(robot.model, still, robot.coupling.joints(robot.reference))
 
 
-def wanted_task(value: Any) -> Task:
+def require_task(value: Any) -> Task:
     """Take an argument that has to be a task."""
-    return wanted(value, Task, "task", "a task, such as rp.Robot.load('panda').task()")
+    return require_type(value, Task, "task", "a task, such as rp.Robot.load('panda').task()")
 
 
 def own_task(value: Any) -> Task:
     """Take a task, with scratch memory of one's own; model and limits are shared."""
-    return copy(wanted_task(value))
+    return copy(require_task(value))

@@ -1,9 +1,8 @@
 """What a robot looks like: the shapes its URDF names, and where they stand at a configuration.
 
 Mesh files are found but not read here: whoever draws them reads them. A robot without shapes, and a
-link whose mesh is missing, are drawn from the kinematics: links as tubes, joints as cylinders. Of the robot's
-surroundings the collision shapes are drawn: they are what must not be touched.
-"""
+link whose mesh is missing, are drawn from the kinematics: links as tubes, joints as cylinders. Of
+the robot's surroundings the collision shapes are drawn: they are what must not be touched."""
 
 from __future__ import annotations
 
@@ -17,8 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import Array
 from ..errors import InputError
-from ..urdf.gate import MAX_SHAPES, Joint
 from ..urdf.shapes import Color, find_mesh
+from ..urdf.validate import MAX_SHAPES, Joint
 from .body_shapes import fixed_placements, origin
 from .coupling import Coupling
 from .mechanism import Mechanism
@@ -124,17 +123,18 @@ class Visuals:
         Parameters
         ----------
         Q
-            Configurations (T, n) of the whole robot (``task.full(q)``).
+            Configurations (T, n) of the whole robot (``task.to_robot(q)``).
 
         Returns
         -------
-        (T, S, 4, 4) rigid transforms, m; in the frame of the robot's ``base``, where it has one, as the
-        task's placements are. A mesh's scale is not in them.
-        """
+        (T, S, 4, 4) rigid transforms, m; in the frame of the robot's ``base``, where it has one, as
+        the task's placements are. A mesh's scale is not in them."""
         Q = np.ascontiguousarray(Q, dtype=float)
         n = self._coupling.S.shape[1]
         if Q.ndim != 2 or Q.shape[1] != n:
-            raise InputError(f"Q has shape {Q.shape}, but this robot has {n} joints: (T, {n}) is wanted")
+            raise InputError(
+                f"Q has shape {Q.shape}, but this robot has {n} joints: (T, {n}) is wanted"
+            )
         model, data, base = self._model, self._model.createData(), self._model.frames[self._base]
         joints, which = np.unique(self._joint, return_inverse=True)
         oMi = np.empty((len(Q), len(joints), 4, 4))
@@ -149,29 +149,57 @@ class Visuals:
 def _find_shapes(robot: Mechanism) -> Iterator[tuple[Shape, pin.SE3, str]]:
     """Find each shape's mesh file: the shape, its placement in the link, its mesh's name."""
     for seen in robot.description.shapes:
-        path = find_mesh(seen.filename, robot.description.path, robot.package_dirs) if seen.filename else None
-        own = seen.kind == "mesh" and seen.color is None and path is not None and path.suffix.lower() != ".stl"
-        shape = Shape(seen.name, seen.kind, seen.link, path, seen.scale, seen.size, seen.color or PLAIN, own)
+        path = (
+            find_mesh(seen.filename, robot.description.path, robot.package_dirs)
+            if seen.filename
+            else None
+        )
+        own = (
+            seen.kind == "mesh"
+            and seen.color is None
+            and path is not None
+            and path.suffix.lower() != ".stl"
+        )
+        shape = Shape(
+            seen.name, seen.kind, seen.link, path, seen.scale, seen.size, seen.color or PLAIN, own
+        )
         yield shape, origin(seen), seen.filename
 
 
 def _surroundings(robot: Mechanism) -> Iterator[Placed]:
-    """Place the surroundings, measured from the robot's root, the first ``MAX_SHAPES`` shapes of them.
+    """Place the surroundings, measured from the robot's root, the first ``MAX_SHAPES`` shapes of
+    them.
 
-    A mesh that is missing is refused by :class:`Bodies`, whose notes say how many shapes are not drawn.
-    """
+    A mesh that is missing is refused by :class:`Bodies`, whose notes say how many shapes are not
+    drawn."""
     around = robot.surroundings
     if around is None:
         return
     places = fixed_placements(around)
     for solid in around.collisions[:MAX_SHAPES]:
-        path = find_mesh(solid.filename, around.path, robot.package_dirs) if solid.filename else None
+        path = (
+            find_mesh(solid.filename, around.path, robot.package_dirs) if solid.filename else None
+        )
         if path is not None or solid.kind != "mesh":
             name, M = f"surroundings/{solid.name}", places[solid.link] * origin(solid)
-            yield Shape(name, solid.kind, solid.link, path, solid.scale, solid.size, AROUND, standing=True), M
+            yield (
+                Shape(
+                    name,
+                    solid.kind,
+                    solid.link,
+                    path,
+                    solid.scale,
+                    solid.size,
+                    AROUND,
+                    standing=True,
+                ),
+                M,
+            )
 
 
-def _skeleton(robot: Mechanism, links: dict[str, pin.Frame], draw: Container[str]) -> Iterator[Placed]:
+def _skeleton(
+    robot: Mechanism, links: dict[str, pin.Frame], draw: Container[str]
+) -> Iterator[Placed]:
     """Make tubes and cylinders for some of a robot's links.
 
     Parameters
@@ -186,7 +214,9 @@ def _skeleton(robot: Mechanism, links: dict[str, pin.Frame], draw: Container[str
         place = _joint_origin(robot.model, links, joint)
         length = float(np.linalg.norm(place.translation))
         if joint.parent in draw and length > thick:
-            tube = Shape(f"{joint.name}_tube", "capsule", joint.parent, size=(thick, length), color=TUBE)
+            tube = Shape(
+                f"{joint.name}_tube", "capsule", joint.parent, size=(thick, length), color=TUBE
+            )
             yield tube, pin.SE3(_turn_z_to(place.translation), place.translation / 2)
         if joint.child in draw and joint.kind != "fixed":
             yield from _joint_bones(joint, place, thick, joint.parent in draw)
@@ -196,14 +226,28 @@ def _joint_bones(joint: Joint, place: pin.SE3, thick: float, rail: bool) -> Iter
     """Draw a revolute joint as a cylinder along its axis, a prismatic one as a slider on a rail."""
     name, along = joint.name, pin.SE3(_turn_z_to(joint.axis), np.zeros(3))
     if joint.kind != "prismatic":
-        yield Shape(f"{name}_joint", "cylinder", joint.child, size=(1.7 * thick, 4.4 * thick), color=JOINT), along
+        yield (
+            Shape(
+                f"{name}_joint",
+                "cylinder",
+                joint.child,
+                size=(1.7 * thick, 4.4 * thick),
+                color=JOINT,
+            ),
+            along,
+        )
         return
     size, reach = (3.4 * thick, 3.4 * thick, 5 * thick), 50 * thick
     yield Shape(f"{name}_slider", "box", joint.child, size=size, color=JOINT), along
     low, high = max(joint.lower, -reach), min(joint.upper, reach)
     if rail and high > low:
         middle = place * pin.SE3(np.eye(3), (low + high) / 2 * np.array(joint.axis)) * along
-        yield Shape(f"{name}_rail", "cylinder", joint.parent, size=(0.8 * thick, high - low), color=TUBE), middle
+        yield (
+            Shape(
+                f"{name}_rail", "cylinder", joint.parent, size=(0.8 * thick, high - low), color=TUBE
+            ),
+            middle,
+        )
 
 
 def _joint_origin(model: pin.Model, links: dict[str, pin.Frame], joint: Joint) -> pin.SE3:

@@ -1,26 +1,28 @@
-"""Save and load a design of either kind: JSON that says what it is for, and is refused where it does not fit."""
+"""Save and load a design of either kind: JSON that says what it is for, and is refused where it
+does not fit."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from ..arguments import file_name, wanted
+from ..arguments import file_name, require_type
 from ..design import Design
-from ..design.identity import compare, task_of
-from ..design.schema import DesignFile
-from ..design.storage import FORMAT, design_file, design_of, read, write
 from ..errors import InputError, RepctlError
+from ..inverse_function import CellDesign
 from ..robot.robot import Robot
-from ..robot.task import Task, wanted_task
-from ..section import CellDesign
-from . import cells
+from ..robot.task import Task, require_task
+from . import cell_file
+from .design_file import FORMAT, design_file, design_of, read, write
+from .schema import DesignFile
+from .task_identity import compare, task_of
 
 
 def save(design: Design | CellDesign, path: str | Path) -> Path:
     """Write a design to a file, whole or not at all.
 
-    JSON: a schema version, the robot, frame, task kind and joints with a fingerprint of the kinematics, all that the
-    design is made of, every figure of it, and a checksum. The same design gives the same bytes.
+    JSON: a schema version, the robot, frame, task kind and joints with a fingerprint of the
+    kinematics, all that the design is made of, every figure of it, and a checksum. The same design
+    gives the same bytes.
 
     Parameters
     ----------
@@ -45,8 +47,8 @@ def save(design: Design | CellDesign, path: str | Path) -> Path:
     'design.json'
     """
     if isinstance(design, CellDesign):
-        return write(cells.cell_file(design), file_name(path))
-    wanted(design, Design, "design", "a design, as rp.nearest_repeatable makes them")
+        return write(cell_file.cell_file(design), file_name(path))
+    require_type(design, Design, "design", "a design, as rp.nearest_repeatable makes them")
     return write(design_file(design), file_name(path))
 
 
@@ -80,7 +82,7 @@ def load(path: str | Path, task: Task | None = None) -> Design | CellDesign:
     """
     path = file_name(path)
     if task is not None:
-        wanted_task(task)
+        require_task(task)
     where, content = str(path), read_design(path)
     made_for = content.task
     if task is None and not made_for.catalogue:
@@ -91,13 +93,17 @@ def load(path: str | Path, task: Task | None = None) -> Design | CellDesign:
     return made_of(content, task or task_of(made_for, Robot.load(made_for.robot)), where)
 
 
-def read_design(path: str | Path) -> DesignFile | cells.CellFile:
+def read_design(path: str | Path) -> DesignFile | cell_file.CellFile:
     """Read a file and make sure that it is a design of either kind, as it was written."""
-    content: DesignFile | cells.CellFile = read(path, {FORMAT: DesignFile, cells.FORMAT: cells.CellFile})
+    content: DesignFile | cell_file.CellFile = read(
+        path, {FORMAT: DesignFile, cell_file.FORMAT: cell_file.CellFile}
+    )
     return content
 
 
-def made_of(content: DesignFile | cells.CellFile, task: Task, where: str) -> Design | CellDesign:
+def made_of(
+    content: DesignFile | cell_file.CellFile, task: Task, where: str
+) -> Design | CellDesign:
     """Make a design of a file's content, for the task it was made for.
 
     Raises
@@ -107,6 +113,10 @@ def made_of(content: DesignFile | cells.CellFile, task: Task, where: str) -> Des
     """
     try:
         compare(content.task, task, where)
-        return design_of(content, task) if isinstance(content, DesignFile) else cells.cell_of(content, task)
+        return (
+            design_of(content, task)
+            if isinstance(content, DesignFile)
+            else cell_file.cell_of(content, task)
+        )
     except (ValueError, IndexError, OverflowError, TypeError, RepctlError) as error:
         raise InputError(str(error) if where in str(error) else f"{where}: {error}") from None

@@ -1,4 +1,5 @@
-"""The page of a function over a cell: the box round the arm, a tour through it, slices, and all figures."""
+"""The page of a function over a cell: the box round the arm, a tour through it, slices, and all
+figures."""
 
 from __future__ import annotations
 
@@ -8,20 +9,21 @@ from itertools import product
 import numpy as np
 
 from ..arguments import Array
+from ..inverse_function import Cell, CellDesign
 from ..motion import Motion, elbow
-from ..section import Cell, CellDesign
 from .page.html import render
-from .page.playback import Limb, track_of, tracks_page
+from .page.playback import TracedChain, playback_of, playback_page
 from .palette import BLUE, VERMILLION
 from .report import framed, versions
-from .text.verdict import NO_VERDICT, Verdict, deed_of, verdict
+from .text.verdict import NO_VERDICT, Verdict, motion_summary, verdict
 
 _ROUND = [0, 1, 3, 2, 0, 4, 5, 1, 5, 7, 3, 7, 6, 2, 6, 4]
 """The corners of a box, counted in binary, in an order that goes along every edge."""
 
 
 def box_of(cell: Cell) -> Array:
-    """Go along the edges of a cell's box of positions: (P, 3), m; a rectangle or a line where some are held."""
+    """Go along the edges of a cell's box of positions: (P, 3), m; a rectangle or a line where some
+    are held."""
     positions = len(cell.half_width)
     low_high = np.zeros((3, 2))
     low_high[cell.task.rows[:positions]] = cell.half_width[:, None] * [-1, 1]
@@ -30,7 +32,11 @@ def box_of(cell: Cell) -> Array:
 
 
 def cell_page(
-    design: CellDesign, slices: bytes | None, motions: Mapping[str, Motion], *, command: str | None = None
+    design: CellDesign,
+    slices: bytes | None,
+    motions: Mapping[str, Motion],
+    *,
+    command: str | None = None,
 ) -> str:
     """Write the page of a function as one self-contained HTML page.
 
@@ -41,7 +47,8 @@ def cell_page(
     slices
         The figure of its slices, a PNG; None where it has none.
     motions
-        A tour through the cell, by each control's name: the desired one's, if there is one, and the function's.
+        A tour through the cell, by each control's name: the desired one's, if there is one, and the
+        function's.
     command
         The command line that made it.
     """
@@ -53,7 +60,9 @@ def cell_page(
     animation, tiles = "", NO_VERDICT.tiles
     if motions:
         cycles = next(iter(motions.values())).cycles
-        tiles = verdict([deed_of(name, motion, joint) for name, motion in motions.items()], cycles).tiles
+        tiles = verdict(
+            [motion_summary(name, motion, joint) for name, motion in motions.items()], cycles
+        ).tiles
         animation = _tour_page(design, motions, joint, f"{cycles} times round a tour of the cell")
     return render(
         "cell.html",
@@ -72,9 +81,18 @@ def cell_page(
 def _tour_page(design: CellDesign, motions: Mapping[str, Motion], joint: int, name: str) -> str:
     """Show the motions side by side, and the box round them."""
     colours = [VERMILLION, BLUE][-len(motions) :]
-    tracks = [track_of(label, motions[label], colour) for label, colour in zip(motions, colours, strict=True)]
+    tracks = [
+        playback_of(label, motions[label], colour)
+        for label, colour in zip(motions, colours, strict=True)
+    ]
     way = next(iter(motions.values())).path.points()
-    return tracks_page([Limb(design.task, joint)], tracks, paths=[box_of(design.cell), way], name=name, seconds=8.0)
+    return playback_page(
+        [TracedChain(design.task, joint)],
+        tracks,
+        paths=[box_of(design.cell), way],
+        name=name,
+        seconds=8.0,
+    )
 
 
 def _sentence(design: CellDesign) -> str:
@@ -82,8 +100,12 @@ def _sentence(design: CellDesign) -> str:
     margin, worst, unit = design.limit_margin, design.limit_margin_worst, design.task.unit
     limits = f"limits {'kept' if margin >= 0 else 'broken'} by {abs(margin):.2g} {unit}"
     limits += f", broken by {-worst:.2g} at the worst pose" if worst < 0 <= margin else ""
-    every = "One set of joints for every pose" if design.judgement.everywhere else "One set of joints for each pose"
+    every = (
+        "One set of joints for every pose"
+        if design.evaluation.everywhere
+        else "One set of joints for each pose"
+    )
     return (
-        f"{every}: {100 * design.extra_speed:.2g} % more joint speed, covered: {design.judgement.covered}, "
+        f"{every}: {100 * design.extra_speed:.2g} % more joint speed, covered: {design.evaluation.covered}, "
         f"{limits if np.isfinite(margin) else 'no joint limits'}."
     )

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from matplotlib.figure import Figure
 
-from ..arguments import whole
+from ..arguments import as_int
 from ..errors import InputError
 from ..studies import Study
 from .plots.motions import drawn, drift_figure, joints_figure, png
@@ -19,7 +19,9 @@ from .text.table import study_table
 DPI = 96
 """Pixels of the page to an inch of a figure."""
 
-_TABLE = "margin: 16px 24px; overflow-x: auto; font: 12px/1.4 ui-monospace, Menlo, Consolas, monospace"
+_TABLE = (
+    "margin: 16px 24px; overflow-x: auto; font: 12px/1.4 ui-monospace, Menlo, Consolas, monospace"
+)
 
 
 @dataclass(frozen=True)
@@ -69,13 +71,15 @@ def inline(shown: Study | Figure | str, *, height: int = 640) -> Inline:
     >>> rp.inline(rp.animation({"ours": motion}).page)  # in a notebook: the page in its cell
     <page of 0.4 MB>
     """
-    height = whole(height, "height", 1)
+    height = as_int(height, "height", 1)
     if isinstance(shown, str):
         return Inline(frame(shown, height), f"<page of {len(shown) / 1e6:.1f} MB>")
     if isinstance(shown, Figure):
         return Inline(_picture(shown, "Figure"), repr(shown))
     if not isinstance(shown, Study):
-        raise InputError(f"a cell shows a study, a figure or a page's HTML; got {type(shown).__name__}")
+        raise InputError(
+            f"a cell shows a study, a figure or a page's HTML; got {type(shown).__name__}"
+        )
     text = study_table(shown)
     parts = (
         frame(study_page(shown), height),

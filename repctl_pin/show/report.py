@@ -1,4 +1,5 @@
-"""One page that can be mailed: what a study found, its pictures, and all that is needed to repeat it."""
+"""One page that can be mailed: what a study found, its pictures, and all that is needed to repeat
+it."""
 
 from __future__ import annotations
 
@@ -59,8 +60,8 @@ def report_page(
 
     Returns
     -------
-    The page's HTML: it asks nothing of a network, prints without cut figures, and every picture has words.
-    """
+    The page's HTML: it asks nothing of a network, prints without cut figures, and every picture has
+    words."""
     title = f"{study.robot.name}: {study.path.name}"
     colour = colours(study)
     given, rest = _chosen(options or {}, command)
@@ -100,13 +101,18 @@ def versions() -> dict[str, str]:
 def _figures(study: Study, maps: StudyMaps | None) -> Iterable[tuple[str, dict[str, object]]]:
     """Each figure with its heading, picture and words."""
     moved = drawn(study)
-    on = [m for m in moved if m[2] != COLOURS["posture_off"]]  # what comes from afar would hide the rest
+    on = [
+        m for m in moved if m[2] != COLOURS["posture_off"]
+    ]  # what comes from afar would hide the rest
     yield "Drift", _picture(drift_figure(moved, ""), captions.drift_words(study))
     yield "Joints", _picture(joints_figure(moved, ""), captions.joints_words(study))
     yield "Orbits in joint space", _picture(orbits_figure(on, ""), captions.orbits_words(study))
     yield "Speed and limits", _picture(cycle_figure(moved, ""), captions.cycles_words(study))
     if maps is not None:
-        yield "The design over two joints", _picture(_maps_figure(study, maps), captions.maps_words(study, maps))
+        yield (
+            "The design over two joints",
+            _picture(_maps_figure(study, maps), captions.maps_words(study, maps)),
+        )
 
 
 def _maps_figure(study: Study, maps: StudyMaps) -> Figure:
@@ -121,19 +127,28 @@ def _maps_figure(study: Study, maps: StudyMaps) -> Figure:
     ):
         joint_map(axes.pop(0), study.design, grid, values, label, top)
     if axes:
-        cost_against_degree(axes[0], maps.degrees, study.design.baselines).legend(frameon=False, fontsize=8.5)
+        cost_against_degree(axes[0], maps.degrees, study.design.baselines).legend(
+            frameon=False, fontsize=8.5
+        )
     return figure
 
 
 def _picture(figure: Figure, text: str) -> dict[str, object]:
     """A figure as the page holds it, with the words for it."""
-    return framed(png(figure, DPI, bbox_inches="tight", pad_inches=0.05, metadata={"Software": None}), text)
+    return framed(
+        png(figure, DPI, bbox_inches="tight", pad_inches=0.05, metadata={"Software": None}), text
+    )
 
 
 def framed(picture: bytes, text: str) -> dict[str, object]:
     """A PNG as a page holds it, with the words for it."""
     width, height = struct.unpack(">II", picture[16:24])  # as its header says
-    return {"data": base64.b64encode(picture).decode("ascii"), "width": width, "height": height, "words": text}
+    return {
+        "data": base64.b64encode(picture).decode("ascii"),
+        "width": width,
+        "height": height,
+        "words": text,
+    }
 
 
 def _in_full(study: Study) -> dict[str, str]:
@@ -155,7 +170,9 @@ def _fingerprint(file: Path) -> str:
         return "the file is not there any more"
 
 
-def _chosen(options: Mapping[str, object], command: str | None) -> tuple[dict[str, str], dict[str, str]]:
+def _chosen(
+    options: Mapping[str, object], command: str | None
+) -> tuple[dict[str, str], dict[str, str]]:
     """Options that the command line names, and the rest."""
     said = None if command is None else {word.partition("=")[0] for word in shlex.split(command)}
     texts = {name: _text(value) for name, value in options.items()}

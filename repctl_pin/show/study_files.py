@@ -9,7 +9,7 @@ from typing import Any
 from ..files import prepare_folder, write_whole
 from ..motion.csv_file import csv_text
 from ..studies import Study
-from .page.playback import Limb, track_of, tracks_page
+from .page.playback import TracedChain, playback_of, playback_page
 from .palette import colours
 from .plots.motions import drawn, drift_figure, joints_figure, png
 from .text.verdict import study_verdict
@@ -19,7 +19,8 @@ CSV_ROWS_PER_CYCLE = 100
 
 
 def write_study(study: Study, folder: Path, *, run: str = "") -> list[Path]:
-    """Write ``animation.html``, ``drift.png``, ``joints.png`` and ``motion.csv``, each whole or not at all.
+    """Write ``animation.html``, ``drift.png``, ``joints.png`` and ``motion.csv``, each whole or not
+    at all.
 
     Parameters
     ----------
@@ -63,7 +64,11 @@ def run_name(study: Study, checksum: str) -> str:
 
 def with_run(page: str, run: str) -> str:
     """Write the name of a run into a page."""
-    return page.replace("<head>", f'<head>\n<meta name="repctl-run" content="{run}">', 1) if run else page
+    return (
+        page.replace("<head>", f'<head>\n<meta name="repctl-run" content="{run}">', 1)
+        if run
+        else page
+    )
 
 
 def _motions(study: Study, run: str = "") -> str:
@@ -72,9 +77,20 @@ def _motions(study: Study, run: str = "") -> str:
 
 
 def study_page(study: Study) -> str:
-    """Make the animation of a study: J⁺, user-defined controls and the repeatable inverse, side by side."""
+    """Make the animation of a study: J⁺, user-defined controls and the repeatable inverse, side by
+    side."""
     rows = [row for row in study.rows if row.key not in ("posture", "posture_off")]
     colour = colours(study)
-    tracks = [track_of(row.label, row.motion, colour[row.key]) for row in rows if row.motion is not None]
-    limb = Limb(study.task, study.elbow)
-    return tracks_page([limb], tracks, paths=[study.path.points()], name=study.path.name, summary=study_verdict(study))
+    tracks = [
+        playback_of(row.label, row.motion, colour[row.key])
+        for row in rows
+        if row.motion is not None
+    ]
+    chain = TracedChain(study.task, study.elbow)
+    return playback_page(
+        [chain],
+        tracks,
+        paths=[study.path.points()],
+        name=study.path.name,
+        summary=study_verdict(study),
+    )

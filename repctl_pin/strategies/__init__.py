@@ -1,6 +1,6 @@
 """Control strategies on a task: ways to turn a task velocity ẋ into joint velocities q̇."""
 
-from .arm_angle import ArmAngle as ArmAngle
+from ..potentials.arm_angle import ArmAngle as ArmAngle
 from .custom import CustomInverse as CustomInverse
 from .custom import FunctionStrategy as FunctionStrategy
 from .extended import ExtendedJacobian as ExtendedJacobian

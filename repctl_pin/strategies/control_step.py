@@ -1,9 +1,9 @@
-"""One step of a control loop, the leaf lock: one Jacobian, one evaluation of the potentials, one LAPACK solve.
+"""One step of a control loop, the leaf lock: one Jacobian, one evaluation of the potentials, one
+LAPACK solve.
 
-The functions made here are closures over preallocated memory, see :mod:`repctl_pin.robot.inplace`. What they are
-given is looked at before it reaches compiled code: native doubles of the right size pass, everything else is
-converted or refused by name.
-"""
+The functions made here are closures over preallocated memory, see
+:mod:`repctl_pin.robot.fast_kinematics`. What they are given is looked at before it reaches compiled
+code: native doubles of the right size pass, everything else is converted or refused by name."""
 
 from __future__ import annotations
 
@@ -20,28 +20,27 @@ from numpy.typing import ArrayLike
 from scipy.linalg.blas import daxpy, ddot, dscal
 from scipy.linalg.lapack import dgesv, dgetrf, dgetri
 
-from ..arguments import FLOAT, Array, positive, row, spread, vector, wanted
+from ..arguments import FLOAT, Array, per_joint, positive, require_type, row, vector
 from ..errors import InputError, SingularityError
-from ..fields import inplace as potentials_of
-from ..fields.field import FieldMap
+from ..potentials import fast_potentials
+from ..potentials.basis import Potentials
 from ..redundancy.augmented import SINGULAR, is_regular
 from ..redundancy.inverses import RANK_TOLERANCE
-from ..robot import inplace as kinematics_of
+from ..robot import fast_kinematics
 from ..robot.task import Task
 
 
 @dataclass
 class Loop:
-    """The quick functions of one repeatable inverse, for one thread; see :class:`RepeatableInverse`.
+    """The quick functions of one repeatable inverse, for one thread; see
+    :class:`RepeatableInverse`.
 
     Attributes
     ----------
-    velocity : function (q, ẋ) → q̇
-    step : function (q, target, dt, twist, leaf, gain) → the next q
-    bounded : function (q, target, dt, twist, leaf, gain, limit, damping) → the next q, λ, slowed
-    inverses : function Q (K, n) → G (K, n, m), optional
-    velocities : function (Q, Ẋ) → q̇ (K, n), optional
-    damping, slowed : float
+    velocity : function (q, ẋ) → q̇ step : function (q, target, dt, twist, leaf, gain) → the next q
+    bounded : function (q, target, dt, twist, leaf, gain, velocity_limit, damping) → the next q, λ,
+    slowed inverses : function Q (K, n) → G (K, n, m), optional velocities : function (Q, Ẋ) → q̇
+    (K, n), optional damping, slowed : float
         λ and the factor of the last bounded step.
     """
 
@@ -54,22 +53,22 @@ class Loop:
     slowed: float = 1.0
 
 
-def python_loops(task: Task, field: FieldMap) -> Callable[[], Loop]:
+def python_loops(task: Task, potentials: Potentials) -> Callable[[], Loop]:
     """Make what makes the quick functions in Python, once in each thread."""
-    return partial(make_loop, task, field)
+    return partial(make_loop, task, potentials)
 
 
-def make_loop(task: Task, field: FieldMap) -> Loop:
-    """Make the quick functions of the repeatable inverse of a field."""
+def make_loop(task: Task, potentials: Potentials) -> Loop:
+    """Make the quick functions of the repeatable inverse of potentials h."""
     n, m, r = task.n, task.m, task.r
     of_joints, of_task, of_twist, of_leaf = (n,), (m,), (6,), (r,)
     memory = np.zeros(n * n + n)
     J_V, rhs = memory[: n * n].reshape((n, n), order="F"), memory[n * n :]  # [J; Vᵀ] (37)
     top, bottom, pivots = rhs[:m], rhs[m:], memory[: n * n : n + 1]
-    kinematics = kinematics_of.in_place(task, J_V[:m], top)
-    potentials = potentials_of.in_place(field, J_V[m:], bottom)
-    jacobian, error, rate = kinematics.jacobian, kinematics.error, kinematics.rate
-    slope, gap, SE3 = potentials.slope, potentials.gap, pin.SE3
+    kinematics = fast_kinematics.in_place(task, J_V[:m], top)
+    h = fast_potentials.in_place(potentials, J_V[m:], bottom)
+    jacobian, error, rate = kinematics.jacobian, kinematics.error, kinematics.task_velocity
+    slope, gap, SE3 = h.slope, h.gap, pin.SE3
     whole, half, tolerance = task.kind == "pose", n / 2, RANK_TOLERANCE / n ** (n / 2)
     largest = float_info.max ** (1 / half)  # square ** half overflows beyond it
 
@@ -77,8 +76,10 @@ def make_loop(task: Task, field: FieldMap) -> Loop:
         """Solve ``J_V x = rhs``; J_V is overwritten."""
         square = ddot(memory, memory)
         _, order, x, info = dgesv(J_V, rhs, 1, 0)
-        # |det J_V| = |∏ pivots| ≤ sin θ ∏ ‖row‖ ≤ sin θ (‖J_V‖/√n)ⁿ, θ the least angle of is_regular: this is enough.
-        # NaN fails it. Where it fails the exact test has the word. It bounds x, too: ‖x‖ ≤ square^half / |det J_V|.
+        # |det J_V| = |∏ pivots| ≤ sin θ ∏ ‖row‖ ≤ sin θ (‖J_V‖/√n)ⁿ, θ the least angle of
+        # is_regular: this is enough.
+        # NaN fails it. Where it fails the exact test has the word. It bounds x, too: ‖x‖ ≤
+        # square^half / |det J_V|.
         if not (square < largest and abs(prod(pivots.tolist())) > tolerance * square**half):
             inverse = None if info else dgetri(J_V, order)[0]
             jacobian(q)
@@ -112,7 +113,7 @@ def make_loop(task: Task, field: FieldMap) -> Loop:
         if not (isinstance(dt, float) and 0.0 < dt < inf):
             dt = positive(dt, "dt", "s")
         if not isinstance(target, SE3):
-            wanted(target, SE3, "the target", "a placement (pinocchio.SE3)")
+            require_type(target, SE3, "the target", "a placement (pinocchio.SE3)")
         jacobian(q)
         slope(q)
         error(target)
@@ -137,11 +138,11 @@ def make_loop(task: Task, field: FieldMap) -> Loop:
         twist: Array | None,
         leaf: Array | None,
         gain: float | None,
-        limit: ArrayLike | None,
+        velocity_limit: ArrayLike | None,
         damping: float,
     ) -> tuple[Array, float, float]:
         dt, damping = positive(dt, "dt", "s"), positive(damping, "damping", zero=True)
-        most = np.full(n, inf) if limit is None else speeds(limit, n) * dt
+        most = np.full(n, inf) if velocity_limit is None else speeds(velocity_limit, n) * dt
         used, slowed = 0.0, 1.0
 
         def gently(q: Array) -> Array:
@@ -152,7 +153,7 @@ def make_loop(task: Task, field: FieldMap) -> Loop:
                     raise failure(task, q, rhs)
             else:
                 x = solved(q)
-            if limit is None or (np.abs(x) <= most).all():
+            if velocity_limit is None or (np.abs(x) <= most).all():
                 return x
             bottom[:] = 0.0
             if not damping:
@@ -172,7 +173,8 @@ def damped(J_V: Array, rhs: Array, most: float) -> tuple[Array, float]:
     """Solve ``J_V x = rhs``, damped where J_V is near a singularity.
 
     ``x = Σ_i v_i σ_i / (σ_i² + λ²) u_iᵀ rhs``, with ``λ² = λ_max² (1 − (σ_min / 2λ_max)²)`` where
-    ``σ_min < 2 λ_max`` and λ = 0 elsewhere: continuous, and ``‖x‖ ≤ ‖rhs‖ / (√3 λ_max)`` wherever it acts.
+    ``σ_min < 2 λ_max`` and λ = 0 elsewhere: continuous, and ``‖x‖ ≤ ‖rhs‖ / (√3 λ_max)`` wherever
+    it acts.
 
     Parameters
     ----------
@@ -190,7 +192,9 @@ def damped(J_V: Array, rhs: Array, most: float) -> tuple[Array, float]:
     factors, pivots, info = dgetrf(J_V)
     if not info:
         inverse, _ = dgetri(factors, pivots)
-        if np.linalg.norm(inverse) < 1 / (2 * most):  # σ_min ≥ 1 / ‖J_V⁻¹‖_F: surely far from singular
+        if np.linalg.norm(inverse) < 1 / (
+            2 * most
+        ):  # σ_min ≥ 1 / ‖J_V⁻¹‖_F: surely far from singular
             return inverse @ rhs, 0.0
     if not np.isfinite(J_V).all():
         return np.full(len(rhs), np.nan), 0.0
@@ -203,8 +207,8 @@ def damped(J_V: Array, rhs: Array, most: float) -> tuple[Array, float]:
 def within(x: Array, x_task: Array, most: Array) -> tuple[Array, float]:
     """Shorten a step ``x = x_task + x_leaf`` until no joint moves further than it may.
 
-    The return to the leaf gives way first, so that the task keeps its speed as long as it can; then the
-    step as a whole is scaled down.
+    The return to the leaf gives way first, so that the task keeps its speed as long as it can; then
+    the step as a whole is scaled down.
 
     Parameters
     ----------
@@ -231,18 +235,23 @@ def failure(task: Task, q: Array, rhs: Array, singular: str = "") -> Exception:
     if not np.isfinite(q).all():
         return InputError(f"q must be {task.n} finite numbers; got {row(q)}")
     if not np.isfinite(rhs).all():
-        return InputError("the task velocity ẋ or the target, the leaf and dt must be finite numbers")
+        return InputError(
+            "the task velocity ẋ or the target, the leaf and dt must be finite numbers"
+        )
     return SingularityError(f"{singular or SINGULAR}, at q = {row(q)}")
 
 
 def share_of(gain: float, dt: float) -> float:
-    """Take a feedback gain, 1/s, that a person gave: the share gain · dt of the error that a step undoes."""
+    """Take a feedback gain, 1/s, that a person gave: the share gain · dt of the error that a step
+    undoes."""
     share = (gain if isinstance(gain, float) else positive(gain, "gain", "1/s", zero=True)) * dt
     if not 0.0 <= share <= 2.0:
-        raise InputError(f"gain · dt must be from 0 to 2, beyond which feedback diverges; got {gain!r} · {dt!r}")
+        raise InputError(
+            f"gain · dt must be from 0 to 2, beyond which feedback diverges; got {gain!r} · {dt!r}"
+        )
     return share
 
 
-def speeds(limit: ArrayLike, n: int) -> Array:
-    """Take speed limits (n,) that a person gave."""
-    return spread(limit, n, "a speed limit")
+def speeds(velocity_limit: ArrayLike, n: int) -> Array:
+    """Check the speed limits (n,) that the user gave."""
+    return per_joint(velocity_limit, n, "a speed limit")

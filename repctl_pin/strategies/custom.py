@@ -17,7 +17,8 @@ from .pseudoinverse import at_rows, redundant
 class CustomInverse:
     """``q̇ = G(q) ẋ`` (3) with a user-defined G.
 
-    ``J G = I`` is checked at every evaluation: a G that breaks it would not follow the path it is given.
+    ``J G = I`` is checked at every evaluation: a G that breaks it would not follow the path it is
+    given.
 
     Parameters
     ----------
@@ -40,7 +41,9 @@ class CustomInverse:
     True
     """
 
-    def __init__(self, task: Task, function: Callable[[Array], ArrayLike], *, tolerance: float = 1e-8) -> None:
+    def __init__(
+        self, task: Task, function: Callable[[Array], ArrayLike], *, tolerance: float = 1e-8
+    ) -> None:
         self.task = redundant(task)
         self.function = wanted_function(function, "function", "a function q → G")
         self.tolerance = positive(tolerance, "the tolerance of J G = I")
@@ -51,7 +54,8 @@ class CustomInverse:
         Raises
         ------
         InputError
-            If the function returns anything but an (n, m) matrix with ``J G = I``; the residual is named.
+            If the function returns anything but an (n, m) matrix with ``J G = I``; the residual is
+            named.
         """
         q = vector(q, self.task.n, "q")
         return self._checked(q, self.task.jacobian(q))
@@ -72,9 +76,13 @@ class CustomInverse:
         try:
             G = np.array(self.function(q), dtype=float)
         except (TypeError, ValueError) as error:
-            raise InputError(f"the function gives no {n} × {m} matrix G at q = {row(q)}: {error}") from error
+            raise InputError(
+                f"the function gives no {n} × {m} matrix G at q = {row(q)}: {error}"
+            ) from error
         if G.shape != (n, m) or not np.isfinite(G).all():
-            raise InputError(f"the function must give G as {n} × {m} finite numbers; at q = {row(q)} it does not")
+            raise InputError(
+                f"the function must give G as {n} × {m} finite numbers; at q = {row(q)} it does not"
+            )
         residual = np.abs(J @ G - np.eye(m))
         if residual.max() > self.tolerance:
             a, b = np.unravel_index(int(residual.argmax()), residual.shape)
@@ -98,7 +106,9 @@ class FunctionStrategy:
 
     def __init__(self, task: Task, function: Callable[[Array, Array], ArrayLike]) -> None:
         self.task = own_task(task)
-        self.function = wanted_function(function, "a strategy", "a function (q, ẋ) → q̇, or have a velocity(q, ẋ)", 2)
+        self.function = wanted_function(
+            function, "a strategy", "a function (q, ẋ) → q̇, or have a velocity(q, ẋ)", 2
+        )
 
     def velocity(self, q: ArrayLike, xdot: ArrayLike) -> Array:
         """Ask the function for q̇ (n,).
@@ -114,5 +124,7 @@ class FunctionStrategy:
         except (TypeError, ValueError) as error:
             raise InputError(f"the strategy's function gives no q̇: {error}") from error
         if qdot.shape != (self.task.n,) or not np.isfinite(qdot).all():
-            raise InputError(f"the strategy's function must give {self.task.n} finite numbers; it gave {qdot}")
+            raise InputError(
+                f"the strategy's function must give {self.task.n} finite numbers; it gave {qdot}"
+            )
         return qdot

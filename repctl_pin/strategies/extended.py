@@ -18,10 +18,11 @@ _DIFFERENCE = 1e-5
 
 
 class ExtendedJacobian(RepeatableInverse):
-    """``q̇ = G_r ẋ`` with ``V = ∂hᵀ/∂q``, ``h = Nᵀ ∇U``: on the leaf h = 0, U stays minimal for the given x = f(q).
+    """``q̇ = G_r ẋ`` with ``V = ∂hᵀ/∂q``, ``h = Nᵀ ∇U``: on the leaf h = 0, U stays minimal for the
+    given x = f(q).
 
-    N is the basis closest to the one at a reference configuration, so that h is a function of q alone;
-    for r = 1 this fixes the null vector's sign, for r > 1 the leaves h ≠ 0 depend on it.
+    N is the basis closest to the one at a reference configuration, so that h is a function of q
+    alone; for r = 1 this fixes the null vector's sign, for r > 1 the leaves h ≠ 0 depend on it.
 
     Parameters
     ----------
@@ -33,7 +34,8 @@ class ExtendedJacobian(RepeatableInverse):
         ∇U (n,) and ∂²U/∂q² (n, n) as functions of q, if U is a function; without them, numerical
         differentiation has a relative error of about 1e-9 and 1e-5.
     reference : (n,) array, optional
-        The configuration whose basis N is aligned to; by default the posture, or the task's reference.
+        The configuration whose basis N is aligned to; by default the posture, or the task's
+        reference.
 
     Raises
     ------
@@ -58,7 +60,9 @@ class ExtendedJacobian(RepeatableInverse):
     ) -> None:
         task = own_task(task)
         if task.r < 1:
-            raise InputError(f"a task with r = {task.r} leaves an extended Jacobian nothing to extend")
+            raise InputError(
+                f"a task with r = {task.r} leaves an extended Jacobian nothing to extend"
+            )
         if callable(potential):
             for given, name in ((gradient, "gradient"), (hessian, "hessian")):
                 if given is not None:
@@ -118,16 +122,21 @@ class ExtendedMap:
         return V
 
     def _aligned(self, J: Array, Q: Array) -> tuple[Array, Array]:
-        """The basis N (K, n, r) closest to the reference's, and ``S = Nᵀ N_ref`` (K, r, r), symmetric."""
+        """The basis N (K, n, r) closest to the reference's, and ``S = Nᵀ N_ref`` (K, r, r),
+        symmetric."""
         N = nullspace(J)
-        toward = np.swapaxes(N, -1, -2) @ self.N_reference
+        alignment = np.swapaxes(N, -1, -2) @ self.N_reference
         if N.shape[-1] == 1:  # n̂ of (41), with det [J; n̂ᵀ] > 0: smooth wherever J has full rank
-            side = np.sign(np.linalg.det(np.concatenate([J, np.swapaxes(N, -1, -2)], axis=1)))[:, None, None]
-            return N * side, toward * side
-        U, s, Vt = np.linalg.svd(toward)
+            side = np.sign(np.linalg.det(np.concatenate([J, np.swapaxes(N, -1, -2)], axis=1)))[
+                :, None, None
+            ]
+            return N * side, alignment * side
+        U, s, Vt = np.linalg.svd(alignment)
         if (s[:, -1] < 1e-9).any():
             at = ", ".join(f"{value:.3f}" for value in Q[int(np.argmin(s[:, -1]))])
-            raise SingularityError(f"the null space has turned by 90° from the extended Jacobian's reference at ({at})")
+            raise SingularityError(
+                f"the null space has turned by 90° from the extended Jacobian's reference at ({at})"
+            )
         return N @ U @ Vt, np.einsum("Kar,Ka,Kas->Krs", Vt, s, Vt)
 
 
@@ -167,7 +176,9 @@ class Given:
             return np.array([_checked(self.hessian, q, (len(q), len(q)), "Hessian") for q in Q])
         step = 1e-6 if self.gradient is not None else 1e-4
         steps = step * np.eye(Q.shape[1])
-        change = np.array([[self._gradient(q + d, step) - self._gradient(q - d, step) for d in steps] for q in Q])
+        change = np.array(
+            [[self._gradient(q + d, step) - self._gradient(q - d, step) for d in steps] for q in Q]
+        )
         H = change / (2 * step)
         return (H + np.swapaxes(H, 1, 2)) / 2
 
@@ -179,7 +190,9 @@ class Given:
         return np.array([(up - down) / (2 * step) for up, down in values])
 
 
-def _checked(function: Callable[[Array], ArrayLike], q: Array, shape: tuple[int, ...], what: str) -> Array:
+def _checked(
+    function: Callable[[Array], ArrayLike], q: Array, shape: tuple[int, ...], what: str
+) -> Array:
     try:
         array, why = np.asarray(function(q), float), ""
     except (TypeError, ValueError, IndexError) as error:

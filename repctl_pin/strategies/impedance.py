@@ -1,4 +1,5 @@
-"""Torque control on a leaf: an impedance for the hand, and a spring to the leaf that the hand does not feel."""
+"""Torque control on a leaf: an impedance for the hand, and a spring to the leaf that the hand does
+not feel."""
 
 from __future__ import annotations
 
@@ -7,7 +8,7 @@ import pinocchio as pin
 import scipy.linalg
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, numbers, positive, shown, vector, wanted
+from ..arguments import Array, as_numbers, positive, require_type, shown, vector
 from ..errors import InputError, SingularityError
 from ..threads import PerThread
 from .repeatable import RepeatableInverse
@@ -17,12 +18,14 @@ class LeafImpedance:
     """Joint torques that hold the hand by a spring, and the joints on the leaf h(q) = c.
 
     ``τ = Jᵀ F + P V Λ_h (ω² (c − h) − 2 ζ_h ω Vᵀ q̇) + b(q, q̇)`` with ``F = K e + D (ẋ* − J q̇)``,
-    ``P = I − Jᵀ J̄ᵀ``, ``J̄ = M⁻¹ Jᵀ Λ``, ``Λ = (J M⁻¹ Jᵀ)⁻¹``, ``Λ_h = (Vᵀ M⁻¹ P V)⁻¹``; b balances
-    gravity and the velocity terms. ``J M⁻¹ P = 0``: the second term does not move the hand (Khatib). There is no home
-    posture: this spring rests on the whole leaf, and does nothing while the arm is on it. Beyond the paper.
+    ``P = I − Jᵀ J̄ᵀ``, ``J̄ = M⁻¹ Jᵀ Λ``, ``Λ = (J M⁻¹ Jᵀ)⁻¹``, ``Λ_h = (Vᵀ M⁻¹ P V)⁻¹``; b
+    balances gravity and the velocity terms. ``J M⁻¹ P = 0``: the second term does not move the hand
+    (Khatib). There is no home posture: this spring rests on the whole leaf, and does nothing while
+    the arm is on it. Beyond the paper.
 
-    D is chosen so that the hand, with its own inertia Λ, has the same damping ratio in every direction; the leaf
-    responds with a single frequency, ``ḧ = ω² (c − h) − 2 ζ_h ω ḣ``, up to terms in the squares of velocities.
+    D is chosen so that the hand, with its own inertia Λ, has the same damping ratio in every
+    direction; the leaf responds with a single frequency, ``ḧ = ω² (c − h) − 2 ζ_h ω ḣ``, up to
+    terms in the squares of velocities.
 
     Parameters
     ----------
@@ -61,16 +64,22 @@ class LeafImpedance:
         leaf_frequency: float = 5.0,
         leaf_damping: float = 1.0,
     ) -> None:
-        self.inverse = wanted(inverse, RepeatableInverse, "inverse", "a repeatable inverse, such as design.inverse")
+        self.inverse = require_type(
+            inverse, RepeatableInverse, "inverse", "a repeatable inverse, such as design.inverse"
+        )
         self.task = task = inverse.task
         if task.coordinates is not None:
-            raise InputError("torques are those of the robot's own joints; design in them, without in_coordinates()")
-        linear, given = min(3, task.m), numbers(stiffness)
+            raise InputError(
+                "torques are those of the robot's own joints; design in them, without in_coordinates()"
+            )
+        linear, given = min(3, task.m), as_numbers(stiffness)
         pair = given is not None and given.shape == (2,) and task.m != 2
         rows = np.repeat(given, [linear, task.m - linear]) if given is not None and pair else given
         if rows is None or rows.shape != (task.m,) or not (np.isfinite(rows) & (rows > 0)).all():
             said = shown(stiffness)
-            raise InputError(f"stiffness must be two numbers above 0, N/m and Nm/rad, or {task.m}; got {said}")
+            raise InputError(
+                f"stiffness must be two numbers above 0, N/m and Nm/rad, or {task.m}; got {said}"
+            )
         self.stiffness = np.diag(rows)
         self.damping = positive(damping, "damping", zero=True)
         self.leaf_frequency = positive(leaf_frequency, "leaf_frequency", "rad/s", zero=True)
@@ -85,7 +94,13 @@ class LeafImpedance:
             ) from None
 
     def torque(
-        self, q: ArrayLike, qdot: ArrayLike, target: pin.SE3, twist: Array | None = None, *, leaf: ArrayLike
+        self,
+        q: ArrayLike,
+        qdot: ArrayLike,
+        target: pin.SE3,
+        twist: Array | None = None,
+        *,
+        leaf: ArrayLike,
     ) -> Array:
         """Choose the joint torques τ (n,), Nm or N.
 
@@ -112,18 +127,21 @@ class LeafImpedance:
         c = vector(leaf, task.r, "leaf", "from inverse.leaf(q)")
         with np.errstate(over="ignore", invalid="ignore"):
             error = task.error(q, target)
-            rate = np.zeros(task.m) if twist is None else task.rate(q, twist)
+            rate = np.zeros(task.m) if twist is None else task.task_velocity(q, twist)
             if not np.isfinite(error).all():
                 raise InputError("the target must be finite numbers, m and a rotation")
             torque = self._torque(q, qdot, error, rate, c)
         if not np.isfinite(torque).all():
-            raise InputError("the torque is not finite: a number of q, q̇, the target, the twist or leaf is too large")
+            raise InputError(
+                "the torque is not finite: a number of q, q̇, the target, the twist or leaf is too large"
+            )
         return torque
 
     def _torque(self, q: Array, qdot: Array, error: Array, rate: Array, c: Array) -> Array:
-        """τ (n,) for a task error (m,) and the target's task velocity (m,); not finite where numbers overflow."""
-        task, field = self.task, self.inverse.field
-        J, V, M = task.jacobian(q), field.gradient(q), task.inertias(q[None])[0]
+        """τ (n,) for a task error (m,) and the target's task velocity (m,); not finite where
+        numbers overflow."""
+        task, potentials = self.task, self.inverse.potentials
+        J, V, M = task.jacobian(q), potentials.gradient(q), task.inertias(q[None])[0]
         if not (np.isfinite(V).all() and np.isfinite(M).all()):
             return np.full(task.n, np.nan)
         try:
@@ -131,16 +149,19 @@ class LeafImpedance:
             M_J = scipy.linalg.cho_solve(factor, J.T)  # M⁻¹ Jᵀ
             inertia = np.linalg.inv(J @ M_J)  # Λ
             P_V = V - J.T @ (inertia @ (M_J.T @ V))  # P V
-            leaf_inertia = np.linalg.inv(P_V.T @ scipy.linalg.cho_solve(factor, P_V))  # Λ_h: P M⁻¹ P = M⁻¹ P
+            leaf_inertia = np.linalg.inv(
+                P_V.T @ scipy.linalg.cho_solve(factor, P_V)
+            )  # Λ_h: P M⁻¹ P = M⁻¹ P
             force = self._force(J @ qdot, inertia, error, rate)
         except (np.linalg.LinAlgError, ValueError):  # scipy's, where numbers are not finite
             raise SingularityError("the arm is at a singularity: J or J_V loses rank") from None
         omega = self.leaf_frequency
-        pull = omega**2 * (c - field.value(q)) - 2 * self.leaf_damping * omega * (V.T @ qdot)
+        pull = omega**2 * (c - potentials.value(q)) - 2 * self.leaf_damping * omega * (V.T @ qdot)
         return J.T @ force + P_V @ (leaf_inertia @ pull) + self._balance(q, qdot)
 
     def _balance(self, q: Array, qdot: Array) -> Array:
-        """b (n,): what gravity and velocities ask of the joints; joints that mimic load those they follow."""
+        """b (n,): what gravity and velocities ask of the joints; joints that mimic load those they
+        follow."""
         drive, data, rest = self._drive, self._data.own, np.zeros(self._model.nv)
         if drive is None:
             return pin.rnea(self._model, data, q, qdot, rest)

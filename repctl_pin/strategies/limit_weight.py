@@ -7,18 +7,19 @@ from numpy.typing import ArrayLike
 
 from ..arguments import Array, positive, vector
 from ..errors import InputError
-from ..robot.task import Task, wanted_task
+from ..robot.task import Task, require_task
 
 
 class LimitWeight:
-    r"""Weights that grow as a joint nears a limit, for ``WeightedInverse(task, LimitWeight(task))``:
+    r"""Weights that grow as a joint nears a limit, for ``WeightedInverse(task,
+    LimitWeight(task))``:
 
     .. math:: w_i = 1 + \text{gain} \sum_\mu \left( 1 + (\max(\mu, 0) / \rho_i)^2 \right)^{-2},
 
-    with μ the distances of q_i from its lower and upper limit, ρ_i = ``room`` · half its range: about 1 in the middle,
-    1 + gain at a limit and beyond, with a continuous slope; 1 for joints without limits. An inverse near this one is
-    near J⁺ and slow near limits: ``‖G − J⁺‖² + Σ_i (w_i − 1) ‖e_iᵀ G‖²`` is, up to a constant,
-    ``‖G − J⁺_M‖²_M`` with M = diag w.
+    with μ the distances of q_i from its lower and upper limit, ρ_i = ``onset`` · half its range:
+    about 1 in the middle, 1 + gain at a limit and beyond, with a continuous slope; 1 for joints
+    without limits. An inverse near this one is near J⁺ and slow near limits: ``‖G − J⁺‖² + Σ_i (w_i
+    − 1) ‖e_iᵀ G‖²`` is, up to a constant, ``‖G − J⁺_M‖²_M`` with M = diag w.
 
     Parameters
     ----------
@@ -26,14 +27,14 @@ class LimitWeight:
         The task whose limits are used.
     gain : float
         How strongly joints are slowed; 0 gives the plain pseudoinverse.
-    room : float
+    onset : float
         How far from a limit this begins, as a share of half the joint's range.
 
     Raises
     ------
     InputError
-        If the gain is negative, the room not above 0, or the task's coordinates mix joints, so that no weight on
-        a coordinate slows a single joint.
+        If the gain is negative, the onset not above 0, or the task's coordinates mix joints, so
+        that no weight on a coordinate slows a single joint.
 
     Examples
     --------
@@ -43,20 +44,20 @@ class LimitWeight:
     >>> G = rp.WeightedInverse(panda, weight)
     """
 
-    def __init__(self, task: Task, gain: float = 1.0, room: float = 0.1) -> None:
-        if (np.count_nonzero(wanted_task(task).T, axis=1) > 1).any():
+    def __init__(self, task: Task, gain: float = 1.0, onset: float = 0.1) -> None:
+        if (np.count_nonzero(require_task(task).coordinate_matrix, axis=1) > 1).any():
             raise InputError(
                 "a limit weight needs one joint for every coordinate, but q = T ψ of this task mixes joints; "
                 "take the task without in_coordinates"
             )
         self.lower, self.upper, self.n = np.array(task.lower), np.array(task.upper), task.n
         self.gain = positive(gain, "the gain of a limit weight", zero=True)
-        self.room = positive(room, "the room of a limit weight")
+        self.onset = positive(onset, "the onset of a limit weight")
 
     def __call__(self, q: ArrayLike) -> Array:
         """Evaluate the weights (n,)."""
         q = vector(q, self.n, "q")
         limited = np.isfinite(self.lower) & np.isfinite(self.upper)
-        room = np.where(limited, self.room * (self.upper - self.lower) / 2, 1.0)
+        onset = np.where(limited, self.onset * (self.upper - self.lower) / 2, 1.0)
         margins = np.where(limited, [q - self.lower, self.upper - q], np.inf)
-        return 1 + self.gain * np.sum((1 + (np.maximum(margins, 0) / room) ** 2) ** -2, axis=0)
+        return 1 + self.gain * np.sum((1 + (np.maximum(margins, 0) / onset) ** 2) ** -2, axis=0)

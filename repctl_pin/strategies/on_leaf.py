@@ -1,4 +1,5 @@
-"""The inverse kinematic function q = F(x; c) of Baker and Wampler on a leaf h(q) = c of a repeatable inverse."""
+"""The inverse kinematic function q = F(x; c) of Baker and Wampler on a leaf h(q) = c of a
+repeatable inverse."""
 
 from __future__ import annotations
 
@@ -9,21 +10,21 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, list_of, vector, wanted
+from ..arguments import Array, list_of, require_type, vector
 from ..errors import InputError, SingularityError
-from ..fields.field import FieldMap
+from ..potentials.basis import Potentials
 from ..redundancy.augmented import leaf_margin
-from ..redundancy.inverses import dexterity
+from ..redundancy.inverses import inverse_condition_number
 from ..redundancy.nullspace import nullspace
 from ..robot.formulas import axis_turn
 from .strategy import OnLeaves
 
 
-class WithField(OnLeaves, Protocol):
+class WithPotentials(OnLeaves, Protocol):
     """A strategy on the leaves of potentials that can be evaluated anywhere."""
 
     @property
-    def field(self) -> FieldMap:
+    def potentials(self) -> Potentials:
         """The potentials h."""
 
 
@@ -37,12 +38,15 @@ _ITERATIONS = 8
 _NEAR, _EXACT = 1e-6, 1e-12
 
 
-def solve(inverse: WithField, target: pin.SE3, q0: ArrayLike, leaf: ArrayLike | None = None) -> Array:
-    """Evaluate q = F(x; c): Newton's method on ``[x − f(q); c − h(q)] = 0``, led along a way from q0.
+def solve(
+    inverse: WithPotentials, target: pin.SE3, q0: ArrayLike, leaf: ArrayLike | None = None
+) -> Array:
+    """Evaluate q = F(x; c): Newton's method on ``[x − f(q); c − h(q)] = 0``, led along a way from
+    q0.
 
-    The way is a straight one for the frame (turned about one axis) and for c. Where Newton's method does
-    not converge within short steps, or ``det J_V`` changes sign, half as much of it is tried at once. So q
-    stays on the sheet of solutions that q0 lies on; joint limits are not looked at.
+    The way is a straight one for the frame (turned about one axis) and for c. Where Newton's method
+    does not converge within short steps, or ``det J_V`` changes sign, half as much of it is tried
+    at once. So q stays on the sheet of solutions that q0 lies on; joint limits are not looked at.
 
     Parameters
     ----------
@@ -63,16 +67,17 @@ def solve(inverse: WithField, target: pin.SE3, q0: ArrayLike, leaf: ArrayLike | 
     Raises
     ------
     InputError
-        If the leaf reaches no such target from there; the message says how far it got, and what ended it.
+        If the leaf reaches no such target from there; the message says how far it got, and what
+        ended it.
     SingularityError
         If q0 itself is singular.
     """
     task = inverse.task
     q = vector(q0, task.n, "q0")
-    wanted(target, pin.SE3, "the target", "a placement (pinocchio.SE3)")
+    require_type(target, pin.SE3, "the target", "a placement (pinocchio.SE3)")
     if not np.isfinite(target.homogeneous).all():
         raise InputError("the target must be finite numbers, m and a rotation")
-    c_start = inverse.field.value(q)
+    c_start = inverse.potentials.value(q)
     c_end = c_start if leaf is None else vector(leaf, task.r, "the leaf c", "one per potential")
     start = task.placement(q)
     turn = _turn(task.kind, start, target)
@@ -95,7 +100,12 @@ def solve(inverse: WithField, target: pin.SE3, q0: ArrayLike, leaf: ArrayLike | 
     return q
 
 
-def solve_all(inverse: WithField, targets: Sequence[pin.SE3], q0: ArrayLike, leaf: ArrayLike | None = None) -> Array:
+def solve_all(
+    inverse: WithPotentials,
+    targets: Sequence[pin.SE3],
+    q0: ArrayLike,
+    leaf: ArrayLike | None = None,
+) -> Array:
     """Evaluate q = F(x; c) for many targets, each from q0: (K, n).
 
     Raises
@@ -113,7 +123,9 @@ def solve_all(inverse: WithField, targets: Sequence[pin.SE3], q0: ArrayLike, lea
     return Q
 
 
-def _newton(inverse: WithField, q: Array, target: pin.SE3, c: Array, tolerance: float) -> Array | None:
+def _newton(
+    inverse: WithPotentials, q: Array, target: pin.SE3, c: Array, tolerance: float
+) -> Array | None:
     """Iterate to the target; None where the steps are long or do not shrink."""
     last = _STEP
     for _ in range(_ITERATIONS):
@@ -132,14 +144,15 @@ def _newton(inverse: WithField, q: Array, target: pin.SE3, c: Array, tolerance: 
     return None
 
 
-def _side(inverse: WithField, q: Array) -> int:
+def _side(inverse: WithPotentials, q: Array) -> int:
     """The sign of det J_V."""
-    J_V = np.vstack([inverse.task.jacobian(q), inverse.field.gradient(q).T])
+    J_V = np.vstack([inverse.task.jacobian(q), inverse.potentials.gradient(q).T])
     return int(np.sign(np.linalg.det(J_V)))
 
 
 def _turn(kind: str, start: pin.SE3, target: pin.SE3) -> Array:
-    """The rotation vector (3,), base axes, of the way from start to target; 0 where the task has no axis."""
+    """The rotation vector (3,), base axes, of the way from start to target; 0 where the task has no
+    axis."""
     if kind == "pose":
         return pin.log3(target.rotation @ start.rotation.T)
     if kind == "axis":
@@ -152,15 +165,15 @@ def _between(start: pin.SE3, target: pin.SE3, turn: Array, s: float) -> pin.SE3:
     return pin.SE3(pin.exp3(s * turn) @ start.rotation, p)
 
 
-def _unreached(inverse: WithField, target: pin.SE3, q: Array, done: float) -> InputError:
+def _unreached(inverse: WithPotentials, target: pin.SE3, q: Array, done: float) -> InputError:
     """Say why a leaf does not reach a target."""
     task = inverse.task
     where = np.array2string(np.asarray(target.translation), precision=3, separator=", ")
     J = task.jacobian(q)
-    if dexterity(J) < 0.02:
+    if inverse_condition_number(J) < 0.02:
         why = "the arm is stretched or folded at a singularity there"
     else:
-        clear = float(leaf_margin(nullspace(J), inverse.field.gradient(q)))
+        clear = float(leaf_margin(nullspace(J), inverse.potentials.gradient(q)))
         why = f"the leaf margin of the control is {clear:.2g} there"
     return InputError(
         f"{task.frame!r} cannot reach {where} m on this leaf: the way ends at {done:.0%} ({why}); "

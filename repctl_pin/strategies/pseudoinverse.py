@@ -1,4 +1,5 @@
-"""The pseudoinverse J⁺, the weighted J⁺_M, and J⁺ with a posture held in the null space: what most arms run."""
+"""The pseudoinverse J⁺, the weighted J⁺_M, and J⁺ with a posture held in the null space: what most
+arms run."""
 
 from __future__ import annotations
 
@@ -13,10 +14,19 @@ from numpy.typing import ArrayLike
 from scipy.linalg.blas import ddot
 from scipy.linalg.lapack import dposv
 
-from ..arguments import FLOAT, Array, numbers, positive, rows, shown, stacks, vector
+from ..arguments import (
+    FLOAT,
+    Array,
+    as_configurations,
+    as_matrices,
+    as_numbers,
+    positive,
+    shown,
+    vector,
+)
 from ..errors import InputError, SingularityError
 from ..redundancy.inverses import pseudoinverse, weighted_pseudoinverse
-from ..robot.inplace import in_place
+from ..robot.fast_kinematics import in_place
 from ..robot.task import Task, own_task
 from ..threads import PerThread
 from .control_step import failure
@@ -80,8 +90,8 @@ class WeightedInverse:
     task
         The task to control.
     weight
-        M: n positive numbers (one per joint), a positive definite (n, n) matrix, a function of q that
-        returns one, or ``"inertia"`` for the joint-space inertia (least kinetic energy).
+        M: n positive numbers (one per joint), a positive definite (n, n) matrix, a function of q
+        that returns one, or ``"inertia"`` for the joint-space inertia (least kinetic energy).
 
     Raises
     ------
@@ -98,11 +108,15 @@ class WeightedInverse:
     def __init__(self, task: Task, weight: ArrayLike | Callable[[Array], ArrayLike] | str) -> None:
         self.task = redundant(task)
         if isinstance(weight, str) and weight != "inertia":
-            raise InputError(f"no weight named {weight!r}; give 'inertia', n numbers, a matrix or a function")
+            raise InputError(
+                f"no weight named {weight!r}; give 'inertia', n numbers, a matrix or a function"
+            )
         if isinstance(weight, str):
             _check_inertia(self.task)
         n = self.task.n
-        self.weight: Any = weight if isinstance(weight, str) or callable(weight) else _positive(weight, n)
+        self.weight: Any = (
+            weight if isinstance(weight, str) or callable(weight) else _positive(weight, n)
+        )
 
     def __call__(self, q: ArrayLike) -> Array:
         """Evaluate J⁺_M (n, m)."""
@@ -114,7 +128,8 @@ class WeightedInverse:
         return weighted_pseudoinverse(J, self._weights(Q))
 
     def _weights(self, Q: Array) -> Array:
-        """Evaluate M at every row of Q (K, n): (K, n, n), or (n, n) where it is the same everywhere."""
+        """Evaluate M at every row of Q (K, n): (K, n, n), or (n, n) where it is the same
+        everywhere."""
         if isinstance(self.weight, str):
             return self.task.inertias(Q)
         if callable(self.weight):
@@ -126,8 +141,11 @@ class WeightedInverse:
         return self(q) @ vector(xdot, self.task.m, "ẋ", "m/s and rad/s")
 
 
-def least_speed(task: Task, pull: Callable[[Array], Array] | None = None) -> Callable[[Array, Array], Array]:
-    """Make the quick ``q̇ = z + J⁺ (ẋ − J z)``, ``J⁺ = Jᵀ (J Jᵀ)⁻¹``: closures and BLAS, see :mod:`control_step`.
+def least_speed(
+    task: Task, pull: Callable[[Array], Array] | None = None
+) -> Callable[[Array, Array], Array]:
+    """Make the quick ``q̇ = z + J⁺ (ẋ − J z)``, ``J⁺ = Jᵀ (J Jᵀ)⁻¹``: closures and BLAS, see
+    :mod:`control_step`.
 
     Parameters
     ----------
@@ -156,8 +174,10 @@ def least_speed(task: Task, pull: Callable[[Array], Array] | None = None) -> Cal
         multiply(J_T, gram)
         squares = prod(pivots.tolist())  # of the rows' norms, whatever their units
         _, y, info = dposv(gram_T, rhs, 0, 1)
-        # The pivots p of J Jᵀ = L Lᵀ: ∏ p ≤ sin θ ∏ ‖row‖, θ the least angle of a row to the span of the others. NaN
-        # fails it, in ẋ the second test. Near a singularity J Jᵀ, which squares the condition of J, will not do.
+        # The pivots p of J Jᵀ = L Lᵀ: ∏ p ≤ sin θ ∏ ‖row‖, θ the least angle of a row to the span
+        # of the others. NaN
+        # fails it, in ẋ the second test. Near a singularity J Jᵀ, which squares the condition of J,
+        # will not do.
         if not info and prod(pivots.tolist()) ** 2 > tolerance * squares and ddot(y, y) < inf:
             return y.dot(J) if z is None else z + y.dot(J)
         if not (np.isfinite(q).all() and np.isfinite(xdot).all()):
@@ -173,12 +193,16 @@ def least_speed(task: Task, pull: Callable[[Array], Array] | None = None) -> Cal
 
 def _positive(weight: ArrayLike, n: int) -> Array:
     """Check a weight: n numbers or an (n, n) symmetric positive definite matrix."""
-    M = numbers(weight)
+    M = as_numbers(weight)
     if M is None:
-        raise InputError(f"the weight must be {n} numbers or a {n} × {n} matrix, not {shown(weight)}")
+        raise InputError(
+            f"the weight must be {n} numbers or a {n} × {n} matrix, not {shown(weight)}"
+        )
     M = np.diag(M) if M.shape == (n,) else M
     if M.shape != (n, n) or not np.isfinite(M).all() or not np.allclose(M, M.T):
-        raise InputError(f"the weight must be {n} numbers or a symmetric {n} × {n} matrix, all finite")
+        raise InputError(
+            f"the weight must be {n} numbers or a symmetric {n} × {n} matrix, all finite"
+        )
     if np.linalg.eigvalsh(M)[0] <= 0:
         raise InputError("the weight must be positive definite; every joint needs a weight above 0")
     return M
@@ -190,32 +214,41 @@ def _check_inertia(task: Task) -> None:
     light = own <= 1e-12 * own.max()
     if light.any():
         name = task.joint_names[int(np.argmax(light))]
-        link = f"; link {task.robot.joints[name].child!r} needs an <inertial>" if name in task.robot.joints else ""
-        raise InputError(f"nothing that {name} moves has a mass or an inertia, so there is no 'inertia' weight{link}")
+        link = (
+            f"; link {task.robot.joints[name].child!r} needs an <inertial>"
+            if name in task.robot.joints
+            else ""
+        )
+        raise InputError(
+            f"nothing that {name} moves has a mass or an inertia, so there is no 'inertia' weight{link}"
+        )
 
 
 def at_rows(task: Task, Q: ArrayLike, J: Array | None) -> tuple[Array, Array]:
     """Take configurations Q (K, n), and J (K, m, n) there where it is at hand already."""
-    Q = rows(Q, task.n, "batch()")
+    Q = as_configurations(Q, task.n, "batch()")
     if J is None:
         return Q, task.jacobians(Q)
-    (J,) = stacks(("J", J, f"{len(Q)} {task.m} {task.n}"), exact=True)
+    (J,) = as_matrices(("J", J, f"{len(Q)} {task.m} {task.n}"), exact=True)
     return Q, J
 
 
 def redundant(value: Any) -> Task:
-    """Take a task for oneself, see :func:`own_task`; one with fewer joints than coordinates has no right inverse."""
+    """Take a task for oneself, see :func:`own_task`; one with fewer joints than coordinates has no
+    right inverse."""
     task = own_task(value)
     if task.r < 0:
-        raise InputError(f"{task.frame!r} is moved by {task.n} joints, too few for a {task.kind} task (m = {task.m})")
+        raise InputError(
+            f"{task.frame!r} is moved by {task.n} joints, too few for a {task.kind} task (m = {task.m})"
+        )
     return task
 
 
 class PostureControl:
     """``q̇ = J⁺ ẋ + (I − J⁺ J) K (q_p − q)``: track, and pull towards a posture in the null space.
 
-    Cycles close after a while if it starts on the posture. Started elsewhere it first moves there: in a jump with a
-    high gain, slowly with a low one.
+    Cycles close after a while if it starts on the posture. Started elsewhere it first moves there:
+    in a jump with a high gain, slowly with a low one.
 
     Parameters
     ----------

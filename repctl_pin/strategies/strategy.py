@@ -68,7 +68,7 @@ class OnLeaves(Strategy, Protocol):
         *,
         leaf: Array | None = None,
         gain: float | None = None,
-        limit: ArrayLike | None = None,
+        velocity_limit: ArrayLike | None = None,
         damping: float = 0.0,
     ) -> Array:
         """Take the next q (n,), feeding back the task error and c − h(q)."""

@@ -12,10 +12,10 @@ from numpy.typing import ArrayLike
 from ..arguments import Array
 from ..design import nearest_repeatable
 from ..errors import InputError, SingularityError
-from ..fields import Polynomial
 from ..motion import Motion, TaskPath, follow
 from ..motion.fitting_circle import dexterity_at, fitting_circle
-from ..redundancy.inverses import dexterity
+from ..potentials import Polynomial
+from ..redundancy.inverses import inverse_condition_number
 from ..regions import Region, Tube
 from ..regions.box import sobol
 from ..robot.length import arm_length
@@ -61,10 +61,12 @@ def reaches_full_rank(task: Task) -> bool:
     """Say whether J has full row rank at one of 32 configurations within the limits."""
     J = task.jacobians(_spread(task, 32))
     J[:, :3] /= max(arm_length(task, task.reference), 1e-9) if task.m > 2 else 1.0
-    return bool((dexterity(J) > _RANK).any()) and task.r >= 0
+    return bool((inverse_condition_number(J) > _RANK).any()) and task.r >= 0
 
 
-def choose_task(robot: Robot, frame: str | None, kind: str | None, joints: list[str] | None = None) -> Task:
+def choose_task(
+    robot: Robot, frame: str | None, kind: str | None, joints: list[str] | None = None
+) -> Task:
     """Make the task asked for, or the first preferred kind that leaves r ≥ 1.
 
     Raises
@@ -93,7 +95,11 @@ def choose_task(robot: Robot, frame: str | None, kind: str | None, joints: list[
     count, other = len(robot.chain(frame)), _redundant_frame(robot)
     raise InputError(
         f"{robot.name} {frame!r} is moved by {count} joint{'s' * (count != 1)}: no kind of task is redundant there, "
-        + ("nor at another frame" if other is None else f"but one is at {other!r}, for example; choose another frame")
+        + (
+            "nor at another frame"
+            if other is None
+            else f"but one is at {other!r}, for example; choose another frame"
+        )
     )
 
 
@@ -101,7 +107,11 @@ def _redundant_frame(robot: Robot) -> str | None:
     """Find a frame at which some kind of task is redundant, one that many joints move."""
     chains = {tuple(robot.chain(frame)): frame for frame in robot.frames}
     most = sorted(chains, key=len, reverse=True)
-    redundant = (chains[chain] for chain in most if max(redundant_kinds(robot, chains[chain]).values(), default=0) > 0)
+    redundant = (
+        chains[chain]
+        for chain in most
+        if max(redundant_kinds(robot, chains[chain]).values(), default=0) > 0
+    )
     return next(redundant, None)
 
 
@@ -117,10 +127,11 @@ def kind_note(robot: Robot, task: Task) -> list[str]:
 
 
 def choose_period(usual: float, motions: Mapping[str, Motion | None]) -> tuple[float, list[str]]:
-    """Choose a period in which first cycles keep the speed limits: the usual one, or a longer one; and say so.
+    """Choose a period in which first cycles keep the speed limits: the usual one, or a longer one;
+    and say so.
 
-    ``q̇ = G ẋ`` goes as fast as the path is driven: the joints' path is the same in any time. A motion that leaves its
-    path in the first cycle does not count.
+    ``q̇ = G ẋ`` goes as fast as the path is driven: the joints' path is the same in any time. A
+    motion that leaves its path in the first cycle does not count.
 
     Parameters
     ----------
@@ -154,24 +165,27 @@ _TOO_LONG = 600.0
 """The same, above which a study is refused unless its degree was asked for."""
 
 _RATE = 3000.0
-"""Blocks of the Gauss–Newton matrix that are summed per second of a whole design, in units of N² entries."""
+"""Blocks of the Gauss–Newton matrix that are summed per second of a whole design, in units of N²
+entries."""
 
 
 def design_seconds(task: Task, degree: int) -> float:
-    """Estimate the processor time of a design of r out of N polynomials, s, to a factor of about 3."""
+    """Estimate the processor time of a design of r out of N polynomials, s, to a factor of about
+    3."""
     N = math.comb(task.n + degree, degree) - 1
     nodes = max(1.0, 32 * (N - task.r) * task.r / task.m / 16384)
     return nodes * N**2 * task.r * (task.r + 1) / 2 / _RATE
 
 
 def choose_degree(task: Task, degree: int | None) -> tuple[int, list[str]]:
-    """Take the degree asked for, or 2, or 1 for arms of so many joints that 2 would take long; and say so.
+    """Take the degree asked for, or 2, or 1 for arms of so many joints that 2 would take long; and
+    say so.
 
     Raises
     ------
     InputError
-        If the degree makes too many potentials of all joints, or takes very long and was not asked for: before
-        anything long is begun.
+        If the degree makes too many potentials of all joints, or takes very long and was not asked
+        for: before anything long is begun.
     """
     if degree is not None:
         check_degree(task, degree)
@@ -213,7 +227,8 @@ def check_degree(task: Task, degree: int) -> None:
 
 
 def starts(task: Task) -> Iterator[tuple[Array, str]]:
-    """Offer starts, the best known first: the reference pose, the ready one, mid-range, a search round it.
+    """Offer starts, the best known first: the reference pose, the ready one, mid-range, a search
+    round it.
 
     Poses that are nearly singular or on a limit are passed over.
 
@@ -223,16 +238,20 @@ def starts(task: Task) -> Iterator[tuple[Array, str]]:
     where : str
         What it is, for a person.
     """
-    names = {"reference": "the reference pose", "ready": "the ready pose", "middle": "mid-range of the joints"}
+    names = {
+        "reference": "the reference pose",
+        "ready": "the ready pose",
+        "middle": "mid-range of the joints",
+    }
     for pose, where in names.items():
         if pose not in task.robot.poses:
             continue
-        q = task.part(task.robot.poses[pose])
+        q = task.from_robot(task.robot.poses[pose])
         margin = task.limit_margin(q).min()
         least = _LEAST_DEXTERITY.get(task.m, _LEAST_DEXTERITY_OF_POSITION)
         if dexterity_at(task, q) >= least and margin >= _LEAST_MARGIN:
             yield q, where
-    middle = task.part(task.robot.poses["middle"])
+    middle = task.from_robot(task.robot.poses["middle"])
     low, high = _inner(task)
     low, high = np.maximum(middle - 2.0, low), np.minimum(middle + 2.0, high)
     points = low + (high - low) * sobol(task.n, 512, 0)
@@ -262,11 +281,14 @@ def choose_start(task: Task) -> tuple[Array, str]:
 
 
 def choose_desired(task: Task, weight: ArrayLike | str | None) -> tuple[Inverse, str]:
-    """Make the inverse to be near to, and a name for it: J⁺, or one weighted by ``inertia``, ``limits`` or numbers."""
+    """Make the inverse to be near to, and a name for it: J⁺, or one weighted by ``inertia``,
+    ``limits`` or numbers."""
     if weight is None:
         return Pseudoinverse(task), "J⁺"
     if isinstance(weight, str) and weight == "limits":
-        return WeightedInverse(task, LimitWeight(task)), "J⁺ weighted by the nearness of joint limits"
+        return WeightedInverse(
+            task, LimitWeight(task)
+        ), "J⁺ weighted by the nearness of joint limits"
     desired = WeightedInverse(task, weight)
     if isinstance(weight, str):
         return desired, "J⁺ weighted by the inertia (least kinetic energy)"
@@ -274,12 +296,16 @@ def choose_desired(task: Task, weight: ArrayLike | str | None) -> tuple[Inverse,
 
 
 def choose_region(task: Task, motion: Motion, width: float | None = None) -> Tube:
-    """Take the tube round one cycle of a motion; 0.1 rad or 0.05 m each way, where no width is given."""
+    """Take the tube round one cycle of a motion; 0.1 rad or 0.05 m each way, where no width is
+    given."""
     return Tube(motion.cycle(0), np.where(task.revolute, 0.1, 0.05) if width is None else width)
 
 
-def round_the_motion(desired: Inverse, path: TaskPath, q0: Array, *, width: float | None = None, seed: int = 0) -> Tube:
-    """Lay a tube where a repeatable motion will be: the desired one drifts away from there, a linear design does not.
+def round_the_motion(
+    desired: Inverse, path: TaskPath, q0: Array, *, width: float | None = None, seed: int = 0
+) -> Tube:
+    """Lay a tube where a repeatable motion will be: the desired one drifts away from there, a
+    linear design does not.
 
     Raises
     ------

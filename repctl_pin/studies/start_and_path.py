@@ -1,4 +1,5 @@
-"""Where a motion begins and what it follows: the same for every command that leads an arm round a path."""
+"""Where a motion begins and what it follows: the same for every command that leads an arm round a
+path."""
 
 from __future__ import annotations
 
@@ -14,13 +15,13 @@ from numpy.typing import ArrayLike
 from ..arguments import Array, function
 from ..design import Design, SingularRegionError
 from ..errors import RepctlError, SingularityError
+from ..inverse_function import CellDesign
 from ..motion import ClosedPath, Motion, TaskPath, check_reach, closed_path, follow, reach_start
 from ..motion.fitting_circle import dexterity_at, fitting_circle
 from ..motion.joint_motion import violations_of
-from ..motion.paths import Cycle
+from ..paths.task_path import Cycle
 from ..regions import Region
 from ..robot.task import Task
-from ..section import CellDesign
 from ..strategies import Bounded, Inverse, Pseudoinverse
 from ..strategies.names import LABELS
 from . import defaults
@@ -78,30 +79,45 @@ def settings(
     start : (n,) array, optional
         q0; by default those of :func:`starts` that will do.
     path
-        A closed path, or a function ``(task, q0) → path``. Where it begins elsewhere, the start is moved there.
+        A closed path, or a function ``(task, q0) → path``. Where it begins elsewhere, the start is
+        moved there.
 
     Raises
     ------
     InputError
-        If the path cannot be followed from there; without a start, what the best one was refused for.
+        If the path cannot be followed from there; without a start, what the best one was refused
+        for.
     SingularityError
         If the start is singular.
     """
     if isinstance(path, ClosedPath):
         given = closed_path(path)
         path = lambda task, q0: given  # noqa: E731
-    function(path, "path", "a closed path, such as rp.circle(task, q0), or a function (task, q0) → path", 2)
+    function(
+        path,
+        "path",
+        "a closed path, such as rp.circle(task, q0), or a function (task, q0) → path",
+        2,
+    )
     failure: RepctlError | None = None
     found = fixed = False
     violating: list[Setting] = []
     wild: list[Setting] = []
-    for q0, where in defaults.starts(task) if start is None else [(task.check(start, "start"), GIVEN)]:
+    for q0, where in (
+        defaults.starts(task) if start is None else [(task.check(start, "start"), GIVEN)]
+    ):
         if fixed and where in defaults.SEARCHED:
             break  # a path that does not begin at the start is where its author says
         try:
             if dexterity_at(task, q0) < _SINGULAR:
-                remedy = "choose another start" if start is not None else "no start was found that is not; give one"
-                raise SingularityError(f"the start is at a singularity of {task.frame!r}, {task.kind}; {remedy}")
+                remedy = (
+                    "choose another start"
+                    if start is not None
+                    else "no start was found that is not; give one"
+                )
+                raise SingularityError(
+                    f"the start is at a singularity of {task.frame!r}, {task.kind}; {remedy}"
+                )
             drawn = closed_path(path(task, q0))
             fixed = float(np.linalg.norm(task.error(q0, drawn.placement(0.0)))) > 1e-6
             begin = reach_start(task, q0, drawn)
@@ -140,17 +156,20 @@ def _once(task: Task, setting: Setting) -> Motion | None:
 def choose_setting(
     task: Task, start: ArrayLike | None, path: ClosedPath | Callable[[Task, Array], TaskPath]
 ) -> Setting:
-    """Take the start, or the first good one from which the path can be followed, see :func:`settings`."""
+    """Take the start, or the first good one from which the path can be followed, see
+    :func:`settings`."""
     return next(settings(task, start, path))
 
 
 def setting_of(
-    design: Design | CellDesign, start: ArrayLike | None = None, path: Callable[[Task, Array], TaskPath] | None = None
+    design: Design | CellDesign,
+    start: ArrayLike | None = None,
+    path: Callable[[Task, Array], TaskPath] | None = None,
 ) -> Setting:
     """Take the cycle that a design is for; where another start or path is asked for, that.
 
-    A design that is for no cycle gets the largest circle inside Ω; the function of a cell is for none, and its Ω is
-    what brings the frame into the cell.
+    A design that is for no cycle gets the largest circle inside Ω; the function of a cell is for
+    none, and its Ω is what brings the frame into the cell.
 
     Raises
     ------
@@ -164,21 +183,34 @@ def setting_of(
         if start is not None:
             return setting
         begin = design.function(setting.drawn.placement(0.0))
-        return setting._replace(q0=begin, where="the function's joints where the path begins", moved=())
+        return setting._replace(
+            q0=begin, where="the function's joints where the path begins", moved=()
+        )
     cycle, task = design.cycle, design.task
     if cycle is not None and start is None and path is None:
         return Setting(cycle.start, "the design's own", cycle.path, design.region, (), cycle.period)
     if start is None:
         start = design.region.center if cycle is None else cycle.start
-    if path is None and cycle is not None and np.abs(task.error(start, cycle.path.placement(0.0))).max() < 1e-6:
-        return choose_setting(task, start, cycle.path)._replace(region=design.region)  # the same hand, another elbow
+    if (
+        path is None
+        and cycle is not None
+        and np.abs(task.error(start, cycle.path.placement(0.0))).max() < 1e-6
+    ):
+        return choose_setting(task, start, cycle.path)._replace(
+            region=design.region
+        )  # the same hand, another elbow
     if path is None:
         path = partial(fitting_circle, control=design.inverse, region=design.region)
     return choose_setting(task, start, path)._replace(region=design.region)
 
 
 def _design_along(
-    desired: Inverse, setting: Setting, make: Callable[[Region], Design], width: float | None, seed: int, say: Say
+    desired: Inverse,
+    setting: Setting,
+    make: Callable[[Region], Design],
+    width: float | None,
+    seed: int,
+    say: Say,
 ) -> Design:
     """Design in a tube round the motion that comes of it, so that the motion lies inside Ω."""
     path = setting.drawn
@@ -201,7 +233,8 @@ def follow_own(design: Design, path: TaskPath, q0: Array, **options: Any) -> Mot
     Raises
     ------
     SingularityError
-        If it fails; where J⁺ follows the same path, the message says that the design fails, not the path.
+        If it fails; where J⁺ follows the same path, the message says that the design fails, not the
+        path.
     """
     try:
         return follow(design.inverse, path, q0, cycles=1, **options)
@@ -226,8 +259,11 @@ def shrunk_note(design: Design) -> tuple[str, ...]:
     return (what,) if design.shrunk < 1 else ()
 
 
-def with_cycle(design: Design, setting: Setting, *, period: float | None = None) -> tuple[Design, list[str]]:
-    """Give a design the cycle it is for, in a time that keeps the speed limits where none is asked for; and notes."""
+def with_cycle(
+    design: Design, setting: Setting, *, period: float | None = None
+) -> tuple[Design, list[str]]:
+    """Give a design the cycle it is for, in a time that keeps the speed limits where none is asked
+    for; and notes."""
     path = setting.drawn
     time = period or path.period or defaults.PERIOD
     notes: list[str] = []
@@ -249,8 +285,9 @@ def design_from(
 ) -> tuple[Setting, Design]:
     """Design for the first start that will do: if a default start does not, try the next.
 
-    It will do if the repeatable motion keeps the joint limits, no bodies collide, and it costs little joint speed. If
-    none does, the one with the fewest kinds of violation is taken, of those the cheapest, and a note says so.
+    It will do if the repeatable motion keeps the joint limits, no bodies collide, and it costs
+    little joint speed. If none does, the one with the fewest kinds of violation is taken, of those
+    the cheapest, and a note says so.
 
     Parameters
     ----------
@@ -294,13 +331,18 @@ def design_from(
         return setting, design
     assert failure is not None
     if isinstance(failure, SingularRegionError):
-        other = f"none of {MOST_STARTS} starts does better; give one" if start is None else "choose another start"
+        other = (
+            f"none of {MOST_STARTS} starts does better; give one"
+            if start is None
+            else "choose another start"
+        )
         raise failure.with_remedy(f"{other}, or a smaller path") from None
     raise failure
 
 
 def _merit(design: Design, setting: Setting) -> tuple[float, float]:
-    """Count the kinds of violation of a design's first cycle, and measure its joint speed relative to J⁺'s."""
+    """Count the kinds of violation of a design's first cycle, and measure its joint speed relative
+    to J⁺'s."""
     motion = follow_own(design, setting.drawn, setting.q0, steps=96)
     plain = _once(design.task, setting)
     dear = 0.0 if plain is None else motion.first_rms_speed / plain.first_rms_speed - 1

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, chosen, function, positive, wanted, whole
+from ..arguments import Array, as_int, function, positive, require_choice, require_type
 from ..design import Design, SingularRegionError, nearest_repeatable
 from ..errors import InputError, SingularityError
 from ..integrability import drift_per_area
@@ -18,9 +18,9 @@ from ..motion import ClosedPath, Motion, TaskPath, check_length, follow
 from ..motion.fitting_circle import fitting_circle
 from ..motion.joint_motion import cycle_of
 from ..motion.motion import ON_PATH
-from ..motion.paths import Cycle
-from ..motion.shapes import PLANES
 from ..motion.spec import parse_path
+from ..paths.shapes import PLANES
+from ..paths.task_path import Cycle
 from ..redundancy import align, nullspace
 from ..regions import Box, Region
 from ..robot.bodies import bodies_of
@@ -29,8 +29,8 @@ from ..robot.task import Task
 from ..strategies import FunctionStrategy, PostureControl, Pseudoinverse, Strategy
 from ..strategies.names import LABELS
 from . import defaults
-from .result import Row, Study
 from .start_and_path import DEAR, Setting, choose_setting, design_from, shrunk_note, whose_fault
+from .study_result import Row, Study
 
 Control = Strategy | Callable[[Array, Array], ArrayLike]
 
@@ -54,7 +54,7 @@ def study(
     robot: str | Robot,
     *,
     frame: str | None = None,
-    task: str | None = None,
+    kind: str | None = None,
     start: ArrayLike | None = None,
     path: str | ClosedPath | Callable[[Task, Array], TaskPath] | None = None,
     radius: float | None = None,
@@ -75,30 +75,34 @@ def study(
     ----------
     robot
         A catalogue name, a path to a URDF, or a robot already loaded.
-    frame, task
-        The frame to move and the kind of task; by default the arm's end and the first of pose, position,
-        xy, xz, yz that is redundant.
+    frame, kind
+        The frame to move and the kind of task; by default the arm's end and the first of pose,
+        position, xy, xz, yz that is redundant.
     start : (n,) array, optional
-        q0, rad (m for sliding joints); by default the first that can follow the path: the reference pose, the ready
-        one, mid-range, or a dexterous pose near it.
+        q0, rad (m for sliding joints); by default the first that can follow the path: the reference
+        pose, the ready one, mid-range, or a dexterous pose near it.
     path
-        A closed path, its name on the command line (``"circle:0.1"``, ``"loop.csv"``), or a function
-        ``(task, q0) → path``; by default a circle the arm can follow inside its limits.
+        A closed path, its name on the command line (``"circle:0.1"``, ``"loop.csv"``), or a
+        function ``(task, q0) → path``; by default a circle the arm can follow inside its limits.
     radius, plane
         Of that circle, m; and ``xy``, ``yz`` or ``xz``, its plane or that of a path given by name.
     cycles, steps
         Number of cycles, and RK4 steps in each, open loop.
     region
-        Ω: a half-width round the start, rad (and m), or a region; by default a tube round the cycle.
+        Ω: a half-width round the start, rad (and m), or a region; by default a tube round the
+        cycle.
     degree
-        Degree of the polynomial potentials; by default 2, or 1 for arms of so many joints that 2 would take long.
+        Degree of the polynomial basis; by default 2, or 1 for arms of so many joints that 2 would
+        take long.
     weight : str or (n,) or (n, n) array, optional
-        Of the desired inverse, in place of J⁺: ``"inertia"``, ``"limits"``, or as :class:`WeightedInverse` takes it.
+        Of the desired inverse, in place of J⁺: ``"inertia"``, ``"limits"``, or as
+        :class:`WeightedInverse` takes it.
     controls
         Controls of your own to compare, by name: strategies on this task, or
         functions (q, ẋ) → q̇.
     period
-        Period of one cycle, s; by default the path's own, else 5, or longer if that is too fast for a joint.
+        Period of one cycle, s; by default the path's own, else 5, or longer if that is too fast for
+        a joint.
     seed
         Of the nodes.
     progress
@@ -128,22 +132,33 @@ def study(
     if isinstance(region, (int, float)):
         region = positive(region, "region, a half-width,", "rad")
     elif region is not None:
-        wanted(region, Region, "region", "a half-width, rad, or a region of joint space, such as rp.Box(q0, 0.3)")
+        require_type(
+            region,
+            Region,
+            "region",
+            "a half-width, rad, or a region of joint space, such as rp.Box(q0, 0.3)",
+        )
     if radius is not None:
         radius = positive(radius, "the radius of a circle", "m")
         if path is not None:
             raise InputError("radius= is of the default circle; leave it out, or path=")
     if plane is not None:
-        chosen(plane, PLANES, "plane")
+        require_choice(plane, PLANES, "plane")
         if not (path is None or isinstance(path, str)):
-            raise InputError("plane= is of the default circle, or of a path given by name; this path has its own")
-    cycles, steps, seed = whole(cycles, "cycles", 1), whole(steps, "steps", 1), whole(seed, "seed")
+            raise InputError(
+                "plane= is of the default circle, or of a path given by name; this path has its own"
+            )
+    cycles, steps, seed = (
+        as_int(cycles, "cycles", 1),
+        as_int(steps, "steps", 1),
+        as_int(seed, "seed"),
+    )
     if period is not None:
         period = positive(period, "the period", "s")
     say = progress or (lambda text: None)
     say("loading the robot")
     machine = robot if isinstance(robot, Robot) else Robot.load(robot)
-    moved = defaults.choose_task(machine, frame, task)
+    moved = defaults.choose_task(machine, frame, kind)
     degree, long = defaults.choose_degree(moved, degree)
     for note in long:
         say(f"note: {note}")
@@ -154,7 +169,9 @@ def study(
     desired, wished = defaults.choose_desired(moved, weight)
     if weight is not None:
         own = {wished: desired} | own
-    round_it = partial(fitting_circle, plane=plane, radius=radius) if wanted_path is None else wanted_path
+    round_it = (
+        partial(fitting_circle, plane=plane, radius=radius) if wanted_path is None else wanted_path
+    )
     degree_text = f"designing the nearest repeatable inverse, degree {degree}"
 
     def report(what: str, share: float) -> None:
@@ -163,7 +180,9 @@ def study(
     def make(box: Region) -> Design:
         say(degree_text)
         shown = report if progress is not None else False
-        return nearest_repeatable(desired, None, box, degree=degree, seed=seed, shrink=region is None, progress=shown)
+        return nearest_repeatable(
+            desired, None, box, degree=degree, seed=seed, shrink=region is None, progress=shown
+        )
 
     if region is None:
         setting, design = design_from(desired, start, round_it, make, seed=seed, say=say)
@@ -171,11 +190,17 @@ def study(
         setting = choose_setting(moved, start, round_it)
         design = _asked(make, region, setting.q0)
     q0, drawn = setting.q0, setting.drawn
-    notes = [*machine.warnings, *(defaults.kind_note(machine, moved) if task is None else []), *setting.notes]
+    notes = [
+        *machine.warnings,
+        *(defaults.kind_note(machine, moved) if kind is None else []),
+        *setting.notes,
+    ]
     notes.extend([*long, *_unlimited(moved)])
     notes.extend([*bodies_of(moved).notes, *shrunk_note(design)])
     say(f"following the path for {cycles} cycles")
-    rows, time, slower, edges = _followed(setting, design, own, cycles=cycles, steps=steps, period=period)
+    rows, time, slower, edges = _followed(
+        setting, design, own, cycles=cycles, steps=steps, period=period
+    )
     notes.extend([*slower, *edges, *_off_the_path(rows), *_beyond_limits(rows)])
     notes.extend(_where_it_drifts(Pseudoinverse(moved), q0, rows[0].motion))
     notes.extend(_why_it_costs(rows[0].motion, rows[-1].motion))
@@ -184,9 +209,16 @@ def study(
 
 
 def _followed(
-    setting: Setting, design: Design, own: Mapping[str, Strategy], *, cycles: int, steps: int, period: float | None
+    setting: Setting,
+    design: Design,
+    own: Mapping[str, Strategy],
+    *,
+    cycles: int,
+    steps: int,
+    period: float | None,
 ) -> tuple[list[Row], float, list[str], list[str]]:
-    """Follow the path with every control: their rows, the period, why it is longer than usual, and edges."""
+    """Follow the path with every control: their rows, the period, why it is longer than usual, and
+    edges."""
     q0, drawn, task = setting.q0, setting.drawn, design.inverse.task
     usual = period or drawn.period or defaults.PERIOD
     options: dict[str, Any] = {"cycles": cycles, "steps": steps, "period": usual}
@@ -195,11 +227,15 @@ def _followed(
         last = replace(last, stopped=whose_fault(last.stopped, task, drawn, q0))
     else:
         last = replace(last, motion=replace(last.motion, region=design.region))
-    itself = 0.0 if type(design.desired) is Pseudoinverse else None  # the distance of J⁺ from what was desired
+    itself = (
+        0.0 if type(design.desired) is Pseudoinverse else None
+    )  # the distance of J⁺ from what was desired
     first = replace(_run("pseudoinverse", Pseudoinverse(task), drawn, q0, options), distance=itself)
     slower: list[str] = []
     if period is None:
-        options["period"], slower = defaults.choose_period(usual, {row.label: row.motion for row in (last, first)})
+        options["period"], slower = defaults.choose_period(
+            usual, {row.label: row.motion for row in (last, first)}
+        )
         first, last = (_slowed(row, options["period"] / usual) for row in (first, last))
     N = align(nullspace(task.jacobian(q0)), np.eye(task.n)[:, : task.r])
     away = np.clip(q0 + POSTURE_OFFSET * N[:, 0], task.lower, task.upper)
@@ -208,7 +244,9 @@ def _followed(
         _run("posture", PostureControl(task, q0, POSTURE_GAIN), drawn, q0, options),
         _run("posture_off", PostureControl(task, away, POSTURE_GAIN), drawn, q0, options),
         *(_run(name, control, drawn, q0, options) for name, control in own.items()),
-        replace(last, leaf_margin=_leaf_margin(design, last.motion), distance=design.relative_distance),
+        replace(
+            last, leaf_margin=_leaf_margin(design, last.motion), distance=design.relative_distance
+        ),
     ]
     edges = [
         *_on_an_edge(first, Pseudoinverse(task), drawn, q0, options),
@@ -217,8 +255,11 @@ def _followed(
     return rows, options["period"], slower, edges
 
 
-def _on_an_edge(row: Row, strategy: Strategy, path: TaskPath, q0: Array, options: dict[str, Any]) -> list[str]:
-    """Warn if a start that differs by a millionth, along the self-motion, leads elsewhere within a cycle."""
+def _on_an_edge(
+    row: Row, strategy: Strategy, path: TaskPath, q0: Array, options: dict[str, Any]
+) -> list[str]:
+    """Warn if a start that differs by a millionth, along the self-motion, leads elsewhere within a
+    cycle."""
     task = strategy.task
     beside = q0 + EDGE * nullspace(task.jacobian(q0))[:, 0]
     other = _run(row.key, strategy, path, beside, options | {"cycles": 1}).motion
@@ -239,13 +280,21 @@ def _on_an_edge(row: Row, strategy: Strategy, path: TaskPath, q0: Array, options
 def _own_controls(task: Task, controls: Mapping[str, Control]) -> dict[str, Strategy]:
     """Make strategies of user-defined controls."""
     own: dict[str, Strategy] = {}
-    wanted(controls, Mapping, "controls", "a dictionary that gives each control a name, such as {'mine': control}")
+    require_type(
+        controls,
+        Mapping,
+        "controls",
+        "a dictionary that gives each control a name, such as {'mine': control}",
+    )
     for name, control in controls.items():
         if not isinstance(name, str) or name in (*LABELS, *LABELS.values()) or not name.strip():
             raise InputError(f"controls: {name!r} is taken; give your control another name")
         if not isinstance(control, Strategy):
             own[name] = FunctionStrategy(task, control)
-        elif all(getattr(control.task, what) == getattr(task, what) for what in ("frame", "kind", "joint_names")):
+        elif all(
+            getattr(control.task, what) == getattr(task, what)
+            for what in ("frame", "kind", "joint_names")
+        ):
             own[name] = control
         else:
             raise InputError(
@@ -265,7 +314,8 @@ def _run(key: str, strategy: Strategy, path: TaskPath, q0: Array, options: dict[
 
 
 def _asked(make: Callable[[Region], Design], region: float | Region, q0: Array) -> Design:
-    """Design in the region that was asked for; where it holds a singularity, say which one would do."""
+    """Design in the region that was asked for; where it holds a singularity, say which one would
+    do."""
     try:
         return make(Box(q0, float(region)) if isinstance(region, (int, float)) else region)
     except SingularRegionError as error:
@@ -284,7 +334,11 @@ def _unlimited(task: Task) -> list[str]:
     """Name the joints that have no speed limit."""
     limits = zip(task.robot_joints, task.joint_limits[2], strict=True)
     names = [name for name, limit in limits if not np.isfinite(limit)]
-    return [f"no speed limit in the URDF, so speeds are not checked: {', '.join(names)}"] if names else []
+    return (
+        [f"no speed limit in the URDF, so speeds are not checked: {', '.join(names)}"]
+        if names
+        else []
+    )
 
 
 def _off_the_path(rows: Sequence[Row]) -> list[str]:
@@ -304,7 +358,8 @@ def _off_the_path(rows: Sequence[Row]) -> list[str]:
 
 
 def _why_it_costs(plain: Motion | None, closed: Motion | None) -> list[str]:
-    """Say why a repeatable motion takes much more joint speed than J⁺'s: what it costs, and what J⁺'s drift saves."""
+    """Say why a repeatable motion takes much more joint speed than J⁺'s: what it costs, and what
+    J⁺'s drift saves."""
     if plain is None or closed is None or plain.path_loss or closed.path_loss:
         return []
     extra = closed.first_rms_speed / plain.first_rms_speed - 1
@@ -321,7 +376,8 @@ def _why_it_costs(plain: Motion | None, closed: Motion | None) -> list[str]:
 
 
 def _beyond_limits(rows: Sequence[Row]) -> list[str]:
-    """Say which joints leave their limits, of position or of speed, and which bodies touch, under which control."""
+    """Say which joints leave their limits, of position or of speed, and which bodies touch, under
+    which control."""
     notes: list[str] = []
     for row in rows:
         motion = row.motion
@@ -335,7 +391,8 @@ def _beyond_limits(rows: Sequence[Row]) -> list[str]:
 
 
 def _where_it_drifts(plain: Pseudoinverse, q0: Array, motion: Motion | None) -> list[str]:
-    """Say in which plane J⁺ drifts, where it hardly does on the path: an arm is not repeatable for that."""
+    """Say in which plane J⁺ drifts, where it hardly does on the path: an arm is not repeatable for
+    that."""
     task = plain.task
     if motion is None or motion.drift[0] > LITTLE or task.m < 3:
         return []
@@ -345,7 +402,9 @@ def _where_it_drifts(plain: Pseudoinverse, q0: Array, motion: Motion | None) -> 
     if most < 0.01:
         return []
     plane = "".join("xyz"[k] for k in sorted((a, b)))
-    return [f"J⁺ hardly drifts on this path, but on small loops in {plane} it drifts by {most:.2g} {task.unit} per m²"]
+    return [
+        f"J⁺ hardly drifts on this path, but on small loops in {plane} it drifts by {most:.2g} {task.unit} per m²"
+    ]
 
 
 def _leaf_margin(design: Design, motion: Motion | None) -> float:
@@ -356,4 +415,4 @@ def _leaf_margin(design: Design, motion: Motion | None) -> float:
         return design.leaf_margin
     Q = motion.q[:: max(1, motion.steps // 50)]
     N = nullspace(design.task.jacobians(Q))
-    return float(leaf_margin(N, design.inverse.field.gradients(Q)).min())
+    return float(leaf_margin(N, design.inverse.potentials.gradients(Q)).min())

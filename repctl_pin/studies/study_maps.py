@@ -1,4 +1,5 @@
-"""Arrays for the maps of a study: what its design does over two joints, and where J⁺ fails to be repeatable."""
+"""Arrays for the maps of a study: what its design does over two joints, and where J⁺ fails to be
+repeatable."""
 
 from __future__ import annotations
 
@@ -11,7 +12,7 @@ from ..design.design_map import DesignMap, degree_curve, design_map
 from ..errors import SingularityError
 from ..integrability.lie_bracket import measure
 from ..strategies import Inverse
-from .result import Study
+from .study_result import Study
 
 
 @dataclass(frozen=True)
@@ -23,8 +24,8 @@ class StudyMaps:
     design : DesignMap
         Distance and leaf margin over two joints, the others at the centre of Ω.
     defect : (k, k) array
-        The relative defect of the desired inverse on the same grid: 0 where it is repeatable; nan at
-        singularities.
+        The relative defect of the desired inverse on the same grid: 0 where it is repeatable; nan
+        at singularities.
     degrees : tuple of (degree, cost, standard error)
     """
 

@@ -41,12 +41,13 @@ class Entry:
     frames : tuple of str
         The end frames worth offering; the first is the default.
     posture : str or None
-        The ``group_state`` of the SRDF that is the reference pose. Joints it does not name are meant to
-        stay in the middle of their range.
+        The ``group_state`` of the SRDF that is the reference pose. Joints it does not name are
+        meant to stay in the middle of their range.
     note : str
         What a person should know.
     ready : str or None
-        A pose in our own ``ready.srdf`` to work from, where the reference is singular or on a limit.
+        A pose in our own ``ready.srdf`` to work from, where the reference is singular or on a
+        limit.
     acceleration : str or None
         Whose published accelerations its joints have, by their name in ``motion.timing``.
     """
@@ -82,7 +83,9 @@ def find(name: str) -> Entry:
         If there is no such robot (the nearest names are said), or its data is not installed.
     """
     rows = table()
-    names = {alias: known for known, row in rows.items() for alias in (known, *row.get("aliases", ()))}
+    names = {
+        alias: known for known, row in rows.items() for alias in (known, *row.get("aliases", ()))
+    }
     known = names.get(str(name).strip().lower())
     if known is None:
         listing = "(`repctl robots` lists them all); for any other robot give its URDF file"
@@ -114,18 +117,22 @@ def data_folder() -> Path:
     InputError
         If it is not installed.
     """
-    places = [Path(place) / "cmeel.prefix" / _DATA for place in sys.path] + [Path(sys.prefix) / _DATA]
+    places = [Path(place) / "cmeel.prefix" / _DATA for place in sys.path] + [
+        Path(sys.prefix) / _DATA
+    ]
     for place in places:
         if place.is_dir():
             return place
-    raise InputError("the robots of example-robot-data are missing; run `pip install 'example-robot-data>=6,<7'`")
+    raise InputError(
+        "the robots of example-robot-data are missing; run `pip install 'example-robot-data>=6,<7'`"
+    )
 
 
 def reference_posture(srdf: Path, state: str | None = None) -> dict[str, float]:
     """Read a pose, joint name → rad or m, from a ``group_state`` of an SRDF.
 
-    Joints of more than one number (a floating base) are left out, and so is a robot's name before a slash
-    (``baxter/left_s0``).
+    Joints of more than one number (a floating base) are left out, and so is a robot's name before a
+    slash (``baxter/left_s0``).
 
     Parameters
     ----------
@@ -144,7 +151,9 @@ def reference_posture(srdf: Path, state: str | None = None) -> dict[str, float]:
     root = _read_srdf(srdf)
     states = {group.get("name"): group for group in root.iter("group_state")}
     if state is None:
-        state = next((name for name, group in states.items() if group.find("joint") is not None), None)
+        state = next(
+            (name for name, group in states.items() if group.find("joint") is not None), None
+        )
     if state not in states:
         raise unknown(f"group_state in {srdf}", state, states)
     posture = {}
@@ -153,7 +162,9 @@ def reference_posture(srdf: Path, state: str | None = None) -> dict[str, float]:
         if len(words) == 1:
             value = finite(words[0])
             if value is None:
-                raise InputError(f"{srdf}: {joint.get('name')} = {words[0]!r} is not a finite number; correct it")
+                raise InputError(
+                    f"{srdf}: {joint.get('name')} = {words[0]!r} is not a finite number; correct it"
+                )
             posture[joint.get("name", "").rpartition("/")[2]] = value
     return posture
 
@@ -167,13 +178,18 @@ def disabled_pairs(srdf: Path) -> set[frozenset[str]]:
         If the file cannot be read.
     """
     pairs = _read_srdf(srdf).iter("disable_collisions")
-    return {frozenset(pair.get(key, "").rpartition("/")[2] for key in ("link1", "link2")) for pair in pairs}
+    return {
+        frozenset(pair.get(key, "").rpartition("/")[2] for key in ("link1", "link2"))
+        for pair in pairs
+    }
 
 
 def _read_srdf(srdf: Path) -> Any:
     from lxml import etree
 
-    parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False)
+    parser = etree.XMLParser(
+        resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False
+    )
     try:
         return etree.fromstring(Path(srdf).read_bytes(), parser)
     except (OSError, etree.XMLSyntaxError) as error:
@@ -183,11 +199,14 @@ def _read_srdf(srdf: Path) -> Any:
 def default_package_dirs(urdf_path: str | Path) -> list[str]:
     """List the folders in which ``package://`` names of a user's own file are looked up.
 
-    The file's ancestors, nearest first, then what ``ROS_PACKAGE_PATH`` and ``AMENT_PREFIX_PATH`` name.
-    """
+    The file's ancestors, nearest first, then what ``ROS_PACKAGE_PATH`` and ``AMENT_PREFIX_PATH``
+    name."""
     folders = list(Path(os.path.expanduser(urdf_path)).absolute().parents)
     for place in filter(None, os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)):
-        folders += [Path(place), Path(place).parent]  # the variable may name a workspace or a package
+        folders += [
+            Path(place),
+            Path(place).parent,
+        ]  # the variable may name a workspace or a package
     for place in filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)):
         folders.append(Path(place) / "share")
     return [str(folder) for folder in dict.fromkeys(folders) if folder.is_dir()]

@@ -17,7 +17,8 @@ MAX_MOVING_IN_ALL = 200  # Pinocchio's memory grows with the cube
 LARGEST = 1e9  # of lengths, masses, … in SI units; limits may be larger: then they are none
 
 NO_LIMIT = 1e3
-"""Limits beyond it count as none, rad or m, rad/s or m/s; ``Description.xml`` says it where a joint has none."""
+"""Limits beyond it count as none, rad or m, rad/s or m/s; ``Description.xml`` says it where a joint
+has none."""
 
 NO_EFFORT = 1e9
 """What ``Description.xml`` says where a joint has no effort limit, N m or N."""
@@ -35,7 +36,12 @@ _NUMBERS: dict[str, dict[str, int]] = {
     "limit": {"lower": 1, "upper": 1, "effort": 1, "velocity": 1},
     "dynamics": {"damping": 1, "friction": 1},
     "calibration": {"rising": 1, "falling": 1, "reference_position": 1},
-    "safety_controller": {"soft_lower_limit": 1, "soft_upper_limit": 1, "k_position": 1, "k_velocity": 1},
+    "safety_controller": {
+        "soft_lower_limit": 1,
+        "soft_upper_limit": 1,
+        "k_position": 1,
+        "k_velocity": 1,
+    },
     "mimic": {"multiplier": 1, "offset": 1},
     "mass": {"value": 1},
     "inertia": {"ixx": 1, "ixy": 1, "ixz": 1, "iyy": 1, "iyz": 1, "izz": 1},
@@ -47,8 +53,19 @@ _NUMBERS: dict[str, dict[str, int]] = {
     "color": {"rgba": 4},
 }
 _SHAPES = ("box", "cylinder", "capsule", "sphere", "mesh")
-_NEEDED = {("mass", "value"), ("box", "size"), ("sphere", "radius"), ("cylinder", "radius"), ("cylinder", "length")}
-_NOT_NEGATIVE = _NEEDED | {("capsule", "radius"), ("capsule", "length"), ("limit", "velocity"), ("limit", "effort")}
+_NEEDED = {
+    ("mass", "value"),
+    ("box", "size"),
+    ("sphere", "radius"),
+    ("cylinder", "radius"),
+    ("cylinder", "length"),
+}
+_NOT_NEGATIVE = _NEEDED | {
+    ("capsule", "radius"),
+    ("capsule", "length"),
+    ("limit", "velocity"),
+    ("limit", "effort"),
+}
 _ANY_SIZE = ("limit", "safety_controller", "dynamics", "calibration")
 
 
@@ -62,21 +79,34 @@ def check(robot: etree._Element) -> str:
     """
     links, joints = robot.findall("link"), robot.findall("joint")
     if not links:
-        raise bad(robot, "there is no <link> in this file, so there is no robot; give the full URDF")
+        raise bad(
+            robot, "there is no <link> in this file, so there is no robot; give the full URDF"
+        )
     if not robot.get("name"):
         raise bad(robot, 'the robot has no name; write <robot name="…">')
     if not robot.get("name").isprintable():
-        raise bad(robot, "a control character or a line break stands in the robot's name; rename it")
+        raise bad(
+            robot, "a control character or a line break stands in the robot's name; rename it"
+        )
     if robot.get("version", "1.0") not in ("1.0", "1.1", "1.2"):
         raise bad(robot, f"version {short(robot.get('version'))} is unknown; write 1.0")
     if max(len(joints), len(links) - 1) > MAX_JOINTS:
-        raise bad(robot, f"{len(joints)} joints and {len(links)} links; no more than {MAX_JOINTS} can be read")
+        raise bad(
+            robot,
+            f"{len(joints)} joints and {len(links)} links; no more than {MAX_JOINTS} can be read",
+        )
     for elements in (links, joints, robot.findall("material")):
         _check_names(elements)
     moving = sum(_freedom(joint) for joint in joints)
     if moving > MAX_MOVING_IN_ALL:
-        raise bad(robot, f"{moving} movable joints; no more than {MAX_MOVING_IN_ALL} can be read: fix some")
-    names, leaders = {link.get("name") for link in links}, {joint.get("name"): joint for joint in joints}
+        raise bad(
+            robot,
+            f"{moving} movable joints; no more than {MAX_MOVING_IN_ALL} can be read: fix some",
+        )
+    names, leaders = (
+        {link.get("name") for link in links},
+        {joint.get("name"): joint for joint in joints},
+    )
     for joint in joints:
         _check_joint(joint, names)
     for joint in joints:
@@ -91,7 +121,8 @@ def check(robot: etree._Element) -> str:
 
 
 def numbers(element: etree._Element, attribute: str) -> list[float] | None:
-    """Read an attribute's numbers, finite and as many as there should be; None if it is not there."""
+    """Read an attribute's numbers, finite and as many as there should be; None if it is not
+    there."""
     text = element.get(attribute)
     if text is None:
         return None
@@ -103,9 +134,15 @@ def numbers(element: etree._Element, attribute: str) -> list[float] | None:
     for word in words:
         value = finite(word)
         if value is None or not text.isascii():
-            raise bad(element, f"{attribute} = {short(text)}: {short(word)} is not a finite number; correct it")
+            raise bad(
+                element,
+                f"{attribute} = {short(text)}: {short(word)} is not a finite number; correct it",
+            )
         if abs(value) > LARGEST and element.tag not in _ANY_SIZE:
-            raise bad(element, f"{attribute} = {short(text)} is over {LARGEST:g}; no robot is so large: correct it")
+            raise bad(
+                element,
+                f"{attribute} = {short(text)} is over {LARGEST:g}; no robot is so large: correct it",
+            )
         values.append(value)
     return values
 
@@ -121,7 +158,8 @@ def finite(word: str) -> float | None:
 
 
 def axis_of(joint: etree._Element) -> tuple[float, float, float]:
-    """Return the unit axis of a joint: along x where none is written, as URDF has it; 0 if it has none."""
+    """Return the unit axis of a joint: along x where none is written, as URDF has it; 0 if it has
+    none."""
     axis = joint.find("axis")
     x, y, z = (numbers(axis, "xyz") if axis is not None else None) or (1.0, 0.0, 0.0)
     norm = math.hypot(x, y, z)
@@ -135,9 +173,15 @@ def _check_names(elements: Sequence[etree._Element]) -> None:
         if not name:
             raise bad(element, "has no name; give it one")
         if name in seen:
-            raise bad(element, f"the {element.tag} in {line(seen[name])} has this name too; rename one of them")
+            raise bad(
+                element,
+                f"the {element.tag} in {line(seen[name])} has this name too; rename one of them",
+            )
         if not name.isprintable() or (element.tag == "joint" and _UNHANDY.search(name)):
-            raise bad(element, "a comma, a semicolon, a quote or a line break in a name breaks CSV files; rename it")
+            raise bad(
+                element,
+                "a comma, a semicolon, a quote or a line break in a name breaks CSV files; rename it",
+            )
         if element.tag == "joint" and name == "universe":
             raise bad(element, "Pinocchio keeps this name for itself; rename the joint")
         seen[name] = element
@@ -150,28 +194,40 @@ def _check_numbers(element: etree._Element) -> None:
             if (element.tag, attribute) in _NEEDED:
                 raise bad(element, f"has no {attribute}; write it")
         elif (element.tag, attribute) in _NOT_NEGATIVE and min(values) < 0:
-            raise bad(element, f"{attribute} = {short(element.get(attribute))} is negative; correct it")
+            raise bad(
+                element, f"{attribute} = {short(element.get(attribute))} is negative; correct it"
+            )
     if element.tag == "mesh" and not element.get("filename"):
         raise bad(element, "has no filename; write it, or delete the mesh")
 
 
 def _check_body(link: etree._Element) -> None:
-    """Check that inertia and shapes are whole: Pinocchio drops a part of them in silence otherwise."""
+    """Check that inertia and shapes are whole: Pinocchio drops a part of them in silence
+    otherwise."""
     for inertial in link.findall("inertial"):
         for tag in ("mass", "inertia"):
             if inertial.find(tag) is None:
                 raise bad(inertial, f"has no <{tag}>; write it, or delete the <inertial>")
         for inertia in inertial.findall("inertia"):
-            lacking = [attribute for attribute in _NUMBERS["inertia"] if inertia.get(attribute) is None]
+            lacking = [
+                attribute for attribute in _NUMBERS["inertia"] if inertia.get(attribute) is None
+            ]
             if lacking:
                 raise bad(inertia, f"has no {', '.join(lacking)}; write it")
     for visible in (*link.findall("visual"), *link.findall("collision")):
         geometry = visible.find("geometry")
         shapes = [] if geometry is None else [child.tag for child in geometry]
         if not shapes or shapes[0] not in _SHAPES:
-            what = f"<{shapes[0][:40]}> is no shape" if shapes else "has no <geometry> with a shape in it"
+            what = (
+                f"<{shapes[0][:40]}> is no shape"
+                if shapes
+                else "has no <geometry> with a shape in it"
+            )
             raise bad(visible, f"{what}; choose from {', '.join(_SHAPES)}")
-        if shapes[0] == "capsule" and None in (geometry[0].get("radius"), geometry[0].get("length")):
+        if shapes[0] == "capsule" and None in (
+            geometry[0].get("radius"),
+            geometry[0].get("length"),
+        ):
             raise bad(geometry[0], "has no radius or no length; write both")
 
 
@@ -185,7 +241,10 @@ def _check_joint(joint: etree._Element, links: set[str]) -> None:
         if element is None or not element.get("link"):
             raise bad(joint, f'has no {end} link; write <{end} link="…"/>')
         if element.get("link") not in links:
-            raise bad(element, f"there is no link {short(element.get('link'))}; add it, or correct the name")
+            raise bad(
+                element,
+                f"there is no link {short(element.get('link'))}; add it, or correct the name",
+            )
     for element in joint.iterdescendants():
         _check_numbers(element)
     axis, limit = joint.find("axis"), joint.find("limit")
@@ -213,29 +272,43 @@ def _check_mimic(joint: etree._Element, joints: dict[str, etree._Element]) -> No
     if mimic.get("joint") in (None, "", name):
         raise bad(mimic, "does not name another joint to follow; correct it, or delete it")
     if leader(name, mimic.get("joint"), joints) is None:
-        raise bad(mimic, f"there is no joint {short(mimic.get('joint'))} to follow; correct the name, or delete it")
+        raise bad(
+            mimic,
+            f"there is no joint {short(mimic.get('joint'))} to follow; correct the name, or delete it",
+        )
     follower, seen = joint, {name}
     while follower.find("mimic") is not None:
         following = leader(follower.get("name"), follower.find("mimic").get("joint"), joints)
         if following is None:
             return  # it is named when its turn comes
         if following in seen:
-            raise bad(mimic, f"joints follow each other in a circle: {', '.join(map(short, seen))}; delete one <mimic>")
+            raise bad(
+                mimic,
+                f"joints follow each other in a circle: {', '.join(map(short, seen))}; delete one <mimic>",
+            )
         seen.add(following)
         follower = joints[following]
     several = next((j for j in (joint, follower) if _freedom(j) > 1), None)
     if several is not None:
-        raise bad(mimic, f"{label(several)} is {several.get('type')} and has no one position; delete the <mimic>")
+        raise bad(
+            mimic,
+            f"{label(several)} is {several.get('type')} and has no one position; delete the <mimic>",
+        )
 
 
 def leader(name: str, mimicked: str, joints: Collection[str]) -> str | None:
-    """Find the joint that one mimics: as named, or with the follower's own prefix, which macros forget; else None.
+    """Find the joint that one mimics: as named, or with the follower's own prefix, which macros
+    forget; else None.
 
-    ``left_index_2`` that mimics ``index_1`` follows ``left_index_1``, where no joint is called ``index_1``.
-    """
+    ``left_index_2`` that mimics ``index_1`` follows ``left_index_1``, where no joint is called
+    ``index_1``."""
     if mimicked in joints:
         return mimicked
-    prefixed = [j for j in joints if j != name and j.endswith(mimicked) and name.startswith(j.removesuffix(mimicked))]
+    prefixed = [
+        j
+        for j in joints
+        if j != name and j.endswith(mimicked) and name.startswith(j.removesuffix(mimicked))
+    ]
     return prefixed[0] if len(prefixed) == 1 else None
 
 
@@ -246,7 +319,9 @@ def _check_range(limit: etree._Element) -> None:
     if lower > upper:
         raise bad(limit, f"lower = {lower:g} is above upper = {upper:g}; swap them")
     if lower == upper != 0.0:  # both 0 is what exporters write where no range was given
-        raise bad(limit, f"lower = upper = {lower:g} leaves no room; widen it, or make the joint fixed")
+        raise bad(
+            limit, f"lower = upper = {lower:g} leaves no room; widen it, or make the joint fixed"
+        )
 
 
 def _check_tree(links: Sequence[etree._Element], joints: Sequence[etree._Element]) -> str:
@@ -257,26 +332,42 @@ def _check_tree(links: Sequence[etree._Element], joints: Sequence[etree._Element
         parent, child = joint.find("parent").get("link"), joint.find("child").get("link")
         if child in above:
             other = f"{label(above[child])} ({line(above[child])})"
-            raise bad(joint, f"link {short(child)} hangs on {other} already; a link has one parent: delete one")
+            raise bad(
+                joint,
+                f"link {short(child)} hangs on {other} already; a link has one parent: delete one",
+            )
         above[child] = joint
         below.setdefault(parent, []).append(joint)
     roots = [link for link in links if link.get("name") not in above]
     if not roots:
-        raise bad(joints[0], "every link hangs on another, in a loop, so there is no root; cut the loop open")
+        raise bad(
+            joints[0],
+            "every link hangs on another, in a loop, so there is no root; cut the loop open",
+        )
     if len(roots) > 1:
         other = f"{label(roots[0])} ({line(roots[0])})"
-        raise bad(roots[1], f"hangs on no joint, nor does {other}; a robot has one root: join the two")
-    reached = [(roots[0].get("name"), 1, 0)]  # links, each with the links and the movable joints down to it
+        raise bad(
+            roots[1], f"hangs on no joint, nor does {other}; a robot has one root: join the two"
+        )
+    reached = [
+        (roots[0].get("name"), 1, 0)
+    ]  # links, each with the links and the movable joints down to it
     for name, depth, moving in reached:  # grows as it goes: no file can exhaust the stack
         if depth > MAX_DEPTH:
-            raise bad(roots[0], f"over {MAX_DEPTH} links hang one below the other; more cannot be read")
+            raise bad(
+                roots[0], f"over {MAX_DEPTH} links hang one below the other; more cannot be read"
+            )
         for joint in below.get(name, ()):
             count = moving + _freedom(joint)
             if count > MAX_MOVING:
-                raise bad(joint, f"over {MAX_MOVING} movable joints hang one below the other; fix some")
+                raise bad(
+                    joint, f"over {MAX_MOVING} movable joints hang one below the other; fix some"
+                )
             reached.append((joint.find("child").get("link"), depth + 1, count))
     hanging = {name for name, _, _ in reached}
     for link in links:
         if link.get("name") not in hanging:
-            raise bad(above[link.get("name")], "is part of a loop; a URDF is a tree: cut the loop open")
+            raise bad(
+                above[link.get("name")], "is part of a loop; a URDF is a tree: cut the loop open"
+            )
     return str(roots[0].get("name"))

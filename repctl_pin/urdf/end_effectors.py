@@ -1,4 +1,5 @@
-"""Where the arms of a robot end: before the fingers, at the link that a tool is meant to be held by."""
+"""Where the arms of a robot end: before the fingers, at the link that a tool is meant to be held
+by."""
 
 from __future__ import annotations
 
@@ -6,7 +7,7 @@ import math
 import re
 from dataclasses import dataclass
 
-from .gate import Description, Joint
+from .validate import Description, Joint
 
 _TURN, _SLIDE = math.pi, 0.1
 """A finger turns by half a turn at most, or slides by a tenth of a metre."""
@@ -14,8 +15,21 @@ _TURN, _SLIDE = math.pi, 0.1
 _FINGER = re.compile(r"finger|thumb|jaw|knuckle|claw", re.IGNORECASE)
 _TOOLS = ({"tcp", "grasp", "grasping"}, {"tool"}, {"ee", "eef", "effector"}, {"flange"})
 _HANDS = ({"gripper"}, {"palm"}, {"hand"})
-"""Words in the names of links that are meant to carry a task, the best first; hands only as the last word."""
-_SENSOR = {"accelerometer", "camera", "optical", "depth", "rgb", "imu", "sensor", "laser", "lidar", "range", "led"}
+"""Words in the names of links that are meant to carry a task, the best first; hands only as the
+last word."""
+_SENSOR = {
+    "accelerometer",
+    "camera",
+    "optical",
+    "depth",
+    "rgb",
+    "imu",
+    "sensor",
+    "laser",
+    "lidar",
+    "range",
+    "led",
+}
 
 
 @dataclass(eq=False)
@@ -25,7 +39,8 @@ class Body:
     Attributes
     ----------
     links : dict of int
-        Its links, from the one that a joint moves outward, each with the fixed joints between the two.
+        Its links, from the one that a joint moves outward, each with the fixed joints between the
+        two.
     before : int
         Moving joints from the root to it.
     branches : list of (Joint, Body)
@@ -44,12 +59,18 @@ class Body:
 
     @property
     def is_hand(self) -> bool:
-        """Whether most of its longest branches are fingers: the arm ends here, whatever else moves on."""
-        fingers = [self._is_finger(joint, tip) for joint, tip in self.branches if 1 + tip.after == self.after]
+        """Whether most of its longest branches are fingers: the arm ends here, whatever else moves
+        on."""
+        fingers = [
+            self._is_finger(joint, tip)
+            for joint, tip in self.branches
+            if 1 + tip.after == self.after
+        ]
         return 2 * sum(fingers) > len(fingers)
 
     def _is_finger(self, joint: Joint, tip: Body) -> bool:
-        """Whether a branch moves little, has no more joints than the arm before it, and some sign says finger."""
+        """Whether a branch moves little, has no more joints than the arm before it, and some sign
+        says finger."""
         if not (_moves_little(joint) and tip.narrow and 1 + tip.after <= self.before):
             return False
         last = tip.after == 0
@@ -59,18 +80,19 @@ class Body:
             or (last and joint.kind == "prismatic")
             or (last and "gripper" in words(joint.name))
             or _says_finger(joint)
-            or any(set.union(*_TOOLS) & set(words(link)) for link in self.links)  # the tool is before it
+            or any(
+                set.union(*_TOOLS) & set(words(link)) for link in self.links
+            )  # the tool is before it
         )
 
 
 def arm_ends(description: Description) -> list[Body]:
     """Find the bodies at which arms, legs and heads end, fingers cut off; in the order of the file.
 
-    An arm ends at a **hand**: a body most of whose longest branches are fingers. A finger moves little (half a
-    turn, 0.1 m, or as another joint moves), has no more joints than the arm before it, and stands beside others,
-    mimics, slides, is called a finger, or comes after a link that is called a tool. Where all is called a finger, the
-    robot is one, and ends at its tip.
-    """
+    An arm ends at a **hand**: a body most of whose longest branches are fingers. A finger moves
+    little (half a turn, 0.1 m, or as another joint moves), has no more joints than the arm before
+    it, and stands beside others, mimics, slides, is called a finger, or comes after a link that is
+    called a tool. Where all is called a finger, the robot is one, and ends at its tip."""
     below: dict[str, list[Joint]] = {}
     for joint in description.joints:
         below.setdefault(joint.parent, []).append(joint)
@@ -101,23 +123,28 @@ def arm_ends(description: Description) -> list[Body]:
 
 
 def task_links(body: Body) -> list[str]:
-    """List a body's links, the one that is best to move first: by what its name says, then by how far out it is."""
+    """List a body's links, the one that is best to move first: by what its name says, then by how
+    far out it is."""
     return sorted(body.links, key=lambda link: (_rank(link), -body.links[link]))
 
 
 def is_sensor(link: str) -> bool:
-    """Say whether a link is called a camera, or the like: it could carry a task, but is not meant to."""
+    """Say whether a link is called a camera, or the like: it could carry a task, but is not meant
+    to."""
     return not _SENSOR.isdisjoint(words(link))
 
 
 def words(name: str) -> list[str]:
-    """Take a name apart: ``panda_hand_tcp``, ``tool0`` and ``LeftPalm`` end with tcp, tool and palm."""
+    """Take a name apart: ``panda_hand_tcp``, ``tool0`` and ``LeftPalm`` end with tcp, tool and
+    palm."""
     return [word.lower() for word in re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])", name)]
 
 
 def _rank(link: str) -> int:
     spoken = [word for word in words(link) if word not in ("link", "frame")]
-    known = [not tool.isdisjoint(spoken) for tool in _TOOLS] + [not hand.isdisjoint(spoken[-1:]) for hand in _HANDS]
+    known = [not tool.isdisjoint(spoken) for tool in _TOOLS] + [
+        not hand.isdisjoint(spoken[-1:]) for hand in _HANDS
+    ]
     if is_sensor(link) or _FINGER.search(link):
         return len(known) + 1
     return known.index(True) if any(known) else len(known)
@@ -125,7 +152,11 @@ def _rank(link: str) -> int:
 
 def _moves_little(joint: Joint) -> bool:
     range_ = joint.upper - joint.lower
-    return joint.mimic is not None or range_ <= (_SLIDE if joint.kind == "prismatic" else _TURN) or _says_finger(joint)
+    return (
+        joint.mimic is not None
+        or range_ <= (_SLIDE if joint.kind == "prismatic" else _TURN)
+        or _says_finger(joint)
+    )
 
 
 def _says_finger(joint: Joint) -> bool:

@@ -1,4 +1,5 @@
-"""The shapes of a checked URDF, visible ones and bodies that collide, as plain data; and where their meshes are."""
+"""The shapes of a checked URDF, visible ones and bodies that collide, as plain data; and where
+their meshes are."""
 
 from __future__ import annotations
 
@@ -25,7 +26,8 @@ class Solid:
     kind
         ``mesh``, ``box``, ``cylinder``, ``sphere`` or ``capsule``.
     size
-        box: three edges; cylinder and capsule: radius, length along z; sphere: radius, m; mesh: nothing.
+        box: three edges; cylinder and capsule: radius, length along z; sphere: radius, m; mesh:
+        nothing.
     color
         Red, green, blue, opacity, 0 to 1; None where the file names none.
     xyz, rpy
@@ -81,7 +83,8 @@ def _three(element: etree._Element | None, attribute: str, default: float) -> tu
 
 
 def _color(material: etree._Element | None, known: dict[str, Color]) -> Color | None:
-    """Read a material's colour; of several by one name the first counts, as it does for Pinocchio."""
+    """Read a material's colour; of several by one name the first counts, as it does for
+    Pinocchio."""
     if material is None:
         return None
     name, color = material.get("name", ""), material.find("color")
@@ -97,10 +100,9 @@ def _color(material: etree._Element | None, known: dict[str, Color]) -> Color | 
 def find_mesh(filename: str, urdf: Path, package_dirs: Sequence[str | Path]) -> Path | None:
     """Find a mesh file by the name a URDF gives it, or None.
 
-    ``package://name/rest`` is looked up as ``folder/name/rest``, then as ``folder/rest`` where the folder
-    itself is called ``name``; the typing slip ``package:///name/rest`` too. ``file://`` and plain names are
-    paths, relative ones beside the URDF first.
-    """
+    ``package://name/rest`` is looked up as ``folder/name/rest``, then as ``folder/rest`` where the
+    folder itself is called ``name``; the typing slip ``package:///name/rest`` too. ``file://`` and
+    plain names are paths, relative ones beside the URDF first."""
     scheme, mark, rest = filename.partition("://")
     folders = [Path(folder) for folder in package_dirs]
     if not mark:
@@ -114,4 +116,6 @@ def find_mesh(filename: str, urdf: Path, package_dirs: Sequence[str | Path]) -> 
         candidates += [folder / inside for folder in folders if folder.name == package]
     else:
         candidates = []
-    return next((path.resolve() for path in candidates if os.path.isfile(path)), None)  # False for any name
+    return next(
+        (path.resolve() for path in candidates if os.path.isfile(path)), None
+    )  # False for any name

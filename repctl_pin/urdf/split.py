@@ -24,11 +24,11 @@ _FLOATING: tuple[Step, ...] = (
 
 
 def split_joints(robot: etree._Element, notes: list[str]) -> None:
-    """Replace planar joints by two slides and a turn, floating ones by three slides and three turns.
+    """Replace planar joints by two slides and a turn, floating ones by three slides and three
+    turns.
 
-    A planar joint moves in the plane that is normal to its axis, and turns about it. The turns of a floating
-    one are yaw, pitch and roll, singular where the pitch is ±π/2.
-    """
+    A planar joint moves in the plane that is normal to its axis, and turns about it. The turns of a
+    floating one are yaw, pitch and roll, singular where the pitch is ±π/2."""
     names = {element.get("name") for element in robot}
     for joint in robot.findall("joint"):
         if joint.get("type") not in ("planar", "floating"):
@@ -37,7 +37,9 @@ def split_joints(robot: etree._Element, notes: list[str]) -> None:
         named = [f"{joint.get('name')}_{suffix}" for suffix, _, _ in steps]
         taken = names & {*named, *(f"{name}_link" for name in named)}
         if taken:
-            raise bad(joint, f"is split into {', '.join(named)}, but {taken.pop()!r} is taken; rename it")
+            raise bad(
+                joint, f"is split into {', '.join(named)}, but {taken.pop()!r} is taken; rename it"
+            )
         notes.append(
             f"joint {joint.get('name')!r} is {joint.get('type')}: read as {', '.join(named)}; "
             "to hold them still, use --lock, or --base with a link behind them"
@@ -51,10 +53,16 @@ def _planar(axis: tuple[float, float, float]) -> tuple[Step, ...]:
     u = np.eye(3)[(int(np.argmax(np.abs(a))) + 1) % 3]
     u = u - (u @ a) * a
     u /= np.linalg.norm(u)
-    return (("x", "prismatic", (*u,)), ("y", "prismatic", (*np.cross(a, u),)), ("yaw", "continuous", axis))
+    return (
+        ("x", "prismatic", (*u,)),
+        ("y", "prismatic", (*np.cross(a, u),)),
+        ("yaw", "continuous", axis),
+    )
 
 
-def _replace(robot: etree._Element, joint: etree._Element, steps: tuple[Step, ...], names: list[str]) -> None:
+def _replace(
+    robot: etree._Element, joint: etree._Element, steps: tuple[Step, ...], names: list[str]
+) -> None:
     """Put one joint for each step, with links without a body between, in a joint's place."""
     at, parent = robot.index(joint), joint.find("parent").get("link")
     robot.remove(joint)

@@ -38,18 +38,28 @@ def expand(path: Path, most: int) -> bytes:
         If ``xacro`` is not installed, or cannot expand the file: in its own words.
     """
     if importlib.util.find_spec("xacro") is None:
-        raise UrdfError("this is xacro: `pip install xacro`, or run `xacro file.xacro > robot.urdf` where ROS is")
+        raise UrdfError(
+            "this is xacro: `pip install xacro`, or run `xacro file.xacro > robot.urdf` where ROS is"
+        )
     command = [sys.executable, "-c", _EXPAND, str(path.absolute())]
-    with subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+    with subprocess.Popen(
+        command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    ) as process:
         try:
             text, complaints = process.communicate(timeout=SECONDS)
         except subprocess.TimeoutExpired:
             process.kill()
-            raise UrdfError(f"xacro does not expand it within {SECONDS:g} s; does a macro call itself?") from None
+            raise UrdfError(
+                f"xacro does not expand it within {SECONDS:g} s; does a macro call itself?"
+            ) from None
         except BaseException:  # stopped: nothing is to wait for it
             process.kill()
             raise
     if process.returncode != 0:
-        said = [line for line in complaints.decode(errors="replace").splitlines() if line.strip()] or ["no reason"]
-        raise UrdfError(f"xacro cannot expand it ({said[0].strip()[:200]}); correct it, or expand it where ROS is")
+        said = [
+            line for line in complaints.decode(errors="replace").splitlines() if line.strip()
+        ] or ["no reason"]
+        raise UrdfError(
+            f"xacro cannot expand it ({said[0].strip()[:200]}); correct it, or expand it where ROS is"
+        )
     return text[: most + 1]

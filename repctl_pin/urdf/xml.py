@@ -1,4 +1,5 @@
-"""From the bytes of a file to a plain XML tree, safely; and how its elements are named to a person."""
+"""From the bytes of a file to a plain XML tree, safely; and how its elements are named to a
+person."""
 
 from __future__ import annotations
 
@@ -19,7 +20,9 @@ _OTHERS = {
     "html": "this is a web page, not a URDF: download the raw file",
     "collada": "this is a COLLADA mesh, not a URDF: give the .urdf that uses it",
 }
-_XACRO = "this is xacro, not URDF: name the file .xacro, or run `xacro file.xacro > robot.urdf` first"
+_XACRO = (
+    "this is xacro, not URDF: name the file .xacro, or run `xacro file.xacro > robot.urdf` first"
+)
 _DOCTYPE = "has a <!DOCTYPE>, which a URDF does not need; delete it, and the entities it declares"
 _HARMLESS = {
     "ERR_UNKNOWN_VERSION": "ignored: the version in <?xml version=…?>, read as 1.0",
@@ -41,8 +44,9 @@ def parse(data: bytes, notes: list[str]) -> etree._Element:
     data
         The file.
     notes
-        Gets a line for each kind of thing that is not XML, or not URDF, and was ignored as Pinocchio ignores it:
-        an unknown XML version, prefixes that nobody declares, leftover xacro, zero bytes at the end.
+        Gets a line for each kind of thing that is not XML, or not URDF, and was ignored as
+        Pinocchio ignores it: an unknown XML version, prefixes that nobody declares, leftover xacro,
+        zero bytes at the end.
 
     Raises
     ------
@@ -71,7 +75,9 @@ def parse(data: bytes, notes: list[str]) -> etree._Element:
 
 def _read_xml(data: bytes, notes: list[str]) -> etree._Element:
     """Parse; of what the parser complains about, only what changes no element is let pass."""
-    parser = etree.XMLParser(recover=True, resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False)
+    parser = etree.XMLParser(
+        recover=True, resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False
+    )
     try:
         root = etree.fromstring(data, parser)
     except etree.XMLSyntaxError as error:
@@ -87,7 +93,9 @@ def _read_xml(data: bytes, notes: list[str]) -> etree._Element:
 
 
 def _not_xml(where: int, what: str | None) -> UrdfError:
-    return UrdfError(f"line {where}: not well-formed XML ({what or 'unreadable'}); is the file complete?")
+    return UrdfError(
+        f"line {where}: not well-formed XML ({what or 'unreadable'}); is the file complete?"
+    )
 
 
 def _note_foreign(root: etree._Element, notes: list[str]) -> None:
@@ -96,11 +104,17 @@ def _note_foreign(root: etree._Element, notes: list[str]) -> None:
     xacro = [e for e in elements if _prefix(e) == "xacro"]
     if xacro:
         tags = _some(f"<xacro:{_local(e)}>" for e in xacro)
-        notes.append(f"ignored: {tags} in {line(xacro[0])}, left over from xacro; what it would add is not here")
+        notes.append(
+            f"ignored: {tags} in {line(xacro[0])}, left over from xacro; what it would add is not here"
+        )
     names = [e.tag for e in elements] + [name for e in elements for name in e.attrib]
-    undeclared = [name.split(":")[0] for name in names if ":" in name and not name.startswith(("{", "xacro:"))]
+    undeclared = [
+        name.split(":")[0] for name in names if ":" in name and not name.startswith(("{", "xacro:"))
+    ]
     if undeclared:
-        notes.append(f"ignored: elements and attributes of {_some(f'{prefix}:' for prefix in undeclared)}")
+        notes.append(
+            f"ignored: elements and attributes of {_some(f'{prefix}:' for prefix in undeclared)}"
+        )
 
 
 def _some(names: Iterable[str], most: int = 3) -> str:
@@ -136,11 +150,14 @@ def _refuse_other_files(data: bytes) -> None:
     if head.upper().startswith(b"<!DOCTYPE"):
         raise UrdfError(_DOCTYPE)
     if not head.startswith(b"<"):
-        raise UrdfError(f"not XML: it starts with {short(head[:30].decode('latin-1'))}; give a .urdf file")
+        raise UrdfError(
+            f"not XML: it starts with {short(head[:30].decode('latin-1'))}; give a .urdf file"
+        )
 
 
 def _check_root(root: etree._Element) -> None:
-    """Check the root's name, the nesting, the number of attributes, and that it is not raw xacro, nor SRDF."""
+    """Check the root's name, the nesting, the number of attributes, and that it is not raw xacro,
+    nor SRDF."""
     tag = _local(root)
     if tag.lower() in _OTHERS:
         raise UrdfError(_OTHERS[tag.lower()])
@@ -150,9 +167,13 @@ def _check_root(root: etree._Element) -> None:
     for event, element in etree.iterwalk(root, events=("start", "end")):
         depth += 1 if event == "start" else -1
         if depth > MAX_NESTING:
-            raise UrdfError(f"{line(element)}: elements nest over {MAX_NESTING} deep; no robot does")
+            raise UrdfError(
+                f"{line(element)}: elements nest over {MAX_NESTING} deep; no robot does"
+            )
         if len(element.attrib) > MAX_ATTRIBUTES:
-            raise UrdfError(f"{line(element)}: {len(element.attrib)} attributes in one element; no robot has them")
+            raise UrdfError(
+                f"{line(element)}: {len(element.attrib)} attributes in one element; no robot has them"
+            )
     tags = {child.tag for child in root}
     xacro = next((e for e in root.iter() if isinstance(e.tag, str) and _prefix(e) == "xacro"), None)
     if "link" not in tags and xacro is not None:
@@ -177,7 +198,11 @@ def bad(element: etree._Element, what: str) -> UrdfError:
 
 def line(element: etree._Element) -> str:
     """Say where an element stands in the file, as far as the parser counts."""
-    return f"line {element.sourceline}" if element.sourceline < _LAST_LINE else f"after line {_LAST_LINE - 1}"
+    return (
+        f"line {element.sourceline}"
+        if element.sourceline < _LAST_LINE
+        else f"after line {_LAST_LINE - 1}"
+    )
 
 
 def label(element: etree._Element) -> str:

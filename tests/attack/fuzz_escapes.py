@@ -1,8 +1,9 @@
 """Terminal escapes in every text of every file that is read, all inside a private folder.
 
-Each text of a saved design of either kind, a URDF, an SRDF, a motion and a list of waypoints is replaced by, and
-extended with, sequences that would clear a screen, set a title, ring or forge a line, with and without a checksum
-that fits. Whatever command reads the file: nothing that it prints controls a terminal or stands on a line of its own.
+Each text of a saved design of either kind, a URDF, an SRDF, a motion and a list of waypoints is
+replaced by, and extended with, sequences that would clear a screen, set a title, ring or forge a
+line, with and without a checksum that fits. Whatever command reads the file: nothing that it prints
+controls a terminal or stands on a line of its own.
 
     python tests/attack/fuzz_escapes.py [--seed 0] [--count 2000]
 """
@@ -28,7 +29,7 @@ from fuzz_files import entries
 
 import repctl_pin as rp
 from repctl_pin.cli import main as cli
-from repctl_pin.design.storage import _checksum
+from repctl_pin.saving.design_file import _checksum
 
 PAYLOADS = (
     "\x1b[2J\x1b[H", "\x1b]0;title\x07", "\x07", "\x9b2J", "a\rb", "a\tb", "a\nFORGED\n", "\u202eabc", "\u2028FORGED",
@@ -57,7 +58,12 @@ def json_cases(name: str, good: dict[str, Any], commands: list[list[str]]) -> It
                     part[place[-1]] = value
                     if fits and place[0] != "checksum":
                         content["checksum"] = _checksum(content)
-                    yield f"{name} {'/'.join(map(str, place))} + {payload!r}", name, json.dumps(content), commands
+                    yield (
+                        f"{name} {'/'.join(map(str, place))} + {payload!r}",
+                        name,
+                        json.dumps(content),
+                        commands,
+                    )
             content = copy.deepcopy(good)
             part = content
             for key in place[:-1]:
@@ -67,11 +73,15 @@ def json_cases(name: str, good: dict[str, Any], commands: list[list[str]]) -> It
                 yield f"{name} key {place} = {payload!r}", name, json.dumps(content), commands
 
 
-def text_cases(name: str, good: str, pattern: str, commands: list[list[str]], *, xml: bool) -> Iterator[Case]:
+def text_cases(
+    name: str, good: str, pattern: str, commands: list[list[str]], *, xml: bool
+) -> Iterator[Case]:
     """Every match of a pattern's group 1: the words of a text file."""
     for found in re.finditer(pattern, good):
         for payload in PAYLOADS:
-            written = "".join(f"&#{ord(c)};" if ord(c) < 0x20 else c for c in payload) if xml else payload
+            written = (
+                "".join(f"&#{ord(c)};" if ord(c) < 0x20 else c for c in payload) if xml else payload
+            )
             for value in {written, found[1] + written, payload}:
                 content = good[: found.start(1)] + value + good[found.end(1) :]
                 yield f"{name} {found[1][:30]!r} + {payload!r}", name, content, commands
@@ -86,7 +96,12 @@ def cases(folder: Path) -> list[Case]:
     assert cli(["study", "arm.urdf", *small, "--out", "made"]) == 0
     task = rp.Robot.load("planar4r").task(kind="xy")
     cell = rp.Cell(task, task.placement(task.reference), 0.05)
-    rp.save(rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, degree=1, samples=256, held_out=64), "cell.json")
+    rp.save(
+        rp.nearest_inverse_function(
+            rp.Pseudoinverse(task), cell, degree=1, samples=256, held_out=64
+        ),
+        "cell.json",
+    )
     control = json.loads((folder / "made" / "control.json").read_text())
     motion = "\n".join((folder / "made" / "motion.csv").read_text().splitlines()[:3]) + "\n"
     room = (
@@ -94,16 +109,36 @@ def cases(folder: Path) -> list[Case]:
         "</geometry></collision></link></robot>"
     )
     square = "x,y,z\n0.3,0,0.4\n0.3,0.1,0.4\n0.4,0.1,0.4\n0.3,0,0.4\n"
-    follow = ["follow", "arm.urdf", "--strategy", "pseudoinverse", "--steps", "40", "--allow-violations"]
+    follow = [
+        "follow",
+        "arm.urdf",
+        "--strategy",
+        "pseudoinverse",
+        "--steps",
+        "40",
+        "--allow-violations",
+    ]
     attributes = r'\b[a-z_]+="([^"]*)"'
     read = [["follow", "control.json", "--robot", "arm.urdf"], ["check", "control.json"]]
     shown = [["animate", "arm.urdf", "--motion", "m.csv"]]
     return [
         *json_cases("control.json", control, read),
-        *json_cases("cell.json", json.loads(Path("cell.json").read_text()), [["export", "cell.json", "--to", "c"]]),
-        *text_cases("b.urdf", urdf, attributes, [["inspect", "b.urdf"], ["inspect", "b.urdf", "--json"]], xml=True),
+        *json_cases(
+            "cell.json",
+            json.loads(Path("cell.json").read_text()),
+            [["export", "cell.json", "--to", "c"]],
+        ),
+        *text_cases(
+            "b.urdf",
+            urdf,
+            attributes,
+            [["inspect", "b.urdf"], ["inspect", "b.urdf", "--json"]],
+            xml=True,
+        ),
         *text_cases("b.urdf", urdf, r"<([a-z]+)", [["inspect", "b.urdf"]], xml=False),
-        *text_cases("room.urdf", room, attributes, [[*follow, "--surroundings", "room.urdf"]], xml=True),
+        *text_cases(
+            "room.urdf", room, attributes, [[*follow, "--surroundings", "room.urdf"]], xml=True
+        ),
         *text_cases("m.csv", motion, r"(?m)(?:^|,)([^,\n]+)", shown, xml=False),
         *text_cases("p.csv", square, r"([^,\n]+)", [[*follow, "--path", "p.csv"]], xml=False),
     ]
@@ -130,9 +165,16 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as private:
         os.chdir(private)
         every = cases(Path(private))
-        groups = [[case for case in every if case[1] == name] for name in dict.fromkeys(case[1] for case in every)]
+        groups = [
+            [case for case in every if case[1] == name]
+            for name in dict.fromkeys(case[1] for case in every)
+        ]
         rng = np.random.default_rng(options.seed)
-        drawn = [group[i] for group in groups for i in rng.permutation(len(group))[: options.count // len(groups)]]
+        drawn = [
+            group[i]
+            for group in groups
+            for i in rng.permutation(len(group))[: options.count // len(groups)]
+        ]
         for what, name, content, commands in drawn:
             Path(name).write_text(content, encoding="utf-8", errors="surrogatepass", newline="")
             for command in commands:

@@ -1,10 +1,10 @@
 """Hostile design files, paths and surroundings of a process, all inside a private folder.
 
-Every entry of a saved control is replaced by special values, with a checksum that fits: each file is refused in one
-line, or loads, is saved again as it was, and then gives J G = I. Every command gets every option that names a file
-with names and files that cannot serve, and runs where standard streams, folders or environment variables are
-missing: it ends in a result or in one line, and every device is still a device. Anything else, 20 s or 2 GB is a
-fault, and the exit code says so.
+Every entry of a saved control is replaced by special values, with a checksum that fits: each file
+is refused in one line, or loads, is saved again as it was, and then gives J G = I. Every command
+gets every option that names a file with names and files that cannot serve, and runs where standard
+streams, folders or environment variables are missing: it ends in a result or in one line, and every
+device is still a device. Anything else, 20 s or 2 GB is a fault, and the exit code says so.
 
     python tests/attack/fuzz_files.py [--only json|names|places]
 """
@@ -30,7 +30,7 @@ from fuzz_urdf import fate
 
 import repctl_pin as rp
 from repctl_pin.cli import main as cli
-from repctl_pin.design.storage import _checksum
+from repctl_pin.saving.design_file import _checksum
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from survey_urdfs import Outcome, load_libraries, run
@@ -79,7 +79,11 @@ def load_and_use(file: Path, again: Path) -> None:
     said["task"]["file"] = kept["task"]["file"]  # of a catalogue's robot: for a person
     if "stops" in kept["figures"]:  # a cell's: null is what older files did not say
         kept["figures"] |= {name: None for name, value in said["figures"].items() if value is None}
-    other = [part for part in said if part not in ("checksum", "written_by") and not alike(said[part], kept[part])]
+    other = [
+        part
+        for part in said
+        if part not in ("checksum", "written_by") and not alike(said[part], kept[part])
+    ]
     if other:
         raise ArithmeticError(f"silently read as something else: {other}")
     task = design.task
@@ -105,7 +109,9 @@ def check_function(design: rp.CellDesign) -> None:
         except rp.RepctlError:
             continue
         if not np.abs(task.error(q, target)).max() < 1e-6:
-            raise ArithmeticError(f"F misses its target by {np.abs(task.error(q, target)).max():.3g}")
+            raise ArithmeticError(
+                f"F misses its target by {np.abs(task.error(q, target)).max():.3g}"
+            )
 
 
 def alike(one: Any, other: Any) -> bool:
@@ -229,7 +235,9 @@ def main() -> int:
         if only in (None, "json"):
             task = rp.Robot.load("planar4r").task(kind="xy")
             cell = rp.Cell(task, task.placement(task.reference), 0.05)
-            found = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, degree=1, samples=64, held_out=64)
+            found = rp.nearest_inverse_function(
+                rp.Pseudoinverse(task), cell, degree=1, samples=64, held_out=64
+            )
             rp.save(found, "cell.json")
             for good in ("control.json", "cell.json"):
                 for name, content in changed_files(json.loads(Path(good).read_text())):

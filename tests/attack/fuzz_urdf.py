@@ -1,8 +1,10 @@
-"""Hostile robot files, seeded: mutations of real URDFs, special values at every place, broken meshes.
+"""Hostile robot files, seeded: mutations of real URDFs, special values at every place, broken
+meshes.
 
-Each is refused in one printable line, or read: then inspected, drawn, and its kinematics compared with what Pinocchio
-makes of the same file by itself. Anything else (another exception, over 20 s, a number that is not finite, another
-kinematics) is a fault, and the exit code says so. Memory is held to 2 GB.
+Each is refused in one printable line, or read: then inspected, drawn, and its kinematics compared
+with what Pinocchio makes of the same file by itself. Anything else (another exception, over 20 s, a
+number that is not finite, another kinematics) is a fault, and the exit code says so. Memory is held
+to 2 GB.
 
     python tests/attack/fuzz_urdf.py [--seed 0] [--mutations 3600] [--specials 450] [--meshes 120]
 """
@@ -39,7 +41,21 @@ NUMBERS = ["nan", "inf", "-inf", "1e308", "-1e308", "1e-308", "1e400", "0", "-1"
 NAMES = ["", " ", "a,b", "a\nb", 'a"b', "a;b", "$a_$b", "a" * 5000, "../../x", "~nosuchuser", "universe", "root_joint",
          "ä\N{COMBINING DIAERESIS}", "\N{RIGHT-TO-LEFT OVERRIDE}x", "a\tb", "l0", "j1", "<b>", "%s%n", "{0}", "\\",
          "time", "CON", "//", "\N{NULL}".join("ab").replace("\0", "&#0;")]  # fmt: skip
-JUNK = [*NUMBERS, "0 0 0", "x", "fixed", "continuous", "floating", "planar", "a b c d", "1 2 3", "j1", "j2", "l0", "l1"]
+JUNK = [
+    *NUMBERS,
+    "0 0 0",
+    "x",
+    "fixed",
+    "continuous",
+    "floating",
+    "planar",
+    "a b c d",
+    "1 2 3",
+    "j1",
+    "j2",
+    "l0",
+    "l1",
+]
 
 ARM = """<robot name="arm"><material name="red"><color rgba="1 0 0 1"/></material>
 <link name="l0"><visual><geometry><box size="1 1 1"/></geometry></visual></link>
@@ -70,7 +86,11 @@ def fate(question: Callable[[], None]) -> str:
         question()
     except rp.InputError as error:
         told = str(error)
-        return "refused" if told.isprintable() and len(told) < 6000 else f"fault: not one line: {told[:200]!r}"
+        return (
+            "refused"
+            if told.isprintable() and len(told) < 6000
+            else f"fault: not one line: {told[:200]!r}"
+        )
     except Hang:
         return "fault: hangs"
     except Exception as error:
@@ -87,7 +107,9 @@ def load_and_look(path: Path) -> None:
     text = inspection_text(inspection(robot, {robot.default_frame: {}}))
     if robot.chain(robot.default_frame):
         task = robot.task(None, "position")
-        assert np.isfinite(task.jacobian(task.reference)).all(), "J holds a number that is not finite"
+        assert np.isfinite(task.jacobian(task.reference)).all(), (
+            "J holds a number that is not finite"
+        )
     q = robot.reference + 0.1
     placements = Visuals.of(robot).placements(q[None])
     if not (np.isfinite(placements).all() and np.isfinite(q).all() and "nan" not in text.split()):
@@ -96,7 +118,8 @@ def load_and_look(path: Path) -> None:
 
 
 def compare(robot: rp.Robot, path: Path, q: np.ndarray) -> None:
-    """Compare the placements of all links with those of the model that Pinocchio itself makes of the file."""
+    """Compare the placements of all links with those of the model that Pinocchio itself makes of
+    the file."""
     split = any(note.startswith("joint") and "read as" in note for note in robot.description.notes)
     with silence():
         try:
@@ -107,7 +130,11 @@ def compare(robot: rp.Robot, path: Path, q: np.ndarray) -> None:
     odd = any(axis.get("xyz") is None for axis in tree.iter("axis"))  # Pinocchio takes a zero axis
     if split or odd:
         return
-    values = dict(zip(robot.model.names[1:], robot.coupling.joints(q), strict=True)) if not robot.locked else {}
+    values = (
+        dict(zip(robot.model.names[1:], robot.coupling.joints(q), strict=True))
+        if not robot.locked
+        else {}
+    )
     full = pin.neutral(theirs)
     for name in list(theirs.names)[1:]:
         joint = theirs.joints[theirs.getJointId(name)]
@@ -120,10 +147,14 @@ def compare(robot: rp.Robot, path: Path, q: np.ndarray) -> None:
     pin.framesForwardKinematics(theirs, data, full)
     pin.framesForwardKinematics(robot.model, own, robot.coupling.joints(q))
     for frame in robot.frames:
-        there, here = (model.getFrameId(frame, pin.FrameType.BODY) for model in (theirs, robot.model))
+        there, here = (
+            model.getFrameId(frame, pin.FrameType.BODY) for model in (theirs, robot.model)
+        )
         away = np.abs(data.oMf[there].homogeneous - own.oMf[here].homogeneous)
         if not away.max() <= 1e-9 * max(1.0, np.abs(data.oMf[there].translation).max()):
-            raise ArithmeticError(f"{frame} lies elsewhere than in Pinocchio's own model: {away.max():.3g}")
+            raise ArithmeticError(
+                f"{frame} lies elsewhere than in Pinocchio's own model: {away.max():.3g}"
+            )
 
 
 @contextlib.contextmanager
@@ -153,13 +184,27 @@ def mutations(dice: random.Random, count: int) -> Iterator[bytes]:
             for _ in range(dice.choice((1, 3, 30))):
                 at = dice.randrange(len(data))
                 data[at : at + dice.choice((0, 1, 50))] = dice.choice(
-                    [b"", b"<", b">", b'"', b"\0", b"&", b"\xff", bytes([dice.randrange(256)]), b"<!--", b"]]>", b"9"]
+                    [
+                        b"",
+                        b"<",
+                        b">",
+                        b'"',
+                        b"\0",
+                        b"&",
+                        b"\xff",
+                        bytes([dice.randrange(256)]),
+                        b"<!--",
+                        b"]]>",
+                        b"9",
+                    ]
                 )
             yield bytes(data)
             continue
         root = copy.deepcopy(dice.choice(trees))
         for _ in range(dice.choice((1, 1, 2, 5))):
-            element = dice.choice([e for e in root.iterdescendants() if isinstance(e.tag, str)] or [root])
+            element = dice.choice(
+                [e for e in root.iterdescendants() if isinstance(e.tag, str)] or [root]
+            )
             how = dice.randrange(5)
             if how == 0 and element is not root:
                 element.getparent().remove(element)
@@ -171,7 +216,9 @@ def mutations(dice: random.Random, count: int) -> Iterator[bytes]:
                 other = dice.choice([e for e in root.iter() if isinstance(e.tag, str)])
                 other.append(copy.deepcopy(element))
             elif element is not root:
-                element.tag = dice.choice(["link", "joint", "axis", "limit", "mimic", "origin", "visual", "geometry"])
+                element.tag = dice.choice(
+                    ["link", "joint", "axis", "limit", "mimic", "origin", "visual", "geometry"]
+                )
         yield etree.tostring(root)
 
 
@@ -181,7 +228,11 @@ def specials() -> Iterator[bytes]:
     naming = ("name", "link", "joint", "filename", "type")
     for k, element in enumerate(tree.iter()):
         for attribute, value in element.attrib.items():
-            values = NAMES if attribute in naming else [" ".join([number, *value.split()[1:]]) for number in NUMBERS]
+            values = (
+                NAMES
+                if attribute in naming
+                else [" ".join([number, *value.split()[1:]]) for number in NUMBERS]
+            )
             for special in values:
                 changed = copy.deepcopy(tree)
                 with contextlib.suppress(ValueError):  # what no XML can hold
@@ -207,9 +258,16 @@ def meshes(folder: Path) -> Iterator[Path]:
     import trimesh
 
     box = trimesh.creation.box()
-    good = {kind: box.export(file_type=kind) for kind in ("stl", "stl_ascii", "obj", "ply", "off", "glb", "dae")}
-    good = {kind: text.encode() if isinstance(text, str) else bytes(text) for kind, text in good.items()}
-    good["gltf"] = b'{"asset":{"version":"2.0"},"buffers":[{"uri":"pipe","byteLength":9}],"meshes":[{"primitives":[]}]}'
+    good = {
+        kind: box.export(file_type=kind)
+        for kind in ("stl", "stl_ascii", "obj", "ply", "off", "glb", "dae")
+    }
+    good = {
+        kind: text.encode() if isinstance(text, str) else bytes(text) for kind, text in good.items()
+    }
+    good["gltf"] = (
+        b'{"asset":{"version":"2.0"},"buffers":[{"uri":"pipe","byteLength":9}],"meshes":[{"primitives":[]}]}'
+    )
     os.mkfifo(folder / "pipe")
     os.symlink("/dev/zero", folder / "zero.stl")
     yield folder / "zero.stl"
@@ -223,9 +281,15 @@ def meshes(folder: Path) -> Iterator[Path]:
             "zeros": bytes(len(data)),
             "ones": b"\xff" * len(data),
             "count": data[:80] + b"\xff\xff\xff\x7f" + data[84:],
-            "nan": data.replace(b"0.5", b"nan").replace(np.float32(0.5).tobytes(), np.float32(np.nan).tobytes()),
-            "inf": data.replace(b"0.5", b"inf").replace(np.float32(0.5).tobytes(), np.float32(np.inf).tobytes()),
-            "huge": data.replace(b"0.5", b"1e30").replace(np.float32(0.5).tobytes(), np.float32(1e30).tobytes()),
+            "nan": data.replace(b"0.5", b"nan").replace(
+                np.float32(0.5).tobytes(), np.float32(np.nan).tobytes()
+            ),
+            "inf": data.replace(b"0.5", b"inf").replace(
+                np.float32(0.5).tobytes(), np.float32(np.inf).tobytes()
+            ),
+            "huge": data.replace(b"0.5", b"1e30").replace(
+                np.float32(0.5).tobytes(), np.float32(1e30).tobytes()
+            ),
             "comma": data.replace(b"0.5", b"0,5"),
             "index": data.replace(b" 7", b" 999999999").replace(b"7//", b"-999//"),
             "pipe": b"mtllib pipe\nusemtl a\n" + data,
@@ -250,7 +314,11 @@ def meshes(folder: Path) -> Iterator[Path]:
 def look_at(path: Path) -> None:
     """Read a mesh, and see that all of it is finite."""
     surface = read_surface(path)
-    if not (np.isfinite(surface.points).all() and np.isfinite(surface.normals).all() and len(surface.faces)):
+    if not (
+        np.isfinite(surface.points).all()
+        and np.isfinite(surface.normals).all()
+        and len(surface.faces)
+    ):
         raise ArithmeticError("a number is not finite")
 
 

@@ -1,9 +1,10 @@
-"""What the distance between bodies costs a configuration, as a ratio to a frame's Jacobian in the same run.
+"""What the distance between bodies costs a configuration, as a ratio to a frame's Jacobian in the
+same run.
 
     python -m pytest tests/benchmarks/bench_bodies.py -o python_files="bench_*.py" -n 0
 
-Processor time, in short runs, so that a busy machine counts little. A frame's Jacobian takes 0.6 to 1.4 µs.
-"""
+Processor time, in short runs, so that a busy machine counts little. A frame's Jacobian takes 0.6 to
+1.4 µs."""
 
 from __future__ import annotations
 
@@ -19,7 +20,8 @@ import repctl_pin as rp
 
 @pytest.mark.parametrize("name", ["panda", "talos", "baxter"])
 def test_distances_beside_frame_jacobians(name: str, say) -> None:
-    """64 random configurations, and as many on the way from one to another, where bodies do not touch."""
+    """64 random configurations, and as many on the way from one to another, where bodies do not
+    touch."""
     task = rp.Robot.load(name).task()
     bodies, rng = rp.Bodies(task), np.random.default_rng(3)
     low, high = np.maximum(task.lower, -np.pi), np.minimum(task.upper, np.pi)
@@ -34,7 +36,9 @@ def test_distances_beside_frame_jacobians(name: str, say) -> None:
             pin.computeFrameJacobian(model, data, q, frame)
 
     base = seconds(bare, 60, thread_time) / len(Q)
-    random, along = (seconds(lambda P=P: bodies.distances(P), 60, thread_time) / len(P) for P in (Q, way))
+    random, along = (
+        seconds(lambda P=P: bodies.distances(P), 60, thread_time) / len(P) for P in (Q, way)
+    )
     say(
         f"{name}, {len(bodies.pairs)} pairs of links: {random / base:.0f} × a frame's Jacobian at random, "
         f"{along / base:.0f} × along a way ({1e6 * random:.0f} and {1e6 * along:.0f} µs, {1e6 * base:.2f} µs)"

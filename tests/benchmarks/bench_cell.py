@@ -2,9 +2,8 @@
 
     python -m pytest tests/benchmarks/bench_cell.py -o python_files="bench_*.py" -n 0
 
-Expansion-GRR takes 317 to 494 µs a query on its authors' machine; a frame's Jacobian takes about 0.4 µs on a quiet one,
-so 40 of them are 16 µs, a twentieth.
-"""
+Expansion-GRR takes 317 to 494 µs a query on its authors' machine; a frame's Jacobian takes about
+0.4 µs on a quiet one, so 40 of them are 16 µs, a twentieth."""
 
 from __future__ import annotations
 
@@ -19,7 +18,8 @@ WORLD = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
 
 def test_a_pose_and_a_step_beside_frame_jacobians(panda_pose: rp.Task, say) -> None:
-    """F at 200 random poses of a cell with rotations; steps along them beside a quadratic field's."""
+    """F at 200 random poses of a cell with rotations; steps along them beside a quadratic
+    field's."""
     task, desired = panda_pose, rp.Pseudoinverse(panda_pose)
     cell = rp.Cell(task, task.placement(Q0), 0.05, 0.2)
     found = rp.nearest_inverse_function(desired, cell, posture=Q0, degree=3, held_out=64)
@@ -32,8 +32,12 @@ def test_a_pose_and_a_step_beside_frame_jacobians(panda_pose: rp.Task, say) -> N
     loops = {
         "a Jacobian": lambda: [pin.computeFrameJacobian(model, data, Q0, frame, WORLD) for _ in U],
         "F": lambda: [F(x) for x in targets],
-        "step": lambda: [found.inverse.step(q, x, 0.01, leaf=none) for q, x in zip(Q, near, strict=True)],
-        "quadratic step": lambda: [quadratic.step(q, x, 0.01, leaf=none) for q, x in zip(Q, near, strict=True)],
+        "step": lambda: [
+            found.inverse.step(q, x, 0.01, leaf=none) for q, x in zip(Q, near, strict=True)
+        ],
+        "quadratic step": lambda: [
+            quadratic.step(q, x, 0.01, leaf=none) for q, x in zip(Q, near, strict=True)
+        ],
     }
     best = dict.fromkeys(loops, np.inf)
     for _ in range(100):  # they take turns, so that a ratio holds on a busy machine too

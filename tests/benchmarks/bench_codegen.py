@@ -2,9 +2,8 @@
 
     python -m pytest tests/benchmarks/bench_codegen.py -o python_files="bench_*.py" -n 0
 
-The measure is Pinocchio's frame Jacobian called from Python. All take turns in short bursts, and each one's best
-burst counts, so that ratios hold on a busy machine too.
-"""
+The measure is Pinocchio's frame Jacobian called from Python. All take turns in short bursts, and
+each one's best burst counts, so that ratios hold on a busy machine too."""
 
 from __future__ import annotations
 
@@ -89,9 +88,12 @@ int main(int argc, char **argv) {
 
 def control(task: rp.Task, degree: int) -> rp.RepeatableInverse:
     """A design near constant rows; what it is worth does not matter here."""
-    fields = rp.Polynomial(Q0, degree, 0.5)
+    potentials = rp.Polynomial(Q0, degree, 0.5)
     N = rp.redundancy.nullspace(task.jacobian(Q0))
-    return rp.RepeatableInverse(task, fields.weighted(np.linalg.lstsq(fields.gradients(Q0[None])[0], N, rcond=None)[0]))
+    return rp.RepeatableInverse(
+        task,
+        potentials.weighted(np.linalg.lstsq(potentials.gradients(Q0[None])[0], N, rcond=None)[0]),
+    )
 
 
 def best_of(loops: dict[str, Callable[[], object]], rounds: int) -> dict[str, float]:
@@ -107,7 +109,11 @@ def best_of(loops: dict[str, Callable[[], object]], rounds: int) -> dict[str, fl
 
 def jacobian(task: rp.Task) -> Callable[[], None]:
     """200 frame Jacobians, called from Python."""
-    model, data, frame = task.model, task.model.createData(), task.model.getFrameId(task.frame, pin.FrameType.BODY)
+    model, data, frame = (
+        task.model,
+        task.model.createData(),
+        task.model.getFrameId(task.frame, pin.FrameType.BODY),
+    )
 
     def loop(evaluate=pin.computeFrameJacobian) -> None:
         for _ in range(200):
@@ -117,10 +123,13 @@ def jacobian(task: rp.Task) -> Callable[[], None]:
 
 
 def test_c_beside_pinocchios_jacobian(panda_pose: rp.Task, say, tmp_path: Path) -> None:
-    """At -O2: velocity of degree 2 at most 0.6 of the Jacobian, step 1.0; degree 4 at most thrice degree 2."""
+    """At -O2: velocity of degree 2 at most 0.6 of the Jacobian, step 1.0; degree 4 at most thrice
+    degree 2."""
     if shutil.which("gcc") is None:
         pytest.skip("there is no gcc on this machine")
-    (tmp_path / "bench.c").write_text(BENCH.replace("@q", "{" + ", ".join(map(repr, Q0.tolist())) + "}"))
+    (tmp_path / "bench.c").write_text(
+        BENCH.replace("@q", "{" + ", ".join(map(repr, Q0.tolist())) + "}")
+    )
     found: dict[int, np.ndarray] = {}
     base = np.inf
     for degree in (2, 4):
@@ -130,7 +139,9 @@ def test_c_beside_pinocchios_jacobian(panda_pose: rp.Task, say, tmp_path: Path) 
     for _ in range(5):
         base = min(base, best_of({"jacobian": jacobian(panda_pose)}, 100)["jacobian"])
         for degree in (2, 4):
-            done = subprocess.run(["./bench"], cwd=tmp_path / str(degree), capture_output=True, text=True, check=True)
+            done = subprocess.run(
+                ["./bench"], cwd=tmp_path / str(degree), capture_output=True, text=True, check=True
+            )
             times = np.array(done.stdout.split(), float)
             found[degree] = np.minimum(found.get(degree, times), times)
     say(
@@ -141,29 +152,51 @@ def test_c_beside_pinocchios_jacobian(panda_pose: rp.Task, say, tmp_path: Path) 
 
 
 def test_the_longest_of_a_million_steps(panda_pose: rp.Task, say, tmp_path: Path) -> None:
-    """At most 50 times the median. Each is the least of three, for what the system does in between is not ours."""
+    """At most 50 times the median. Each is the least of three, for what the system does in between
+    is not ours."""
     if shutil.which("gcc") is None:
         pytest.skip("there is no gcc on this machine")
     rp.export_c(control(panda_pose, 2), tmp_path, "arm")
-    (tmp_path / "bench.c").write_text(BENCH.replace("@q", "{" + ", ".join(map(repr, Q0.tolist())) + "}"))
-    subprocess.run(["gcc", "-std=c99", "-O2", "arm.c", "bench.c", "-o", "bench", "-lm"], cwd=tmp_path, check=True)
-    done = subprocess.run(["./bench", "all"], cwd=tmp_path, capture_output=True, text=True, check=True)
+    (tmp_path / "bench.c").write_text(
+        BENCH.replace("@q", "{" + ", ".join(map(repr, Q0.tolist())) + "}")
+    )
+    subprocess.run(
+        ["gcc", "-std=c99", "-O2", "arm.c", "bench.c", "-o", "bench", "-lm"],
+        cwd=tmp_path,
+        check=True,
+    )
+    done = subprocess.run(
+        ["./bench", "all"], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
     _, _, median, rare, longest = map(float, done.stdout.split())
-    say(f"the longest of a million steps, of the median: {longest / median:.1f}; one in 10,000: {rare / median:.1f}")
+    say(
+        f"the longest of a million steps, of the median: {longest / median:.1f}; one in 10,000: {rare / median:.1f}"
+    )
     assert longest < 50 * median
 
 
 def test_compiled_step_beside_the_pinv_loop(panda_pose: rp.Task, say) -> None:
     """From Python, feedback and leaf included: at most a tenth of q += dt pinv(J) (ẋ + K e)."""
     task, inverse = panda_pose, control(panda_pose, 2)
-    fast, leaf, target, twist = rp.compiled(inverse), inverse.leaf(Q0), panda_pose.placement(Q0 + 0.01), np.full(6, 0.1)
-    model, data, frame = task.model, task.model.createData(), task.model.getFrameId(task.frame, pin.FrameType.BODY)
+    fast, leaf, target, twist = (
+        rp.compiled(inverse),
+        inverse.leaf(Q0),
+        panda_pose.placement(Q0 + 0.01),
+        np.full(6, 0.1),
+    )
+    model, data, frame = (
+        task.model,
+        task.model.createData(),
+        task.model.getFrameId(task.frame, pin.FrameType.BODY),
+    )
 
     def pinv() -> None:
         for _ in range(200):
             J = pin.computeFrameJacobian(model, data, Q0, frame, WORLD)
             here = data.oMf[frame]
-            e = np.concatenate([target.translation - here.translation, pin.log3(target.rotation @ here.rotation.T)])
+            e = np.concatenate(
+                [target.translation - here.translation, pin.log3(target.rotation @ here.rotation.T)]
+            )
             Q0 + DT * np.linalg.pinv(J) @ (twist + e / DT)
 
     def ours(one: rp.RepeatableInverse) -> Callable[[], None]:
@@ -173,7 +206,9 @@ def test_compiled_step_beside_the_pinv_loop(panda_pose: rp.Task, say) -> None:
 
         return loop
 
-    best = best_of({"pinv": pinv, "python": ours(inverse), "c": ours(fast), "jacobian": jacobian(task)}, 100)
+    best = best_of(
+        {"pinv": pinv, "python": ours(inverse), "c": ours(fast), "jacobian": jacobian(task)}, 100
+    )
     say(", ".join(f"{name} {t:.2f} µs, {t / best['pinv']:.3f} of pinv" for name, t in best.items()))
     assert best["c"] < 0.10 * best["pinv"]
 
@@ -183,6 +218,10 @@ def test_batches(panda_pose: rp.Task, say) -> None:
     inverse = control(panda_pose, 2)
     fast, rng = rp.compiled(inverse), np.random.default_rng(0)
     Q, Xdot = Q0 + rng.uniform(-0.3, 0.3, (200, 7)), rng.normal(size=(200, 6))
-    best = best_of({"python": lambda: inverse.velocities(Q, Xdot), "c": lambda: fast.velocities(Q, Xdot)}, 200)
-    say(f"velocities, µs a row: Python {best['python']:.2f}, C {best['c']:.2f}: {best['python'] / best['c']:.1f} times")
+    best = best_of(
+        {"python": lambda: inverse.velocities(Q, Xdot), "c": lambda: fast.velocities(Q, Xdot)}, 200
+    )
+    say(
+        f"velocities, µs a row: Python {best['python']:.2f}, C {best['c']:.2f}: {best['python'] / best['c']:.1f} times"
+    )
     assert best["c"] < 0.5 * best["python"]

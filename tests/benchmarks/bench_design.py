@@ -2,10 +2,9 @@
 
     python -m pytest tests/benchmarks -o python_files="bench_*.py" -n 0
 
-Absolute times are only printed. What is asserted is the issue's: 25 times the bare Jacobians, 100 times faster
-than the literal reading of (36), linear in nodes, memory by the batch, 1.6 times faster on two processes,
-and the full versions of checks that the tests make on a reduced scale.
-"""
+Absolute times are only printed. What is asserted is the issue's: 25 times the bare Jacobians, 100
+times faster than the literal reading of (36), linear in nodes, memory by the batch, 1.6 times
+faster on two processes, and the full versions of checks that the tests make on a reduced scale."""
 
 from __future__ import annotations
 
@@ -44,23 +43,27 @@ def test_building_and_solving_beside_bare_jacobians(panda_pose: rp.Task, benchma
             pin.computeFrameJacobian(model, data, q, frame, pin.LOCAL_WORLD_ALIGNED)
 
     base = seconds(bare, 7)
-    # the least judgement there is: what is measured is the building and the solving
+    # the least evaluation there is: what is measured is the building and the solving
     benchmark.pedantic(lambda: design(task, 2, 16384, held_out=64), rounds=7, warmup_rounds=1)
     ratio = benchmark.stats.stats.min / base
     whole = seconds(lambda: design(task, 2, 16384), 5) / base
-    say(f"build and solve, 16,384 nodes: {ratio:.1f} × bare Jacobians; with the judgement {whole:.1f} ×")
+    say(
+        f"build and solve, 16,384 nodes: {ratio:.1f} × bare Jacobians; with the evaluation {whole:.1f} ×"
+    )
     assert ratio <= 25
 
 
 def test_against_the_literal_reading(panda_pose: rp.Task, say) -> None:
     """(36) as printed: a NumPy loop over nodes, scipy's minimiser without gradient; 512 nodes."""
     task, samples = panda_pose, 512
-    fields = rp.Polynomial(Q0, 2, 0.4)
+    potentials = rp.Polynomial(Q0, 2, 0.4)
     Q, weights = rp.Box(Q0, 0.4).nodes(samples, 0)
     prepared = []
     for q in Q:
         J = task.jacobian(q)
-        prepared.append((np.linalg.pinv(J), np.linalg.svd(J)[2][-1], fields.gradients(q[None])[0]))
+        prepared.append(
+            (np.linalg.pinv(J), np.linalg.svd(J)[2][-1], potentials.gradients(q[None])[0])
+        )
 
     def literal(a: np.ndarray) -> float:
         total = 0.0
@@ -70,7 +73,7 @@ def test_against_the_literal_reading(panda_pose: rp.Task, say) -> None:
         return total
 
     n0 = np.linalg.svd(task.jacobian(Q0))[2][-1]
-    start = np.linalg.lstsq(fields.gradients(Q0[None])[0], n0, rcond=None)[0]  # constant rows
+    start = np.linalg.lstsq(potentials.gradients(Q0[None])[0], n0, rcond=None)[0]  # constant rows
     found = []
     slow = seconds(lambda: found.append(scipy.optimize.minimize(literal, start, tol=1e-9)), 1)
     ours: list[rp.Design] = []
@@ -87,7 +90,10 @@ def test_linear_in_nodes(panda_pose: rp.Task, say) -> None:
     """From 2¹⁴ to 2²⁰ nodes, streamed: the time a node must not grow."""
     per_node = {}
     for power in (14, 17, 20):
-        per_node[power] = seconds(lambda p=power: design(panda_pose, 2, 2**p, held_out=64, stream=True), 1) / 2**power
+        per_node[power] = (
+            seconds(lambda p=power: design(panda_pose, 2, 2**p, held_out=64, stream=True), 1)
+            / 2**power
+        )
     say("time a node, µs: " + ", ".join(f"2^{p}: {1e6 * t:.1f}" for p, t in per_node.items()))
     assert per_node[20] < 1.5 * per_node[14]
 
@@ -105,19 +111,24 @@ print(design.samples, design.cost, resource.getrusage(resource.RUSAGE_SELF).ru_m
 
 
 def test_a_million_nodes_within_2_GB(say) -> None:
-    done = subprocess.run([sys.executable, "-c", _MILLION], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", _MILLION], capture_output=True, text=True, check=True
+    )
     samples, cost, peak = done.stdout.split()
     unit = 1 if sys.platform == "darwin" else 1024
-    say(f"{samples} nodes, streamed: cost {float(cost):.5f}, peak memory {int(peak) * unit / 2**30:.2f} GB")
+    say(
+        f"{samples} nodes, streamed: cost {float(cost):.5f}, peak memory {int(peak) * unit / 2**30:.2f} GB"
+    )
     assert int(samples) >= 10**6 and int(peak) * unit < 2 * 2**30
 
 
 @pytest.mark.skipif((os.cpu_count() or 1) < 2, reason="needs two cores")
 def test_two_processes(panda_pose: rp.Task, say) -> None:
-    """Degree 3, 262,144 nodes: two processes against one, one BLAS thread each, the best of four runs.
+    """Degree 3, 262,144 nodes: two processes against one, one BLAS thread each, the best of four
+    runs.
 
-    The first run of a process touches its memory for the first time, which can cost more than the work.
-    """
+    The first run of a process touches its memory for the first time, which can cost more than the
+    work."""
     if os.getloadavg()[0] > 1.5:
         pytest.skip(f"two free cores are needed; the load is {os.getloadavg()[0]:.1f}")
     work = {"degree": 3, "samples": 262_144}
@@ -126,21 +137,35 @@ def test_two_processes(panda_pose: rp.Task, say) -> None:
         design(panda_pose, 1, 4096, executor=pool)  # the workers' imports
         two = seconds(lambda: design(panda_pose, **work, executor=pool), 4)
     load = os.getloadavg()[0]
-    say(f"262,144 nodes, degree 3: one process {one:.1f} s, two {two:.1f} s: {one / two:.2f} times (load {load:.1f})")
+    say(
+        f"262,144 nodes, degree 3: one process {one:.1f} s, two {two:.1f} s: {one / two:.2f} times (load {load:.1f})"
+    )
     assert one / two >= 1.6
 
 
 @pytest.mark.parametrize(
     "kind, width, degree, most",
-    [("pose", 0.4, 4, 0.1590), ("pose", 0.8, 2, 1.96), ("pose", 0.8, 3, 1.115), ("pose", 0.8, 4, 0.915)],
+    [
+        ("pose", 0.4, 4, 0.1590),
+        ("pose", 0.8, 2, 1.96),
+        ("pose", 0.8, 3, 1.115),
+        ("pose", 0.8, 4, 0.915),
+    ],
 )
 def test_large_designs(kind: str, width: float, degree: int, most: float, say) -> None:
     """The theory's numbers on 262,144 held-out nodes."""
     task = rp.Robot.load("panda").task("panda_hand_tcp", kind)
     found = rp.nearest_repeatable(
-        rp.Pseudoinverse(task), None, rp.Box(Q0, width), degree=degree, samples=65536, held_out=2**18
+        rp.Pseudoinverse(task),
+        None,
+        rp.Box(Q0, width),
+        degree=degree,
+        samples=65536,
+        held_out=2**18,
     )
-    say(f"{kind}, ±{width}, degree {degree}: {found.cost:.5f} ± {found.cost_error:.1g} (at most {most})")
+    say(
+        f"{kind}, ±{width}, degree {degree}: {found.cost:.5f} ± {found.cost_error:.1g} (at most {most})"
+    )
     assert found.converged and found.leaf_margin > 0 and found.cost <= most
 
 
@@ -152,7 +177,9 @@ def test_the_standard_error_in_100_designs(say) -> None:
     inside = 0
     for seed in range(100):
         box = rp.Box(np.array([0.3, 1.0, 0.8]) + rng.uniform(-0.2, 0.2, 3), 0.4)
-        found = rp.nearest_repeatable(desired, None, box, degree=2, samples=512, held_out=1024, seed=seed)
+        found = rp.nearest_repeatable(
+            desired, None, box, degree=2, samples=512, held_out=1024, seed=seed
+        )
         truth = 0.0
         Q = box.random(2**20, 10_000 + seed)
         for i in range(0, len(Q), 2**16):
@@ -165,6 +192,8 @@ def test_the_standard_error_in_100_designs(say) -> None:
 
 def test_a_progress_bar_costs_nothing_to_speak_of(panda_pose: rp.Task, say) -> None:
     silent = seconds(lambda: design(panda_pose, 2, 16384, held_out=64), 5)
-    spoken = seconds(lambda: design(panda_pose, 2, 16384, held_out=64, progress=lambda what, share: None), 5)
+    spoken = seconds(
+        lambda: design(panda_pose, 2, 16384, held_out=64, progress=lambda what, share: None), 5
+    )
     say(f"progress reports: {spoken / silent:.2f} × the time without")
     assert spoken < 1.2 * silent

@@ -6,8 +6,11 @@ import time
 from collections.abc import Callable
 
 
-def seconds(work: Callable[[], object], repeats: int = 3, clock: Callable[[], float] = time.perf_counter) -> float:
-    """Run a few times; the least time, s. ``time.thread_time`` leaves out what others do on the machine meanwhile."""
+def seconds(
+    work: Callable[[], object], repeats: int = 3, clock: Callable[[], float] = time.perf_counter
+) -> float:
+    """Run a few times; the least time, s. ``time.thread_time`` leaves out what others do on the
+    machine meanwhile."""
     times = []
     for _ in range(repeats):
         start = clock()

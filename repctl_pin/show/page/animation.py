@@ -20,7 +20,7 @@ from ...studies import Study
 from ..notebook import frame
 from ..palette import BLUE, COLOURS, GREEN, ORANGE, PURPLE, SKY, VERMILLION
 from ..study_files import study_page
-from .playback import Limb, track_of, tracks_page
+from .playback import TracedChain, playback_of, playback_page
 
 _WARM, _COOL = (VERMILLION, ORANGE, PURPLE), (BLUE, GREEN, SKY)
 _BACK = 0.01
@@ -73,9 +73,11 @@ class Animation:
 
 
 def animation(motions: Mapping[str, Motion] | Study, *, seconds: float = 4.0) -> Animation:
-    """Show motions of one robot side by side: path, traces, start pose, and the drift after each cycle.
+    """Show motions of one robot side by side: path, traces, start pose, and the drift after each
+    cycle.
 
-    J⁺ and the nearest repeatable have colours of their own; other motions are warm if they drift, cool if they return.
+    J⁺ and the nearest repeatable have colours of their own; other motions are warm if they drift,
+    cool if they return.
 
     Parameters
     ----------
@@ -106,32 +108,55 @@ def animation(motions: Mapping[str, Motion] | Study, *, seconds: float = 4.0) ->
     if isinstance(motions, Motion):
         raise InputError("an animation wants its motions by name; give it a name: {'mine': motion}")
     if not isinstance(motions, Mapping):
-        raise InputError(f"an animation needs motions by name, or a study; got {type(motions).__name__}")
+        raise InputError(
+            f"an animation needs motions by name, or a study; got {type(motions).__name__}"
+        )
     wrong = next((name for name, motion in motions.items() if not isinstance(motion, Motion)), None)
     if wrong is not None or not motions:
-        what = f"{wrong!r} is a {type(motions[wrong]).__name__}" if wrong is not None else "there is none"
+        what = (
+            f"{wrong!r} is a {type(motions[wrong]).__name__}"
+            if wrong is not None
+            else "there is none"
+        )
         raise InputError(f"an animation wants motions, as rp.follow makes them; {what}")
     every = list(motions.values())
     robot = every[0].task.robot
-    other = next((m.task.robot for m in every if m.task.robot.joint_names != robot.joint_names), None)
+    other = next(
+        (m.task.robot for m in every if m.task.robot.joint_names != robot.joint_names), None
+    )
     if other is not None:
-        raise InputError(f"an animation shows one robot; these are motions of {robot.name} and {other.name}")
+        raise InputError(
+            f"an animation shows one robot; these are motions of {robot.name} and {other.name}"
+        )
     colours = _colours({name: motion.drift[-1] for name, motion in motions.items()})
-    tracks = [track_of(name, motion, colour) for (name, motion), colour in zip(motions.items(), colours, strict=True)]
-    limbs: dict[str, Limb] = {}
+    tracks = [
+        playback_of(name, motion, colour)
+        for (name, motion), colour in zip(motions.items(), colours, strict=True)
+    ]
+    chains: dict[str, TracedChain] = {}
     paths: list[Array] = []
     for motion in every:
-        limbs.setdefault(motion.task.frame, Limb(motion.task, elbow(motion.task, motion.q[0])))
+        chains.setdefault(
+            motion.task.frame, TracedChain(motion.task, elbow(motion.task, motion.q[0]))
+        )
         points = motion.path.points()
         if not any(np.array_equal(points, known) for known in paths):
             paths.append(points)
     name = " and ".join(dict.fromkeys(motion.path.name for motion in every))
-    return Animation(tracks_page(list(limbs.values()), tracks, paths=paths, name=name, seconds=seconds))
+    return Animation(
+        playback_page(list(chains.values()), tracks, paths=paths, name=name, seconds=seconds)
+    )
 
 
 def _colours(drifts: Mapping[str, float]) -> list[str]:
-    """Give each motion a colour: that of its name in every figure; else a warm one if it drifts, or a cool one."""
+    """Give each motion a colour: that of its name in every figure; else a warm one if it drifts, or
+    a cool one."""
     limit = max(_BACK * max(drifts.values()), 1e-6)
     known = {name: COLOURS[KEYS[name]] for name in drifts if name in KEYS}
-    warm, cool = (cycle([c for c in colours if c not in known.values()] or colours) for colours in (_WARM, _COOL))
-    return [known.get(name) or next(cool if drift <= limit else warm) for name, drift in drifts.items()]
+    warm, cool = (
+        cycle([c for c in colours if c not in known.values()] or colours)
+        for colours in (_WARM, _COOL)
+    )
+    return [
+        known.get(name) or next(cool if drift <= limit else warm) for name, drift in drifts.items()
+    ]

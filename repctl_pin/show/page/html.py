@@ -1,14 +1,14 @@
 """One HTML page that holds everything it needs: meshcat's viewer, the recorded scene, the motion.
 
-The page asks nothing of a network or a server. What is large goes in as base64 of gzip, and the browser's
-own ``DecompressionStream`` takes it out again.
+The page asks nothing of a network or a server. What is large goes in as base64 of gzip, and the
+browser's own ``DecompressionStream`` takes it out again.
 
-At the browser's console, and for tests: ``repctl.ready``, ``repctl.seek(cycles)``, ``repctl.play()``,
-``repctl.pause()``, ``repctl.set("traces" or "ghost" or "drift", bool)``, ``repctl.drift(arm, shape)``,
-``repctl.picture()`` (a PNG's data URL), ``repctl.still()`` (a canvas, for print), ``repctl.pane(arm)`` (where it is in
-the picture), ``repctl.errors``. Times are in shown cycles: 1.25 is a quarter into the second. An address that ends in
-``#paused`` does not start by itself.
-"""
+At the browser's console, and for tests: ``repctl.ready``, ``repctl.seek(cycles)``,
+``repctl.play()``, ``repctl.pause()``, ``repctl.set("traces" or "ghost" or "drift", bool)``,
+``repctl.drift(arm, shape)``, ``repctl.picture()`` (a PNG's data URL), ``repctl.still()`` (a canvas,
+for print), ``repctl.pane(arm)`` (where it is in the picture), ``repctl.errors``. Times are in shown
+cycles: 1.25 is a quarter into the second. An address that ends in ``#paused`` does not start by
+itself."""
 
 from __future__ import annotations
 
@@ -67,14 +67,17 @@ def page(scene: dict[str, Any], commands: Sequence[bytes], motion: bytes, verdic
 
 
 def render(template: str, **parts: Any) -> str:
-    """Fill in one of the templates in ``assets``; text is escaped, :class:`markupsafe.Markup` stands as it is."""
+    """Fill in one of the templates in ``assets``; text is escaped, :class:`markupsafe.Markup`
+    stands as it is."""
     return _templates().get_template(template).render(parts)
 
 
 @cache
 def _templates() -> Environment:
     folder = files(__package__) / "assets"
-    made = Environment(loader=FileSystemLoader(str(folder)), autoescape=True, undefined=StrictUndefined)
+    made = Environment(
+        loader=FileSystemLoader(str(folder)), autoescape=True, undefined=StrictUndefined
+    )
     made.globals["asset"] = lambda name: Markup((folder / name).read_text("utf-8"))
     return made
 
@@ -106,5 +109,7 @@ def _viewer() -> str:
         raise RepctlError("meshcat is not installed; pip install 'meshcat>=0.3.2'")
     bundle = Path(spec.origin).parent / "viewer" / "dist" / "main.min.js"
     if not bundle.is_file():
-        raise RepctlError(f"this meshcat has no {bundle.name}; pip install --force-reinstall 'meshcat>=0.3.2'")
+        raise RepctlError(
+            f"this meshcat has no {bundle.name}; pip install --force-reinstall 'meshcat>=0.3.2'"
+        )
     return pack(bundle.read_bytes())

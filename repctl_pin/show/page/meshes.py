@@ -37,8 +37,8 @@ _GLOSS = {"specular": 0x1C1C1C, "shininess": 28}
 class Recorder:
     """Stands where meshcat expects its server's window, and keeps what is sent.
 
-    meshcat names things by the clock; here they are named by their order, so that the same scene is the
-    same bytes.
+    meshcat names things by the clock; here they are named by their order, so that the same scene is
+    the same bytes.
 
     Attributes
     ----------
@@ -52,7 +52,9 @@ class Recorder:
     def send(self, command: Any) -> None:
         """Keep one command."""
         data = command.lower()
-        self.commands.append(umsgpack.packb(_renamed(data, {u: f"{k}" for k, u in enumerate(_uuids(data))})))
+        self.commands.append(
+            umsgpack.packb(_renamed(data, {u: f"{k}" for k, u in enumerate(_uuids(data))}))
+        )
 
 
 def record(shapes: Iterable[Shape]) -> tuple[list[bytes], dict[Key, int], list[str]]:
@@ -60,9 +62,8 @@ def record(shapes: Iterable[Shape]) -> tuple[list[bytes], dict[Key, int], list[s
 
     Returns
     -------
-    The commands, each body's number in the library by its :func:`key`, and what could not be read, in
-    words; such a body has no number.
-    """
+    The commands, each body's number in the library by its :func:`key`, and what could not be read,
+    in words; such a body has no number."""
     recorder = Recorder()
     viewer = meshcat.Visualizer(window=recorder)
     for name in HIDDEN:
@@ -92,12 +93,15 @@ def key(shape: Shape) -> Key:
 
 
 def _object(shape: Shape, most: int) -> g.Object:
-    """Make meshcat's object for a shape, of so many triangles at most; a cylinder's axis is z here, as in a URDF."""
+    """Make meshcat's object for a shape, of so many triangles at most; a cylinder's axis is z here,
+    as in a URDF."""
     size = [float(s) for s in shape.size]
     if shape.kind == "mesh":
         assert shape.path is not None
         if most <= 0:
-            raise InputError(f"mesh {shape.path} is left out: the page holds {MOST_IN_ALL} triangles already")
+            raise InputError(
+                f"mesh {shape.path} is left out: the page holds {MOST_IN_ALL} triangles already"
+            )
         return _Painted(read_surface(shape.path, most))
     if shape.kind == "box":
         return g.Mesh(g.Box(size))
@@ -107,7 +111,9 @@ def _object(shape: Shape, most: int) -> g.Object:
         return g.Mesh(_round(size[0], size[1]))
     if shape.kind == "cylinder":
         return g.Mesh(_UprightCylinder(size[1], size[0]))
-    raise InputError(f"shape {shape.name!r} has kind {shape.kind!r}; there is mesh, box, cylinder, sphere, capsule")
+    raise InputError(
+        f"shape {shape.name!r} has kind {shape.kind!r}; there is mesh, box, cylinder, sphere, capsule"
+    )
 
 
 class _Triangles(g.Geometry):
@@ -126,7 +132,10 @@ class _Triangles(g.Geometry):
         }
         if s.uv is not None:
             attributes["uv"] = _array("Float32Array", s.uv, 2)
-        groups = [{"start": start, "count": count, "materialIndex": k} for k, (start, count, _) in enumerate(s.groups)]
+        groups = [
+            {"start": start, "count": count, "materialIndex": k}
+            for k, (start, count, _) in enumerate(s.groups)
+        ]
         small = len(s.points) < 2**16
         data = {
             "attributes": attributes,
@@ -197,7 +206,9 @@ def _texture(image: bytes | None) -> g.ImageTexture | None:
     return g.ImageTexture(picture, wrap=[1000, 1000])
 
 
-def _array(kind: str, values: NDArray[Any], size: int, *, normalized: bool = False) -> dict[str, Any]:
+def _array(
+    kind: str, values: NDArray[Any], size: int, *, normalized: bool = False
+) -> dict[str, Any]:
     code, dtype = _ARRAYS[kind]
     data = umsgpack.Ext(code, np.ascontiguousarray(values).astype(dtype).tobytes())
     return {"itemSize": size, "type": kind, "array": data, "normalized": normalized}
@@ -205,7 +216,9 @@ def _array(kind: str, values: NDArray[Any], size: int, *, normalized: bool = Fal
 
 def _round(radius: float, length: float, n: int = 24) -> g.TriangularMeshGeometry:
     """Make a capsule along z (a sphere where length is 0)."""
-    polar = np.concatenate([np.linspace(0, np.pi / 2, n // 2), np.linspace(np.pi / 2, np.pi, n // 2)])
+    polar = np.concatenate(
+        [np.linspace(0, np.pi / 2, n // 2), np.linspace(np.pi / 2, np.pi, n // 2)]
+    )
     height = radius * np.cos(polar) + np.repeat([length / 2, -length / 2], n // 2)  # (n,)
     turn = np.linspace(0, 2 * np.pi, n, endpoint=False)
     ring = radius * np.sin(polar)[:, None]
@@ -213,4 +226,6 @@ def _round(radius: float, length: float, n: int = 24) -> g.TriangularMeshGeometr
     points = np.stack([ring * np.cos(turn), ring * np.sin(turn), z], -1).reshape(-1, 3)
     i, j = (a.ravel() for a in np.indices((n - 1, n)))
     a, b, c, d = i * n + j, i * n + (j + 1) % n, (i + 1) * n + j, (i + 1) * n + (j + 1) % n
-    return g.TriangularMeshGeometry(points, np.concatenate([np.stack([a, c, b], 1), np.stack([b, c, d], 1)]))
+    return g.TriangularMeshGeometry(
+        points, np.concatenate([np.stack([a, c, b], 1), np.stack([b, c, d], 1)])
+    )

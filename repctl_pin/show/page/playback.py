@@ -1,4 +1,5 @@
-"""Motions of a whole robot as they are drawn; from the files that ``study`` and ``follow`` write, too."""
+"""Motions of a whole robot as they are drawn; from the files that ``study`` and ``follow`` write,
+too."""
 
 from __future__ import annotations
 
@@ -20,14 +21,14 @@ from ...robot.task import Task, unit_of
 from ...robot.visuals import Visuals
 from ...strategies.names import LABELS
 from ..palette import BLUE, COLOURS, GREEN, ORANGE, PURPLE, SKY, VERMILLION
-from ..text.verdict import Deed, Verdict, deed_of, verdict
-from .scene import Arm, Broken, Frames, animation_page, choose_frames
+from ..text.verdict import MotionSummary, Verdict, motion_summary, verdict
+from .scene import Arm, Frames, Violation, animation_page, choose_frames
 
 _OTHERS = (VERMILLION, BLUE, GREEN, PURPLE, ORANGE, SKY)
 
 
 @dataclass(frozen=True)
-class Track:
+class Playback:
     """One motion of a whole robot.
 
     Attributes
@@ -45,7 +46,8 @@ class Track:
     t : (T + 1,) array or None
         Time, s, where it is known.
     path_loss : (float, float, float) or None
-        Where the frame leaves its path, see :attr:`Motion.path_loss`; None where the path is not known, too.
+        Where the frame leaves its path, see :attr:`Motion.path_loss`; None where the path is not
+        known, too.
     """
 
     label: str
@@ -59,7 +61,7 @@ class Track:
 
 
 @dataclass(frozen=True)
-class Limb:
+class TracedChain:
     """What of a robot leaves its traces.
 
     Attributes
@@ -74,14 +76,17 @@ class Limb:
     elbow: int
 
 
-def track_of(label: str, motion: Motion, color: str) -> Track:
+def playback_of(label: str, motion: Motion, color: str) -> Playback:
     """Take a motion as it is."""
-    task, Q = motion.task, motion.task.full(motion.q)
-    return Track(label, color, Q, motion.cycles, motion.drift, task.unit, motion.t, motion.path_loss)
+    task, Q = motion.task, motion.task.to_robot(motion.q)
+    return Playback(
+        label, color, Q, motion.cycles, motion.drift, task.unit, motion.t, motion.path_loss
+    )
 
 
-def read_tracks(file: str | Path, robot: Robot, *, cycles: int | None = None) -> list[Track]:
-    """Read motions from a CSV file, one for each strategy in it; joints without a column stay at the reference pose.
+def read_playbacks(file: str | Path, robot: Robot, *, cycles: int | None = None) -> list[Playback]:
+    """Read motions from a CSV file, one for each strategy in it; joints without a column stay at
+    the reference pose.
 
     Parameters
     ----------
@@ -105,14 +110,17 @@ def read_tracks(file: str | Path, robot: Robot, *, cycles: int | None = None) ->
         steps = (len(found.q) - 1) // found.cycles
         drift = np.linalg.norm(found.q[steps::steps] - found.q[0], axis=1)
         color = COLOURS.get(found.strategy, _OTHERS[k % len(_OTHERS)])
-        label, unit = LABELS.get(found.strategy, found.strategy), unit_of(turns[name] for name in found.joints)
-        tracks.append(Track(label, color, Q, found.cycles, drift, unit, found.t))
+        label, unit = (
+            LABELS.get(found.strategy, found.strategy),
+            unit_of(turns[name] for name in found.joints),
+        )
+        tracks.append(Playback(label, color, Q, found.cycles, drift, unit, found.t))
     return tracks
 
 
-def tracks_page(
-    limbs: Sequence[Limb],
-    tracks: Sequence[Track],
+def playback_page(
+    chains: Sequence[TracedChain],
+    tracks: Sequence[Playback],
     *,
     paths: Sequence[Array] | None = None,
     name: str = "motion",
@@ -123,8 +131,8 @@ def tracks_page(
 
     Parameters
     ----------
-    limbs
-        What leaves traces: one limb of the robot, or several.
+    chains
+        What leaves traces: one chain of the robot, or several.
     tracks
         What to show: all of as many cycles.
     paths : sequence of (P, 3) arrays, optional
@@ -138,28 +146,43 @@ def tracks_page(
     """
     sizes = {(track.cycles, len(track.Q)) for track in tracks}
     if len(sizes) != 1:
-        raise InputError("motions can be shown side by side only if all have as many cycles and steps")
+        raise InputError(
+            "motions can be shown side by side only if all have as many cycles and steps"
+        )
     ((cycles, samples),) = sizes
-    visuals, frames = Visuals.of(limbs[0].task.robot), choose_frames(samples, cycles)
-    played = [[_played(limb, track) for limb in limbs] for track in tracks]
-    arms = [_arm(limbs, track, done, visuals, frames) for track, done in zip(tracks, played, strict=True)]
+    visuals, frames = Visuals.of(chains[0].task.robot), choose_frames(samples, cycles)
+    played = [[_played(chain, track) for chain in chains] for track in tracks]
+    arms = [
+        _arm(chains, track, done, visuals, frames)
+        for track, done in zip(tracks, played, strict=True)
+    ]
     lines = list(arms[0].tip[: frames.per_cycle].swapaxes(0, 1)) if paths is None else list(paths)
     return animation_page(
         arms,
         lines,
         seconds=seconds,
-        title=f"{limbs[0].task.robot.name}: {name}",
-        caption="\n".join(_limb_words(limb.task) for limb in limbs),
-        planar=_is_planar(limbs, [track.Q[0] for track in tracks], lines),
+        title=f"{chains[0].task.robot.name}: {name}",
+        caption="\n".join(_limb_words(chain.task) for chain in chains),
+        planar=_is_planar(chains, [track.Q[0] for track in tracks], lines),
         frames=frames,
-        verdict=summary or verdict([_deed(limbs, *one) for one in zip(played, tracks, strict=True)], cycles),
+        verdict=summary
+        or verdict([_summary(chains, *one) for one in zip(played, tracks, strict=True)], cycles),
     )
 
 
-def _arm(limbs: Sequence[Limb], track: Track, played: Sequence[JointMotion], visuals: Visuals, frames: Frames) -> Arm:
+def _arm(
+    chains: Sequence[TracedChain],
+    track: Playback,
+    played: Sequence[JointMotion],
+    visuals: Visuals,
+    frames: Frames,
+) -> Arm:
     """What of a motion goes onto the page."""
-    robot, rows = limbs[0].task.robot, track.Q[frames.index]
-    tip, elbow = (np.stack(points, axis=1) for points in zip(*(_ways(limb, rows) for limb in limbs), strict=True))
+    robot, rows = chains[0].task.robot, track.Q[frames.index]
+    tip, elbow = (
+        np.stack(points, axis=1)
+        for points in zip(*(_ways(chain, rows) for chain in chains), strict=True)
+    )
     return Arm(
         track.label,
         visuals.shapes,
@@ -176,31 +199,43 @@ def _arm(limbs: Sequence[Limb], track: Track, played: Sequence[JointMotion], vis
     )
 
 
-def _played(limb: Limb, track: Track) -> JointMotion:
-    """What a limb's joints do; a second a row, where nobody says when."""
-    q, t = limb.task.part(track.Q), np.arange(float(len(track.Q))) if track.t is None else track.t
-    return JointMotion(limb.task, t, q, np.gradient(q, t, axis=0), track.cycles, (len(q) - 1) // track.cycles)
+def _played(chain: TracedChain, track: Playback) -> JointMotion:
+    """What a chain's joints do; a second a row, where nobody says when."""
+    q, t = (
+        chain.task.from_robot(track.Q),
+        np.arange(float(len(track.Q))) if track.t is None else track.t,
+    )
+    return JointMotion(
+        chain.task, t, q, np.gradient(q, t, axis=0), track.cycles, (len(q) - 1) // track.cycles
+    )
 
 
-def _broken(played: Sequence[JointMotion], rows: Array, timed: bool) -> Broken | None:
-    """Where a motion first goes beyond what the arm can do: past a joint's limits, or into a body."""
+def _broken(played: Sequence[JointMotion], rows: Array, timed: bool) -> Violation | None:
+    """Where a motion first goes beyond what the arm can do: past a joint's limits, or into a
+    body."""
     said = [(one.first_violation, one.task, "past its limit") for one in played]
     said += [(one.first_overspeed, one.task, "past its speed limit") for one in played if timed]
-    found = min(((*first, task, words) for first, task, words in said if first), key=lambda one: one[0], default=None)
+    found = min(
+        ((*first, task, words) for first, task, words in said if first),
+        key=lambda one: one[0],
+        default=None,
+    )
     touch = played[0].coarse.first_touch if len(played) == 1 else None
     cycles, robot = played[0].cycles, played[0].task.robot
     if touch is not None and (found is None or touch[0] < found[0]):
         at, links = touch
         link = next(name for name in links if name in robot.description.links)
         data, frame = robot.model.createData(), frame_id(robot.model, link)
-        origin = np.array([_frame_origin(robot.model, data, q, frame) for q in robot.coupling.joints(rows)])
-        return Broken(f"{' and '.join(links)} have touched", at, cycle_of(at, cycles), origin)
+        origin = np.array(
+            [_frame_origin(robot.model, data, q, frame) for q in robot.coupling.joints(rows)]
+        )
+        return Violation(f"{' and '.join(links)} have touched", at, cycle_of(at, cycles), origin)
     if found is None:
         return None
     at, joint, task, words = found
     k = task.robot_joints.index(joint)
-    origin = np.array([task.joint_origins(task.part(q))[k] for q in rows])
-    return Broken(f"{joint} {words}", at, cycle_of(at, cycles), origin)
+    origin = np.array([task.joint_origins(task.from_robot(q))[k] for q in rows])
+    return Violation(f"{joint} {words}", at, cycle_of(at, cycles), origin)
 
 
 def _frame_origin(model: pin.Model, data: pin.Data, q: Array, frame: int) -> Array:
@@ -208,36 +243,48 @@ def _frame_origin(model: pin.Model, data: pin.Data, q: Array, frame: int) -> Arr
     return data.oMf[frame].translation.copy()
 
 
-def _deed(limbs: Sequence[Limb], played: Sequence[JointMotion], track: Track) -> Deed:
-    """What the verdict speaks of; of several limbs, which move each other's bodies, the worst of each."""
-    deeds = [
-        deed_of(track.label, one, limb.elbow, bodies=len(limbs) == 1) for limb, one in zip(limbs, played, strict=True)
+def _summary(
+    chains: Sequence[TracedChain], played: Sequence[JointMotion], track: Playback
+) -> MotionSummary:
+    """What the verdict speaks of; of several chains, which move each other's bodies, the worst of
+    each."""
+    summaries = [
+        motion_summary(track.label, one, chain.elbow, bodies=len(chains) == 1)
+        for chain, one in zip(chains, played, strict=True)
     ]
-    overall = [deed.overall_speed for deed in deeds if deed.overall_speed is not None]
+    overall = [summary.overall_speed for summary in summaries if summary.overall_speed is not None]
     loss = track.path_loss
     return replace(
-        deeds[0],
-        creep=max(deed.creep for deed in deeds),
-        speed=float(np.linalg.norm([deed.speed for deed in deeds])),
+        summaries[0],
+        creep=max(summary.creep for summary in summaries),
+        speed=float(np.linalg.norm([summary.speed for summary in summaries])),
         overall_speed=float(np.linalg.norm(overall)) if overall else None,
         path_loss=None if loss is None else (cycle_of(loss[0], track.cycles), *loss[1:]),
-        broken=min((deed.broken for deed in deeds if deed.broken is not None), default=None),
-        haste=0.0 if track.t is None else max(deed.haste for deed in deeds),
-        turn=max(deed.turn for deed in deeds),
+        broken=min(
+            (summary.broken for summary in summaries if summary.broken is not None), default=None
+        ),
+        haste=0.0 if track.t is None else max(summary.haste for summary in summaries),
+        turn=max(summary.turn for summary in summaries),
     )
 
 
-def _ways(limb: Limb, rows: Array) -> tuple[Array, Array]:
+def _ways(chain: TracedChain, rows: Array) -> tuple[Array, Array]:
     """The ways of frame and elbow, (T, 3) each."""
-    part = np.array([limb.task.part(q) for q in rows])
-    return limb.task.positions(part), np.array([limb.task.joint_origins(q)[limb.elbow] for q in part])
+    part = np.array([chain.task.from_robot(q) for q in rows])
+    return chain.task.positions(part), np.array(
+        [chain.task.joint_origins(q)[chain.elbow] for q in part]
+    )
 
 
 def _limb_words(task: Task) -> str:
     return f"{task.frame}, {task.kind} task, n = {task.n}, r = {task.r}"
 
 
-def _is_planar(limbs: Sequence[Limb], starts: Sequence[Array], paths: Sequence[Array]) -> bool:
+def _is_planar(
+    chains: Sequence[TracedChain], starts: Sequence[Array], paths: Sequence[Array]
+) -> bool:
     """Whether all joints and paths lie in one level plane: then the page looks from above."""
-    joints = [limb.task.joint_origins(limb.task.part(q)) for limb in limbs for q in starts]
+    joints = [
+        chain.task.joint_origins(chain.task.from_robot(q)) for chain in chains for q in starts
+    ]
     return bool(np.ptp(np.vstack([*joints, *paths]), axis=0)[2] < 1e-9)

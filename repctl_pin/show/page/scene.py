@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from ...arguments import Array
 from ...errors import InputError
 from ...robot.visuals import Shape
-from ...studies.result import picked
+from ...studies.study_result import picked
 from ..palette import VERMILLION
 from ..text.verdict import NO_VERDICT, Verdict
 from .html import page
@@ -40,8 +40,9 @@ class Frames:
 
 
 @dataclass(frozen=True)
-class Broken:
-    """A motion beyond what the arm can do: what is said, when (in cycles), in which cycle, and where: (T, 3), m."""
+class Violation:
+    """A motion beyond what the arm can do: what is said, when (in cycles), in which cycle, and
+    where: (T, 3), m."""
 
     words: str
     at: float
@@ -62,7 +63,7 @@ class Arm:
     placements : (T, S, 4, 4) array
         Where each shape stands: rigid, unscaled.
     tip, elbow : (T, K, 3) arrays
-        Points of K limbs that leave a trace, m.
+        Points of K chains that leave a trace, m.
     q : (T, n) array
         Configurations, whose distance from cycle 1 is the drift.
     cycle_drift : (cycles,) array
@@ -75,7 +76,7 @@ class Arm:
         Of q; () numbers them.
     limits : (2, n) array or None
         Least and largest q; infinite where there is none.
-    broken : Broken or None
+    broken : Violation or None
         The joint that leaves its limits first, or the two bodies that touch.
     """
 
@@ -90,7 +91,7 @@ class Arm:
     unit: str = "rad"
     joint_names: tuple[str, ...] = ()
     limits: Array | None = None
-    broken: Broken | None = None
+    broken: Violation | None = None
 
 
 def choose_frames(samples: int, cycles: int, *, per_cycle: int = 61, shown: int = 24) -> Frames:
@@ -148,7 +149,8 @@ def animation_page(
     verdict
         What stands above it all.
     live
-        The poses come from a :class:`~repctl_pin.show.page.viewer.Viewer`; what the arms hold is where they may be.
+        The poses come from a :class:`~repctl_pin.show.page.viewer.Viewer`; what the arms hold is
+        where they may be.
 
     Returns
     -------
@@ -182,7 +184,8 @@ def _from_first(q: Array, frames: Frames) -> Array:
 
 
 def _liveliest(every: Sequence[Array], frames: Frames) -> tuple[int, int] | None:
-    """Choose the two joints that drift most, or move most where none drifts; None where there are not two."""
+    """Choose the two joints that drift most, or move most where none drifts; None where there are
+    not two."""
     if every[0].shape[1] < 2:
         return None
     most = np.max([np.abs(_from_first(q, frames)).max(axis=0) for q in every], axis=0)
@@ -202,16 +205,25 @@ def _pair(arm: Arm, pair: tuple[int, int]) -> dict[str, Any]:
 
 
 def _describe(
-    arm: Arm, frames: Frames, library: dict[Key, int], pair: tuple[int, int] | None, parts: list[Array]
+    arm: Arm,
+    frames: Frames,
+    library: dict[Key, int],
+    pair: tuple[int, int] | None,
+    parts: list[Array],
 ) -> dict[str, Any]:
     """Describe an arm in plain types; what moves goes to ``parts``.
 
-    Bodies (T, M, 7), tips and elbows (T, K, 3), distance from cycle 1 (T,), two joints (T, 2), the broken joint (T, 3).
-    """
+    Bodies (T, M, 7), tips and elbows (T, K, 3), distance from cycle 1 (T,), two joints (T, 2), the
+    broken joint (T, 3)."""
     # to 0.1 µm, so that a pose that returns is the same number again
     poses = np.round(poses_of(arm.placements), 7)  # (T, S, 7)
     moving = moving_of(arm.placements)
-    parts += [poses[:, moving], arm.tip, arm.elbow, np.linalg.norm(_from_first(arm.q, frames), axis=1)]
+    parts += [
+        poses[:, moving],
+        arm.tip,
+        arm.elbow,
+        np.linalg.norm(_from_first(arm.q, frames), axis=1),
+    ]
     parts += [] if pair is None else [arm.q[:, pair]]
     parts += [] if arm.broken is None else [arm.broken.origin]
     shapes = [
@@ -219,17 +231,23 @@ def _describe(
             "name": shape.name,
             "body": library.get(key(shape)),
             "scale": [float(s) for s in shape.scale],
-            "color": None if shape.textured else [*lifted(shape.color[:3]).tolist(), float(shape.color[3])],
+            "color": None
+            if shape.textured
+            else [*lifted(shape.color[:3]).tolist(), float(shape.color[3])],
             "pose": None if moving[k] else poses[0, k].tolist(),
             "standing": shape.standing,
         }
         for k, shape in enumerate(arm.shapes)
     ]
-    broken = arm.broken and {"words": arm.broken.words, "at": float(arm.broken.at), "cycle": arm.broken.cycle}
+    broken = arm.broken and {
+        "words": arm.broken.words,
+        "at": float(arm.broken.at),
+        "cycle": arm.broken.cycle,
+    }
     return {
         **picked(arm, "label", "color", "unit"),
         "drift": arm.cycle_drift.tolist(),
-        "limbs": arm.tip.shape[1],
+        "chains": arm.tip.shape[1],
         "pair": pair is not None,
         "broken": broken,
         "shapes": shapes,
@@ -238,11 +256,14 @@ def _describe(
 
 def moving_of(placements: Array) -> NDArray[np.bool_]:
     """Say which shapes move: (S,)."""
-    return np.ptp(placements, axis=0).reshape(placements.shape[1], -1).max(axis=1, initial=0.0) > 1e-12
+    return (
+        np.ptp(placements, axis=0).reshape(placements.shape[1], -1).max(axis=1, initial=0.0) > 1e-12
+    )
 
 
 def poses_of(placements: Array) -> Array:
-    """Turn rigid transforms (T, S, 4, 4) into positions and unit quaternions (T, S, 7): x y z, qx qy qz qw.
+    """Turn rigid transforms (T, S, 4, 4) into positions and unit quaternions (T, S, 7): x y z, qx
+    qy qz qw.
 
     Of the two quaternions of each rotation, the one nearer to the frame before.
     """

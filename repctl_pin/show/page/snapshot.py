@@ -1,4 +1,5 @@
-"""A still picture of a study, drawn as bones: where the arm stood at the start, and where it stands at the end."""
+"""A still picture of a study, drawn as bones: where the arm stood at the start, and where it stands
+at the end."""
 
 from __future__ import annotations
 
@@ -25,7 +26,8 @@ def bones(task: Task, q: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def still(ax: Any, motion: Motion, elbow: int, colour: str, *, flat: bool = False) -> Axes:
-    """Draw the arm at the start (grey) and at the end of the motion, the path, and the elbow's trace.
+    """Draw the arm at the start (grey) and at the end of the motion, the path, and the elbow's
+    trace.
 
     Parameters
     ----------
@@ -48,7 +50,15 @@ def still(ax: Any, motion: Motion, elbow: int, colour: str, *, flat: bool = Fals
     ax.plot(*trace.T[:dims], color=colour, lw=0.9, alpha=0.75)
     for q, shade, width, order in ((motion.q[0], _START, 4.5, 2), (motion.q[-1], colour, 2.4, 3)):
         line = bones(task, q)
-        ax.plot(*line.T[:dims], color=shade, lw=width, marker="o", ms=width + 2.2, solid_capstyle="round", zorder=order)
+        ax.plot(
+            *line.T[:dims],
+            color=shade,
+            lw=width,
+            marker="o",
+            ms=width + 2.2,
+            solid_capstyle="round",
+            zorder=order,
+        )
     ax.set_xlabel("x (m)")
     ax.set_ylabel("y (m)")
     ax.tick_params(labelsize=7)
@@ -60,7 +70,11 @@ def still(ax: Any, motion: Motion, elbow: int, colour: str, *, flat: bool = Fals
 
 def still_figure(study: Study) -> Figure:
     """Make the still picture of the animation: J⁺ and the repeatable inverse, side by side."""
-    rows = [row for row in (study.row("pseudoinverse"), study.row("repeatable")) if row.motion is not None]
+    rows = [
+        row
+        for row in (study.row("pseudoinverse"), study.row("repeatable"))
+        if row.motion is not None
+    ]
     stations = np.vstack([bones(study.task, study.q0), study.path.points(16)])
     flat = bool(np.ptp(stations[:, 2]) < 1e-9)
     figure = Figure(figsize=(5.0 * len(rows), 4.6), layout="constrained")
@@ -69,7 +83,9 @@ def still_figure(study: Study) -> Figure:
         assert row.motion is not None
         ax: Any = figure.add_subplot(1, len(rows), k, projection=None if flat else "3d")
         still(ax, row.motion, study.elbow, COLOURS[row.key], flat=flat)
-        ax.set_title(f"{plain(row.label)}: start (grey), after {row.motion.cycles} cycles", fontsize=10)
+        ax.set_title(
+            f"{plain(row.label)}: start (grey), after {row.motion.cycles} cycles", fontsize=10
+        )
         if not flat:
             ax.view_init(elev=19, azim=_azimuth(stations))
         axes.append(ax)
@@ -80,15 +96,21 @@ def still_figure(study: Study) -> Figure:
 def _same_room(axes: list[Any], flat: bool) -> None:
     """Give all the same limits and one scale for every direction."""
     names = "xy" if flat else "xyz"
-    ends = np.array([[getattr(ax, f"get_{name}lim")() for ax in axes] for name in names])  # (d, axes, 2)
+    ends = np.array(
+        [[getattr(ax, f"get_{name}lim")() for ax in axes] for name in names]
+    )  # (d, axes, 2)
     low, high = ends[..., 0].min(axis=1), ends[..., 1].max(axis=1)
-    narrow = np.maximum(0.0, 0.2 * (high - low).max() - (high - low))  # a flat motion still needs room for its numbers
+    narrow = np.maximum(
+        0.0, 0.2 * (high - low).max() - (high - low)
+    )  # a flat motion still needs room for its numbers
     low, high = low - narrow / 2, high + narrow / 2
     sizes = high - low
     for name, a, b, size in zip(names, low, high, sizes, strict=True):
         for ax in axes:
             getattr(ax, f"set_{name}lim")(a, b)
-            getattr(ax, f"{name}axis").set_major_locator(MaxNLocator(max(1, round(min(4, 8 * size / sizes.max())))))
+            getattr(ax, f"{name}axis").set_major_locator(
+                MaxNLocator(max(1, round(min(4, 8 * size / sizes.max()))))
+            )
     for ax in axes:
         if flat:
             ax.set_aspect("equal")

@@ -1,4 +1,5 @@
-"""Mesh files as triangles ready to draw: few bytes, smooth where the body is smooth, in the file's colours."""
+"""Mesh files as triangles ready to draw: few bytes, smooth where the body is smooth, in the file's
+colours."""
 
 from __future__ import annotations
 
@@ -15,7 +16,8 @@ from numpy.typing import NDArray
 from ...errors import InputError
 
 KINDS = (".stl", ".dae", ".obj", ".ply", ".off", ".glb", ".gltf")
-"""Mesh files that are read; archives and formats that are archives are not: a few bytes of them can hold gigabytes."""
+"""Mesh files that are read; archives and formats that are archives are not: a few bytes of them can
+hold gigabytes."""
 
 MOST_BYTES = 50_000_000
 """The largest mesh file, or texture, that is read."""
@@ -27,7 +29,8 @@ CREASE = np.cos(np.deg2rad(38))
 """Faces that meet at less than this angle are shaded as one round surface."""
 
 _MANY = 48
-"""Corners at one point above which their faces are left flat: the tip of a fan, not a round surface."""
+"""Corners at one point above which their faces are left flat: the tip of a fan, not a round
+surface."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +74,9 @@ def read_surface(path: Path, most: int = MOST_FACES) -> Surface:
     try:
         data = read_bytes(path)
         with np.errstate(all="ignore"):  # what is not finite is told below
-            scene = trimesh.load_scene(io.BytesIO(data), file_type=kind[1:], resolver=_Beside(path), process=False)
+            scene = trimesh.load_scene(
+                io.BytesIO(data), file_type=kind[1:], resolver=_Beside(path), process=False
+            )
         pieces, faces = [], 0
         for node in scene.graph.nodes_geometry:
             transform, name = scene.graph[node]
@@ -109,7 +114,8 @@ def read_bytes(path: Path) -> bytes:
 
 
 class _Beside:
-    """Gives a mesh the textures and buffers it names: regular files near it. What trimesh calls a resolver."""
+    """Gives a mesh the textures and buffers it names: regular files near it. What trimesh calls a
+    resolver."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -133,7 +139,9 @@ def unit(data: bytes) -> float:
     except ValueError:
         meters = math.nan
     if not 0 < meters < math.inf:
-        raise InputError(f"its unit is {found[1].decode(errors='replace')[:40] if found else ''!r} m; correct it")
+        raise InputError(
+            f"its unit is {found[1].decode(errors='replace')[:40] if found else ''!r} m; correct it"
+        )
     return meters
 
 
@@ -145,13 +153,21 @@ def _piece(mesh: Any, transform: NDArray[np.float64]) -> dict[str, Any]:
     points = vertices @ transform[:3, :3].T + transform[:3, 3]
     faces = np.asarray(mesh.faces)
     triangles = points[faces]
-    flat = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])  # (F, 3), twice the area
+    flat = np.cross(
+        triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+    )  # (F, 3), twice the area
     real = (flat != 0).any(axis=1)
     faces, flat = faces[real], flat[real]
     corners = faces.ravel()
     colors, uv, image = _look(mesh, corners)
     normals = smooth(points[corners], flat)
-    return {"points": points[corners], "normals": normals, "colors": colors, "uv": uv, "image": image}
+    return {
+        "points": points[corners],
+        "normals": normals,
+        "colors": colors,
+        "uv": uv,
+        "image": image,
+    }
 
 
 def _look(mesh: Any, corners: NDArray[np.int64]) -> tuple[NDArray[np.float64], Any, bytes | None]:
@@ -162,7 +178,11 @@ def _look(mesh: Any, corners: NDArray[np.int64]) -> tuple[NDArray[np.float64], A
         color = np.asarray(material.main_color, float)[:3] / 255
         image = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
         if image is not None and visual.uv is not None:
-            return np.ones((len(corners), 3)), np.asarray(visual.uv, float)[corners], _compressed(image)
+            return (
+                np.ones((len(corners), 3)),
+                np.asarray(visual.uv, float)[corners],
+                _compressed(image),
+            )
         return np.broadcast_to(color, (len(corners), 3)), None, None
     if visual.kind in ("vertex", "face"):
         return np.asarray(visual.vertex_colors, float)[corners, :3] / 255, None, None
@@ -179,7 +199,8 @@ def _compressed(image: Any) -> bytes:
 
 
 def smooth(corners: NDArray[np.float64], flat: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Give each corner the mean normal of the faces round its point that do not bend away by more than CREASE.
+    """Give each corner the mean normal of the faces round its point that do not bend away by more
+    than CREASE.
 
     Parameters
     ----------
@@ -206,7 +227,11 @@ def smooth(corners: NDArray[np.float64], flat: NDArray[np.float64]) -> NDArray[n
     mine, partner = mine[near], partner[near]
     total = np.stack([np.bincount(mine, of_face[partner, k], len(same)) for k in range(3)], 1)
     length = np.linalg.norm(total, axis=1, keepdims=True)
-    return np.where(length > 0, np.divide(total, length, out=np.zeros_like(total), where=length > 0), unit_normal)
+    return np.where(
+        length > 0,
+        np.divide(total, length, out=np.zeros_like(total), where=length > 0),
+        unit_normal,
+    )
 
 
 def _join(pieces: list[dict[str, Any]], scale: float) -> Surface:
@@ -220,13 +245,23 @@ def _join(pieces: list[dict[str, Any]], scale: float) -> Surface:
         count = sum(len(p["points"]) for p in pieces if p["image"] == image)
         groups.append((start, count, image))
         start += count
-    points, normals, colors = (np.concatenate([p[k] for p in pieces]) for k in ("points", "normals", "colors"))
+    points, normals, colors = (
+        np.concatenate([p[k] for p in pieces]) for k in ("points", "normals", "colors")
+    )
     textured = any(image is not None for image in images)
-    uv = np.concatenate([np.zeros((len(p["points"]), 2)) if p["uv"] is None else p["uv"] for p in pieces])
+    uv = np.concatenate(
+        [np.zeros((len(p["points"]), 2)) if p["uv"] is None else p["uv"] for p in pieces]
+    )
     # what float32, 8 bits a normal and 8 bits a colour will tell apart
     lattice = np.ptp(points, axis=0).max(initial=0.0) / 2**17 or 1.0
-    rows = [np.round(points / lattice), np.round(normals * 127), np.round(colors * 255), np.round(uv * 2**14)]
-    # each distinct row once, in the order in which the faces first name them: such indices compress well
+    rows = [
+        np.round(points / lattice),
+        np.round(normals * 127),
+        np.round(colors * 255),
+        np.round(uv * 2**14),
+    ]
+    # each distinct row once, in the order in which the faces first name them: such indices compress
+    # well
     first, same = unique_rows(np.concatenate(rows, 1).astype(np.int64), keep_order=True)
     at = np.round(points[first] / lattice) * lattice * scale
     faces, kept_uv = same.reshape(-1, 3), uv[first] if textured else None

@@ -1,8 +1,8 @@
-"""A running control loop in the browser: poses go out over a websocket, keys come back and move the target.
+"""A running control loop in the browser: poses go out over a websocket, keys come back and move the
+target.
 
-The server is a thread of this process on 127.0.0.1: however the process ends, nothing is left of it, no other process
-and no open port. Only a page that it served itself may connect.
-"""
+The server is a thread of this process on 127.0.0.1: however the process ends, nothing is left of
+it, no other process and no open port. Only a page that it served itself may connect."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from tornado.netutil import bind_sockets
 from tornado.web import Application, RequestHandler
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
-from ...arguments import Array, flag, list_of, list_of_names, vector, wanted, whole
+from ...arguments import Array, as_int, flag, list_of, list_of_names, require_type, vector
 from ...errors import InputError
 from ...motion import TaskPath
 from ...robot.length import arm_length
-from ...robot.task import Task, wanted_task
+from ...robot.task import Task, require_task
 from ...robot.visuals import Visuals
 from ..palette import BLUE, GREEN, PURPLE, VERMILLION
 from .scene import Arm, Frames, animation_page, moving_of, poses_of
@@ -39,7 +39,8 @@ _MESSAGE = 200
 
 
 class Viewer:
-    """Shows a control loop while it runs, one pane per control: ``with rp.Viewer(task, ["J⁺", "ours"]) as view``.
+    """Shows a control loop while it runs, one pane per control: ``with rp.Viewer(task, ["J⁺",
+    "ours"]) as view``.
 
     Parameters
     ----------
@@ -59,8 +60,8 @@ class Viewer:
     url : str
         Where the page is.
     offset : (3,) array
-        How far the keys have moved the target, m, base axes: arrows across and up the screen, Page Up and Down away
-        and nearer, Home back to 0. At most the arm's length along each axis.
+        How far the keys have moved the target, m, base axes: arrows across and up the screen, Page
+        Up and Down away and nearer, Home back to 0. At most the arm's length along each axis.
 
     Raises
     ------
@@ -83,12 +84,18 @@ class Viewer:
         start: ArrayLike | None = None,
         port: int = 0,
     ) -> None:
-        wanted_task(task)
+        require_task(task)
         if path is not None:
-            wanted(path, TaskPath, "path", "a path, such as rp.circle(task, q0)")
-        listed = () if isinstance(names, str) else list_of_names(names, "names", "a list of names, one per pane")
+            require_type(path, TaskPath, "path", "a path, such as rp.circle(task, q0)")
+        listed = (
+            ()
+            if isinstance(names, str)
+            else list_of_names(names, "names", "a list of names, one per pane")
+        )
         if not listed:
-            raise InputError("a viewer needs the controls' names, one per pane, such as ['J⁺', 'ours']")
+            raise InputError(
+                "a viewer needs the controls' names, one per pane, such as ['J⁺', 'ours']"
+            )
         self.task, self.names, self.offset = task, listed, np.zeros(3)
         self._visuals = Visuals.of(task.robot)
         self._first: Array | None = None
@@ -96,9 +103,11 @@ class Viewer:
         self._reach = arm_length(task, q0) or 1.0
         page = self._page(q0, path)
         try:
-            sockets = bind_sockets(whole(port, "the port", 0, 65535), HOST)
+            sockets = bind_sockets(as_int(port, "the port", 0, 65535), HOST)
         except OSError as error:
-            raise InputError(f"cannot listen on port {port}: {error.strerror}; choose another port, or none") from None
+            raise InputError(
+                f"cannot listen on port {port}: {error.strerror}; choose another port, or none"
+            ) from None
         self._port = sockets[0].getsockname()[1]
         self.url = f"http://{HOST}:{self._port}/"
         self._clients: set[_Poses] = set()
@@ -113,14 +122,16 @@ class Viewer:
         before: Sequence[ArrayLike] | Array | None = None,
         out_of_reach: bool = False,
     ) -> None:
-        """Show where the joints are: a configuration (n,) for each name, in order. It returns at once.
+        """Show where the joints are: a configuration (n,) for each name, in order. It returns at
+        once.
 
         Parameters
         ----------
         configurations
             Where the joints are now.
         before
-            The joints when the hand was first there, shown as ghosts; by default what was shown first.
+            The joints when the hand was first there, shown as ghosts; by default what was shown
+            first.
         out_of_reach
             Whether the page says that the target is out of reach.
 
@@ -134,7 +145,9 @@ class Viewer:
         then = self._first if before is None else self._each(before)
         drift = np.linalg.norm(now - then, axis=1)  # (K,)
         past = self.task.limit_margin(now).min(axis=1) < -1e-9
-        placements = self._visuals.placements(self.task.full(np.vstack([now, then])))[:, self._moving]  # (2K, M, 4, 4)
+        placements = self._visuals.placements(self.task.to_robot(np.vstack([now, then])))[
+            :, self._moving
+        ]  # (2K, M, 4, 4)
         numbers = [poses_of(placements).ravel(), drift, past, [flag(out_of_reach, "out_of_reach")]]
         self._last = np.concatenate(numbers).astype("<f4").tobytes()
         if not self._loop.is_closed():
@@ -144,14 +157,22 @@ class Viewer:
         """One configuration a control: (K, n)."""
         if isinstance(configurations, np.ndarray) and configurations.ndim == 2:
             configurations = list(configurations)
-        configurations = list_of(configurations, "before", "a list of configurations, one per control")
+        configurations = list_of(
+            configurations, "before", "a list of configurations, one per control"
+        )
         if len(configurations) != len(self.names):
-            raise InputError(f"this viewer shows {len(self.names)} controls, but {len(configurations)} were given")
+            raise InputError(
+                f"this viewer shows {len(self.names)} controls, but {len(configurations)} were given"
+            )
         return np.array([vector(q, self.task.n, "q") for q in configurations])
 
     def open(self) -> bool:
         """Open the page in the browser; False without a screen."""
-        screen = sys.platform in ("darwin", "win32") or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+        screen = (
+            sys.platform in ("darwin", "win32")
+            or os.environ.get("DISPLAY")
+            or os.environ.get("WAYLAND_DISPLAY")
+        )
         return bool(screen) and webbrowser.open(self.url)
 
     def close(self) -> None:
@@ -163,20 +184,42 @@ class Viewer:
     def __enter__(self) -> Viewer:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        at: TracebackType | None,
+    ) -> None:
         self.close()
 
     def _page(self, q0: Array, path: TaskPath | None) -> str:
-        """The page: the arm at its start, and turned a little, which says what moves and what is in sight."""
+        """The page: the arm at its start, and turned a little, which says what moves and what is in
+        sight."""
         task = self.task
-        Q = np.array([q0, np.clip(q0 + 0.3, task.lower, task.upper), np.clip(q0 - 0.3, task.lower, task.upper)])
-        placements = self._visuals.placements(task.full(Q))
+        Q = np.array(
+            [
+                q0,
+                np.clip(q0 + 0.3, task.lower, task.upper),
+                np.clip(q0 - 0.3, task.lower, task.upper),
+            ]
+        )
+        placements = self._visuals.placements(task.to_robot(Q))
         self._moving = moving_of(placements)
         points = task.positions(Q)
         tips = points[:, None]
         colours = (VERMILLION, BLUE, GREEN, PURPLE) * len(self.names)
         arms = [
-            Arm(name, self._visuals.shapes, placements, tips, tips, Q, np.zeros(1), colour, unit=task.unit)
+            Arm(
+                name,
+                self._visuals.shapes,
+                placements,
+                tips,
+                tips,
+                Q,
+                np.zeros(1),
+                colour,
+                unit=task.unit,
+            )
             for name, colour in zip(self.names, colours, strict=False)
         ]
         caption = f"{task.frame}, {task.kind} task. Arrows, Page Up and Page Down move the target; Home brings it back."
@@ -184,7 +227,14 @@ class Viewer:
         flat = bool(np.ptp(np.vstack([*map(task.joint_origins, Q), points, *lines])[:, 2]) < 1e-9)
         title, frames = f"{task.robot.name}: live", Frames(np.arange(3), (1,), 3)
         return animation_page(
-            arms, lines, frames=frames, seconds=1.0, title=title, caption=caption, planar=flat, live=True
+            arms,
+            lines,
+            frames=frames,
+            seconds=1.0,
+            title=title,
+            caption=caption,
+            planar=flat,
+            live=True,
         )
 
     def _serve(self, sockets: Any, page: str) -> None:
@@ -224,7 +274,10 @@ class _Page(RequestHandler):
         self.page = page
 
     def prepare(self) -> None:
-        if self.request.host_name not in (HOST, "localhost"):  # another site's name may be made to point here
+        if self.request.host_name not in (
+            HOST,
+            "localhost",
+        ):  # another site's name may be made to point here
             self.send_error(403)
 
     def get(self) -> None:

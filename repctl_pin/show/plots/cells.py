@@ -1,4 +1,5 @@
-"""Figures of a function over a cell: slices through its middle, by limit margin and by extra joint speed."""
+"""Figures of a function over a cell: slices through its middle, by limit margin and by extra joint
+speed."""
 
 from __future__ import annotations
 
@@ -8,18 +9,26 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ...section import CellDesign
-from ...section.result import Slice
+from ...inverse_function import CellDesign
+from ...inverse_function.cell_design import Slice
 from ..palette import INK, VERMILLION
 from .motions import titled
 
-_WHAT = {"limit_margin": ("limit margin", "viridis", 1.0), "extra_speed": ("extra joint speed, %", "magma_r", 100.0)}
+_WHAT = {
+    "limit_margin": ("limit margin", "viridis", 1.0),
+    "extra_speed": ("extra joint speed, %", "magma_r", 100.0),
+}
 
 
 def slice_of_cell(
-    ax: Axes, design: CellDesign, cut: Slice, what: str = "limit_margin", ends: tuple[float, float] | None = None
+    ax: Axes,
+    design: CellDesign,
+    cut: Slice,
+    what: str = "limit_margin",
+    ends: tuple[float, float] | None = None,
 ) -> Axes:
-    """Draw ``limit_margin`` or ``extra_speed`` over one slice, coloured from ``ends``; what is not covered is grey."""
+    """Draw ``limit_margin`` or ``extra_speed`` over one slice, coloured from ``ends``; what is not
+    covered is grey."""
     _, colours, scale = _WHAT[what]
     values = scale * getattr(cut, what)
     values = np.ma.array(values, mask=~np.isfinite(values))
@@ -38,7 +47,8 @@ def slice_of_cell(
 
 
 def cell_figure(design: CellDesign, cuts: Sequence[Slice]) -> Figure:
-    """Draw every slice twice: by limit margin above, by extra joint speed below; a row has one scale of colours."""
+    """Draw every slice twice: by limit margin above, by extra joint speed below; a row has one
+    scale of colours."""
     shapes = [design.cell.widths[design.cell.widths > 0][list(cut.axes)] for cut in cuts]
     shares = [min(max(w / h, 0.5), 2.0) if h else 1.0 for w, h in shapes]
     words = f"{design.task.robot.name}, {design.task.frame}, {design.task.kind}: one function for {design.cell.size()}"
@@ -46,11 +56,19 @@ def cell_figure(design: CellDesign, cuts: Sequence[Slice]) -> Figure:
     grid = figure.subplots(2, len(cuts), squeeze=False, width_ratios=shares)
     for row, (what, (label, _, scale)) in zip(grid, _WHAT.items(), strict=True):
         every = scale * np.concatenate([getattr(cut, what).ravel() for cut in cuts])
-        ends = (float(np.nanmin(every)), float(np.nanmax(every))) if np.isfinite(every).any() else (0.0, 1.0)
+        ends = (
+            (float(np.nanmin(every)), float(np.nanmax(every)))
+            if np.isfinite(every).any()
+            else (0.0, 1.0)
+        )
         for ax, cut, share in zip(row, cuts, shares, strict=True):
-            slice_of_cell(ax, design, cut, what, ends).locator_params("x", nbins=round(2 + 2 * share))
+            slice_of_cell(ax, design, cut, what, ends).locator_params(
+                "x", nbins=round(2 + 2 * share)
+            )
         label = f"{label}, {design.task.unit}" if what == "limit_margin" else label
-        figure.colorbar(row[0].collections[0], ax=list(row), shrink=0.9, aspect=30).set_label(label, color=INK)
+        figure.colorbar(row[0].collections[0], ax=list(row), shrink=0.9, aspect=30).set_label(
+            label, color=INK
+        )
     return figure
 
 
@@ -58,5 +76,7 @@ def _centre(design: CellDesign) -> np.ndarray:
     """The middle in the cell's coordinates, m; 0 for rotations."""
     cell = design.cell
     every = np.zeros(len(cell.widths))
-    every[: len(cell.half_width)] = cell.placement.translation[cell.task.rows[: len(cell.half_width)]]
+    every[: len(cell.half_width)] = cell.placement.translation[
+        cell.task.rows[: len(cell.half_width)]
+    ]
     return every[cell.widths > 0]

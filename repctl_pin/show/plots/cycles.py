@@ -1,4 +1,5 @@
-"""Figures of cycles: joint speed, room left to the joint limits, and orbits, on which what drifts is a coil."""
+"""Figures of cycles: joint speed, room left to the joint limits, and orbits, on which what drifts
+is a coil."""
 
 from __future__ import annotations
 
@@ -32,7 +33,9 @@ def speed_over_cycle(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> Ax
     ax.set_xlim(0, 1)
     ax.set_ylim(bottom=0)
     ax.set_xlabel("part of the cycle")
-    ax.set_ylabel(f"joint speed ‖q̇‖ ({motions[0][1].task.unit}/s)".replace("rad and m/s", "rad/s and m/s"))
+    ax.set_ylabel(
+        f"joint speed ‖q̇‖ ({motions[0][1].task.unit}/s)".replace("rad and m/s", "rad/s and m/s")
+    )
     return quiet(ax)
 
 
@@ -65,7 +68,9 @@ def bodies_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> 
     motions
         Label, motion, colour.
     """
-    lines = [(label, colour, _least_in_cycles(m.coarse.body_distance, m)) for label, m, colour in motions]
+    lines = [
+        (label, colour, _least_in_cycles(m.coarse.body_distance, m)) for label, m, colour in motions
+    ]
     _least_over_cycles(ax, lines, motions[0][1].cycles)
     ax.set_ylabel("least distance between bodies (m)")
     return quiet(ax, whole=True)
@@ -78,7 +83,9 @@ def _least_over_cycles(ax: Axes, lines: Sequence[tuple[str, str, np.ndarray]], c
     if not lines:
         return
     for (label, colour, least), marker in zip(lines, "osD^vPX" * len(lines), strict=False):
-        ax.plot(np.arange(1, cycles + 1), least, marker=marker, ms=4, lw=1.4, color=colour, label=label)
+        ax.plot(
+            np.arange(1, cycles + 1), least, marker=marker, ms=4, lw=1.4, color=colour, label=label
+        )
     low, high = ax.get_ylim()
     ax.set_ylim(min(low, 0.0), high + 0.04 * (high - min(low, 0.0)))
     ax.axhspan(min(low, 0.0), 0, color="#f0f0f0", zorder=0)
@@ -96,7 +103,8 @@ def _least_in_cycles(values: np.ndarray, motion: Motion) -> np.ndarray:
 
 
 def cycle_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Figure:
-    """Make the figure of speeds, limit margins, and distances between bodies where there are any, side by side."""
+    """Make the figure of speeds, limit margins, and distances between bodies where there are any,
+    side by side."""
     bodies = np.isfinite(motions[0][1].coarse.body_distance[0])
     figure = titled(12 if bodies else 10, 4.0, title)
     left, right, *third = figure.subplots(1, 3 if bodies else 2)
@@ -127,7 +135,9 @@ def orbit(ax: Axes, motions: Sequence[tuple[str, Motion, str]], across: int, upw
     task = motions[0][1].task
     for label, motion, colour in motions:
         ax.plot(motion.q[:, across], motion.q[:, upward], color=colour, lw=1.0, label=label)
-        ax.plot(*motion.q[-1, [across, upward]], "o", color=colour, ms=5, mec="white", mew=0.8, zorder=4)
+        ax.plot(
+            *motion.q[-1, [across, upward]], "o", color=colour, ms=5, mec="white", mew=0.8, zorder=4
+        )
     ax.plot(*motions[0][1].q[0, [across, upward]], "k+", ms=9, mew=1.4, zorder=5)
     ax.set_xlabel(axis_label(task, across))
     ax.set_ylabel(axis_label(task, upward))
@@ -137,13 +147,18 @@ def orbit(ax: Axes, motions: Sequence[tuple[str, Motion, str]], across: int, upw
 
 def liveliest_joints(motions: Sequence[tuple[str, Motion, str]], count: int = 3) -> list[int]:
     """Find the joints whose ends of cycles lie furthest from the start, in the order of the arm."""
-    ends = [np.abs(motion.q[motion.steps :: motion.steps] - motion.q[0]).max(axis=0) for _, motion, _ in motions]
+    ends = [
+        np.abs(motion.q[motion.steps :: motion.steps] - motion.q[0]).max(axis=0)
+        for _, motion, _ in motions
+    ]
     order = np.argsort(-np.max(ends, axis=0), kind="stable")[:count]
     return sorted(int(joint) for joint in order)
 
 
 def orbits_figure(
-    motions: Sequence[tuple[str, Motion, str]], title: str, joints: tuple[int, int, int] | None = None
+    motions: Sequence[tuple[str, Motion, str]],
+    title: str,
+    joints: tuple[int, int, int] | None = None,
 ) -> Figure:
     """Make the figure of orbits: three joints, seen along each of their three axes.
 

@@ -1,4 +1,5 @@
-"""Figures of a design: cost against degree, where it is far from what was desired, where it is near singular."""
+"""Figures of a design: cost against degree, where it is far from what was desired, where it is near
+singular."""
 
 from __future__ import annotations
 
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 from ...design import Design
 from ...design.design_map import DesignMap
-from ...design.judgement import Baseline
+from ...design.evaluation import Baseline
 from ..palette import BLUE, GREEN, INK, ORANGE
 from .motions import axis_label, quiet, titled
 
@@ -21,7 +22,8 @@ from .motions import axis_label, quiet, titled
 def cost_against_degree(
     ax: Axes, degrees: Sequence[tuple[int, float, float]], baselines: Sequence[Baseline] = ()
 ) -> Axes:
-    """Draw the cost on held-out nodes against the degree of the potentials, beside other repeatable inverses.
+    """Draw the cost on held-out nodes against the degree of the potentials, beside other repeatable
+    inverses.
 
     Parameters
     ----------
@@ -33,12 +35,24 @@ def cost_against_degree(
         Drawn as level lines; those singular in Ω are named instead.
     """
     d, cost, error = (np.array(column, float) for column in zip(*degrees, strict=True))
-    ax.errorbar(d, cost, yerr=2 * error, color=BLUE, marker="o", ms=5, capsize=3, lw=1.4, label="nearest repeatable")
+    ax.errorbar(
+        d,
+        cost,
+        yerr=2 * error,
+        color=BLUE,
+        marker="o",
+        ms=5,
+        capsize=3,
+        lw=1.4,
+        label="nearest repeatable",
+    )
     for baseline, colour, style in zip(baselines, (ORANGE, GREEN), ("--", "-."), strict=False):
-        if baseline.judgement is None:
+        if baseline.evaluation is None:
             ax.plot([], [], " ", label=f"{baseline.name}: singular in Ω")
         else:
-            ax.axhline(baseline.judgement.cost, color=colour, ls=style, lw=1.4, label=baseline.name)
+            ax.axhline(
+                baseline.evaluation.cost, color=colour, ls=style, lw=1.4, label=baseline.name
+            )
     ax.set_yscale("log")
     ax.set_xticks(d, [f"{int(v)}" for v in d])
     ax.set_xlim(d.min() - 0.4, d.max() + 0.4)
@@ -49,9 +63,15 @@ def cost_against_degree(
 
 
 def joint_map(
-    ax: Axes, design: Design, grid: DesignMap, values: NDArray[np.float64], label: str, top: float | None = None
+    ax: Axes,
+    design: Design,
+    grid: DesignMap,
+    values: NDArray[np.float64],
+    label: str,
+    top: float | None = None,
 ) -> Axes:
-    """Draw values over a grid of two joints, with level lines, a bar that names them, and a cross in the center of Ω.
+    """Draw values over a grid of two joints, with level lines, a bar that names them, and a cross
+    in the center of Ω.
 
     Parameters
     ----------
@@ -66,13 +86,20 @@ def joint_map(
     label
         What is drawn, and its unit.
     top
-        Where the colours end; by default at the largest value. They begin at 0, and bright is large.
+        Where the colours end; by default at the largest value. They begin at 0, and bright is
+        large.
     """
     across, upward = grid.joints
     shown = np.ma.masked_invalid(values)
-    shade = ax.pcolormesh(grid.x, grid.y, shown, cmap="viridis", vmin=0, vmax=top, shading="nearest", rasterized=True)
-    if shown.count() and np.ptp(shown) > 0.1 * (top or np.abs(shown).max()):  # else all lines would read alike
-        lines = ax.contour(grid.x, grid.y, shown, levels=6, colors="white", linewidths=0.7, alpha=0.85)
+    shade = ax.pcolormesh(
+        grid.x, grid.y, shown, cmap="viridis", vmin=0, vmax=top, shading="nearest", rasterized=True
+    )
+    if shown.count() and np.ptp(shown) > 0.1 * (
+        top or np.abs(shown).max()
+    ):  # else all lines would read alike
+        lines = ax.contour(
+            grid.x, grid.y, shown, levels=6, colors="white", linewidths=0.7, alpha=0.85
+        )
         digits = max(0, 1 - int(np.floor(np.log10(np.ptp(np.array(lines.levels)) / 6))))
         for value in ax.clabel(lines, fmt=lambda v: f"{v:.{digits}f}", fontsize=7):
             value.set_path_effects([withStroke(linewidth=1.6, foreground="#00000088")])
@@ -86,7 +113,11 @@ def joint_map(
 
 
 def design_figure(
-    design: Design, grid: DesignMap, degrees: Sequence[tuple[int, float, float]] = (), *, title: str = ""
+    design: Design,
+    grid: DesignMap,
+    degrees: Sequence[tuple[int, float, float]] = (),
+    *,
+    title: str = "",
 ) -> Figure:
     """Make the figure ``design.png``."""
     panels = 3 if degrees else 2

@@ -20,18 +20,32 @@ from ...studies import Study
 from ..palette import INK, colours
 from ..text.numbers import number
 
-_BEYOND: dict[str, Any] = {"marker": "x", "color": INK, "ms": 9, "mew": 2, "ls": "none", "zorder": 5}
+_BEYOND: dict[str, Any] = {
+    "marker": "x",
+    "color": INK,
+    "ms": 9,
+    "mew": 2,
+    "ls": "none",
+    "zorder": 5,
+}
 """The cross where a motion goes beyond what the arm can do."""
 
 
 def drawn(study: Study) -> list[tuple[str, Motion, str]]:
     """List every strategy of a study that moved: its label, motion and colour."""
     colour = colours(study)
-    return [(plain(row.label), row.motion, colour[row.key]) for row in study.rows if row.motion is not None]
+    return [
+        (plain(row.label), row.motion, colour[row.key])
+        for row in study.rows
+        if row.motion is not None
+    ]
 
 
-def drift_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]], *, log: bool = False) -> Axes:
-    """Draw joint drift after each cycle: how far the joints are from the start, with its last value at the line's end.
+def drift_over_cycles(
+    ax: Axes, motions: Sequence[tuple[str, Motion, str]], *, log: bool = False
+) -> Axes:
+    """Draw joint drift after each cycle: how far the joints are from the start, with its last value
+    at the line's end.
 
     A cross is the cycle in which a joint first leaves its limits, or two bodies touch.
 
@@ -46,7 +60,9 @@ def drift_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]], *, l
     """
     for (label, motion, colour), marker in zip(motions, "osD^vPX" * len(motions), strict=False):
         cycles = np.arange(1, motion.cycles + 1)
-        ax.plot(cycles, np.maximum(motion.drift, 1e-17), marker=marker, ms=4, color=colour, label=label)
+        ax.plot(
+            cycles, np.maximum(motion.drift, 1e-17), marker=marker, ms=4, color=colour, label=label
+        )
         for beyond in violations_of(motion, motion.coarse):
             ax.plot(beyond.cycle, max(motion.drift[beyond.cycle - 1], 1e-17), **_BEYOND)
     if log:
@@ -60,7 +76,8 @@ def drift_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]], *, l
 
 
 def _top(motions: Sequence[tuple[str, Motion, str]]) -> float | None:
-    """Where the axis ends if a control that moves away in cycle 1 and stays there would hide all other drift."""
+    """Where the axis ends if a control that moves away in cycle 1 and stays there would hide all
+    other drift."""
     drifts = [motion.drift for _, motion, _ in motions]
     rest = max((float(d.max()) for d in drifts if not _stays(d)), default=0.0)
     if not rest > CLOSED:
@@ -75,14 +92,17 @@ def _stays(drift: NDArray[np.float64]) -> bool:
 
 
 def _end_labels(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> None:
-    """Write each motion's name, last drift, and where it goes beyond what the arm can do, beside its line's end."""
+    """Write each motion's name, last drift, and where it goes beyond what the arm can do, beside
+    its line's end."""
     low, high = ax.get_ylim()
     step, floor = 0.075 * (high - low), -np.inf
     for label, motion, colour in sorted(motions, key=lambda one: float(one[1].drift[-1])):
         drift = float(motion.drift[-1])
         above, floor = drift > high, max(min(drift, high), floor + step)
         value = (
-            f"0 ({number(drift)}, the integrator's error)" if motion.closes else f"{number(drift)} {motion.task.unit}"
+            f"0 ({number(drift)}, the integrator's error)"
+            if motion.closes
+            else f"{number(drift)} {motion.task.unit}"
         )
         beyond = "".join(
             f"\n$\\times$ {'limit' if len(it.names) == 1 else 'touch'} in cycle {it.cycle}"
@@ -102,10 +122,18 @@ def joint_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]], join
     """
     task = motions[0][1].task
     for label, motion, colour in motions:
-        ax.plot(motion.t / motion.t[-1] * motion.cycles, motion.q[:, joint], color=colour, lw=1.1, label=label)
+        ax.plot(
+            motion.t / motion.t[-1] * motion.cycles,
+            motion.q[:, joint],
+            color=colour,
+            lw=1.1,
+            label=label,
+        )
         for beyond in violations_of(motion, motion.coarse):
             if beyond.names == task.joint_names[joint : joint + 1]:
-                ax.plot(beyond.moment, motion.q[round(beyond.moment * motion.steps), joint], **_BEYOND)
+                ax.plot(
+                    beyond.moment, motion.q[round(beyond.moment * motion.steps), joint], **_BEYOND
+                )
     low, high = ax.get_ylim()
     span = high - low
     for limit in (task.lower[joint], task.upper[joint]):
@@ -136,8 +164,11 @@ _INSET = (0.38, 0.3)
 """Width and height of the inset, in parts of the axes."""
 
 
-def _free_corner(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> tuple[float, float] | None:
-    """Find the highest place, at the left or else at the right, where the inset covers no line; None where all do."""
+def _free_corner(
+    ax: Axes, motions: Sequence[tuple[str, Motion, str]]
+) -> tuple[float, float] | None:
+    """Find the highest place, at the left or else at the right, where the inset covers no line;
+    None where all do."""
     to_axes, shares = ax.transData + ax.transAxes.inverted(), np.linspace(0, 1, 101)
     lines = [to_axes.transform(np.c_[1 : m.cycles + 1, m.drift]).T for _, m, _ in motions]
     for left in (0.1, 0.6):
@@ -162,7 +193,9 @@ def joints_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Fig
         else:
             ax.set_axis_off()
     for column in range(columns):
-        last = [ax for joint, ax in enumerate(axes.ravel()) if joint < n and joint % columns == column][-1]
+        last = [
+            ax for joint, ax in enumerate(axes.ravel()) if joint < n and joint % columns == column
+        ][-1]
         last.set_xlabel("cycle")
         last.tick_params(labelbottom=True)
     return legend_below(figure, axes[0, 0])
@@ -190,7 +223,9 @@ def titled(width: float, height: float, title: str) -> Figure:
 def legend_below(figure: Figure, ax: Axes) -> Figure:
     """Name below a figure what its axes show, in one row."""
     handles, labels = ax.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), frameon=False, fontsize=9)
+    figure.legend(
+        handles, labels, loc="outside lower center", ncols=len(labels), frameon=False, fontsize=9
+    )
     return figure
 
 

@@ -1,4 +1,5 @@
-"""What a study found, in sentences; and what each of its pictures shows, for those who cannot see it."""
+"""What a study found, in sentences; and what each of its pictures shows, for those who cannot see
+it."""
 
 from __future__ import annotations
 
@@ -53,7 +54,11 @@ def summary(study: Study) -> list[str]:
         out.append(f"The pseudoinverse J⁺ could not follow: {plain.stopped}.")
     for row in study.rows:
         if row.key not in COLOURS:
-            own = f"they are off by {amount(row.motion, -1)}" if row.motion else f"it could not follow: {row.stopped}"
+            own = (
+                f"they are off by {amount(row.motion, -1)}"
+                if row.motion
+                else f"it could not follow: {row.stopped}"
+            )
             out.append(f"Under your control {row.label}, {own}.")
     if closed.motion is not None:
         assert closed.distance is not None and closed.leaf_margin is not None
@@ -75,7 +80,9 @@ def summary(study: Study) -> list[str]:
         if row.motion is not None and row.body_distance is not None
     ]
     if near:
-        out.append(f"The least distance between bodies, at 100 points per cycle: {'; '.join(near)}.")
+        out.append(
+            f"The least distance between bodies, at 100 points per cycle: {'; '.join(near)}."
+        )
     times = [
         f"{row.label} {row.cycle_time:.3f} s{'' if row.motion.closes else ' (does not close)'}"
         for row in study.rows
@@ -117,7 +124,9 @@ def joints_words(study: Study) -> str:
 def orbits_words(study: Study) -> str:
     """Describe the figure of the orbits."""
     said = [
-        f"{label}: one closed loop" if motion.closes else f"{label}: ends {amount(motion, -1)} off its start"
+        f"{label}: one closed loop"
+        if motion.closes
+        else f"{label}: ends {amount(motion, -1)} off its start"
         for label, motion in _moved(study, without="posture_off")
     ]
     return f"The three joints that drift most, plotted against each other in three views. {'; '.join(said)}."
@@ -131,7 +140,9 @@ def cycles_words(study: Study) -> str:
         room = f"limit margin at least {margin:.3g}" if margin < 1e6 else "no limits"
         apart = float(motion.coarse.body_distance.min())
         bodies = f", bodies at least {apart:.3g} m apart" if np.isfinite(apart) else ""
-        parts.append(f"{label}: speed up to {motion.peak_speed:.3g} per s in all cycles, {room}{bodies}")
+        parts.append(
+            f"{label}: speed up to {motion.peak_speed:.3g} per s in all cycles, {room}{bodies}"
+        )
     return (
         "Joint speed over the cycle, and the least distance to a joint limit, and between bodies where there are any, "
         f"in each. {'; '.join(parts)}."
@@ -152,17 +163,22 @@ def maps_words(study: Study, maps: StudyMaps) -> str:
         )
     ]
     costs = [f"{cost:.4g} at degree {degree}" for degree, cost, _ in maps.degrees]
-    last = f" Mean cost over Ω by degree of the potentials: {', '.join(costs)}." if len(costs) > 1 else ""
-    names = study.task.joint_names
-    return (
-        f"Over {names[i]} and {names[j]}, the other joints at the centre of Ω (the cross): {'; '.join(ranges)}.{last}"
+    last = (
+        f" Mean cost over Ω by degree of the potentials: {', '.join(costs)}."
+        if len(costs) > 1
+        else ""
     )
+    names = study.task.joint_names
+    return f"Over {names[i]} and {names[j]}, the other joints at the centre of Ω (the cross): {'; '.join(ranges)}.{last}"
 
 
 def still_words(study: Study) -> str:
     """Describe the still picture of the animation."""
     rows = (study.row("pseudoinverse"), study.row("repeatable"))
-    ends = ["did not finish" if r.motion is None else f"is off the start by {amount(r.motion, -1)}" for r in rows]
+    ends = [
+        "did not finish" if r.motion is None else f"is off the start by {amount(r.motion, -1)}"
+        for r in rows
+    ]
     parts = [f"{row.label} {end}" for row, end in zip(rows, ends, strict=True)]
     return f"The arm at the start, in grey, and at the end: {'; '.join(parts)}."
 
@@ -178,7 +194,11 @@ def _price(plain: Row, closed: Row) -> str:
 
 
 def _moved(study: Study, without: str = "") -> list[tuple[str, Motion]]:
-    return [(row.label, row.motion) for row in study.rows if row.motion is not None and row.key != without]
+    return [
+        (row.label, row.motion)
+        for row in study.rows
+        if row.motion is not None and row.key != without
+    ]
 
 
 def _times(count: int, word: str = "time") -> str:

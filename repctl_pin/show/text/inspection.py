@@ -24,9 +24,9 @@ def inspection(robot: Robot, redundancy: Mapping[str, Mapping[str, int]]) -> dic
     Returns
     -------
     dict
-        ``robot``, ``file``, ``links``, ``joints``, ``locked``, ``driven``, ``default_frame``, ``frames`` (for each
-        the joints that move it, its position at the reference pose, m, and its redundancy), ``frames_left_out`` (how
-        many more can be moved), ``meshes`` and ``warnings``.
+        ``robot``, ``file``, ``links``, ``joints``, ``locked``, ``driven``, ``default_frame``,
+        ``frames`` (for each the joints that move it, its position at the reference pose, m, and its
+        redundancy), ``frames_left_out`` (how many more can be moved), ``meshes`` and ``warnings``.
     """
     positions = robot.reference_positions()
     joints = {joint.name: joint for joint in robot.description.joints}
@@ -40,13 +40,16 @@ def inspection(robot: Robot, redundancy: Mapping[str, Mapping[str, int]]) -> dic
                 "kind": joints[name].kind,
                 "lower": _finite(robot.lower[i]),
                 "upper": _finite(robot.upper[i]),
-                "speed": _finite(robot.velocity[i]),
+                "speed": _finite(robot.velocity_limit[i]),
                 "reference": float(robot.reference[i]),
             }
             for i, name in enumerate(robot.joint_names)
         ],
         "locked": [
-            {"name": name, "why": f"mimics {joints[name].mimic}" if joints[name].mimic else joints[name].kind}
+            {
+                "name": name,
+                "why": f"mimics {joints[name].mimic}" if joints[name].mimic else joints[name].kind,
+            }
             for name in robot.locked
         ],
         "driven": [
@@ -85,7 +88,10 @@ def inspection_text(found: Mapping[str, Any]) -> str:
     if found["locked"]:
         lines += ["", "locked: " + ", ".join(f"{j['name']} ({j['why']})" for j in found["locked"])]
     if found["driven"]:
-        lines += ["", "driven: " + ", ".join(f"{j['name']} (mimics {j['by']})" for j in found["driven"])]
+        lines += [
+            "",
+            "driven: " + ", ".join(f"{j['name']} (mimics {j['by']})" for j in found["driven"]),
+        ]
     lines += _chains(found)
     lines += ["", *_frames(found)]
     lines += [f"note: {text}" for text in found["warnings"]]
@@ -101,7 +107,10 @@ def _chains(found: Mapping[str, Any]) -> list[str]:
         if len(chain) != most or chain in told:
             continue
         told.append(chain)
-        kinds = ", ".join(f"{kind} r = {r}" for kind, r in frame["redundancy"].items()) or "no task at full rank"
+        kinds = (
+            ", ".join(f"{kind} r = {r}" for kind, r in frame["redundancy"].items())
+            or "no task at full rank"
+        )
         lines += ["", f"frame {name}, moved by {len(chain)}: {', '.join(chain)}", f"  {kinds}"]
     return lines
 

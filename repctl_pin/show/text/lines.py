@@ -25,7 +25,11 @@ def fitted(text: str) -> str:
     What stands behind a label goes on below itself.
     """
     width = terminal_width()
-    return text if width is None else "\n".join(part for line in text.split("\n") for part in _wrapped(line, width))
+    return (
+        text
+        if width is None
+        else "\n".join(part for line in text.split("\n") for part in _wrapped(line, width))
+    )
 
 
 def _wrapped(line: str, width: int) -> list[str]:

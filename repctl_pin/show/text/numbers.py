@@ -19,7 +19,8 @@ def number(value: float) -> str:
 
 
 def metres(value: float) -> str:
-    """Write a length in the unit that suits it: 1.2 m, 45 cm, 2.6 mm, 0.02 mm, 7 µm; 0 below a nanometre."""
+    """Write a length in the unit that suits it: 1.2 m, 45 cm, 2.6 mm, 0.02 mm, 7 µm; 0 below a
+    nanometre."""
     if value < 1e-9:
         return "0"
     units = ((0.995, 1, "m"), (0.00995, 100, "cm"), (1e-5, 1000, "mm"), (0.0, 1e6, "µm"))

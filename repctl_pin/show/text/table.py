@@ -19,7 +19,8 @@ NARROW = 10
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]], *, left: int = 1) -> str:
-    """Align a table: the first columns to the left, the others to the right; a header may have several lines.
+    """Align a table: the first columns to the left, the others to the right; a header may have
+    several lines.
 
     On a terminal that is too narrow for it, it goes on below with further columns.
     """
@@ -33,13 +34,18 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]], *, left: int = 1
             blocks.append([0])
         blocks[-1].append(i)
     aligned = [
-        [cell.ljust(w) if i < left else cell.rjust(w) for i, (cell, w) in enumerate(zip(line, widths, strict=True))]
+        [
+            cell.ljust(w) if i < left else cell.rjust(w)
+            for i, (cell, w) in enumerate(zip(line, widths, strict=True))
+        ]
         for line in lines
     ]
     return "\n\n".join(_block(aligned, widths, block, high + 1) for block in blocks)
 
 
-def _block(lines: Sequence[Sequence[str]], widths: Sequence[int], columns: Sequence[int], heads: int) -> str:
+def _block(
+    lines: Sequence[Sequence[str]], widths: Sequence[int], columns: Sequence[int], heads: int
+) -> str:
     """Write some columns of a table."""
     out = ["  ".join(line[i] for i in columns).rstrip() for line in lines]
     rule = "─" * (sum(widths[i] for i in columns) + 2 * len(columns) - 2)
@@ -47,7 +53,8 @@ def _block(lines: Sequence[Sequence[str]], widths: Sequence[int], columns: Seque
 
 
 def study_table(study: Study) -> str:
-    """Write a study as its verdict, its setting, a table of strategies, and notes; what lies outside Ω first of all."""
+    """Write a study as its verdict, its setting, a table of strategies, and notes; what lies
+    outside Ω first of all."""
     width = max(map(len, study.setting))
     loud = outside_words(max(row.outside for row in study.rows))
     head = [f"{label.ljust(width)}  {text}" for label, text in study.setting.items()]
@@ -56,7 +63,9 @@ def study_table(study: Study) -> str:
     legend = textwrap.wrap(study_legend(study), min(terminal_width() or 80, 100))
     notes = [f"note: {note}" for note in study_notes(study)]
     before = fitted("\n".join([*loud, study_verdict(study).sentence, "", *head]))
-    return "\n".join([before, "", cells, *legend, *(["", fitted("\n".join(notes))] if notes else [])])
+    return "\n".join(
+        [before, "", cells, *legend, *(["", fitted("\n".join(notes))] if notes else [])]
+    )
 
 
 def outside_words(share: float) -> list[str]:
@@ -71,7 +80,8 @@ def outside_words(share: float) -> list[str]:
 
 
 def study_cells(study: Study) -> list[tuple[str, list[str]]]:
-    """Write the table of a study: each measure with its unit, and its value for every strategy in turn."""
+    """Write the table of a study: each measure with its unit, and its value for every strategy in
+    turn."""
     some = next((row.motion for row in study.rows if row.motion is not None), None)
     rad, cycles = ("rad", 0) if some is None else (some.task.unit, some.cycles)
     speed = f"{rad}/s" if rad in ("rad", "m") else "per s"
@@ -83,15 +93,28 @@ def study_cells(study: Study) -> list[tuple[str, list[str]]]:
         return ["–" if value is None else f"{100 * value:.3g} %" for value in map(say, study.rows)]
 
     later = [
-        (f"drift after {cycles} cycles, {rad}", of_motions(lambda motion: number(motion.drift[-1]))),
-        (f"drift in cycle {cycles}, {rad}", of_motions(lambda motion: number(motion.cycle_drift[-1]))),
+        (
+            f"drift after {cycles} cycles, {rad}",
+            of_motions(lambda motion: number(motion.drift[-1])),
+        ),
+        (
+            f"drift in cycle {cycles}, {rad}",
+            of_motions(lambda motion: number(motion.cycle_drift[-1])),
+        ),
     ]
     apart = [("body distance, cycle 1, m", of_motions(lambda motion: _apart(motion, 1)))]
-    apart += [("body distance, all cycles, m", of_motions(lambda motion: _apart(motion, cycles)))] * (cycles > 1)
-    speeds = [(f"joint speed, cycle 1, {speed}", of_motions(lambda motion: number(motion.first_rms_speed)))]
-    speeds += [(f"joint speed, all cycles, {speed}", of_motions(lambda motion: number(motion.rms_speed)))] * (
-        cycles > 1
-    )
+    apart += [
+        ("body distance, all cycles, m", of_motions(lambda motion: _apart(motion, cycles)))
+    ] * (cycles > 1)
+    speeds = [
+        (
+            f"joint speed, cycle 1, {speed}",
+            of_motions(lambda motion: number(motion.first_rms_speed)),
+        )
+    ]
+    speeds += [
+        (f"joint speed, all cycles, {speed}", of_motions(lambda motion: number(motion.rms_speed)))
+    ] * (cycles > 1)
     return [
         (f"drift after 1 cycle, {rad}", of_motions(lambda motion: number(motion.drift[0]))),
         *(later if cycles > 1 else []),
@@ -101,7 +124,10 @@ def study_cells(study: Study) -> list[tuple[str, list[str]]]:
         (f"joint-limit margin, {rad}", of_motions(_limit_margin)),
         *(apart if any(row.body_distance is not None for row in study.rows) else []),
         ("fastest first cycle, s", [_time(row) for row in study.rows]),
-        ("leaf margin", ["–" if row.leaf_margin is None else number(row.leaf_margin) for row in study.rows]),
+        (
+            "leaf margin",
+            ["–" if row.leaf_margin is None else number(row.leaf_margin) for row in study.rows],
+        ),
         (f"distance from {_desired(study)}", of_rows(lambda row: row.distance)),
         ("outside Ω", of_rows(lambda row: None if row.motion is None else row.motion.outside)),
     ]
@@ -124,7 +150,10 @@ def study_legend(study: Study) -> str:
 
 def study_notes(study: Study) -> list[str]:
     """What is to be known beside a study's table."""
-    return [*study.notes, *(f"{row.label}: {row.stopped}" for row in study.rows if row.motion is None)]
+    return [
+        *study.notes,
+        *(f"{row.label}: {row.stopped}" for row in study.rows if row.motion is None),
+    ]
 
 
 def _desired(study: Study) -> str:
@@ -152,4 +181,8 @@ def _time(row: Row) -> str:
 
 def _limit_margin(motion: Motion) -> str:
     margin = float(motion.limit_margin.min())
-    return f"{number(margin)}{'!' if motion.broken_cycle else ''}" if np.isfinite(margin) else "no limits"
+    return (
+        f"{number(margin)}{'!' if motion.broken_cycle else ''}"
+        if np.isfinite(margin)
+        else "no limits"
+    )

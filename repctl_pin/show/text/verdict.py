@@ -1,4 +1,5 @@
-"""One verdict on motions, and its tiles: the same words on the page, in the report and in the terminal."""
+"""One verdict on motions, and its tiles: the same words on the page, in the report and in the
+terminal."""
 
 from __future__ import annotations
 
@@ -18,7 +19,7 @@ _STILL = 1e-5
 
 
 @dataclass(frozen=True)
-class Deed:
+class MotionSummary:
     """The quantities of one motion that the verdict reports.
 
     Attributes
@@ -38,11 +39,13 @@ class Deed:
     haste : float
         The largest share of a joint's speed limit; above 1 it is violated.
     turn : (float, str)
-        The revolute joint that is farthest from its start at the end, by how much, rad; 0 if the motion is closed.
+        The revolute joint that is farthest from its start at the end, by how much, rad; 0 if the
+        motion is closed.
     overall_speed : float or None
         Joint speed ‖q̇‖ over all cycles, rms; None for one cycle.
     path_loss : (int, float, float) or None
-        The cycle in which the frame leaves its path, and its largest errors, m and rad; None if it never does.
+        The cycle in which the frame leaves its path, and its largest errors, m and rad; None if it
+        never does.
     size : float
         Length of the arm, m.
     """
@@ -63,9 +66,8 @@ class Deed:
     def twists(self) -> bool:
         """Whether the elbow does not show how far a joint has turned.
 
-        It turned by 0.1 rad, and by more than 1 rad for each tenth of the arm's length that the elbow moved; or it
-        turned and the elbow did not move.
-        """
+        It turned by 0.1 rad, and by more than 1 rad for each tenth of the arm's length that the
+        elbow moved; or it turned and the elbow did not move."""
         angle, still = self.turn[0], self.creep < _STILL * self.size
         return (angle >= 0.1 and angle * self.size > 10 * self.creep) or (still and angle > 0)
 
@@ -90,7 +92,9 @@ class Verdict:
 NO_VERDICT = Verdict("", ())
 
 
-def deed_of(label: str, motion: JointMotion, elbow: int, *, bodies: bool = True) -> Deed:
+def motion_summary(
+    label: str, motion: JointMotion, elbow: int, *, bodies: bool = True
+) -> MotionSummary:
     """Take from a motion what the verdict reports.
 
     Parameters
@@ -102,15 +106,18 @@ def deed_of(label: str, motion: JointMotion, elbow: int, *, bodies: bool = True)
     elbow
         Index of the joint whose origin is the elbow.
     bodies
-        Whether the robot's other joints stand still, so that its bodies are where the task has them.
+        Whether the robot's other joints stand still, so that its bodies are where the task has
+        them.
     """
     task, closes = motion.task, motion.closes
     start, end = (task.joint_origins(q)[elbow] for q in (motion.q[0], motion.q[-1]))
     violation, coarse = motion.first_violation, motion.coarse
     loss = motion.path_loss if isinstance(motion, Motion) else None
     turned = np.abs(motion.q[-1] - motion.q[0]) * task.revolute * (not closes)  # (n,)
-    apart, touch = (float(coarse.body_distance.min()), coarse.first_touch) if bodies else (np.inf, None)
-    return Deed(
+    apart, touch = (
+        (float(coarse.body_distance.min()), coarse.first_touch) if bodies else (np.inf, None)
+    )
+    return MotionSummary(
         label,
         0.0 if closes else float(np.linalg.norm(end - start)),
         motion.first_rms_speed,
@@ -125,74 +132,81 @@ def deed_of(label: str, motion: JointMotion, elbow: int, *, bodies: bool = True)
     )
 
 
-def verdict(deeds: Sequence[Deed], cycles: int) -> Verdict:
+def verdict(summaries: Sequence[MotionSummary], cycles: int) -> Verdict:
     """Sum up motions: the first is what others are compared with, the last is the remedy.
 
     Parameters
     ----------
-    deeds
+    summaries
         One for each motion.
     cycles
         Number of cycles of each.
     """
     times = "1 cycle" if cycles == 1 else f"{cycles} cycles"
     words, tiles = [], []
-    if any(deed.path_loss for deed in deeds):
-        said = _compared(deeds, [_loss(deed) for deed in deeds])
+    if any(summary.path_loss for summary in summaries):
+        said = _compared(summaries, [_loss(summary) for summary in summaries])
         words.append(f"End effector: {said}.")
         tiles.append(Tile("End effector", said, bad=True))
-    twists = any(deed.twists for deed in deeds)
+    twists = any(summary.twists for summary in summaries)
     name = f"{'Elbow and joint' if twists else 'Elbow'} displacement after {times}"
-    said = _compared(deeds, [_creep(deed, twists) for deed in deeds])
+    said = _compared(summaries, [_creep(summary, twists) for summary in summaries])
     words.append(f"{name}: {said}.")
-    tiles.append(Tile(name, said, _creep(deeds[-1], twists) != "0"))
-    if len(deeds) > 1:
-        said = _speeds(deeds[0], deeds[-1], times)
-        words.append(f"Joint speed, relative to {_short(deeds[0])}: {said}.")
+    tiles.append(Tile(name, said, _creep(summaries[-1], twists) != "0"))
+    if len(summaries) > 1:
+        said = _speeds(summaries[0], summaries[-1], times)
+        words.append(f"Joint speed, relative to {_short(summaries[0])}: {said}.")
         tiles.append(Tile("Joint speed", said))
-    hasty = [deed.haste > 1 + 1e-9 for deed in deeds]
+    hasty = [summary.haste > 1 + 1e-9 for summary in summaries]
     if any(hasty):
         hastes = [
-            f"up to {d.haste:.2g} times the limit" if h else "respected" for d, h in zip(deeds, hasty, strict=True)
+            f"up to {d.haste:.2g} times the limit" if h else "respected"
+            for d, h in zip(summaries, hasty, strict=True)
         ]
-        said = _compared(deeds, hastes)
+        said = _compared(summaries, hastes)
         words.append(f"Speed limits: {said}.")
         tiles.append(Tile("Speed limits", said, bad=True))
-    limits = [f"violated in cycle {d.broken[0]} by {d.broken[1]}" if d.broken else "respected" for d in deeds]
-    said, broken = _compared(deeds, limits), any(deed.broken for deed in deeds)
+    limits = [
+        f"violated in cycle {d.broken[0]} by {d.broken[1]}" if d.broken else "respected"
+        for d in summaries
+    ]
+    said, broken = _compared(summaries, limits), any(summary.broken for summary in summaries)
     words.append(f"Joint limits: {said}." if broken else "Joint limits respected.")
     tiles.append(Tile("Joint limits", said, broken))
-    if all(deed.apart is not None for deed in deeds):
-        collides = any(deed.touch for deed in deeds)
-        said = _compared(deeds, [_bodies(deed, collides) for deed in deeds])
+    if all(summary.apart is not None for summary in summaries):
+        collides = any(summary.touch for summary in summaries)
+        said = _compared(summaries, [_bodies(summary, collides) for summary in summaries])
         words.append(f"Body distance: {said}." if collides else f"Minimum body distance: {said}.")
         tiles.append(Tile("Minimum body distance", said, collides))
     return Verdict(" ".join(words), tuple(tiles))
 
 
-def _compared(deeds: Sequence[Deed], texts: Sequence[str]) -> str:
+def _compared(summaries: Sequence[MotionSummary], texts: Sequence[str]) -> str:
     """Write one text for each motion, each with its controller; all alike only once."""
     if len(set(texts)) == 1:
         return texts[0]
-    return " → ".join(f"{text} ({_short(deed)})" for deed, text in zip(deeds, texts, strict=True))
+    return " → ".join(
+        f"{text} ({_short(summary)})" for summary, text in zip(summaries, texts, strict=True)
+    )
 
 
-def _short(deed: Deed) -> str:
-    return deed.label.removeprefix("nearest ")
+def _short(summary: MotionSummary) -> str:
+    return summary.label.removeprefix("nearest ")
 
 
-def _loss(deed: Deed) -> str:
+def _loss(summary: MotionSummary) -> str:
     """Say where the frame leaves its path."""
-    if deed.path_loss is None:
+    if summary.path_loss is None:
         return "on the path"
-    cycle, distance, angle = deed.path_loss
-    by = [metres(distance)] if distance > ON_PATH * deed.size else []
+    cycle, distance, angle = summary.path_loss
+    by = [metres(distance)] if distance > ON_PATH * summary.size else []
     by += [f"{angle:.2g} rad"] if angle > ON_PATH else []
     return f"leaves the path in cycle {cycle}, by up to {' and '.join(by)}"
 
 
-def _speeds(first: Deed, last: Deed, times: str) -> str:
-    """Compare the joint speed of two motions in the first cycle and, where that is another number, over all."""
+def _speeds(first: MotionSummary, last: MotionSummary, times: str) -> str:
+    """Compare the joint speed of two motions in the first cycle and, where that is another number,
+    over all."""
     if first.path_loss or last.path_loss:
         return "not compared, since the path is left"
     if not first.speed > 0:
@@ -204,17 +218,18 @@ def _speeds(first: Deed, last: Deed, times: str) -> str:
     return once if once == overall else f"{once} in cycle 1, {overall} over {times}"
 
 
-def _creep(deed: Deed, twists: bool) -> str:
-    """Write how far the elbow is off at the end, and, where that is asked for, the joint that turned most."""
-    moved = "0" if deed.creep < _STILL * deed.size else metres(deed.creep)
-    angle, name = deed.turn
+def _creep(summary: MotionSummary, twists: bool) -> str:
+    """Write how far the elbow is off at the end, and, where that is asked for, the joint that
+    turned most."""
+    moved = "0" if summary.creep < _STILL * summary.size else metres(summary.creep)
+    angle, name = summary.turn
     return f"{moved}, {name} {radians(angle)}" if twists and angle > 0 else moved
 
 
-def _bodies(deed: Deed, collides: bool) -> str:
-    if deed.touch:
-        return f"collision in cycle {deed.touch}"
-    distance = metres(deed.apart or 0.0)
+def _bodies(summary: MotionSummary, collides: bool) -> str:
+    if summary.touch:
+        return f"collision in cycle {summary.touch}"
+    distance = metres(summary.apart or 0.0)
     return f"minimum {distance}" if collides else distance
 
 
@@ -225,5 +240,7 @@ def study_verdict(study: Study) -> Verdict:
     moved = [(row.label, row.motion) for row in rows if row.motion is not None]
     if not moved:
         return Verdict(" ".join(stopped), NO_VERDICT.tiles)
-    told = verdict([deed_of(label, motion, study.elbow) for label, motion in moved], moved[0][1].cycles)
+    told = verdict(
+        [motion_summary(label, motion, study.elbow) for label, motion in moved], moved[0][1].cycles
+    )
     return Verdict(" ".join([*stopped, told.sentence]), told.tiles)

@@ -1,14 +1,14 @@
 """The repeatability benchmark: which control loops come back to their joints, and at what price.
 
-Every program follows the same closed paths on the same arms, from the same joints, and undoes the whole task error
-in each step. One command, one process, about ten minutes; it writes the tables of README.md and docs/benchmark.md, the
-figure, and every number as docs/benchmark.csv:
+Every program follows the same closed paths on the same arms, from the same joints, and undoes the
+whole task error in each step. One command, one process, about ten minutes; it writes the tables of
+README.md and docs/benchmark.md, the figure, and every number as docs/benchmark.csv:
 
     pip install -e '.[bench]'
     python tests/benchmarks/repeatability
 
-Elsewhere: ``--out FOLDER``; a part of it: ``--arms panda --cycles 10``; parts put together: ``--again A.csv B.csv``.
-"""
+Elsewhere: ``--out FOLDER``; a part of it: ``--arms panda --cycles 10``; parts put together:
+``--again A.csv B.csv``."""
 
 from __future__ import annotations
 
@@ -59,13 +59,21 @@ def rows_of(arm: str, folder: Path, cycles: int, steps: int) -> Iterator[Row]:
     task = task_of(arm, folder)
     scenes = scenes_of(arm, task, steps)
     design = ours.design_for(scenes)
-    print(f"{arm}: {design.relative_distance:.1%} from J⁺, leaf margin {design.leaf_margin:.2f}", flush=True)
-    makers, program = programs(folder, design.inverse), generated_c.build(design.inverse, folder / arm)
+    print(
+        f"{arm}: {design.relative_distance:.1%} from J⁺, leaf margin {design.leaf_margin:.2f}",
+        flush=True,
+    )
+    makers, program = (
+        programs(folder, design.inverse),
+        generated_c.build(design.inverse, folder / arm),
+    )
     quick = _loops(makers, scenes[0])
     times = microseconds(quick, scenes[0])
     times["ours, C"] = generated_c.run(program, scenes[0], 20)[1]
     for scene in scenes:
-        yield from _all(scene, makers, program, cycles if scene.path == "circle" else min(cycles, 10), times)
+        yield from _all(
+            scene, makers, program, cycles if scene.path == "circle" else min(cycles, 10), times
+        )
     times.pop("ssik Tracker", None)  # it goes by joints of its own: no servo enters
     yield from _all(scenes_of(arm, task, int(1000 * PERIOD))[0], makers, program, 1, times, lag=1.0)
 
@@ -82,7 +90,12 @@ def _loops(makers: dict[str, Make], scene: Scene) -> dict[str, ours.Step]:
 
 
 def _all(
-    scene: Scene, makers: dict[str, Make], program: Path, cycles: int, times: dict[str, float], lag: float = 0.0
+    scene: Scene,
+    makers: dict[str, Make],
+    program: Path,
+    cycles: int,
+    times: dict[str, float],
+    lag: float = 0.0,
 ) -> Iterator[Row]:
     """Go round with every program; lag is the servo's time constant, ms."""
     share = 1.0 if lag == 0 else 1 - float(np.exp(-1e3 * scene.dt / lag))
@@ -104,12 +117,18 @@ def _all(
 
 def main() -> None:
     """Measure, and write what was found."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--arms", nargs="+", choices=ARMS, default=list(ARMS))
     parser.add_argument("--cycles", type=int, default=100)
     parser.add_argument("--steps", type=int, default=250, help="a cycle of 5 s (default 250)")
-    parser.add_argument("--out", type=Path, help="a folder for the files, in place of the documentation's")
-    parser.add_argument("--again", nargs="*", type=Path, help="measure nothing: write the files from these CSVs")
+    parser.add_argument(
+        "--out", type=Path, help="a folder for the files, in place of the documentation's"
+    )
+    parser.add_argument(
+        "--again", nargs="*", type=Path, help="measure nothing: write the files from these CSVs"
+    )
     options = parser.parse_args()
     if options.again is not None:
         read = [pages.read(path) for path in options.again or [pages.CSV]]

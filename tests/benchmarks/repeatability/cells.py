@@ -1,13 +1,13 @@
-"""Functions of cells beside other programs: ten cycles of random closed tours through all of a cell with rotations.
+"""Functions of cells beside other programs: ten cycles of random closed tours through all of a cell
+with rotations.
 
 One command, one process, some minutes; it prints the table of docs/how-to/cell.md:
 
     pip install -e '.[bench]'
     python tests/benchmarks/repeatability/cells.py
 
-Every program starts at the joints of F, and undoes the whole task error in each step. Extra joint speed is over the
-least that the same motion of the frame takes at the program's own joints.
-"""
+Every program starts at the joints of F, and undoes the whole task error in each step. Extra joint
+speed is over the least that the same motion of the frame takes at the program's own joints."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from robots import STARTS, task_of
 from scenes import Scene
 
 import repctl_pin as rp
-from repctl_pin.section.tour import tour
+from repctl_pin.inverse_function.sample_path import tour
 
 ARMS = ("panda", "iiwa14", "xarm7")
 TOURS, LAPS, STEPS = 3, 10, 1000
@@ -63,7 +63,9 @@ def extra_speed(task: rp.Task, Q: np.ndarray) -> float:
 
 def main() -> None:
     """Go round and print a row for every program on every arm, the worst of its tours."""
-    print("| arm | program | drift, cycle 1 | cycle 10 | extra joint speed | largest step | µs per query | of pinv |")
+    print(
+        "| arm | program | drift, cycle 1 | cycle 10 | extra joint speed | largest step | µs per query | of pinv |"
+    )
     print("|---|---|---|---|---|---|---|---|")
     with tempfile.TemporaryDirectory() as folder:
         for arm in ARMS:

@@ -14,7 +14,8 @@ from repctl_pin.robot.bodies import bodies_of
 
 @dataclass(frozen=True)
 class Row:
-    """One program in one scene: a line of results.csv. Angles in rad, lengths in m; nan where it did not get so far."""
+    """One program in one scene: a line of results.csv. Angles in rad, lengths in m; nan where it
+    did not get so far."""
 
     arm: str
     path: str
@@ -42,9 +43,8 @@ MOST_SECONDS = 4.0
 def joints_of(step: Step, scene: Scene, cycles: int, share: float = 1.0) -> tuple[np.ndarray, str]:
     """Go round: the joints (T + 1, n), and why the program stopped, if it did.
 
-    The joints go a share of the way to what is commanded, 1 where the servo does not lag, and the program is told
-    where they are.
-    """
+    The joints go a share of the way to what is commanded, 1 where the servo does not lag, and the
+    program is told where they are."""
     Q, q, k, steps = [scene.q0], scene.q0, 0, len(scene.targets)
     begin = time.process_time()
     try:
@@ -56,12 +56,17 @@ def joints_of(step: Step, scene: Scene, cycles: int, share: float = 1.0) -> tupl
             Q.append(q)
         stopped = ""
     except Exception as error:  # whatever a program raises: it did not get round
-        stopped = f"cycle {1 + k // steps}: {type(error).__name__}: {' '.join(str(error).split())[:80]}"
+        stopped = (
+            f"cycle {1 + k // steps}: {type(error).__name__}: {' '.join(str(error).split())[:80]}"
+        )
     return np.array(Q), stopped
 
 
-def measure(scene: Scene, program: str, Q: np.ndarray, reference: np.ndarray, lag: float, stopped: str) -> Row:
-    """Judge the joints (T + 1, n) of a program, beside those of the pinv loop on the first cycle."""
+def measure(
+    scene: Scene, program: str, Q: np.ndarray, reference: np.ndarray, lag: float, stopped: str
+) -> Row:
+    """Judge the joints (T + 1, n) of a program, beside those of the pinv loop on the first
+    cycle."""
     steps, task = len(scene.targets), scene.task
     ends = Q[steps::steps]
     drift = np.linalg.norm(ends - Q[0], axis=1)
@@ -75,10 +80,14 @@ def measure(scene: Scene, program: str, Q: np.ndarray, reference: np.ndarray, la
         lag_ms=lag,
         program=program,
         **{f"drift_{k}": float(drift[k - 1]) if len(drift) >= k else np.nan for k in (1, 10, 100)},
-        last_cycle=float(np.linalg.norm(ends[-1] - Q[len(ends) * steps - steps])) if len(ends) else np.nan,
+        last_cycle=float(np.linalg.norm(ends[-1] - Q[len(ends) * steps - steps]))
+        if len(ends)
+        else np.nan,
         extra_speed=_speed(Q, steps) / _speed(reference, steps) - 1 if len(Q) > steps else np.nan,
         jump=float(np.abs(np.diff(Q, axis=0)).max()) if len(Q) > 1 else np.nan,
-        tracking=float(np.linalg.norm(task.positions(Q[1:]) - wanted, axis=1).max()) if len(Q) > 1 else np.nan,
+        tracking=float(np.linalg.norm(task.positions(Q[1:]) - wanted, axis=1).max())
+        if len(Q) > 1
+        else np.nan,
         limit_margin=float(task.limit_margin(Q).min()),
         body_distance=float(bodies_of(task).distances(looked).min()),
         microseconds=np.nan,
@@ -92,8 +101,11 @@ def _speed(Q: np.ndarray, steps: int) -> float:
     return float(np.sqrt(np.mean(np.sum(np.diff(Q[: steps + 1], axis=0) ** 2, axis=1))))
 
 
-def microseconds(loops: dict[str, Step], scene: Scene, rounds: int = 50, burst: int = 20) -> dict[str, float]:
-    """Take the processor time of a step, µs: the loops take turns in short bursts, and the best burst counts."""
+def microseconds(
+    loops: dict[str, Step], scene: Scene, rounds: int = 50, burst: int = 20
+) -> dict[str, float]:
+    """Take the processor time of a step, µs: the loops take turns in short bursts, and the best
+    burst counts."""
     best = dict.fromkeys(loops, np.inf)
     where = dict.fromkeys(loops, (0, scene.q0))
     for _ in range(rounds):

@@ -58,7 +58,8 @@ def build(inverse: rp.RepeatableInverse, folder: Path) -> Path:
 
 
 def run(program: Path, scene: Scene, cycles: int, share: float = 1.0) -> tuple[np.ndarray, float]:
-    """Go round: the joints (cycles · steps + 1, n), and the least time of a step over the cycles, µs."""
+    """Go round: the joints (cycles · steps + 1, n), and the least time of a step over the cycles,
+    µs."""
     poses = [np.concatenate([x.translation, x.rotation.ravel()]) for x in scene.targets]
     given = scene.q0.tobytes() + np.array(poses).tobytes()
     line = [str(program), str(cycles), str(len(poses)), repr(scene.dt), repr(share)]

@@ -1,8 +1,8 @@
-"""The loops that this repository writes: two everyday ones, a quadratic program, and the repeatable inverse.
+"""The loops that this repository writes: two everyday ones, a quadratic program, and the repeatable
+inverse.
 
-Each is ``step(q, target) -> q``, the target being where the frame should be at the end of the step; the whole
-error is undone in one step by all of them.
-"""
+Each is ``step(q, target) -> q``, the target being where the frame should be at the end of the step;
+the whole error is undone in one step by all of them."""
 
 from __future__ import annotations
 
@@ -37,7 +37,8 @@ def with_posture(scene: Scene) -> Step:
 
 
 def quadratic_program(scene: Scene) -> Step:
-    """Repetitive motion planning: ``min ½ ‖q̇ + λ (q − q(0))‖²``, ``J q̇ = e/dt``, speeds and joints within limits.
+    """Repetitive motion planning: ``min ½ ‖q̇ + λ (q − q(0))‖²``, ``J q̇ = e/dt``, speeds and
+    joints within limits.
 
     A reference implementation of ours of the scheme of Zhang and others, solved by daqp.
     """
@@ -46,7 +47,10 @@ def quadratic_program(scene: Scene) -> Step:
     task, dt, n, m = scene.task, scene.dt, scene.task.n, scene.task.m
     errors, start, identity = _errors(task), scene.q0, np.eye(n)
     sense = np.array([0] * n + [5] * m, np.int32)  # bounds, then equalities
-    lowest, highest = np.maximum(task.lower, -1e20), np.minimum(task.upper, 1e20)  # continuous joints have no limits
+    lowest, highest = (
+        np.maximum(task.lower, -1e20),
+        np.minimum(task.upper, 1e20),
+    )  # continuous joints have no limits
 
     def step(q: np.ndarray, target: pin.SE3) -> np.ndarray:
         J, e = errors(q, target)
@@ -69,7 +73,8 @@ def repeatable(scene: Scene, inverse: rp.RepeatableInverse) -> Step:
 
 
 def design_for(scenes: list[Scene]) -> rp.Design:
-    """One design an arm: nearest to J⁺, degree 2, in a tube round what J⁺ does on the first cycle of every scene."""
+    """One design an arm: nearest to J⁺, degree 2, in a tube round what J⁺ does on the first cycle
+    of every scene."""
     task, ways = scenes[0].task, []
     for scene in scenes:
         step, q = pinv_loop(scene), scene.q0
@@ -77,13 +82,18 @@ def design_for(scenes: list[Scene]) -> rp.Design:
             q = step(q, target)
             ways.append(q)
     samples = np.array(ways)[:: max(1, len(ways) // 256)]
-    return rp.nearest_repeatable(rp.Pseudoinverse(task), None, rp.Tube(samples, 0.1), degree=2, shrink=True)
+    return rp.nearest_repeatable(
+        rp.Pseudoinverse(task), None, rp.Tube(samples, 0.1), degree=2, shrink=True
+    )
 
 
 def _errors(task: rp.Task) -> Callable[[np.ndarray, pin.SE3], tuple[np.ndarray, np.ndarray]]:
     """Make a function that evaluates J and the task error with one pass of Pinocchio."""
     model, data = task.model, task.model.createData()
-    frame, axes = model.getFrameId(task.frame, pin.FrameType.BODY), pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+    frame, axes = (
+        model.getFrameId(task.frame, pin.FrameType.BODY),
+        pin.ReferenceFrame.LOCAL_WORLD_ALIGNED,
+    )
 
     def errors(q: np.ndarray, target: pin.SE3) -> tuple[np.ndarray, np.ndarray]:
         J = pin.computeFrameJacobian(model, data, q, frame, axes)

@@ -63,7 +63,9 @@ def read(path: Path = CSV) -> tuple[list[Row], str]:
     said, *lines = path.read_text(encoding="utf-8").splitlines()
     words = {"arm", "path", "start", "program", "failure"}
     given = csv.DictReader(lines)
-    return [Row(**{k: v if k in words else float(v) for k, v in row.items()}) for row in given], said[2:]
+    return [
+        Row(**{k: v if k in words else float(v) for k, v in row.items()}) for row in given
+    ], said[2:]
 
 
 def settings() -> str:
@@ -100,7 +102,9 @@ def tables(rows: Sequence[Row]) -> dict[str, list[str]]:
         "arms": _by_arm([row for row in plain if row.start == "on" and row.path == "circle"]),
         "times": _times([row for row in plain if row.start == "on" and row.path == "circle"]),
         "failures": [
-            f"- {row.arm}, {row.path}, {row.start}, {row.program}: {row.failure}" for row in rows if row.failure
+            f"- {row.arm}, {row.path}, {row.start}, {row.program}: {row.failure}"
+            for row in rows
+            if row.failure
         ],
     }
     found["failures"] = found["failures"] or ["None."]
@@ -114,7 +118,8 @@ def _summary(rows: Iterable[Row]) -> list[str]:
         broken = sum(row.limit_margin < -1e-9 for row in of)
         stuck = sum(bool(row.failure) for row in of)
         cells = [
-            _middle([getattr(row, key) for row in of]) for key in ("drift_1", "drift_10", "drift_100", "last_cycle")
+            _middle([getattr(row, key) for row in of])
+            for key in ("drift_1", "drift_10", "drift_100", "last_cycle")
         ]
         speed = [row.extra_speed for row in of]
         lines.append(
@@ -134,15 +139,27 @@ def _summary(rows: Iterable[Row]) -> list[str]:
 
 def _short_table(rows: Sequence[Row]) -> list[str]:
     """One line a program for the README: medians, from the posture and off it."""
-    header = ("program", "drift, cycle 1", "cycle 10", "cycle 100", "off the posture: cycle 10", "its extra speed")
+    header = (
+        "program",
+        "drift, cycle 1",
+        "cycle 10",
+        "cycle 100",
+        "off the posture: cycle 10",
+        "its extra speed",
+    )
     lines = []
     for name, of in _grouped(rows, "program").items():
         on, off = ([row for row in of if row.start == start] for start in ("on", "off"))
-        drift = [_median([getattr(row, key) for row in on]) for key in ("drift_1", "drift_10", "drift_100")]
+        drift = [
+            _median([getattr(row, key) for row in on])
+            for key in ("drift_1", "drift_10", "drift_100")
+        ]
         speed = _percent(np.nanmedian([row.extra_speed for row in off]))
         jump = _median([row.jump for row in off])
         took = f"{np.nanmedian([row.of_pinv for row in of]):.2f}"
-        lines.append([_bold(name), *drift, _median([row.drift_10 for row in off]), speed, jump, took])
+        lines.append(
+            [_bold(name), *drift, _median([row.drift_10 for row in off]), speed, jump, took]
+        )
     return _markdown((*header, "its largest step", "time of pinv"), lines)
 
 
@@ -167,11 +184,14 @@ def _times(rows: Sequence[Row]) -> list[str]:
 
 
 def figure(rows: Sequence[Row], path: Path) -> None:
-    """Draw drift over cycles on the circle: one panel an arm, started on the posture, and dashed off it."""
+    """Draw drift over cycles on the circle: one panel an arm, started on the posture, and dashed
+    off it."""
     chosen = [row for row in rows if row.lag_ms == 0 and row.path == "circle"]
     chosen = [row for row in chosen if row.program not in ("ours, compiled", "ours, C")]
     arms, names = list(_grouped(chosen, "arm")), list(_grouped(chosen, "program"))
-    colours = dict(zip(names, plt.get_cmap("tab10").colors, strict=False)) | {"ours, Python": "black"}
+    colours = dict(zip(names, plt.get_cmap("tab10").colors, strict=False)) | {
+        "ours, Python": "black"
+    }
     across = min(3, len(arms))
     shape = (-(-len(arms) // across), across)
     canvas, axes = plt.subplots(
@@ -184,16 +204,29 @@ def figure(rows: Sequence[Row], path: Path) -> None:
                 {"linewidth": 4.0, "zorder": 1} if row.program.startswith("ours") else {}
             )
             label = row.program if row.start == "on" else None
-            panel.loglog([1, 10, 100], drift, "o-" if row.start == "on" else "o:", markersize=3, label=label, **style)
+            panel.loglog(
+                [1, 10, 100],
+                drift,
+                "o-" if row.start == "on" else "o:",
+                markersize=3,
+                label=label,
+                **style,
+            )
         panel.set_title(arm)
         panel.grid(alpha=0.3)
     for panel in axes[:, 0]:
         panel.set_ylabel("drift, rad")
     for panel in axes[-1]:
         panel.set_xlabel("cycles")
-    labels = {text: line for panel in axes.flat for line, text in zip(*panel.get_legend_handles_labels(), strict=True)}
+    labels = {
+        text: line
+        for panel in axes.flat
+        for line, text in zip(*panel.get_legend_handles_labels(), strict=True)
+    }
     title = "dotted: started 0.5 rad off the posture"
-    canvas.legend(labels.values(), labels, loc="outside lower center", ncols=4, frameon=False, title=title)
+    canvas.legend(
+        labels.values(), labels, loc="outside lower center", ncols=4, frameon=False, title=title
+    )
     canvas.set_layout_engine("constrained")
     canvas.savefig(path, dpi=110)
     plt.close(canvas)
@@ -220,7 +253,9 @@ def _median(values: Sequence[float]) -> str:
 def _number(value: float) -> str:
     if not np.isfinite(value):
         return "–"
-    return (f"{value:.0e}" if 0 < abs(value) < 1e-3 else f"{value:.2g}").replace("-", "−")  # no line ends there
+    return (f"{value:.0e}" if 0 < abs(value) < 1e-3 else f"{value:.2g}").replace(
+        "-", "−"
+    )  # no line ends there
 
 
 def _percent(share: float) -> str:

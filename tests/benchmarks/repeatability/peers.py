@@ -1,4 +1,5 @@
-"""Programs that others wrote, each with its own defaults; what is set is said in the table's notes."""
+"""Programs that others wrote, each with its own defaults; what is set is said in the table's
+notes."""
 
 from __future__ import annotations
 
@@ -30,19 +31,24 @@ def pink_loop(scene: Scene, posture_cost: float = 0.0) -> Step:
         if q is not configuration.q:
             configuration.update(q)
         tasks[0].set_target(target)
-        configuration.integrate_inplace(pink.solve_ik(configuration, tasks, scene.dt, solver="daqp"), scene.dt)
+        configuration.integrate_inplace(
+            pink.solve_ik(configuration, tasks, scene.dt, solver="daqp"), scene.dt
+        )
         return configuration.q
 
     return step
 
 
 def mink_loop(scene: Scene, folder: Path, posture_cost: float = 0.0) -> Step:
-    """mink on MuJoCo: a FrameTask (costs 1 and 1), daqp; its examples add a PostureTask of cost 1e-2."""
+    """mink on MuJoCo: a FrameTask (costs 1 and 1), daqp; its examples add a PostureTask of cost
+    1e-2."""
     import mink
     import mujoco
 
     text = chain_urdf(scene.task, folder).read_text(encoding="utf-8")
-    kept = text.replace('<link name="base"/>', '<mujoco><compiler fusestatic="false"/></mujoco><link name="base"/>')
+    kept = text.replace(
+        '<link name="base"/>', '<mujoco><compiler fusestatic="false"/></mujoco><link name="base"/>'
+    )
     configuration = mink.Configuration(mujoco.MjModel.from_xml_string(kept), q=scene.q0)
     tasks = [mink.FrameTask("tool", "body", position_cost=1.0, orientation_cost=1.0)]
     if posture_cost:

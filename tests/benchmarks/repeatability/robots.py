@@ -25,7 +25,8 @@ STARTS = {
     "iiwa14": (0.0, 0.6, 0.0, -1.4, 0.0, 1.1, 0.0),
     "tiago": (0.16, 0.64, -1.0, -1.15, 0.04, -0.09, -0.98, 0.6),
 }
-"""Where to begin where the reference pose will not do: from here J⁺ goes round every path inside the limits once."""
+"""Where to begin where the reference pose will not do: from here J⁺ goes round every path inside
+the limits once."""
 
 Joint = tuple[str, pin.SE3, np.ndarray, bool, float, float, float]
 """Name, placement in the link before it, axis, does it turn, lower and upper limit, speed limit."""
@@ -49,7 +50,15 @@ def chain_urdf(task: rp.Task, folder: Path) -> Path:
     for i in range(1, model.njoints):
         said = task.robot.joints[model.names[i]]
         turns = said.kind != "prismatic"
-        joints.append((model.names[i], model.jointPlacements[i], np.array(said.axis), turns, *of[model.names[i]]))
+        joints.append(
+            (
+                model.names[i],
+                model.jointPlacements[i],
+                np.array(said.axis),
+                turns,
+                *of[model.names[i]],
+            )
+        )
     tool = model.frames[model.getFrameId(task.frame, pin.FrameType.BODY)].placement
     path = folder / f"{task.robot.name}_chain.urdf"
     path.write_text(_urdf(joints, tool), encoding="utf-8")
@@ -64,11 +73,14 @@ def ssik_arm(arm: str):
 
 
 def _ssik_joints(arm: str) -> tuple[list[Joint], pin.SE3]:
-    """Read the joints and the tool out of ssik's description of an arm: ``T_left R(axis, q) T_right`` each."""
+    """Read the joints and the tool out of ssik's description of an arm: ``T_left R(axis, q)
+    T_right`` each."""
     joints, carried = [], np.eye(4)
     for joint in ssik_arm(arm).kinbody.joints:
         low, high = joint.limits or (-np.inf, np.inf)
-        joints.append((joint.name, pin.SE3(carried @ joint.T_left), joint.axis, True, low, high, 2.0))
+        joints.append(
+            (joint.name, pin.SE3(carried @ joint.T_left), joint.axis, True, low, high, 2.0)
+        )
         carried = joint.T_right
     return joints, pin.SE3(carried)
 
@@ -94,9 +106,7 @@ def _urdf(joints: Iterable[Joint], tool: pin.SE3) -> str:
 
 
 def _origin(placement: pin.SE3) -> str:
-    return (
-        f'<origin xyz="{_numbers(placement.translation)}" rpy="{_numbers(pin.rpy.matrixToRpy(placement.rotation))}"/>'
-    )
+    return f'<origin xyz="{_numbers(placement.translation)}" rpy="{_numbers(pin.rpy.matrixToRpy(placement.rotation))}"/>'
 
 
 def _numbers(values: np.ndarray) -> str:

@@ -40,9 +40,15 @@ class Scene:
 
 def scenes_of(arm: str, task: rp.Task, steps: int) -> list[Scene]:
     """Make the circle, the rounded square and a random tour, each from the posture and off it."""
-    setting = choose_setting(task, STARTS.get(arm), lambda task, q0: fitting_circle(task, q0, radius=RADIUS))
+    setting = choose_setting(
+        task, STARTS.get(arm), lambda task, q0: fitting_circle(task, q0, radius=RADIUS)
+    )
     found = []
-    paths = {"circle": setting.drawn, "square": _square(task, setting.q0), "tour": _tour(task, setting.q0)}
+    paths = {
+        "circle": setting.drawn,
+        "square": _square(task, setting.q0),
+        "tour": _tour(task, setting.q0),
+    }
     for name, path in paths.items():
         posture = rp.solve_ik(task, setting.q0, path.placement(0.0))
         targets = [path.placement((k + 1) / steps) for k in range(steps)]
@@ -52,7 +58,8 @@ def scenes_of(arm: str, task: rp.Task, steps: int) -> list[Scene]:
 
 
 def off_the_posture(task: rp.Task, posture: np.ndarray) -> np.ndarray:
-    """Move the elbow by 0.5 rad with the frame in place, to the side that has more room to the limits."""
+    """Move the elbow by 0.5 rad with the frame in place, to the side that has more room to the
+    limits."""
     here, sides = task.placement(posture), []
     for sign in (1.0, -1.0):
         q, N = posture, rp.redundancy.nullspace(task.jacobian(posture))
@@ -77,6 +84,8 @@ def _tour(task: rp.Task, q0: np.ndarray, seed: int = 0) -> rp.TaskPath:
     here, rng = task.placement(q0), np.random.default_rng(seed)
     steps, tilts = rng.normal(size=(6, 3)), rng.normal(size=(6, 3))
     points = here.translation + RADIUS * steps / np.linalg.norm(steps, axis=1, keepdims=True)
-    turns = Rotation.from_rotvec(TILT * tilts / np.linalg.norm(tilts, axis=1, keepdims=True)).as_matrix()
+    turns = Rotation.from_rotvec(
+        TILT * tilts / np.linalg.norm(tilts, axis=1, keepdims=True)
+    ).as_matrix()
     turns = turns @ here.rotation
     return rp.waypoints(np.vstack([points, points[:1]]), [*turns, turns[0]], blend=BLEND)

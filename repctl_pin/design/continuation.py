@@ -1,0 +1,209 @@
+"""Descents to a regular optimum: a search of Ω keeps them clear of singularities between the nodes.
+
+A descent sees det(Nᵀ V) at the nodes alone, and potentials of high degree have room between them.
+So Ω is searched behind every descent. Where det(Nᵀ V) vanishes the point is guarded, and the
+descent begins again from where V is known to be regular; and where there is no such start, the
+lower degrees are climbed, each from the one below."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..arguments import Array
+from ..potentials.basis import PotentialBasis
+from ..potentials.polynomial import Polynomial
+from ..progress import Report, silent
+from ..regions import Region
+from ..strategies.strategy import Inverse
+from . import criterion
+from .batches import BarrierCost
+from .criterion import named
+from .descend import Descent, Start, descend, start
+from .independence import Independent
+from .singularities import LeafMargin, Lowest, SingularRegionError, refuse_singular, search
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+_PENALTY, _MOST_PENALTY = 1e-2, 1e-1
+_ROUNDS = 6
+_RESTART = 0.3
+_COARSE_TOLERANCE = 1e-4
+
+
+@dataclass(frozen=True)
+class FitOptions:
+    """What is to be designed, and how; see :func:`nearest_repeatable`.
+
+    ``warm`` holds the coefficients (N_first, r) of a design with the first of the potentials: of a
+    lower degree."""
+
+    desired: Inverse
+    potentials: PotentialBasis
+    region: Region
+    executor: Executor | Client | None
+    samples: int | None
+    held_out: int
+    seed: int
+    batch: int
+    stream: bool
+    restarts: int
+    tolerance: float
+    warm: Array | None = None
+    report: Report = silent
+
+
+class Continuation:
+    """What the descents of one fit have in common.
+
+    Parameters
+    ----------
+    options
+        What is to be designed.
+    chosen
+        The potentials that are of use in Ω.
+    coarse
+        Few nodes.
+    """
+
+    def __init__(self, options: FitOptions, chosen: Independent, coarse: BarrierCost) -> None:
+        self.options, self.chosen, self.coarse = options, chosen, coarse
+        self.tolerance = max(options.tolerance, _COARSE_TOLERANCE)
+        self.moments = coarse.total(criterion.linear)
+        self._starts: dict[int, Start] = {}
+
+    def margin(self, A: Array) -> LeafMargin:
+        """Measure the leaf margin of V, positive on the side of the center."""
+        potentials = self.options.potentials.weighted(self.chosen.spread(A))
+        return LeafMargin(self.options.desired.task, potentials, self.options.region.center)
+
+    def regular(self) -> Iterator[Descent]:
+        """Offer optima on few nodes with no singularity that a search finds, the best first.
+
+        That of all potentials; where it is singular, the one of lower degree that was given
+        (``warm``); without it, what can be reached by climbing the degrees."""
+        whole, warm, kept = len(self.chosen.kept), self.options.warm, self.chosen.kept
+        below = None if warm is None else warm[kept[kept < len(warm)]]
+        best = self.fit_degree(whole, below)
+        if best is not None:
+            yield best
+        if below is not None:
+            cost, sides = self.coarse.batches.total(criterion.cost, below)
+            yield Descent(below, cost, 0.0, False, 0, sides)
+            return
+        ladder: list[Descent] = []
+        for size in self._rungs():
+            found = self.fit_degree(size, ladder[-1].A if ladder else None)
+            if found is not None:
+                ladder.append(found)
+        yield from reversed(ladder)
+
+    def fit_degree(self, size: int, below: Array | None) -> Descent | None:
+        """Descend with the first potentials, from the linear start or from an optimum of fewer, the
+        lower one first."""
+        begin = self._start(size)
+        starts = (
+            [begin.A]
+            if below is None
+            else [begin.A, np.pad(below, ((0, size - len(below)), (0, 0)))]
+        )
+        costs = [self.coarse.total(criterion.cost, A) for A in starts]
+        for i in sorted(range(len(starts)), key=lambda i: costs[i][0]):
+            if costs[i][1].uniform:
+                found = self.descend(self.coarse, starts[i], _PENALTY, self.tolerance)
+                if found is not None:
+                    return min([found, *self._again(starts[i])], key=lambda one: one.cost)
+        return None
+
+    def descend(
+        self, batches: BarrierCost, A: Array, penalty: float, tolerance: float
+    ) -> Descent | None:
+        """Descend from a regular V to a regular one; None where A is not regular itself, or no end
+        is found to be."""
+        basis, begin = self.chosen.basis[: len(A), : len(A)], self._start(len(A))
+        for _ in range(_ROUNDS):
+            found = descend(
+                batches, basis, begin, A, penalty=penalty, tolerance=tolerance, report=self.reported
+            )
+            penalty = max(penalty, min(10 * penalty, _MOST_PENALTY))
+            lowest = self._lowest(found.A)
+            if found.sides.uniform and lowest.value > 0:
+                return found
+            bad = lowest.ends[lowest.values <= 0]
+            if not found.sides.uniform or (self.margin(A)(bad) <= 0).any():
+                return None
+            batches.guard(bad)
+        return None
+
+    def refusal(self, Q: Array, error: SingularRegionError | None) -> SingularRegionError:
+        """Refuse Ω: det(Nᵀ V) has both signs at the linear start, or no descent was free of it."""
+        begin = self._start(len(self.chosen.kept))
+        measure = self.margin(begin.A)
+        bad = Q[measure(Q) <= 0]
+        if not len(bad):
+            lowest = self._lowest(begin.A)
+            bad = lowest.ends[lowest.values <= 0]
+        if not len(bad) and error is not None:
+            bad = error.at[None]
+        if not len(bad):
+            return self._between_nodes(Q)
+        options = self.options
+        return refuse_singular(
+            "an algorithmic singularity lies", options.desired.task, measure, options.region, bad
+        )
+
+    def _between_nodes(self, Q: Array) -> SingularRegionError:
+        """Refuse too few nodes: the linear start is regular, but every descent from it becomes
+        singular."""
+        task, kept = self.options.desired.task, self.chosen.kept
+        at = self.coarse.guards[-1][0] if self.coarse.guards else self.options.region.center
+        return SingularRegionError(
+            f"{len(Q)} nodes do not determine {len(kept)} potentials: each fit has an algorithmic singularity "
+            f"between the nodes, such as near {named(task, at)}",
+            at,
+            None,
+            "give more samples, a lower degree or fewer potentials",
+        )
+
+    def reported(self, step: int, cost: float) -> None:
+        """Report a step of a descent."""
+        self.options.report(f"step {step}, cost {cost:.6g}", 1.0)
+
+    def _again(self, A: Array) -> Iterator[Descent]:
+        """Descend from random changes of a start."""
+        basis = self.chosen.basis[: len(A), : len(A)]
+        for attempt in range(self.options.restarts):
+            noise = np.random.default_rng([self.options.seed, attempt]).normal(size=A.shape)
+            away = A + _RESTART * basis @ noise / np.sqrt(len(noise))
+            found = None
+            if self.coarse.total(criterion.cost, away)[-1].uniform:
+                found = self.descend(self.coarse, away, _PENALTY, self.tolerance)
+            if found is not None:
+                yield found
+
+    def _start(self, size: int) -> Start:
+        """Solve the linear problem of the first potentials, once."""
+        if size not in self._starts:
+            self._starts[size] = start(
+                self.coarse.batches, self.chosen.basis[:size, :size], self.moments
+            )
+        return self._starts[size]
+
+    def _lowest(self, A: Array) -> Lowest:
+        region = self.options.region
+        return search(self.margin(A), region, region.random(1024, self.options.seed + 7919))
+
+    def _rungs(self) -> list[int]:
+        """How many of the potentials have degree 1, 1 and 2, …; a family without degrees is one
+        fit_degree."""
+        potentials = self.options.potentials
+        if not isinstance(potentials, Polynomial):
+            return [len(self.chosen.kept)]
+        degrees = potentials.exponents[self.chosen.kept].sum(axis=1)  # they rise
+        ends = np.searchsorted(degrees, np.unique(degrees), side="right")
+        return [int(size) for size in ends if size >= self.options.desired.task.r]

@@ -1,0 +1,177 @@
+"""What a repeatable inverse is worth over Ω, judged on nodes that no fit has seen; and what it is
+compared with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..arguments import Array
+from ..errors import RepctlError
+from ..potentials.polynomial import Polynomial
+from ..redundancy.augmented import leaf_margin
+from ..regions import Region
+from ..robot.task import Task
+from ..strategies.extended import ExtendedJacobian
+from ..strategies.repeatable import RepeatableInverse
+from ..strategies.strategy import Inverse
+from .criterion import named, oriented_nullspace
+from .singularities import LeafMargin, SingularRegionError, search
+
+REPLICATES = 32
+_CANDIDATES = 64
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """Figures of one inverse over one region.
+
+    Attributes
+    ----------
+    cost, cost_error : float
+        Mean over Ω of ‖G_r − G_d‖_F² (26), and its standard error over independent scramblings.
+    relative_distance : float
+        ``sqrt(cost / mean ‖G_d‖_F²)``.
+    leaf_margin : float
+        The smallest σ_min(Nᵀ V̂) that a search of Ω found.
+    leaf_margin_at : (n,) array
+        Where.
+    inside_limits : float
+        Share of Ω inside the joint limits.
+    replicates : (32,) array
+        The cost on each scrambling.
+    """
+
+    cost: float
+    cost_error: float
+    relative_distance: float
+    leaf_margin: float
+    leaf_margin_at: Array = field(repr=False)
+    inside_limits: float
+    replicates: Array = field(repr=False)
+
+
+def judge(
+    inverse: RepeatableInverse,
+    desired: Inverse,
+    region: Region,
+    *,
+    samples: int = 16384,
+    seed: int = 1,
+) -> Evaluation:
+    """Judge a repeatable inverse against a desired one.
+
+    Parameters
+    ----------
+    inverse, desired
+        G_r and G_d.
+    region
+        Ω.
+    samples
+        Held-out nodes, in 32 independent scramblings; their scatter gives the standard error. It is
+        that of a mean whose scatter is itself estimated: wider by √(31/29), the spread of Student's
+        t.
+    seed
+        Of the nodes; another one than the fit's.
+
+    Raises
+    ------
+    SingularRegionError
+        If an algorithmic singularity lies in Ω.
+    """
+    task = inverse.task
+    costs, norms, inside = [], [], []
+    points, values = [], []
+    measure = LeafMargin(task, inverse.potentials, region.center)
+
+    def singular(at: Array) -> SingularRegionError:
+        return SingularRegionError(
+            f"an algorithmic singularity lies in Ω near {named(task, at)}", at, None
+        )
+
+    for replicate in range(REPLICATES):
+        Q = region.random(-(-samples // REPLICATES), seed * REPLICATES + replicate)
+        weights = region.weights(Q)
+        J = task.jacobians(Q)
+        N = oriented_nullspace(J, task, Q)
+        V = inverse.potentials.gradients(Q)
+        sigma = (
+            leaf_margin(N, V) * np.sign(np.linalg.det(np.swapaxes(N, -1, -2) @ V)) * measure.side
+        )
+        if not (sigma > 0).all():
+            raise singular(Q[int(np.argmin(sigma))])
+        G_d = desired.batch(Q, J)
+        costs.append(float(weights @ np.sum((inverse.batch(Q, J) - G_d) ** 2, axis=(1, 2))))
+        norms.append(float(weights @ np.sum(G_d**2, axis=(1, 2))))
+        inside.append(float(weights @ (task.limit_margin(Q) >= 0).all(axis=1)))
+        few = np.argsort(sigma)[:_CANDIDATES]
+        points.append(Q[few])
+        values.append(sigma[few])
+    found = search(measure, region, np.concatenate(points), np.concatenate(values))
+    if found.value <= 0:
+        raise singular(found.at)
+    mean = float(np.mean(costs))
+    widened = np.sqrt((REPLICATES - 1) / (REPLICATES - 3))
+    return Evaluation(
+        cost=mean,
+        cost_error=float(np.std(costs, ddof=1) / np.sqrt(REPLICATES) * widened),
+        relative_distance=float(np.sqrt(mean / np.mean(norms))),
+        leaf_margin=found.value,
+        leaf_margin_at=found.at,
+        inside_limits=float(np.mean(inside)),
+        replicates=np.array(costs),
+    )
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """Another repeatable inverse over the same Ω.
+
+    Attributes
+    ----------
+    name : str
+    evaluation : Evaluation or None
+        Its figures; None where it runs into a singularity in Ω.
+    refused : str
+        Then: where.
+    """
+
+    name: str
+    evaluation: Evaluation | None
+    refused: str = ""
+
+    @property
+    def text(self) -> str:
+        """The figures in a few words."""
+        if self.evaluation is None:
+            return self.refused
+        j = self.evaluation
+        return f"{j.cost:.6g} ± {j.cost_error:.1g}, leaf margin {j.leaf_margin:.3f}"
+
+
+def constant_rows(task: Task, center: Array) -> RepeatableInverse:
+    """Make the inverse of constant rows, ``V = N(center)``."""
+    N = oriented_nullspace(task.jacobian(center)[None], task, center[None])[0]
+    linear = Polynomial(center, 1)
+    return RepeatableInverse(
+        task, linear.weighted(np.linalg.solve(linear.gradients(center[None])[0], N))
+    )
+
+
+def baselines(desired: Inverse, region: Region, *, samples: int, seed: int) -> tuple[Baseline, ...]:
+    """Judge constant rows, and the extended Jacobian of ``U = ½ ‖q − center‖²``, on the same
+    held-out nodes."""
+    task, center = desired.task, region.center
+    found = []
+    for name, inverse in (
+        ("constant rows", constant_rows(task, center)),
+        ("extended Jacobian", ExtendedJacobian(task, center)),
+    ):
+        try:
+            found.append(
+                Baseline(name, judge(inverse, desired, region, samples=samples, seed=seed))
+            )
+        except RepctlError as error:
+            found.append(Baseline(name, None, str(error)))
+    return tuple(found)

@@ -1,0 +1,17 @@
+"""One inverse kinematic function for a whole cell of the workspace: a pose in, the same joints
+out."""
+
+from .cell import Cell
+from .cell_design import CellDesign
+from .failures import FailureReason
+from .function import InverseFunction
+from .nearest_function import NoFunctionError, nearest_inverse_function
+
+__all__ = [
+    "Cell",
+    "CellDesign",
+    "FailureReason",
+    "InverseFunction",
+    "NoFunctionError",
+    "nearest_inverse_function",
+]

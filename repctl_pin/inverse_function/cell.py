@@ -1,0 +1,468 @@
+"""A cell of the workspace: a box of positions, and of rotations round one orientation where the
+task has any."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from ..arguments import (
+    MOST_NODES,
+    Array,
+    as_configurations,
+    as_int,
+    as_matrices,
+    as_numbers,
+    freeze,
+    positive,
+    require_type,
+    shown,
+    vector,
+)
+from ..errors import InputError
+from ..robot.formulas import require_rotation
+from ..robot.task import Task, require_task
+from .kinematics import placed
+from .rotations import exp3, left_jacobian, log3, tilts
+
+_INSIDE = 1e-9
+"""How far beyond ±1 a coordinate still counts as inside."""
+
+LEAST_WIDTH, _MOST_WIDTH = 1e-6, 1e3
+"""Half-widths, m or rad, between which a coordinate that is not held has to lie."""
+
+TURNED = 1e-6
+"""How far, rad, a target may be turned away from a cell of one orientation."""
+
+
+@dataclass(frozen=True, init=False)
+class Cell:
+    r"""All placements ``p = p_0 + w ∘ u``, ``R = exp(\hat ω) R_0`` with ``ω = θ ∘ u``, every
+    ``|u_i| ≤ 1``.
+
+    p is taken in the rows that the task commands, ω about the base's axes for a pose, and about the
+    tool's own x and y for an axis task; other tasks leave the rotation free. A coordinate of width
+    0 is held.
+
+    Parameters
+    ----------
+    task
+        The task.
+    placement
+        The middle: a rigid transform, a homogeneous matrix (4, 4), or a position (3,) with the
+        orientation of the task's reference.
+    half_width : float or (k,) array
+        w, m: one number, or one for each of the k positions that the task commands, in base axes.
+    half_angle : float or (3,) array
+        θ, rad: one number, or one for each axis; 0 is one orientation. Every rotation up to θ is
+        inside, and, as the components of ω are bounded, some further ones.
+
+    Attributes
+    ----------
+    k : int
+        The number of coordinates u.
+    widths : (m,) array
+        (w, θ), of all that the task commands, 0 where held.
+
+    Raises
+    ------
+    InputError
+        If a size is wrong, nothing is left to move, or the rotations reach half a turn.
+
+    Examples
+    --------
+    >>> cell = rp.Cell(task, task.placement(q0), 0.1)  # m to either side
+    >>> cell.k  # coordinates
+    2
+    >>> cell.at([1.0, -1.0]).translation - task.placement(q0).translation  # a corner, m
+    array([ 0.1, -0.1,  0. ])
+    """
+
+    task: Task
+    placement: pin.SE3
+    widths: Array
+
+    def __init__(
+        self,
+        task: Task,
+        placement: pin.SE3 | ArrayLike,
+        half_width: ArrayLike,
+        half_angle: ArrayLike = 0.0,
+    ) -> None:
+        if require_task(task).coordinates is not None:
+            raise InputError(
+                "a cell is of the robot's own joints; take the task without in_coordinates"
+            )
+        positions = min(3, task.m)
+        turns = task.m - positions
+        w = _sizes(
+            half_width, positions, "half_width", "m", "one per position that the task commands"
+        )
+        theta = _sizes(half_angle, turns or 1, "half_angle", "rad", "one an axis")
+        if not turns and theta.any():
+            raise InputError(f"a {task.kind} task leaves the rotation free; leave half_angle= out")
+        if np.linalg.norm(theta) >= 0.95 * np.pi:
+            raise InputError(
+                f"rotations to {np.max(theta):g} rad about each axis reach half a turn at the cell's corners, where "
+                "one pose has two names; keep the length of rotation below 2.98 rad"
+            )
+        widths = np.concatenate([w, theta[:turns]])
+        if not widths.any():
+            raise InputError("a cell needs at least one half_width or rotation above 0")
+        freeze(self, task=task, placement=_placement(task, placement), widths=widths)
+
+    @classmethod
+    def around(
+        cls,
+        task: Task,
+        poses: Sequence[pin.SE3] | object,
+        margin: ArrayLike = 0.02,
+        half_angle: ArrayLike = 0.0,
+    ) -> Cell:
+        """Make the smallest cell that holds some poses, or a closed path, with room around them.
+
+        Parameters
+        ----------
+        task
+            What is placed.
+        poses
+            Placements, or a path such as :func:`rp.circle` makes.
+        margin
+            Added to the half-widths, m: one number, or one for each position that the task
+            commands.
+        rotation
+            Added to the half-widths of the rotations, rad.
+        """
+        require_task(task)
+        if hasattr(poses, "placement"):
+            poses = [poses.placement(s) for s in np.linspace(0, 1, 2001)]
+        if (
+            not isinstance(poses, Sequence)
+            or not poses
+            or not all(isinstance(x, pin.SE3) for x in poses)
+        ):
+            raise InputError(
+                "a cell goes around a list of placements (pinocchio.SE3), or a closed path"
+            )
+        p, R = stacked(task, poses, "placement")
+        middle = pin.SE3(R[0], (p.max(axis=0) + p.min(axis=0)) / 2)
+        positions, turns = min(3, task.m), task.m - min(3, task.m)
+        unit = cls(task, middle, 1.0, 0.1 if turns else 0.0)
+        if turns:  # again, with the orientation in the middle of all of them
+            y = unit._measured(p, R)[:, positions:]
+            mean = unit.vectors((y.max(axis=0) + y.min(axis=0))[None] / 2)
+            unit = cls(task, pin.SE3(exp3(mean)[0] @ middle.rotation, middle.translation), 1.0, 0.1)
+        reach = np.abs(unit._measured(p, R)).max(axis=0)
+        reach[reach < LEAST_WIDTH] = 0.0
+        more = _sizes(margin, positions, "margin", "m", "one per position that the task commands")
+        turn = (
+            reach[positions:] + _sizes(half_angle, turns, "half_angle", "rad", "one an axis")
+            if turns
+            else half_angle
+        )
+        return cls(task, unit.placement, reach[:positions] + more, turn)
+
+    @property
+    def k(self) -> int:
+        """The number of coordinates u."""
+        return int(np.count_nonzero(self.widths))
+
+    @property
+    def half_width(self) -> Array:
+        """w, m: one number for each position that the task commands."""
+        return self.widths[: min(3, self.task.m)]
+
+    @property
+    def rotation(self) -> Array:
+        """θ, rad: one number for each axis; of size 0 if the task leaves the rotation free."""
+        return self.widths[min(3, self.task.m) :]
+
+    def scaled(self, factor: float) -> Cell:
+        """Make the cell with the same middle and all widths scaled."""
+        factor = positive(factor, "the factor")
+        turn = self.rotation * factor if len(self.rotation) else 0.0
+        return Cell(self.task, self.placement, self.half_width * factor, turn)
+
+    # ---- between placements and coordinates
+    # -------------------------------------------------------
+
+    def placements(self, U: ArrayLike) -> tuple[Array, Array]:
+        """Place the coordinates U (K, k): positions (K, 3), m, and rotations (K, 3, 3)."""
+        Y = self.spread(U)
+        positions = len(self.half_width)
+        p = np.tile(self.placement.translation, (len(Y), 1))
+        p[:, self.task.rows[:positions]] += Y[:, :positions]
+        R = np.broadcast_to(self.placement.rotation, (len(Y), 3, 3))
+        if self.rotation.any():
+            R = exp3(self.vectors(Y[:, positions:])) @ R
+        return p, R
+
+    def at(self, u: ArrayLike) -> pin.SE3:
+        """Place one u (k,)."""
+        p, R = self.placements(vector(u, self.k, "u", "one per coordinate of the cell")[None])
+        return pin.SE3(R[0].copy(), p[0])
+
+    def coordinates(self, p: Array, R: Array) -> tuple[Array, Array]:
+        """Find the coordinates u of placements, and how far they are turned off what the cell
+        holds.
+
+        Parameters
+        ----------
+        p, R : (K, 3) and (K, 3, 3) arrays
+
+        Returns
+        -------
+        U : (K, k) array
+            Beyond ±1 for a placement outside.
+        off : (K,) array
+            The largest distance along a held coordinate, m or rad.
+        """
+        p, R = as_matrices(("p", p, "K 3"), ("R", R, "K 3 3"), exact=True, finite=False)
+        Y = self._measured(p, R)
+        on = self.widths > 0
+        return Y[:, on] / self.widths[on], np.abs(Y[:, ~on]).max(axis=1, initial=0.0)
+
+    def coordinates_of(self, target: pin.SE3) -> Array:
+        """Find the coordinates u (k,) of one placement that has to lie in the cell.
+
+        Raises
+        ------
+        InputError
+            If it lies outside; the message says which way and how far.
+        """
+        require_type(target, pin.SE3, "target", "a placement (pinocchio.SE3)")
+        return self.inside(*self.coordinates(*stacked(self.task, [target], "target")))[0]
+
+    def inside(self, U: Array, off: Array) -> Array:
+        """Take coordinates that have to lie in the cell, or say which does not."""
+        U, off = as_matrices(("U", U, f"K {self.k}"), ("off", off, "K"), exact=True, finite=False)
+        bad = ~((np.abs(U) <= 1 + _INSIDE).all(axis=1) & (off <= TURNED))
+        if not bad.any():
+            return U
+        at = int(np.argmax(bad))
+        which = f"target {at}" if len(U) > 1 else "the target"
+        if not np.isfinite(U[at]).all():
+            raise InputError(f"{which} must be finite numbers, m and a rotation")
+        if off[at] > TURNED and (np.abs(U[at]) <= 1 + _INSIDE).all():
+            raise InputError(
+                f"{which} is {off[at]:.3g} m or rad off what the cell holds; widen the cell that way"
+            )
+        i = int(np.argmax(np.abs(U[at])))
+        name, unit, width = self.names[i], self.units[i], self._active_widths[i]
+        raise InputError(
+            f"{which} lies outside the cell: {name} is {U[at, i] * width:+.3g} {unit} from the middle, "
+            f"and the cell goes to ±{width:.3g}"
+        )
+
+    def ratio(self, Q: Array) -> Array:
+        """By what factor the cell would have to grow for each row of Q (K, n) to reach its edge:
+        above 1 is outside."""
+        U, off = self.coordinates(
+            *placed(self.task, as_configurations(Q, self.task.n, "this cell"))[:2]
+        )
+        return np.where(off <= TURNED, np.abs(U).max(axis=1), np.inf)
+
+    # ---- velocities
+    # --------------------------------------------------------------------------------
+
+    def twists(self, U: Array, R: Array) -> Array:
+        """Evaluate E = ∂x/∂u in the rows of the task's velocity, (K, m, k), m and rad.
+
+        Parameters
+        ----------
+        U : (K, k) array
+        R : (K, 3, 3) array
+            The frame's rotations: for an axis task they may be spun about the tool's axis against
+            the cell's.
+        """
+        U, R = as_matrices(("U", U, f"K {self.k}"), ("R", R, "K 3 3"), exact=True, finite=False)
+        return self._all_twists(self.spread(U), R)[:, :, self.widths > 0] * self._active_widths
+
+    def slopes(self, p: Array, R: Array) -> tuple[Array, Array]:
+        """Evaluate u and ∂u/∂x at placements: (K, k) and (K, k, m)."""
+        p, R = as_matrices(("p", p, "K 3"), ("R", R, "K 3 3"), exact=True, finite=False)
+        Y, on = self._measured(p, R), self.widths > 0
+        slopes = np.linalg.inv(self._all_twists(Y, R))[:, on] / self._active_widths[:, None]
+        return Y[:, on] / self._active_widths, slopes
+
+    def speeds(self, U: Array) -> Array:
+        """Evaluate ``(EᵀE)^(−1/2)`` (K, k, k), which makes ∂F/∂u joint speeds per unit of task
+        speed."""
+        _, R = self.placements(U)
+        E = self.twists(U, R)
+        s, V = np.linalg.eigh(np.swapaxes(E, 1, 2) @ E)
+        return (V / np.sqrt(s)[:, None, :]) @ np.swapaxes(V, 1, 2)
+
+    def errors(self, p_goal: Array, R_goal: Array, p: Array, R: Array) -> Array:
+        """Measure the task errors (K, m) from placements to goals, as :meth:`Task.error` does."""
+        p_goal, R_goal, p, R = as_matrices(
+            ("p_goal", p_goal, "K 3"), ("R_goal", R_goal, "K 3 3"), ("p", p, "K 3"), ("R", R, "K 3 3"),
+            exact=True, finite=False,
+        )  # fmt: skip
+        e = p_goal - p
+        if self.task.kind == "pose":
+            return np.concatenate([e, log3(R_goal @ np.swapaxes(R, 1, 2))], axis=1)
+        if self.task.kind == "axis":
+            return np.concatenate([e, tilts(R, R_goal)], axis=1)
+        return e[:, self.task.rows]
+
+    # ---- nodes
+    # -------------------------------------------------------------------------------------
+
+    def sample(self, count: int, seed: int = 0) -> Array:
+        """Draw coordinates U (count, k), uniform in the cell: scrambled Sobol points."""
+        count, seed = as_int(count, "count", 1, MOST_NODES), as_int(seed, "seed")
+        power = int(np.ceil(np.log2(max(count, 2))))
+        from scipy.stats import qmc  # slow to import
+
+        return 2 * qmc.Sobol(self.k, seed=seed).random_base2(power)[:count] - 1
+
+    def corners(self) -> Array:
+        """The corners of the box and the middles of its faces: (K, k)."""
+        faces = np.concatenate([np.eye(self.k), -np.eye(self.k)])
+        return np.concatenate([np.array(list(product((-1.0, 1.0), repeat=self.k))), faces])
+
+    # ---- words
+    # -------------------------------------------------------------------------------------
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What each coordinate is: ``x``, ``y``, ``z``, and the turns ``about x`` …"""
+        positions = ["xyz"[i] for i in self.task.rows[: len(self.half_width)]]
+        turns = (
+            ["about x", "about y", "about z"]
+            if self.task.kind == "pose"
+            else ["about tool x", "about tool y"]
+        )
+        every = [*positions, *turns[: len(self.rotation)]]
+        return tuple(name for name, width in zip(every, self.widths, strict=True) if width)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """m or rad, for each coordinate."""
+        every = ["m"] * len(self.half_width) + ["rad"] * len(self.rotation)
+        return tuple(unit for unit, width in zip(every, self.widths, strict=True) if width)
+
+    def size(self) -> str:
+        """Say how large it is: ``±(0.1, 0.15, 0.1) m, turned by ±0.3 rad``."""
+        text = f"±({', '.join(f'{w:.3g}' for w in self.half_width)}) m"
+        if not self.rotation.any():
+            return text + (", one orientation" if len(self.rotation) else "")
+        same = np.ptp(self.rotation) < 1e-12
+        turn = (
+            f"±{self.rotation[0]:.3g}"
+            if same
+            else f"±({', '.join(f'{w:.3g}' for w in self.rotation)})"
+        )
+        return f"{text}, turned by {turn} rad"
+
+    def where(self, u: ArrayLike) -> str:
+        """Say where a coordinate is, in m and rad: ``(0.1, 0.2, 0.5) m, turned by (0.3, 0, 0) rad
+        from …``."""
+        x = self.at(u)
+        text = f"({', '.join(f'{v:.3g}' for v in np.round(x.translation, 9) + 0.0)}) m"
+        if self.rotation.any():
+            u = vector(u, self.k, "u", "one per coordinate of the cell")
+            turn = self.spread(u[None])[0, len(self.half_width) :]
+            turned = f", turned by ({', '.join(f'{v:.2g}' for v in turn)}) rad from the middle's orientation"
+            text += turned if turn.any() else ""
+        return text
+
+    def __repr__(self) -> str:
+        return f"<Cell {self.size()} round {self.where(np.zeros(self.k))}, {self.task.frame} {self.task.kind}>"
+
+    # ---- inside
+    # ------------------------------------------------------------------------------------
+
+    @property
+    def _active_widths(self) -> Array:
+        return self.widths[self.widths > 0]
+
+    def spread(self, U: ArrayLike) -> Array:
+        """All m coordinates, m and rad, of U (K, k)."""
+        (U,) = as_matrices(("U", U, f"K {self.k}"), exact=True, finite=False)
+        Y = np.zeros((len(U), len(self.widths)))
+        Y[:, self.widths > 0] = U * self._active_widths
+        return Y
+
+    def _measured(self, p: Array, R: Array) -> Array:
+        """All m coordinates, m and rad, of placements; where a coordinate is held, how far they are
+        off it."""
+        Y = np.empty((len(p), len(self.widths)))
+        positions = len(self.half_width)
+        Y[:, :positions] = (p - self.placement.translation)[:, self.task.rows[:positions]]
+        R_0 = self.placement.rotation
+        if self.task.kind == "pose":
+            Y[:, 3:] = log3(R @ R_0.T)
+        elif self.task.kind == "axis":
+            Y[:, 3:] = tilts(np.broadcast_to(R_0, R.shape), R)
+        return Y
+
+    def vectors(self, turns: Array) -> Array:
+        """Rotation vectors (K, 3), base axes, of the turns (K, 3) or (K, 2)."""
+        (turns,) = as_matrices(
+            ("turns", turns, f"K {3 if self.task.kind == 'pose' else 2}"), exact=True, finite=False
+        )
+        return turns if turns.shape[1] == 3 else turns @ self.placement.rotation[:, :2].T
+
+    def _all_twists(self, Y: Array, R: Array) -> Array:
+        """The task's velocity (K, m, m) per m and rad of every coordinate."""
+        E = np.tile(np.eye(self.task.m), (len(Y), 1, 1))
+        if self.task.kind == "pose" and self.rotation.any():
+            E[:, 3:, 3:] = left_jacobian(Y[:, 3:])
+        elif self.task.kind == "axis":
+            R_0 = self.placement.rotation[:, :2]
+            E[:, 3:, 3:] = np.swapaxes(R[:, :, :2], 1, 2) @ left_jacobian(Y[:, 3:] @ R_0.T) @ R_0
+        return E
+
+
+def stacked(task: Task, placements: Sequence[pin.SE3], name: str) -> tuple[Array, Array]:
+    """Stack placements: positions (K, 3) and rotations (K, 3, 3), checked where the task has any.
+
+    ``name`` is what each of several is called in a refusal, before its number.
+    """
+    p = np.array([x.translation for x in placements]).reshape(-1, 3)
+    R = np.array([x.rotation for x in placements]).reshape(-1, 3, 3)
+    if task.kind in ("pose", "axis"):
+        for i, one in enumerate(R):
+            require_rotation(one, f"{name} {i}" if len(R) > 1 else f"the {name}")
+    return p, R
+
+
+def _placement(task: Task, value: pin.SE3 | ArrayLike) -> pin.SE3:
+    array = value.homogeneous if isinstance(value, pin.SE3) else as_numbers(value)
+    if array is not None and array.shape == (3,):
+        middle = pin.SE3(task.placement(task.reference).rotation, array)
+    elif array is not None and array.shape == (4, 4):
+        middle = pin.SE3(array)
+    else:
+        raise InputError(
+            f"a cell's placement is a pinocchio.SE3, a 4 × 4 matrix or a position; not {shown(value)}"
+        )
+    if not np.isfinite(middle.homogeneous).all():
+        raise InputError("a cell's placement must be finite numbers")
+    require_rotation(middle.rotation, "a cell's placement")
+    return middle
+
+
+def _sizes(value: ArrayLike, size: int, name: str, unit: str, each: str) -> Array:
+    try:
+        array = np.broadcast_to(np.asarray(value, float), (size,)).copy()
+    except (TypeError, ValueError, OverflowError):
+        raise InputError(
+            f"{name} must be one number in {unit} or {size}, {each}; got {shown(value)}"
+        ) from None
+    if not (np.isfinite(array).all() and (array >= 0).all()):
+        raise InputError(f"{name} must be 0 {unit} or more; got {value!r}")
+    wrong = (array > 0) & ((array < LEAST_WIDTH) | (array > _MOST_WIDTH))
+    if wrong.any():
+        between = f"from {LEAST_WIDTH:g} to {_MOST_WIDTH:g} {unit}"
+        raise InputError(
+            f"{name} must be 0, which holds the coordinate, or {between}; got {array[wrong][0]:g}"
+        )
+    return array

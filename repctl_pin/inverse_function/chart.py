@@ -1,0 +1,159 @@
+r"""Sections of f over a cell, written in a chart: one smooth set of joints for every pose, and
+those beside it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arguments import Array
+from .cell import Cell
+from .kinematics import bounded, placed, solved
+from .monomials import Monomials
+
+_STEP = 0.3
+"""Longest Newton step of any joint, rad or m."""
+
+_ITERATIONS = 12
+_EXACT = 1e-11
+
+
+@dataclass(frozen=True)
+class Chart:
+    r"""Labels the fibre ``f(q) = x`` over each pose of a cell: ``n_ref(u)ᵀ (q − q_ref(u)) = s``.
+
+    q_ref and n_ref are polynomials in the cell's coordinates u. They only have to be smooth and
+    near to f(q) = x and to its null space: whatever they are, the q of ``f(q) = x``, label s, is
+    exact.
+
+    Attributes
+    ----------
+    cell : Cell
+    monomials : Monomials
+    coefficients : (N, n, 1 + r) array
+        Of q_ref, then of the columns of n_ref.
+    """
+
+    cell: Cell
+    monomials: Monomials
+    coefficients: Array
+
+    def reference(self, U: Array) -> tuple[Array, Array]:
+        """Evaluate q_ref (K, n) and n_ref (K, n, r)."""
+        both = np.tensordot(self.monomials.values(U), self.coefficients, axes=1)
+        return both[:, :, 0], both[:, :, 1:]
+
+    def slopes(self, U: Array) -> tuple[Array, Array]:
+        """Differentiate q_ref and n_ref with respect to u: (K, n, k) and (K, n, r, k)."""
+        both = np.einsum(
+            "KNk,Nij->Kijk", self.monomials.slopes(self.monomials.values(U)), self.coefficients
+        )
+        return both[:, :, 0], both[:, :, 1:]
+
+    def solve(
+        self, U: Array, s: Array, Q: Array | None = None, *, iterations: int = _ITERATIONS
+    ) -> Points:
+        """Find the q with ``f(q) = x(u)`` and label s, at every row of U (K, k), by Newton's
+        method.
+
+        Parameters
+        ----------
+        U, s : (K, k) and (K, r) arrays
+        Q : (K, n) array, optional
+            Where to start; by default q_ref + n_ref s.
+        """
+        cell = self.cell
+        q_ref, n_ref = self.reference(U)
+        Q = q_ref + np.einsum("Knr,Kr->Kn", n_ref, s) if Q is None else Q.copy()
+        p_goal, R_goal = cell.placements(U)
+        size = np.full(len(U), np.inf)
+        on = np.arange(len(U))
+        for _ in range(iterations):
+            p, R, J = placed(cell.task, Q[on])
+            e = cell.errors(p_goal[on], R_goal[on], p, R)
+            g = s[on] - np.einsum("Knr,Kn->Kr", n_ref[on], Q[on] - q_ref[on])
+            J_V = np.concatenate([J, np.swapaxes(n_ref[on], 1, 2)], axis=1)
+            dQ = solved(J_V, np.concatenate([e, g], axis=1))
+            size[on] = np.where(np.isfinite(dQ).all(axis=1), np.abs(dQ).max(axis=1), np.inf)
+            Q[on] += bounded(dQ, _STEP)
+            on = on[size[on] > _EXACT]
+            if not len(on):
+                break
+        p, R, J = placed(cell.task, Q)
+        e = cell.errors(p_goal, R_goal, p, R)
+        found = (size < 1e-6) & (np.abs(e).max(axis=1) < 1e-9)
+        return Points(U, Q, R, J, q_ref, n_ref, np.abs(e).max(axis=1), found)
+
+    def derivative(self, at: Points, ds: Array) -> tuple[Array, Array]:
+        r"""Differentiate the section through points with respect to u, and to its label.
+
+        .. math:: \begin{bmatrix} J \\ n_{ref}^T \end{bmatrix} \partial F = \begin{bmatrix} E \\
+                  \partial s + n_{ref}^T \partial q_{ref} - (\partial n_{ref}^T)(F - q_{ref}) \end{bmatrix}
+
+        Parameters
+        ----------
+        at
+            What :meth:`solve` found.
+        ds : (K, r, k) array
+            ∂s/∂u.
+
+        Returns
+        -------
+        dF : (K, n, k) array
+        B : (K, n, r) array
+            ∂F/∂s.
+        """
+        m = self.cell.task.m
+        dq, dn = self.slopes(at.U)
+        below = (
+            ds
+            + np.einsum("Knr,Knk->Krk", at.n_ref, dq)
+            - np.einsum("Knrk,Kn->Krk", dn, at.Q - at.q_ref)
+        )
+        J_V = np.concatenate([at.J, np.swapaxes(at.n_ref, 1, 2)], axis=1)
+        E = self.cell.twists(at.U, at.R)
+        r = below.shape[1]
+        onto = np.zeros((len(J_V), m + r, r))
+        onto[:, m:] = np.eye(r)
+        both = solved(J_V, np.concatenate([np.concatenate([E, below], axis=1), onto], axis=2))
+        return both[:, :, : self.cell.k], both[:, :, self.cell.k :]
+
+
+@dataclass(frozen=True)
+class Points:
+    """Points of a section, and what was evaluated there.
+
+    Attributes
+    ----------
+    U, Q : (K, k) and (K, n) arrays
+    R, J : (K, 3, 3) and (K, m, n) arrays
+        The frame's rotation, and the Jacobian, at Q.
+    q_ref, n_ref : (K, n) and (K, n, r) arrays
+        Of the chart at U.
+    residual : (K,) array
+        Largest entry of the task error, m or rad.
+    found : (K,) array of bool
+        Where the equations are solved.
+    """
+
+    U: Array
+    Q: Array
+    R: Array
+    J: Array
+    q_ref: Array
+    n_ref: Array
+    residual: Array
+    found: NDArray[np.bool_]
+
+    def chosen(self, at: NDArray[np.bool_ | np.intp] | slice) -> Points:
+        """Take some of them."""
+        return Points(*(getattr(self, name)[at] for name in self.__dataclass_fields__))
+
+    def replaced(self, at: NDArray[np.intp], other: Points) -> Points:
+        """Put others in the place of some of them."""
+        new = Points(*(getattr(self, name).copy() for name in self.__dataclass_fields__))
+        for name in self.__dataclass_fields__:
+            getattr(new, name)[at] = getattr(other, name)
+        return new

@@ -1,0 +1,268 @@
+r"""How far a section is from the desired control, its least-squares model, and Gauss–Newton on it,
+damped."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arguments import Array
+from ..strategies.strategy import Batched
+from .chart import Chart, Points
+from .margins import Margin
+from .monomials import Monomials
+
+_DIFFERENCE = 1e-5
+"""Of s, rad, in the central differences of the residual across the fibre."""
+
+_MOST = 30
+_ENOUGH = 1e-4
+
+
+@dataclass(frozen=True)
+class Value:
+    """The cost at some coefficients.
+
+    Attributes
+    ----------
+    cost : float
+        ``nearness + weight · Σ mean Σ_i max(0, asked − margin_i)²``, a mean for each margin over
+        its own poses; infinite where a node has no solution.
+    nearness : float
+        ``mean ‖(∂F − G_d E) C‖_F²``.
+    wanted : float
+        ``mean ‖G_d E C‖_F²``: half of nearness / wanted is the share of extra joint speed, for J⁺.
+    points : Points
+    ds : (K, r, k) array
+        ∂s/∂u.
+    """
+
+    cost: float
+    nearness: float
+    wanted: float
+    points: Points
+    ds: Array
+
+
+@dataclass(frozen=True)
+class Penalty:
+    """A margin with a price.
+
+    Attributes
+    ----------
+    margin : Margin
+    U : (L, k) array
+        Where.
+    asked : (L,) array
+        Below which it costs, at each of these.
+    """
+
+    margin: Margin
+    U: Array
+    asked: Array
+
+
+class Cost:
+    r"""``C(a) = mean over the cell of ‖∂F/∂x − G_d(F)‖_F² + penalties`` with ``s = Σ_t a_t
+    T_t(u)``.
+
+    ∂F/∂x is written ``∂F (EᵀE)^(−1/2)``, in joint speed per unit of task speed, so that a cell may
+    have fewer coordinates than the task. T are the monomials of u.
+
+    Parameters
+    ----------
+    desired
+        G_d.
+    chart
+        In which the section is written.
+    terms
+        T.
+    U : (K, k) array
+        Nodes of the mean.
+    kept
+        The margins that have a price, which is a mean over the poses of each.
+    weight
+        How much they cost.
+    """
+
+    def __init__(
+        self,
+        desired: Batched,
+        chart: Chart,
+        terms: Monomials,
+        U: Array,
+        kept: Sequence[Penalty] = (),
+        *,
+        weight: float = 0.0,
+    ) -> None:
+        self.desired, self.chart, self.terms, self.weight = desired, chart, terms, weight
+        self.U, self.inner = np.concatenate([U, *(part.U for part in kept)]), slice(len(U))
+        ends = np.cumsum([len(U), *(len(part.U) for part in kept)])
+        self.kept = [
+            (part, slice(a, b)) for part, a, b in zip(kept, ends, ends[1:], strict=False) if b > a
+        ]
+        self.T = terms.values(self.U)  # (K, N)
+        self.dT = terms.slopes(self.T)  # (K, N, k)
+        self.C = chart.cell.speeds(U)  # (inner, k, k)
+        self._last: Array | None = None
+
+    def value(self, a: Array) -> Value:
+        """Evaluate the cost at coefficients a (N, r)."""
+        s, ds = self.T @ a, np.einsum("KNk,Nr->Krk", self.dT, a)
+        points = self.chart.solve(self.U, s, self._last)
+        if not points.found.all():
+            points = self.chart.solve(self.U, s)
+        if not points.found.all():
+            return Value(np.inf, np.inf, np.nan, points, ds)
+        residual, _, wanted = self._residual(points.chosen(self.inner), ds[self.inner])
+        nearness = float((residual**2).sum() / len(residual))
+        if not np.isfinite(nearness):
+            return Value(np.inf, np.inf, np.nan, points, ds)
+        self._last = points.Q
+        hinges = [_hinge(part, points.Q[at]) for part, at in self.kept]
+        penalty = self.weight * sum(float((hinge**2).sum() / len(hinge)) for hinge in hinges)
+        return Value(
+            nearness + penalty, nearness, float((wanted**2).sum() / len(wanted)), points, ds
+        )
+
+    def model(self, at: Value) -> tuple[Array, Array]:
+        """Evaluate the gradient (N r,) and the Gauss–Newton Hessian (N r, N r) at coefficients just
+        evaluated.
+
+        The residual depends on a through s and ∂s at its node alone: linearly on ∂s, by ``B ∂s``,
+        and on s by central differences along the fibre. A margin depends on s alone."""
+        chart, r, k = self.chart, self.chart.cell.task.r, self.chart.cell.k
+        points, ds = at.points.chosen(self.inner), at.ds[self.inner]
+        residual, B, _ = self._residual(points, ds)
+        K, n, _ = residual.shape
+        s = np.einsum("Knr,Kn->Kr", points.n_ref, points.Q - points.q_ref)
+        M = np.zeros((K, n, k, r, 1 + k))  # ∂(residual)/∂(s_j, (∂s_j C)_c)
+        for j in range(r):
+            step = _DIFFERENCE * np.eye(r)[j]
+            ends = [
+                chart.solve(points.U, s + w * step, points.Q + w * B @ step, iterations=3)
+                for w in (1.0, -1.0)
+            ]
+            up, down = (self._residual(end, ds)[0] for end in ends)
+            M[:, :, :, j, 0] = (up - down) / (2 * _DIFFERENCE)
+        for c in range(k):
+            M[:, :, c, :, 1 + c] = B
+        flat = M.reshape(K, n * k, r * (1 + k))
+        gram = np.zeros((len(self.U), r * (1 + k), r * (1 + k)))
+        slope = np.zeros((len(self.U), r * (1 + k)))
+        gram[self.inner] = np.swapaxes(flat, 1, 2) @ flat / K
+        slope[self.inner] = np.einsum("Kap,Ka->Kp", flat, residual.reshape(K, n * k)) / K
+        features = np.concatenate([self.T[:, :, None], self.dT], axis=2)  # (K, N, 1 + k)
+        features[self.inner, :, 1:] = features[self.inner, :, 1:] @ self.C
+        at_s = np.arange(r) * (1 + k)
+        for part, where in self.kept:
+            there = at.points.chosen(where)
+            hinge = _hinge(part, there.Q)
+            onto = chart.derivative(there, at.ds[where])[1]
+            D = -part.margin.slopes(there.Q, onto) * (hinge > 0)[:, :, None]  # ∂hinge/∂s
+            share = self.weight / len(hinge)
+            gram[where, at_s[:, None], at_s] = share * np.swapaxes(D, 1, 2) @ D
+            slope[where, at_s] = share * np.einsum("KPr,KP->Kr", D, hinge)
+        N = features.shape[1]
+        gradient = (
+            2
+            * np.einsum("KNp,Krp->Nr", features, slope.reshape(-1, r, 1 + k), optimize=True).ravel()
+        )
+        L = np.linalg.cholesky(
+            gram + 1e-12 * np.trace(gram, axis1=1, axis2=2).mean() * np.eye(gram.shape[1])
+        )
+        L = L.reshape(-1, r, 1 + k, r * (1 + k))
+        rows = np.einsum("KNp,Krpz->KzNr", features, L, optimize=True).reshape(-1, N * r)
+        return gradient, 2 * rows.T @ rows
+
+    def _residual(self, points: Points, ds: Array) -> tuple[Array, Array, Array]:
+        """``(∂F − G_d E) C`` (K, n, k), ∂F/∂s (K, n, r), and ``G_d E C`` (K, n, k), at the nodes of
+        the mean."""
+        dF, B = self.chart.derivative(points, ds)
+        wanted = (
+            self.desired.batch(points.Q, points.J)
+            @ self.chart.cell.twists(points.U, points.R)
+            @ self.C
+        )
+        return dF @ self.C - wanted, B, wanted
+
+
+def _hinge(part: Penalty, Q: Array) -> Array:
+    """How far each margin is below what is asked for: (L, P)."""
+    return np.maximum(0.0, part.asked[:, None] - part.margin.measure(Q))
+
+
+@dataclass(frozen=True)
+class Descent:
+    """Where Gauss–Newton ended.
+
+    Attributes
+    ----------
+    a : (N, r) array
+    value : Value
+        The cost there.
+    start : float
+        The cost where it began.
+    steps : int
+    """
+
+    a: Array
+    value: Value
+    start: float
+    steps: int
+
+
+def descend(cost: Cost, a: Array, *, enough: float = _ENOUGH) -> Descent:
+    """Minimise the cost from coefficients a (N, r), by Levenberg and Marquardt's method.
+
+    Parameters
+    ----------
+    cost
+        What to minimise.
+    a
+        Where to start; the section has to exist there at every node.
+    enough
+        The relative decrease of the cost that is not worth another step.
+    """
+    value = cost.value(a)
+    start, steps, damping = value.cost, 0, 0.0
+    if not np.isfinite(start):
+        return Descent(a, value, start, 0)
+    while steps < _MOST:
+        gradient, H = cost.model(value)
+        scale = np.diag(H).copy() + 1e-12 * np.diag(H).max()
+        before = value.cost
+        while True:
+            d = -np.linalg.solve(H + np.diag((damping + 1e-10) * scale), gradient)
+            trial = cost.value(a + d.reshape(a.shape))
+            if trial.cost < value.cost:
+                a, value, damping = (
+                    a + d.reshape(a.shape),
+                    trial,
+                    damping / 5 if damping > 1e-4 else 0.0,
+                )
+                break
+            damping = max(4 * damping, 1e-3)
+            if damping > 1e6:
+                return Descent(a, value, start, steps)
+        steps += 1
+        if before - value.cost < enough * before:
+            break
+    return Descent(a, value, start, steps)
+
+
+def predicted_gain(cost: Cost, a: Array) -> float:
+    """Predict the share of the cost that one Gauss–Newton step from coefficients a (N, r) takes
+    away.
+
+    Infinite where the section does not exist at some node: nothing is predicted there.
+    """
+    value = cost.value(a)
+    if not np.isfinite(value.cost):
+        return np.inf
+    gradient, H = cost.model(value)
+    scale = np.diag(H) + 1e-12 * np.diag(H).max()
+    step = np.linalg.solve(H + np.diag(1e-10 * scale), gradient)
+    return float(0.5 * gradient @ step / value.cost)

@@ -1,0 +1,149 @@
+"""What failures a function in a part of its cell: reach, a singularity, a limit, a fold, a
+collision; with the pose."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arguments import Array
+from ..redundancy.inverses import inverse_condition_number
+from .cell import Cell
+from .kinematics import placed
+from .posture_search import reached
+
+_SHORT = 1e-6
+_SPARSE = 24
+
+
+@dataclass(frozen=True)
+class FailureReason:
+    """One thing that failures a function, where it is worst.
+
+    Attributes
+    ----------
+    cause : str
+        ``reach``, ``singularity``, ``limit``, ``fold`` or ``collision``.
+    share : float
+        The part of the poses looked at that it failures.
+    u : (k,) array
+        The worst pose, in the cell's coordinates.
+    what : str
+        The sentence.
+    """
+
+    cause: str
+    share: float
+    u: Array
+    what: str
+
+    def __str__(self) -> str:
+        return self.what
+
+
+def broken_limit(cell: Cell, U: Array, Q: Array, share: float) -> FailureReason | None:
+    """Name the joint and the pose where limits are broken worst, by configurations Q (K, n) at U
+    (K, k).
+
+    ``share`` is the part of the poses looked at that break one.
+    """
+    task = cell.task
+    room = task.limit_margin(Q)
+    broken = room.min(axis=1, initial=np.inf) < 0
+    if not broken.any():
+        return None
+    at, joint = np.unravel_index(int(np.argmin(room)), room.shape)
+    unit = "rad" if task.revolute[joint] else "m"
+    far = unit == "rad" and -room[at, joint] > 2 * np.pi
+    by = "more than a turn" if far else f"{-room[at, joint]:.2g} {unit}"
+    what = f"at {cell.where(U[at])}, {task.joint_names[joint]} is {by} beyond its limit"
+    return FailureReason("limit", share, U[at], what)
+
+
+def unreached(cell: Cell, U: Array, near: Array, share: float) -> list[FailureReason]:
+    """Say why poses U (K, k) have no joints: they are out of reach, or an arm that gets there
+    passes a singularity.
+
+    Parameters
+    ----------
+    cell, U
+        The cell and the poses.
+    near : (L, n) array
+        Configurations to start looking from.
+    share
+        The part of the poses looked at that has none.
+    """
+    if not len(U):
+        return []
+    some = U[np.linspace(0, len(U) - 1, min(_SPARSE, len(U))).astype(int)]
+    shortfall, spans = np.empty(len(some)), np.empty(len(some))
+    for i, u in enumerate(some):
+        Q, left = reached(cell, near, u, iterations=40)
+        best = int(np.argmin(left))
+        shortfall[i] = left[best]
+        spans[i] = inverse_condition_number(placed(cell.task, Q[best][None])[2][0])
+    short = shortfall > _SHORT
+    failures = []
+    if short.any():
+        at = int(np.argmax(shortfall))
+        what = f"{cell.where(some[at])} is out of reach, by {shortfall[at]:.2g} m or rad"
+        failures.append(FailureReason("reach", share * float(short.mean()), some[at], what))
+    if not short.all():
+        at = int(np.argmin(np.where(short, np.inf, spans)))
+        what = f"between the middle of the cell and {cell.where(some[at])} the arm passes a singularity"
+        failures.append(
+            FailureReason("singularity", share * float((~short).mean()), some[at], what)
+        )
+    return failures
+
+
+def folded(cell: Cell, U: Array, share: float) -> FailureReason | None:
+    """Say that the section folds back at poses U (K, k): the leaf margin goes through 0 there."""
+    if not len(U):
+        return None
+    what = f"at {cell.where(U[0])} the section folds back on itself: its leaf margin goes through 0"
+    return FailureReason("fold", share, U[0], what)
+
+
+def touching(
+    cell: Cell, U: Array, distances: Array, links: tuple[str, str], share: float
+) -> FailureReason | None:
+    """Say that two bodies touch, by the least distances (K,) at poses U (K, k) and whose they are
+    at the least.
+
+    ``share`` is the part of the poses looked at where any do.
+    """
+    touch = distances < 0
+    if not touch.any():
+        return None
+    at = int(np.argmin(distances))
+    what = f"at {cell.where(U[at])}, {links[0]} and {links[1]} touch"
+    return FailureReason("collision", share, U[at], what)
+
+
+def round_the_base(cell: Cell) -> str:
+    """Say so where the axis of the arm's first turning joint passes through the box of positions;
+    else nothing."""
+    task = cell.task
+    turning = np.flatnonzero(task.revolute)
+    if not len(turning) or turning[0] != 0:
+        return ""
+    q = np.array(task.reference)
+    point, axis = task.joint_origins(q)[0], task.axes(q)[0]
+    rows, w = task.rows[: len(cell.half_width)], cell.half_width
+    low, high = -np.inf, np.inf  # the part of the line point + t axis inside the slabs
+    for row, width in zip(rows, w, strict=True):
+        away, slope = cell.placement.translation[row] - point[row], axis[row]
+        if abs(slope) < 1e-9:
+            if abs(away) > width:
+                return ""
+            continue
+        ends = sorted(((away - width) / slope, (away + width) / slope))
+        low, high = max(low, ends[0]), min(high, ends[1])
+    if low > high:
+        return ""
+    return (
+        f"the cell goes round the axis of {task.joint_names[0]}, and no single function goes round the base; "
+        "keep it on one side of that axis"
+    )

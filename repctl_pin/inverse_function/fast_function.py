@@ -1,0 +1,243 @@
+"""A cell's coordinates, their monomials and q = F(x), at one placement after another, in memory
+that is there already.
+
+Closures over preallocated memory, see :mod:`repctl_pin.robot.fast_kinematics`: in 20 µs it is the
+calls that count."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from scipy.linalg.blas import daxpy, dcopy, dgemv, idamax
+from scipy.linalg.lapack import dgesv
+
+from ..arguments import Array
+from ..robot import fast_kinematics
+from ..robot.formulas import axis_turn, is_rotation
+from ..robot.task import Task
+from .cell import TURNED, Cell
+from .chart import Chart
+from .monomials import Monomials
+
+_MOST = 12
+_STEP = 0.3
+_EDGE = 1 + 1e-9
+_ENOUGH = 1e-6
+"""A Newton step, rad or m, after which the error, quadratic in it, is at rounding level."""
+
+
+@dataclass(frozen=True)
+class InPlace:
+    """Coordinates u of one placement after another, for the thread that made it alone.
+
+    Attributes
+    ----------
+    u : (k,) array
+        Where the coordinates are written.
+    locate : function (p, R) → float
+        Writes u of a placement, and says how far it is off what the cell holds, m or rad.
+    pull : function (D, X) → None
+        Writes ``X = D ∂u/∂x`` (r, m) for D (r, k), at the placement last located; X is 0 at first.
+    """
+
+    u: Array
+    locate: Callable[[Array, Array], float]
+    pull: Callable[[Array, Array], None]
+
+
+def in_place(cell: Cell) -> InPlace:
+    """Make the functions of a cell."""
+    p_0, R_0T = cell.placement.translation.copy(), cell.placement.rotation.T.copy()
+    R_0 = R_0T.T
+    m, on = cell.task.m, np.flatnonzero(cell.widths > 0)
+    held, inverse = np.flatnonzero(cell.widths == 0), 1.0 / cell.widths[on]
+    rows = cell.task.rows[: len(cell.half_width)]
+    middle = p_0[rows]
+    u, y, turn, fixed = np.zeros(cell.k), np.zeros(m), np.eye(3), np.zeros(len(held))
+    linear, log3, Jlog3, Jexp3, subtract, multiply = (
+        y[:3],
+        pin.log3,
+        pin.Jlog3,
+        pin.Jexp3,
+        np.subtract,
+        np.multiply,
+    )
+    whole, frame = len(held) == 0, [R_0]
+
+    def finish() -> float:
+        if whole:
+            multiply(y, inverse, u)
+            return 0.0
+        y.take(held, None, fixed, "clip")
+        multiply(y.take(on), inverse, u)
+        return abs(float(fixed[idamax(fixed)]))
+
+    def locate_pose(p: Array, R: Array) -> float:
+        subtract(p, p_0, linear)
+        dcopy(log3(R.dot(R_0T, turn)), y, 3, 0, 1, 3)
+        return finish()
+
+    def locate_axis(p: Array, R: Array) -> float:
+        subtract(p, p_0, linear)
+        y[3:] = axis_turn(R_0, R)
+        frame[0] = R
+        return finish()
+
+    def locate_point(p: Array, R: Array) -> float:
+        subtract(p.take(rows), middle, y)
+        return finish()
+
+    def pull(D: Array, X: Array) -> None:
+        X[:, on] = D * inverse
+
+    def pull_pose(D: Array, X: Array) -> None:
+        X[:, on] = D * inverse
+        X[:, held] = 0.0
+        X[:, 3:] = X[:, 3:].dot(Jlog3(turn).T)  # the transpose of J_r⁻¹(ω) is J_l⁻¹(ω)
+
+    def pull_axis(D: Array, X: Array) -> None:
+        X[:, on] = D * inverse
+        X[:, held] = 0.0
+        J_l = Jexp3(R_0[:, :2].dot(y[3:])).T
+        (a, b), (c, d) = (frame[0][:, :2].T.dot(J_l).dot(R_0[:, :2])).tolist()
+        det = a * d - b * c
+        X[:, 3:] = X[:, 3:].dot(np.array([[d / det, -b / det], [-c / det, a / det]]))
+
+    if cell.task.kind == "axis":
+        return InPlace(u, locate_axis, pull_axis)
+    if cell.task.kind == "pose":
+        return InPlace(u, locate_pose, pull_pose if cell.rotation.any() else pull)
+    return InPlace(u, locate_point, pull)
+
+
+def monomials_at(monomials: Monomials, u: Array) -> tuple[Array, Callable[[], None]]:
+    """Memory for the monomials T (N,), and the function that evaluates them at u: by products of
+    shorter ones."""
+    T = np.ones(monomials.size)
+    at = {tuple(e): i for i, e in enumerate(monomials.exponents.tolist())}
+    linear = T[1 : 1 + monomials.k]
+    stages, done = [], 1
+    while done < monomials.degree:
+        following = min(2 * done, monomials.degree)
+        part = slice(monomials.starts[done + 1], monomials.starts[following + 1])
+        first, second = [], []
+        for alpha in monomials.exponents[part].tolist():
+            left, taken = [0] * len(alpha), 0
+            for i, power in enumerate(
+                alpha
+            ):  # the factors of the first ``done`` degrees, and the rest
+                left[i] = min(power, done - taken)
+                taken += left[i]
+            first.append(at[tuple(left)])
+            second.append(at[tuple(a - b for a, b in zip(alpha, left, strict=True))])
+        stages.append(
+            (np.array(first), np.array(second), np.empty(len(first)), np.empty(len(first)), T[part])
+        )
+        done = following
+    take, multiply = T.take, np.multiply
+
+    def evaluate() -> None:
+        linear[:] = u
+        for first, second, a, b, out in stages:
+            take(first, None, a, "clip")
+            take(second, None, b, "clip")
+            multiply(a, b, out)
+
+    return T, evaluate
+
+
+class OutsideError(Exception):
+    """The target has to be looked at more closely: it is outside the cell, or Newton's method does
+    not converge."""
+
+
+def evaluation(chart: Chart) -> Callable[[pin.SE3, Array | None], Array]:
+    """Make the function (target, leaf or None) → q (n,) of a chart: a polynomial to begin at, and a
+    few Newton steps.
+
+    It serves the thread that made it alone.
+    """
+    task = chart.cell.task
+    n, m, r = task.n, task.m, task.r
+    memory = np.zeros(n * n + n)
+    J_V, rhs = memory[: n * n].reshape((n, n), order="F"), memory[n * n :]
+    upper, lower, bottom = J_V[:m], J_V[m:], rhs[m:]
+    jacobian = fast_kinematics.in_place(task, upper, rhs[:m]).jacobian
+    aim, error = _errors(task, upper, rhs[:m])
+    coordinates = in_place(chart.cell)
+    u, locate = coordinates.u, coordinates.locate
+    T, monomials = monomials_at(chart.monomials, u)
+    C_T = np.asfortranarray(
+        np.moveaxis(chart.coefficients, 0, -1).swapaxes(0, 1).reshape(n * (1 + r), -1)
+    )
+    both = np.zeros(n * (1 + r))
+    q_ref, n_T = both[:n], both[n:].reshape(r, n)
+    n_F = n_T.T  # (n, r), column-major: a view
+    away, k, subtract = np.zeros(n), len(u), np.subtract
+
+    def evaluate(target: pin.SE3, leaf: Array | None = None) -> Array:
+        p, R = target.translation, target.rotation
+        if not (locate(p, R) <= TURNED and abs(u[idamax(u, k)]) <= _EDGE):
+            raise OutsideError
+        monomials()
+        dgemv(1.0, C_T, T, 0.0, both, 0, 1, 0, 1, 0, 1)
+        q = q_ref.copy()
+        if leaf is not None:
+            q += leaf @ n_T
+        aim(target, p, R)
+        for _ in range(_MOST):
+            jacobian(q)
+            lower[:] = n_T
+            error()
+            subtract(q_ref, q, away)
+            dgemv(1.0, n_F, away, 0.0, bottom, 0, 1, 0, 1, 1, 1)
+            if leaf is not None:
+                bottom[:] += leaf
+            _, _, step, info = dgesv(J_V, rhs, 1, 0)
+            size = abs(step[idamax(step, n)])
+            if info or not size < np.inf:
+                raise OutsideError
+            daxpy(step, q, n, 1.0 if size <= _STEP else _STEP / size)
+            if size < _ENOUGH:
+                return q
+        raise OutsideError
+
+    return evaluate
+
+
+def _errors(
+    task: Task, J: Array, e: Array
+) -> tuple[Callable[[pin.SE3, Array, Array], None], Callable[[], None]]:
+    """Take a target once, and write the task error to it, at the q of the last Jacobian, as often
+    as asked."""
+    if task.kind not in ("pose", "axis"):
+        write, goal = fast_kinematics.in_place(task, J, e).error, [pin.SE3.Identity()]
+
+        def aim_at(target: pin.SE3, p: Array, R: Array) -> None:
+            goal[0] = target
+
+        return aim_at, lambda: write(goal[0])
+    here = task._data.oMf[task._frame_id]
+    p, R = here.translation, here.rotation  # views that follow every evaluation
+    R_T, turn, log3 = R.T, np.empty((3, 3)), pin.log3
+    p_goal, R_goal, linear, angular = np.zeros(3), np.zeros((3, 3)), e[:3], e[3:]
+    nine, multiply, subtract = R_goal.reshape(9), R_goal.dot, np.subtract
+
+    def aim(target: pin.SE3, p: Array, R: Array) -> None:
+        p_goal[:] = p
+        R_goal[:] = R
+        if not is_rotation(nine.tolist()):
+            raise OutsideError
+
+    def pose() -> None:
+        subtract(p_goal, p, linear)
+        angular[:] = log3(multiply(R_T, turn))
+
+    def axis() -> None:
+        subtract(p_goal, p, linear)
+        angular[:] = axis_turn(R, R_goal)
+
+    return aim, pose if task.kind == "pose" else axis

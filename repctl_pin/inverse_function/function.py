@@ -1,0 +1,191 @@
+"""An inverse kinematic function over a cell: a pose in, the same joints out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property, partial
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from ..arguments import Array, as_matrices, as_numbers, list_of, require_type, vector
+from ..errors import InputError
+from ..redundancy import leaf_margin
+from ..robot.task import Task
+from ..strategies import RepeatableInverse
+from ..threads import PerThread
+from .cell import Cell, stacked
+from .cell_potentials import CellPotentials
+from .chart import Chart
+from .fast_function import OutsideError, evaluation
+from .kinematics import bases
+
+_MARCH = 0.05
+_LEAST = 0.1
+"""The leaf margin at which a leaf ends."""
+
+
+class InverseFunction:
+    """``q = F(x; c)``, Baker and Wampler's inverse kinematic function, over a cell of the
+    workspace.
+
+    It needs no start and no history. The same pose gives the same joints, and the joints change
+    smoothly with it: ``f(F(x)) = x``, ``n_ref(x)ᵀ (F(x) − q_ref(x)) = c``.
+
+    Any number of threads may call it.
+
+    Parameters
+    ----------
+    chart
+        q_ref and n_ref.
+    keep_limits : bool
+        Refuse targets whose joints break limits; not needed if the whole cell keeps them.
+
+    Raises
+    ------
+    InputError
+        If it is evaluated outside the cell or, with ``keep_limits``, if the joints break limits.
+
+    Examples
+    --------
+    >>> F = found.function
+    >>> q = F(task.placement(q0))  # rad
+    >>> np.allclose(task.placement(q).translation, task.placement(q0).translation)
+    True
+    """
+
+    def __init__(self, chart: Chart, *, keep_limits: bool = True) -> None:
+        self.chart, self.keep_limits = chart, keep_limits
+        self._evaluate = PerThread(partial(evaluation, chart))
+
+    @property
+    def cell(self) -> Cell:
+        """Where it is defined."""
+        return self.chart.cell
+
+    @property
+    def task(self) -> Task:
+        """The task whose inverse it is."""
+        return self.chart.cell.task
+
+    def __call__(self, target: pin.SE3, *, leaf: ArrayLike | None = None) -> Array:
+        """Evaluate F: the joints (n,) for a pose of the cell.
+
+        Parameters
+        ----------
+        target
+            x.
+        leaf : (r,) array, optional
+            c, the elbow moved along the self-motion; see :meth:`leaves`. By default 0.
+
+        Raises
+        ------
+        InputError
+            If the target lies outside the cell or is no rigid transform, or F has no joints inside
+            the limits there.
+        """
+        try:
+            c = None if leaf is None else self._leaf(leaf)
+            q = self._evaluate.own(target, c)
+        except (OutsideError, AttributeError, TypeError):
+            u = self.cell.coordinates_of(target)  # says what is wrong with the target
+            raise InputError(f"there are no joints on this leaf at {self.cell.where(u)}") from None
+        if self.keep_limits and self.task.limit_margin(q).min() < 0:
+            raise self._beyond(q, target)
+        return q
+
+    def batch(self, targets: Sequence[pin.SE3] | Array, *, leaf: ArrayLike | None = None) -> Array:
+        """Evaluate F at many targets, placements or coordinates U (K, k) of the cell: (K, n).
+
+        Raises
+        ------
+        InputError
+            Naming the first target, counted from 0, that is outside the cell or has no joints
+            there.
+        """
+        cell = self.cell
+        targets = self._targets(targets)
+        if isinstance(targets, np.ndarray):
+            U = cell.inside(np.asarray(targets, float), np.zeros(len(targets)))
+        else:
+            U = cell.inside(*cell.coordinates(*stacked(cell.task, targets, "target")))
+        return self._batch(U, np.zeros(self.task.r) if leaf is None else self._leaf(leaf))
+
+    def _batch(self, U: Array, c: Array) -> Array:
+        """Evaluate F at coordinates U (K, k) inside the cell, on the leaf c (r,)."""
+        cell = self.cell
+        points = self.chart.solve(U, np.tile(c, (len(U), 1)))
+        if not points.found.all():
+            at = int(np.argmin(points.found))
+            raise InputError(
+                f"target {at}: there are no joints on this leaf at {cell.where(U[at])}"
+            )
+        broken = self.task.limit_margin(points.Q).min(axis=1, initial=np.inf) < 0
+        if self.keep_limits and broken.any():
+            at = int(np.argmax(broken))
+            raise InputError(f"target {at}: {self._beyond(points.Q[at], cell.at(U[at]))}")
+        return points.Q
+
+    def jacobian(self, target: pin.SE3, *, leaf: ArrayLike | None = None) -> Array:
+        """Evaluate ∂F/∂x (n, m): joint speeds for the task's velocity, rad or m per m and rad."""
+        return self.inverse(self(target, leaf=leaf))
+
+    @cached_property
+    def inverse(self) -> RepeatableInverse:
+        """The control ``q̇ = ∂F/∂x ẋ``, whose leaf c = 0 is F: it steps and follows as any other;
+        its Ω is the cell."""
+        return RepeatableInverse(self.task, CellPotentials(self.chart), region=self.cell)
+
+    def leaves(self, target: pin.SE3) -> Array:
+        """Find how far the elbow can be moved at a pose: the interval of each c_j, the others 0, as
+        (r, 2).
+
+        It ends at a joint limit, where the leaf margin falls to 0.1, or after half a turn.
+        """
+        task, r = self.task, self.task.r
+        U = np.tile(self.cell.coordinates_of(target), (2 * r, 1))
+        ways = np.concatenate([-np.eye(r), np.eye(r)])
+        done, step = np.zeros(2 * r), np.full(2 * r, _MARCH)
+        Q = np.tile(self(target), (2 * r, 1))
+        while (step > 1e-9).any() and (done < np.pi).any():
+            ahead = done + step
+            points = self.chart.solve(U, ahead[:, None] * ways, Q)
+            leaf = leaf_margin(bases(points.J, points.n_ref)[1], points.n_ref)
+            good = points.found & (task.limit_margin(points.Q).min(axis=1) >= 0) & (leaf > _LEAST)
+            good &= (np.abs(points.Q - Q).max(axis=1) < 1.0) & (done < np.pi)
+            Q[good], done[good] = points.Q[good], ahead[good]
+            step[~good] /= 2
+        return np.stack([-done[:r], done[r:]], axis=1)
+
+    def _targets(self, targets: Sequence[pin.SE3] | Array) -> list[pin.SE3] | Array:
+        """Take placements, or coordinates U (K, k)."""
+        if isinstance(targets, np.ndarray):
+            return as_matrices(
+                ("coordinates of this cell", targets, f"K {self.cell.k}"), exact=True, finite=False
+            )[0]
+        a_target = "a placement (pinocchio.SE3)"
+        listed = list_of(
+            targets, "targets", "a list of placements, or an array of coordinates (K, k)"
+        )
+        return [require_type(one, pin.SE3, f"target {i}", a_target) for i, one in enumerate(listed)]
+
+    def _leaf(self, leaf: ArrayLike) -> Array:
+        array = as_numbers(leaf)
+        return vector(leaf if array is None else np.atleast_1d(array), self.task.r, "the leaf c")
+
+    def _beyond(self, q: Array, target: pin.SE3) -> InputError:
+        joint = int(np.argmin(self.task.limit_margin(q)))
+        where = self.cell.where(self.cell.coordinates_of(target))
+        return InputError(
+            f"at {where}, {self.task.joint_names[joint]} = {q[joint]:.4g} would be outside its limits"
+        )
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return partial(type(self), keep_limits=self.keep_limits), (self.chart,)
+
+    def __repr__(self) -> str:
+        return (
+            f"<InverseFunction of {self.task.robot.name} {self.task.frame} over {self.cell.size()}>"
+        )

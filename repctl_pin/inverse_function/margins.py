@@ -1,0 +1,209 @@
+"""What a section keeps away from, where it can: limits, bodies, singularities; and a search for
+where it is nearest."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from ..arguments import Array
+from ..robot.bodies import bodies_of
+from ..robot.task import Task
+from .chart import Chart, Points
+from .monomials import Monomials
+
+_DIFFERENCE = 3e-4
+"""Of q, per unit of the direction, in central differences of a margin."""
+
+_ENDLESS = 1e6
+"""What stands for an infinite margin, of a joint without limits, in a difference."""
+
+_NEARBY, _FAR, _APART = 12, 40, 0.06
+"""How many leaves to either side are looked at for more room, near a section and far, and how far
+apart, rad."""
+
+_HALVINGS = 6
+"""How often that distance is halved about the best of them."""
+
+_STEPS, _FIRST, _LONGEST, _SHORTEST = 25, 0.2, 0.5, 1e-4
+"""Steps of a search, and their lengths in u."""
+
+_JUMP = 1.0
+"""A joint step, rad or m, that means another section."""
+
+
+@dataclass(frozen=True)
+class Margin:
+    """A quantity that is to stay above some room.
+
+    Attributes
+    ----------
+    name : str
+    measure : function (K, n) → (K, P)
+        The P margins at joints: one for each joint and its limits, one of all bodies, or σ_min of
+        J.
+    room : float
+        What is asked for.
+    slack : float
+        The part of it that may be missing.
+    watched, starts, violators : int
+        Poses at which it is looked at, from which it is searched for lower ones, and that a round
+        may add to the cost, at most: a distance between bodies costs a hundred times a joint limit.
+    """
+
+    name: str
+    measure: Callable[[Array], Array]
+    room: float
+    slack: float
+    watched: int
+    starts: int
+    violators: int
+
+    def least(self, at: Points) -> Array:
+        """The least of the margins at points (K,); infinite where the section does not exist."""
+        return np.where(at.found, self.measure(at.Q).min(axis=1, initial=np.inf), np.inf)
+
+    def slope(self, section: Section, at: Points) -> Array:
+        """Differentiate the least of them with respect to u, at points of a section: (K, k)."""
+        lowest = self.measure(at.Q).argmin(axis=1)
+        return self.slopes(at.Q, section.derivative(at))[np.arange(len(lowest)), lowest]
+
+    def slopes(self, Q: Array, D: Array) -> Array:
+        """Differentiate at every row of Q (K, n) along the p columns of D (K, n, p): (K, P, p)."""
+        K, n, p = D.shape
+        step = _DIFFERENCE * np.swapaxes(D, 1, 2)
+        ends = [
+            np.minimum(self.measure((Q[:, None] + w * step).reshape(K * p, n)), _ENDLESS)
+            for w in (1.0, -1.0)
+        ]
+        return np.swapaxes((ends[0] - ends[1]).reshape(K, p, -1), 1, 2) / (2 * _DIFFERENCE)
+
+    def attainable(self, chart: Chart, at: Points, *, far: bool = False) -> Array:
+        """Find the most (K,) that any leaf near a section has at points of it: along every
+        direction of its label.
+
+        Near is 0.7 rad, or ``far`` off 2.4 rad, which for r = 1 is as far as the self-motion stays
+        inside the limits.
+
+        Leaf by leaf first, then about the best of them by ever smaller steps.
+        """
+        r, most, best = at.n_ref.shape[2], self.least(at), at.Q
+        here = np.einsum("Knr,Kn->Kr", at.n_ref, at.Q - at.q_ref)
+        s = here.copy()
+
+        def look(label: Array, Q: Array) -> Array:
+            """Take the leaves of a label (K, r) where they are better; their joints, looked for
+            from Q."""
+            nonlocal most, best, s
+            points = chart.solve(at.U, label, Q, iterations=4)
+            least = np.where(points.found, self.least(points), -np.inf)
+            better = least > most
+            most, best, s = (np.where(better, least, most), np.where(better[:, None], points.Q, best),
+                             np.where(better[:, None], label, s))  # fmt: skip
+            return points.Q
+
+        ways = np.concatenate([np.eye(r), -np.eye(r)])
+        for way in ways:
+            Q = at.Q
+            for i in range(1, (_FAR if far else _NEARBY) + 1):
+                Q = look(here + i * _APART * way, Q)
+        for i in range(1, _HALVINGS + 1):
+            for way in ways:
+                look(s + 0.5**i * _APART * way, best)
+        return most
+
+
+def limits_of(task: Task, room: float = 0.0) -> Margin:
+    """Every joint's distance to its nearer limit, rad or m."""
+    return Margin(
+        "joint limits", task.limit_margin, room, 0.4, watched=4096, starts=48, violators=96
+    )
+
+
+def distances_of(task: Task, room: float = 0.0) -> Margin:
+    """The least distance between the hulls of bodies, m."""
+    apart = bodies_of(task).hull_distances
+    return Margin(
+        "bodies", lambda Q: apart(Q)[:, None], room, 0.25, watched=256, starts=4, violators=16
+    )
+
+
+def singular_values_of(task: Task, room: float = 0.0) -> Margin:
+    """σ_min of J."""
+
+    def measure(Q: Array) -> Array:
+        return np.asarray(np.linalg.svd(task.jacobians(Q), compute_uv=False)[:, -1:], float)
+
+    return Margin("singularities", measure, room, 0.25, watched=2048, starts=24, violators=96)
+
+
+@dataclass(frozen=True)
+class Section:
+    """``s(u) = Σ_t a_t T_t(u)`` in a chart.
+
+    Attributes
+    ----------
+    chart : Chart
+    terms : Monomials
+        T.
+    a : (N, r) array
+    """
+
+    chart: Chart
+    terms: Monomials
+    a: Array
+
+    @classmethod
+    def zero(cls, chart: Chart) -> Section:
+        """Make the section s = 0."""
+        return cls(chart, Monomials(chart.cell.k, 0), np.zeros((1, chart.cell.task.r)))
+
+    def at(self, U: Array, Q: Array | None = None) -> Points:
+        """Find its points at U (K, k)."""
+        return self.chart.solve(U, self.terms.values(U) @ self.a, Q)
+
+    def derivative(self, at: Points) -> Array:
+        """Differentiate it with respect to u: (K, n, k)."""
+        slopes = self.terms.slopes(self.terms.values(at.U))
+        return self.chart.derivative(at, np.einsum("KNk,Nr->Krk", slopes, self.a))[0]
+
+
+class Minimised(Protocol):
+    """A number at points of a section that a search makes as small as it can."""
+
+    def least(self, at: Points) -> Array:
+        """Evaluate it: (K,); infinite where the section does not exist."""
+
+    def slope(self, section: Section, at: Points) -> Array:
+        """Differentiate it with respect to u: (K, k)."""
+
+
+def searched(section: Section, margin: Minimised, U: Array) -> Array:
+    """Go from poses U (K, k) down a margin inside the cell, all at once; every pose tried (L, k),
+    ends last.
+
+    Steps along the gradient, without its parts that point out of the cell: longer after a step that
+    helped, shorter after one that did not. Poses at which the section was not found are among those
+    tried."""
+    here = section.at(U)
+    here = here.chosen(here.found)
+    least, length = margin.least(here), np.full(len(here.U), _FIRST)
+    visited = [here.U]
+    for _ in range(_STEPS):
+        on = np.flatnonzero(length > _SHORTEST)
+        if not len(on):
+            break
+        part = here.chosen(on)
+        slope = margin.slope(section, part)  # (L, k)
+        slope = np.where((np.abs(part.U) >= 1) & (slope * part.U < 0), 0.0, slope)
+        way = slope / np.maximum(np.abs(slope).max(axis=1, keepdims=True), 1e-12)
+        there = section.at(np.clip(part.U - length[on, None] * way, -1, 1), part.Q)
+        lower = margin.least(there)
+        good = (lower < least[on]) & (np.abs(there.Q - part.Q).max(axis=1) < _JUMP)
+        length[on] = np.where(good, np.minimum(1.5 * length[on], _LONGEST), length[on] / 3)
+        here, least[on[good]] = here.replaced(on[good], there.chosen(good)), lower[good]
+        visited.append(there.U[good | ~there.found])
+    return np.concatenate([*visited, here.U])

@@ -1,0 +1,65 @@
+"""Polynomials of total degree d in the coordinates of a cell, as dense linear algebra on their
+monomials."""
+
+from __future__ import annotations
+
+from itertools import combinations_with_replacement
+
+import numpy as np
+
+from ..arguments import Array
+
+
+class Monomials:
+    """All monomials ``u^α`` with ``|α| ≤ d`` of k numbers, ordered by degree, the constant first.
+
+    Attributes
+    ----------
+    exponents : (N, k) array of int
+        α.
+    parent, variable : (N,) arrays of int
+        Each monomial but the first is ``u^α = u^α[parent] · u[variable]``.
+    """
+
+    def __init__(self, k: int, degree: int) -> None:
+        self.k, self.degree = k, degree
+        choices = [c for d in range(degree + 1) for c in combinations_with_replacement(range(k), d)]
+        at = {c: i for i, c in enumerate(choices)}
+        self.exponents = np.array([[c.count(i) for i in range(k)] for c in choices]).reshape(
+            len(choices), k
+        )
+        self.parent = np.array([at[c[:-1]] if c else 0 for c in choices])
+        self.variable = np.array([c[-1] if c else 0 for c in choices])
+        degrees = self.exponents.sum(axis=1)
+        self.starts = np.searchsorted(degrees, np.arange(degree + 2))
+        # ∂u^α/∂u_j = α_j u^(α − e_j), which is a monomial again
+        self.lower = np.zeros((k, len(choices)), int)
+        for i, c in enumerate(choices):
+            for j in set(c):
+                rest = list(c)
+                rest.remove(j)
+                self.lower[j, i] = at[tuple(rest)]
+
+    @property
+    def size(self) -> int:
+        """N, the number of monomials."""
+        return len(self.exponents)
+
+    def values(self, U: Array) -> Array:
+        """Evaluate the monomials at every row of U (K, k): (K, N)."""
+        T = np.ones((len(U), self.size))
+        for d in range(1, self.degree + 1):
+            part = slice(self.starts[d], self.starts[d + 1])
+            T[:, part] = T[:, self.parent[part]] * U[:, self.variable[part]]
+        return T
+
+    def slopes(self, T: Array) -> Array:
+        """Differentiate the monomials, given their values T (K, N): (K, N, k)."""
+        return np.stack(
+            [T[:, self.lower[j]] * self.exponents[:, j] for j in range(self.k)], axis=-1
+        )
+
+    def fit(self, U: Array, values: Array) -> Array:
+        """Fit coefficients C (N, …) to values (K, …) at U (K, k) by least squares."""
+        C, *_ = np.linalg.lstsq(self.values(U), values.reshape(len(U), -1), rcond=1e-12)
+        return np.asarray(C.reshape(self.size, *values.shape[1:]), float)

@@ -1,0 +1,452 @@
+"""Find the inverse kinematic function over a cell that is nearest to a desired control, and judge
+it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from math import comb
+from typing import Literal, cast
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .. import progress as reporting
+from ..arguments import Array, as_int, flag_or_function, positive, require_choice, require_type
+from ..errors import InputError
+from ..strategies.strategy import AN_INVERSE, Batched, Inverse
+from .cell import LEAST_WIDTH, Cell
+from .cell_design import CellDesign
+from .cell_evaluation import judge
+from .chart import Chart
+from .cost import Cost, Descent, descend, predicted_gain
+from .failures import FailureReason, broken_limit, round_the_base, unreached
+from .kinematics import bases
+from .margins import Margin, Section, distances_of, limits_of, singular_values_of
+from .monomials import Monomials
+from .penalty import ActiveConstraint, PenaltyMethod, padded
+from .posture_search import given, searched
+from .reference import Rays, fitted, rays
+
+_HELD_OUT = 8192
+_MOST_UNKNOWNS = 260
+_MOST_TERMS = 220
+_MOST_DEGREE = 12
+_MOST_SAMPLES, _MOST_HELD_OUT = 2**16, 2**20
+_LARGE = 1e6
+"""Beyond any margin that can be asked for, rad, m, or m and rad."""
+
+_WORTHWHILE = 0.05
+_NOTHING = 2e-4
+"""The part of ‖G_d‖² below which a cost is not worth lowering: 0.01 % of joint speed."""
+
+_HOPELESS = 0.98
+"""The part of the rays that reach their ends below which a cell is not covered, and not worth long
+work."""
+
+_DEAR = 0.02
+"""The extra joint speed above which other postures are tried."""
+
+_NEARLY = 0.9
+"""The coverage below which another posture is not tried."""
+_LEAST_FACTOR = 0.03
+"""By which a cell is scaled down at most, in search of one that works."""
+
+_CLOSE = 3e-5
+"""How closely, rad, the last chart follows the section; Newton's method then takes two steps."""
+
+
+Found = CellDesign | tuple[FailureReason, ...]
+"""A design, or what failures it where there is nothing to design with."""
+
+
+class NoFunctionError(InputError):
+    """There is no single function over a cell: the message names the pose, what failures it there,
+    and what would fit.
+
+    Attributes
+    ----------
+    failures : tuple of Stop
+    fits : float
+        The factor by which the cell, scaled about its middle, would work; 0 if none does.
+
+    Examples
+    --------
+    >>> far = rp.Cell(task, task.placement(q0), 3.0)  # farther than the arm reaches
+    >>> try:
+    ...     rp.nearest_inverse_function(control, far, degree=1, samples=64, held_out=64)
+    ... except rp.NoFunctionError as error:
+    ...     print(type(error).__name__)
+    NoFunctionError
+    """
+
+    def __init__(self, message: str, failures: tuple[FailureReason, ...], fits: float) -> None:
+        super().__init__(message)
+        self.failures, self.fits = failures, fits
+
+
+def nearest_inverse_function(
+    desired: Inverse,
+    cell: Cell,
+    *,
+    posture: ArrayLike | None = None,
+    degree: int | Literal["auto"] = "auto",
+    limit_margin: float = 0.05,
+    body_distance: float = 0.0,
+    sigma_min: float = 0.0,
+    incomplete: Literal["refuse", "shrink", "keep"] = "refuse",
+    samples: int | None = None,
+    held_out: int = _HELD_OUT,
+    seed: int = 0,
+    progress: bool | Callable[[str, float], None] = False,
+) -> CellDesign:
+    """Find ``q = F(x)`` over a cell, nearest to a desired control in the mean: ``min mean ‖∂F/∂x −
+    G_d(F)‖_F²``.
+
+    G_d, driven along straight rays from the middle, gives a reference; among the sections beside
+    it, ``n_refᵀ (F − q_ref) = s(u)`` with s a polynomial, Gauss–Newton finds the best. Coming too
+    close to joint limits, to bodies or to a singularity is penalised.
+
+    Parameters
+    ----------
+    desired
+        G_d, any strategy with ``J G = I``.
+    cell
+        The poses.
+    posture : (n,) array, optional
+        The joints in the cell's middle, rad (m for sliding joints). By default, those with the most
+        room on the self-motion there.
+    degree
+        Of s; ``"auto"`` raises it from 1 until no higher one, as far as the number of unknowns
+        allows, is predicted to lower the cost by 5 %, or the cost is below 0.01 % of joint speed.
+    limit_margin
+        The distance, rad or m, from joint limits that is kept where possible.
+    body_distance
+        The distance between bodies, m, that is kept where possible; 0 leaves bodies out of the
+        cost. In tight places it can cost much joint speed. The summary says where this,
+        ``limit_margin`` or ``sigma_min`` is not met.
+    sigma_min
+        The σ_min of J, in m and rad, that is kept where possible; 0 leaves it out.
+    incomplete
+        If no single function covers the cell, by held-out poses, by its corners, and by a search
+        for the worst poses: ``"refuse"`` it and say what would fit, ``"shrink"`` the cell about its
+        middle, or ``"keep"`` the function on the part it covers.
+    samples, held_out
+        Nodes of the fit, by default as many as the unknowns ask for; and of the evaluation.
+    seed
+        Fixes the nodes, and the search for a posture.
+    progress
+        True for a bar on stderr, or a function of what is being done and the share that is done.
+
+    Returns
+    -------
+    CellDesign
+        ``function``, ``inverse``, and how good they are; ``summary()`` says it in words.
+
+    Raises
+    ------
+    InputError
+        If the task is not redundant, the cell is another task's, or its middle cannot be reached.
+    NoFunctionError
+        If no single function covers the cell.
+
+    Examples
+    --------
+    >>> cell = rp.Cell(task, task.placement(q0), 0.1)
+    >>> found = rp.nearest_inverse_function(control, cell, degree=2, samples=64, held_out=64)
+    >>> q = found.function(task.placement(q0))  # rad, from the pose alone
+    >>> bool(np.abs(task.error(q, task.placement(q0))).max() < 1e-9)
+    True
+    """
+    require_type(desired, Batched, "desired", AN_INVERSE)
+    require_type(cell, Cell, "cell", "a cell, such as rp.Cell(task, placement, 0.1)")
+    require_choice(incomplete, ("refuse", "shrink", "keep"), "way to treat an incomplete cell")
+    progress = flag_or_function(
+        progress, "progress", "a function of what is being done and the share that is done", 2
+    )
+    if desired.task.as_dict() != cell.task.as_dict():
+        raise InputError(
+            f"the control is for {desired.task!r}, the cell for {cell.task!r}; make both for one task"
+        )
+    if cell.task.r < 1:
+        raise InputError(
+            f"{cell.task!r} is not redundant: with r = {cell.task.r} its joints are given by the pose"
+        )
+    if not (isinstance(degree, str) and degree == "auto"):
+        degree = as_int(degree, "degree", 1, _MOST_DEGREE)
+        if comb(cell.k + degree, degree) * cell.task.r > 4 * _MOST_UNKNOWNS:
+            raise InputError(
+                f"degree {degree} in {cell.k} coordinates makes more than {4 * _MOST_UNKNOWNS} unknowns"
+            )
+    work = _Work(
+        desired,
+        degree,
+        limit_margin=_margin(limit_margin, "limit_margin", "rad"),
+        body_distance=_margin(body_distance, "body_distance", "m"),
+        sigma_min=_margin(sigma_min, "sigma_min"),
+        samples=None if samples is None else as_int(samples, "samples", 16, _MOST_SAMPLES),
+        held_out=as_int(held_out, "held_out", 64, _MOST_HELD_OUT),
+        seed=as_int(seed, "seed"),
+        keep=incomplete == "keep",
+    )
+    with reporting.reporter(progress) as report:
+        work = replace(work, report=report)
+        report("the middle posture", 0.0)
+        postures = (
+            searched(desired, cell, work.seed) if posture is None else given(cell, posture)[None]
+        )
+        q, found = work.best(cell, postures)
+        partly = isinstance(found, CellDesign) and found.coverage > 0
+        if isinstance(found, CellDesign) and (
+            found.evaluation.everywhere or (partly and incomplete == "keep")
+        ):
+            return found
+        failures = found.failures if isinstance(found, CellDesign) else found
+        fits, smaller = _largest(work, cell, q, quick=incomplete != "shrink")
+        if incomplete == "shrink" and smaller is not None:
+            return smaller
+        raise _refusal(cell, failures, fits, keep=partly)
+
+
+def _margin(value: float, name: str, unit: str = "") -> float:
+    """Take a margin that the user asks for."""
+    number = positive(value, name, unit, zero=True)
+    if number > _LARGE:
+        raise InputError(f"{name} can be {_LARGE:g} at most, not {number:g}")
+    return number
+
+
+@dataclass(frozen=True)
+class _Work:
+    """What a search was asked for."""
+
+    desired: Inverse
+    degree: int | Literal["auto"]
+    limit_margin: float
+    body_distance: float
+    sigma_min: float
+    samples: int | None
+    held_out: int
+    seed: int
+    keep: bool
+    report: reporting.Report = reporting.silent
+
+    def best(self, cell: Cell, postures: Array) -> tuple[Array, Found]:
+        """Design from the first posture; where that leaves too little room or costs much, from the
+        best others too."""
+        first = self.design(cell, postures[0])
+        if len(postures) == 1 or _rank(first, self.limit_margin)[0] < _NEARLY or self.good(first):
+            return postures[0], first
+        ranks, quiet = {}, replace(self, report=reporting.silent)
+        for i in range(1, len(postures)):
+            self.report(f"posture {i + 1} of {len(postures)}", 0.1)
+            ranks[i] = _rank(quiet.design(cell, postures[i], quick=True), self.limit_margin)
+        designs = [(postures[0], first)]
+        for i in sorted(ranks, key=lambda i: ranks[i], reverse=True)[:2]:
+            designs.append((postures[i], self.design(cell, postures[i])))
+            if self.good(designs[-1][1]):
+                break
+        return max(designs, key=lambda pair: _rank(pair[1], self.limit_margin))
+
+    def good(self, found: Found) -> bool:
+        """Whether it covers the cell, no bodies touch, with room for the joints, and costs
+        little."""
+        least = (1.0, True, True, 0.4 * self.limit_margin)
+        return (
+            _rank(found, self.limit_margin) >= least and cast(CellDesign, found).extra_speed < _DEAR
+        )
+
+    def design(self, cell: Cell, q: Array, *, quick: bool = False) -> Found:
+        """Design over one cell; what failures it, where there is nothing to design with."""
+        self.report("the reference", 0.1)
+        edge = cell.corners()
+        count = self.samples or (
+            128 if quick else max(256, _power_of_two(3 * _terms(cell, self._highest(cell))))
+        )
+        U = cell.sample(count, self.seed + 1)
+        ends = rays(self.desired, cell, q, np.concatenate([U, edge]))
+        good = ends.reached == 1
+        if good[:count].mean() < 0.5:
+            return _why(cell, ends, len(U))
+        hopeless = not self.keep and bool(good[:count].mean() < _HOPELESS)
+        chart = fitted(cell, ends.U[good], ends.Q[good], ends.N[good], 2 if cell.k > 4 else 4)
+        U, edge = U[good[:count]], edge[good[count:]]
+        at_rest = chart.solve(
+            np.concatenate([U, edge]), np.zeros((len(U) + len(edge), cell.task.r))
+        ).found
+        U, edge = U[at_rest[: len(U)]], edge[at_rest[len(U) :]]
+        if len(U) < count / 4:
+            return _why(cell, ends, count)
+        rounds = 0 if hopeless else 4 if quick else 7
+        descent, terms, degrees = self._descended(cell, chart, U, edge, quick or hopeless, rounds)
+        if not np.isfinite(descent.value.cost):
+            return _why(cell, ends, count)
+        self.report("the last chart", 0.7)
+        chart = _recharted(cell, chart, descent, terms)
+        self.report("the evaluation", 0.8)
+        held_out = min(512, self.held_out) if quick or hopeless else self.held_out
+        evaluation = judge(self.desired, chart, held_out, self.seed + 2, quick=quick or hopeless)
+        return CellDesign.of(
+            self.desired,
+            chart,
+            evaluation,
+            degrees=degrees,
+            samples=len(U),
+            held_out=held_out,
+            seed=self.seed,
+            requested_limit_margin=self.limit_margin,
+            requested_body_distance=self.body_distance,
+            requested_sigma_min=self.sigma_min,
+            steps=descent.steps,
+        )
+
+    def _highest(self, cell: Cell) -> int:
+        """The highest degree that is tried."""
+        if self.degree != "auto":
+            return int(self.degree)
+        d = 1
+        while d < 6 and _terms(cell, d + 1) * cell.task.r <= _MOST_UNKNOWNS:
+            d += 1
+        return d
+
+    def _descended(
+        self, cell: Cell, chart: Chart, U: Array, edge: Array, quick: bool, rounds: int
+    ) -> tuple[Descent, Monomials, tuple[tuple[int, float], ...]]:
+        """Minimise the cost, degree by degree, then with the margins in it; and the degrees
+        tried."""
+        highest = min(2, self._highest(cell)) if quick else self._highest(cell)
+        best: list[Descent] = []
+        tried: list[tuple[int, float]] = []
+        for d in [highest] if self.degree != "auto" or quick else range(1, highest + 1):
+            self.report(f"degree {d}", 0.2 + 0.3 * d / highest)
+            terms = Monomials(cell.k, d)
+            nodes = _nodes(U, terms)
+            below = best[-1].a if best else np.zeros((0, cell.task.r))
+            best.append(_fit(Cost(self.desired, chart, terms, nodes), padded(below, terms)))
+            tried.append((d, best[-1].value.nearness))
+            if best[-1].value.nearness < _NOTHING * best[-1].value.wanted:
+                break
+            if d < highest and self.degree == "auto" and not quick:
+                most = Monomials(cell.k, highest)
+                richest = Cost(self.desired, chart, most, _nodes(U, most))
+                if predicted_gain(richest, padded(best[-1].a, most)) < _WORTHWHILE:
+                    break
+        watched = cell.sample(512 if quick else min(4096, 256 << cell.k), self.seed + 3)
+        constraints = [
+            ActiveConstraint(m, np.concatenate([watched[: m.watched], edge]))
+            for m in self.margins(cell)
+        ]
+        penalties = PenaltyMethod(self.desired, chart, nodes, constraints, rounds)
+        return penalties.kept(best[-1], terms, self.report), terms, tuple(tried)
+
+    def margins(self, cell: Cell) -> list[Margin]:
+        """What the function is to keep away from."""
+        found = [limits_of(cell.task, self.limit_margin)]
+        found += [distances_of(cell.task, self.body_distance)] if self.body_distance else []
+        return found + ([singular_values_of(cell.task, self.sigma_min)] if self.sigma_min else [])
+
+
+def _nodes(U: Array, terms: Monomials) -> Array:
+    """Take as many nodes as the unknowns ask for."""
+    return U[: max(256, _power_of_two(3 * terms.size))]
+
+
+def _fit(cost: Cost, a: Array) -> Descent:
+    """Minimise the cost from coefficients a (N, r); where they have no joints at a node, from the
+    reference."""
+    found = descend(cost, a)
+    return found if np.isfinite(found.value.cost) else descend(cost, np.zeros_like(a))
+
+
+def _recharted(cell: Cell, chart: Chart, descent: Descent, terms: Monomials) -> Chart:
+    """Write a section in a chart that follows it closely: q_ref its joints, n_ref its null space, s
+    = 0."""
+    degree = max(terms.degree, chart.monomials.degree, 3)
+    while degree < 8 and _terms(cell, degree + 1) <= _MOST_TERMS:
+        degree += 1
+    for d in range(max(terms.degree, 3), degree + 1):
+        U = np.concatenate([cell.sample(_power_of_two(3 * _terms(cell, d)), 7), cell.corners()])
+        U = np.concatenate([U, np.sign(U) * np.abs(U) ** 0.5])  # more of them near the edges
+        points = Section(chart, terms, descent.a).at(U)
+        good = points.found
+        N = bases(points.J[good], points.n_ref[good])[1]
+        found = fitted(cell, U[good], points.Q[good], N, d)
+        away = np.abs(found.reference(U[good])[0] - points.Q[good]).max()
+        if away < _CLOSE:
+            break
+    return found
+
+
+def _why(cell: Cell, ends: Rays, count: int) -> tuple[FailureReason, ...]:
+    """Say what failures rays that did not reach their ends."""
+    bad = ends.reached < 1
+    near = ends.Q[np.argsort(-ends.reached)[:8]]
+    failures = unreached(cell, ends.U[bad], near, float(bad.sum() / count))
+    beyond = cell.task.limit_margin(ends.Q[~bad]).min(axis=1, initial=np.inf) < 0
+    limit = broken_limit(cell, ends.U[~bad], ends.Q[~bad], float(beyond.sum() / count))
+    return tuple(failures) if limit is None else (*failures, limit)
+
+
+def _largest(work: _Work, cell: Cell, q: Array, *, quick: bool) -> tuple[float, CellDesign | None]:
+    """Find the factor, to 20 % at worst, by which the cell can be scaled about its middle so that
+    it is covered.
+
+    Rays to the corners and some poses more find where to begin; a design has the last word.
+    """
+    U = np.concatenate([cell.corners(), cell.sample(32, work.seed)])
+    if cell.widths[cell.widths > 0].min() < LEAST_WIDTH / _LEAST_FACTOR:
+        return 0.0, None
+    low, high = 0.0, 1.0
+    for _ in range(5):
+        factor = (low + high) / 2
+        work.report(f"what would fit: {factor:.0%}", 0.9)
+        ends = rays(work.desired, cell.scaled(factor), q, U)
+        low, high = (
+            (factor, high) if (ends.reached == 1).all() and ends.least.min() > 0 else (low, factor)
+        )
+    while low > _LEAST_FACTOR:
+        found = work.design(cell.scaled(low), q, quick=quick)
+        if isinstance(found, CellDesign) and found.evaluation.everywhere:
+            return low, found
+        low *= 0.8
+    return 0.0, None
+
+
+def _refusal(
+    cell: Cell, failures: tuple[FailureReason, ...], fits: float, *, keep: bool
+) -> NoFunctionError:
+    """Say in one line why there is no function, the most frequent cause first, and what would fit.
+
+    Bodies that touch refuse no cell, and are no cause.
+    """
+    causes = (stop for stop in failures if stop.cause != "collision")
+    failures = tuple(sorted(causes, key=lambda stop: -stop.share))
+    why = ", and ".join(stop.what for stop in failures) or "its joints do not fit together"
+    ring = round_the_base(cell)
+    remedy = (
+        f"a cell of {cell.scaled(fits).size()} works (incomplete='shrink' takes it)"
+        if fits > 0
+        else "no smaller cell round this middle works either; move it, or give another posture="
+    )
+    keeps = ", and incomplete='keep' the part that is covered" if keep else ""
+    because = f"; {ring}" if ring else ""
+    return NoFunctionError(
+        f"no single function covers the cell: {why}{because}; {remedy}{keeps}", failures, fits
+    )
+
+
+def _rank(found: Found, limit_margin: float) -> tuple[float, bool, bool, float, float]:
+    """Coverage of the held-out poses, then of the worst, bodies that do not touch, limit margin as
+    asked for, speed."""
+    if not isinstance(found, CellDesign) or found.coverage == 0:
+        return 0.0, False, False, -np.inf, -np.inf
+    margin, everywhere = min(found.limit_margin, 0.4 * limit_margin), found.evaluation.everywhere
+    return found.coverage, everywhere, found.body_distance >= 0, margin, -found.cost
+
+
+def _terms(cell: Cell, degree: int) -> int:
+    return comb(cell.k + degree, degree)
+
+
+def _power_of_two(count: int) -> int:
+    return 1 << max(0, int(np.ceil(np.log2(max(count, 1)))))

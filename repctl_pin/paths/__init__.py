@@ -1,0 +1,1 @@
+"""Closed paths of a frame: shapes, waypoints, polylines and orientations."""

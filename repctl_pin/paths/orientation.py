@@ -1,0 +1,181 @@
+"""Orientations along a closed path: R(s), and its angular velocity ω(s), ``dR/ds = [ω]× R``, base
+axes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation, RotationSpline
+
+from ..arguments import Array
+from ..errors import InputError
+
+Turning = Callable[[float], Array]
+"""A function of s."""
+
+_NODES = np.arange(7)
+_WEIGHTS = np.array([np.linalg.inv(np.vander(_NODES - k, increasing=True))[1] for k in _NODES])
+"""Weights of the sixth-order difference at node k of seven: one-sided where k is not 3."""
+
+_WRAP = 24
+"""Knots of a spline beyond each end of the cycle: what happens there is felt 0.27²⁴ ≈ 2e-14 as much
+inside."""
+
+
+def rotation_matrix(value: Any, what: str = "rotation") -> Array:
+    """Take a rotation: a (3, 3) matrix, or scipy's Rotation.
+
+    Raises
+    ------
+    InputError
+        If it is none: ``RᵀR = I``, ``det R = 1``.
+    """
+    try:
+        R = np.array(value.as_matrix() if isinstance(value, Rotation) else value, dtype=float)
+    except (TypeError, ValueError, OverflowError):
+        R = np.empty(0)
+    off = np.abs(R.T @ R - np.eye(3)).max() if R.shape == (3, 3) else np.inf
+    if not off < 1e-6 or np.linalg.det(R) < 0:
+        raise InputError(
+            f"{what} must be a rotation matrix (3, 3), RᵀR = I and det R = 1, or scipy's Rotation"
+        )
+    return R if off < 1e-13 else pin.Quaternion(R).normalized().matrix()
+
+
+def spin_of(rotation: Turning, breaks: Sequence[float]) -> Turning:
+    """Differentiate R(s) between the breaks, by differences of log(R(s + e) R(s)ᵀ), exact to about
+    1e-11."""
+    knots = np.array([0.0, *breaks, 1.0])
+    piece = piece_finder(knots, np.diff(knots))
+
+    def spin(s: float) -> Array:
+        i, _ = piece(s)
+        start, end = knots[i], knots[i + 1]
+        e = min(2e-3, (end - start) / 8)
+        k = max(min(3, int((s - start) / e)), int(np.ceil(6 - (end - s) / e)))
+        here = rotation(s)
+        turned = [
+            pin.log3(rotation(float(x)) @ here.T) for x in np.clip(s + e * (_NODES - k), start, end)
+        ]
+        return _WEIGHTS[k] @ turned / e
+
+    return spin
+
+
+def piece_finder(knots: Array, widths: Array) -> Callable[[float], tuple[int, float]]:
+    """Make the function s → the piece between two knots that s lies in, and the share of its width
+    that is passed."""
+
+    def piece(s: float) -> tuple[int, float]:
+        i = int(np.clip(np.searchsorted(knots, s, side="right") - 1, 0, len(widths) - 1))
+        return i, (s - knots[i]) / widths[i]
+
+    return piece
+
+
+def smooth_turning(knots: ArrayLike, rotations: Sequence[Array]) -> tuple[Turning, Turning]:
+    """Lead a closed curve through orientations (P, 3, 3) at knots (P,) from 0 to 1, the last equal
+    to the first.
+
+    The cubic spline on SO(3), twice differentiable and periodic; where two in a row are the same,
+    they are held.
+
+    Returns
+    -------
+    rotation, spin
+        R(s) and ω(s).
+
+    Raises
+    ------
+    InputError
+        If two in a row are half a turn apart, so that either way round is as short.
+    """
+    s, R = np.asarray(knots, float), np.array(rotations)
+    R[-1] = R[0]
+    theta = np.array([pin.log3(a.T @ b) for a, b in pairwise(R)])  # (P − 1, 3)
+    angles = np.linalg.norm(theta, axis=1)
+    if (angles > np.pi - 1e-4).any():
+        at = int(np.argmax(angles))
+        raise InputError(
+            f"points {at + 1} and {at + 2} are half a turn apart; put one between, to say which way"
+        )
+    count = len(s) - 1
+    k = np.arange(-_WRAP, count + _WRAP + 1)
+    spline = RotationSpline(s[k % count] + k // count, Rotation.from_matrix(R[k % count]))
+    rates = spline(s[:-1], 1)  # (P − 1, 3), in the turning frame
+    held = angles < 1e-9
+    rates[held | np.roll(held, 1)] = 0.0
+    rates = np.vstack([rates, rates[:1]])
+
+    steps = np.diff(s)[:, None]
+    begin = rates[:-1] * steps
+    end = np.array(
+        [pin.Jlog3(pin.exp3(t)) @ w for t, w in zip(theta, rates[1:] * steps, strict=True)]
+    )
+    cubic = np.stack(
+        [begin, 3 * theta - 2 * begin - end, begin + end - 2 * theta], axis=1
+    )  # (P − 1, 3, 3)
+
+    piece = piece_finder(s, steps[:, 0])
+
+    def rotation(x: float) -> Array:
+        i, u = piece(x)
+        return R[i] @ pin.exp3(np.array([u, u * u, u**3]) @ cubic[i])
+
+    def spin(x: float) -> Array:
+        i, u = piece(x)
+        turn = pin.Jexp3(v := np.array([u, u * u, u**3]) @ cubic[i]) @ (
+            np.array([1, 2 * u, 3 * u * u]) @ cubic[i]
+        )
+        return R[i] @ pin.exp3(v) @ turn / steps[i, 0]
+
+    return rotation, spin
+
+
+def turning_about(axis: Array, start: Array) -> tuple[Turning, Turning]:
+    """Turn with a circle about its axis, ``R(s) = exp(2π s [n]×) R(0)``: a full turn."""
+    return lambda s: pin.exp3(2 * np.pi * s * axis) @ start, lambda s: 2 * np.pi * axis
+
+
+def facing(target: Array, point: Turning, slope: Turning, start: Array) -> tuple[Turning, Turning]:
+    """Keep facing a point, as the frame does at the start: it is seen in the same direction all
+    along.
+
+    ``R(s) = T(d₀ → d(s)) R(0)``, d the unit vector to the point and T the shortest rotation,
+    ``ω = d × ḋ − (d₀ × d)·ḋ / (1 + d₀·d) d``.
+
+    Raises
+    ------
+    InputError
+        If the path runs through the point, or looks the opposite way somewhere.
+    """
+
+    def direction(s: float) -> tuple[Array, float]:
+        away = target - point(s)
+        distance = float(np.linalg.norm(away))
+        return away / max(distance, 1e-300), distance
+
+    D = np.array([direction(float(s))[0] for s in np.linspace(0, 1, 257)])
+    d0 = D[0]
+    if (D @ d0 < -1 + 1e-3).any() or (np.einsum("ij,ij->i", D[1:], D[:-1]) < 0.5).any():
+        raise InputError(
+            f"the path cannot face {target.tolist()}: it runs through that point, or to its far side; "
+            "choose a point farther away, or let the frame turn with a circle round it: rotation='tangent'"
+        )
+
+    def rotation(s: float) -> Array:
+        d = direction(s)[0]
+        k = pin.skew(np.cross(d0, d))
+        return (np.eye(3) + k + k @ k / (1 + d0 @ d)) @ start
+
+    def spin(s: float) -> Array:
+        d, distance = direction(s)
+        ddot = -(np.eye(3) - np.outer(d, d)) @ slope(s) / distance
+        return np.cross(d, ddot) - np.cross(d0, d) @ ddot / (1 + d0 @ d) * d
+
+    return rotation, spin

@@ -1,0 +1,157 @@
+"""A closed path as numbers: polynomials between its corners, so that any path can be written to a
+file."""
+
+from __future__ import annotations
+
+import copyreg
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.polynomial import chebyshev
+from scipy.spatial.transform import Rotation
+
+from ..arguments import Array
+from ..errors import InputError
+from .task_path import TaskPath
+
+_DEGREES = (1, 2, 4, 8, 16, 32, 64)
+_EXACT = 1e-12
+_GOOD = 1e-9
+_DEEPEST = 6
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A path between two values of s.
+
+    Attributes
+    ----------
+    begin, end : float
+        The values of s.
+    coefficients : (d + 1, 3) or (d + 1, 7) array
+        Of Chebyshev polynomials of ``u = (2 s − begin − end) / (end − begin)``: x, y, z in m; where
+        the frame turns, a quaternion qx, qy, qz, qw too, to be scaled to length 1.
+    """
+
+    begin: float
+    end: float
+    coefficients: Array
+
+
+def pieces_of(path: TaskPath) -> list[Piece]:
+    """Write a path as pieces, to 1e-12 of its size where it is smooth between its corners.
+
+    Raises
+    ------
+    InputError
+        If it is so rough that it cannot be told to 1e-9.
+    """
+    knots = (0.0, *path.breaks, 1.0)
+    points = np.array([path.placement(float(s)).translation for s in np.linspace(0, 1, 33)])
+    size = max(float(np.ptp(points, axis=0).max()), 1e-3)
+    placements = [path.placement(float(s)).rotation for s in np.linspace(0, 1, 33)]
+    turns = any(not np.array_equal(placements[0], R) for R in placements)
+    found: list[Piece] = []
+    for begin, end in pairwise(knots):
+        found += _fitted(path, begin, end, turns, size, 0)
+    return found
+
+
+def path_of(pieces: Sequence[Piece], rotation: Array, **what: Any) -> TaskPath:
+    """Make the path of some pieces again.
+
+    Parameters
+    ----------
+    pieces
+        From s = 0 to 1, see :func:`pieces_of`.
+    rotation : (3, 3) array
+        The orientation that is held, where the pieces have none of their own.
+    what
+        Its name, words and so on, see :class:`TaskPath`.
+    """
+    ends = np.array([piece.end for piece in pieces])
+    slopes = [
+        chebyshev.chebder(piece.coefficients) * (2 / (piece.end - piece.begin)) for piece in pieces
+    ]
+
+    def at(s: float, *, slope: bool = False) -> Array:
+        i = min(int(np.searchsorted(ends, s, side="right")), len(pieces) - 1)
+        piece = pieces[i]
+        u = (2 * s - piece.begin - piece.end) / (piece.end - piece.begin)
+        return np.asarray(chebyshev.chebval(u, slopes[i] if slope else piece.coefficients))
+
+    def spin(s: float) -> Array:
+        """Evaluate ω: 2 p′ p* / |p|² of the quaternion p."""
+        p, dp = at(s)[3:], at(s, slope=True)[3:]
+        return 2 * (p[3] * dp[:3] - dp[3] * p[:3] - np.cross(dp[:3], p[:3])) / (p @ p)
+
+    turning: dict[str, Any] = {"rotation": rotation}
+    if pieces[0].coefficients.shape[1] == 7:
+        turning = {"rotation": lambda s: Rotation.from_quat(at(s)[3:]).as_matrix(), "spin": spin}
+    return TaskPath(
+        point=lambda s: at(s)[:3], slope=lambda s: at(s, slope=True)[:3], **turning, **what
+    )
+
+
+def _pickled(path: TaskPath) -> tuple[Callable[..., TaskPath], tuple[Any, ...]]:
+    """Pickle a path as its pieces: its functions cannot be pickled."""
+    what = {
+        name: getattr(path, name)
+        for name in ("name", "breaks", "words", "plane", "corners", "period")
+    }
+    return _unpickled, (pieces_of(path), path.placement(0.0).rotation, what)
+
+
+def _unpickled(pieces: Sequence[Piece], rotation: Array, what: dict[str, Any]) -> TaskPath:
+    return path_of(pieces, rotation, **what)
+
+
+copyreg.pickle(TaskPath, _pickled)
+
+
+def _fitted(
+    path: TaskPath, begin: float, end: float, turns: bool, size: float, depth: int
+) -> list[Piece]:
+    """Fit one piece, or halves of it."""
+    inner = 1e-13 * (end - begin)  # corners belong to the piece on their own side
+
+    def values(u: Array) -> Array:
+        placed = [path.placement(float(np.clip((begin + end + v * (end - begin)) / 2, begin + inner, end - inner)))
+                  for v in u]  # fmt: skip
+        points = np.array([M.translation for M in placed])
+        if not turns:
+            return points
+        order = np.argsort(u)
+        quaternions = Rotation.from_matrix([placed[i].rotation for i in order]).as_quat()
+        for i in range(1, len(quaternions)):
+            quaternions[i] *= -1 if quaternions[i] @ quaternions[i - 1] < 0 else 1
+        return np.hstack([points, quaternions[np.argsort(order)]])
+
+    worst = np.inf
+    for degree in _DEGREES:
+        u = chebyshev.chebpts2(degree + 1)
+        C: Array = np.linalg.solve(chebyshev.chebvander(u, degree), values(u)).astype(float)
+        between = np.cos(np.pi * (np.arange(degree + 3) + 0.31) / (degree + 3))
+        fit, true = chebyshev.chebval(between, C).T, values(between)
+        true[:, 3:] *= np.sign(
+            (fit[:, 3:] * true[:, 3:]).sum(axis=1, keepdims=True)
+        )  # q and −q are one rotation
+        off = np.abs(fit - true) / np.array([size] * 3 + [1.0] * 4)[: C.shape[1]]
+        worst = min(worst, float(off.max()))
+        if off.max() <= _EXACT or (
+            degree == _DEGREES[-1] and depth == _DEEPEST and off.max() <= _GOOD
+        ):
+            return [Piece(begin, end, C)]
+    if depth == _DEEPEST:
+        raise InputError(
+            f"{path.name} cannot be saved: it is too rough between s = {begin:.3g} and {end:.3g}"
+        )
+    middle = (begin + end) / 2
+    return [
+        piece
+        for a, b in ((begin, middle), (middle, end))
+        for piece in _fitted(path, a, b, turns, size, depth + 1)
+    ]

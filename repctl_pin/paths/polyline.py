@@ -1,0 +1,363 @@
+"""Closed paths of straight lines between waypoints, their corners sharp or blended by arcs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from ..arguments import Array, list_of, positive
+from ..errors import InputError
+from ..robot.task import Task, require_task
+from .orientation import piece_finder, rotation_matrix, smooth_turning
+from .task_path import TaskPath
+
+MOST_POINTS = 3000
+"""Corners of one path: every one is a step of every cycle at least, so a study of them takes half a
+minute."""
+
+_PER_RADIAN = 0.1
+"""Turning by a radian takes as long as moving by so many metres."""
+
+
+@dataclass(frozen=True, eq=False)
+class Waypoints:
+    """Waypoints as a file holds them: what :func:`read_waypoints` returns, and :func:`waypoints`
+    takes.
+
+    Attributes
+    ----------
+    points : (P, 3) array
+        Positions, m in the base frame.
+    rotations : (P, 3, 3) array or None
+        Orientations in base axes, if the file has quaternions.
+    times : (P,) array or None
+        When each point is passed, s, if the file has a column ``time``.
+    lines : tuple of int
+        Numbers of the file's lines, from 1.
+
+    Examples
+    --------
+    >>> loop = np.array([[0, 0, 0, 0], [1, 0.1, 0, 0], [2, 0, 0.1, 0], [3, 0, 0, 0]])  # s and m
+    >>> np.savetxt("loop.csv", loop, delimiter=",", header="time,x,y,z", comments="")
+    >>> found = rp.read_waypoints("loop.csv")
+    >>> rp.waypoints(found, task.placement(q0).rotation).period  # s
+    3.0
+    """
+
+    points: Array
+    rotations: Array | None = None
+    times: Array | None = None
+    lines: tuple[int, ...] = ()
+
+    def __repr__(self) -> str:
+        more = [
+            word
+            for word, it in (("orientations", self.rotations), ("times", self.times))
+            if it is not None
+        ]
+        return f"<{len(self.points)} Waypoints{' with ' if more else ''}{' and '.join(more)}>"
+
+
+def polygon(
+    task: Task, q0: ArrayLike, corners: ArrayLike, *, blend: float = 0.0, name: str = "polygon"
+) -> TaskPath:
+    """Draw a closed polygon from where the frame is at q0, at constant speed.
+
+    Parameters
+    ----------
+    task
+        Whose frame moves.
+    q0 : (n,) array
+        The start, rad (m for sliding joints).
+    corners : (P, 3) array
+        The other corners, in m *from the start*, in order; the path returns to the start by itself.
+        A single one gives a line there and back; a repeated corner is a stay, as long as the mean
+        edge takes.
+    blend
+        Radius of the arcs that round the corners, m; the start then lies in the middle of the first
+        corner's arc, and the polygon beside it.
+
+    Returns
+    -------
+    TaskPath
+
+    Raises
+    ------
+    InputError
+        If there is no other corner, or an edge is too short for its arcs.
+
+    Examples
+    --------
+    >>> square = rp.polygon(task, q0, [[0.1, 0, 0], [0.1, 0.1, 0], [0, 0.1, 0]])  # m from the start
+    >>> round(square.length, 3)
+    0.4
+    """
+    offsets = _points(corners, "corners")
+    start = require_task(task).placement(q0)
+    path = _polyline(
+        np.vstack([np.zeros(3), offsets, np.zeros(3)]) + start.translation,
+        start.rotation,
+        None,
+        blend,
+        name,
+    )
+    aside = start.translation - path.point(0.0)
+    if not aside.any():
+        return path
+    return TaskPath(name, lambda s: path.point(s) + aside, path.slope, path.rotation, path.breaks)
+
+
+def waypoints(
+    points: Any,
+    rotation: Any = None,
+    *,
+    times: ArrayLike | None = None,
+    blend: float = 0.0,
+    name: str = "waypoints",
+) -> TaskPath:
+    """Join waypoints by straight lines, the orientation turning smoothly from one to the next.
+
+    The path is closed: the last waypoint repeats the first. Bring the arm there with
+    :func:`solve_ik`.
+
+    Parameters
+    ----------
+    points : (P, 3) array, P placements, or Waypoints
+        Positions, m in the base frame; or rigid transforms, position and orientation in one; or
+        what :func:`read_waypoints` returned, with its orientations and times. A repeated point is a
+        stay: as long as its times say, else as the mean edge takes.
+    rotation : (3, 3) array, or P of them
+        The orientation held, or that of each point, then led through by a spline on SO(3); matrices
+        or scipy's Rotation. Not with points that have orientations.
+    times : (P,) array, optional
+        When each point is passed, s, rising; by default those of the file, or constant speed.
+    blend
+        Radius of the arcs that round the corners, m; the path begins in the middle of the first
+        one's. A way back on itself stays sharp. Not with times.
+
+    Returns
+    -------
+    TaskPath
+
+    Raises
+    ------
+    InputError
+        If there are fewer than three points, numbers that are not finite, the path is open, or an
+        edge is too short for its arcs.
+
+    Examples
+    --------
+    >>> here = task.placement(q0)
+    >>> points = here.translation + np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0]])  # m
+    >>> path = rp.waypoints(points, here.rotation)
+    >>> path.breaks  # corners
+    (0.2928932188134524, 0.7071067811865475)
+    """
+    if isinstance(points, Waypoints):
+        if times is not None and points.times is not None:
+            raise InputError("these waypoints have times; leave times= out")
+        if rotation is not None and points.rotations is not None:
+            raise InputError("these waypoints have orientations; leave rotation= out")
+        times = points.times if times is None else times
+        rotation = points.rotations if rotation is None else rotation
+        points = points.points
+    if (
+        not isinstance(points, np.ndarray)
+        and len(given := list_of(points, "waypoints", "rows of three numbers"))
+        and isinstance(given[0], pin.SE3)
+    ):
+        if rotation is not None or not all(isinstance(x, pin.SE3) for x in given):
+            raise InputError(
+                "waypoints that are placements say their orientations themselves; leave rotation out"
+            )
+        corners, turns = np.array([x.translation for x in given]), [x.rotation for x in given]
+    else:
+        corners = _points(points, "waypoints")
+        if rotation is None:
+            raise InputError(
+                "waypoints want rotation=: the orientation to hold, such as task.placement(q0).rotation"
+            )
+        if isinstance(rotation, Rotation):
+            rotation = rotation.as_matrix()
+        listed = isinstance(rotation, (list, tuple, np.ndarray))
+        several = listed and ((matrix := _doubles(rotation)) is None or matrix.ndim > 2)
+        turns = [rotation_matrix(R) for R in (rotation if several else [rotation])]
+        if len(turns) not in (1, len(corners)):
+            raise InputError(
+                f"{len(corners)} waypoints want one rotation, or as many; got {len(turns)}"
+            )
+    if len(corners) < 3:
+        raise InputError(
+            f"a closed path needs at least 3 waypoints (the last repeats the first), not {len(corners)}"
+        )
+    size = max(float(np.ptp(corners, axis=0).max()), 1e-3)
+    gap, turned = float(np.linalg.norm(corners[-1] - corners[0])), pin.log3(turns[0].T @ turns[-1])
+    if gap > 1e-6 * size or np.linalg.norm(turned) > 1e-6:
+        by = f"{gap:.3g} m" if gap > 1e-6 * size else f"{np.linalg.norm(turned):.3g} rad"
+        raise InputError(f"the path is open by {by}; end it with its first point again")
+    corners = np.vstack([corners[:-1], corners[0]])
+    return _polyline(corners, turns[0] if len(turns) == 1 else turns, times, blend, name)
+
+
+def _polyline(
+    corners: Array, rotation: Array | list[Array], times: ArrayLike | None, blend: float, name: str
+) -> TaskPath:
+    """Join corners (P, 3), the last equal to the first."""
+    if len(corners) - 1 > MOST_POINTS:
+        raise InputError(
+            f"{name} has {len(corners)} points; thin them out to {MOST_POINTS} or fewer"
+        )
+    turns = np.zeros(len(corners) - 1)
+    if isinstance(rotation, list):
+        turns = np.array([np.linalg.norm(pin.log3(a.T @ b)) for a, b in pairwise(rotation)])
+    edges = np.diff(corners, axis=0)
+    sizes = np.hypot(np.linalg.norm(edges, axis=1), _PER_RADIAN * turns)
+    stays = sizes < 1e-9
+    if stays.all():
+        raise InputError(f"{name}: all points are the same; a path has to move")
+    blend = positive(blend, "blend", "m", zero=True)
+    if blend and times is not None:
+        raise InputError("corners are blended at constant speed; leave out times= or blend=")
+    period = None
+    if times is not None:
+        t = _doubles(times)
+        if (
+            t is None
+            or t.shape != (len(corners),)
+            or not np.isfinite(t).all()
+            or not (np.diff(t) > 0).all()
+        ):
+            raise InputError(
+                f"times must be {len(corners)} finite numbers that rise, s, one a waypoint"
+            )
+        pieces = [_line(*ends) for ends in zip(corners[:-1], edges, strict=True)]
+        at_corners = knots = t - t[0]
+        period = float(knots[-1])
+    else:
+        pieces, knots, at_corners = _rounded(
+            corners, np.where(stays, sizes[~stays].mean(), sizes), blend, name
+        )
+    s, widths = knots / knots[-1], np.diff(knots) / knots[-1]
+
+    piece = piece_finder(s, widths)
+
+    def point(x: float) -> Array:
+        i, u = piece(x)
+        return pieces[i](u)[0]
+
+    def slope(x: float) -> Array:
+        i, u = piece(x)
+        return pieces[i](u)[1] / widths[i]
+
+    breaks = tuple(float(x) for x in s[1:-1])
+    if not isinstance(rotation, list):
+        return TaskPath(name, point, slope, rotation, breaks, period=period)
+    try:
+        R, spin = smooth_turning(at_corners / knots[-1], rotation)
+    except InputError as error:
+        raise InputError(f"{name}: {error}") from None
+    return TaskPath(name, point, slope, R, breaks, spin=spin, period=period)
+
+
+Piece = Callable[[float], tuple[Array, Array]]
+"""u in [0, 1] → p and dp/du."""
+
+
+def _line(start: Array, edge: Array) -> Piece:
+    return lambda u: (start + u * edge, edge)
+
+
+def _arc(
+    start: Array, along: Array, inward: Array, radius: float, begin: float, end: float
+) -> Piece:
+    """Part of an arc that begins at a point, along a unit vector, and turns to another."""
+
+    def at(u: float) -> tuple[Array, Array]:
+        a = begin + u * (end - begin)
+        c, s = np.cos(a), np.sin(a)
+        return start + radius * (s * along + (1 - c) * inward), (end - begin) * radius * (
+            c * along + s * inward
+        )
+
+    return at
+
+
+def _rounded(
+    corners: Array, sizes: Array, radius: float, name: str
+) -> tuple[list[Piece], Array, Array]:
+    """Round the corners (P, 3) of a closed polyline: pieces, their knots, and where the corners are
+    on these.
+
+    An arc of radius ρ round a corner of turning φ takes ρ tan(φ/2) of both edges. The first
+    corner's arc is cut in the middle: the path begins there."""
+    edges = np.diff(corners, axis=0)
+    lengths = np.linalg.norm(edges, axis=1)
+    units = edges / np.maximum(lengths, 1e-300)[:, None]
+    before = np.roll(units, 1, axis=0)  # the edge into corner i, as units[i] is the one out of it
+    inward = units - np.einsum("ij,ij->i", units, before)[:, None] * before
+    across = np.linalg.norm(inward, axis=1)
+    phi = np.arctan2(across, np.einsum("ij,ij->i", units, before))
+    moving = lengths > 1e-9
+    phi[~(moving & np.roll(moving, 1)) | (phi > np.pi - 1e-3) | (phi < 1e-9) | (radius == 0)] = 0.0
+    cut = radius * np.tan(phi / 2)  # of both edges of corner i
+    room = lengths - cut - np.roll(cut, -1)
+    if (room < -1e-12).any():
+        at = int(np.argmin(room))
+        most = radius * lengths[at] / (lengths[at] - room[at])
+        raise InputError(
+            f"{name}: arcs of {radius:g} m do not fit the edge of {lengths[at]:.3g} m from point {at + 1} to "
+            f"{at + 2}; blend by {most:.2g} m or less"
+        )
+    pieces: list[Piece] = []
+    took: list[float] = []
+    upto = [0]  # pieces before the middle of each corner
+
+    def half_arc(i: int, begin: float, end: float) -> None:
+        if phi[i] > 0:
+            start = corners[i] - cut[i] * before[i]
+            pieces.append(_arc(start, before[i], inward[i] / across[i], radius, begin, end))
+            took.append(radius * phi[i] / 2)
+
+    for i, edge in enumerate(edges):
+        half_arc(i, phi[i] / 2, phi[i])
+        share = room[i] / lengths[i] if moving[i] else 1.0
+        if share > 1e-9:
+            pieces.append(_line(corners[i] + cut[i] * units[i], share * edge))
+            took.append(share * sizes[i])
+        following = (i + 1) % len(edges)
+        half_arc(following, 0.0, phi[following] / 2)
+        upto.append(len(pieces))
+    knots = np.concatenate([[0.0], np.cumsum(took)])
+    return pieces, knots, knots[upto]
+
+
+_FARTHEST = 1e9
+"""m; squares of coordinates beyond 1e154 overflow."""
+
+
+def _points(values: ArrayLike | Sequence[Any], what: str) -> Array:
+    points = _doubles(values)
+    if points is None:
+        raise InputError(f"{what} must be rows of three numbers, x, y, z in m")
+    if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
+        raise InputError(f"{what} must be rows of three finite numbers, x, y, z in m")
+    if np.abs(points).max(initial=0.0) > _FARTHEST:
+        raise InputError(
+            f"{what}: a coordinate of {np.abs(points).max():.3g} m is out of any arm's reach; give them in m"
+        )
+    return points
+
+
+def _doubles(values: Any) -> Array | None:
+    """Whatever NumPy can take for doubles, numbers that are written included; else None."""
+    try:
+        return np.array(values, dtype=float)
+    except (TypeError, ValueError, OverflowError):
+        return None

@@ -1,0 +1,256 @@
+"""Closed paths of the frame: where it should be, and how fast it should move, at s in [0, 1]."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+import pinocchio as pin
+from scipy.spatial.transform import Rotation
+
+from ..arguments import (
+    MOST_STEPS,
+    Array,
+    as_int,
+    finite,
+    function,
+    list_of,
+    positive,
+    require_type,
+    vector,
+)
+from ..errors import InputError
+from .orientation import rotation_matrix, spin_of
+
+
+@runtime_checkable
+class ClosedPath(Protocol):
+    """What a path has to say: a :class:`TaskPath` does, and so may a class of your own."""
+
+    @property
+    def name(self) -> str:
+        """A name to read."""
+
+    @property
+    def breaks(self) -> tuple[float, ...]:
+        """Values of s in (0, 1) where the twist jumps."""
+
+    def placement(self, s: float) -> pin.SE3:
+        """Where the frame should be at s."""
+
+    def twist(self, s: float) -> Array:
+        """Evaluate d(pose)/ds: (6,), m and rad per cycle, base axes."""
+
+
+@dataclass(frozen=True, repr=False)
+class TaskPath:
+    """A closed path: a curve of the frame's origin, and its orientation, held or turning.
+
+    It is checked when created: it must close, and the slopes must be the curves' derivatives.
+
+    Attributes
+    ----------
+    name : str
+        A name to read.
+    point, slope : functions of s
+        p(s), m, and dp/ds, m per cycle; p(0) = p(1).
+    rotation : (3, 3) array, or function of s
+        The orientation that is held; or R(s), a matrix or scipy's Rotation, R(0) = R(1).
+    breaks : tuple of float
+        Values of s in (0, 1) at which the twist or its rate jumps: corners.
+    spec, plane : str
+        What the command line calls it: ``circle:0.1:180``, ``xy``. Empty for a path made in Python,
+        or one that lies in no plane.
+    corners : tuple of str
+        What the corners are called, from the start to the end: lines of a file. Empty if they have
+        no names.
+    spin : function of s, optional
+        ω(s) with ``dR/ds = [ω]× R``, rad per cycle, base axes; by default differences of R(s).
+    period : float, optional
+        The time that a cycle should take, s, if waypoints have times.
+
+    Raises
+    ------
+    InputError
+        If the path is open, or a slope is not the curve's.
+
+    Examples
+    --------
+    >>> here = task.placement(q0)
+    >>> back = rp.TaskPath(
+    ...     "back and forth",
+    ...     lambda s: here.translation + [0.1 * np.sin(2 * np.pi * s), 0, 0],  # m
+    ...     lambda s: np.array([0.2 * np.pi * np.cos(2 * np.pi * s), 0, 0]),  # m per cycle
+    ...     here.rotation,
+    ... )
+    >>> back.placement(0.25).translation - here.translation
+    array([0.1, 0. , 0. ])
+    """
+
+    name: str
+    point: Callable[[float], Array]
+    slope: Callable[[float], Array]
+    rotation: Array | Callable[[float], Array]
+    breaks: tuple[float, ...] = ()
+    spec: str = ""
+    plane: str = ""
+    corners: tuple[str, ...] = ()
+    spin: Callable[[float], Array] | None = None
+    period: float | None = None
+
+    def __post_init__(self) -> None:
+        turn = self.point if self.spin is None else self.spin
+        for curve, what in ((self.point, "point"), (self.slope, "slope"), (turn, "spin")):
+            function(curve, what, "a function of s that gives three numbers")
+        if len(list_of(self.breaks, "breaks", "values of s")):
+            vector(self.breaks, None, "breaks", "values of s")
+        object.__setattr__(self, "breaks", tuple(float(s) for s in self.breaks))
+        if self.period is not None:
+            positive(self.period, "the period", "s")
+        if not callable(self.rotation):
+            object.__setattr__(self, "rotation", rotation_matrix(self.rotation))
+        elif self.spin is None:
+            object.__setattr__(self, "spin", spin_of(self._turned, self.breaks))
+        _check(self)
+
+    def placement(self, s: float) -> pin.SE3:
+        """Where the frame should be at s."""
+        s = finite(s, "s")
+        return pin.SE3(self._turned(s), self.point(s))
+
+    def twist(self, s: float) -> Array:
+        """Evaluate d(pose)/ds: (6,), m and rad per cycle, base axes."""
+        s = finite(s, "s")
+        return np.concatenate([self.slope(s), np.zeros(3) if self.spin is None else self.spin(s)])
+
+    def points(self, count: int = 201) -> Array:
+        """Sample the curve, corners included: (≥ count, 3), m."""
+        count = as_int(count, "count", 2, MOST_STEPS)
+        return np.array([self.point(s) for s in np.union1d(np.linspace(0, 1, count), self.breaks)])
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> TaskPath:
+        """Copy nothing: a path does not change."""
+        return self
+
+    @property
+    def options(self) -> str:
+        """The options that make the command line draw it again; empty if there are none."""
+        path = f"--path {shlex.quote(self.spec)}" if self.spec else ""
+        return f"{path} --plane {self.plane}" if path and self.plane else path
+
+    def as_dict(self) -> dict[str, Any]:
+        """Say what it is called, in plain Python types."""
+        return {"path": self.name, "path_spec": self.spec or None, "plane": self.plane or None}
+
+    def __repr__(self) -> str:
+        turning = "turning" if callable(self.rotation) else "orientation held"
+        period = "" if self.period is None else f", {self.period:g} s"
+        return f"<TaskPath {self.name}: {turning}, {len(self.breaks)} corners{period}>"
+
+    @property
+    def length(self) -> float:
+        """Length of one cycle, m."""
+        return float(np.linalg.norm(np.diff(self.points(1001), axis=0), axis=1).sum())
+
+    def _turned(self, s: float) -> Array:
+        R = self.rotation(s) if callable(self.rotation) else self.rotation
+        return R.as_matrix() if isinstance(R, Rotation) else R
+
+
+def closed_path(path: Any) -> TaskPath:
+    """Take a closed path that a person gave: a :class:`TaskPath`, or one of another class, which is
+    tried too.
+
+    Raises
+    ------
+    InputError
+        If it is none, is open, or its twist is not the slope of its placement.
+    """
+    if isinstance(path, TaskPath):
+        return path
+    require_type(path, ClosedPath, "path", "a closed path, such as rp.circle(task, q0)")
+    return TaskPath(
+        str(path.name),
+        lambda s: path.placement(s).translation,
+        lambda s: np.asarray(path.twist(s), float)[:3],
+        lambda s: path.placement(s).rotation,
+        tuple(path.breaks),
+        spin=lambda s: np.asarray(path.twist(s), float)[3:],
+    )
+
+
+def _check(path: TaskPath) -> None:
+    """Refuse what is no closed path, or has another slope than its own."""
+    knots = np.array([0.0, *path.breaks, 1.0])
+    if not (np.diff(knots) > 0).all():
+        raise InputError(f"{path.name}: breaks must rise between 0 and 1")
+    if callable(path.rotation):
+        rotation_matrix(path.rotation(0.0), f"{path.name}: rotation(s)")
+    values = [
+        np.asarray(f(0.0), float)
+        for f in (path.point, path.slope, path.point if path.spin is None else path.spin)
+    ]
+    if any(value.shape != (3,) or not np.isfinite(value).all() for value in values):
+        raise InputError(
+            f"{path.name}: point(s), slope(s) and spin(s) must give three finite numbers"
+        )
+
+    samples = []
+    for j in range(16):  # inside the pieces, where everything is smooth
+        i = j * (len(knots) - 1) // 16
+        width = knots[i + 1] - knots[i]
+        samples.append((knots[i] + width * (0.1 + 0.8 * (0.618 * j % 1)), 1e-5 * width))
+    twists = np.array([path.twist(s) for s, _ in samples])
+    differences = np.array(
+        [_difference(path.placement(s - e), path.placement(s + e)) / (2 * e) for s, e in samples]
+    )
+    first, last = path.placement(0.0), path.placement(1.0)
+    size = max(float(np.abs([path.point(s) - first.translation for s, _ in samples]).max()), 1e-3)
+    gap = _difference(first, last)
+    for part, unit, curve, most in (
+        (slice(3), "m", "p", 1e-6 * size),
+        (slice(3, 6), "rad", "R", 1e-6),
+    ):
+        if not np.linalg.norm(gap[part]) <= most:
+            raise InputError(
+                f"{path.name} is open: {curve}(1) is {np.linalg.norm(gap[part]):.3g} {unit} away from {curve}(0); "
+                "end it where it begins"
+            )
+        off = np.linalg.norm(twists[:, part] - differences[:, part], axis=1)
+        worst = int(np.argmax(off))
+        if not off[worst] <= 1e-3 * np.abs(differences).max() + 1e-6 * size:
+            raise InputError(
+                f"{path.name}: at s = {samples[worst][0]:.3g} its slope, {unit} a cycle, is said to be "
+                f"{_short(twists[worst, part])}, but the curve's own is {_short(differences[worst, part])}"
+            )
+
+
+def _difference(a: pin.SE3, b: pin.SE3) -> Array:
+    """Subtract two placements: (6,), m and rad, base axes."""
+    return np.concatenate([b.translation - a.translation, pin.log3(b.rotation @ a.rotation.T)])
+
+
+def _short(values: Array) -> str:
+    return "(" + ", ".join(f"{v:.3g}" for v in values) + ")"
+
+
+@dataclass(frozen=True)
+class Cycle:
+    """One cycle of a closed motion.
+
+    Attributes
+    ----------
+    start : (n,) array
+        Where the joints begin and end, rad or m.
+    path : TaskPath
+        What the frame follows.
+    period : float
+        Time of the cycle, s.
+    """
+
+    start: Array
+    path: TaskPath
+    period: float

@@ -1,0 +1,169 @@
+"""The arm angle: how far the elbow has turned about the line from shoulder to wrist."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from ..arguments import Array, as_configurations, as_numbers, require_type, shown, vector
+from ..errors import InputError, SingularityError
+from ..robot.model import frame_id
+from ..robot.task import Task, require_task
+from .basis import coefficients
+from .custom import CustomMap
+from .joined import Family
+
+_SHARED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+_SINGULAR = 1e-6
+
+
+class ArmAngle(Family):
+    r"""The angle ψ of the elbow about the line from shoulder to wrist, as a potential.
+
+    With ``e`` the elbow and ``w`` the wrist, seen from the shoulder, ``ŵ = w/‖w‖``, and a reference
+    direction r:
+
+    .. math:: \psi = \operatorname{atan2}\left(\hat w \cdot (y \times e),\; y \cdot e\right), \qquad
+              y = r - \hat w (\hat w \cdot r) \quad\text{(conventional)},
+
+    singular if the wrist points along r *or against it*: on a line. The stereographic one (Elias
+    and Wen, 2024) has ``y = r × (ŵ − t)`` with t ⊥ r, and is singular only at ŵ = t: on half a
+    line, which can be turned away from where the arm goes.
+
+    Parameters
+    ----------
+    task
+        Whose joints move the three frames.
+    shoulder, elbow, wrist : str
+        Frames of the task's chain.
+    reference : (3,) array
+        r, in the base's axes.
+    singular : (3,) array, optional
+        t, in the base's axes, for the stereographic angle: the singular direction; its part across
+        r is taken. Without it, the angle is the conventional one.
+
+    Raises
+    ------
+    InputError
+        If a frame is not on the task's chain, or a direction is zero.
+    SingularityError
+        If it is evaluated at its singular direction.
+
+    Examples
+    --------
+    >>> psi = rp.ArmAngle(panda, "panda_link2", "panda_link4", "panda_link6", reference=(0.0, 1.0, 0.0))
+    >>> psi.values(np.array([panda.reference])).round(3)  # rad
+    array([[1.571]])
+    """
+
+    def __init__(
+        self,
+        task: Task,
+        shoulder: str,
+        elbow: str,
+        wrist: str,
+        reference: ArrayLike = (0.0, 0.0, 1.0),
+        *,
+        singular: ArrayLike | None = None,
+    ) -> None:
+        self.task, self.n = require_task(task), task.n
+        if task.coordinates is not None:
+            raise InputError(
+                "an arm angle is of the joints themselves; use the task before in_coordinates()"
+            )
+        self.frames = tuple(
+            require_type(name, str, "a frame of an arm angle", "a link's name")
+            for name in (shoulder, elbow, wrist)
+        )
+        self._ids = [frame_id(task.model, name) for name in self.frames]
+        self.reference = _unit(reference, "the reference direction")
+        self.singular = None if singular is None else _unit(singular, "the singular direction")
+        if self.singular is not None:
+            across = self.singular - self.reference * (self.reference @ self.singular)
+            if np.linalg.norm(across) < 0.1:
+                raise InputError(
+                    "the singular direction must lie across the reference, not along it"
+                )
+            self.singular = across / np.linalg.norm(across)
+
+    @property
+    def size(self) -> int:
+        """One potential."""
+        return 1
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What it is called."""
+        kind = "arm angle" if self.singular is None else "stereographic arm angle"
+        return (f"{kind} {' '.join(self.frames)}",)
+
+    def values(self, Q: ArrayLike) -> Array:
+        """Evaluate ψ at every row of Q (K, n): (K, 1), rad, from −π to π."""
+        return np.array(
+            [[self._angle(q)[0]] for q in as_configurations(Q, self.task.n, "an arm angle")]
+        ).reshape(-1, 1)
+
+    def gradients(self, Q: ArrayLike) -> Array:
+        """Evaluate ∂ψ/∂q: (K, n, 1)."""
+        Q = as_configurations(Q, self.task.n, "an arm angle")
+        return np.array([self._angle(q)[1] for q in Q]).reshape(len(Q), self.task.n, 1)
+
+    def weighted(self, A: ArrayLike) -> CustomMap:
+        """Choose ``h = ψ A`` with coefficients A (1, r)."""
+        return CustomMap(self, coefficients(A, 1))
+
+    def distance(self, q: ArrayLike) -> float:
+        """The angle, rad, between the wrist's direction and the nearest singular one."""
+        w = self._points(vector(q, self.task.n, "q"))[1][0]
+        w = w / np.linalg.norm(w)
+        along = abs(w @ self.reference) if self.singular is None else w @ self.singular
+        return float(np.arccos(np.clip(along, -1, 1)))
+
+    def __repr__(self) -> str:
+        return f"<ArmAngle of {' '.join(self.frames)}>"
+
+    def _points(self, q: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+        """The elbow and the wrist from the shoulder, each with its Jacobian (3, n)."""
+        model, data = self.task.model, self.task._data
+        J = [pin.computeFrameJacobian(model, data, q, i, _SHARED)[:3].copy() for i in self._ids]
+        pin.framesForwardKinematics(model, data, q)
+        p = [data.oMf[i].translation.copy() for i in self._ids]
+        return (p[1] - p[0], J[1] - J[0]), (p[2] - p[0], J[2] - J[0])
+
+    def _angle(self, q: Array) -> tuple[float, Array]:
+        """ψ, and its gradient (n,) by the chain rule through elbow and wrist."""
+        (e, J_e), (w, J_w) = self._points(np.asarray(q, float))
+        length = float(np.linalg.norm(w))
+        if length < _SINGULAR:
+            raise SingularityError(
+                "the wrist lies on the shoulder: the arm angle is not defined there"
+            )
+        w_hat = w / length
+        dw_hat = (J_w - np.outer(w_hat, w_hat @ J_w)) / length
+        y, dy = self._zero(w_hat)
+        dy_q = dy @ dw_hat  # (3, n)
+        s, c = float(w_hat @ np.cross(y, e)), float(y @ e)
+        if s**2 + c**2 < _SINGULAR**2:
+            raise SingularityError(
+                "the arm angle is singular: the arm is straight, or the wrist points where ψ has no 0"
+            )
+        ds = np.cross(y, e) @ dw_hat + np.cross(e, w_hat) @ dy_q + np.cross(w_hat, y) @ J_e
+        dc = e @ dy_q + y @ J_e
+        return float(np.arctan2(s, c)), (c * ds - s * dc) / (s**2 + c**2)
+
+    def _zero(self, w_hat: Array) -> tuple[Array, Array]:
+        """Where ψ = 0: y, across ŵ, and ∂y/∂ŵ (3, 3). It need not be of length 1."""
+        r, t = self.reference, self.singular
+        if t is None:
+            return r - w_hat * (w_hat @ r), -(w_hat @ r) * np.eye(3) - np.outer(w_hat, r)
+        # k = (ŵ − t) × r, and y = k × ŵ: perpendicular to ŵ, 0 only at ŵ = t
+        k, dk = np.cross(w_hat - t, r), -pin.skew(r)
+        return np.cross(k, w_hat), -pin.skew(w_hat) @ dk + pin.skew(k)
+
+
+def _unit(value: ArrayLike, what: str) -> Array:
+    v = as_numbers(value)
+    if v is None or v.shape != (3,) or not np.isfinite(v).all() or not np.linalg.norm(v) > 0:
+        raise InputError(f"{what} must be three finite numbers, not all 0; got {shown(value)}")
+    return v / np.linalg.norm(v)

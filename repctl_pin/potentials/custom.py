@@ -1,0 +1,176 @@
+"""Potentials that a person gives as plain functions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..arguments import Array, as_configurations, list_of_names, require_type, row
+from ..errors import InputError
+from .basis import PotentialBasis, coefficients, joints_of
+from .joined import Family
+
+Function = Callable[[Array], float]
+Gradient = Callable[[Array], ArrayLike]
+
+STEP = 1e-5
+"""Of the central differences that stand in for a gradient that was not given; their error is about
+1e-10 h."""
+
+
+class CustomPotentials(Family):
+    """User-defined potentials, ``h_i(q)``.
+
+    Parameters
+    ----------
+    functions : sequence
+        Each a function q (n,) → h, or a pair of it and its gradient q → ∇h (n,). A missing gradient
+        is computed numerically, and :attr:`numerical` and the name say so.
+    names : sequence of str, optional
+        What to call them; by default the functions' own names.
+
+    Raises
+    ------
+    InputError
+        If there is none, or one is not a function. Values that are not finite are refused when they
+        appear.
+
+    Examples
+    --------
+    >>> potentials = rp.CustomPotentials([lambda q: q[0] + q[1] ** 2, lambda q: np.sin(q[2])], names=["a", "b"])
+    >>> potentials.values(q0[None]).round(3)
+    array([[0.94 , 0.717]])
+    >>> potentials.numerical  # their gradients are differences
+    (True, True)
+    """
+
+    def __init__(
+        self,
+        functions: Sequence[Function | tuple[Function, Gradient]],
+        *,
+        names: Sequence[str] | None = None,
+    ) -> None:
+        require_type(
+            functions, Sequence, "functions", "a list of functions q → h, or of pairs (h, gradient)"
+        )
+        pairs = [f if isinstance(f, tuple) else (f, None) for f in functions]
+        if not pairs:
+            raise InputError("CustomPotentials needs at least one function q → h")
+        for i, pair in enumerate(pairs):
+            if (
+                len(pair) != 2
+                or not callable(pair[0])
+                or not (pair[1] is None or callable(pair[1]))
+            ):
+                raise InputError(
+                    f"potential {i + 1} is no function q → h, nor a pair of one and its gradient"
+                )
+        self._functions = [pair[0] for pair in pairs]
+        self._gradients = [pair[1] for pair in pairs]
+        given = () if names is None else list_of_names(names, "names", "one name a potential")
+        if names is not None and len(given) != len(pairs):
+            raise InputError(f"{len(given)} names for {len(pairs)} potentials")
+        own = [getattr(f, "__name__", "h") for f in self._functions]
+        own = [f"h_{i + 1}" if name in ("<lambda>", "h") else name for i, name in enumerate(own)]
+        self._names = given or tuple(own)
+
+    @property
+    def size(self) -> int:
+        """N, the number of potentials."""
+        return len(self._functions)
+
+    @property
+    def numerical(self) -> tuple[bool, ...]:
+        """For each potential, whether its gradient is differentiated numerically."""
+        return tuple(g is None for g in self._gradients)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What each potential is called, and whether its gradient is numerical."""
+        return tuple(
+            f"{name} (gradient by differences)" if numerical else name
+            for name, numerical in zip(self._names, self.numerical, strict=True)
+        )
+
+    def values(self, Q: ArrayLike) -> Array:
+        """Evaluate the potentials at every row of Q (K, n): (K, N)."""
+        Q = as_configurations(Q, None, "this family")
+        return np.array([[self._value(j, q) for j in range(self.size)] for q in Q]).reshape(
+            len(Q), self.size
+        )
+
+    def gradients(self, Q: ArrayLike) -> Array:
+        """Evaluate the gradients at every row of Q (K, n): (K, n, N), per rad or m."""
+        Q = as_configurations(Q, None, "this family")
+        D = np.empty((*Q.shape, self.size))
+        for k, q in enumerate(Q):
+            for j in range(self.size):
+                D[k, :, j] = self._gradient(j, q)
+        return D
+
+    def weighted(self, A: ArrayLike) -> CustomMap:
+        """Choose ``h = Aᵀ (h_1 … h_N)`` with coefficients A (N, r) (35)."""
+        return CustomMap(self, coefficients(A, self.size))
+
+    def _value(self, j: int, q: Array) -> float:
+        try:
+            value = float(self._functions[j](q))
+        except (TypeError, ValueError, IndexError) as error:
+            raise InputError(
+                f"potential {self._names[j]} gives no number at q = {row(q)}: {error}"
+            ) from None
+        if not np.isfinite(value):
+            raise InputError(
+                f"potential {self._names[j]} is {value} at q = {row(q)}; it must be finite in the region"
+            )
+        return value
+
+    def _gradient(self, j: int, q: Array) -> Array:
+        given = self._gradients[j]
+        if given is None:
+            return np.array(
+                [
+                    (self._value(j, q + d) - self._value(j, q - d)) / (2 * STEP)
+                    for d in STEP * np.eye(len(q))
+                ]
+            )
+        try:
+            slope = np.asarray(given(q), float)
+        except (TypeError, ValueError, IndexError) as error:
+            raise InputError(
+                f"the gradient of potential {self._names[j]} is no list of numbers at q = {row(q)}: {error}"
+            ) from None
+        if slope.shape != q.shape or not np.isfinite(slope).all():
+            raise InputError(
+                f"the gradient of potential {self._names[j]} must be {len(q)} finite numbers, at q = {row(q)} it is not"
+            )
+        return slope
+
+    def __str__(self) -> str:
+        return repr(self).strip("<>")
+
+    def __repr__(self) -> str:
+        count = sum(self.numerical)
+        how = f", {count} with gradients by differences" if count else ""
+        return f"<CustomPotentials given as functions: {self.size} potentials{how}>"
+
+
+class CustomMap:
+    """r weighted sums of a family's potentials, evaluated by the family itself."""
+
+    def __init__(self, family: PotentialBasis, A: Array) -> None:
+        self.family, self.A, self.n = family, A, joints_of(family)
+
+    def value(self, q: Array) -> Array:
+        """Evaluate h(q): (r,)."""
+        return self.family.values(np.asarray(q, float)[None])[0] @ self.A
+
+    def gradient(self, q: Array) -> Array:
+        """Evaluate V = ∂hᵀ/∂q: (n, r)."""
+        return self.gradients(np.asarray(q, float)[None])[0]
+
+    def gradients(self, Q: Array) -> Array:
+        """Evaluate V at every row of Q (K, n): (K, n, r)."""
+        return self.family.gradients(Q) @ self.A

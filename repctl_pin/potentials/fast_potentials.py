@@ -1,0 +1,164 @@
+"""Potentials at one q after another, into memory that is there already: what a control loop
+needs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+from scipy.linalg.blas import ddot, dgemv
+
+from ..arguments import Array
+from .basis import Potentials
+
+MOST_ENTRIES = 50_000
+"""Entries of a dense tensor above which Horner's rule on the single degrees is quicker, and
+smaller."""
+
+
+@dataclass(frozen=True)
+class InPlace:
+    """Evaluates r potentials at one q after another, for the thread that made it alone.
+
+    Attributes
+    ----------
+    slope : function q → None
+        Writes Vᵀ = ∂h/∂q (r, n).
+    gap : function c → None
+        Writes c − h (r,), h at the q of the last ``slope``.
+    """
+
+    slope: Callable[[Array], None]
+    gap: Callable[[Array], None]
+
+
+@runtime_checkable
+class FastPotentials(Potentials, Protocol):
+    """Potentials that have a quick way of their own."""
+
+    def in_place(self, V_T: Array, e: Array) -> InPlace:
+        """Make the functions that write Vᵀ into an array (r, n), and c − h into one (r,)."""
+
+
+def in_place(potentials: Potentials, V_T: Array, e: Array) -> InPlace:
+    """Make the functions that write the potentials' Vᵀ into an array (r, n), and c − h into one
+    (r,): quick ones, if any."""
+    return (
+        potentials.in_place(V_T, e)
+        if isinstance(potentials, FastPotentials)
+        else plain(potentials, V_T, e)
+    )
+
+
+def plain(potentials: Potentials, V_T: Array, e: Array) -> InPlace:
+    """Make them from the potentials' own methods."""
+    here = np.zeros(V_T.shape[1])
+
+    def slope(q: Array) -> None:
+        here[:] = q
+        with np.errstate(over="ignore", invalid="ignore"):  # the solve looks at what is not finite
+            V_T[:] = potentials.gradient(here).T
+
+    def gap(leaf: Array) -> None:
+        with np.errstate(over="ignore", invalid="ignore"):
+            np.subtract(leaf, potentials.value(here), e)
+
+    return InPlace(slope, gap)
+
+
+def spread_evenly(S: Array, places: Sequence[int], coefficient: Array) -> None:
+    """Add a monomial's coefficient (r,) to symmetric tensors S (r, …), over all orders of its
+    factors' places."""
+    arrangements = _orders(tuple(places))
+    for place in arrangements:
+        at: tuple[Any, ...] = (slice(None), *place)
+        S[at] += coefficient / len(arrangements)
+
+
+def _orders(places: tuple[int, ...]) -> list[tuple[int, ...]]:
+    """All distinct orders of a tuple that may repeat its entries."""
+    if len(places) <= 1:
+        return [places]
+    return [
+        (first, *rest)
+        for i, first in enumerate(places)
+        if first not in places[:i]
+        for rest in _orders(places[:i] + places[i + 1 :])
+    ]
+
+
+class Homogeneous:
+    """r polynomials of degree d as symmetric tensors of the n + 1 numbers ``z = (1, q − center)``.
+
+    ``h(q) = S[z, …, z]``, and by Euler's theorem the contraction ``w = d S[·, z, …, z]`` holds both
+    the gradient, ``V_i = w_i``, and the value, ``h = w · z / d``: d − 1 matrix–vector products for
+    the two.
+
+    Parameters
+    ----------
+    center, scale : (n,) arrays
+        ``u = (q − center) / scale``.
+    degree : int
+        d, small: a tensor has (n + 1)ᵈ entries.
+    terms
+        Exponents of the monomials of u, and their coefficients (r,).
+    """
+
+    def __init__(
+        self, center: Array, scale: Array, degree: int, terms: dict[tuple[int, ...], Array]
+    ) -> None:
+        n, r = len(center), len(next(iter(terms.values())))
+        S = np.zeros((r, *(n + 1,) * degree))
+        for beta, coefficient in terms.items():
+            places = [i + 1 for i, power in enumerate(beta) for _ in range(power)]
+            spread_evenly(
+                S,
+                [0] * (degree - len(places)) + places,
+                coefficient / np.prod(scale ** np.array(beta)),
+            )
+        self.center, self.degree, self.n, self.r = center, degree, n, r
+        self.tensor = np.ascontiguousarray((degree * S).reshape(r * (n + 1) ** (degree - 1), n + 1))
+
+    def value(self, q: Array) -> Array:
+        """Evaluate h(q): (r,)."""
+        w, z = self._contraction(q)
+        return w.dot(z) / self.degree
+
+    def gradient(self, q: Array) -> Array:
+        """Evaluate V = ∂hᵀ/∂q: (n, r)."""
+        return self._contraction(q)[0][:, 1:].T.copy()
+
+    def _contraction(self, q: Array) -> tuple[Array, Array]:
+        """Evaluate w (r, n + 1) and z (n + 1,)."""
+        z = np.ones(self.n + 1)
+        np.subtract(q, self.center, z[1:])
+        w = self.tensor
+        for _ in range(self.degree - 1):
+            w = w.dot(z).reshape(-1, self.n + 1)
+        return w, z
+
+    def in_place(self, V_T: Array, e: Array) -> InPlace:
+        """Make the functions that write Vᵀ into an array (r, n), and c − h into one (r,)."""
+        z = np.ones(self.n + 1)
+        u, center, subtract, degree = z[1:], self.center, np.subtract, float(self.degree)
+        stages = []
+        w = self.tensor
+        while len(w) > self.r:
+            out = np.empty(len(w))
+            stages.append((w.T, out))
+            w = out.reshape(-1, self.n + 1)
+        slopes, rows = w[:, 1:], list(enumerate(w))
+
+        def slope(q: Array) -> None:
+            subtract(q, center, u)
+            for S_T, out in stages:
+                dgemv(1.0, S_T, z, 0.0, out, 0, 1, 0, 1, 1, 1)  # out = S z, in place
+            V_T[:] = slopes
+
+        def gap(leaf: Array) -> None:
+            for i, row in rows:
+                e[i] = leaf.item(i) - ddot(row, z) / degree
+
+        return InPlace(slope, gap)

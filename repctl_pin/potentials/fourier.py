@@ -1,0 +1,159 @@
+"""Trigonometric potentials of chosen joints, for regions that span large angles."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import product
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..arguments import Array, as_configurations, as_int, flag, per_joint
+from ..errors import InputError
+from .basis import as_joint_indices, coefficients
+from .joined import Family
+
+_MAX_SIZE = 20_000
+
+
+class Fourier(Family):
+    r"""Sines and cosines of whole multiples of chosen joints,
+
+    .. math:: \sin(k \cdot u), \quad \cos(k \cdot u), \qquad u_i = 2\pi q_i / \text{period}_i,
+              \qquad 1 \le \sum_i |k_i| \le \text{order},
+
+    one of k and −k. They are periodic in a continuous joint, and stay bounded where polynomials do
+    not. Over a small box they are close to polynomials, and nearly dependent on them.
+
+    Parameters
+    ----------
+    n : int
+        Joints of the arm.
+    order : int
+        Highest sum of multiples, 1 or more.
+    variables : sequence of int, optional
+        The joints they depend on (counted from 0); by default all.
+    period : float or (n,) array
+        2π for a revolute joint; of your choice for a prismatic one, m.
+    cross
+        Whether one potential may depend on several joints.
+
+    Raises
+    ------
+    InputError
+        If the order is below 1, a period is not positive, or a joint is not there.
+
+    Examples
+    --------
+    >>> potentials = rp.Fourier(n=3, order=1)
+    >>> potentials.names
+    ('sin(u_0)', 'sin(u_1)', 'sin(u_2)', 'cos(u_0)', 'cos(u_1)', 'cos(u_2)')
+    >>> potentials.values(q0[None]).shape  # (K, N)
+    (1, 6)
+    """
+
+    def __init__(
+        self,
+        n: int,
+        order: int,
+        *,
+        variables: Sequence[int] | None = None,
+        period: ArrayLike = 2 * np.pi,
+        cross: bool = True,
+    ) -> None:
+        self.n = as_int(n, "the number of joints", 1, _MAX_SIZE)
+        self.order = as_int(order, "the order of a Fourier basis", 1, _MAX_SIZE)
+        self.cross = flag(cross, "cross")
+        self.period = per_joint(period, self.n, "the period of a Fourier basis", finite=True)
+        self.variables = as_joint_indices(variables, self.n)
+        multiples, joints = range(-self.order, self.order + 1), len(self.variables)
+        if len(multiples) ** (joints if cross else 1) > 50 * _MAX_SIZE:
+            raise InputError(
+                f"order {order} in {joints} joints is too much; lower it or choose variables"
+            )
+        alone = (tuple(row) for k in multiples for row in (k * np.eye(joints, dtype=int)).tolist())
+        every = product(multiples, repeat=joints) if self.cross else alone
+        waves = [
+            k for k in every if next((x for x in k if x), 0) > 0 and sum(map(abs, k)) <= self.order
+        ]
+        waves.sort(key=lambda k: (sum(map(abs, k)), tuple(-x for x in k)))
+        self.waves = np.zeros((len(waves), self.n))  # (N / 2, n), rad per rad or m
+        self.waves[:, list(self.variables)] = np.array(waves)
+        self._multiples = self.waves.astype(int)
+        self.waves *= 2 * np.pi / self.period
+
+    @property
+    def size(self) -> int:
+        """N, the number of potentials: all sines, then all cosines."""
+        return 2 * len(self.waves)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What each potential is, in u_0, u_1, …"""
+        inner = [_sum(k) for k in self._multiples]
+        return (*(f"sin({k})" for k in inner), *(f"cos({k})" for k in inner))
+
+    def values(self, Q: ArrayLike) -> Array:
+        """Evaluate the potentials at every row of Q (K, n): (K, N)."""
+        phase = as_configurations(Q, self.n, "this Fourier basis") @ self.waves.T
+        return np.concatenate([np.sin(phase), np.cos(phase)], axis=-1)
+
+    def gradients(self, Q: ArrayLike) -> Array:
+        """Evaluate the gradients at every row of Q (K, n): (K, n, N), per rad or m."""
+        phase = as_configurations(Q, self.n, "this Fourier basis") @ self.waves.T
+        slopes = np.concatenate([np.cos(phase), -np.sin(phase)], axis=-1)
+        return slopes[:, None, :] * np.concatenate([self.waves, self.waves]).T
+
+    def weighted(self, A: ArrayLike) -> FourierMap:
+        """Choose ``h = Aᵀ (h_1 … h_N)`` with coefficients A (N, r) (35)."""
+        return FourierMap(self.waves, coefficients(A, self.size))
+
+    def __str__(self) -> str:
+        return (
+            f"{self.size} sines and cosines of order ≤ {self.order} in {len(self.variables)} joints"
+        )
+
+    def __repr__(self) -> str:
+        return f"<Fourier of order {self.order} in {len(self.variables)} joints: {self.size} potentials>"
+
+
+class FourierMap:
+    """r potentials ``h = aᵀ sin(k · q) + bᵀ cos(k · q)``."""
+
+    def __init__(self, waves: Array, A: Array) -> None:
+        self.waves, self.n = waves, waves.shape[1]
+        self.sines, self.cosines = np.split(A, 2)  # (N / 2, r)
+
+    def value(self, q: Array) -> Array:
+        """Evaluate h(q): (r,)."""
+        phase = self.waves @ q
+        return np.sin(phase) @ self.sines + np.cos(phase) @ self.cosines
+
+    def gradient(self, q: Array) -> Array:
+        """Evaluate V = ∂hᵀ/∂q: (n, r)."""
+        phase = self.waves @ q
+        return self.waves.T @ (
+            np.cos(phase)[:, None] * self.sines - np.sin(phase)[:, None] * self.cosines
+        )
+
+    def gradients(self, Q: Array) -> Array:
+        """Evaluate V at every row of Q (K, n): (K, n, r)."""
+        phase = (np.asarray(Q, float) @ self.waves.T)[..., None]  # (K, N / 2, 1)
+        return self.waves.T @ (np.cos(phase) * self.sines - np.sin(phase) * self.cosines)
+
+    def hessian(self, q: Array) -> Array:
+        """Evaluate ∂V/∂q: (n, n, r), ``[i, k, j] = ∂²h_j/∂q_i∂q_k``."""
+        phase = self.waves @ q
+        bend = -(
+            np.sin(phase)[:, None] * self.sines + np.cos(phase)[:, None] * self.cosines
+        )  # (N / 2, r)
+        return np.einsum("wi,wk,wj->ikj", self.waves, self.waves, bend)
+
+
+def _sum(k: NDArray[np.int_]) -> str:
+    text = ""
+    for i in np.flatnonzero(k):
+        size = "" if abs(k[i]) == 1 else f"{abs(k[i])} "
+        text += (" − " if text else "−") if k[i] < 0 else (" + " if text else "")
+        text += f"{size}u_{i}"
+    return text

@@ -1,0 +1,269 @@
+"""Polynomial potentials of some or all joints, well conditioned on the region they serve."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations_with_replacement
+from math import comb
+
+import numpy as np
+from numpy.polynomial import legendre
+from numpy.typing import ArrayLike
+
+from ..arguments import Array, as_configurations, as_int, flag, per_joint, shown, vector
+from ..errors import InputError
+from .basis import as_joint_indices, coefficients
+from .fast_potentials import MOST_ENTRIES, Homogeneous, InPlace, plain, spread_evenly
+from .joined import Family, PartialMap
+
+_MAX_SIZE = 5_000
+
+
+class Polynomial(Family):
+    r"""All polynomials of total degree 1 to d in scaled joint coordinates.
+
+    The basis is made of products of Legendre polynomials,
+
+    .. math:: h_\alpha(q) = \prod_i \sqrt{2\alpha_i + 1}\; P_{\alpha_i}(u_i), \qquad
+              u = (q - \text{center}) / \text{scale}, \qquad 1 \le |\alpha| \le d,
+
+    orthonormal in the mean over the box ``center ± scale``, so that degree 4 stays as well
+    conditioned as degree 1.
+
+    Parameters
+    ----------
+    center : (n,) array
+        Where u = 0, rad or m.
+    degree : int
+        Highest total degree, 1 or more.
+    scale : float or (n,) array
+        Half-widths of the box on which the basis is orthonormal, rad (m for sliding joints).
+    variables : sequence of int, optional
+        Let the potentials depend on these joints alone (counted from 0).
+    cross
+        Whether one potential may depend on several joints.
+
+    Raises
+    ------
+    InputError
+        If the degree is below 1, a width is not positive, or a joint is not there.
+
+    Examples
+    --------
+    >>> potentials = rp.Polynomial(q0, degree=2, scale=0.4)
+    >>> potentials.size
+    9
+    >>> potentials.gradients(q0[None]).shape  # (K, n, N)
+    (1, 3, 9)
+    """
+
+    def __init__(
+        self,
+        center: ArrayLike,
+        degree: int,
+        scale: ArrayLike = 1.0,
+        variables: Sequence[int] | None = None,
+        *,
+        cross: bool = True,
+    ) -> None:
+        self.center = vector(center, None, "the center of a polynomial basis")
+        self.n = n = len(self.center)
+        self.scale = per_joint(scale, n, "the scale of a polynomial basis", finite=True)
+        self.degree, self.cross = (
+            as_int(degree, "the degree of a polynomial basis", 1),
+            flag(cross, "cross"),
+        )
+        self.variables = as_joint_indices(variables, n)
+        size = comb(len(self.variables) + self.degree, self.degree) - 1
+        if size > _MAX_SIZE:
+            raise InputError(
+                f"degree {shown(self.degree)} in {len(self.variables)} joints makes {shown(size)} potentials; "
+                "lower the degree or choose variables"
+            )
+        # One row a potential: the variable of each of its factors, repeated as often as its power.
+        factors = (
+            c
+            for d in range(1, self.degree + 1)
+            for c in combinations_with_replacement(self.variables, d)
+        )
+        if not cross:
+            factors = (c for c in factors if len(set(c)) == 1)
+        self.exponents = np.array([[c.count(v) for v in range(n)] for c in factors])  # (N, n)
+        self.norms = np.sqrt(np.prod(2 * self.exponents + 1, axis=1))
+        # Each potential is a product of at most d factors P_{order}(u_{variable}); shorter ones are
+        # padded
+        # with order 0, a factor 1.
+        slots = min(self.degree, n)
+        self._variable = np.zeros((slots, len(self.exponents)), int)
+        self._order = np.zeros((slots, len(self.exponents)), int)
+        for j, alpha in enumerate(self.exponents):
+            used = np.flatnonzero(alpha)
+            self._variable[: len(used), j] = used
+            self._order[: len(used), j] = alpha[used]
+
+    @property
+    def size(self) -> int:
+        """N, the number of potentials."""
+        return len(self.exponents)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What each potential is: a product of Legendre polynomials of the scaled joints, ``P2(u_0)
+        P1(u_3)``."""
+        return tuple(
+            " ".join(f"P{power}(u_{i})" for i, power in enumerate(alpha) if power)
+            for alpha in self.exponents
+        )
+
+    def values(self, Q: ArrayLike) -> Array:
+        """Evaluate the potentials at every row of Q (K, n): (K, N)."""
+        P, _ = self._tables(Q)
+        return np.prod(P[:, self._variable, self._order], axis=1) * self.norms
+
+    def gradients(self, Q: ArrayLike) -> Array:
+        """Evaluate the gradients at every row of Q (K, n): (K, n, N), per rad or m."""
+        P, dP = (
+            np.ascontiguousarray(np.moveaxis(table, 0, -1)) for table in self._tables(Q)
+        )  # (n, d + 1, K)
+        K, n = P.shape[-1], len(P)
+        gradients = np.zeros((K, n * self.size))
+        for s, (variable, order) in enumerate(zip(self._variable, self._order, strict=True)):
+            column = np.flatnonzero(order)  # the potentials that have a factor in this slot
+            slope = dP[variable[column], order[column]]  # (·, K)
+            for t in range(len(self._order)):
+                if t != s:
+                    slope *= P[self._variable[t, column], self._order[t, column]]
+            slope *= (self.norms[column] / self.scale[variable[column]])[:, None]
+            gradients[:, variable[column] * self.size + column] = slope.T
+        return gradients.reshape(K, n, self.size)
+
+    def weighted(self, A: ArrayLike) -> PolynomialMap | PartialMap:
+        """Choose ``h = Aᵀ (h_1 … h_N)`` with coefficients A (N, r) (35), as dense tensors."""
+        A = coefficients(A, self.size)
+        n, d = self.n, self.degree
+        if len(self.variables) < n:
+            chosen = list(self.variables)
+            part = Polynomial(
+                self.center[chosen], d, self.scale[chosen], cross=self.cross
+            ).weighted(A)
+            return PartialMap(part, chosen, n)
+        # Legendre to monomial coefficients, variable by variable, in an array of exponents.
+        to_power = [
+            np.pad(legendre.leg2poly(np.eye(d + 1)[k][: k + 1]), (0, d - k)) for k in range(d + 1)
+        ]
+        terms: dict[tuple[int, ...], Array] = {}
+        for alpha, norm, a in zip(self.exponents, self.norms, A, strict=True):
+            expanded = {(0,) * n: norm * a}
+            for i in np.flatnonzero(alpha):
+                expanded = {
+                    (*beta[:i], p, *beta[i + 1 :]): c * to_power[alpha[i]][p]
+                    for beta, c in expanded.items()
+                    for p in range(alpha[i], -1, -2)
+                }
+            for beta, c in expanded.items():
+                terms[beta] = terms.get(beta, 0.0) + c
+        return PolynomialMap(self.center, self.scale, d, terms)
+
+    def _tables(self, Q: ArrayLike) -> tuple[Array, Array]:
+        """Tabulate P_k(u_i) and P'_k(u_i): two arrays (K, n, d + 1)."""
+        u = (as_configurations(Q, self.n, "this polynomial basis") - self.center) / self.scale
+        P, dP = np.ones((2, *u.shape, self.degree + 1))
+        P[..., 1], dP[..., 0] = u, 0.0
+        for k in range(1, self.degree):
+            P[..., k + 1] = ((2 * k + 1) * u * P[..., k] - k * P[..., k - 1]) / (k + 1)
+            dP[..., k + 1] = (2 * k + 1) * P[..., k] + dP[..., k - 1]
+        return P, dP
+
+    def __str__(self) -> str:
+        return f"{self.size} polynomials of degree ≤ {self.degree} in {len(self.variables)} joints"
+
+    def __repr__(self) -> str:
+        return f"<Polynomial of degree {self.degree} in {len(self.variables)} joints: {self.size} potentials>"
+
+
+class PolynomialMap:
+    """r polynomials h(q) as dense symmetric tensors, quick to evaluate at one q (Horner's rule).
+
+    ``V(q) = T_0 + (T_1 + (T_2 + …) u) u``, one matrix–vector product a degree.
+
+    Attributes
+    ----------
+    center, scale : (n,) arrays
+        ``u = (q − center) / scale``.
+    degree : int
+    terms
+        Exponents of the monomials of u, and their coefficients (r,).
+    """
+
+    def __init__(
+        self, center: Array, scale: Array, degree: int, terms: dict[tuple[int, ...], Array]
+    ) -> None:
+        n = len(center)
+        r = len(next(iter(terms.values())))
+        self.center, self.scale, self.degree, self.terms = center, scale, degree, terms
+        self._inverse_scale = 1.0 / scale
+        # Spread each monomial's coefficient evenly over the places of a symmetric tensor.
+        tensors = [np.zeros((r, *(n,) * d)) for d in range(degree + 1)]
+        for beta, coefficient in terms.items():
+            spread_evenly(
+                tensors[sum(beta)],
+                [i for i, power in enumerate(beta) for _ in range(power)],
+                coefficient,
+            )
+        self._value = tensors
+        # h of degree d differentiates to d T_d u^(d−1), the derivative's axis first, then r.
+        slopes = (np.moveaxis(d * tensors[d], 1, 0).ravel() for d in range(1, degree + 1))
+        self._slope = [s / np.repeat(scale, len(s) // n) for s in slopes]
+        self._shape, self.n = (n, r), n
+        small = degree <= 4 and r * (n + 1) ** degree <= MOST_ENTRIES
+        self._quick = Homogeneous(center, scale, degree, terms) if small else None
+
+    def value(self, q: Array) -> Array:
+        """Evaluate h(q): (r,)."""
+        if self._quick is not None:
+            return self._quick.value(q)
+        u = (q - self.center) * self._inverse_scale
+        h = self._value[-1]
+        for lower in self._value[-2::-1]:
+            h = lower + h @ u
+        return h
+
+    def gradient(self, q: Array) -> Array:
+        """Evaluate V = ∂hᵀ/∂q: (n, r)."""
+        if self._quick is not None:
+            return self._quick.gradient(q)
+        u = (q - self.center) * self._inverse_scale
+        V = self._slope[-1]
+        for lower in self._slope[-2::-1]:
+            V = lower + V.reshape(-1, self.n) @ u
+        return V.reshape(self._shape)
+
+    def in_place(self, V_T: Array, e: Array) -> InPlace:
+        """Make the functions of a control loop that write Vᵀ into an array (r, n), and c − h into
+        one (r,)."""
+        return plain(self, V_T, e) if self._quick is None else self._quick.in_place(V_T, e)
+
+    def hessian(self, q: Array) -> Array:
+        """Evaluate ``∂V/∂q = ∂²h/∂q²``: (n, n, r), ``[i, k, j] = ∂²h_j/∂q_i∂q_k``."""
+        u = (q - self.center) * self._inverse_scale
+        n, r = self._shape
+        C = np.zeros((r, n, n))
+        for d in range(
+            len(self._value) - 1, 1, -1
+        ):  # h of degree d curves by d (d − 1) T_d u^(d−2)
+            curvature = d * (d - 1) * self._value[d]
+            for _ in range(d - 2):
+                curvature = curvature @ u
+            C += curvature
+        return np.moveaxis(C * np.outer(self._inverse_scale, self._inverse_scale), 0, -1)
+
+    def gradients(self, Q: Array) -> Array:
+        """Evaluate V at every row of Q (K, n): (K, n, r)."""
+        U = (np.asarray(Q, float) - self.center) * self._inverse_scale  # (K, n)
+        n, r = self._shape
+        if len(self._slope) == 1:
+            return np.broadcast_to(self._slope[0].reshape(n, r), (len(U), n, r)).copy()
+        V = self._slope[-2] + U @ self._slope[-1].reshape(-1, n).T  # (K, n r n^(d−2))
+        for lower in self._slope[-3::-1]:
+            V = lower + np.einsum("kpi,ki->kp", V.reshape(len(U), -1, n), U)
+        return V.reshape(len(U), n, r)

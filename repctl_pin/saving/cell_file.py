@@ -1,0 +1,166 @@
+"""The function of a cell as plain data, and back."""
+
+from __future__ import annotations
+
+from math import comb
+
+import msgspec
+import numpy as np
+import pinocchio as pin
+
+from ..arguments import as_int
+from ..errors import InputError
+from ..inverse_function import Cell, CellDesign, FailureReason, InverseFunction
+from ..inverse_function.cell_evaluation import Evaluation
+from ..inverse_function.chart import Chart
+from ..inverse_function.monomials import Monomials
+from ..robot.task import Task
+from .design_file import head
+from .schema import Desired, Plain, Row, Rows, Sealed, described, desired_file, desired_of
+
+FORMAT = "repctl cell"
+_MOST_DEGREE = 64
+_BOUNDLESS = (
+    "limit_margin",
+    "attainable_margin",
+    "limit_margin_worst",
+    "attainable_margin_worst",
+    "body_distance",
+)
+_HOW = (
+    "samples",
+    "held_out",
+    "seed",
+    "steps",
+    "requested_limit_margin",
+    "requested_body_distance",
+    "requested_sigma_min",
+)
+
+
+class StopFile(Plain):
+    """What failures the function somewhere, see
+    :class:`repctl_pin.inverse_function.failures.Stop`."""
+
+    cause: str
+    share: float
+    u: Row
+    what: str
+
+
+class CellFigures(Plain):
+    """What the function is worth, see
+    :class:`repctl_pin.inverse_function.cell_evaluation.Evaluation`; null: no limits, no bodies."""
+
+    cost: float
+    cost_error: float
+    extra_speed: float
+    extra_speed_error: float
+    extra_speed_worst: float
+    limit_margin: float | None
+    attainable_margin: float | None
+    smallest_singular_value: float
+    body_distance: float | None
+    nearest_bodies: tuple[str, str]
+    leaf_margin: float
+    residual: float
+    coverage: float
+    failures: list[StopFile]
+    limit_margin_worst: float | None = None
+    attainable_margin_worst: float | None = None
+    extra_speed_direction: float | None = None
+
+
+class CellFile(Sealed):
+    """A function over a cell: its poses, and q_ref and n_ref as polynomials of their
+    coordinates."""
+
+    desired: Desired
+    placement: Rows
+    widths: Row
+    degree: int
+    coefficients: list[Rows]
+    posture: Row
+    figures: CellFigures
+    degrees: tuple[tuple[int, float], ...]
+    samples: int
+    held_out: int
+    seed: int
+    steps: int
+    requested_limit_margin: float
+    requested_body_distance: float = 0.0
+    requested_sigma_min: float = 0.0
+
+
+def cell_file(design: CellDesign) -> CellFile:
+    """Describe the function of a cell.
+
+    Raises
+    ------
+    InputError
+        If it holds user-defined functions.
+    """
+    chart, cell, found = design.function.chart, design.cell, vars(design.evaluation)
+    unsaid = (*_BOUNDLESS, "extra_speed_direction")
+    boundless = {name: found[name] if np.isfinite(found[name]) else None for name in unsaid}
+    failures = [described(StopFile, stop) for stop in design.failures]
+    figures, placement = (
+        CellFigures(**found | boundless | {"failures": failures}),
+        cell.placement.homogeneous.tolist(),
+    )
+    return described(
+        CellFile,
+        design,
+        **head(FORMAT, design.task),
+        desired=desired_file(design.desired),
+        placement=placement,
+        widths=cell.widths.tolist(),
+        degree=chart.monomials.degree,
+        coefficients=chart.coefficients.tolist(),
+        figures=figures,
+    )
+
+
+def cell_of(content: CellFile, task: Task) -> CellDesign:
+    """Make the function of a cell again.
+
+    Raises
+    ------
+    InputError
+        If the numbers make none.
+    """
+    widths, at, positions = np.array(content.widths), np.array(content.placement), min(3, task.m)
+    if widths.shape != (task.m,) or at.shape != (4, 4):
+        raise InputError(
+            f"a cell of this task has {task.m} widths and a placement of 4 × 4 numbers"
+        )
+    if not np.array_equal(at[3], [0.0, 0.0, 0.0, 1.0]):
+        raise InputError("the last row of the cell's placement must be 0, 0, 0, 1")
+    if not content.degrees:
+        raise InputError("a cell's file names at least one degree that was tried")
+    degree = as_int(content.degree, "the degree of a cell's polynomials", 0, _MOST_DEGREE)
+    cell = Cell(
+        task, pin.SE3(at), widths[:positions], widths[positions:] if task.m > positions else 0.0
+    )
+    C, due = np.array(content.coefficients), (comb(cell.k + degree, cell.k), task.n, 1 + task.r)
+    if C.shape != due:
+        raise InputError(
+            f"the coefficients must be {due[0]} × {due[1]} × {due[2]} numbers; they have shape {C.shape}"
+        )
+    figures = msgspec.structs.asdict(content.figures)
+    for name in ("limit_margin", "attainable_margin"):
+        if figures[f"{name}_worst"] is None:  # infinite, or not in older files
+            figures[f"{name}_worst"] = figures[name]
+    figures |= {name: np.inf for name in _BOUNDLESS if figures[name] is None}
+    if figures["extra_speed_direction"] is None:  # not in older files
+        figures["extra_speed_direction"] = np.nan
+    if any(len(stop.u) != cell.k for stop in content.figures.failures):
+        raise InputError(f"a pose of this cell has {cell.k} coordinates")
+    figures["failures"] = tuple(
+        FailureReason(s.cause, s.share, np.array(s.u), s.what) for s in content.figures.failures
+    )
+    evaluation, chart = Evaluation(**figures), Chart(cell, Monomials(cell.k, degree), C)
+    function = InverseFunction(chart, keep_limits=not evaluation.everywhere)
+    desired, posture = desired_of(content.desired, task), task.check(content.posture, "the posture")
+    how = {name: getattr(content, name) for name in _HOW}
+    return CellDesign(function, desired, posture, evaluation, content.degrees, **how)

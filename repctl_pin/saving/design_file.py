@@ -1,0 +1,165 @@
+"""A design as plain data, and back; and the JSON files that hold such data, refused where they are
+not whole."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from .._version import __version__
+from ..design.design_result import Design
+from ..errors import InputError, printable
+from ..files import read_whole, write_whole
+from ..robot.task import Task
+from ..strategies.repeatable import RepeatableInverse
+from . import schema
+from .schema import DesignFile, Figures, Sealed, described
+from .task_identity import identity
+
+FORMAT = "repctl design"
+SCHEMA = 1
+
+_LARGEST = 64_000_000
+
+
+def write(content: Sealed, path: str | Path) -> Path:
+    """Write data to a file with its checksum, whole or not at all."""
+    plain = _printable(msgspec.to_builtins(content))
+    text = json.dumps(
+        plain | {"checksum": _checksum(plain)}, indent=1, ensure_ascii=False, allow_nan=False
+    )
+    return write_whole(path, text + "\n")
+
+
+def read(path: str | Path, kinds: Mapping[str, type[Sealed]]) -> Any:
+    """Read a file and make sure that it is one of some formats, of this schema, as it was written.
+
+    Raises
+    ------
+    InputError
+        Where it is not.
+    """
+    where, text = str(path), read_whole(path, _LARGEST)
+    try:
+        head = msgspec.json.decode(text, type=_Head)
+        if head.format not in kinds:
+            raise InputError(
+                f'{where} is not a design file: it does not say "format": "{next(iter(kinds))}"'
+            )
+        if head.schema > SCHEMA:
+            raise InputError(
+                f"{where} was written by repctl-pin {head.written_by} with schema {head.schema}, and this is "
+                f"{__version__}, which reads up to {SCHEMA}; upgrade repctl-pin"
+            )
+        if head.schema < 1:
+            raise InputError(f"{where} is not a design file: there is no schema {head.schema}")
+        content = msgspec.json.decode(text, type=kinds[head.format])
+    except msgspec.ValidationError as error:
+        raise InputError(f"{where} is not a valid design file: {error}") from None
+    except (msgspec.DecodeError, RecursionError, UnicodeError) as error:
+        raise InputError(f"{where} is not a design file: not valid JSON ({error})") from None
+    plain = json.loads(text)  # as written: an older file says less than its class does
+    if _printable(plain) != plain:
+        raise InputError(
+            f"{where} is not a valid design file: a control character or a line break stands in a text"
+        )
+    if content.checksum != _checksum(plain):
+        raise InputError(
+            f"{where} was changed after it was written: its checksum does not fit; design again"
+        )
+    return content
+
+
+def head(kind: str, task: Task) -> dict[str, Any]:
+    """Say what every file says first, and what it is for; it has no checksum yet."""
+    return {
+        "format": kind,
+        "schema": SCHEMA,
+        "written_by": __version__,
+        "checksum": "",
+        "task": identity(task),
+    }
+
+
+def design_file(design: Design) -> DesignFile:
+    """Describe a design.
+
+    Raises
+    ------
+    InputError
+        If it holds user-defined functions, or a figure is not finite.
+    """
+    figures = described(Figures, design)
+    for name, value in msgspec.structs.asdict(figures).items():
+        if isinstance(value, float) and not np.isfinite(value):
+            raise InputError(f"design.{name} = {value!r} cannot be saved")
+    cycle = None if design.cycle is None else schema.cycle_file(design.cycle)
+    desired, potentials = schema.desired_file(design.desired), schema.field_file(design.potentials)
+    region = schema.region_file(design.region)
+    return described(
+        DesignFile,
+        design,
+        **head(FORMAT, design.task),
+        cycle=cycle,
+        desired=desired,
+        potentials=potentials,
+        region=region,
+        figures=figures,
+    )
+
+
+def design_of(content: DesignFile, task: Task) -> Design:
+    """Make a design of a file's content, for the task it was made for.
+
+    Raises
+    ------
+    InputError
+        If the numbers make no design.
+    """
+    potentials, A = schema.field_of(content.potentials), np.array(content.coefficients, dtype=float)
+    if A.shape != (potentials.size, task.r):
+        raise InputError(
+            f"the coefficients must be {potentials.size} × {task.r} numbers; they have shape {A.shape}"
+        )
+    region = schema.region_of(content.region, task)
+    if (
+        len(region.center) != task.n
+        or potentials.gradients(task.reference[None]).shape[1] != task.n
+    ):
+        raise InputError(f"potentials and region must be of {task.n} joints")
+    figures = msgspec.structs.asdict(content.figures)
+    figures |= {"leaf_margin_at": np.array(content.figures.leaf_margin_at)}
+    inverse = RepeatableInverse(task, potentials.weighted(A), region=region)
+    desired = schema.desired_of(content.desired, task)
+    cycle = None if content.cycle is None else schema.cycle_of(content.cycle, task)
+    return Design(inverse, desired, potentials, region, A, cycle=cycle, **figures)
+
+
+class _Head(msgspec.Struct):
+    """What every file says, of whatever schema."""
+
+    format: str
+    schema: int
+    written_by: str = ""
+
+
+def _printable(value: Any) -> Any:
+    """Escape what does not print in every text of plain data."""
+    if isinstance(value, dict):
+        return {key: _printable(part) for key, part in value.items()}
+    if isinstance(value, (list, tuple)):
+        return type(value)(map(_printable, value))
+    return printable(value) if isinstance(value, str) else value
+
+
+def _checksum(content: dict[str, Any]) -> str:
+    """Hash everything but the checksum itself, however it is laid out."""
+    rest = {key: value for key, value in content.items() if key != "checksum"}
+    text = json.dumps(rest, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
+    return "sha256:" + hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()

@@ -1,0 +1,333 @@
+"""What a file of a design holds: one class for each part; they are the decoder, and the JSON schema
+of the docs."""
+
+from __future__ import annotations
+
+from typing import Any, TypeVar
+
+import msgspec
+import numpy as np
+
+from ..errors import InputError
+from ..paths.pieces import Piece, path_of, pieces_of
+from ..paths.task_path import Cycle
+from ..potentials import Fourier, Joined, Polynomial, PotentialBasis
+from ..regions import Box, Region, Tube, WorkspaceBox
+from ..robot.task import Task
+from ..strategies import Inverse, LimitWeight, Pseudoinverse, WeightedInverse
+
+Row = list[float]
+Rows = list[list[float]]
+
+
+class _Part(msgspec.Struct, forbid_unknown_fields=True, tag_field="kind"):
+    """Something that is one of several kinds."""
+
+
+class PolynomialFile(_Part, tag="polynomial"):
+    """Legendre products of ``(q − center) / scale``, by degree from 1 up, then in lexical order of
+    the factors."""
+
+    center: Row
+    degree: int
+    scale: Row
+    variables: list[int]
+    cross: bool
+
+
+class FourierFile(_Part, tag="fourier"):
+    """Sines and cosines of up to ``order`` turns of the variables."""
+
+    n: int
+    order: int
+    variables: list[int]
+    period: Row
+    cross: bool
+
+
+class JoinedFile(_Part, tag="joined"):
+    """Families one after the other."""
+
+    parts: list[PolynomialFile | FourierFile | JoinedFile]
+
+
+class BoxFile(_Part, tag="box"):
+    """``|q_i − center_i| ≤ half_width_i``."""
+
+    center: Row
+    half_width: Row
+
+
+class TubeFile(_Part, tag="tube"):
+    """All q within ``radius`` of a sample."""
+
+    samples: Rows
+    radius: Row
+
+
+class WorkspaceFile(_Part, tag="workspace"):
+    """What of a box of joints brings the frame into a box of the workspace, m."""
+
+    position: Row
+    half_width: Row
+    within: BoxFile
+
+
+class PseudoinverseFile(_Part, tag="pseudoinverse"):
+    """J⁺."""
+
+
+class WeightedFile(_Part, tag="weighted"):
+    """J⁺_M: ``inertia``, or the diagonal of M, or M."""
+
+    weight: str | list[float | Row]
+
+
+class LimitsFile(_Part, tag="limits"):
+    """J⁺ weighted by the nearness of the joint limits."""
+
+    gain: float
+    onset: float
+
+
+Fields = PolynomialFile | FourierFile | JoinedFile
+Area = BoxFile | TubeFile | WorkspaceFile
+Desired = PseudoinverseFile | WeightedFile | LimitsFile
+
+
+class Plain(msgspec.Struct, forbid_unknown_fields=True):
+    """Something that there is one kind of."""
+
+
+class Check(Plain):
+    """Where the frame lies at one configuration, (3, 4): a fingerprint of the kinematics."""
+
+    q: Row
+    placement: Rows
+
+
+class TaskFile(Plain):
+    """What is controlled. ``coordinates`` is T of q = T ψ, where the joints are described by
+    others."""
+
+    robot: str
+    catalogue: bool
+    file: str
+    base: str | None
+    lock: list[str]
+    frame: str
+    task: str
+    joints: list[str]
+    coordinates: Rows | None
+    fingerprint: list[Check]
+
+
+class PieceFile(Plain):
+    """A path from ``begin`` to ``end``, see :class:`repctl_pin.paths.pieces.Piece`."""
+
+    begin: float
+    end: float
+    coefficients: Rows
+
+
+class CycleFile(Plain):
+    """Where the motion starts, the path it follows, and the time of a cycle, s."""
+
+    start: Row
+    period: float
+    path: str
+    spec: str
+    plane: str
+    rotation: Rows
+    pieces: list[PieceFile]
+
+
+class Figures(Plain):
+    """What the design is worth, see :class:`Design`."""
+
+    cost: float
+    cost_error: float
+    relative_distance: float
+    leaf_margin: float
+    leaf_margin_at: Row
+    inside_limits: float
+    fit_cost: float
+    gradient_norm: float
+    converged: bool
+    steps: int
+    samples: int
+    held_out: int
+    seed: int
+    dropped: tuple[str, ...]
+    shrunk: float
+    degrees: tuple[tuple[int, float, float], ...]
+
+
+class Sealed(Plain):
+    """What every file says first, and what it is for."""
+
+    format: str
+    schema: int
+    written_by: str
+    checksum: str
+    task: TaskFile
+
+
+class DesignFile(Sealed):
+    """A repeatable inverse: h_j(q) = Σ_i φ_i(q) coefficients[i][j], the φ_i in the order of
+    ``potentials``."""
+
+    cycle: CycleFile | None
+    desired: Desired
+    potentials: Fields
+    region: Area
+    coefficients: Rows
+    figures: Figures
+
+
+P = TypeVar("P", bound=msgspec.Struct)
+
+
+def described(kind: type[P], thing: object, **others: Any) -> P:
+    """Fill a part of a file: what is not given is the attribute of the same name of a thing, an
+    array as lists."""
+    own = {name: getattr(thing, name) for name in kind.__struct_fields__ if name not in others}
+    plain = {
+        k: v.tolist() if isinstance(v, (np.ndarray, np.generic)) else v for k, v in own.items()
+    }
+    return kind(**plain, **others)
+
+
+def field_file(potentials: PotentialBasis) -> Fields:
+    """Describe a family of potentials.
+
+    Raises
+    ------
+    InputError
+        If it holds user-defined functions, which no file can hold.
+    """
+    if isinstance(potentials, Polynomial):
+        return described(PolynomialFile, potentials)
+    if isinstance(potentials, Fourier):
+        return described(FourierFile, potentials)
+    if isinstance(potentials, Joined):
+        return JoinedFile([field_file(part) for part in potentials.parts])
+    raise InputError(
+        f"{potentials!r} cannot be saved: a file holds polynomials and Fourier series, no functions of your own"
+    )
+
+
+def field_of(data: Fields) -> PotentialBasis:
+    """Make a family of potentials."""
+    if isinstance(data, JoinedFile):
+        return Joined(*(field_of(part) for part in data.parts))
+    given = msgspec.structs.asdict(data)
+    return Polynomial(**given) if isinstance(data, PolynomialFile) else Fourier(**given)
+
+
+def region_file(region: Region) -> Area:
+    """Describe a region.
+
+    Raises
+    ------
+    InputError
+        If it has a density, or is user-defined.
+    """
+    if isinstance(region, (Box, Tube, WorkspaceBox)) and region.density is not None:
+        raise InputError(
+            "a region with a density of your own cannot be saved, for a file holds no functions; "
+            "save dataclasses.replace(design, region=…) with one without"
+        )
+    if isinstance(region, Box):
+        return described(BoxFile, region)
+    if isinstance(region, Tube):
+        return described(TubeFile, region)
+    if isinstance(region, WorkspaceBox):
+        return described(WorkspaceFile, region, within=region_file(region.within))
+    raise InputError(
+        f"a region {type(region).__name__} cannot be saved; a file holds boxes, tubes and workspace boxes"
+    )
+
+
+def region_of(data: Area, task: Task) -> Region:
+    """Make a region."""
+    if isinstance(data, WorkspaceFile):
+        return WorkspaceBox(
+            task, data.position, data.half_width, within=Box(**msgspec.structs.asdict(data.within))
+        )
+    given = msgspec.structs.asdict(data)
+    return Box(**given) if isinstance(data, BoxFile) else Tube(**given)
+
+
+def desired_file(desired: Inverse) -> Desired:
+    """Describe a desired inverse.
+
+    Raises
+    ------
+    InputError
+        If it holds user-defined functions.
+    """
+    if isinstance(desired, Pseudoinverse):
+        return PseudoinverseFile()
+    if isinstance(desired, WeightedInverse):
+        weight = desired.weight
+        if isinstance(weight, LimitWeight) and np.array_equal(weight.lower, desired.task.lower):
+            return described(LimitsFile, weight)
+        if not callable(weight):
+            return WeightedFile(weight if isinstance(weight, str) else np.asarray(weight).tolist())
+    raise InputError(
+        f"a design whose desired inverse is a {type(desired).__name__} of your own cannot be saved, for a file holds "
+        "no functions; save dataclasses.replace(design, desired=rp.Pseudoinverse(design.task)) to keep the result alone"
+    )
+
+
+def desired_of(data: Desired, task: Task) -> Inverse:
+    """Make a desired inverse."""
+    if isinstance(data, PseudoinverseFile):
+        return Pseudoinverse(task)
+    weight = (
+        LimitWeight(task, data.gain, data.onset) if isinstance(data, LimitsFile) else data.weight
+    )
+    return WeightedInverse(task, weight)
+
+
+def cycle_file(cycle: Cycle) -> CycleFile:
+    """Describe the cycle that a control is for."""
+    path = cycle.path
+    rotation = path.placement(0.0).rotation.tolist()
+    pieces = [described(PieceFile, piece) for piece in pieces_of(path)]
+    return described(
+        CycleFile,
+        cycle,
+        path=path.name,
+        spec=path.spec,
+        plane=path.plane,
+        rotation=rotation,
+        pieces=pieces,
+    )
+
+
+def cycle_of(data: CycleFile, task: Task) -> Cycle:
+    """Make the cycle again.
+
+    Raises
+    ------
+    InputError
+        If its numbers are no closed path of this task.
+    """
+    ends = [0.0, *(piece.end for piece in data.pieces)]
+    sizes = {np.shape(piece.coefficients)[1:] for piece in data.pieces}
+    starts = [piece.begin for piece in data.pieces]
+    if (
+        starts != ends[:-1]
+        or ends[-1] != 1
+        or not (np.diff(ends) > 0).all()
+        or sizes not in ({(3,)}, {(7,)})
+    ):
+        raise InputError("the pieces of the path do not lead from s = 0 to 1")
+    pieces = [Piece(p.begin, p.end, np.array(p.coefficients)) for p in data.pieces]
+    what = {"name": data.path, "spec": data.spec, "plane": data.plane, "breaks": tuple(ends[1:-1])}
+    path = path_of(pieces, np.array(data.rotation), **what)
+    if not (0 < data.period < np.inf):
+        raise InputError("the period must be above 0 s")
+    return Cycle(task.check(data.start, "the start"), path, data.period)

@@ -1,0 +1,89 @@
+"""What a design was made for: robot, frame, joints, and a fingerprint of the kinematics."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..errors import InputError
+from ..robot.robot import Robot
+from ..robot.task import Task
+from .schema import Check, TaskFile
+
+_CHECKS = 4
+_TOLERANCE = 1e-9
+
+
+def identity(task: Task) -> TaskFile:
+    """Describe a task: names, and where its frame lies at a few configurations.
+
+    Placements are the fingerprint: they depend on every link and joint axis of the chain and on the
+    joints that are held, and, compared to 1e-9, on no machine's rounding."""
+    robot = task.robot
+    configurations = [task.reference, *(task.reference + 0.7 * np.sin(np.arange(1, task.n + 1) * (k + 1.3))
+                                        for k in range(_CHECKS - 1))]  # fmt: skip
+    checks = [
+        Check(q.tolist(), np.round(task.placement(q).homogeneous[:3], 12).tolist())
+        for q in configurations
+    ]
+    file = robot.description.path.name.encode("utf-8", "replace").decode()
+    T = None if task.coordinates is None else task.coordinates.T.tolist()
+    return TaskFile(robot=robot.name, catalogue=robot.entry is not None, file=file, base=robot.base,
+                    lock=list(robot.locked), frame=task.frame, task=task.kind, joints=list(task.robot_joints),
+                    coordinates=T, fingerprint=checks)  # fmt: skip
+
+
+def task_of(made_for: TaskFile, robot: Robot) -> Task:
+    """Make the task that a design was made for, of its robot."""
+    if set(robot.locked) != set(made_for.lock) or robot.base != made_for.base:
+        name = robot.entry.name if robot.entry is not None else robot.description.path
+        around = None if robot.surroundings is None else robot.surroundings.path
+        robot = Robot.load(
+            name,
+            package_dirs=robot.package_dirs,
+            lock=made_for.lock,
+            base=made_for.base,
+            surroundings=around,
+        )
+    task = robot.task(made_for.frame, made_for.task, joints=made_for.joints)
+    return task if made_for.coordinates is None else task.in_coordinates(made_for.coordinates)
+
+
+def compare(made_for: TaskFile, task: Task, where: str) -> None:
+    """Refuse a task that is not the one a design was made for.
+
+    Raises
+    ------
+    InputError
+        Naming the first difference.
+    """
+    mine = identity(task)
+    for key, name in {
+        "robot": "robot",
+        "base": "base",
+        "frame": "frame",
+        "task": "task kind",
+    }.items():
+        one, other = getattr(made_for, key), getattr(mine, key)
+        if one != other:
+            raise InputError(f"{where} is for the {name} {one!r}, not {other!r}; give that {name}")
+    if made_for.joints != mine.joints:
+        raise InputError(
+            f"{where} is for the joints {', '.join(made_for.joints)}, in this order, not {', '.join(mine.joints)}"
+        )
+    if made_for.coordinates != mine.coordinates:
+        raise InputError(
+            f"{where} is for other joint coordinates; its T of q = T ψ is {made_for.coordinates}"
+        )
+    if not made_for.fingerprint:
+        raise InputError(f"{where} has no fingerprint of the kinematics; design again")
+    for check in made_for.fingerprint:
+        q, expected = np.array(check.q), np.array(check.placement)
+        if q.shape != (task.n,) or expected.shape != (3, 4):
+            raise InputError(f"{where} has a damaged fingerprint; design again")
+        away = task.placement(q).homogeneous[:3] - expected
+        if not np.abs(away).max() < _TOLERANCE:
+            raise InputError(
+                f"{where} is for another {made_for.robot}: at its check configurations the frame {made_for.frame!r} "
+                f"lies {np.abs(away[:, 3]).max():.3g} m and {np.abs(away[:, :3]).max():.3g} rad elsewhere; "
+                "the URDF or the held joints have changed, so design again"
+            )

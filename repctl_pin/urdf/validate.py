@@ -1,0 +1,306 @@
+"""The gatekeeper: a robot file is checked strictly here, before any other library sees it.
+
+Pinocchio answers most bad files with "not a valid URDF model", accepts others in silence (an axis
+of zero length, a link with two parents) and crashes on a few. Here each is one line that names the
+element, its line, what is wrong and what to do."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from lxml import etree
+
+from ..errors import UrdfError
+from .checks import NO_EFFORT, NO_LIMIT, axis_of, check, finite, leader, number
+from .shapes import Solid, shapes_of
+from .split import split_joints
+from .xacro import expand
+from .xml import line, one_line, parse, short
+
+MAX_BYTES = 5_000_000
+"""The largest file read: over twenty times the largest robot of example-robot-data."""
+
+MAX_SHAPES = 1000
+"""The most shapes drawn: over five times as many as the largest robot of example-robot-data has."""
+
+MANY_TURNS = 4 * math.pi
+"""A limit of a revolute joint beyond this may be meant in degrees."""
+
+
+@dataclass(frozen=True)
+class Joint:
+    """One joint, as plain data.
+
+    ``lower``, ``upper`` (rad or m) and ``velocity`` (rad/s or m/s) are infinite where there is no
+    limit; ``mimic`` names the joint that this one copies, as ``multiplier · q + offset``, and which
+    itself copies none; ``line`` is where it stands in the file."""
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    axis: tuple[float, float, float]
+    lower: float
+    upper: float
+    velocity: float
+    mimic: str | None
+    line: int
+    multiplier: float = 1.0
+    offset: float = 0.0
+
+
+@dataclass(frozen=True)
+class Description:
+    """What a URDF says, after it has passed every check.
+
+    Attributes
+    ----------
+    root : str
+        The link nothing carries.
+    shapes : tuple of Solid
+        What is to be drawn.
+    collisions : tuple of Solid
+        The bodies that must not touch: all that the file names.
+    meshes : tuple of str
+        Visual mesh files, as written in the file, each once.
+    notes : tuple of str
+        What was ignored, or looks wrong: joints without a range, a mimic joint whose leader's name
+        lacks its prefix, limits that may be in degrees, what was ignored.
+    xml : str
+        The URDF as Pinocchio should read it: continuous joints are revolute ones with limits of
+        ±``NO_LIMIT``, planar and floating ones are split, so that every joint is one number;
+        relative mesh names are absolute; what is neither link, joint nor material is gone.
+    """
+
+    name: str
+    path: Path
+    joints: tuple[Joint, ...]
+    links: tuple[str, ...]
+    root: str
+    shapes: tuple[Solid, ...]
+    collisions: tuple[Solid, ...]
+    meshes: tuple[str, ...]
+    notes: tuple[str, ...]
+    xml: str
+
+
+def read_urdf(path: str | Path) -> Description:
+    """Read and check a URDF.
+
+    Raises
+    ------
+    UrdfError
+        In one line: the file, the line and the element, what is wrong, and the remedy.
+    """
+    path = Path(path)
+    notes: list[str] = []
+    try:
+        robot = parse(_read(path), notes)
+        _drop_colors(robot, notes)
+        root = check(robot)
+        split_joints(robot, notes)
+        elements = {joint.get("name"): joint for joint in robot.findall("joint")}
+        joints = tuple(_joint(element, elements, notes) for element in elements.values())
+        still = [repr(name) for name, element in elements.items() if _no_speed(element)]
+        if still:
+            notes.append(f"speed limit 0 of joint {', '.join(still)}: taken as no limit")
+    except UrdfError as error:
+        raise UrdfError(one_line(f"{path}: {error}")) from error
+    shapes = shapes_of(robot, "visual")
+    if len(shapes) > MAX_SHAPES:
+        notes.append(f"{len(shapes)} shapes: only the first {MAX_SHAPES} are drawn")
+    return Description(
+        name=robot.get("name"),
+        path=path,
+        joints=joints,
+        links=tuple(link.get("name") for link in robot.findall("link")),
+        root=root,
+        shapes=tuple(shapes[:MAX_SHAPES]),
+        collisions=tuple(shapes_of(robot, "collision")),
+        meshes=tuple(dict.fromkeys(shape.filename for shape in shapes if shape.filename)),
+        notes=tuple(one_line(note) for note in [*notes, *_degrees(joints)]),
+        xml=_for_pinocchio(robot, joints, path.absolute().parent),
+    )
+
+
+def standing(description: Description) -> Description:
+    """Refuse surroundings that have a joint that moves, or nothing to touch.
+
+    Raises
+    ------
+    UrdfError
+        The joint is named.
+    """
+    for joint in description.joints:
+        if joint.kind != "fixed":
+            raise UrdfError(
+                f"{description.path}, line {joint.line}: joint {joint.name!r} moves, but surroundings stand still; "
+                'give it type="fixed"'
+            )
+    if not description.collisions:
+        raise UrdfError(
+            f"{description.path}: no <collision> in it, so nothing can be touched; give its links shapes"
+        )
+    return description
+
+
+def _read(path: Path) -> bytes:
+    """Read a regular file of a sane size; a .xacro is expanded."""
+    try:
+        if path.is_dir():
+            raise UrdfError("is a folder; give the .urdf file inside it")
+        if not path.exists():
+            raise UrdfError(
+                "no such file; check the path (`repctl robots` lists the robots known by name)"
+            )
+        if not path.is_file():
+            raise UrdfError("is not a regular file; give a .urdf file")
+        if path.suffix == ".xacro":
+            data = expand(path, MAX_BYTES)
+        else:
+            with path.open("rb") as file:
+                data = file.read(MAX_BYTES + 1)
+    except OSError as error:
+        raise UrdfError(
+            f"cannot be read ({error.strerror}); check the path and its permissions"
+        ) from error
+    if len(data) > MAX_BYTES:
+        raise UrdfError(
+            f"is larger than {MAX_BYTES / 1e6:g} MB; a URDF is some kB of text: keep meshes apart"
+        )
+    return data
+
+
+def _joint(
+    element: etree._Element, joints: Mapping[str, etree._Element], notes: list[str]
+) -> Joint:
+    """One joint; a missing range or speed limit is none at all, and the notes say so."""
+    name, kind, limit = element.get("name"), element.get("type"), element.find("limit")
+    lower, upper, velocity = -math.inf, math.inf, math.inf
+    if kind in ("revolute", "prismatic"):
+        lower, upper = number(limit, "lower"), number(limit, "upper")
+        if lower == upper == 0.0:  # what exporters write where no range was given
+            notes.append(f"joint {name!r} has no range (lower = upper = 0): taken as unlimited")
+            lower, upper = -math.inf, math.inf
+    if kind != "fixed" and limit is not None:
+        velocity = number(limit, "velocity") or math.inf
+    mimic, multiplier, offset = _mimicked(element, joints, notes)
+    return Joint(
+        name=name,
+        kind=kind,
+        parent=element.find("parent").get("link"),
+        child=element.find("child").get("link"),
+        axis=axis_of(element),
+        lower=lower if lower >= -NO_LIMIT else -math.inf,
+        upper=upper if upper <= NO_LIMIT else math.inf,
+        velocity=velocity if velocity <= NO_LIMIT else math.inf,
+        mimic=mimic,
+        line=element.sourceline or 0,
+        multiplier=multiplier,
+        offset=offset,
+    )
+
+
+def _no_speed(element: etree._Element) -> bool:
+    """Whether a joint that moves has the speed limit 0: what exporters write where none was
+    given."""
+    limit = element.find("limit")
+    moves = element.get("type") not in ("fixed", None) and limit is not None
+    return moves and limit.get("velocity") is not None and number(limit, "velocity") == 0
+
+
+def _mimicked(
+    element: etree._Element, joints: Mapping[str, etree._Element], notes: list[str]
+) -> tuple[str | None, float, float]:
+    """Whom a joint follows, whomever that one follows, and how: ``multiplier · q + offset``."""
+    following, multiplier, offset, name = None, 1.0, 0.0, element.get("name")
+    while (mimic := element.find("mimic")) is not None:
+        written, follower = mimic.get("joint"), element.get("name")
+        leading = leader(follower, written, joints)
+        assert leading is not None, "the checks have seen to it"
+        if leading != written and following is None:
+            notes.append(
+                f"joint {follower!r} mimics {written!r}, which is not in this file: read as {leading!r}"
+            )
+        offset += multiplier * number(mimic, "offset")
+        multiplier *= number(mimic, "multiplier", 1.0)
+        following, element = leading, joints[leading]
+    if following is not None and element.get("type") == "fixed":
+        notes.append(
+            f"joint {name!r} mimics {following!r}, which is fixed: read as a joint of its own"
+        )
+        return None, 1.0, 0.0
+    return following, multiplier, offset
+
+
+def _degrees(joints: tuple[Joint, ...]) -> list[str]:
+    """Ask about revolute joints that turn by more than two turns to a side."""
+    ends = {
+        j.name: [abs(x) for x in (j.lower, j.upper) if math.isfinite(x)]
+        for j in joints
+        if j.kind == "revolute"
+    }
+    far = {name: max(sizes) for name, sizes in ends.items() if any(x > MANY_TURNS for x in sizes)}
+    if not far:
+        return []
+    name, limit = max(far.items(), key=lambda item: item[1])
+    others = f", {len(far) - 1} more like it" if len(far) > 1 else ""
+    return [
+        f"joint {name!r} has a limit of {limit:g} rad{others}: are these degrees? a URDF counts in rad"
+    ]
+
+
+def _for_pinocchio(robot: etree._Element, joints: tuple[Joint, ...], folder: Path) -> str:
+    """Write the URDF that Pinocchio reads, out of a tree that is used up by it."""
+    for joint, element in zip(joints, robot.findall("joint"), strict=True):
+        effort = [float(limit.get("effort") or 0) for limit in element.findall("limit")]
+        for tag in ("axis", "limit", "dynamics", "safety_controller", "calibration"):
+            for child in element.findall(tag):
+                element.remove(child)
+        if joint.kind == "fixed":
+            continue
+        if joint.kind == "continuous":
+            element.set("type", "revolute")
+        etree.SubElement(element, "axis", xyz=" ".join(map(repr, joint.axis)))
+        limit = etree.SubElement(element, "limit", effort=repr(max(effort, default=0) or NO_EFFORT))
+        limit.set("lower", repr(max(joint.lower, -NO_LIMIT)))
+        limit.set("upper", repr(min(joint.upper, NO_LIMIT)))
+        limit.set("velocity", repr(min(joint.velocity, NO_LIMIT)))
+    _tidy_materials(robot)
+    for mesh in robot.iter("mesh"):
+        name = mesh.get("filename")
+        if "://" not in name and not Path(name).is_absolute():
+            mesh.set("filename", str(folder / name))
+    return etree.tostring(robot, encoding="unicode")
+
+
+def _drop_colors(robot: etree._Element, notes: list[str]) -> None:
+    """Take out colours that are not four numbers, as Pinocchio does; the notes say where."""
+    for color in list(robot.iter("color")):
+        words = color.get("rgba", "0 0 0 0").split()
+        if len(words) != 4 or any(finite(word) is None for word in words):
+            notes.append(
+                f"ignored: the colour in {line(color)}, rgba = {short(color.get('rgba'))} is not 4 numbers"
+            )
+            color.getparent().remove(color)
+
+
+def _tidy_materials(robot: etree._Element) -> None:
+    """Take out materials without a colour or a texture, of which Pinocchio complains on stderr."""
+    for color in [c for c in robot.iter("color") if c.get("rgba") is None]:
+        color.getparent().remove(color)
+    colored = {material.get("name") for material in robot.iter("material") if _has_look(material)}
+    for material in [m for m in robot.iter("material") if not _has_look(m)]:
+        if material.getparent() is robot or material.get("name") not in colored:
+            material.getparent().remove(material)
+    for material in robot.iterfind("link/visual/material"):
+        material.set(
+            "name", material.get("name", "")
+        )  # a shape whose colour has no name would be lost
+
+
+def _has_look(material: etree._Element) -> bool:
+    return material.find("color") is not None or material.find("texture[@filename]") is not None
