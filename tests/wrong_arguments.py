@@ -105,6 +105,7 @@ def right_calls(folder: Path) -> list[Call]:
     workspace = rp.WorkspaceBox(task, middle, 0.2, within=box)
     motion = rp.follow(inverse, path, q0, cycles=2, steps=24, leaf_lock=1)
     study = rp.study(robot, kind="xy", start=q0, path=path, cycles=1, steps=24, region=0.2)
+    timed = rp.timed(motion, acceleration=10.0, rate=100.0)
     saved = rp.save(design, folder / "design.json")
     cell = rp.Cell(task, target, (0.05, 0.05))
     found = rp.nearest_inverse_function(control, cell, degree=1, samples=16, held_out=64)
@@ -154,11 +155,15 @@ def right_calls(folder: Path) -> list[Call]:
             "period": 5.0, "seed": 0, "progress": None,
         },
         "waypoints": {"points": square, "rotation": np.eye(3), "times": None, "blend": 0.0, "name": "square"},
-        "timed": {"motion": motion, "acceleration": 10.0, "velocity": 1.0, "torque": False, "rate": 100.0},
+        "timed": {
+            "motion": motion, "acceleration": 10.0, "velocity": 1.0, "jerk": 1000.0, "torque": False,
+            "tool_speed": [0.5, 3.0], "keep_times": False, "rate": 100.0,
+        },
+        "Run": {"timed": timed, "q": timed.q[0]},
         "write_motion": {"motion": motion, "file": folder / "motion.csv", "allow_violations": True},
         "approach": {
-            "q_now": q0 + 0.05, "motion": motion, "acceleration": 10.0, "velocity": 1.0, "torque": False, "rate": 100.0,
-            "bodies": False,
+            "q_now": q0 + 0.05, "motion": motion, "to": "nearest", "acceleration": 10.0, "velocity": 1.0,
+            "jerk": 1000.0, "torque": False, "rate": 100.0, "bodies": False,
         },
         "compiled": {"control": inverse},
         "export_c": {"control": inverse, "folder": folder / "c", "name": "arm_control", "region": box},
@@ -268,6 +273,7 @@ def right_calls(folder: Path) -> list[Call]:
     own: dict[tuple[type, str], dict[str, Any]] = {
         (rp.Cell, "around"): {"task": task, "poses": [target], "margin": 0.02, "half_angle": 0.0},
         (rp.Cell, "at"): {"u": U[0]},
+        (rp.Run, "step"): {"dt": 0.01, "override": 0.5},
         (rp.Cell, "coordinates"): {"p": p, "R": R},
         (rp.Cell, "coordinates_of"): {"target": target},
         (rp.Cell, "errors"): {"p_goal": p, "R_goal": R, "p": p, "R": R},
@@ -303,7 +309,7 @@ def right_calls(folder: Path) -> list[Call]:
         rp.LeafImpedance(inverse), robot, task,
         control, rp.WeightedInverse(task, [1, 2, 3]), rp.PostureControl(task, q0), inverse,
         rp.CustomInverse(task, control), rp.ExtendedJacobian(task, q0), rp.LimitWeight(task), potentials, waves, joined,
-        custom, box, tube, workspace, design, motion, study, path,
+        custom, box, tube, workspace, design, motion, study, path, rp.Run(timed),
         rp.best_leaf(inverse, path, q0, steps=8), rp.animation({"J⁺": motion}, seconds=1.0),
         rp.nearest_in_family(**functions["nearest_in_family"]),
     ]  # fmt: skip
