@@ -10,8 +10,8 @@ stable. But the motion must also stay on the surface,
 
 which is a much stronger condition. The script tests it for planar arms under J⁺, read from URDFs:
 
-* A prismatic joint and two links (Fig. 1) in absolute angles: s = cos ψ₃ − cos ψ₂ (13). Of the two
-  candidates, ψ₂ = ψ₃ is stable. ψ₂ = −ψ₃ is not: at every point of it the motion crosses it.
+* A prismatic joint and two links (Fig. 1) in absolute angles: s = cos ψ₃ − cos ψ₂ (13). The
+  candidate ψ₂ = ψ₃ is stable. The candidate ψ₂ = −ψ₃ is not: the motion crosses it everywhere.
 * Three unit links (Fig. 2) in relative angles, as in every URDF:
   s = −sin θ₂ + sin θ₃ cos θ₂ + sin θ₃ cos(θ₂ + θ₃) (17). There are candidates, and none is stable.
 * The same arm in absolute angles has stable surfaces again: two links parallel. There J⁺ minimises

@@ -209,8 +209,8 @@ def compute(steps: int = 800) -> Result:
     first, second, zero = turn(twice), turn(twice, 1), turn(squares["k = 0"][-1])
 
     side = SIDES[-1]
-    apart = np.abs(first.q - zero.q).max(axis=1) > 1e-9
-    F = float(first.s[int(np.argmax(apart)) - 1])
+    differ = np.abs(first.q - zero.q).max(axis=1) > 1e-9
+    F = float(first.s[int(np.argmax(differ)) - 1])
     theta = first.theta()
     G = float(brentq(lambda s: theta(s) + 5 * PI / 4, 3 * side, 4 * side, xtol=1e-12))
     one, closed = turn_from(k1, G, first.at(G), steps)
