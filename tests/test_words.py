@@ -59,8 +59,10 @@ NOT_YET = """
     repctl_pin/inverse_function/reference.py
     repctl_pin/motion/best_leaf.py
     repctl_pin/motion/fitting_circle.py
+    repctl_pin/motion/jerk.py
     repctl_pin/motion/joint_motion.py
     repctl_pin/motion/profile.py
+    repctl_pin/motion/run.py
     repctl_pin/motion/timing.py
     repctl_pin/paths/pieces.py
     repctl_pin/paths/polyline.py
