@@ -66,7 +66,8 @@ HEAD = """# Tests on robots of other packages
 This page shows the first line of `repctl study FILE`, without options, for URDFs of {count}
 packages of PyPI: {of} of the {all} different files with three or more movable joints. It was
 written on {date} by `python tests/survey_urdfs.py --table docs/tried.md`, with repctl_pin
-{version} and Pinocchio {pinocchio}. Each command had {seconds} s of processor time and {gigabytes} GB of memory.
+{version} and Pinocchio {pinocchio}. Each command had {seconds} s of processor time and
+{gigabytes} GB of memory.
 
 **{summary}**
 
