@@ -144,8 +144,10 @@ def test_no_leaf_is_preferred_that_comes_near_an_algorithmic_singularity(
         """Every other start has a larger margin, and a leaf margin of next to nothing."""
         candidate = judged(*given)
         if candidate is not None and seen:
-            rooms = {"limits": 9.0, "bodies": 9.0, "leaf": 9.0}
-            candidate = replace(candidate, rooms=rooms, limit_margin=9.0, leaf_margin=0.05)
+            relative_margins = {"limits": 9.0, "bodies": 9.0, "leaf": 9.0}
+            candidate = replace(
+                candidate, relative_margins=relative_margins, limit_margin=9.0, leaf_margin=0.05
+            )
         seen.append(candidate)
         return candidate
 
@@ -184,9 +186,12 @@ def test_rooms_are_compared_from_the_least_up(panda_design, q_panda) -> None:
     nothing."""
     path = rp.circle(panda_design.task, q_panda, 0.02)
     one = rp.best_leaf(panda_design.inverse, path, q_panda, steps=4).best
-    assert one.margin == min(one.rooms.values()) == one.rooms[one.binds]
+    assert one.margin == min(one.relative_margins.values()) == one.relative_margins[one.binds]
     coarse = one.motion.thinned(32).body_distance.min()
-    assert one.body_distance == pytest.approx(coarse) and one.rooms["leaf"] == one.leaf_margin
+    assert (
+        one.body_distance == pytest.approx(coarse)
+        and one.relative_margins["leaf"] == one.leaf_margin
+    )
 
     def order(
         limits: float,
@@ -196,8 +201,13 @@ def test_rooms_are_compared_from_the_least_up(panda_design, q_panda) -> None:
         distance: float = 0.1,
         limit_margin: float = 0.1,
     ) -> tuple:
-        rooms = {"limits": limits, "bodies": bodies, "leaf": leaf}
-        return replace(one, rooms=rooms, body_distance=distance, limit_margin=limit_margin).order
+        relative_margins = {"limits": limits, "bodies": bodies, "leaf": leaf}
+        return replace(
+            one,
+            relative_margins=relative_margins,
+            body_distance=distance,
+            limit_margin=limit_margin,
+        ).order
 
     assert order(0.3, 0.2, 0.9) > order(0.3, 0.1, 0.9) and order(0.3, 0.061, 0.9) > order(
         0.1, 0.062, 0.9

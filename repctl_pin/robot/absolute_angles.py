@@ -47,8 +47,8 @@ def absolute_angles(task: Task) -> Array:
         )
     if task.drive is not None:
         raise InputError(
-            "absolute angles require independent joints, but some joints of this chain mimic others; "
-            "pass a custom T to in_coordinates()"
+            "absolute angles require independent joints, but some joints of this chain "
+            "mimic others; pass a custom T to in_coordinates()"
         )
     turning = np.flatnonzero(task.revolute)
     axes = task.axes(task.reference)[turning]  # (revolute joints, 3)

@@ -70,8 +70,8 @@ def limits(
             lower, upper = low, high
         else:
             notes.append(
-                f"limits [{follower.lower:g}, {follower.upper:g}] of joint {follower.name!r} ignored: "
-                f"no position of {joint.name!r}, which it mimics, satisfies them"
+                f"limits [{follower.lower:g}, {follower.upper:g}] of joint {follower.name!r} "
+                f"ignored: no position of {joint.name!r}, which it mimics, satisfies them"
             )
         velocity = min(velocity, follower.velocity / abs(follower.multiplier))
     return lower, upper, velocity

@@ -68,7 +68,8 @@ class Task:
     lower, upper, velocity_limit : (n,) arrays
         Position limits, rad or m, and speed limits, rad/s or m/s.
     revolute : (n,) array of bool
-        False for prismatic joints. reference : (n,) array
+        False for prismatic joints.
+    reference : (n,) array
         Reference pose of the robot, on these joints.
     coordinates : Coordinates or None
         Joint coordinates q = T ψ of :meth:`in_coordinates`; every method's q is then a ψ.

@@ -49,8 +49,9 @@ class Shape:
     size
         box: three edges; cylinder and capsule: radius, length along z; sphere: radius, m.
     color
-        Red, green, blue and opacity, 0 to 1. textured True if the mesh keeps the materials of its
-        own file, because the URDF gives none.
+        Red, green, blue and opacity, 0 to 1.
+    textured
+        True if the mesh keeps the materials of its own file, because the URDF gives none.
     standing
         True for a shape of the surroundings.
     """
