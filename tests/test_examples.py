@@ -144,8 +144,8 @@ def test_best_leaf(run: Run) -> None:
     for arm in told.strip().split("\n\n"):
         given, best, ten = arm.splitlines()[1:]
         assert (
-            "leaves its limits" in given
-            and "leaves" not in best
+            "exceeds its limits" in given
+            and "exceeds" not in best
             and "no joint leaves its limits" in ten
         )
     assert "tiago" in told and "panda" in told

@@ -266,10 +266,10 @@ BAD_CSV = {
     ),
     "time back": (
         "x,y,z,time\n0.5,0,0.5,0\n0.6,0,0.5,2\n0.5,0,0.5,1\n",
-        "line 4: the time must rise",
+        "line 4: the time must increase",
     ),
-    "too many": ("0.5,0,0.5\n" * 100_000, "100000 waypoints; thin them out"),
-    "binary": ("\udcff\udcfe\x00", "not a text file|not three"),
+    "too many": ("0.5,0,0.5\n" * 100_000, "100000 waypoints; reduce them"),
+    "binary": ("\udcff\udcfe\x00", "not UTF-8 text|not three"),
 }
 
 

@@ -130,7 +130,7 @@ def follow(
     path = closed_path(path)
     if not isinstance(strategy, Strategy):
         what = (
-            "rp.Pseudoinverse(task), design.inverse or a similar controller, or (q, xdot) -> qdot"
+            "a controller, such as design.inverse, or a function (q, xdot) -> qdot"
         )
         function(strategy, "strategy", what, 2)
         if task is None:

@@ -212,9 +212,7 @@ def _polyline(
 ) -> TaskPath:
     """Create a path through corners (P, 3), the last equal to the first."""
     if len(corners) - 1 > MOST_POINTS:
-        raise InputError(
-            f"{name} has {len(corners)} points; thin them out to {MOST_POINTS} or fewer"
-        )
+        raise InputError(f"{name} has {len(corners)} points; reduce them to at most {MOST_POINTS}")
     turns = np.zeros(len(corners) - 1)
     if isinstance(rotation, list):
         turns = np.array([np.linalg.norm(pin.log3(a.T @ b)) for a, b in pairwise(rotation)])

@@ -251,9 +251,9 @@ def _degrees(joints: tuple[Joint, ...]) -> list[str]:
     if not far:
         return []
     name, limit = max(far.items(), key=lambda item: item[1])
-    others = f" (and {len(far) - 1} more)" if len(far) > 1 else ""
+    others = f" (and {len(far) - 1} more such limits)" if len(far) > 1 else ""
     return [
-        f"joint {name!r}{others} has a limit of {limit:g} rad, possibly in degrees; "
+        f"joint {name!r} has a limit of {limit:g} rad{others}, possibly in degrees; "
         "URDF angles are in rad"
     ]
 
@@ -288,7 +288,7 @@ def _drop_colors(robot: etree._Element, notes: list[str]) -> None:
         words = color.get("rgba", "0 0 0 0").split()
         if len(words) != 4 or any(finite(word) is None for word in words):
             notes.append(
-                f"ignored: the colour in {line(color)}: "
+                f"ignored: the colour in {line(color)}, "
                 f"rgba = {short(color.get('rgba'))} is not 4 numbers"
             )
             color.getparent().remove(color)

@@ -13,8 +13,9 @@ SECONDS = 20.0
 """Maximum time of an expansion, s."""
 
 _EXPAND = """
-import contextlib, resource, sys sys.path.pop(0)  # do not import from the current folder with
-contextlib.suppress(ValueError, OSError):
+import contextlib, resource, sys
+sys.path.pop(0)  # do not import from the current folder
+with contextlib.suppress(ValueError, OSError):
     resource.setrlimit(resource.RLIMIT_AS, (1 << 30, 1 << 30))
 import xacro
 xacro.main()
