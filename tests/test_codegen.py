@@ -373,14 +373,14 @@ def test_the_command_writes_a_saved_design(
     assert "is not a saved design" in refused(capsys, "export", "arm.urdf")
     assert "say where it is: --robot arm.urdf" in refused(capsys, "export", "design.json")
     given = ["export", "design.json", "--robot", "arm.urdf"]
-    assert "means something else" in refused(capsys, *given, "--name", "double")
+    assert "is reserved in C" in refused(capsys, *given, "--name", "double")
     said = told(capsys, *given, "--to", "c", "--name", "planar")
     assert said["n"] == 3 and {Path(f).name for f in said["files"]} >= {
         "planar.h",
         "planar.c",
         "check.c",
     }
-    assert "holds the control 'planar' already" in refused(
+    assert "already contains the inverse 'planar'" in refused(
         capsys, *given, "--to", "c", "--name", "other"
     )
     assert told(capsys, *given, "--to", "c", "--name", "planar")["files"] == said["files"]

@@ -129,9 +129,7 @@ def follow(
         require_task(task)
     path = closed_path(path)
     if not isinstance(strategy, Strategy):
-        what = (
-            "a controller, such as design.inverse, or a function (q, xdot) -> qdot"
-        )
+        what = "a controller, such as design.inverse, or a function (q, xdot) -> qdot"
         function(strategy, "strategy", what, 2)
         if task is None:
             raise InputError(
