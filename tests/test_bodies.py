@@ -283,9 +283,9 @@ UNUSABLE = {
         '<mesh filename="ball.stl" scale="1e9 1e9 1e9"/>',
         "'ball.stl' is 2e\\+09 m large.*correct its scale",
     ),
-    "no size": ('<mesh filename="ball.stl" scale="0 0 0"/>', "'ball.stl' has no size"),
-    "a point": ('<sphere radius="0"/>', "the sphere 'wall_0' has no size"),
-    "a line": ('<box size="1 0 0"/>', "the box 'wall_0' has no size"),
+    "no size": ('<mesh filename="ball.stl" scale="0 0 0"/>', "'ball.stl' has size 0"),
+    "a point": ('<sphere radius="0"/>', "the sphere 'wall_0' has size 0"),
+    "a line": ('<box size="1 0 0"/>', "the box 'wall_0' has size 0"),
     "a large box": ('<box size="1e9 1 1"/>', "the box 'wall_0' is 1e\\+09 m large"),
     "lost": ('<mesh filename="no.stl"/>', "'no.stl' is missing"),
 }

@@ -79,7 +79,7 @@ def test_nothing_heavy_is_imported_at_the_door() -> None:
     code = (
         "import sys, repctl_pin, repctl_pin.cli as cli\n"
         "try: cli.main(['--help'])\nexcept SystemExit: pass\n"
-        "heavy = {'pinocchio', 'numpy', 'scipy', 'matplotlib', 'yourdfpy', 'meshcat', 'lxml'} & set(sys.modules)\n"
+        "heavy = {'pinocchio', 'numpy', 'scipy', 'matplotlib', 'meshcat', 'lxml'} & set(sys.modules)\n"
         "sys.exit(f'imported: {heavy}' if heavy else 0)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)

@@ -254,8 +254,8 @@ BAD_CSV = {
     "two columns": ("0.5,0\n0.6,0\n0.6,0.1\n0.5,0\n", "line 1"),
     "empty": ("", "no waypoints"),
     "nowhere": ("0.5,0,0.5\n0.5,0,0.5\n0.5,0,0.5\n0.5,0,0.5\n", "all points are the same"),
-    "columns unknown": ("x,z\n0.5,0\n", "called x, z; call them x, y, z"),
-    "a column twice": ("x,y,y\n0.5,0,0\n", "called x, y, y"),
+    "columns unknown": ("x,z\n0.5,0\n", "named x, z; name them x, y, z"),
+    "a column twice": ("x,y,y\n0.5,0,0\n", "named x, y, y"),
     "no quaternion": (
         "x,y,z,qx,qy,qz,qw\n0.5,0,0.5,0,0,0,2\n",
         "line 2: the quaternion has length 2",

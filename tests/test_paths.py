@@ -133,7 +133,7 @@ def test_tangent_turns_with_the_circle_and_facing_keeps_its_point(panda_pose, q_
     for wrong, why in (
         ("along", "'fixed', 'tangent'"),
         ([0, 1], "3 finite"),
-        (path.point(0.3), "runs through"),
+        (path.point(0.3), "passes through"),
     ):
         with pytest.raises(rp.InputError, match=why):
             rp.circle(panda_pose, q_panda, 0.08, rotation=wrong)
@@ -195,7 +195,7 @@ def test_blended_corners_are_arcs_of_the_radius(panda_pose, q_panda) -> None:
     for words, why in (
         (
             "square:0.1:blend=0.06",
-            "do not fit the edge of 0.1 m from point . to .; blend by 0.05 m or less",
+            "do not fit the edge of 0.1 m from point . to .; use a blend radius of at most 0.05 m",
         ),
         ("square:0.1:blend=", "not a number above 0"),
         ("circle:0.1:blend=0.01", "have corners to blend"),
@@ -229,7 +229,7 @@ def test_columns_are_taken_by_their_names(tmp_path, panda_pose, q_panda) -> None
     same = rp.waypoints(LOOP, TILTS, times=times)
     read = rp.waypoints(rp.read_waypoints(file))
     assert read.period == 6 and read.breaks == same.breaks
-    with pytest.raises(rp.InputError, match="these waypoints have times; omit times="):
+    with pytest.raises(rp.InputError, match="the waypoints already have times; omit times="):
         rp.waypoints(rp.read_waypoints(file), times=times)
     assert path.period == 6 and path.breaks == same.breaks and path.corners[0] == "line 2"
     for s in np.linspace(0, 1, 17):
