@@ -259,7 +259,9 @@ def test_no_shape_is_dropped_however_many_there_are(chain: rp.Task, tmp_path: Pa
     robot = rp.Robot.load(tmp_path / "chain.urdf", surroundings=tmp_path / "cell.urdf")
     bodies = rp.Bodies(robot.task("tip", "position"))
     assert bodies.nearest(np.zeros(3)).distance < -0.1
-    assert any("the surroundings have 1501 shapes: all are measured" in note for note in bodies.notes)
+    assert any(
+        "the surroundings have 1501 shapes: all are measured" in note for note in bodies.notes
+    )
     own = (
         (tmp_path / "chain.urdf")
         .read_text()

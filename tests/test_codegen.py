@@ -409,7 +409,8 @@ def test_a_file_that_was_not_written_here_is_not_overwritten(
     (folder / file).write_text(text, encoding="utf-8")
     before = {path: path.read_bytes() for path in folder.iterdir()}
     with pytest.raises(
-        rp.InputError, match=f"{re.escape(file)} is not overwritten: it was not written by repctl_pin"
+        rp.InputError,
+        match=f"{re.escape(file)} is not overwritten: it was not written by repctl_pin",
     ):
         rp.export_c(inverse, folder, "arm")
     assert {path: path.read_bytes() for path in folder.iterdir()} == before

@@ -114,7 +114,9 @@ def test_limits_keep_followers_inside_theirs(tmp_path: Path) -> None:
         (-1.0, 1.6, 0.4)
     )  # j3 = 0.3 − j2/2
     assert (lower["j5"], upper["j5"]) == (-2, 2)
-    assert ["of joint 'j6' ignored: no position of 'j5'" in note for note in robot.warnings] == [True]
+    assert ["of joint 'j6' ignored: no position of 'j5'" in note for note in robot.warnings] == [
+        True
+    ]
     assert (robot.reference >= robot.lower).all() and (robot.reference <= robot.upper).all()
 
 

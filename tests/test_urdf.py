@@ -541,7 +541,10 @@ def test_a_leader_without_its_prefix_is_found_and_said() -> None:
 @pytest.mark.parametrize(
     ("limits", "told"),
     [
-        (["-180 180"], ["joint 'j0' has a limit of 180 rad, possibly in degrees; URDF angles are in rad"]),
+        (
+            ["-180 180"],
+            ["joint 'j0' has a limit of 180 rad, possibly in degrees; URDF angles are in rad"],
+        ),
         (
             ["-2 2", "-90 120", "-175 170"],
             ["joint 'j2' has a limit of 175 rad (and 1 more such limits), possibly in degrees"],

@@ -45,7 +45,7 @@ def rotation_matrix(value: Any, what: str = "rotation") -> Array:
     return R if off < 1e-13 else pin.Quaternion(R).normalized().matrix()
 
 
-def spin_of(rotation: Turning, breaks: Sequence[float]) -> Turning:
+def angular_velocity(rotation: Turning, breaks: Sequence[float]) -> Turning:
     """Create ω(s) from R(s) by differences of log(R(s + e) R(s)ᵀ) between the breaks, error about
     1e-11."""
     knots = np.array([0.0, *breaks, 1.0])

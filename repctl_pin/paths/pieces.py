@@ -99,7 +99,7 @@ def _pickled(path: TaskPath) -> tuple[Callable[..., TaskPath], tuple[Any, ...]]:
     """Pickle a path as pieces, since its functions cannot be pickled."""
     what = {
         name: getattr(path, name)
-        for name in ("name", "breaks", "words", "plane", "corners", "period")
+        for name in ("name", "breaks", "spec", "plane", "corners", "period")
     }
     return _unpickled, (pieces_of(path), path.placement(0.0).rotation, what)
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
@@ -80,8 +81,9 @@ def polygon(
         A single corner gives a line and its return; a repeated corner is a pause, as long as the
         mean edge takes.
     blend
-        Radius of the arcs that round the corners, m; the start is then the midpoint of the first
-        corner's arc, and the polygon is shifted accordingly.
+        Radius ρ of the arcs that would round the corners, m. Each corner is rounded by a curve of
+        continuous curvature between the same ends. The start is the midpoint of the first one, and
+        the polygon is shifted accordingly.
 
     Returns
     -------
@@ -90,7 +92,7 @@ def polygon(
     Raises
     ------
     InputError
-        If there is no other corner, or an edge is too short for its arcs.
+        If there is no other corner, or an edge is too short for its blends.
 
     Examples
     --------
@@ -138,8 +140,9 @@ def waypoints(
     times : (P,) array, optional
         Increasing times of the points, s; by default those of the file, or constant speed.
     blend
-        Radius of the arcs that round the corners, m; the path begins at the midpoint of the first
-        corner's arc. A reversal of direction stays sharp. Not allowed with times.
+        Radius ρ of the arcs that would round the corners, m. Each corner is rounded by a curve of
+        continuous curvature between the same ends, and the path begins at the midpoint of the first
+        one. A reversal of direction stays sharp. Not allowed with times.
 
     Returns
     -------
@@ -149,7 +152,7 @@ def waypoints(
     ------
     InputError
         If there are fewer than three points, numbers that are not finite, the path is open, or an
-        edge is too short for its arcs.
+        edge is too short for its blends.
 
     Examples
     --------
@@ -275,17 +278,66 @@ def _line(start: Array, edge: Array) -> Piece:
     return lambda u: (start + u * edge, edge)
 
 
-def _arc(
-    start: Array, along: Array, inward: Array, radius: float, begin: float, end: float
+@dataclass(frozen=True)
+class _Bend:
+    """Plane curve of length 1 and angle φ, with curvature ``6 φ u (1 − u)``, zero at both ends.
+
+    The direction is ``θ(u) = φ (3u² − 2u³)``; the point is its integral, by Chebyshev polynomials.
+
+    Attributes
+    ----------
+    phi : float
+        φ, rad.
+    point : (d + 1, 2) array
+        Coefficients over u in [0, 1], along and across the direction at the start.
+    """
+
+    phi: float
+    point: Array
+
+    @classmethod
+    def of(cls, phi: float) -> _Bend:
+        """Create the curve with angle φ."""
+        nodes = chebyshev.chebpts1(_BEND_DEGREE + 1)
+        theta = cls.direction_of(phi, (nodes + 1) / 2)
+        slope = np.linalg.solve(
+            chebyshev.chebvander(nodes, _BEND_DEGREE),
+            np.stack([np.cos(theta), np.sin(theta)], axis=1),
+        )
+        return cls(phi, np.asarray(chebyshev.chebint(slope, scl=0.5, lbnd=-1), float))
+
+    @staticmethod
+    def direction_of(phi: float, u: ArrayLike) -> Array:
+        """Evaluate θ(u)."""
+        u = np.asarray(u, float)
+        return phi * u**2 * (3 - 2 * u)
+
+    def at(self, u: float) -> Array:
+        """Evaluate the point at u: (2,), along and across."""
+        return np.asarray(chebyshev.chebval(2 * u - 1, self.point))
+
+    def length(self, cut: float) -> float:
+        """Compute the length for which the curve shortens both edges by ``cut``: its ends are
+        ``2 cut cos(φ/2)`` apart."""
+        return float(2 * cut * np.cos(self.phi / 2) / np.linalg.norm(self.at(1.0)))
+
+
+_BEND_DEGREE = 30
+"""Degree of the Chebyshev polynomials of a bend."""
+
+
+def _bend(
+    bend: _Bend, start: Array, along: Array, inward: Array, length: float, begin: float
 ) -> Piece:
-    """Create an arc from a start point and direction that turns towards another direction."""
+    """Create half of a bend that begins at a point, along a unit vector, and turns to another, from
+    u = begin on."""
+    frame = np.stack([along, inward])
 
     def at(u: float) -> tuple[Array, Array]:
-        a = begin + u * (end - begin)
-        c, s = np.cos(a), np.sin(a)
-        return start + radius * (s * along + (1 - c) * inward), (end - begin) * radius * (
-            c * along + s * inward
-        )
+        v = begin + u / 2
+        theta = bend.direction_of(bend.phi, v)
+        direction = np.array([np.cos(theta), np.sin(theta)])
+        return start + length * bend.at(v) @ frame, length / 2 * direction @ frame
 
     return at
 
@@ -296,8 +348,8 @@ def _rounded(
     """Round the corners (P, 3) of a closed polyline; return pieces, knots, and the corners'
     positions.
 
-    An arc of radius ρ at a corner with angle φ shortens both edges by ρ tan(φ/2). The path begins
-    at the midpoint of the first corner's arc."""
+    The bend at a corner with angle φ shortens both edges by ρ tan(φ/2), as an arc of radius ρ does.
+    The path begins at the midpoint of the first corner's bend."""
     edges = np.diff(corners, axis=0)
     lengths = np.linalg.norm(edges, axis=1)
     units = edges / np.maximum(lengths, 1e-300)[:, None]
@@ -315,27 +367,30 @@ def _rounded(
         at = int(np.argmin(room))
         most = radius * lengths[at] / (lengths[at] - room[at])
         raise InputError(
-            f"{name}: arcs of radius {radius:g} m do not fit the edge of {lengths[at]:.3g} m "
+            f"{name}: blends of radius {radius:g} m do not fit the edge of {lengths[at]:.3g} m "
             f"from point {at + 1} to {at + 2}; use a blend radius of at most {most:.2g} m"
         )
     pieces: list[Piece] = []
     took: list[float] = []
     upto = [0]  # number of pieces before the midpoint of each corner
 
-    def half_arc(i: int, begin: float, end: float) -> None:
-        if phi[i] > 0:
-            start = corners[i] - cut[i] * before[i]
-            pieces.append(_arc(start, before[i], inward[i] / across[i], radius, begin, end))
-            took.append(radius * phi[i] / 2)
+    bends = [_Bend.of(float(turn)) if turn > 0 else None for turn in phi]
+
+    def half(i: int, begin: float) -> None:
+        bend = bends[i]
+        if bend is not None:
+            start, length = corners[i] - cut[i] * before[i], bend.length(cut[i])
+            pieces.append(_bend(bend, start, before[i], inward[i] / across[i], length, begin))
+            took.append(length / 2)
 
     for i, edge in enumerate(edges):
-        half_arc(i, phi[i] / 2, phi[i])
+        half(i, 0.5)
         share = room[i] / lengths[i] if moving[i] else 1.0
         if share > 1e-9:
             pieces.append(_line(corners[i] + cut[i] * units[i], share * edge))
             took.append(share * sizes[i])
         following = (i + 1) % len(edges)
-        half_arc(following, 0.0, phi[following] / 2)
+        half(following, 0.0)
         upto.append(len(pieces))
     knots = np.concatenate([[0.0], np.cumsum(took)])
     return pieces, knots, knots[upto]

@@ -23,7 +23,7 @@ from ..arguments import (
     vector,
 )
 from ..errors import InputError
-from .orientation import rotation_matrix, spin_of
+from .orientation import angular_velocity, rotation_matrix
 
 
 @runtime_checkable
@@ -36,10 +36,10 @@ class ClosedPath(Protocol):
 
     @property
     def breaks(self) -> tuple[float, ...]:
-        """Values of s in (0, 1) where the twist jumps."""
+        """Values of s in (0, 1) at which the twist is discontinuous."""
 
     def placement(self, s: float) -> pin.SE3:
-        """Where the frame should be at s."""
+        """Evaluate the placement of the frame at s."""
 
     def twist(self, s: float) -> Array:
         """Evaluate d(pose)/ds: (6,), m and rad per cycle, base axes."""
@@ -113,11 +113,11 @@ class TaskPath:
         if not callable(self.rotation):
             object.__setattr__(self, "rotation", rotation_matrix(self.rotation))
         elif self.spin is None:
-            object.__setattr__(self, "spin", spin_of(self._turned, self.breaks))
+            object.__setattr__(self, "spin", angular_velocity(self._turned, self.breaks))
         _check(self)
 
     def placement(self, s: float) -> pin.SE3:
-        """Where the frame should be at s."""
+        """Evaluate the placement of the frame at s."""
         s = finite(s, "s")
         return pin.SE3(self._turned(s), self.point(s))
 

@@ -72,7 +72,7 @@ class BodyShape:
 
     @property
     def convex(self) -> bool:
-        """Whether the body is convex."""
+        """True if the body is convex."""
         return self.points is None
 
     @property
@@ -104,9 +104,9 @@ class BodyShape:
     def _center(self) -> Array:
         return np.asarray(self.hull.aabb_center, float)[None]
 
-    def holds(self, points: Array) -> bool:
+    def contains(self, points: Array) -> bool:
         """Test whether any of the points (K, 3) is inside the mesh."""
-        return self.interior is not None and self.interior.holds(points)
+        return self.interior is not None and self.interior.contains(points)
 
 
 def body_shape(
@@ -162,22 +162,24 @@ def _too_large(size: float) -> str:
     return f"{size:.3g} m large, but the maximum is {_LARGEST:g} m"
 
 
-def meet(one: BodyShape, here: coal.Transform3s, other: BodyShape, there: coal.Transform3s) -> bool:
+def collide(
+    one: BodyShape, here: coal.Transform3s, other: BodyShape, there: coal.Transform3s
+) -> bool:
     """Test whether two bodies collide at their placements, or one is inside the other."""
     request, result = coal.CollisionRequest(), coal.CollisionResult()
     if coal.collide(one.exact, here, other.exact, there, request, result):
         return True
-    return holds(one, here, other, there) or holds(other, there, one, here)
+    return contains(one, here, other, there) or contains(other, there, one, here)
 
 
-def holds(
+def contains(
     outer: BodyShape, here: coal.Transform3s, inner: BodyShape, there: coal.Transform3s
 ) -> bool:
     """Test whether a mesh contains a part of another body, when their surfaces do not intersect."""
     if outer.interior is None:
         return False
     points = inner.witnesses @ there.getRotation().T + there.getTranslation()
-    return outer.holds((points - here.getTranslation()) @ here.getRotation())
+    return outer.contains((points - here.getTranslation()) @ here.getRotation())
 
 
 def transform(place: pin.SE3) -> coal.Transform3s:

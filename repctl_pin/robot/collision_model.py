@@ -22,9 +22,9 @@ from .body_shapes import (
     BodyShape,
     UnusableShape,
     body_shape,
+    collide,
+    contains,
     fixed_placements,
-    holds,
-    meet,
     origin,
     transform,
 )
@@ -176,7 +176,7 @@ class CollisionModel:
         collision."""
         distance = self._apart(k)
         if distance <= 0:
-            distance = min(distance, -_TOUCHING) if self._meet(k) else 0.0
+            distance = min(distance, -_TOUCHING) if self._collide(k) else 0.0
         return np.inf if distance >= 0 and self._only_contact[k] else distance
 
     def _of_hulls(self, k: int) -> float:
@@ -195,22 +195,24 @@ class CollisionModel:
             coal.distance(hull, here, other.measured, there, self._request, self._result)
         )
         return (
-            -distance if distance > 0 and holds(other, there, self._bodies[a], here) else distance
+            -distance
+            if distance > 0 and contains(other, there, self._bodies[a], here)
+            else distance
         )
 
-    def _meet(self, k: int) -> bool:
+    def _collide(self, k: int) -> bool:
         """Test whether two bodies with overlapping hulls collide."""
         a, b = self._both[k]
         one, other = self._bodies[a], self._bodies[b]
         if one.convex and other.convex:
             return True
-        return meet(one, self._transform(a), other, self._transform(b))
+        return collide(one, self._transform(a), other, self._transform(b))
 
     def _full_distance(self, k: int, q: Array) -> float:
         """Measure a pair at q (N,), exactly if the hulls overlap; 0 in a collision."""
         self._move(q)
         distance = self._apart(k)
-        if distance > 0 or self._meet(k):
+        if distance > 0 or self._collide(k):
             return max(distance, 0.0)
         (a, b), result = self._both[k], coal.DistanceResult()
         one, other = self._bodies[a].exact, self._bodies[b].exact
@@ -276,7 +278,7 @@ class CollisionModel:
             disabled_pairs(entry.srdf) if entry is not None and entry.srdf is not None else set()
         )
         near = ruled_out | self._one_joint_between()
-        at_reference, share, hulls_always = self._touching(task, near)
+        at_reference, share, hulls_always = self._sampled_collisions(task, near)
         fused, always = near & (at_reference | (share >= _FUSED)), share == 1
         self.disabled = self.named(ruled_out & fused)
         self.adjacent += self.named(near & ~ruled_out & fused)
@@ -285,10 +287,10 @@ class CollisionModel:
         only_contact, left_out = near | (hulls_always & own), fused | always
         self.measured = self.named(~only_contact & ~left_out)
         self.only_contact = self.named(only_contact & ~left_out)
-        kept = ~left_out & ~self._never_touching(task, only_contact & ~left_out)
+        kept = ~left_out & ~self._never_colliding(task, only_contact & ~left_out)
         self._measure(self.pairs[kept], only_contact[kept])
 
-    def _never_touching(self, task: Task, asked: Mask) -> Mask:
+    def _never_colliding(self, task: Task, asked: Mask) -> Mask:
         """Mark the pairs among ``asked`` (P,) for which it is proved that they never collide."""
         never = np.zeros(len(self.pairs), bool)
         separation = Separation(self._model, task.robot.joints, self._shapes, self._full_distance)
@@ -344,7 +346,7 @@ class CollisionModel:
         measured = [body.measured for body in self._bodies]
         self._bounds = BodyBounds(self._model, self._joint, self._place, measured, pairs)
 
-    def _touching(self, task: Task, near: Mask) -> tuple[Mask, Array, Mask]:
+    def _sampled_collisions(self, task: Task, near: Mask) -> tuple[Mask, Array, Mask]:
         """Sample the configurations at which pairs collide.
 
         Parameters
@@ -359,7 +361,7 @@ class CollisionModel:
         -------
         Collisions at the reference pose, share of configurations with a collision, and whether the
         hulls overlap at all configurations: (P,) each."""
-        Q = _tried(task)
+        Q = _sample_configurations(task)
         count, at_reference = np.zeros(len(self.pairs)), np.zeros(len(self.pairs), bool)
         overlaps = ~at_reference
         for i, (q, bounds) in enumerate(self._with_bounds(Q) if len(self.pairs) else ()):
@@ -367,14 +369,14 @@ class CollisionModel:
             overlap = (bounds < 0) & (near | overlaps)
             for k in np.flatnonzero(overlap).tolist():
                 overlap[k] = self._apart(k) <= 0
-                count[k] += overlap[k] and self._meet(k)
+                count[k] += overlap[k] and self._collide(k)
             overlaps &= overlap
             if i == 0:
                 at_reference = count > 0
         return at_reference, count / len(Q), overlaps
 
 
-def _tried(task: Task) -> Array:
+def _sample_configurations(task: Task) -> Array:
     """Sample the reference pose and random configurations within the limits: (K, N)."""
     lower, upper, _ = task.joint_limits  # of the robot's own joints, also with ψ
     q0 = task.joints(task.reference)

@@ -50,7 +50,7 @@ class Coordinates:
         return q @ self.inverse.T
 
 
-def change_of(
+def linear_coordinates(
     names: tuple[str, ...],
     lower: Array,
     upper: Array,

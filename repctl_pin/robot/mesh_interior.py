@@ -91,11 +91,11 @@ class MeshInterior:
         turns = _DIRECTIONS if gaps and not parts.closed.all() else _DIRECTIONS[:1]
         self._rays = [_Ray(turn, parts.points, kept) for turn in turns] if len(kept) else []
 
-    def holds(self, points: Array) -> bool:
+    def contains(self, points: Array) -> bool:
         """Test whether any of the points (K, 3) is inside."""
-        return any(self._holds(point) for point in points)
+        return any(self._contains(point) for point in points)
 
-    def _holds(self, point: Array) -> bool:
+    def _contains(self, point: Array) -> bool:
         left = {
             True: len(self._rays) // 2,
             False: (len(self._rays) - 1) // 2,

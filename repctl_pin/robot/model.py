@@ -13,7 +13,7 @@ from ..urdf.validate import Joint
 
 SHARED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
-_MEANWHILE = "\N{NULL} link"
+_TEMPORARY = "\N{NULL} link"
 
 
 def frame_id(model: pin.Model, name: str) -> int:
@@ -41,14 +41,14 @@ def lock_joints(model: pin.Model, ids: Sequence[int], posture: Array) -> pin.Mod
     joints = {f.name for f in model.frames if f.type != pin.FrameType.BODY}
     links = [f for f in model.frames if f.type == pin.FrameType.BODY and f.name in joints]
     for link in links:
-        link.name += _MEANWHILE
+        link.name += _TEMPORARY
     try:
         reduced = pin.buildReducedModel(model, list(ids), np.array(posture))
     finally:
         for link in links:
-            link.name = link.name.removesuffix(_MEANWHILE)
+            link.name = link.name.removesuffix(_TEMPORARY)
     for frame in reduced.frames:
-        frame.name = frame.name.removesuffix(_MEANWHILE)
+        frame.name = frame.name.removesuffix(_TEMPORARY)
     return reduced
 
 
@@ -75,7 +75,7 @@ def path_between(model: pin.Model, base: int, frame: int) -> tuple[list[int], li
     return [j for j in reversed(up) if j not in shared], [j for j in down if j not in shared]
 
 
-def seen_from(
+def chain_between(
     model: pin.Model, base: int, frame: int, joints: Mapping[str, Joint]
 ) -> tuple[pin.Model, int]:
     """Build the serial chain from one frame of a tree to another, with the first one fixed.

@@ -23,7 +23,7 @@ from ..urdf.catalogue import (
 )
 from ..urdf.end_effectors import arm_ends, is_sensor, task_links
 from ..urdf.shapes import find_mesh
-from ..urdf.validate import Description, read_urdf, standing
+from ..urdf.validate import Description, check_surroundings, read_urdf
 from ..urdf.xml import short
 from .coupling import couple, limits, pose
 from .mechanism import Mechanism
@@ -192,7 +192,7 @@ class Robot(Mechanism):
         around = None
         if surroundings is not None:
             beside = Path(os.path.expanduser(str(file_name(surroundings, "surroundings"))))
-            around = standing(read_urdf(beside))
+            around = check_surroundings(read_urdf(beside))
             folders += default_package_dirs(beside)
         description = read_urdf(path)
         return cls(

@@ -23,11 +23,11 @@ from ..arguments import (
 )
 from ..errors import InputError
 from ..threads import PerThread
-from .coordinates import Coordinates, change_of
+from .coordinates import Coordinates, linear_coordinates
 from .coupling import Coupling
 from .formulas import axis_turn, chain_hessians, require_rotation
 from .mechanism import Mechanism
-from .model import frame_id, frame_jacobian, lock_joints, path_between, seen_from
+from .model import chain_between, frame_id, frame_jacobian, lock_joints, path_between
 
 KINDS: dict[str, tuple[int, ...]] = {
     "pose": (0, 1, 2, 3, 4, 5),
@@ -113,7 +113,9 @@ class Task:
         self._frame_id = frame_id(self.model, frame)
         if robot.base is not None:
             base = frame_id(self.model, robot.base)
-            self.model, self._frame_id = seen_from(self.model, base, self._frame_id, robot.joints)
+            self.model, self._frame_id = chain_between(
+                self.model, base, self._frame_id, robot.joints
+            )
         self._first = self._first_driven()
         self._couple()
         self._allocate()
@@ -155,7 +157,7 @@ class Task:
         """
         if self.coordinates is not None:
             raise InputError("the task already has joint coordinates; start from the original task")
-        change = change_of(
+        change = linear_coordinates(
             self.joint_names, self.lower, self.upper, self.velocity_limit, self.revolute, T
         )
         task = copy(self)

@@ -364,8 +364,8 @@ def _check_tree(links: Sequence[etree._Element], joints: Sequence[etree._Element
                     f"a chain has over {MAX_MOVING} movable joints; make some of them fixed",
                 )
             reached.append((joint.find("child").get("link"), depth + 1, count))
-    hanging = {name for name, _, _ in reached}
+    connected = {name for name, _, _ in reached}
     for link in links:
-        if link.get("name") not in hanging:
+        if link.get("name") not in connected:
             raise bad(above[link.get("name")], "is part of a loop; remove a joint of the loop")
     return str(roots[0].get("name"))

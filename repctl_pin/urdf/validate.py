@@ -127,7 +127,7 @@ def read_urdf(path: str | Path) -> Description:
     )
 
 
-def standing(description: Description) -> Description:
+def check_surroundings(description: Description) -> Description:
     """Check surroundings: fixed joints only, and at least one collision shape.
 
     Raises

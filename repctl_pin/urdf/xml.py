@@ -86,8 +86,8 @@ def _read_xml(data: bytes, notes: list[str]) -> etree._Element:
             raise _not_xml(entry.line, entry.message)
     if root is None:
         raise _not_xml(1, None)
-    told = {entry.type_name for entry in parser.error_log}
-    notes += [note for name, note in _HARMLESS.items() if name in told]
+    found = {entry.type_name for entry in parser.error_log}
+    notes += [note for name, note in _HARMLESS.items() if name in found]
     return root
 
 
