@@ -54,8 +54,7 @@ def not_left_empty(folder: Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def written_together(folder: Path) -> Iterator[Path]:
-    """Provide a temporary folder whose files all replace those in ``folder`` at the end, or none
-    do.
+    """Provide a temporary folder whose files replace those in ``folder``, all or none.
 
     One process at a time moves its files, so that a folder never holds files of two runs. After an
     exception the files in ``folder`` are unchanged.

@@ -110,8 +110,9 @@ def loaded_library(code: str) -> str:
 
 
 def _kept(code: str, command: list[str], folder: Path, key: str) -> Path:
-    """Return the library in a folder, compiled if necessary; OSError if the folder cannot be
-    used."""
+    """Return the library in a folder, compiled if necessary.
+
+    Raises OSError if the folder cannot be used."""
     library, checksum = folder / f"{key}.so", folder / f"{key}.sha256"
     if not _intact(library, checksum):
         _compile(code, command, library, checksum, key)
@@ -119,8 +120,7 @@ def _kept(code: str, command: list[str], folder: Path, key: str) -> Path:
 
 
 def _intact(library: Path, checksum: Path) -> bool:
-    """Test whether a library has its checksum, belongs to the user, and is writable by the user
-    only."""
+    """Test whether a library has its checksum and belongs to the user alone."""
     try:
         if not (_ours(library) and _ours(checksum) and checksum.stat().st_size == 64):
             return False
@@ -175,8 +175,9 @@ _hung: set[str] = set()
 
 
 def _run(line: list[str], name: str, most: float) -> tuple[bool, str]:
-    """Run a program and its children for at most ``most`` s; return failure and first line on
-    stderr."""
+    """Run a program and its children for at most ``most`` s.
+
+    Returns whether it failed, and the first error line of its stderr."""
     too_long = f"{_clean(name)} took longer than {most:g} s"
     if name in _hung:
         raise NoCompilerError(f"{too_long} and is not run again")

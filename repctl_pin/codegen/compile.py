@@ -22,8 +22,9 @@ from .compiled_loop import GIVEN_LEAF, NAME, call_memory, compiled_loops, librar
 
 
 class CompiledFunction(InverseFunction):
-    """Inverse kinematic function ``q = F(x; c)`` in C; Python evaluates failed calls again for the
-    error."""
+    """Inverse kinematic function ``q = F(x; c)`` in C.
+
+    Python evaluates failed calls again for the error message."""
 
     def __init__(self, chart: Chart, *, keep_limits: bool = True) -> None:
         super().__init__(chart, keep_limits=keep_limits)
@@ -34,8 +35,7 @@ class CompiledFunction(InverseFunction):
             self._one = PerThread(partial(_one_pose, self.task, one))
 
     def __call__(self, target: pin.SE3, *, leaf: ArrayLike | None = None) -> Array:
-        """Evaluate F: the configuration (n,) for a pose in the cell; see
-        :class:`InverseFunction`."""
+        """Evaluate F, the configuration (n,) for a pose; see :class:`InverseFunction`."""
         if self._library is not None and isinstance(target, pin.SE3):
             q = self._one.own(target, None if leaf is None else self._leaf(leaf))
             if q is not None:
@@ -63,8 +63,9 @@ class CompiledFunction(InverseFunction):
 def _one_pose(
     task: Task, run: Callable[..., int]
 ) -> Callable[[pin.SE3, Array | None], Array | None]:
-    """Create the function (target, leaf or None) → q (n,) of one thread; None if C returns an
-    error."""
+    """Create the function (target, leaf or None) → q (n,) of one thread.
+
+    It returns None if C returns an error."""
     parts, address = call_memory(task)
     pose, leaf_in, result = parts["target"].reshape(4, 4), parts["leaf"], parts["result"]
 
@@ -84,8 +85,9 @@ def compiled(control: RepeatableInverse) -> RepeatableInverse: ...
 @overload
 def compiled(control: InverseFunction) -> InverseFunction: ...
 def compiled(control: RepeatableInverse | InverseFunction) -> RepeatableInverse | InverseFunction:
-    """Compile an inverse (``velocity``, ``step``, ``batch``, ``velocities``) or a cell function to
-    C.
+    """Compile a repeatable inverse or a cell function to C.
+
+    An inverse gets compiled ``velocity``, ``step``, ``batch`` and ``velocities``.
 
     It is compiled once by the system's C compiler, and stored in the user's cache. Without a
     compiler, a warning is given and Python is used. Any number of threads can call the result.

@@ -127,8 +127,7 @@ def _checksum(text: bytes) -> str:
 
 
 def _refuse_foreign(path: Path) -> None:
-    """Raise InputError for a file that repctl_pin did not write or that was edited, by its first
-    line."""
+    """Raise InputError for a file that repctl_pin did not write, or that was edited."""
     if not path.is_file():
         return
     with path.open("rb") as file:
@@ -142,8 +141,7 @@ def _refuse_foreign(path: Path) -> None:
 
 
 def _circle(task: Task, region: Region | Cell | None) -> tuple[list[int], float]:
-    """Choose axes and radius, m, of a small circle from the start, within the cell if there is
-    one."""
+    """Choose axes and radius, m, of a small circle, within the cell if there is one."""
     axes = [int(axis) for axis in task.rows if axis < 3]
     if not isinstance(region, Cell):
         return axes[:2], 0.02

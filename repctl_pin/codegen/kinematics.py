@@ -95,8 +95,7 @@ class Chain:
         return [self.graph.number(v) for v in values]
 
     def code(self) -> dict[str, str]:
-        """Write C assignments of ``p[3]`` and ``R[9]``, row by row; of ``J[m][n]``; and of all of
-        them."""
+        """Write C assignments of ``p[3]`` and ``R[9]``, of ``J[m][n]``, and of all of them."""
         p = {f"p[{i}]": e for i, e in enumerate(self.p)}
         R = {f"R[{3 * i + k}]": e for i, row in enumerate(self.R) for k, e in enumerate(row)}
         J = {f"J[{a}][{i}]": e for a, row in enumerate(self.J) for i, e in enumerate(row)}

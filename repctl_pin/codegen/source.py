@@ -38,8 +38,7 @@ class Source(NamedTuple):
 def write_source(
     control: RepeatableInverse | InverseFunction, name: str, region: Region | None = None
 ) -> Source:
-    """Write a repeatable inverse, or a cell's inverse kinematic function, as C with the prefix
-    ``name_``.
+    """Write a repeatable inverse or a cell function as C with the prefix ``name_``.
 
     Parameters
     ----------

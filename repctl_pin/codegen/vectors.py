@@ -42,8 +42,7 @@ class Vector:
 def vectors(
     inverse: RepeatableInverse, region: Bounded | None, start: Array, count: int = 48, seed: int = 0
 ) -> list[Vector]:
-    """Sample configurations in and near the region, or near the start, with inputs of every
-    kind."""
+    """Sample configurations in and near the region or the start, with inputs of all kinds."""
     task, rng = inverse.task, np.random.default_rng(seed)
     near_start = start + rng.uniform(-0.2, 0.2, (count, task.n))
     Q = region.random(count, seed)[:count] if isinstance(region, Region) else near_start

@@ -1,5 +1,4 @@
-"""Derivative ∂G/∂q of an inverse: exact from the Hessian, else by differences with an error
-estimate."""
+"""Derivative ∂G/∂q of an inverse, by a formula or by differences with an error estimate."""
 
 from __future__ import annotations
 
@@ -54,8 +53,7 @@ class Derivative:
 
 @singledispatch
 def derivative(strategy: Inverse, Q: Array) -> Derivative:
-    """Differentiate an inverse at every row of Q (K, n), by a formula if there is one, else by
-    differences.
+    """Differentiate an inverse at every row of Q (K, n), by a formula or by differences.
 
     Raises
     ------
@@ -98,8 +96,7 @@ def _(strategy: RepeatableInverse, Q: Array) -> Derivative:
 
 
 def inside_limits(task: Task, Q: Array) -> Array:
-    """Compute the scale of difference steps at every row of Q (K, n): the joint's unit, less near
-    limits.
+    """Compute the scale of difference steps at every row of Q (K, n), less near limits.
 
     The first step, 1/16 of it, moves no joint further than half its distance to a limit. Outside
     the limits the scale is not reduced."""
@@ -119,8 +116,9 @@ def require_inverse(strategy: Inverse) -> Inverse:
 
 
 def _rounding(matrix: Array, dG: Array, L: Array) -> Array:
-    """Estimate the rounding error of a formula that inverts a matrix (K, a, b), per joint, in units
-    L: (K, n)."""
+    """Estimate the rounding error per joint of a formula that inverts a matrix (K, a, b).
+
+    Joints are in units L: (K, n)."""
     values = np.linalg.svd(matrix * L, compute_uv=False)
     condition = values[:, 0] / values[:, -1]
     largest = np.abs(dG / L[:, None, None]).max(axis=(1, 2))

@@ -35,8 +35,9 @@ def brackets(G: Array, dG: Array) -> Array:
 
 
 def defects(J: Array, G: Array, dG: Array) -> Array:
-    """Evaluate the defects ``Δ_ab = (I − G J) [g_a, g_b]``: (..., m, m, n), 0 if the LBC holds (5),
-    (24).
+    """Evaluate the defects ``Δ_ab = (I − G J) [g_a, g_b]`` (5), (24): (..., m, m, n).
+
+    They are 0 if and only if the Lie bracket condition holds.
 
     Without redundancy ``G J = I``, and they are exactly 0.
     """

@@ -150,8 +150,9 @@ def candidate_surface(
 def stable_surface(
     strategy: Inverse, region: Region, *, samples: int = 128, seed: int = 0
 ) -> Surfaces:
-    """Find points on surfaces s(q) = 0 and test which are stable: every motion of G stays on them
-    (9).
+    """Find points on surfaces s(q) = 0, and test which surfaces are stable (9).
+
+    On a stable surface, every motion of G stays on it.
 
     A point of s = 0 is on a stable surface if ``(∂s/∂q) G = 0`` there, within the error of ∂s/∂q,
     *and* s is still 0 after a motion of 0.2 rad along G in every task direction. The second test
@@ -283,8 +284,9 @@ def _rates(strategy: Inverse, function: Surface, Q: Array) -> tuple[Array, Array
 
 
 def _walk(strategy: Inverse, function: Surface, Q: Array) -> tuple[Array, Array]:
-    """Move along G in every task direction, ±: the maximum ‖s‖ at the ends, and the minimum length
-    (K,).
+    """Move along G in every task direction, ±, and evaluate ‖s‖ at the ends.
+
+    Returns the maximum ‖s‖ and the minimum length: (K,) each.
 
     The length is relative to the full length, which is shorter where G changes direction within
     less than 1 rad."""

@@ -57,8 +57,9 @@ def csv_text(
     most: int | None = None,
     run: str = "",
 ) -> str:
-    """Format motions of one task as CSV, in s, rad or m, rad/s or m/s; cycles count from 0, in
-    fractions.
+    """Format motions of one task as CSV, in s, rad or m, rad/s or m/s.
+
+    Cycles count from 0, in fractions.
 
     Parameters
     ----------
@@ -171,8 +172,9 @@ def _recorded(
     where: str,
     asked: int | None,
 ) -> Recorded:
-    """Create a motion from its rows, with the given number of cycles, else the last row's, else
-    one."""
+    """Create a motion from its rows.
+
+    The number of cycles is the given one, else the last row's, else 1."""
     line, end, _ = rows[-1]
     count = asked or (1 if end is None else round(end))
     if asked is None and end is not None and (count < 1 or abs(end - count) > 1e-6):

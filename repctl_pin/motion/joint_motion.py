@@ -51,8 +51,9 @@ class JointMotion:
 
     @property
     def cycle_drift(self) -> Array:
-        """Joint displacement per cycle: ``‖q(after cycle k) − q(after cycle k − 1)‖``, k = 1, 2, …,
-        (cycles,)."""
+        """Joint displacement per cycle, (cycles,).
+
+        ``‖q(after cycle k) − q(after cycle k − 1)‖``, k = 1, 2, …"""
         ends = self.q[:: self.steps]
         return np.linalg.norm(np.diff(ends, axis=0), axis=1)
 
@@ -80,7 +81,9 @@ class JointMotion:
 
     @property
     def first_rms_speed(self) -> float:
-        """Rms of ‖q̇‖ over the first cycle."""
+        """Rms of ‖q̇‖ over the first cycle.
+
+        Controllers are compared there because J⁺ later drifts to other configurations."""
         return float(np.sqrt(np.mean(self.speed[: self.steps] ** 2)))
 
     @property
@@ -100,8 +103,7 @@ class JointMotion:
 
     @property
     def first_overspeed(self) -> tuple[float, str] | None:
-        """First time that a joint exceeds its speed limit: (cycle in fractions, joint name), or
-        None."""
+        """First violation of a speed limit: (cycle in fractions, joint name), or None."""
         return self._first(self._speed_shares > 1 + 1e-9, -self._speed_shares)
 
     @property
@@ -111,14 +113,16 @@ class JointMotion:
 
     @property
     def limit_margin(self) -> Array:
-        """Distance of each of the robot's joints to its nearer limit: (T + 1, n); negative outside,
-        inf without limits."""
+        """Distance of each of the robot's joints to its nearer limit: (T + 1, n).
+
+        Negative outside; inf without limits."""
         return self.task.limit_margin(self.q)
 
     @cached_property
     def body_distance(self) -> Array:
-        """Minimum distance between the robot's bodies, or to its surroundings: (T + 1,), m; below 0
-        is a collision.
+        """Minimum distance between the robot's bodies, or to its surroundings: (T + 1,), m.
+
+        Below 0 the bodies collide.
 
         Bodies are the URDF's collision shapes, meshes as their convex hulls. 0 if only hulls
         overlap, inf without shapes. See :class:`Bodies`."""
@@ -132,8 +136,7 @@ class JointMotion:
 
     @cached_property
     def first_touch(self) -> tuple[float, tuple[str, str]] | None:
-        """First collision: (cycle, counted as in :attr:`first_violation`; the two links), or
-        None."""
+        """First collision: (cycle in fractions, names of the two links), or None."""
         touch = self.body_distance < 0
         if not touch.any():
             return None
@@ -149,8 +152,7 @@ class JointMotion:
         return self._first(self.limit_margin < -1e-9, self.limit_margin)
 
     def _first(self, broken: NDArray[np.bool_], margins: Array) -> tuple[float, str] | None:
-        """Find the first time of a violation, and the joint with the smallest margin then; or
-        None."""
+        """Find the first violation, and the joint with the smallest margin then; or None."""
         if not broken.any():
             return None
         row = int(np.argmax(broken.any(axis=1)))
@@ -158,14 +160,12 @@ class JointMotion:
 
     @property
     def broken_cycle(self) -> int:
-        """Number, from 1, of the cycle in which a joint first exceeds its limits; 0 if none
-        does."""
+        """Number, from 1, of the cycle of the first joint-limit violation; 0 without one."""
         violation = self.first_violation
         return 0 if violation is None else cycle_of(violation[0], self.cycles)
 
     def cycle(self, k: int) -> Array:
-        """Return the joint positions of cycle k, counted from 0, both ends included: (steps + 1,
-        n)."""
+        """Return the joint positions of cycle k, from 0, with both ends: (steps + 1, n)."""
         k = as_int(k, "the cycle number")
         if k >= self.cycles:
             raise InputError(
@@ -190,8 +190,7 @@ class JointMotion:
         return self.thinned(COARSE)
 
     def joints(self, values: ArrayLike) -> Array:
-        """Convert positions or velocities (..., n) in the task's coordinates ψ to the robot's
-        joints."""
+        """Convert positions or velocities (..., n) in ψ to those of the robot's joints."""
         (values,) = as_matrices(("values", values, f"{self.task.n}"))
         return self.task.joints(values)
 

@@ -1,5 +1,4 @@
-"""Stepwise simulation of several controllers on a closed path in real time, with an offset
-target."""
+"""Stepwise real-time simulation of controllers on a closed path."""
 
 from __future__ import annotations
 
@@ -26,8 +25,9 @@ _FREE = 0.5
 
 
 class Loop:
-    """Simulation of controllers on a path, ``q += G(q + G(q) e / 2) e`` per step, e the error to
-    the next target.
+    """Simulation of controllers on a closed path.
+
+    Each step is ``q += G(q + G(q) e / 2) e``, e the error to the next target.
 
     A repeatable controller stays on its leaf. The target can be moved away from the path. If a
     controller cannot follow it, the target moves back as far as needed; if that fails, all
@@ -93,16 +93,16 @@ class Loop:
         return self.cycle[self._at]
 
     def run(self, seconds: float, offset: ArrayLike = (0.0, 0.0, 0.0)) -> None:
-        """Advance by a time in s, in whole steps, with the target moving to an offset from the path
-        (3,), m."""
+        """Advance by a time in s, in whole steps.
+
+        The target moves to an offset (3,) from the path, m."""
         wish = np.asarray(offset, float)
         steps, self._rest = divmod(self._rest + seconds, self.dt)
         for _ in range(int(steps)):
             self._step(wish)
 
     def _step(self, wish: Array) -> None:
-        """Take one step: with the target moving on, held, or moved towards the path; else one step
-        back."""
+        """Take one step: move the target on, hold it or move it back; else step back."""
         if self._back:
             self._step_back()
             return

@@ -22,8 +22,9 @@ ON_PATH = 1e-3
 
 @dataclass(frozen=True)
 class Motion(JointMotion):
-    """Motion of a strategy on a closed path. On arms with revolute and prismatic joints, norms of q
-    weight 1 rad and 1 m equally.
+    """Motion of a strategy on a closed path.
+
+    On arms with revolute and prismatic joints, norms of q weight 1 rad and 1 m equally.
 
     Attributes
     ----------
@@ -79,8 +80,9 @@ class Motion(JointMotion):
 
     @cached_property
     def path_loss(self) -> tuple[float, float, float] | None:
-        """Time (cycles) at which the frame leaves its path, and the maximum errors, m and rad; or
-        None.
+        """Time, in cycles, at which the frame leaves its path, and maximum errors, m and rad.
+
+        None if it stays on the path.
 
         It is on the path while the errors are at most 0.001 arm lengths and 0.001 rad."""
         length = arm_length(self.task, self.q[0]) or 1.0
@@ -91,8 +93,9 @@ class Motion(JointMotion):
         return when, float(self.tracking_error.max()), float(self.turning_error.max())
 
     def slowed(self, factor: float) -> Motion:
-        """Slow the motion down by ``factor``, for controllers ``q̇ = G ẋ``, whose joint path does
-        not change."""
+        """Slow the motion down by ``factor``.
+
+        For controllers ``q̇ = G ẋ``, whose joint path does not change."""
         factor = positive(factor, "the factor")
         return replace(self, t=self.t[0] + (self.t - self.t[0]) * factor, qdot=self.qdot / factor)
 

@@ -20,8 +20,7 @@ from .timing import TimedMotion
 def write_motion(
     motion: Motion | TimedMotion, file: str | Path, *, allow_violations: bool = False
 ) -> Path:
-    """Write a trajectory file: time, positions, velocities, and accelerations if the motion is
-    timed.
+    """Write a trajectory file: time, positions, velocities, and accelerations if timed.
 
     Parameters
     ----------

@@ -46,8 +46,7 @@ def rotation_matrix(value: Any, what: str = "rotation") -> Array:
 
 
 def angular_velocity(rotation: Turning, breaks: Sequence[float]) -> Turning:
-    """Create ω(s) from R(s) by differences of log(R(s + e) R(s)ᵀ) between the breaks, error about
-    1e-11."""
+    """Create ω(s) by differences of log(R(s + e) R(s)ᵀ) between the breaks, error 1e-11."""
     knots = np.array([0.0, *breaks, 1.0])
     piece = piece_finder(knots, np.diff(knots))
 

@@ -123,8 +123,9 @@ def waypoints(
     blend: float = 0.0,
     name: str = "waypoints",
 ) -> TaskPath:
-    """Create a closed path of straight lines through waypoints, with smooth orientation between
-    them.
+    """Create a closed path of straight lines through waypoints.
+
+    The orientation is interpolated smoothly between them.
 
     The last waypoint must repeat the first. Use :func:`solve_ik` to find a start configuration.
 
@@ -317,8 +318,9 @@ class _Bend:
         return np.asarray(chebyshev.chebval(2 * u - 1, self.point))
 
     def length(self, cut: float) -> float:
-        """Compute the length for which the curve shortens both edges by ``cut``: its ends are
-        ``2 cut cos(φ/2)`` apart."""
+        """Compute the length for which the curve shortens both edges by ``cut``.
+
+        Its ends are ``2 cut cos(φ/2)`` apart."""
         return float(2 * cut * np.cos(self.phi / 2) / np.linalg.norm(self.at(1.0)))
 
 
@@ -329,8 +331,7 @@ _BEND_DEGREE = 30
 def _bend(
     bend: _Bend, start: Array, along: Array, inward: Array, length: float, begin: float
 ) -> Piece:
-    """Create half of a bend that begins at a point, along a unit vector, and turns to another, from
-    u = begin on."""
+    """Create half of a bend from a start point and direction, from u = begin on."""
     frame = np.stack([along, inward])
 
     def at(u: float) -> tuple[Array, Array]:
@@ -345,8 +346,9 @@ def _bend(
 def _rounded(
     corners: Array, sizes: Array, radius: float, name: str
 ) -> tuple[list[Piece], Array, Array]:
-    """Round the corners (P, 3) of a closed polyline; return pieces, knots, and the corners'
-    positions.
+    """Round the corners (P, 3) of a closed polyline.
+
+    Returns the pieces, the knots, and the corners' positions.
 
     The bend at a corner with angle φ shortens both edges by ρ tan(φ/2), as an arc of radius ρ does.
     The path begins at the midpoint of the first corner's bend."""

@@ -147,8 +147,7 @@ def figure_eight(
 def rose(
     task: Task, q0: ArrayLike, radius: float = 0.1, *, petals: int = 3, normal: str = "z"
 ) -> TaskPath:
-    """Create a rose ρ = radius · sin(petals · φ) with an odd number of petals, centred at the
-    start.
+    """Create a rose ρ = radius · sin(petals · φ), centred at the start.
 
     Parameters
     ----------

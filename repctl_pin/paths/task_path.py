@@ -161,8 +161,7 @@ class TaskPath:
 
 
 def closed_path(path: Any) -> TaskPath:
-    """Require a closed path: a :class:`TaskPath`, or a custom class, which is checked and
-    converted.
+    """Require a closed path; a custom class is checked and converted to a :class:`TaskPath`.
 
     Raises
     ------

@@ -165,8 +165,9 @@ class Bodies:
         return Nearest(float(distances[0]), links)
 
     def distances(self, Q: ArrayLike) -> Array:
-        """Compute the minimum body distance at every row of Q (K, n): (K,), m; below 0 is a
-        collision."""
+        """Compute the minimum body distance at every row of Q (K, n): (K,), m.
+
+        Below 0 is a collision."""
         return self._all(Q)[0]
 
     def hull_distances(self, Q: ArrayLike) -> Array:

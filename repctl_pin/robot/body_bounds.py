@@ -47,8 +47,9 @@ class JointPlacements:
         self._cos = self._sin @ np.array(crosses)
 
     def __call__(self, Q: Array) -> tuple[Array, Array]:
-        """Compute joint rotations (K, N + 1, 3, 3) and origins (K, N + 1, 3), m, at every row of Q
-        (K, N)."""
+        """Compute the placements of joints at every row of Q (K, N).
+
+        Returns rotations (K, N + 1, 3, 3) and origins (K, N + 1, 3), m."""
         K, N = Q.shape
         R, p = np.empty((K, N + 1, 3, 3)), np.zeros((K, N + 1, 3))
         R[:, 0] = np.eye(3)
@@ -118,8 +119,9 @@ class BodyBounds:
         return len(self._rows) * len(self._columns)
 
     def __call__(self, Q: Array) -> Array:
-        """Bound every pair at Q (K, N): (K, P), m; boxes are used only where spheres do not exclude
-        it."""
+        """Bound the distance of every pair at Q (K, N): (K, P), m.
+
+        Boxes are used only where spheres do not exclude a collision."""
         R, p = self._joints(Q)
         centers = np.einsum("kbij,bj->kbi", R[:, self._joint], self._centers) + p[:, self._joint]
         squares = np.einsum("kbi,kbi->kb", centers, centers)
@@ -137,8 +139,9 @@ class BodyBounds:
         return bounds
 
     def _extent(self, R: Array, k: Index, body: Index, u: Array) -> Array:
-        """Bound the extent of bodies (M,) at configurations k (M,) from their centres along u (M,
-        3), m."""
+        """Bound the extent of bodies (M,) from their centres along u (M, 3), m.
+
+        ``k`` (M,) are the numbers of their configurations."""
         local = np.einsum("mij,mi->mj", R[k, self._joint[body]], u)
         box = np.abs(np.einsum("mij,mi->mj", self._turns[body], local))
         return np.minimum(self._radii[body], np.einsum("mi,mi->m", box, self._half[body]))

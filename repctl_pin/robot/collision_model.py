@@ -140,8 +140,9 @@ class CollisionModel:
     # ---- distances -----------------------------------------------------------------------------
 
     def _with_bounds(self, Q: Array) -> Iterator[tuple[Array, Array]]:
-        """Iterate over Q (K, N) with the bounds (P,) of the pairs; infinite for collision-only
-        pairs that cannot collide."""
+        """Iterate over Q (K, N) with the bounds (P,) of the pairs.
+
+        They are infinite for collision-only pairs that cannot collide."""
         size = min(_BLOCK, max(1, _MOST_BOUNDS // max(len(self.pairs), self._bounds.size)))
         for start in range(0, len(Q), size):
             block = Q[start : start + size]
@@ -153,8 +154,7 @@ class CollisionModel:
     def _least(
         self, q: Array, bounds: Array, guess: int, measure: Callable[[int], float]
     ) -> tuple[float, int]:
-        """Compute the minimum distance, measuring only pairs whose lower bound is below the current
-        minimum."""
+        """Compute the minimum distance; pairs with a larger lower bound are not measured."""
         self._move(q)
         best, at = measure(guess), guess
         near = np.flatnonzero(bounds < best)
@@ -172,8 +172,7 @@ class CollisionModel:
         self._transforms.clear()
 
     def _exact(self, k: int) -> float:
-        """Measure a pair: 0 if only the hulls overlap, infinite for a collision-only pair without a
-        collision."""
+        """Measure a pair: 0 if only hulls overlap, infinite if collision-only and apart."""
         distance = self._apart(k)
         if distance <= 0:
             distance = min(distance, -_TOUCHING) if self._collide(k) else 0.0
@@ -299,8 +298,7 @@ class CollisionModel:
         return never
 
     def _moving_pairs(self, path: object) -> NDArray[np.intp]:
-        """List the pairs (P, 2) of bodies with a moving joint between them, the robot's own
-        first."""
+        """List the pairs (P, 2) of bodies with a moving joint between them, own pairs first."""
         joint, own = np.array(self._joint, np.intp), self._own
         moving = np.flatnonzero(joint[:own])
         counts = np.bincount(joint[:own]) if own else np.zeros(1, int)

@@ -54,8 +54,9 @@ def couple(names: Sequence[str], free: Sequence[str], joints: Mapping[str, Joint
 def limits(
     joint: Joint, followers: Sequence[Joint], notes: list[str]
 ) -> tuple[float, float, float]:
-    """Find the lower, upper and speed limit of a joint that also keep its mimic joints within
-    theirs.
+    """Find the limits of a joint that also keep its mimic joints within theirs.
+
+    Returns the lower, the upper and the speed limit.
 
     A mimic joint that is out of its limits at every position of its leader is ignored, with a
     note."""
@@ -118,8 +119,7 @@ def pose(
 
 
 def _inside(value: float, lower: float, upper: float, turns: bool) -> float:
-    """Move a joint value within its limits: by a full turn if possible, else to the nearer
-    limit."""
+    """Move a joint value within its limits, by a full turn or to the nearer limit."""
     ways = (0.0, 2 * np.pi, -2 * np.pi) if turns else (0.0,)
     inside = [value + way for way in ways if lower <= value + way <= upper]
     return float(inside[0] if inside else np.clip(value, lower, upper))

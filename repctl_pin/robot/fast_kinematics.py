@@ -42,8 +42,7 @@ class InPlace:
 
 
 def in_place(task: Task, J: Array, e: Array) -> InPlace:
-    """Create the functions that write a task's J into ``J`` (m, n), and its errors into ``e``
-    (m,)."""
+    """Create the functions that write a task's J (m, n) and its errors (m,) into arrays."""
     here = task._data.oMf[task._frame_id]
     p, R = here.translation, here.rotation  # views, updated by every evaluation
     return InPlace(_jacobian(task, J), _error(task, e, p, R), _rate(task, R))

@@ -47,8 +47,9 @@ def chain_hessians(twists: Array, R: Array | None = None) -> Array:
 
 
 def axis_turn(R: Array, goal: Array) -> Array:
-    """Compute the shortest rotation (2,) about the tool's x and y that aligns its z axis with a
-    goal's, rad.
+    """Compute the rotation that aligns the tool's z axis with a goal's: (2,), rad.
+
+    It is the shortest one, about the tool's x and y.
 
     Parameters
     ----------

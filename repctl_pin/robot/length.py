@@ -1,5 +1,4 @@
-"""Arm length, joint units that make prismatic and revolute joints comparable, and the elbow
-joint."""
+"""Arm length, comparable joint units, and the elbow joint."""
 
 from __future__ import annotations
 
@@ -11,8 +10,9 @@ from .task import Task
 
 
 def arm_length(task: Task, q: Array) -> float:
-    """Sum the distances between successive revolute joints, and to the frame, m; 0 without revolute
-    joints.
+    """Compute the arm length: distances between revolute joints, and to the frame, m.
+
+    0 without revolute joints.
 
     Parameters
     ----------

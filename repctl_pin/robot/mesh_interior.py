@@ -146,8 +146,7 @@ class _Strip:
 
 
 def _looks_up(corners: list[list[float]]) -> int:
-    """Orientation of a triangle above the origin: 1 upward normal, −1 downward, 0 if not above
-    it."""
+    """Orientation of a triangle above the origin: 1 up, −1 down, 0 if not above it."""
     (ax, ay, az), (bx, by, bz), (cx, cy, cz) = corners
     # twice the signed areas of the triangles formed by the origin and each edge
     bc, ca, ab = bx * cy - by * cx, cx * ay - cy * ax, ax * by - ay * bx

@@ -255,8 +255,7 @@ class Robot(Mechanism):
         )
 
     def reference_positions(self) -> dict[str, Array]:
-        """Compute every link's origin at the reference pose: (3,) arrays by name, m, in the tasks'
-        base frame."""
+        """Compute the origins (3,) of all links at the reference pose, m, in the base frame."""
         data = self.model.createData()
         pin.framesForwardKinematics(self.model, data, self.coupling.joints(self.reference))
         base = data.oMf[self.base_id]
@@ -288,8 +287,9 @@ class Robot(Mechanism):
             raise unknown("frame", frame, self.frames, likely=likely) from None
 
     def _ends(self) -> list[list[str]]:
-        """List the links at the end of each arm, leg and head, the best first; the longest chain
-        first."""
+        """List the links at the ends of arms, legs and heads, the longest chain first.
+
+        In each list, the best end effector is first."""
         return [
             task_links(body)
             for body in sorted(arm_ends(self.description), key=lambda body: -body.before)
@@ -323,8 +323,9 @@ class Robot(Mechanism):
 
     @property
     def end_frames(self) -> tuple[str, ...]:
-        """Candidate task frames, the default first: all links at the ends of the longest arms, and
-        one at each other end.
+        """Candidate task frames, the default first.
+
+        All links at the ends of the longest arms, and one at each other end.
 
         Sensors are omitted, and links that fewer than two joints move.
         """
@@ -338,8 +339,7 @@ class Robot(Mechanism):
 
     @property
     def movable_frames(self) -> tuple[str, ...]:
-        """All frames that a joint moves, fingers and sensors included; those of :attr:`end_frames`
-        first."""
+        """All frames that a joint moves; those of :attr:`end_frames` first."""
         moved = (frame for frame in self.frames if self._beyond_base(frame) and self.chain(frame))
         return tuple(dict.fromkeys([*self.end_frames, *moved]))
 

@@ -131,8 +131,7 @@ class Task:
         self.drive, self._body_drive = self._drive(self.model), self._drive(self._bodies)
 
     def _drive(self, model: pin.Model) -> Coupling | None:
-        """Create the map from q to the joints of a model of the chain; None if they are the
-        same."""
+        """Create the map from q to the joints of a model; None if they are the same."""
         rows, all_ = (
             [self.robot.model.getJointId(name) - 1 for name in tuple(model.names)[1:]],
             self.robot.coupling,
@@ -215,8 +214,7 @@ class Task:
         return p[self.rows]
 
     def task_velocity(self, q: ArrayLike, twist: Array) -> Array:
-        """Extract the task velocity ẋ (m,) from a frame's twist (v, ω), base axes, m/s and
-        rad/s."""
+        """Extract ẋ (m,) from a frame's twist (v, ω), base axes, m/s and rad/s."""
         twist = vector(twist, 6, "the twist (v, ω)", "m/s and rad/s")
         if self.kind != "axis":
             return twist[self.rows]
@@ -234,8 +232,9 @@ class Task:
         return Js if self.drive is None else Js @ self.drive.S
 
     def hessians(self, Q: ArrayLike) -> Array:
-        """Evaluate H at every row of Q (K, n): an array (K, m, n, n). See
-        :func:`chain_hessians`."""
+        """Evaluate H at every row of Q (K, n): an array (K, m, n, n).
+
+        See :func:`chain_hessians`."""
         J, R = self._twists(Q)
         H = chain_hessians(np.swapaxes(J, 1, 2), R)[:, self.rows]
         if self.drive is None:
@@ -252,26 +251,30 @@ class Task:
         return np.array(points).reshape(-1, 3)
 
     def joint_origins(self, q: ArrayLike) -> Array:
-        """Compute the origins of the joints, from the base outward: an array (n, 3), m. For a joint
-        that others mimic, the origin of the first joint that it drives.
+        """Compute the origins of the joints, from the base outward: an array (n, 3), m.
+
+        For a joint that others mimic, it is the origin of the first joint that it drives.
         """
         pin.forwardKinematics(self.model, self._data, self._vector(q))
         return np.array([self._data.oMi[j].translation for j in self._first])
 
     def axes(self, q: ArrayLike) -> Array:
-        """Compute the rotation axes of the joints: unit vectors (n, 3), base axes; 0 for prismatic
-        joints. For a joint that others mimic, the axis of the first joint that it drives.
+        """Compute the joints' rotation axes: unit vectors (n, 3), base axes; 0 if prismatic.
+
+        For a joint that others mimic, it is the axis of the first joint that it drives.
         """
         return self._scratch.own.jacobian(self._vector(q))[3:].T[[j - 1 for j in self._first]]
 
     def bodies_model(self) -> tuple[pin.Model, Coupling | None]:
-        """Build the model of all links with a fixed root and the joints that q moves, and the map
-        to these joints."""
+        """Build the model of all links with a fixed root and the joints that q moves.
+
+        The second result maps q to these joints."""
         return self._bodies, self._body_drive
 
     def inertias(self, Q: ArrayLike) -> Array:
-        """Evaluate the joint-space inertia M (K, n, n) of the chain, kg m² and kg, with a fixed
-        root."""
+        """Evaluate the joint-space inertia M (K, n, n) of the chain, kg m² and kg.
+
+        The root of the tree is fixed."""
         model, data, drive = self._bodies, self._scratch.own.body_data, self._body_drive
         Q = as_configurations(Q, self.n, repr(self))
         Ms = np.empty((len(Q), model.nv, model.nv))
@@ -281,8 +284,9 @@ class Task:
         return Ms if drive is None else drive.S.T @ Ms @ drive.S
 
     def dynamics(self) -> Callable[[Array, Array, Array], Array]:
-        """Create the inverse dynamics (q, q̇, q̈) → ``τ = M q̈ + C q̇ + g`` (n,), N m and N, with
-        separate scratch memory."""
+        """Create the inverse dynamics (q, q̇, q̈) → ``τ = M q̈ + C q̇ + g`` (n,), N m and N.
+
+        The function has separate scratch memory."""
         model, drive = self._bodies, self._drive(self._bodies)
         data = model.createData()
         if drive is None:
@@ -295,8 +299,9 @@ class Task:
     # ---- between the chain and the robot --------------------------------------------------------
 
     def to_robot(self, q: ArrayLike) -> Array:
-        """Embed q (n,) or Q (T, n) in the configuration of the whole robot, other joints at the
-        reference."""
+        """Embed q (n,) or Q (T, n) in the configuration of the whole robot.
+
+        The other joints are at the reference pose."""
         (q,) = as_matrices(("q", q, f"{self.n}"))
         if self.coordinates is not None:
             q = self.coordinates.joints(q)
@@ -308,8 +313,7 @@ class Task:
 
     @property
     def coordinate_matrix(self) -> Array:
-        """Matrix T (n, n) of ``q = T ψ``; the identity if the coordinates are the robot's own
-        joints."""
+        """Matrix T (n, n) of ``q = T ψ``; the identity without a change of coordinates."""
         return np.eye(self.n) if self.coordinates is None else self.coordinates.T
 
     @property
@@ -318,8 +322,7 @@ class Task:
         return tuple(self.robot.joint_names[i] for i in self._columns)
 
     def from_robot(self, whole: ArrayLike) -> Array:
-        """Extract this task's q (n,) from a configuration of the whole robot, the inverse of
-        :meth:`to_robot`."""
+        """Extract q (n,) from a configuration of the whole robot: inverse of :meth:`to_robot`."""
         (whole,) = as_matrices(("the whole robot's q", whole, f"{len(self.robot.reference)}"))
         q = whole[..., self._columns]
         return q if self.coordinates is None else self.coordinates.coordinates(q)
@@ -330,14 +333,12 @@ class Task:
 
     @property
     def joint_limits(self) -> tuple[Array, Array, Array]:
-        """Lower and upper position limits and speed limits of the robot's own joints: (n,) each,
-        rad or m, and per second."""
+        """Lower, upper and speed limits of the robot's own joints: (n,) each, rad or m, per s."""
         robot, columns = self.robot, self._columns
         return robot.lower[columns], robot.upper[columns], robot.velocity_limit[columns]
 
     def limit_margin(self, q: ArrayLike) -> Array:
-        """Compute the distance of each of the robot's joints to its nearer limit: (..., n);
-        negative outside."""
+        """Compute the distance of each joint to its nearer limit: (..., n); negative outside."""
         if not (isinstance(q, np.ndarray) and q.dtype.kind == "f" and q.shape[-1:] == (self.n,)):
             (q,) = as_matrices(("q", q, f"{self.n}"))
         joints, (lower, upper, _) = self.joints(np.asarray(q, float)), self.joint_limits
@@ -396,8 +397,9 @@ class Task:
         return np.concatenate([J[:3], R[:, :2].T @ J[3:]])
 
     def _twists(self, Q: ArrayLike) -> tuple[Array, Array | None]:
-        """Evaluate the frame's Jacobian at every row of Q: (K, 6, N); and for ``axis`` its rotation
-        (K, 3, 3)."""
+        """Evaluate the frame's Jacobian at every row of Q: (K, 6, N).
+
+        For ``axis``, the second result is its rotation (K, 3, 3)."""
         Q = self._matrix(Q)
         Js, evaluate = np.empty((len(Q), 6, self.model.nv)), self._scratch.own.jacobian
         Rs = np.empty((len(Q), 3, 3)) if self.kind == "axis" else None

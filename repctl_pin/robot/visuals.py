@@ -147,8 +147,9 @@ class Visuals:
 
 
 def _find_shapes(robot: Mechanism) -> Iterator[tuple[Shape, pin.SE3, str]]:
-    """Locate the mesh files of a robot's shapes: shape, placement on the link, and mesh name of
-    each."""
+    """Locate the mesh files of a robot's shapes.
+
+    Yields shape, placement on the link, and mesh name."""
     for seen in robot.description.shapes:
         path = (
             find_mesh(seen.filename, robot.description.path, robot.package_dirs)
@@ -222,8 +223,7 @@ def _skeleton(
 
 
 def _joint_bones(joint: Joint, place: pin.SE3, thick: float, rail: bool) -> Iterator[Placed]:
-    """Draw a revolute joint as a cylinder along its axis, a prismatic joint as a slider on a
-    rail."""
+    """Draw a revolute joint as a cylinder, a prismatic joint as a slider on a rail."""
     name, along = joint.name, pin.SE3(_turn_z_to(joint.axis), np.zeros(3))
     if joint.kind != "prismatic":
         yield (

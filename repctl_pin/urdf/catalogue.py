@@ -101,8 +101,7 @@ def table() -> dict[str, dict[str, Any]]:
 
 
 def urdf_folder() -> Path:
-    """Find the folder ``urdf/`` of this package: inside an installation, or at the top of a
-    checkout."""
+    """Find the folder ``urdf/`` of this package, in an installation or a checkout."""
     here = Path(__file__).resolve().parent
     for folder in (here / "files", here.parents[1] / "urdf"):
         if (folder / READY).is_file():

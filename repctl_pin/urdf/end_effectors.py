@@ -67,8 +67,7 @@ class Body:
         return 2 * sum(fingers) > len(fingers)
 
     def _is_finger(self, joint: Joint, tip: Body) -> bool:
-        """Test whether a branch has a small range, at most as many joints as the arm, and a sign of
-        a finger."""
+        """Test whether a branch is a finger: small range, few joints, and another sign."""
         if not (_moves_little(joint) and tip.narrow and 1 + tip.after <= self.before):
             return False
         last = tip.after == 0
@@ -122,8 +121,7 @@ def arm_ends(description: Description) -> list[Body]:
 
 
 def task_links(body: Body) -> list[str]:
-    """List a body's links, the best end effector first: ranked by name, then by distance from the
-    base."""
+    """List a body's links, the best end effector first: by name, then by distance."""
     return sorted(body.links, key=lambda link: (_rank(link), -body.links[link]))
 
 
@@ -133,8 +131,9 @@ def is_sensor(link: str) -> bool:
 
 
 def words(name: str) -> list[str]:
-    """Split a name into words: ``panda_hand_tcp``, ``tool0`` and ``LeftPalm`` end with tcp, tool
-    and palm."""
+    """Split a name into words.
+
+    ``panda_hand_tcp``, ``tool0`` and ``LeftPalm`` end with tcp, tool and palm."""
     return [word.lower() for word in re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])", name)]
 
 

@@ -24,8 +24,7 @@ _FLOATING: tuple[Step, ...] = (
 
 
 def split_joints(robot: etree._Element, notes: list[str]) -> None:
-    """Replace planar joints by two slides and a turn, floating ones by three slides and three
-    turns.
+    """Replace planar joints by 3 joints, floating joints by 6, with one coordinate each.
 
     A planar joint moves in the plane that is normal to its axis, and turns about it. The turns of a
     floating one are yaw, pitch and roll, singular where the pitch is ±π/2."""

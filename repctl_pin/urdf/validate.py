@@ -208,8 +208,7 @@ def _joint(
 
 
 def _no_speed(element: etree._Element) -> bool:
-    """Test whether a moving joint has the speed limit 0, which exporters write if none was
-    given."""
+    """Test whether a moving joint has speed limit 0, which exporters write for none."""
     limit = element.find("limit")
     moves = element.get("type") not in ("fixed", None) and limit is not None
     return moves and limit.get("velocity") is not None and number(limit, "velocity") == 0
@@ -295,8 +294,7 @@ def _drop_colors(robot: etree._Element, notes: list[str]) -> None:
 
 
 def _tidy_materials(robot: etree._Element) -> None:
-    """Remove materials without a colour or a texture, on which Pinocchio writes warnings to
-    stderr."""
+    """Remove materials without a colour or a texture, which Pinocchio warns about."""
     for color in [c for c in robot.iter("color") if c.get("rgba") is None]:
         color.getparent().remove(color)
     colored = {material.get("name") for material in robot.iter("material") if _has_look(material)}

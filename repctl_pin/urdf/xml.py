@@ -157,8 +157,7 @@ def _refuse_other_files(data: bytes) -> None:
 
 
 def _check_root(root: etree._Element) -> None:
-    """Check the root element, the nesting and the attribute count, and that it is not xacro or
-    SRDF."""
+    """Check root element, nesting and attribute count, and exclude xacro and SRDF."""
     tag = _local(root)
     if tag.lower() in _OTHERS:
         raise UrdfError(_OTHERS[tag.lower()])
