@@ -138,7 +138,7 @@ def test_no_leaf_is_preferred_that_comes_near_an_algorithmic_singularity(
     refused."""
     module = importlib.import_module("repctl_pin.motion.best_leaf")
     path = rp.circle(panda_design.task, q_panda, 0.02)
-    judged, seen = module._judged, []
+    judged, seen = module._evaluated, []
 
     def rigged(*given):
         """Every other start has a larger margin, and a leaf margin of next to nothing."""
@@ -151,7 +151,7 @@ def test_no_leaf_is_preferred_that_comes_near_an_algorithmic_singularity(
         seen.append(candidate)
         return candidate
 
-    monkeypatch.setattr(module, "_judged", rigged)
+    monkeypatch.setattr(module, "_evaluated", rigged)
     found = rp.best_leaf(panda_design.inverse, path, q_panda, steps=8)
     assert len(seen) > 10 and found.given.leaf_margin > 0.1
     assert found.best is found.given

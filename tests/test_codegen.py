@@ -352,7 +352,7 @@ def test_what_cannot_be_written_down_is_refused(
         for refuse in (rp.compiled, lambda inverse: rp.export_c(inverse, tmp_path)):
             with pytest.raises(rp.InputError, match=words):
                 refuse(inverse)
-    with pytest.raises(rp.InputError, match="a region Ball cannot be written"):
+    with pytest.raises(rp.InputError, match="a region of type Ball cannot be written"):
         rp.export_c(panda_design.inverse, tmp_path, region=Ball())
     with pytest.raises(rp.InputError, match="the region has 3 joints, but the task has 7"):
         rp.export_c(panda_design.inverse, tmp_path, region=rp.Box(np.zeros(3), 1))
