@@ -33,7 +33,7 @@ def link_frames(model: pin.Model) -> dict[str, pin.Frame]:
     return {f.name: f for f in model.frames if f.type == pin.FrameType.BODY}
 
 
-def lock_joints(model: pin.Model, ids: Sequence[int], posture: Array) -> pin.Model:
+def lock_joints(model: pin.Model, ids: Sequence[int], q: Array) -> pin.Model:
     """Build the reduced model with joints locked at a configuration.
 
     Pinocchio looks up locked joints by name among all frames and raises if a link has the name of a
@@ -43,7 +43,7 @@ def lock_joints(model: pin.Model, ids: Sequence[int], posture: Array) -> pin.Mod
     for link in links:
         link.name += _TEMPORARY
     try:
-        reduced = pin.buildReducedModel(model, list(ids), np.array(posture))
+        reduced = pin.buildReducedModel(model, list(ids), np.array(q))
     finally:
         for link in links:
             link.name = link.name.removesuffix(_TEMPORARY)
