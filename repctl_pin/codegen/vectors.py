@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 from ..errors import InputError, SingularityError
 from ..inverse_function import InverseFunction
 from ..regions import Region
@@ -24,7 +24,8 @@ _DT = 1e-3
 _GAINS = (20.0, None, 500.0, 0.0)
 
 
-@dataclass
+@dataclass(frozen=True, eq=False)
+@read_only
 class Vector:
     """One configuration, what is asked there, and what Python answers."""
 

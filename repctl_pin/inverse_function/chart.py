@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 from .cell import Cell
 from .kinematics import bounded, placed, solved
 from .monomials import Monomials
@@ -20,7 +20,8 @@ _ITERATIONS = 12
 _EXACT = 1e-11
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Chart:
     r"""Labels the fibre ``f(q) = x`` over each pose of a cell: ``n_ref(u)ᵀ (q − q_ref(u)) = s``.
 
@@ -121,7 +122,8 @@ class Chart:
         return both[:, :, : self.cell.k], both[:, :, self.cell.k :]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Points:
     """Points of a section, and what was evaluated there.
 

@@ -20,6 +20,7 @@ from ..arguments import (
     limits,
     per_joint,
     positive,
+    read_only,
     vector,
 )
 from ..errors import InputError
@@ -64,7 +65,8 @@ class Region(Protocol):
         """Make the region of the same center and a fraction of the width."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Box:
     """A box in joint space, ``|q_i − center_i| ≤ half_width_i``.
 
