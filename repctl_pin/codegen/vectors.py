@@ -3,7 +3,7 @@ against."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -90,9 +90,9 @@ def vectors(
     for k, (what, value) in bad.items():
         if k < len(found):
             vector = what in ("q", "xdot")
-            setattr(
-                found[k], what, np.append(getattr(found[k], what)[:-1], value) if vector else value
-            )
+            if vector:
+                value = np.append(getattr(found[k], what)[:-1], value)
+            found[k] = replace(found[k], **{what: value})
     return found
 
 

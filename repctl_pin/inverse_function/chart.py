@@ -155,7 +155,7 @@ class Points:
 
     def replaced(self, at: NDArray[np.intp], other: Points) -> Points:
         """Put others in the place of some of them."""
-        new = Points(*(getattr(self, name).copy() for name in self.__dataclass_fields__))
-        for name in self.__dataclass_fields__:
-            getattr(new, name)[at] = getattr(other, name)
-        return new
+        arrays = {name: values.copy() for name, values in vars(self).items()}
+        for name, values in arrays.items():
+            values[at] = getattr(other, name)
+        return Points(**arrays)

@@ -196,6 +196,9 @@ class Box:
             np.maximum(self.lower, low), np.minimum(self.upper, high), density=self.density
         )
 
+    def __repr__(self) -> str:
+        return f"<Box {str(self).removeprefix('box ')}>"
+
     def __str__(self) -> str:
         centre = ", ".join(f"{c:.3g}" for c in self.center)
         return f"box {span(self.half_width, '±')} round ({centre})"

@@ -165,6 +165,9 @@ class WorkspaceBox:
             drawn, part = drawn + len(Q), part + 1
         return np.concatenate(found)[:count]
 
+    def __repr__(self) -> str:
+        return f"<WorkspaceBox: {self}>"
+
     def __str__(self) -> str:
         centre = ", ".join(f"{c:.3g}" for c in self.position)
         return f"{span(self.half_width, '±')} m round ({centre}) m, within a {self.within}"
