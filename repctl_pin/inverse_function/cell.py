@@ -21,12 +21,11 @@ from ..arguments import (
     freeze,
     positive,
     read_only,
-    require_type,
     shown,
     vector,
 )
 from ..errors import InputError
-from ..robot.formulas import require_rotation
+from ..robot.formulas import Placement, as_placement, as_placements, require_rotation
 from ..robot.task import Task, require_task
 from .kinematics import placed
 from .rotations import exp3, left_jacobian, log3, tilts
@@ -92,7 +91,7 @@ class Cell:
     def __init__(
         self,
         task: Task,
-        placement: pin.SE3 | ArrayLike,
+        placement: Placement,
         half_width: ArrayLike,
         half_angle: ArrayLike = 0.0,
     ) -> None:
@@ -122,7 +121,7 @@ class Cell:
     def around(
         cls,
         task: Task,
-        poses: Sequence[pin.SE3] | object,
+        poses: Sequence[Placement] | object,
         margin: ArrayLike = 0.02,
         half_angle: ArrayLike = 0.0,
     ) -> Cell:
@@ -143,15 +142,11 @@ class Cell:
         require_task(task)
         if hasattr(poses, "placement"):
             poses = [poses.placement(s) for s in np.linspace(0, 1, 2001)]
-        if (
-            not isinstance(poses, Sequence)
-            or not poses
-            or not all(isinstance(x, pin.SE3) for x in poses)
-        ):
-            raise InputError(
-                "a cell goes around a list of placements (pinocchio.SE3), or a closed path"
-            )
-        p, R = stacked(task, poses, "placement")
+        what = "a list of placements, or a closed path"
+        listed = as_placements(poses, "placement", what)
+        if not listed:
+            raise InputError(f"placements must be {what}, not an empty list")
+        p, R = stacked(task, listed, "placement")
         middle = pin.SE3(R[0], (p.max(axis=0) + p.min(axis=0)) / 2)
         positions, turns = min(3, task.m), task.m - min(3, task.m)
         unit = cls(task, middle, 1.0, 0.1 if turns else 0.0)
@@ -229,7 +224,7 @@ class Cell:
         on = self.widths > 0
         return Y[:, on] / self.widths[on], np.abs(Y[:, ~on]).max(axis=1, initial=0.0)
 
-    def coordinates_of(self, target: pin.SE3) -> Array:
+    def coordinates_of(self, target: Placement) -> Array:
         """Find the coordinates u (k,) of one placement that has to lie in the cell.
 
         Raises
@@ -237,7 +232,7 @@ class Cell:
         InputError
             If it lies outside; the message says which way and how far.
         """
-        require_type(target, pin.SE3, "target", "a placement (pinocchio.SE3)")
+        target = as_placement(target)
         return self.inside(*self.coordinates(*stacked(self.task, [target], "target")))[0]
 
     def inside(self, U: Array, off: Array) -> Array:
