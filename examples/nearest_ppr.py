@@ -136,7 +136,10 @@ def engine(task: rp.Task, a: float, b: float, degree: int, samples: int) -> rp.D
         center, degree, half, variables=[2]
     )
     return rp.nearest_repeatable(
-        rp.Pseudoinverse(task), potentials, rp.Box(center, half), samples=samples, held_out=2048
+        rp.Pseudoinverse(task),
+        potentials,
+        rp.Box(center, half),
+        options=rp.FitOptions(samples=samples, held_out=2048),
     )
 
 

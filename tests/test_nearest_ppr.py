@@ -329,7 +329,9 @@ def test_the_engine_says_whether_its_potentials_are_rich_enough(task: rp.Task) -
             box = rp.Box(np.zeros(3), half)
             try:
                 found.append(
-                    rp.nearest_repeatable(rp.Pseudoinverse(task), potentials, box, samples=4096)
+                    rp.nearest_repeatable(
+                        rp.Pseudoinverse(task), potentials, box, options=rp.FitOptions(samples=4096)
+                    )
                 )
             except rp.SingularityError as error:
                 found.append(error)

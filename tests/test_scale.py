@@ -105,7 +105,11 @@ def test_what_cannot_be_sent_is_refused_before_any_work(
     desired = rp.WeightedInverse(panda_pose, lambda q: np.ones(7))
     with pytest.raises(rp.InputError, match="top level of a module"):
         rp.nearest_repeatable(
-            desired, None, rp.Box(Q0, 0.3), degree=1, samples=512, executor=processes
+            desired,
+            None,
+            rp.Box(Q0, 0.3),
+            degree=1,
+            options=rp.FitOptions(samples=512, executor=processes),
         )
     with pytest.raises(rp.InputError, match=r"concurrent\.futures"):
         rp.nearest_repeatable(
@@ -113,8 +117,7 @@ def test_what_cannot_be_sent_is_refused_before_any_work(
             None,
             rp.Box(Q0, 0.3),
             degree=1,
-            samples=512,
-            executor="two",
+            options=rp.FitOptions(samples=512, executor="two"),
         )
 
 
@@ -126,10 +129,7 @@ def test_an_error_on_a_worker_arrives(panda: rp.Robot, processes: Executor) -> N
             rp.Pseudoinverse(task),
             class_free,
             rp.Box(Q0, 0.4),
-            samples=4096,
-            held_out=64,
-            batch=128,
-            executor=processes,
+            options=rp.FitOptions(samples=4096, held_out=64, batch=128, executor=processes),
         )
 
 

@@ -58,7 +58,11 @@ def found(rotation: float = 0.0) -> rp.CellDesign:
     cell = cell_of(rotation=rotation)
     q = rp.solve_ik(cell.task, Q_PANDA, cell.placement)
     return rp.nearest_inverse_function(
-        rp.Pseudoinverse(cell.task), cell, posture=q, degree=2, samples=128, held_out=256
+        rp.Pseudoinverse(cell.task),
+        cell,
+        posture=q,
+        degree=2,
+        options=rp.FitOptions(samples=128, held_out=256),
     )
 
 
@@ -513,7 +517,7 @@ def test_the_smallest_distance_between_bodies_is_found_by_search() -> None:
     cell = rp.Cell(panda(), middle(), (0.1, 0.2, 0.1), 0.2)
     design = rp.nearest_inverse_function(
         rp.Pseudoinverse(panda()), cell, posture=rp.solve_ik(panda(), Q_PANDA, middle()),
-        degree=2, samples=128, held_out=64,
+        degree=2, options=rp.FitOptions(samples=128, held_out=64),
     )  # fmt: skip
     U = np.tile([-1, 0, -1, -1, -1, 1.0], (21, 1))
     U[:, 1] = np.linspace(-1, 1, 21)
@@ -537,7 +541,9 @@ def test_the_degree_goes_on_where_only_a_higher_one_lowers_the_cost() -> None:
     """PPR: degrees 2 and 3 bring nothing, degree 4 a sixth of the cost."""
     task = rp.Robot.load("ppr").task("tool", "xy")
     cell = rp.Cell(task, task.placement(task.reference), 0.5)
-    design = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, held_out=256)
+    design = rp.nearest_inverse_function(
+        rp.Pseudoinverse(task), cell, options=rp.FitOptions(held_out=256)
+    )
     costs = dict(design.degrees)
     assert costs[3] > 0.99 * costs[1] > 1.1 * costs[4] and list(costs) == [1, 2, 3, 4]
 
@@ -641,7 +647,11 @@ def test_arms_with_slides_and_more_joints_than_one_too_many(
     q = 0.4 * np.ones(n)
     cell = rp.Cell(task, task.placement(q), 0.05)
     design = rp.nearest_inverse_function(
-        rp.Pseudoinverse(task), cell, posture=q, degree=2, samples=64, held_out=64
+        rp.Pseudoinverse(task),
+        cell,
+        posture=q,
+        degree=2,
+        options=rp.FitOptions(samples=64, held_out=64),
     )
     assert (
         design.coverage == 1.0 and design.extra_speed < 0.03 and design.evaluation.residual < 1e-9
@@ -656,7 +666,11 @@ def test_an_arm_without_limits(tmp_path: Path) -> None:
     task = rp.Robot.load(tmp_path / "endless.urdf").task("tool", "xy")
     cell = rp.Cell(task, task.placement([0.6, -1.2, 1.4]), 0.1)
     design = rp.nearest_inverse_function(
-        rp.Pseudoinverse(task), cell, posture=[0.6, -1.2, 1.4], degree=1, samples=32, held_out=64
+        rp.Pseudoinverse(task),
+        cell,
+        posture=[0.6, -1.2, 1.4],
+        degree=1,
+        options=rp.FitOptions(samples=32, held_out=64),
     )
     assert (
         design.limit_margin == design.limit_margin_worst == np.inf
@@ -684,8 +698,7 @@ def refused(cell: rp.Cell, posture: object = None, **options: object) -> str:
             cell,
             posture=posture,
             degree=1,
-            samples=32,
-            held_out=64,
+            options=rp.FitOptions(samples=32, held_out=64),
             **options,  # type: ignore[arg-type]
         )
     assert "\n" not in str(caught.value)
@@ -829,8 +842,7 @@ def test_the_largest_cell_that_works() -> None:
         cell,
         posture=q,
         degree=1,
-        samples=32,
-        held_out=64,
+        options=rp.FitOptions(samples=32, held_out=64),
         incomplete="shrink",
     )
     assert smaller.coverage == 1.0 and 0.05 < smaller.cell.half_width[0] < 0.35

@@ -98,7 +98,9 @@ def right_calls(folder: Path) -> list[Call]:
     )
     waypoint_file = folder / "square.csv"
     waypoint_file.write_text("\n".join(",".join(map(str, row)) for row in square), encoding="utf-8")
-    design = rp.nearest_repeatable(control, potentials, box, samples=64, held_out=256)
+    design = rp.nearest_repeatable(
+        control, potentials, box, options=rp.FitOptions(samples=64, held_out=256)
+    )
     inverse, tube = design.inverse, rp.Tube(Q, 0.2)
     middle = task.placement(q0).translation[:2]
     workspace = rp.WorkspaceBox(task, middle, 0.2, within=box)
@@ -106,7 +108,9 @@ def right_calls(folder: Path) -> list[Call]:
     study = rp.study(robot, kind="xy", start=q0, path=path, cycles=1, steps=24, region=0.2)
     saved = rp.save(design, folder / "design.json")
     cell = rp.Cell(task, target, (0.05, 0.05))
-    found = rp.nearest_inverse_function(control, cell, degree=1, samples=16, held_out=64)
+    found = rp.nearest_inverse_function(
+        control, cell, degree=1, options=rp.FitOptions(samples=16, held_out=64)
+    )
     arm_file = folder / "arm.urdf"
     arm_file.write_text(ARM_URDF, encoding="utf-8")
     arm = rp.Robot.load(arm_file).task("tip", "position")

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from ..arguments import Array
 from ..design import nearest_repeatable
 from ..errors import InputError, SingularityError
+from ..fit_options import FitOptions
 from ..motion import Motion, TaskPath, follow
 from ..motion.fitting_circle import dexterity_at, fitting_circle
 from ..potentials import Polynomial
@@ -315,7 +316,12 @@ def round_the_motion(
     tube = choose_region(desired.task, follow(desired, path, q0, cycles=1), width)
     # it only says where to design: few nodes will do
     linear = nearest_repeatable(
-        desired, None, tube, degree=1, seed=seed, shrink=True, samples=4096, held_out=1024
+        desired,
+        None,
+        tube,
+        degree=1,
+        options=FitOptions(seed=seed, samples=4096, held_out=1024),
+        shrink=True,
     ).inverse
     try:
         return choose_region(desired.task, follow(linear, path, q0, cycles=1), width)
