@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -24,7 +25,11 @@ Q0 = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
 def panda_design_of(panda: rp.Robot, kind: str, width: float, degree: int, **options) -> rp.Design:
     task = panda.task("panda_hand_tcp", kind)
     return rp.nearest_repeatable(
-        rp.Pseudoinverse(task), None, rp.Box(Q0, width), degree=degree, **options
+        rp.Pseudoinverse(task),
+        None,
+        rp.Box(Q0, width),
+        degree=degree,
+        options=rp.FitOptions(**options),
     )
 
 
@@ -270,8 +275,8 @@ def test_the_optimum_does_not_depend_on_the_basis_nor_on_the_batch(
 ) -> None:
     task = panda.task("panda_hand_tcp", kind)
     desired, box, potentials = rp.Pseudoinverse(task), rp.Box(Q0, 0.4), rp.Polynomial(Q0, 2, 0.4)
-    options = {"samples": 2048, "held_out": 256, "tolerance": 1e-10}
-    plain = rp.nearest_repeatable(desired, potentials, box, **options)
+    options = rp.FitOptions(samples=2048, held_out=256, tolerance=1e-10)
+    plain = rp.nearest_repeatable(desired, potentials, box, options=options)
     rng = np.random.default_rng(0)
     M = rng.normal(size=(potentials.size, potentials.size)) * 10 ** rng.uniform(
         -2, 2, potentials.size
@@ -279,13 +284,13 @@ def test_the_optimum_does_not_depend_on_the_basis_nor_on_the_batch(
     Q = box.random(64, 5)
     G = plain.inverse.batch(Q)
     for other in (
-        rp.nearest_repeatable(desired, Mixed(potentials, M), box, **options),
+        rp.nearest_repeatable(desired, Mixed(potentials, M), box, options=options),
         rp.nearest_repeatable(
-            desired, rp.Polynomial(Q0 + 0.1, 2, 1.3), box, **options
+            desired, rp.Polynomial(Q0 + 0.1, 2, 1.3), box, options=options
         ),  # the same polynomials
-        rp.nearest_repeatable(desired, potentials, box, options=rp.FitOptions(batch=97), **options),
+        rp.nearest_repeatable(desired, potentials, box, options=replace(options, batch=97)),
         rp.nearest_repeatable(
-            desired, potentials, box, options=rp.FitOptions(stream=True), **options
+            desired, potentials, box, options=replace(options, stream=True)
         ),
     ):
         assert np.isclose(other.fit_cost, plain.fit_cost, rtol=1e-8)

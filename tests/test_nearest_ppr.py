@@ -98,7 +98,10 @@ def engine(task: rp.Task, a: float, b: float, degree: int, **options) -> rp.Desi
         center, degree, half, variables=[2]
     )
     return rp.nearest_repeatable(
-        rp.Pseudoinverse(task), potentials, rp.Box(center, half), **options
+        rp.Pseudoinverse(task),
+        potentials,
+        rp.Box(center, half),
+        options=rp.FitOptions(**options),
     )
 
 

@@ -43,7 +43,7 @@ def test_density_moves_the_mean() -> None:
 
 def test_a_design_with_a_density_is_nearer_where_it_counts(panda_pose: rp.Task) -> None:
     corner = Q0 + 0.25
-    options = {"degree": 1, "samples": 2048, "held_out": 2048}
+    options = {"degree": 1, "options": rp.FitOptions(samples=2048, held_out=2048)}
     desired = rp.Pseudoinverse(panda_pose)
     plain = rp.nearest_repeatable(desired, None, rp.Box(Q0, 0.4), **options)
     here = rp.Box(Q0, 0.4, density=lambda Q: np.exp(-20 * np.sum((Q - corner) ** 2, axis=1)))

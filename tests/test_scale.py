@@ -14,7 +14,7 @@ import repctl_pin as rp
 from repctl_pin.design import criterion, workers
 
 Q0 = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
-OPTIONS = {"degree": 2, "samples": 2048, "held_out": 256, "batch": 128}
+OPTIONS = {"samples": 2048, "held_out": 256, "batch": 128}
 
 
 @pytest.fixture(scope="module")
@@ -23,10 +23,15 @@ def processes() -> Iterator[Executor]:
         yield pool
 
 
-def design(panda: rp.Robot, **options) -> rp.Design:
+def design(panda: rp.Robot, *, degree=2, progress=False, **options) -> rp.Design:
     task = panda.task("panda_hand_tcp", "axis")
     return rp.nearest_repeatable(
-        rp.Pseudoinverse(task), None, rp.Box(Q0, 0.4), **(OPTIONS | options)
+        rp.Pseudoinverse(task),
+        None,
+        rp.Box(Q0, 0.4),
+        degree=degree,
+        options=rp.FitOptions(**(OPTIONS | options)),
+        progress=progress,
     )
 
 

@@ -528,7 +528,7 @@ def test_the_smallest_distance_between_bodies_is_found_by_search() -> None:
 def test_what_was_asked_for_and_is_not_met_is_said(tmp_path: Path) -> None:
     task, q = planar_task([1.0, 0.9, 0.8], tmp_path), [0.3, 0.5, 2.4]
     cell = rp.Cell(task, task.placement(q), 0.2)
-    small = {"posture": q, "degree": 1, "samples": 32, "held_out": 64}
+    small = {"posture": q, "degree": 1, "options": rp.FitOptions(samples=32, held_out=64)}
     asked = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, sigma_min=9.0, **small)
     assert "9 was asked for and is not met" in asked.figures()["σ_min(J)"]
     plain = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, **small)
@@ -575,7 +575,7 @@ def test_limits_in_the_cost_keep_the_joints_inside(tmp_path: Path) -> None:
     x = task.placement([0.6, -1.2, 1.4])
     cell = rp.Cell(task, x, 0.35)
     q = rp.solve_ik(task, [0.6, -1.2, 1.4], x)
-    small = {"posture": q, "degree": 2, "samples": 64, "held_out": 256}
+    small = {"posture": q, "degree": 2, "options": rp.FitOptions(samples=64, held_out=256)}
     free = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, **small)
     Q = free.function.batch(cell.sample(256))
     bound = float(Q[:, 2].max()) - 0.05  # a joint limit where the free function goes beyond it
@@ -601,12 +601,7 @@ def test_bodies_in_the_cost_are_kept_apart(tmp_path: Path) -> None:
         "panda_hand_tcp", "position"
     )
     cell = rp.Cell(task, middle(), 0.08)
-    small = {
-        "posture": rp.solve_ik(panda(), Q_PANDA, middle()),
-        "degree": 2,
-        "samples": 64,
-        "held_out": 128,
-    }
+    small = {"posture": rp.solve_ik(panda(), Q_PANDA, middle()), "degree": 2, "options": rp.FitOptions(samples=64, held_out=128)}
     free, kept = (
         rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, body_distance=a, **small)
         for a in (0.0, 0.02)
@@ -629,7 +624,7 @@ def test_bodies_in_the_cost_are_kept_apart(tmp_path: Path) -> None:
 def test_singularities_in_the_cost_are_kept_away(tmp_path: Path) -> None:
     task, q = planar_task([1.0, 0.9, 0.8], tmp_path), [0.3, 0.5, 2.4]
     cell = rp.Cell(task, task.placement(q), 0.2)
-    small = {"posture": q, "degree": 2, "samples": 64, "held_out": 128}
+    small = {"posture": q, "degree": 2, "options": rp.FitOptions(samples=64, held_out=128)}
     free, kept = (
         rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, sigma_min=a, **small)
         for a in (0.0, 0.9)
@@ -722,12 +717,7 @@ def test_a_broken_corner_refuses_a_cell_and_is_not_called_covered(tmp_path: Path
     """All held-out poses have joints, a corner has none: refused; if kept, nothing says 100 %."""
     cell = corner_out_of_reach(tmp_path)
     task = cell.task
-    small = {
-        "posture": rp.solve_ik(task, [-0.6, 1.0, 0.4], cell.placement),
-        "degree": 1,
-        "samples": 64,
-        "held_out": 64,
-    }
+    small = {"posture": rp.solve_ik(task, [-0.6, 1.0, 0.4], cell.placement), "degree": 1, "options": rp.FitOptions(samples=64, held_out=64)}
     with pytest.raises(rp.NoFunctionError, match="is out of reach") as caught:
         rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, **small)
     assert 0.5 < caught.value.fits < 1
@@ -776,8 +766,8 @@ def test_a_refusal_names_all_causes_but_bodies_that_touch() -> None:
     [
         ({"degree": 0}, "degree must be a whole number from 1 up"),
         ({"degree": 10**12}, "degree can be 12 at most"),
-        ({"samples": 10**12}, "samples can be 65,536 at most"),
-        ({"held_out": 2 * 10**7}, "held_out can be 1,048,576 at most"),
+        ({"options": rp.FitOptions(samples=10**12)}, "samples can be 65,536 at most"),
+        ({"options": rp.FitOptions(held_out=2 * 10**7)}, "held_out can be 1,048,576 at most"),
         ({"sigma_min": 1e300}, r"dexterity can be 1e\+06 at most"),
         ({"limit_margin": 1e300}, r"room can be 1e\+06 at most"),
         ({"body_distance": -1}, "apart must be 0 m or more"),
@@ -964,7 +954,7 @@ def corner_beyond_a_limit(folder: Path) -> rp.CellDesign:
     """A function kept on the part of its cell where the third joint is within its limit."""
     task, q = planar_task([1.0, 0.9, 0.8], folder), [0.6, -1.2, 1.4]
     cell = rp.Cell(task, task.placement(q), 0.35)
-    small = {"posture": q, "degree": 2, "samples": 64, "held_out": 128}
+    small = {"posture": q, "degree": 2, "options": rp.FitOptions(samples=64, held_out=128)}
     free = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, **small)
     edge = float(free.function(cell.at(np.ones(2)))[2])
     bound = 0.5 * (edge + 1.4)

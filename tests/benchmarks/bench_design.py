@@ -25,14 +25,16 @@ import repctl_pin as rp
 Q0 = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
 
 
-def design(task: rp.Task, degree: int, samples: int, **options) -> rp.Design:
+def design(
+    task: rp.Task, degree: int, samples: int, *, progress=False, **options
+) -> rp.Design:
     return rp.nearest_repeatable(
         rp.Pseudoinverse(task),
         None,
         rp.Box(Q0, 0.4),
         degree=degree,
-        options=rp.FitOptions(samples=samples),
-        **options,
+        options=rp.FitOptions(samples=samples, **options),
+        progress=progress,
     )
 
 
