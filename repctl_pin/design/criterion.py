@@ -23,6 +23,7 @@ from ..strategies.strategy import Inverse
 
 @dataclass(frozen=True, eq=False)
 @read_only
+@read_only
 class Batch:
     """What the criterion needs of K nodes.
 
@@ -62,6 +63,7 @@ class Batch:
 
 
 @dataclass(frozen=True, eq=False)
+@read_only
 @read_only
 class Builder:
     """What it takes to build batches anywhere, in another process too: it pickles.

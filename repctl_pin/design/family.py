@@ -26,6 +26,7 @@ _SAME = 1e-14
 
 @dataclass(frozen=True, eq=False)
 @read_only
+@read_only
 class FamilyDesign:
     """The best member of a family, and whether it is the only one.
 

@@ -21,6 +21,7 @@ _DEPENDENT = 1e-8
 
 @dataclass(frozen=True, eq=False)
 @read_only
+@read_only
 class Independent:
     """The potentials that are used.
 

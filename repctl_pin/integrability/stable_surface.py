@@ -32,6 +32,7 @@ _WALK, _WALK_STEPS = 0.2, 8  # how far a surface is followed to see that it stay
 
 @dataclass(frozen=True, eq=False)
 @read_only
+@read_only
 class Surfaces:
     """Points on s(q) = 0, each with its kind.
 

@@ -42,6 +42,7 @@ TURNED = 1e-6
 
 @dataclass(frozen=True, eq=False, init=False)
 @read_only
+@read_only
 class Cell:
     r"""All placements ``p = p_0 + w ∘ u``, ``R = exp(\hat ω) R_0`` with ``ω = θ ∘ u``, every
     ``|u_i| ≤ 1``.

@@ -118,6 +118,7 @@ class Evaluation:
 
 @dataclass(frozen=True, eq=False)
 @read_only
+@read_only
 class Speeds:
     """Joint speeds at points of a section, per unit of task speed, and where the section is sound.
 
@@ -215,6 +216,7 @@ class SpeedRatio:
 
 
 @dataclass(frozen=True, eq=False)
+@read_only
 @read_only
 class _Looked:
     """A section at some poses.

@@ -22,6 +22,7 @@ _EXACT = 1e-11
 
 @dataclass(frozen=True, eq=False)
 @read_only
+@read_only
 class Chart:
     r"""Labels the fibre ``f(q) = x`` over each pose of a cell: ``n_ref(u)ᵀ (q − q_ref(u)) = s``.
 
@@ -123,6 +124,7 @@ class Chart:
 
 
 @dataclass(frozen=True, eq=False)
+@read_only
 @read_only
 class Points:
     """Points of a section, and what was evaluated there.

@@ -23,6 +23,7 @@ _ENOUGH = 1e-4
 
 @dataclass(frozen=True, eq=False)
 @read_only
+@read_only
 class Value:
     """The cost at some coefficients.
 
@@ -48,6 +49,7 @@ class Value:
 
 
 @dataclass(frozen=True, eq=False)
+@read_only
 @read_only
 class Penalty:
     """A margin with a price.
@@ -197,6 +199,7 @@ def _hinge(part: Penalty, Q: Array) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
+@read_only
 @read_only
 class Descent:
     """Where Gauss–Newton ended.

@@ -48,6 +48,7 @@ class ClosedPath(Protocol):
 
 @dataclass(frozen=True, eq=False, repr=False)
 @read_only
+@read_only
 class TaskPath:
     """A closed path: a curve of the frame's origin, and its orientation, held or turning.
 
@@ -240,6 +241,7 @@ def _short(values: Array) -> str:
 
 
 @dataclass(frozen=True, eq=False)
+@read_only
 @read_only
 class Cycle:
     """One cycle of a closed motion.

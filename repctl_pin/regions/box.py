@@ -67,6 +67,7 @@ class Region(Protocol):
 
 @dataclass(frozen=True, eq=False)
 @read_only
+@read_only
 class Box:
     """A box in joint space, ``|q_i − center_i| ≤ half_width_i``.
 

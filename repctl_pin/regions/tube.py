@@ -25,6 +25,7 @@ _MOST_SAMPLES = 256
 
 @dataclass(frozen=True, eq=False, repr=False)
 @read_only
+@read_only
 class Tube:
     """All q within ``|q_i − s_i| ≤ radius_i`` of a joint sample s: a box drawn along a motion.
 

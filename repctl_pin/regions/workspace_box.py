@@ -29,6 +29,7 @@ _MOST_DRAWS = 2**18
 
 @dataclass(frozen=True, eq=False)
 @read_only
+@read_only
 class WorkspaceBox:
     """All q of a box of joints whose frame lies in a box of the workspace, ``|p_i − center_i| ≤
     half_width_i``.

@@ -41,6 +41,7 @@ class Frames:
 
 @dataclass(frozen=True, eq=False)
 @read_only
+@read_only
 class Violation:
     """A motion beyond what the arm can do: what is said, when (in cycles), in which cycle, and
     where: (T, 3), m."""
@@ -52,6 +53,7 @@ class Violation:
 
 
 @dataclass(frozen=True, eq=False)
+@read_only
 @read_only
 class Arm:
     """One arm of the page.
