@@ -289,9 +289,7 @@ def test_the_optimum_does_not_depend_on_the_basis_nor_on_the_batch(
             desired, rp.Polynomial(Q0 + 0.1, 2, 1.3), box, options=options
         ),  # the same polynomials
         rp.nearest_repeatable(desired, potentials, box, options=replace(options, batch=97)),
-        rp.nearest_repeatable(
-            desired, potentials, box, options=replace(options, stream=True)
-        ),
+        rp.nearest_repeatable(desired, potentials, box, options=replace(options, stream=True)),
     ):
         assert np.isclose(other.fit_cost, plain.fit_cost, rtol=1e-8)
         assert np.abs(other.inverse.batch(Q) - G).max() < 1e-5 * np.abs(G).max()

@@ -601,7 +601,11 @@ def test_bodies_in_the_cost_are_kept_apart(tmp_path: Path) -> None:
         "panda_hand_tcp", "position"
     )
     cell = rp.Cell(task, middle(), 0.08)
-    small = {"posture": rp.solve_ik(panda(), Q_PANDA, middle()), "degree": 2, "options": rp.FitOptions(samples=64, held_out=128)}
+    small = {
+        "posture": rp.solve_ik(panda(), Q_PANDA, middle()),
+        "degree": 2,
+        "options": rp.FitOptions(samples=64, held_out=128),
+    }
     free, kept = (
         rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, body_distance=a, **small)
         for a in (0.0, 0.02)
@@ -717,7 +721,11 @@ def test_a_broken_corner_refuses_a_cell_and_is_not_called_covered(tmp_path: Path
     """All held-out poses have joints, a corner has none: refused; if kept, nothing says 100 %."""
     cell = corner_out_of_reach(tmp_path)
     task = cell.task
-    small = {"posture": rp.solve_ik(task, [-0.6, 1.0, 0.4], cell.placement), "degree": 1, "options": rp.FitOptions(samples=64, held_out=64)}
+    small = {
+        "posture": rp.solve_ik(task, [-0.6, 1.0, 0.4], cell.placement),
+        "degree": 1,
+        "options": rp.FitOptions(samples=64, held_out=64),
+    }
     with pytest.raises(rp.NoFunctionError, match="is out of reach") as caught:
         rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, **small)
     assert 0.5 < caught.value.fits < 1

@@ -35,7 +35,6 @@ RESULTS = {
     "Animation",
     "BestLeaf",
     "Design",
-    "FamilyDesign",
     "Motion",
     "Robot",
     "Waypoints",
@@ -113,6 +112,7 @@ def right_calls(folder: Path) -> list[Call]:
     found = rp.nearest_inverse_function(
         control, cell, degree=1, options=rp.FitOptions(samples=16, held_out=64)
     )
+    saved_cell = rp.save(found, folder / "cell.json")
     arm_file = folder / "arm.urdf"
     arm_file.write_text(ARM_URDF, encoding="utf-8")
     arm = rp.Robot.load(arm_file).task("tip", "position")
@@ -126,7 +126,6 @@ def right_calls(folder: Path) -> list[Call]:
             "inverse": inverse, "path": path, "q0": q0, "region": box, "desired": control, "steps": 8, "seed": 0,
         },  # fmt: skip,
         "bracket_defect": {"strategy": control, "q": q0, "relative": False},
-        "candidate_surface": {"strategy": control, "region": box, "samples": 8, "seed": 0},
         "circle": {"task": task, "q0": q0, "radius": 0.05, "normal": "z", "start_angle": 0.0, "rotation": "fixed"},
         "compare": {"first": design, "others": design},
         "drift_per_area": {"strategy": control, "q": q0},
@@ -135,21 +134,20 @@ def right_calls(folder: Path) -> list[Call]:
             "strategy": inverse, "path": path, "q0": q0, "cycles": 1, "steps": 12, "integrator": "rk4", "feedback": 0.0,
             "period": 5.0, "leaf_lock": 1, "leaf": inverse.leaf(q0), "velocity_limit": 3.0, "damping": 0.01, "task": task,
         },
-        "inline": {"shown": study, "height": 300},
         "is_repeatable": {"strategy": control, "region": box, "samples": 8, "seed": 0},
         "load": {"path": saved, "task": task},
-        "nearest_in_family": {
-            "desired": control, "family": lambda k: rp.WeightedInverse(task, [1, 1 + k * k, 1]), "region": box,
-            "bounds": (-1.0, 1.0), "samples": 64, "seed": 0,
+        "load_cell": {"path": saved_cell, "task": task},
+        "load_design": {"path": saved, "task": task},
+        "FitOptions": {
+            "samples": 64, "held_out": 64, "seed": 0, "batch": 64, "stream": False, "executor": None,
+            "restarts": 0, "tolerance": 1e-3,
         },
         "nearest_repeatable": {
-            "desired": control, "potentials": potentials, "region": box, "degree": None, "samples": 64, "held_out": 64,
-            "seed": 0, "batch": 64, "stream": False, "executor": None, "shrink": False, "restarts": 0,
-            "tolerance": 1e-3, "progress": False,
+            "desired": control, "potentials": potentials, "region": box, "degree": None,
+            "shrink": False, "options": rp.FitOptions(samples=64, held_out=64), "progress": False,
         },
         "polygon": {"task": task, "q0": q0, "corners": [[0.1, 0, 0], [0.1, 0.1, 0]], "blend": 0.0, "name": "tri"},
         "read_waypoints": {"file": waypoint_file},
-        "rose": {"task": task, "q0": q0, "radius": 0.05, "petals": 3, "normal": "z"},
         "save": {"design": design, "path": folder / "again.json"},
         "solve_ik": {"task": task, "q0": q0, "target": target, "tolerance": 1e-9, "iterations": 20, "limits": True},
         "stable_surface": {"strategy": control, "region": box, "samples": 8, "seed": 0},
@@ -173,7 +171,7 @@ def right_calls(folder: Path) -> list[Call]:
         "export_c": {"control": inverse, "folder": folder / "c", "name": "arm_control", "region": box},
         "nearest_inverse_function": {
             "desired": control, "cell": cell, "posture": q0, "degree": 1, "limit_margin": 0.05, "body_distance": 0.0, "sigma_min": 0.0,
-            "incomplete": "refuse", "samples": 16, "held_out": 64, "seed": 0, "progress": False,
+            "incomplete": "refuse", "options": rp.FitOptions(samples=16, held_out=64), "progress": False,
         },
         "ArmAngle": {
             "task": arm, "shoulder": "upper", "elbow": "lower", "wrist": "hand", "reference": (0.0, 1.0, 0.0),
@@ -265,6 +263,7 @@ def right_calls(folder: Path) -> list[Call]:
         "solve": {"target": target, "q0": q0, "leaf": inverse.leaf(q0)},
         "solve_all": {"targets": [target], "q0": q0, "leaf": inverse.leaf(q0)},
         "step": step,
+        "damped_step": step,
         "summary": {},
         "task": {"frame": "tool", "kind": "xy", "joints": list(robot.joint_names)},
         "twist": {"s": 0.3},
@@ -315,7 +314,6 @@ def right_calls(folder: Path) -> list[Call]:
         rp.CustomInverse(task, control), rp.ExtendedJacobian(task, q0), rp.LimitWeight(task), potentials, waves, joined,
         custom, box, tube, workspace, design, motion, study, path, rp.Run(timed),
         rp.best_leaf(inverse, path, q0, steps=8), rp.animation({"J⁺": motion}, seconds=1.0),
-        rp.nearest_in_family(**functions["nearest_in_family"]),
     ]  # fmt: skip
     public = {n for n in dir(rp) if callable(getattr(rp, n)) and not n.endswith("Error")}
     assert public - RESULTS - MADE == set(functions), "give each public name a right call here"

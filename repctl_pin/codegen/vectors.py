@@ -26,7 +26,6 @@ _GAINS = (20.0, None, 500.0, 0.0)
 
 @dataclass(frozen=True, eq=False)
 @read_only
-@read_only
 class Vector:
     """One configuration, what is asked there, and what Python answers."""
 

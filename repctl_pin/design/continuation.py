@@ -34,7 +34,6 @@ _COARSE_TOLERANCE = 1e-4
 
 @dataclass(frozen=True, eq=False)
 @read_only
-@read_only
 class FitProblem:
     """A fit of potentials in one region; see :func:`nearest_repeatable`.
 

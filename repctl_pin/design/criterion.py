@@ -23,7 +23,6 @@ from ..strategies.strategy import Inverse
 
 @dataclass(frozen=True, eq=False)
 @read_only
-@read_only
 class Batch:
     """What the criterion needs of K nodes.
 
@@ -63,7 +62,6 @@ class Batch:
 
 
 @dataclass(frozen=True, eq=False)
-@read_only
 @read_only
 class Builder:
     """What it takes to build batches anywhere, in another process too: it pickles.

@@ -25,7 +25,6 @@ _EMPHASIS = (1.0, 0.1, 0.01)
 
 @dataclass(frozen=True, eq=False)
 @read_only
-@read_only
 class Descent:
     """Where an optimisation ended.
 
@@ -53,7 +52,6 @@ class Descent:
 
 
 @dataclass(frozen=True, eq=False)
-@read_only
 @read_only
 class Start:
     """Where a descent begins, and the penalty that keeps it near the null space's own potentials.

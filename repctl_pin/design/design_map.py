@@ -18,7 +18,6 @@ from .singularities import LeafMargin
 
 @dataclass(frozen=True, eq=False)
 @read_only
-@read_only
 class DesignMap:
     """What a design does over two joints, the others at the center of Ω.
 

@@ -17,7 +17,6 @@ from .evaluation import Baseline, baselines
 
 @dataclass(frozen=True, eq=False)
 @read_only
-@read_only
 class Design:
     """A repeatable inverse, and how good it is.
 

@@ -25,7 +25,6 @@ _CANDIDATES = 64
 
 @dataclass(frozen=True, eq=False)
 @read_only
-@read_only
 class Evaluation:
     """Figures of one inverse over one region.
 

@@ -21,7 +21,6 @@ _DEPENDENT = 1e-8
 
 @dataclass(frozen=True, eq=False)
 @read_only
-@read_only
 class Independent:
     """The potentials that are used.
 

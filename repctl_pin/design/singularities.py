@@ -67,7 +67,6 @@ class SingularRegionError(SingularityError):
 
 @dataclass(frozen=True, eq=False)
 @read_only
-@read_only
 class Lowest:
     """The lowest value of a measure found in a region, and where.
 

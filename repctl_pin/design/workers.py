@@ -37,7 +37,6 @@ Answer = tuple[str, dict[int, Sums]]
 
 @dataclass(frozen=True, eq=False)
 @read_only
-@read_only
 class Piece:
     """Some of the nodes, and what builds their batches: pickled, so that every worker has an arm of
     its own."""

@@ -30,7 +30,6 @@ _ENOUGH = 1e-6
 
 @dataclass(frozen=True, eq=False)
 @read_only
-@read_only
 class Derivative:
     """An inverse and its derivative at K configurations.
 

@@ -70,7 +70,6 @@ def curl_form(G: Array, dG: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 @read_only
-@read_only
 class Defects:
     """The defects of an inverse at K configurations.
 

@@ -23,7 +23,6 @@ _NEAR_SINGULAR = 1e-3
 
 @dataclass(frozen=True, eq=False)
 @read_only
-@read_only
 class Repeatability:
     """The verdict on an inverse in a region; true in an ``if`` when repeatable.
 

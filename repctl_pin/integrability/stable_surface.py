@@ -32,7 +32,6 @@ _WALK, _WALK_STEPS = 0.2, 8  # how far a surface is followed to see that it stay
 
 @dataclass(frozen=True, eq=False)
 @read_only
-@read_only
 class Surfaces:
     """Points on s(q) = 0, each with its kind.
 
@@ -138,7 +137,8 @@ def candidate_surface(
 
     Examples
     --------
-    >>> points = rp.candidate_surface(control, rp.Box(q0, 0.8), samples=16)
+    >>> from repctl_pin.integrability import candidate_surface
+    >>> points = candidate_surface(control, rp.Box(q0, 0.8), samples=16)
     >>> points.shape[1]
     3
     """

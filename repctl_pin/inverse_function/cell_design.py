@@ -22,7 +22,6 @@ from .function import InverseFunction
 
 @dataclass(frozen=True, eq=False)
 @read_only
-@read_only
 class CellDesign:
     """An inverse kinematic function over a cell, and how good it is.
 
@@ -199,7 +198,6 @@ def _unmet(found: float, asked: float) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-@read_only
 @read_only
 class Slice:
     """Two coordinates of a cell varied, the others in the middle.

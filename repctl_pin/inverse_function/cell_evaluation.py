@@ -118,7 +118,6 @@ class Evaluation:
 
 @dataclass(frozen=True, eq=False)
 @read_only
-@read_only
 class Speeds:
     """Joint speeds at points of a section, per unit of task speed, and where the section is sound.
 
@@ -216,7 +215,6 @@ class SpeedRatio:
 
 
 @dataclass(frozen=True, eq=False)
-@read_only
 @read_only
 class _Looked:
     """A section at some poses.

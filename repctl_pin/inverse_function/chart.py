@@ -22,7 +22,6 @@ _EXACT = 1e-11
 
 @dataclass(frozen=True, eq=False)
 @read_only
-@read_only
 class Chart:
     r"""Labels the fibre ``f(q) = x`` over each pose of a cell: ``n_ref(u)ᵀ (q − q_ref(u)) = s``.
 
@@ -124,7 +123,6 @@ class Chart:
 
 
 @dataclass(frozen=True, eq=False)
-@read_only
 @read_only
 class Points:
     """Points of a section, and what was evaluated there.

@@ -23,7 +23,6 @@ _ENOUGH = 1e-4
 
 @dataclass(frozen=True, eq=False)
 @read_only
-@read_only
 class Value:
     """The cost at some coefficients.
 
@@ -49,7 +48,6 @@ class Value:
 
 
 @dataclass(frozen=True, eq=False)
-@read_only
 @read_only
 class Penalty:
     """A margin with a price.
@@ -199,7 +197,6 @@ def _hinge(part: Penalty, Q: Array) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-@read_only
 @read_only
 class Descent:
     """Where Gauss–Newton ended.

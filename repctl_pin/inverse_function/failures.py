@@ -19,7 +19,6 @@ _SPARSE = 24
 
 @dataclass(frozen=True, eq=False)
 @read_only
-@read_only
 class FailureReason:
     """One thing that failures a function, where it is worst.
 

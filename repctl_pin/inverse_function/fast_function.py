@@ -14,7 +14,7 @@ import pinocchio as pin
 from scipy.linalg.blas import daxpy, dcopy, dgemv, idamax
 from scipy.linalg.lapack import dgesv
 
-from ..arguments import Array, read_only
+from ..arguments import Array
 from ..robot import fast_kinematics
 from ..robot.formulas import axis_turn, is_rotation
 from ..robot.task import Task
@@ -30,7 +30,6 @@ _ENOUGH = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-@read_only
 class InPlace:
     """Coordinates u of one placement after another, for the thread that made it alone.
 

@@ -142,7 +142,6 @@ def singular_values_of(task: Task, room: float = 0.0) -> Margin:
 
 @dataclass(frozen=True, eq=False)
 @read_only
-@read_only
 class Section:
     """``s(u) = Σ_t a_t T_t(u)`` in a chart.
 

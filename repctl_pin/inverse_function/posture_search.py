@@ -140,7 +140,6 @@ def searched(desired: Batched, cell: Cell, seed: int = 0) -> Array:
 
 @dataclass(frozen=True, eq=False)
 @read_only
-@read_only
 class Candidate:
     """A posture in the middle, and what the rays from there have shown.
 

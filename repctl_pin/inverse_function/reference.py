@@ -25,7 +25,6 @@ SINGULAR = 0.01
 
 @dataclass(frozen=True, eq=False)
 @read_only
-@read_only
 class Rays:
     """Ends of the rays from the middle of a cell.
 

@@ -47,7 +47,6 @@ this."""
 
 @dataclass(frozen=True, eq=False)
 @read_only
-@read_only
 class Candidate:
     """A start, and what one cycle from it is like.
 

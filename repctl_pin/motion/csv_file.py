@@ -29,7 +29,6 @@ _LARGEST = 64_000_000
 
 @dataclass(frozen=True, eq=False)
 @read_only
-@read_only
 class Recorded:
     """One strategy's motion, as a file holds it.
 

@@ -30,7 +30,6 @@ integration error."""
 
 @dataclass(frozen=True, eq=False)
 @read_only
-@read_only
 class JointMotion:
     """What joints do, whatever path their frame takes.
 

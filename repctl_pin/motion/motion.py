@@ -22,7 +22,6 @@ ON_PATH = 1e-3
 
 @dataclass(frozen=True, eq=False)
 @read_only
-@read_only
 class Motion(JointMotion):
     """What a strategy did on a closed path.
 

@@ -31,7 +31,6 @@ LEAST_STAGES = 50
 
 @dataclass(frozen=True, eq=False)
 @read_only
-@read_only
 class Limits:
     """Limits of the joints (n,) and of the tool.
 
@@ -61,7 +60,6 @@ class Limits:
 
 
 @dataclass(frozen=True, eq=False)
-@read_only
 @read_only
 class Segment:
     """A smooth part of a joint path, from stop to stop, and its profile.

@@ -89,7 +89,6 @@ _MOST_SAMPLES = MOST_STEPS // 5
 
 @dataclass(frozen=True, eq=False)
 @read_only
-@read_only
 class TimedMotion:
     """Positions of the robot's own joints over time, from rest to rest, at even time steps.
 

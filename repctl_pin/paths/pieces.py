@@ -25,7 +25,6 @@ _DEEPEST = 6
 
 @dataclass(frozen=True, eq=False)
 @read_only
-@read_only
 class Piece:
     """A path between two values of s.
 

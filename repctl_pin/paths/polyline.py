@@ -30,7 +30,6 @@ _PER_RADIAN = 0.1
 
 @dataclass(frozen=True, eq=False)
 @read_only
-@read_only
 class Waypoints:
     """Waypoints as a file holds them: what :func:`read_waypoints` returns, and :func:`waypoints`
     takes.

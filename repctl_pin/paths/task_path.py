@@ -48,7 +48,6 @@ class ClosedPath(Protocol):
 
 @dataclass(frozen=True, eq=False, repr=False)
 @read_only
-@read_only
 class TaskPath:
     """A closed path: a curve of the frame's origin, and its orientation, held or turning.
 
@@ -241,7 +240,6 @@ def _short(values: Array) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-@read_only
 @read_only
 class Cycle:
     """One cycle of a closed motion.

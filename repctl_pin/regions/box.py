@@ -67,7 +67,6 @@ class Region(Protocol):
 
 @dataclass(frozen=True, eq=False)
 @read_only
-@read_only
 class Box:
     """A box in joint space, ``|q_i − center_i| ≤ half_width_i``.
 
@@ -162,7 +161,7 @@ class Box:
         """Scrambled Sobol points (K, n), K the power of two from count up."""
         return self.center + self.half_width * (2 * sobol(self.n, count, seed) - 1)
 
-    def weights(self, Q: Array) -> Array:
+    def weights(self, Q: ArrayLike) -> Array:
         """What each of the points of :meth:`random` counts for: (K,), sum 1."""
         return normalised(evaluate_density(self.density, as_configurations(Q, self.n, "this box")))
 

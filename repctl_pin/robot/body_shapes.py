@@ -40,7 +40,6 @@ class UnusableShape(InputError):
 
 @dataclass(frozen=True, eq=False)
 @read_only
-@read_only
 class BodyShape:
     """A body: a convex one, or a mesh and its convex hull.
 

@@ -13,7 +13,6 @@ from ..errors import InputError
 
 @dataclass(frozen=True, eq=False)
 @read_only
-@read_only
 class Coordinates:
     """A linear change of joint coordinates, ``q = T ψ``, and what it makes of a task's limits.
 

@@ -15,7 +15,6 @@ from ..urdf.validate import Joint
 
 @dataclass(frozen=True, eq=False)
 @read_only
-@read_only
 class Coupling:
     """The map from n free joints to all N joints of a model.
 

@@ -21,7 +21,6 @@ _DIRECTIONS = np.linalg.qr(np.random.default_rng(5).normal(size=(3, 3, 3)))[0]
 
 @dataclass(frozen=True, eq=False)
 @read_only
-@read_only
 class MeshParts:
     """The connected parts of a mesh, with vertices at one place merged.
 

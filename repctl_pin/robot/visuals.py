@@ -73,7 +73,6 @@ Placed = tuple[Shape, pin.SE3]
 
 @dataclass(frozen=True, eq=False)
 @read_only
-@read_only
 class Visuals:
     """The shapes of a robot and the joints they ride on. Make it with :meth:`Visuals.of`.
 

@@ -20,7 +20,6 @@ AN_INVERSE = (
 
 @dataclass(frozen=True, eq=False)
 @read_only
-@read_only
 class Step:
     """One step of a control loop, and what was done to it.
 

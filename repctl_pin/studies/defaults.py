@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,10 +22,10 @@ from ..regions import Region, Tube
 from ..regions.box import sobol
 from ..robot.length import arm_length
 from ..robot.robot import Robot
-from ..robot.task import KINDS, Task
+from ..robot.task import KINDS, Kind, Task
 from ..strategies import Inverse, LimitWeight, Pseudoinverse, WeightedInverse
 
-PREFERRED_KINDS = ("pose", "position", "xy", "xz", "yz")
+PREFERRED_KINDS: tuple[Kind, ...] = ("pose", "position", "xy", "xz", "yz")
 """Kinds tried in this order when none is named (``axis`` on request only)."""
 
 PERIOD = 5.0
@@ -48,7 +49,7 @@ def redundant_kinds(robot: Robot, frame: str) -> dict[str, int]:
 
     The rank is looked for at 32 configurations spread over the joint limits.
     """
-    kinds = {}
+    kinds: dict[str, int] = {}
     for kind, rows in KINDS.items():
         if len(robot.chain(frame)) < len(rows):
             continue
@@ -77,7 +78,7 @@ def choose_task(
     """
     frame = robot.default_frame if frame is None else frame
     if kind is not None:
-        task = robot.task(frame, kind, joints=joints)
+        task = robot.task(frame, cast(Kind, kind), joints=joints)
         if task.r >= 1 and reaches_full_rank(task):
             return task
         others = redundant_kinds(robot, frame)

@@ -17,7 +17,6 @@ from .study_result import Study
 
 @dataclass(frozen=True, eq=False)
 @read_only
-@read_only
 class StudyMaps:
     """What a report draws beside the motions.
 

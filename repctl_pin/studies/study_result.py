@@ -98,7 +98,6 @@ class Row:
 
 @dataclass(frozen=True, eq=False)
 @read_only
-@read_only
 class Study:
     """One arm, one closed path, every strategy side by side. See :func:`study`.
 

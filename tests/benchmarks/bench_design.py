@@ -25,9 +25,7 @@ import repctl_pin as rp
 Q0 = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
 
 
-def design(
-    task: rp.Task, degree: int, samples: int, *, progress=False, **options
-) -> rp.Design:
+def design(task: rp.Task, degree: int, samples: int, *, progress=False, **options) -> rp.Design:
     return rp.nearest_repeatable(
         rp.Pseudoinverse(task),
         None,

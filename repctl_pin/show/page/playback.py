@@ -29,7 +29,6 @@ _OTHERS = (VERMILLION, BLUE, GREEN, PURPLE, ORANGE, SKY)
 
 @dataclass(frozen=True, eq=False)
 @read_only
-@read_only
 class Playback:
     """One motion of a whole robot.
 

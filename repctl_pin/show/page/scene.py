@@ -41,7 +41,6 @@ class Frames:
 
 @dataclass(frozen=True, eq=False)
 @read_only
-@read_only
 class Violation:
     """A motion beyond what the arm can do: what is said, when (in cycles), in which cycle, and
     where: (T, 3), m."""
@@ -53,7 +52,6 @@ class Violation:
 
 
 @dataclass(frozen=True, eq=False)
-@read_only
 @read_only
 class Arm:
     """One arm of the page.
