@@ -51,7 +51,8 @@ class FitOptions:
     Examples
     --------
     >>> options = rp.FitOptions(samples=512, held_out=512, seed=1)
-    >>> rp.nearest_repeatable(control, rp.Polynomial(q0, 2, 0.4), box, options=options).seed
+    >>> box = rp.Box(q0, 0.4)
+    >>> rp.nearest_repeatable(control, None, box, degree=1, options=options).seed
     1
     """
 

@@ -142,7 +142,7 @@ CALLS: dict[str, tuple[Callable[[Given], object], str]] = {
     "reach, task": (lambda g: rp.solve_ik("panda", g.q0, pin.SE3.Identity()), A_TASK),
     "reach, target": (
         lambda g: rp.solve_ik(g.task, g.q0, [0.3, 0, 0.5]),
-        "target must be a rigid transform",
+        "target must be a placement",
     ),
     "reach, q0": (
         lambda g: rp.solve_ik(g.task, "home", pin.SE3.Identity()),

@@ -57,6 +57,9 @@ class Surfaces:
     tolerance: Array
     residual: Array
 
+    def __repr__(self) -> str:
+        return f"<{self.summary()}>"
+
     @property
     def stable(self) -> Array:
         """The points on stable surfaces (·, n)."""

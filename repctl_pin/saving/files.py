@@ -96,6 +96,15 @@ def load(path: str | Path, task: Task | None = None) -> Design | CellDesign:
 def load_design(path: str | Path, task: Task | None = None) -> Design:
     """Read a design of a repeatable inverse from a file, see :func:`load`.
 
+    Parameters
+    ----------
+    path, task
+        As for :func:`load`.
+
+    Returns
+    -------
+    Design
+
     Raises
     ------
     InputError
@@ -115,6 +124,15 @@ def load_design(path: str | Path, task: Task | None = None) -> Design:
 
 def load_cell(path: str | Path, task: Task | None = None) -> CellDesign:
     """Read a function over a cell from a file, see :func:`load`.
+
+    Parameters
+    ----------
+    path, task
+        As for :func:`load`.
+
+    Returns
+    -------
+    CellDesign
 
     Raises
     ------
