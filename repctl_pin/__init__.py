@@ -1,7 +1,7 @@
 """Repeatable control for redundant robot arms.
 
-Load any URDF, measure how far the arm drifts on a closed path, and design a controller that does not
-drift. Modules are imported when one of their names is first used.
+Load any URDF, measure how far the arm drifts on a closed path, and design a controller that does
+not drift. Modules are imported when one of their names is first used.
 """
 
 from __future__ import annotations

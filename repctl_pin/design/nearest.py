@@ -82,7 +82,9 @@ def nearest_repeatable(
 
     Examples
     --------
-    >>> found = rp.nearest_repeatable(control, rp.Polynomial(q0, 2, 0.4), rp.Box(q0, 0.4), options=rp.FitOptions(samples=512, held_out=512))
+    >>> options = rp.FitOptions(samples=512, held_out=512)
+    >>> potentials, region = rp.Polynomial(q0, 2, 0.4), rp.Box(q0, 0.4)
+    >>> found = rp.nearest_repeatable(control, potentials, region, options=options)
     >>> found.converged, found.leaf_margin > 0.9
     (True, True)
     >>> qdot = found.inverse.velocity(q0, [0.1, 0.0])  # rad/s

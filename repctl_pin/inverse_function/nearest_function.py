@@ -75,7 +75,8 @@ class NoFunctionError(InputError):
     --------
     >>> far = rp.Cell(task, task.placement(q0), 3.0)  # farther than the arm reaches
     >>> try:
-    ...     rp.nearest_inverse_function(control, far, degree=1, options=rp.FitOptions(samples=64, held_out=64))
+    ...     options = rp.FitOptions(samples=64, held_out=64)
+    ...     rp.nearest_inverse_function(control, far, degree=1, options=options)
     ... except rp.NoFunctionError as error:
     ...     print(type(error).__name__)
     NoFunctionError
@@ -150,7 +151,8 @@ def nearest_inverse_function(
     Examples
     --------
     >>> cell = rp.Cell(task, task.placement(q0), 0.1)
-    >>> found = rp.nearest_inverse_function(control, cell, degree=2, options=rp.FitOptions(samples=64, held_out=64))
+    >>> options = rp.FitOptions(samples=64, held_out=64)
+    >>> found = rp.nearest_inverse_function(control, cell, degree=2, options=options)
     >>> q = found.function(task.placement(q0))  # rad, from the pose alone
     >>> bool(np.abs(task.error(q, task.placement(q0))).max() < 1e-9)
     True
