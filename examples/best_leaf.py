@@ -55,7 +55,7 @@ def main() -> None:
     """Print both, and make sure of them with ten whole cycles."""
     for name, (found, inverse, path) in {"tiago": tiago(), "panda": panda()}.items():
         print(f"{name}: {found.summary()}")
-        motion = rp.follow(inverse, path, found.q0, cycles=10, leaf_lock=2)
+        motion = rp.follow(inverse, path, found.q0, cycles=10, integrator=rp.LeafLock(2))
         kept = (
             "no joint leaves its limits"
             if motion.first_violation is None

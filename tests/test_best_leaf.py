@@ -24,7 +24,7 @@ def tiago() -> rp.Design:
 
 
 def dense(inverse: rp.RepeatableInverse, path: rp.TaskPath, q0: np.ndarray) -> rp.Motion:
-    return rp.follow(inverse, path, q0, cycles=3, steps=500, leaf_lock=2)
+    return rp.follow(inverse, path, q0, cycles=3, steps=500, integrator=rp.LeafLock(2))
 
 
 @pytest.mark.parametrize("plane, radius, angle", [("xy", 0.1, np.pi), ("yz", 0.2, 0)])

@@ -47,7 +47,8 @@ def test_it_is_the_same_object(panda_design: rp.Design, panda_pose: rp.Task) -> 
     )
     path = rp.circle(panda_pose, Q_PANDA, 0.1, normal="x")
     motions = [
-        rp.follow(one, path, Q_PANDA, cycles=2, steps=100, leaf_lock=1) for one in (inverse, fast)
+        rp.follow(one, path, Q_PANDA, cycles=2, steps=100, integrator=rp.LeafLock())
+        for one in (inverse, fast)
     ]
     assert np.abs(motions[0].q - motions[1].q).max() < 1e-11 and motions[1].drift[-1] < 1e-3
     target = panda_pose.placement(Q_PANDA + 0.1)

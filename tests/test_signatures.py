@@ -19,7 +19,7 @@ MOST = 6
 OBJECTS = {"options", "progress"}
 """Options that are objects with options of their own, and the progress callback."""
 
-MANY = {"study", "follow", "timed", "approach"}
+MANY = {"study", "timed", "approach"}
 """Functions that still take more options."""
 
 

@@ -104,7 +104,7 @@ def right_calls(folder: Path) -> list[Call]:
     inverse, tube = design.inverse, rp.Tube(Q, 0.2)
     middle = task.placement(q0).translation[:2]
     workspace = rp.WorkspaceBox(task, middle, 0.2, within=box)
-    motion = rp.follow(inverse, path, q0, cycles=2, steps=24, leaf_lock=1)
+    motion = rp.follow(inverse, path, q0, cycles=2, steps=24, integrator=rp.LeafLock())
     study = rp.study(robot, kind="xy", start=q0, path=path, cycles=1, steps=24, region=0.2)
     timed = rp.timed(motion, acceleration=10.0, rate=100.0)
     saved = rp.save(design, folder / "design.json")
@@ -132,12 +132,15 @@ def right_calls(folder: Path) -> list[Call]:
         "figure_eight": {"task": task, "q0": q0, "radius": 0.05, "normal": "z", "start_angle": 0.0},
         "follow": {
             "strategy": inverse, "path": path, "q0": q0, "cycles": 1, "steps": 12, "integrator": "rk4", "feedback": 0.0,
-            "period": 5.0, "leaf_lock": 1, "leaf": inverse.leaf(q0), "velocity_limit": 3.0, "damping": 0.01, "task": task,
+            "period": 5.0, "task": task,
         },
         "is_repeatable": {"strategy": control, "region": box, "samples": 8, "seed": 0},
         "load": {"path": saved, "task": task},
         "load_cell": {"path": saved_cell, "task": task},
         "load_design": {"path": saved, "task": task},
+        "LeafLock": {
+            "corrections": 1, "leaf": inverse.leaf(q0), "velocity_limit": 3.0, "damping": 0.01,
+        },
         "FitOptions": {
             "samples": 64, "held_out": 64, "seed": 0, "batch": 64, "stream": False, "executor": None,
             "restarts": 0, "tolerance": 1e-3,

@@ -178,7 +178,9 @@ def _pictures(design: rp.CellDesign, folder: Path, command: str) -> tuple[list[P
     path = tour(design.cell)
     try:
         q0 = design.function(path.placement(0.0))
-        motions["q = F(x)"] = rp.follow(design.inverse, path, q0, steps=_STEPS, leaf_lock=2)
+        motions["q = F(x)"] = rp.follow(
+            design.inverse, path, q0, steps=_STEPS, integrator=rp.LeafLock(2)
+        )
         motions = {
             LABELS["pseudoinverse"]: rp.follow(design.desired, path, q0, steps=_STEPS)
         } | motions

@@ -18,6 +18,7 @@ from ..strategies import Bounded, Inverse, Pseudoinverse, RepeatableInverse
 from ..strategies.strategy import AN_INVERSE, Batched
 from .follow import follow
 from .joint_motion import violations_of
+from .leaf_lock import LeafLock
 from .motion import Motion
 from .solve_ik import solve_ik
 
@@ -261,7 +262,7 @@ def _judged(
     task, length = inverse.task, arm_length(inverse.task, q0) or 1.0
     try:
         motion = replace(
-            follow(inverse, path, q0, cycles=1, steps=steps, leaf_lock=2), region=region
+            follow(inverse, path, q0, cycles=1, steps=steps, integrator=LeafLock(2)), region=region
         )
         N = nullspace(task.jacobians(motion.q))
         G, G_d = inverse.batch(motion.q), desired.batch(motion.q)

@@ -16,6 +16,7 @@ from ..robot.length import joint_scale
 from ..robot.task import Task, require_task
 from ..strategies import FunctionStrategy, OnLeaves, Strategy
 from ..strategies.control_step import speeds
+from .leaf_lock import LeafLock
 from .motion import Motion
 
 # Butcher tableaux: nodes c, matrix A (lower triangle, row by row), weights b.
@@ -33,9 +34,6 @@ INTEGRATORS: dict[
 _INSIDE = 1e-12
 """How far from a grid point, in cycles, a velocity is asked for: on the step's own side of a
 corner."""
-
-_MOST_CORRECTIONS = 1000
-"""Most corrections in a step; Newton's method has converged after a handful."""
 
 _JUMP = 1.0
 """No arm moves a joint this far in one step: the integration has failed. In rad; of prismatic
@@ -58,48 +56,37 @@ def follow(
     *,
     cycles: int = 10,
     steps: int = 500,
-    integrator: Literal["rk4", "euler"] = "rk4",
-    feedback: float = 0.0,
     period: float | None = None,
-    leaf_lock: int = 0,
-    leaf: ArrayLike | None = None,
-    velocity_limit: ArrayLike | None = None,
-    damping: float = 0.0,
+    integrator: Literal["rk4", "euler"] | LeafLock = "rk4",
+    feedback: float = 0.0,
     task: Task | None = None,
 ) -> Motion:
     """Integrate ``q̇ = strategy(q, ẋ)`` along a closed path, cycle after cycle.
 
-    With feedback, ``ẋ = ẋ_path + K e`` with e the task error. With ``leaf_lock=k`` a repeatable
-    strategy steps from point to point by k Newton corrections of both errors, ``q += J_V⁻¹ [x −
-    f(q); c − h(q)]``.
+    With feedback, ``ẋ = ẋ_path + K e`` with e the task error. With a :class:`LeafLock`, a
+    repeatable strategy steps from point to point by Newton corrections of the task error and of
+    c − h(q).
 
     Parameters
     ----------
     strategy
-        What turns ẋ, m/s and rad/s, into q̇, rad/s; any function (q, ẋ) → q̇, (n,) and (m,) → (n,),
-        with ``task=``.
+        Control strategy; or, with ``task=``, a function of q (n,) and ẋ (m,), m/s and rad/s, that
+        returns q̇ (n,), rad/s.
     path
-        The closed path; it should start where the frame is at q0.
+        Closed path; it should start where the frame is at q0.
     q0 : (n,) array
-        The start, rad (m for sliding joints), inside the joint limits.
+        Start configuration, rad (m for prismatic joints), inside the joint limits.
     cycles, steps
-        Number of cycles, and integration steps in each (a few more where there are corners).
-    integrator
-        ``rk4`` or ``euler``.
-    feedback
-        K, 1/s; 0 is open loop. With Euler, K = steps / period undoes the whole error in one step.
+        Number of cycles, and of integration steps per cycle (a few more if there are corners).
     period
-        Time of one cycle, s; by default the path's own, else 5.
-    leaf_lock
-        Corrections per step, in place of the integrator; 0 is no leaf lock.
-    leaf : (r,) array, optional
-        With the leaf lock: c, by default h(q0).
-    velocity_limit : float or (n,) array, optional
-        With the leaf lock: joint speeds not to exceed, rad/s.
-    damping
-        With the leaf lock: λ_max near singularities, see :meth:`RepeatableInverse.step`.
+        Period, s; by default the path's own, else 5.
+    integrator
+        Runge–Kutta method, ``"rk4"`` or ``"euler"``; or a :class:`LeafLock`.
+    feedback
+        Gain K, 1/s; 0 is open loop. With Euler, K = steps / period corrects the whole error in one
+        step.
     task
-        What a plain function controls.
+        Task that a function controls.
 
     Returns
     -------
@@ -137,43 +124,29 @@ def follow(
         strategy = FunctionStrategy(task, strategy)
     task = strategy.task
     q = task.check(q0, "the start")
-    require_choice(integrator, INTEGRATORS, "integrator")
+    if not isinstance(integrator, LeafLock):
+        require_choice(integrator, INTEGRATORS, "integrator")
     cycles, steps = as_int(cycles, "cycles", 1), as_int(steps, "steps", 1)
-    leaf_lock, damping = (
-        as_int(leaf_lock, "leaf_lock", 0, _MOST_CORRECTIONS),
-        positive(damping, "damping", zero=True),
-    )
     check_length(task, cycles, steps)
     period = positive((path.period or 5.0) if period is None else period, "the period", "s")
     feedback = positive(feedback, "the feedback gain", zero=True)
-    if not leaf_lock and (leaf is not None or velocity_limit is not None or damping):
-        raise InputError(
-            "leaf=, velocity_limit= and damping= belong to the leaf lock; give leaf_lock=1 with them"
-        )
     gap = float(np.linalg.norm(task.error(q, path.placement(0.0))))
-    if gap > 1e-3 and not feedback and not leaf_lock:
+    if gap > 1e-3 and not feedback and not isinstance(integrator, LeafLock):
         raise InputError(
             f"the path starts {gap:.3g} m (or rad) away from the frame; use rp.solve_ik() first, or feedback"
         )
 
     grid = _grid(path, steps)
-    if leaf_lock:
+    if isinstance(integrator, LeafLock):
         if feedback:
             raise InputError(
-                "feedback= is the integrator's; the leaf lock corrects the error itself, so leave it out"
+                "feedback= and a leaf lock are mutually exclusive; leave feedback= out"
             )
         if not isinstance(strategy, OnLeaves):
             raise InputError(
                 "only a repeatable strategy, such as design.inverse, has leaves to lock to"
             )
-        c = (
-            strategy.leaf(q)
-            if leaf is None
-            else vector(leaf, task.r, "the leaf c = h(q)", "one per potential")
-        )
-        advance, at_end = _locked(
-            strategy, path, grid, period, leaf_lock, c, velocity_limit, damping
-        )
+        advance, at_end = _locked(strategy, path, grid, q, period, integrator)
     else:
         advance, at_end = _integrated(strategy, path, grid, q, period, integrator, feedback)
     Q, Qdot, used = _run(advance, at_end, task, path, grid, q, cycles)
@@ -300,17 +273,20 @@ def _locked(
     strategy: OnLeaves,
     path: TaskPath,
     grid: Array,
+    q: Array,
     period: float,
-    corrections: int,
-    c: Array,
-    velocity_limit: ArrayLike | None,
-    damping: float,
+    lock: LeafLock,
 ) -> tuple[Advance, None]:
     """Make the step from point to point on a leaf; its velocity is the mean."""
+    corrections, damping, r = lock.corrections, lock.damping, strategy.task.r
+    if lock.leaf is None:
+        c = strategy.leaf(q)
+    else:
+        c = vector(lock.leaf, r, "the leaf c = h(q)", "one per potential")
     targets, times = [path.placement(float(s)) for s in grid[1:]], np.diff(grid) * period
-    most = (
-        None if velocity_limit is None else speeds(velocity_limit, strategy.task.n) / corrections
-    )  # shared by the corrections
+    most = None
+    if lock.velocity_limit is not None:  # shared by the corrections
+        most = speeds(lock.velocity_limit, strategy.task.n) / corrections
 
     def advance(k: int, q: Array) -> tuple[Array, Array, float]:
         start, h, used = q, float(times[k]), 0.0
