@@ -152,6 +152,11 @@ def test_results_print_in_words(results: dict[str, Any], name: str) -> None:
     assert "array(" not in text and " object at 0x" not in text and len(text) < 250
 
 
+def test_every_class_at_the_door_has_a_repr() -> None:
+    classes = [getattr(rp, name) for name in dir(rp) if inspect.isclass(getattr(rp, name))]
+    assert [kind for kind in classes if kind.__repr__ is object.__repr__] == []
+
+
 def test_strategies_print_in_words(results: dict[str, Any]) -> None:
     design = results["design"]
     task, q0 = design.task, design.region.center
