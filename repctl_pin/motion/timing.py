@@ -519,7 +519,7 @@ def approach(
     q_now: ArrayLike,
     motion: Motion,
     *,
-    to: str = "start",
+    to: Literal["start", "nearest"] = "start",
     acceleration: ArrayLike | str | None = None,
     velocity: ArrayLike | None = None,
     jerk: ArrayLike | str | None = None,
