@@ -127,7 +127,9 @@ class JointMotion:
 
         Bodies are the URDF's collision shapes, meshes as their convex hulls. 0 if only hulls touch,
         inf without shapes. See :class:`Bodies`."""
-        return bodies_of(self.task).distances(self.q)
+        distances = bodies_of(self.task).distances(self.q)
+        distances.setflags(write=False)
+        return distances
 
     @cached_property
     def nearest_bodies(self) -> tuple[float, Nearest]:
