@@ -1,4 +1,4 @@
-"""Follow a closed path, cycle after cycle, and measure what became of the joints."""
+"""Follow a closed path, cycle after cycle, and measure drift and tracking error."""
 
 from __future__ import annotations
 
@@ -32,15 +32,15 @@ INTEGRATORS: dict[
 }
 
 _INSIDE = 1e-12
-"""How far from a grid point, in cycles, a velocity is asked for: on the step's own side of a
-corner."""
+"""Distance from a grid point, in cycles, at which a velocity is evaluated: on the step's own side of
+a corner."""
 
 _JUMP = 1.0
-"""No arm moves a joint this far in one step: the integration has failed. In rad; of prismatic
-joints in lengths of the arm or of the path."""
+"""Joint motion in one step above which the integration has failed: rad; for prismatic joints,
+lengths of the arm or of the path."""
 
 _MOST = 100_000_000
-"""Numbers that a motion may hold: 0.8 GB of positions, and as much of velocities."""
+"""Maximum number of positions of a motion: 0.8 GB, and as much for the velocities."""
 
 Advance = Callable[[int, Array], tuple[Array, Array, float]]
 """Step of a cycle, q → q after it, q̇ where it begins (on a leaf: its mean), and the damping that
@@ -115,7 +115,10 @@ def follow(
         require_task(task)
     path = closed_path(path)
     if not isinstance(strategy, Strategy):
-        what = "a control, such as rp.Pseudoinverse(task) or design.inverse, or a function of (q, xdot)"
+        what = (
+            "a control, such as rp.Pseudoinverse(task) or design.inverse, "
+            "or a function of (q, xdot)"
+        )
         function(strategy, "strategy", what, 2)
         if task is None:
             raise InputError(
@@ -133,7 +136,8 @@ def follow(
     gap = float(np.linalg.norm(task.error(q, path.placement(0.0))))
     if gap > 1e-3 and not feedback and not isinstance(integrator, LeafLock):
         raise InputError(
-            f"the path starts {gap:.3g} m (or rad) away from the frame; use rp.solve_ik() first, or feedback"
+            f"the path starts {gap:.3g} m (or rad) away from the frame; "
+            "use rp.solve_ik() first, or feedback"
         )
 
     grid = _grid(path, steps)
@@ -207,9 +211,9 @@ def _run(
                 ) from None
             if not (np.abs(following - q) < most_step).all():
                 raise SingularityError(
-                    f"the joints jump by more than {_JUMP:g} rad, or the arm's length, in one step, in cycle "
-                    f"{1 + step // n_steps} of {path.name}: the arm is at a singularity, the path out of reach, or the "
-                    "steps too few"
+                    f"a joint moves by more than {_JUMP:g} rad (prismatic: one arm length) "
+                    f"in one step in cycle {1 + step // n_steps} of {path.name}: the arm is near "
+                    "a singularity, the path is out of reach, or there are too few steps"
                 )
             Q[step + 1] = q = following
             used = max(used, damping)
