@@ -32,8 +32,8 @@ INTEGRATORS: dict[
 }
 
 _INSIDE = 1e-12
-"""Distance from a grid point, in cycles, at which a velocity is evaluated: on the step's own side of
-a corner."""
+"""Distance from a grid point, in cycles, at which a velocity is evaluated: on the step's own side
+of a corner."""
 
 _JUMP = 1.0
 """Joint motion in one step above which the integration has failed: rad; for prismatic joints,
