@@ -37,6 +37,8 @@ def made_by_functions(name: str) -> bool:
 
 
 def public_callables() -> Iterator[tuple[str, Callable[..., Any]]]:
+    for name, formula in inspect.getmembers(rp.redundancy, inspect.isfunction):
+        yield f"redundancy.{name}", formula
     for name in dir(rp):
         thing = getattr(rp, name)
         if inspect.isfunction(thing):
