@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 from . import criterion
 from .batches import Batches
 from .criterion import SignCount
@@ -23,7 +23,8 @@ _DAMPING, _LEAST_DAMPING = 1e-4, 1e-7
 _EMPHASIS = (1.0, 0.1, 0.01)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Descent:
     """Where an optimisation ended.
 
@@ -50,7 +51,8 @@ class Descent:
     sides: SignCount
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Start:
     """Where a descent begins, and the penalty that keeps it near the null space's own potentials.
 

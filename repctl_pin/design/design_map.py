@@ -7,15 +7,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 from ..errors import InputError, SingularityError
+from ..fit_options import FitOptions
 from ..potentials.polynomial import Polynomial
 from ..progress import Report, silent
 from .design_result import Design
 from .singularities import LeafMargin
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class DesignMap:
     """What a design does over two joints, the others at the center of Ω.
 
@@ -104,7 +106,10 @@ def degree_curve(design: Design, report: Report = silent) -> tuple[tuple[int, fl
             continue
         try:
             one = nearest_repeatable(
-                design.desired, lower, design.region, held_out=design.held_out, seed=design.seed
+                design.desired,
+                lower,
+                design.region,
+                options=FitOptions(held_out=design.held_out, seed=design.seed),
             )
         except SingularityError:
             continue

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..arguments import MOST_NODES, Array, as_int, function, limits, require_type, shown
+from ..arguments import MOST_NODES, Array, as_int, function, limits, read_only, require_type, shown
 from ..blas import one_blas_thread
 from ..errors import InputError, SingularityError
 from ..regions import Region
@@ -24,7 +24,8 @@ _SAME = 1e-14
 """Costs nearer than this, relatively, cannot be told apart in double precision."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class FamilyDesign:
     """The best member of a family, and whether it is the only one.
 
@@ -53,10 +54,12 @@ class FamilyDesign:
 
     Examples
     --------
+    >>> from repctl_pin.design import nearest_in_family
     >>> def tilted(k):
     ...     return rp.RepeatableInverse(task, rp.Polynomial(q0, 1).weighted([[1.0], [k], [1.0]]))
     ...
-    >>> found = rp.nearest_in_family(control, tilted, rp.Box(q0, 0.2), bounds=(-3.0, 0.0), samples=256)
+    >>> bounds = (-3.0, 0.0)
+    >>> found = nearest_in_family(control, tilted, rp.Box(q0, 0.2), bounds=bounds, samples=256)
     >>> -3 < found.parameter < 0, found.cost > 0
     (True, True)
     """
@@ -147,10 +150,12 @@ def nearest_in_family(
 
     Examples
     --------
+    >>> from repctl_pin.design import nearest_in_family
     >>> def tilted(k):
     ...     return rp.RepeatableInverse(task, rp.Polynomial(q0, 1).weighted([[1.0], [k], [1.0]]))
     ...
-    >>> found = rp.nearest_in_family(control, tilted, rp.Box(q0, 0.2), bounds=(-3.0, 0.0), samples=256)
+    >>> bounds = (-3.0, 0.0)
+    >>> found = nearest_in_family(control, tilted, rp.Box(q0, 0.2), bounds=bounds, samples=256)
     >>> found.unique
     True
     """

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 from ..errors import SingularityError
 from ..potentials.basis import Potentials
 from ..regions import Region
@@ -46,7 +46,8 @@ class SingularRegionError(SingularityError):
     --------
     >>> wide = rp.Box(q0, 3.0)  # reaches singular configurations
     >>> try:
-    ...     rp.nearest_repeatable(control, rp.Polynomial(q0, 2, 3.0), wide, samples=512, held_out=512)
+    ...     options = rp.FitOptions(samples=512, held_out=512)
+    ...     rp.nearest_repeatable(control, rp.Polynomial(q0, 2, 3.0), wide, options=options)
     ... except rp.SingularRegionError as error:
     ...     print(type(error).__name__)
     SingularRegionError
@@ -65,7 +66,8 @@ class SingularRegionError(SingularityError):
         return SingularRegionError(self.finding, self.at, self.free, remedy)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Lowest:
     """The lowest value of a measure found in a region, and where.
 

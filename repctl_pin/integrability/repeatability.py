@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..arguments import MOST_NODES, Array, as_int, require_type
+from ..arguments import MOST_NODES, Array, as_int, read_only, require_type
 from ..errors import InputError, SingularityError
 from ..redundancy.inverses import inverse_condition_number
 from ..regions import Region
@@ -20,7 +20,8 @@ _BLIND = 1e-3
 _NEAR_SINGULAR = 1e-3
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Repeatability:
     """Result of the repeatability test of an inverse in a region; true in an ``if`` if repeatable.
 

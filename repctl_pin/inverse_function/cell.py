@@ -20,12 +20,12 @@ from ..arguments import (
     as_numbers,
     freeze,
     positive,
-    require_type,
+    read_only,
     shown,
     vector,
 )
 from ..errors import InputError
-from ..robot.formulas import require_rotation
+from ..robot.formulas import Placement, as_placement, as_placements, require_rotation
 from ..robot.task import Task, require_task
 from .kinematics import placed
 from .rotations import exp3, left_jacobian, log3, tilts
@@ -40,7 +40,8 @@ TURNED = 1e-6
 """How far, rad, a target may be turned away from a cell of one orientation."""
 
 
-@dataclass(frozen=True, init=False)
+@dataclass(frozen=True, eq=False, init=False)
+@read_only
 class Cell:
     r"""All placements ``p = p_0 + w ∘ u``, ``R = exp(\hat ω) R_0`` with ``ω = θ ∘ u``, every
     ``|u_i| ≤ 1``.
@@ -90,7 +91,7 @@ class Cell:
     def __init__(
         self,
         task: Task,
-        placement: pin.SE3 | ArrayLike,
+        placement: Placement,
         half_width: ArrayLike,
         half_angle: ArrayLike = 0.0,
     ) -> None:
@@ -120,7 +121,7 @@ class Cell:
     def around(
         cls,
         task: Task,
-        poses: Sequence[pin.SE3] | object,
+        poses: Sequence[Placement] | object,
         margin: ArrayLike = 0.02,
         half_angle: ArrayLike = 0.0,
     ) -> Cell:
@@ -141,15 +142,11 @@ class Cell:
         require_task(task)
         if hasattr(poses, "placement"):
             poses = [poses.placement(s) for s in np.linspace(0, 1, 2001)]
-        if (
-            not isinstance(poses, Sequence)
-            or not poses
-            or not all(isinstance(x, pin.SE3) for x in poses)
-        ):
-            raise InputError(
-                "a cell goes around a list of placements (pinocchio.SE3), or a closed path"
-            )
-        p, R = stacked(task, poses, "placement")
+        what = "a list of placements, or a closed path"
+        listed = as_placements(poses, "placement", what)
+        if not listed:
+            raise InputError(f"placements must be {what}, not an empty list")
+        p, R = stacked(task, listed, "placement")
         middle = pin.SE3(R[0], (p.max(axis=0) + p.min(axis=0)) / 2)
         positions, turns = min(3, task.m), task.m - min(3, task.m)
         unit = cls(task, middle, 1.0, 0.1 if turns else 0.0)
@@ -207,7 +204,7 @@ class Cell:
         p, R = self.placements(vector(u, self.k, "u", "one per coordinate of the cell")[None])
         return pin.SE3(R[0].copy(), p[0])
 
-    def coordinates(self, p: Array, R: Array) -> tuple[Array, Array]:
+    def coordinates(self, p: ArrayLike, R: ArrayLike) -> tuple[Array, Array]:
         """Find the coordinates u of placements, and how far they are turned off what the cell
         holds.
 
@@ -227,7 +224,7 @@ class Cell:
         on = self.widths > 0
         return Y[:, on] / self.widths[on], np.abs(Y[:, ~on]).max(axis=1, initial=0.0)
 
-    def coordinates_of(self, target: pin.SE3) -> Array:
+    def coordinates_of(self, target: Placement) -> Array:
         """Find the coordinates u (k,) of one placement that has to lie in the cell.
 
         Raises
@@ -235,10 +232,10 @@ class Cell:
         InputError
             If it lies outside; the message says which way and how far.
         """
-        require_type(target, pin.SE3, "target", "a placement (pinocchio.SE3)")
+        target = as_placement(target)
         return self.inside(*self.coordinates(*stacked(self.task, [target], "target")))[0]
 
-    def inside(self, U: Array, off: Array) -> Array:
+    def inside(self, U: ArrayLike, off: ArrayLike) -> Array:
         """Take coordinates that have to lie in the cell, or say which does not."""
         U, off = as_matrices(("U", U, f"K {self.k}"), ("off", off, "K"), exact=True, finite=False)
         bad = ~((np.abs(U) <= 1 + _INSIDE).all(axis=1) & (off <= TURNED))
@@ -259,7 +256,7 @@ class Cell:
             f"and the cell goes to ±{width:.3g}"
         )
 
-    def ratio(self, Q: Array) -> Array:
+    def ratio(self, Q: ArrayLike) -> Array:
         """By what factor the cell would have to grow for each row of Q (K, n) to reach its edge:
         above 1 is outside."""
         U, off = self.coordinates(
@@ -270,7 +267,7 @@ class Cell:
     # ---- velocities
     # --------------------------------------------------------------------------------
 
-    def twists(self, U: Array, R: Array) -> Array:
+    def twists(self, U: ArrayLike, R: ArrayLike) -> Array:
         """Evaluate E = ∂x/∂u in the rows of the task's velocity, (K, m, k), m and rad.
 
         Parameters
@@ -283,14 +280,14 @@ class Cell:
         U, R = as_matrices(("U", U, f"K {self.k}"), ("R", R, "K 3 3"), exact=True, finite=False)
         return self._all_twists(self.spread(U), R)[:, :, self.widths > 0] * self._active_widths
 
-    def slopes(self, p: Array, R: Array) -> tuple[Array, Array]:
+    def slopes(self, p: ArrayLike, R: ArrayLike) -> tuple[Array, Array]:
         """Evaluate u and ∂u/∂x at placements: (K, k) and (K, k, m)."""
         p, R = as_matrices(("p", p, "K 3"), ("R", R, "K 3 3"), exact=True, finite=False)
         Y, on = self._measured(p, R), self.widths > 0
         slopes = np.linalg.inv(self._all_twists(Y, R))[:, on] / self._active_widths[:, None]
         return Y[:, on] / self._active_widths, slopes
 
-    def speeds(self, U: Array) -> Array:
+    def speeds(self, U: ArrayLike) -> Array:
         """Evaluate ``(EᵀE)^(−1/2)`` (K, k, k), which makes ∂F/∂u joint speeds per unit of task
         speed."""
         _, R = self.placements(U)
@@ -298,7 +295,7 @@ class Cell:
         s, V = np.linalg.eigh(np.swapaxes(E, 1, 2) @ E)
         return (V / np.sqrt(s)[:, None, :]) @ np.swapaxes(V, 1, 2)
 
-    def errors(self, p_goal: Array, R_goal: Array, p: Array, R: Array) -> Array:
+    def errors(self, p_goal: ArrayLike, R_goal: ArrayLike, p: ArrayLike, R: ArrayLike) -> Array:
         """Measure the task errors (K, m) from placements to goals, as :meth:`Task.error` does."""
         p_goal, R_goal, p, R = as_matrices(
             ("p_goal", p_goal, "K 3"), ("R_goal", R_goal, "K 3 3"), ("p", p, "K 3"), ("R", R, "K 3 3"),
@@ -403,7 +400,7 @@ class Cell:
             Y[:, 3:] = tilts(np.broadcast_to(R_0, R.shape), R)
         return Y
 
-    def vectors(self, turns: Array) -> Array:
+    def vectors(self, turns: ArrayLike) -> Array:
         """Rotation vectors (K, 3), base axes, of the turns (K, 3) or (K, 2)."""
         (turns,) = as_matrices(
             ("turns", turns, f"K {3 if self.task.kind == 'pose' else 2}"), exact=True, finite=False

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 from ..strategies.strategy import Batched
 from .chart import Chart, Points
 from .margins import Margin
@@ -21,7 +21,8 @@ _MOST = 30
 _ENOUGH = 1e-4
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Value:
     """The cost at some coefficients.
 
@@ -46,7 +47,8 @@ class Value:
     ds: Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Penalty:
     """A margin with a price.
 
@@ -194,7 +196,8 @@ def _hinge(part: Penalty, Q: Array) -> Array:
     return np.maximum(0.0, part.asked[:, None] - part.margin.measure(Q))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Descent:
     """Where Gauss–Newton ended.
 

@@ -10,9 +10,10 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, as_matrices, as_numbers, list_of, require_type, vector
+from ..arguments import Array, as_matrices, as_numbers, vector
 from ..errors import InputError
 from ..redundancy import leaf_margin
+from ..robot.formulas import Placement, as_placement, as_placements
 from ..robot.task import Task
 from ..strategies import RepeatableInverse
 from ..threads import PerThread
@@ -70,13 +71,13 @@ class InverseFunction:
         """The task whose inverse it is."""
         return self.chart.cell.task
 
-    def __call__(self, target: pin.SE3, *, leaf: ArrayLike | None = None) -> Array:
+    def __call__(self, target: Placement, *, leaf: ArrayLike | None = None) -> Array:
         """Evaluate F: the joints (n,) for a pose of the cell.
 
         Parameters
         ----------
-        target
-            x.
+        target : pinocchio.SE3 or (4, 4) array
+            Pose x of the frame.
         leaf : (r,) array, optional
             c, the elbow moved along the self-motion; see :meth:`leaves`. By default 0.
 
@@ -86,6 +87,8 @@ class InverseFunction:
             If the target lies outside the cell or is no rigid transform, or F has no joints inside
             the limits there.
         """
+        if not isinstance(target, pin.SE3):
+            target = as_placement(target)
         try:
             c = None if leaf is None else self._leaf(leaf)
             q = self._evaluate.own(target, c)
@@ -96,7 +99,9 @@ class InverseFunction:
             raise self._beyond(q, target)
         return q
 
-    def batch(self, targets: Sequence[pin.SE3] | Array, *, leaf: ArrayLike | None = None) -> Array:
+    def batch(
+        self, targets: Sequence[Placement] | Array, *, leaf: ArrayLike | None = None
+    ) -> Array:
         """Evaluate F at many targets, placements or coordinates U (K, k) of the cell: (K, n).
 
         Raises
@@ -128,7 +133,7 @@ class InverseFunction:
             raise InputError(f"target {at}: {self._beyond(points.Q[at], cell.at(U[at]))}")
         return points.Q
 
-    def jacobian(self, target: pin.SE3, *, leaf: ArrayLike | None = None) -> Array:
+    def jacobian(self, target: Placement, *, leaf: ArrayLike | None = None) -> Array:
         """Evaluate ∂F/∂x (n, m): joint speeds for the task's velocity, rad or m per m and rad."""
         return self.inverse(self(target, leaf=leaf))
 
@@ -138,7 +143,7 @@ class InverseFunction:
         its Ω is the cell."""
         return RepeatableInverse(self.task, CellPotentials(self.chart), region=self.cell)
 
-    def leaves(self, target: pin.SE3) -> Array:
+    def leaves(self, target: Placement) -> Array:
         """Find how far the elbow can be moved at a pose: the interval of each c_j, the others 0, as
         (r, 2).
 
@@ -159,17 +164,14 @@ class InverseFunction:
             step[~good] /= 2
         return np.stack([-done[:r], done[r:]], axis=1)
 
-    def _targets(self, targets: Sequence[pin.SE3] | Array) -> list[pin.SE3] | Array:
+    def _targets(self, targets: Sequence[Placement] | Array) -> list[pin.SE3] | Array:
         """Take placements, or coordinates U (K, k)."""
-        if isinstance(targets, np.ndarray):
+        if isinstance(targets, np.ndarray) and targets.ndim != 3:
             return as_matrices(
                 ("coordinates of this cell", targets, f"K {self.cell.k}"), exact=True, finite=False
             )[0]
-        a_target = "a placement (pinocchio.SE3)"
-        listed = list_of(
-            targets, "targets", "a list of placements, or an array of coordinates (K, k)"
-        )
-        return [require_type(one, pin.SE3, f"target {i}", a_target) for i, one in enumerate(listed)]
+        what = "a list of placements, or an array of coordinates (K, k)"
+        return as_placements(targets, "target", what)
 
     def _leaf(self, leaf: ArrayLike) -> Array:
         array = as_numbers(leaf)

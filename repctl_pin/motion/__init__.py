@@ -16,6 +16,7 @@ from .best_leaf import BestLeaf as BestLeaf
 from .best_leaf import best_leaf as best_leaf
 from .follow import check_length as check_length
 from .follow import follow as follow
+from .leaf_lock import LeafLock as LeafLock
 from .motion import Motion as Motion
 from .run import Run as Run
 from .solve_ik import check_reach as check_reach

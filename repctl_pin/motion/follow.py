@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from itertools import pairwise
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,6 +16,7 @@ from ..robot.length import joint_scale
 from ..robot.task import Task, require_task
 from ..strategies import FunctionStrategy, OnLeaves, Strategy
 from ..strategies.control_step import speeds
+from .leaf_lock import LeafLock
 from .motion import Motion
 
 # Butcher tableaux: nodes c, matrix A (lower triangle, row by row), weights b.
@@ -30,18 +32,15 @@ INTEGRATORS: dict[
 }
 
 _INSIDE = 1e-12
-"""Distance from a grid point at which a twist is evaluated, cycles; on the step's side of a
-corner."""
-
-_MOST_CORRECTIONS = 1000
-"""Maximum number of corrections per step; Newton's method converges within about five."""
+"""Distance from a grid point, in cycles, at which a velocity is evaluated: on the step's own side
+of a corner."""
 
 _JUMP = 1.0
-"""Joint motion per step from which the integration counts as failed, rad; for prismatic joints in
+"""Joint motion in one step above which the integration has failed: rad; for prismatic joints,
 lengths of the arm or of the path."""
 
 _MOST = 100_000_000
-"""Maximum number of joint positions of a motion: 0.8 GB, and as much for velocities."""
+"""Maximum number of positions of a motion: 0.8 GB, and as much for the velocities."""
 
 Advance = Callable[[int, Array], tuple[Array, Array, float]]
 """Function (step of the cycle, q) → next q, q̇ at the start of the step (on a leaf: its mean),
@@ -57,50 +56,37 @@ def follow(
     *,
     cycles: int = 10,
     steps: int = 500,
-    integrator: str = "rk4",
-    feedback: float = 0.0,
     period: float | None = None,
-    leaf_lock: int = 0,
-    leaf: ArrayLike | None = None,
-    velocity_limit: ArrayLike | None = None,
-    damping: float = 0.0,
+    integrator: Literal["rk4", "euler"] | LeafLock = "rk4",
+    feedback: float = 0.0,
     task: Task | None = None,
 ) -> Motion:
     """Integrate ``q̇ = strategy(q, ẋ)`` along a closed path, cycle after cycle.
 
-    With feedback, ``ẋ = ẋ_path + K e`` with e the task error. With ``leaf_lock=k``, a repeatable
-    strategy moves from point to point by k Newton corrections of both errors, ``q += J_V⁻¹ [x −
-    f(q); c − h(q)]``.
+    With feedback, ``ẋ = ẋ_path + K e`` with e the task error. With a :class:`LeafLock`, a
+    repeatable strategy steps from point to point by Newton corrections of the task error and of
+    c − h(q).
 
     Parameters
     ----------
     strategy
-        Controller (q, ẋ) → q̇, with ẋ (m,) in m/s and rad/s and q̇ (n,) in rad/s; a plain function
-        requires ``task=``.
+        Control strategy; or, with ``task=``, a function of q (n,) and ẋ (m,), m/s and rad/s, that
+        returns q̇ (n,), rad/s.
     path
-        Closed path that starts at the frame's placement at q0.
+        Closed path; it should start where the frame is at q0.
     q0 : (n,) array
-        Start configuration, rad (m for prismatic joints), within the joint limits.
+        Start configuration, rad (m for prismatic joints), inside the joint limits.
     cycles, steps
-        Number of cycles, and of integration steps per cycle (a few more if the path has corners).
+        Number of cycles, and of integration steps per cycle (a few more if there are corners).
+    period
+        Period, s; by default the path's own, else 5.
     integrator
-        ``rk4`` or ``euler``.
+        Runge–Kutta method, ``"rk4"`` or ``"euler"``; or a :class:`LeafLock`.
     feedback
         Gain K, 1/s; 0 is open loop. With Euler, K = steps / period corrects the whole error in one
         step.
-    period
-        Period, s; by default the path's, else 5.
-    leaf_lock
-        Number of Newton corrections per step, instead of the integrator; 0 is no leaf lock.
-    leaf : (r,) array, optional
-        Level c for the leaf lock; by default h(q0).
-    velocity_limit : float or (n,) array, optional
-        Maximum joint speeds for the leaf lock, rad/s.
-    damping
-        Maximum damping λ_max for the leaf lock near singularities, see
-        :meth:`RepeatableInverse.step`.
     task
-        Task that a plain function controls.
+        Task that a function controls.
 
     Returns
     -------
@@ -138,41 +124,30 @@ def follow(
         strategy = FunctionStrategy(task, strategy)
     task = strategy.task
     q = task.check(q0, "the start")
-    require_choice(integrator, INTEGRATORS, "integrator")
+    if not isinstance(integrator, LeafLock):
+        require_choice(integrator, INTEGRATORS, "integrator")
     cycles, steps = as_int(cycles, "cycles", 1), as_int(steps, "steps", 1)
-    leaf_lock = as_int(leaf_lock, "leaf_lock", 0, _MOST_CORRECTIONS)
-    damping = positive(damping, "damping", zero=True)
     check_length(task, cycles, steps)
     period = positive((path.period or 5.0) if period is None else period, "the period", "s")
     feedback = positive(feedback, "the feedback gain", zero=True)
-    if not leaf_lock and (leaf is not None or velocity_limit is not None or damping):
-        raise InputError(
-            "leaf=, velocity_limit= and damping= require the leaf lock; add leaf_lock=1"
-        )
     gap = float(np.linalg.norm(task.error(q, path.placement(0.0))))
-    if gap > 1e-3 and not feedback and not leaf_lock:
+    if gap > 1e-3 and not feedback and not isinstance(integrator, LeafLock):
         raise InputError(
             f"the path starts {gap:.3g} m (or rad) away from the frame; "
             "use rp.solve_ik() first, or feedback"
         )
 
     grid = _grid(path, steps)
-    if leaf_lock:
+    if isinstance(integrator, LeafLock):
         if feedback:
             raise InputError(
-                "feedback= and leaf_lock= are mutually exclusive: "
-                "the leaf lock corrects the task error itself"
+                "feedback= and a leaf lock are mutually exclusive; leave feedback= out"
             )
         if not isinstance(strategy, OnLeaves):
-            raise InputError("leaf_lock= requires a repeatable strategy, such as design.inverse")
-        c = (
-            strategy.leaf(q)
-            if leaf is None
-            else vector(leaf, task.r, "the level c = h(q)", "one per potential")
-        )
-        advance, at_end = _locked(
-            strategy, path, grid, period, leaf_lock, c, velocity_limit, damping
-        )
+            raise InputError(
+                "only a repeatable strategy, such as design.inverse, has leaves to lock to"
+            )
+        advance, at_end = _locked(strategy, path, grid, q, period, integrator)
     else:
         advance, at_end = _integrated(strategy, path, grid, q, period, integrator, feedback)
     Q, Qdot, used = _run(advance, at_end, task, path, grid, q, cycles)
@@ -298,24 +273,31 @@ def _locked(
     strategy: OnLeaves,
     path: TaskPath,
     grid: Array,
+    q: Array,
     period: float,
-    corrections: int,
-    c: Array,
-    velocity_limit: ArrayLike | None,
-    damping: float,
+    lock: LeafLock,
 ) -> tuple[Advance, None]:
     """Create the step from point to point on a leaf; its velocity is the mean."""
+    corrections, damping, r = lock.corrections, lock.damping, strategy.task.r
+    if lock.leaf is None:
+        c = strategy.leaf(q)
+    else:
+        c = vector(lock.leaf, r, "the level c = h(q)", "one per potential")
     targets, times = [path.placement(float(s)) for s in grid[1:]], np.diff(grid) * period
-    most = (
-        None if velocity_limit is None else speeds(velocity_limit, strategy.task.n) / corrections
-    )  # shared by the corrections
+    most = None
+    if lock.velocity_limit is not None:  # shared by the corrections
+        most = speeds(lock.velocity_limit, strategy.task.n) / corrections
 
     def advance(k: int, q: Array) -> tuple[Array, Array, float]:
         start, h, used = q, float(times[k]), 0.0
         for _ in range(corrections):
-            q = strategy.step(q, targets[k], h, leaf=c, velocity_limit=most, damping=damping)
             if damping:
-                used = max(used, strategy.damping)
+                step = strategy.damped_step(
+                    q, targets[k], h, leaf=c, velocity_limit=most, damping=damping
+                )
+                q, used = step.q, max(used, step.damping)
+            else:
+                q = strategy.step(q, targets[k], h, leaf=c, velocity_limit=most)
         return q, (q - start) / h, used
 
     return advance, None

@@ -9,13 +9,22 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import KDTree
 
-from ..arguments import Array, as_configurations, as_matrices, freeze, per_joint, positive
+from ..arguments import (
+    Array,
+    as_configurations,
+    as_matrices,
+    freeze,
+    per_joint,
+    positive,
+    read_only,
+)
 from .box import Box, Density, check_density, evaluate_density, normalised, sobol, span
 
 _MOST_SAMPLES = 256
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
+@read_only
 class Tube:
     """All q within ``|q_i − s_i| ≤ radius_i`` of a joint sample s: a box drawn along a motion.
 
@@ -81,7 +90,7 @@ class Tube:
         which = np.minimum((u[:, 0] * len(self.samples)).astype(int), len(self.samples) - 1)
         return self.samples[which] + self.radius * (2 * u[:, 1:] - 1)
 
-    def weights(self, Q: Array) -> Array:
+    def weights(self, Q: ArrayLike) -> Array:
         """What each of the points of :meth:`random` counts for: (K,), sum 1."""
         return normalised(
             evaluate_density(self.density, as_configurations(Q, self.samples.shape[1], "this tube"))
@@ -99,8 +108,9 @@ class Tube:
         """Say which rows of Q (K, n) lie inside."""
         return self.ratio(Q) <= 1 + 1e-12
 
-    def clip(self, Q: Array) -> Array:
+    def clip(self, Q: ArrayLike) -> Array:
         """Move points that have left the tube to the box of the nearest sample: (K, n)."""
+        Q = as_configurations(Q, self.samples.shape[1], "this tube")
         nearest = self.samples[self._nearest(Q)[0]]
         return np.clip(Q, nearest - self.radius, nearest + self.radius)
 

@@ -16,6 +16,7 @@ from ..arguments import (
     freeze,
     per_joint,
     positive,
+    read_only,
     require_type,
     vector,
 )
@@ -26,7 +27,8 @@ from .box import Box, Density, check_density, evaluate_density, normalised, span
 _MOST_DRAWS = 2**18
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class WorkspaceBox:
     """All q of a box of joints whose frame lies in a box of the workspace, ``|p_i − center_i| ≤
     half_width_i``.
@@ -111,7 +113,7 @@ class WorkspaceBox:
         """Scrambled Sobol points of ``within`` whose frame lies in the box: (count, n)."""
         return self._draw(count, seed)
 
-    def weights(self, Q: Array) -> Array:
+    def weights(self, Q: ArrayLike) -> Array:
         """``√det(J Jᵀ)``, scaled to sum 1: (K,)."""
         Q = as_configurations(Q, self.task.n, "this box")
         J = self.task.jacobians(Q)
@@ -132,7 +134,7 @@ class WorkspaceBox:
         """Say which rows of Q (K, n) lie inside."""
         return self.ratio(Q) <= 1 + 1e-12
 
-    def clip(self, Q: Array) -> Array:
+    def clip(self, Q: ArrayLike) -> Array:
         """Move joints that have left ``within`` back; the frame may still be outside its box."""
         return self.within.clip(Q)
 
@@ -162,6 +164,9 @@ class WorkspaceBox:
             found.append(Q[self.contains(Q)])
             drawn, part = drawn + len(Q), part + 1
         return np.concatenate(found)[:count]
+
+    def __repr__(self) -> str:
+        return f"<WorkspaceBox: {self}>"
 
     def __str__(self) -> str:
         centre = ", ".join(f"{c:.3g}" for c in self.position)
