@@ -7,19 +7,30 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..arguments import Array
 from ..errors import SingularityError
 from ..potentials.basis import Potentials
 from ..regions import Region
 from ..robot.task import Task
+from ..solvers import StepLengths, descend_in_box
 from .criterion import named
 
 Measure = Callable[[Array], Array]
 """Q (K, n) → (K,): 0 at a singularity."""
 
 _STARTS = 16
-_STEPS = 60
+_LENGTHS = StepLengths(
+    first=0.1, longest=0.5, shortest=1e-5, longer=2.0, shorter=4.0, steps=60
+)
+_DIFFERENCE = 1e-6
+_FEELER = 1e-4
+"""Step down the slope, in units of the region, that shows where the region ends."""
+
+_EDGE = 1e-9
+"""Rounding of the scaled distance from the center."""
+
 _NEWTON = 12
 _RANK = 1e-5
 _BISECTIONS = 12
@@ -152,34 +163,29 @@ def lowest(measure: Measure, region: Region, starts: Array) -> Lowest:
     scale = region.bounds.half_width
     Q, value = starts.copy(), measure(starts)
     n = Q.shape[1]
-    bound = np.full(len(Q), 0.1)
-    nudge = 1e-6 * np.eye(n) * scale
-    for _ in range(_STEPS):
-        moving = np.flatnonzero(bound >= 1e-5)
-        if value.min() <= 0 or not len(moving):
-            break
-        here, at = Q[moving], value[moving]
-        slope = (
-            measure((here[:, None] + nudge).reshape(-1, n)).reshape(-1, n) - at[:, None]
-        ) / 1e-6  # (S, n)
-        # what of the way down stays in Ω
-        down = (region.clip(here - 1e-4 * slope * scale / _length(slope)[:, None]) - here) / (
-            1e-4 * scale
-        )
+    nudge = _DIFFERENCE * np.eye(n) * scale
+
+    def trial(rows: NDArray[np.intp], bound: Array) -> Array:
+        here, at = Q[rows], value[rows]
+        beside = measure((here[:, None] + nudge).reshape(-1, n)).reshape(-1, n)
+        slope = (beside - at[:, None]) / _DIFFERENCE  # (S, n)
+        ahead = region.clip(here - _FEELER * slope * scale / _length(slope)[:, None])
+        down = (ahead - here) / (_FEELER * scale)  # the part of the way down that stays in Ω
         steepness = np.maximum(-np.sum(down * slope, axis=1) / _length(down), 1e-12)
-        length = np.minimum(bound[moving], 1.01 * at / steepness)
-        trial = region.clip(here + (length / _length(down))[:, None] * down * scale)
-        found = measure(trial)
-        better = (found < at) & (region.ratio(trial) <= 1 + 1e-9)
-        Q[moving[better]], value[moving[better]] = trial[better], found[better]
-        bound[moving] = np.where(better, np.minimum(2 * bound[moving], 0.5), bound[moving] / 4)
+        length = np.minimum(bound, 1.01 * at / steepness)
+        return region.clip(here + (length / _length(down))[:, None] * down * scale)
+
+    def evaluate(rows: NDArray[np.intp], points: Array) -> tuple[Array, NDArray[np.bool_]]:
+        return measure(points), region.ratio(points) <= 1 + _EDGE
+
+    descend_in_box(Q, value, trial, evaluate, _LENGTHS, enough=0.0)
     if isinstance(measure, Dexterity) and value.min() > 0:
         ends = Q.copy()
         for _ in range(_NEWTON):
             step = measure.newton(ends, scale)
             ends = region.clip(ends + scale * step * np.minimum(1.0, 0.5 / _length(step))[:, None])
             found = measure(ends)
-            better = (found < value) & (region.ratio(ends) <= 1 + 1e-9)
+            better = (found < value) & (region.ratio(ends) <= 1 + _EDGE)
             Q[better], value[better] = ends[better], found[better]
             if value.min() <= 0:
                 break

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import Array
+from ..solvers import newton_rows
 from .cell import Cell
-from .kinematics import bounded, placed, solved
+from .kinematics import placed, solved
 from .monomials import Monomials
 
 _STEP = 0.3
@@ -66,21 +67,20 @@ class Chart:
         """
         cell = self.cell
         q_ref, n_ref = self.reference(U)
-        Q = q_ref + np.einsum("Knr,Kr->Kn", n_ref, s) if Q is None else Q.copy()
+        if Q is None:
+            Q = q_ref + np.einsum("Knr,Kr->Kn", n_ref, s)
         p_goal, R_goal = cell.placements(U)
-        size = np.full(len(U), np.inf)
-        on = np.arange(len(U))
-        for _ in range(iterations):
-            p, R, J = placed(cell.task, Q[on])
+
+        def correction(Q: Array, on: NDArray[np.intp]) -> Array:
+            p, R, J = placed(cell.task, Q)
             e = cell.errors(p_goal[on], R_goal[on], p, R)
-            g = s[on] - np.einsum("Knr,Kn->Kr", n_ref[on], Q[on] - q_ref[on])
+            g = s[on] - np.einsum("Knr,Kn->Kr", n_ref[on], Q - q_ref[on])
             J_V = np.concatenate([J, np.swapaxes(n_ref[on], 1, 2)], axis=1)
-            dQ = solved(J_V, np.concatenate([e, g], axis=1))
-            size[on] = np.where(np.isfinite(dQ).all(axis=1), np.abs(dQ).max(axis=1), np.inf)
-            Q[on] += bounded(dQ, _STEP)
-            on = on[size[on] > _EXACT]
-            if not len(on):
-                break
+            return solved(J_V, np.concatenate([e, g], axis=1))
+
+        Q, size = newton_rows(
+            correction, Q, longest=_STEP, tolerance=_EXACT, iterations=iterations
+        )
         p, R, J = placed(cell.task, Q)
         e = cell.errors(p_goal, R_goal, p, R)
         found = (size < 1e-6) & (np.abs(e).max(axis=1) < 1e-9)

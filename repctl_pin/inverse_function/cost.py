@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arguments import Array
+from ..solvers import Damping, Point, Step, levenberg_marquardt
 from ..strategies.strategy import Batched
 from .chart import Chart, Points
 from .margins import Margin
@@ -19,6 +20,12 @@ _DIFFERENCE = 1e-5
 
 _MOST = 30
 _ENOUGH = 1e-4
+
+_REGULAR = 1e-10
+"""Damping that is always there, in units of the diagonal of H."""
+
+_RULES = Damping()
+"""A step that does not lower the cost is computed anew, with more damping."""
 
 
 @dataclass(frozen=True)
@@ -106,6 +113,7 @@ class Cost:
         self.T = terms.values(self.U)  # (K, N)
         self.dT = terms.slopes(self.T)  # (K, N, k)
         self.C = chart.cell.speeds(U)  # (inner, k, k)
+        self.r = chart.cell.task.r
         self._last: Array | None = None
 
     def value(self, a: Array) -> Value:
@@ -226,31 +234,43 @@ def descend(cost: Cost, a: Array, *, enough: float = _ENOUGH) -> Descent:
     enough
         The relative decrease of the cost that is not worth another step.
     """
-    value = cost.value(a)
-    start, steps, damping = value.cost, 0, 0.0
-    if not np.isfinite(start):
-        return Descent(a, value, start, 0)
-    while steps < _MOST:
-        gradient, H = cost.model(value)
-        scale = np.diag(H).copy() + 1e-12 * np.diag(H).max()
-        before = value.cost
-        while True:
-            d = -np.linalg.solve(H + np.diag((damping + 1e-10) * scale), gradient)
-            trial = cost.value(a + d.reshape(a.shape))
-            if trial.cost < value.cost:
-                a, value, damping = (
-                    a + d.reshape(a.shape),
-                    trial,
-                    damping / 5 if damping > 1e-4 else 0.0,
-                )
-                break
-            damping = max(4 * damping, 1e-3)
-            if damping > 1e6:
-                return Descent(a, value, start, steps)
-        steps += 1
-        if before - value.cost < enough * before:
-            break
-    return Descent(a, value, start, steps)
+    found = levenberg_marquardt(_Problem(cost), a, _RULES, steps=_MOST, tolerance=enough)
+    return Descent(found.at.x, found.at.data, found.start, found.steps)
+
+
+class _Problem:
+    """The cost as a least-squares problem, with Marquardt's scaling by the diagonal of H."""
+
+    def __init__(self, cost: Cost) -> None:
+        self.cost = cost
+
+    def evaluate(self, x: Array) -> Point[Value]:
+        """Evaluate the cost; a step may not end where a node has no solution."""
+        value = self.cost.value(x)
+        return Point(value.cost, value.cost, True, value, x)
+
+    def merit(self, x: Array) -> float:
+        """Evaluate the cost alone."""
+        return self.cost.value(x).cost
+
+    def model(self, at: Point[Value]) -> tuple[Array, Array, Array]:
+        """Evaluate the gradient, the Gauss–Newton Hessian, and the scaling (N r,)."""
+        gradient, H = self.cost.model(at.data)
+        return gradient, H, _scaling(H)
+
+    def step(self, model: tuple[Array, Array, Array], damping: float) -> Step:
+        """Solve ``(H + μ D) dx = −g``."""
+        gradient, H, scale = model
+        matrix = H + np.diag((damping + _REGULAR) * scale)
+        dx = -np.linalg.solve(matrix, gradient)
+        predicted = -float(gradient @ dx) - 0.5 * float(dx @ matrix @ dx)
+        return Step(dx.reshape(-1, self.cost.r), predicted, damping)
+
+
+def _scaling(H: Array) -> Array:
+    """Take the diagonal of H, with its zeros lifted."""
+    diagonal = np.diag(H)
+    return diagonal + 1e-12 * diagonal.max()
 
 
 def predicted_gain(cost: Cost, a: Array) -> float:
@@ -263,6 +283,5 @@ def predicted_gain(cost: Cost, a: Array) -> float:
     if not np.isfinite(value.cost):
         return np.inf
     gradient, H = cost.model(value)
-    scale = np.diag(H) + 1e-12 * np.diag(H).max()
-    step = np.linalg.solve(H + np.diag(1e-10 * scale), gradient)
+    step = np.linalg.solve(H + np.diag(_REGULAR * _scaling(H)), gradient)
     return float(0.5 * gradient @ step / value.cost)

@@ -11,13 +11,14 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from scipy.linalg.blas import daxpy, dcopy, dgemv, idamax
+from scipy.linalg.blas import dcopy, dgemv, idamax
 from scipy.linalg.lapack import dgesv
 
 from ..arguments import Array
 from ..robot import fast_kinematics
 from ..robot.formulas import axis_turn, is_rotation
 from ..robot.task import Task
+from ..solvers import newton
 from .cell import TURNED, Cell
 from .chart import Chart
 from .monomials import Monomials
@@ -177,33 +178,35 @@ def evaluation(chart: Chart) -> Callable[[pin.SE3, Array | None], Array]:
     q_ref, n_T = both[:n], both[n:].reshape(r, n)
     n_F = n_T.T  # (n, r), column-major: a view
     away, k, subtract = np.zeros(n), len(u), np.subtract
+    c: Array | None = None
+
+    def correction(q: Array) -> Array:
+        jacobian(q)
+        lower[:] = n_T
+        error()
+        subtract(q_ref, q, away)
+        dgemv(1.0, n_F, away, 0.0, bottom, 0, 1, 0, 1, 1, 1)
+        if c is not None:
+            bottom[:] += c
+        _, _, step, info = dgesv(J_V, rhs, 1, 0)
+        if info:
+            raise OutsideError
+        return step
 
     def evaluate(target: pin.SE3, leaf: Array | None = None) -> Array:
+        nonlocal c
         p, R = target.translation, target.rotation
         if not (locate(p, R) <= TURNED and abs(u[idamax(u, k)]) <= _EDGE):
             raise OutsideError
         monomials()
         dgemv(1.0, C_T, T, 0.0, both, 0, 1, 0, 1, 0, 1)
-        q = q_ref.copy()
-        if leaf is not None:
-            q += leaf @ n_T
+        c = leaf
         aim(target, p, R)
-        for _ in range(_MOST):
-            jacobian(q)
-            lower[:] = n_T
-            error()
-            subtract(q_ref, q, away)
-            dgemv(1.0, n_F, away, 0.0, bottom, 0, 1, 0, 1, 1, 1)
-            if leaf is not None:
-                bottom[:] += leaf
-            _, _, step, info = dgesv(J_V, rhs, 1, 0)
-            size = abs(step[idamax(step, n)])
-            if info or not size < np.inf:
-                raise OutsideError
-            daxpy(step, q, n, 1.0 if size <= _STEP else _STEP / size)
-            if size < _ENOUGH:
-                return q
-        raise OutsideError
+        start = q_ref if leaf is None else q_ref + leaf @ n_T
+        q = newton(correction, start, longest=_STEP, tolerance=_ENOUGH, iterations=_MOST)
+        if q is None:
+            raise OutsideError
+        return q
 
     return evaluate
 

@@ -8,10 +8,12 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..arguments import Array
 from ..robot.bodies import bodies_of
 from ..robot.task import Task
+from ..solvers import StepLengths, descend_in_box
 from .chart import Chart, Points
 from .monomials import Monomials
 
@@ -28,7 +30,9 @@ apart, rad."""
 _HALVINGS = 6
 """How often that distance is halved about the best of them."""
 
-_STEPS, _FIRST, _LONGEST, _SHORTEST = 25, 0.2, 0.5, 1e-4
+_LENGTHS = StepLengths(
+    first=0.2, longest=0.5, shortest=1e-4, longer=1.5, shorter=3.0, steps=25
+)
 """Steps of a search, and their lengths in u."""
 
 _JUMP = 1.0
@@ -190,20 +194,27 @@ def searched(section: Section, margin: Minimised, U: Array) -> Array:
     tried."""
     here = section.at(U)
     here = here.chosen(here.found)
-    least, length = margin.least(here), np.full(len(here.U), _FIRST)
-    visited = [here.U]
-    for _ in range(_STEPS):
-        on = np.flatnonzero(length > _SHORTEST)
-        if not len(on):
-            break
-        part = here.chosen(on)
+    tried, visited = here, [here.U]
+
+    def trial(rows: NDArray[np.intp], length: Array) -> Array:
+        part = here.chosen(rows)
         slope = margin.slope(section, part)  # (L, k)
-        slope = np.where((np.abs(part.U) >= 1) & (slope * part.U < 0), 0.0, slope)
+        outward = (np.abs(part.U) >= 1) & (slope * part.U < 0)
+        slope = np.where(outward, 0.0, slope)
         way = slope / np.maximum(np.abs(slope).max(axis=1, keepdims=True), 1e-12)
-        there = section.at(np.clip(part.U - length[on, None] * way, -1, 1), part.Q)
-        lower = margin.least(there)
-        good = (lower < least[on]) & (np.abs(there.Q - part.Q).max(axis=1) < _JUMP)
-        length[on] = np.where(good, np.minimum(1.5 * length[on], _LONGEST), length[on] / 3)
-        here, least[on[good]] = here.replaced(on[good], there.chosen(good)), lower[good]
-        visited.append(there.U[good | ~there.found])
-    return np.concatenate([*visited, here.U])
+        return np.clip(part.U - length[:, None] * way, -1, 1)
+
+    def evaluate(rows: NDArray[np.intp], U: Array) -> tuple[Array, NDArray[np.bool_]]:
+        nonlocal tried
+        tried = section.at(U, here.Q[rows])
+        jump = np.abs(tried.Q - here.Q[rows]).max(axis=1)
+        return margin.least(tried), jump < _JUMP
+
+    def accepted(rows: NDArray[np.intp], better: NDArray[np.bool_]) -> None:
+        nonlocal here
+        here = here.replaced(rows[better], tried.chosen(better))
+        visited.append(tried.U[better | ~tried.found])
+
+    U = here.U.copy()
+    descend_in_box(U, margin.least(here), trial, evaluate, _LENGTHS, accepted=accepted)
+    return np.concatenate([*visited, U])

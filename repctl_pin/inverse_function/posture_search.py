@@ -12,12 +12,16 @@ from ..arguments import Array, vector
 from ..errors import InputError
 from ..redundancy.inverses import inverse_condition_number
 from ..robot.bodies import bodies_of
+from ..solvers import newton_rows
 from ..strategies.strategy import Batched
 from .cell import Cell
-from .kinematics import bases, bounded, placed
+from .kinematics import bases, placed
 from .reference import SINGULAR, rays
 
 _STARTS, _KEPT, _OFFERED = 128, 24, 6
+_STEP = 0.4
+"""Longest Newton step of any joint, rad or m."""
+
 _SINGULAR_MIDDLE = "the arm is at a singularity; move the cell, or turn it"
 _ENOUGH, _ALIKE = 0.1, 0.02
 """A limit margin, rad or m, beyond which more room is worth less than speed; and margins that count
@@ -49,17 +53,20 @@ def reached(
     left : (K,) array
         The task error that is left, m and rad.
     """
-    task, Q = cell.task, Q.copy()
+    task = cell.task
     goal = cell.placements(np.tile(u, (len(Q), 1)))
-    for _ in range(iterations):
+
+    def correction(Q: Array, on: NDArray[np.intp]) -> Array:
         p, R, J = placed(task, Q)
-        e = cell.errors(*goal, p, R)
+        e = cell.errors(goal[0][on], goal[1][on], p, R)
         G, N, _ = bases(J, np.zeros((len(Q), task.n, task.r)))
         dQ = np.einsum("Knm,Km->Kn", G, e)
         if push:
             back = np.maximum(0.0, task.lower + 0.1 - Q) - np.maximum(0.0, Q - task.upper + 0.1)
             dQ += push * np.einsum("Knr,Klr,Kl->Kn", N, N, back)
-        Q += bounded(dQ, 0.4)
+        return dQ
+
+    Q, _ = newton_rows(correction, Q, longest=_STEP, tolerance=0.0, iterations=iterations)
     p, R, _ = placed(task, Q)
     return Q, np.linalg.norm(cell.errors(*goal, p, R), axis=1)
 

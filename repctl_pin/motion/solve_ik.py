@@ -12,9 +12,13 @@ from ..paths.task_path import TaskPath
 from ..redundancy.inverses import pseudoinverse
 from ..robot.length import arm_length
 from ..robot.task import Task, require_task
+from ..solvers import newton
 
 _THERE = 1e-9
 """Task error, m and rad, of a point that is reached."""
+
+_STEP = 0.3
+"""Longest Newton step of any joint, rad or m."""
 
 _FAR = 10
 """Points this many arm lengths away were not meant in m."""
@@ -64,36 +68,40 @@ def solve_ik(
     if not np.isfinite(target.homogeneous).all():
         raise InputError("the target must be finite numbers, m and a rotation")
     q = vector(q0, require_task(task).n, "q0")
-    tolerance, iterations = (
-        positive(tolerance, "the tolerance"),
-        as_int(iterations, "iterations", 1, MOST_STEPS),
-    )
+    tolerance = positive(tolerance, "the tolerance")
+    iterations = as_int(iterations, "iterations", 1, MOST_STEPS)
     limits = flag(limits, "limits")
-    error = task.error(q, target)
     where = np.array2string(np.asarray(target.translation), precision=3, separator=", ")
-    for _ in range(iterations):
-        if np.linalg.norm(error) < tolerance:
-            break
-        try:
-            step = pseudoinverse(task.jacobian(q)) @ error
-        except SingularityError:
-            raise InputError(
-                f"{task.frame!r} cannot reach {where} m: the arm ends stretched or folded at a singularity; "
-                "move the path nearer"
-            ) from None
-        scale = min(1.0, 0.3 / max(float(np.abs(step).max()), 1e-12))
-        size = np.linalg.norm(error)
-        while True:  # halve the step until it helps
-            trial = task.error(q + scale * step, target)
-            if np.linalg.norm(trial) < size or scale < 1e-6:
-                break
-            scale /= 2
-        if np.linalg.norm(trial) >= size:
-            break
-        q, error = q + scale * step, trial
-    if not np.linalg.norm(error) < max(tolerance, _THERE):
+    error = task.error(q, target)
+
+    def residual(q: Array) -> float:
+        nonlocal error
+        error = task.error(q, target)
+        return float(np.linalg.norm(error))
+
+    def correction(q: Array) -> Array:
+        return pseudoinverse(task.jacobian(q)) @ error
+
+    try:
+        found = newton(
+            correction,
+            q,
+            longest=_STEP,
+            tolerance=tolerance,
+            iterations=iterations,
+            residual=residual,
+        )
+    except SingularityError:
         raise InputError(
-            f"{task.frame!r} cannot reach {where} m: it stays {np.linalg.norm(error[: min(3, task.m)]):.3g} m short; "
+            f"{task.frame!r} cannot reach {where} m: the arm ends stretched or folded at a "
+            "singularity; move the path nearer"
+        ) from None
+    assert found is not None  # with a residual there is always a last q
+    q, error = found, task.error(found, target)
+    if not np.linalg.norm(error) < max(tolerance, _THERE):
+        short = np.linalg.norm(error[: min(3, task.m)])
+        raise InputError(
+            f"{task.frame!r} cannot reach {where} m: it stays {short:.3g} m short; "
             "move the path nearer or choose another start"
         )
     return task.check(q, f"the start that reaches {where} m") if limits else q

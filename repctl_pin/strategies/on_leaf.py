@@ -17,6 +17,7 @@ from ..redundancy.augmented import leaf_margin
 from ..redundancy.inverses import inverse_condition_number
 from ..redundancy.nullspace import nullspace
 from ..robot.formulas import axis_turn
+from ..solvers import newton
 from .strategy import OnLeaves
 
 
@@ -35,6 +36,7 @@ _SHORTEST = 2.0**-10
 """Part of the way that is given up on."""
 
 _ITERATIONS = 8
+_CONTRACTION = 0.7
 _NEAR, _EXACT = 1e-6, 1e-12
 
 
@@ -126,22 +128,22 @@ def solve_all(
 def _newton(
     inverse: WithPotentials, q: Array, target: pin.SE3, c: Array, tolerance: float
 ) -> Array | None:
-    """Iterate to the target; None where the steps are long or do not shrink."""
-    last = _STEP
-    for _ in range(_ITERATIONS):
-        try:
-            following = inverse.step(q, target, 1.0, leaf=c)
-        except SingularityError:
-            return None
-        size = float(np.abs(following - q).max())
-        if not size <= last:
-            # At rounding level a step no longer shrinks: that is as exact as it gets.
-            return following if size < 1e-13 else None
-        q = following
-        if size < tolerance:
-            return q
-        last = max(0.7 * size, 1e-14)
-    return None
+    """Solve ``[x − f(q); c − h(q)] = 0`` near q; None where the steps are long or do not shrink."""
+
+    def correction(q: Array) -> Array:
+        return inverse.step(q, target, 1.0, leaf=c) - q
+
+    try:
+        return newton(
+            correction,
+            q,
+            longest=_STEP,
+            tolerance=tolerance,
+            iterations=_ITERATIONS,
+            contraction=_CONTRACTION,
+        )
+    except SingularityError:
+        return None
 
 
 def _side(inverse: WithPotentials, q: Array) -> int:
