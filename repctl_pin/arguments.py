@@ -248,12 +248,39 @@ def list_of_names(values: Any, name: str, what: str) -> tuple[str, ...]:
     raise InputError(f"{name} must be {what}, not {shown(values)}")
 
 
-def freeze(made: object, **values: Any) -> None:
-    """Set the attributes of a frozen dataclass that is being made, its arrays read-only."""
+def freeze(made: object, /, **values: Any) -> None:
+    """Set attributes of a frozen dataclass in its ``__init__``, arrays as read-only views."""
     for name, value in values.items():
-        if isinstance(value, np.ndarray):
-            value.setflags(write=False)
-        object.__setattr__(made, name, value)
+        object.__setattr__(made, name, _read_only(value))
+
+
+def read_only(cls: type[T]) -> type[T]:
+    """Make the array fields of a frozen dataclass read-only: stands below ``@dataclass``.
+
+    Holds for objects that were copied or unpickled, too. The array that was given stays writable.
+    """
+    checks = getattr(cls, "__post_init__", None)
+
+    def __post_init__(self: Any) -> None:
+        if checks is not None:
+            checks(self)
+        freeze(self, **vars(self))
+
+    def __setstate__(self: Any, state: dict[str, Any]) -> None:
+        freeze(self, **state)
+
+    cls.__post_init__ = __post_init__  # type: ignore[attr-defined]
+    cls.__setstate__ = __setstate__  # type: ignore[attr-defined]
+    return cls
+
+
+def _read_only(value: Any) -> Any:
+    """A read-only view of an array; anything else as it is."""
+    if not isinstance(value, np.ndarray) or not value.flags.writeable:
+        return value
+    view = value.view()
+    view.setflags(write=False)
+    return view
 
 
 def row(q: Array) -> str:

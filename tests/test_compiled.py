@@ -76,8 +76,8 @@ def test_results_are_fresh_and_arguments_untouched(
     fast.velocity(q + 0.1, 2 * xdot), fast.step(q + 0.1, target, 0.01)
     assert np.array_equal(first, kept[0]) and np.array_equal(following, kept[1])
     # A bounded step leaves nothing behind that a free one would see.
-    fast.step(q, target, 0.01, velocity_limit=0.1, damping=0.1)
-    assert fast.slowed < 1 and np.array_equal(fast.step(q, target, 0.01, xdot), kept[1])
+    step = fast.damped_step(q, target, 0.01, velocity_limit=0.1, damping=0.1)
+    assert step.slowed < 1 and np.array_equal(fast.step(q, target, 0.01, xdot), kept[1])
     assert np.allclose(fast.velocity(list(q), [1, 1, 1, 1, 1, 1]), first)
     view = np.stack([q, q], axis=1)[:, 0]
     assert np.array_equal(fast.velocity(view, xdot), first)

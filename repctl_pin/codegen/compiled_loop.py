@@ -13,10 +13,11 @@ import pinocchio as pin
 from numpy import ndarray
 from numpy.typing import ArrayLike
 
-from ..arguments import FLOAT, Array, positive, require_type, vector
+from ..arguments import FLOAT, Array, positive, vector
 from ..errors import SingularityError
 from ..inverse_function import InverseFunction
 from ..potentials.basis import Potentials
+from ..robot.formulas import Placement, as_placement
 from ..robot.task import Task
 from ..strategies.control_step import Loop, failure, python_loops, share_of, speeds
 from ..strategies.repeatable import RepeatableInverse
@@ -85,7 +86,7 @@ def _loop(task: Task, held: ctypes.PyDLL, released: ctypes.CDLL) -> Loop:
 
     of_joints, of_task, of_twist, of_leaf = (n,), (m,), (6,), (r,)
 
-    def refused(status: int, q: Array, target: pin.SE3 | None = None) -> Exception:
+    def refused(status: int, q: Array, target: Placement | None = None) -> Exception:
         if status != _SINGULAR and target is not None and np.isfinite(q).all():
             task.error(q, target)  # which refuses what is no rotation
         return failure(task, q, np.array([0.0 if status == _SINGULAR else np.nan]))
@@ -104,7 +105,7 @@ def _loop(task: Task, held: ctypes.PyDLL, released: ctypes.CDLL) -> Loop:
 
     def step(
         q: Array,
-        target: pin.SE3,
+        target: Placement,
         dt: float,
         twist: Array | None,
         leaf: Array | None,
@@ -116,7 +117,7 @@ def _loop(task: Task, held: ctypes.PyDLL, released: ctypes.CDLL) -> Loop:
         if not (isinstance(dt, float) and 0.0 < dt < inf):
             dt = positive(dt, "dt", "s")
         if not isinstance(target, SE3):
-            require_type(target, SE3, "the target", "a placement (pinocchio.SE3)")
+            target = as_placement(target, "the target")
         q_in[:] = q
         target_in[:] = target.homogeneous
         dt_in[0] = dt
@@ -142,7 +143,7 @@ def _loop(task: Task, held: ctypes.PyDLL, released: ctypes.CDLL) -> Loop:
 
     def bounded(
         q: Array,
-        target: pin.SE3,
+        target: Placement,
         dt: float,
         twist: Array | None,
         leaf: Array | None,

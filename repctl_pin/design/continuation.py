@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 from ..potentials.basis import PotentialBasis
 from ..potentials.polynomial import Polynomial
 from ..progress import Report, silent
@@ -36,7 +36,8 @@ _RESTART = 0.3
 _COARSE_TOLERANCE = 1e-4
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class FitOptions:
     """What is to be designed, and how; see :func:`nearest_repeatable`.
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 from ..errors import InputError, SingularityError
 from ..potentials.basis import PotentialBasis, name_of
 from ..redundancy.inverses import inverse_condition_number, row_factor
@@ -21,7 +21,8 @@ from ..robot.task import Task
 from ..strategies.strategy import Inverse
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Batch:
     """What the criterion needs of K nodes.
 
@@ -60,7 +61,8 @@ class Batch:
         return self if size == self.EF.shape[-1] else replace(self, EF=self.EF[..., :size])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Builder:
     """What it takes to build batches anywhere, in another process too: it pickles.
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 from ..solvers import Damping, Point, Step, levenberg_marquardt
 from . import criterion
 from .batches import Batches
@@ -32,7 +32,8 @@ _RULES = Damping(
 _EMPHASIS = (1.0, 0.1, 0.01)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Descent:
     """Where an optimisation ended.
 
@@ -59,7 +60,8 @@ class Descent:
     sides: SignCount
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Start:
     """Where a descent begins, and the penalty that keeps it near the null space's own potentials.
 

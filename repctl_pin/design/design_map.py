@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 from ..errors import InputError, SingularityError
 from ..potentials.polynomial import Polynomial
 from ..progress import Report, silent
@@ -15,7 +15,8 @@ from .design_result import Design
 from .singularities import LeafMargin
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class DesignMap:
     """What a design does over two joints, the others at the center of Ω.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 from ..paths.task_path import Cycle
 from ..potentials.basis import PotentialBasis
 from ..regions import Region
@@ -15,7 +15,8 @@ from ..strategies.strategy import Inverse
 from .evaluation import Baseline, baselines
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Design:
     """A repeatable inverse, and how good it is.
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 from ..errors import RepctlError
 from ..potentials.polynomial import Polynomial
 from ..redundancy.augmented import leaf_margin
@@ -23,7 +23,8 @@ REPLICATES = 32
 _CANDIDATES = 64
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Evaluation:
     """Figures of one inverse over one region.
 

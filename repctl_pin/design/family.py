@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..arguments import MOST_NODES, Array, as_int, function, limits, require_type, shown
+from ..arguments import MOST_NODES, Array, as_int, function, limits, read_only, require_type, shown
 from ..blas import one_blas_thread
 from ..errors import InputError, SingularityError
 from ..regions import Region
@@ -24,7 +24,8 @@ _SAME = 1e-14
 """Costs nearer than this, relatively, cannot be told apart in double precision."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class FamilyDesign:
     """The best member of a family, and whether it is the only one.
 

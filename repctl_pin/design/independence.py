@@ -9,7 +9,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 from ..errors import InputError
 from ..potentials.basis import PotentialBasis, name_of
 from ..strategies.strategy import Inverse
@@ -19,7 +19,8 @@ _ROW_SPACE = 1e-9
 _DEPENDENT = 1e-8
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Independent:
     """The potentials that are used.
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 from ..errors import SingularityError
 from ..potentials.basis import Potentials
 from ..regions import Region
@@ -76,7 +76,8 @@ class SingularRegionError(SingularityError):
         return SingularRegionError(self.finding, self.at, self.free, remedy)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Lowest:
     """The lowest value of a measure found in a region, and where.
 

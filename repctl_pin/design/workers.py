@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 from ..errors import InputError
 from .batches import Batches, Sum, Sums, Tick, add, over, silent
 from .criterion import Batch, Builder
@@ -35,7 +35,8 @@ Answer = tuple[str, dict[int, Sums]]
 """Which worker answers, and the sums over pieces by their numbers."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Piece:
     """Some of the nodes, and what builds their batches: pickled, so that every worker has an arm of
     its own."""

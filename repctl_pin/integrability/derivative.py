@@ -9,7 +9,7 @@ from functools import singledispatch
 
 import numpy as np
 
-from ..arguments import Array, require_type
+from ..arguments import Array, read_only, require_type
 from ..errors import SingularityError
 from ..potentials.basis import CurvedPotentials
 from ..redundancy.augmented import augmented_inverse
@@ -28,7 +28,8 @@ _NARROWER = (1.0, 2.0**-3, 2.0**-6, 2.0**-9)
 _ENOUGH = 1e-6
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Derivative:
     """An inverse and its derivative at K configurations.
 

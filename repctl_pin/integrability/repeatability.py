@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..arguments import MOST_NODES, Array, as_int, require_type
+from ..arguments import MOST_NODES, Array, as_int, read_only, require_type
 from ..errors import InputError, SingularityError
 from ..redundancy.inverses import inverse_condition_number
 from ..regions import Region
@@ -21,7 +21,8 @@ _BLIND = 1e-3
 _NEAR_SINGULAR = 1e-3
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Repeatability:
     """The verdict on an inverse in a region; true in an ``if`` when repeatable.
 

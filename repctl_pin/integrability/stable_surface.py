@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 from ..blas import one_blas_thread
 from ..redundancy.inverses import inverse_condition_number
 from ..redundancy.nullspace import nullspace
@@ -30,7 +30,8 @@ _SINGULAR = 1e-3  # σ_min / σ_max of J below which a configuration counts as s
 _WALK, _WALK_STEPS = 0.2, 8  # how far a surface is followed to see that it stays one, rad
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Surfaces:
     """Points on s(q) = 0, each with its kind.
 

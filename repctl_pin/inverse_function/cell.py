@@ -20,6 +20,7 @@ from ..arguments import (
     as_numbers,
     freeze,
     positive,
+    read_only,
     require_type,
     shown,
     vector,
@@ -40,7 +41,8 @@ TURNED = 1e-6
 """How far, rad, a target may be turned away from a cell of one orientation."""
 
 
-@dataclass(frozen=True, init=False)
+@dataclass(frozen=True, eq=False, init=False)
+@read_only
 class Cell:
     r"""All placements ``p = p_0 + w ∘ u``, ``R = exp(\hat ω) R_0`` with ``ω = θ ∘ u``, every
     ``|u_i| ≤ 1``.

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 from ..robot.task import Task
 from ..strategies import RepeatableInverse
 from ..strategies.strategy import Inverse
@@ -20,7 +20,8 @@ from .failures import FailureReason
 from .function import InverseFunction
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class CellDesign:
     """An inverse kinematic function over a cell, and how good it is.
 
@@ -196,7 +197,8 @@ def _unmet(found: float, asked: float) -> str:
     return f"; {asked:g} was asked for and is not met" if found < asked and asked else ""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Slice:
     """Two coordinates of a cell varied, the others in the middle.
 

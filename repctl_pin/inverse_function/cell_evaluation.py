@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 from ..redundancy import leaf_margin
 from ..robot.bodies import bodies_of
 from ..strategies.strategy import Batched
@@ -116,7 +116,8 @@ class Evaluation:
         return f"{np.floor(1e4 * self.coverage) / 100:.2f}% of the held-out poses"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Speeds:
     """Joint speeds at points of a section, per unit of task speed, and where the section is sound.
 
@@ -213,7 +214,8 @@ class SpeedRatio:
         return np.where(np.isfinite(slope), slope, 0.0)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class _Looked:
     """A section at some poses.
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 from ..solvers import newton_rows
 from .cell import Cell
 from .kinematics import placed, solved
@@ -21,7 +21,8 @@ _ITERATIONS = 12
 _EXACT = 1e-11
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Chart:
     r"""Labels the fibre ``f(q) = x`` over each pose of a cell: ``n_ref(u)ᵀ (q − q_ref(u)) = s``.
 
@@ -121,7 +122,8 @@ class Chart:
         return both[:, :, : self.cell.k], both[:, :, self.cell.k :]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Points:
     """Points of a section, and what was evaluated there.
 
@@ -153,7 +155,7 @@ class Points:
 
     def replaced(self, at: NDArray[np.intp], other: Points) -> Points:
         """Put others in the place of some of them."""
-        new = Points(*(getattr(self, name).copy() for name in self.__dataclass_fields__))
-        for name in self.__dataclass_fields__:
-            getattr(new, name)[at] = getattr(other, name)
-        return new
+        arrays = {name: values.copy() for name, values in vars(self).items()}
+        for name, values in arrays.items():
+            values[at] = getattr(other, name)
+        return Points(**arrays)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 from ..solvers import Damping, Point, Step, levenberg_marquardt
 from ..strategies.strategy import Batched
 from .chart import Chart, Points
@@ -28,7 +28,8 @@ _RULES = Damping()
 """A step that does not lower the cost is computed anew, with more damping."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Value:
     """The cost at some coefficients.
 
@@ -53,7 +54,8 @@ class Value:
     ds: Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Penalty:
     """A margin with a price.
 
@@ -202,7 +204,8 @@ def _hinge(part: Penalty, Q: Array) -> Array:
     return np.maximum(0.0, part.asked[:, None] - part.margin.measure(Q))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Descent:
     """Where Gauss–Newton ended.
 

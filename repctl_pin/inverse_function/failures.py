@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 from ..redundancy.inverses import inverse_condition_number
 from .cell import Cell
 from .kinematics import placed
@@ -17,7 +17,8 @@ _SHORT = 1e-6
 _SPARSE = 24
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class FailureReason:
     """One thing that failures a function, where it is worst.
 

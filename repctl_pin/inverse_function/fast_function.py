@@ -30,7 +30,7 @@ _ENOUGH = 1e-6
 """A Newton step, rad or m, after which the error, quadratic in it, is at rounding level."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class InPlace:
     """Coordinates u of one placement after another, for the thread that made it alone.
 

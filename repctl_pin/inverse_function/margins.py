@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 from ..robot.bodies import bodies_of
 from ..robot.task import Task
 from ..solvers import StepLengths, descend_in_box
@@ -144,7 +144,8 @@ def singular_values_of(task: Task, room: float = 0.0) -> Margin:
     return Margin("singularities", measure, room, 0.25, watched=2048, starts=24, violators=96)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Section:
     """``s(u) = Σ_t a_t T_t(u)`` in a chart.
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import Array, vector
+from ..arguments import Array, read_only, vector
 from ..errors import InputError
 from ..redundancy.inverses import inverse_condition_number
 from ..robot.bodies import bodies_of
@@ -145,7 +145,8 @@ def searched(desired: Batched, cell: Cell, seed: int = 0) -> Array:
     return _apart(np.array([first.q, *(c.q for c in candidates if c is not first)]), _OFFERED)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Candidate:
     """A posture in the middle, and what the rays from there have shown.
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 from ..redundancy import nullspace
 from ..strategies.strategy import Batched
 from .cell import Cell
@@ -23,7 +23,8 @@ SINGULAR = 0.01
 """σ_min / σ_max of J at which a ray ends."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Rays:
     """Ends of the rays from the middle of a cell.
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import MOST_STEPS, Array, as_int, require_type
+from ..arguments import MOST_STEPS, Array, as_int, read_only, require_type
 from ..errors import InputError, SingularityError
 from ..paths.task_path import TaskPath, closed_path
 from ..redundancy import leaf_margin, nullspace
@@ -45,7 +45,8 @@ _LEAST_LEAF_MARGIN = 0.1
 this."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Candidate:
     """A start, and what one cycle from it is like.
 

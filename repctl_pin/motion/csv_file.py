@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 from ..errors import InputError
 from ..files import read_whole
 from ..paths.waypoint_file import number
@@ -27,7 +27,8 @@ _CLOCKS = ("time", "t")
 _LARGEST = 64_000_000
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Recorded:
     """One strategy's motion, as a file holds it.
 

@@ -314,9 +314,13 @@ def _locked(
     def advance(k: int, q: Array) -> tuple[Array, Array, float]:
         start, h, used = q, float(times[k]), 0.0
         for _ in range(corrections):
-            q = strategy.step(q, targets[k], h, leaf=c, velocity_limit=most, damping=damping)
             if damping:
-                used = max(used, strategy.damping)
+                step = strategy.damped_step(
+                    q, targets[k], h, leaf=c, velocity_limit=most, damping=damping
+                )
+                q, used = step.q, max(used, step.damping)
+            else:
+                q = strategy.step(q, targets[k], h, leaf=c, velocity_limit=most)
         return q, (q - start) / h, used
 
     return advance, None

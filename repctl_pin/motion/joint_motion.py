@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import Array, as_int, as_matrices
+from ..arguments import Array, as_int, as_matrices, read_only
 from ..errors import InputError
 from ..robot.bodies import Nearest, bodies_of
 from ..robot.length import joint_scale
@@ -28,7 +28,8 @@ CLOSED = 1e-5
 integration error."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class JointMotion:
     """What joints do, whatever path their frame takes.
 

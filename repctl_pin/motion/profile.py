@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 from ..errors import InputError, needed
 
 InverseDynamics = Callable[[Array, Array, Array], Array]
@@ -25,7 +25,8 @@ _LEAST_STAGES = 50
 """Stages between two stops, at least."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Limits:
     """What the joints may do: speed and acceleration (n,), and torque where its dynamics are
     given."""
@@ -36,7 +37,8 @@ class Limits:
     dynamics: InverseDynamics | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Run:
     """A smooth part of a joint path, from stop to stop, and its profile.
 

@@ -9,7 +9,16 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import MOST_STEPS, Array, as_int, flag, per_joint, positive, require_type
+from ..arguments import (
+    MOST_STEPS,
+    Array,
+    as_int,
+    flag,
+    per_joint,
+    positive,
+    read_only,
+    require_type,
+)
 from ..errors import InputError
 from ..robot.bodies import bodies_of
 from ..robot.task import Task
@@ -64,7 +73,8 @@ _MOST_SAMPLES = MOST_STEPS // 5
 """Samples of a timed motion: each takes the memory of several steps."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class TimedMotion:
     """Positions of the robot's own joints over time, from rest to rest, at even time steps.
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from scipy.spatial.transform import Rotation
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 from ..errors import InputError
 from .task_path import TaskPath
 
@@ -23,7 +23,8 @@ _GOOD = 1e-9
 _DEEPEST = 6
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Piece:
     """A path between two values of s.
 

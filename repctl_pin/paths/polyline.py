@@ -12,7 +12,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from ..arguments import Array, list_of, positive
+from ..arguments import Array, list_of, positive, read_only
 from ..errors import InputError
 from ..robot.task import Task, require_task
 from .orientation import piece_finder, rotation_matrix, smooth_turning
@@ -27,6 +27,7 @@ _PER_RADIAN = 0.1
 
 
 @dataclass(frozen=True, eq=False)
+@read_only
 class Waypoints:
     """Waypoints as a file holds them: what :func:`read_waypoints` returns, and :func:`waypoints`
     takes.

@@ -20,6 +20,7 @@ from ..arguments import (
     limits,
     per_joint,
     positive,
+    read_only,
     vector,
 )
 from ..errors import InputError
@@ -64,7 +65,8 @@ class Region(Protocol):
         """Make the region of the same center and a fraction of the width."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Box:
     """A box in joint space, ``|q_i − center_i| ≤ half_width_i``.
 
@@ -193,6 +195,9 @@ class Box:
         return Box.between(
             np.maximum(self.lower, low), np.minimum(self.upper, high), density=self.density
         )
+
+    def __repr__(self) -> str:
+        return f"<Box {str(self).removeprefix('box ')}>"
 
     def __str__(self) -> str:
         centre = ", ".join(f"{c:.3g}" for c in self.center)

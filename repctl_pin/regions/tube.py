@@ -9,13 +9,22 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import KDTree
 
-from ..arguments import Array, as_configurations, as_matrices, freeze, per_joint, positive
+from ..arguments import (
+    Array,
+    as_configurations,
+    as_matrices,
+    freeze,
+    per_joint,
+    positive,
+    read_only,
+)
 from .box import Box, Density, check_density, evaluate_density, normalised, sobol, span
 
 _MOST_SAMPLES = 256
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
+@read_only
 class Tube:
     """All q within ``|q_i − s_i| ≤ radius_i`` of a joint sample s: a box drawn along a motion.
 

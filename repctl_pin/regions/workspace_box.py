@@ -16,6 +16,7 @@ from ..arguments import (
     freeze,
     per_joint,
     positive,
+    read_only,
     require_type,
     vector,
 )
@@ -26,7 +27,8 @@ from .box import Box, Density, check_density, evaluate_density, normalised, span
 _MOST_DRAWS = 2**18
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class WorkspaceBox:
     """All q of a box of joints whose frame lies in a box of the workspace, ``|p_i − center_i| ≤
     half_width_i``.
@@ -162,6 +164,9 @@ class WorkspaceBox:
             found.append(Q[self.contains(Q)])
             drawn, part = drawn + len(Q), part + 1
         return np.concatenate(found)[:count]
+
+    def __repr__(self) -> str:
+        return f"<WorkspaceBox: {self}>"
 
     def __str__(self) -> str:
         centre = ", ".join(f"{c:.3g}" for c in self.position)

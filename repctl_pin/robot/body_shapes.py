@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 from ..errors import InputError, needed
 from ..urdf.shapes import Solid, find_mesh
 from ..urdf.validate import Description
@@ -38,7 +38,8 @@ class UnusableShape(InputError):
     """A collision shape cannot be measured; the message says why, and the remedy."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class BodyShape:
     """A body: a convex one, or a mesh and its convex hull.
 

@@ -25,7 +25,7 @@ from ..errors import InputError
 from ..threads import PerThread
 from .coordinates import Coordinates, change_of
 from .coupling import Coupling
-from .formulas import axis_turn, chain_hessians, require_rotation
+from .formulas import Placement, as_placement, axis_turn, chain_hessians, require_rotation
 from .mechanism import Mechanism
 from .model import frame_id, frame_jacobian, lock_joints, path_between, seen_from
 
@@ -195,15 +195,12 @@ class Task:
         """Evaluate H (m, n, n), ``H[a, i, k] = ∂J[a, i]/∂q[k]``."""
         return self.hessians(vector(q, self.n, "q")[None])[0]
 
-    def error(self, q: ArrayLike, target: pin.SE3) -> Array:
-        """Measure the task error (m,) from f(q) to a target: what ẋ would have to undo, m and rad.
+    def error(self, q: ArrayLike, target: Placement) -> Array:
+        """Evaluate the task error (m,), the displacement from f(q) to the target, m and rad.
 
         ``e = (p* − p, log(R* Rᵀ))``, the rows of this kind; for ``axis`` the rotation that takes
         the tool axis to the target's by the shortest way."""
-        if not isinstance(target, pin.SE3):
-            require_type(
-                target, pin.SE3, "target", "a placement (pinocchio.SE3), such as path.placement(0)"
-            )
+        target = as_placement(target)
         here = self.placement(q)
         p = target.translation - here.translation
         if self.kind in ("pose", "axis"):
@@ -214,7 +211,7 @@ class Task:
             return np.concatenate([p, axis_turn(here.rotation, target.rotation)])
         return p[self.rows]
 
-    def task_velocity(self, q: ArrayLike, twist: Array) -> Array:
+    def task_velocity(self, q: ArrayLike, twist: ArrayLike) -> Array:
         """Take the task velocity ẋ (m,) from a frame's twist (v, ω), base axes, m/s and rad/s."""
         twist = vector(twist, 6, "the twist (v, ω)", "m/s and rad/s")
         if self.kind != "axis":

@@ -20,28 +20,30 @@ from numpy.typing import ArrayLike
 from scipy.linalg.blas import daxpy, ddot, dscal
 from scipy.linalg.lapack import dgesv, dgetrf, dgetri
 
-from ..arguments import FLOAT, Array, per_joint, positive, require_type, row, vector
+from ..arguments import FLOAT, Array, per_joint, positive, row, vector
 from ..errors import InputError, SingularityError
 from ..potentials import fast_potentials
 from ..potentials.basis import Potentials
 from ..redundancy.augmented import SINGULAR, is_regular
 from ..redundancy.inverses import RANK_TOLERANCE
 from ..robot import fast_kinematics
+from ..robot.formulas import Placement, as_placement
 from ..robot.task import Task
 
 
-@dataclass
+@dataclass(frozen=True)
 class Loop:
     """The quick functions of one repeatable inverse, for one thread; see
     :class:`RepeatableInverse`.
 
     Attributes
     ----------
-    velocity : function (q, ẋ) → q̇ step : function (q, target, dt, twist, leaf, gain) → the next q
+    velocity : function (q, ẋ) → q̇
+    step : function (q, target, dt, twist, leaf, gain) → the next q
     bounded : function (q, target, dt, twist, leaf, gain, velocity_limit, damping) → the next q, λ,
-    slowed inverses : function Q (K, n) → G (K, n, m), optional velocities : function (Q, Ẋ) → q̇
-    (K, n), optional damping, slowed : float
-        λ and the factor of the last bounded step.
+    slowed
+    inverses : function Q (K, n) → G (K, n, m), optional
+    velocities : function (Q, Ẋ) → q̇ (K, n), optional
     """
 
     velocity: Callable[..., Array]
@@ -49,8 +51,6 @@ class Loop:
     bounded: Callable[..., tuple[Array, float, float]]
     inverses: Callable[[Array], Array] | None = None
     velocities: Callable[[Array, Array], Array] | None = None
-    damping: float = 0.0
-    slowed: float = 1.0
 
 
 def python_loops(task: Task, potentials: Potentials) -> Callable[[], Loop]:
@@ -101,7 +101,7 @@ def make_loop(task: Task, potentials: Potentials) -> Loop:
 
     def step(
         q: Array,
-        target: pin.SE3,
+        target: Placement,
         dt: float,
         twist: Array | None,
         leaf: Array | None,
@@ -113,7 +113,7 @@ def make_loop(task: Task, potentials: Potentials) -> Loop:
         if not (isinstance(dt, float) and 0.0 < dt < inf):
             dt = positive(dt, "dt", "s")
         if not isinstance(target, SE3):
-            require_type(target, SE3, "the target", "a placement (pinocchio.SE3)")
+            target = as_placement(target, "the target")
         jacobian(q)
         slope(q)
         error(target)
@@ -133,7 +133,7 @@ def make_loop(task: Task, potentials: Potentials) -> Loop:
 
     def bounded(
         q: Array,
-        target: pin.SE3,
+        target: Placement,
         dt: float,
         twist: Array | None,
         leaf: Array | None,

@@ -10,13 +10,13 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, list_of, require_type, vector
+from ..arguments import Array, list_of, vector
 from ..errors import InputError, SingularityError
 from ..potentials.basis import Potentials
 from ..redundancy.augmented import leaf_margin
 from ..redundancy.inverses import inverse_condition_number
 from ..redundancy.nullspace import nullspace
-from ..robot.formulas import axis_turn
+from ..robot.formulas import Placement, as_placement, axis_turn
 from ..solvers import newton
 from .strategy import OnLeaves
 
@@ -41,7 +41,7 @@ _NEAR, _EXACT = 1e-6, 1e-12
 
 
 def solve(
-    inverse: WithPotentials, target: pin.SE3, q0: ArrayLike, leaf: ArrayLike | None = None
+    inverse: WithPotentials, target: Placement, q0: ArrayLike, leaf: ArrayLike | None = None
 ) -> Array:
     """Evaluate q = F(x; c): Newton's method on ``[x − f(q); c − h(q)] = 0``, led along a way from
     q0.
@@ -76,7 +76,7 @@ def solve(
     """
     task = inverse.task
     q = vector(q0, task.n, "q0")
-    require_type(target, pin.SE3, "the target", "a placement (pinocchio.SE3)")
+    target = as_placement(target, "the target")
     if not np.isfinite(target.homogeneous).all():
         raise InputError("the target must be finite numbers, m and a rotation")
     c_start = inverse.potentials.value(q)
@@ -104,7 +104,7 @@ def solve(
 
 def solve_all(
     inverse: WithPotentials,
-    targets: Sequence[pin.SE3],
+    targets: Sequence[Placement],
     q0: ArrayLike,
     leaf: ArrayLike | None = None,
 ) -> Array:
@@ -115,7 +115,7 @@ def solve_all(
     InputError
         If a target is out of reach; it is named by its number, counted from 0.
     """
-    targets = list_of(targets, "targets", "a list of placements (pinocchio.SE3)")
+    targets = list_of(targets, "targets", "a list of placements")
     Q = np.empty((len(targets), inverse.task.n))
     for k, target in enumerate(targets):
         try:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 from ..design.design_map import DesignMap, degree_curve, design_map
 from ..errors import SingularityError
 from ..integrability.lie_bracket import measure
@@ -15,7 +15,8 @@ from ..strategies import Inverse
 from .study_result import Study
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class StudyMaps:
     """What a report draws beside the motions.
 

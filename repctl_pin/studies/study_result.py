@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..arguments import Array, require_choice
+from ..arguments import Array, read_only, require_choice
 from ..design import Design
 from ..errors import InputError
 from ..motion import Motion, TaskPath, elbow, timed
@@ -96,7 +96,8 @@ class Row:
         return 0.0 if self.motion is None else self.motion.outside or 0.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Study:
     """One arm, one closed path, every strategy side by side. See :func:`study`.
 

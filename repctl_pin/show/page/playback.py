@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from ...arguments import Array
+from ...arguments import Array, read_only
 from ...errors import InputError
 from ...motion import Motion
 from ...motion.csv_file import read_motions
@@ -27,7 +27,8 @@ from .scene import Arm, Frames, Violation, animation_page, choose_frames
 _OTHERS = (VERMILLION, BLUE, GREEN, PURPLE, ORANGE, SKY)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Playback:
     """One motion of a whole robot.
 

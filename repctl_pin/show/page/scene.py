@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ...arguments import Array
+from ...arguments import Array, read_only
 from ...errors import InputError
 from ...robot.visuals import Shape
 from ...studies.study_result import picked
@@ -39,7 +39,8 @@ class Frames:
     per_cycle: int
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Violation:
     """A motion beyond what the arm can do: what is said, when (in cycles), in which cycle, and
     where: (T, 3), m."""
@@ -50,7 +51,8 @@ class Violation:
     origin: Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Arm:
     """One arm of the page.
 
