@@ -19,7 +19,6 @@ import repctl_pin as rp
 from repctl_pin.cli import main
 from repctl_pin.codegen.expressions import Graph, assignments, number
 from repctl_pin.codegen.text import checked_name, comment
-from repctl_pin.regions import Region
 
 AGREE = 1e-11
 
@@ -340,6 +339,7 @@ def test_what_cannot_be_written_down_is_refused(
 ) -> None:
     class Ball(Region):
         center = np.zeros(7)
+        bounds = random = ratio = clip = shrunk = None
 
     own = rp.CustomPotentials([lambda q: float(q[0])]).weighted(np.ones((1, 1)))
     for inverse, words in (

@@ -28,7 +28,7 @@ def some_q(count: int = 5) -> np.ndarray:
 def test_joining_is_flat_and_keeps_the_order(joined: rp.Joined) -> None:
     assert [part.size for part in joined.parts] == [2, 14, 7] and joined.size == 23
     Q = some_q()
-    for table in ("potentials", "gradients"):
+    for table in ("values", "gradients"):
         parts = [getattr(part, table)(Q) for part in joined.parts]
         assert np.array_equal(getattr(joined, table)(Q), np.concatenate(parts, axis=-1))
     other_way = joined.parts[0] + (joined.parts[1] + joined.parts[2])
@@ -91,7 +91,7 @@ def test_a_repeatable_inverse_of_a_joined_field_is_repeatable() -> None:
     "make, message",
     [
         (lambda f: rp.Joined(), "at least one"),
-        (lambda f: f + 3, "must be a family of potentials"),
+        (lambda f: f + 3, "inherits from repctl_pin.potentials.PotentialBasis"),
         (lambda f: (f + f).weighted(np.zeros((3, 1))), "coefficients .*8, r"),
     ],
 )

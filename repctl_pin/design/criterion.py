@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..arguments import Array, read_only
 from ..errors import InputError, SingularityError
-from ..potentials.basis import PotentialBasis, name_of
+from ..potentials.basis import PotentialBasis
 from ..redundancy.inverses import inverse_condition_number, row_factor
 from ..robot.task import Task
 from ..strategies.strategy import Inverse
@@ -126,7 +126,7 @@ def evaluate(desired: Inverse, potentials: PotentialBasis, Q: Array) -> tuple[Ar
     if not np.isfinite(D).all():
         k, _, j = np.argwhere(~np.isfinite(D))[0]
         raise InputError(
-            f"the gradient of potential {name_of(potentials, int(j))} is not finite at {named(task, Q[k])}"
+            f"the gradient of potential {potentials.names[int(j)]} is not finite at {named(task, Q[k])}"
         )
     return N, G, D
 

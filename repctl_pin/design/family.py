@@ -15,6 +15,7 @@ from ..arguments import MOST_NODES, Array, as_int, function, limits, read_only, 
 from ..blas import one_blas_thread
 from ..errors import InputError, SingularityError
 from ..regions import Region
+from ..regions.region import A_REGION
 from ..strategies.strategy import AN_INVERSE, Batched, Inverse
 
 _SCAN = 48
@@ -156,7 +157,7 @@ def nearest_in_family(
     True
     """
     require_type(desired, Batched, "desired", AN_INVERSE)
-    require_type(region, Region, "region", "a region of joint space, such as rp.Box(q0, 0.3)")
+    require_type(region, Region, "region", A_REGION)
     function(family, "family", "a function k → inverse")
     samples, seed = as_int(samples, "samples", 1, MOST_NODES), as_int(seed, "seed")
     low, high = limits(bounds, 2, "bounds", "from where to where")

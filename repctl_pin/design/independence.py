@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..arguments import Array, read_only
 from ..errors import InputError
-from ..potentials.basis import PotentialBasis, name_of
+from ..potentials.basis import PotentialBasis
 from ..strategies.strategy import Inverse
 from .criterion import evaluate
 
@@ -93,7 +93,7 @@ def independent(
         "depends linearly on the potentials before it": np.setdiff1d(left, left[kept]),
     }
     dropped = [
-        f"{name_of(potentials, int(j))}: {why}" for why, numbers in reasons.items() for j in numbers
+        f"{potentials.names[int(j)]}: {why}" for why, numbers in reasons.items() for j in numbers
     ]
     if len(kept) < r:
         why = f" ({'; '.join(dropped[:4])}{'; …' if len(dropped) > 4 else ''})" if dropped else ""

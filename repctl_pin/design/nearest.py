@@ -13,9 +13,10 @@ from .. import progress as reporting
 from ..arguments import MOST_NODES, as_int, flag, flag_or_function, positive, require_type, shown
 from ..blas import one_blas_thread
 from ..errors import InputError, SingularityError
-from ..potentials.basis import PotentialBasis, check_joints
+from ..potentials.basis import A_BASIS, PotentialBasis, check_joints
 from ..potentials.polynomial import Polynomial
 from ..regions import Region
+from ..regions.region import A_REGION
 from ..strategies.strategy import AN_INVERSE, Batched, Inverse
 from .continuation import FitOptions
 from .design_result import Design
@@ -115,14 +116,9 @@ def nearest_repeatable(
     >>> qdot = found.inverse.velocity(q0, [0.1, 0.0])  # rad/s
     """
     require_type(desired, Batched, "desired", AN_INVERSE)
-    require_type(region, Region, "region", "a region of joint space, such as rp.Box(q0, 0.3)")
+    require_type(region, Region, "region", A_REGION)
     if potentials is not None:
-        require_type(
-            potentials,
-            PotentialBasis,
-            "potentials",
-            "potentials, such as rp.Polynomial(q0, 2, 0.3)",
-        )
+        require_type(potentials, PotentialBasis, "potentials", A_BASIS)
     if executor is not None and not callable(getattr(executor, "submit", None)):
         require_type(
             executor, Executor, "executor", "a concurrent.futures.Executor or a Dask client"
