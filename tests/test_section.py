@@ -22,7 +22,12 @@ from repctl_pin.inverse_function.cell_potentials import CellPotentials
 from repctl_pin.inverse_function.chart import Chart
 from repctl_pin.inverse_function.cost import Cost, Penalty, descend
 from repctl_pin.inverse_function.failures import FailureReason, touching
-from repctl_pin.inverse_function.margins import Section, distances_of, limits_of, singular_values_of
+from repctl_pin.inverse_function.margins import (
+    CandidateFunction,
+    distances_of,
+    limits_of,
+    singular_values_of,
+)
 from repctl_pin.inverse_function.margins import searched as searched_poses
 from repctl_pin.inverse_function.monomials import Monomials
 from repctl_pin.inverse_function.nearest_function import _fit, _rank, _refusal, _Work
@@ -247,7 +252,7 @@ def test_the_worst_pose_is_found_by_search(tmp_path: Path) -> None:
     task = planar_task([1.0, 0.9, 0.8], tmp_path)
     q = rp.solve_ik(task, [0.6, -1.2, 1.4], task.placement([0.6, -1.2, 1.4]))
     cell = rp.Cell(task, task.placement(q), 0.3)
-    section = Section.zero(chart_of(cell, q, degree=4))
+    section = CandidateFunction.zero(chart_of(cell, q, degree=4))
     grid = np.array(list(product(np.linspace(-1, 1, 41), repeat=2)))
     for margin in (limits_of(task), singular_values_of(task)):
         ends = searched_poses(section, margin, cell.sample(8))
