@@ -311,7 +311,9 @@ BAD_STEPS: dict[str, tuple[dict, str]] = {
     "q nan": ({"q": np.full(7, np.nan)}, "7 finite numbers"),
     "q inf": ({"q": np.full(7, np.inf)}, "7 finite numbers"),
     "q text": ({"q": "zero"}, "q must be 7 finite numbers, one per joint; got 'zero'"),
-    "target": ({"target": np.eye(4)}, "placement"),
+    "target": ({"target": np.eye(3)}, "placement"),
+    "target reflected": ({"target": np.diag([1.0, 1.0, -1.0, 1.0])}, "rotation"),
+    "target last row": ({"target": np.ones((4, 4))}, "last row"),
     "target none": ({"target": None}, "placement"),
     "target nan": ({"target": pin.SE3(np.eye(3), np.full(3, np.nan))}, "finite"),
     "dt zero": ({"dt": 0.0}, "dt must be above 0"),
@@ -436,7 +438,7 @@ def test_outside_the_region_is_told_where_it_is_asked_for(
     for other in (pickle.loads(pickle.dumps(inverse)), copy.copy(inverse)):
         with pytest.raises(rp.InputError, match="outside Ω"):
             other.velocity(q_panda + 2 * edge, xdot, outside="raise")
-    with pytest.raises(rp.InputError, match="no way to treat what is outside Ω 'shout'"):
+    with pytest.raises(rp.InputError, match="no action outside Ω 'shout'"):
         inverse.velocity(q_panda, xdot, outside="shout")
     with pytest.raises(rp.InputError, match="outside= requires a region"):
         rp.RepeatableInverse(panda_pose, inverse.potentials).velocity(q_panda, xdot, outside="warn")

@@ -48,7 +48,7 @@ leaf, path = design.inverse.leaf(q0), rp.circle(task, q0, 0.05)
 for k in range(400):
     q = design.inverse.step(q, path.placement((k + 1) / 200 % 1), 0.01, leaf=leaf)
 assert np.abs(q - q0).max() < 1e-3, q - q0
-again = rp.nearest_repeatable(rp.Pseudoinverse(task), None, rp.Box(q0, 0.2), degree=1, samples=64, held_out=64)
+again = rp.nearest_repeatable(rp.Pseudoinverse(task), None, rp.Box(q0, 0.2), degree=1, options=rp.FitOptions(samples=64, held_out=64))
 motion = rp.follow(again.inverse, path, q0, cycles=1, steps=50)
 assert motion.drift[0] < 1e-6
 rp.export_c(design.inverse, "c")
@@ -73,7 +73,7 @@ def test_the_loop_runs_without_what_pictures_need(tmp_path: Path) -> None:
     task = rp.Robot.load(arm).task("tool0", "pose")
     box = rp.Box(task.reference, 0.2)
     design = rp.nearest_repeatable(
-        rp.Pseudoinverse(task), None, box, degree=1, samples=64, held_out=64
+        rp.Pseudoinverse(task), None, box, degree=1, options=rp.FitOptions(samples=64, held_out=64)
     )
     rp.save(design, tmp_path / "design.json")
     command = [sys.executable, "-c", LOOP, str(arm), *LEFT_OUT]

@@ -210,7 +210,7 @@ def test_strangers_are_refused(task: rp.Task) -> None:
 def design(task: rp.Task, tmp_path_factory: pytest.TempPathFactory) -> Path:
     potentials, region = rp.Polynomial(Q0, 1, 0.3), rp.Box(Q0, 0.3)
     found = rp.nearest_repeatable(
-        rp.Pseudoinverse(task), potentials, region, samples=256, held_out=64
+        rp.Pseudoinverse(task), potentials, region, options=rp.FitOptions(samples=256, held_out=64)
     )
     return rp.save(found, tmp_path_factory.mktemp("live") / "design.json")
 

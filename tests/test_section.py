@@ -63,7 +63,11 @@ def found(rotation: float = 0.0) -> rp.CellDesign:
     cell = cell_of(rotation=rotation)
     q = rp.solve_ik(cell.task, Q_PANDA, cell.placement)
     return rp.nearest_inverse_function(
-        rp.Pseudoinverse(cell.task), cell, posture=q, degree=2, samples=128, held_out=256
+        rp.Pseudoinverse(cell.task),
+        cell,
+        posture=q,
+        degree=2,
+        options=rp.FitOptions(samples=128, held_out=256),
     )
 
 
@@ -518,7 +522,7 @@ def test_the_smallest_distance_between_bodies_is_found_by_search() -> None:
     cell = rp.Cell(panda(), middle(), (0.1, 0.2, 0.1), 0.2)
     design = rp.nearest_inverse_function(
         rp.Pseudoinverse(panda()), cell, posture=rp.solve_ik(panda(), Q_PANDA, middle()),
-        degree=2, samples=128, held_out=64,
+        degree=2, options=rp.FitOptions(samples=128, held_out=64),
     )  # fmt: skip
     U = np.tile([-1, 0, -1, -1, -1, 1.0], (21, 1))
     U[:, 1] = np.linspace(-1, 1, 21)
@@ -529,7 +533,7 @@ def test_the_smallest_distance_between_bodies_is_found_by_search() -> None:
 def test_what_was_asked_for_and_is_not_met_is_said(tmp_path: Path) -> None:
     task, q = planar_task([1.0, 0.9, 0.8], tmp_path), [0.3, 0.5, 2.4]
     cell = rp.Cell(task, task.placement(q), 0.2)
-    small = {"posture": q, "degree": 1, "samples": 32, "held_out": 64}
+    small = {"posture": q, "degree": 1, "options": rp.FitOptions(samples=32, held_out=64)}
     asked = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, sigma_min=9.0, **small)
     assert "9 was asked for and is not met" in asked.figures()["σ_min(J)"]
     plain = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, **small)
@@ -542,7 +546,9 @@ def test_the_degree_goes_on_where_only_a_higher_one_lowers_the_cost() -> None:
     """PPR: degrees 2 and 3 bring nothing, degree 4 a sixth of the cost."""
     task = rp.Robot.load("ppr").task("tool", "xy")
     cell = rp.Cell(task, task.placement(task.reference), 0.5)
-    design = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, held_out=256)
+    design = rp.nearest_inverse_function(
+        rp.Pseudoinverse(task), cell, options=rp.FitOptions(held_out=256)
+    )
     costs = dict(design.degrees)
     assert costs[3] > 0.99 * costs[1] > 1.1 * costs[4] and list(costs) == [1, 2, 3, 4]
 
@@ -574,7 +580,7 @@ def test_limits_in_the_cost_keep_the_joints_inside(tmp_path: Path) -> None:
     x = task.placement([0.6, -1.2, 1.4])
     cell = rp.Cell(task, x, 0.35)
     q = rp.solve_ik(task, [0.6, -1.2, 1.4], x)
-    small = {"posture": q, "degree": 2, "samples": 64, "held_out": 256}
+    small = {"posture": q, "degree": 2, "options": rp.FitOptions(samples=64, held_out=256)}
     free = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, **small)
     Q = free.function.batch(cell.sample(256))
     bound = float(Q[:, 2].max()) - 0.05  # a joint limit where the free function goes beyond it
@@ -603,8 +609,7 @@ def test_bodies_in_the_cost_are_kept_apart(tmp_path: Path) -> None:
     small = {
         "posture": rp.solve_ik(panda(), Q_PANDA, middle()),
         "degree": 2,
-        "samples": 64,
-        "held_out": 128,
+        "options": rp.FitOptions(samples=64, held_out=128),
     }
     free, kept = (
         rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, body_distance=a, **small)
@@ -628,7 +633,7 @@ def test_bodies_in_the_cost_are_kept_apart(tmp_path: Path) -> None:
 def test_singularities_in_the_cost_are_kept_away(tmp_path: Path) -> None:
     task, q = planar_task([1.0, 0.9, 0.8], tmp_path), [0.3, 0.5, 2.4]
     cell = rp.Cell(task, task.placement(q), 0.2)
-    small = {"posture": q, "degree": 2, "samples": 64, "held_out": 128}
+    small = {"posture": q, "degree": 2, "options": rp.FitOptions(samples=64, held_out=128)}
     free, kept = (
         rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, sigma_min=a, **small)
         for a in (0.0, 0.9)
@@ -646,7 +651,11 @@ def test_arms_with_slides_and_more_joints_than_one_too_many(
     q = 0.4 * np.ones(n)
     cell = rp.Cell(task, task.placement(q), 0.05)
     design = rp.nearest_inverse_function(
-        rp.Pseudoinverse(task), cell, posture=q, degree=2, samples=64, held_out=64
+        rp.Pseudoinverse(task),
+        cell,
+        posture=q,
+        degree=2,
+        options=rp.FitOptions(samples=64, held_out=64),
     )
     assert (
         design.coverage == 1.0 and design.extra_speed < 0.03 and design.evaluation.residual < 1e-9
@@ -661,7 +670,11 @@ def test_an_arm_without_limits(tmp_path: Path) -> None:
     task = rp.Robot.load(tmp_path / "endless.urdf").task("tool", "xy")
     cell = rp.Cell(task, task.placement([0.6, -1.2, 1.4]), 0.1)
     design = rp.nearest_inverse_function(
-        rp.Pseudoinverse(task), cell, posture=[0.6, -1.2, 1.4], degree=1, samples=32, held_out=64
+        rp.Pseudoinverse(task),
+        cell,
+        posture=[0.6, -1.2, 1.4],
+        degree=1,
+        options=rp.FitOptions(samples=32, held_out=64),
     )
     assert (
         design.limit_margin == design.limit_margin_worst == np.inf
@@ -689,8 +702,7 @@ def refused(cell: rp.Cell, posture: object = None, **options: object) -> str:
             cell,
             posture=posture,
             degree=1,
-            samples=32,
-            held_out=64,
+            options=rp.FitOptions(samples=32, held_out=64),
             **options,  # type: ignore[arg-type]
         )
     assert "\n" not in str(caught.value)
@@ -717,8 +729,7 @@ def test_a_broken_corner_refuses_a_cell_and_is_not_called_covered(tmp_path: Path
     small = {
         "posture": rp.solve_ik(task, [-0.6, 1.0, 0.4], cell.placement),
         "degree": 1,
-        "samples": 64,
-        "held_out": 64,
+        "options": rp.FitOptions(samples=64, held_out=64),
     }
     with pytest.raises(rp.NoFunctionError, match="is out of reach") as caught:
         rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, **small)
@@ -768,8 +779,8 @@ def test_a_refusal_names_all_causes_but_bodies_that_touch() -> None:
     [
         ({"degree": 0}, "degree must be a whole number from 1 up"),
         ({"degree": 10**12}, "degree can be 12 at most"),
-        ({"samples": 10**12}, "samples can be 65,536 at most"),
-        ({"held_out": 2 * 10**7}, "held_out can be 1,048,576 at most"),
+        ({"options": rp.FitOptions(samples=10**6)}, "samples can be 65,536 at most"),
+        ({"options": rp.FitOptions(held_out=2 * 10**6)}, "held_out can be 1,048,576 at most"),
         ({"sigma_min": 1e300}, r"sigma_min can be 1e\+06 at most"),
         ({"limit_margin": 1e300}, r"limit_margin can be 1e\+06 at most"),
         ({"body_distance": -1}, "body_distance must be 0 m or more"),
@@ -834,8 +845,7 @@ def test_the_largest_cell_that_works() -> None:
         cell,
         posture=q,
         degree=1,
-        samples=32,
-        held_out=64,
+        options=rp.FitOptions(samples=32, held_out=64),
         incomplete="shrink",
     )
     assert smaller.coverage == 1.0 and 0.05 < smaller.cell.half_width[0] < 0.35
@@ -957,7 +967,7 @@ def corner_beyond_a_limit(folder: Path) -> rp.CellDesign:
     """A function kept on the part of its cell where the third joint is within its limit."""
     task, q = planar_task([1.0, 0.9, 0.8], folder), [0.6, -1.2, 1.4]
     cell = rp.Cell(task, task.placement(q), 0.35)
-    small = {"posture": q, "degree": 2, "samples": 64, "held_out": 128}
+    small = {"posture": q, "degree": 2, "options": rp.FitOptions(samples=64, held_out=128)}
     free = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, **small)
     edge = float(free.function(cell.at(np.ones(2)))[2])
     bound = 0.5 * (edge + 1.4)

@@ -94,7 +94,7 @@ def test_bad_input(panda_design, panda_pose, q_panda) -> None:
         ((target, np.zeros(6)), "q0"),
         ((target, np.full(7, np.nan)), "q0"),
         ((target, "home"), "q0"),
-        ((np.eye(4), q_panda), "placement"),
+        ((np.eye(3), q_panda), "placement"),
         ((bad_target, q_panda), "finite"),
     ):
         with pytest.raises(rp.InputError, match=words):

@@ -11,6 +11,7 @@ import pytest
 from arms import planar_task
 
 import repctl_pin as rp
+from repctl_pin.integrability import candidate_surface
 
 
 def wrapped(angle: np.ndarray) -> np.ndarray:
@@ -59,7 +60,7 @@ def test_3r_in_relative_angles_has_candidates_and_none_is_stable() -> None:
         np.abs(-np.sin(b) + np.sin(c) * np.cos(b) + np.sin(c) * np.cos(b + c)).max() < 1e-9
     )  # (17)
     assert "no stable surface" in found.summary()
-    points = rp.candidate_surface(plain, box)
+    points = candidate_surface(plain, box)
     assert np.array_equal(points, found.candidate)
     assert (box.ratio(points) <= 1 + 1e-8).all()
 

@@ -32,7 +32,10 @@ def small(panda_pose: rp.Task) -> rp.Design:
 
     plain = rp.Pseudoinverse(panda_pose)
     return rp.nearest_repeatable(
-        plain, rp.Polynomial(Q_PANDA, 1, 0.3), rp.Box(Q_PANDA, 0.3), samples=256, held_out=256
+        plain,
+        rp.Polynomial(Q_PANDA, 1, 0.3),
+        rp.Box(Q_PANDA, 0.3),
+        options=rp.FitOptions(samples=256, held_out=256),
     )
 
 
@@ -124,8 +127,7 @@ def test_every_kind_of_field_region_desired_inverse_and_task(
         rp.Pseudoinverse(absolute),
         rp.Polynomial(center, 1),
         rp.Box(center, 0.2),
-        samples=256,
-        held_out=256,
+        options=rp.FitOptions(samples=256, held_out=256),
     )
     loaded = rp.load(rp.save(design, tmp_path / "psi.json"))
     same(design, loaded)
@@ -245,8 +247,7 @@ def test_a_urdf_that_was_changed_is_refused(tmp_path) -> None:
         rp.Pseudoinverse(task),
         rp.Polynomial(center, 1),
         rp.Box(center, 0.2),
-        samples=256,
-        held_out=256,
+        options=rp.FitOptions(samples=256, held_out=256),
     )
     saved = rp.save(design, tmp_path / "arm.json")
     same(design, rp.load(saved, task))
@@ -297,7 +298,7 @@ def test_a_cell_is_placed_by_a_rigid_transform(tmp_path) -> None:
     task = rp.Robot.load("planar3r").task(kind="xy")
     cell = rp.Cell(task, task.placement(np.array([0.3, 0.8, 0.8])), 0.05)
     found = rp.nearest_inverse_function(
-        rp.Pseudoinverse(task), cell, degree=1, samples=16, held_out=64
+        rp.Pseudoinverse(task), cell, degree=1, options=rp.FitOptions(samples=16, held_out=64)
     )
     file = rp.save(found, tmp_path / "cell.json")
     rows = json.loads(file.read_text())["placement"]

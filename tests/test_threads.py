@@ -149,7 +149,10 @@ def refuse(center: list[float]) -> None:
     """Design over a region with a singularity of the planar arm in it: stretched."""
     task = rp.Robot.load("planar3r").task("tool", "xy")
     rp.nearest_repeatable(
-        rp.Pseudoinverse(task), rp.Polynomial(center, 1, 0.3), rp.Box(center, 0.3), samples=256
+        rp.Pseudoinverse(task),
+        rp.Polynomial(center, 1, 0.3),
+        rp.Box(center, 0.3),
+        options=rp.FitOptions(samples=256),
     )
 
 

@@ -35,7 +35,6 @@ RESULTS = {
     "Animation",
     "BestLeaf",
     "Design",
-    "FamilyDesign",
     "Motion",
     "Robot",
     "Waypoints",
@@ -99,15 +98,21 @@ def right_calls(folder: Path) -> list[Call]:
     )
     waypoint_file = folder / "square.csv"
     waypoint_file.write_text("\n".join(",".join(map(str, row)) for row in square), encoding="utf-8")
-    design = rp.nearest_repeatable(control, potentials, box, samples=64, held_out=256)
+    design = rp.nearest_repeatable(
+        control, potentials, box, options=rp.FitOptions(samples=64, held_out=256)
+    )
     inverse, tube = design.inverse, rp.Tube(Q, 0.2)
     middle = task.placement(q0).translation[:2]
     workspace = rp.WorkspaceBox(task, middle, 0.2, within=box)
     motion = rp.follow(inverse, path, q0, cycles=2, steps=24, leaf_lock=1)
     study = rp.study(robot, kind="xy", start=q0, path=path, cycles=1, steps=24, region=0.2)
+    timed = rp.timed(motion, acceleration=10.0, rate=100.0)
     saved = rp.save(design, folder / "design.json")
     cell = rp.Cell(task, target, (0.05, 0.05))
-    found = rp.nearest_inverse_function(control, cell, degree=1, samples=16, held_out=64)
+    found = rp.nearest_inverse_function(
+        control, cell, degree=1, options=rp.FitOptions(samples=16, held_out=64)
+    )
+    saved_cell = rp.save(found, folder / "cell.json")
     arm_file = folder / "arm.urdf"
     arm_file.write_text(ARM_URDF, encoding="utf-8")
     arm = rp.Robot.load(arm_file).task("tip", "position")
@@ -121,7 +126,6 @@ def right_calls(folder: Path) -> list[Call]:
             "inverse": inverse, "path": path, "q0": q0, "region": box, "desired": control, "steps": 8, "seed": 0,
         },  # fmt: skip,
         "bracket_defect": {"strategy": control, "q": q0, "relative": False},
-        "candidate_surface": {"strategy": control, "region": box, "samples": 8, "seed": 0},
         "circle": {"task": task, "q0": q0, "radius": 0.05, "normal": "z", "start_angle": 0.0, "rotation": "fixed"},
         "compare": {"first": design, "others": design},
         "drift_per_area": {"strategy": control, "q": q0},
@@ -130,21 +134,20 @@ def right_calls(folder: Path) -> list[Call]:
             "strategy": inverse, "path": path, "q0": q0, "cycles": 1, "steps": 12, "integrator": "rk4", "feedback": 0.0,
             "period": 5.0, "leaf_lock": 1, "leaf": inverse.leaf(q0), "velocity_limit": 3.0, "damping": 0.01, "task": task,
         },
-        "inline": {"shown": study, "height": 300},
         "is_repeatable": {"strategy": control, "region": box, "samples": 8, "seed": 0},
         "load": {"path": saved, "task": task},
-        "nearest_in_family": {
-            "desired": control, "family": lambda k: rp.WeightedInverse(task, [1, 1 + k * k, 1]), "region": box,
-            "bounds": (-1.0, 1.0), "samples": 64, "seed": 0,
+        "load_cell": {"path": saved_cell, "task": task},
+        "load_design": {"path": saved, "task": task},
+        "FitOptions": {
+            "samples": 64, "held_out": 64, "seed": 0, "batch": 64, "stream": False, "executor": None,
+            "restarts": 0, "tolerance": 1e-3,
         },
         "nearest_repeatable": {
-            "desired": control, "potentials": potentials, "region": box, "degree": None, "samples": 64, "held_out": 64,
-            "seed": 0, "batch": 64, "stream": False, "executor": None, "shrink": False, "restarts": 0,
-            "tolerance": 1e-3, "progress": False,
+            "desired": control, "potentials": potentials, "region": box, "degree": None,
+            "shrink": False, "options": rp.FitOptions(samples=64, held_out=64), "progress": False,
         },
         "polygon": {"task": task, "q0": q0, "corners": [[0.1, 0, 0], [0.1, 0.1, 0]], "blend": 0.0, "name": "tri"},
         "read_waypoints": {"file": waypoint_file},
-        "rose": {"task": task, "q0": q0, "radius": 0.05, "petals": 3, "normal": "z"},
         "save": {"design": design, "path": folder / "again.json"},
         "solve_ik": {"task": task, "q0": q0, "target": target, "tolerance": 1e-9, "iterations": 20, "limits": True},
         "stable_surface": {"strategy": control, "region": box, "samples": 8, "seed": 0},
@@ -154,17 +157,21 @@ def right_calls(folder: Path) -> list[Call]:
             "period": 5.0, "seed": 0, "progress": None,
         },
         "waypoints": {"points": square, "rotation": np.eye(3), "times": None, "blend": 0.0, "name": "square"},
-        "timed": {"motion": motion, "acceleration": 10.0, "velocity": 1.0, "torque": False, "rate": 100.0},
+        "timed": {
+            "motion": motion, "acceleration": 10.0, "velocity": 1.0, "jerk": 1000.0, "torque": False,
+            "tool_speed": [0.5, 3.0], "keep_times": False, "rate": 100.0,
+        },
+        "Run": {"timed": timed, "q": timed.q[0]},
         "write_motion": {"motion": motion, "file": folder / "motion.csv", "allow_violations": True},
         "approach": {
-            "q_now": q0 + 0.05, "motion": motion, "acceleration": 10.0, "velocity": 1.0, "torque": False, "rate": 100.0,
-            "bodies": False,
+            "q_now": q0 + 0.05, "motion": motion, "to": "nearest", "acceleration": 10.0, "velocity": 1.0,
+            "jerk": 1000.0, "torque": False, "rate": 100.0, "bodies": False,
         },
         "compiled": {"control": inverse},
         "export_c": {"control": inverse, "folder": folder / "c", "name": "arm_control", "region": box},
         "nearest_inverse_function": {
             "desired": control, "cell": cell, "posture": q0, "degree": 1, "limit_margin": 0.05, "body_distance": 0.0, "sigma_min": 0.0,
-            "incomplete": "refuse", "samples": 16, "held_out": 64, "seed": 0, "progress": False,
+            "incomplete": "refuse", "options": rp.FitOptions(samples=16, held_out=64), "progress": False,
         },
         "ArmAngle": {
             "task": arm, "shoulder": "upper", "elbow": "lower", "wrist": "hand", "reference": (0.0, 1.0, 0.0),
@@ -256,6 +263,7 @@ def right_calls(folder: Path) -> list[Call]:
         "solve": {"target": target, "q0": q0, "leaf": inverse.leaf(q0)},
         "solve_all": {"targets": [target], "q0": q0, "leaf": inverse.leaf(q0)},
         "step": step,
+        "damped_step": step,
         "summary": {},
         "task": {"frame": "tool", "kind": "xy", "joints": list(robot.joint_names)},
         "twist": {"s": 0.3},
@@ -268,6 +276,7 @@ def right_calls(folder: Path) -> list[Call]:
     own: dict[tuple[type, str], dict[str, Any]] = {
         (rp.Cell, "around"): {"task": task, "poses": [target], "margin": 0.02, "half_angle": 0.0},
         (rp.Cell, "at"): {"u": U[0]},
+        (rp.Run, "step"): {"dt": 0.01, "override": 0.5},
         (rp.Cell, "coordinates"): {"p": p, "R": R},
         (rp.Cell, "coordinates_of"): {"target": target},
         (rp.Cell, "errors"): {"p_goal": p, "R_goal": R, "p": p, "R": R},
@@ -303,9 +312,8 @@ def right_calls(folder: Path) -> list[Call]:
         rp.LeafImpedance(inverse), robot, task,
         control, rp.WeightedInverse(task, [1, 2, 3]), rp.PostureControl(task, q0), inverse,
         rp.CustomInverse(task, control), rp.ExtendedJacobian(task, q0), rp.LimitWeight(task), potentials, waves, joined,
-        custom, box, tube, workspace, design, motion, study, path,
+        custom, box, tube, workspace, design, motion, study, path, rp.Run(timed),
         rp.best_leaf(inverse, path, q0, steps=8), rp.animation({"J⁺": motion}, seconds=1.0),
-        rp.nearest_in_family(**functions["nearest_in_family"]),
     ]  # fmt: skip
     public = {n for n in dir(rp) if callable(getattr(rp, n)) and not n.endswith("Error")}
     assert public - RESULTS - MADE == set(functions), "give each public name a right call here"

@@ -110,7 +110,8 @@ def _run(options: Options) -> int:
         posture=posture,
         degree=options.asked_degree(),
         incomplete="shrink" if options.shrink else "keep" if options.keep else "refuse",
-        **options.of("limit_margin", "body_distance", "sigma_min", "held_out", "seed"),
+        **options.of("limit_margin", "body_distance", "sigma_min"),
+        options=rp.FitOptions(**options.of("held_out", "seed")),
         progress=lambda what, share: say(f"{what} {share:.0%}"),
     )
     say("drawing")

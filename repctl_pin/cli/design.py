@@ -121,9 +121,12 @@ def run(options: Options) -> int:
                 potentials,
                 region,
                 degree=degree if potentials is None else None,
-                executor=executor,
+                shrink=options.shrink,
+                options=rp.FitOptions(
+                    executor=executor,
+                    **options.of("samples", "held_out", "seed", "stream", "restarts"),
+                ),
                 progress=share_done,
-                **options.of("samples", "held_out", "seed", "stream", "shrink", "restarts"),
             )
 
         try:

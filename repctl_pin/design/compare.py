@@ -70,7 +70,8 @@ def compare(first: Design, *others: Design) -> Comparison:
 
     Examples
     --------
-    >>> plain = rp.nearest_repeatable(control, None, rp.Box(q0, 0.4), degree=1, samples=512, held_out=512)
+    >>> options = rp.FitOptions(samples=512, held_out=512)
+    >>> plain = rp.nearest_repeatable(control, None, rp.Box(q0, 0.4), degree=1, options=options)
     >>> comparison = rp.compare(design, plain)
     >>> comparison.designs[1].cost > comparison.designs[0].cost
     True
@@ -140,7 +141,8 @@ def cost_has_converged(
 
     Examples
     --------
-    >>> plain = rp.nearest_repeatable(control, None, rp.Box(q0, 0.4), degree=1, samples=512, held_out=512)
+    >>> options = rp.FitOptions(samples=512, held_out=512)
+    >>> plain = rp.nearest_repeatable(control, None, rp.Box(q0, 0.4), degree=1, options=options)
     >>> cost_has_converged([plain, design])  # a higher degree still pays
     False
     """

@@ -8,13 +8,12 @@ lower degrees are climbed, each from the one below."""
 from __future__ import annotations
 
 from collections.abc import Iterator
-from concurrent.futures import Executor
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..arguments import Array, read_only
+from ..fit_options import FitOptions
 from ..potentials.basis import PotentialBasis
 from ..potentials.polynomial import Polynomial
 from ..progress import Report, silent
@@ -27,9 +26,6 @@ from .descend import Descent, Start, descend, start
 from .independence import Independent
 from .singularities import LeafMargin, Lowest, SingularRegionError, refuse_singular, search
 
-if TYPE_CHECKING:
-    from distributed import Client
-
 _PENALTY, _MOST_PENALTY = 1e-2, 1e-1
 _ROUNDS = 6
 _RESTART = 0.3
@@ -38,23 +34,25 @@ _COARSE_TOLERANCE = 1e-4
 
 @dataclass(frozen=True, eq=False)
 @read_only
-class FitOptions:
-    """What is to be designed, and how; see :func:`nearest_repeatable`.
+class FitProblem:
+    """A fit of potentials in one region; see :func:`nearest_repeatable`.
 
-    ``warm`` holds the coefficients (N_first, r) of a design with the first of the potentials: of a
-    lower degree."""
+    Attributes
+    ----------
+    desired, potentials, region
+        G_d, the basis of the potentials, and Ω.
+    options
+        Nodes, seed, workers and stopping.
+    warm : (N_first, r) array, optional
+        Coefficients of a design with the first of the potentials, of a lower degree.
+    report
+        Progress callback.
+    """
 
     desired: Inverse
     potentials: PotentialBasis
     region: Region
-    executor: Executor | Client | None
-    samples: int | None
-    held_out: int
-    seed: int
-    batch: int
-    stream: bool
-    restarts: int
-    tolerance: float
+    options: FitOptions
     warm: Array | None = None
     report: Report = silent
 
@@ -64,31 +62,31 @@ class Continuation:
 
     Parameters
     ----------
-    options
-        What is to be designed.
+    problem
+        The fit.
     chosen
         The potentials that are of use in Ω.
     coarse
         Few nodes.
     """
 
-    def __init__(self, options: FitOptions, chosen: Independent, coarse: BarrierCost) -> None:
-        self.options, self.chosen, self.coarse = options, chosen, coarse
-        self.tolerance = max(options.tolerance, _COARSE_TOLERANCE)
+    def __init__(self, problem: FitProblem, chosen: Independent, coarse: BarrierCost) -> None:
+        self.problem, self.chosen, self.coarse = problem, chosen, coarse
+        self.tolerance = max(problem.options.tolerance, _COARSE_TOLERANCE)
         self.moments = coarse.total(criterion.linear)
         self._starts: dict[int, Start] = {}
 
     def margin(self, A: Array) -> LeafMargin:
         """Measure the leaf margin of V, positive on the side of the center."""
-        potentials = self.options.potentials.weighted(self.chosen.spread(A))
-        return LeafMargin(self.options.desired.task, potentials, self.options.region.center)
+        potentials = self.problem.potentials.weighted(self.chosen.spread(A))
+        return LeafMargin(self.problem.desired.task, potentials, self.problem.region.center)
 
     def regular(self) -> Iterator[Descent]:
         """Offer optima on few nodes with no singularity that a search finds, the best first.
 
         That of all potentials; where it is singular, the one of lower degree that was given
         (``warm``); without it, what can be reached by climbing the degrees."""
-        whole, warm, kept = len(self.chosen.kept), self.options.warm, self.chosen.kept
+        whole, warm, kept = len(self.chosen.kept), self.problem.warm, self.chosen.kept
         below = None if warm is None else warm[kept[kept < len(warm)]]
         best = self.fit_degree(whole, below)
         if best is not None:
@@ -153,16 +151,16 @@ class Continuation:
             bad = error.at[None]
         if not len(bad):
             return self._between_nodes(Q)
-        options = self.options
+        problem = self.problem
         return refuse_singular(
-            "an algorithmic singularity lies", options.desired.task, measure, options.region, bad
+            "an algorithmic singularity lies", problem.desired.task, measure, problem.region, bad
         )
 
     def _between_nodes(self, Q: Array) -> SingularRegionError:
         """Refuse too few nodes: the linear start is regular, but every descent from it becomes
         singular."""
-        task, kept = self.options.desired.task, self.chosen.kept
-        at = self.coarse.guards[-1][0] if self.coarse.guards else self.options.region.center
+        task, kept = self.problem.desired.task, self.chosen.kept
+        at = self.coarse.guards[-1][0] if self.coarse.guards else self.problem.region.center
         return SingularRegionError(
             f"{len(Q)} nodes do not determine {len(kept)} potentials: each fit has an algorithmic singularity "
             f"between the nodes, such as near {named(task, at)}",
@@ -173,13 +171,13 @@ class Continuation:
 
     def reported(self, step: int, cost: float) -> None:
         """Report a step of a descent."""
-        self.options.report(f"step {step}, cost {cost:.6g}", 1.0)
+        self.problem.report(f"step {step}, cost {cost:.6g}", 1.0)
 
     def _again(self, A: Array) -> Iterator[Descent]:
         """Descend from random changes of a start."""
         basis = self.chosen.basis[: len(A), : len(A)]
-        for attempt in range(self.options.restarts):
-            noise = np.random.default_rng([self.options.seed, attempt]).normal(size=A.shape)
+        for attempt in range(self.problem.options.restarts):
+            noise = np.random.default_rng([self.problem.options.seed, attempt]).normal(size=A.shape)
             away = A + _RESTART * basis @ noise / np.sqrt(len(noise))
             found = None
             if self.coarse.total(criterion.cost, away)[-1].uniform:
@@ -196,15 +194,15 @@ class Continuation:
         return self._starts[size]
 
     def _lowest(self, A: Array) -> Lowest:
-        region = self.options.region
-        return search(self.margin(A), region, region.random(1024, self.options.seed + 7919))
+        region = self.problem.region
+        return search(self.margin(A), region, region.random(1024, self.problem.options.seed + 7919))
 
     def _rungs(self) -> list[int]:
         """How many of the potentials have degree 1, 1 and 2, …; a family without degrees is one
         fit_degree."""
-        potentials = self.options.potentials
+        potentials = self.problem.potentials
         if not isinstance(potentials, Polynomial):
             return [len(self.chosen.kept)]
         degrees = potentials.exponents[self.chosen.kept].sum(axis=1)  # they rise
         ends = np.searchsorted(degrees, np.unique(degrees), side="right")
-        return [int(size) for size in ends if size >= self.options.desired.task.r]
+        return [int(size) for size in ends if size >= self.problem.desired.task.r]

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..arguments import Array, read_only
 from ..errors import InputError, SingularityError
+from ..fit_options import FitOptions
 from ..potentials.polynomial import Polynomial
 from ..progress import Report, silent
 from .design_result import Design
@@ -105,7 +106,10 @@ def degree_curve(design: Design, report: Report = silent) -> tuple[tuple[int, fl
             continue
         try:
             one = nearest_repeatable(
-                design.desired, lower, design.region, held_out=design.held_out, seed=design.seed
+                design.desired,
+                lower,
+                design.region,
+                options=FitOptions(held_out=design.held_out, seed=design.seed),
             )
         except SingularityError:
             continue

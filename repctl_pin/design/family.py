@@ -55,10 +55,12 @@ class FamilyDesign:
 
     Examples
     --------
+    >>> from repctl_pin.design import nearest_in_family
     >>> def tilted(k):
     ...     return rp.RepeatableInverse(task, rp.Polynomial(q0, 1).weighted([[1.0], [k], [1.0]]))
     ...
-    >>> found = rp.nearest_in_family(control, tilted, rp.Box(q0, 0.2), bounds=(-3.0, 0.0), samples=256)
+    >>> bounds = (-3.0, 0.0)
+    >>> found = nearest_in_family(control, tilted, rp.Box(q0, 0.2), bounds=bounds, samples=256)
     >>> -3 < found.parameter < 0, found.cost > 0
     (True, True)
     """
@@ -149,10 +151,12 @@ def nearest_in_family(
 
     Examples
     --------
+    >>> from repctl_pin.design import nearest_in_family
     >>> def tilted(k):
     ...     return rp.RepeatableInverse(task, rp.Polynomial(q0, 1).weighted([[1.0], [k], [1.0]]))
     ...
-    >>> found = rp.nearest_in_family(control, tilted, rp.Box(q0, 0.2), bounds=(-3.0, 0.0), samples=256)
+    >>> bounds = (-3.0, 0.0)
+    >>> found = nearest_in_family(control, tilted, rp.Box(q0, 0.2), bounds=bounds, samples=256)
     >>> found.unique
     True
     """

@@ -57,7 +57,8 @@ class SingularRegionError(SingularityError):
     --------
     >>> wide = rp.Box(q0, 3.0)  # reaches singular configurations
     >>> try:
-    ...     rp.nearest_repeatable(control, rp.Polynomial(q0, 2, 3.0), wide, samples=512, held_out=512)
+    ...     options = rp.FitOptions(samples=512, held_out=512)
+    ...     rp.nearest_repeatable(control, rp.Polynomial(q0, 2, 3.0), wide, options=options)
     ... except rp.SingularRegionError as error:
     ...     print(type(error).__name__)
     SingularRegionError

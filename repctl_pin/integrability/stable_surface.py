@@ -57,6 +57,9 @@ class Surfaces:
     tolerance: Array
     residual: Array
 
+    def __repr__(self) -> str:
+        return f"<{self.summary()}>"
+
     @property
     def stable(self) -> Array:
         """The points on stable surfaces (·, n)."""
@@ -137,7 +140,8 @@ def candidate_surface(
 
     Examples
     --------
-    >>> points = rp.candidate_surface(control, rp.Box(q0, 0.8), samples=16)
+    >>> from repctl_pin.integrability import candidate_surface
+    >>> points = candidate_surface(control, rp.Box(q0, 0.8), samples=16)
     >>> points.shape[1]
     3
     """

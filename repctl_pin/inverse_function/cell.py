@@ -20,12 +20,11 @@ from ..arguments import (
     freeze,
     positive,
     read_only,
-    require_type,
     shown,
     vector,
 )
 from ..errors import InputError
-from ..robot.formulas import require_rotation
+from ..robot.formulas import Placement, as_placement, as_placements, require_rotation
 from ..robot.task import Task, require_task
 from .kinematics import placed
 from .rotations import exp3, left_jacobian, log3, tilts
@@ -91,7 +90,7 @@ class Cell:
     def __init__(
         self,
         task: Task,
-        placement: pin.SE3 | ArrayLike,
+        placement: Placement,
         half_width: ArrayLike,
         half_angle: ArrayLike = 0.0,
     ) -> None:
@@ -122,7 +121,7 @@ class Cell:
     def around(
         cls,
         task: Task,
-        poses: Sequence[pin.SE3] | object,
+        poses: Sequence[Placement] | object,
         margin: ArrayLike = 0.02,
         half_angle: ArrayLike = 0.0,
     ) -> Cell:
@@ -142,15 +141,11 @@ class Cell:
         require_task(task)
         if hasattr(poses, "placement"):
             poses = [poses.placement(s) for s in np.linspace(0, 1, 2001)]
-        if (
-            not isinstance(poses, Sequence)
-            or not poses
-            or not all(isinstance(x, pin.SE3) for x in poses)
-        ):
-            raise InputError(
-                "a cell goes around a list of placements (pinocchio.SE3), or a closed path"
-            )
-        p, R = stacked(task, poses, "placement")
+        what = "a list of placements, or a closed path"
+        listed = as_placements(poses, "placement", what)
+        if not listed:
+            raise InputError(f"placements must be {what}, not an empty list")
+        p, R = stacked(task, listed, "placement")
         middle = pin.SE3(R[0], (p.max(axis=0) + p.min(axis=0)) / 2)
         positions, turns = min(3, task.m), task.m - min(3, task.m)
         unit = cls(task, middle, 1.0, 0.1 if turns else 0.0)
@@ -208,7 +203,7 @@ class Cell:
         p, R = self.placements(vector(u, self.k, "u", "one per coordinate of the cell")[None])
         return pin.SE3(R[0].copy(), p[0])
 
-    def coordinates(self, p: Array, R: Array) -> tuple[Array, Array]:
+    def coordinates(self, p: ArrayLike, R: ArrayLike) -> tuple[Array, Array]:
         """Convert placements to coordinates u, and measure their distance along held coordinates.
 
         Parameters
@@ -227,7 +222,7 @@ class Cell:
         on = self.widths > 0
         return Y[:, on] / self.widths[on], np.abs(Y[:, ~on]).max(axis=1, initial=0.0)
 
-    def coordinates_of(self, target: pin.SE3) -> Array:
+    def coordinates_of(self, target: Placement) -> Array:
         """Convert one placement, which must lie in the cell, to coordinates u (k,).
 
         Raises
@@ -235,10 +230,10 @@ class Cell:
         InputError
             If it lies outside; the message names the coordinate and the distance.
         """
-        require_type(target, pin.SE3, "target", "a placement (pinocchio.SE3)")
+        target = as_placement(target)
         return self.inside(*self.coordinates(*stacked(self.task, [target], "target")))[0]
 
-    def inside(self, U: Array, off: Array) -> Array:
+    def inside(self, U: ArrayLike, off: ArrayLike) -> Array:
         """Refuse coordinates U (K, k) that lie outside the cell."""
         U, off = as_matrices(("U", U, f"K {self.k}"), ("off", off, "K"), exact=True, finite=False)
         bad = ~((np.abs(U) <= 1 + _INSIDE).all(axis=1) & (off <= TURNED))
@@ -260,7 +255,7 @@ class Cell:
             f"from the middle, and the cell goes to ±{width:.3g}"
         )
 
-    def ratio(self, Q: Array) -> Array:
+    def ratio(self, Q: ArrayLike) -> Array:
         """Factor by which the cell would have to be scaled for the pose of each row of Q (K, n) to
         lie on its boundary: (K,); above 1 is outside."""
         U, off = self.coordinates(
@@ -271,7 +266,7 @@ class Cell:
     # ---- velocities
     # --------------------------------------------------------------------------------
 
-    def twists(self, U: Array, R: Array) -> Array:
+    def twists(self, U: ArrayLike, R: ArrayLike) -> Array:
         """Evaluate E = ∂x/∂u in the rows of the task's velocity, (K, m, k), m and rad.
 
         Parameters
@@ -284,14 +279,14 @@ class Cell:
         U, R = as_matrices(("U", U, f"K {self.k}"), ("R", R, "K 3 3"), exact=True, finite=False)
         return self._all_twists(self.spread(U), R)[:, :, self.widths > 0] * self._active_widths
 
-    def slopes(self, p: Array, R: Array) -> tuple[Array, Array]:
+    def slopes(self, p: ArrayLike, R: ArrayLike) -> tuple[Array, Array]:
         """Evaluate u and ∂u/∂x at placements: (K, k) and (K, k, m)."""
         p, R = as_matrices(("p", p, "K 3"), ("R", R, "K 3 3"), exact=True, finite=False)
         Y, on = self._measured(p, R), self.widths > 0
         slopes = np.linalg.inv(self._all_twists(Y, R))[:, on] / self._active_widths[:, None]
         return Y[:, on] / self._active_widths, slopes
 
-    def speeds(self, U: Array) -> Array:
+    def speeds(self, U: ArrayLike) -> Array:
         """Evaluate ``(EᵀE)^(−1/2)`` (K, k, k), which scales ∂F/∂u to joint speed per unit of task
         speed."""
         _, R = self.placements(U)
@@ -299,7 +294,7 @@ class Cell:
         s, V = np.linalg.eigh(np.swapaxes(E, 1, 2) @ E)
         return (V / np.sqrt(s)[:, None, :]) @ np.swapaxes(V, 1, 2)
 
-    def errors(self, p_goal: Array, R_goal: Array, p: Array, R: Array) -> Array:
+    def errors(self, p_goal: ArrayLike, R_goal: ArrayLike, p: ArrayLike, R: ArrayLike) -> Array:
         """Evaluate the task errors (K, m) from placements to goals, as :meth:`Task.error` does."""
         p_goal, R_goal, p, R = as_matrices(
             ("p_goal", p_goal, "K 3"),
@@ -408,7 +403,7 @@ class Cell:
             Y[:, 3:] = tilts(np.broadcast_to(R_0, R.shape), R)
         return Y
 
-    def vectors(self, turns: Array) -> Array:
+    def vectors(self, turns: ArrayLike) -> Array:
         """Convert rotations (K, 3) or (K, 2) about the cell's axes to rotation vectors (K, 3), base
         axes."""
         (turns,) = as_matrices(

@@ -10,9 +10,10 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, as_matrices, as_numbers, list_of, require_type, vector
+from ..arguments import Array, as_matrices, as_numbers, vector
 from ..errors import InputError
 from ..redundancy import leaf_margin
+from ..robot.formulas import Placement, as_placement, as_placements
 from ..robot.task import Task
 from ..strategies import RepeatableInverse
 from ..threads import PerThread
@@ -70,13 +71,13 @@ class InverseFunction:
         """The task that it inverts."""
         return self.chart.cell.task
 
-    def __call__(self, target: pin.SE3, *, leaf: ArrayLike | None = None) -> Array:
+    def __call__(self, target: Placement, *, leaf: ArrayLike | None = None) -> Array:
         """Evaluate F: the configuration (n,) for a pose of the cell.
 
         Parameters
         ----------
-        target
-            x.
+        target : pinocchio.SE3 or (4, 4) array
+            Pose x of the frame.
         leaf : (r,) array, optional
             c, by default 0: moves the elbow along the self-motion, see :meth:`leaves`.
 
@@ -86,6 +87,8 @@ class InverseFunction:
             If the target lies outside the cell or is no rigid transform, or F has no configuration
             inside the limits there.
         """
+        if not isinstance(target, pin.SE3):
+            target = as_placement(target)
         try:
             c = None if leaf is None else self._leaf(leaf)
             q = self._evaluate.own(target, c)
@@ -98,7 +101,9 @@ class InverseFunction:
             raise self._beyond(q, target)
         return q
 
-    def batch(self, targets: Sequence[pin.SE3] | Array, *, leaf: ArrayLike | None = None) -> Array:
+    def batch(
+        self, targets: Sequence[Placement] | Array, *, leaf: ArrayLike | None = None
+    ) -> Array:
         """Evaluate F at many targets, placements or coordinates U (K, k) of the cell: (K, n).
 
         Raises
@@ -130,7 +135,7 @@ class InverseFunction:
             raise InputError(f"target {at}: {self._beyond(points.Q[at], cell.at(U[at]))}")
         return points.Q
 
-    def jacobian(self, target: pin.SE3, *, leaf: ArrayLike | None = None) -> Array:
+    def jacobian(self, target: Placement, *, leaf: ArrayLike | None = None) -> Array:
         """Evaluate ∂F/∂x (n, m), joint velocity per task velocity, rad or m per m and rad."""
         return self.inverse(self(target, leaf=leaf))
 
@@ -139,7 +144,7 @@ class InverseFunction:
         """Controller ``q̇ = ∂F/∂x ẋ``, whose leaf c = 0 is F; its region Ω is the cell."""
         return RepeatableInverse(self.task, CellPotentials(self.chart), region=self.cell)
 
-    def leaves(self, target: pin.SE3) -> Array:
+    def leaves(self, target: Placement) -> Array:
         """Find the interval of each c_j at a pose, with the others 0: (r, 2).
 
         It ends at a joint limit, where the leaf margin falls to 0.1, or after half a turn.
@@ -159,17 +164,14 @@ class InverseFunction:
             step[~good] /= 2
         return np.stack([-done[:r], done[r:]], axis=1)
 
-    def _targets(self, targets: Sequence[pin.SE3] | Array) -> list[pin.SE3] | Array:
+    def _targets(self, targets: Sequence[Placement] | Array) -> list[pin.SE3] | Array:
         """Convert placements, or check coordinates U (K, k)."""
-        if isinstance(targets, np.ndarray):
+        if isinstance(targets, np.ndarray) and targets.ndim != 3:
             return as_matrices(
                 ("coordinates of this cell", targets, f"K {self.cell.k}"), exact=True, finite=False
             )[0]
-        a_target = "a placement (pinocchio.SE3)"
-        listed = list_of(
-            targets, "targets", "a list of placements, or an array of coordinates (K, k)"
-        )
-        return [require_type(one, pin.SE3, f"target {i}", a_target) for i, one in enumerate(listed)]
+        what = "a list of placements, or an array of coordinates (K, k)"
+        return as_placements(targets, "target", what)
 
     def _leaf(self, leaf: ArrayLike) -> Array:
         array = as_numbers(leaf)

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from .. import progress as reporting
 from ..arguments import Array, as_int, flag_or_function, positive, require_choice, require_type
 from ..errors import InputError
+from ..fit_options import FitOptions, fit_options
 from ..strategies.strategy import AN_INVERSE, Batched, Inverse
 from .cell import LEAST_WIDTH, Cell
 from .cell_design import CellDesign
@@ -75,7 +76,8 @@ class NoFunctionError(InputError):
     --------
     >>> far = rp.Cell(task, task.placement(q0), 3.0)  # farther than the arm reaches
     >>> try:
-    ...     rp.nearest_inverse_function(control, far, degree=1, samples=64, held_out=64)
+    ...     options = rp.FitOptions(samples=64, held_out=64)
+    ...     rp.nearest_inverse_function(control, far, degree=1, options=options)
     ... except rp.NoFunctionError as error:
     ...     print(type(error).__name__)
     NoFunctionError
@@ -96,9 +98,7 @@ def nearest_inverse_function(
     body_distance: float = 0.0,
     sigma_min: float = 0.0,
     incomplete: Literal["refuse", "shrink", "keep"] = "refuse",
-    samples: int | None = None,
-    held_out: int = _HELD_OUT,
-    seed: int = 0,
+    options: FitOptions | None = None,
     progress: bool | Callable[[str, float], None] = False,
 ) -> CellDesign:
     """Find the function ``q = F(x)`` over a cell nearest to a desired control in the mean.
@@ -133,10 +133,8 @@ def nearest_inverse_function(
         Action if no single function covers the cell, by held-out poses, corners, and a search for
         the worst poses: ``"refuse"`` it and name a cell that works, ``"shrink"`` the cell about its
         middle, or ``"keep"`` the function on the part that it covers.
-    samples, held_out
-        Numbers of fit nodes, by default in proportion to the unknowns, and of held-out poses.
-    seed
-        Random seed of both node sets and of the search for the middle configuration.
+    options
+        Nodes and seed: ``samples``, ``held_out`` and ``seed`` of :class:`FitOptions`.
     progress
         True for a progress bar on stderr, or a callback (step: str, fraction: float).
 
@@ -155,13 +153,20 @@ def nearest_inverse_function(
     Examples
     --------
     >>> cell = rp.Cell(task, task.placement(q0), 0.1)
-    >>> found = rp.nearest_inverse_function(control, cell, degree=2, samples=64, held_out=64)
+    >>> options = rp.FitOptions(samples=64, held_out=64)
+    >>> found = rp.nearest_inverse_function(control, cell, degree=2, options=options)
     >>> q = found.function(task.placement(q0))  # rad, from the pose alone
     >>> bool(np.abs(task.error(q, task.placement(q0))).max() < 1e-9)
     True
     """
     require_type(desired, Batched, "desired", AN_INVERSE)
     require_type(cell, Cell, "cell", "a cell, such as rp.Cell(task, placement, 0.1)")
+    options = fit_options(options)
+    options.require_only(("samples", "held_out", "seed"), "nearest_inverse_function")
+    samples = options.samples
+    if samples is not None:
+        samples = as_int(samples, "samples", 16, _MOST_SAMPLES)
+    held_out = _HELD_OUT if options.held_out is None else options.held_out
     require_choice(incomplete, ("refuse", "shrink", "keep"), "way to treat an incomplete cell")
     progress = flag_or_function(
         progress, "progress", "a function of what is being done and the share that is done", 2
@@ -188,9 +193,9 @@ def nearest_inverse_function(
         limit_margin=_margin(limit_margin, "limit_margin", "rad"),
         body_distance=_margin(body_distance, "body_distance", "m"),
         sigma_min=_margin(sigma_min, "sigma_min"),
-        samples=None if samples is None else as_int(samples, "samples", 16, _MOST_SAMPLES),
+        samples=samples,
         held_out=as_int(held_out, "held_out", 64, _MOST_HELD_OUT),
-        seed=as_int(seed, "seed"),
+        seed=options.seed,
         keep=incomplete == "keep",
     )
     with reporting.reporter(progress) as report:

@@ -103,7 +103,7 @@ class Candidate:
         return -broken, *rooms.tolist(), self.margin
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class BestLeaf:
     """The result of :func:`best_leaf`.
 
@@ -126,6 +126,9 @@ class BestLeaf:
     best: Candidate
     given: Candidate | None
     tried: int
+
+    def __repr__(self) -> str:
+        return f"<BestLeaf: best of {self.tried} starts, margin {self.best.margin:.3g}>"
 
     @property
     def q0(self) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from itertools import pairwise
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -57,7 +58,7 @@ def follow(
     *,
     cycles: int = 10,
     steps: int = 500,
-    integrator: str = "rk4",
+    integrator: Literal["rk4", "euler"] = "rk4",
     feedback: float = 0.0,
     period: float | None = None,
     leaf_lock: int = 0,

@@ -6,10 +6,11 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ..arguments import MOST_STEPS, Array, as_int, flag, positive, require_type, vector
+from ..arguments import MOST_STEPS, Array, as_int, flag, positive, vector
 from ..errors import InputError, SingularityError
 from ..paths.task_path import TaskPath
 from ..redundancy.inverses import pseudoinverse
+from ..robot.formulas import Placement, as_placement
 from ..robot.length import arm_length
 from ..robot.task import Task, require_task
 from ..solvers import newton
@@ -27,7 +28,7 @@ _FAR = 10
 def solve_ik(
     task: Task,
     q0: ArrayLike,
-    target: pin.SE3,
+    target: Placement,
     *,
     tolerance: float = 1e-12,
     iterations: int = 200,
@@ -38,13 +39,13 @@ def solve_ik(
     Parameters
     ----------
     task
-        Whose frame is to be placed.
+        Task that places the frame.
     q0 : (n,) array
-        Where to start looking, rad (m for sliding joints).
-    target
-        Where the frame should be.
+        Initial configuration, rad (m for prismatic joints).
+    target : pinocchio.SE3 or (4, 4) array
+        Desired placement of the frame.
     tolerance, iterations
-        When to stop: task error (m and rad), Newton steps.
+        Maximum task error (m and rad), and maximum number of Newton steps.
     limits
         Refuse a configuration outside the joint limits.
 
@@ -64,7 +65,7 @@ def solve_ik(
     >>> bool(np.abs(task.error(q, target)).max() < 1e-9)  # m
     True
     """
-    require_type(target, pin.SE3, "target", "a rigid transform, such as path.placement(0)")
+    target = as_placement(target)
     if not np.isfinite(target.homogeneous).all():
         raise InputError("the target must be finite numbers, m and a rotation")
     q = vector(q0, require_task(task).n, "q0")

@@ -5,13 +5,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import atan2, hypot, pi
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, as_numbers, row, shown
+from ..arguments import Array, as_numbers, list_of, row, shown
 from ..errors import InputError
 
 
@@ -109,6 +109,13 @@ def as_placement(value: Placement, name: str = "target") -> pin.SE3:
             f"not {row(array[3])}"
         )
     return pin.SE3(array)
+
+
+def as_placements(values: Any, name: str, what: str) -> list[pin.SE3]:
+    """Take rigid transforms: a list of pinocchio.SE3 or of 4 × 4 arrays, or a (K, 4, 4) array."""
+    stack = isinstance(values, np.ndarray) and values.ndim == 3
+    listed = list(values) if stack else list_of(values, f"{name}s", what)
+    return [as_placement(value, f"{name} {k}") for k, value in enumerate(listed)]
 
 
 def require_rotation(R: Array, name: str) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from copy import copy
 from functools import partial
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pinocchio as pin
@@ -29,7 +29,10 @@ from .formulas import Placement, as_placement, axis_turn, chain_hessians, requir
 from .mechanism import Mechanism
 from .model import frame_id, frame_jacobian, lock_joints, path_between, seen_from
 
-KINDS: dict[str, tuple[int, ...]] = {
+Kind = Literal["pose", "axis", "position", "xy", "xz", "yz"]
+"""Kind of a task."""
+
+KINDS: dict[Kind, tuple[int, ...]] = {
     "pose": (0, 1, 2, 3, 4, 5),
     "axis": (0, 1, 2, 3, 4),
     "position": (0, 1, 2),
@@ -89,7 +92,9 @@ class Task:
     array([1.086, 2.133, 0.   ])
     """
 
-    def __init__(self, robot: Mechanism, frame: str, kind: str, joint_names: Sequence[str]) -> None:
+    def __init__(
+        self, robot: Mechanism, frame: str, kind: Kind, joint_names: Sequence[str]
+    ) -> None:
         self.robot, self.frame, self.kind = robot, frame, kind
         self.joint_names = tuple(joint_names)
         self._columns = np.array([robot.joint_names.index(j) for j in joint_names])
@@ -323,10 +328,10 @@ class Task:
         q = whole[..., self._columns]
         return q if self.coordinates is None else self.coordinates.coordinates(q)
 
-    def joints(self, values: Array) -> Array:
-        """Turn positions or velocities (..., n) of the coordinates ψ into those of the robot's own
-        joints."""
-        return values if self.coordinates is None else self.coordinates.joints(values)
+    def joints(self, values: ArrayLike) -> Array:
+        """Convert positions or velocities (..., n) of the coordinates ψ to the robot's joints."""
+        (rows,) = as_matrices(("values", values, f"{self.n}"), finite=False)
+        return rows if self.coordinates is None else self.coordinates.joints(rows)
 
     @property
     def joint_limits(self) -> tuple[Array, Array, Array]:

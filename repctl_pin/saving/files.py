@@ -93,6 +93,64 @@ def load(path: str | Path, task: Task | None = None) -> Design | CellDesign:
     return made_of(content, task or task_of(made_for, Robot.load(made_for.robot)), where)
 
 
+def load_design(path: str | Path, task: Task | None = None) -> Design:
+    """Read a design of a repeatable inverse from a file, see :func:`load`.
+
+    Parameters
+    ----------
+    path, task
+        As for :func:`load`.
+
+    Returns
+    -------
+    Design
+
+    Raises
+    ------
+    InputError
+        If the file holds a cell, or as for :func:`load`.
+
+    Examples
+    --------
+    >>> again = rp.load_design(rp.save(design, "design.json"), task)
+    >>> again.cost == design.cost
+    True
+    """
+    design = load(path, task)
+    if isinstance(design, Design):
+        return design
+    raise InputError(f"{path} holds a function over a cell; use rp.load_cell")
+
+
+def load_cell(path: str | Path, task: Task | None = None) -> CellDesign:
+    """Read a function over a cell from a file, see :func:`load`.
+
+    Parameters
+    ----------
+    path, task
+        As for :func:`load`.
+
+    Returns
+    -------
+    CellDesign
+
+    Raises
+    ------
+    InputError
+        If the file holds a repeatable inverse, or as for :func:`load`.
+
+    Examples
+    --------
+    >>> again = rp.load_cell(rp.save(found, "cell.json"), task)
+    >>> again.cost == found.cost
+    True
+    """
+    design = load(path, task)
+    if isinstance(design, CellDesign):
+        return design
+    raise InputError(f"{path} holds a repeatable inverse; use rp.load_design")
+
+
 def read_design(path: str | Path) -> DesignFile | cell_file.CellFile:
     """Read a file and make sure that it is a design of either kind, as it was written."""
     content: DesignFile | cell_file.CellFile = read(

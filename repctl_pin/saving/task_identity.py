@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from typing import cast
+
 import numpy as np
 
 from ..errors import InputError
 from ..robot.robot import Robot
-from ..robot.task import Task
+from ..robot.task import Kind, Task
 from .schema import Check, TaskFile
 
 _CHECKS = 4
@@ -44,7 +46,7 @@ def task_of(made_for: TaskFile, robot: Robot) -> Task:
             base=made_for.base,
             surroundings=around,
         )
-    task = robot.task(made_for.frame, made_for.task, joints=made_for.joints)
+    task = robot.task(made_for.frame, cast(Kind, made_for.task), joints=made_for.joints)
     return task if made_for.coordinates is None else task.in_coordinates(made_for.coordinates)
 
 

@@ -90,7 +90,7 @@ class CustomInverse:
         if residual.max() > self.tolerance:
             a, b = np.unravel_index(int(residual.argmax()), residual.shape)
             raise InputError(
-                f"J G differs from I by {residual.max():.2g} (row {a}, column {b}) "
+                f"J G = I does not hold, by {residual.max():.2g} (row {a}, column {b}), "
                 f"at q = {row(q)}; correct the function, for example G + J⁺ (I − J G)"
             )
         return G

@@ -97,7 +97,8 @@ class ExtendedMap:
         r"""Evaluate V at every row of Q (K, n): (K, n, r).
 
         .. math:: \frac{\partial h}{\partial q_k}
-                  = \frac{\partial N}{\partial q_k}^T \nabla U + N^T \nabla^2 U e_k, \qquad \frac{\partial N}{\partial q_k} = -J^+ H_k N + N Z_k,
+                  = \frac{\partial N}{\partial q_k}^T \nabla U + N^T \nabla^2 U e_k, \qquad
+                  \frac{\partial N}{\partial q_k} = -J^+ H_k N + N Z_k,
 
         with the antisymmetric :math:`Z_k` that keeps :math:`S = N^T N_{ref}` symmetric:
         :math:`Z_k S + S Z_k = B_k - B_k^T`, :math:`B_k = -N^T H_k^T J^{+T} N_{ref}`.

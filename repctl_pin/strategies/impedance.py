@@ -49,7 +49,8 @@ class LeafImpedance:
     Examples
     --------
     >>> near = rp.Tube([panda.reference], 0.1)
-    >>> found = rp.nearest_repeatable(rp.Pseudoinverse(panda), None, near, degree=1, held_out=64)
+    >>> J_plus, options = rp.Pseudoinverse(panda), rp.FitOptions(held_out=64)
+    >>> found = rp.nearest_repeatable(J_plus, None, near, degree=1, options=options)
     >>> spring = rp.LeafImpedance(found.inverse, stiffness=(2000.0, 100.0))  # N/m and Nm/rad
     >>> q = np.array(panda.reference)
     >>> spring.torque(q, np.zeros(7), panda.placement(q), leaf=found.inverse.leaf(q)).shape  # Nm

@@ -128,7 +128,9 @@ class WeightedInverse:
     def __repr__(self) -> str:
         if isinstance(self.weight, str):
             return described(self, self.task, "weight 'inertia'")
-        return described(self, self.task, "weight a function of q" if callable(self.weight) else "constant M")
+        return described(
+            self, self.task, "weight a function of q" if callable(self.weight) else "constant M"
+        )
 
     def __call__(self, q: ArrayLike) -> Array:
         """Evaluate J⁺_M (n, m)."""

@@ -204,24 +204,17 @@ class RepeatableInverse:
         SingularityError
             If J_V is singular and there is no damping.
         """
-        if (
-            outside == "ignore"
-            and velocity_limit is None
-            and type(damping) is float
-            and not damping
-        ):
-            return self._loop.own.step(q, target, dt, twist, leaf, gain)
-        return self.damped_step(
-            q,
-            target,
-            dt,
-            twist,
-            leaf=leaf,
-            gain=gain,
-            velocity_limit=velocity_limit,
-            damping=damping,
-            outside=outside,
-        ).q
+        if outside != "ignore":
+            self._check_region(q, outside)
+        loop = self._loop.own
+        if velocity_limit is None and type(damping) is float and not damping:
+            following = loop.step(q, target, dt, twist, leaf, gain)
+        else:
+            bounded = loop.bounded(q, target, dt, twist, leaf, gain, velocity_limit, damping)
+            following = bounded[0]
+        if outside != "ignore":
+            self._check_limits(following, "the next q", outside)
+        return following
 
     def damped_step(
         self,
@@ -254,8 +247,8 @@ class RepeatableInverse:
         """
         if outside != "ignore":
             self._check_region(q, outside)
-        found = self._loop.own.bounded(q, target, dt, twist, leaf, gain, velocity_limit, damping)
-        step = Step(*found)
+        loop = self._loop.own
+        step = Step(*loop.bounded(q, target, dt, twist, leaf, gain, velocity_limit, damping))
         if outside != "ignore":
             self._check_limits(step.q, "the next q", outside)
         return step

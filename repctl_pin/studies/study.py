@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from ..arguments import Array, as_int, function, positive, require_choice, require_type
 from ..design import Design, SingularRegionError, nearest_repeatable
 from ..errors import InputError, SingularityError
+from ..fit_options import FitOptions
 from ..integrability import drift_per_area
 from ..motion import ClosedPath, Motion, TaskPath, check_length, follow
 from ..motion.fitting_circle import fitting_circle
@@ -181,7 +182,13 @@ def study(
         say(degree_text)
         shown = report if progress is not None else False
         return nearest_repeatable(
-            desired, None, box, degree=degree, seed=seed, shrink=region is None, progress=shown
+            desired,
+            None,
+            box,
+            degree=degree,
+            options=FitOptions(seed=seed),
+            shrink=region is None,
+            progress=shown,
         )
 
     if region is None:

@@ -20,7 +20,8 @@ from .html import page
 from .meshes import Key, key, lifted, record
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Frames:
     """Which samples of a motion are shown.
 

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arguments import read_only
 from ...errors import InputError
 
 KINDS = (".stl", ".dae", ".obj", ".ply", ".off", ".glb", ".gltf")
@@ -33,7 +34,8 @@ _MANY = 48
 surface."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Surface:
     """Triangles in metres, in the mesh's own frame.
 
