@@ -19,6 +19,7 @@ import repctl_pin as rp
 from repctl_pin.cli import main
 from repctl_pin.codegen.expressions import Graph, assignments, number
 from repctl_pin.codegen.text import checked_name, comment
+from repctl_pin.regions import Region
 
 AGREE = 1e-11
 

@@ -97,6 +97,7 @@ class Tube(Region):
 
     def clip(self, Q: ArrayLike) -> Array:
         """Move points (K, n) that lie outside to the box of the nearest sample."""
+        Q = as_configurations(Q, self.n, "this tube")
         nearest = self.samples[self._nearest(Q)[0]]
         return np.clip(Q, nearest - self.radius, nearest + self.radius)
 
