@@ -35,21 +35,21 @@ _EMPHASIS = (1.0, 0.1, 0.01)
 @dataclass(frozen=True, eq=False)
 @read_only
 class Descent:
-    """Where an optimisation ended.
+    """End of an optimisation.
 
     Attributes
     ----------
     A : (N, r) array
         The coefficients.
     cost, gradient_norm : float
-        On the nodes of the fit; the norm in coordinates orthonormal over Ω, of the part that moves
-        span A.
+        Cost on the fit nodes, and norm of its gradient in coordinates that are orthonormal over Ω.
     converged : bool
-        Gauss–Newton predicts no further relative decrease above the tolerance, or three steps
-        brought none.
+        Whether Gauss–Newton predicts no further relative decrease above the tolerance, or three
+        steps brought none.
     steps : int
+        Gauss–Newton steps taken.
     sides : SignCount
-        Of the nodes; ``sides.uniform`` unless there is an algorithmic singularity.
+        Signs of det(Nᵀ V) at the nodes; ``sides.uniform`` without an algorithmic singularity.
     """
 
     A: Array
@@ -63,7 +63,7 @@ class Descent:
 @dataclass(frozen=True, eq=False)
 @read_only
 class Start:
-    """Where a descent begins, and the penalty that keeps it near the null space's own potentials.
+    """Start of a descent, and the penalty that keeps it near the null space's own potentials.
 
     Attributes
     ----------
@@ -83,7 +83,7 @@ class Start:
 
 
 def start(batches: Batches, basis: Array, moments: tuple[Array, Array, Array]) -> Start:
-    """Solve the linear problem that brings V closest to the null space's own potentials.
+    """Solve the linear problem whose V is closest to the null space's own potentials.
 
     ``min_A mean ε ‖F A‖² + ‖E A − Nᵀ N(center)‖²``: V should be N R with R = Nᵀ N(center), a smooth
     gauge, and have no part along G_d. ε = 1, or less where that runs into an algorithmic
@@ -94,7 +94,7 @@ def start(batches: Batches, basis: Array, moments: tuple[Array, Array, Array]) -
     batches
         The nodes.
     basis : (N', N') array
-        Coordinates of the first N' potentials, which are all that is used.
+        Coordinates of the first N' potentials, which alone are used.
     moments
         The sums of :func:`criterion.linear` over all potentials.
     """
