@@ -50,6 +50,7 @@ class Ball(Region):
 
 
 Q0 = np.array([0.3, 0.8, 0.8])
+NODES = rp.FitOptions(samples=64, held_out=64)
 
 
 def test_a_basis_of_three_definitions_is_named_weighted_and_joined() -> None:
@@ -71,7 +72,7 @@ def test_user_defined_bases_and_regions_make_a_design() -> None:
     assert ball.n == 3 and ball.contains([Q0, Q0 + 1]).tolist() == [True, False]
     Q, weights = ball.nodes(64, 0)
     assert ball.contains(Q).all() and np.isclose(weights.sum(), 1)
-    own = rp.nearest_repeatable(rp.Pseudoinverse(task), Sums(), ball, samples=64, held_out=64)
+    own = rp.nearest_repeatable(rp.Pseudoinverse(task), Sums(), ball, options=NODES)
     assert own.coefficients.shape == (2, 1)
     design = rp.nearest_repeatable(
         rp.Pseudoinverse(task),

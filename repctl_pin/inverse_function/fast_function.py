@@ -1,6 +1,6 @@
 """Allocation-free q = F(x), one placement at a time: a cell's coordinates, their monomials, Newton.
 
-Closures over preallocated memory, see :mod:`repctl_pin.strategies.control_step`."""
+Closures over preallocated memory, see :mod:`repctl_pin.strategies.fast_loop`."""
 
 from __future__ import annotations
 

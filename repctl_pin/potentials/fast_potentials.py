@@ -1,4 +1,4 @@
-"""Allocation-free potentials for control loops, see :mod:`repctl_pin.strategies.control_step`."""
+"""Allocation-free potentials for control loops, see :mod:`repctl_pin.strategies.fast_loop`."""
 
 from __future__ import annotations
 
