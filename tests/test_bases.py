@@ -1,4 +1,4 @@
-"""User-defined bases of potentials and regions: the definitions they need, and what they inherit."""
+"""User-defined bases of potentials and regions: what they define, and what they inherit."""
 
 from __future__ import annotations
 

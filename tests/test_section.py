@@ -638,8 +638,9 @@ def test_singularities_in_the_cost_are_kept_away(tmp_path: Path) -> None:
         rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, sigma_min=a, **small)
         for a in (0.0, 0.9)
     )
-    least = [np.linalg.svd(task.jacobians(d.function.batch(cell.sample(200, 31))), compute_uv=False).min()
-             for d in (free, kept)]  # fmt: skip
+    U = cell.sample(200, 31)
+    jacobians = [task.jacobians(d.function.batch(U)) for d in (free, kept)]
+    least = [np.linalg.svd(J, compute_uv=False).min() for J in jacobians]
     assert least[0] < 0.6 and least[1] > 0.85 and kept.extra_speed < 0.01
 
 
@@ -765,9 +766,9 @@ def test_a_refusal_names_all_causes_but_bodies_that_touch() -> None:
     )
     error = _refusal(cell, failures, 0.5, keep=True)
     assert (
-        "cell: joint1 is 0.2 rad beyond its limit, and a corner is out of reach; use incomplete='shrink' to get a cell of"
-        in str(error)
-    )
+        "cell: joint1 is 0.2 rad beyond its limit, and a corner is out of reach; "
+        "use incomplete='shrink' to get a cell of"
+    ) in str(error)
     assert "touch" not in str(error) and [stop.cause for stop in error.failures] == [
         "limit",
         "reach",
@@ -807,7 +808,8 @@ def test_a_cell_beyond_the_joint_limits_and_one_through_a_singularity(tmp_path: 
     q = [-0.5, 0.9, 0.6]
     says = refused(rp.Cell(narrow, narrow.placement(q), 0.35), q)
     assert re.search(
-        r"at \(1\.\d+, .*\) m, theta\d is [\d.]+ rad beyond its limit; use incomplete=.shrink. to get a cell of",
+        r"at \(1\.\d+, .*\) m, theta\d is [\d.]+ rad beyond its limit; "
+        r"use incomplete=.shrink. to get a cell of",
         says,
     ), says
     task = planar_task(

@@ -155,14 +155,14 @@ def oriented_nullspace(J: Array, task: Task, Q: Array) -> Array:
 
 @dataclass(frozen=True)
 class SignCount:
-    """On which side of an algorithmic singularity nodes lie: how many on each."""
+    """Numbers of nodes on each side of an algorithmic singularity."""
 
     positive: int
     negative: int
 
     @property
     def uniform(self) -> bool:
-        """Whether all lie on one side."""
+        """Whether all nodes lie on one side."""
         return not (self.positive and self.negative)
 
     def __add__(self, other: SignCount) -> SignCount:
@@ -170,8 +170,7 @@ class SignCount:
 
 
 def linear(b: Batch) -> tuple[Array, Array, Array]:
-    """Sum what the linear start needs: ``mean EᵀE``, ``mean FᵀF`` (N, N) and ``mean Eᵀ
-    NᵀN(center)`` (N, r)."""
+    """Sum ``mean EᵀE``, ``mean FᵀF`` (N, N) and ``mean Eᵀ NᵀN(center)`` (N, r)."""
     root = np.sqrt(b.weights)[:, None, None]
     E, F = (b.E * root).reshape(-1, b.EF.shape[-1]), (b.F * root).reshape(-1, b.EF.shape[-1])
     return E.T @ E, F.T @ F, E.T @ (b.null_alignment * root).reshape(-1, b.r)
@@ -213,14 +212,14 @@ def gauss_newton(b: Batch, A: Array) -> tuple[float, Array, Array, SignCount]:
 
 
 def named(task: Task, q: Array) -> str:
-    """Write a configuration so that a person can find it."""
+    """Write a configuration with joint names, for a message."""
     return ", ".join(
         f"{name} = {value:.3f}" for name, value in zip(task.joint_names, q, strict=True)
     )
 
 
 def _difference(b: Batch, A: Array) -> tuple[Array, Array, SignCount]:
-    """``X = F A P⁻¹ = −(W_r − W_d)`` (38), P⁻¹, and the sides of det P, P = E A."""
+    """Evaluate ``X = F A P⁻¹ = −(W_r − W_d)`` (38), P⁻¹, and the signs of det P, with P = E A."""
     K, n, size = b.EF.shape
     EFA = (b.EF.reshape(-1, size) @ A).reshape(K, n, -1)
     P = EFA[:, : b.r]

@@ -70,7 +70,7 @@ class SingularRegionError(SingularityError):
         return type(self), (self.finding, self.at, self.free, self.remedy)
 
     def with_remedy(self, remedy: str) -> SingularRegionError:
-        """Say the same with another remedy: the free region is taken in other words elsewhere."""
+        """Make the same error with another remedy, such as an option of the command line."""
         return SingularRegionError(self.finding, self.at, self.free, remedy)
 
 

@@ -37,7 +37,7 @@ class Polynomial(PotentialBasis):
     degree : int
         Highest total degree, 1 or more.
     scale : float or (n,) array
-        Half-widths of the box on which the basis is orthonormal, rad (m for sliding joints).
+        Half-widths of the box on which the basis is orthonormal, rad (m for prismatic joints).
     variables : sequence of int, optional
         Joints on which the potentials depend (counted from 0); by default all.
     cross

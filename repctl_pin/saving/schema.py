@@ -20,7 +20,7 @@ Rows = list[list[float]]
 
 
 class _Part(msgspec.Struct, forbid_unknown_fields=True, tag_field="kind"):
-    """A part of which there are several kinds, told by ``kind``."""
+    """A part of which there are several kinds, distinguished by ``kind``."""
 
 
 class PolynomialFile(_Part, tag="polynomial"):

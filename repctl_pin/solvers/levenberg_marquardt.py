@@ -119,7 +119,7 @@ class Damping:
 
 @dataclass(frozen=True)
 class Solution(Generic[D, M]):
-    """Where the iteration ended.
+    """End of the iteration.
 
     Attributes
     ----------

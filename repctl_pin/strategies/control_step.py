@@ -178,9 +178,9 @@ def within(x: Array, x_task: Array, most: Array) -> tuple[Array, float]:
         Smaller one of the two factors by which the parts were scaled.
     """
     x_leaf = x - x_task
-    room = np.where(x_leaf > 0, most - x_task, most + x_task)
+    left = np.where(x_leaf > 0, most - x_task, most + x_task)
     moving = np.abs(x_leaf) > 1e-15
-    share = float(np.clip((room[moving] / np.abs(x_leaf[moving])).min(initial=1.0), 0.0, 1.0))
+    share = float(np.clip((left[moving] / np.abs(x_leaf[moving])).min(initial=1.0), 0.0, 1.0))
     shorter = x_task + share * x_leaf
     whole = float((most / np.maximum(np.abs(shorter), 1e-300)).min(initial=1.0))
     return shorter * min(1.0, whole), min(share, whole)
