@@ -142,7 +142,7 @@ def test_what_no_file_can_hold_is_refused(tmp_path, panda_pose, q_panda, small) 
     custom = rp.CustomInverse(panda_pose, lambda q: np.linalg.pinv(panda_pose.jacobian(q)))
     for change, words in (
         ({"region": density}, "density"),
-        ({"potentials": own}, "functions of your own"),
+        ({"potentials": own}, "user-defined functions"),
         ({"desired": custom}, "CustomInverse"),
         ({"cost_error": float("nan")}, "cost_error"),
     ):

@@ -263,7 +263,7 @@ class _Problem:
         """Solve ``(H + μ D) dx = −g``."""
         gradient, H, scale = model
         matrix = H + np.diag((damping + _REGULAR) * scale)
-        dx: Array = -np.linalg.solve(matrix, gradient)
+        dx = -np.asarray(np.linalg.solve(matrix, gradient), float)
         predicted = -float(gradient @ dx) - 0.5 * float(dx @ matrix @ dx)
         return Step(dx.reshape(-1, self.cost.r), predicted, damping)
 

@@ -12,12 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from ..arguments import MOST_NODES, Array, as_configurations, as_int, function
 from ..errors import InputError
 
-if TYPE_CHECKING:
-    from .box import Box
-
 Density = Callable[[Array], ArrayLike]
-"""A weight for every row of Q (K, n): (K,) numbers from 0 up. Where it is larger, closeness matters
-more."""
+"""Weights of the rows of Q (K, n) in the mean over the region: (K,) numbers from 0 up."""
 
 
 _INSIDE = 1e-12
@@ -58,8 +54,8 @@ class Region(ABC):
 
     @property
     @abstractmethod
-    def bounds(self) -> Box:
-        """Smallest box around the region."""
+    def bounds(self) -> Any:
+        """Smallest :class:`Box` around the region."""
 
     @abstractmethod
     def random(self, count: int, seed: int) -> Array:
