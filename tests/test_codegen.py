@@ -340,6 +340,7 @@ def test_what_cannot_be_written_down_is_refused(
 ) -> None:
     class Ball(Region):
         center = np.zeros(7)
+        bounds = random = ratio = clip = shrunk = None
 
     own = rp.CustomPotentials([lambda q: float(q[0])]).weighted(np.ones((1, 1)))
     for inverse, words in (

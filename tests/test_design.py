@@ -17,6 +17,7 @@ from repctl_pin.design.criterion import Builder
 from repctl_pin.design.design_map import degree_curve, design_map
 from repctl_pin.design.evaluation import judge
 from repctl_pin.design.singularities import LeafMargin, largest_free
+from repctl_pin.potentials import PotentialBasis
 from repctl_pin.show.plots.designs import design_figure
 
 Q0 = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
@@ -253,7 +254,7 @@ def test_a_repeatable_desire_is_met_exactly(panda_pose: rp.Task) -> None:
 # ---- laws ----------------------------------------------------------------------------------------
 
 
-class Mixed:
+class Mixed(PotentialBasis):
     """The same space of potentials in another basis."""
 
     def __init__(self, family: rp.Polynomial, M: np.ndarray) -> None:

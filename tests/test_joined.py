@@ -91,7 +91,7 @@ def test_a_repeatable_inverse_of_a_joined_field_is_repeatable() -> None:
     "make, message",
     [
         (lambda f: rp.Joined(), "at least one"),
-        (lambda f: f + 3, "must be a family of potentials"),
+        (lambda f: f + 3, "inherits from repctl_pin.potentials.PotentialBasis"),
         (lambda f: (f + f).weighted(np.zeros((3, 1))), "coefficients .*8, r"),
     ],
 )

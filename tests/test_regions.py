@@ -204,7 +204,7 @@ def test_boxes_are_cut_to_limits(panda_pose: rp.Task) -> None:
         ),
         (
             lambda: rp.Box([0.0], 1.0, density=lambda Q: 1.0).weights(np.zeros((3, 1))),
-            "one number a row",
+            "one number per row",
         ),
     ],
 )

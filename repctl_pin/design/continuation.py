@@ -1,9 +1,9 @@
-"""Descents to a regular optimum: a search of Ω keeps them clear of singularities between the nodes.
+"""Continuation to a regular optimum: descents with a search of Ω for singularities between nodes.
 
-A descent sees det(Nᵀ V) at the nodes alone, and potentials of high degree have room between them.
-So Ω is searched behind every descent. Where det(Nᵀ V) vanishes the point is guarded, and the
-descent begins again from where V is known to be regular; and where there is no such start, the
-lower degrees are climbed, each from the one below."""
+A descent evaluates det(Nᵀ V) at the nodes alone, and potentials of high degree vary between them.
+So Ω is searched after each descent. A point where det(Nᵀ V) vanishes is added to the cost, and the
+descent starts again from a regular V. If there is none, the degree is raised step by step, each fit
+from the one below."""
 
 from __future__ import annotations
 
@@ -58,16 +58,16 @@ class FitProblem:
 
 
 class Continuation:
-    """What the descents of one fit have in common.
+    """Descents of one fit, from low degrees to high ones.
 
     Parameters
     ----------
     problem
         The fit.
     chosen
-        The potentials that are of use in Ω.
+        The independent potentials over Ω.
     coarse
-        Few nodes.
+        A small set of nodes.
     """
 
     def __init__(self, problem: FitProblem, chosen: Independent, coarse: BarrierCost) -> None:
@@ -82,10 +82,11 @@ class Continuation:
         return LeafMargin(self.problem.desired.task, potentials, self.problem.region.center)
 
     def regular(self) -> Iterator[Descent]:
-        """Offer optima on few nodes with no singularity that a search finds, the best first.
+        """Yield optima on few nodes in which a search finds no singularity, the best first.
 
-        That of all potentials; where it is singular, the one of lower degree that was given
-        (``warm``); without it, what can be reached by climbing the degrees."""
+        First that of all potentials. If it is singular: the given one of lower degree (``warm``);
+        without it, those reached by raising the degree step by step.
+        """
         whole, warm, kept = len(self.chosen.kept), self.problem.warm, self.chosen.kept
         below = None if warm is None else warm[kept[kept < len(warm)]]
         best = self.fit_degree(whole, below)
@@ -103,8 +104,10 @@ class Continuation:
         yield from reversed(ladder)
 
     def fit_degree(self, size: int, below: Array | None) -> Descent | None:
-        """Descend with the first potentials, from the linear start or from an optimum of fewer, the
-        lower one first."""
+        """Descend with the first potentials, from the linear start or an optimum of fewer ones.
+
+        The start of lower cost is tried first.
+        """
         begin = self._start(size)
         starts = (
             [begin.A]
@@ -122,8 +125,7 @@ class Continuation:
     def descend(
         self, batches: BarrierCost, A: Array, penalty: float, tolerance: float
     ) -> Descent | None:
-        """Descend from a regular V to a regular one; None where A is not regular itself, or no end
-        is found to be."""
+        """Descend from a regular V to a regular one; None if A is singular, or every end is."""
         basis, begin = self.chosen.basis[: len(A), : len(A)], self._start(len(A))
         for _ in range(_ROUNDS):
             found = descend(
@@ -140,7 +142,7 @@ class Continuation:
         return None
 
     def refusal(self, Q: Array, error: SingularRegionError | None) -> SingularRegionError:
-        """Refuse Ω: det(Nᵀ V) has both signs at the linear start, or no descent was free of it."""
+        """Make the error for Ω: det(Nᵀ V) changes sign at the linear start, or in every descent."""
         begin = self._start(len(self.chosen.kept))
         measure = self.margin(begin.A)
         bad = Q[measure(Q) <= 0]
@@ -153,17 +155,20 @@ class Continuation:
             return self._between_nodes(Q)
         problem = self.problem
         return refuse_singular(
-            "an algorithmic singularity lies", problem.desired.task, measure, problem.region, bad
+            "Ω contains an algorithmic singularity",
+            problem.desired.task,
+            measure,
+            problem.region,
+            bad,
         )
 
     def _between_nodes(self, Q: Array) -> SingularRegionError:
-        """Refuse too few nodes: the linear start is regular, but every descent from it becomes
-        singular."""
+        """Make the error for too few nodes: the start is regular, but every descent is singular."""
         task, kept = self.problem.desired.task, self.chosen.kept
         at = self.coarse.guards[-1][0] if self.coarse.guards else self.problem.region.center
         return SingularRegionError(
-            f"{len(Q)} nodes do not determine {len(kept)} potentials: each fit has an algorithmic singularity "
-            f"between the nodes, such as near {named(task, at)}",
+            f"{len(Q)} nodes do not determine {len(kept)} potentials: each fit has an "
+            f"algorithmic singularity between the nodes, such as near {named(task, at)}",
             at,
             None,
             "give more samples, a lower degree or fewer potentials",
@@ -198,8 +203,7 @@ class Continuation:
         return search(self.margin(A), region, region.random(1024, self.problem.options.seed + 7919))
 
     def _rungs(self) -> list[int]:
-        """How many of the potentials have degree 1, 1 and 2, …; a family without degrees is one
-        fit_degree."""
+        """Count the potentials of degree up to 1, 2, …; a basis without degrees is one fit."""
         potentials = self.problem.potentials
         if not isinstance(potentials, Polynomial):
             return [len(self.chosen.kept)]

@@ -1,5 +1,5 @@
-"""Fit potentials in one region: the arm searched, the useless potentials dropped, few nodes, all
-nodes, evaluation."""
+"""Fit of potentials in one region: search for singularities, independent potentials, descents,
+evaluation."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _ROUNDS = 4
 
 
 def fit(problem: FitProblem) -> Design:
-    """Fit and judge in one region.
+    """Fit and evaluate in one region.
 
     Raises
     ------
@@ -55,7 +55,9 @@ def fit(problem: FitProblem) -> Design:
     measure = Dexterity(task)
     lowest = search(measure, region, region.random(2048, seed))
     if lowest.value <= 0:
-        raise refuse_singular("the Jacobian loses rank", task, measure, region, lowest.at[None])
+        raise refuse_singular(
+            "the Jacobian loses rank in Ω", task, measure, region, lowest.at[None]
+        )
     unknowns = (potentials.size - task.r) * task.r
     few = max(_LEAST_NODES, _NODES_PER_UNKNOWN * unknowns // task.m)
     count = max(few, _DEFAULT_NODES) if options.samples is None else options.samples
@@ -94,7 +96,7 @@ def fit(problem: FitProblem) -> Design:
                 result = found or replace(near, converged=False)
                 cost, _ = all_nodes.total(criterion.cost, result.A)
                 result = replace(result, cost=cost, steps=result.steps + near.steps)
-                report("judging on held-out nodes", 0.0)
+                report("evaluating on held-out nodes", 0.0)
                 try:
                     return _judged(problem, chosen, result, len(Q))
                 except SingularRegionError as error:
@@ -109,14 +111,13 @@ def fit(problem: FitProblem) -> Design:
 
 
 def _judged(problem: FitProblem, chosen: Independent, result: Descent, samples: int) -> Design:
-    """Make the design, with figures from held-out nodes."""
+    """Make the design, with its evaluation on held-out nodes."""
     options = problem.options
     desired, potentials, region = problem.desired, problem.potentials, problem.region
     A = chosen.spread(result.A)
     N, _, D = evaluate(desired, potentials, region.center[None])
-    A = A @ np.linalg.inv(
-        N[0].T @ D[0] @ A
-    )  # gauge: Nᵀ V = I at the center, J_V as well conditioned as J there
+    # gauge: Nᵀ V = I at the center, where J_V then is as well conditioned as J
+    A = A @ np.linalg.inv(N[0].T @ D[0] @ A)
     inverse = RepeatableInverse(desired.task, potentials.weighted(A), region=region)
     held_out = _HELD_OUT_NODES if options.held_out is None else options.held_out
     verdict = vars(judge(inverse, desired, region, samples=held_out, seed=options.seed + 1))

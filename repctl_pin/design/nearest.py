@@ -13,9 +13,10 @@ from ..arguments import as_int, flag, flag_or_function, require_type, shown
 from ..blas import one_blas_thread
 from ..errors import InputError, SingularityError
 from ..fit_options import FitOptions, fit_options
-from ..potentials.basis import PotentialBasis, check_joints
+from ..potentials.basis import A_BASIS, PotentialBasis, check_joints
 from ..potentials.polynomial import Polynomial
 from ..regions import Region
+from ..regions.region import A_REGION
 from ..strategies.strategy import AN_INVERSE, Batched, Inverse
 from .continuation import FitProblem
 from .design_result import Design
@@ -42,25 +43,25 @@ def nearest_repeatable(
 ) -> Design:
     """Find the repeatable inverse nearest to a desired one in the mean over Ω (26), (36), (38).
 
-    A linear least-squares start, then Gauss–Newton on the Grassmann manifold of span A: only the
-    column space of V matters. The line search never lets det(Nᵀ V) change sign at a node. Large
-    fits begin on a few of the nodes.
+    A linear least-squares start, then Gauss–Newton steps on the Grassmann manifold of span A: only
+    the column space of V matters. The line search keeps the sign of det(Nᵀ V) at the nodes. Large
+    fits start on a few of the nodes.
 
     Parameters
     ----------
     desired
-        G_d, any strategy with ``J G = I``.
+        Desired inverse G_d, any strategy with ``J G = I``.
     potentials
-        The family of potentials; None with ``degree=``.
+        Basis of potentials; None with ``degree=``.
     region
-        Ω.
+        Design region Ω.
     degree
-        In place of potentials: all polynomials of this degree over Ω's box; ``"auto"`` raises the
-        degree from 1 until the cost on held-out nodes stops falling by 1 % (at most 6, or 8 for n ≤
-        3, and 1000 unknowns).
+        Alternative to potentials: all polynomials of this degree over the box around Ω. ``"auto"``
+        raises the degree from 1 until the cost on held-out nodes falls by less than 1 %; at most 6,
+        or 8 for n ≤ 3, and 1000 unknowns.
     shrink
-        If Ω holds a singularity, or the leaf margin falls below 0.1 in it, use the largest region
-        around its center that is free of singularities and has a leaf margin of 0.1 or more.
+        If Ω contains a singularity, or a leaf margin below 0.1, design over the largest region with
+        the same center that has neither.
     options
         Nodes, seed, workers and stopping: :class:`FitOptions`.
     progress
@@ -69,16 +70,16 @@ def nearest_repeatable(
     Returns
     -------
     Design
-        ``inverse``, the control, and how good it is: ``cost``, ``relative_distance``,
-        ``leaf_margin`` …; ``summary()`` says it in words.
+        ``inverse``, the controller, and its evaluation: ``cost``, ``relative_distance``,
+        ``leaf_margin`` …; see ``summary()``.
 
     Raises
     ------
     InputError
-        If the task is not redundant, potentials and region do not fit it, or nodes are too few.
+        If the task is not redundant, potentials or region do not fit it, or nodes are too few.
     SingularRegionError
         If J loses rank in Ω, or the nearest V has an algorithmic singularity there; the message
-        names a configuration, and the largest region round the center that is free of it.
+        names a configuration, and the largest singularity-free region with the same center.
 
     Examples
     --------
@@ -90,14 +91,9 @@ def nearest_repeatable(
     >>> qdot = found.inverse.velocity(q0, [0.1, 0.0])  # rad/s
     """
     require_type(desired, Batched, "desired", AN_INVERSE)
-    require_type(region, Region, "region", "a region of joint space, such as rp.Box(q0, 0.3)")
+    require_type(region, Region, "region", A_REGION)
     if potentials is not None:
-        require_type(
-            potentials,
-            PotentialBasis,
-            "potentials",
-            "potentials, such as rp.Polynomial(q0, 2, 0.3)",
-        )
+        require_type(potentials, PotentialBasis, "potentials", A_BASIS)
     options = fit_options(options)
     if options.held_out is not None:
         as_int(options.held_out, "held_out", 2 * REPLICATES)
@@ -150,8 +146,7 @@ def _auto(problem: FitProblem, shrink: bool) -> Design:
 
 
 def _shrinking(problem: FitProblem, shrink: bool) -> Design:
-    """Design in Ω, or where a person allows it in the largest part of it that is free of
-    singularities."""
+    """Design in Ω, or with ``shrink`` in the largest singularity-free part of it."""
     asked, attempt = problem.region.bounds.half_width, 0
     while True:
         try:
@@ -162,24 +157,25 @@ def _shrinking(problem: FitProblem, shrink: bool) -> Design:
         except SingularRegionError as error:
             if error.free is None or attempt == (_SHRINKINGS if shrink else 0):
                 raise
-            # the first time what the refusal names; a V fitted there may need less room again, so
-            # then in strides
+            # first the region that the error names; a V fitted there may be singular again, so
+            # then smaller ones, step by step
             free, stride = error.free, problem.region.shrunk(0.9)
             smaller = attempt > 0 and (stride.bounds.half_width < free.bounds.half_width).any()
             problem = replace(problem, region=stride if smaller else free)
             attempt += 1
         except SingularityError as error:
             raise SingularityError(
-                f"{error}: the design fails there, not the arm; use a smaller region, a lower degree, or another center"
+                f"{error}: the design fails there, not the arm; "
+                "use a smaller region, a lower degree, or another center"
             ) from None
 
 
 def _check_margin(design: Design) -> None:
-    """Refuse a design that comes too near to an algorithmic singularity to be shrunk to."""
+    """Refuse a design whose leaf margin is below the one to which regions are shrunk."""
     if design.leaf_margin < SHRUNK_MARGIN:
         task, at = design.inverse.task, design.leaf_margin_at
         measure = LeafMargin(task, design.inverse.potentials, design.region.center)
-        what = f"the leaf margin falls to {design.leaf_margin:.2g}"
+        what = f"the leaf margin falls to {design.leaf_margin:.2g} in Ω"
         raise refuse_singular(what, task, measure, design.region, at[None])
 
 
@@ -191,14 +187,15 @@ def _polynomial(region: Region, degree: Any) -> Polynomial:
 def _check(
     desired: Inverse, potentials: PotentialBasis | None, region: Region, degree: int | str | None
 ) -> None:
-    """Refuse what cannot work, before anything is evaluated."""
+    """Refuse arguments that do not fit each other, before anything is evaluated."""
     task = desired.task
     if task.r < 1:
         raise InputError(
-            f"a {task.kind} task leaves the {task.n} joints that move {task.frame!r} no redundancy (r = {task.r})"
+            f"a {task.kind} task leaves the {task.n} joints that move {task.frame!r} "
+            f"no redundancy (r = {task.r})"
         )
     if (potentials is None) == (degree is None):
-        raise InputError("give either potentials, or None and degree=")
+        raise InputError("potentials and degree= are mutually exclusive; give one of them")
     if isinstance(degree, str) and degree != "auto":
         raise InputError(f"degree is a whole number from 1 up, or 'auto', not {shown(degree)}")
     if len(region.center) != task.n:

@@ -8,13 +8,11 @@ from math import inf, prod
 from typing import Any, Literal
 
 import numpy as np
-from numpy import ndarray
 from numpy.typing import ArrayLike
 from scipy.linalg.blas import ddot
 from scipy.linalg.lapack import dposv
 
 from ..arguments import (
-    FLOAT,
     Array,
     as_configurations,
     as_matrices,
@@ -28,7 +26,7 @@ from ..redundancy.inverses import pseudoinverse, weighted_pseudoinverse
 from ..robot.fast_kinematics import in_place
 from ..robot.task import Task, own_task
 from ..threads import PerThread
-from .control_step import failure
+from .fast_loop import checked_velocity, failure
 from .strategy import described
 
 _WELL_CONDITIONED = 1e-2
@@ -159,7 +157,7 @@ def least_speed(
 ) -> Callable[..., Array]:
     """Make the fast function ``q̇ = z + J⁺ (ẋ − J z)``, ``J⁺ = Jᵀ (J Jᵀ)⁻¹``, of q and ẋ.
 
-    A closure over preallocated memory and BLAS, see :mod:`control_step`.
+    A closure over preallocated memory and BLAS, see :mod:`repctl_pin.strategies.fast_loop`.
 
     Parameters
     ----------
@@ -169,17 +167,12 @@ def least_speed(
         Desired joint velocity z; 0 by default, so that ``q̇ = J⁺ ẋ``.
     """
     m, n = task.m, task.n
-    of_joints, of_task = (n,), (m,)
     J, rhs, gram = np.zeros((m, n)), np.zeros(m), np.empty((m, m))
     multiply, J_T, gram_T, pivots = J.dot, J.T, gram.T, gram.ravel()[:: m + 1]
     jacobian = in_place(task, J, rhs).jacobian
     tolerance = _WELL_CONDITIONED**2
 
     def velocity(q: Array, xdot: Array) -> Array:
-        if not (type(q) is ndarray and q.dtype is FLOAT and q.shape == of_joints):
-            q = vector(q, n, "q")
-        if not (type(xdot) is ndarray and xdot.dtype is FLOAT and xdot.shape == of_task):
-            xdot = vector(xdot, m, "ẋ", "m/s and rad/s")
         jacobian(q)
         rhs[:] = xdot
         z = None if attraction is None else attraction(q)
@@ -201,7 +194,7 @@ def least_speed(
         except (SingularityError, np.linalg.LinAlgError) as error:
             raise failure(task, q, xdot, str(error)) from None
 
-    return velocity
+    return checked_velocity(n, m, velocity)
 
 
 def _positive(weight: ArrayLike, n: int) -> Array:

@@ -24,7 +24,8 @@ from ..redundancy.augmented import augmented_inverse
 from ..robot.formulas import Placement
 from ..robot.task import Task
 from ..threads import PerThread
-from .control_step import Loop, python_loops
+from .control_step import python_loops
+from .fast_loop import Loop
 from .on_leaf import solve, solve_all
 from .pseudoinverse import at_rows, redundant
 from .strategy import Step, described

@@ -19,7 +19,7 @@ from ..motion.fitting_circle import dexterity_at, fitting_circle
 from ..potentials import Polynomial
 from ..redundancy.inverses import inverse_condition_number
 from ..regions import Region, Tube
-from ..regions.box import sobol
+from ..regions.region import sobol
 from ..robot.length import arm_length
 from ..robot.robot import Robot
 from ..robot.task import KINDS, Kind, Task
