@@ -329,8 +329,13 @@ def test_a_file_without_a_fingerprint_is_refused(saved) -> None:
 
 
 def test_a_newer_schema_is_refused_with_a_remedy(saved) -> None:
-    with pytest.raises(rp.InputError, match=r"schema 2.*reads up to 1; upgrade repctl-pin"):
-        rp.load(edited(saved, schema=2, written_by="9.0"))
+    with pytest.raises(rp.InputError, match=r"schema 3.*reads 2; upgrade repctl-pin"):
+        rp.load(edited(saved, schema=3, written_by="9.0"))
+
+
+def test_an_older_schema_is_refused_by_name(saved) -> None:
+    with pytest.raises(rp.InputError, match=r"schema 1, and this version reads 2; design again"):
+        rp.load(edited(saved, schema=1))
 
 
 def test_a_changed_number_is_noticed(saved) -> None:
@@ -420,8 +425,8 @@ def test_wrong_content_with_a_right_checksum_is_refused_too(tmp_path, small, pan
         ("{}", "format"),
         ('{"format": "repctl design"}', "schema"),
         ('{"format": "repctl design", "schema": true}', "schema"),
-        ('{"format": "repctl design", "schema": 1, "schema": 1}', "written_by"),
-        ('{"format": "repctl design", "schema": 1, "x": NaN}', "not valid JSON"),
+        ('{"format": "repctl design", "schema": 2, "schema": 2}', "written_by"),
+        ('{"format": "repctl design", "schema": 2, "x": NaN}', "not valid JSON"),
         ('{"format": "repctl design", "schema": 0}', "no schema 0"),
         ("[" * 100_000, "not a .*design file"),
     ],

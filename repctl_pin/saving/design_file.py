@@ -22,7 +22,7 @@ from .schema import DesignFile, Figures, Sealed, described
 from .task_identity import identity
 
 FORMAT = "repctl design"
-SCHEMA = 1
+SCHEMA = 2
 
 _LARGEST = 64_000_000
 
@@ -54,10 +54,15 @@ def read(path: str | Path, kinds: Mapping[str, type[Sealed]]) -> Any:
         if head.schema > SCHEMA:
             raise InputError(
                 f"{where} was written by repctl-pin {head.written_by} with schema {head.schema}, "
-                f"and this is {__version__}, which reads up to {SCHEMA}; upgrade repctl-pin"
+                f"and this is {__version__}, which reads {SCHEMA}; upgrade repctl-pin"
             )
         if head.schema < 1:
             raise InputError(f"{where} is not a design file: there is no schema {head.schema}")
+        if head.schema < SCHEMA:
+            raise InputError(
+                f"{where} has schema {head.schema}, and this version reads {SCHEMA}; "
+                "design again, or use the repctl-pin that wrote it"
+            )
         content = msgspec.json.decode(text, type=kinds[head.format])
     except msgspec.ValidationError as error:
         raise InputError(f"{where} is not a valid design file: {error}") from None
