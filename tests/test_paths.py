@@ -260,7 +260,7 @@ WRONG: dict[str, tuple[Callable[[], object], str]] = {
     "breaks": (lambda: rp.TaskPath("mine", _round, _rate, np.eye(3), (0.5, 0.2)), "breaks must rise"),
     "rotations": (lambda: rp.waypoints(LOOP, [np.eye(3)] * 4), "6 waypoints want one rotation, or as many; got 4"),
     "no rotations": (lambda: rp.waypoints(LOOP), "waypoints want rotation="),
-    "both": (lambda: rp.waypoints([pin.SE3.Identity()] * 3, np.eye(3)), "leave rotation out"),
+    "both": (lambda: rp.waypoints([pin.SE3.Identity()] * 3, np.eye(3)), "leave rotation= out"),
     "no function": (lambda: rp.TaskPath("mine", None, _rate, np.eye(3)), "point must be a function of s"),
     "spin of two": (lambda: rp.TaskPath("mine", _round, _rate, nodding, spin=lambda s: np.ones(2)), "three finite"),
     "no breaks": (lambda: rp.TaskPath("mine", _round, _rate, np.eye(3), None), "breaks must be"),
