@@ -242,7 +242,7 @@ def test_in_other_joint_coordinates_the_robots_own_joints_keep_their_limits() ->
 
 def test_bad_input(panda_design, panda_pose, path, q_panda) -> None:
     plain = rp.Pseudoinverse(panda_pose)
-    with pytest.raises(rp.InputError, match="leaves to lock"):
+    with pytest.raises(rp.InputError, match="requires a repeatable strategy"):
         rp.follow(plain, path, q_panda, integrator=rp.LeafLock())
     with pytest.raises(rp.InputError, match="corrections must be a whole number from 1 up"):
         rp.LeafLock(0)
@@ -252,7 +252,7 @@ def test_bad_input(panda_design, panda_pose, path, q_panda) -> None:
         rp.follow(panda_design.inverse, path, q_panda, integrator="rk5")
     with pytest.raises(rp.InputError, match="mutually exclusive"):
         rp.follow(panda_design.inverse, path, q_panda, integrator=rp.LeafLock(), feedback=5.0)
-    with pytest.raises(rp.InputError, match="leaf c"):
+    with pytest.raises(rp.InputError, match="level c"):
         rp.follow(panda_design.inverse, path, q_panda, integrator=rp.LeafLock(1, leaf=np.zeros(3)))
     with pytest.raises(rp.InputError, match="speed limit"):
         rp.follow(

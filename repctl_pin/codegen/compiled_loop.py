@@ -14,6 +14,7 @@ from numpy import ndarray
 from numpy.typing import ArrayLike
 
 from ..arguments import FLOAT, Array, positive, vector
+from ..c_library import NoCompilerError, loaded_library
 from ..errors import SingularityError
 from ..inverse_function import InverseFunction
 from ..potentials.basis import Potentials
@@ -21,7 +22,6 @@ from ..robot.formulas import Placement, as_placement
 from ..robot.task import Task
 from ..strategies.control_step import Loop, failure, python_loops, share_of, speeds
 from ..strategies.repeatable import RepeatableInverse
-from .build import NoCompilerError, loaded_library
 from .source import write_source
 from .text import filled
 

@@ -1,4 +1,4 @@
-"""Follow a closed path, cycle after cycle, and measure drift and tracking error."""
+"""Integration of a strategy along a closed path over several cycles."""
 
 from __future__ import annotations
 
@@ -32,21 +32,21 @@ INTEGRATORS: dict[
 }
 
 _INSIDE = 1e-12
-"""Distance from a grid point, in cycles, at which a velocity is evaluated: on the step's own side
-of a corner."""
+"""Distance from a grid point at which a twist is evaluated, cycles; on the step's side of a
+corner."""
 
 _JUMP = 1.0
-"""Joint motion in one step above which the integration has failed: rad; for prismatic joints,
+"""Joint motion per step from which the integration counts as failed, rad; for prismatic joints in
 lengths of the arm or of the path."""
 
 _MOST = 100_000_000
-"""Maximum number of positions of a motion: 0.8 GB, and as much for the velocities."""
+"""Maximum number of joint positions of a motion: 0.8 GB, and as much for velocities."""
 
 Advance = Callable[[int, Array], tuple[Array, Array, float]]
-"""Step of a cycle, q → q after it, q̇ where it begins (on a leaf: its mean), and the damping that
-was used."""
+"""Function (step of the cycle, q) → next q, q̇ at the start of the step (on a leaf: its mean),
+damping used."""
 AtEnd = Callable[[Array], Array]
-"""q → q̇ where the motion ends."""
+"""Function q → q̇ at the end of the motion."""
 
 
 def follow(
@@ -70,38 +70,38 @@ def follow(
     Parameters
     ----------
     strategy
-        Control strategy; or, with ``task=``, a function of q (n,) and ẋ (m,), m/s and rad/s, that
-        returns q̇ (n,), rad/s.
+        Controller (q, ẋ) → q̇, with ẋ (m,) in m/s and rad/s and q̇ (n,) in rad/s; a plain function
+        requires ``task=``.
     path
-        Closed path; it should start where the frame is at q0.
+        Closed path that starts at the frame's placement at q0.
     q0 : (n,) array
-        Start configuration, rad (m for prismatic joints), inside the joint limits.
+        Start configuration, rad (m for prismatic joints), within the joint limits.
     cycles, steps
-        Number of cycles, and of integration steps per cycle (a few more if there are corners).
+        Number of cycles, and of integration steps per cycle (a few more if the path has corners).
     period
-        Period, s; by default the path's own, else 5.
+        Period, s; by default the path's, else 5.
     integrator
         Runge–Kutta method, ``"rk4"`` or ``"euler"``; or a :class:`LeafLock`.
     feedback
         Gain K, 1/s; 0 is open loop. With Euler, K = steps / period corrects the whole error in one
         step.
     task
-        Task that a function controls.
+        Task that a plain function controls.
 
     Returns
     -------
     Motion
-        Joint positions ``q`` and velocities ``qdot`` at the times ``t``, and what is measured on
-        them: ``drift`` after each cycle, ``tracking_error`` and ``turning_error`` of the frame,
-        ``speed`` (``rms_speed``, ``peak_speed``), ``limit_margin`` and ``first_violation``.
-        ``retimed()`` slows it down to the speed limits.
+        Joint positions ``q`` and velocities ``qdot`` at the times ``t``, and their evaluation:
+        ``drift`` after each cycle, ``tracking_error`` and ``turning_error`` of the frame, ``speed``
+        (``rms_speed``, ``peak_speed``), ``limit_margin`` and ``first_violation``. ``retimed()``
+        slows it down to the speed limits.
 
     Raises
     ------
     InputError
-        If an option is out of its range, or the path starts elsewhere than the frame.
+        If an option is out of its range, or the path does not start at the frame.
     SingularityError
-        If the motion runs into a singularity; the message says in which cycle.
+        If the motion reaches a singularity; the message names the cycle.
 
     Examples
     --------
@@ -115,14 +115,11 @@ def follow(
         require_task(task)
     path = closed_path(path)
     if not isinstance(strategy, Strategy):
-        what = (
-            "a control, such as rp.Pseudoinverse(task) or design.inverse, "
-            "or a function of (q, xdot)"
-        )
+        what = "a controller, such as design.inverse, or a function (q, xdot) -> qdot"
         function(strategy, "strategy", what, 2)
         if task is None:
             raise InputError(
-                "to follow a path with a plain function (q, ẋ) → q̇, say what it controls: task="
+                "a plain function (q, ẋ) → q̇ requires task=, the task that it controls"
             )
         strategy = FunctionStrategy(task, strategy)
     task = strategy.task
@@ -144,12 +141,11 @@ def follow(
     if isinstance(integrator, LeafLock):
         if feedback:
             raise InputError(
-                "feedback= and a leaf lock are mutually exclusive; leave feedback= out"
+                "feedback= and a leaf lock are mutually exclusive: "
+                "the leaf lock corrects the task error itself"
             )
         if not isinstance(strategy, OnLeaves):
-            raise InputError(
-                "only a repeatable strategy, such as design.inverse, has leaves to lock to"
-            )
+            raise InputError("a leaf lock requires a repeatable strategy, such as design.inverse")
         advance, at_end = _locked(strategy, path, grid, q, period, integrator)
     else:
         advance, at_end = _integrated(strategy, path, grid, q, period, integrator, feedback)
@@ -177,10 +173,10 @@ def follow(
 
 
 def check_length(task: Task, cycles: int, steps: int) -> None:
-    """Refuse a motion that does not fit into memory, before anything long is begun."""
+    """Raise InputError for a motion that does not fit into memory, before a long computation."""
     if cycles * steps * task.n > _MOST:
         raise InputError(
-            f"{cycles} cycles of {steps} steps are more than fit into memory; ask for fewer"
+            f"{cycles} cycles of {steps} steps do not fit into memory; use fewer cycles or steps"
         )
 
 
@@ -193,7 +189,7 @@ def _run(
     q: Array,
     cycles: int,
 ) -> tuple[Array, Array, float]:
-    """Take step after step; joint positions and velocities (T + 1, n), and the largest damping."""
+    """Run all steps; return joint positions and velocities (T + 1, n), and the maximum damping."""
     n_steps, used = len(grid) - 1, 0.0
     points = np.array([path.placement(float(s)).translation for s in grid])
     size = float(np.linalg.norm(np.ptp(points, axis=0)))
@@ -230,13 +226,12 @@ def _integrated(
     integrator: str,
     feedback: float,
 ) -> tuple[Advance, AtEnd]:
-    """Make the step of a Runge–Kutta method."""
+    """Create the step of a Runge–Kutta method."""
     task = strategy.task
     nodes, matrix, weights = INTEGRATORS[integrator]
 
-    # A path's twists are the same in every cycle: evaluated once, on the step's own side of a
-    # corner. So is ẋ, but
-    # for an axis task, whose ẋ depends on how the frame stands.
+    # A path's twists are the same in every cycle, so they are evaluated once, on the step's side of
+    # a corner. So is ẋ, except for an axis task, where it depends on the frame's orientation.
     ends = [(float(a), float(b)) for a, b in pairwise(grid)]
     places = sorted(set(nodes))
     inside = [
@@ -281,12 +276,12 @@ def _locked(
     period: float,
     lock: LeafLock,
 ) -> tuple[Advance, None]:
-    """Make the step from point to point on a leaf; its velocity is the mean."""
+    """Create the step from point to point on a leaf; its velocity is the mean."""
     corrections, damping, r = lock.corrections, lock.damping, strategy.task.r
     if lock.leaf is None:
         c = strategy.leaf(q)
     else:
-        c = vector(lock.leaf, r, "the leaf c = h(q)", "one per potential")
+        c = vector(lock.leaf, r, "the level c = h(q)", "one per potential")
     targets, times = [path.placement(float(s)) for s in grid[1:]], np.diff(grid) * period
     most = None
     if lock.velocity_limit is not None:  # shared by the corrections
@@ -308,7 +303,7 @@ def _locked(
 
 
 def _grid(path: TaskPath, steps: int) -> Array:
-    """Values of s to step through in one cycle, every corner among them."""
+    """Compute the values of s of one cycle's steps, all corners included."""
     knots = np.array([0.0, *path.breaks, 1.0])
     pieces = np.maximum(1, np.rint(np.diff(knots) * steps).astype(int))
     return np.concatenate(
