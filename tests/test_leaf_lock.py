@@ -242,7 +242,7 @@ def test_in_other_joint_coordinates_the_robots_own_joints_keep_their_limits() ->
 
 def test_bad_input(panda_design, panda_pose, path, q_panda) -> None:
     plain = rp.Pseudoinverse(panda_pose)
-    with pytest.raises(rp.InputError, match="leaves to lock"):
+    with pytest.raises(rp.InputError, match="requires a repeatable strategy"):
         rp.follow(plain, path, q_panda, integrator=rp.LeafLock())
     with pytest.raises(rp.InputError, match="corrections must be a whole number from 1 up"):
         rp.LeafLock(0)

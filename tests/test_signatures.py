@@ -29,6 +29,7 @@ def made_by_functions(name: str) -> bool:
         "CellDesign",
         "Design",
         "Motion",
+        "Proof",
         "Study",
         "TaskPath",
         "TimedMotion",

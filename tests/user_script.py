@@ -71,6 +71,8 @@ def designs(task: rp.Task) -> rp.Design:
     spring = rp.LeafImpedance(again.inverse, stiffness=(1000.0, 50.0))
     print(spring.torque(q0, [0, 0, 0], np.eye(4), leaf=c))
     print(rp.redundancy.nullspace(task.jacobian(q0)))
+    proof: rp.Proof = rp.prove(design, margin=0.1, seconds=1.0)
+    print(bool(proof), proof.leaf_margin)
     return again
 
 

@@ -162,7 +162,9 @@ def right_calls(folder: Path) -> list[Call]:
             "task": task, "q0": q0, "corners": [[0.1, 0, 0], [0.1, 0.1, 0]], "blend": 0.0,
             "name": "tri",
         },
-        "prove": {"what": design, "margin": 0.1, "limit_margin": -1.0, "seconds": 0.2, "progress": False},
+        "prove": {
+            "what": design, "margin": 0.1, "limit_margin": -1.0, "seconds": 0.2, "progress": False,
+        },
         "read_waypoints": {"file": waypoint_file},
         "save": {"design": design, "path": folder / "again.json"},
         "solve_ik": {

@@ -66,7 +66,12 @@ def add_options(parser: Parser) -> None:
     fourier = "add sines and cosines of up to K turns of the revolute joints"
     add("--fourier", type=integer, metavar="K", help=fourier)
     add("--samples", type=integer, help="nodes of the fit (default: by the number of unknowns)")
-    add("--held-out", type=integer, default=16384, help="nodes that judge the design (default 16384)")
+    add(
+        "--held-out",
+        type=integer,
+        default=16384,
+        help="nodes that judge the design (default 16384)",
+    )
     add("--restarts", type=natural, default=0, metavar="K", help="more starts of the optimiser")
     add("--stream", action="store_true", help="do not keep the nodes in memory")
     add("--processes", type=integer, default=1, metavar="P", help="number of processes (default 1)")

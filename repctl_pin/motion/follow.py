@@ -32,15 +32,15 @@ INTEGRATORS: dict[
 }
 
 _INSIDE = 1e-12
-"""Distance from a grid point, in cycles, at which a velocity is evaluated: on the step's own side
-of a corner."""
+"""Distance from a grid point at which a twist is evaluated, cycles; on the step's side of a
+corner."""
 
 _JUMP = 1.0
-"""Joint motion in one step above which the integration has failed: rad; for prismatic joints,
+"""Joint motion per step from which the integration counts as failed, rad; for prismatic joints in
 lengths of the arm or of the path."""
 
 _MOST = 100_000_000
-"""Maximum number of positions of a motion: 0.8 GB, and as much for the velocities."""
+"""Maximum number of joint positions of a motion: 0.8 GB, and as much for velocities."""
 
 Advance = Callable[[int, Array], tuple[Array, Array, float]]
 """Function (step of the cycle, q) → next q, q̇ at the start of the step (on a leaf: its mean),
@@ -70,23 +70,23 @@ def follow(
     Parameters
     ----------
     strategy
-        Control strategy; or, with ``task=``, a function of q (n,) and ẋ (m,), m/s and rad/s, that
-        returns q̇ (n,), rad/s.
+        Controller (q, ẋ) → q̇, with ẋ (m,) in m/s and rad/s and q̇ (n,) in rad/s; a plain function
+        requires ``task=``.
     path
-        Closed path; it should start where the frame is at q0.
+        Closed path that starts at the frame's placement at q0.
     q0 : (n,) array
-        Start configuration, rad (m for prismatic joints), inside the joint limits.
+        Start configuration, rad (m for prismatic joints), within the joint limits.
     cycles, steps
-        Number of cycles, and of integration steps per cycle (a few more if there are corners).
+        Number of cycles, and of integration steps per cycle (a few more if the path has corners).
     period
-        Period, s; by default the path's own, else 5.
+        Period, s; by default the path's, else 5.
     integrator
         Runge–Kutta method, ``"rk4"`` or ``"euler"``; or a :class:`LeafLock`.
     feedback
         Gain K, 1/s; 0 is open loop. With Euler, K = steps / period corrects the whole error in one
         step.
     task
-        Task that a function controls.
+        Task that a plain function controls.
 
     Returns
     -------
@@ -141,12 +141,11 @@ def follow(
     if isinstance(integrator, LeafLock):
         if feedback:
             raise InputError(
-                "feedback= and a leaf lock are mutually exclusive; leave feedback= out"
+                "feedback= and a leaf lock are mutually exclusive: "
+                "the leaf lock corrects the task error itself"
             )
         if not isinstance(strategy, OnLeaves):
-            raise InputError(
-                "only a repeatable strategy, such as design.inverse, has leaves to lock to"
-            )
+            raise InputError("a leaf lock requires a repeatable strategy, such as design.inverse")
         advance, at_end = _locked(strategy, path, grid, q, period, integrator)
     else:
         advance, at_end = _integrated(strategy, path, grid, q, period, integrator, feedback)

@@ -330,7 +330,7 @@ class Task:
         return q if self.coordinates is None else self.coordinates.coordinates(q)
 
     def joints(self, values: ArrayLike) -> Array:
-        """Convert positions or velocities (..., n) of the coordinates ψ to the robot's joints."""
+        """Convert positions or velocities (..., n) in ψ to those of the robot's own joints."""
         (rows,) = as_matrices(("values", values, f"{self.n}"), finite=False)
         return rows if self.coordinates is None else self.coordinates.joints(rows)
 
