@@ -134,7 +134,7 @@ class Options(argparse.Namespace):
         """Read the frame, task, start and path, as :func:`repctl_pin.study` takes them."""
         return {
             "frame": self.frame,
-            "task": self.task,
+            "kind": self.task,
             "start": self.asked_start(),
             "path": self.asked_path(),
         }
