@@ -23,6 +23,7 @@ from ..arguments import (
     vector,
 )
 from ..errors import InputError
+from .sobol import scrambled_points
 
 Density = Callable[[Array], ArrayLike]
 """A weight for every row of Q (K, n): (K,) numbers from 0 up. Where it is larger, closeness matters
@@ -207,9 +208,7 @@ def span(widths: Array, sign: str = "") -> str:
 def sobol(n: int, count: int, seed: int) -> Array:
     """Scrambled Sobol points in the unit cube: (K, n), K the power of two from count up."""
     count, seed = as_int(count, "the number of nodes", 1, MOST_NODES), as_int(seed, "seed")
-    from scipy.stats import qmc  # slow to import
-
-    return qmc.Sobol(n, scramble=True, rng=seed).random_base2(int(np.ceil(np.log2(max(count, 2)))))
+    return scrambled_points(n, int(np.ceil(np.log2(max(count, 2)))), seed)
 
 
 def check_density(density: Density | None) -> None:
