@@ -209,23 +209,22 @@ def smooth(corners: NDArray[np.float64], flat: NDArray[np.float64]) -> NDArray[n
     flat : (F, 3) array
         The faces' normals, as long as the faces are large.
     """
-    from trimesh.grouping import unique_rows
-
     grid = 1e-6 * (np.ptp(corners, axis=0).max(initial=0.0) or 1.0)
-    same = unique_rows(np.round(corners / grid).astype(np.int64))[1]
+    order, starts = grouped(np.round(corners / grid).astype(np.int64))
+    counts = np.diff(starts, append=len(order))
     of_face = np.repeat(flat, 3, axis=0)  # (3F, 3)
     length = np.linalg.norm(of_face, axis=1, keepdims=True)
     unit_normal = np.divide(of_face, length, out=np.zeros_like(of_face), where=length > 0)
-    order = np.argsort(same, kind="stable")
-    counts = np.bincount(same)
-    starts = np.concatenate([[0], np.cumsum(counts)[:-1]])
-    each = np.where(counts[same] <= _MANY, counts[same], 0)  # partners of each corner
-    mine = np.repeat(np.arange(len(same)), each)
-    within = np.arange(each.sum()) - np.repeat(np.cumsum(each) - each, each)
-    partner = order[starts[same[mine]] + within]
-    near = np.einsum("ij,ij->i", unit_normal[mine], unit_normal[partner]) > CREASE
+    start, number = np.empty_like(order), np.empty_like(order)  # of the corners at each one's point
+    start[order], number[order] = np.repeat(starts, counts), np.repeat(counts, counts)
+    each = np.where(number <= _MANY, number, 0)  # partners of each corner
+    mine = np.repeat(np.arange(len(each)), each)
+    first = np.repeat(start - (np.cumsum(each) - each), each)
+    partner = order[first + np.arange(len(mine))]
+    cosine = np.einsum("ij,ij->i", unit_normal[mine], unit_normal[partner])
+    near = cosine > CREASE
     mine, partner = mine[near], partner[near]
-    total = np.stack([np.bincount(mine, of_face[partner, k], len(same)) for k in range(3)], 1)
+    total = np.stack([np.bincount(mine, of_face[partner, k], len(each)) for k in range(3)], 1)
     length = np.linalg.norm(total, axis=1, keepdims=True)
     return np.where(
         length > 0,
@@ -234,10 +233,39 @@ def smooth(corners: NDArray[np.float64], flat: NDArray[np.float64]) -> NDArray[n
     )
 
 
+def grouped(rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.intp]]:
+    """Sort the rows of an array (K, k) so that equal rows follow each other, in their first order.
+
+    The rows are sorted by a hash, which numpy does several times as fast as by their columns; where
+    two different rows share a hash, they are sorted by their columns after all.
+
+    Returns
+    -------
+    order : (K,) array of int
+        Numbers of the rows.
+    starts : (G,) array of int
+        Places in ``order`` at which another row begins.
+    """
+    bits = len(rows).bit_length()
+    factors = np.random.default_rng(0).integers(2**62, size=rows.shape[1], dtype=np.int64)
+    hashed = (rows @ (2 * factors + 1)) >> bits  # modulo 2^64
+    order = np.sort(hashed << bits | np.arange(len(rows))) & (2**bits - 1)
+    differs = _differs(rows[order])
+    if (differs != _differs(hashed[order, None])).any():
+        order = np.lexsort(rows.T)
+        differs = _differs(rows[order])
+    return order, np.flatnonzero(differs)
+
+
+def _differs(rows: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Compare each row with the one before it; the first one differs."""
+    differs = np.ones(len(rows), bool)
+    differs[1:] = (rows[1:] != rows[:-1]).any(axis=1)
+    return differs
+
+
 def _join(pieces: list[dict[str, Any]], scale: float) -> Surface:
     """Put pieces together, those of one texture side by side, each distinct corner once."""
-    from trimesh.grouping import unique_rows
-
     images = list(dict.fromkeys(piece["image"] for piece in pieces))
     pieces = sorted(pieces, key=lambda piece: images.index(piece["image"]))
     groups, start = [], 0
@@ -254,15 +282,15 @@ def _join(pieces: list[dict[str, Any]], scale: float) -> Surface:
     )
     # what float32, 8 bits a normal and 8 bits a colour will tell apart
     lattice = np.ptp(points, axis=0).max(initial=0.0) / 2**17 or 1.0
-    rows = [
-        np.round(points / lattice),
-        np.round(normals * 127),
-        np.round(colors * 255),
-        np.round(uv * 2**14),
-    ]
+    rows = [np.round(points / lattice), np.round(normals * 127), np.round(colors * 255)]
+    rows += [np.round(uv * 2**14)] if textured else []
     # each distinct row once, in the order in which the faces first name them: such indices compress
     # well
-    first, same = unique_rows(np.concatenate(rows, 1).astype(np.int64), keep_order=True)
+    order, starts = grouped(np.concatenate(rows, 1).astype(np.int64))
+    firsts = order[starts]
+    first = np.sort(firsts)
+    same = np.empty_like(order)
+    same[order] = np.repeat(np.searchsorted(first, firsts), np.diff(starts, append=len(order)))
     at = np.round(points[first] / lattice) * lattice * scale
     faces, kept_uv = same.reshape(-1, 3), uv[first] if textured else None
     return Surface(at, normals[first], colors[first], faces, kept_uv, tuple(groups))
