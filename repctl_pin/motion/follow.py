@@ -274,7 +274,11 @@ def _integrated(
     ]
     b_T, slopes = np.array(weights), np.empty((len(nodes), task.n))
 
+    follow_twist = strategy.velocity
+
     def velocity(q: Array, twist: Array, s: float) -> Array:
+        if not (turning or feedback):
+            return follow_twist(q, twist)
         xdot = task.task_velocity(q, twist) if turning else twist
         if feedback:
             xdot = xdot + feedback * task.error(q, path.placement(s))
