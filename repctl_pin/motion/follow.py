@@ -179,9 +179,7 @@ def follow(
 
     t = np.concatenate([(np.arange(cycles)[:, None] + grid[:-1]).ravel(), [float(cycles)]]) * period
     *targets, end = [path.placement(s) for s in grid]
-    errors = np.array(
-        [task.error(q, target) for q, target in zip(Q, targets * cycles + [end], strict=True)]
-    )
+    errors = task.errors(Q, targets * cycles + [end])
     linear = min(3, task.m)
     return Motion(
         task=task,
