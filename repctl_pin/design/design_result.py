@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 from ..arguments import Array
 from ..paths.task_path import Cycle
 from ..potentials.basis import PotentialBasis
+from ..progress import Report, reporter
 from ..regions import Region
 from ..robot.task import Task
 from ..strategies.repeatable import RepeatableInverse
@@ -109,23 +110,45 @@ class Design:
         """The task the inverse controls."""
         return self.inverse.task
 
-    @cached_property
-    def baselines(self) -> tuple[Baseline, ...]:
-        """The same figures for constant rows and for the extended Jacobian, on the same held-out
-        nodes."""
-        return baselines(self.desired, self.region, samples=self.held_out, seed=self.seed + 1)
+    def evaluate_baselines(self, *, progress: bool | Report = False) -> tuple[Baseline, ...]:
+        """Evaluate constant rows and the extended Jacobian on the held-out nodes of the design.
 
-    def summary(self) -> str:
-        """Say in a few lines how good the design is."""
+        Parameters
+        ----------
+        progress
+            True for a progress bar on stderr, or a callback (step: str, fraction: float).
+
+        Returns
+        -------
+        tuple of Baseline
+            As :meth:`summary` takes them.
+        """
+        with reporter(progress) as report:
+            return baselines(
+                self.desired,
+                self.region,
+                samples=self.held_out,
+                seed=self.seed + 1,
+                report=report,
+            )
+
+    def summary(self, baselines: Sequence[Baseline] = ()) -> str:
+        """Describe in a few lines how good the design is; nothing is computed.
+
+        Parameters
+        ----------
+        baselines
+            Simpler inverses to list for comparison, from :meth:`evaluate_baselines`.
+        """
         state = "converged" if self.converged else "NOT converged"
         unused = f", {len(self.dropped)} dropped" if self.dropped else ""
-        width = max(len(b.name) for b in self.baselines)
+        width = max((len(baseline.name) for baseline in baselines), default=0)
         lines = [
             f"nearest repeatable inverse for {self.task.robot.name} {self.task}",
             f"  region Ω           {self.region}",
             f"  potentials         {self.potentials}{unused}",
             f"  mean ‖G_r − G_d‖²  {self.cost:.6g} ± {self.cost_error:.1g} (on {self.held_out} held-out nodes)",
-            *(f"    {b.name.ljust(width)}  {b.text}" for b in self.baselines),
+            *(f"    {baseline.name.ljust(width)}  {baseline.text}" for baseline in baselines),
             f"  relative distance  {self.relative_distance:.1%}",
             f"  leaf margin        {self.leaf_margin:.3f} at worst",
             f"  inside the limits  {self.inside_limits:.1%} of Ω",

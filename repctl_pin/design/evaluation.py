@@ -10,6 +10,7 @@ import numpy as np
 from ..arguments import Array
 from ..errors import RepctlError
 from ..potentials.polynomial import Polynomial
+from ..progress import Report
 from ..redundancy.augmented import leaf_margin
 from ..regions import Region
 from ..robot.task import Task
@@ -159,19 +160,23 @@ def constant_rows(task: Task, center: Array) -> RepeatableInverse:
     )
 
 
-def baselines(desired: Inverse, region: Region, *, samples: int, seed: int) -> tuple[Baseline, ...]:
-    """Judge constant rows, and the extended Jacobian of ``U = ½ ‖q − center‖²``, on the same
-    held-out nodes."""
+def baselines(
+    desired: Inverse, region: Region, *, samples: int, seed: int, report: Report
+) -> tuple[Baseline, ...]:
+    """Evaluate constant rows, and the extended Jacobian of ``U = ½ ‖q − center‖²``, on held-out
+    nodes."""
     task, center = desired.task, region.center
-    found = []
-    for name, inverse in (
-        ("constant rows", constant_rows(task, center)),
-        ("extended Jacobian", ExtendedJacobian(task, center)),
-    ):
+    inverses: dict[str, RepeatableInverse] = {
+        "constant rows": constant_rows(task, center),
+        "extended Jacobian": ExtendedJacobian(task, center),
+    }
+    found: list[Baseline] = []
+    for name, inverse in inverses.items():
+        report(f"evaluating {name} for comparison", len(found) / len(inverses))
         try:
-            found.append(
-                Baseline(name, judge(inverse, desired, region, samples=samples, seed=seed))
-            )
+            evaluation = judge(inverse, desired, region, samples=samples, seed=seed)
         except RepctlError as error:
             found.append(Baseline(name, None, str(error)))
+        else:
+            found.append(Baseline(name, evaluation))
     return tuple(found)

@@ -62,7 +62,7 @@ def scrambled_points(n: int, power: int, seed: int) -> Array:
     points = shift[None]
     for direction in directions[:power]:  # Gray code: reflected, with one more digit
         points = np.concatenate([points, points[::-1] ^ direction])
-    return points * 2.0**-BITS
+    return np.multiply(points, 2.0**-BITS, dtype=np.float64)
 
 
 @cache

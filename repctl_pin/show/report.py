@@ -128,7 +128,7 @@ def _maps_figure(study: Study, maps: StudyMaps) -> Figure:
     ):
         joint_map(axes.pop(0), study.design, grid, values, label, top)
     if axes:
-        cost_against_degree(axes[0], maps.degrees, study.design.baselines).legend(
+        cost_against_degree(axes[0], maps.degrees, maps.baselines).legend(
             frameon=False, fontsize=8.5
         )
     return figure

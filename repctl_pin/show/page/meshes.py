@@ -126,9 +126,9 @@ def _painted(surface: Surface) -> Element:
     numbers = map(str, count(1))
     names = [next(numbers) for _ in images]
     own_name = next(numbers)
-    textured = [k for k, image in enumerate(images) if image is not None]
-    textures = {k: next(numbers) for k in textured}
-    pictures = {k: next(numbers) for k in textured}
+    urls = {k: _url(image) for k, image in enumerate(images) if image is not None}
+    textures = {k: next(numbers) for k in urls}
+    pictures = {k: next(numbers) for k in urls}
     materials = [
         _material(name, vertexColors=_VERTEX_COLORS, **_GLOSS)
         | ({"map": textures[k]} if k in textures else {})
@@ -136,12 +136,12 @@ def _painted(surface: Surface) -> Element:
     ]
     geometry = {"uuid": "0", **_triangles(surface)}
     scene = _scene(geometry, materials, names, _IDENTITY, own_name)
-    if textured:
+    if urls:
         scene["textures"] = [
             {"uuid": textures[k], "wrap": _REPEAT, "repeat": [1, 1], "image": pictures[k]}
-            for k in textured
+            for k in urls
         ]
-        scene["images"] = [{"uuid": pictures[k], "url": _url(images[k])} for k in textured]
+        scene["images"] = [{"uuid": pictures[k], "url": url} for k, url in urls.items()]
     return scene
 
 
@@ -250,6 +250,4 @@ def _round(radius: float, length: float, n: int = 24) -> Element:
     a, b, c, d = i * n + j, i * n + (j + 1) % n, (i + 1) * n + j, (i + 1) * n + (j + 1) % n
     faces = np.concatenate([np.stack([a, c, b], 1), np.stack([b, c, d], 1)])
     position = _array("Float32Array", points, 3)
-    return _buffer(
-        {"attributes": {"position": position}, "index": _array("Uint32Array", faces, 3)}
-    )
+    return _buffer({"attributes": {"position": position}, "index": _array("Uint32Array", faces, 3)})

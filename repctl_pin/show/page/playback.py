@@ -48,6 +48,8 @@ class Playback:
     path_loss : (float, float, float) or None
         Where the frame leaves its path, see :attr:`Motion.path_loss`; None where the path is not
         known, too.
+    motion : Motion or None
+        The motion itself, with its body distances, where the robot moves in one chain.
     """
 
     label: str
@@ -58,6 +60,7 @@ class Playback:
     unit: str = "rad"
     t: Array | None = None
     path_loss: tuple[float, float, float] | None = None
+    motion: Motion | None = None
 
 
 @dataclass(frozen=True)
@@ -80,7 +83,15 @@ def playback_of(label: str, motion: Motion, color: str) -> Playback:
     """Take a motion as it is."""
     task, Q = motion.task, motion.task.to_robot(motion.q)
     return Playback(
-        label, color, Q, motion.cycles, motion.drift, task.unit, motion.t, motion.path_loss
+        label,
+        color,
+        Q,
+        motion.cycles,
+        motion.drift,
+        task.unit,
+        motion.t,
+        motion.path_loss,
+        motion,
     )
 
 
@@ -200,7 +211,9 @@ def _arm(
 
 
 def _played(chain: TracedChain, track: Playback) -> JointMotion:
-    """What a chain's joints do; a second a row, where nobody says when."""
+    """Take the motion of a chain's joints; without times, one second per row."""
+    if track.motion is not None and track.motion.task is chain.task:
+        return track.motion
     q, t = (
         chain.task.from_robot(track.Q),
         np.arange(float(len(track.Q))) if track.t is None else track.t,

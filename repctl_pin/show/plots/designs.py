@@ -116,15 +116,30 @@ def design_figure(
     design: Design,
     grid: DesignMap,
     degrees: Sequence[tuple[int, float, float]] = (),
+    baselines: Sequence[Baseline] = (),
     *,
     title: str = "",
 ) -> Figure:
-    """Make the figure ``design.png``."""
+    """Make the figure ``design.png``.
+
+    Parameters
+    ----------
+    design
+        The design.
+    grid
+        Its maps over two joints.
+    degrees
+        Degree, cost and standard error of designs to compare; none leaves that panel out.
+    baselines
+        Simpler inverses to compare in the same panel.
+    title
+        Title of the figure.
+    """
     panels = 3 if degrees else 2
     figure = titled(4.3 * panels, 4.0, title)
     axes = list(figure.subplots(1, panels))
     if degrees:
-        ax = cost_against_degree(axes.pop(0), degrees, design.baselines)
+        ax = cost_against_degree(axes.pop(0), degrees, baselines)
         ax.set_title("cost on held-out nodes, ± 2 standard errors", fontsize=10)
         ax.legend(frameon=False, fontsize=8.5, loc="upper right")
     with np.errstate(invalid="ignore"):
