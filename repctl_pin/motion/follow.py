@@ -17,16 +17,10 @@ from ..strategies import FunctionStrategy, OnLeaves, Strategy
 from ..strategies.control_step import speeds
 from .motion import Motion
 
-# Butcher tableaux: nodes c, matrix A (lower triangle, row by row), weights b.
-INTEGRATORS: dict[
-    str, tuple[tuple[float, ...], tuple[tuple[float, ...], ...], tuple[float, ...]]
-] = {
-    "euler": ((0.0,), ((),), (1.0,)),
-    "rk4": (
-        (0.0, 0.5, 0.5, 1.0),
-        ((), (0.5,), (0.0, 0.5), (0.0, 0.0, 1.0)),
-        (1 / 6, 1 / 3, 1 / 3, 1 / 6),
-    ),
+# Butcher tableaux: nodes c and weights b. Each stage uses the slope of the one before, times c.
+INTEGRATORS: dict[str, tuple[tuple[float, ...], tuple[float, ...]]] = {
+    "euler": ((0.0,), (1.0,)),
+    "rk4": ((0.0, 0.5, 0.5, 1.0), (1 / 6, 1 / 3, 1 / 3, 1 / 6)),
 }
 
 _INSIDE = 1e-12
@@ -252,7 +246,7 @@ def _integrated(
 ) -> tuple[Advance, AtEnd]:
     """Make the step of a Runge–Kutta method."""
     task = strategy.task
-    nodes, matrix, weights = INTEGRATORS[integrator]
+    nodes, weights = INTEGRATORS[integrator]
 
     # A path's twists are the same in every cycle: evaluated once, on the step's own side of a
     # corner. So is ẋ, but
@@ -266,10 +260,7 @@ def _integrated(
     turning = task.kind == "axis"
     if not turning:
         twists = [[task.task_velocity(q, twist) for twist in row] for row in twists]
-    stages = [
-        (i, places.index(c), c, np.array(row))
-        for i, (c, row) in enumerate(zip(nodes, matrix, strict=True))
-    ]
+    stages = [(i, places.index(c), c) for i, c in enumerate(nodes)]
     b_T, slopes = np.array(weights), np.empty((len(nodes), task.n))
 
     follow_twist = strategy.velocity
@@ -285,10 +276,12 @@ def _integrated(
     def advance(k: int, q: Array) -> tuple[Array, Array, float]:
         (s, s_end), here = ends[k], twists[k]
         h = (s_end - s) * period
-        for i, place, c, row in stages:
-            stage = q + h * (row @ slopes[:i]) if i else q
+        stage = q
+        for i, place, c in stages:
+            if i:
+                stage = q + (h * c) * slopes[i - 1]
             slopes[i] = velocity(stage, here[place], s + c * (s_end - s))
-        return q + h * (b_T @ slopes), slopes[0], 0.0
+        return q + h * b_T.dot(slopes), slopes[0], 0.0
 
     def at_end(q: Array) -> Array:
         last = path.twist(1.0 - _INSIDE) / period

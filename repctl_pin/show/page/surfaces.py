@@ -74,9 +74,7 @@ def read_surface(path: Path, most: int = MOST_FACES) -> Surface:
     try:
         data = read_bytes(path)
         with np.errstate(all="ignore"):  # what is not finite is told below
-            scene = trimesh.load_scene(
-                io.BytesIO(data), file_type=kind[1:], resolver=_Beside(path), process=False
-            )
+            scene = _scene(data, kind[1:], _Beside(path))
         pieces, faces = [], 0
         for node in scene.graph.nodes_geometry:
             transform, name = scene.graph[node]
@@ -94,6 +92,20 @@ def read_surface(path: Path, most: int = MOST_FACES) -> Surface:
     if not any(len(piece["points"]) for piece in pieces):
         raise InputError(f"mesh {path} holds no triangles")
     return _join(pieces, scale)
+
+
+def _scene(data: bytes, file_type: str, resolver: _Beside) -> Any:
+    """Parse a mesh file with trimesh, its vertices as they are."""
+    import trimesh  # type: ignore[import-untyped, unused-ignore]
+
+    file = io.BytesIO(data)
+    if file_type != "dae":
+        return trimesh.load_scene(file, file_type=file_type, resolver=resolver, process=False)
+    # load_scene does not pass process= on to the meshes of a COLLADA file
+    parts = trimesh.exchange.load.mesh_loaders["dae"](file, resolver=resolver)
+    for mesh in parts["geometry"].values():
+        mesh["process"] = not np.isfinite(mesh["vertices"]).all()
+    return trimesh.load_scene(parts)
 
 
 def read_bytes(path: Path) -> bytes:
