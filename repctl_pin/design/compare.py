@@ -1,4 +1,4 @@
-"""Several designs side by side, on the same held-out nodes."""
+"""Compare several designs on the same held-out nodes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ from .evaluation import REPLICATES, Evaluation, judge
 
 @dataclass(frozen=True)
 class Comparison:
-    """What several designs are worth over the Ω of the first, towards the G_d of the first.
+    """Evaluation of several designs over the region Ω, and against the desired inverse G_d, of the
+    first one.
 
     Attributes
     ----------
@@ -33,7 +34,7 @@ class Comparison:
 
     @property
     def best(self) -> int:
-        """The number of the design of least cost, counted from 0."""
+        """Index of the design with the smallest cost, counted from 0."""
         costs = [np.inf if j is None else j.cost for j in self.evaluations]
         return int(np.argmin(costs))
 
@@ -55,7 +56,7 @@ class Comparison:
 
 
 def compare(first: Design, *others: Design) -> Comparison:
-    """Judge designs on the same held-out nodes of the first one's Ω.
+    """Evaluate designs on the same held-out nodes over the Ω of the first one.
 
     Returns
     -------

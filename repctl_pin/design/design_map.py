@@ -1,5 +1,4 @@
-"""Arrays for pictures of a design: distance and leaf margin over two joints, cost against
-degree."""
+"""Maps of a design over two joints (distance and leaf margin), and its cost against the degree."""
 
 from __future__ import annotations
 
@@ -17,7 +16,7 @@ from .singularities import LeafMargin
 
 @dataclass(frozen=True)
 class DesignMap:
-    """What a design does over two joints, the others at the center of Ω.
+    """Distance and leaf margin of a design over two joints, with the others at the centre of Ω.
 
     Attributes
     ----------
@@ -74,8 +73,7 @@ def design_map(
 
 
 def degree_curve(design: Design, report: Report = silent) -> tuple[tuple[int, float, float], ...]:
-    """Cost on the same held-out nodes against the degree of the polynomials, up to the design's
-    own.
+    """Evaluate the cost against the degree of the polynomials, up to the design's own degree.
 
     Returns
     -------
@@ -113,7 +111,8 @@ def degree_curve(design: Design, report: Report = silent) -> tuple[tuple[int, fl
 
 
 def _liveliest(design: Design) -> tuple[int, int]:
-    """The two joints along which ‖G_r − G_d‖ changes most, each alone, through the center."""
+    """Choose the two joints along which ‖G_r − G_d‖ changes most, each alone, through the
+    centre."""
     box, center, n = design.region.bounds, design.region.center, design.task.n
     steps = np.linspace(-1, 1, 17)
     Q = center + steps[None, :, None] * np.eye(n)[:, None, :] * box.half_width  # (n, 17, n)
@@ -124,7 +123,7 @@ def _liveliest(design: Design) -> tuple[int, int]:
 
 
 def _distance(design: Design, Q: Array) -> tuple[Array, Array]:
-    """‖G_r − G_d‖_F and ‖G_d‖_F at every row of Q, nan at singularities."""
+    """Evaluate ‖G_r − G_d‖_F and ‖G_d‖_F at every row of Q; nan at singularities."""
     try:
         G_d = design.desired.batch(Q)
         gap = np.linalg.norm(design.inverse.batch(Q) - G_d, axis=(1, 2))

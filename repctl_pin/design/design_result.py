@@ -1,4 +1,4 @@
-"""A design: a repeatable inverse, what it was made from, and what it is worth."""
+"""Result of a design: a repeatable inverse, its potentials and its figures on held-out nodes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .evaluation import Baseline, baselines
 
 @dataclass(frozen=True)
 class Design:
-    """A repeatable inverse, and how good it is.
+    """A repeatable inverse and its figures of merit.
 
     All figures but ``fit_cost`` are taken on nodes that the fit did not see.
 
@@ -107,7 +107,7 @@ class Design:
 
     @property
     def task(self) -> Task:
-        """The task the inverse controls."""
+        """Task that the inverse controls."""
         return self.inverse.task
 
     def evaluate_baselines(self, *, progress: bool | Report = False) -> tuple[Baseline, ...]:

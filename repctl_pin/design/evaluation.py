@@ -1,5 +1,5 @@
-"""What a repeatable inverse is worth over Ω, judged on nodes that no fit has seen; and what it is
-compared with."""
+"""Evaluate a repeatable inverse over Ω on held-out nodes, and two simpler inverses for
+comparison."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def judge(
     samples: int = 16384,
     seed: int = 1,
 ) -> Evaluation:
-    """Judge a repeatable inverse against a desired one.
+    """Evaluate a repeatable inverse against a desired one, on held-out nodes.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ def judge(
 
 @dataclass(frozen=True)
 class Baseline:
-    """Another repeatable inverse over the same Ω.
+    """Evaluation of a simpler repeatable inverse over the same Ω.
 
     Attributes
     ----------
@@ -144,7 +144,7 @@ class Baseline:
 
     @property
     def text(self) -> str:
-        """The figures in a few words."""
+        """Cost and leaf margin, or the reason for a refusal, in one line."""
         if self.evaluation is None:
             return self.refused
         j = self.evaluation
@@ -152,7 +152,7 @@ class Baseline:
 
 
 def constant_rows(task: Task, center: Array) -> RepeatableInverse:
-    """Make the inverse of constant rows, ``V = N(center)``."""
+    """Make the repeatable inverse of constant potential gradients, ``V = N(center)``."""
     N = oriented_nullspace(task.jacobian(center)[None], task, center[None])[0]
     linear = Polynomial(center, 1)
     return RepeatableInverse(

@@ -1,5 +1,4 @@
-"""The page of a function over a cell: the box round the arm, a tour through it, slices, and all
-figures."""
+"""Page of a function over a cell: animation of a sample path, slices, and figures of merit."""
 
 from __future__ import annotations
 
@@ -22,8 +21,8 @@ _ROUND = [0, 1, 3, 2, 0, 4, 5, 1, 5, 7, 3, 7, 6, 2, 6, 4]
 
 
 def box_of(cell: Cell) -> Array:
-    """Go along the edges of a cell's box of positions: (P, 3), m; a rectangle or a line where some
-    are held."""
+    """Trace the edges of a cell's box of positions: (P, 3), m; a rectangle or a line where some
+    positions are fixed."""
     positions = len(cell.half_width)
     low_high = np.zeros((3, 2))
     low_high[cell.task.rows[:positions]] = cell.half_width[:, None] * [-1, 1]
@@ -79,7 +78,7 @@ def cell_page(
 
 
 def _tour_page(design: CellDesign, motions: Mapping[str, Motion], joint: int, name: str) -> str:
-    """Show the motions side by side, and the box round them."""
+    """Make the animation of the motions side by side, with the box around them."""
     colours = [VERMILLION, BLUE][-len(motions) :]
     tracks = [
         playback_of(label, motions[label], colour)
@@ -96,7 +95,8 @@ def _tour_page(design: CellDesign, motions: Mapping[str, Motion], joint: int, na
 
 
 def _sentence(design: CellDesign) -> str:
-    """Say in a sentence what the function costs, and what it covers."""
+    """Write the extra joint speed, the coverage and the limit margin of a function in one
+    sentence."""
     margin, worst, unit = design.limit_margin, design.limit_margin_worst, design.task.unit
     limits = f"limits {'kept' if margin >= 0 else 'broken'} by {abs(margin):.2g} {unit}"
     limits += f", broken by {-worst:.2g} at the worst pose" if worst < 0 <= margin else ""

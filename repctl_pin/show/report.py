@@ -1,5 +1,4 @@
-"""One page that can be mailed: what a study found, its pictures, and all that is needed to repeat
-it."""
+"""Report of a study as one HTML page: verdict, figures, and all that is needed to repeat it."""
 
 from __future__ import annotations
 
@@ -89,7 +88,7 @@ def report_page(
 
 
 def versions() -> dict[str, str]:
-    """Versions of all that a result depends on."""
+    """Collect the versions of all packages that a result depends on."""
     found = {"repctl_pin": __version__, "Python": platform.python_version()}
     for name in DISTRIBUTIONS:
         try:
@@ -100,7 +99,7 @@ def versions() -> dict[str, str]:
 
 
 def _figures(study: Study, maps: StudyMaps | None) -> Iterable[tuple[str, dict[str, object]]]:
-    """Each figure with its heading, picture and words."""
+    """Yield the heading, picture and description of each figure."""
     moved = drawn(study)
     on = [
         m for m in moved if m[2] != COLOURS["posture_off"]
@@ -135,7 +134,7 @@ def _maps_figure(study: Study, maps: StudyMaps) -> Figure:
 
 
 def _picture(figure: Figure, text: str) -> dict[str, object]:
-    """Draw a figure for the page, without its empty margins, with its description."""
+    """Draw a figure for the page without its empty margins, with its description."""
     file = io.BytesIO()
     metadata = {"Software": None}
     figure.savefig(
@@ -145,7 +144,7 @@ def _picture(figure: Figure, text: str) -> dict[str, object]:
 
 
 def framed(picture: bytes, text: str) -> dict[str, object]:
-    """A PNG as a page holds it, with the words for it."""
+    """Encode a PNG for a page, with its size and description."""
     width, height = struct.unpack(">II", picture[16:24])  # as its header says
     return {
         "data": base64.b64encode(picture).decode("ascii"),
@@ -156,7 +155,7 @@ def framed(picture: bytes, text: str) -> dict[str, object]:
 
 
 def _in_full(study: Study) -> dict[str, str]:
-    """What was studied, in full: numbers as they are held, and the robot file's fingerprint."""
+    """Collect the full settings: numbers at full precision, and the robot file's checksum."""
     center, width = study.region.bounds.center, study.region.bounds.half_width
     return {
         "start, in full": row(study.q0, 10),
@@ -167,7 +166,7 @@ def _in_full(study: Study) -> dict[str, str]:
 
 
 def _fingerprint(file: Path) -> str:
-    """What ``sha256sum`` says of a file."""
+    """Compute the SHA-256 checksum of a file."""
     try:
         return hashlib.sha256(file.read_bytes()).hexdigest()
     except OSError:
@@ -177,7 +176,7 @@ def _fingerprint(file: Path) -> str:
 def _chosen(
     options: Mapping[str, object], command: str | None
 ) -> tuple[dict[str, str], dict[str, str]]:
-    """Options that the command line names, and the rest."""
+    """Separate the options that the command line names from the others."""
     said = None if command is None else {word.partition("=")[0] for word in shlex.split(command)}
     texts = {name: _text(value) for name, value in options.items()}
     given = {name: text for name, text in texts.items() if said is None or f"--{name}" in said}

@@ -1,5 +1,5 @@
-"""Motions of a whole robot as they are drawn; from the files that ``study`` and ``follow`` write,
-too."""
+"""Motions of a whole robot for animation, also from the files that ``study`` and ``follow``
+write."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class Playback:
 
 @dataclass(frozen=True)
 class TracedChain:
-    """What of a robot leaves its traces.
+    """A kinematic chain whose frame and elbow are traced.
 
     Attributes
     ----------
@@ -80,7 +80,7 @@ class TracedChain:
 
 
 def playback_of(label: str, motion: Motion, color: str) -> Playback:
-    """Take a motion as it is."""
+    """Make the playback of a motion."""
     task, Q = motion.task, motion.task.to_robot(motion.q)
     return Playback(
         label,
@@ -138,7 +138,7 @@ def playback_page(
     summary: Verdict | None = None,
     seconds: float = 4.0,
 ) -> str:
-    """Make the page of some motions, side by side.
+    """Make the page of several motions, side by side.
 
     Parameters
     ----------
@@ -188,7 +188,7 @@ def _arm(
     visuals: Visuals,
     frames: Frames,
 ) -> Arm:
-    """What of a motion goes onto the page."""
+    """Collect what the page shows of one motion."""
     robot, rows = chains[0].task.robot, track.Q[frames.index]
     tip, elbow = (
         np.stack(points, axis=1)
@@ -224,8 +224,7 @@ def _played(chain: TracedChain, track: Playback) -> JointMotion:
 
 
 def _broken(played: Sequence[JointMotion], rows: Array, timed: bool) -> Violation | None:
-    """Where a motion first goes beyond what the arm can do: past a joint's limits, or into a
-    body."""
+    """Find where a motion first violates a limit, or two bodies first collide."""
     said = [(one.first_violation, one.task, "past its limit") for one in played]
     said += [(one.first_overspeed, one.task, "past its speed limit") for one in played if timed]
     found = min(
@@ -259,8 +258,8 @@ def _frame_origin(model: pin.Model, data: pin.Data, q: Array, frame: int) -> Arr
 def _summary(
     chains: Sequence[TracedChain], played: Sequence[JointMotion], track: Playback
 ) -> MotionSummary:
-    """What the verdict speaks of; of several chains, which move each other's bodies, the worst of
-    each."""
+    """Summarise a motion for the verdict; of several chains, which move each other's bodies, take
+    the worst of each quantity."""
     summaries = [
         motion_summary(track.label, one, chain.elbow, bodies=len(chains) == 1)
         for chain, one in zip(chains, played, strict=True)
@@ -282,7 +281,7 @@ def _summary(
 
 
 def _ways(chain: TracedChain, rows: Array) -> tuple[Array, Array]:
-    """The ways of frame and elbow, (T, 3) each."""
+    """Trace the frame and the elbow: (T, 3) each, m."""
     part = np.array([chain.task.from_robot(q) for q in rows])
     return chain.task.positions(part), np.array(
         [chain.task.joint_origins(q)[chain.elbow] for q in part]
@@ -296,7 +295,8 @@ def _limb_words(task: Task) -> str:
 def _is_planar(
     chains: Sequence[TracedChain], starts: Sequence[Array], paths: Sequence[Array]
 ) -> bool:
-    """Whether all joints and paths lie in one level plane: then the page looks from above."""
+    """Check whether all joints and paths lie in one horizontal plane, which the page shows from
+    above."""
     joints = [
         chain.task.joint_origins(chain.task.from_robot(q)) for chain in chains for q in starts
     ]

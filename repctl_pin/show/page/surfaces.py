@@ -1,5 +1,4 @@
-"""Mesh files as triangles ready to draw: few bytes, smooth where the body is smooth, in the file's
-colours."""
+"""Mesh files as compact triangles, smoothly shaded, in the colours of the file."""
 
 from __future__ import annotations
 
@@ -59,7 +58,7 @@ class Surface:
 
 
 def read_surface(path: Path, most: int = MOST_FACES) -> Surface:
-    """Read a mesh file of so many triangles at most: .stl, .dae, .obj, .ply, .off, .glb or .gltf.
+    """Read a mesh file: .stl, .dae, .obj, .ply, .off, .glb or .gltf.
 
     Raises
     ------
@@ -109,7 +108,7 @@ def _scene(data: bytes, file_type: str, resolver: _Beside) -> Any:
 
 
 def read_bytes(path: Path) -> bytes:
-    """Read a regular file of a size that can be drawn.
+    """Read a regular file of limited size.
 
     Raises
     ------
@@ -126,14 +125,14 @@ def read_bytes(path: Path) -> bytes:
 
 
 class _Beside:
-    """Gives a mesh the textures and buffers it names: regular files near it. What trimesh calls a
-    resolver."""
+    """Resolver for trimesh: reads textures and buffers that a mesh names, from regular files near
+    it."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
 
     def get(self, name: str) -> bytes:
-        """Read a file that the mesh names; trimesh does without those that are not there."""
+        """Read a file that the mesh names; trimesh ignores missing ones."""
         folder = self.path.parent.resolve()
         file = (folder / name.strip()).resolve()
         if not file.is_relative_to(folder.parent):  # ../textures is common
@@ -144,7 +143,7 @@ class _Beside:
 
 
 def unit(data: bytes) -> float:
-    """Tell how many metres one unit of a COLLADA file is."""
+    """Read the unit of a COLLADA file, in metres."""
     found = re.search(rb"<unit\b[^>]*\bmeter\s*=\s*[\"']([^\"']+)", data[:20_000])
     try:
         meters = float(found[1].replace(b",", b".")) if found else 1.0
@@ -158,7 +157,7 @@ def unit(data: bytes) -> float:
 
 
 def _piece(mesh: Any, transform: NDArray[np.float64]) -> dict[str, Any]:
-    """Take one mesh of a file out of trimesh, corner by corner (3F rows), in the file's frame."""
+    """Extract one mesh from trimesh, corner by corner (3F rows), in the file's frame."""
     vertices = np.asarray(mesh.vertices, float)
     if not (np.abs(vertices) < 1e9).all() or not (np.abs(transform) < 1e9).all():
         raise InputError("a corner of it is not finite, or is over 1e9 away")
@@ -183,7 +182,7 @@ def _piece(mesh: Any, transform: NDArray[np.float64]) -> dict[str, Any]:
 
 
 def _look(mesh: Any, corners: NDArray[np.int64]) -> tuple[NDArray[np.float64], Any, bytes | None]:
-    """Read a mesh's colours (3F, 3), and its texture where it has one."""
+    """Read a mesh's colours (3F, 3), and its texture if it has one."""
     visual = mesh.visual
     if visual.kind == "texture":
         material = visual.material
@@ -202,7 +201,7 @@ def _look(mesh: Any, corners: NDArray[np.int64]) -> tuple[NDArray[np.float64], A
 
 
 def _compressed(image: Any) -> bytes:
-    """Write a picture small: JPEG, 1024 pixels at most."""
+    """Compress an image: JPEG, at most 1024 pixels wide and high."""
     image = image.convert("RGB")
     image.thumbnail((1024, 1024))
     file = io.BytesIO()
@@ -211,8 +210,7 @@ def _compressed(image: Any) -> bytes:
 
 
 def smooth(corners: NDArray[np.float64], flat: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Give each corner the mean normal of the faces round its point that do not bend away by more
-    than CREASE.
+    """Average the normals of the faces around each corner that meet at less than the crease angle.
 
     Parameters
     ----------
@@ -246,7 +244,7 @@ def smooth(corners: NDArray[np.float64], flat: NDArray[np.float64]) -> NDArray[n
 
 
 def grouped(rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.intp]]:
-    """Sort the rows of an array (K, k) so that equal rows follow each other, in their first order.
+    """Sort the rows of an array (K, k) so that equal rows are consecutive, in their original order.
 
     The rows are sorted by a hash, which numpy does several times as fast as by their columns; where
     two different rows share a hash, they are sorted by their columns after all.
@@ -270,14 +268,14 @@ def grouped(rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.intp
 
 
 def _differs(rows: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Compare each row with the one before it; the first one differs."""
+    """Compare each row with the one before it; the first counts as different."""
     differs = np.ones(len(rows), bool)
     differs[1:] = (rows[1:] != rows[:-1]).any(axis=1)
     return differs
 
 
 def _join(pieces: list[dict[str, Any]], scale: float) -> Surface:
-    """Put pieces together, those of one texture side by side, each distinct corner once."""
+    """Join pieces, sorted by texture, with each distinct corner once."""
     images = list(dict.fromkeys(piece["image"] for piece in pieces))
     pieces = sorted(pieces, key=lambda piece: images.index(piece["image"]))
     groups, start = [], 0

@@ -1,5 +1,5 @@
-"""A running control loop in the browser: poses go out over a websocket, keys come back and move the
-target.
+"""Live viewer of a control loop: configurations go to the browser over a websocket, and keys move
+the target.
 
 The server is a thread of this process on 127.0.0.1: however the process ends, nothing is left of
 it, no other process and no open port. Only a page that it served itself may connect."""
@@ -39,7 +39,7 @@ _MESSAGE = 200
 
 
 class Viewer:
-    """Shows a control loop while it runs, one pane per control: ``with rp.Viewer(task, ["J⁺",
+    """Live viewer of a control loop, one pane per controller: ``with rp.Viewer(task, ["J⁺",
     "ours"]) as view``.
 
     Parameters
@@ -122,8 +122,7 @@ class Viewer:
         before: Sequence[ArrayLike] | Array | None = None,
         out_of_reach: bool = False,
     ) -> None:
-        """Show where the joints are: a configuration (n,) for each name, in order. It returns at
-        once.
+        """Send a configuration (n,) for each name, in order, to the browser; returns at once.
 
         Parameters
         ----------
@@ -154,7 +153,7 @@ class Viewer:
             self._loop.call_soon_threadsafe(self._send)
 
     def _each(self, configurations: Sequence[ArrayLike] | Array) -> Array:
-        """One configuration a control: (K, n)."""
+        """Check one configuration per controller: (K, n)."""
         if isinstance(configurations, np.ndarray) and configurations.ndim == 2:
             configurations = list(configurations)
         configurations = list_of(
@@ -167,7 +166,7 @@ class Viewer:
         return np.array([vector(q, self.task.n, "q") for q in configurations])
 
     def open(self) -> bool:
-        """Open the page in the browser; False without a screen."""
+        """Open the page in the browser; return False without a screen."""
         screen = (
             sys.platform in ("darwin", "win32")
             or os.environ.get("DISPLAY")
@@ -176,7 +175,7 @@ class Viewer:
         return bool(screen) and webbrowser.open(self.url)
 
     def close(self) -> None:
-        """Stop serving; the port is free afterwards."""
+        """Stop the server and release its port."""
         if self._thread.is_alive():
             self._loop.call_soon_threadsafe(self._loop.stop)
             self._thread.join()
@@ -193,8 +192,8 @@ class Viewer:
         self.close()
 
     def _page(self, q0: Array, path: TaskPath | None) -> str:
-        """The page: the arm at its start, and turned a little, which says what moves and what is in
-        sight."""
+        """Make the page: the arm at its start and in a second configuration, which shows what
+        moves."""
         task = self.task
         Q = np.array(
             [
@@ -254,7 +253,7 @@ class Viewer:
             client.give(self._last)
 
     def _moved(self, message: str) -> None:
-        """Move the target as a key asks; anything else is passed over."""
+        """Move the target by one key; ignore any other message."""
         try:
             move = json.loads(message)
         except ValueError:
@@ -309,7 +308,7 @@ class _Poses(WebSocketHandler):
             self.viewer._moved(message)
 
     def give(self, poses: bytes) -> None:
-        """Send the newest poses, once; a browser that is late misses some, but never the last."""
+        """Send the newest poses once; a slow browser misses some, but never the last."""
         if self.busy or poses is self.sent:
             return
         try:

@@ -1,5 +1,4 @@
-"""Figures of a design: cost against degree, where it is far from what was desired, where it is near
-singular."""
+"""Figures of a design: cost against degree, distance from the desired inverse, and leaf margin."""
 
 from __future__ import annotations
 
@@ -22,7 +21,7 @@ from .motions import axis_label, quiet, titled
 def cost_against_degree(
     ax: Axes, degrees: Sequence[tuple[int, float, float]], baselines: Sequence[Baseline] = ()
 ) -> Axes:
-    """Draw the cost on held-out nodes against the degree of the potentials, beside other repeatable
+    """Draw the cost on held-out nodes against the degree of the potentials, with other repeatable
     inverses.
 
     Parameters
@@ -70,8 +69,8 @@ def joint_map(
     label: str,
     top: float | None = None,
 ) -> Axes:
-    """Draw values over a grid of two joints, with level lines, a bar that names them, and a cross
-    in the center of Ω.
+    """Draw values over a grid of two joints, with contour lines, a colour bar, and a cross at the
+    centre of Ω.
 
     Parameters
     ----------
@@ -150,7 +149,7 @@ def design_figure(
 
 
 def _plain_log_ticks(ax: Axes) -> None:
-    """Numbers as people write them on a log axis that may span less than a decade."""
+    """Label a log axis that may span less than a decade with plain numbers."""
     low, high = ax.get_ylim()
     ax.set_ylim(low, high * (high / low) ** 0.4)  # room for the legend
     span = high / low

@@ -1,5 +1,5 @@
-"""What a study found, in sentences; and what each of its pictures shows, for those who cannot see
-it."""
+"""Sentences of the report: its summary, its glossary, and a description of each figure for readers
+who cannot see it."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ GLOSSARY = {
 
 
 def summary(study: Study) -> list[str]:
-    """Say in a few sentences, one a paragraph, what was done, what happened, what it costs."""
+    """Summarise a study in a few sentences, one per paragraph."""
     task, path = study.task, study.path
     plain, closed = study.row("pseudoinverse"), study.row("repeatable")
     some = next(row.motion for row in study.rows if row.motion is not None)
