@@ -309,7 +309,7 @@ def test_controls_of_ones_own_stand_beside(tmp_path) -> None:
     }
     report = report_page(study)
     assert (
-        f"Under your control M, they are off by {number(weighted.drift[-1])} rad" in report
+        f"Under your controller M, the joints drift by {number(weighted.drift[-1])} rad" in report
         and "by <hand>" not in report
     )
 

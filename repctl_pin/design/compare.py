@@ -22,9 +22,9 @@ class Comparison:
     ----------
     designs : tuple of Design
     evaluations : tuple of Evaluation or None
-        None where a design has a singularity in Ω.
+        Figures of each design; None where it has a singularity in Ω.
     differences : tuple of (float, float)
-        Cost above the first design's, and the standard error of that difference: on common nodes it
+        Cost minus the first design's, and the standard error of that difference. On common nodes it
         is far smaller than that of either cost.
     """
 
@@ -49,8 +49,8 @@ class Comparison:
                 continue
             beside = "" if i == 0 else f"{more:+.4g} ± {error:.1g}"
             lines.append(
-                f"{mark} {design.potentials.size:10d}   {j.cost:<9.5g}  {beside:20s}  {j.relative_distance:8.1%}  "
-                f"{j.leaf_margin:9.3f}"
+                f"{mark} {design.potentials.size:10d}   {j.cost:<9.5g}  {beside:20s}  "
+                f"{j.relative_distance:8.1%}  {j.leaf_margin:9.3f}"
             )
         return "\n".join(lines)
 
@@ -71,7 +71,8 @@ def compare(first: Design, *others: Design) -> Comparison:
 
     Examples
     --------
-    >>> plain = rp.nearest_repeatable(control, None, rp.Box(q0, 0.4), degree=1, samples=512, held_out=512)
+    >>> few = {"samples": 512, "held_out": 512}
+    >>> plain = rp.nearest_repeatable(control, None, rp.Box(q0, 0.4), degree=1, **few)
     >>> comparison = rp.compare(design, plain)
     >>> comparison.designs[1].cost > comparison.designs[0].cost
     True
@@ -141,7 +142,8 @@ def cost_has_converged(
 
     Examples
     --------
-    >>> plain = rp.nearest_repeatable(control, None, rp.Box(q0, 0.4), degree=1, samples=512, held_out=512)
+    >>> few = {"samples": 512, "held_out": 512}
+    >>> plain = rp.nearest_repeatable(control, None, rp.Box(q0, 0.4), degree=1, **few)
     >>> cost_has_converged([plain, design])  # a higher degree still pays
     False
     """

@@ -21,9 +21,9 @@ class DesignMap:
     Attributes
     ----------
     joints : (int, int)
-        Across and upward, counted from 0.
+        Indices of the joints on the x and the y axis, counted from 0.
     x, y : (k,) arrays
-        Their values, rad or m: over the box around Ω.
+        Values of these joints over the box around Ω, rad or m.
     distance, reference : (k, k) arrays
         ‖G_r − G_d‖_F and ‖G_d‖_F, rows upward; nan where J loses rank.
     leaf_margin : (k, k) array
@@ -48,9 +48,9 @@ def design_map(
     design
         The design.
     joints
-        Which two; by default the two along which ‖G_r − G_d‖ changes most.
+        Indices of the two joints; by default those along which ‖G_r − G_d‖ changes most.
     points
-        Of the grid, each way.
+        Number of grid points along each joint.
     """
     box, center, n = design.region.bounds, design.region.center, design.task.n
     first, second = _liveliest(design) if joints is None else joints

@@ -35,13 +35,13 @@ class Evaluation:
     relative_distance : float
         ``sqrt(cost / mean ‖G_d‖_F²)``.
     leaf_margin : float
-        The smallest σ_min(Nᵀ V̂) that a search of Ω found.
+        Smallest σ_min(Nᵀ V̂) that a search of Ω found.
     leaf_margin_at : (n,) array
-        Where.
+        Configuration of the smallest leaf margin.
     inside_limits : float
-        Share of Ω inside the joint limits.
+        Fraction of Ω inside the joint limits.
     replicates : (32,) array
-        The cost on each scrambling.
+        Cost on each scrambling.
     """
 
     cost: float
@@ -70,11 +70,11 @@ def judge(
     region
         Ω.
     samples
-        Held-out nodes, in 32 independent scramblings; their scatter gives the standard error. It is
-        that of a mean whose scatter is itself estimated: wider by √(31/29), the spread of Student's
-        t.
+        Number of held-out nodes, in 32 independent scramblings, whose scatter gives the standard
+        error. Since that scatter is itself estimated, the error is wider by √(31/29), the standard
+        deviation of Student's t.
     seed
-        Of the nodes; another one than the fit's.
+        Random seed of the nodes; it must differ from the fit's.
 
     Raises
     ------
@@ -133,9 +133,9 @@ class Baseline:
     ----------
     name : str
     evaluation : Evaluation or None
-        Its figures; None where it runs into a singularity in Ω.
+        Its figures; None if Ω contains a singularity of it.
     refused : str
-        Then: where.
+        Message about that singularity; empty if there is none.
     """
 
     name: str

@@ -30,7 +30,7 @@ from .text.table import study_cells, study_legend, study_notes
 from .text.verdict import study_verdict
 
 DISTRIBUTIONS = ("numpy", "scipy", "pin", "matplotlib", "meshcat", "example-robot-data")
-"""Whose versions a report names."""
+"""Packages whose versions a report lists."""
 
 DPI = 130
 
@@ -48,20 +48,21 @@ def report_page(
     Parameters
     ----------
     study
-        What was found.
+        The study.
     maps
-        Arrays of maps over two joints; None leaves those figures out.
+        Maps over two joints; None leaves those figures out.
     options
-        Every option, as it was used, by name.
+        Every option that was used, by name.
     command
-        The command line that made it.
+        Command line that made the study.
     animation
-        The page of the animation, if it was made already.
+        Page of the animation, if it exists already.
 
     Returns
     -------
-    The page's HTML: it asks nothing of a network, prints without cut figures, and every picture has
-    words."""
+    str
+        HTML without network access; it prints without cut figures, and describes every picture.
+    """
     title = f"{study.robot.name}: {study.path.name}"
     colour = colours(study)
     given, rest = _chosen(options or {}, command)
@@ -103,7 +104,7 @@ def _figures(study: Study, maps: StudyMaps | None) -> Iterable[tuple[str, dict[s
     moved = drawn(study)
     on = [
         m for m in moved if m[2] != COLOURS["posture_off"]
-    ]  # what comes from afar would hide the rest
+    ]  # its first motion to the posture would hide the others
     yield "Drift", _picture(drift_figure(moved, ""), captions.drift_words(study))
     yield "Joints", _picture(joints_figure(moved, ""), captions.joints_words(study))
     yield "Orbits in joint space", _picture(orbits_figure(on, ""), captions.orbits_words(study))
@@ -160,7 +161,8 @@ def _in_full(study: Study) -> dict[str, str]:
     return {
         "start, in full": row(study.q0, 10),
         "joints": ", ".join(study.task.joint_names),
-        "region, in full": f"the box round it has the centre {row(center, 10)} and the half-width {row(width, 10)}",
+        "region, in full": f"the box around it has the centre {row(center, 10)} "
+        f"and the half-width {row(width, 10)}",
         "URDF, SHA-256": _fingerprint(study.robot.description.path),
     }
 
@@ -170,7 +172,7 @@ def _fingerprint(file: Path) -> str:
     try:
         return hashlib.sha256(file.read_bytes()).hexdigest()
     except OSError:
-        return "the file is not there any more"
+        return "the file no longer exists"
 
 
 def _chosen(

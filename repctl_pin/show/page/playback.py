@@ -34,22 +34,22 @@ class Playback:
     Attributes
     ----------
     label, color : str
-        What is written above it, and its ``#RRGGBB``.
+        Title of its pane, and colour as ``#RRGGBB``.
     Q : (T + 1, nq) array
         Configurations of the whole robot, rad or m; T = cycles · steps.
     cycles : int
-        How often round.
+        Number of cycles.
     drift : (cycles,) array
         ‖q − q₀‖ after each cycle.
     unit : str
-        Of the drift.
+        Unit of the drift.
     t : (T + 1,) array or None
-        Time, s, where it is known.
+        Time, s; None if unknown.
     path_loss : (float, float, float) or None
-        Where the frame leaves its path, see :attr:`Motion.path_loss`; None where the path is not
-        known, too.
+        Where the frame leaves its path, see :attr:`Motion.path_loss`; None also if the path is
+        unknown.
     motion : Motion or None
-        The motion itself, with its body distances, where the robot moves in one chain.
+        The motion itself, with its body distances; None for a motion read from a file.
     """
 
     label: str
@@ -70,9 +70,9 @@ class TracedChain:
     Attributes
     ----------
     task : Task
-        Whose frame is traced.
+        Task whose frame is traced.
     elbow : int
-        The joint whose origin is traced, of the task's.
+        Index of the joint of the task whose origin is traced.
     """
 
     task: Task
@@ -143,15 +143,15 @@ def playback_page(
     Parameters
     ----------
     chains
-        What leaves traces: one chain of the robot, or several.
+        Traced chains of the robot.
     tracks
-        What to show: all of as many cycles.
+        Motions to show, all with the same number of cycles and steps.
     paths : sequence of (P, 3) arrays, optional
-        The paths to draw, m; by default what the first motion's frames do in its first cycle.
+        Paths to draw, m; by default those of the first motion's frames in its first cycle.
     name
-        Of the path.
+        Name of the path.
     summary
-        The verdict on them; by default that of these motions, the last beside the first.
+        Verdict on the motions; by default the last is compared with the first.
     seconds
         Time of a cycle at normal speed, s.
     """

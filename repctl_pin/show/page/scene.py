@@ -27,11 +27,12 @@ class Frames:
     Attributes
     ----------
     index : (T,) array of int
-        Samples, cycle after cycle; every cycle has both its ends, T = len(cycles) * per_cycle.
+        Indices of the samples, cycle by cycle, each with both its ends: T = len(cycles) *
+        per_cycle.
     cycles : tuple of int
-        Numbers of the shown cycles, from 1.
+        Numbers of the shown cycles, counted from 1.
     per_cycle : int
-        Pictures of one cycle, both ends counted.
+        Number of samples of one cycle, including both ends.
     """
 
     index: NDArray[np.intp]
@@ -56,27 +57,27 @@ class Arm:
     Attributes
     ----------
     label : str
-        What is written above it: ``J⁺``.
+        Title of its pane: ``J⁺``.
     shapes : tuple of Shape
-        What it looks like.
+        Visual shapes.
     placements : (T, S, 4, 4) array
-        Where each shape stands: rigid, unscaled.
+        Rigid, unscaled transform of each shape.
     tip, elbow : (T, K, 3) arrays
-        Points of K chains that leave a trace, m.
+        Traced points of K chains, m.
     q : (T, n) array
         Configurations, whose distance from cycle 1 is the drift.
     cycle_drift : (cycles,) array
         ‖q − q₀‖ after each cycle of the whole motion, rad.
     color : str
-        Of its label and traces, ``#RRGGBB``.
+        Colour of the label and the traces, ``#RRGGBB``.
     unit : str
-        Of the drift.
+        Unit of the drift.
     joint_names : tuple of str
-        Of q; () numbers them.
+        Names of the joints of q; () numbers them.
     limits : (2, n) array or None
-        Least and largest q; infinite where there is none.
+        Lower and upper limits of q; infinite where there is none.
     broken : Violation or None
-        The joint that leaves its limits first, or the two bodies that touch.
+        First violated joint limit, or first collision.
     """
 
     label: str
@@ -96,16 +97,16 @@ class Arm:
 def choose_frames(samples: int, cycles: int, *, per_cycle: int = 61, shown: int = 24) -> Frames:
     """Choose the samples to show of a motion of ``samples`` = cycles · steps + 1 configurations.
 
-    Of many cycles, the first, and back from the last every so many.
+    Of many cycles, the first is shown, and every k-th one back from the last.
 
     Parameters
     ----------
     samples, cycles
-        Of the motion; each cycle has the same number of steps.
+        Number of samples and cycles of the motion; each cycle has the same number of steps.
     per_cycle
-        At most so many pictures per cycle.
+        Maximum number of samples per cycle.
     shown
-        At most so many cycles.
+        Maximum number of cycles.
     """
     steps, rest = divmod(samples - 1, cycles)
     if rest or steps < 1:

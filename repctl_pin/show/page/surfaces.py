@@ -15,21 +15,19 @@ from numpy.typing import NDArray
 from ...errors import InputError
 
 KINDS = (".stl", ".dae", ".obj", ".ply", ".off", ".glb", ".gltf")
-"""Mesh files that are read; archives and formats that are archives are not: a few bytes of them can
-hold gigabytes."""
+"""Mesh formats that are read. Archives are not: a few bytes can expand to gigabytes."""
 
 MOST_BYTES = 50_000_000
-"""The largest mesh file, or texture, that is read."""
+"""Maximum size of a mesh file or texture, bytes."""
 
 MOST_FACES = 500_000
-"""The most triangles of a file that are drawn."""
+"""Maximum number of triangles of a file."""
 
 CREASE = np.cos(np.deg2rad(38))
-"""Faces that meet at less than this angle are shaded as one round surface."""
+"""Cosine of the crease angle: faces that meet at less than it are shaded smoothly."""
 
 _MANY = 48
-"""Corners at one point above which their faces are left flat: the tip of a fan, not a round
-surface."""
+"""Number of corners at one point above which its faces are shaded flat, as at a fan's tip."""
 
 
 @dataclass(frozen=True)

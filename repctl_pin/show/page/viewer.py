@@ -45,23 +45,24 @@ class Viewer:
     Parameters
     ----------
     task
-        The task whose joints are shown; the robot's others stay at the reference pose.
+        Task whose joints are shown; other joints stay at the reference pose.
     names
-        What the controls are called.
+        Names of the controllers.
     path
-        The path to draw.
+        Path to draw.
     start : (n,) array
-        Where the arm begins, rad (m for sliding joints), by default the reference pose.
+        Start configuration, rad (m for prismatic joints); by default the reference pose.
     port
-        Where to listen; 0 takes a free one.
+        Port to listen on; 0 takes a free one.
 
     Attributes
     ----------
     url : str
-        Where the page is.
+        Address of the page.
     offset : (3,) array
-        How far the keys have moved the target, m, base axes: arrows across and up the screen, Page
-        Up and Down away and nearer, Home back to 0. At most the arm's length along each axis.
+        Displacement of the target by the keys, m, base axes: arrows move it across and up the
+        screen, Page Up and Down away and nearer, Home back to 0; at most the arm's length along
+        each axis.
 
     Raises
     ------
@@ -127,10 +128,10 @@ class Viewer:
         Parameters
         ----------
         configurations
-            Where the joints are now.
+            Current configuration of each controller.
         before
-            The joints when the hand was first there, shown as ghosts; by default what was shown
-            first.
+            Configurations in which the frame was first there, shown as ghosts; by default the first
+            ones sent.
         out_of_reach
             Whether the page says that the target is out of reach.
 
@@ -161,7 +162,8 @@ class Viewer:
         )
         if len(configurations) != len(self.names):
             raise InputError(
-                f"this viewer shows {len(self.names)} controls, but {len(configurations)} were given"
+                f"this viewer shows {len(self.names)} controllers, "
+                f"but {len(configurations)} configurations were given; give one per controller"
             )
         return np.array([vector(q, self.task.n, "q") for q in configurations])
 
@@ -221,7 +223,8 @@ class Viewer:
             )
             for name, colour in zip(self.names, colours, strict=False)
         ]
-        caption = f"{task.frame}, {task.kind} task. Arrows, Page Up and Page Down move the target; Home brings it back."
+        keys = "Arrows, Page Up and Page Down move the target; Home brings it back."
+        caption = f"{task.frame}, {task.kind} task. {keys}"
         lines = [] if path is None else [path.points()]
         flat = bool(np.ptp(np.vstack([*map(task.joint_origins, Q), points, *lines])[:, 2]) < 1e-9)
         title, frames = f"{task.robot.name}: live", Frames(np.arange(3), (1,), 3)

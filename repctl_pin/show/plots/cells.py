@@ -51,8 +51,9 @@ def cell_figure(design: CellDesign, cuts: Sequence[Slice]) -> Figure:
     colour scale."""
     shapes = [design.cell.widths[design.cell.widths > 0][list(cut.axes)] for cut in cuts]
     shares = [min(max(w / h, 0.5), 2.0) if h else 1.0 for w, h in shapes]
-    words = f"{design.task.robot.name}, {design.task.frame}, {design.task.kind}: one function for {design.cell.size()}"
-    figure = titled(2.0 + 2.7 * sum(shares), 6.7, words)
+    task = design.task
+    title = f"{task.robot.name}, {task.frame}, {task.kind}: one function for {design.cell.size()}"
+    figure = titled(2.0 + 2.7 * sum(shares), 6.7, title)
     grid = figure.subplots(2, len(cuts), squeeze=False, width_ratios=shares)
     for row, (what, (label, _, scale)) in zip(grid, _WHAT.items(), strict=True):
         every = scale * np.concatenate([getattr(cut, what).ravel() for cut in cuts])

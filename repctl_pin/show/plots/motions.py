@@ -29,7 +29,7 @@ _BEYOND: dict[str, Any] = {
     "ls": "none",
     "zorder": 5,
 }
-"""The cross where a motion goes beyond what the arm can do."""
+"""Cross at the first violation of a motion."""
 
 
 def drawn(study: Study) -> list[tuple[str, Motion, str]]:
@@ -47,16 +47,16 @@ def drift_over_cycles(
 ) -> Axes:
     """Draw the joint drift after each cycle, with its last value at the end of the line.
 
-    A cross is the cycle in which a joint first leaves its limits, or two bodies touch.
+    A cross marks the cycle in which a joint first exceeds its limits, or two bodies first collide.
 
     Parameters
     ----------
     ax
-        Where to draw.
+        Axes to draw on.
     motions
-        Label, motion, colour.
+        Label, motion and colour of each.
     log
-        On a log scale, without the values: how small what is left is.
+        Whether to use a log scale, without the values.
     """
     for (label, motion, colour), marker in zip(motions, "osD^vPX" * len(motions), strict=False):
         cycles = np.arange(1, motion.cycles + 1)
@@ -109,15 +109,20 @@ def _end_labels(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> None:
         )
         floor += 0.5 * step * beyond.count("\n")
         ax.annotate(
-            f"{label}: {value}{' ↑' if above else ''}{beyond}", (motion.cycles, drift), (1.055 * motion.cycles, floor),
-            color=colour, fontsize=9, va="center", annotation_clip=False,
-        )  # fmt: skip
+            f"{label}: {value}{' ↑' if above else ''}{beyond}",
+            xy=(motion.cycles, drift),
+            xytext=(1.055 * motion.cycles, floor),
+            color=colour,
+            fontsize=9,
+            va="center",
+            annotation_clip=False,
+        )
 
 
 def joint_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]], joint: int) -> Axes:
     """Draw one joint against time in cycles, with nearby limits as dashed lines.
 
-    A cross is where it first leaves them.
+    A cross marks where it first exceeds them.
     """
     task = motions[0][1].task
     for label, motion, colour in motions:
@@ -160,7 +165,7 @@ def drift_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Figu
 
 
 _INSET = (0.38, 0.3)
-"""Width and height of the inset, in parts of the axes."""
+"""Width and height of the inset, as fractions of the axes."""
 
 
 def _free_corner(

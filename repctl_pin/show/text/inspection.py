@@ -79,7 +79,8 @@ def inspection_text(found: Mapping[str, Any]) -> str:
         for j in found["joints"]
     ]
     lines = [
-        f"{found['robot']}: {len(rows)} movable joints, {found['links']} links, {found['meshes']} meshes",
+        f"{found['robot']}: {len(rows)} movable joints, {found['links']} links, "
+        f"{found['meshes']} meshes",
         f"from {found['file']}",
         "",
         table(["joint", "kind", "lower", "upper", "speed", "reference"], rows),

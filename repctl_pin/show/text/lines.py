@@ -22,7 +22,7 @@ def on_terminal(stream: TextIO | None) -> bool:
 def fitted(text: str) -> str:
     """Wrap lines that are wider than the terminal; a pipe gets them unchanged.
 
-    What stands behind a label goes on below itself.
+    Text after a label is indented below itself.
     """
     width = terminal_width()
     return (

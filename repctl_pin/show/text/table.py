@@ -15,14 +15,14 @@ from .numbers import number
 from .verdict import study_verdict
 
 NARROW = 10
-"""Names of strategies are broken into lines of so many characters."""
+"""Maximum number of characters per line of a strategy's name."""
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]], *, left: int = 1) -> str:
     """Align a table: the first columns to the left, the others to the right; a header may have
     several lines.
 
-    On a terminal that is too narrow for it, it goes on below with further columns.
+    On a terminal that is too narrow, the remaining columns follow below.
     """
     high = max(cell.count("\n") for cell in header)
     names = [("\n" * (high - cell.count("\n")) + cell).split("\n") for cell in header]
@@ -72,7 +72,8 @@ def outside_words(share: float) -> list[str]:
     if share <= 0:
         return []
     return [
-        f"warning: {100 * share:.1f} % of the motion lies outside Ω, where repeatability is not guaranteed;",
+        f"warning: {100 * share:.1f} % of the motion lies outside Ω, "
+        "where repeatability is not guaranteed;",
         "use `repctl design ROBOT --path PATH` to design for this path",
         "",
     ]
@@ -136,14 +137,17 @@ def study_legend(study: Study) -> str:
     """Explain the terms of :func:`study_cells`."""
     desired = _desired(study)
     return (
-        "! the frame leaves its path, a position or speed limit is violated, or two bodies collide (collisions are "
-        "checked at 100 points per cycle). Joint speed: ‖q̇‖, root mean square. Fastest first cycle: minimum time from "
-        f"rest to rest within the speed limits and the accelerations above ({study.setting['accelerations']}); "
-        "≠ means that the joint path does not close. Leaf margin: the smallest σ_min(Nᵀ V̂) along the path; 1 is best, "
-        f"0 is singular. Distance: ‖G − {desired}‖ / ‖{desired}‖, averaged over Ω. J⁺ + posture: J⁺ with null-space "
-        "attraction to the start configuration. J⁺ + other posture: attraction to a different configuration, which "
-        "the arm reaches first. Both settle on a closed motion after some cycles; nearest repeatable closes the first "
-        "cycle, from any start."
+        "! the frame leaves its path, a position or speed limit is violated, or two bodies collide "
+        "(collisions are checked at 100 points per cycle). Joint speed: ‖q̇‖, root mean square. "
+        "Fastest first cycle: minimum time from rest to rest within the speed limits and the "
+        f"accelerations above ({study.setting['accelerations']}); "
+        "≠ means that the joint path does not close. "
+        "Leaf margin: the smallest σ_min(Nᵀ V̂) along the path; 1 is best, 0 is singular. "
+        f"Distance: ‖G − {desired}‖ / ‖{desired}‖, averaged over Ω. "
+        "J⁺ + posture: J⁺ with null-space attraction to the start configuration. "
+        "J⁺ + other posture: attraction to a different configuration, which the arm reaches first. "
+        "Both settle on a closed motion after some cycles; "
+        "nearest repeatable closes the first cycle, from any start."
     )
 
 
