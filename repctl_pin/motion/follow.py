@@ -7,6 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.linalg.blas import ddot
 
 from ..arguments import Array, as_int, function, positive, require_choice, vector
 from ..errors import InputError, SingularityError
@@ -212,6 +213,7 @@ def _run(
     points = np.array([path.placement(float(s)).translation for s in grid])
     size = float(np.linalg.norm(np.ptp(points, axis=0)))
     most_step = _JUMP * np.where(task.revolute, 1.0, np.maximum(joint_scale(task, q), size))  # (n,)
+    surely = float(most_step.min()) ** 2
     Q = np.empty((cycles * n_steps + 1, task.n))
     Qdot = np.empty_like(Q)
     Q[0] = q
@@ -223,7 +225,8 @@ def _run(
                 raise SingularityError(
                     f"{error}, in cycle {1 + step // n_steps} of {path.name}"
                 ) from None
-            if not (np.abs(following - q) < most_step).all():
+            moved = following - q
+            if not (ddot(moved, moved) < surely or (np.abs(moved) < most_step).all()):
                 raise SingularityError(
                     f"the joints jump by more than {_JUMP:g} rad, or the arm's length, in one step, in cycle "
                     f"{1 + step // n_steps} of {path.name}: the arm is at a singularity, the path out of reach, or the "
