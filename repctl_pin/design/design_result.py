@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ..arguments import Array
+from ..certificate import Proof, proved_words
 from ..paths.task_path import Cycle
 from ..potentials.basis import PotentialBasis
 from ..progress import Report, reporter
@@ -63,6 +64,9 @@ class Design:
         Degrees that were tried, in order, with ``degree="auto"``.
     cycle : Cycle, optional
         Start, path and period of the motion that the design is for. It is saved with the design.
+    proof : Proof, optional
+        Certificate of the design, if one was added by ``dataclasses.replace(design,
+        proof=rp.prove(design))``. It is saved with the design.
 
     Examples
     --------
@@ -96,6 +100,7 @@ class Design:
     shrunk: float = 1.0
     degrees: tuple[tuple[int, float, float], ...] = ()
     cycle: Cycle | None = None
+    proof: Proof | None = None
 
     def __repr__(self) -> str:
         task = self.task
@@ -151,7 +156,7 @@ class Design:
             f"  mean ‖G_r − G_d‖²  {cost} (on {self.held_out} held-out nodes)",
             *(f"    {baseline.name.ljust(width)}  {baseline.text}" for baseline in baselines),
             f"  relative distance  {self.relative_distance:.1%}",
-            f"  leaf margin        {self.leaf_margin:.3f} at worst",
+            f"  leaf margin        {self.leaf_margin:.3f} at worst, {proved_words(self.proof)}",
             f"  inside the limits  {self.inside_limits:.1%} of Ω",
             f"  optimiser          {state} in {self.steps} steps, "
             f"gradient {self.gradient_norm:.1g}",
