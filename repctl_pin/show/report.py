@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import hashlib
-import io
 import platform
 import shlex
 import struct
@@ -22,7 +21,7 @@ from .page.snapshot import still_figure
 from .palette import COLOURS, colours
 from .plots.cycles import cycle_figure, orbits_figure
 from .plots.designs import cost_against_degree, joint_map
-from .plots.motions import drawn, drift_figure, joints_figure
+from .plots.motions import drawn, drift_figure, joints_figure, png
 from .study_files import study_page
 from .text import captions
 from .text.numbers import row
@@ -136,12 +135,9 @@ def _maps_figure(study: Study, maps: StudyMaps) -> Figure:
 
 def _picture(figure: Figure, text: str) -> dict[str, object]:
     """Draw a figure for the page without its empty margins, with its description."""
-    file = io.BytesIO()
     metadata = {"Software": None}
-    figure.savefig(
-        file, format="png", dpi=DPI, bbox_inches="tight", pad_inches=0.05, metadata=metadata
-    )
-    return framed(file.getvalue(), text)
+    picture = png(figure, DPI, bbox_inches="tight", pad_inches=0.05, metadata=metadata)
+    return framed(picture, text)
 
 
 def framed(picture: bytes, text: str) -> dict[str, object]:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
@@ -210,28 +209,10 @@ def plain(text: str) -> str:
     return text.replace("$", r"\$")
 
 
-def png(figure: Figure, dpi: float = 150, *, metadata: Mapping[str, str] | None = None) -> bytes:
-    """Draw a figure as a PNG file.
-
-    ``savefig`` would draw a figure with a layout engine twice, to the same result.
-
-    Parameters
-    ----------
-    figure
-        The figure, which keeps its layout afterwards.
-    dpi
-        Pixels per inch.
-    metadata
-        Texts to write into the file.
-    """
-    figure.set_dpi(dpi)
-    canvas = FigureCanvasAgg(figure)
-    layout = figure.get_layout_engine()
-    if layout is not None:
-        layout.execute(figure)
-        figure.set_layout_engine("none")
+def png(figure: Figure, dpi: float = 150, **options: Any) -> bytes:
+    """Draw a figure as a PNG file, with the options of matplotlib's ``savefig``."""
     file = io.BytesIO()
-    canvas.print_png(file, metadata=metadata)
+    figure.savefig(file, format="png", dpi=dpi, **options)
     return file.getvalue()
 
 
