@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 from itertools import pairwise
 
@@ -66,19 +67,35 @@ def test_cost_on_held_out_nodes(
 
 
 def test_baselines_stand_beside_it(panda: rp.Robot, panda_design: rp.Design) -> None:
-    rows, extended = panda_design.baselines
+    rows, extended = baselines = panda_design.evaluate_baselines()
     assert rows.evaluation is not None and extended.evaluation is not None
     assert abs(rows.evaluation.cost - 0.531) < 1e-3
     assert abs(extended.evaluation.cost - 0.376) < 1e-3
     assert panda_design.cost < extended.evaluation.cost < rows.evaluation.cost
-    text = panda_design.summary()
+    text = panda_design.summary(baselines)
     assert "constant rows" in text and "extended Jacobian" in text and "converged" in text
+
+
+def test_a_summary_computes_nothing_and_baselines_report_progress(
+    panda_design: rp.Design,
+) -> None:
+    begin = time.process_time()
+    text = panda_design.summary()
+    assert time.process_time() - begin < 0.05  # evaluating the baselines takes over 1 s
+    assert "leaf margin" in text and "constant rows" not in text
+    steps: list[str] = []
+    small = replace(panda_design, held_out=64)
+    baselines = small.evaluate_baselines(progress=lambda step, share: steps.append(step))
+    assert [baseline.name in step for baseline, step in zip(baselines, steps, strict=True)] == [
+        True,
+        True,
+    ]
 
 
 @pytest.mark.slow
 def test_the_extended_jacobian_is_singular_in_the_wide_box_and_said_so(panda: rp.Robot) -> None:
     design = panda_design_of(panda, "pose", 0.8, 1)
-    extended = design.baselines[1]
+    extended = design.evaluate_baselines()[1]
     assert extended.evaluation is None
     assert "algorithmic singularity" in extended.refused and "panda_joint4 = " in extended.refused
     # the point it names lies in the box, and det J_V has another sign there than at the center
@@ -633,9 +650,10 @@ def test_the_curve_and_the_figure_hold_the_costs(panda: rp.Robot) -> None:
     design = panda_design_of(panda, "pose", 0.4, 2, samples=1024, held_out=1024)
     degrees = degree_curve(design)
     assert [d for d, _, _ in degrees] == [1, 2] and degrees[1][1] == design.cost < degrees[0][1]
-    figure = design_figure(design, design_map(design, points=5), degrees, title="title")
+    baselines = design.evaluate_baselines()
+    figure = design_figure(design, design_map(design, points=5), degrees, baselines, title="title")
     ax = figure.axes[0]
     assert np.allclose(ax.lines[0].get_ydata(), [cost for _, cost, _ in degrees])
     levels = [line.get_ydata()[0] for line in ax.lines if line.get_linestyle() in ("--", "-.")]
-    assert np.allclose(levels, [b.evaluation.cost for b in design.baselines])
+    assert np.allclose(levels, [b.evaluation.cost for b in baselines])
     assert ax.get_yscale() == "log" and "rad" in figure.axes[1].get_xlabel()

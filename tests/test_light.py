@@ -6,6 +6,7 @@ import os
 import re
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -115,3 +116,17 @@ def test_what_is_there_is_not_asked_for() -> None:
         match="a test needs what is not installed here: run `pip install no_such_thing`",
     ):
         needed("numpy", "no_such_thing", by="a test")
+
+
+def test_a_study_imports_no_statistics_and_no_server() -> None:
+    code = """
+import sys
+from repctl_pin.cli import main
+main(["study", "ppr", "--cycles", "1", "--steps", "20", "--quiet", "--out", sys.argv[1]])
+print(*sorted({"scipy.stats", "IPython", "tornado", "zmq"} & set(sys.modules)))
+"""
+    with tempfile.TemporaryDirectory() as folder:
+        run = subprocess.run(
+            [sys.executable, "-c", code, folder], capture_output=True, text=True, check=True
+        )
+    assert run.stdout.split() == []

@@ -114,7 +114,7 @@ def test_poses_arrive_and_keys_come_back(task: rp.Task) -> None:
             np.testing.assert_allclose(numbers[:-5], expected.ravel(), atol=1e-6)
             drift = np.linalg.norm(np.array(shown) - before, axis=1)
             np.testing.assert_allclose(numbers[-5:], [*drift, 0, shown is now, 0], atol=1e-6)
-        with pytest.raises(rp.InputError, match="2 controls, but 1"):
+        with pytest.raises(rp.InputError, match="2 controllers, but 1"):
             view.show(Q0)
         with pytest.raises(rp.InputError, match=f"port {port_of(view.url)}"):
             rp.Viewer(task, ["a"], port=port_of(view.url))

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
 
 import repctl_pin as rp
+from repctl_pin.regions.sobol import scrambled_points
 
 Q0 = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
 
@@ -220,3 +223,16 @@ def test_a_workspace_box_out_of_reach_is_refused() -> None:
         rp.WorkspaceBox(task, [5.0, 0.0], 0.1, within=rp.Box([0.2, 1.2, 0.9], 0.5))
     with pytest.raises(rp.InputError, match="2 finite numbers"):
         rp.WorkspaceBox(task, [5.0, 0.0, 1.0], 0.1, within=rp.Box([0.2, 1.2, 0.9], 0.5))
+
+
+@pytest.mark.parametrize("n", [1, 2, 7, 8, 31, 32, 33, 40])
+@pytest.mark.parametrize("seed", [0, 3, 20_000])
+def test_sobol_points_are_those_of_scipy(n: int, seed: int) -> None:
+    from scipy.stats import qmc
+
+    for power in (0, 1, 5, 10):
+        ours = scrambled_points(n, power, seed)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            theirs = qmc.Sobol(n, scramble=True, rng=seed).random_base2(power)
+        assert np.array_equal(ours, theirs)

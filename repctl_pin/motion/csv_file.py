@@ -114,8 +114,9 @@ def _cells(motion: Motion, most: int | None) -> Iterator[list[str]]:
     """Format the rows of a motion: cycle, time, positions, velocities."""
     rows = rows_of(motion, most or motion.steps)
     q, qdot = motion.joints(motion.q[rows]), motion.joints(motion.qdot[rows])
-    for values in np.hstack([np.stack([rows / motion.steps, motion.t[rows]], axis=1), q, qdot]):
-        yield [repr(float(v)) if most is None else f"{v:.10g}" for v in values]
+    table = np.hstack([np.stack([rows / motion.steps, motion.t[rows]], axis=1), q, qdot])
+    for values in table.tolist():
+        yield [repr(v) if most is None else f"{v:.10g}" for v in values]
 
 
 def read_motions(

@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.linalg.blas import ddot
 
 from ..arguments import Array, as_int, function, positive, require_choice, vector
 from ..errors import InputError, SingularityError
@@ -19,16 +20,10 @@ from ..strategies.control_step import speeds
 from .leaf_lock import LeafLock
 from .motion import Motion
 
-# Butcher tableaux: nodes c, matrix A (lower triangle, row by row), weights b.
-INTEGRATORS: dict[
-    str, tuple[tuple[float, ...], tuple[tuple[float, ...], ...], tuple[float, ...]]
-] = {
-    "euler": ((0.0,), ((),), (1.0,)),
-    "rk4": (
-        (0.0, 0.5, 0.5, 1.0),
-        ((), (0.5,), (0.0, 0.5), (0.0, 0.0, 1.0)),
-        (1 / 6, 1 / 3, 1 / 3, 1 / 6),
-    ),
+# Butcher tableaux: nodes c and weights b. Each stage uses the slope of the one before, times c.
+INTEGRATORS: dict[str, tuple[tuple[float, ...], tuple[float, ...]]] = {
+    "euler": ((0.0,), (1.0,)),
+    "rk4": ((0.0, 0.5, 0.5, 1.0), (1 / 6, 1 / 3, 1 / 3, 1 / 6)),
 }
 
 _INSIDE = 1e-12
@@ -153,9 +148,7 @@ def follow(
 
     t = np.concatenate([(np.arange(cycles)[:, None] + grid[:-1]).ravel(), [float(cycles)]]) * period
     *targets, end = [path.placement(s) for s in grid]
-    errors = np.array(
-        [task.error(q, target) for q, target in zip(Q, targets * cycles + [end], strict=True)]
-    )
+    errors = task.errors(Q, targets * cycles + [end])
     linear = min(3, task.m)
     return Motion(
         task=task,
@@ -194,6 +187,7 @@ def _run(
     points = np.array([path.placement(float(s)).translation for s in grid])
     size = float(np.linalg.norm(np.ptp(points, axis=0)))
     most_step = _JUMP * np.where(task.revolute, 1.0, np.maximum(joint_scale(task, q), size))  # (n,)
+    surely = float(most_step.min()) ** 2
     Q = np.empty((cycles * n_steps + 1, task.n))
     Qdot = np.empty_like(Q)
     Q[0] = q
@@ -205,7 +199,8 @@ def _run(
                 raise SingularityError(
                     f"{error}, in cycle {1 + step // n_steps} of {path.name}"
                 ) from None
-            if not (np.abs(following - q) < most_step).all():
+            moved = following - q
+            if not (ddot(moved, moved) < surely or (np.abs(moved) < most_step).all()):
                 raise SingularityError(
                     f"a joint moves by more than {_JUMP:g} rad (prismatic: one arm length) "
                     f"in one step in cycle {1 + step // n_steps} of {path.name}: the arm is near "
@@ -228,7 +223,7 @@ def _integrated(
 ) -> tuple[Advance, AtEnd]:
     """Create the step of a Runge–Kutta method."""
     task = strategy.task
-    nodes, matrix, weights = INTEGRATORS[integrator]
+    nodes, weights = INTEGRATORS[integrator]
 
     # A path's twists are the same in every cycle, so they are evaluated once, on the step's side of
     # a corner. So is ẋ, except for an axis task, where it depends on the frame's orientation.
@@ -241,13 +236,14 @@ def _integrated(
     turning = task.kind == "axis"
     if not turning:
         twists = [[task.task_velocity(q, twist) for twist in row] for row in twists]
-    stages = [
-        (i, places.index(c), c, np.array(row))
-        for i, (c, row) in enumerate(zip(nodes, matrix, strict=True))
-    ]
+    stages = [(i, places.index(c), c) for i, c in enumerate(nodes)]
     b_T, slopes = np.array(weights), np.empty((len(nodes), task.n))
 
+    follow_twist = strategy.velocity
+
     def velocity(q: Array, twist: Array, s: float) -> Array:
+        if not (turning or feedback):
+            return follow_twist(q, twist)
         xdot = task.task_velocity(q, twist) if turning else twist
         if feedback:
             xdot = xdot + feedback * task.error(q, path.placement(s))
@@ -256,10 +252,12 @@ def _integrated(
     def advance(k: int, q: Array) -> tuple[Array, Array, float]:
         (s, s_end), here = ends[k], twists[k]
         h = (s_end - s) * period
-        for i, place, c, row in stages:
-            stage = q + h * (row @ slopes[:i]) if i else q
+        stage = q
+        for i, place, c in stages:
+            if i:
+                stage = q + (h * c) * slopes[i - 1]
             slopes[i] = velocity(stage, here[place], s + c * (s_end - s))
-        return q + h * (b_T @ slopes), slopes[0], 0.0
+        return q + h * b_T.dot(slopes), slopes[0], 0.0
 
     def at_end(q: Array) -> Array:
         last = path.twist(1.0 - _INSIDE) / period

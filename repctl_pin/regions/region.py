@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import MOST_NODES, Array, as_configurations, as_int, function
 from ..errors import InputError
+from .sobol import scrambled_points
 
 Density = Callable[[Array], ArrayLike]
 """Weights of the rows of Q (K, n) in the mean over the region: (K,) numbers from 0 up."""
@@ -97,9 +98,7 @@ def span(widths: Array, sign: str = "") -> str:
 def sobol(n: int, count: int, seed: int) -> Array:
     """Draw scrambled Sobol points of the unit cube: (K, n), K the power of two from count up."""
     count, seed = as_int(count, "the number of nodes", 1, MOST_NODES), as_int(seed, "seed")
-    from scipy.stats import qmc  # slow to import
-
-    return qmc.Sobol(n, scramble=True, rng=seed).random_base2(int(np.ceil(np.log2(max(count, 2)))))
+    return scrambled_points(n, int(np.ceil(np.log2(max(count, 2)))), seed)
 
 
 def check_density(density: Density | None) -> None:

@@ -244,6 +244,26 @@ class Task:
         S = self.drive.S
         return np.einsum("Kaps,pi,sk->Kaik", H, S, S, optimize=True)
 
+    def errors(self, Q: ArrayLike, targets: Sequence[pin.SE3]) -> Array:
+        """Measure the task error at every row of Q (K, n) to its own target: an array (K, m)."""
+        goals = {id(target): (target.translation, target.rotation) for target in targets}
+        if self.kind in ("pose", "axis"):
+            for _, R in goals.values():
+                require_rotation(R, "the target")
+        data, frame, kind = self._data, self._frame_id, self.kind
+        Q = self._matrix(Q)
+        errors = np.zeros((len(Q), 6))
+        for e, q, target in zip(errors, Q, targets, strict=True):
+            pin.framesForwardKinematics(self.model, data, q)
+            here = data.oMf[frame]
+            p, R = goals[id(target)]
+            e[:3] = p - here.translation
+            if kind == "pose":
+                e[3:] = pin.log3(R @ here.rotation.T)
+            elif kind == "axis":
+                e[3:5] = axis_turn(here.rotation, R)
+        return errors[:, self.rows]
+
     def positions(self, Q: ArrayLike) -> Array:
         """Compute the frame's origin at every row of Q (K, n): an array (K, 3), m."""
         points, data = [], self._data

@@ -31,7 +31,7 @@ from ..strategies import FunctionStrategy, PostureControl, Pseudoinverse, Strate
 from ..strategies.names import LABELS
 from . import defaults
 from .start_and_path import DEAR, Setting, choose_setting, design_from, shrunk_note, whose_fault
-from .study_result import Row, Study
+from .study_result import Row, Study, evaluated
 
 Control = Strategy | Callable[[Array, Array], ArrayLike]
 
@@ -208,6 +208,8 @@ def study(
     rows, time, slower, edges = _followed(
         setting, design, own, cycles=cycles, steps=steps, period=period
     )
+    say("evaluating body distances and fastest cycles")
+    rows = [evaluated(row) for row in rows]
     notes.extend([*slower, *edges, *_off_the_path(rows), *_beyond_limits(rows)])
     notes.extend(_where_it_drifts(Pseudoinverse(moved), q0, rows[0].motion))
     notes.extend(_why_it_costs(rows[0].motion, rows[-1].motion))

@@ -1,4 +1,4 @@
-"""Figures, drawn with matplotlib."""
+"""Figures by matplotlib."""
 
 from ...errors import needed
 
