@@ -17,7 +17,7 @@ from repctl_pin.motion.spec import parse_path
 
 WORDS = ["--path", "circle:0.1", "--plane", "xy"]
 SHORT = ["--cycles", "1", "--steps", "80"]
-MY_ARM = str(Path(__file__).parents[1] / "examples" / "my_arm.urdf")
+MY_ARM = str(Path(__file__).parents[2] / "examples" / "my_arm.urdf")
 
 
 def joints(file: str, strategy: str | None = None) -> np.ndarray:

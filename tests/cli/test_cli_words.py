@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commands import refused
-from test_scene import read
+from page_file import read
 
 import repctl_pin as rp
 from repctl_pin.cli import main

@@ -11,28 +11,14 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from arms import Q_PANDA
+from cell_functions import CELLS, cell_of, chart_of, function_of
 from controls import NEEDS_C, own_cache  # noqa: F401
 from test_codegen import AGREE, disagreement
 from test_codegen_builds import BUILDS, STRICT, needed, run
-from test_section import cell_of, chart_of
 
 import repctl_pin as rp
 from repctl_pin.codegen.text import pose, row
 from repctl_pin.codegen.vectors import targets
-
-CELLS = {
-    "poses": ("pose", 0.3),
-    "poses of one orientation": ("pose", 0.0),
-    "tool axes": ("axis", 0.3),
-    "positions": ("position", 0.0),
-}
-
-
-def function_of(name: str) -> rp.InverseFunction:
-    """A section near straight fibres; what it is worth does not matter here."""
-    kind, rotation = CELLS[name]
-    cell = cell_of(kind, rotation)
-    return rp.InverseFunction(chart_of(cell, rp.solve_ik(cell.task, Q_PANDA, cell.placement)))
 
 
 @pytest.mark.parametrize("name", CELLS)

@@ -19,8 +19,8 @@ import pinocchio as pin
 import pytest
 from arms import Q_PANDA
 from controls import NEEDS_C, own_cache  # noqa: F401
+from strategies.test_control_step import BAD_STEPS
 from test_codegen import answer
-from test_control_step import BAD_STEPS
 
 import repctl_pin as rp
 from repctl_pin.codegen import build

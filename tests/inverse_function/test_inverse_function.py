@@ -15,6 +15,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from arms import Q_PANDA, planar_task, planar_urdf, spatial_task
+from cell_functions import cell_of, chart_of, middle, panda
 
 import repctl_pin as rp
 from repctl_pin.inverse_function.cell_evaluation import judge
@@ -27,30 +28,10 @@ from repctl_pin.inverse_function.margins import searched as searched_poses
 from repctl_pin.inverse_function.monomials import Monomials
 from repctl_pin.inverse_function.nearest_function import _fit, _rank, _refusal, _Work
 from repctl_pin.inverse_function.posture_search import judged, searched
-from repctl_pin.inverse_function.reference import fitted, rays
+from repctl_pin.inverse_function.reference import rays
 from repctl_pin.inverse_function.rotations import exp3, left_jacobian, log3, tilts
 from repctl_pin.inverse_function.sample_path import tour
 from repctl_pin.saving.design_file import _checksum
-
-
-@cache
-def panda(kind: str = "pose") -> rp.Task:
-    return rp.Robot.load("panda").task("panda_hand_tcp", kind)
-
-
-def middle(kind: str = "pose") -> pin.SE3:
-    x = panda(kind).placement(Q_PANDA)
-    return pin.SE3(x.rotation, x.translation + [0.15, 0.0, -0.19])
-
-
-def cell_of(kind: str = "pose", rotation: float = 0.0, half_width: float = 0.1) -> rp.Cell:
-    return rp.Cell(panda(kind), middle(kind), half_width, rotation)
-
-
-def chart_of(cell: rp.Cell, q: np.ndarray, degree: int = 3, count: int = 128) -> Chart:
-    ends = rays(rp.Pseudoinverse(cell.task), cell, q, cell.sample(count))
-    assert (ends.reached == 1).all()
-    return fitted(cell, ends.U, ends.Q, ends.N, degree)
 
 
 @cache

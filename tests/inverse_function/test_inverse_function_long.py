@@ -62,33 +62,33 @@ def test_the_prototypes_cells(
 @pytest.mark.parametrize(
     ("limit_margin", "is_there"), [(0.02, False), (0.003, False), (0.002, True)]
 )
-def test_what_room_the_largest_of_them_has(room: float, is_there: bool) -> None:
-    """Whatever the function: from all joints with this room at one pose, none lead to the middle
-    along the ray.
+def test_the_limit_margin_of_the_largest_of_them(limit_margin: float, is_there: bool) -> None:
+    """Whatever the function: from all joints with this margin at one pose, none lead to the
+    middle along the ray.
 
-    A continuous F would restrict to a path of joints over the ray. All self-motions within the room
-    are followed, step by step of the ray, from as many solutions as random starts find."""
+    A continuous F would restrict to a path of joints over the ray. All self-motions within the
+    margin are followed, step by step of the ray, from as many solutions as random starts find."""
     task = rp.Robot.load("panda").task("panda_hand_tcp", "pose")
     middle = task.placement(Q_PANDA)
     middle.translation = middle.translation + np.array([0.15, 0.0, -0.19])
     cell = rp.Cell(task, middle, (0.15, 0.25, 0.15), 0.4)
-    u = cell.sample(8192, 2)  # of the held-out poses the one with the least room
+    u = cell.sample(8192, 2)  # of the held-out poses the one with the smallest margin
     u = u[np.argmin(np.abs(u - [-0.941, -0.106, -0.651, -0.421, -0.9, 0.656]).max(axis=1))]
     starts = task.lower + (task.upper - task.lower) * np.random.default_rng(1).random(
         (1500, task.n)
     )
     Q, left = reached(cell, starts, u, push=0.3)
-    Q = self_motions(cell, Q[left < 1e-9], u, room)
-    assert len(Q) > 100  # there are joints with this room
+    Q = self_motions(cell, Q[left < 1e-9], u, limit_margin)
+    assert len(Q) > 100  # there are joints with this margin
     for t in np.linspace(1, 0, 81)[1:]:
-        Q = self_motions(cell, Q, t * u, room)
+        Q = self_motions(cell, Q, t * u, limit_margin)
         if not len(Q):
             break
     assert bool(len(Q)) == is_there
 
 
 def self_motions(
-    cell: rp.Cell, Q: np.ndarray, u: np.ndarray, room: float, step: float = 0.03
+    cell: rp.Cell, Q: np.ndarray, u: np.ndarray, limit_margin: float, step: float = 0.03
 ) -> np.ndarray:
     """Take joints (K, 7) to a pose, and all that lead on from there along the self-motion inside
     the limits."""
@@ -97,7 +97,7 @@ def self_motions(
     def kept(Q: np.ndarray) -> np.ndarray:
         """Those at the pose, inside the limits, in cells of joint space not yet seen."""
         Q, left = reached(cell, Q, u, iterations=4)
-        good = np.flatnonzero((left < 1e-7) & (task.limit_margin(Q).min(axis=1) >= room))
+        good = np.flatnonzero((left < 1e-7) & (task.limit_margin(Q).min(axis=1) >= limit_margin))
         fresh = []
         for i in good:
             key = tuple(np.round(Q[i] / step).astype(int))

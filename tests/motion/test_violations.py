@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from arms import chain_with_bodies
 from commands import refused, told
-from test_scene import read
+from page_file import read
 
 import repctl_pin as rp
 from repctl_pin.cli import main

@@ -12,7 +12,7 @@ import pytest
 
 import repctl_pin as rp
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "tests" / "benchmarks" / "repeatability"
 
 

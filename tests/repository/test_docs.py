@@ -17,7 +17,7 @@ from shown import likeness
 import repctl_pin as rp
 from repctl_pin.saving.schema import DesignFile
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 PAGES = [
     page for page in sorted((ROOT / "docs").rglob("*.md")) if page.name != "reference.md"
 ]  # run with its examples

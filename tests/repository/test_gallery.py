@@ -12,7 +12,7 @@ import pytest
 from browser import require_browser
 from PIL import Image
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 PICTURES = ROOT / "examples" / "pictures"
 
 

@@ -13,7 +13,7 @@ import pytest
 import repctl_pin as rp
 from repctl_pin.errors import needed
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 LEFT_OUT = [
     "PIL",
     "collada",

@@ -12,7 +12,7 @@ import pytest
 from shown import steady
 from test_examples import SHOWN
 
-HOOK = runpy.run_path(str(Path(__file__).parents[1] / "docs" / "hooks" / "examples.py"))
+HOOK = runpy.run_path(str(Path(__file__).parents[2] / "docs" / "hooks" / "examples.py"))
 SCRIPTS = HOOK["scripts"]()
 QUICK = ("audit_pink",)
 

@@ -22,12 +22,12 @@ import numpy as np
 import pytest
 import yaml
 from arms import heed_interrupts
-from shown import steady
+from shown import drifts, steady
 
 import repctl_pin as rp
 from repctl_pin.cli import main, parser
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 PROSE = re.sub(r"```.*?```", "", README, flags=re.DOTALL)
 OWN = [ROOT / "examples" / name for name in ("my_arm.urdf", "loop.csv")]
@@ -191,15 +191,6 @@ def stamps(folder: Path) -> dict[str, int]:
     return {
         str(f.relative_to(folder)): f.stat().st_mtime_ns for f in folder.rglob("*") if f.is_file()
     }
-
-
-def drifts(table: str, strategy: str) -> tuple[float, float]:
-    """After the first cycle and after the last, from the table a study prints: J⁺ first, nearest
-    repeatable last."""
-    column = {"J⁺": 0, "nearest repeatable": -1}[strategy]
-    rows = re.findall(r"^drift after .*?  +(.*)", table, flags=re.MULTILINE)
-    first, last = (float(row.split()[column]) for row in rows)
-    return first, last
 
 
 def serve_once(command: str) -> str:

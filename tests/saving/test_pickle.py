@@ -14,7 +14,7 @@ from wrong_arguments import ARM_URDF
 import repctl_pin as rp
 
 Q0 = np.array([0.3, 0.8, 0.8])
-ARM = Path(__file__).parents[1] / "examples" / "my_arm.urdf"
+ARM = Path(__file__).parents[2] / "examples" / "my_arm.urdf"
 
 
 @pytest.fixture(scope="module")

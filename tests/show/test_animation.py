@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_scene import read
+from page_file import read
 
 import repctl_pin as rp
 from repctl_pin.show.page import animation as room

@@ -236,7 +236,7 @@ def test_every_kind_of_robot_moves_and_only_who_repeats_comes_back(
     studies' pages."""
     name, _, bare = name.partition(" ")
     robot: Robot = Robot.load(
-        Path(__file__).parents[1] / "examples" / "my_arm.urdf" if name == "my_arm" else name
+        Path(__file__).parents[2] / "examples" / "my_arm.urdf" if name == "my_arm" else name
     )
     if bare:
         text = robot.description.xml.replace("package://", "package://not_here/")
@@ -390,7 +390,7 @@ def test_controls_work_when_clicked(driver: Any, tmp_path: Path) -> None:
 def test_more_arms_and_none_to_read(driver: Any, tmp_path: Path) -> None:
     """Three arms of a robot without any shapes; a body that cannot be read is said on the page."""
     urdf = tmp_path / "bones.urdf"
-    text = (Path(__file__).parents[1] / "urdf" / "planar3r.urdf").read_text(encoding="utf-8")
+    text = (Path(__file__).parents[2] / "urdf" / "planar3r.urdf").read_text(encoding="utf-8")
     urdf.write_text(re.sub(r"<visual>.*?</visual>", "", text, flags=re.DOTALL), encoding="utf-8")
     robot = Robot.load(urdf)
     arms = circling(robot, np.array([0.3, 0.8, 0.8]), "xy", (0, 1))
@@ -471,7 +471,7 @@ def test_a_studys_page_is_whole_at_every_size(driver: Any, tmp_path: Path, name:
     """A desk, a phone, a wall; light and dark: words, labels after any orbit, ghosts, and what is
     seen first."""
     axe = pytest.importorskip("axe_selenium_python").Axe(driver)
-    robot = Path(__file__).parents[1] / "examples" / "my_arm.urdf" if name == "my_arm" else name
+    robot = Path(__file__).parents[2] / "examples" / "my_arm.urdf" if name == "my_arm" else name
     study, page = rp.study(robot, cycles=10, steps=120, degree=1), tmp_path / "animation.html"
     page.write_text(study_page(study), encoding="utf-8")
     drift = study.row("pseudoinverse").motion.drift[-1]

@@ -226,7 +226,7 @@ def test_a_control_that_goes_away_at_once_does_not_hide_the_drift() -> None:
 
 @pytest.mark.parametrize("name", ["ppr", "my_arm"])
 def test_the_inset_covers_no_line(name: str) -> None:
-    robot = Path(__file__).parents[1] / "examples" / "my_arm.urdf" if name == "my_arm" else name
+    robot = Path(__file__).parents[2] / "examples" / "my_arm.urdf" if name == "my_arm" else name
     study = rp.study(robot, cycles=4, steps=60, degree=1)
     figure = drift_figure(drawn(study), "")
     figure.canvas.draw()

@@ -150,7 +150,7 @@ def test_the_command_writes_it_for_ones_own_arm(
     import json
 
     monkeypatch.chdir(tmp_path)
-    urdf = (Path(__file__).parents[1] / "urdf" / "planar3r.urdf").read_text(encoding="utf-8")
+    urdf = (Path(__file__).parents[2] / "urdf" / "planar3r.urdf").read_text(encoding="utf-8")
     (tmp_path / "my_arm.urdf").write_text(urdf, encoding="utf-8")
     arguments = [
         "study",

@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import base64
-import gzip
-import json
 import re
-import struct
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +11,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-import umsgpack
+from page_file import read
 from test_surfaces import DAE
 
 from repctl_pin.errors import InputError
@@ -58,29 +54,6 @@ def page_of(arms: Sequence[Arm], **words: Any) -> str:
         for a in arms
     ]
     return animation_page(shown, [PATH], frames=frames, **(WORDS | words))
-
-
-def unpack(text: str) -> bytes:
-    """Base64 of gzip, as the page's script undoes it."""
-    return gzip.decompress(base64.b64decode(text))
-
-
-def split(stream: bytes) -> list[bytes]:
-    """A page's command stream, cut into its commands."""
-    commands, start = [], 0
-    while start < len(stream):
-        (length,) = struct.unpack_from("<I", stream, start)
-        commands.append(stream[start + 4 : start + 4 + length])
-        start += 4 + length
-    return commands
-
-
-def read(page: str) -> tuple[dict[str, Any], list[dict[str, Any]], np.ndarray]:
-    """Read a page back: its scene, its meshcat commands, its numbers."""
-    held = dict(re.findall(r'<script type="[\w/]+" id="([\w-]+)">(.*?)</script>', page, re.DOTALL))
-    commands = [umsgpack.unpackb(command) for command in split(unpack(held["commands"]))]
-    assert len(unpack(held["viewer-code"])) > 500_000  # meshcat's viewer is there
-    return json.loads(held["scene"]), commands, np.frombuffer(unpack(held["motion"]), "<f4")
 
 
 def matrices(poses: np.ndarray) -> np.ndarray:

@@ -7,7 +7,7 @@ import sys
 import unicodedata
 
 import pytest
-from test_readme import drifts
+from shown import drifts
 
 import repctl_pin as rp
 from repctl_pin.cli import main

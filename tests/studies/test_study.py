@@ -9,7 +9,7 @@ import re
 import numpy as np
 import pytest
 from arms import planar_urdf
-from test_scene import read
+from page_file import read
 
 import repctl_pin as rp
 from repctl_pin.motion import elbow
