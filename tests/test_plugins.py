@@ -10,7 +10,7 @@ import pytest
 
 import repctl_pin as rp
 from repctl_pin.cli import main
-from repctl_pin.motion.spec import parse_path
+from repctl_pin.motion import parse_path
 from repctl_pin.plugins import plugin, registered
 
 MODULE = '''

@@ -31,9 +31,9 @@ from lxml import etree
 
 import repctl_pin as rp
 from repctl_pin.robot.visuals import Visuals
-from repctl_pin.show.page.surfaces import read_surface
+from repctl_pin.show.page import read_surface
 from repctl_pin.show.text.inspection import inspection, inspection_text
-from repctl_pin.urdf.catalogue import data_folder, urdf_folder
+from repctl_pin.urdf import data_folder, urdf_folder
 
 SECONDS = 20
 NUMBERS = ["nan", "inf", "-inf", "1e308", "-1e308", "1e-308", "1e400", "0", "-1", "", " ", "１２", "0x10", "1_0", "1,5",

@@ -16,17 +16,18 @@ from page_file import read
 import repctl_pin as rp
 from repctl_pin.cli import main, parser
 from repctl_pin.files import write_whole
-from repctl_pin.motion.csv_file import csv_text, read_motions
+from repctl_pin.motion import csv_text, read_motions
 from repctl_pin.motion.write_motion import yaml_text
 from repctl_pin.robot.visuals import Visuals
-from repctl_pin.show.page.playback import (
+from repctl_pin.show.page import (
     Playback,
     TracedChain,
+    choose_frames,
     playback_of,
     playback_page,
+    poses_of,
     read_playbacks,
 )
-from repctl_pin.show.page.scene import choose_frames, poses_of
 from repctl_pin.show.study_files import write_study
 
 KEYS = {

@@ -208,7 +208,7 @@ def test_a_broken_urdf_reaches_the_command_line_as_one_line(tmp_path) -> None:
 
 
 def test_a_urdf_of_ones_own_without_its_meshes(tmp_path) -> None:
-    from repctl_pin.urdf.catalogue import find
+    from repctl_pin.urdf import find
 
     text = find("xarm7").urdf.read_text(encoding="utf-8")
     (tmp_path / "mine.urdf").write_text(text.replace("package://", "package://not_here/"))

@@ -13,7 +13,7 @@ from commands import refused, told
 
 import repctl_pin as rp
 from repctl_pin.cli import main
-from repctl_pin.motion.spec import parse_path
+from repctl_pin.motion import parse_path
 
 WORDS = ["--path", "circle:0.1", "--plane", "xy"]
 SHORT = ["--cycles", "1", "--steps", "80"]

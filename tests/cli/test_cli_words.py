@@ -14,7 +14,7 @@ from page_file import read
 import repctl_pin as rp
 from repctl_pin.cli import main
 from repctl_pin.cli.animate import _only
-from repctl_pin.show.page.playback import read_playbacks
+from repctl_pin.show.page import read_playbacks
 from repctl_pin.show.study_files import write_study
 
 SINGULAR = ["planar3r", "--start", "0.3,0.6,0.5"]

@@ -16,7 +16,7 @@ from repctl_pin.design.criterion import Builder
 from repctl_pin.design.design_map import degree_curve, design_map
 from repctl_pin.design.evaluation import judge
 from repctl_pin.design.singularities import LeafMargin, largest_free
-from repctl_pin.show.plots.designs import design_figure
+from repctl_pin.show.plots import design_figure
 
 Q0 = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
 

@@ -199,7 +199,7 @@ def test_retiming_keeps_the_joint_path_and_the_limits(panda_design, path, q_pand
 
 
 def test_in_other_joint_coordinates_the_robots_own_joints_keep_their_limits() -> None:
-    from repctl_pin.motion.csv_file import csv_text
+    from repctl_pin.motion import csv_text
 
     arm = rp.Robot.load("planar4r").task("tool", "xy")
     task = arm.in_coordinates(rp.absolute_angles(arm))

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import repctl_pin as rp
-from repctl_pin.motion.loop import SPEED, Loop
+from repctl_pin.motion import Loop
+from repctl_pin.motion.loop import SPEED
 
 PERIOD = 1.0
 

@@ -16,8 +16,7 @@ from commands import refused, told
 from scipy.interpolate import CubicSpline
 
 import repctl_pin as rp
-from repctl_pin.motion.csv_file import csv_text, read_motions
-from repctl_pin.motion.spec import parse_path
+from repctl_pin.motion import csv_text, parse_path, read_motions
 from repctl_pin.motion.timing import PRESETS
 from repctl_pin.motion.write_motion import yaml_text
 

@@ -14,10 +14,9 @@ from page_file import read
 
 import repctl_pin as rp
 from repctl_pin.cli import main
-from repctl_pin.motion.fitting_circle import fitting_circle
-from repctl_pin.motion.joint_motion import refuse_violations, violations_of
-from repctl_pin.show.page.playback import TracedChain, playback_of, playback_page
-from repctl_pin.show.plots.motions import drift_figure, joints_figure
+from repctl_pin.motion import fitting_circle, refuse_violations, violations_of
+from repctl_pin.show.page import TracedChain, playback_of, playback_page
+from repctl_pin.show.plots import drift_figure, joints_figure
 
 OUT = ["follow", "planar3r", "--strategy", "pseudoinverse", "--start", "6.2,1,-1.4", "--path", "circle:0.4:0",
        "--plane", "xy", "--steps", "100"]  # fmt: skip

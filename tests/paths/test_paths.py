@@ -11,7 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import repctl_pin as rp
-from repctl_pin.motion.spec import parse_path
+from repctl_pin.motion import parse_path
 from repctl_pin.paths.task_path import closed_path
 
 TILTS = Rotation.from_rotvec(
@@ -333,6 +333,6 @@ def test_a_study_takes_the_words_of_a_path() -> None:
 
 
 def _summary(found: rp.Study) -> list[str]:
-    from repctl_pin.show.text.captions import summary
+    from repctl_pin.show.text import summary
 
     return summary(found)

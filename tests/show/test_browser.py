@@ -27,11 +27,10 @@ from numpy.typing import NDArray
 import repctl_pin as rp
 from repctl_pin.robot.robot import Robot
 from repctl_pin.robot.visuals import Visuals
-from repctl_pin.show.page.scene import Arm, animation_page, choose_frames
-from repctl_pin.show.page.surfaces import read_surface
+from repctl_pin.show.page import Arm, animation_page, choose_frames, read_surface
 from repctl_pin.show.palette import BLUE, VERMILLION
 from repctl_pin.show.study_files import study_page
-from repctl_pin.show.text.verdict import Tile, Verdict
+from repctl_pin.show.text import Tile, Verdict
 
 RADIUS, STEPS, CYCLES = 0.1, 60, 2
 SHOWN = ("panda", "baxter", "tiago", "talos", "kinova", "planar7r", "my_arm", "xarm7 bare")

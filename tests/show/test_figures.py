@@ -12,8 +12,14 @@ from matplotlib.figure import Figure
 import repctl_pin as rp
 from repctl_pin.show.page.snapshot import bones, still, still_figure
 from repctl_pin.show.palette import COLOURS
-from repctl_pin.show.plots.cycles import (
+from repctl_pin.show.plots import (
     cycle_figure,
+    drawn,
+    drift_figure,
+    drift_over_cycles,
+    joint_map,
+    joint_over_cycles,
+    joints_figure,
     least_margins,
     liveliest_joints,
     margin_over_cycles,
@@ -21,15 +27,7 @@ from repctl_pin.show.plots.cycles import (
     orbits_figure,
     speed_over_cycle,
 )
-from repctl_pin.show.plots.designs import joint_map
-from repctl_pin.show.plots.motions import (
-    drawn,
-    drift_figure,
-    drift_over_cycles,
-    joint_over_cycles,
-    joints_figure,
-)
-from repctl_pin.show.text.numbers import number
+from repctl_pin.show.text import number
 from repctl_pin.studies.study_maps import study_maps
 
 

@@ -27,7 +27,7 @@ from tornado.websocket import websocket_connect
 import repctl_pin as rp
 from repctl_pin.cli.terminal import until_stopped
 from repctl_pin.robot.visuals import Visuals
-from repctl_pin.show.page.scene import poses_of
+from repctl_pin.show.page import poses_of
 
 Q0 = np.array([0.3, 0.8, 0.8])
 

@@ -15,10 +15,9 @@ from browser import changed, errors, picture, schemes, wait_until_drawn
 
 import repctl_pin as rp
 from repctl_pin.robot.visuals import Visuals
-from repctl_pin.show.plots.motions import drawn, drift_figure, joints_figure
+from repctl_pin.show.plots import drawn, drift_figure, joints_figure
 from repctl_pin.show.study_files import study_page
-from repctl_pin.show.text.captions import drift_words, joints_words
-from repctl_pin.show.text.table import study_table
+from repctl_pin.show.text import drift_words, joints_words, study_table
 
 SETTING = {"cycles": 2, "degree": 1, "steps": 60}
 

@@ -19,10 +19,7 @@ import repctl_pin as rp
 from repctl_pin.cli import main
 from repctl_pin.show.report import report_page, versions
 from repctl_pin.show.study_files import study_page
-from repctl_pin.show.text import captions
-from repctl_pin.show.text.captions import amount, summary
-from repctl_pin.show.text.numbers import number
-from repctl_pin.show.text.verdict import study_verdict
+from repctl_pin.show.text import amount, captions, number, study_verdict, summary
 from repctl_pin.studies.study_maps import study_maps
 
 COMMAND = "repctl study planar3r --cycles 2 --out 'my <folder>' --report"

@@ -17,9 +17,7 @@ from test_surfaces import DAE
 from repctl_pin.errors import InputError
 from repctl_pin.robot.robot import Robot
 from repctl_pin.robot.visuals import Shape, Visuals
-from repctl_pin.show.page.meshes import key
-from repctl_pin.show.page.scene import Arm, animation_page, choose_frames, poses_of
-from repctl_pin.show.page.surfaces import read_surface
+from repctl_pin.show.page import Arm, animation_page, choose_frames, key, poses_of, read_surface
 from repctl_pin.show.palette import BLUE
 
 PATH = np.stack([np.cos(np.linspace(0, 6.3, 50)), np.sin(np.linspace(0, 6.3, 50)), np.zeros(50)], 1)

@@ -13,7 +13,7 @@ import pytest
 from repctl_pin.errors import InputError
 from repctl_pin.robot.robot import Robot
 from repctl_pin.robot.visuals import Visuals
-from repctl_pin.show.page.surfaces import MOST_BYTES, read_surface, smooth
+from repctl_pin.show.page import MOST_BYTES, read_surface, smooth
 
 
 def sphere(n: int = 40) -> np.ndarray:

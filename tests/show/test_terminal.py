@@ -11,10 +11,7 @@ from shown import drifts
 
 import repctl_pin as rp
 from repctl_pin.cli import main
-from repctl_pin.show.text import lines
-from repctl_pin.show.text.lines import fitted
-from repctl_pin.show.text.table import study_table
-from repctl_pin.show.text.verdict import study_verdict
+from repctl_pin.show.text import fitted, lines, study_table, study_verdict
 
 COMMANDS = [
     "inspect talos",

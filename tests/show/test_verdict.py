@@ -8,8 +8,17 @@ import numpy as np
 import pytest
 
 import repctl_pin as rp
-from repctl_pin.show.text.numbers import metres, number, percent, radians
-from repctl_pin.show.text.verdict import MotionSummary, Tile, motion_summary, study_verdict, verdict
+from repctl_pin.show.text import (
+    MotionSummary,
+    Tile,
+    metres,
+    motion_summary,
+    number,
+    percent,
+    radians,
+    study_verdict,
+)
+from repctl_pin.show.text.verdict import verdict
 
 J = MotionSummary("J⁺", 0.4512, 0.464)
 OURS = MotionSummary("nearest repeatable", 0.0, 0.464)

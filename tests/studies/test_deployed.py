@@ -11,7 +11,7 @@ from commands import told
 
 import repctl_pin as rp
 from repctl_pin.cli import main
-from repctl_pin.motion.csv_file import read_motions
+from repctl_pin.motion import read_motions
 
 yaml = pytest.importorskip("yaml")
 

@@ -13,8 +13,8 @@ from arms import planar_urdf
 
 import repctl_pin as rp
 from repctl_pin.cli import main
-from repctl_pin.motion.csv_file import read_motions
-from repctl_pin.show.text.verdict import study_verdict
+from repctl_pin.motion import read_motions
+from repctl_pin.show.text import study_verdict
 from repctl_pin.studies import defaults, start_and_path
 from repctl_pin.studies.study import _on_an_edge
 

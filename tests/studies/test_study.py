@@ -12,15 +12,12 @@ from arms import planar_urdf
 from page_file import read
 
 import repctl_pin as rp
-from repctl_pin.motion import elbow
-from repctl_pin.motion.fitting_circle import fitting_circle
-from repctl_pin.show.page.playback import read_playbacks
+from repctl_pin.motion import elbow, fitting_circle
+from repctl_pin.show.page import read_playbacks
 from repctl_pin.show.palette import colours
 from repctl_pin.show.report import report_page
 from repctl_pin.show.study_files import write_study
-from repctl_pin.show.text.numbers import number
-from repctl_pin.show.text.table import study_table
-from repctl_pin.show.text.verdict import study_verdict
+from repctl_pin.show.text import number, study_table, study_verdict
 from repctl_pin.studies import defaults
 
 REDUNDANT = [
@@ -154,7 +151,7 @@ def test_why_a_kind_was_taken_is_said_where_nobody_chose_it() -> None:
 def test_the_default_region_holds_the_motion() -> None:
     """The tube is laid round a linear design's motion, which this square's leaves for a tenth of
     its time."""
-    from repctl_pin.motion.spec import parse_path
+    from repctl_pin.motion import parse_path
 
     study = rp.study("panda", path=parse_path("square:0.3", "xy"), cycles=1, steps=100)
     tube, motion = study.region, study.row("repeatable").motion
@@ -199,7 +196,7 @@ def test_options_are_what_was_asked(small: rp.Study) -> None:
 
 
 def test_a_csv_path_elsewhere_moves_the_start(tmp_path, small: rp.Study) -> None:
-    from repctl_pin.motion.spec import parse_path
+    from repctl_pin.motion import parse_path
 
     corner = small.task.placement(small.q0).translation + [0.02, 0.03, 0.0]
     loop = corner + np.array([[0, 0, 0], [0.05, 0, 0], [0.05, 0.05, 0], [0, 0, 0]])

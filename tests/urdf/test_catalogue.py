@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from repctl_pin.errors import InputError
 from repctl_pin.robot.robot import Robot, lock_joints
-from repctl_pin.urdf import catalogue
-from repctl_pin.urdf.catalogue import (
+from repctl_pin.urdf import (
+    catalogue,
     default_package_dirs,
     entries,
     find,

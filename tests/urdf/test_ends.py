@@ -13,7 +13,7 @@ import pytest
 
 import repctl_pin as rp
 from repctl_pin import cli
-from repctl_pin.urdf.catalogue import table
+from repctl_pin.urdf import table
 from repctl_pin.urdf.end_effectors import arm_ends, task_links
 from repctl_pin.urdf.validate import read_urdf
 

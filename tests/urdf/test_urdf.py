@@ -19,7 +19,7 @@ from lxml import etree
 
 from repctl_pin.errors import InputError, UrdfError
 from repctl_pin.robot.robot import Robot
-from repctl_pin.urdf.catalogue import data_folder, find, urdf_folder
+from repctl_pin.urdf import data_folder, find, urdf_folder
 from repctl_pin.urdf.validate import MAX_BYTES, NO_LIMIT, read_urdf
 
 INF = math.inf
