@@ -13,6 +13,9 @@ import repctl_pin as rp
 Q_PANDA = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
 """The panda's configuration of the theory's reference numbers."""
 
+KINDS = ("pose", "axis", "position", "xy", "xz", "yz")
+"""Kinds of tasks."""
+
 
 def heed_interrupts() -> None:
     """Let a child process take Ctrl-C, even where the tests themselves run in a shell's

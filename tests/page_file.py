@@ -12,6 +12,12 @@ from typing import Any
 import numpy as np
 import umsgpack
 
+from repctl_pin.robot.visuals import Visuals as Visuals  # what a page draws
+
+ORANGE, GREEN, BLUE, VERMILLION = "#E69F00", "#009E73", "#0072B2", "#D55E00"
+COLOURS = {"pseudoinverse": VERMILLION, "posture": GREEN, "posture_off": ORANGE, "repeatable": BLUE}
+"""Okabe and Ito's colours, by the keys of a study's rows."""
+
 
 def unpack(text: str) -> bytes:
     """Base64 of gzip, as the page's script undoes it."""

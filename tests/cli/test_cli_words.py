@@ -13,9 +13,6 @@ from page_file import read
 
 import repctl_pin as rp
 from repctl_pin.cli import main
-from repctl_pin.cli.animate import _only
-from repctl_pin.show.page import read_playbacks
-from repctl_pin.show.study_files import write_study
 
 SINGULAR = ["planar3r", "--start", "0.3,0.6,0.5"]
 
@@ -177,16 +174,16 @@ def test_live_options_need_live(tmp_path, monkeypatch, capsys) -> None:
 
 def test_strategies_are_chosen_by_key_or_by_label(tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
-    study = rp.study("ppr", cycles=1, steps=40, degree=1)
-    write_study(study, tmp_path)
-    tracks = read_playbacks("motion.csv", study.robot)
-    for names, labels in (
-        ("repeatable,posture", ["nearest repeatable", "J⁺ + posture"]),
-        ("J⁺, nearest repeatable", ["J⁺", "nearest repeatable"]),
-        ("J⁺ + other posture", ["J⁺ + other posture"]),
-        ("posture_off,J⁺", ["J⁺ + other posture", "J⁺"]),
+    printed(capsys, "study", "ppr", "--cycles", "1", "--steps", "40", "--degree", "1", "--out", ".")
+    for names, keys in (
+        ("repeatable,posture", ["repeatable", "posture"]),
+        ("J⁺, nearest repeatable", ["pseudoinverse", "repeatable"]),
+        ("J⁺ + other posture", ["posture_off"]),
+        ("posture_off,J⁺", ["posture_off", "pseudoinverse"]),
     ):
-        assert [track.label for track in _only(names, tracks, "motion.csv")] == labels
+        asked = ["--motion", "motion.csv", "--only", names, "--json"]
+        out, _ = printed(capsys, "animate", "ppr", *asked)
+        assert list(json.loads(out)["drift"]) == keys
     error = refused(capsys, "animate", "ppr", "--motion", "motion.csv", "--only", "nope")
     assert error.strip().endswith(
         "no strategy 'nope'; it has pseudoinverse, posture, posture_off, repeatable"

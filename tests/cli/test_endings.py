@@ -13,10 +13,12 @@ import threading
 import time
 import weakref
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 from arms import planar_urdf
 
+import repctl_pin as rp
 from repctl_pin.cli import main
 
 DEVICES = {"full": os.makedev(1, 7), "zero": os.makedev(1, 5)}
@@ -142,31 +144,27 @@ ESCAPES = "\x1b[2J\x1b]0;title\x07\x9b2J\r\t\u202e"
 
 
 def test_what_a_command_prints_controls_no_terminal(
-    capsys: pytest.CaptureFixture, monkeypatch
+    capsys: pytest.CaptureFixture, tmp_path: Path, monkeypatch
 ) -> None:
     """Texts of files, whatever reads them: on stdout, as JSON, and on stderr."""
-    from repctl_pin.cli import inspect
-    from repctl_pin.cli.terminal import report
-    from repctl_pin.errors import InputError
-
-    def shown(options) -> int:
-        return report(options, lambda: {"name": ESCAPES}, lambda: f"name {ESCAPES}\nend", [ESCAPES])
-
-    def refused(options) -> int:
-        raise InputError(f"no {ESCAPES}")
-
-    def broken(options) -> int:
-        raise KeyError(ESCAPES)
-
-    for run, arguments in ((shown, []), (shown, ["--json"]), (refused, []), (broken, [])):
-        monkeypatch.setattr(inspect, "run", run)
-        main(["inspect", "ppr", *arguments])
+    escaped = "\\x1b[2J\\x1b]0;title\\x07\\x9b2J\\r\\t\\u202e"
+    for error in (rp.InputError(f"no {ESCAPES}"), KeyError(ESCAPES)):
+        monkeypatch.setattr(rp.Robot, "load", Mock(side_effect=error))
+        main(["inspect", "ppr"])
         told = capsys.readouterr()
-        assert all(line.isprintable() for line in (told.out + told.err).split("\n"))
-        if arguments:
-            assert json.loads(told.out) == {"name": ESCAPES, "files": [ESCAPES]}
-        elif run is shown:
-            assert told.out.split("\n")[0] == "name \\x1b[2J\\x1b]0;title\\x07\\x9b2J\\r\\t\\u202e"
+        assert (
+            told.out == ""
+            and told.err.rstrip("\n").isprintable()
+            and "\\x1b[2J\\x1b]0;title" in told.err
+        )
+    monkeypatch.undo()
+    monkeypatch.chdir(tmp_path)
+    follow = ["follow", "ppr", "--strategy", "pseudoinverse", "--steps", "20", "--cycles", "1"]
+    for form in ([], ["--json"]):
+        assert main([*follow, "--csv", f"{ESCAPES}.csv", *form]) == 0
+        told = capsys.readouterr().out
+        assert all(line.isprintable() for line in told.split("\n"))
+        assert json.loads(told)["files"] == [f"{ESCAPES}.csv"] if form else escaped in told
 
 
 def test_no_control_character_stands_in_a_robots_name(
@@ -183,12 +181,7 @@ def test_no_control_character_stands_in_a_robots_name(
 
 
 def test_a_fault_of_ours_is_one_line_and_says_how_to_report_it(capsys, monkeypatch) -> None:
-    from repctl_pin.cli import inspect
-
-    def broken(options) -> int:
-        raise ValueError("two\nlines")
-
-    monkeypatch.setattr(inspect, "run", broken)
+    monkeypatch.setattr(rp.Robot, "load", Mock(side_effect=ValueError("two\nlines")))
     assert main(["inspect", "pan da"]) == 1
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith(
@@ -198,10 +191,7 @@ def test_a_fault_of_ours_is_one_line_and_says_how_to_report_it(capsys, monkeypat
     with pytest.raises(ValueError):  # the traceback
         main(["--debug", "inspect", "panda"])
 
-    def greedy(options) -> int:
-        raise MemoryError
-
-    monkeypatch.setattr(inspect, "run", greedy)
+    monkeypatch.setattr(rp.Robot, "load", Mock(side_effect=MemoryError))
     assert (
         main(["inspect", "panda"]) == 2 and "more memory than there is" in capsys.readouterr().err
     )

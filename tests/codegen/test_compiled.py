@@ -24,7 +24,6 @@ from test_codegen import answer
 
 import repctl_pin as rp
 from repctl_pin.codegen import build
-from repctl_pin.codegen.build import NoCompilerError, shared_library
 
 CODE = "int answer(void) { return 42; }\nint answer(void);\n"
 
@@ -142,18 +141,18 @@ def test_singular_is_said_in_the_same_words() -> None:
 
 @NEEDS_C
 def test_it_is_built_once_in_a_private_folder(cache: Path) -> None:
-    first = shared_library(CODE)
+    first = build.shared_library(CODE)
     built = first.stat().st_mtime_ns
-    assert shared_library(CODE) == first and first.stat().st_mtime_ns == built
+    assert build.shared_library(CODE) == first and first.stat().st_mtime_ns == built
     assert first.parent == cache and stat.S_IMODE(cache.stat().st_mode) == 0o700
     assert len(list(cache.iterdir())) == 2  # the library and its checksum, nothing left over
-    assert shared_library(CODE + "/* another */\n") != first
+    assert build.shared_library(CODE + "/* another */\n") != first
 
 
 @NEEDS_C
 @pytest.mark.parametrize("harm", ["cut short", "replaced", "link", "writable", "no checksum"])
 def test_what_was_tampered_with_is_built_again(harm: str, cache: Path, tmp_path: Path) -> None:
-    library = shared_library(CODE)
+    library = build.shared_library(CODE)
     whole = library.read_bytes()
     if harm == "cut short":
         library.write_bytes(whole[:1000])
@@ -167,7 +166,7 @@ def test_what_was_tampered_with_is_built_again(harm: str, cache: Path, tmp_path:
         library.chmod(0o777)
     else:
         library.with_suffix(".sha256").unlink()
-    assert shared_library(CODE) == library
+    assert build.shared_library(CODE) == library
     status = library.lstat()
     assert (
         stat.S_ISREG(status.st_mode)
@@ -181,7 +180,7 @@ def test_what_was_tampered_with_is_built_again(harm: str, cache: Path, tmp_path:
 def test_a_folder_that_others_can_write_is_not_used(cache: Path) -> None:
     cache.mkdir(parents=True)
     cache.chmod(0o777)
-    library = shared_library(CODE)
+    library = build.shared_library(CODE)
     assert library.parent != cache and stat.S_IMODE(library.parent.stat().st_mode) == 0o700
     assert not list(cache.iterdir())
 
@@ -221,7 +220,7 @@ def test_without_a_compiler_it_says_so_and_python_serves(
 
 def test_no_compiler_at_all(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", "")
-    with pytest.raises(NoCompilerError, match=r"no C compiler \(cc, gcc, clang\)"):
+    with pytest.raises(build.NoCompilerError, match=r"no C compiler \(cc, gcc, clang\)"):
         build.compiler()
 
 
@@ -244,7 +243,7 @@ def test_a_home_that_cannot_be_written_does_no_harm(
 ) -> None:
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
-    library = shared_library(CODE)
+    library = build.shared_library(CODE)
     assert library.is_file() and stat.S_IMODE(os.stat(library.parent).st_mode) == 0o700
 
 
@@ -314,11 +313,11 @@ def test_a_compiler_that_hangs_is_ended_with_its_children(
 @NEEDS_C
 @pytest.mark.parametrize("place", ["library", "checksum", "pipe"])
 def test_a_folder_or_a_pipe_in_a_files_place_does_no_harm(place: str, cache: Path) -> None:
-    library = shared_library(CODE)
+    library = build.shared_library(CODE)
     file = library if place == "library" else library.with_suffix(".sha256")
     file.unlink()
     os.mkfifo(file, 0o600) if place == "pipe" else file.mkdir()
-    other = shared_library(CODE)
+    other = build.shared_library(CODE)
     assert other.is_file() and ctypes.CDLL(str(other)).answer() == 42
 
 
@@ -329,7 +328,7 @@ def test_without_a_home_a_temporary_folder_serves(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(os.path, "expanduser", lambda path: path)
     with pytest.raises(RuntimeError):
         Path.home()
-    assert shared_library(CODE).is_file()
+    assert build.shared_library(CODE).is_file()
 
 
 # ---- large numbers, and rotations that are none

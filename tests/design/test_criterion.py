@@ -10,7 +10,6 @@ import repctl_pin as rp
 from repctl_pin import redundancy
 from repctl_pin.design import criterion
 from repctl_pin.design.batches import Local
-from repctl_pin.design.criterion import Builder
 
 KINDS = {"pose": 1, "axis": 2, "position": 4}
 
@@ -21,7 +20,7 @@ def setting(request: pytest.FixtureRequest, panda: rp.Robot, q_panda_module: np.
     box = rp.Box(q_panda_module, 0.4)
     potentials = rp.Polynomial(q_panda_module, 2, 0.4)
     N = criterion.oriented_nullspace(task.jacobian(box.center)[None], task, box.center[None])[0]
-    builder = Builder(rp.Pseudoinverse(task), potentials, np.arange(potentials.size), N)
+    builder = criterion.Builder(rp.Pseudoinverse(task), potentials, np.arange(potentials.size), N)
     Q, weights = box.nodes(256, 3)
     return task, potentials, builder, Q, weights
 
@@ -134,7 +133,9 @@ def test_sides_find_a_singularity_of_V(panda_pose: rp.Task, q_panda_module: np.n
     N = criterion.oriented_nullspace(
         panda_pose.jacobian(box.center)[None], panda_pose, box.center[None]
     )[0]
-    batch = Builder(rp.Pseudoinverse(panda_pose), potentials, np.arange(7), N)(*box.nodes(512, 0))
+    batch = criterion.Builder(rp.Pseudoinverse(panda_pose), potentials, np.arange(7), N)(
+        *box.nodes(512, 0)
+    )
     assert criterion.cost(batch, N)[1].uniform  # V = N(center)
     row = redundancy.pseudoinverse(panda_pose.jacobian(box.center))[
         :, :1

@@ -11,11 +11,9 @@ from arms import spatial_task
 
 import repctl_pin as rp
 from repctl_pin import redundancy
-from repctl_pin.design import criterion
-from repctl_pin.design.criterion import Builder
+from repctl_pin.design import criterion, singularities
 from repctl_pin.design.design_map import degree_curve, design_map
 from repctl_pin.design.evaluation import judge
-from repctl_pin.design.singularities import LeafMargin, largest_free
 from repctl_pin.show.plots import design_figure
 
 Q0 = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
@@ -80,7 +78,9 @@ def test_the_extended_jacobian_is_singular_in_the_wide_box_and_said_so(panda: rp
     with pytest.raises(rp.SingularRegionError) as error:
         judge(inverse, design.desired, design.region)
     at = error.value.at
-    free = largest_free(LeafMargin(design.task, inverse.potentials, Q0), design.region, at[None])
+    free = singularities.largest_free(
+        singularities.LeafMargin(design.task, inverse.potentials, Q0), design.region, at[None]
+    )
     assert design.region.contains(at[None])[0]
     sides = [
         np.sign(
@@ -184,7 +184,7 @@ def test_converged_tells_the_truth(panda: rp.Robot) -> None:
         assert design.converged
         task, potentials, box = design.task, design.potentials, design.region
         N = criterion.oriented_nullspace(task.jacobian(box.center)[None], task, box.center[None])[0]
-        batch = Builder(design.desired, potentials, np.arange(potentials.size), N)(
+        batch = criterion.Builder(design.desired, potentials, np.arange(potentials.size), N)(
             *box.nodes(1024, 0)
         )
         shape = design.coefficients.shape

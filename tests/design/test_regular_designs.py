@@ -10,10 +10,7 @@ import pytest
 from arms import Q_PANDA, spatial_task
 
 import repctl_pin as rp
-from repctl_pin.design import criterion
-from repctl_pin.design.batches import BarrierCost, Local
-from repctl_pin.design.criterion import Builder
-from repctl_pin.design.singularities import Dexterity, search
+from repctl_pin.design import batches, criterion, singularities
 
 
 def test_the_verdict_does_not_hang_on_the_sample() -> None:
@@ -61,9 +58,11 @@ def test_a_guarded_point_is_one_more_node(panda_pose: rp.Task) -> None:
     N = criterion.oriented_nullspace(panda_pose.jacobian(Q_PANDA)[None], panda_pose, Q_PANDA[None])[
         0
     ]
-    builder = Builder(rp.Pseudoinverse(panda_pose), potentials, np.arange(potentials.size), N)
+    builder = criterion.Builder(
+        rp.Pseudoinverse(panda_pose), potentials, np.arange(potentials.size), N
+    )
     Q, weights = box.nodes(64, 0)
-    guarded = BarrierCost(Local(builder, Q, weights, 16), builder, 0.5)
+    guarded = batches.BarrierCost(batches.Local(builder, Q, weights, 16), builder, 0.5)
     A = np.random.default_rng(0).normal(size=(potentials.size, 1))
     plain, _ = guarded.total(criterion.cost, A)
     at = box.random(4, 1)[:2]
@@ -86,10 +85,10 @@ def test_an_arm_stretched_inside_the_region_is_found() -> None:
     """Six joints at 0 at once: σ_min of planar7r is a cone there, on whose side every descent stops
     short."""
     task = rp.Robot.load("planar7r").task("tool", "xy")
-    measure = Dexterity(task)
+    measure = singularities.Dexterity(task)
     for center, width in ((np.full(7, 0.3), 0.4), (np.full(7, -0.1), 0.3)):
         box = rp.Box(center, width)
-        found = search(measure, box, box.random(2048, 0))
+        found = singularities.search(measure, box, box.random(2048, 0))
         assert found.value == 0 and box.contains(found.at[None]).all()
         sigma = np.linalg.svd(task.jacobian(found.at), compute_uv=False)
         assert sigma[-1] <= 1e-5 * sigma[0] and np.abs(found.at[1:]).max() < 1e-3
@@ -98,7 +97,7 @@ def test_an_arm_stretched_inside_the_region_is_found() -> None:
                 rp.Pseudoinverse(task), None, box, degree=1, samples=64, held_out=64
             )
     bent = rp.Box(np.full(7, 0.3), 0.25)  # without a stretched arm
-    assert search(measure, bent, bent.random(2048, 0)).value > 0.01
+    assert singularities.search(measure, bent, bent.random(2048, 0)).value > 0.01
 
 
 class Open(rp.Box):
@@ -111,6 +110,6 @@ class Open(rp.Box):
 def test_the_search_for_singularities_stays_in_the_region() -> None:
     task = rp.Robot.load("planar7r").task("tool", "xy")
     for box in (Open(np.full(7, 0.3), 0.25), Open(np.full(7, 0.5), 0.4)):
-        for measure in (Dexterity(task), lambda Q: 2 + Q.sum(axis=1)):
-            found = search(measure, box, box.random(256, 0))
+        for measure in (singularities.Dexterity(task), lambda Q: 2 + Q.sum(axis=1)):
+            found = singularities.search(measure, box, box.random(256, 0))
             assert found.value > 0 and box.ratio(found.ends).max() <= 1 + 2e-9

@@ -8,7 +8,6 @@ import pytest
 
 import repctl_pin as rp
 from repctl_pin.motion import Loop
-from repctl_pin.motion.loop import SPEED
 
 PERIOD = 1.0
 
@@ -51,7 +50,7 @@ def test_a_target_moved_and_brought_back_brings_back_who_repeats(loop: Loop) -> 
     moved = np.array([-0.2, 0.1, 0.0])
     still = loop.cycle[0]
     loop.run(0.5, moved)
-    assert np.linalg.norm(loop.offset) == pytest.approx(0.5 * SPEED, rel=0.02)  # no jump
+    assert np.linalg.norm(loop.offset) == pytest.approx(0.5 * 0.15, rel=0.02)  # no jump
     loop.run(3.5, moved)
     np.testing.assert_allclose(loop.offset, moved)
     loop.run(4.0)

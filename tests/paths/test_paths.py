@@ -11,8 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import repctl_pin as rp
-from repctl_pin.motion import parse_path
-from repctl_pin.paths.task_path import closed_path
+from repctl_pin.motion import closed_path, parse_path
 
 TILTS = Rotation.from_rotvec(
     [[0, 0, 0], [0.3, 0, 0], [0.2, 0.4, 0], [0, 0.2, 0.5], [-0.2, 0, 0.1], [0, 0, 0]]

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from arms import KINDS
 
 import repctl_pin as rp
-from repctl_pin.robot.task import KINDS
 
 FROM, TO = "left_gripper", "right_gripper"
 
@@ -68,7 +68,7 @@ def test_a_frame_above_its_base_and_the_default_frame(baxter: rp.Robot) -> None:
 
 
 def test_the_drawing_is_measured_from_the_base_too(baxter: rp.Robot) -> None:
-    from repctl_pin.robot.visuals import Visuals
+    from page_file import Visuals
 
     task, visuals = baxter.task(TO), Visuals.of(baxter)
     Q = task.reference + 0.2 * np.random.default_rng(3).normal(size=(3, 14))

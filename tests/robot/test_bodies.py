@@ -17,7 +17,6 @@ from arms import chain_with_bodies
 
 import repctl_pin as rp
 from repctl_pin.robot import body_shapes, collision_model
-from repctl_pin.robot.bodies import Nearest
 from repctl_pin.robot.body_bounds import JointPlacements
 
 
@@ -112,7 +111,8 @@ def test_hulls_that_overlap_are_no_touch(chain: rp.Task, tmp_path: Path) -> None
     text = text.replace('<origin xyz="0 0 0"/><geometry><sphere radius="0.1"/></geometry>', ring, 1)
     (tmp_path / "chain.urdf").write_text(text)
     bodies = rp.Bodies(rp.Robot.load(tmp_path / "chain.urdf").task("tip", "position"))
-    assert bodies.nearest(np.zeros(3)) == Nearest(0.0, ("base", "tip"))
+    touching = bodies.nearest(np.zeros(3))
+    assert (touching.distance, touching.links) == (0.0, ("base", "tip"))
     on_it = bodies.nearest(np.array([0.4 / 3, 0.0, 0.0]))
     assert on_it.links == ("base", "tip") and on_it.distance < 0
     assert bodies.nearest(np.array([0.7 / 3, 0.0, 0.0])).distance > 0
@@ -152,9 +152,9 @@ def test_a_room_in_one_mesh_is_as_near_as_its_walls(chain: rp.Task, tmp_path: Pa
     other = (
         (bodies.distances(Q)[apart] - nearer[apart]) < 1e-6
     ).all()  # the box of b may be nearer still
-    assert other and bodies.nearest(np.zeros(3)) == Nearest(
-        pytest.approx(0.3, abs=1e-6), ("tip", "wall")
-    )
+    nearest = bodies.nearest(np.zeros(3))
+    assert other and nearest.links == ("tip", "wall")
+    assert nearest.distance == pytest.approx(0.3, abs=1e-6)
     post = trimesh.creation.cylinder(0.02, 2).apply_translation([1.5, 0, 0])
     trimesh.util.concatenate([walls(*places), post]).export(tmp_path / "room.stl")
     bodies = surrounded(tmp_path, '<mesh filename="room.stl"/>', at="0 0 0")

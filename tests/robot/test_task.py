@@ -7,9 +7,9 @@ import pickle
 import numpy as np
 import pinocchio as pin
 import pytest
+from arms import KINDS
 
 import repctl_pin as rp
-from repctl_pin.robot.task import KINDS
 
 ARMS = ["panda", "kinova", "tiago", "talos"]  # n = 7, 6 (continuous joints), 8 (a lift), 9
 

@@ -10,12 +10,12 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+import repctl_pin as rp
 from repctl_pin.errors import UrdfError
-from repctl_pin.robot.robot import Robot
 from repctl_pin.robot.visuals import Shape, Visuals, find_mesh
 
 
-def configurations(robot: Robot, count: int = 4) -> np.ndarray:
+def configurations(robot: rp.Robot, count: int = 4) -> np.ndarray:
     """Some configurations inside the limits, near the reference pose."""
     rng = np.random.default_rng(1)
     low, high = (
@@ -25,7 +25,7 @@ def configurations(robot: Robot, count: int = 4) -> np.ndarray:
     return rng.uniform(low, high, (count, len(robot.joint_names)))
 
 
-def pinocchios(robot: Robot) -> tuple[pin.Model, pin.GeometryModel]:
+def pinocchios(robot: rp.Robot) -> tuple[pin.Model, pin.GeometryModel]:
     """Pinocchio's own model and visual geometry, the same joints locked."""
     model = pin.buildModelFromXML(robot.description.xml)
     kind = pin.GeometryType.VISUAL
@@ -36,7 +36,7 @@ def pinocchios(robot: Robot) -> tuple[pin.Model, pin.GeometryModel]:
     return model, geometry
 
 
-def all_joints(robot: Robot, model: pin.Model, q: np.ndarray) -> np.ndarray:
+def all_joints(robot: rp.Robot, model: pin.Model, q: np.ndarray) -> np.ndarray:
     """Put the robot's joints, and those that mimic them, into Pinocchio's order."""
     values = dict(zip(robot.joint_names, q, strict=True))
     for joint in robot.description.joints:
@@ -47,7 +47,7 @@ def all_joints(robot: Robot, model: pin.Model, q: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("name", ["panda", "talos", "ppr", "kinova"])
 def test_placements_are_pinocchios(name: str) -> None:
-    robot = Robot.load(name)
+    robot = rp.Robot.load(name)
     visuals = Visuals.of(robot)
     model, geometry = pinocchios(robot)
     assert visuals.missing == ()
@@ -69,7 +69,7 @@ def test_placements_are_pinocchios(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["panda", "talos", "kinova", "baxter"])
 def test_scales_and_colours_are_pinocchios(name: str) -> None:
-    robot = Robot.load(name)
+    robot = rp.Robot.load(name)
     _, geometry = pinocchios(robot)
     mirrored = 0
     for shape in Visuals.of(robot).shapes:
@@ -88,7 +88,7 @@ def test_scales_and_colours_are_pinocchios(name: str) -> None:
 
 
 def test_placements_are_rigid_where_meshes_are_mirrored() -> None:
-    robot = Robot.load("talos")
+    robot = rp.Robot.load("talos")
     R = Visuals.of(robot).placements(configurations(robot))[..., :3, :3]
     np.testing.assert_allclose(
         R @ np.swapaxes(R, -1, -2), np.broadcast_to(np.eye(3), R.shape), atol=1e-12
@@ -118,11 +118,11 @@ def arm(
     material: str = "",
     text: str = ARM,
     **options: Any,
-) -> Robot:
+) -> rp.Robot:
     """Load a small arm: a turning link, a sliding one, a tool."""
     file = folder / "arm.urdf"
     file.write_text(text.format(base=base, upper=upper, material=material))
-    return Robot.load(file, **options)
+    return rp.Robot.load(file, **options)
 
 
 def ends(shape: Shape, M: np.ndarray) -> np.ndarray:
@@ -184,7 +184,7 @@ def test_robot_without_shapes_is_drawn_from_its_kinematics(tmp_path: Path) -> No
 
 
 def test_base_moves_the_picture_as_it_moves_the_task() -> None:
-    robot = Robot.load("tiago", base="torso_lift_link")
+    robot = rp.Robot.load("tiago", base="torso_lift_link")
     task = robot.task(kind="position")
     q = task.reference + 0.1
     visuals = Visuals.of(robot)
@@ -247,8 +247,8 @@ def test_surroundings_are_drawn_where_they_stand(tmp_path: Path) -> None:
 <joint name="at" type="fixed"><parent link="room"/><child link="shelf"/><origin xyz="0.5 0 0.4" rpy="0 1.5 0"/></joint>
 </robot>"""
     )
-    robot = Robot.load("panda", surroundings=tmp_path / "cell.urdf")
-    visuals, alone = Visuals.of(robot), Visuals.of(Robot.load("panda"))
+    robot = rp.Robot.load("panda", surroundings=tmp_path / "cell.urdf")
+    visuals, alone = Visuals.of(robot), Visuals.of(rp.Robot.load("panda"))
     assert visuals.shapes[:-1] == alone.shapes
     assert (visuals.shapes[-1].kind, visuals.shapes[-1].size) == (
         "box",

@@ -7,12 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from page_file import read
+from page_file import BLUE, GREEN, ORANGE, VERMILLION, read
 
 import repctl_pin as rp
-from repctl_pin.show.page import animation as room
-from repctl_pin.show.palette import BLUE, GREEN, ORANGE, VERMILLION
-from repctl_pin.show.study_files import study_page
+from repctl_pin.cli import main
 
 
 @pytest.fixture(scope="module")
@@ -78,9 +76,15 @@ def test_two_hands_are_two_limbs() -> None:
     assert [arm["chains"] for arm in scene["arms"]] == [2, 2] and len(scene["paths"]) == 2
 
 
-def test_a_study_is_shown_as_its_own_page() -> None:
+def test_a_study_is_shown_as_the_page_that_the_command_writes(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["study", "ppr", "--cycles", "1", "--steps", "40", "--degree", "1"]) == 0
+    written = (tmp_path / "repctl-out" / "ppr" / "animation.html").read_text(encoding="utf-8")
     study = rp.study("ppr", cycles=1, steps=40, degree=1)
-    assert rp.animation(study).page == study_page(study)
+    shown, commands, numbers = read(rp.animation(study).page)
+    scene, same, motion = read(written)
+    assert (shown["arms"], shown["paths"]) == (scene["arms"], scene["paths"])
+    assert commands == same and np.array_equal(numbers, motion)
 
 
 def test_it_is_kept_and_shown(motions: dict[str, rp.Motion], tmp_path: Path, monkeypatch) -> None:
@@ -91,8 +95,8 @@ def test_it_is_kept_and_shown(motions: dict[str, rp.Motion], tmp_path: Path, mon
         made.save(tmp_path / "new")  # a folder
     assert "srcdoc" in made._repr_html_() and len(repr(made)) < 60
     opened: list[str] = []
-    monkeypatch.setattr(room.webbrowser, "open", opened.append)
-    monkeypatch.setattr(room.tempfile, "mkdtemp", lambda prefix: str(tmp_path / prefix))
+    monkeypatch.setattr("webbrowser.open", opened.append)
+    monkeypatch.setattr("tempfile.mkdtemp", lambda prefix: str(tmp_path / prefix))
     shown = made.show()
     assert opened == [shown.as_uri()] and shown.read_text(encoding="utf-8") == made.page
 

@@ -23,13 +23,10 @@ from browser import (
     wait_until_drawn,
 )
 from numpy.typing import NDArray
+from page_file import BLUE, VERMILLION, Visuals
 
 import repctl_pin as rp
-from repctl_pin.robot.robot import Robot
-from repctl_pin.robot.visuals import Visuals
 from repctl_pin.show.page import Arm, animation_page, choose_frames, read_surface
-from repctl_pin.show.palette import BLUE, VERMILLION
-from repctl_pin.show.study_files import study_page
 from repctl_pin.show.text import Tile, Verdict
 
 RADIUS, STEPS, CYCLES = 0.1, 60, 2
@@ -37,7 +34,9 @@ SHOWN = ("panda", "baxter", "tiago", "talos", "kinova", "planar7r", "my_arm", "x
 """Robots whose pages are looked at, beside the planar one with two sliding joints."""
 
 
-def circling(robot: Robot, q0: NDArray[np.float64], kind: str, plane: tuple[int, int]) -> list[Arm]:
+def circling(
+    robot: rp.Robot, q0: NDArray[np.float64], kind: str, plane: tuple[int, int]
+) -> list[Arm]:
     """J⁺ on a circle, and beside it a control that closes: the extended Jacobian with constant
     rows."""
     task = robot.task(kind=kind)
@@ -109,7 +108,7 @@ def test_the_page_of_a_study_shows_who_comes_back(driver: Any, tmp_path: Path) -
     """The main job's own page: both arms, moving; after a cycle the repeatable one is back, J⁺'s is
     not."""
     study, page = rp.study("panda", cycles=3, steps=60, degree=1), tmp_path / "animation.html"
-    page.write_text(study_page(study), encoding="utf-8")
+    page.write_text(rp.animation(study).page, encoding="utf-8")
     motions = motions_of(study)
     assert motions[0].drift[0] > 0.1 and motions[1].drift[-1] < 1e-6
     open_page(driver, page)
@@ -234,16 +233,16 @@ def test_every_kind_of_robot_moves_and_only_who_repeats_comes_back(
     """Two arms, a lift, a humanoid, joints without limits, a planar arm, one without meshes: their
     studies' pages."""
     name, _, bare = name.partition(" ")
-    robot: Robot = Robot.load(
+    robot: rp.Robot = rp.Robot.load(
         Path(__file__).parents[2] / "examples" / "my_arm.urdf" if name == "my_arm" else name
     )
     if bare:
         text = robot.description.xml.replace("package://", "package://not_here/")
         (tmp_path / "bare.urdf").write_text(text, encoding="utf-8")
-        robot = Robot.load(tmp_path / "bare.urdf")
+        robot = rp.Robot.load(tmp_path / "bare.urdf")
     study = rp.study(robot, cycles=10, steps=120, degree=1)
     page = tmp_path / "animation.html"
-    page.write_text(study_page(study), encoding="utf-8")
+    page.write_text(rp.animation(study).page, encoding="utf-8")
     open_page(driver, page)
     shapes = Visuals.of(robot).shapes
     plain = bare or name in ("ppr", "planar7r", "my_arm")
@@ -272,7 +271,7 @@ def test_every_kind_of_robot_moves_and_only_who_repeats_comes_back(
 
 
 def test_mirrored_meshes_are_not_inside_out(driver: Any, tmp_path: Path) -> None:
-    robot = Robot.load("talos")
+    robot = rp.Robot.load("talos")
     visuals = Visuals.of(robot)
     keep = [k for k, s in enumerate(visuals.shapes) if np.prod(s.scale) < 0]
     assert len(keep) > 5
@@ -294,7 +293,7 @@ def test_mirrored_meshes_are_not_inside_out(driver: Any, tmp_path: Path) -> None
 
 
 def test_controls_work_when_clicked(driver: Any, tmp_path: Path) -> None:
-    robot = Robot.load("planar4r")
+    robot = rp.Robot.load("planar4r")
     task = robot.task(kind="xy")
     arms = circling(robot, task.reference + np.array([0.3, -0.7, 0.6, 0.5]), "xy", (0, 1))
     page = write(tmp_path, arms, planar=True, title="<i>four</i> links")
@@ -391,7 +390,7 @@ def test_more_arms_and_none_to_read(driver: Any, tmp_path: Path) -> None:
     urdf = tmp_path / "bones.urdf"
     text = (Path(__file__).parents[2] / "urdf" / "planar3r.urdf").read_text(encoding="utf-8")
     urdf.write_text(re.sub(r"<visual>.*?</visual>", "", text, flags=re.DOTALL), encoding="utf-8")
-    robot = Robot.load(urdf)
+    robot = rp.Robot.load(urdf)
     arms = circling(robot, np.array([0.3, 0.8, 0.8]), "xy", (0, 1))
     open_page(driver, write(tmp_path, [*arms, arms[0]], planar=True))
     assert errors(driver) == []
@@ -403,7 +402,7 @@ def test_more_arms_and_none_to_read(driver: Any, tmp_path: Path) -> None:
 
 def test_it_opens_on_the_end_walks_the_cycles_and_runs(driver: Any, tmp_path: Path) -> None:
     """The first ten seconds: what has crept is seen at once; who wants no motion gets none."""
-    robot = Robot.load("planar4r")
+    robot = rp.Robot.load("planar4r")
     task = robot.task(kind="xy")
     page = write(
         tmp_path,
@@ -472,7 +471,7 @@ def test_a_studys_page_is_whole_at_every_size(driver: Any, tmp_path: Path, name:
     axe = pytest.importorskip("axe_selenium_python").Axe(driver)
     robot = Path(__file__).parents[2] / "examples" / "my_arm.urdf" if name == "my_arm" else name
     study, page = rp.study(robot, cycles=10, steps=120, degree=1), tmp_path / "animation.html"
-    page.write_text(study_page(study), encoding="utf-8")
+    page.write_text(rp.animation(study).page, encoding="utf-8")
     drift = study.row("pseudoinverse").motion.drift[-1]
     for width, height in ((1400, 900), (390, 844), (3840, 2160)):
         schemes(driver, width=width, height=height)
@@ -500,7 +499,7 @@ def test_everybody_can_read_and_use_it(driver: Any, tmp_path: Path) -> None:
     """No serious finding of axe-core's, nothing beside the window, panes of one size; in every size
     and scheme."""
     axe = pytest.importorskip("axe_selenium_python").Axe(driver)
-    robot = Robot.load("planar3r")
+    robot = rp.Robot.load("planar3r")
     tiles = (
         Tile("Elbow creep in 10 cycles", "45 cm → 0"),
         *(Tile("Joint limits", "broken in cycle 7", True),) * 3,

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
+from page_file import COLOURS
 
 import repctl_pin as rp
-from repctl_pin.show.page.snapshot import bones, still, still_figure
-from repctl_pin.show.palette import COLOURS
+from repctl_pin.show.page import snapshot
 from repctl_pin.show.plots import (
     cycle_figure,
     drawn,
@@ -177,12 +177,12 @@ def test_maps_hold_their_arrays(study: rp.Study) -> None:
 
 def test_the_still_shows_start_and_end(study: rp.Study) -> None:
     motion = study.row("pseudoinverse").motion
-    ax = still(axes(), motion, study.elbow, "#D55E00", flat=True)
+    ax = snapshot.still(axes(), motion, study.elbow, "#D55E00", flat=True)
     path, trace, start, end = ax.lines
-    np.testing.assert_allclose(start.get_xydata(), bones(study.task, motion.q[0])[:, :2])
-    np.testing.assert_allclose(end.get_xydata(), bones(study.task, motion.q[-1])[:, :2])
+    np.testing.assert_allclose(start.get_xydata(), snapshot.bones(study.task, motion.q[0])[:, :2])
+    np.testing.assert_allclose(end.get_xydata(), snapshot.bones(study.task, motion.q[-1])[:, :2])
     np.testing.assert_allclose(
-        bones(study.task, motion.q[-1])[-1], study.task.placement(motion.q[-1]).translation
+        snapshot.bones(study.task, motion.q[-1])[-1], study.task.placement(motion.q[-1]).translation
     )
     np.testing.assert_allclose(
         trace.get_xydata()[0], study.task.joint_origins(motion.q[0])[study.elbow, :2]
@@ -192,7 +192,7 @@ def test_the_still_shows_start_and_end(study: rp.Study) -> None:
 
 def test_every_axis_of_every_figure_has_a_name_and_its_unit(study: rp.Study, motions) -> None:
     figures = [f(motions, "title") for f in (drift_figure, orbits_figure, cycle_figure)] + [
-        still_figure(study)
+        snapshot.still_figure(study)
     ]
     for figure in figures:
         figure.canvas.draw()

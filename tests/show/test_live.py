@@ -21,12 +21,12 @@ import numpy as np
 import pytest
 from browser import asleep, errors, pane, picture_now, wait_until_drawn
 from commands import refused
+from page_file import Visuals
 from tornado.httpclient import HTTPClientError, HTTPRequest
-from tornado.websocket import websocket_connect
+from tornado.websocket import WebSocketHandler, websocket_connect
 
 import repctl_pin as rp
 from repctl_pin.cli.terminal import until_stopped
-from repctl_pin.robot.visuals import Visuals
 from repctl_pin.show.page import poses_of
 
 Q0 = np.array([0.3, 0.8, 0.8])
@@ -129,15 +129,13 @@ def test_poses_arrive_and_keys_come_back(task: rp.Task) -> None:
 
 def test_the_last_poses_always_arrive(task: rp.Task, monkeypatch: pytest.MonkeyPatch) -> None:
     """To a browser that is slow some are left out, but never the last."""
-    from repctl_pin.show.page.viewer import _Poses
+    quick = WebSocketHandler.write_message
 
-    quick = _Poses.write_message
-
-    async def slow(self: _Poses, message: Any, binary: bool = False) -> None:
+    async def slow(self: WebSocketHandler, message: Any, binary: bool = False) -> None:
         await asyncio.sleep(0.1)
         await quick(self, message, binary)
 
-    monkeypatch.setattr(_Poses, "write_message", slow)
+    monkeypatch.setattr(WebSocketHandler, "write_message", slow)
 
     async def flood(view: rp.Viewer) -> list[float]:
         socket, drifts = await connect(view), [0.0]

@@ -12,11 +12,10 @@ from typing import Any
 import numpy as np
 import pytest
 from browser import changed, errors, picture, schemes, wait_until_drawn
+from page_file import Visuals
 
 import repctl_pin as rp
-from repctl_pin.robot.visuals import Visuals
 from repctl_pin.show.plots import drawn, drift_figure, joints_figure
-from repctl_pin.show.study_files import study_page
 from repctl_pin.show.text import drift_words, joints_words, study_table
 
 SETTING = {"cycles": 2, "degree": 1, "steps": 60}
@@ -105,7 +104,7 @@ def test_a_cell_holds_the_page_the_table_and_the_figures(study: rp.Study) -> Non
     cell = rp.inline(study, height=500)
     text = cell._repr_html_()
     held = re.search(r'srcdoc="([^"]*)"', text)
-    assert held is not None and html.unescape(held[1]) == study_page(study)
+    assert held is not None and html.unescape(held[1]) == rp.animation(study).page
     assert "height: 500px" in text
     told = re.search(r"<pre[^>]*>(.*?)</pre>", text, re.DOTALL)
     assert told is not None and html.unescape(told[1]) == repr(cell) == study_table(study)

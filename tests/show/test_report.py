@@ -18,8 +18,7 @@ from PIL import Image
 import repctl_pin as rp
 from repctl_pin.cli import main
 from repctl_pin.show.report import report_page, versions
-from repctl_pin.show.study_files import study_page
-from repctl_pin.show.text import amount, captions, number, study_verdict, summary
+from repctl_pin.show.text import GLOSSARY, amount, number, study_verdict, summary
 from repctl_pin.studies.study_maps import study_maps
 
 COMMAND = "repctl study planar3r --cycles 2 --out 'my <folder>' --report"
@@ -88,7 +87,7 @@ def test_every_picture_has_words_and_is_a_picture(page: str) -> None:
 
 def test_it_asks_nothing_of_a_network(page: str, study: rp.Study) -> None:
     (frame,) = Tags(page).all("iframe")
-    assert frame["srcdoc"] == study_page(study).replace("<body>", '<body class="inside">')
+    assert frame["srcdoc"] == rp.animation(study).page.replace("<body>", '<body class="inside">')
     for tag, attributes in Tags(page).tags:
         for name in ("src", "href"):
             assert attributes.get(name, "data:").startswith("data:"), (tag, attributes)
@@ -210,7 +209,7 @@ def test_it_plays_offline_and_no_figure_is_cut_on_paper(
 
 
 def test_what_the_report_speaks_of_is_explained(page: str) -> None:
-    for word in captions.GLOSSARY:
+    for word in GLOSSARY:
         assert f"<dt>{word}</dt>" in page
     for said in ("repeatable", "drift", "Ω", "leaf margin", "redundant"):
-        assert said in captions.GLOSSARY
+        assert said in GLOSSARY

@@ -11,14 +11,13 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from page_file import read
+from page_file import BLUE, Visuals, read
 from test_surfaces import DAE
 
+import repctl_pin as rp
 from repctl_pin.errors import InputError
-from repctl_pin.robot.robot import Robot
-from repctl_pin.robot.visuals import Shape, Visuals
+from repctl_pin.robot.visuals import Shape
 from repctl_pin.show.page import Arm, animation_page, choose_frames, key, poses_of, read_surface
-from repctl_pin.show.palette import BLUE
 
 PATH = np.stack([np.cos(np.linspace(0, 6.3, 50)), np.sin(np.linspace(0, 6.3, 50)), np.zeros(50)], 1)
 WORDS: dict[str, Any] = {"seconds": 4.0, "title": "a title", "caption": "a caption"}
@@ -26,7 +25,7 @@ WORDS: dict[str, Any] = {"seconds": 4.0, "title": "a title", "caption": "a capti
 
 def swinging(name: str, cycles: int = 2, steps: int = 20) -> tuple[Arm, Arm]:
     """Two arms, all joints swinging a little round the reference; numbers enough for a page."""
-    robot = Robot.load(name)
+    robot = rp.Robot.load(name)
     visuals = Visuals.of(robot)
     s = np.linspace(0, cycles, cycles * steps + 1)
     Q = robot.reference + 0.2 * np.sin(2 * np.pi * s)[:, None] * np.cos(

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from page_file import Visuals
 
+import repctl_pin as rp
 from repctl_pin.errors import InputError
-from repctl_pin.robot.robot import Robot
-from repctl_pin.robot.visuals import Visuals
 from repctl_pin.show.page import MOST_BYTES, read_surface, smooth
 
 
@@ -80,7 +80,7 @@ def test_smooth_weighs_faces_by_area() -> None:
 def test_surfaces_are_as_large_as_pinocchios(name: str) -> None:
     import coal
 
-    paths = {s.path for s in Visuals.of(Robot.load(name)).shapes if s.path}
+    paths = {s.path for s in Visuals.of(rp.Robot.load(name)).shapes if s.path}
     for path in sorted(paths, key=lambda p: p.stat().st_size)[:6]:
         mesh = coal.MeshLoader().load(str(path), np.ones(3))
         mesh.computeLocalAABB()

@@ -11,13 +11,12 @@ import warnings
 import numpy as np
 import pinocchio as pin
 import pytest
+from arms import KINDS
 
 import repctl_pin as rp
 from repctl_pin.potentials.fast_potentials import in_place as field_in_place
 from repctl_pin.robot.fast_kinematics import in_place as task_in_place
 from repctl_pin.strategies.control_step import damped
-
-KINDS = ("pose", "axis", "position", "xy", "xz", "yz")
 
 
 def some_field(

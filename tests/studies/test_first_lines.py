@@ -178,27 +178,6 @@ def test_many_joints_are_studied_at_once_or_it_is_said_what_takes_long(tmp_path:
         rp.study(str(tmp_path / "longer.urdf"))
 
 
-def test_a_design_that_fails_on_its_own_cycle_is_blamed_not_the_path(
-    planar: rp.Study, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    real = start_and_path.follow
-
-    def failing(strategy, *args, **options):
-        if isinstance(strategy, rp.RepeatableInverse):
-            raise rp.SingularityError(
-                "the joints jump by more than 1 rad: the path is out of reach"
-            )
-        return real(strategy, *args, **options)
-
-    monkeypatch.setattr(start_and_path, "follow", failing)
-    why = (
-        r"the joints jump by more than 1 rad: the design fails on its own cycle, which J⁺ can follow; choose another "
-        "start, a smaller path or another degree"
-    )
-    with pytest.raises(rp.SingularityError, match=why):
-        rp.study("planar4r", start=planar.q0, path=planar.path, **QUICK)
-
-
 def test_files_name_their_run_and_it_is_the_control_files_checksum(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -223,10 +202,11 @@ def test_files_name_their_run_and_it_is_the_control_files_checksum(
     for name in ("animation.html", "drift.png", "joints.png", "motion.csv", "report.html"):
         assert run.encode() in (folder / name).read_bytes(), name
     assert len(read_motions(folder / "motion.csv", rp.Robot.load("planar4r").joint_names)) == 4
-    before = {file.name: file.read_bytes() for file in folder.iterdir()}
-    monkeypatch.setattr("repctl_pin.show.study_files.joints_figure", lambda *a: 1 / 0)
-    main([*command, "--cycles", "2"])
-    assert {file.name: file.read_bytes() for file in folder.iterdir()} == before
+    (folder / "joints.png").unlink()
+    (folder / "joints.png").mkdir()  # where no file can be written
+    before = {file: file.read_bytes() for file in folder.iterdir() if file.is_file()}
+    assert main([*command, "--cycles", "2"]) == 2
+    assert {file: file.read_bytes() for file in folder.iterdir() if file.is_file()} == before
 
 
 def test_speed_limits_of_0_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -265,38 +245,6 @@ def test_animate_knows_the_surroundings(tmp_path: Path, capsys: pytest.CaptureFi
 def test_an_unknown_robot_leads_to_its_urdf() -> None:
     with pytest.raises(rp.InputError, match="for any other robot give its URDF file"):
         rp.Robot.load("gen3")
-
-
-def test_a_design_that_fails_says_what_to_change(monkeypatch: pytest.MonkeyPatch) -> None:
-    from repctl_pin.design import nearest
-
-    def failing(options: object) -> None:
-        raise rp.SingularityError("J_V is singular, at 426 of 512 configurations")
-
-    monkeypatch.setattr(nearest, "fit", failing)
-    task = rp.Robot.load("ppr").task("tool", "xy")
-    control = rp.Pseudoinverse(task)
-    with pytest.raises(
-        rp.SingularityError, match="the design fails there, not the arm; use a smaller region"
-    ):
-        rp.nearest_repeatable(
-            control, rp.Polynomial(task.reference, 1), rp.Box(task.reference, 0.1)
-        )
-
-
-def test_postures_of_long_ranged_joints_are_not_wound_up() -> None:
-    """The joints of xarm7 turn by up to two pi either way: the values nearest to the reference are
-    taken."""
-    from repctl_pin.inverse_function.posture_search import _unwound
-
-    task = rp.Robot.load("xarm7").task("link_eef", "pose")
-    middle = rp.Robot.load("xarm7").poses["ready"]
-    cell = rp.Cell(task, task.placement(middle), half_width=0.05)
-    wound = middle + 2 * np.pi * np.array([1, 0, -1, 0, 0, 0, 0]) + 0.01
-    near = _unwound(cell, wound)
-    np.testing.assert_allclose(near, middle + 0.01, atol=1e-12)
-    limits = (task.lower <= near) & (near <= task.upper)
-    assert limits.all() and task.placement(near).isApprox(task.placement(wound), 1e-9)
 
 
 def test_what_regions_and_messages_say_is_so() -> None:

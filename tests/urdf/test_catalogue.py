@@ -15,10 +15,11 @@ import pinocchio as pin
 import pytest
 from numpy.typing import NDArray
 
+import repctl_pin as rp
 from repctl_pin.errors import InputError
-from repctl_pin.robot.robot import Robot, lock_joints
+from repctl_pin.robot.robot import lock_joints
 from repctl_pin.urdf import (
-    catalogue,
+    data_folder,
     default_package_dirs,
     entries,
     find,
@@ -51,7 +52,7 @@ def test_every_robot_is_what_it_promises(name: str) -> None:
     assert model.nq == model.nv > 0
     lock_joints(model, list(range(2, model.njoints)), pin.neutral(model))  # any joint can be locked
 
-    machine = Robot.load(name)
+    machine = rp.Robot.load(name)
     assert entry.frames and set(entry.frames) <= set(d.links)
     for frame in entry.frames:
         task = machine.task(frame, "xy" if "planar" in entry.note else "position")
@@ -68,7 +69,7 @@ def test_every_robot_is_what_it_promises(name: str) -> None:
 def test_reference_poses_are_the_srdfs_inside_the_limits(name: str) -> None:
     entry = find(name)
     assert entry.srdf is not None
-    machine = Robot.load(name)
+    machine = rp.Robot.load(name)
     values = dict(zip(machine.joint_names, machine.reference, strict=True))
     pose = reference_posture(entry.srdf, entry.posture)
     known = [j for j in pose if j in values]
@@ -84,7 +85,7 @@ def test_reference_poses_are_the_srdfs_inside_the_limits(name: str) -> None:
 
 
 def test_a_full_turn_is_taken_before_a_limit() -> None:
-    kinova = Robot.load("kinova")
+    kinova = rp.Robot.load("kinova")
     pose = reference_posture(find("kinova").srdf, "arm_up")
     turned = kinova.reference[2] - pose["j2s6s200_joint_3"]
     assert np.isclose(turned, 2 * np.pi) and "joint_3" in " ".join(kinova.warnings)
@@ -226,8 +227,8 @@ def test_a_package_dir_that_is_not_there_is_refused(tmp_path: Path) -> None:
     for folder in ("nowhere", "file"):
         for name in ("planar3r", urdf_folder() / "planar3r.urdf"):
             with pytest.raises(InputError, match=f"there is no folder '.*{folder}'.*--package-dir"):
-                Robot.load(name, package_dirs=[tmp_path, tmp_path / folder])
-    assert Robot.load("planar3r", package_dirs=str(tmp_path)).package_dirs == (str(tmp_path),)
+                rp.Robot.load(name, package_dirs=[tmp_path, tmp_path / folder])
+    assert rp.Robot.load("planar3r", package_dirs=str(tmp_path)).package_dirs == (str(tmp_path),)
 
 
 @pytest.mark.parametrize(
@@ -261,18 +262,18 @@ def test_robots_near_to_what_was_typed_are_named(typed: str, near: str) -> None:
 )
 def test_frames_at_the_ends_of_arms_are_named_where_none_is_near(typed: str, near: str) -> None:
     with pytest.raises(InputError) as error:
-        Robot.load("panda").task(typed)
+        rp.Robot.load("panda").task(typed)
     assert str(error.value).startswith(f"no frame {typed!r}; {near}")
     with pytest.raises(
         InputError, match="no frame 'nope'; choose from tool, link4, base, .*link1, link2, link3$"
     ):
-        Robot.load("planar4r").task("nope")
+        rp.Robot.load("planar4r").task("nope")
 
 
 def test_without_the_data_only_our_own_arms(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "path", [])
     monkeypatch.setattr(sys, "prefix", "/nowhere")
-    catalogue.data_folder.cache_clear()
+    data_folder.cache_clear()
     try:
         assert find("planar3r").urdf.is_file()
         with pytest.raises(InputError, match="pip install"):
@@ -281,7 +282,7 @@ def test_without_the_data_only_our_own_arms(monkeypatch: pytest.MonkeyPatch) -> 
             entries()
     finally:
         monkeypatch.undo()
-        catalogue.data_folder.cache_clear()
+        data_folder.cache_clear()
 
 
 def test_looking_a_robot_up_is_light() -> None:

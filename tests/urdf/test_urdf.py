@@ -17,8 +17,8 @@ import pinocchio as pin
 import pytest
 from lxml import etree
 
+import repctl_pin as rp
 from repctl_pin.errors import InputError, UrdfError
-from repctl_pin.robot.robot import Robot
 from repctl_pin.urdf import data_folder, find, urdf_folder
 from repctl_pin.urdf.validate import MAX_BYTES, NO_LIMIT, read_urdf
 
@@ -516,9 +516,9 @@ def test_a_joint_that_shares_its_name_with_a_link_can_be_locked(tmp_path: Path) 
             joint("m", "fixed", "c", "b_joint"),
         )
     )
-    machine = Robot.load(path, lock=["b"])
+    machine = rp.Robot.load(path, lock=["b"])
     assert machine.joint_names == () and machine.locked == ("b", "k")
-    machine = Robot.load(path)
+    machine = rp.Robot.load(path)
     assert machine.joint_names == ("b",) and machine.chain("b") == ("b",)
     assert set(machine.frames) == {"a", "b", "c", "b_joint"}
 
@@ -632,7 +632,7 @@ def test_an_axis_without_numbers_is_x(tmp_path: Path) -> None:
     (tmp_path / "r.urdf").write_text(
         robot(links("a", "b"), joint(body='<axis/><origin xyz="0 1 0"/>'))
     )
-    task = Robot.load(tmp_path / "r.urdf").task("b", "pose")
+    task = rp.Robot.load(tmp_path / "r.urdf").task("b", "pose")
     np.testing.assert_allclose(task.jacobian([0.3])[:, 0], [0, 0, 0, 1, 0, 0], atol=1e-15)
 
 
@@ -661,13 +661,13 @@ def test_names_that_no_file_can_have(tmp_path: Path) -> None:
     (tmp_path / "r.urdf").write_text(
         robot(links("a"), with_shape(f'<mesh filename="{long}"/>'), joint())
     )
-    (warning,) = Robot.load(tmp_path / "r.urdf").warnings
+    (warning,) = rp.Robot.load(tmp_path / "r.urdf").warnings
     assert warning.startswith("1 of 1 meshes were not found (mmm") and len(warning) < 250
     for name in ("~nosuchuser/x.urdf", "x" * 5000 + ".urdf"):
         with pytest.raises(UrdfError, match="no such file|cannot be read"):
-            Robot.load(name)
+            rp.Robot.load(name)
     with pytest.raises(InputError, match="no folder"):
-        Robot.load(tmp_path / "r.urdf", package_dirs=["~nosuchuser"])
+        rp.Robot.load(tmp_path / "r.urdf", package_dirs=["~nosuchuser"])
 
 
 def test_a_mimic_of_a_fixed_joint_is_told(tmp_path: Path) -> None:
@@ -694,7 +694,7 @@ def test_xacro_is_expanded_where_it_is_installed(
     pytest.importorskip("xacro")
     path = tmp_path / "r.xacro"
     path.write_text(XACRO)
-    machine = Robot.load(path)
+    machine = rp.Robot.load(path)
     assert machine.joint_names == ("j1", "j2") and machine.upper == pytest.approx([math.pi] * 2)
     assert machine.model.jointPlacements[2].translation[0] == 1.0
     path.write_text(XACRO.replace("2 * length", "2 * nothing"))
