@@ -13,7 +13,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 import urllib.request
 from functools import partial
 from pathlib import Path
@@ -103,65 +102,120 @@ def test_three_commands_lead_to_ones_own_report() -> None:
     assert others == ["repctl inspect my_arm.urdf", "repctl study my_arm.urdf --report"]
 
 
-def test_every_command_for_ones_own_arm_runs(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+CHAINS = [
+    ["inspect", "study"],
+    ["study"],
+    ["study", "follow"],
+    ["check", "cell"],
+    ["design", "follow", "export"],
+    ["animate", "robots"],
+]
+"""Commands of "Your own arm" that use what earlier ones of the same chain wrote."""
+
+
+def chains() -> dict[str, list[str]]:
+    """The README's commands, cut into chains that can run side by side; by each one's last."""
+    left, found = list(WRITES), {}
+    for words in CHAINS:
+        chain = []
+        for word in words:
+            chain.append(next(command for command in left if command.startswith(word)))
+            left.remove(chain[-1])
+        found[chain[-1]] = chain
+    assert not left
+    return found
+
+
+def test_the_commands_for_ones_own_arm_are_these() -> None:
+    assert commands() == ["study panda", *WRITES]
+    assert all(f"(examples/{file.name})" in README for file in OWN)
+
+
+def run_in(folder: Path, chain: list[str], capsys: pytest.CaptureFixture[str]) -> list[str]:
+    """Run commands one after the other; each writes its files and no others."""
+    printed = []
+    for command in chain:
+        before = stamps(folder)
+        if "--live" in command:
+            printed.append(serve_once(command))
+        else:
+            assert main(shlex.split(command)) == 0, command
+            text, complaints = capsys.readouterr()
+            assert complaints == "", command
+            printed.append(text)
+        after = stamps(folder)
+        written = {name for name in after if after[name] != before.get(name)}
+        said = set(re.findall(r"^wrote (\S+)$", printed[-1], flags=re.MULTILINE))
+        assert written == said == WRITES[command], command
+    return printed
+
+
+JOINTS = [f"joint{i}" for i in range(1, 8)]
+
+
+def check_study(text: str, path: str) -> None:
+    """A study's table: the start it took, its path, and which strategies drift."""
+    assert re.search(rf"^path +{path}$", text, flags=re.MULTILINE)
+    assert "note: the start is the reference pose\n" in text
+    first, last = drifts(text, "J⁺")
+    assert last > 4 * first > 0.15
+    assert max(drifts(text, "nearest repeatable")) < 1e-9
+
+
+def check_export(folder: Path, _: str) -> None:
+    """The design's file and the motion that was timed."""
+    file = folder / "repctl-out/my_arm/design.json"
+    assert json.loads(file.read_text(encoding="utf-8"))["task"]["joints"] == JOINTS
+
+
+def check_robots(folder: Path, printed: str) -> None:
+    """As many robots as the README says, in 80 columns."""
+    lines = printed.splitlines()
+    assert max(map(len, lines)) <= 80
+    (robots,) = re.findall(r"repctl robots +# (\d+) robots", README)
+    assert len({line.split()[0] for line in lines[2:-3]}) == int(robots)
+
+
+def check_follow(folder: Path, printed: str) -> None:
+    """The followed motion: closed, inside Ω, in both files."""
+    assert printed.startswith("my_arm tool0, pose: loop.csv\n")
+    assert "\noutside Ω       0.0%\n" in printed
+    text = (folder / "trajectory.yaml").read_text(encoding="utf-8")
+    assert yaml.safe_load(text)["joint_names"] == JOINTS
+    rows = np.genfromtxt(folder / "motion.csv", delimiter=",", names=True)
+    assert all(abs(rows[name][-1] - rows[name][0]) < 1e-9 for name in JOINTS)
+    assert np.ptp(rows["joint1"]) > 0.1
+
+
+@pytest.mark.parametrize("last", chains())
+def test_the_commands_for_ones_own_arm_run(
+    last: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """In the README's order, with the two files it says to copy; later commands use what earlier
-    ones wrote."""
+    """In the README's order, with the two files it says to copy; later commands of a chain use what
+    earlier ones wrote."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("repctl_pin.design.nearest._MOST_DEGREE", 3)  # the same in less time
     for file in OWN:
-        assert f"(examples/{file.name})" in README
         shutil.copy(file, tmp_path)
-    assert commands() == ["study panda", *WRITES]
-    printed, times = {}, {}
-    for command, files in WRITES.items():
-        before = stamps(tmp_path)
-        begin = time.monotonic()
-        if "--live" in command:
-            printed[command] = serve_once(command)
-        else:
-            assert main(shlex.split(command)) == 0, command
-            printed[command], complaints = capsys.readouterr()
-            assert complaints == "", command
-        times[command] = time.monotonic() - begin
-        after = stamps(tmp_path)
-        assert {name for name in after if after[name] != before.get(name)} == files, command
-        assert set(re.findall(r"^wrote (\S+)$", printed[command], flags=re.MULTILINE)) == files, (
-            command
-        )
-    for command, seconds in times.items():
-        print(f"{seconds:5.1f} s  repctl {command}")
-
-    told = iter(printed.values())
-    inspected, *studies = next(told), next(told), next(told), next(told)
-    assert "frame tool0, moved by 7: joint1, " in inspected and "  pose r = 1, " in inspected
-    for text, path in zip(studies, ("circle of radius 0.1 m in xy", "circle of radius 0.1 m in yz", "loop.csv"),
-                          strict=True):  # fmt: skip
-        assert re.search(rf"^path +{path}$", text, flags=re.MULTILINE)
-        assert "note: the start is the reference pose\n" in text
-        first, last = drifts(text, "J⁺")
-        assert last > 4 * first > 0.15
-        assert max(drifts(text, "nearest repeatable")) < 1e-9
-    assert "drift after 20 cycles" in studies[1]
-    followed = next(told)
-    assert (
-        followed.startswith("my_arm tool0, pose: loop.csv\n")
-        and "\noutside Ω       0.0%\n" in followed
-    )
-    assert next(told).startswith("not repeatable: ") and "\ndegree" in next(told)
-    design = json.loads((tmp_path / "repctl-out/my_arm/design.json").read_text(encoding="utf-8"))
-    trajectory = yaml.safe_load((tmp_path / "trajectory.yaml").read_text(encoding="utf-8"))
-    names = [f"joint{i}" for i in range(1, 8)]
-    assert trajectory["joint_names"] == names and design["task"]["joints"] == names
-    rows = np.genfromtxt(tmp_path / "motion.csv", delimiter=",", names=True)
-    assert (
-        all(abs(rows[name][-1] - rows[name][0]) < 1e-9 for name in names)
-        and np.ptp(rows["joint1"]) > 0.1
-    )
-    assert max(map(len, printed["robots"].splitlines())) <= 80
-    (robots,) = re.findall(r"repctl robots +# (\d+) robots", README)
-    assert len({line.split()[0] for line in printed["robots"].splitlines()[2:-3]}) == int(robots)
+    printed = dict(zip(chains()[last], run_in(tmp_path, chains()[last], capsys), strict=True))
+    for command, text in printed.items():
+        if command.startswith("inspect"):
+            assert "frame tool0, moved by 7: joint1, " in text and "  pose r = 1, " in text
+        elif command.startswith("study"):
+            plane = "yz" if "yz" in command else "xy"
+            circle = f"circle of radius 0.1 m in {plane}"
+            check_study(text, "loop.csv" if "loop.csv" in command else circle)
+            assert ("drift after 20 cycles" in text) == ("--cycles 20" in command)
+        elif "control.json" in command:
+            check_follow(tmp_path, text)
+        elif command.startswith("check"):
+            assert text.startswith("not repeatable: ")
+        elif command.startswith("design"):
+            assert "\ndegree" in text
+        elif command.startswith("export"):
+            check_export(tmp_path, text)
+        elif command == "robots":
+            check_robots(tmp_path, text)
 
 
 @pytest.mark.parametrize(
