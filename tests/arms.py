@@ -31,7 +31,8 @@ def planar_urdf(lengths: Sequence[float], *, range_: float = 7.0) -> str:
     for i, length in enumerate(lengths, 1):
         links.append(f'<link name="link{i}"/>')
         joints.append(
-            f'<joint name="theta{i}" type="revolute"><parent link="{parent}"/><child link="link{i}"/>'
+            f'<joint name="theta{i}" type="revolute"><parent link="{parent}"/><child '
+            f'link="link{i}"/>'
             f'<origin xyz="{offset} 0 0"/><axis xyz="0 0 1"/>'
             f'<limit lower="{-range_}" upper="{range_}" effort="1" velocity="1"/></joint>'
         )
@@ -88,7 +89,8 @@ def chain_with_bodies(folder: Path) -> Path:
     not there."""
     link = '<link name="{}"><collision><origin xyz="{} 0 0"/><geometry>{}</geometry></collision></link>'
     joint = (
-        '<joint name="j{}" type="revolute"><parent link="{}"/><child link="{}"/><origin xyz="{} 0 0"/>'
+        '<joint name="j{}" type="revolute"><parent link="{}"/><child link="{}"/><origin xyz="{} 0 '
+        '0"/>'
         '<axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="1" velocity="1"/></joint>'
     )
     ball, lost = '<sphere radius="0.1"/>', '<mesh filename="lost.stl"/>'

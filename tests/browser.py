@@ -144,7 +144,8 @@ def picture(
     """Take the scene's picture at a time, in cycles: (height, width, 3), 0 to 255; with what drift
     leaves, or not."""
     driver.execute_script(
-        "const [time, left, ghost] = arguments; repctl.set('traces', left); repctl.set('drift', left);"
+        "const [time, left, ghost] = arguments; repctl.set('traces', left); repctl.set('drift', "
+        "left);"
         "repctl.set('ghost', ghost); repctl.seek(time)",
         cycles,
         traces,

@@ -59,7 +59,8 @@ def iiwa(folder: Path) -> rp.Robot:
     """Load the arm of :data:`IIWA`."""
     joints = "".join(
         f'<link name="lbr_iiwa_link_{i}"/><joint name="lbr_iiwa_joint_{i}" type="revolute">'
-        f'<parent link="lbr_iiwa_link_{i - 1}"/><child link="lbr_iiwa_link_{i}"/><origin rpy="{rpy}" xyz="{xyz}"/>'
+        f'<parent link="lbr_iiwa_link_{i - 1}"/><child link="lbr_iiwa_link_{i}"/><origin '
+        f'rpy="{rpy}" xyz="{xyz}"/>'
         '<axis xyz="0 0 1"/><limit effort="300" lower="-2.9" upper="2.9" velocity="10"/></joint>'
         for i, (rpy, xyz) in enumerate(_IIWA_ORIGINS, 1)
     )

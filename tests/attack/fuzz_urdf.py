@@ -36,11 +36,60 @@ from repctl_pin.show.text.inspection import inspection, inspection_text
 from repctl_pin.urdf import data_folder, urdf_folder
 
 SECONDS = 20
-NUMBERS = ["nan", "inf", "-inf", "1e308", "-1e308", "1e-308", "1e400", "0", "-1", "", " ", "１２", "0x10", "1_0", "1,5",
-           "--1", "9" * 400, "1e", "²", "1e5", "true", "${x}", "-0", "1 2", "\N{NO-BREAK SPACE}1"]  # fmt: skip
-NAMES = ["", " ", "a,b", "a\nb", 'a"b', "a;b", "$a_$b", "a" * 5000, "../../x", "~nosuchuser", "universe", "root_joint",
-         "ä\N{COMBINING DIAERESIS}", "\N{RIGHT-TO-LEFT OVERRIDE}x", "a\tb", "l0", "j1", "<b>", "%s%n", "{0}", "\\",
-         "time", "CON", "//", "\N{NULL}".join("ab").replace("\0", "&#0;")]  # fmt: skip
+NUMBERS = [
+    "nan",
+    "inf",
+    "-inf",
+    "1e308",
+    "-1e308",
+    "1e-308",
+    "1e400",
+    "0",
+    "-1",
+    "",
+    " ",
+    "１２",
+    "0x10",
+    "1_0",
+    "1,5",
+    "--1",
+    "9" * 400,
+    "1e",
+    "²",
+    "1e5",
+    "true",
+    "${x}",
+    "-0",
+    "1 2",
+    "\N{NO-BREAK SPACE}1",
+]
+NAMES = [
+    "",
+    " ",
+    "a,b",
+    "a\nb",
+    'a"b',
+    "a;b",
+    "$a_$b",
+    "a" * 5000,
+    "../../x",
+    "~nosuchuser",
+    "universe",
+    "root_joint",
+    "ä\N{COMBINING DIAERESIS}",
+    "\N{RIGHT-TO-LEFT OVERRIDE}x",
+    "a\tb",
+    "l0",
+    "j1",
+    "<b>",
+    "%s%n",
+    "{0}",
+    "\\",
+    "time",
+    "CON",
+    "//",
+    "\N{NULL}".join("ab").replace("\0", "&#0;"),
+]
 JUNK = [
     *NUMBERS,
     "0 0 0",
@@ -173,9 +222,19 @@ def silence() -> Iterator[None]:
 def mutations(dice: random.Random, count: int) -> Iterator[bytes]:
     """Damage real files: in their tree, or byte by byte."""
     robots = data_folder()
-    sources = [urdf_folder() / "prr.urdf", *(robots / name for name in (
-        "panda_description/urdf/panda.urdf", "kinova_description/robots/kinova.urdf", "z1_description/urdf/z1.urdf",
-        "ur_description/urdf/ur5_robot.urdf", "xarm_description/urdf/xarm7.urdf"))]  # fmt: skip
+    sources = [
+        urdf_folder() / "prr.urdf",
+        *(
+            robots / name
+            for name in (
+                "panda_description/urdf/panda.urdf",
+                "kinova_description/robots/kinova.urdf",
+                "z1_description/urdf/z1.urdf",
+                "ur_description/urdf/ur5_robot.urdf",
+                "xarm_description/urdf/xarm7.urdf",
+            )
+        ),
+    ]
     texts = [ARM.encode(), *(source.read_bytes() for source in sources)]
     trees = [etree.fromstring(text) for text in texts]
     for k in range(count):
@@ -238,15 +297,21 @@ def specials() -> Iterator[bytes]:
                 with contextlib.suppress(ValueError):  # what no XML can hold
                     list(changed.iter())[k].set(attribute, special)
                     yield etree.tostring(changed)
-    star = "".join(f'<link name="b{i}"/><joint name="s{i}" type="{{kind}}"><parent link="l3"/><child link="b{i}"/>'
-                   '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>' for i in range(999))  # fmt: skip
+    star = "".join(
+        f'<link name="b{i}"/><joint name="s{i}" type="{{kind}}"><parent link="l3"/>'
+        f'<child link="b{i}"/>'
+        '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
+        for i in range(999)
+    )
     for kind in ("revolute", "fixed", "continuous"):
         yield ARM.replace("</robot>", star.format(kind=kind) + "</robot>").encode()
     yield ARM.replace(
         '<link name="l3">', '<link name="l3" ' + " ".join(f'a{i}="1"' for i in range(300_000)) + ">"
     ).encode()
-    yield ARM.replace('<collision><geometry><sphere radius="1"/></geometry></collision>',
-                      '<visual><geometry><sphere radius="1"/></geometry></visual>' * 50_000).encode()  # fmt: skip
+    yield ARM.replace(
+        '<collision><geometry><sphere radius="1"/></geometry></collision>',
+        '<visual><geometry><sphere radius="1"/></geometry></visual>' * 50_000,
+    ).encode()
     ring = ARM.replace('velocity="1"/><dynamics', 'velocity="1"/><mimic joint="j3"/><dynamics')
     yield ring.encode()
     yield ARM.replace("<axis xyz=", "<axis XYZ=").encode()

@@ -46,10 +46,14 @@ def test_check_finds_the_stable_surface_in_absolute_angles_only(
     assert "stable surfaces:" in text and "in absolute angles" in text
 
 
-SLIDE = planar_urdf([1, 0.8, 0.6]).replace(
-    '<joint name="theta2" type="revolute">', '<joint name="theta2" type="prismatic">'
-).replace('<limit lower="-7.0" upper="7.0" effort="1" velocity="1"/></joint><joint name="theta3"',
-          '<limit lower="0" upper="0.04" effort="1" velocity="1"/></joint><joint name="theta3"')  # fmt: skip
+SLIDE = (
+    planar_urdf([1, 0.8, 0.6])
+    .replace('<joint name="theta2" type="revolute">', '<joint name="theta2" type="prismatic">')
+    .replace(
+        '<limit lower="-7.0" upper="7.0" effort="1" velocity="1"/></joint><joint name="theta3"',
+        '<limit lower="0" upper="0.04" effort="1" velocity="1"/></joint><joint name="theta3"',
+    )
+)
 
 
 def test_check_stays_inside_the_joint_limits_and_says_so(

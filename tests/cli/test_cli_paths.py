@@ -67,7 +67,8 @@ def test_a_design_round_a_path_is_round_the_studied_one(tmp_path, monkeypatch, c
     designed = told(capsys, "design", "panda", *WORDS, *small)
     assert (designed["path_spec"], designed["plane"]) == ("circle:0.1:180", "xy")
     assert designed["notes"] == [
-        "for circle of radius 0.1 m in xy, 5 s per cycle; repctl follow uses it unless --path is given"
+        "for circle of radius 0.1 m in xy, 5 s per cycle; repctl follow uses it unless --path is "
+        "given"
     ]
     followed = told(capsys, "follow", designed["files"][1], *SHORT, "--csv", "m.csv")
     assert (

@@ -91,8 +91,8 @@ def test_help_says_what_is_done(tmp_path, monkeypatch, capsys) -> None:
     )  # (3 + 5)! / 3! / 5! - 1
     text = helped("follow", capsys)
     assert (
-        "begins and ends at full speed along the path. With --acceleration it goes from rest to rest"
-        in text
+        "begins and ends at full speed along the path. With --acceleration it goes from rest to "
+        "rest" in text
     )
 
 
@@ -102,8 +102,8 @@ def test_the_motion_that_follow_writes_is_at_full_speed_at_both_ends(
     monkeypatch.chdir(tmp_path)
     out, _ = printed(capsys, "follow", "ppr", "--strategy", "pseudoinverse", "--csv", "m.csv")
     assert (
-        "note: the motion begins and ends at full speed along the path; a robot at rest needs a ramp\n"
-        in out
+        "note: the motion begins and ends at full speed along the path; a robot at rest needs a "
+        "ramp\n" in out
     )
     rows = np.genfromtxt("m.csv", delimiter=",", names=True)
     speed = np.linalg.norm(

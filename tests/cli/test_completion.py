@@ -25,7 +25,8 @@ def offered(folder: Path, *words: str) -> set[str]:
     quoted = " ".join(f"'{word}'" for word in ("repctl", *words))
     program = (
         f"source complete.bash; COMP_WORDS=({quoted}); COMP_CWORD={len(words)}; "
-        "$(complete -p repctl | sed 's/.*-F \\([^ ]*\\) .*/\\1/') repctl; printf '%s\\n' \"${COMPREPLY[@]}\""
+        "$(complete -p repctl | sed 's/.*-F \\([^ ]*\\) .*/\\1/') repctl; printf '%s\\n' "
+        '"${COMPREPLY[@]}"'
     )
     done = subprocess.run(
         ["bash", "-c", program], cwd=folder, capture_output=True, text=True, timeout=30

@@ -207,8 +207,12 @@ def test_an_endless_design_is_refused_at_once(tmp_path: Path, node) -> None:
     (tmp_path / "x.json").symlink_to(node("zero"))
     os.mkfifo(tmp_path / "y.json")
     os.mkfifo(tmp_path / "loop.csv")
-    for arguments in (["follow", "x.json"], ["check", "y.json"], ["animate", "ppr", "--motion", "loop.csv"],
-                      ["study", "ppr", "--path", "loop.csv"]):  # fmt: skip
+    for arguments in (
+        ["follow", "x.json"],
+        ["check", "y.json"],
+        ["animate", "ppr", "--motion", "loop.csv"],
+        ["study", "ppr", "--path", "loop.csv"],
+    ):
         done = repctl(*arguments, cwd=tmp_path)
         assert (
             done.returncode == 2

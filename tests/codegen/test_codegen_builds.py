@@ -260,6 +260,7 @@ def test_10000_cycles_have_no_trend_and_end_where_python_does(
         for target, twist in ways:
             q = inverse.step(q, target, 0.01, twist, leaf=leaf)
     print(
-        f"C and Python {np.abs(q - ends[-1]).max():.1e} apart, drift {np.abs(q - Q_PANDA).max():.1e}"
+        f"C and Python {np.abs(q - ends[-1]).max():.1e} apart, drift "
+        f"{np.abs(q - Q_PANDA).max():.1e}"
     )
     assert np.abs(q - ends[-1]).max() < 1e-9

@@ -576,8 +576,12 @@ def test_singularities_in_the_cost_are_kept_away(tmp_path: Path) -> None:
         rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, sigma_min=a, **small)
         for a in (0.0, 0.9)
     )
-    least = [np.linalg.svd(task.jacobians(d.function.batch(cell.sample(200, 31))), compute_uv=False).min()
-             for d in (free, kept)]  # fmt: skip
+    least = [
+        np.linalg.svd(
+            task.jacobians(d.function.batch(cell.sample(200, 31))), compute_uv=False
+        ).min()
+        for d in (free, kept)
+    ]
     assert least[0] < 0.6 and least[1] > 0.85 and kept.extra_speed < 0.01
 
 

@@ -330,9 +330,13 @@ def test_rms_speed_is_a_mean_over_time() -> None:
     task = rp.Robot.load("ppr").task("tool", "xy")
     T = np.diag([1.0, 1.0, 1e6])  # θ₃ hardly moves: q̇ = (ẋ, ẏ, 0)
     motion = rp.follow(
-        rp.WeightedInverse(task, T @ T), rp.polygon(task, np.zeros(3), [(2, 0, 0), (2, 1, 0), (0, 1, 0)]), np.zeros(3),
-        cycles=1, steps=60, period=6.0,
-    )  # fmt: skip
+        rp.WeightedInverse(task, T @ T),
+        rp.polygon(task, np.zeros(3), [(2, 0, 0), (2, 1, 0), (0, 1, 0)]),
+        np.zeros(3),
+        cycles=1,
+        steps=60,
+        period=6.0,
+    )
     assert motion.rms_speed == pytest.approx(1.0, rel=1e-6)
     slow = motion.retimed(
         [0.5, 1e3, 1e3]

@@ -99,8 +99,14 @@ def test_ten_cycles_are_alike_but_the_first_and_the_last(ring) -> None:
             np.testing.assert_allclose(other, one, atol=1e-9)
     for s in (timed.q[0], timed.q[-1]):
         np.testing.assert_allclose(s, ring.q[0], atol=1e-7)
-    few = [rp.timed(replace(ring, cycles=k, q=ring.q[: 200 * k + 1], t=ring.t[: 200 * k + 1]), velocity=2.0,
-                    acceleration=6.0).duration for k in (1, 2, 3, 4)]  # fmt: skip
+    few = [
+        rp.timed(
+            replace(ring, cycles=k, q=ring.q[: 200 * k + 1], t=ring.t[: 200 * k + 1]),
+            velocity=2.0,
+            acceleration=6.0,
+        ).duration
+        for k in (1, 2, 3, 4)
+    ]
     np.testing.assert_allclose(
         np.diff(few)[1:], timed.cycle_time, atol=2.1e-3
     )  # each cycle more takes one more
@@ -385,10 +391,17 @@ def test_a_path_keeps_its_own_times(panda_pose, panda_design, q_panda) -> None:
 
 def test_a_corner_keeps_its_time(planar) -> None:
     here = planar.placement(Q3)
-    corners = rp.waypoints(here.translation + [[0, 0, 0], [0.3, 0, 0], [0.3, 0.3, 0], [0, 0, 0]], here.rotation,
-                           times=[0, 2, 5, 9])  # fmt: skip
-    timed = rp.timed(rp.follow(closing(planar), corners, Q3, cycles=1, steps=200), velocity=2.0, acceleration=6.0,
-                     keep_times=True)  # fmt: skip
+    corners = rp.waypoints(
+        here.translation + [[0, 0, 0], [0.3, 0, 0], [0.3, 0.3, 0], [0, 0, 0]],
+        here.rotation,
+        times=[0, 2, 5, 9],
+    )
+    timed = rp.timed(
+        rp.follow(closing(planar), corners, Q3, cycles=1, steps=200),
+        velocity=2.0,
+        acceleration=6.0,
+        keep_times=True,
+    )
     assert timed.stops == 2 and timed.duration < 9.2
     still = timed.t[np.abs(timed.qdot).max(axis=1) < 1e-3]
     for t in (2, 5):
@@ -608,8 +621,20 @@ def test_follow_times_a_motion(tmp_path, monkeypatch, capsys) -> None:
         "--steps",
         "80",
     ]
-    data = told(capsys, *words, "--acceleration", "2,3,4", "--rate", "100", "--csv", "m.csv", "--yaml", "m.yaml",
-                "--profile", "p.png")  # fmt: skip
+    data = told(
+        capsys,
+        *words,
+        "--acceleration",
+        "2,3,4",
+        "--rate",
+        "100",
+        "--csv",
+        "m.csv",
+        "--yaml",
+        "m.yaml",
+        "--profile",
+        "p.png",
+    )
     assert (
         data["slowed_by"] is None and data["cycle_time"] == data["duration"] and data["stops"] == 3
     )

@@ -18,8 +18,20 @@ from repctl_pin.motion import fitting_circle, refuse_violations, violations_of
 from repctl_pin.show.page import TracedChain, playback_of, playback_page
 from repctl_pin.show.plots import drift_figure, joints_figure
 
-OUT = ["follow", "planar3r", "--strategy", "pseudoinverse", "--start", "6.2,1,-1.4", "--path", "circle:0.4:0",
-       "--plane", "xy", "--steps", "100"]  # fmt: skip
+OUT = [
+    "follow",
+    "planar3r",
+    "--strategy",
+    "pseudoinverse",
+    "--start",
+    "6.2,1,-1.4",
+    "--path",
+    "circle:0.4:0",
+    "--plane",
+    "xy",
+    "--steps",
+    "100",
+]
 """theta1 ends at 2π, where this circle takes it."""
 
 CELL = """<robot name="cell"><link name="room"/>
@@ -90,9 +102,28 @@ def test_no_file_for_a_robot_beyond_the_limits(tmp_path, monkeypatch, capsys) ->
 def follow_past(post: tuple[float, float], folder: Path) -> list[str]:
     """A circle of the chain's tip about (2.1, 0.9), from (2.4, 0.9), with a post in the room."""
     (folder / "cell.urdf").write_text(CELL.format(x=post[0], y=post[1]))
-    return ["follow", str(chain_with_bodies(folder)), "--frame", "tip", "--task", "xy", "--strategy", "pseudoinverse",
-            "--start", "0.2,0.5,0.3", "--path", "circle:0.2:0", "--plane", "xy", "--steps", "100", "--cycles", "2",
-            "--surroundings", str(folder / "cell.urdf")]  # fmt: skip
+    return [
+        "follow",
+        str(chain_with_bodies(folder)),
+        "--frame",
+        "tip",
+        "--task",
+        "xy",
+        "--strategy",
+        "pseudoinverse",
+        "--start",
+        "0.2,0.5,0.3",
+        "--path",
+        "circle:0.2:0",
+        "--plane",
+        "xy",
+        "--steps",
+        "100",
+        "--cycles",
+        "2",
+        "--surroundings",
+        str(folder / "cell.urdf"),
+    ]
 
 
 def test_surroundings_must_not_be_touched(tmp_path, capsys) -> None:

@@ -41,7 +41,8 @@ WRITES = {
     "study my_arm.urdf --report": STUDY | {"repctl-out/my_arm/report.html"},
     "study my_arm.urdf --frame tool0 --task pose --path circle:0.1 --plane yz --cycles 20": STUDY,
     "study my_arm.urdf --path loop.csv": STUDY,
-    "follow repctl-out/my_arm/control.json --robot my_arm.urdf --csv motion.csv --yaml trajectory.yaml": {
+    "follow repctl-out/my_arm/control.json --robot my_arm.urdf --csv motion.csv --yaml "
+    "trajectory.yaml": {
         "motion.csv",
         "trajectory.yaml",
     },

@@ -250,7 +250,8 @@ def test_baxters_padded_neighbours_are_named_and_left_out() -> None:
 def test_no_shape_is_dropped_however_many_there_are(chain: rp.Task, tmp_path: Path) -> None:
     """1,500 boxes far away, then one on the tip's ball."""
     far = [
-        f'<collision><origin xyz="0 {20 + k} 0"/><geometry><box size="1 1 1"/></geometry></collision>'
+        f'<collision><origin xyz="0 {20 + k} 0"/><geometry><box size="1 1 1"/></geometry>'
+        f"</collision>"
         for k in range(1500)
     ]
     near = '<collision><origin xyz="3 0 0"/><geometry><box size="1 1 1"/></geometry></collision>'

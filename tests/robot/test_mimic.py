@@ -35,8 +35,18 @@ def arm(folder: Path, mimics: dict[int, str], n: int = 7, **joints: dict[str, ob
         }
         values |= joints.get(f"j{i}", {})
         mimic = f"<mimic {mimics[i]}/>" if i in mimics else ""
-        lines.append(JOINT.format(name=f"j{i}", parent=parent, child=f"l{i}", xyz=xyz, rpy=rpy, axis=axis, mimic=mimic,
-                                  **values))  # fmt: skip
+        lines.append(
+            JOINT.format(
+                name=f"j{i}",
+                parent=parent,
+                child=f"l{i}",
+                xyz=xyz,
+                rpy=rpy,
+                axis=axis,
+                mimic=mimic,
+                **values,
+            )
+        )
         parent = f"l{i}"
     path = folder / "arm.urdf"
     path.write_text("\n".join([*lines, "</robot>"]))

@@ -361,7 +361,8 @@ def test_controls_work_when_clicked(driver: Any, tmp_path: Path) -> None:
     bars = cards[0].find_element("css selector", ".bars canvas")
     driver.execute_script(
         "const [c] = arguments, {left, top, width} = c.getBoundingClientRect(), half = width / 16;"
-        "c.dispatchEvent(new MouseEvent('click', {bubbles: true, clientX: left + half, clientY: top + 5}))",
+        "c.dispatchEvent(new MouseEvent('click', {bubbles: true, clientX: left + half, clientY: "
+        "top + 5}))",
         bars,
     )
     assert driver.execute_script("return repctl.time") == 1
@@ -411,7 +412,8 @@ def test_it_opens_on_the_end_walks_the_cycles_and_runs(driver: Any, tmp_path: Pa
     )
     watch = (
         "window.seen = []; (function look() { requestAnimationFrame(look);"
-        "if (window.repctl && repctl.ready && seen.at(-1) !== repctl.time) seen.push(repctl.time); })()"
+        "if (window.repctl && repctl.ready && seen.at(-1) !== repctl.time) "
+        "seen.push(repctl.time); })()"
     )
     watching = driver.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument", {"source": watch})
     driver.get("about:blank")
@@ -446,9 +448,11 @@ def every_word_is_read(driver: Any, axe: Any) -> None:
     assert found == [], [(v["id"], [n["html"] for n in v["nodes"]]) for v in found]
     assert driver.execute_script("return document.documentElement.scrollWidth <= window.innerWidth")
     cut = driver.execute_script(
-        "return [...document.querySelectorAll('.name, .past, .tiles dd, #verdict, .card :is(h2, p, figcaption)')]"
+        "return [...document.querySelectorAll('.name, .past, .tiles dd, #verdict, .card :is(h2, "
+        "p, figcaption)')]"
         ".filter("
-        "(n) => n.scrollWidth > n.clientWidth || n.getBoundingClientRect().right > window.innerWidth)"
+        "(n) => n.scrollWidth > n.clientWidth || n.getBoundingClientRect().right > "
+        "window.innerWidth)"
         ".map((n) => n.textContent)"
     )
     assert cut == []
@@ -456,7 +460,8 @@ def every_word_is_read(driver: Any, axe: Any) -> None:
 
 def labels_are_in_their_panes(driver: Any) -> None:
     labels = driver.execute_script(
-        "return [...document.querySelectorAll('.pane')].map((p) => [p, p.firstElementChild].map((n) => {"
+        "return [...document.querySelectorAll('.pane')].map((p) => [p, "
+        "p.firstElementChild].map((n) => {"
         "const r = n.getBoundingClientRect(); return [r.left, r.top, r.right, r.bottom]; }))"
     )
     for frame, label in np.array(labels):

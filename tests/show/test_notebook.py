@@ -26,7 +26,8 @@ CELLS = (
     "rp.inline(study, height=500)",
     "from repctl_pin.show.plots.motions import drawn, drift_figure, drift_over_cycles",
     "rp.inline(drift_figure(drawn(study), 'Drift'))",
-    "import matplotlib.pyplot as plt\nax = drift_over_cycles(plt.figure().add_subplot(), drawn(study))",
+    "import matplotlib.pyplot as plt\nax = drift_over_cycles(plt.figure().add_subplot(), "
+    "drawn(study))",
 )
 
 

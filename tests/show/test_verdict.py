@@ -50,7 +50,8 @@ LIMITS = "Joint limits respected."
         ),
         (  # a wrist that has turned while the elbow hardly moved
             [replace(J, creep=0.043, turn=(3.72, "left_w0")), OURS],
-            "Elbow and joint displacement after 10 cycles: 4.3 cm, left_w0 3.7 rad (J⁺) → 0 (repeatable). "
+            "Elbow and joint displacement after 10 cycles: 4.3 cm, left_w0 3.7 rad (J⁺) → 0 "
+            "(repeatable). "
             f"{SPEED} {LIMITS}",
         ),
         (
@@ -58,7 +59,8 @@ LIMITS = "Joint limits respected."
                 replace(J, creep=0.043, turn=(3.72, "left_w0")),
                 replace(OURS, creep=0.002, turn=(0.02, "left_w1")),
             ],
-            "Elbow and joint displacement after 10 cycles: 4.3 cm, left_w0 3.7 rad (J⁺) → 2 mm, left_w1 0.02 rad "
+            "Elbow and joint displacement after 10 cycles: 4.3 cm, left_w0 3.7 rad (J⁺) → 2 mm, "
+            "left_w1 0.02 rad "
             f"(repeatable). {SPEED} {LIMITS}",
         ),
         (  # what the elbow shows already
@@ -72,7 +74,8 @@ LIMITS = "Joint limits respected."
         ([J, J], f"Elbow displacement after 10 cycles: 45 cm. {SPEED} {LIMITS}"),
         (
             [replace(J, haste=1.31), OURS],
-            f"{ELBOW} {SPEED} Speed limits: up to 1.3 times the limit (J⁺) → respected (repeatable). {LIMITS}",
+            f"{ELBOW} {SPEED} Speed limits: up to 1.3 times the limit (J⁺) → respected "
+            f"(repeatable). {LIMITS}",
         ),
     ],
 )
@@ -84,7 +87,8 @@ def test_a_lost_path_is_said_first_and_speeds_are_not_compared_then() -> None:
     lost = replace(J, path_loss=(3, 0.572, 0.0))
     told = verdict([lost, OURS], 10)
     assert told.sentence.startswith(
-        "End effector: leaves the path in cycle 3, by up to 57 cm (J⁺) → on the path (repeatable). Elbow displacement"
+        "End effector: leaves the path in cycle 3, by up to 57 cm (J⁺) → on the path "
+        "(repeatable). Elbow displacement"
     )
     assert "Joint speed, relative to J⁺: not compared, since the path is left." in told.sentence
     assert told.tiles[0].name == "End effector" and told.tiles[0].bad
@@ -142,8 +146,10 @@ def test_a_studys_verdict_holds_its_motions_numbers() -> None:
         np.sqrt(np.sum(np.diff(closed.q, axis=0) ** 2) / np.sum(np.diff(plain.q, axis=0) ** 2)) - 1
     )
     assert study_verdict(study).sentence == (
-        f"Elbow displacement after 2 cycles: {metres(np.linalg.norm(ends[1] - ends[0]))} (J⁺) → 0 (repeatable). "
-        f"Joint speed, relative to J⁺: {percent(once)} in cycle 1, {percent(overall)} over 2 cycles. {LIMITS}"
+        f"Elbow displacement after 2 cycles: {metres(np.linalg.norm(ends[1] - ends[0]))} (J⁺) → 0 "
+        f"(repeatable). "
+        f"Joint speed, relative to J⁺: {percent(once)} in cycle 1, {percent(overall)} over 2 "
+        f"cycles. {LIMITS}"
     )
     rows = tuple(
         replace(r, motion=None, stopped="why") if r.key == "pseudoinverse" else r

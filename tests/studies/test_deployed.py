@@ -91,7 +91,8 @@ def test_ten_arms(arm: str, tmp_path, monkeypatch, capsys) -> None:
     for way, found in zip(("study", "design"), deployed(arm, capsys), strict=True):
         with capsys.disabled():
             print(
-                f"\n{arm:9s} {way:6s} {found['path']}, {found['duration']:.3g} s: outside {found['outside']:.1%}"
+                f"\n{arm:9s} {way:6s} {found['path']}, {found['duration']:.3g} s: outside "
+                f"{found['outside']:.1%}"
             )
 
 

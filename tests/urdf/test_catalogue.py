@@ -37,11 +37,33 @@ PLANAR = {
 }
 # joints of the chain to the default frame
 JOINTS = {
-    "ppr": 3, "prr": 3, "planar3r": 3, "planar4r": 4, "planar7r": 7,
-    "panda": 7, "xarm7": 7, "baxter": 7, "tiago": 8, "tiago_dual": 8, "tiago_pro": 8, "pr2": 8, "talos": 9,
-    "kinova": 6, "ur3": 6, "ur5": 6, "ur10": 6, "z1": 6, "so100": 5, "so101": 5, "romeo": 8, "icub": 10, "g1": 10,
-    "centauro": 7, "anymal_kinova": 6, "b1_z1": 6,
-}  # fmt: skip
+    "ppr": 3,
+    "prr": 3,
+    "planar3r": 3,
+    "planar4r": 4,
+    "planar7r": 7,
+    "panda": 7,
+    "xarm7": 7,
+    "baxter": 7,
+    "tiago": 8,
+    "tiago_dual": 8,
+    "tiago_pro": 8,
+    "pr2": 8,
+    "talos": 9,
+    "kinova": 6,
+    "ur3": 6,
+    "ur5": 6,
+    "ur10": 6,
+    "z1": 6,
+    "so100": 5,
+    "so101": 5,
+    "romeo": 8,
+    "icub": 10,
+    "g1": 10,
+    "centauro": 7,
+    "anymal_kinova": 6,
+    "b1_z1": 6,
+}
 
 
 @pytest.mark.parametrize("name", NAMES)

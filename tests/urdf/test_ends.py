@@ -37,7 +37,8 @@ def joint(
         else ""
     )
     return (
-        f'<link name="{child}"/><joint name="{name or "to_" + child}" type="{kind}"><parent link="{parent}"/>'
+        f'<link name="{child}"/><joint name="{name or "to_" + child}" type="{kind}"><parent '
+        f'link="{parent}"/>'
         f'<child link="{child}"/><origin xyz="0.1 0 0"/><axis xyz="{axis}"/>{limit}{more}</joint>'
     )
 
@@ -302,8 +303,8 @@ def test_inspect_lists_the_ends_with_their_places(
     x, y, z = (f"{v:.4f}" for v in found["frames"]["tool0"]["position"])
     assert ["tool0", "(default)", "7", x, y, z] in [line.split() for line in lines]
     assert (
-        "x, y, z in m from the base, at the reference pose; choose one with --frame; --all lists 8 more"
-        in lines
+        "x, y, z in m from the base, at the reference pose; choose one with --frame; --all lists "
+        "8 more" in lines
     )
     assert any(line.startswith("frame tool0, moved by 7: to_l1, ") for line in lines)
 

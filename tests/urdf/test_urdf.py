@@ -526,8 +526,8 @@ def test_a_joint_that_shares_its_name_with_a_link_can_be_locked(tmp_path: Path) 
 def test_a_leader_without_its_prefix_is_found_and_said() -> None:
     d = read_urdf(find("alex_psyonic").urdf)
     assert (
-        "joint 'Left_index_q2' mimics 'index_q1', which is not in this file: read as 'Left_index_q1'"
-        in d.notes
+        "joint 'Left_index_q2' mimics 'index_q1', which is not in this file: read as "
+        "'Left_index_q1'" in d.notes
     )
     followers = {j.name: j.mimic for j in d.joints if j.mimic is not None}
     assert (
@@ -607,7 +607,8 @@ KIND = {
     "xacro": (
         robot(links("a", "b"), '<xacro:property name="x" value="${pi}"/><xacro:arm/>', joint()),
         [
-            "ignored: <xacro:property>, <xacro:arm> in line 3, left over from xacro; what it would add is not here"
+            "ignored: <xacro:property>, <xacro:arm> in line 3, left over from xacro; what it "
+            "would add is not here"
         ],
     ),
 }

@@ -93,13 +93,15 @@ def _urdf(joints: Iterable[Joint], tool: pin.SE3) -> str:
         kind = ("revolute" if bounded else "continuous") if turns else "prismatic"
         ends = f'lower="{low:.17g}" upper="{high:.17g}" ' if bounded else ""
         parts.append(
-            f'<link name="link_{name}">{inertia}</link><joint name="{name}" type="{kind}"><parent link="{parent}"/>'
+            f'<link name="link_{name}">{inertia}</link><joint name="{name}" type="{kind}"><parent '
+            f'link="{parent}"/>'
             f'<child link="link_{name}"/>{_origin(placement)}<axis xyz="{_numbers(axis)}"/>'
             f'<limit {ends}effort="1" velocity="{speed:.17g}"/></joint>'
         )
         parent = f"link_{name}"
     parts.append(
-        f'<link name="tool">{inertia}</link><joint name="to_tool" type="fixed"><parent link="{parent}"/>'
+        f'<link name="tool">{inertia}</link><joint name="to_tool" type="fixed"><parent '
+        f'link="{parent}"/>'
         f'<child link="tool"/>{_origin(tool)}</joint>'
     )
     return '<?xml version="1.0"?>\n<robot name="chain">\n' + "\n".join(parts) + "\n</robot>\n"
