@@ -42,7 +42,8 @@ def planar_urdf(lengths: Sequence[float], *, range_: float = 7.0) -> str:
         f'<joint name="tip" type="fixed"><parent link="{parent}"/><child link="tool"/>'
         f'<origin xyz="{offset} 0 0"/></joint>'
     )
-    return f'<?xml version="1.0"?>\n<robot name="planar">\n{"".join(links)}\n{"".join(joints)}\n</robot>\n'
+    parts = ('<?xml version="1.0"?>', '<robot name="planar">', "".join(links), "".join(joints))
+    return "\n".join((*parts, "</robot>", ""))
 
 
 def planar_task(lengths: Sequence[float], folder: Path) -> rp.Task:
@@ -74,7 +75,8 @@ def spatial_urdf(n: int, seed: int) -> str:
         f'<joint name="tip" type="fixed"><parent link="{parent}"/><child link="tool"/>'
         '<origin xyz="0.3 0.1 0.2"/></joint>'
     )
-    return f'<?xml version="1.0"?>\n<robot name="spatial">\n{"".join(links)}\n{"".join(joints)}\n</robot>\n'
+    parts = ('<?xml version="1.0"?>', '<robot name="spatial">', "".join(links), "".join(joints))
+    return "\n".join((*parts, "</robot>", ""))
 
 
 def spatial_task(n: int, folder: Path, *, kind: str = "position", seed: int = 0) -> rp.Task:
@@ -87,7 +89,10 @@ def spatial_task(n: int, folder: Path, *, kind: str = "position", seed: int = 0)
 def chain_with_bodies(folder: Path) -> Path:
     """Three unit links in a plane; balls of 0.1 m at the root and at the tip, and a mesh that is
     not there."""
-    link = '<link name="{}"><collision><origin xyz="{} 0 0"/><geometry>{}</geometry></collision></link>'
+    link = (
+        '<link name="{}"><collision><origin xyz="{} 0 0"/>'
+        "<geometry>{}</geometry></collision></link>"
+    )
     joint = (
         '<joint name="j{}" type="revolute"><parent link="{}"/><child link="{}"/><origin xyz="{} 0 '
         '0"/>'

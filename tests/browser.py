@@ -52,7 +52,8 @@ window.awake = true;
 const { viewer, picture } = repctl, draw = viewer.render;
 viewer.scene.traverse((node) => { if (node.isLight) node.castShadow = false; });
 viewer.render = () => {};
-repctl.picture = () => { viewer.render = draw; try { return picture(); } finally { viewer.render = () => {}; } };
+repctl.picture = () => { viewer.render = draw;
+  try { return picture(); } finally { viewer.render = () => {}; } };
 """
 """A picture costs a second in software: none is drawn but those that are asked for, and without
 shadows."""

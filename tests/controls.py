@@ -40,7 +40,8 @@ IIWA = """<?xml version="1.0"?>
 <joint name="world_fixed" type="fixed"><parent link="world"/><child link="lbr_iiwa_link_0"/>
 <origin xyz="0.1 0 0"/></joint>
 {joints}
-<link name="flange"/><joint name="flange_fixed" type="fixed"><parent link="lbr_iiwa_link_7"/><child link="flange"/>
+<link name="flange"/><joint name="flange_fixed" type="fixed"><parent link="lbr_iiwa_link_7"/>
+<child link="flange"/>
 <origin rpy="0 0 0.3" xyz="0 0 0.045"/></joint></robot>"""
 """An arm written as pybullet's data are: rounded right angles, a fixed joint at either end."""
 

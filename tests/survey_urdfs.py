@@ -63,13 +63,16 @@ MOVING = re.compile(rb'<joint[^>]*type\s*=\s*["\'](revolute|continuous|prismatic
 
 HEAD = """# Tried on robots that others wrote
 
-`repctl study FILE`, nothing else, on URDFs of {count} packages of PyPI: {of} of the {all} different files with three or
-more movable joints. {date}, repctl_pin {version}, Pinocchio {pinocchio}, {seconds} s of processor time and
+`repctl study FILE`, nothing else, on URDFs of {count} packages of PyPI: {of} of the {all} \
+different files with three or
+more movable joints. {date}, repctl_pin {version}, Pinocchio {pinocchio}, {seconds} s \
+of processor time and
 {gigabytes} GB allowed. Written by `python tests/survey_urdfs.py --table docs/tried.md`.
 
 **{summary}**
 
-What a study says first: how far the elbow is from where it was after ten cycles of J⁺, and of ours; what ours costs in
+What a study says first: how far the elbow is from where it was after ten cycles of J⁺, \
+and of ours; what ours costs in
 joint speed; limits and bodies, J⁺'s before the arrow where they differ. The other lines are
 refusals, as `study` explains them. s: processor time on a busy virtual machine, for `study` alone.
 
@@ -226,7 +229,8 @@ def table(found: dict[str, dict[str, Outcome]], folder: Path, every: int, second
         for path in sorted(path for path in found if path.partition("/")[0] == package):
             end = found[path]["study"]
             words = f"**fault** {end.words}" if end.kind == "fault" else end.words
-            text += f"| {'/'.join(path.split('/')[-2:])} | {words.replace('|', '·')} | {end.seconds:.0f} |\n"
+            name = "/".join(path.split("/")[-2:])
+            text += f"| {name} | {words.replace('|', '·')} | {end.seconds:.0f} |\n"
         text += "\n"
     return text.rstrip() + "\n"
 

@@ -114,12 +114,16 @@ ARM = """<robot name="arm"><material name="red"><color rgba="1 0 0 1"/></materia
 <material name="red"/></visual></link>
 <link name="l2"><visual><geometry><mesh filename="m.stl" scale="1 1 1"/></geometry></visual></link>
 <link name="l3"><collision><geometry><sphere radius="1"/></geometry></collision></link>
-<joint name="j1" type="revolute"><parent link="l0"/><child link="l1"/><origin xyz="0 0 1" rpy="0 0 1"/>
-<axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="1" velocity="1"/><dynamics damping="1" friction="1"/></joint>
-<joint name="j2" type="prismatic"><parent link="l1"/><child link="l2"/><origin xyz="0 1 1"/><axis xyz="0 0 1"/>
+<joint name="j1" type="revolute"><parent link="l0"/><child link="l1"/>
+<origin xyz="0 0 1" rpy="0 0 1"/>
+<axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="1" velocity="1"/>
+<dynamics damping="1" friction="1"/></joint>
+<joint name="j2" type="prismatic"><parent link="l1"/><child link="l2"/><origin xyz="0 1 1"/>
+<axis xyz="0 0 1"/>
 <limit lower="-1" upper="2" effort="1" velocity="1"/></joint>
 <joint name="j3" type="revolute"><parent link="l2"/><child link="l3"/><axis xyz="1 0 0"/>
-<limit lower="-3" upper="3" effort="1" velocity="1"/><mimic joint="j1" multiplier="0.5" offset="0.1"/></joint>
+<limit lower="-3" upper="3" effort="1" velocity="1"/>
+<mimic joint="j1" multiplier="0.5" offset="0.1"/></joint>
 </robot>"""
 
 

@@ -79,7 +79,8 @@ int main(int argc, char **argv) {
                 if (round == 0 || took < times[k]) times[k] = took;
             }
         qsort(times, 1000000, sizeof times[0], ascending);
-        printf(" %.4f %.4f %.4f", (double)times[500000], (double)times[999900], (double)times[999999]);
+        printf(" %.4f %.4f %.4f", (double)times[500000], (double)times[999900],
+               (double)times[999999]);
     }
     return sum == 12345.0;
 }

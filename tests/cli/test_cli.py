@@ -245,7 +245,8 @@ sys.argv = ["repctl", "check", "ppr", "--json"]
 from repctl_pin.cli import main
 main()
 from threadpoolctl import threadpool_info
-print({pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}, file=sys.stderr)
+blas = [pool for pool in threadpool_info() if pool["user_api"] == "blas"]
+print({pool["num_threads"] for pool in blas}, file=sys.stderr)
 """
     environment = {
         name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")

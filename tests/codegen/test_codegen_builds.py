@@ -150,12 +150,15 @@ int main() {
     using namespace panda_control;
     const Joints q = @q;
     Pose pose; Leaf c; Joints qdot, next; std::array<double, coordinates * joints> J; Report report;
-    if (placement(q, pose) != Status::ok || leaf(q, c) != Status::ok || jacobian(q, J) != Status::ok) return 1;
+    if (placement(q, pose) != Status::ok || leaf(q, c) != Status::ok ||
+        jacobian(q, J) != Status::ok) return 1;
     if (inside(q) != Status::ok || inside(Joints{}) != Status::outside) return 2;
     if (velocity(q, Rates{0.1, 0, 0, 0, 0, 0.2}, qdot) != Status::ok) return 3;
     if (velocity(Joints{std::nan("")}, Rates{}, qdot) != Status::bad_number) return 4;
-    const Pose same = from_columns({pose.R[0], pose.R[3], pose.R[6], 0, pose.R[1], pose.R[4], pose.R[7], 0,
-                                    pose.R[2], pose.R[5], pose.R[8], 0, pose.p[0], pose.p[1], pose.p[2], 1});
+    const Pose same = from_columns({pose.R[0], pose.R[3], pose.R[6], 0,
+                                    pose.R[1], pose.R[4], pose.R[7], 0,
+                                    pose.R[2], pose.R[5], pose.R[8], 0,
+                                    pose.p[0], pose.p[1], pose.p[2], 1});
     const Options options = defaults();
     const Twist twist{0.1, 0, 0, 0, 0, 0.2};
     if (step(q, same, 0.001, &twist, &c, &options, &report, next) != Status::ok) return 5;

@@ -187,7 +187,8 @@ def test_limits_that_are_not_kept_are_not_written(tmp_path: Path) -> None:
 KNOWS = """
 #include "arm.h"
 #include <stdio.h>
-static void step(const double q[ARM_N], const arm_pose *target, const double *c, const arm_options *options)
+static void step(const double q[ARM_N], const arm_pose *target, const double *c,
+                 const arm_options *options)
 {
     double next[ARM_N];
     printf("%d ", (int)arm_step(q, target, 0.01, 0, c, options, 0, next));
@@ -200,7 +201,8 @@ int main(void)
     arm_options options;
     arm_defaults(&options);
     printf("%d %d %d ", options.stay_inside, (int)arm_inside(in), (int)arm_inside(out));
-    step(in, &middle, 0, 0), step(out, &middle, 0, 0), step(edge, &beyond, c, 0), step(edge, &beyond, c, &options);
+    step(in, &middle, 0, 0), step(out, &middle, 0, 0), step(edge, &beyond, c, 0);
+    step(edge, &beyond, c, &options);
     options.stay_inside = 0;
     step(out, &middle, 0, &options), step(edge, &beyond, c, &options), step(in, &scaled, 0, 0);
     printf("%d", (int)arm_F(&scaled, 0, q));

@@ -106,8 +106,16 @@ def test_bad_steps_get_the_same_line(
 
 
 @NEEDS_C
-@pytest.mark.parametrize("q, xdot", [(np.zeros(6), np.ones(6)), (np.zeros(7), np.ones(5)), (np.zeros(7), 1.0),
-                                     (np.full(7, np.nan), np.ones(6)), (np.zeros(7), np.full(6, np.inf))])  # fmt: skip
+@pytest.mark.parametrize(
+    "q, xdot",
+    [
+        (np.zeros(6), np.ones(6)),
+        (np.zeros(7), np.ones(5)),
+        (np.zeros(7), 1.0),
+        (np.full(7, np.nan), np.ones(6)),
+        (np.zeros(7), np.full(6, np.inf)),
+    ],
+)
 def test_bad_velocities_get_the_same_line(q, xdot, panda_design: rp.Design) -> None:
     said = []
     for one in (panda_design.inverse, rp.compiled(panda_design.inverse)):

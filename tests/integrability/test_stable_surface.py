@@ -19,7 +19,10 @@ def wrapped(angle: np.ndarray) -> np.ndarray:
 
 def slide_task(length: float, folder: Path) -> rp.Task:
     """The paper's PRR arm with links of any length."""
-    joint = '<joint name="{0}" type="{1}"><parent link="{0}a"/><child link="{2}a"/><origin xyz="{3} 0 0"/>'
+    joint = (
+        '<joint name="{0}" type="{1}"><parent link="{0}a"/><child link="{2}a"/>'
+        '<origin xyz="{3} 0 0"/>'
+    )
     turning = '<axis xyz="0 0 1"/>'
     limit = '<limit lower="{}" upper="{}" effort="1" velocity="1"/></joint>'
     text = "".join(f'<link name="{name}a"/>' for name in ("d", "t", "u", "tip", "tool"))

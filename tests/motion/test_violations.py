@@ -35,8 +35,10 @@ OUT = [
 """theta1 ends at 2π, where this circle takes it."""
 
 CELL = """<robot name="cell"><link name="room"/>
-<link name="post"><collision><geometry><cylinder radius="0.1" length="1"/></geometry></collision></link>
-<joint name="there" type="fixed"><parent link="room"/><child link="post"/><origin xyz="{x} {y} 0"/></joint></robot>"""
+<link name="post"><collision><geometry><cylinder radius="0.1" length="1"/></geometry></collision>
+</link>
+<joint name="there" type="fixed"><parent link="room"/><child link="post"/>
+<origin xyz="{x} {y} 0"/></joint></robot>"""
 
 
 def test_the_first_limit_and_the_first_touch_in_order(

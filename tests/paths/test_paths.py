@@ -76,9 +76,7 @@ def test_a_path_closes_and_its_twist_is_its_slope(case: str, panda_pose, q_panda
         )
 
 
-def test_the_orientation_of_waypoints_is_met_and_turns_without_a_jump_of_its_rate_or_acceleration() -> (
-    None
-):
+def test_the_orientation_of_waypoints_is_met_and_turns_without_a_jump_of_rate() -> None:
     path = rp.waypoints(LOOP, TILTS)
     knots = [0.0, *path.breaks, 1.0]
     for s, R in zip(knots, TILTS.as_matrix(), strict=True):

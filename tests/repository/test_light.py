@@ -48,7 +48,8 @@ leaf, path = design.inverse.leaf(q0), rp.circle(task, q0, 0.05)
 for k in range(400):
     q = design.inverse.step(q, path.placement((k + 1) / 200 % 1), 0.01, leaf=leaf)
 assert np.abs(q - q0).max() < 1e-3, q - q0
-again = rp.nearest_repeatable(rp.Pseudoinverse(task), None, rp.Box(q0, 0.2), degree=1, samples=64, held_out=64)
+plain, box = rp.Pseudoinverse(task), rp.Box(q0, 0.2)
+again = rp.nearest_repeatable(plain, None, box, degree=1, samples=64, held_out=64)
 motion = rp.follow(again.inverse, path, q0, cycles=1, steps=50)
 assert motion.drift[0] < 1e-6
 rp.export_c(design.inverse, "c")
@@ -56,7 +57,7 @@ for ask in (
     lambda: rp.animation({"it": motion}),
     lambda: __import__("repctl_pin.show.plots.designs"),
     lambda: rp.timed(motion, acceleration=5.0),
-    lambda: rp.nearest_repeatable(rp.Pseudoinverse(task), None, rp.Box(q0, 0.2), degree=1, progress=True),
+    lambda: rp.nearest_repeatable(plain, None, box, degree=1, progress=True),
     lambda: rp.Bodies(rp.Robot.load("panda").task()).nearest(np.zeros(7)),
 ):
     try:

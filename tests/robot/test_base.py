@@ -104,9 +104,11 @@ def test_a_relative_cycle_closes(baxter: rp.Robot) -> None:
 
 
 PLANAR = """<robot name="rover"><link name="world"/><link name="cart"/><link name="tool"/>
-<joint name="drive" type="{kind}"><parent link="world"/><child link="cart"/><origin xyz="0 0 0.2" rpy="0.1 0.2 0.3"/>
+<joint name="drive" type="{kind}"><parent link="world"/><child link="cart"/>
+<origin xyz="0 0 0.2" rpy="0.1 0.2 0.3"/>
 <axis xyz="{axis}"/></joint>
-<joint name="arm" type="revolute"><parent link="cart"/><child link="tool"/><origin xyz="0.3 0.1 0.5"/>
+<joint name="arm" type="revolute"><parent link="cart"/><child link="tool"/>
+<origin xyz="0.3 0.1 0.5"/>
 <axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>"""
 
 

@@ -70,7 +70,8 @@ CELL = """<robot name="cell"><link name="room"/>
 <link name="base"><collision><geometry><sphere radius="0.25"/></geometry></collision></link>
 <joint name="there" type="{kind}"><parent link="room"/><child link="wall"/><origin xyz="3.6 0 0"/>
 <axis xyz="0 0 1"/></joint>
-<joint name="here" type="fixed"><parent link="room"/><child link="base"/><origin xyz="0 0 0.3"/></joint></robot>"""
+<joint name="here" type="fixed"><parent link="room"/><child link="base"/><origin xyz="0 0 0.3"/>
+</joint></robot>"""
 
 
 def test_surroundings_stand_where_their_root_is(chain: rp.Task, tmp_path: Path) -> None:

@@ -98,14 +98,18 @@ def test_placements_are_rigid_where_meshes_are_mirrored() -> None:
 
 ARM = """<robot name="arm">
   <link name="base"><visual><geometry>{base}</geometry></visual></link>
-  <joint name="turn" type="revolute"><parent link="base"/><child link="upper"/><origin xyz="0 0 0.4"/>
+  <joint name="turn" type="revolute"><parent link="base"/><child link="upper"/>
+<origin xyz="0 0 0.4"/>
     <axis xyz="0 1 0"/><limit lower="-2" upper="2" velocity="1" effort="1"/></joint>
-  <link name="upper"><visual><origin xyz="0 0 0.1" rpy="0.1 0.2 0.3"/><geometry>{upper}</geometry>{material}
+  <link name="upper"><visual><origin xyz="0 0 0.1" rpy="0.1 0.2 0.3"/>
+<geometry>{upper}</geometry>{material}
     </visual></link>
-  <joint name="slide" type="prismatic"><parent link="upper"/><child link="rod"/><origin xyz="0.3 0 0.1" rpy="0 0.5 0"/>
+  <joint name="slide" type="prismatic"><parent link="upper"/><child link="rod"/>
+<origin xyz="0.3 0 0.1" rpy="0 0.5 0"/>
     <axis xyz="1 0 0"/><limit lower="-0.1" upper="0.5" velocity="1" effort="1"/></joint>
   <link name="rod"><visual><geometry><box size="0.1 0.1 0.1"/></geometry></visual></link>
-  <joint name="end" type="fixed"><parent link="rod"/><child link="tool"/><origin xyz="0 0.2 0"/></joint>
+  <joint name="end" type="fixed"><parent link="rod"/><child link="tool"/><origin xyz="0 0.2 0"/>
+</joint>
   <link name="tool"/>
 </robot>"""
 BOX, BALL = '<box size="0.1 0.2 0.3"/>', '<sphere radius="0.05"/>'
@@ -243,8 +247,10 @@ def test_surroundings_are_drawn_where_they_stand(tmp_path: Path) -> None:
     are."""
     (tmp_path / "cell.urdf").write_text(
         """<robot name="cell"><link name="room"/>
-<link name="shelf"><collision><origin xyz="0 0 0.1"/><geometry><box size="0.4 1 0.02"/></geometry></collision></link>
-<joint name="at" type="fixed"><parent link="room"/><child link="shelf"/><origin xyz="0.5 0 0.4" rpy="0 1.5 0"/></joint>
+<link name="shelf"><collision><origin xyz="0 0 0.1"/><geometry><box size="0.4 1 0.02"/></geometry>
+</collision></link>
+<joint name="at" type="fixed"><parent link="room"/><child link="shelf"/>
+<origin xyz="0.5 0 0.4" rpy="0 1.5 0"/></joint>
 </robot>"""
     )
     robot = rp.Robot.load("panda", surroundings=tmp_path / "cell.urdf")

@@ -49,7 +49,8 @@ def test_results_print_in_words() -> None:
         acceleration=5.0,
         rate=100,
     )
-    said = f"<TimedMotion of 3 joints: {timed.duration:.4g} s from rest to rest, {len(timed.t)} samples>"
+    lasts = f"{timed.duration:.4g} s from rest to rest, {len(timed.t)} samples"
+    said = f"<TimedMotion of 3 joints: {lasts}>"
     assert repr(timed) == said and abs(len(timed.t) / 100 - timed.duration) < 0.05
 
 

@@ -95,30 +95,40 @@ def test_surfaces_are_as_large_as_pinocchios(name: str) -> None:
         )
 
 
-DAE = """<?xml version="1.0"?><COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
+DAE = """<?xml version="1.0"?>
+<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
 <asset><unit name="centimeter" meter="0.01"/><up_axis>Y_UP</up_axis></asset>
 <library_images><image id="i"><init_from>paint.png</init_from></image></library_images>
-<library_effects><effect id="red"><profile_COMMON><technique sid="c"><phong><diffuse><color>1 0 0 1</color></diffuse>
+<library_effects><effect id="red"><profile_COMMON><technique sid="c"><phong><diffuse>
+<color>1 0 0 1</color></diffuse>
 </phong></technique></profile_COMMON></effect>
-<effect id="pic"><profile_COMMON><newparam sid="s"><surface type="2D"><init_from>i</init_from></surface></newparam>
-<newparam sid="t"><sampler2D><source>s</source></sampler2D></newparam><technique sid="c"><phong><diffuse>
-<texture texture="t" texcoord="UV"/></diffuse></phong></technique></profile_COMMON></effect></library_effects>
+<effect id="pic"><profile_COMMON><newparam sid="s"><surface type="2D"><init_from>i</init_from>
+</surface></newparam>
+<newparam sid="t"><sampler2D><source>s</source></sampler2D></newparam><technique sid="c"><phong>
+<diffuse>
+<texture texture="t" texcoord="UV"/></diffuse></phong></technique></profile_COMMON></effect>
+</library_effects>
 <library_materials><material id="mr"><instance_effect url="#red"/></material>
 <material id="mp"><instance_effect url="#pic"/></material></library_materials>
 <library_geometries><geometry id="g"><mesh>
-<source id="p"><float_array id="pa" count="12">0 0 0 100 0 0 100 200 0 0 200 0</float_array><technique_common>
-<accessor source="#pa" count="4" stride="3"><param name="X" type="float"/><param name="Y" type="float"/>
+<source id="p"><float_array id="pa" count="12">0 0 0 100 0 0 100 200 0 0 200 0</float_array>
+<technique_common>
+<accessor source="#pa" count="4" stride="3"><param name="X" type="float"/>
+<param name="Y" type="float"/>
 <param name="Z" type="float"/></accessor></technique_common></source>
 <source id="u"><float_array id="ua" count="8">0 0 1 0 1 1 0 1</float_array><technique_common>
-<accessor source="#ua" count="4" stride="2"><param name="S" type="float"/><param name="T" type="float"/></accessor>
+<accessor source="#ua" count="4" stride="2"><param name="S" type="float"/>
+<param name="T" type="float"/></accessor>
 </technique_common></source><vertices id="v"><input semantic="POSITION" source="#p"/></vertices>
-<triangles material="a" count="1"><input semantic="VERTEX" source="#v" offset="0"/><p>0 1 2</p></triangles>
+<triangles material="a" count="1"><input semantic="VERTEX" source="#v" offset="0"/><p>0 1 2</p>
+</triangles>
 <triangles material="b" count="1"><input semantic="VERTEX" source="#v" offset="0"/>
 <input semantic="TEXCOORD" source="#u" offset="1" set="0"/><p>0 0 2 2 3 3</p></triangles>
 </mesh></geometry></library_geometries>
 <library_visual_scenes><visual_scene id="s"><node><translate>0 0 50</translate>
 <instance_geometry url="#g"><bind_material>
-<technique_common><instance_material symbol="a" target="#mr"/><instance_material symbol="b" target="#mp"/>
+<technique_common><instance_material symbol="a" target="#mr"/>
+<instance_material symbol="b" target="#mp"/>
 </technique_common></bind_material></instance_geometry></node></visual_scene></library_visual_scenes>
 <scene><instance_visual_scene url="#s"/></scene></COLLADA>"""
 

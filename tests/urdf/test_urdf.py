@@ -32,7 +32,8 @@ def joint(
     if limit:
         lower, upper = limit.split()
         body += f'<limit lower="{lower}" upper="{upper}" effort="1" velocity="1"/>'
-    return f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>{body}</joint>'
+    links = f'<parent link="{parent}"/><child link="{child}"/>'
+    return f'<joint name="{name}" type="{kind}">{links}{body}</joint>'
 
 
 def robot(*lines: str, head: str = '<robot name="r">') -> str:
@@ -65,7 +66,8 @@ def with_shape(shape: str) -> str:
 
 ONE_JOINT = robot(links("a", "b"), joint())
 BOMB = """<?xml version="1.0"?>
-<!DOCTYPE robot [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;"><!ENTITY c "&b;&b;&b;&b;&b;&b;">]>
+<!DOCTYPE robot [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;"><!ENTITY
+c "&b;&b;&b;&b;&b;&b;">]>
 <robot name="&c;"><link name="a"/></robot>"""
 XXE = BOMB.replace('<!ENTITY a "aaaaaaaaaa">', '<!ENTITY a SYSTEM "file:///etc/hostname">')
 
@@ -684,7 +686,8 @@ def test_a_mimic_of_a_fixed_joint_is_told(tmp_path: Path) -> None:
 XACRO = """<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">
 <xacro:property name="length" value="0.5"/>
 <xacro:macro name="arm" params="k"><link name="l${k}"/>
-<joint name="j${k}" type="revolute"><parent link="l${k - 1}"/><child link="l${k}"/><origin xyz="${2 * length} 0 0"/>
+<joint name="j${k}" type="revolute"><parent link="l${k - 1}"/><child link="l${k}"/>
+<origin xyz="${2 * length} 0 0"/>
 <limit lower="${-pi}" upper="${pi}" effort="1" velocity="1"/></joint></xacro:macro>
 <link name="l0"/><xacro:arm k="1"/><xacro:arm k="2"/></robot>"""
 
@@ -720,7 +723,10 @@ def test_other_encodings(tmp_path: Path, encoding: str) -> None:
 def test_namespaces_and_foreign_elements_are_left_behind(tmp_path: Path) -> None:
     path = tmp_path / "r.urdf"
     head = '<robot name="r" xmlns="http://ros.org/urdf" xmlns:s="urn:s">'
-    extra = '<s:link name="x"/><gazebo><joint name="j"/><link name="a"/></gazebo><sensor name="a"/><!-- <link/> -->'
+    extra = (
+        '<s:link name="x"/><gazebo><joint name="j"/><link name="a"/></gazebo>'
+        '<sensor name="a"/><!-- <link/> -->'
+    )
     path.write_text(robot(links("a", "b"), extra, joint(), head=head))
     d = read_urdf(path)
     assert d.links == ("a", "b")

@@ -86,7 +86,10 @@ def _ssik_joints(arm: str) -> tuple[list[Joint], pin.SE3]:
 
 
 def _urdf(joints: Iterable[Joint], tool: pin.SE3) -> str:
-    inertia = '<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
+    inertia = (
+        '<inertial><mass value="1"/>'
+        '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
+    )
     parts, parent = ['<link name="base"/>'], "base"
     for name, placement, axis, turns, low, high, speed in joints:
         bounded = np.isfinite([low, high]).all()
@@ -108,7 +111,8 @@ def _urdf(joints: Iterable[Joint], tool: pin.SE3) -> str:
 
 
 def _origin(placement: pin.SE3) -> str:
-    return f'<origin xyz="{_numbers(placement.translation)}" rpy="{_numbers(pin.rpy.matrixToRpy(placement.rotation))}"/>'
+    angles = pin.rpy.matrixToRpy(placement.rotation)
+    return f'<origin xyz="{_numbers(placement.translation)}" rpy="{_numbers(angles)}"/>'
 
 
 def _numbers(values: np.ndarray) -> str:
