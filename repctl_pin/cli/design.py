@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +19,9 @@ from .given import (
     box_round,
     integer,
     natural,
+    plain_proof,
     positive,
+    proved,
     said_by_options,
     save_control,
 )
@@ -63,17 +66,17 @@ def add_options(parser: Parser) -> None:
     fourier = "add sines and cosines of up to K turns of the revolute joints"
     add("--fourier", type=integer, metavar="K", help=fourier)
     add("--samples", type=integer, help="nodes of the fit (default: by the number of unknowns)")
-    add(
-        "--held-out",
-        type=integer,
-        default=16384,
-        help="nodes that judge the design (default 16384)",
-    )
+    add("--held-out", type=integer, default=16384, help="nodes that judge the design (default 16384)")
     add("--restarts", type=natural, default=0, metavar="K", help="more starts of the optimiser")
     add("--stream", action="store_true", help="do not keep the nodes in memory")
     add("--processes", type=integer, default=1, metavar="P", help="number of processes (default 1)")
     add("--dask", metavar="ADDRESS", help="use a Dask cluster: the address of its scheduler")
     add("--seed", type=natural, default=0, help="seed of all nodes (default 0)")
+    add(
+        "--prove",
+        action="store_true",
+        help="prove a lower bound of the leaf margin over Ω, for at most a minute",
+    )
     add(
         "--out",
         metavar="FOLDER",
@@ -135,6 +138,7 @@ def run(options: Options) -> int:
     say("finding a cycle inside Ω")
     design, more = _with_cycle(design, setting)
     notes.extend(more)
+    design = proved(design, say) if options.prove else design
     say("comparing and drawing")
     what = f"nearest repeatable inverse of {name}, over a {design.region}"
     title = f"{task.robot.name}, {task.frame}, {task.kind}: {what}"
@@ -152,6 +156,8 @@ def run(options: Options) -> int:
         if len(degrees) > 1:
             rows = [[str(d), f"{cost:.5g}", f"{error:.1g}"] for d, cost, error in degrees]
             lines += ["", table(["degree", "cost", "± error"], rows)]
+        if design.proof is not None:
+            lines += ["", design.proof.summary()]
         return fitted("\n".join([*lines, *(f"note: {note}" for note in notes), ""]))
 
     return report(options, lambda: _as_dict(design, degrees, name, setting, notes), text, files)
@@ -245,5 +251,6 @@ def _as_dict(
             for other in design.baselines
         },
         "degrees": [{"degree": d, "cost": c, "cost_error": e} for d, c, e in degrees],
+        **({} if design.proof is None else {"proof": plain_proof(asdict(design.proof))}),
         "notes": notes,
     }

@@ -149,7 +149,7 @@ def run(options: Options) -> int:
     remedies += [*(["a smaller --path"] if all(one.moment > 0 for one in broken) else [])]
     remedy = " or ".join(remedies)
     if (options.csv or options.yaml) and not options.allow_violations:
-        refuse_violations(slowed, f"try {remedy}; --allow-violations writes it anyway")
+        refuse_violations(slowed, f"try {remedy}, or write it anyway with --allow-violations")
     written, contents = slowed if rest is None else rest, dict[str, str | bytes]()
     if options.csv is not None:
         contents[options.csv] = csv_text(written)

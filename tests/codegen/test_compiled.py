@@ -23,7 +23,7 @@ from strategies.test_control_step import BAD_STEPS
 from test_codegen import answer
 
 import repctl_pin as rp
-from repctl_pin.codegen import build
+from repctl_pin import c_library as build
 
 CODE = "int answer(void) { return 42; }\nint answer(void);\n"
 
@@ -196,7 +196,7 @@ def test_a_folder_that_others_can_write_is_not_used(cache: Path) -> None:
 @NEEDS_C
 def test_two_at_once_do_no_harm(cache: Path) -> None:
     code = (
-        "from repctl_pin.codegen.build import shared_library; import ctypes\n"
+        "from repctl_pin.c_library import shared_library; import ctypes\n"
         f"print(ctypes.CDLL(str(shared_library({CODE!r}))).answer())"
     )
     running = [
@@ -314,7 +314,7 @@ def test_a_compiler_that_hangs_is_ended_with_its_children(
             os.killpg(int((tmp_path / "group").read_text()), 0)
             time.sleep(0.05)
     began = time.monotonic()
-    assert "is not asked again" in one_warning(panda_design.inverse)
+    assert "is not run again" in one_warning(panda_design.inverse)
     assert time.monotonic() - began < 0.5
 
 
