@@ -220,18 +220,29 @@ def test_a_urdf_of_ones_own_without_its_meshes(tmp_path) -> None:
 
 def test_interrupt_ends_with_a_word(tmp_path) -> None:
     import signal
-    import time
 
+    code = (
+        "import sys, repctl_pin as rp\n"
+        "from repctl_pin.cli import main\n"
+        "load = rp.Robot.load\n"
+        "def said(*given, **options):\n"
+        "    robot = load(*given, **options)\n"
+        "    print('loaded', file=sys.stderr, flush=True)\n"
+        "    return robot\n"
+        "rp.Robot.load = said\n"
+        "sys.argv = ['repctl', 'study', 'panda', '--cycles', '5000']\n"
+        "sys.exit(main())\n"
+    )
     process = subprocess.Popen(
-        [sys.executable, "-m", "repctl_pin", "study", "panda", "--cycles", "5000"],
+        [sys.executable, "-c", code],
         cwd=tmp_path,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
         preexec_fn=heed_interrupts,
     )
-    time.sleep(6)
-    process.send_signal(signal.SIGINT)
+    assert process.stderr is not None and process.stderr.readline() == "loaded\n"
+    process.send_signal(signal.SIGINT)  # some 100 s before the study would end
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 130 and "interrupted" in errors and "Traceback" not in errors
     assert list(tmp_path.iterdir()) == []
