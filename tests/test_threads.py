@@ -13,8 +13,8 @@ from multiprocessing import get_context
 import numpy as np
 import pytest
 from arms import Q_PANDA
+from cell_functions import function_of
 from controls import NEEDS_C, own_cache  # noqa: F401
-from test_codegen_function import function_of
 
 import repctl_pin as rp
 

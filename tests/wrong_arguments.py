@@ -341,11 +341,14 @@ def right_calls(folder: Path) -> list[Call]:
         (rp.ArmAngle, "gradients"): {"Q": Q_arm},
         (rp.ArmAngle, "values"): {"Q": Q_arm},
         (rp.LeafImpedance, "torque"): {
-            "q": q0, "qdot": np.zeros(3), "target": target, "twist": np.zeros(6),
+            "q": q0,
+            "qdot": np.zeros(3),
+            "target": target,
+            "twist": np.zeros(6),
             "leaf": inverse.leaf(q0),
         },
         (rp.TaskPath, "placement"): {"s": 0.3},
-    }  # fmt: skip
+    }
     fast, fast_function = rp.compiled(inverse), rp.compiled(found.function)
     things = [
         cell, found, found.function, found.inverse, fast, fast_function, rp.Bodies(arm), angle,

@@ -53,7 +53,8 @@ def test_building_and_solving_beside_bare_jacobians(panda_pose: rp.Task, benchma
     ratio = benchmark.stats.stats.min / base
     whole = seconds(lambda: design(task, 2, 16384), 5) / base
     say(
-        f"build and solve, 16,384 nodes: {ratio:.1f} × bare Jacobians; with the evaluation {whole:.1f} ×"
+        f"build and solve, 16,384 nodes: {ratio:.1f} × bare Jacobians; with the evaluation "
+        f"{whole:.1f} ×"
     )
     assert ratio <= 25
 
@@ -84,7 +85,8 @@ def test_against_the_literal_reading(panda_pose: rp.Task, say) -> None:
     ours: list[rp.Design] = []
     fast = seconds(lambda: ours.append(design(task, 2, samples, held_out=64)), 5)
     say(
-        f"literal (36), {samples} nodes: {slow:.2f} s for cost {found[0].fun:.6f}; ours {fast:.4f} s for "
+        f"literal (36), {samples} nodes: {slow:.2f} s for cost {found[0].fun:.6f}; ours "
+        f"{fast:.4f} s for "
         f"{ours[0].fit_cost:.6f}: {slow / fast:.0f} times faster"
     )
     assert abs(ours[0].fit_cost - found[0].fun) < 1e-3 * found[0].fun
@@ -122,7 +124,8 @@ def test_a_million_nodes_within_2_GB(say) -> None:
     samples, cost, peak = done.stdout.split()
     unit = 1 if sys.platform == "darwin" else 1024
     say(
-        f"{samples} nodes, streamed: cost {float(cost):.5f}, peak memory {int(peak) * unit / 2**30:.2f} GB"
+        f"{samples} nodes, streamed: cost {float(cost):.5f}, peak memory "
+        f"{int(peak) * unit / 2**30:.2f} GB"
     )
     assert int(samples) >= 10**6 and int(peak) * unit < 2 * 2**30
 
@@ -143,7 +146,8 @@ def test_two_processes(panda_pose: rp.Task, say) -> None:
         two = seconds(lambda: design(panda_pose, **work, executor=pool), 4)
     load = os.getloadavg()[0]
     say(
-        f"262,144 nodes, degree 3: one process {one:.1f} s, two {two:.1f} s: {one / two:.2f} times (load {load:.1f})"
+        f"262,144 nodes, degree 3: one process {one:.1f} s, two {two:.1f} s: {one / two:.2f} "
+        f"times (load {load:.1f})"
     )
     assert one / two >= 1.6
 
@@ -168,7 +172,8 @@ def test_large_designs(kind: str, width: float, degree: int, most: float, say) -
         options=rp.FitOptions(samples=65536, held_out=2**18),
     )
     say(
-        f"{kind}, ±{width}, degree {degree}: {found.cost:.5f} ± {found.cost_error:.1g} (at most {most})"
+        f"{kind}, ±{width}, degree {degree}: {found.cost:.5f} ± {found.cost_error:.1g} (at most "
+        f"{most})"
     )
     assert found.converged and found.leaf_margin > 0 and found.cost <= most
 

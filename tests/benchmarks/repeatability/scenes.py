@@ -10,7 +10,7 @@ from robots import STARTS
 from scipy.spatial.transform import Rotation
 
 import repctl_pin as rp
-from repctl_pin.motion.fitting_circle import fitting_circle
+from repctl_pin.motion import fitting_circle
 from repctl_pin.studies.start_and_path import choose_setting
 
 RADIUS = 0.1  # m
