@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from .inverse_function import NoFunctionError as NoFunctionError
     from .inverse_function import nearest_inverse_function as nearest_inverse_function
     from .motion import BestLeaf as BestLeaf
+    from .motion import LeafLock as LeafLock
     from .motion import Motion as Motion
     from .motion import Run as Run
     from .motion import TaskPath as TaskPath
@@ -54,6 +55,8 @@ if TYPE_CHECKING:
     from .potentials import Fourier as Fourier
     from .potentials import Joined as Joined
     from .potentials import Polynomial as Polynomial
+    from .proof import Proof as Proof
+    from .proof import prove as prove
     from .regions import Box as Box
     from .regions import Tube as Tube
     from .regions import WorkspaceBox as WorkspaceBox
@@ -97,10 +100,11 @@ _DOOR = {
     "codegen": "compiled export_c",
     "saving": "load load_cell load_design save",
     "inverse_function": "Cell CellDesign InverseFunction NoFunctionError nearest_inverse_function",
+    "proof": "Proof prove",
     "integrability": "bracket_defect drift_per_area is_repeatable stable_surface",
     "motion": (
-        "BestLeaf Motion Run TaskPath TimedMotion Waypoints approach best_leaf circle figure_eight "
-        "follow polygon read_waypoints solve_ik timed waypoints write_motion"
+        "BestLeaf LeafLock Motion Run TaskPath TimedMotion Waypoints approach best_leaf circle "
+        "figure_eight follow polygon read_waypoints solve_ik timed waypoints write_motion"
     ),
     "show.page.animation": "Animation animation",
     "show.page.viewer": "Viewer",

@@ -68,7 +68,7 @@ class FitOptions:
     def __post_init__(self) -> None:
         for name in ("samples", "held_out"):
             if getattr(self, name) is not None:
-                self._set(name, as_int(getattr(self, name), name, 1, MOST_NODES))
+                self._set(name, as_int(getattr(self, name), name, 1))
         self._set("seed", as_int(self.seed, "seed"))
         self._set("batch", as_int(self.batch, "batch", 1, MOST_NODES))
         self._set("stream", flag(self.stream, "stream"))

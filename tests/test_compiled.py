@@ -23,8 +23,8 @@ from test_codegen import answer
 from test_control_step import BAD_STEPS
 
 import repctl_pin as rp
-from repctl_pin.codegen import build
-from repctl_pin.codegen.build import NoCompilerError, shared_library
+from repctl_pin import c_library as build
+from repctl_pin.c_library import NoCompilerError, shared_library
 
 CODE = "int answer(void) { return 42; }\nint answer(void);\n"
 
@@ -47,7 +47,8 @@ def test_it_is_the_same_object(panda_design: rp.Design, panda_pose: rp.Task) -> 
     )
     path = rp.circle(panda_pose, Q_PANDA, 0.1, normal="x")
     motions = [
-        rp.follow(one, path, Q_PANDA, cycles=2, steps=100, leaf_lock=1) for one in (inverse, fast)
+        rp.follow(one, path, Q_PANDA, cycles=2, steps=100, integrator=rp.LeafLock())
+        for one in (inverse, fast)
     ]
     assert np.abs(motions[0].q - motions[1].q).max() < 1e-11 and motions[1].drift[-1] < 1e-3
     target = panda_pose.placement(Q_PANDA + 0.1)
@@ -107,8 +108,16 @@ def test_bad_steps_get_the_same_line(
 
 
 @NEEDS_C
-@pytest.mark.parametrize("q, xdot", [(np.zeros(6), np.ones(6)), (np.zeros(7), np.ones(5)), (np.zeros(7), 1.0),
-                                     (np.full(7, np.nan), np.ones(6)), (np.zeros(7), np.full(6, np.inf))])  # fmt: skip
+@pytest.mark.parametrize(
+    "q, xdot",
+    [
+        (np.zeros(6), np.ones(6)),
+        (np.zeros(7), np.ones(5)),
+        (np.zeros(7), 1.0),
+        (np.full(7, np.nan), np.ones(6)),
+        (np.zeros(7), np.full(6, np.inf)),
+    ],
+)
 def test_bad_velocities_get_the_same_line(q, xdot, panda_design: rp.Design) -> None:
     said = []
     for one in (panda_design.inverse, rp.compiled(panda_design.inverse)):
@@ -189,7 +198,7 @@ def test_a_folder_that_others_can_write_is_not_used(cache: Path) -> None:
 @NEEDS_C
 def test_two_at_once_do_no_harm(cache: Path) -> None:
     code = (
-        "from repctl_pin.codegen.build import shared_library; import ctypes\n"
+        "from repctl_pin.c_library import shared_library; import ctypes\n"
         f"print(ctypes.CDLL(str(shared_library({CODE!r}))).answer())"
     )
     running = [
@@ -307,7 +316,7 @@ def test_a_compiler_that_hangs_is_ended_with_its_children(
             os.killpg(int((tmp_path / "group").read_text()), 0)
             time.sleep(0.05)
     began = time.monotonic()
-    assert "is not asked again" in one_warning(panda_design.inverse)
+    assert "is not run again" in one_warning(panda_design.inverse)
     assert time.monotonic() - began < 0.5
 
 

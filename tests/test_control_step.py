@@ -352,8 +352,16 @@ def test_bad_steps_get_one_clear_line_and_change_nothing(
     assert np.array_equal(inverse.step(**good), before)
 
 
-@pytest.mark.parametrize("q, xdot", [(np.zeros(6), np.ones(6)), (np.zeros(7), np.ones(5)), (np.zeros(7), 1.0),
-                                     (np.full(7, np.nan), np.ones(6)), (np.zeros(7), np.full(6, np.inf))])  # fmt: skip
+@pytest.mark.parametrize(
+    "q, xdot",
+    [
+        (np.zeros(6), np.ones(6)),
+        (np.zeros(7), np.ones(5)),
+        (np.zeros(7), 1.0),
+        (np.full(7, np.nan), np.ones(6)),
+        (np.zeros(7), np.full(6, np.inf)),
+    ],
+)
 def test_bad_velocities_get_one_clear_line(panda_design, panda_pose, q, xdot) -> None:
     for strategy in (panda_design.inverse, rp.Pseudoinverse(panda_pose)):
         with pytest.raises(rp.InputError) as caught:

@@ -424,7 +424,10 @@ def test_a_start_near_a_limit_is_left_with_more_room() -> None:
             desired, None, box, degree=2, options=rp.FitOptions(samples=1024, held_out=256)
         ).inverse
         loops = (rp.polygon(task, q0, few) for few in corners)
-        loops = [rp.follow(inverse, loop, q0, cycles=1, steps=32, leaf_lock=2) for loop in loops]
+        loops = [
+            rp.follow(inverse, loop, q0, cycles=1, steps=32, integrator=rp.LeafLock(2))
+            for loop in loops
+        ]
         margins.append([loop.limit_margin.min() for loop in loops])
         distances.append(judge(inverse, plain, box, samples=1024).relative_distance)
     least, broken = np.min(margins, axis=1), np.sum(np.less(margins, 0), axis=1)

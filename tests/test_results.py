@@ -139,6 +139,15 @@ def test_a_saved_design_agrees_with_its_control(results: dict[str, Any], tmp_pat
     assert np.array_equal(again.inverse(design.region.center), design.inverse(design.region.center))
 
 
+def test_distances_of_a_motion_are_computed_once_and_read_only(results: dict[str, Any]) -> None:
+    motion = results["motion"]
+    assert motion.body_distance is motion.body_distance
+    with pytest.raises(ValueError, match="read-only"):
+        motion.body_distance[:] = 0
+    with pytest.raises(ValueError, match="read-only"):
+        motion.q[:] = 0
+
+
 def test_an_array_that_is_given_stays_writable() -> None:
     center, samples = np.zeros(3), np.zeros((1, 3))
     rp.Box(center, 0.1), rp.Tube(samples, 0.1)
@@ -150,6 +159,11 @@ def test_results_print_in_words(results: dict[str, Any], name: str) -> None:
     text = repr(results[name])
     assert text.startswith("<") and text.endswith(">")
     assert "array(" not in text and " object at 0x" not in text and len(text) < 250
+
+
+def test_every_class_at_the_door_has_a_repr() -> None:
+    classes = [getattr(rp, name) for name in dir(rp) if inspect.isclass(getattr(rp, name))]
+    assert [kind for kind in classes if kind.__repr__ is object.__repr__] == []
 
 
 def test_strategies_print_in_words(results: dict[str, Any]) -> None:

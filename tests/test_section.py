@@ -370,7 +370,7 @@ def test_ten_laps_of_a_random_tour_through_all_turns() -> None:
     U = np.array([design.cell.coordinates_of(path.placement(s)) for s in np.linspace(0, 1, 200)])
     assert (np.abs(U).max(axis=0) > 0.99).all()  # through all of the cell
     q0 = design.function(path.placement(0.0))
-    kept = rp.follow(design.inverse, path, q0, cycles=10, steps=200, leaf_lock=3)
+    kept = rp.follow(design.inverse, path, q0, cycles=10, steps=200, integrator=rp.LeafLock(3))
     crept = rp.follow(design.desired, path, q0, cycles=10, steps=200)
     assert kept.drift.max() < 1e-9 < 1e-2 < crept.drift[-1]
     Q = design.function.batch(U)
@@ -384,12 +384,17 @@ def test_a_closed_tour_closes_and_a_pushed_arm_comes_back() -> None:
         design.task, design.function(design.cell.at(np.array([0.8, 0.0, 0.0]))), 0.08, normal="z"
     )
     q0 = design.function(path.placement(0.0))
-    motion = rp.follow(design.inverse, path, q0, cycles=2, steps=40, leaf_lock=3)
+    motion = rp.follow(design.inverse, path, q0, cycles=2, steps=40, integrator=rp.LeafLock(3))
     assert motion.drift.max() < 1e-9
     for i in range(0, 41, 8):
         assert np.abs(motion.q[i] - design.function(path.placement(i / 40))).max() < 1e-8
     pushed = rp.follow(
-        design.inverse, path, q0 + 0.05, cycles=2, steps=40, leaf_lock=3, leaf=np.zeros(1)
+        design.inverse,
+        path,
+        q0 + 0.05,
+        cycles=2,
+        steps=40,
+        integrator=rp.LeafLock(3, leaf=np.zeros(1)),
     )
     assert np.abs(pushed.q[-1] - q0).max() < 1e-9
 

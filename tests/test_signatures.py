@@ -19,7 +19,7 @@ MOST = 6
 OBJECTS = {"options", "progress"}
 """Options that are objects with options of their own, and the progress callback."""
 
-MANY = {"study", "follow", "timed", "approach"}
+MANY = {"study", "timed", "approach"}
 """Functions that still take more options."""
 
 
@@ -29,6 +29,7 @@ def made_by_functions(name: str) -> bool:
         "CellDesign",
         "Design",
         "Motion",
+        "Proof",
         "Study",
         "TaskPath",
         "TimedMotion",
@@ -37,6 +38,8 @@ def made_by_functions(name: str) -> bool:
 
 
 def public_callables() -> Iterator[tuple[str, Callable[..., Any]]]:
+    for name, formula in inspect.getmembers(rp.redundancy, inspect.isfunction):
+        yield f"redundancy.{name}", formula
     for name in dir(rp):
         thing = getattr(rp, name)
         if inspect.isfunction(thing):

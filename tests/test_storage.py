@@ -210,7 +210,7 @@ def test_a_turning_path_is_told_by_quaternions() -> None:
 
 
 def test_the_file_holds_every_figure_of_a_design() -> None:
-    own = {"inverse", "desired", "potentials", "region", "coefficients", "cycle"}
+    own = {"inverse", "desired", "potentials", "region", "coefficients", "cycle", "proof"}
     assert {a.name for a in dataclasses.fields(rp.Design)} - own == set(Figures.__struct_fields__)
     assert json.dumps(msgspec.json.schema(DesignFile))  # for the docs
 
@@ -440,7 +440,7 @@ def test_no_file_a_folder_and_bytes(tmp_path) -> None:
     with pytest.raises(rp.InputError, match="it is a folder"):
         rp.load(tmp_path)
     (tmp_path / "b.json").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(rp.InputError, match="not a text file"):
+    with pytest.raises(rp.InputError, match="not UTF-8 text"):
         rp.load(tmp_path / "b.json")
 
 

@@ -71,6 +71,8 @@ def designs(task: rp.Task) -> rp.Design:
     spring = rp.LeafImpedance(again.inverse, stiffness=(1000.0, 50.0))
     print(spring.torque(q0, [0, 0, 0], np.eye(4), leaf=c))
     print(rp.redundancy.nullspace(task.jacobian(q0)))
+    proof: rp.Proof = rp.prove(design, margin=0.1, seconds=1.0)
+    print(bool(proof), proof.leaf_margin)
     return again
 
 
@@ -107,6 +109,8 @@ def motions(task: rp.Task, design: rp.Design) -> rp.Motion:
     paths += [rp.waypoints([[1, 0, 0], [1, 1, 0], [0, 0, 0], [1, 0, 0]], np.eye(3))]
     paths += [rp.waypoints([np.eye(4), path.placement(0.5), np.eye(4)])]
     motion: rp.Motion = rp.follow(design.inverse, path, q0, cycles=2, integrator="rk4")
+    lock = rp.LeafLock(2, velocity_limit=[1, 1, 1], damping=0.1)
+    motion = rp.follow(design.inverse, path, q0, cycles=2, integrator=lock)
     best: rp.BestLeaf = rp.best_leaf(design.inverse, paths[0], q0, region=design.region)
     fast: rp.TimedMotion = rp.timed(motion, acceleration=[1, 1, 1], velocity=2.0)
     run: rp.Run = rp.Run(fast)

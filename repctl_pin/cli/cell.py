@@ -12,7 +12,16 @@ import repctl_pin as rp
 from ..errors import InputError, RepctlError, needed
 from ..files import prepare_folder, write_whole
 from ..show.text.lines import fitted
-from .given import Options, integer, natural, numbers_of, positive, save_control
+from .given import (
+    Options,
+    integer,
+    natural,
+    numbers_of,
+    plain_proof,
+    positive,
+    proved,
+    save_control,
+)
 from .options import Parser
 from .terminal import progress, report
 
@@ -83,6 +92,11 @@ def add_options(parser: Parser) -> None:
     add("--held-out", type=integer, default=8192, help="held-out poses (default 8192)")
     add("--seed", type=natural, default=0, help="seed of all nodes (default 0)")
     add("--out", metavar="FOLDER", help="where the files go (default repctl-out/ROBOT)")
+    add(
+        "--prove",
+        action="store_true",
+        help="prove bounds of the margins over the whole cell, for at most a minute",
+    )
     add("--json", action="store_true", help="print JSON instead of the table")
 
 
@@ -102,7 +116,15 @@ def _run(options: Options) -> int:
     needed("matplotlib", "meshcat", by="repctl cell")
     if options.shrink and options.keep:
         raise InputError("--shrink and --keep are two answers to one question; give one")
+    if options.keep and options.prove:
+        raise InputError(
+            "--keep and --prove are mutually exclusive: only a cell that is covered can be proved"
+        )
     task = options.load_task()
+    if options.prove and task.kind != "pose":
+        raise InputError(
+            f"--prove requires --task pose: nothing can be proved of a cell of {task.kind} tasks yet"
+        )
     cell, posture = _cell(options, task)
     design = rp.nearest_inverse_function(
         rp.Pseudoinverse(task),
@@ -114,6 +136,7 @@ def _run(options: Options) -> int:
         options=rp.FitOptions(**options.of("held_out", "seed")),
         progress=lambda what, share: say(f"{what} {share:.0%}"),
     )
+    design = proved(design, say) if options.prove else design
     say("drawing")
     prepare_folder(folder)
     pictures, note = _pictures(design, folder, options.command_line)
@@ -127,6 +150,8 @@ def _run(options: Options) -> int:
             )
         least = "extra joint speed: of the function over J⁺ at the same joints; J⁺ is the least that any control needs"
         lines.append(f"\n{least}\n")
+        if design.proof is not None:
+            lines.append(f"{design.proof.summary()}\n")
         return fitted("\n".join(lines + [f"note: {note}\n"] * bool(note)))
 
     return report(options, lambda: _as_dict(design), text, files)
@@ -178,7 +203,9 @@ def _pictures(design: rp.CellDesign, folder: Path, command: str) -> tuple[list[P
     path = tour(design.cell)
     try:
         q0 = design.function(path.placement(0.0))
-        motions["q = F(x)"] = rp.follow(design.inverse, path, q0, steps=_STEPS, leaf_lock=2)
+        motions["q = F(x)"] = rp.follow(
+            design.inverse, path, q0, steps=_STEPS, integrator=rp.LeafLock(2)
+        )
         motions = {
             LABELS["pseudoinverse"]: rp.follow(design.desired, path, q0, steps=_STEPS)
         } | motions
@@ -212,4 +239,5 @@ def _as_dict(design: rp.CellDesign) -> dict[str, Any]:
         "everywhere": design.evaluation.everywhere,
         "failures": [picked(stop, "cause", "share", "what") for stop in design.failures],
         "degrees": [{"degree": d, "cost": c} for d, c in design.degrees],
+        **({} if design.proof is None else {"proof": plain_proof(asdict(design.proof))}),
     }

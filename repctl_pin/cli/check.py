@@ -10,11 +10,13 @@ import repctl_pin as rp
 from ..errors import InputError
 from ..show.text.lines import fitted
 from ..show.text.numbers import number, row
-from .given import REGION, Options, box_round, integer, natural, positive
+from .given import REGION, Options, box_round, integer, natural, plain_proof, positive
 from .options import Parser
 from .terminal import progress, report
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from ..integrability import Repeatability, Surfaces
     from ..strategies import Inverse
     from ..studies.start_and_path import Setting
@@ -23,6 +25,7 @@ HELP = "say whether J⁺, a weighted inverse or a saved design is repeatable, an
 EXAMPLE = """examples:
   repctl check panda --weight inertia
   repctl check repctl-out/panda/design.json          # a saved design, over the region it was made for
+  repctl check repctl-out/panda/design.json --prove  # a lower bound of its leaf margin that holds everywhere in it
   repctl check repctl-out/my_arm/design.json --robot my_arm.urdf"""
 
 _Drift = dict[str, float]
@@ -47,6 +50,8 @@ def add_options(parser: Parser) -> None:
     add("--region", type=positive, metavar="W", help=region)
     add("--samples", type=integer, default=128, help="configurations to look at (default 128)")
     add("--seed", type=natural, default=0, help="seed of those (default 0)")
+    prove = "prove a lower bound of a saved design's leaf margin over its region, or over its cell"
+    add("--prove", action="store_true", help=prove)
     add("--json", action="store_true", help="print JSON instead of text")
 
 
@@ -57,6 +62,8 @@ def run(options: Options) -> int:
 
     from ..regions import Region
 
+    if options.prove:
+        return _prove(options, say)
     strategy, name, setting = _saved(options) if options.saved else _named(options)
     task, q0 = strategy.task, setting.q0
     assert isinstance(setting.region, Region)
@@ -74,6 +81,25 @@ def run(options: Options) -> int:
         lambda: _as_dict(task, name, setting, verdict, drift, surfaces),
         lambda: fitted("\n".join(_lines(task, said, setting, verdict, drift, surfaces))),
     )
+
+
+def _prove(options: Options, say: Callable[[str], None]) -> int:
+    """Prove what a saved design promises: again, where it holds a certificate."""
+    from dataclasses import asdict
+
+    if not options.saved:
+        raise InputError(
+            "--prove requires a saved design (.json); repctl design and repctl cell save one"
+        )
+    for option in ("weight", "absolute", "region", "start"):
+        if getattr(options, option):
+            raise InputError(
+                f"--prove and --{option} are mutually exclusive: a design is proved over its own region"
+            )
+    design = options.load_saved()
+    margin = design.proof.leaf_margin if design.proof else None
+    proof = rp.prove(design, margin=margin, progress=lambda what, share: say(f"{what} {share:.0%}"))
+    return report(options, lambda: plain_proof(asdict(proof)), lambda: fitted(proof.summary()))
 
 
 def _named(options: Options) -> tuple[Inverse, str, Setting]:

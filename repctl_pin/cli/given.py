@@ -5,8 +5,9 @@ from __future__ import annotations
 import argparse
 import re
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import repctl_pin as rp
 
@@ -14,7 +15,11 @@ from ..errors import InputError
 from ..files import check_folder, not_left_empty
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from ..saving.schema import TaskFile
+
+D = TypeVar("D", "rp.Design", "rp.CellDesign")
 
 REGION = 0.4
 """Half-width of Ω round a start, rad, where none is given."""
@@ -198,6 +203,18 @@ def save_control(design: rp.Design | rp.CellDesign, file: Path) -> Path:
         old = file.with_name(f"{file.stem}.old{file.suffix}")
         file.replace(old)
         raise InputError(f"{error}; what an earlier command wrote there is now {old}") from None
+
+
+def proved(design: D, say: Callable[[str], None]) -> D:
+    """Put a certificate into a design: the largest bounds that can be proved in a minute."""
+    proof = rp.prove(design, progress=lambda what, share: say(f"{what} {share:.0%}"))
+    return replace(design, proof=proof)
+
+
+def plain_proof(values: dict[str, Any]) -> dict[str, Any]:
+    """A certificate for JSON: an infinite limit margin is null."""
+    infinite = values["limit_margin"] == float("inf")
+    return values | ({"limit_margin": None} if infinite else {})
 
 
 def box_round(task: rp.Task, q0: Any, half_width: float) -> tuple[rp.Box, tuple[str, ...]]:

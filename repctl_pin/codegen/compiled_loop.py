@@ -11,6 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..arguments import Array
+from ..c_library import NoCompilerError, loaded_library
 from ..errors import SingularityError
 from ..inverse_function import InverseFunction
 from ..potentials.basis import Potentials
@@ -18,7 +19,6 @@ from ..robot.task import Task
 from ..strategies.control_step import python_loops
 from ..strategies.fast_loop import Bounds, Law, Loop, checked, failure
 from ..strategies.repeatable import RepeatableInverse
-from .build import NoCompilerError, loaded_library
 from .source import write_source
 from .text import filled
 

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from .. import progress as reporting
-from ..arguments import as_int, flag, flag_or_function, require_type, shown
+from ..arguments import MOST_NODES, as_int, flag, flag_or_function, require_type, shown
 from ..blas import one_blas_thread
 from ..errors import InputError, SingularityError
 from ..fit_options import FitOptions, fit_options
@@ -95,8 +95,10 @@ def nearest_repeatable(
     if potentials is not None:
         require_type(potentials, PotentialBasis, "potentials", A_BASIS)
     options = fit_options(options)
+    if options.samples is not None:
+        as_int(options.samples, "samples", 1, MOST_NODES)
     if options.held_out is not None:
-        as_int(options.held_out, "held_out", 2 * REPLICATES)
+        as_int(options.held_out, "held_out", 2 * REPLICATES, MOST_NODES)
     shrink = flag(shrink, "shrink")
     progress = flag_or_function(
         progress, "progress", "a function of what is being done and the share that is done", 2

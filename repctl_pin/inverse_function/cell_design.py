@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..arguments import Array, read_only
+from ..certificate import Proof, proved_words
 from ..robot.task import Task
 from ..strategies import RepeatableInverse
 from ..strategies.strategy import Inverse
@@ -44,6 +45,9 @@ class CellDesign:
         Gauss–Newton steps taken.
     requested_limit_margin, requested_body_distance, requested_sigma_min : float
         Requested limit margin, rad or m, body distance, m, and σ_min of J.
+    proof : Proof, optional
+        Certificate, if one was added: ``dataclasses.replace(found,
+        proof=rp.prove(found))``. It is saved with the design.
 
     Examples
     --------
@@ -65,6 +69,7 @@ class CellDesign:
     requested_limit_margin: float
     requested_body_distance: float
     requested_sigma_min: float
+    proof: Proof | None = None
 
     @classmethod
     def of(cls, desired: Inverse, chart: Chart, evaluation: Evaluation, **how: Any) -> CellDesign:
@@ -175,7 +180,7 @@ class CellDesign:
             "limit margin": margin if np.isfinite(j.limit_margin) else "no limits",
             "body distance": bodies if np.isfinite(j.body_distance) else "no collision bodies",
             "σ_min(J)": sigma,
-            "leaf margin": f"{j.leaf_margin:.3g}",
+            "leaf margin": f"{j.leaf_margin:.3g}, {proved_words(self.proof)}",
             "residual": f"{j.residual:.1g} m or rad",
             "coverage": j.covered,
         } | ({"stopped": "\n".join(map(str, j.failures))} if j.failures else {})

@@ -1,6 +1,6 @@
-"""Closed paths, and what a strategy does on them."""
+"""Motions of a strategy on closed paths: integration, limits, timing and files."""
 
-from ..paths import pieces as pieces  # makes paths picklable
+from ..paths import pieces as pieces  # registers the pickling of paths
 from ..paths.polyline import Waypoints as Waypoints
 from ..paths.polyline import polygon as polygon
 from ..paths.polyline import waypoints as waypoints
@@ -16,6 +16,7 @@ from .best_leaf import BestLeaf as BestLeaf
 from .best_leaf import best_leaf as best_leaf
 from .follow import check_length as check_length
 from .follow import follow as follow
+from .leaf_lock import LeafLock as LeafLock
 from .motion import Motion as Motion
 from .run import Run as Run
 from .solve_ik import check_reach as check_reach

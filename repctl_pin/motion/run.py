@@ -133,6 +133,9 @@ class Run:
         self._change = _Change(begin, 0.0, 0.0, np.zeros(1), np.zeros(1))
         self._wish, self._looked = 0.0, 0.0
 
+    def __repr__(self) -> str:
+        return f"<Run at {self._t:.3g} of {self._end:.3g} s, override {self._override:.3g}>"
+
     @property
     def t(self) -> float:
         """How far it has come, s on the clock of ``timed.t``."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from typing import Literal
 
 import numpy as np
 import pinocchio as pin
@@ -519,7 +520,7 @@ def approach(
     q_now: ArrayLike,
     motion: Motion,
     *,
-    to: str = "start",
+    to: Literal["start", "nearest"] = "start",
     acceleration: ArrayLike | str | None = None,
     velocity: ArrayLike | None = None,
     jerk: ArrayLike | str | None = None,

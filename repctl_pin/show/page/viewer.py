@@ -116,6 +116,9 @@ class Viewer:
         self._thread = threading.Thread(target=self._serve, args=(sockets, page), daemon=True)
         self._thread.start()
 
+    def __repr__(self) -> str:
+        return f"<Viewer of {', '.join(self.names)} at {self.url}>"
+
     def show(
         self,
         *configurations: ArrayLike,
