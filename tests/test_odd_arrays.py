@@ -171,7 +171,7 @@ def test_one_joint() -> None:
 
 def test_targets_that_are_no_placements(controls, panda_pose: rp.Task) -> None:
     q = np.array(panda_pose.reference)
-    for wrong in (None, "there", np.eye(4), np.zeros(3), pin.SE3):
+    for wrong in (None, "there", np.eye(3), np.zeros(3), pin.SE3):
         with pytest.raises(rp.InputError, match="target"):
             controls["repeatable"].step(q, wrong, 0.01)
         with pytest.raises(rp.InputError, match="target"):

@@ -29,8 +29,9 @@ from .options import Parser
 from .terminal import progress, report
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
+    from ..design.evaluation import Baseline
     from ..regions import Region
     from ..strategies import Inverse
     from ..studies.start_and_path import Setting
@@ -66,7 +67,12 @@ def add_options(parser: Parser) -> None:
     fourier = "add sines and cosines of up to K turns of the revolute joints"
     add("--fourier", type=integer, metavar="K", help=fourier)
     add("--samples", type=integer, help="nodes of the fit (default: by the number of unknowns)")
-    add("--held-out", type=integer, default=16384, help="nodes that judge the design (default 16384)")
+    add(
+        "--held-out",
+        type=integer,
+        default=16384,
+        help="nodes that judge the design (default 16384)",
+    )
     add("--restarts", type=natural, default=0, metavar="K", help="more starts of the optimiser")
     add("--stream", action="store_true", help="do not keep the nodes in memory")
     add("--processes", type=integer, default=1, metavar="P", help="number of processes (default 1)")
@@ -124,9 +130,12 @@ def run(options: Options) -> int:
                 potentials,
                 region,
                 degree=degree if potentials is None else None,
-                executor=executor,
+                shrink=options.shrink,
+                options=rp.FitOptions(
+                    executor=executor,
+                    **options.of("samples", "held_out", "seed", "stream", "restarts"),
+                ),
                 progress=share_done,
-                **options.of("samples", "held_out", "seed", "stream", "shrink", "restarts"),
             )
 
         try:
@@ -134,6 +143,7 @@ def run(options: Options) -> int:
         except rp.SingularRegionError as error:
             raise said_by_options(error, shrink=not options.shrink) from None
         degrees = degree_curve(design, share_done)
+    baselines = design.evaluate_baselines(progress=share_done)
     notes = [*setting.moved, *shrunk_note(design)]
     say("finding a cycle inside Ω")
     design, more = _with_cycle(design, setting)
@@ -143,7 +153,7 @@ def run(options: Options) -> int:
     what = f"nearest repeatable inverse of {name}, over a {design.region}"
     title = f"{task.robot.name}, {task.frame}, {task.kind}: {what}"
     saved = save_control(design, prepare_folder(folder) / "design.json")
-    figure = design_figure(design, design_map(design), degrees, title=title)
+    figure = design_figure(design, design_map(design), degrees, baselines, title=title)
     files = [write_whole(folder / "design.png", png(figure)), saved]
 
     def text() -> str:
@@ -151,7 +161,7 @@ def run(options: Options) -> int:
             f"desired  {name}",
             f"start    {row(setting.q0)} ({setting.where})",
             "",
-            design.summary(),
+            design.summary(baselines),
         ]
         if len(degrees) > 1:
             rows = [[str(d), f"{cost:.5g}", f"{error:.1g}"] for d, cost, error in degrees]
@@ -160,7 +170,9 @@ def run(options: Options) -> int:
             lines += ["", design.proof.summary()]
         return fitted("\n".join([*lines, *(f"note: {note}" for note in notes), ""]))
 
-    return report(options, lambda: _as_dict(design, degrees, name, setting, notes), text, files)
+    return report(
+        options, lambda: _as_dict(design, degrees, baselines, name, setting, notes), text, files
+    )
 
 
 def _designed(
@@ -223,7 +235,12 @@ def _fields(task: rp.Task, region: Region, degree: Any, fourier: int | None) -> 
 
 
 def _as_dict(
-    design: rp.Design, degrees: Any, name: str, setting: Setting, notes: list[str]
+    design: rp.Design,
+    degrees: Any,
+    baselines: Sequence[Baseline],
+    name: str,
+    setting: Setting,
+    notes: list[str],
 ) -> dict[str, Any]:
     from ..studies.study_result import picked, region_dict
 
@@ -248,7 +265,7 @@ def _as_dict(
             other.name: {"refused": other.refused}
             if other.evaluation is None
             else picked(other.evaluation, *figures)
-            for other in design.baselines
+            for other in baselines
         },
         "degrees": [{"degree": d, "cost": c, "cost_error": e} for d, c, e in degrees],
         **({} if design.proof is None else {"proof": plain_proof(asdict(design.proof))}),

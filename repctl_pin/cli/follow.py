@@ -115,7 +115,7 @@ def run(options: Options) -> int:
         found = rp.best_leaf(strategy, path, q0, region=setting.region, desired=desired)
         q0 = found.q0
     say("following the path")
-    lock = 2 if isinstance(strategy, OnLeaves) else 0
+    lock = isinstance(strategy, OnLeaves)
     period = options.period or setting.period
     motion = rp.follow(
         strategy,
@@ -124,7 +124,7 @@ def run(options: Options) -> int:
         cycles=options.cycles,
         steps=options.steps,
         period=period,
-        leaf_lock=lock,
+        integrator=rp.LeafLock(2) if lock else "rk4",
     )
     motion = replace(motion, region=setting.region)
     slowed = (commanded(motion, strategy) if lock else motion).retimed()

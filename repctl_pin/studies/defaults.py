@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,18 +13,19 @@ from numpy.typing import ArrayLike
 from ..arguments import Array
 from ..design import nearest_repeatable
 from ..errors import InputError, SingularityError
+from ..fit_options import FitOptions
 from ..motion import Motion, TaskPath, follow
 from ..motion.fitting_circle import dexterity_at, fitting_circle
 from ..potentials import Polynomial
 from ..redundancy.inverses import inverse_condition_number
 from ..regions import Region, Tube
-from ..regions.box import sobol
+from ..regions.region import sobol
 from ..robot.length import arm_length
 from ..robot.robot import Robot
-from ..robot.task import KINDS, Task
+from ..robot.task import KINDS, Kind, Task
 from ..strategies import Inverse, LimitWeight, Pseudoinverse, WeightedInverse
 
-PREFERRED_KINDS = ("pose", "position", "xy", "xz", "yz")
+PREFERRED_KINDS: tuple[Kind, ...] = ("pose", "position", "xy", "xz", "yz")
 """Kinds tried in this order when none is named (``axis`` on request only)."""
 
 PERIOD = 5.0
@@ -47,7 +49,7 @@ def redundant_kinds(robot: Robot, frame: str) -> dict[str, int]:
 
     The rank is looked for at 32 configurations spread over the joint limits.
     """
-    kinds = {}
+    kinds: dict[str, int] = {}
     for kind, rows in KINDS.items():
         if len(robot.chain(frame)) < len(rows):
             continue
@@ -76,7 +78,7 @@ def choose_task(
     """
     frame = robot.default_frame if frame is None else frame
     if kind is not None:
-        task = robot.task(frame, kind, joints=joints)
+        task = robot.task(frame, cast(Kind, kind), joints=joints)
         if task.r >= 1 and reaches_full_rank(task):
             return task
         others = redundant_kinds(robot, frame)
@@ -315,7 +317,12 @@ def round_the_motion(
     tube = choose_region(desired.task, follow(desired, path, q0, cycles=1), width)
     # it only says where to design: few nodes will do
     linear = nearest_repeatable(
-        desired, None, tube, degree=1, seed=seed, shrink=True, samples=4096, held_out=1024
+        desired,
+        None,
+        tube,
+        degree=1,
+        options=FitOptions(seed=seed, samples=4096, held_out=1024),
+        shrink=True,
     ).inverse
     try:
         return choose_region(desired.task, follow(linear, path, q0, cycles=1), width)

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from ..arguments import Array, as_int, function, positive, require_choice, require_type
 from ..design import Design, SingularRegionError, nearest_repeatable
 from ..errors import InputError, SingularityError
+from ..fit_options import FitOptions
 from ..integrability import drift_per_area
 from ..motion import ClosedPath, Motion, TaskPath, check_length, follow
 from ..motion.fitting_circle import fitting_circle
@@ -30,7 +31,7 @@ from ..strategies import FunctionStrategy, PostureControl, Pseudoinverse, Strate
 from ..strategies.names import LABELS
 from . import defaults
 from .start_and_path import DEAR, Setting, choose_setting, design_from, shrunk_note, whose_fault
-from .study_result import Row, Study
+from .study_result import Row, Study, evaluated
 
 Control = Strategy | Callable[[Array, Array], ArrayLike]
 
@@ -181,7 +182,13 @@ def study(
         say(degree_text)
         shown = report if progress is not None else False
         return nearest_repeatable(
-            desired, None, box, degree=degree, seed=seed, shrink=region is None, progress=shown
+            desired,
+            None,
+            box,
+            degree=degree,
+            options=FitOptions(seed=seed),
+            shrink=region is None,
+            progress=shown,
         )
 
     if region is None:
@@ -201,6 +208,8 @@ def study(
     rows, time, slower, edges = _followed(
         setting, design, own, cycles=cycles, steps=steps, period=period
     )
+    say("evaluating body distances and fastest cycles")
+    rows = [evaluated(row) for row in rows]
     notes.extend([*slower, *edges, *_off_the_path(rows), *_beyond_limits(rows)])
     notes.extend(_where_it_drifts(Pseudoinverse(moved), q0, rows[0].motion))
     notes.extend(_why_it_costs(rows[0].motion, rows[-1].motion))

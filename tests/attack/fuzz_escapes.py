@@ -108,7 +108,7 @@ def cases(folder: Path) -> list[Case]:
     cell = rp.Cell(task, task.placement(task.reference), 0.05)
     rp.save(
         rp.nearest_inverse_function(
-            rp.Pseudoinverse(task), cell, degree=1, samples=256, held_out=64
+            rp.Pseudoinverse(task), cell, degree=1, options=rp.FitOptions(samples=256, held_out=64)
         ),
         "cell.json",
     )

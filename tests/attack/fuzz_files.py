@@ -306,7 +306,10 @@ def main() -> int:
             task = rp.Robot.load("planar4r").task(kind="xy")
             cell = rp.Cell(task, task.placement(task.reference), 0.05)
             found = rp.nearest_inverse_function(
-                rp.Pseudoinverse(task), cell, degree=1, samples=64, held_out=64
+                rp.Pseudoinverse(task),
+                cell,
+                degree=1,
+                options=rp.FitOptions(samples=64, held_out=64),
             )
             rp.save(found, "cell.json")
             for good in ("control.json", "cell.json"):

@@ -25,9 +25,14 @@ import repctl_pin as rp
 Q0 = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
 
 
-def design(task: rp.Task, degree: int, samples: int, **options) -> rp.Design:
+def design(task: rp.Task, degree: int, samples: int, *, progress=False, **options) -> rp.Design:
     return rp.nearest_repeatable(
-        rp.Pseudoinverse(task), None, rp.Box(Q0, 0.4), degree=degree, samples=samples, **options
+        rp.Pseudoinverse(task),
+        None,
+        rp.Box(Q0, 0.4),
+        degree=degree,
+        options=rp.FitOptions(samples=samples, **options),
+        progress=progress,
     )
 
 
@@ -106,7 +111,7 @@ import numpy as np, repctl_pin as rp
 q0 = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
 task = rp.Robot.load("panda").task("panda_hand_tcp", "pose")
 design = rp.nearest_repeatable(
-    rp.Pseudoinverse(task), None, rp.Box(q0, 0.4), degree=2, samples=1_000_000, stream=True
+    rp.Pseudoinverse(task), None, rp.Box(q0, 0.4), degree=2, options=rp.FitOptions(samples=1_000_000, stream=True)
 )
 print(design.samples, design.cost, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 """
@@ -164,8 +169,7 @@ def test_large_designs(kind: str, width: float, degree: int, most: float, say) -
         None,
         rp.Box(Q0, width),
         degree=degree,
-        samples=65536,
-        held_out=2**18,
+        options=rp.FitOptions(samples=65536, held_out=2**18),
     )
     say(
         f"{kind}, ±{width}, degree {degree}: {found.cost:.5f} ± {found.cost_error:.1g} (at most "
@@ -183,7 +187,11 @@ def test_the_standard_error_in_100_designs(say) -> None:
     for seed in range(100):
         box = rp.Box(np.array([0.3, 1.0, 0.8]) + rng.uniform(-0.2, 0.2, 3), 0.4)
         found = rp.nearest_repeatable(
-            desired, None, box, degree=2, samples=512, held_out=1024, seed=seed
+            desired,
+            None,
+            box,
+            degree=2,
+            options=rp.FitOptions(samples=512, held_out=1024, seed=seed),
         )
         truth = 0.0
         Q = box.random(2**20, 10_000 + seed)

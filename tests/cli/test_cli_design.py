@@ -77,7 +77,7 @@ def test_json_says_what_the_design_is_worth(tmp_path: Path, capsys: pytest.Captu
     assert data["region"] == {
         "center": [0, 0, 0],
         "half_width": [1, 1, 1],
-        "is": "box ±1 round (0, 0, 0)",
+        "is": "box ±1 around (0, 0, 0)",
     }
 
 

@@ -131,7 +131,10 @@ def test_a_design_for_an_arm_of_ones_own(tmp_path, monkeypatch, capsys) -> None:
     potentials, region = rp.Polynomial(q0, 1, 0.3), rp.Box(q0, 0.3)
     rp.save(
         rp.nearest_repeatable(
-            rp.Pseudoinverse(task), potentials, region, samples=256, held_out=256
+            rp.Pseudoinverse(task),
+            potentials,
+            region,
+            options=rp.FitOptions(samples=256, held_out=256),
         ),
         "arm.json",
     )

@@ -63,7 +63,13 @@ def test_a_design_in_joint_coordinates_keeps_them(tmp_path, monkeypatch, capsys)
     q0 = np.array(task.reference)
     desired = rp.WeightedInverse(task, [1.0, 2.0, 3.0])
     rp.save(
-        rp.nearest_repeatable(desired, None, rp.Box(q0, 0.2), degree=1, samples=256, held_out=256),
+        rp.nearest_repeatable(
+            desired,
+            None,
+            rp.Box(q0, 0.2),
+            degree=1,
+            options=rp.FitOptions(samples=256, held_out=256),
+        ),
         "absolute.json",
     )
     data = told(capsys, "follow", "absolute.json", "--steps", "60", "--path", "circle:0.1")

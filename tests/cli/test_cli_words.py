@@ -33,7 +33,7 @@ def test_a_singular_region_names_the_option_that_helps(tmp_path, monkeypatch, ca
     width, tries = "10", 0
     while main([*study, "--region", width]) == 2:  # the advice is taken, until it is good
         error = capsys.readouterr().err
-        assert "largest region round its center" in error and "shrink" not in error
+        assert "with the same centre" in error and "shrink" not in error
         (smaller,) = re.findall(r"; give --region ([\d.]+)$", error.strip())
         assert 0 < float(smaller) < float(width)
         width, tries = smaller, tries + 1

@@ -52,10 +52,10 @@ def questions(
     yield lambda one: one.step(q, target, 0.01, twist, leaf=leaf, gain=40.0)
 
     def bounded(one: rp.RepeatableInverse) -> np.ndarray:
-        return np.append(
-            one.step(q, far, 0.01, twist, leaf=leaf, gain=60.0, velocity_limit=limit, damping=0.15),
-            [one.damping, one.slowed],
+        step = one.damped_step(
+            q, far, 0.01, twist, leaf=leaf, gain=60.0, velocity_limit=limit, damping=0.15
         )
+        return np.append(step.q, [step.damping, step.slowed])
 
     yield bounded
     yield lambda one: one.step(q, far, 0.01, twist, leaf=leaf, velocity_limit=0.5)
@@ -134,11 +134,9 @@ def test_singular_configurations_are_refused_alike() -> None:
                 "singular"
             ] * 2
             count += 1
-        damped = [one.step(q, target, 0.01, damping=0.1) for one in (inverse, fast)]
-        assert (
-            np.abs(damped[0] - damped[1]).max() < AGREE
-            and inverse.damping == pytest.approx(fast.damping) != 0
-        )
+        ours, theirs = (one.damped_step(q, target, 0.01, damping=0.1) for one in (inverse, fast))
+        assert np.abs(ours.q - theirs.q).max() < AGREE
+        assert ours.damping == pytest.approx(theirs.damping) != 0
     assert count == 8
 
 
@@ -344,6 +342,7 @@ def test_what_cannot_be_written_down_is_refused(
 ) -> None:
     class Ball(Region):
         center = np.zeros(7)
+        bounds = random = ratio = clip = shrunk = None
 
     own = rp.CustomPotentials([lambda q: float(q[0])]).weighted(np.ones((1, 1)))
     for inverse, words in (

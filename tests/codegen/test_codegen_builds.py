@@ -139,7 +139,7 @@ def test_cmake_builds_and_tests_it(panda_design: rp.Design, tmp_path: Path) -> N
     run(["cmake", "--build", "build"], tmp_path)
     assert "100% tests passed" in run(["ctest", "--test-dir", "build"], tmp_path)
     said = run(["build/panda_control_loop"], tmp_path)
-    assert float(re.search(r"are (\S+) rad", said)[1]) < 1e-4  # type: ignore[index]
+    assert float(re.search(r"circles: (\S+) rad", said)[1]) < 1e-4  # type: ignore[index]
 
 
 CPP = """

@@ -39,7 +39,7 @@ def test_f_in_c_is_f(name: str, tmp_path: Path) -> None:
     wrong = (tmp_path / "arm.c").read_text().replace("turn < 12", "turn < 1")
     (tmp_path / "arm.c").write_text(wrong)
     run(["gcc", "-w", "arm.c", "check.c", "-o", "check", "-lm"], tmp_path)
-    with pytest.raises(AssertionError, match="F returns"):
+    with pytest.raises(AssertionError, match="F returned"):
         run(["./check"], tmp_path)
     run(
         [

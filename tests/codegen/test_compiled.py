@@ -46,7 +46,8 @@ def test_it_is_the_same_object(panda_design: rp.Design, panda_pose: rp.Task) -> 
     )
     path = rp.circle(panda_pose, Q_PANDA, 0.1, normal="x")
     motions = [
-        rp.follow(one, path, Q_PANDA, cycles=2, steps=100, leaf_lock=1) for one in (inverse, fast)
+        rp.follow(one, path, Q_PANDA, cycles=2, steps=100, integrator=rp.LeafLock())
+        for one in (inverse, fast)
     ]
     assert np.abs(motions[0].q - motions[1].q).max() < 1e-11 and motions[1].drift[-1] < 1e-3
     target = panda_pose.placement(Q_PANDA + 0.1)
@@ -75,8 +76,8 @@ def test_results_are_fresh_and_arguments_untouched(
     fast.velocity(q + 0.1, 2 * xdot), fast.step(q + 0.1, target, 0.01)
     assert np.array_equal(first, kept[0]) and np.array_equal(following, kept[1])
     # A bounded step leaves nothing behind that a free one would see.
-    fast.step(q, target, 0.01, velocity_limit=0.1, damping=0.1)
-    assert fast.slowed < 1 and np.array_equal(fast.step(q, target, 0.01, xdot), kept[1])
+    step = fast.damped_step(q, target, 0.01, velocity_limit=0.1, damping=0.1)
+    assert step.slowed < 1 and np.array_equal(fast.step(q, target, 0.01, xdot), kept[1])
     assert np.allclose(fast.velocity(list(q), [1, 1, 1, 1, 1, 1]), first)
     view = np.stack([q, q], axis=1)[:, 0]
     assert np.array_equal(fast.velocity(view, xdot), first)

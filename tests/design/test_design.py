@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -14,6 +16,7 @@ from repctl_pin import redundancy
 from repctl_pin.design import criterion, singularities
 from repctl_pin.design.design_map import degree_curve, design_map
 from repctl_pin.design.evaluation import judge
+from repctl_pin.potentials import PotentialBasis
 from repctl_pin.show.plots import design_figure
 
 Q0 = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
@@ -22,7 +25,11 @@ Q0 = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
 def panda_design_of(panda: rp.Robot, kind: str, width: float, degree: int, **options) -> rp.Design:
     task = panda.task("panda_hand_tcp", kind)
     return rp.nearest_repeatable(
-        rp.Pseudoinverse(task), None, rp.Box(Q0, width), degree=degree, **options
+        rp.Pseudoinverse(task),
+        None,
+        rp.Box(Q0, width),
+        degree=degree,
+        options=rp.FitOptions(**options),
     )
 
 
@@ -58,19 +65,35 @@ def test_cost_on_held_out_nodes(
 
 
 def test_baselines_stand_beside_it(panda: rp.Robot, panda_design: rp.Design) -> None:
-    rows, extended = panda_design.baselines
+    rows, extended = baselines = panda_design.evaluate_baselines()
     assert rows.evaluation is not None and extended.evaluation is not None
     assert abs(rows.evaluation.cost - 0.531) < 1e-3
     assert abs(extended.evaluation.cost - 0.376) < 1e-3
     assert panda_design.cost < extended.evaluation.cost < rows.evaluation.cost
-    text = panda_design.summary()
+    text = panda_design.summary(baselines)
     assert "constant rows" in text and "extended Jacobian" in text and "converged" in text
+
+
+def test_a_summary_computes_nothing_and_baselines_report_progress(
+    panda_design: rp.Design,
+) -> None:
+    begin = time.process_time()
+    text = panda_design.summary()
+    assert time.process_time() - begin < 0.05  # evaluating the baselines takes over 1 s
+    assert "leaf margin" in text and "constant rows" not in text
+    steps: list[str] = []
+    small = replace(panda_design, held_out=64)
+    baselines = small.evaluate_baselines(progress=lambda step, share: steps.append(step))
+    assert [baseline.name in step for baseline, step in zip(baselines, steps, strict=True)] == [
+        True,
+        True,
+    ]
 
 
 @pytest.mark.slow
 def test_the_extended_jacobian_is_singular_in_the_wide_box_and_said_so(panda: rp.Robot) -> None:
     design = panda_design_of(panda, "pose", 0.8, 1)
-    extended = design.baselines[1]
+    extended = design.evaluate_baselines()[1]
     assert extended.evaluation is None
     assert "algorithmic singularity" in extended.refused and "panda_joint4 = " in extended.refused
     # the point it names lies in the box, and det J_V has another sign there than at the center
@@ -133,7 +156,12 @@ def test_higher_redundancy(robot: str, kind: str, r: int, width: float) -> None:
         q0[5] = -0.9  # away from the stretched elbow of its reference pose
     assert task.r == r
     design = rp.nearest_repeatable(
-        rp.Pseudoinverse(task), None, rp.Box(q0, width), degree=2, held_out=4096, shrink=True
+        rp.Pseudoinverse(task),
+        None,
+        rp.Box(q0, width),
+        degree=2,
+        options=rp.FitOptions(held_out=4096),
+        shrink=True,
     )
     assert design.converged and design.leaf_margin > 0.1
     # the defect (I − G J)[g_a, g_b], exact; and by plain differences, which see 1e-6 of J⁺'s own
@@ -169,7 +197,11 @@ def test_the_standard_error_is_true() -> None:
         center = np.array([0.3, 1.0, 0.8]) + rng.uniform(-0.2, 0.2, 3)
         box = rp.Box(center, 0.4)
         design = rp.nearest_repeatable(
-            desired, None, box, degree=2, samples=512, held_out=1024, seed=seed
+            desired,
+            None,
+            box,
+            degree=2,
+            options=rp.FitOptions(samples=512, held_out=1024, seed=seed),
         )
         Q = box.random(2**15, 10_000 + seed)
         truth = np.mean(np.sum((design.inverse.batch(Q) - desired.batch(Q)) ** 2, axis=(1, 2)))
@@ -228,7 +260,9 @@ def test_a_repeatable_desire_is_met_exactly(panda_pose: rp.Task) -> None:
     A = np.linalg.lstsq(potentials.gradients(Q0[None])[0], N, rcond=None)[0]
     A += 0.02 * np.random.default_rng(0).normal(size=A.shape) * np.abs(A).max()
     desired = rp.RepeatableInverse(panda_pose, potentials.weighted(A))
-    design = rp.nearest_repeatable(desired, potentials, box, samples=1024, held_out=1024)
+    design = rp.nearest_repeatable(
+        desired, potentials, box, options=rp.FitOptions(samples=1024, held_out=1024)
+    )
     assert design.cost < 1e-13 and design.converged
     Q = box.random(64, 9)
     assert np.abs(design.inverse.batch(Q) - desired.batch(Q)).max() < 1e-7
@@ -237,7 +271,7 @@ def test_a_repeatable_desire_is_met_exactly(panda_pose: rp.Task) -> None:
 # ---- laws ----------------------------------------------------------------------------------------
 
 
-class Mixed:
+class Mixed(PotentialBasis):
     """The same space of potentials in another basis."""
 
     def __init__(self, family: rp.Polynomial, M: np.ndarray) -> None:
@@ -259,8 +293,8 @@ def test_the_optimum_does_not_depend_on_the_basis_nor_on_the_batch(
 ) -> None:
     task = panda.task("panda_hand_tcp", kind)
     desired, box, potentials = rp.Pseudoinverse(task), rp.Box(Q0, 0.4), rp.Polynomial(Q0, 2, 0.4)
-    options = {"samples": 2048, "held_out": 256, "tolerance": 1e-10}
-    plain = rp.nearest_repeatable(desired, potentials, box, **options)
+    options = rp.FitOptions(samples=2048, held_out=256, tolerance=1e-10)
+    plain = rp.nearest_repeatable(desired, potentials, box, options=options)
     rng = np.random.default_rng(0)
     M = rng.normal(size=(potentials.size, potentials.size)) * 10 ** rng.uniform(
         -2, 2, potentials.size
@@ -268,12 +302,12 @@ def test_the_optimum_does_not_depend_on_the_basis_nor_on_the_batch(
     Q = box.random(64, 5)
     G = plain.inverse.batch(Q)
     for other in (
-        rp.nearest_repeatable(desired, Mixed(potentials, M), box, **options),
+        rp.nearest_repeatable(desired, Mixed(potentials, M), box, options=options),
         rp.nearest_repeatable(
-            desired, rp.Polynomial(Q0 + 0.1, 2, 1.3), box, **options
+            desired, rp.Polynomial(Q0 + 0.1, 2, 1.3), box, options=options
         ),  # the same polynomials
-        rp.nearest_repeatable(desired, potentials, box, batch=97, **options),
-        rp.nearest_repeatable(desired, potentials, box, stream=True, **options),
+        rp.nearest_repeatable(desired, potentials, box, options=replace(options, batch=97)),
+        rp.nearest_repeatable(desired, potentials, box, options=replace(options, stream=True)),
     ):
         assert np.isclose(other.fit_cost, plain.fit_cost, rtol=1e-8)
         assert np.abs(other.inverse.batch(Q) - G).max() < 1e-5 * np.abs(G).max()
@@ -326,10 +360,16 @@ def test_any_inverse_can_be_desired(panda_pose: rp.Task, weight: str) -> None:
         "extended": lambda: rp.ExtendedJacobian(task, Q0),
         "custom": lambda: rp.CustomInverse(task, lambda q: np.linalg.pinv(task.jacobian(q))),
     }[weight]()
-    design = rp.nearest_repeatable(desired, None, box, degree=2, samples=1024, held_out=1024)
+    design = rp.nearest_repeatable(
+        desired, None, box, degree=2, options=rp.FitOptions(samples=1024, held_out=1024)
+    )
     assert design.converged and design.leaf_margin > 0.3 and design.relative_distance < 0.15
     plain = rp.nearest_repeatable(
-        rp.Pseudoinverse(task), None, box, degree=2, samples=1024, held_out=1024
+        rp.Pseudoinverse(task),
+        None,
+        box,
+        degree=2,
+        options=rp.FitOptions(samples=1024, held_out=1024),
     )
     Q = box.random(256, 3)
     G_d = desired.batch(Q)
@@ -398,10 +438,13 @@ def test_a_start_near_a_limit_is_left_with_more_room() -> None:
     corners, margins, distances = np.random.default_rng(0).uniform(-0.05, 0.05, (60, 3, 3)), [], []
     for desired in (plain, spared):
         inverse = rp.nearest_repeatable(
-            desired, None, box, degree=2, samples=1024, held_out=256
+            desired, None, box, degree=2, options=rp.FitOptions(samples=1024, held_out=256)
         ).inverse
         loops = (rp.polygon(task, q0, few) for few in corners)
-        loops = [rp.follow(inverse, loop, q0, cycles=1, steps=32, leaf_lock=2) for loop in loops]
+        loops = [
+            rp.follow(inverse, loop, q0, cycles=1, steps=32, integrator=rp.LeafLock(2))
+            for loop in loops
+        ]
         margins.append([loop.limit_margin.min() for loop in loops])
         distances.append(judge(inverse, plain, box, samples=1024).relative_distance)
     least, broken = np.min(margins, axis=1), np.sum(np.less(margins, 0), axis=1)
@@ -417,13 +460,20 @@ def test_a_singularity_of_V_is_refused_with_the_largest_free_box_and_shrink_take
 ) -> None:
     desired, box = rp.Pseudoinverse(panda_pose), rp.Box(Q0, 1.4)
     with pytest.raises(rp.SingularRegionError, match="shrink=True") as error:
-        rp.nearest_repeatable(desired, None, box, degree=1, samples=2048, held_out=2048)
+        rp.nearest_repeatable(
+            desired, None, box, degree=1, options=rp.FitOptions(samples=2048, held_out=2048)
+        )
     found = error.value
     assert "\n" not in str(found) and "panda_joint1 = " in str(found)
     assert box.contains(found.at[None])[0]
     assert isinstance(found.free, rp.Box) and 0 < found.free.half_width[0] < 1.4
     design = rp.nearest_repeatable(
-        desired, None, box, degree=1, samples=2048, held_out=2048, shrink=True
+        desired,
+        None,
+        box,
+        degree=1,
+        options=rp.FitOptions(samples=2048, held_out=2048),
+        shrink=True,
     )
     assert design.leaf_margin > 0 and 0.1 < design.shrunk < 1
     assert np.allclose(design.region.half_width, 1.4 * design.shrunk)
@@ -435,7 +485,12 @@ def test_a_region_is_shrunk_to_a_leaf_margin_of_a_tenth(half_width: float, tmp_p
     task = spatial_task(4, tmp_path, seed=5)
     box = rp.Box(0.4 * np.ones(4), half_width)
     design = rp.nearest_repeatable(
-        rp.Pseudoinverse(task), None, box, degree=2, samples=512, held_out=512, shrink=True
+        rp.Pseudoinverse(task),
+        None,
+        box,
+        degree=2,
+        options=rp.FitOptions(samples=512, held_out=512),
+        shrink=True,
     )
     assert design.leaf_margin >= 0.1 and 0.4 < design.shrunk < 1
     assert np.allclose(design.region.half_width, half_width * design.shrunk)
@@ -477,13 +532,21 @@ def nan_beyond(q: np.ndarray) -> float:
         ),
         (
             lambda t: rp.nearest_repeatable(
-                rp.Pseudoinverse(t), None, rp.Box(Q0, 0.4), degree=2, samples=5
+                rp.Pseudoinverse(t),
+                None,
+                rp.Box(Q0, 0.4),
+                degree=2,
+                options=rp.FitOptions(samples=5),
             ),
             "too few",
         ),
         (
             lambda t: rp.nearest_repeatable(
-                rp.Pseudoinverse(t), None, rp.Box(Q0, 0.4), degree=2, samples=0
+                rp.Pseudoinverse(t),
+                None,
+                rp.Box(Q0, 0.4),
+                degree=2,
+                options=rp.FitOptions(samples=0),
             ),
             "samples",
         ),
@@ -499,7 +562,7 @@ def nan_beyond(q: np.ndarray) -> float:
         ),
         (
             lambda t: rp.nearest_repeatable(
-                rp.Pseudoinverse(t), None, rp.Box(Q0, 0.4), degree=1, batch=0
+                rp.Pseudoinverse(t), None, rp.Box(Q0, 0.4), degree=1, options=rp.FitOptions(batch=0)
             ),
             "batch",
         ),
@@ -517,7 +580,7 @@ def nan_beyond(q: np.ndarray) -> float:
                 rp.Pseudoinverse(t),
                 rp.CustomPotentials([nan_beyond]) + rp.Polynomial(Q0, 1),
                 rp.Box(Q0, 0.4),
-                samples=64,
+                options=rp.FitOptions(samples=64),
             ),
             "nan_beyond is nan",
         ),
@@ -587,9 +650,10 @@ def test_the_curve_and_the_figure_hold_the_costs(panda: rp.Robot) -> None:
     design = panda_design_of(panda, "pose", 0.4, 2, samples=1024, held_out=1024)
     degrees = degree_curve(design)
     assert [d for d, _, _ in degrees] == [1, 2] and degrees[1][1] == design.cost < degrees[0][1]
-    figure = design_figure(design, design_map(design, points=5), degrees, title="title")
+    baselines = design.evaluate_baselines()
+    figure = design_figure(design, design_map(design, points=5), degrees, baselines, title="title")
     ax = figure.axes[0]
     assert np.allclose(ax.lines[0].get_ydata(), [cost for _, cost, _ in degrees])
     levels = [line.get_ydata()[0] for line in ax.lines if line.get_linestyle() in ("--", "-.")]
-    assert np.allclose(levels, [b.evaluation.cost for b in design.baselines])
+    assert np.allclose(levels, [b.evaluation.cost for b in baselines])
     assert ax.get_yscale() == "log" and "rad" in figure.axes[1].get_xlabel()

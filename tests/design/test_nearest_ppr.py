@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import repctl_pin as rp
-from repctl_pin.design import cost_has_converged
+from repctl_pin.design import cost_has_converged, nearest_in_family
 from repctl_pin.redundancy import leaf_margin, null_component, null_vector
 
 PI = np.pi
@@ -98,7 +98,10 @@ def engine(task: rp.Task, a: float, b: float, degree: int, **options) -> rp.Desi
         center, degree, half, variables=[2]
     )
     return rp.nearest_repeatable(
-        rp.Pseudoinverse(task), potentials, rp.Box(center, half), **options
+        rp.Pseudoinverse(task),
+        potentials,
+        rp.Box(center, half),
+        options=rp.FitOptions(**options),
     )
 
 
@@ -169,7 +172,7 @@ def test_family_is_what_the_paper_prints(task: rp.Task, some_q: np.ndarray, k: f
 
 @pytest.mark.parametrize("a, b", BELOW_PI + ABOVE_PI)
 def test_search_over_the_family_finds_k_star(task: rp.Task, a: float, b: float) -> None:
-    found = rp.nearest_in_family(
+    found = nearest_in_family(
         rp.Pseudoinverse(task), lambda k: Family(task, k), rp.Box.between([-1, -1, a], [1, 1, b])
     )
     k = k_star(a, b)
@@ -183,7 +186,7 @@ def test_search_over_the_family_finds_k_star(task: rp.Task, a: float, b: float) 
     "a, b", [(-PI / 2, PI / 2), (0.3, 0.3 + PI), (-PI, PI), (1.0, 1.0 + 2 * PI)]
 )
 def test_search_says_when_every_k_is_as_good(task: rp.Task, a: float, b: float) -> None:
-    found = rp.nearest_in_family(
+    found = nearest_in_family(
         rp.Pseudoinverse(task), lambda k: Family(task, k), rp.Box.between([-1, -1, a], [1, 1, b])
     )
     assert not found.unique and "every value" in found.summary()
@@ -195,7 +198,7 @@ def test_search_does_not_take_its_own_quadrature_error_for_a_preference(
     task: rp.Task, samples: int
 ) -> None:
     region = rp.Box.between([-1, -1, 0], [1, 1, 2 * PI])
-    found = rp.nearest_in_family(
+    found = nearest_in_family(
         rp.Pseudoinverse(task), lambda k: Family(task, k), region, samples=samples
     )
     assert not found.unique
@@ -215,11 +218,11 @@ def test_search_within_bounds_and_over_potentials(task: rp.Task) -> None:
     ks = np.linspace(-1, 2, 3001)
     costs = np.array([w @ np.sum((family(k).batch(Q) - G_d) ** 2, axis=(1, 2)) for k in ks[::10]])
     best = ks[::10][np.argmin(costs)]
-    inside = rp.nearest_in_family(desired, family, region, bounds=(-1, 2))
+    inside = nearest_in_family(desired, family, region, bounds=(-1, 2))
     assert inside.parameter == pytest.approx(best, abs=0.01) and inside.cost <= costs.min() * (
         1 + 1e-9
     )
-    edge = rp.nearest_in_family(desired, family, region, bounds=(best + 0.5, 2))
+    edge = nearest_in_family(desired, family, region, bounds=(best + 0.5, 2))
     assert edge.parameter == best + 0.5
 
 
@@ -227,7 +230,7 @@ def test_search_refuses_what_it_cannot_do(task: rp.Task) -> None:
     region = rp.Box(np.zeros(3), 1.0)
     for bounds in ((0.0, np.inf), (1.0, 1.0), (np.nan, 1.0)):
         with pytest.raises(rp.InputError, match="bounds"):
-            rp.nearest_in_family(
+            nearest_in_family(
                 rp.Pseudoinverse(task), lambda k: Family(task, k), region, bounds=bounds
             )
 
@@ -236,7 +239,7 @@ def test_search_refuses_what_it_cannot_do(task: rp.Task) -> None:
             raise rp.SingularityError("nowhere")
 
     with pytest.raises(rp.SingularityError, match="no member"):
-        rp.nearest_in_family(rp.Pseudoinverse(task), lambda k: Broken(task, k), region)
+        nearest_in_family(rp.Pseudoinverse(task), lambda k: Broken(task, k), region)
 
 
 # ---- the general engine -------------------------------------------------------------------------
@@ -329,7 +332,9 @@ def test_the_engine_says_whether_its_potentials_are_rich_enough(task: rp.Task) -
             box = rp.Box(np.zeros(3), half)
             try:
                 found.append(
-                    rp.nearest_repeatable(rp.Pseudoinverse(task), potentials, box, samples=4096)
+                    rp.nearest_repeatable(
+                        rp.Pseudoinverse(task), potentials, box, options=rp.FitOptions(samples=4096)
+                    )
                 )
             except rp.SingularityError as error:
                 found.append(error)

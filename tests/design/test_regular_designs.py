@@ -17,9 +17,13 @@ def test_the_verdict_does_not_hang_on_the_sample() -> None:
     """tiago ±0.15, degree 2: a descent on few nodes runs into a singularity between them."""
     task = rp.Robot.load("tiago").task(None, "pose")
     desired, box = rp.Pseudoinverse(task), rp.Box(task.reference, 0.15)
-    linear = rp.nearest_repeatable(desired, None, box, degree=1, samples=2048, held_out=4096)
+    linear = rp.nearest_repeatable(
+        desired, None, box, degree=1, options=rp.FitOptions(samples=2048, held_out=4096)
+    )
     found = [
-        rp.nearest_repeatable(desired, None, box, degree=2, samples=k, held_out=4096)
+        rp.nearest_repeatable(
+            desired, None, box, degree=2, options=rp.FitOptions(samples=k, held_out=4096)
+        )
         for k in (2048, 4096)
     ]
     for design in found:
@@ -31,7 +35,11 @@ def test_the_verdict_does_not_hang_on_the_sample() -> None:
 def test_auto_goes_on_while_it_pays(tmp_path: Path) -> None:
     task, box = spatial_task(4, tmp_path, seed=2), rp.Box(np.full(4, 0.2), 0.5)
     design = rp.nearest_repeatable(
-        rp.Pseudoinverse(task), None, box, degree="auto", samples=2048, held_out=2048
+        rp.Pseudoinverse(task),
+        None,
+        box,
+        degree="auto",
+        options=rp.FitOptions(samples=2048, held_out=2048),
     )
     degrees, costs, _ = zip(*design.degrees, strict=True)
     assert degrees[-1] == 6 and costs[4] < 0.6 * costs[3]
@@ -94,7 +102,11 @@ def test_an_arm_stretched_inside_the_region_is_found() -> None:
         assert sigma[-1] <= 1e-5 * sigma[0] and np.abs(found.at[1:]).max() < 1e-3
         with pytest.raises(rp.SingularityError, match="loses rank"):
             rp.nearest_repeatable(
-                rp.Pseudoinverse(task), None, box, degree=1, samples=64, held_out=64
+                rp.Pseudoinverse(task),
+                None,
+                box,
+                degree=1,
+                options=rp.FitOptions(samples=64, held_out=64),
             )
     bent = rp.Box(np.full(7, 0.3), 0.25)  # without a stretched arm
     assert singularities.search(measure, bent, bent.random(2048, 0)).value > 0.01

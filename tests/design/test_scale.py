@@ -14,7 +14,7 @@ import repctl_pin as rp
 from repctl_pin.design import criterion, workers
 
 Q0 = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
-OPTIONS = {"degree": 2, "samples": 2048, "held_out": 256, "batch": 128}
+OPTIONS = {"samples": 2048, "held_out": 256, "batch": 128}
 
 
 @pytest.fixture(scope="module")
@@ -23,10 +23,15 @@ def processes() -> Iterator[Executor]:
         yield pool
 
 
-def design(panda: rp.Robot, **options) -> rp.Design:
+def design(panda: rp.Robot, *, degree=2, progress=False, **options) -> rp.Design:
     task = panda.task("panda_hand_tcp", "axis")
     return rp.nearest_repeatable(
-        rp.Pseudoinverse(task), None, rp.Box(Q0, 0.4), **(OPTIONS | options)
+        rp.Pseudoinverse(task),
+        None,
+        rp.Box(Q0, 0.4),
+        degree=degree,
+        options=rp.FitOptions(**(OPTIONS | options)),
+        progress=progress,
     )
 
 
@@ -105,7 +110,11 @@ def test_what_cannot_be_sent_is_refused_before_any_work(
     desired = rp.WeightedInverse(panda_pose, lambda q: np.ones(7))
     with pytest.raises(rp.InputError, match="top level of a module"):
         rp.nearest_repeatable(
-            desired, None, rp.Box(Q0, 0.3), degree=1, samples=512, executor=processes
+            desired,
+            None,
+            rp.Box(Q0, 0.3),
+            degree=1,
+            options=rp.FitOptions(samples=512, executor=processes),
         )
     with pytest.raises(rp.InputError, match=r"concurrent\.futures"):
         rp.nearest_repeatable(
@@ -113,8 +122,7 @@ def test_what_cannot_be_sent_is_refused_before_any_work(
             None,
             rp.Box(Q0, 0.3),
             degree=1,
-            samples=512,
-            executor="two",
+            options=rp.FitOptions(samples=512, executor="two"),
         )
 
 
@@ -126,10 +134,7 @@ def test_an_error_on_a_worker_arrives(panda: rp.Robot, processes: Executor) -> N
             rp.Pseudoinverse(task),
             class_free,
             rp.Box(Q0, 0.4),
-            samples=4096,
-            held_out=64,
-            batch=128,
-            executor=processes,
+            options=rp.FitOptions(samples=4096, held_out=64, batch=128, executor=processes),
         )
 
 

@@ -177,7 +177,9 @@ def test_designed_inverses_have_no_defect_where_the_pseudoinverse_has(
         [0, 2, 3, 4, 6] if r == 4 else None
     )  # fewer potentials, so that it does not take long
     potentials = rp.Polynomial(center, 2, box.half_width, variables=variables)
-    inverse = rp.nearest_repeatable(plain, potentials, box, samples=2048).inverse
+    inverse = rp.nearest_repeatable(
+        plain, potentials, box, options=rp.FitOptions(samples=2048)
+    ).inverse
     Q = box.random(8, 1)
     assert np.abs(measure(plain, Q).delta).max(axis=(1, 2, 3)).min() > 1e-2
     assert np.abs(measure(inverse, Q).delta).max() < 1e-8

@@ -175,7 +175,7 @@ def test_ten_thousand_cycles_without_a_trend() -> None:
     design = found()
     path = tour(design.cell, 1)
     q0 = design.function(path.placement(0.0))
-    motion = rp.follow(design.inverse, path, q0, cycles=10_000, steps=40, leaf_lock=3)
+    motion = rp.follow(design.inverse, path, q0, cycles=10_000, steps=40, integrator=rp.LeafLock(3))
     late = motion.drift[5000:]
     print("drift after 1, 10, 10,000 cycles:", motion.drift[[0, 9, -1]])
     assert motion.drift.max() < 1e-5 and np.ptp(motion.drift) < 1e-9

@@ -19,13 +19,12 @@ def tiago() -> rp.Design:
         rp.Pseudoinverse(task),
         rp.Polynomial(q0, 2, 0.2),
         rp.Box(q0, 0.08),
-        samples=2048,
-        held_out=1024,
+        options=rp.FitOptions(samples=2048, held_out=1024),
     )
 
 
 def dense(inverse: rp.RepeatableInverse, path: rp.TaskPath, q0: np.ndarray) -> rp.Motion:
-    return rp.follow(inverse, path, q0, cycles=3, steps=500, leaf_lock=2)
+    return rp.follow(inverse, path, q0, cycles=3, steps=500, integrator=rp.LeafLock(2))
 
 
 @pytest.mark.parametrize("plane, radius, angle", [("xy", 0.1, np.pi), ("yz", 0.2, 0)])
@@ -92,7 +91,7 @@ def test_it_stays_in_the_region_and_says_how_near_it_is() -> None:
     task, q0 = rp.Robot.load("planar3r").task("tool", "xy"), np.array([2.0, 0.6, 0.9])
     path, desired = rp.circle(task, q0, 0.05), rp.Pseudoinverse(task)
     design = rp.nearest_repeatable(
-        desired, None, rp.Box(q0, 0.2), degree=2, samples=512, held_out=256
+        desired, None, rp.Box(q0, 0.2), degree=2, options=rp.FitOptions(samples=512, held_out=256)
     )
     options = {"desired": design.desired, "steps": 24}
     free, kept = (
@@ -121,7 +120,7 @@ def test_margins_are_of_the_joints_in_any_coordinates() -> None:
     psi0 = np.linalg.solve(T, q0)
     desired = rp.Pseudoinverse(psi)
     design = rp.nearest_repeatable(
-        desired, None, rp.Box(psi0, 0.3), degree=2, samples=512, held_out=256
+        desired, None, rp.Box(psi0, 0.3), degree=2, options=rp.FitOptions(samples=512, held_out=256)
     )
     found = rp.best_leaf(design.inverse, path, psi0, region=design.region, steps=24).best
     lower, upper, _ = psi.joint_limits

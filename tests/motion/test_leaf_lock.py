@@ -122,7 +122,9 @@ def test_without_the_lock_euler_creeps(panda_design, path, q_panda) -> None:
     free = rp.follow(
         panda_design.inverse, path, q_panda, cycles=10, steps=100, integrator="euler", feedback=20.0
     )
-    locked = rp.follow(panda_design.inverse, path, q_panda, cycles=10, steps=100, leaf_lock=1)
+    locked = rp.follow(
+        panda_design.inverse, path, q_panda, cycles=10, steps=100, integrator=rp.LeafLock()
+    )
     assert free.drift[-1] > 5 * free.drift[0] > 1e-4
     assert np.ptp(locked.drift) < 1e-11 and locked.drift[-1] < 1e-3
 
@@ -132,7 +134,7 @@ def test_follow_locks_every_kind_of_task(panda, q_panda, kind: str) -> None:
     task = panda.task("panda_hand_tcp", kind)
     inverse = rp.ExtendedJacobian(task, q_panda)
     path = rp.circle(task, q_panda, 0.05, normal="xz")
-    motion = rp.follow(inverse, path, q_panda, cycles=3, steps=60, leaf_lock=2)
+    motion = rp.follow(inverse, path, q_panda, cycles=3, steps=60, integrator=rp.LeafLock(2))
     assert motion.drift.max() < 1e-8 and np.ptp(motion.drift) < 1e-11
     assert motion.tracking_error.max() < 1e-8 and motion.turning_error.max() < 1e-8
     leaf = inverse.leaf(q_panda)
@@ -141,7 +143,9 @@ def test_follow_locks_every_kind_of_task(panda, q_panda, kind: str) -> None:
 
 def test_corners_are_met(panda_design, q_panda) -> None:
     square = rp.polygon(panda_design.task, q_panda, [[0, 0.1, 0], [0, 0.1, 0.1], [0, 0, 0.1]])
-    motion = rp.follow(panda_design.inverse, square, q_panda, cycles=2, steps=200, leaf_lock=2)
+    motion = rp.follow(
+        panda_design.inverse, square, q_panda, cycles=2, steps=200, integrator=rp.LeafLock(2)
+    )
     assert motion.drift.max() < 1e-9 and motion.tracking_error.max() < 1e-8
 
 
@@ -153,9 +157,7 @@ def test_a_start_off_the_leaf_comes_to_it(panda_design, path, q_panda) -> None:
         path,
         off,
         cycles=2,
-        leaf_lock=1,
-        leaf=leaf,
-        velocity_limit=SPEED_LIMIT,
+        integrator=rp.LeafLock(leaf=leaf, velocity_limit=SPEED_LIMIT),
     )
     assert np.abs(motion.q[-1] - q_panda).max() < 2e-5
     assert np.abs(motion.qdot).max() <= SPEED_LIMIT * (1 + 1e-9)
@@ -167,20 +169,32 @@ def test_a_path_out_of_reach_is_damped_bounded_and_reported() -> None:
     out = rp.circle(task, q0, 1.2, start_angle=np.pi)
     assert np.linalg.norm(out.points(), axis=1).max() > 3.0  # further than the arm is long
     with pytest.raises(rp.SingularityError, match="in cycle 1"):
-        rp.follow(inverse, out, q0, cycles=1, steps=200, leaf_lock=1)
+        rp.follow(inverse, out, q0, cycles=1, steps=200, integrator=rp.LeafLock())
     motion = rp.follow(
-        inverse, out, q0, cycles=1, steps=200, leaf_lock=1, damping=0.1, velocity_limit=2.0
+        inverse,
+        out,
+        q0,
+        cycles=1,
+        steps=200,
+        integrator=rp.LeafLock(1, damping=0.1, velocity_limit=2.0),
     )
     assert 0 < motion.damping <= 0.1 and motion.tracking_error.max() > 0.1
     assert np.abs(motion.qdot).max() <= 2.0 * (1 + 1e-9)
     near = rp.follow(
-        inverse, rp.circle(task, q0, 0.1), q0, cycles=1, steps=200, leaf_lock=1, damping=0.01
+        inverse,
+        rp.circle(task, q0, 0.1),
+        q0,
+        cycles=1,
+        steps=200,
+        integrator=rp.LeafLock(1, damping=0.01),
     )
     assert near.damping == 0 and near.drift[0] < 1e-4
 
 
 def test_retiming_keeps_the_joint_path_and_the_limits(panda_design, path, q_panda) -> None:
-    motion = rp.follow(panda_design.inverse, path, q_panda, cycles=1, period=0.4, leaf_lock=2)
+    motion = rp.follow(
+        panda_design.inverse, path, q_panda, cycles=1, period=0.4, integrator=rp.LeafLock(2)
+    )
     assert motion.speed_ratio > 1.5
     slow = motion.retimed()
     assert np.array_equal(slow.q, motion.q) and slow.speed_ratio <= 1 + 1e-12
@@ -188,7 +202,9 @@ def test_retiming_keeps_the_joint_path_and_the_limits(panda_design, path, q_pand
     steps = np.abs(np.diff(slow.q, axis=0)) / np.diff(slow.t)[:, None]
     assert (steps <= panda_design.task.velocity_limit * (1 + 1e-9)).all()
     # Where it was slow enough it keeps its time; asked for nothing, nothing changes.
-    gentle = rp.follow(panda_design.inverse, path, q_panda, cycles=1, period=20.0, leaf_lock=2)
+    gentle = rp.follow(
+        panda_design.inverse, path, q_panda, cycles=1, period=20.0, integrator=rp.LeafLock(2)
+    )
     assert np.allclose(gentle.retimed().t, gentle.t, rtol=1e-14) and np.array_equal(
         gentle.retimed().qdot, gentle.qdot
     )
@@ -206,7 +222,13 @@ def test_in_other_joint_coordinates_the_robots_own_joints_keep_their_limits() ->
     psi = np.array([0.3, 1.0, 1.8, 2.5])
     inverse = rp.ExtendedJacobian(task, psi)
     motion = rp.follow(
-        inverse, rp.circle(task, psi, 0.1), psi, cycles=1, steps=60, leaf_lock=2, period=0.2
+        inverse,
+        rp.circle(task, psi, 0.1),
+        psi,
+        cycles=1,
+        steps=60,
+        integrator=rp.LeafLock(2),
+        period=0.2,
     )
     slow = motion.retimed(1.0)
     Q, times = slow.q @ task.coordinates.T.T, np.diff(slow.t)
@@ -220,18 +242,22 @@ def test_in_other_joint_coordinates_the_robots_own_joints_keep_their_limits() ->
 
 def test_bad_input(panda_design, panda_pose, path, q_panda) -> None:
     plain = rp.Pseudoinverse(panda_pose)
-    with pytest.raises(rp.InputError, match="leaf_lock= requires a repeatable"):
-        rp.follow(plain, path, q_panda, leaf_lock=1)
-    with pytest.raises(rp.InputError, match="leaf_lock=1"):
-        rp.follow(panda_design.inverse, path, q_panda, velocity_limit=1.0)
-    with pytest.raises(rp.InputError, match="leaf_lock"):
-        rp.follow(panda_design.inverse, path, q_panda, leaf_lock=-1)
-    with pytest.raises(rp.InputError, match="feedback= and leaf_lock= are mutually"):
-        rp.follow(panda_design.inverse, path, q_panda, leaf_lock=1, feedback=5.0)
+    with pytest.raises(rp.InputError, match="requires a repeatable strategy"):
+        rp.follow(plain, path, q_panda, integrator=rp.LeafLock())
+    with pytest.raises(rp.InputError, match="corrections must be a whole number from 1 up"):
+        rp.LeafLock(0)
+    with pytest.raises(rp.InputError, match="damping must be 0 or more"):
+        rp.LeafLock(damping=-1.0)
+    with pytest.raises(rp.InputError, match="no integrator 'rk5'"):
+        rp.follow(panda_design.inverse, path, q_panda, integrator="rk5")
+    with pytest.raises(rp.InputError, match="mutually exclusive"):
+        rp.follow(panda_design.inverse, path, q_panda, integrator=rp.LeafLock(), feedback=5.0)
     with pytest.raises(rp.InputError, match="level c"):
-        rp.follow(panda_design.inverse, path, q_panda, leaf_lock=1, leaf=np.zeros(3))
+        rp.follow(panda_design.inverse, path, q_panda, integrator=rp.LeafLock(1, leaf=np.zeros(3)))
     with pytest.raises(rp.InputError, match="speed limit"):
-        rp.follow(panda_design.inverse, path, q_panda, leaf_lock=1, velocity_limit="fast")
+        rp.follow(
+            panda_design.inverse, path, q_panda, integrator=rp.LeafLock(1, velocity_limit="fast")
+        )
     with pytest.raises(rp.InputError, match="task="):
         rp.follow(lambda q, xdot: q, path, q_panda)
     with pytest.raises(rp.InputError, match="7 finite numbers"):

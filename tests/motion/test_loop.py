@@ -17,7 +17,10 @@ def controls() -> tuple[rp.Pseudoinverse, rp.RepeatableInverse]:
     task, q0 = rp.Robot.load("planar3r").task(kind="xy"), np.array([0.3, 0.8, 0.8])
     plain = rp.Pseudoinverse(task)
     found = rp.nearest_repeatable(
-        plain, rp.Polynomial(q0, 1, 0.3), rp.Box(q0, 0.3), samples=256, held_out=64
+        plain,
+        rp.Polynomial(q0, 1, 0.3),
+        rp.Box(q0, 0.3),
+        options=rp.FitOptions(samples=256, held_out=64),
     )
     return plain, found.inverse
 
@@ -86,7 +89,9 @@ def test_out_of_reach_it_holds_says_so_and_comes_back(
     direction."""
     plain = rp.Pseudoinverse(panda_pose)
     potentials, box = rp.Polynomial(q_panda, 1, 0.3), rp.Box(q_panda, 0.3)
-    found = rp.nearest_repeatable(plain, potentials, box, samples=256, held_out=64)
+    found = rp.nearest_repeatable(
+        plain, potentials, box, options=rp.FitOptions(samples=256, held_out=64)
+    )
     path = rp.circle(panda_pose, q_panda, 0.1)
     loop = Loop([plain, found.inverse], path, q_panda, period=2.0)
     loop.run(1.0)

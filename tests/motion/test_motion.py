@@ -11,6 +11,7 @@ from scipy.integrate import solve_ivp
 
 import repctl_pin as rp
 from repctl_pin.motion import parse_path
+from repctl_pin.paths.shapes import rose
 
 
 def all_paths(task: rp.Task, q: np.ndarray) -> list[rp.TaskPath]:
@@ -18,7 +19,7 @@ def all_paths(task: rp.Task, q: np.ndarray) -> list[rp.TaskPath]:
     return [
         rp.circle(task, q, 0.1, normal="x", start_angle=0.7),
         rp.figure_eight(task, q, 0.1, normal="y", start_angle=0.3),
-        rp.rose(task, q, 0.1, petals=5),
+        rose(task, q, 0.1, petals=5),
         rp.polygon(task, q, [[0.1, 0, 0], [0.1, 0.05, 0.1]]),
         rp.waypoints(np.array(loop) + task.placement(q).translation, task.placement(q).rotation),
         parse_path("square:0.2", "yz")(task, q),

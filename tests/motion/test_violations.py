@@ -167,8 +167,7 @@ def test_baxter_breaks_a_limit_in_cycle_7_and_ours_none() -> None:
         None,
         rp.Box(q0, 0.4),
         degree=1,
-        samples=512,
-        held_out=256,
+        options=rp.FitOptions(samples=512, held_out=256),
         shrink=True,
     )
     plain, ours = (

@@ -77,12 +77,20 @@ def test_a_control_that_holds_it_repeats_and_polynomials_correct_it() -> None:
     task = potentials.task
     held = rp.RepeatableInverse(task, potentials.weighted([[1.0]]))
     path = rp.circle(task, Q_PANDA, 0.1, normal="x")
-    assert rp.follow(held, path, Q_PANDA, cycles=2, steps=60, leaf_lock=3).drift.max() < 1e-9
+    assert (
+        rp.follow(held, path, Q_PANDA, cycles=2, steps=60, integrator=rp.LeafLock(3)).drift.max()
+        < 1e-9
+    )
     box = rp.Box(Q_PANDA, 0.3)
     desired = rp.Pseudoinverse(task)
-    alone = rp.nearest_repeatable(desired, potentials, box, samples=192, held_out=192)
+    alone = rp.nearest_repeatable(
+        desired, potentials, box, options=rp.FitOptions(samples=192, held_out=192)
+    )
     joined = rp.nearest_repeatable(
-        desired, potentials + rp.Polynomial(Q_PANDA, 1, 0.3), box, samples=192, held_out=192
+        desired,
+        potentials + rp.Polynomial(Q_PANDA, 1, 0.3),
+        box,
+        options=rp.FitOptions(samples=192, held_out=192),
     )
     assert joined.cost < 0.9 * alone.cost
 

@@ -46,15 +46,15 @@ def test_functions_design_like_the_polynomials_they_are(panda_pose: rp.Task) -> 
     linear = rp.CustomPotentials(
         [(lambda q, i=i: q[i], lambda q, i=i: np.eye(7)[i]) for i in range(7)]
     )
-    options = {"samples": 512, "held_out": 512}
-    ours = rp.nearest_repeatable(desired, linear, box, **options)
-    theirs = rp.nearest_repeatable(desired, rp.Polynomial(Q0, 1, 0.3), box, **options)
+    options = rp.FitOptions(samples=512, held_out=512)
+    ours = rp.nearest_repeatable(desired, linear, box, options=options)
+    theirs = rp.nearest_repeatable(desired, rp.Polynomial(Q0, 1, 0.3), box, options=options)
     assert np.isclose(ours.cost, theirs.cost, rtol=1e-6)
 
 
 def test_dependent_potentials_are_dropped_by_name(panda_pose: rp.Task) -> None:
     box, desired = rp.Box(Q0, 0.3), rp.Pseudoinverse(panda_pose)
-    options = {"samples": 512, "held_out": 512}
+    options = rp.FitOptions(samples=512, held_out=512)
     base = rp.Polynomial(Q0, 1, 0.3)
     extra = rp.CustomPotentials(
         [
@@ -63,12 +63,12 @@ def test_dependent_potentials_are_dropped_by_name(panda_pose: rp.Task) -> None:
         ],
         names=["one", "again"],
     )
-    design = rp.nearest_repeatable(desired, base + extra, box, **options)
+    design = rp.nearest_repeatable(desired, base + extra, box, options=options)
     assert len(design.dropped) == 2
     assert design.dropped[0].startswith("one: constant")
     assert design.dropped[1].startswith("again: depends linearly")
     assert np.array_equal(design.coefficients[7:], np.zeros((2, 1)))
-    plain = rp.nearest_repeatable(desired, base, box, **options)
+    plain = rp.nearest_repeatable(desired, base, box, options=options)
     assert np.isclose(design.cost, plain.cost, rtol=1e-9)
     assert "again" in design.summary()
 
@@ -81,15 +81,15 @@ def test_potentials_in_the_row_space_are_dropped_by_name(panda: rp.Robot) -> Non
         [(lambda q: task.placement(q).translation[2], lambda q: task.jacobian(q)[2])],
         names=["height"],
     )
-    options = {"samples": 512, "held_out": 512}
+    options = rp.FitOptions(samples=512, held_out=512)
     design = rp.nearest_repeatable(
-        rp.Pseudoinverse(task), rp.Polynomial(Q0, 1, 0.2) + height, rp.Box(Q0, 0.2), **options
+        rp.Pseudoinverse(task), rp.Polynomial(Q0, 1, 0.2) + height, rp.Box(Q0, 0.2), options=options
     )
     assert [text.partition(":")[0] for text in design.dropped] == ["height"]
     assert "row space" in design.dropped[0]
     with pytest.raises(rp.InputError, match=r"height.*row space"):
         few = rp.Polynomial(Q0, 1, 0.2, variables=[0, 1, 2]) + height
-        rp.nearest_repeatable(rp.Pseudoinverse(task), few, rp.Box(Q0, 0.2), **options)
+        rp.nearest_repeatable(rp.Pseudoinverse(task), few, rp.Box(Q0, 0.2), options=options)
 
 
 @pytest.mark.parametrize(

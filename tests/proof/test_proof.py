@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from arms import planar_task, spatial_task
 from commands import refused, told
+from mimic_arm import MIMICS, arm
 from proofs import design_of, margins, near_null_space, smallest_singular_values
-from robot.test_mimic import MIMICS, arm
 
 import repctl_pin as rp
 from repctl_pin.cli import main

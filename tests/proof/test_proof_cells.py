@@ -23,7 +23,7 @@ def function_over(
 ) -> CellDesign:
     cell = rp.Cell(task, placement, half_width, rotation)
     return rp.nearest_inverse_function(
-        rp.Pseudoinverse(task), cell, degree=3, samples=256, held_out=256
+        rp.Pseudoinverse(task), cell, degree=3, options=rp.FitOptions(samples=256, held_out=256)
     )
 
 
@@ -121,7 +121,7 @@ def test_an_arm_with_a_prismatic_joint_is_enclosed_too(tmp_path: Path) -> None:
     cell = rp.Cell(task, task.placement(q), 0.02, 0.02)
     desired = rp.Pseudoinverse(task)
     found = rp.nearest_inverse_function(
-        desired, cell, posture=q, degree=2, samples=256, held_out=256
+        desired, cell, posture=q, degree=2, options=rp.FitOptions(samples=256, held_out=256)
     )
     assert check_enclosures(found, 0.02, 20) > 0.5
 
@@ -132,8 +132,7 @@ def test_cells_of_other_tasks_are_refused_by_name(panda: rp.Robot) -> None:
         rp.Pseudoinverse(task),
         rp.Cell(task, task.placement(task.reference), 0.02),
         degree=2,
-        samples=64,
-        held_out=64,
+        options=rp.FitOptions(samples=64, held_out=64),
     )
     with pytest.raises(rp.InputError, match="position tasks yet"):
         rp.prove(found)

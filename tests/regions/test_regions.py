@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
 
 import repctl_pin as rp
+from repctl_pin.regions.sobol import scrambled_points
 
 Q0 = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
 
@@ -43,7 +46,7 @@ def test_density_moves_the_mean() -> None:
 
 def test_a_design_with_a_density_is_nearer_where_it_counts(panda_pose: rp.Task) -> None:
     corner = Q0 + 0.25
-    options = {"degree": 1, "samples": 2048, "held_out": 2048}
+    options = {"degree": 1, "options": rp.FitOptions(samples=2048, held_out=2048)}
     desired = rp.Pseudoinverse(panda_pose)
     plain = rp.nearest_repeatable(desired, None, rp.Box(Q0, 0.4), **options)
     here = rp.Box(Q0, 0.4, density=lambda Q: np.exp(-20 * np.sum((Q - corner) ** 2, axis=1)))
@@ -68,10 +71,18 @@ def test_a_tube_follows_its_samples(panda_pose: rp.Task) -> None:
     assert not tube.contains(outside).any() and tube.contains(tube.clip(outside)).all()
     assert tube.shrunk(0.5).contains(Q).mean() < 1 and tube.bounds.contains(Q).all()
     design = rp.nearest_repeatable(
-        rp.Pseudoinverse(panda_pose), None, tube, degree=2, samples=2048, held_out=2048
+        rp.Pseudoinverse(panda_pose),
+        None,
+        tube,
+        degree=2,
+        options=rp.FitOptions(samples=2048, held_out=2048),
     )
     box = rp.nearest_repeatable(
-        rp.Pseudoinverse(panda_pose), None, tube.bounds, degree=2, samples=2048, held_out=2048
+        rp.Pseudoinverse(panda_pose),
+        None,
+        tube.bounds,
+        degree=2,
+        options=rp.FitOptions(samples=2048, held_out=2048),
     )
     # fitted to the tube it is nearer to J⁺ there than the design for the box around it
     assert design.cost < rp.compare(box).evaluations[0].cost  # type: ignore[union-attr]
@@ -128,10 +139,18 @@ def test_a_design_over_a_workspace_box() -> None:
     within = rp.Box([0.2, 1.2, 0.9], 0.5)
     region = rp.WorkspaceBox(task, task.positions(within.center[None])[0, :2], 0.2, within=within)
     design = rp.nearest_repeatable(
-        rp.Pseudoinverse(task), None, region, degree=3, samples=4096, held_out=4096
+        rp.Pseudoinverse(task),
+        None,
+        region,
+        degree=3,
+        options=rp.FitOptions(samples=4096, held_out=4096),
     )
     other = rp.nearest_repeatable(
-        rp.Pseudoinverse(task), None, within, degree=3, samples=4096, held_out=4096
+        rp.Pseudoinverse(task),
+        None,
+        within,
+        degree=3,
+        options=rp.FitOptions(samples=4096, held_out=4096),
     )
     assert design.converged and design.leaf_margin > 0.3
     assert design.cost < rp.compare(design, other).evaluations[1].cost  # type: ignore[union-attr]
@@ -148,7 +167,7 @@ def test_boxes_are_cut_to_limits(panda_pose: rp.Task) -> None:
         None,
         rp.Box(Q0, [0.1, 0.1, 0.1, 0.9, 0.1, 0.1, 0.1]),
         degree=1,
-        held_out=4096,
+        options=rp.FitOptions(held_out=4096),
     ).inside_limits
     expected = (Q0[3] + 0.9 - panda_pose.lower[3]) / 1.8  # joint 4 alone goes over its lower limit
     assert abs(share - expected) < 2e-3 < 1 - expected
@@ -188,7 +207,7 @@ def test_boxes_are_cut_to_limits(panda_pose: rp.Task) -> None:
         ),
         (
             lambda: rp.Box([0.0], 1.0, density=lambda Q: 1.0).weights(np.zeros((3, 1))),
-            "one number a row",
+            "one number per row",
         ),
     ],
 )
@@ -204,3 +223,16 @@ def test_a_workspace_box_out_of_reach_is_refused() -> None:
         rp.WorkspaceBox(task, [5.0, 0.0], 0.1, within=rp.Box([0.2, 1.2, 0.9], 0.5))
     with pytest.raises(rp.InputError, match="2 finite numbers"):
         rp.WorkspaceBox(task, [5.0, 0.0, 1.0], 0.1, within=rp.Box([0.2, 1.2, 0.9], 0.5))
+
+
+@pytest.mark.parametrize("n", [1, 2, 7, 8, 31, 32, 33, 40])
+@pytest.mark.parametrize("seed", [0, 3, 20_000])
+def test_sobol_points_are_those_of_scipy(n: int, seed: int) -> None:
+    from scipy.stats import qmc
+
+    for power in (0, 1, 5, 10):
+        ours = scrambled_points(n, power, seed)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            theirs = qmc.Sobol(n, scramble=True, rng=seed).random_base2(power)
+        assert np.array_equal(ours, theirs)

@@ -6,6 +6,7 @@ import os
 import re
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -48,8 +49,8 @@ leaf, path = design.inverse.leaf(q0), rp.circle(task, q0, 0.05)
 for k in range(400):
     q = design.inverse.step(q, path.placement((k + 1) / 200 % 1), 0.01, leaf=leaf)
 assert np.abs(q - q0).max() < 1e-3, q - q0
-plain, box = rp.Pseudoinverse(task), rp.Box(q0, 0.2)
-again = rp.nearest_repeatable(plain, None, box, degree=1, samples=64, held_out=64)
+plain, box, few = rp.Pseudoinverse(task), rp.Box(q0, 0.2), rp.FitOptions(samples=64, held_out=64)
+again = rp.nearest_repeatable(plain, None, box, degree=1, options=few)
 motion = rp.follow(again.inverse, path, q0, cycles=1, steps=50)
 assert motion.drift[0] < 1e-6
 rp.export_c(design.inverse, "c")
@@ -74,7 +75,7 @@ def test_the_loop_runs_without_what_pictures_need(tmp_path: Path) -> None:
     task = rp.Robot.load(arm).task("tool0", "pose")
     box = rp.Box(task.reference, 0.2)
     design = rp.nearest_repeatable(
-        rp.Pseudoinverse(task), None, box, degree=1, samples=64, held_out=64
+        rp.Pseudoinverse(task), None, box, degree=1, options=rp.FitOptions(samples=64, held_out=64)
     )
     rp.save(design, tmp_path / "design.json")
     command = [sys.executable, "-c", LOOP, str(arm), *LEFT_OUT]
@@ -116,3 +117,17 @@ def test_what_is_there_is_not_asked_for() -> None:
         match="a test needs what is not installed here: run `pip install no_such_thing`",
     ):
         needed("numpy", "no_such_thing", by="a test")
+
+
+def test_a_study_imports_no_statistics_and_no_server() -> None:
+    code = """
+import sys
+from repctl_pin.cli import main
+main(["study", "ppr", "--cycles", "1", "--steps", "20", "--quiet", "--out", sys.argv[1]])
+print(*sorted({"scipy.stats", "IPython", "tornado", "zmq"} & set(sys.modules)))
+"""
+    with tempfile.TemporaryDirectory() as folder:
+        run = subprocess.run(
+            [sys.executable, "-c", code, folder], capture_output=True, text=True, check=True
+        )
+    assert run.stdout.split() == []

@@ -25,6 +25,7 @@ from shown import drifts, steady
 
 import repctl_pin as rp
 from repctl_pin.cli import main, parser
+from repctl_pin.show.notebook import inline
 
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -317,11 +318,12 @@ def test_the_python_runs_and_its_arm_comes_back(
     names |= {"q": q0, "dt": 0.01, "target": path.placement(0), "twist": path.twist(0) / 5}
     names |= {
         "xdot": names["twist"],
+        "inline": inline,
         "my_G": rp.Pseudoinverse(task),
         "my_function": rp.Pseudoinverse(task).velocity,
     }
     found = {}
-    for line in re.findall(r"`((?:\w = )?(?:rp|design)\.[^`…]*\))`", PROSE):
+    for line in re.findall(r"`((?:\w = )?(?:(?:rp|design)\.|inline\()[^`…]*\))`", PROSE):
         exec(f"_ = {line}", names)
         found[line.rpartition(" = ")[2] if line[1:4] == " = " else line] = names["_"]
     calls = {line.partition("(")[0]: value for line, value in found.items()}
@@ -333,12 +335,12 @@ def test_the_python_runs_and_its_arm_comes_back(
         "rp.compiled",
         "rp.export_c",
         "rp.save",
-        "rp.load",
+        "rp.load_design",
         "rp.study",
         "rp.follow",
         "rp.animation",
         "rp.is_repeatable",
-        "rp.inline",
+        "inline",
     ]
     timed = calls["rp.timed"]
     assert (
@@ -348,7 +350,7 @@ def test_the_python_runs_and_its_arm_comes_back(
     inverse = names["design"].inverse
     assert np.allclose(calls["design.inverse.velocity"], inverse(q0) @ names["xdot"])
     assert (tmp_path / "panda.json").is_file() and np.array_equal(
-        calls["rp.load"].inverse(q0), inverse(q0)
+        calls["rp.load_design"].inverse(q0), inverse(q0)
     )
     assert np.allclose(
         calls["rp.compiled"].velocity(q0, names["xdot"]), inverse.velocity(q0, names["xdot"])
@@ -359,7 +361,7 @@ def test_the_python_runs_and_its_arm_comes_back(
         audited.row("mine").motion.q, audited.row("pseudoinverse").motion.q, atol=1e-9
     )
     assert calls["rp.animation"].read_text(encoding="utf-8").count('"label":"mine"') == 1
-    assert "<iframe" in calls["rp.inline"]._repr_html_()
+    assert "<iframe" in calls["inline"]._repr_html_()
 
     (step,) = (line for line in found if "step" in line)
     names["q"] = q0 + 1e-3  # pushed off the cycle

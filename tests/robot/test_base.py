@@ -96,8 +96,7 @@ def test_a_relative_cycle_closes(baxter: rp.Robot) -> None:
         rp.Pseudoinverse(task),
         rp.Polynomial(q0, 1, 0.1),
         rp.Box(q0, 0.1),
-        samples=256,
-        held_out=512,
+        options=rp.FitOptions(samples=256, held_out=512),
     )
     motion = rp.follow(design.inverse, rp.circle(task, q0, radius=0.03), q0, cycles=2, steps=100)
     assert motion.drift[-1] < 1e-7 and motion.tracking_error.max() < 1e-7

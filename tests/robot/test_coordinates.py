@@ -202,7 +202,11 @@ def test_a_design_in_psi_says_what_share_of_its_region_is_inside_the_joints_limi
     center = np.linalg.solve(T, [0.0, 1.0, prr.upper[2]])  # half of the box is outside
     box = rp.Box(center, 0.1)
     design = rp.nearest_repeatable(
-        rp.Pseudoinverse(task), None, box, degree=1, samples=256, held_out=256
+        rp.Pseudoinverse(task),
+        None,
+        box,
+        degree=1,
+        options=rp.FitOptions(samples=256, held_out=256),
     )
     assert design.inside_limits == pytest.approx(0.5, abs=0.05)
 

@@ -114,7 +114,7 @@ def test_poses_arrive_and_keys_come_back(task: rp.Task) -> None:
             np.testing.assert_allclose(numbers[:-5], expected.ravel(), atol=1e-6)
             drift = np.linalg.norm(np.array(shown) - before, axis=1)
             np.testing.assert_allclose(numbers[-5:], [*drift, 0, shown is now, 0], atol=1e-6)
-        with pytest.raises(rp.InputError, match="2 controls, but 1"):
+        with pytest.raises(rp.InputError, match="2 controllers, but 1"):
             view.show(Q0)
         with pytest.raises(rp.InputError, match=f"port {port_of(view.url)}"):
             rp.Viewer(task, ["a"], port=port_of(view.url))
@@ -208,7 +208,7 @@ def test_strangers_are_refused(task: rp.Task) -> None:
 def design(task: rp.Task, tmp_path_factory: pytest.TempPathFactory) -> Path:
     potentials, region = rp.Polynomial(Q0, 1, 0.3), rp.Box(Q0, 0.3)
     found = rp.nearest_repeatable(
-        rp.Pseudoinverse(task), potentials, region, samples=256, held_out=64
+        rp.Pseudoinverse(task), potentials, region, options=rp.FitOptions(samples=256, held_out=64)
     )
     return rp.save(found, tmp_path_factory.mktemp("live") / "design.json")
 

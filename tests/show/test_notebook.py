@@ -15,17 +15,18 @@ from browser import changed, errors, picture, schemes, wait_until_drawn
 from page_file import Visuals
 
 import repctl_pin as rp
+from repctl_pin.show.notebook import inline
 from repctl_pin.show.plots import drawn, drift_figure, joints_figure
 from repctl_pin.show.text import drift_words, joints_words, study_table
 
 SETTING = {"cycles": 2, "degree": 1, "steps": 60}
 
 CELLS = (
-    "import repctl_pin as rp",
+    "import repctl_pin as rp\nfrom repctl_pin.show.notebook import inline",
     f"study = rp.study('ppr', **{SETTING})",
-    "rp.inline(study, height=500)",
+    "inline(study, height=500)",
     "from repctl_pin.show.plots.motions import drawn, drift_figure, drift_over_cycles",
-    "rp.inline(drift_figure(drawn(study), 'Drift'))",
+    "inline(drift_figure(drawn(study), 'Drift'))",
     "import matplotlib.pyplot as plt\nax = drift_over_cycles(plt.figure().add_subplot(), "
     "drawn(study))",
 )
@@ -103,7 +104,7 @@ def drawing(figure: Any) -> np.ndarray:
 
 
 def test_a_cell_holds_the_page_the_table_and_the_figures(study: rp.Study) -> None:
-    cell = rp.inline(study, height=500)
+    cell = inline(study, height=500)
     text = cell._repr_html_()
     held = re.search(r'srcdoc="([^"]*)"', text)
     assert held is not None and html.unescape(held[1]) == rp.animation(study).page
@@ -117,9 +118,9 @@ def test_a_cell_holds_the_page_the_table_and_the_figures(study: rp.Study) -> Non
 
 
 def test_a_figure_and_a_page_are_shown_too(study: rp.Study) -> None:
-    (image,) = pictures(rp.inline(drift_figure(drawn(study), "Drift"))._repr_html_())
+    (image,) = pictures(inline(drift_figure(drawn(study), "Drift"))._repr_html_())
     np.testing.assert_array_equal(image, drawing(drift_figure(drawn(study), "Drift")))
-    page = rp.inline('<p title="x">&amp;</p>')
+    page = inline('<p title="x">&amp;</p>')
     held = re.search(r'srcdoc="([^"]*)"', page._repr_html_())
     assert held is not None and html.unescape(held[1]) == '<p title="x">&amp;</p>'
     assert repr(page) == "<page of 0.0 MB>"
@@ -127,13 +128,13 @@ def test_a_figure_and_a_page_are_shown_too(study: rp.Study) -> None:
 
 def test_what_cannot_be_shown_is_said(study: rp.Study) -> None:
     with pytest.raises(rp.InputError, match="a study, a figure or a page.*got Design"):
-        rp.inline(study.design)  # type: ignore[arg-type]
+        inline(study.design)  # type: ignore[arg-type]
 
 
 def test_a_kernel_shows_the_scene_and_the_figures(notebook: Any, study: rp.Study) -> None:
     scene, figure, of_pyplot = (notebook.cells[k] for k in (2, 4, 5))
     assert shown(scene) == {
-        "text/html": rp.inline(study, height=500).html,
+        "text/html": inline(study, height=500).html,
         "text/plain": study_table(study),
     }
     (image,) = pictures(shown(figure)["text/html"])

@@ -129,14 +129,14 @@ def test_a_strategy_that_is_stuck_is_said(study: rp.Study) -> None:
     rows = list(study.rows)
     rows[0] = replace(rows[0], motion=None, stopped="J loses rank <here>")
     stuck = report_page(replace(study, rows=tuple(rows)), animation="")
-    assert "could not follow: J loses rank &lt;here&gt;." in stuck
+    assert "J⁺ stopped: J loses rank &lt;here&gt;." in stuck
     assert "nan" not in "".join(summary(replace(study, rows=tuple(rows))))
 
 
 def test_the_price_is_the_first_cycles(study: rp.Study) -> None:
     plain, closed = (study.row(key).motion for key in ("pseudoinverse", "repeatable"))
     least, own = (np.sqrt(np.mean(np.sum(m.qdot[:100] ** 2, axis=1))) for m in (plain, closed))
-    assert f"costs {own / least - 1:+.1%}" in summary(study)[2]
+    assert f"extra joint speed (rms) is {own / least - 1:+.1%}" in summary(study)[2]
 
 
 def test_the_command_writes_it_for_ones_own_arm(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Sequence
 from dataclasses import replace
@@ -11,6 +12,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
+import umsgpack
 from page_file import BLUE, Visuals, read
 from test_surfaces import DAE
 
@@ -18,6 +20,7 @@ import repctl_pin as rp
 from repctl_pin.errors import InputError
 from repctl_pin.robot.visuals import Shape
 from repctl_pin.show.page import Arm, animation_page, choose_frames, key, poses_of, read_surface
+from repctl_pin.show.page.meshes import record
 
 PATH = np.stack([np.cos(np.linspace(0, 6.3, 50)), np.sin(np.linspace(0, 6.3, 50)), np.zeros(50)], 1)
 WORDS: dict[str, Any] = {"seconds": 4.0, "title": "a title", "caption": "a caption"}
@@ -106,6 +109,32 @@ def test_page_holds_what_went_in(name: str) -> None:
         )
         at += 2 * len(q)
     np.testing.assert_allclose(motion[at:].reshape(-1, 3), PATH, atol=1e-6)
+
+
+def test_bodies_are_sent_as_meshcat_sends_them() -> None:
+    import meshcat.geometry as g
+    from meshcat.commands import SetObject
+    from meshcat.path import Path as ScenePath
+
+    shape = next(shape for shape in swinging("ppr")[0].shapes if shape.kind == "box")
+    sizes = {"box": (0.1, 0.2, 0.3), "cylinder": (0.05, 0.4)}
+    shapes = [replace(shape, kind=kind, size=size, path=None) for kind, size in sizes.items()]
+    commands = [umsgpack.unpackb(command) for command in record(shapes)[0]]
+    sent = [command for command in commands if command["type"] == "set_object"]
+    theirs = [g.Mesh(g.Box([0.1, 0.2, 0.3])), g.Mesh(g.Cylinder(0.4, 0.05))]
+    for k, (ours, mesh) in enumerate(zip(sent, theirs, strict=True)):
+        expected = SetObject(mesh, path=ScenePath(("library", str(k)))).lower()
+        names = [expected["object"][part][0]["uuid"] for part in ("geometries", "materials")]
+        names.append(expected["object"]["object"]["uuid"])
+        text = json.dumps(expected)
+        for number, name in enumerate(names):
+            text = text.replace(name, str(number))
+        expected = json.loads(text)
+        matrix = ours["object"]["object"].pop("matrix")
+        del expected["object"]["object"]["matrix"]
+        assert ours == expected
+        upright = np.reshape(matrix, (4, 4)).T @ [0, 1, 0, 0]  # three.js reads columns
+        assert list(upright) == ([0, 1, 0, 0] if k == 0 else [0, 0, 1, 0])
 
 
 def test_a_mesh_goes_in_as_its_triangles() -> None:

@@ -14,6 +14,7 @@ from page_file import Visuals
 import repctl_pin as rp
 from repctl_pin.errors import InputError
 from repctl_pin.show.page import MOST_BYTES, read_surface, smooth
+from repctl_pin.show.page.surfaces import grouped
 
 
 def sphere(n: int = 40) -> np.ndarray:
@@ -210,3 +211,30 @@ def test_too_many_triangles_are_left_out(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="over 11 triangles"):
         read_surface(tmp_path / "cube.stl", 11)
     assert len(read_surface(tmp_path / "cube.stl", 12).faces) == 12
+
+
+def test_equal_rows_are_grouped_in_their_first_order() -> None:
+    rng = np.random.default_rng(0)
+    for columns, largest in ((1, 3), (3, 4), (11, 2), (3, 2**40)):
+        rows = rng.integers(-largest, largest, (500, columns))
+        order, starts = grouped(rows)
+        assert sorted(order) == list(range(500))
+        groups = np.split(order, starts[1:])
+        distinct = np.unique(rows, axis=0)
+        assert len(groups) == len(distinct)
+        for group in groups:
+            assert (rows[group] == rows[group[0]]).all() and (np.diff(group) > 0).all()
+    order, starts = grouped(np.empty((0, 3), np.int64))
+    assert len(order) == len(starts) == 0
+
+
+def test_rows_that_share_a_hash_are_still_told_apart(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Constant:
+        def integers(self, *args: object, size: int, dtype: type) -> np.ndarray:
+            return np.zeros(size, dtype)  # the sum of the columns
+
+    monkeypatch.setattr(np.random, "default_rng", lambda seed: Constant())
+    rows = np.array([[1, 2], [2, 1], [1, 2], [0, 3], [2, 1]])
+    order, starts = grouped(rows)
+    groups = {tuple(group) for group in np.split(order, starts[1:])}
+    assert groups == {(0, 2), (1, 4), (3,)}

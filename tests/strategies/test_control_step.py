@@ -236,15 +236,17 @@ def test_a_singular_arm_raises_without_damping_and_is_damped_with_it() -> None:
         inverse.velocity(stretched, np.ones(2))
     with pytest.raises(rp.SingularityError):  # even where the velocity asked for could be had
         inverse.velocity(stretched, np.array([0.0, 1.0]))
-    following = inverse.step(stretched, target, 0.01, leaf=inverse.leaf(stretched), damping=0.1)
-    assert 0 < inverse.damping <= 0.1
+    step = inverse.damped_step(stretched, target, 0.01, leaf=inverse.leaf(stretched), damping=0.1)
+    following = step.q
+    assert 0 < step.damping <= 0.1
     error = np.linalg.norm(task.error(stretched, target))
     assert np.linalg.norm(following - stretched) <= error / (np.sqrt(3) * 0.1)
     assert np.array_equal(stretched, kept)
     bent = np.array([0.3, 0.8, 0.8])
     exact = inverse.step(bent, target, 0.01, gain=1.0)
-    assert np.allclose(inverse.step(bent, target, 0.01, gain=1.0, damping=1e-3), exact, atol=1e-13)
-    assert inverse.damping == 0
+    step = inverse.damped_step(bent, target, 0.01, gain=1.0, damping=1e-3)
+    assert np.allclose(step.q, exact, atol=1e-13)
+    assert step.damping == 0
 
 
 def test_damping_brings_an_arm_out_of_a_singularity() -> None:
@@ -254,8 +256,9 @@ def test_damping_brings_an_arm_out_of_a_singularity() -> None:
     target, leaf, q = task.placement(goal), inverse.leaf(goal), np.array([0.6, 0.0, 1e-9])
     used = []
     for _ in range(200):
-        q = inverse.step(q, target, 0.01, leaf=leaf, gain=30.0, damping=0.1)
-        used.append(inverse.damping)
+        step = inverse.damped_step(q, target, 0.01, leaf=leaf, gain=30.0, damping=0.1)
+        q = step.q
+        used.append(step.damping)
     assert max(used) > 0 and used[-1] == 0
     assert (
         np.linalg.norm(task.error(q, target)) < 1e-9 and np.abs(inverse.leaf(q) - leaf).max() < 1e-9
@@ -269,12 +272,13 @@ def test_speed_limits_are_kept_and_the_task_goes_first(panda_design, panda_pose,
     limit = np.full(7, 2.0)
     free = inverse.step(pushed, target, dt, leaf=leaf)
     assert np.abs(free - pushed).max() / dt > 4 * limit.max()
-    bounded = inverse.step(pushed, target, dt, leaf=leaf, gain=5.0, velocity_limit=limit)
-    assert inverse.slowed == 1.0
-    assert np.allclose(bounded - pushed, 0.05 * (free - pushed), atol=1e-12)
-    bounded = inverse.step(pushed, target, dt, leaf=leaf, velocity_limit=limit)
+    step = inverse.damped_step(pushed, target, dt, leaf=leaf, gain=5.0, velocity_limit=limit)
+    assert step.slowed == 1.0
+    assert np.allclose(step.q - pushed, 0.05 * (free - pushed), atol=1e-12)
+    step = inverse.damped_step(pushed, target, dt, leaf=leaf, velocity_limit=limit)
+    bounded = step.q
     assert np.abs(bounded - pushed).max() <= limit.max() * dt * (1 + 1e-12)
-    assert 0 < inverse.slowed < 1
+    assert 0 < step.slowed < 1
 
     def task_error_after(q: np.ndarray) -> float:
         return float(
@@ -288,10 +292,11 @@ def test_speed_limits_are_kept_and_the_task_goes_first(panda_design, panda_pose,
     moved = pushed - 0.001 * panda_pose.jacobian(pushed)[0]
     task_part = inverse.step(moved, target, dt)
     roomy = 1.2 * np.abs(task_part - moved).max() / dt
-    slow = inverse.step(moved, target, dt, leaf=leaf, velocity_limit=roomy)
+    step = inverse.damped_step(moved, target, dt, leaf=leaf, velocity_limit=roomy)
+    slow = step.q
     assert np.abs(slow - moved).max() <= roomy * dt * (1 + 1e-12)
     J, e = panda_pose.jacobian(moved), panda_pose.error(moved, target)
-    assert np.allclose(J @ (slow - moved), e, atol=1e-10) and inverse.slowed < 1
+    assert np.allclose(J @ (slow - moved), e, atol=1e-10) and step.slowed < 1
     assert task_error_after(bounded) < np.linalg.norm(panda_pose.error(pushed, target)) + 1e-12
 
 
@@ -305,7 +310,9 @@ BAD_STEPS: dict[str, tuple[dict, str]] = {
     "q nan": ({"q": np.full(7, np.nan)}, "7 finite numbers"),
     "q inf": ({"q": np.full(7, np.inf)}, "7 finite numbers"),
     "q text": ({"q": "zero"}, "q must be 7 finite numbers, one per joint; got 'zero'"),
-    "target": ({"target": np.eye(4)}, "placement"),
+    "target": ({"target": np.eye(3)}, "placement"),
+    "target reflected": ({"target": np.diag([1.0, 1.0, -1.0, 1.0])}, "rotation"),
+    "target last row": ({"target": np.ones((4, 4))}, "last row"),
     "target none": ({"target": None}, "placement"),
     "target nan": ({"target": pin.SE3(np.eye(3), np.full(3, np.nan))}, "finite"),
     "dt zero": ({"dt": 0.0}, "dt must be above 0"),
@@ -438,7 +445,7 @@ def test_outside_the_region_is_told_where_it_is_asked_for(
     for other in (pickle.loads(pickle.dumps(inverse)), copy.copy(inverse)):
         with pytest.raises(rp.InputError, match="outside Ω"):
             other.velocity(q_panda + 2 * edge, xdot, outside="raise")
-    with pytest.raises(rp.InputError, match="no way to treat what is outside Ω 'shout'"):
+    with pytest.raises(rp.InputError, match="no action outside Ω 'shout'"):
         inverse.velocity(q_panda, xdot, outside="shout")
     with pytest.raises(rp.InputError, match="outside= requires a region"):
         rp.RepeatableInverse(panda_pose, inverse.potentials).velocity(q_panda, xdot, outside="warn")

@@ -69,8 +69,7 @@ def test_blas_keeps_to_one_thread_and_is_given_back() -> None:
         None,
         box,
         degree=1,
-        samples=64,
-        held_out=64,
+        options=rp.FitOptions(samples=64, held_out=64),
         progress=lambda *_: seen.extend(threads()),
     )
     assert set(seen) == {1} and threads() == before

@@ -52,7 +52,7 @@ def test_out_of_reach_says_how_far_it_got(panda_design, panda_pose, q_panda) -> 
     far = panda_pose.placement(q0)
     far.translation = far.translation + [1.5, 0, 0]
     with pytest.raises(
-        rp.InputError, match=r"cannot reach .* on this leaf: the way ends at \d+%.*nearer"
+        rp.InputError, match=r"cannot reach .* on this leaf: the path ends at \d+%.*nearer"
     ):
         panda_design.inverse.solve(far, q0)
     with pytest.raises(rp.InputError, match="target 1: "):
@@ -94,7 +94,7 @@ def test_bad_input(panda_design, panda_pose, q_panda) -> None:
         ((target, np.zeros(6)), "q0"),
         ((target, np.full(7, np.nan)), "q0"),
         ((target, "home"), "q0"),
-        ((np.eye(4), q_panda), "placement"),
+        ((np.eye(3), q_panda), "placement"),
         ((bad_target, q_panda), "finite"),
     ):
         with pytest.raises(rp.InputError, match=words):

@@ -111,7 +111,13 @@ def test_outside_is_the_loudest_line(tmp_path, monkeypatch, capsys) -> None:
     box = rp.Box([0.1, 0.2, 0.3], 0.1)
     task = rp.Robot.load("ppr").task("tool", "xy")
     rp.save(
-        rp.nearest_repeatable(rp.Pseudoinverse(task), None, box, degree=1, samples=64, held_out=64),
+        rp.nearest_repeatable(
+            rp.Pseudoinverse(task),
+            None,
+            box,
+            degree=1,
+            options=rp.FitOptions(samples=64, held_out=64),
+        ),
         "d.json",
     )
     within = told(capsys, "follow", "d.json")  # a design for no cycle: the largest circle inside Ω

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import re
+import time
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from repctl_pin.show.palette import colours
 from repctl_pin.show.report import report_page
 from repctl_pin.show.study_files import write_study
 from repctl_pin.show.text import number, study_table, study_verdict
+from repctl_pin.show.text.captions import summary
 from repctl_pin.studies import defaults
 
 REDUNDANT = [
@@ -182,6 +184,16 @@ def small() -> rp.Study:
     return rp.study("panda", cycles=2, steps=100, plane="yz", radius=0.05)
 
 
+def test_what_is_shown_was_computed_by_the_study() -> None:
+    steps: list[str] = []
+    study = rp.study("panda", cycles=1, steps=100, plane="yz", radius=0.05, progress=steps.append)
+    assert any("fastest cycles" in step for step in steps)
+    begin = time.process_time()
+    shown = [study.summary(), study_table(study), study_verdict(study).sentence, *summary(study)]
+    assert time.process_time() - begin < 0.1  # timing four motions takes several times as long
+    assert f"{study.row('repeatable').cycle_time:.3f}" in shown[1]
+
+
 def test_options_are_what_was_asked(small: rp.Study) -> None:
     assert small.path.name == "circle of radius 0.05 m in yz"
     points = small.path.points(64)
@@ -294,7 +306,7 @@ def test_controls_of_ones_own_stand_beside(tmp_path) -> None:
     }
     report = report_page(study)
     assert (
-        f"Under your control M, they are off by {number(weighted.drift[-1])} rad" in report
+        f"Under your controller M, the joints drift by {number(weighted.drift[-1])} rad" in report
         and "by <hand>" not in report
     )
 
@@ -311,7 +323,7 @@ def test_controls_that_cannot_be_used_are_named() -> None:
             "pose",
         ),
         ({"mine": 3}, "a function"),
-        ({"mine": lambda q, xdot: q[:3]}, "must give 7 finite numbers"),
+        ({"mine": lambda q, xdot: q[:3]}, "must return 7 finite numbers"),
     ):
         with pytest.raises(rp.InputError, match=words):
             rp.study("panda", controls=controls, cycles=1, steps=20, degree=1)

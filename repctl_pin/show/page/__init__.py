@@ -1,4 +1,4 @@
-"""The page that moves: meshcat's viewer, with all that it shows."""
+"""Animation page: meshcat's viewer, with all data that it shows."""
 
 # ruff: noqa: E402  (a package that is missing is named before it is imported)
 from ...errors import needed

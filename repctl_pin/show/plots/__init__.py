@@ -1,4 +1,4 @@
-"""Figures, drawn with matplotlib."""
+"""Figures by matplotlib."""
 
 # ruff: noqa: E402  (a package that is missing is named before it is imported)
 from ...errors import needed
