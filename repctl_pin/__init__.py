@@ -56,6 +56,7 @@ if TYPE_CHECKING:
     from .potentials import Fourier as Fourier
     from .potentials import Joined as Joined
     from .potentials import Polynomial as Polynomial
+    from .problem import Problem as Problem
     from .regions import Box as Box
     from .regions import Tube as Tube
     from .regions import WorkspaceBox as WorkspaceBox
@@ -105,6 +106,7 @@ _DOOR = {
     "show.page.animation": "Animation animation",
     "show.page.viewer": "Viewer",
     "show.notebook": "inline",
+    "problem": "Problem",
     "studies": "Study study",
 }
 _ROOM_OF = {name: room for room, names in _DOOR.items() for name in names.split()}

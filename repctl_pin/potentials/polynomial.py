@@ -77,8 +77,8 @@ class Polynomial(Family):
         size = comb(len(self.variables) + self.degree, self.degree) - 1
         if size > _MAX_SIZE:
             raise InputError(
-                f"degree {shown(self.degree)} in {len(self.variables)} joints makes {shown(size)} potentials; "
-                "lower the degree or choose variables"
+                f"degree {shown(self.degree)} in {len(self.variables)} joints makes {shown(size)} potentials",
+                remedy="lower the degree or choose variables",
             )
         # One row a potential: the variable of each of its factors, repeated as often as its power.
         factors = (
