@@ -24,7 +24,7 @@ def add_options(parser: Parser) -> None:
 def run(options: Options) -> int:
     """Say what a robot holds."""
     from ..show.text.inspection import inspection, inspection_text
-    from ..studies.defaults import redundant_kinds
+    from ..problem import redundant_kinds
 
     robot = options.load_robot()
     frames = robot.movable_frames if options.all else robot.end_frames

@@ -23,7 +23,7 @@ def add_options(parser: Parser) -> None:
 def run(options: Options) -> int:
     """List the catalogue."""
     from ..show.text.table import table
-    from ..studies.defaults import redundant_kinds
+    from ..problem import redundant_kinds
     from ..urdf.catalogue import entries
 
     say = progress(options.json)
