@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from .inverse_function import nearest_inverse_function as nearest_inverse_function
     from .motion import BestLeaf as BestLeaf
     from .motion import Motion as Motion
+    from .motion import Run as Run
     from .motion import TaskPath as TaskPath
     from .motion import TimedMotion as TimedMotion
     from .motion import Waypoints as Waypoints
@@ -100,7 +101,8 @@ _DOOR = {
     "inverse_function": "Cell CellDesign InverseFunction NoFunctionError nearest_inverse_function",
     "integrability": "bracket_defect candidate_surface drift_per_area is_repeatable stable_surface",
     "motion": (
-        "BestLeaf Motion TaskPath TimedMotion Waypoints approach best_leaf circle figure_eight follow polygon solve_ik "
+        "BestLeaf Motion Run TaskPath TimedMotion Waypoints approach best_leaf circle figure_eight "
+        "follow polygon solve_ik "
         "read_waypoints rose timed waypoints write_motion"
     ),
     "show.page.animation": "Animation animation",

@@ -173,29 +173,36 @@ def test_a_stay_takes_its_time_and_nothing_moves_meanwhile() -> None:
     assert np.isclose(without.breaks[1] - without.breaks[0], 0.25)  # as long as the mean edge
 
 
-def test_blended_corners_are_arcs_of_the_radius(panda_pose, q_panda) -> None:
+def test_blended_corners_have_continuous_curvature(panda_pose, q_panda) -> None:
+    """A right angle of radius ρ takes ρ of both edges, as an arc does; its curvature is 6 φ u (1 −
+    u) / length."""
     path = parse_path("square:0.1:blend=0.02", "xy")(panda_pose, q_panda)
-    assert path.spec == "square:0.1:blend=0.02" and np.isclose(
-        path.length, 0.4 - 0.16 + 0.04 * np.pi, rtol=1e-5
-    )
+    assert path.spec == "square:0.1:blend=0.02"
     np.testing.assert_allclose(
         path.point(0.0), panda_pose.placement(q_panda).translation, atol=1e-15
     )
-    length = path.length
-    speed = [np.linalg.norm(path.slope(s)) for s in np.linspace(0, 1, 401)]
-    np.testing.assert_allclose(speed, length, rtol=1e-5)
-    bends = []
-    for s in np.linspace(0.003, 0.997, 401):
-        bend = np.linalg.norm(path.slope(s + 1e-6) - path.slope(s - 1e-6)) / 2e-6 / length**2
-        bends.append(bend)
-    bends = np.array(bends)
-    assert ((bends < 1e-6) | (abs(bends - 50) < 0.5)).mean() > 0.99  # straight, or of radius 0.02
+    length = np.linalg.norm(path.slope(0.0))
+    assert np.isclose(path.length, length, rtol=1e-5)
+    s = np.linspace(0, 1, 4001)
+    slopes = np.array([path.slope(x) for x in s])
+    np.testing.assert_allclose(np.linalg.norm(slopes, axis=1), length, rtol=1e-12)  # constant speed
+    points = np.array([path.point(x) for x in s])
+    np.testing.assert_allclose(np.ptp(points, axis=0), [0.1, 0.1, 0.0], atol=1e-12)
+    straight = np.abs(slopes).max(axis=1) > length * (1 - 1e-12)
+    assert np.isclose(straight.mean() * length, 4 * 0.06, rtol=2e-3)
+    bends = np.linalg.norm(np.gradient(slopes, s, axis=0), axis=1)[1:-1] / length**2
+    turned = (length - 0.24) / 4
+    assert (
+        np.isclose(bends.max(), 1.5 * (np.pi / 2) / turned, rtol=1e-4) and bends.max() < 1.5 / 0.02
+    )
+    assert np.abs(np.diff(bends)).max() < 0.02 * bends.max()  # an arc jumps to its 50 per m
+    assert np.isclose(bends.mean() * length, 2 * np.pi, rtol=1e-3)
     motion = rp.follow(rp.Pseudoinverse(panda_pose), path, q_panda, cycles=1, steps=200)
     assert motion.tracking_error.max() < 1e-8
     for words, why in (
         (
             "square:0.1:blend=0.06",
-            "do not fit the edge of 0.1 m from point . to .; blend by 0.05 m or less",
+            "blends of 0.06 m do not fit the edge of 0.1 m from point . to .; blend by 0.05 m or less",
         ),
         ("square:0.1:blend=", "not a number above 0"),
         ("circle:0.1:blend=0.01", "have corners to blend"),
@@ -203,7 +210,7 @@ def test_blended_corners_are_arcs_of_the_radius(panda_pose, q_panda) -> None:
     ):
         with pytest.raises(rp.InputError, match=why):
             parse_path(words)(panda_pose, q_panda)
-    parse_path("square:0.1:blend=0.05")(panda_pose, q_panda)  # all arcs: a circle
+    parse_path("square:0.1:blend=0.05")(panda_pose, q_panda)  # nothing straight is left
 
 
 def test_columns_are_taken_by_their_names(tmp_path, panda_pose, q_panda) -> None:

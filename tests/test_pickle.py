@@ -27,7 +27,7 @@ def test_a_path_pickles_to_the_same_curve(rotation: str) -> None:
     arm = rp.Robot.load(ARM).task()
     path = rp.circle(arm, arm.reference, 0.05, rotation=rotation)
     again = pickle.loads(pickle.dumps(path))
-    assert (again.name, again.breaks, again.words) == (path.name, path.breaks, path.spec)
+    assert (again.name, again.breaks, again.spec) == (path.name, path.breaks, path.spec)
     for s in (0.0, 0.123, 0.5, 0.9):
         np.testing.assert_allclose(
             again.placement(s).homogeneous, path.placement(s).homogeneous, atol=1e-11

@@ -143,7 +143,7 @@ def test_a_cell_goes_round_poses_and_paths() -> None:
             "half_width must be 0, which holds the coordinate, or from 1e-06 to 1000 m; got 1e-300",
         ),
         ({"half_width": (0.1, 1e300, 0.1)}, "from 1e-06 to 1000 m"),
-        ({"rotation": 1e-12}, "rotation must be 0"),
+        ({"half_angle": 1e-12}, "half_angle must be 0"),
         ({"half_angle": 2.0}, "half a turn"),
         ({"placement": "home"}, "placement"),
         ({"task": 3}, "task must be"),
@@ -529,7 +529,7 @@ def test_what_was_asked_for_and_is_not_met_is_said(tmp_path: Path) -> None:
     assert "9 was asked for and is not met" in asked.figures()["σ_min(J)"]
     plain = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, **small)
     assert "asked for" not in plain.summary()
-    near = replace(found(), body_distance=0.5)
+    near = replace(found(), requested_body_distance=0.5)
     assert near.figures()["body distance"].endswith("; 0.5 was asked for and is not met")
 
 
@@ -765,9 +765,9 @@ def test_a_refusal_names_all_causes_but_bodies_that_touch() -> None:
         ({"degree": 10**12}, "degree can be 12 at most"),
         ({"samples": 10**12}, "samples can be 65,536 at most"),
         ({"held_out": 2 * 10**7}, "held_out can be 1,048,576 at most"),
-        ({"sigma_min": 1e300}, r"dexterity can be 1e\+06 at most"),
-        ({"limit_margin": 1e300}, r"room can be 1e\+06 at most"),
-        ({"body_distance": -1}, "apart must be 0 m or more"),
+        ({"sigma_min": 1e300}, r"sigma_min can be 1e\+06 at most"),
+        ({"limit_margin": 1e300}, r"limit_margin can be 1e\+06 at most"),
+        ({"body_distance": -1}, "body_distance must be 0 m or more"),
     ],
 )
 def test_options_have_bounds(options: dict, says: str) -> None:

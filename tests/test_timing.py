@@ -13,6 +13,7 @@ import pytest
 import yaml
 from arms import planar_task
 from commands import refused, told
+from scipy.interpolate import CubicSpline
 
 import repctl_pin as rp
 from repctl_pin.motion.csv_file import csv_text, read_motions
@@ -226,6 +227,12 @@ def test_coordinates_do_not_matter(planar) -> None:
         rp.timed(motion, acceleration=1.0, torque=True)
 
 
+def one_cycle(motion: rp.Motion) -> rp.Motion:
+    """The first cycle alone."""
+    rows = slice(motion.steps + 1)
+    return replace(motion, cycles=1, q=motion.q[rows], qdot=motion.qdot[rows], t=motion.t[rows])
+
+
 BAD = [
     ({}, "acceleration= is missing, and a URDF has none: .* panda, fr3, ur"),
     ({"acceleration": "kuka"}, "no accelerations of 'kuka' are known"),
@@ -238,6 +245,12 @@ BAD = [
     ({"acceleration": 1, "velocity": 0}, "velocity must be"),
     ({"acceleration": 1, "velocity": [1, np.nan, 1]}, "velocity must be"),
     ({"acceleration": 1, "rate": 0}, "rate must be above 0"),
+    ({"jerk": 10}, "acceleration= is missing.*jerk= requires it too"),
+    ({"acceleration": 1, "jerk": "ur"}, "no jerks of 'ur' are known, only of panda, fr3"),
+    ({"acceleration": 1, "jerk": "panda"}, "these jerks are of 7 joints, but 'tool' is moved by 3"),
+    ({"acceleration": 1, "jerk": 0}, "jerk must be"),
+    ({"acceleration": 1, "jerk": [1, 2]}, "jerk must be"),
+    ({"acceleration": 1, "jerk": np.inf}, "jerk must be finite"),
 ]
 
 
@@ -247,6 +260,245 @@ def test_bad_limits_get_one_clear_line(ring, options: dict, why: str) -> None:
         with pytest.raises(rp.InputError, match=why) as error:
             call()
         assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    "options, why",
+    [
+        ({"tool_speed": 0}, "tool_speed must be one number above 0 or 2 of them"),
+        ({"tool_speed": [1, 2, 3]}, "tool_speed must be"),
+        ({"keep_times": "yes"}, "keep_times must be True or False"),
+        (
+            {"keep_times": True, "velocity": 0.1},
+            "own times do not keep the limits: theta. would need .* its speed at",
+        ),
+        ({"keep_times": True, "tool_speed": 0.1}, r"the tool would need 3.7\d* times its speed at"),
+    ],
+)
+def test_bad_options_of_a_timed_motion_get_one_clear_line(ring, options: dict, why: str) -> None:
+    with pytest.raises(rp.InputError, match=why) as error:
+        rp.timed(one_cycle(ring), **{"velocity": 2.0, "acceleration": 5.0} | options)
+    assert "\n" not in str(error.value)
+
+
+def differences(timed: rp.TimedMotion) -> list[np.ndarray]:
+    """Speed, acceleration and jerk of the samples alone, as shares of the limits: the largest of
+    each."""
+    h, limits = timed.t[1], (timed.velocity, timed.acceleration, timed.jerk)
+    return [
+        (np.abs(np.diff(timed.q, k, axis=0)) / h**k / limit).max()
+        for k, limit in enumerate(limits, 1)
+        if limit is not None
+    ]
+
+
+@pytest.fixture(scope="module")
+def smooth(panda_motions) -> rp.TimedMotion:
+    """Ten cycles of a Panda, within its published limits."""
+    return rp.timed(panda_motions["ours"], acceleration="panda", jerk="panda", rate=10_000)
+
+
+def test_jerk_is_kept_between_the_samples_and_costs_hardly_any_time(panda_motions, smooth) -> None:
+    motion = panda_motions["ours"]
+    free = rp.timed(motion, acceleration="panda", rate=10_000)
+    jerk = np.diff(free.q, 3, axis=0) * 1e12 / [7500, 3750, 5000, 6250, 7500, 10000, 10000]
+    assert np.abs(jerk).max() > 2 and free.jerk is None
+    assert max(differences(smooth)) < 1.01
+    assert smooth.duration < 1.02 * free.duration
+    judged(smooth)
+    again = smooth.cycle(1)
+    for k in range(2, 9):
+        for one, other in zip(again[1:], smooth.cycle(k)[1:], strict=True):
+            np.testing.assert_array_equal(other, one)  # bit for bit
+    path = rp.timed(motion, acceleration="panda").q
+    far = [np.linalg.norm(path - q, axis=1).min() for q in smooth.q[5000:15000:977]]
+    assert max(far) < 0.6 * np.linalg.norm(np.diff(path, axis=0), axis=1).max()
+
+
+def test_a_straight_way_with_bounded_jerk_takes_the_time_of_the_closed_form(ring) -> None:
+    """``T = a/J + √((a/J)² + 4Δ/a)`` where the acceleration limit is met, ``T³ = 32 Δ/J`` where it
+    is not."""
+    begin = Q3 + [1.2, -0.4, 0.1]
+    for a, J in ((2.0, 5.0), (2.0, 100.0), (50.0, 5.0)):
+        way = rp.approach(begin, ring, velocity=50.0, acceleration=a, jerk=J, rate=10_000)
+        met = 1.2 > 2 * a**3 / J**2
+        expected = a / J + np.sqrt((a / J) ** 2 + 4 * 1.2 / a) if met else (32 * 1.2 / J) ** (1 / 3)
+        assert expected * (1 - 1e-6) < way.duration < expected * 1.005
+        assert max(differences(way)) < 1.01
+
+
+def test_time_goes_with_the_cube_root_of_jerk(ring) -> None:
+    """With no other limit t → λ t turns a jerk J into J / λ³."""
+    once = one_cycle(ring)
+    options = {"velocity": np.inf, "acceleration": 1e6}
+    slow, quick = (rp.timed(once, jerk=J, rate=1000, **options) for J in (2.0, 2000.0))
+    assert np.isclose(slow.duration, 10 * quick.duration, rtol=2e-3)
+    assert max(differences(slow)[:2]) < 1 and 0.95 < differences(slow)[2] < 1.01
+
+
+def test_torques_stay_within_the_efforts_with_bounded_jerk(panda_pose, panda_motions) -> None:
+    one = one_cycle(panda_motions["ours"])
+    timed = rp.timed(one, velocity=100.0, acceleration=300.0, jerk=1e5, torque=True)
+    model, data = panda_pose.model, panda_pose.model.createData()
+    tau = np.array(
+        [pin.rnea(model, data, *row) for row in zip(timed.q, timed.qdot, timed.qddot, strict=True)]
+    )
+    assert 0.9 < np.abs(tau / [87.0, 87, 87, 87, 12, 12, 12]).max() < 1.01
+    assert max(differences(timed)) < 1.01
+
+
+@pytest.mark.parametrize("jerk", [None, 200.0])
+def test_the_tool_keeps_its_speed(planar, ring, jerk) -> None:
+    once = one_cycle(ring)
+    timed = rp.timed(once, velocity=2.0, acceleration=6.0, jerk=jerk, tool_speed=0.3)
+    points = planar.positions(timed.q)
+    v = np.linalg.norm(np.diff(points, axis=0), axis=1) / timed.t[1]
+    assert v.max() < 0.3 * 1.005 and np.median(v) > 0.29
+    turning = rp.timed(once, velocity=2.0, acceleration=6.0, jerk=jerk, tool_speed=[0.3, 0.05])
+    omega = np.abs(np.diff(turning.q.sum(axis=1))) / turning.t[1]
+    assert omega.max() < 0.05 * 1.01 and turning.duration > timed.duration
+
+
+def test_a_path_keeps_its_own_times(panda_pose, panda_design, q_panda) -> None:
+    """Waypoints round a circle, faster on one side: each is passed at its time, the whole later by
+    half the ramps."""
+    u = np.linspace(0, 1, 81)
+    here, angle = panda_pose.placement(q_panda), 2 * np.pi * u
+    points = here.translation + 0.1 * np.stack(
+        [np.sin(angle), np.cos(angle) - 1, 0 * angle], axis=1
+    )
+    times = 8 * (u + 0.1 * np.sin(angle) / (2 * np.pi))
+    path = rp.waypoints(points, here.rotation, times=times)
+    motion = rp.follow(panda_design.inverse, path, q_panda, cycles=4, steps=320)
+    timed = rp.timed(motion, acceleration="panda", jerk="panda", keep_times=True)
+    judged(timed)
+    assert max(differences(timed)) < 1.01
+    assert timed.stops == 0 and np.isclose(timed.cycle_time, 8, atol=1e-9)
+    ramps = timed.duration - 32
+    assert 0 < ramps < 0.1 < 4 < rp.timed(motion, acceleration="panda", jerk="panda").duration
+    first = timed.starts[0] + ramps / 2
+    joints = CubicSpline(timed.t, timed.q)
+    for cycle in range(4):
+        for t, point in list(zip(times, points, strict=True))[2:-2]:
+            placed = panda_pose.placement(joints(first + 8 * cycle + t))
+            assert np.linalg.norm(placed.translation - point) < 5e-5
+    np.testing.assert_array_equal(timed.cycle(2)[1], timed.cycle(1)[1])
+
+
+def test_a_corner_keeps_its_time(planar) -> None:
+    here = planar.placement(Q3)
+    corners = rp.waypoints(here.translation + [[0, 0, 0], [0.3, 0, 0], [0.3, 0.3, 0], [0, 0, 0]], here.rotation,
+                           times=[0, 2, 5, 9])  # fmt: skip
+    timed = rp.timed(rp.follow(closing(planar), corners, Q3, cycles=1, steps=200), velocity=2.0, acceleration=6.0,
+                     keep_times=True)  # fmt: skip
+    assert timed.stops == 2 and timed.duration < 9.2
+    still = timed.t[np.abs(timed.qdot).max(axis=1) < 1e-3]
+    for t in (2, 5):
+        assert np.abs(still - timed.starts[0] - t).min() < 0.5 * (timed.duration - 9) + 2e-3
+
+
+def overridden(run: rp.Run, wishes: list[float], ticks: int, dt: float) -> np.ndarray:
+    """Joints of a run, the override asked for changed after so many ticks."""
+    return np.array([run.step(dt, wish)[0] for wish in wishes for _ in range(ticks)])
+
+
+@pytest.fixture(scope="module")
+def jerky(ring) -> rp.TimedMotion:
+    """Ten cycles of the planar arm with bounded jerk."""
+    return rp.timed(ring, velocity=2.0, acceleration=6.0, jerk=100.0)
+
+
+@pytest.mark.parametrize("bounded", [True, False])
+def test_an_override_keeps_the_path_and_the_limits(ring, jerky, bounded) -> None:
+    timed = jerky if bounded else rp.timed(ring, velocity=2.0, acceleration=6.0)
+    run, dt = rp.Run(timed), 0.002
+    rng = np.random.default_rng(3)
+    wishes = rng.choice([-1, 0, 0, 0.4, 1, 1], 40).tolist()
+    seen = []
+    for wish in wishes:
+        for _ in range(100):
+            q, qdot = run.step(dt, wish)
+            seen.append((run.t, run.override, *q, *qdot))
+    t, override, *rest = np.array(seen).T
+    Q, Qdot = np.array(rest[:3]).T, np.array(rest[3:]).T
+    for k, limit in enumerate((timed.velocity, timed.acceleration, timed.jerk), 1):
+        if limit is not None:
+            assert (np.abs(np.diff(Q, k, axis=0)) / dt**k / limit).max() < 1.01
+    np.testing.assert_allclose(
+        Q, CubicSpline(timed.t, timed.q)(t), atol=1e-7
+    )  # of samples a millisecond apart
+    assert np.abs(np.gradient(Q, dt, axis=0)[2:-2] - Qdot[2:-2]).max() < 0.05
+    assert np.ptp(override) > 1.5 and {0.0, 1.0} < set(override)
+    assert np.abs(Qdot[override == 0]).max() == 0
+
+
+def test_at_full_override_a_run_gives_the_samples_and_backs_up_the_same_way(ring) -> None:
+    timed = rp.timed(one_cycle(ring), velocity=2.0, acceleration=6.0)
+    run = rp.Run(timed)
+    there = overridden(run, [1], len(timed.t) - 1, timed.t[1])
+    np.testing.assert_allclose(there, timed.q[1:], atol=1e-9)
+    assert np.isclose(run.t, timed.t[-1])
+    back = overridden(run, [-1], len(timed.t) - 1, timed.t[1])
+    np.testing.assert_allclose(back, timed.q[-2::-1], atol=1e-9)
+    assert run.t == pytest.approx(0, abs=1e-9)
+
+
+def test_a_cycle_closes_however_often_it_was_stopped(ring, jerky) -> None:
+    run = rp.Run(jerky)
+    stopped = []
+    for _ in range(50):
+        overridden(run, [1], 5, 0.01)
+        while run.override:
+            _, qdot = run.step(0.01, 0)
+        assert not qdot.any()
+        stopped.append(run.t)
+    assert np.diff(stopped).min() > 0 and stopped[-1] < jerky.starts[-2]
+    while run.t < jerky.t[-1]:
+        q, qdot = run.step(0.01)
+    np.testing.assert_allclose(q, jerky.q[-1], atol=1e-12)
+    np.testing.assert_allclose(q, ring.q[0], atol=1e-7)
+
+
+def test_a_run_goes_on_from_the_nearest_point_of_the_path(ring, jerky) -> None:
+    timed = jerky
+    away = ring.q[120] + [0.02, -0.03, 0.01]
+    way = rp.approach(away, ring, to="nearest", velocity=2.0, acceleration=6.0, jerk=100.0)
+    judged(way)
+    nearest = np.linalg.norm(ring.q[:201] - away, axis=1)
+    assert (
+        np.isclose(np.linalg.norm(way.q[-1] - away), nearest.min())
+        and nearest.min() < nearest[0] / 5
+    )
+    run = rp.Run(timed, q=way.q[-1])
+    assert timed.starts[0] < run.t < timed.starts[1]
+    q, qdot = run.step(1e-6)
+    np.testing.assert_allclose(q, way.q[-1], atol=1e-6)
+    assert np.abs(qdot).max() < 1e-3  # from rest
+    Q = overridden(run, [1], 500, 0.002)
+    assert (np.abs(np.diff(Q, 3, axis=0)) / 0.002**3).max() < 101
+    with pytest.raises(rp.InputError, match="on the motion's path already"):
+        rp.approach(ring.q[120], ring, to="nearest", acceleration=1.0)
+    with pytest.raises(rp.InputError, match="'start', 'nearest'|start, nearest"):
+        rp.approach(away, ring, to="end", acceleration=1.0)
+    with pytest.raises(rp.InputError, match='q is 0.0.* away from the path; .* to="nearest"'):
+        rp.Run(timed, q=away)
+
+
+def test_what_a_run_cannot_use_is_refused(ring) -> None:
+    timed = rp.timed(ring, acceleration=6.0)
+    for wrong in (None, ring, replace(timed, trajectory=None)):
+        with pytest.raises(rp.InputError, match="timed"):
+            rp.Run(wrong)
+    run = rp.Run(timed)
+    for options, why in (
+        ({"dt": 0}, "dt must be above 0"),
+        ({"dt": np.nan}, "dt must be"),
+        ({"dt": 0.01, "override": 1.5}, "override must be from -1 to 1, not 1.5"),
+        ({"dt": 0.01, "override": np.nan}, "override must be a finite number"),
+    ):
+        with pytest.raises(rp.InputError, match=why):
+            run.step(**options)
+    assert run.t == 0
 
 
 def test_torque_limits_want_masses(tmp_path) -> None:
@@ -371,3 +623,35 @@ def test_follow_times_a_motion(tmp_path, monkeypatch, capsys) -> None:
     assert "neither numbers" in refused(capsys, *words, "--acceleration", "1,x")
     assert "no accelerations of 'pandas'" in refused(capsys, *words, "--acceleration", "pandas")
     assert "give --acceleration with it" in refused(capsys, *words, "--profile", "p.png")
+
+
+def test_follow_keeps_jerk_tool_speed_and_times(tmp_path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    words = [
+        "follow",
+        "planar3r",
+        "--strategy",
+        "pseudoinverse",
+        "--path",
+        "circle:0.2:180",
+        "--steps",
+        "80",
+    ]
+    limits = ["--acceleration", "2,3,4", "--jerk", "50", "--rate", "1000", "--csv", "m.csv"]
+    quick = told(capsys, *words, *limits)
+    table = np.loadtxt("m.csv", delimiter=",", skiprows=1)
+    assert np.abs(np.diff(table[:, 1:4], 3, axis=0)).max() < 50 * 1.01 * 1e-9
+    slow = told(capsys, *words, *limits, "--tool-speed", "0.1")
+    assert slow["duration"] > 2 * np.pi * 0.2 / 0.1 > quick["duration"]
+    own = told(capsys, *words, *limits, "--keep-times", "--period", "7")
+    assert 7 < own["duration"] < 7.5
+    for option in (["--jerk", "50"], ["--tool-speed", "0.1"], ["--keep-times"]):
+        assert f"{option[0]} is for a timed motion; give --acceleration" in refused(
+            capsys, *words, *option
+        )
+    assert "--jerk '1,x' is neither numbers" in refused(
+        capsys, *words, *limits[:2], "--jerk", "1,x"
+    )
+    assert "--tool-speed 'v' is not one or two" in refused(
+        capsys, *words, *limits[:2], "--tool-speed", "v"
+    )

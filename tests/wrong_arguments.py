@@ -38,6 +38,7 @@ RESULTS = {
     "FamilyDesign",
     "Motion",
     "Robot",
+    "Waypoints",
     "Study",
     "Task",
     "TimedMotion",
@@ -104,6 +105,7 @@ def right_calls(folder: Path) -> list[Call]:
     workspace = rp.WorkspaceBox(task, middle, 0.2, within=box)
     motion = rp.follow(inverse, path, q0, cycles=2, steps=24, leaf_lock=1)
     study = rp.study(robot, kind="xy", start=q0, path=path, cycles=1, steps=24, region=0.2)
+    timed = rp.timed(motion, acceleration=10.0, rate=100.0)
     saved = rp.save(design, folder / "design.json")
     cell = rp.Cell(task, target, (0.05, 0.05))
     found = rp.nearest_inverse_function(control, cell, degree=1, samples=16, held_out=64)
@@ -153,11 +155,15 @@ def right_calls(folder: Path) -> list[Call]:
             "period": 5.0, "seed": 0, "progress": None,
         },
         "waypoints": {"points": square, "rotation": np.eye(3), "times": None, "blend": 0.0, "name": "square"},
-        "timed": {"motion": motion, "acceleration": 10.0, "velocity": 1.0, "torque": False, "rate": 100.0},
+        "timed": {
+            "motion": motion, "acceleration": 10.0, "velocity": 1.0, "jerk": 1000.0, "torque": False,
+            "tool_speed": [0.5, 3.0], "keep_times": False, "rate": 100.0,
+        },
+        "Run": {"timed": timed, "q": timed.q[0]},
         "write_motion": {"motion": motion, "file": folder / "motion.csv", "allow_violations": True},
         "approach": {
-            "q_now": q0 + 0.05, "motion": motion, "acceleration": 10.0, "velocity": 1.0, "torque": False, "rate": 100.0,
-            "bodies": False,
+            "q_now": q0 + 0.05, "motion": motion, "to": "nearest", "acceleration": 10.0, "velocity": 1.0,
+            "jerk": 1000.0, "torque": False, "rate": 100.0, "bodies": False,
         },
         "compiled": {"control": inverse},
         "export_c": {"control": inverse, "folder": folder / "c", "name": "arm_control", "region": box},
@@ -180,7 +186,7 @@ def right_calls(folder: Path) -> list[Call]:
         "ExtendedJacobian": {"task": task, "potential": q0, "gradient": None, "hessian": None, "reference": q0},
         "Fourier": {"n": 3, "order": 1, "variables": [0, 1], "period": 6.0, "cross": True},
         "Joined": {"parts": potentials},
-        "LimitWeight": {"task": task, "gain": 1.0, "limit_margin": 0.1},
+        "LimitWeight": {"task": task, "gain": 1.0, "onset": 0.1},
         "Polynomial": {"center": q0, "degree": 2, "scale": 0.2, "variables": [0, 2], "cross": True},
         "PostureControl": {"task": task, "posture": q0, "gain": 1.0},
         "CustomPotentials": {"functions": [lambda q: q[0]], "names": ["q1"]},
@@ -222,7 +228,7 @@ def right_calls(folder: Path) -> list[Call]:
         "contains": {"Q": Q},
         "cycle": {"k": 1},
         "error": {"q": q0, "target": target},
-        "full": {"q": q0},
+        "to_robot": {"q": q0},
         "gradients": {"Q": Q},
         "hessian": {"q": q0},
         "hessians": {"Q": Q},
@@ -239,13 +245,13 @@ def right_calls(folder: Path) -> list[Call]:
         "thinned": {"most": 5},
         "load": {"name_or_path": "planar3r", "package_dirs": (), "lock": ("theta1",), "base": None},
         "nodes": {"count": 8, "seed": 0},
-        "part": {"whole": q0},
+        "from_robot": {"whole": q0},
         "placement": {"q": q0},
         "points": {"count": 5},
         "positions": {"Q": Q},
         "values": {"Q": Q},
         "random": {"count": 8, "seed": 0},
-        "rate": {"q": q0, "twist": np.zeros(6)},
+        "task_velocity": {"q": q0, "twist": np.zeros(6)},
         "ratio": {"Q": Q},
         "reference_positions": {},
         "retimed": {"limit": 1.0},
@@ -265,8 +271,9 @@ def right_calls(folder: Path) -> list[Call]:
     U, R, p = cell.sample(4), np.tile(np.eye(3), (4, 1, 1)), np.zeros((4, 3))
     Q_arm = arm.reference + np.array([[0.1, 0.2, 0.3, 0.1, 0.2], [0.2, 0.1, 0.4, 0.3, 0.1]])
     own: dict[tuple[type, str], dict[str, Any]] = {
-        (rp.Cell, "around"): {"task": task, "poses": [target], "limit_margin": 0.02, "rotation": 0.0},
+        (rp.Cell, "around"): {"task": task, "poses": [target], "margin": 0.02, "half_angle": 0.0},
         (rp.Cell, "at"): {"u": U[0]},
+        (rp.Run, "step"): {"dt": 0.01, "override": 0.5},
         (rp.Cell, "coordinates"): {"p": p, "R": R},
         (rp.Cell, "coordinates_of"): {"target": target},
         (rp.Cell, "errors"): {"p_goal": p, "R_goal": R, "p": p, "R": R},
@@ -290,7 +297,7 @@ def right_calls(folder: Path) -> list[Call]:
         (rp.Bodies, "hull_distances"): {"Q": Q_arm},
         (rp.ArmAngle, "distance"): {"q": Q_arm[0]},
         (rp.ArmAngle, "gradients"): {"Q": Q_arm},
-        (rp.ArmAngle, "potentials"): {"Q": Q_arm},
+        (rp.ArmAngle, "values"): {"Q": Q_arm},
         (rp.LeafImpedance, "torque"): {
             "q": q0, "qdot": np.zeros(3), "target": target, "twist": np.zeros(6), "leaf": inverse.leaf(q0),
         },
@@ -302,7 +309,7 @@ def right_calls(folder: Path) -> list[Call]:
         rp.LeafImpedance(inverse), robot, task,
         control, rp.WeightedInverse(task, [1, 2, 3]), rp.PostureControl(task, q0), inverse,
         rp.CustomInverse(task, control), rp.ExtendedJacobian(task, q0), rp.LimitWeight(task), potentials, waves, joined,
-        custom, box, tube, workspace, design, motion, study, path,
+        custom, box, tube, workspace, design, motion, study, path, rp.Run(timed),
         rp.best_leaf(inverse, path, q0, steps=8), rp.animation({"J⁺": motion}, seconds=1.0),
         rp.nearest_in_family(**functions["nearest_in_family"]),
     ]  # fmt: skip

@@ -26,7 +26,10 @@ HELP = "follow a closed path with a saved design, or another control, and write 
 EXAMPLE = """example: repctl follow design.json --path circle:0.1 --plane yz --csv motion.csv --yaml traj.yaml
 
 The motion is what repeats: it begins and ends at full speed along the path. With --acceleration it goes from rest to
-rest, as quickly as these accelerations and the URDF's speed limits allow, all cycles but the first and last alike."""
+rest, as quickly as these accelerations and the URDF's speed limits allow, all cycles but the first and last alike:
+
+  repctl follow design.json --acceleration panda --jerk panda --tool-speed 0.2 --csv motion.csv
+  repctl follow design.json --path seam.csv --acceleration panda --keep-times --csv motion.csv"""
 
 OWN = ("repeatable", "pseudoinverse", "inertia")
 
@@ -66,6 +69,12 @@ def add_options(parser: Parser) -> None:
         metavar="A",
         help=f"go from rest to rest within these limits: {accelerations}",
     )
+    jerks = "rad/s³ (m/s³), a number, one for each joint, or panda, fr3"
+    add("--jerk", metavar="J", help=f"with --acceleration: limit jerk too, in {jerks}")
+    speeds = "maximum speed of the frame, m/s; or m/s,rad/s, of its rotation too"
+    add("--tool-speed", metavar="V", help=f"with --acceleration: {speeds}")
+    kept = "keep the path's own times (of a CSV, or --period), and only add ramps at both ends"
+    add("--keep-times", action="store_true", help=f"with --acceleration: {kept}")
     add("--rate", type=positive, help="with --acceleration: samples per second (default 1000)")
     add(
         "--profile",
@@ -123,9 +132,7 @@ def run(options: Options) -> int:
     rest: rp.TimedMotion | None = None
     if options.acceleration is not None:
         say("timing the motion")
-        rest = rp.timed(
-            motion, acceleration=_accelerations(options.acceleration), rate=options.rate or 1000.0
-        )
+        rest = rp.timed(motion, **_timing(options))
         result |= {
             "duration": rest.duration,
             "slowed_by": None,
@@ -175,9 +182,10 @@ def _check_control(options: Options) -> None:
         raise InputError(
             "--strategy and --potentials stand in place of a design and of each other; give a robot with one"
         )
-    for option in ("rate", "profile"):
-        if getattr(options, option) is not None and options.acceleration is None:
-            raise InputError(f"--{option} is for a timed motion; give --acceleration with it")
+    for option in ("rate", "profile", "jerk", "tool_speed", "keep_times"):
+        if getattr(options, option) not in (None, False) and options.acceleration is None:
+            name = option.replace("_", "-")
+            raise InputError(f"--{name} is for a timed motion; give --acceleration with it")
     files = [file for file in (options.csv, options.yaml, options.profile) if file is not None]
     if len(set(files)) < len(files):
         raise InputError(
@@ -252,11 +260,27 @@ def _made(options: Options, say: Callable[[str], None]) -> tuple[Strategy, Setti
     return strategy, setting
 
 
-def _accelerations(text: str) -> str | list[float]:
-    """Take --acceleration: a name, a number, or one a joint."""
+def _timing(options: Options) -> dict[str, Any]:
+    """Take the options of a timed motion."""
+    tool_speed = options.tool_speed
+    if tool_speed is not None:
+        tool_speed = numbers_of(
+            tool_speed, "--tool-speed", "is not one or two numbers, m/s and rad/s"
+        )
+    return {
+        "acceleration": _named(options.acceleration, "--acceleration"),
+        "jerk": None if options.jerk is None else _named(options.jerk, "--jerk"),
+        "tool_speed": tool_speed,
+        "keep_times": options.keep_times,
+        "rate": options.rate or 1000.0,
+    }
+
+
+def _named(text: str, option: str) -> str | list[float]:
+    """Take --acceleration or --jerk: a name, a number, or one a joint."""
     if text.strip().isidentifier():
         return text.strip()
-    return numbers_of(text, "--acceleration", "is neither numbers, separated by commas, nor a name")
+    return numbers_of(text, option, "is neither numbers, separated by commas, nor a name")
 
 
 def _drawn(rest: rp.TimedMotion) -> bytes:

@@ -17,6 +17,7 @@ from .best_leaf import best_leaf as best_leaf
 from .follow import check_length as check_length
 from .follow import follow as follow
 from .motion import Motion as Motion
+from .run import Run as Run
 from .solve_ik import check_reach as check_reach
 from .solve_ik import reach_start as reach_start
 from .solve_ik import solve_ik as solve_ik

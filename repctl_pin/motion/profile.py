@@ -17,27 +17,49 @@ InverseDynamics = Callable[[Array, Array, Array], Array]
 _BEND = 0.05
 """A corner: the joint path turns by more than this, rad, from one side to the other."""
 
+SHARP = 0.3
+"""A corner at which a motion in its own times always stops, rad: gentler ones it passes if the
+limits are kept."""
+
 STAGES = 450
 """Stages of a cycle's profile, at least: so many keep the limits exceeded by less than 2 % between
 them."""
 
-_LEAST_STAGES = 50
+LEAST_STAGES = 50
 """Stages between two stops, at least."""
 
 
 @dataclass(frozen=True)
 class Limits:
-    """What the joints may do: speed and acceleration (n,), and torque where its dynamics are
-    given."""
+    """Limits of the joints (n,) and of the tool.
+
+    Attributes
+    ----------
+    velocity, acceleration, jerk : (n,) arrays
+        Per s, s² and s³; no jerk is no limit.
+    torque, dynamics
+        Efforts (n,), N m or N, and the inverse dynamics that they are compared with.
+    tool
+        Function of q and q′ (K, n) → (K,): the share of the tool's speed limit that ṡ = 1 uses.
+    """
 
     velocity: Array
     acceleration: Array
     torque: Array | None = None
     dynamics: InverseDynamics | None = None
+    jerk: Array | None = None
+    tool: Callable[[Array, Array], Array] | None = None
+
+    def most_rate(self, Q: Array, slope: Array) -> Array:
+        """Find the largest ṡ within the limits of speed at points of a path: (K,)."""
+        used = (np.abs(slope) / self.velocity).max(axis=1)
+        if self.tool is not None:
+            used = np.maximum(used, self.tool(Q, slope))
+        return 1 / np.maximum(used, 1e-9)
 
 
 @dataclass(frozen=True)
-class Run:
+class Segment:
     """A smooth part of a joint path, from stop to stop, and its profile.
 
     ``s`` is the length along the joints; between two stages s̈ is constant.
@@ -47,20 +69,36 @@ class Run:
     curve
         q(s), by scipy's spline.
     s, speed, t : (K,) arrays
-        The stages, ṡ there, and the time from the run's start.
+        The stages, ṡ there, and the time from the segment's start.
+    passed : (T,) array
+        When the points of the path are passed.
     """
 
     curve: Any
     s: Array
     speed: Array
     t: Array
+    passed: Array
 
     def at(self, t: Array) -> Array:
-        """Find s at times (T,) from the run's start."""
+        """Find s at times (T,) from the segment's start."""
         i = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.s) - 2)
         push = (self.speed[i + 1] ** 2 - self.speed[i] ** 2) / (2 * (self.s[i + 1] - self.s[i]))
         tau = t - self.t[i]
         return self.s[i] + self.speed[i] * tau + 0.5 * push * tau**2
+
+    def law(self, t: Array) -> tuple[Array, Array, Array, Array]:
+        """Evaluate s, ṡ, s̈ and s⃛ at times (T,) from the segment's start."""
+        i = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.s) - 2)
+        push = (self.speed[i + 1] ** 2 - self.speed[i] ** 2) / (2 * (self.s[i + 1] - self.s[i]))
+        return self.at(t), self.speed[i] + push * (t - self.t[i]), push, np.zeros(len(t))
+
+    def derivatives(self, t: Array) -> tuple[Array, Array, Array, Array]:
+        """Evaluate q, q̇, q̈ and q⃛ (T, n) at times (T,) from the segment's start."""
+        s, *rates = self.law(t)
+        v, a, j = (rate[:, None] for rate in rates)
+        q, q1, q2, q3 = _spline(self.curve, s)
+        return q, q1 * v, q2 * v**2 + q1 * a, q3 * v**3 + 3 * q2 * v * a + q1 * j
 
     def excess(self, limits: Limits) -> float:
         """By what factor time has to be stretched for the limits to hold at stages and between
@@ -74,15 +112,43 @@ class Run:
             qdot, qddot = slope * np.sqrt(x)[:, None], bend * x[:, None] + slope * u[:, None]
             factor = max(factor, float((np.abs(qdot) / limits.velocity).max()))
             factor = max(factor, float(np.sqrt((np.abs(qddot) / limits.acceleration).max())))
-            if limits.torque is not None and limits.dynamics is not None:
-                for q, v, a in zip(self.curve(s), qdot, qddot, strict=True):
-                    weight = limits.dynamics(q, 0 * v, 0 * v)
-                    moving = limits.dynamics(q, v, a) - weight  # goes with the square of the speed
-                    room = np.where(moving > 0, limits.torque - weight, limits.torque + weight)
-                    factor = max(
-                        factor, float(np.sqrt((np.abs(moving) / np.maximum(room, 1e-9)).max()))
-                    )
+            factor = max(factor, _torque_used(limits, self.curve(s), qdot, qddot))
+            if limits.tool is not None:
+                factor = max(factor, float(limits.tool(self.curve(s), qdot).max()))
         return factor
+
+
+def _spline(curve: Any, s: Array) -> tuple[Array, Array, Array, Array]:
+    """Evaluate a cubic spline and its derivatives (K, n) in one go."""
+    i = np.clip(np.searchsorted(curve.x, s, side="right") - 1, 0, len(curve.x) - 2)
+    u, (d, c, b, a) = (s - curve.x[i])[:, None], curve.c[:, i]
+    return a + u * (b + u * (c + u * d)), b + u * (2 * c + 3 * u * d), 2 * c + 6 * u * d, 6 * d
+
+
+def most_used(limits: Limits, Q: Array, qdot: Array, qddot: Array, qdddot: Array) -> float:
+    """By what factor time has to be stretched for a motion (T, n) to keep the limits; 1 if it
+    does."""
+    factor = max(1.0, float((np.abs(qdot) / limits.velocity).max()))
+    factor = max(factor, float(np.sqrt((np.abs(qddot) / limits.acceleration).max())))
+    if limits.jerk is not None:
+        factor = max(factor, float(np.cbrt((np.abs(qdddot) / limits.jerk).max())))
+    if limits.tool is not None:
+        factor = max(factor, float(limits.tool(Q, qdot).max()))
+    return max(factor, _torque_used(limits, Q, qdot, qddot))
+
+
+def _torque_used(limits: Limits, Q: Array, qdot: Array, qddot: Array) -> float:
+    """By what factor time has to be stretched for the torques of a motion (T, n) to be within
+    theirs."""
+    factor = 1.0
+    if limits.torque is None or limits.dynamics is None:
+        return factor
+    for q, v, a in zip(Q, qdot, qddot, strict=True):
+        weight = limits.dynamics(q, 0 * v, 0 * v)
+        moving = limits.dynamics(q, v, a) - weight  # goes with the square of the speed
+        room = np.where(moving > 0, limits.torque - weight, limits.torque + weight)
+        factor = max(factor, float(np.sqrt((np.abs(moving) / np.maximum(room, 1e-9)).max())))
+    return factor
 
 
 class Profile:
@@ -101,7 +167,12 @@ class Profile:
     """
 
     def __init__(
-        self, runs: list[Run], stays: list[float], stops: list[int], ends: list[int], limits: Limits
+        self,
+        runs: list[Segment],
+        stays: list[float],
+        stops: list[int],
+        ends: list[int],
+        limits: Limits,
     ) -> None:
         self.runs = runs
         took = np.array([run.t[-1] for run in runs])
@@ -109,9 +180,9 @@ class Profile:
         marks, speeds = [0.0], [0.0]
         for k in ends[1:]:
             j = int(np.searchsorted(stops, k, side="left")) - 1
-            stage = (k - stops[j]) * (len(runs[j].s) - 1) // (stops[j + 1] - stops[j])
-            marks.append(float(self.starts[j] + runs[j].t[stage]))
-            speeds.append(float(runs[j].speed[stage]))
+            passed = runs[j].passed[[k - stops[j]]]
+            marks.append(float(self.starts[j] + passed[0]))
+            speeds.append(float(runs[j].law(passed)[1][0]))
         self.marks = np.array(marks)
         self.stretch = max(run.excess(limits) for run in runs)
         top = max(float(run.speed.max()) for run in runs)
@@ -133,8 +204,58 @@ class Profile:
             Q[rows] = run.curve(run.at(np.clip(clock[rows] - self.starts[j], 0.0, run.t[-1])))
         return Q
 
+    def derivatives(self, clock: Array) -> Array:
+        """Joints and their first three derivatives (4, T, n) at times (T,); at rest before and
+        after the profile."""
+        which = np.clip(
+            np.searchsorted(self.starts, clock, side="right") - 1, 0, len(self.runs) - 1
+        )
+        found = np.zeros((4, len(clock), self.runs[0].curve(0.0).size))
+        for j in np.unique(which):
+            rows, run = which == j, self.runs[j]
+            t = clock[rows] - self.starts[j]
+            found[:, rows] = run.derivatives(np.clip(t, 0.0, run.t[-1]))
+            found[1:, np.flatnonzero(rows)[(t < 0) | (t > run.t[-1])]] = 0.0
+        return found
 
-def corners_of(Q: Array, candidates: Iterable[int]) -> list[int]:
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """A profile as a function of time, its second cycle as often as wanted.
+
+    Attributes
+    ----------
+    profile
+        Of a few cycles.
+    factor
+        By which its time is stretched.
+    lead
+        Time at rest before it, s.
+    begin, period : float
+        When the second cycle begins, and how long it takes, s.
+    more : int
+        How often it is repeated.
+    """
+
+    profile: Profile
+    factor: float
+    lead: float
+    begin: float
+    period: float
+    more: int
+
+    def derivatives(self, t: Array) -> Array:
+        """Joints and their first three derivatives (4, T, n) at times (T,) of the motion's
+        samples."""
+        clock = t - self.lead
+        if self.more:
+            again = np.floor((clock - self.begin) / self.period)
+            clock = clock - self.period * np.clip(again, 0, self.more)
+        found = self.profile.derivatives(clock / self.factor)
+        return found / self.factor ** np.arange(4)[:, None, None]
+
+
+def corners_of(Q: Array, candidates: Iterable[int], bend: float = _BEND) -> list[int]:
     """Find the points (T, n) of a joint path where its direction jumps: among the candidates, and
     cusps anywhere."""
     steps = np.diff(Q, axis=0)
@@ -149,7 +270,7 @@ def corners_of(Q: Array, candidates: Iterable[int]) -> list[int]:
             _tangent(Q[max(before, at - 3) : at + 1][::-1]),
             _tangent(Q[at : min(after, at + 3) + 1]),
         )
-        if np.arccos(np.clip(-into @ out, -1, 1)) > _BEND:
+        if np.arccos(np.clip(-into @ out, -1, 1)) > bend:
             found.add(at)
     return sorted(found)
 
@@ -163,7 +284,7 @@ def _tangent(points: Array) -> Array:
     return slope / max(np.linalg.norm(slope), 1e-300)
 
 
-def fastest(Q: Array, limits: Limits, stages: float = STAGES) -> Run:
+def fastest(Q: Array, limits: Limits, stages: float = STAGES) -> Segment:
     """Find the time-optimal profile along a smooth joint path (T, n), from rest to rest, in so many
     stages or more.
 
@@ -179,13 +300,16 @@ def fastest(Q: Array, limits: Limits, stages: float = STAGES) -> Run:
         JointAccelerationConstraint,
         JointTorqueConstraint,
         JointVelocityConstraint,
+        JointVelocityConstraintVarying,
     )
 
     s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(Q, axis=0), axis=1))])
     curve = toppra.SplineInterpolator(s, Q, bc_type="not-a-knot")
-    finer = int(np.ceil(max(stages, _LEAST_STAGES) / (len(s) - 1)))
+    finer = int(np.ceil(max(stages, LEAST_STAGES) / (len(s) - 1)))
     grid = np.interp(np.arange(finer * (len(s) - 1) + 1) / finer, np.arange(len(s)), s)
     velocity = JointVelocityConstraint(np.minimum(limits.velocity, 1e6))
+    if limits.tool is not None:
+        velocity = JointVelocityConstraintVarying(lambda s: _speeds_at(limits, curve, s))
     constraints = [velocity, JointAccelerationConstraint(limits.acceleration)]
     if limits.torque is not None:
         torque = np.stack([-limits.torque, limits.torque], axis=1)
@@ -204,4 +328,12 @@ def fastest(Q: Array, limits: Limits, stages: float = STAGES) -> Run:
         )
         raise InputError(f"no speed along this joint path is within the limits: {why}")
     t = np.concatenate([[0.0], np.cumsum(2 * np.diff(grid) / (speed[1:] + speed[:-1]))])
-    return Run(curve.cspl, grid, speed, t)
+    return Segment(curve.cspl, grid, speed, t, t[::finer])
+
+
+def _speeds_at(limits: Limits, curve: Any, s: float) -> Array:
+    """Lower and upper speeds (n, 2) of the joints at s with which the tool keeps its limit too."""
+    slope = curve(np.array([s]), 1)
+    rate = limits.most_rate(curve(np.array([s])), slope)
+    speeds = np.minimum(np.minimum(limits.velocity, 1e6), np.abs(slope[0]) * rate + 1e-12)
+    return np.stack([-speeds, speeds], axis=1)

@@ -2,20 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ..arguments import MOST_STEPS, Array, as_int, flag, per_joint, positive, require_type
+from ..arguments import (
+    MOST_STEPS,
+    Array,
+    as_int,
+    flag,
+    per_joint,
+    positive,
+    require_choice,
+    require_type,
+)
 from ..errors import InputError
 from ..robot.bodies import bodies_of
 from ..robot.task import Task
 from ..urdf.checks import NO_EFFORT
+from .jerk import fastest_with_jerk
 from .motion import CLOSED, Motion
-from .profile import STAGES, Limits, Profile, corners_of, fastest
+from .own_times import with_own_times
+from .profile import SHARP, STAGES, Limits, Profile, Segment, Trajectory, corners_of, fastest
 
 PRESETS: dict[str, tuple[tuple[float, ...], str]] = {
     "panda": (
@@ -32,8 +44,15 @@ PRESETS: dict[str, tuple[tuple[float, ...], str]] = {
 
 Franka's are limits: its controller stops beyond them, and libfranka's ``rate_limiting.h`` has the
 same numbers (branch 0.8 for Panda, main for FR3). UR's arms have none but torques: these are what
-their own MoveIt configuration chooses, "conservatively". Jerk and, of FR3, the joint speeds that
-depend on position are not among them. """
+their own MoveIt configuration chooses, "conservatively". The joint speeds of FR3 that depend on
+position are not among them. """
+
+JERKS: dict[str, tuple[tuple[float, ...], str]] = {
+    "panda": ((7500, 3750, 5000, 6250, 7500, 10000, 10000), PRESETS["panda"][1]),
+    "fr3": ((5000,) * 7, "libfranka, include/franka/rate_limiting.h, kMaxJointJerk, from 0.10 on"),
+}
+"""Published jerk limits of arms, rad/s³ from the base outward, and where they stand. UR publishes
+none."""
 
 FULL_SPEED = 0.2
 """Time, s, in which a joint is taken to reach its speed limit where nobody says how fast it speeds
@@ -56,6 +75,9 @@ def presumed_acceleration(task: Task) -> tuple[Array, str]:
         np.isfinite(speed), speed / FULL_SPEED, _UNLIMITED
     ), f"full speed in {FULL_SPEED:g} s, assumed"
 
+
+_DIFFERENCE = 1e-5
+"""Step of differences of the frame's placement, rad or m of the joints."""
 
 _MOMENT = 1e-3
 """Velocities and accelerations are means over this time to either side, s: the exact ones jump."""
@@ -83,13 +105,16 @@ class TimedMotion:
     length, speed : (K,) arrays
         The phase-plane profile: ‖q‖ travelled from the start, and its rate, per s; the first three
         cycles if there are more.
-    velocity, acceleration : (n,) arrays
-        The limits kept, rad/s and rad/s² (m for sliding joints).
+    velocity, acceleration, jerk : (n,) arrays
+        The limits kept, rad/s, rad/s² and rad/s³ (m for sliding joints); no jerk where it is not
+        limited.
     stops : int
         How often it stands still within a cycle, not counting its start: at corners of the joint
         path, and stays.
     motion : Motion, optional
         What was timed; None for the way in of :func:`approach`.
+    trajectory : Trajectory, optional
+        The same as a function of time, with exact derivatives; for :class:`Run`.
 
     Examples
     --------
@@ -112,6 +137,8 @@ class TimedMotion:
     acceleration: Array
     stops: int
     motion: Motion | None = None
+    jerk: Array | None = None
+    trajectory: Trajectory | None = field(default=None, repr=False, compare=False)
 
     def __repr__(self) -> str:
         many = f"{len(self.joints)} joint{'s' if len(self.joints) > 1 else ''}"
@@ -143,27 +170,40 @@ def timed(
     *,
     acceleration: ArrayLike | str | None = None,
     velocity: ArrayLike | None = None,
+    jerk: ArrayLike | str | None = None,
     torque: bool = False,
+    tool_speed: ArrayLike | None = None,
+    keep_times: bool = False,
     rate: float = 1000.0,
 ) -> TimedMotion:
     """Run a motion's joint path as quickly as the limits allow, from rest to rest.
 
-    ``min T`` with ``|q̇| ≤ velocity``, ``|q̈| ≤ acceleration`` and, if asked, ``|τ(q, q̇, q̈)| ≤
-    τ_max``, by TOPP-RA. The first cycle speeds up, the last slows down, and those between are the
-    same in joints and time, if the motion closes. The arm stops at sharp corners; round them with
-    ``blend=``.
+    ``min T`` with ``|q̇| ≤ velocity``, ``|q̈| ≤ acceleration`` and, if asked, ``|q⃛| ≤ jerk`` and
+    ``|τ(q, q̇, q̈)| ≤ τ_max``: by TOPP-RA, with jerk by a sequence of linear programs. The first
+    cycle speeds up, the last slows down, and those between are the same in joints and time, if the
+    motion closes. The arm stops at sharp corners; round them with ``blend=``.
 
     Parameters
     ----------
     motion
-        What :func:`follow` made; its times are ignored, except for stays.
+        What :func:`follow` made; its times are ignored, except for stays and with ``keep_times``.
     acceleration : float, (n,) array or str
         Of the robot's joints, rad/s² or m/s²; a URDF has none. Or a name in ``PRESETS``, published
         limits: ``panda``, ``fr3``, ``ur``.
     velocity : float or (n,) array, optional
         Speed limits, rad/s (m/s); by default the URDF's.
+    jerk : float, (n,) array or str, optional
+        Of the robot's joints, rad/s³ or m/s³, or a name in ``JERKS``: ``panda``, ``fr3``. By
+        default not limited.
     torque
         Keep the URDF's effort limits too, by Pinocchio's inverse dynamics.
+    tool_speed : float or (2,) array, optional
+        Largest speed of the frame along the path, m/s; or of the frame and of its turning, m/s and
+        rad/s.
+    keep_times
+        Keep the motion's own times, such as those of a CSV file, and only add ramps at the ends, as
+        short as the limits allow. At sharp corners, where the arm has to stand still, the corner
+        keeps its time.
     rate
         Samples per second, Hz. A steady cycle takes a whole number of samples.
 
@@ -174,7 +214,8 @@ def timed(
     Raises
     ------
     InputError
-        If a limit is missing or not above 0, or no speed keeps them all.
+        If a limit is missing or not above 0, no speed keeps them all, or the motion's own times do
+        not.
 
     Examples
     --------
@@ -183,10 +224,21 @@ def timed(
     True
     """
     require_type(motion, Motion, "motion", "a motion, such as rp.follow makes")
-    limits = limits_of(motion.task, velocity, acceleration, torque=flag(torque, "torque"))
-    rate = positive(rate, "rate", "samples per second")
+    limits = limits_of(
+        motion.task,
+        velocity,
+        acceleration,
+        jerk=jerk,
+        torque=flag(torque, "torque"),
+        tool_speed=tool_speed,
+    )
+    rate, keep_times = positive(rate, "rate", "samples per second"), flag(keep_times, "keep_times")
     Q, steps = motion.joints(motion.q), motion.steps
     once = Q[: steps + 1]
+    if (limits.jerk is not None or keep_times) and np.linalg.norm(once[-1] - once[0]) < CLOSED:
+        once = once + np.linspace(0.0, 1.0, steps + 1)[:, None] * (
+            once[0] - once[-1]
+        )  # jerk feels 1e-9 rad
 
     def repeated(cycles: int) -> Array:
         return np.vstack([np.tile(once[:-1], (cycles, 1)), once[:1]])
@@ -195,10 +247,20 @@ def timed(
     if np.abs(Q - repeated(cycles)).max() < CLOSED:
         cycles = min(cycles, 3)
         Q = repeated(cycles)
+    if keep_times:
+        profile, stops = _profile(Q, motion, cycles, limits, keep_times=True)
+        timed = _sampled(
+            profile, motion.task.robot_joints, motion.cycles - cycles, rate, limits, stops
+        )
+        return replace(timed, motion=motion)
     profile, stops = _profile(Q, motion, cycles, limits)
     if motion.cycles > cycles and not profile.settled:  # speeding up takes longer than a cycle
         cycles = motion.cycles
-        profile, stops = _profile(repeated(cycles), motion, cycles, limits)
+        Q = repeated(cycles)
+        profile, stops = _profile(Q, motion, cycles, limits)
+    if limits.jerk is not None:
+        steady = motion.cycles - 2 if cycles == 3 and profile.settled else 0
+        profile, stops = _profile(Q, motion, cycles, limits, steady=steady)
     timed = _sampled(profile, motion.task.robot_joints, motion.cycles - cycles, rate, limits, stops)
     return replace(timed, motion=motion)
 
@@ -208,7 +270,9 @@ def limits_of(
     velocity: ArrayLike | None,
     acceleration: ArrayLike | str | None,
     *,
+    jerk: ArrayLike | str | None = None,
     torque: bool = False,
+    tool_speed: ArrayLike | None = None,
 ) -> Limits:
     """Take the limits of a task's joints that a person gave, or the URDF's.
 
@@ -219,29 +283,23 @@ def limits_of(
         that are wanted.
     """
     names = task.robot_joints
-    known = ", ".join(PRESETS)
     if acceleration is None:
+        known = ", ".join(PRESETS)
+        also = "; jerk= requires it too" if jerk is not None else ""
         raise InputError(
-            f"acceleration= is missing, and a URDF has none: give rad/s² a joint (m/s² if it slides), or one of {known}"
+            "acceleration= is missing, and a URDF has none: give rad/s² a joint (m/s² if it slides), or one of "
+            f"{known}{also}"
         )
-    if isinstance(acceleration, str):
-        if acceleration not in PRESETS:
-            raise InputError(
-                f"no accelerations of {acceleration!r} are known, only of {known}; give numbers"
-            )
-        acceleration, count = np.array(PRESETS[acceleration][0], dtype=float), len(names)
-        if len(acceleration) != count:
-            moved = f"{task.frame!r} is moved by {count}: give {count} numbers"
-            raise InputError(f"these accelerations are of {len(acceleration)} joints, but {moved}")
     own = np.array(
         [task.robot.velocity_limit[task.robot.joint_names.index(name)] for name in names]
     )
     speeds = own if velocity is None else per_joint(velocity, len(names), "velocity")
-    most = per_joint(acceleration, len(names), "acceleration")
-    if not np.isfinite(most).all():
-        raise InputError("acceleration must be finite numbers")
+    most = _published(acceleration, PRESETS, task, "acceleration")
+    jerks = None if jerk is None else _published(jerk, JERKS, task, "jerk")
+    tool = None if tool_speed is None else _tool_share(task, tool_speed)
+    limits = Limits(speeds, most, jerk=jerks, tool=tool)
     if not torque:
-        return Limits(speeds, most)
+        return limits
     if task.coordinates is not None:
         raise InputError(
             "torque limits are of the robot's own joints; follow the path with the original task"
@@ -252,17 +310,75 @@ def limits_of(
         raise InputError(
             "torque limits need efforts and masses, and this URDF lacks some; leave torque out"
         )
-    return Limits(speeds, most, efforts, task.dynamics())
+    return replace(limits, torque=efforts, dynamics=task.dynamics())
+
+
+def _published(
+    given: ArrayLike | str, known: dict[str, tuple[tuple[float, ...], str]], task: Task, what: str
+) -> Array:
+    """Take accelerations or jerks of a task's joints (n,): published ones by name, or numbers."""
+    n = len(task.robot_joints)
+    if isinstance(given, str):
+        if given not in known:
+            raise InputError(
+                f"no {what}s of {given!r} are known, only of {', '.join(known)}; give numbers"
+            )
+        given = np.array(known[given][0], dtype=float)
+        if len(given) != n:
+            moved = f"{task.frame!r} is moved by {n}: give {n} numbers"
+            raise InputError(f"these {what}s are of {len(given)} joints, but {moved}")
+    values = per_joint(given, n, what)
+    if not np.isfinite(values).all():
+        raise InputError(f"{what} must be finite numbers")
+    return values
+
+
+def _tool_share(task: Task, most: ArrayLike) -> Callable[[Array, Array], Array]:
+    """Make the function (q, q̇) (K, n) → max(|v| / v_max, |ω| / ω_max) (K,) of a task's frame."""
+    v_max, omega_max = per_joint(most, 2, "tool_speed", "m/s and rad/s")
+    if np.size(np.asarray(most)) == 1:  # m/s alone
+        omega_max = np.inf
+
+    def placed(joints: Array) -> pin.SE3:
+        return task.placement(
+            joints if task.coordinates is None else task.coordinates.coordinates(joints)
+        )
+
+    def share(Q: Array, Qdot: Array) -> Array:
+        found = np.zeros(len(Q))
+        for k, (q, qdot) in enumerate(zip(Q, Qdot, strict=True)):
+            size = float(np.linalg.norm(qdot))
+            if size > 0:
+                step = _DIFFERENCE / size
+                ahead, behind = placed(q + step * qdot), placed(q - step * qdot)
+                v = np.linalg.norm(ahead.translation - behind.translation) / (2 * step)
+                omega = np.linalg.norm(pin.log3(ahead.rotation @ behind.rotation.T)) / (2 * step)
+                found[k] = max(v / v_max, omega / omega_max)
+        return found
+
+    return share
 
 
 def rest_to_rest(Q: Array, joints: Sequence[str], rate: float, limits: Limits) -> TimedMotion:
     """Time one smooth joint path (T, n), once."""
-    profile = Profile([fastest(Q, limits)], [0.0], [0, len(Q) - 1], [0, len(Q) - 1], limits)
+    segment = fastest(Q, limits) if limits.jerk is None else fastest_with_jerk(Q, limits)
+    profile = Profile([segment], [0.0], [0, len(Q) - 1], [0, len(Q) - 1], limits)
     return _sampled(profile, tuple(joints), 0, rate, limits, 0)
 
 
-def _profile(Q: Array, motion: Motion, cycles: int, limits: Limits) -> tuple[Profile, int]:
-    """Solve run after run between corners and stays; and count the corners of a cycle."""
+def _profile(
+    Q: Array,
+    motion: Motion,
+    cycles: int,
+    limits: Limits,
+    *,
+    steady: int = -1,
+    keep_times: bool = False,
+) -> tuple[Profile, int]:
+    """Solve run after run between corners and stays; and count the corners of a cycle.
+
+    Without jerk if ``steady`` is negative; else with it, the second of three cycles alike at both
+    ends and counted so often."""
     steps, t = motion.steps, motion.t[: motion.steps + 1] - motion.t[0]
     moving = np.linalg.norm(np.diff(Q, axis=0), axis=1) > 1e-9
     if not moving.any():
@@ -273,16 +389,69 @@ def _profile(Q: Array, motion: Motion, cycles: int, limits: Limits) -> tuple[Pro
     np.add.at(stays, place[1:][~moving], np.tile(np.diff(t), cycles)[~moving])
     breaks = np.rint(np.interp(motion.path.breaks, t / t[-1], np.arange(steps + 1))).astype(int)
     marks = [int(place[k + cycle * steps]) for k in (0, *breaks) for cycle in range(cycles)]
-    corners = corners_of(Q[kept], marks)
-    stops = sorted({0, int(place[-1]), *corners, *np.flatnonzero(stays).tolist()})
-    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(Q[kept], axis=0), axis=1))])
-    density = STAGES * cycles / way[-1]
-    runs = [
-        fastest(Q[kept][a : b + 1], limits, density * (way[b] - way[a])) for a, b in pairwise(stops)
-    ]
+    corners, stays_at = corners_of(Q[kept], marks), np.flatnonzero(stays).tolist()
+    last = int(place[-1])
     ends = [int(place[cycle * steps]) for cycle in range(cycles + 1)]
-    count = sum(0 < k < ends[1] for k in {*corners, *np.flatnonzero(stays).tolist()})
+    if keep_times:
+        clock = np.append((t[:-1] + t[-1] * np.arange(cycles)[:, None]).ravel(), cycles * t[-1])[
+            kept
+        ]
+        sharp = sorted({0, last, *corners_of(Q[kept], marks, SHARP), *stays_at})
+        runs, stops = _in_own_times(Q[kept], clock, stays, sharp, corners, limits, motion)
+    else:
+        stops = sorted({0, last, *corners, *stays_at})
+        way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(Q[kept], axis=0), axis=1))])
+        density = STAGES * cycles / way[-1]
+        seams = (ends[1], ends[2]) if steady > 0 and len(stops) == 2 else ()
+        known: dict[bytes, Segment] = {}  # cycles have the same parts
+        runs = []
+        for a, b in pairwise(stops):
+            part, stages = Q[kept][a : b + 1], density * (way[b] - way[a])
+            if steady < 0:
+                runs.append(fastest(part, limits, stages))
+                continue
+            key = part.tobytes()
+            if key not in known:
+                known[key] = fastest_with_jerk(part, limits, stages, seams, steady)
+            runs.append(known[key])
+    count = sum(0 < k < ends[1] for k in stops)
     return Profile(runs, [float(stays[k]) for k in stops[:-1]], stops, ends, limits), count
+
+
+def _in_own_times(
+    Q: Array,
+    clock: Array,
+    stays: Array,
+    stops: list[int],
+    corners: list[int],
+    limits: Limits,
+    motion: Motion,
+) -> tuple[list[Segment], list[int]]:
+    """Run a path in its own times from stop to stop; and stop at its gentler corners too where the
+    limits want it."""
+    period, joints = float(motion.t[motion.steps] - motion.t[0]), motion.task.robot_joints
+
+    def segment(a: int, b: int) -> Segment:
+        own = clock[a : b + 1].copy()
+        own[0] += stays[a]
+        added = int(a == 0) + int(b == len(Q) - 1)
+        return with_own_times(
+            Q[a : b + 1], own, limits, added=added, most=2 * period, joints=joints
+        )
+
+    runs: list[Segment] = []
+    found = [0]
+    for a, b in pairwise(stops):
+        gentle = [k for k in corners if a < k < b]
+        try:
+            runs.append(segment(a, b))
+            found.append(b)
+        except InputError:
+            if not gentle:
+                raise
+            runs += [segment(*ends) for ends in pairwise([a, *gentle, b])]
+            found += [*gentle, b]
+    return runs, found
 
 
 def _sampled(
@@ -335,6 +504,8 @@ def _sampled(
         velocity=limits.velocity,
         acceleration=limits.acceleration,
         stops=stops,
+        jerk=limits.jerk,
+        trajectory=Trajectory(profile, factor, lead * dt, float(marks[1]), period * dt, more),
     )
 
 
@@ -346,15 +517,17 @@ def approach(
     q_now: ArrayLike,
     motion: Motion,
     *,
+    to: str = "start",
     acceleration: ArrayLike | str | None = None,
     velocity: ArrayLike | None = None,
+    jerk: ArrayLike | str | None = None,
     torque: bool = False,
     rate: float = 1000.0,
     bodies: bool = True,
 ) -> TimedMotion:
-    """Move the joints straight, from rest to rest, from where the arm is to the start of a motion.
+    """Move the joints straight, from rest to rest, from where the arm is to a motion.
 
-    ``q(s) = q_now + s (q_start − q_now)``, as quickly as the limits allow. Both ends are inside the
+    ``q(s) = q_now + s (q_goal − q_now)``, as quickly as the limits allow. Both ends are inside the
     joint limits, hence so is all between.
 
     Parameters
@@ -362,12 +535,15 @@ def approach(
     q_now : (n,) array
         Where the arm is, rad (m for sliding joints).
     motion
-        Its first configuration is the goal.
+        What is approached.
+    to
+        The goal: ``start``, the motion's first configuration, or ``nearest``, the one of its first
+        cycle that is nearest to q_now; from there :class:`Run` goes on.
     acceleration : float or (n,) array, or str
         rad/s² (m/s²), as :func:`timed` takes it.
     velocity : float or (n,) array, optional
         rad/s (m/s); by default the URDF's.
-    torque, rate
+    jerk, torque, rate
         As :func:`timed` takes them.
     bodies
         Check that the robot does not touch itself, or its surroundings, on the way.
@@ -380,7 +556,7 @@ def approach(
     Raises
     ------
     InputError
-        If q_now or the start is outside the joint limits, the arm is there already or would touch
+        If q_now or the goal is outside the joint limits, the arm is there already or would touch
         itself, or a limit cannot be used.
 
     Examples
@@ -391,13 +567,17 @@ def approach(
     """
     task = require_type(motion, Motion, "motion", "a motion, such as rp.follow makes").task
     bodies = flag(bodies, "bodies")
-    limits = limits_of(task, velocity, acceleration, torque=flag(torque, "torque"))
-    ends = [task.check(q_now, "q_now"), task.check(motion.q[0], "the motion's start")]
+    limits = limits_of(task, velocity, acceleration, jerk=jerk, torque=flag(torque, "torque"))
+    now, goal = task.check(q_now, "q_now"), motion.q[0]
+    if require_choice(to, ("start", "nearest"), "goal") == "nearest":
+        goal = motion.q[
+            np.argmin(np.linalg.norm(motion.joints(motion.q[: motion.steps + 1] - now), axis=1))
+        ]
+    ends = [now, task.check(goal, f"the motion's {'start' if to == 'start' else 'nearest point'}")]
     begin, end = motion.joints(np.array(ends))
     if np.linalg.norm(end - begin) < 1e-9:
-        raise InputError(
-            "the arm is at the start of the motion already; there is nothing to approach"
-        )
+        where = "at the start of the motion" if to == "start" else "on the motion's path"
+        raise InputError(f"the arm is {where} already; there is nothing to approach")
     share = np.linspace(0, 1, _LOOKED_AT)[:, None]
     if bodies:
         straight = ends[0] + share * (ends[1] - ends[0])

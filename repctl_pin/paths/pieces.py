@@ -70,7 +70,7 @@ def path_of(pieces: Sequence[Piece], rotation: Array, **what: Any) -> TaskPath:
     rotation : (3, 3) array
         The orientation that is held, where the pieces have none of their own.
     what
-        Its name, words and so on, see :class:`TaskPath`.
+        Its name, spec and so on, see :class:`TaskPath`.
     """
     ends = np.array([piece.end for piece in pieces])
     slopes = [
@@ -100,7 +100,7 @@ def _pickled(path: TaskPath) -> tuple[Callable[..., TaskPath], tuple[Any, ...]]:
     """Pickle a path as its pieces: its functions cannot be pickled."""
     what = {
         name: getattr(path, name)
-        for name in ("name", "breaks", "words", "plane", "corners", "period")
+        for name in ("name", "breaks", "spec", "plane", "corners", "period")
     }
     return _unpickled, (pieces_of(path), path.placement(0.0).rotation, what)
 

@@ -1,4 +1,4 @@
-"""Closed paths of straight lines between waypoints, their corners sharp or blended by arcs."""
+"""Closed paths of straight lines between waypoints, their corners sharp or blended."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
@@ -81,8 +82,9 @@ def polygon(
         A single one gives a line there and back; a repeated corner is a stay, as long as the mean
         edge takes.
     blend
-        Radius of the arcs that round the corners, m; the start then lies in the middle of the first
-        corner's arc, and the polygon beside it.
+        Radius of the arcs that would round the corners, m. They are rounded by curves of continuous
+        curvature between the same ends. The start then lies in the middle of the first one, and the
+        polygon beside it.
 
     Returns
     -------
@@ -91,7 +93,7 @@ def polygon(
     Raises
     ------
     InputError
-        If there is no other corner, or an edge is too short for its arcs.
+        If there is no other corner, or an edge is too short for its blends.
 
     Examples
     --------
@@ -139,8 +141,9 @@ def waypoints(
     times : (P,) array, optional
         When each point is passed, s, rising; by default those of the file, or constant speed.
     blend
-        Radius of the arcs that round the corners, m; the path begins in the middle of the first
-        one's. A way back on itself stays sharp. Not with times.
+        Radius of the arcs that would round the corners, m. They are rounded by curves of continuous
+        curvature between the same ends, and the path begins in the middle of the first one. A way
+        back on itself stays sharp. Not with times.
 
     Returns
     -------
@@ -150,7 +153,7 @@ def waypoints(
     ------
     InputError
         If there are fewer than three points, numbers that are not finite, the path is open, or an
-        edge is too short for its arcs.
+        edge is too short for its blends.
 
     Examples
     --------
@@ -274,17 +277,66 @@ def _line(start: Array, edge: Array) -> Piece:
     return lambda u: (start + u * edge, edge)
 
 
-def _arc(
-    start: Array, along: Array, inward: Array, radius: float, begin: float, end: float
+@dataclass(frozen=True)
+class _Bend:
+    """A plane curve of length 1 that turns by φ, its curvature ``6 φ u (1 − u)``: zero at both
+    ends.
+
+    Its direction is ``θ(u) = φ (3u² − 2u³)``, and the point its integral, by Chebyshev polynomials.
+
+    Attributes
+    ----------
+    phi : float
+        φ, rad.
+    point : (d + 1, 2) array
+        Coefficients over u in [0, 1], along and across the direction at the start.
+    """
+
+    phi: float
+    point: Array
+
+    @classmethod
+    def of(cls, phi: float) -> _Bend:
+        """Integrate the curve."""
+        nodes = chebyshev.chebpts1(_BEND_DEGREE + 1)
+        theta = cls.direction_of(phi, (nodes + 1) / 2)
+        slope = np.linalg.solve(
+            chebyshev.chebvander(nodes, _BEND_DEGREE),
+            np.stack([np.cos(theta), np.sin(theta)], axis=1),
+        )
+        return cls(phi, np.asarray(chebyshev.chebint(slope, scl=0.5, lbnd=-1), float))
+
+    @staticmethod
+    def direction_of(phi: float, u: ArrayLike) -> Array:
+        """Evaluate θ(u)."""
+        u = np.asarray(u, float)
+        return phi * u**2 * (3 - 2 * u)
+
+    def at(self, u: float) -> Array:
+        """Evaluate the point at u: (2,), along and across."""
+        return np.asarray(chebyshev.chebval(2 * u - 1, self.point))
+
+    def length(self, cut: float) -> float:
+        """Find the length with which the curve takes so much of both edges: ``2 cut cos(φ/2)`` from
+        end to end."""
+        return float(2 * cut * np.cos(self.phi / 2) / np.linalg.norm(self.at(1.0)))
+
+
+_BEND_DEGREE = 30
+
+
+def _bend(
+    bend: _Bend, start: Array, along: Array, inward: Array, length: float, begin: float
 ) -> Piece:
-    """Part of an arc that begins at a point, along a unit vector, and turns to another."""
+    """Half of a bend that begins at a point, along a unit vector, and turns to another; from u =
+    begin on."""
+    frame = np.stack([along, inward])
 
     def at(u: float) -> tuple[Array, Array]:
-        a = begin + u * (end - begin)
-        c, s = np.cos(a), np.sin(a)
-        return start + radius * (s * along + (1 - c) * inward), (end - begin) * radius * (
-            c * along + s * inward
-        )
+        v = begin + u / 2
+        theta = bend.direction_of(bend.phi, v)
+        direction = np.array([np.cos(theta), np.sin(theta)])
+        return start + length * bend.at(v) @ frame, length / 2 * direction @ frame
 
     return at
 
@@ -295,8 +347,8 @@ def _rounded(
     """Round the corners (P, 3) of a closed polyline: pieces, their knots, and where the corners are
     on these.
 
-    An arc of radius ρ round a corner of turning φ takes ρ tan(φ/2) of both edges. The first
-    corner's arc is cut in the middle: the path begins there."""
+    The bend at a corner of turning φ takes ρ tan(φ/2) of both edges, as an arc of radius ρ does.
+    The first corner's bend is cut in the middle: the path begins there."""
     edges = np.diff(corners, axis=0)
     lengths = np.linalg.norm(edges, axis=1)
     units = edges / np.maximum(lengths, 1e-300)[:, None]
@@ -312,27 +364,30 @@ def _rounded(
         at = int(np.argmin(room))
         most = radius * lengths[at] / (lengths[at] - room[at])
         raise InputError(
-            f"{name}: arcs of {radius:g} m do not fit the edge of {lengths[at]:.3g} m from point {at + 1} to "
+            f"{name}: blends of {radius:g} m do not fit the edge of {lengths[at]:.3g} m from point {at + 1} to "
             f"{at + 2}; blend by {most:.2g} m or less"
         )
     pieces: list[Piece] = []
     took: list[float] = []
     upto = [0]  # pieces before the middle of each corner
 
-    def half_arc(i: int, begin: float, end: float) -> None:
-        if phi[i] > 0:
-            start = corners[i] - cut[i] * before[i]
-            pieces.append(_arc(start, before[i], inward[i] / across[i], radius, begin, end))
-            took.append(radius * phi[i] / 2)
+    bends = [_Bend.of(float(turn)) if turn > 0 else None for turn in phi]
+
+    def half(i: int, begin: float) -> None:
+        bend = bends[i]
+        if bend is not None:
+            start, length = corners[i] - cut[i] * before[i], bend.length(cut[i])
+            pieces.append(_bend(bend, start, before[i], inward[i] / across[i], length, begin))
+            took.append(length / 2)
 
     for i, edge in enumerate(edges):
-        half_arc(i, phi[i] / 2, phi[i])
+        half(i, 0.5)
         share = room[i] / lengths[i] if moving[i] else 1.0
         if share > 1e-9:
             pieces.append(_line(corners[i] + cut[i] * units[i], share * edge))
             took.append(share * sizes[i])
         following = (i + 1) % len(edges)
-        half_arc(following, 0.0, phi[following] / 2)
+        half(following, 0.0)
         upto.append(len(pieces))
     knots = np.concatenate([[0.0], np.cumsum(took)])
     return pieces, knots, knots[upto]

@@ -1,0 +1,259 @@
+"""Feed override of a timed motion: stop, go on and back up along its joint path, within its
+limits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import minimize_scalar
+
+from ..arguments import Array, finite, positive, require_type, shown, vector
+from ..errors import InputError
+from .timing import TimedMotion
+
+_TOLERANCE = 1.005
+"""Limits count as kept up to this factor: a time-optimal motion meets one of them nearly always."""
+
+_COARSE = np.linspace(0.0, 1.0, 33)
+"""Where changes of the override are checked first, as shares of their time."""
+
+_FINE = 5e-4
+"""Time between two points at which the one that is chosen is checked, s."""
+
+_MOST_POINTS = 2000
+"""And so many of them, at most."""
+
+_LONGER = 1.3 ** np.arange(10)
+"""Times of a change that are tried, as multiples of the shortest that limits of speed and jerk
+allow at its start."""
+
+_SHARES: Array = 0.5 ** np.arange(1.0, 6.0)
+"""Shares of a change that are tried where the whole one does not keep the limits."""
+
+_QUICKEST = 1e-3
+"""Shortest change of the override, s."""
+
+_AGAIN = 0.005
+"""Time after which another change is looked for, s, while the override is not the one asked for."""
+
+_NEAR = 1e-3
+"""How near to the path a start has to be, rad or m."""
+
+
+@dataclass(frozen=True)
+class _Change:
+    """Overrides o(t), cubic polynomials, from o and its rate to a goal with rate 0 after some time;
+    then constant.
+
+    Attributes
+    ----------
+    begin : float
+        Time on the motion where it begins, s.
+    override, rate : float
+        o and ȯ there.
+    goal, time : (K,) arrays
+        Of each of them.
+    """
+
+    begin: float
+    override: float
+    rate: float
+    goal: Array
+    time: Array
+
+    def at(self, t: Array) -> tuple[Array, Array, Array, Array]:
+        """Evaluate ∫o, o, ȯ and ö at times (..., K) from the beginning."""
+        W = np.maximum(self.time, 1e-12)
+        u = np.clip(t / W, 0.0, 1.0)
+        o, r, d = self.override, self.rate * W, self.goal - self.override
+        inside = t < self.time
+        way = W * (o * u + r * (u**2 / 2 - 2 * u**3 / 3 + u**4 / 4) + d * (u**3 - u**4 / 2))
+        value = o + r * u * (1 - u) ** 2 + d * u**2 * (3 - 2 * u)
+        first = (r * (1 - 4 * u + 3 * u**2) + d * 6 * u * (1 - u)) / W
+        second = (r * (6 * u - 4) + d * (6 - 12 * u)) / W**2
+        return (
+            way + self.goal * (t - W * u),
+            value,
+            np.where(inside, first, 0.0),
+            np.where(inside, second, 0.0),
+        )
+
+
+class Run:
+    """Run a timed motion under an override that may change at any time: 1 goes on, 0 stops, -1
+    backs up.
+
+    The joints stay on the motion's joint path, ``q(τ)`` with ``dτ/dt = o``. The override o follows
+    the one asked for by cubic polynomials in time, as quickly as the motion's limits of speed,
+    acceleration and jerk are kept: ``q̈ = q″ o² + q′ ȯ``, ``q⃛ = q‴ o³ + 3 q″ o ȯ + q′ ö``. A
+    change is begun only if it keeps them to its end.
+
+    Parameters
+    ----------
+    timed
+        What :func:`timed` made.
+    q : (n,) array, optional
+        Where to begin, on the path's first cycle, such as the end of ``approach(...,
+        to="nearest")``; by default at the motion's beginning.
+
+    Attributes
+    ----------
+    t : float
+        How far it has come, s on the clock of ``timed.t``.
+    override : float
+        The override at present.
+
+    Raises
+    ------
+    InputError
+        If q is not on the path.
+
+    Examples
+    --------
+    >>> run = rp.Run(rp.timed(motion, acceleration=5.0))
+    >>> for _ in range(500):
+    ...     q, qdot = run.step(0.001)
+    >>> for _ in range(500):
+    ...     q, qdot = run.step(0.001, override=0)
+    >>> run.override, bool(abs(qdot).max() == 0)
+    (0.0, True)
+    """
+
+    def __init__(self, timed: TimedMotion, *, q: ArrayLike | None = None) -> None:
+        require_type(timed, TimedMotion, "timed", "a timed motion, such as rp.timed makes")
+        if timed.trajectory is None:
+            raise InputError("timed has no trajectory: take what rp.timed returned")
+        self._timed, self._trajectory = timed, timed.trajectory
+        self._end = float(timed.t[-1])
+        begin = 0.0 if q is None else self._nearest(vector(q, len(timed.joints), "q"))
+        self._t, self._override, self._rate, self._since = begin, 0.0, 0.0, 0.0
+        self._change = _Change(begin, 0.0, 0.0, np.zeros(1), np.zeros(1))
+        self._wish, self._looked = 0.0, 0.0
+
+    @property
+    def t(self) -> float:
+        """How far it has come, s on the clock of ``timed.t``."""
+        return self._t
+
+    @property
+    def override(self) -> float:
+        """The override at present."""
+        return self._override
+
+    def step(self, dt: float, override: float = 1.0) -> tuple[Array, Array]:
+        """Go on by a time step.
+
+        Parameters
+        ----------
+        dt
+            Time step, s.
+        override
+            The one asked for, from -1 to 1.
+
+        Returns
+        -------
+        q, qdot : (n,) arrays
+            Positions of the robot's joints and their velocities, rad and rad/s (m and m/s).
+
+        Raises
+        ------
+        InputError
+            If dt is not above 0 or the override is beyond ±1.
+        """
+        dt, override = positive(dt, "dt", "s"), finite(override, "override")
+        if not -1 <= override <= 1:
+            raise InputError(
+                f"override must be from -1 to 1, not {shown(override)}; time the motion for more speed"
+            )
+        self._aim(override)
+        self._since += dt
+        way, o, rate, _ = (float(part[0]) for part in self._change.at(np.array([self._since])))
+        self._t = min(max(self._change.begin + way, 0.0), self._end)
+        self._override, self._rate = o, rate
+        if self._t in (0.0, self._end):
+            self._hold(self._t, o)
+        q, slope = self._trajectory.derivatives(np.array([self._t]))[:2, 0]
+        return q, slope * o
+
+    def _hold(self, t: float, override: float) -> None:
+        """Keep an override from a time on."""
+        self._t, self._override, self._rate, self._since = t, override, 0.0, 0.0
+        self._change = _Change(t, override, 0.0, np.array([override]), np.zeros(1))
+        self._wish, self._looked = override, 0.0
+
+    def _aim(self, wish: float) -> None:
+        """Begin to change the override, if it is not the one asked for and the limits let it."""
+        change, left = self._change, float(self._change.time[0]) - self._since
+        if wish == self._wish and (
+            (left <= 0 and change.goal[0] == wish) or self._since - self._looked < _AGAIN
+        ):
+            return
+        if not self._timed.starts[0] < self._t < self._timed.starts[-1]:  # at rest
+            self._hold(self._t, wish)
+            return
+        self._wish, self._looked = wish, self._since
+        found = self._quickest(np.array([wish]))
+        if found is None and change.goal[0] != wish:
+            found = self._quickest(
+                np.asarray(self._override + (wish - self._override) * _SHARES, float)
+            )
+        if found is not None and not (change.goal[0] == wish and found.time[0] > 0.95 * left):
+            self._change, self._since, self._looked = found, 0.0, 0.0
+
+    def _quickest(self, goals: Array) -> _Change | None:
+        """Find the change to the first of some goals that keeps the limits, in the shortest time;
+        None if none does."""
+        slope = np.abs(self._trajectory.derivatives(np.array([self._t]))[1, 0])
+        far = np.abs(goals - self._override)
+        shortest = 1.5 * far * np.max(slope / self._timed.acceleration)
+        if self._timed.jerk is not None:
+            shortest = np.maximum(shortest, np.sqrt(6 * far * np.max(slope / self._timed.jerk)))
+        times = (np.maximum(shortest, _QUICKEST)[:, None] * _LONGER).ravel()
+        changes = _Change(
+            self._t, self._override, self._rate, np.repeat(goals, len(_LONGER)), times
+        )
+        for k in np.flatnonzero(self._kept(changes, _COARSE)):
+            one = _Change(
+                self._t, self._override, self._rate, changes.goal[k : k + 1], times[k : k + 1]
+            )
+            if self._kept(one, np.linspace(0.0, 1.0, int(min(times[k] / _FINE, _MOST_POINTS)) + 2))[
+                0
+            ]:
+                return one
+        return None
+
+    def _kept(self, change: _Change, shares: Array) -> Array:
+        """Whether each of some changes keeps the limits at some shares of its time: (K,)."""
+        way, o, rate, push = change.at(shares[:, None] * change.time)
+        clock = np.clip(change.begin + way, 0.0, self._end)
+        q = self._trajectory.derivatives(clock.ravel()).reshape(4, *clock.shape, -1)
+        o, rate, push = (part[..., None] for part in (o, rate, push))
+        timed = self._timed
+        used = np.abs(q[1] * o) / timed.velocity
+        used = np.maximum(used, np.abs(q[2] * o**2 + q[1] * rate) / timed.acceleration)
+        if timed.jerk is not None:
+            used = np.maximum(
+                used, np.abs(q[3] * o**3 + 3 * q[2] * o * rate + q[1] * push) / timed.jerk
+            )
+        return np.asarray(used.max(axis=(0, 2)) <= _TOLERANCE)
+
+    def _nearest(self, q: Array) -> float:
+        """Find when the first cycle passes a configuration."""
+        timed = self._timed
+        first = timed.t <= timed.starts[1]
+        k = int(np.argmin(np.linalg.norm(timed.q[first] - q, axis=1)))
+        ends = max(timed.t[max(k - 1, 0)], 0.0), timed.t[min(k + 1, len(timed.t) - 1)]
+
+        def away(t: float) -> float:
+            return float(np.linalg.norm(self._trajectory.derivatives(np.array([t]))[0, 0] - q))
+
+        found = minimize_scalar(away, bounds=ends, method="bounded", options={"xatol": 1e-12})
+        t = float(found.x) if found.fun < away(float(timed.t[k])) else float(timed.t[k])
+        if not away(t) < _NEAR:
+            raise InputError(
+                f"q is {away(t):.3g} rad (or m) away from the path; bring the arm there by rp.approach(q, motion, "
+                'to="nearest")'
+            )
+        return t
