@@ -80,7 +80,9 @@ def parser() -> Parser:
     about = "Repeatable control for redundant robot arms."
     whole = Parser(prog="repctl", description=about, epilog=_EXAMPLES, **_AS_WRITTEN)
     whole.add_argument(
-        "--debug", action="store_true", help="before COMMAND: show the traceback of an internal error"
+        "--debug",
+        action="store_true",
+        help="before COMMAND: show the traceback of an internal error",
     )
     whole.add_argument("--version", action="version", version=f"repctl {__version__}")
     commands = whole.add_subparsers(metavar="COMMAND", required=True)

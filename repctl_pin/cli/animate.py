@@ -46,9 +46,7 @@ def add_options(parser: Parser) -> None:
     add("--degree", type=integer, default=2, help="degree of the potentials (default 2)")
     add("--seconds", type=positive, default=4.0, help="time of one cycle, s (default 4)")
     add("--out", metavar="FOLDER", help="folder of animation.html (default repctl-out/ROBOT)")
-    live = (
-        "run both controllers in real time, in the browser of this machine, where keys move the target"
-    )
+    live = "run both controllers in real time, in the browser of this machine, where keys move the target"
     add("--live", action="store_true", help=live)
     add("--port", type=int, help="with --live: port of the page (default: a free one)")
     add("--no-browser", action="store_true", help="with --live: only print the address")

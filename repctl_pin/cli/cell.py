@@ -15,9 +15,7 @@ from .given import Options, integer, natural, numbers_of, positive, save_control
 from .options import Parser
 from .terminal import progress, report
 
-HELP = (
-    "find one function for a whole cell, a box of poses: from each pose to one configuration, always the same"
-)
+HELP = "find one function for a whole cell, a box of poses: from each pose to one configuration, always the same"
 EXAMPLE = """examples:
   repctl cell panda --half-width 0.1,0.15,0.1 --half-angle 0.3
   repctl cell panda --half-width 0.15,0.3,0.2 --at 0.46,0,0.3

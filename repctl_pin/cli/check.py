@@ -27,9 +27,7 @@ if TYPE_CHECKING:
     from ..integrability import Repeatability, Surfaces
     from ..strategies import Inverse
 
-HELP = (
-    "test whether J⁺, a weighted inverse or a saved design is repeatable, and measure its drift if not"
-)
+HELP = "test whether J⁺, a weighted inverse or a saved design is repeatable, and measure its drift if not"
 EXAMPLE = """examples:
   repctl check panda --weight inertia
   repctl check repctl-out/panda/design.json          # a saved design, over the region it was made for
@@ -51,11 +49,14 @@ def add_options(parser: Parser) -> None:
         action="store_true",
         help="describe a planar arm by absolute angles, not by relative ones",
     )
-    region = (
-        "half-width of Ω around the start, rad, cut at the joint limits (default 0.4, or the design's)"
-    )
+    region = "half-width of Ω around the start, rad, cut at the joint limits (default 0.4, or the design's)"
     add("--region", type=positive, metavar="W", help=region)
-    add("--samples", type=integer, default=128, help="number of configurations to test (default 128)")
+    add(
+        "--samples",
+        type=integer,
+        default=128,
+        help="number of configurations to test (default 128)",
+    )
     add("--seed", type=natural, default=0, help="random seed of the configurations (default 0)")
     add("--json", action="store_true", help="print JSON instead of text")
 
@@ -69,9 +70,7 @@ def run(options: Options) -> int:
     task, q0 = case.strategy.task, case.problem.start
     region = case.problem.region
     say("evaluating the Lie brackets")
-    verdict = rp.is_repeatable(
-        case.strategy, region, samples=options.samples, seed=options.seed
-    )
+    verdict = rp.is_repeatable(case.strategy, region, samples=options.samples, seed=options.seed)
     drift = _in_planes(rp.drift_per_area(case.strategy, q0), task)
     surfaces = None
     if task.n <= SMALL and not verdict.repeatable:

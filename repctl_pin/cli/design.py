@@ -55,7 +55,9 @@ def add_options(parser: Parser) -> None:
     workspace = "restrict Ω to frame positions within M metres of the start, along each axis"
     add("--workspace", type=positive, metavar="M", help=workspace)
     add("--shrink", action="store_true", help="shrink Ω until it is free of singularities")
-    add("--degree", default="auto", metavar="D", help="degree of the polynomials, or auto (default)")
+    add(
+        "--degree", default="auto", metavar="D", help="degree of the polynomials, or auto (default)"
+    )
     fourier = "add sines and cosines up to order K of the revolute joints"
     add("--fourier", type=integer, metavar="K", help=fourier)
     add("--samples", type=integer, help="number of fit nodes (default: by the number of unknowns)")
@@ -65,7 +67,13 @@ def add_options(parser: Parser) -> None:
         default=16384,
         help="number of held-out nodes, which evaluate the design (default 16384)",
     )
-    add("--restarts", type=natural, default=0, metavar="K", help="number of extra starts of the optimiser")
+    add(
+        "--restarts",
+        type=natural,
+        default=0,
+        metavar="K",
+        help="number of extra starts of the optimiser",
+    )
     add("--stream", action="store_true", help="do not keep the nodes in memory")
     add("--processes", type=integer, default=1, metavar="P", help="number of processes (default 1)")
     add("--dask", metavar="ADDRESS", help="address of the scheduler of a Dask cluster to use")

@@ -1,4 +1,4 @@
-"""``repctl inspect``: what a robot or a URDF holds."""
+"""``repctl inspect``: joints, limits, frames and redundancy of a robot or a URDF."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from .given import Options
 from .options import Parser
 from .terminal import report
 
-HELP = "say what a robot or a URDF holds: joints, limits, frames, redundancy by task"
-EXAMPLE = """examples: repctl inspect my_arm.urdf          the frames at the ends of arms, and where they are
+HELP = "list joints, limits, frames and redundancy of a robot or a URDF"
+EXAMPLE = """examples: repctl inspect my_arm.urdf          frames at the ends of arms, with their positions
           repctl inspect my_arm.urdf --all    every frame"""
 
 
@@ -22,7 +22,7 @@ def add_options(parser: Parser) -> None:
 
 
 def run(options: Options) -> int:
-    """Say what a robot holds."""
+    """Inspect a robot and print the result."""
     from ..show.text.inspection import inspection, inspection_text
     from ..problem import redundant_kinds
 

@@ -13,9 +13,7 @@ from .given import Options, integer, natural, positive, with_options
 from .options import Parser
 from .terminal import progress, report
 
-HELP = (
-    "measure how far an arm drifts on a closed path, and design a controller that does not drift"
-)
+HELP = "measure how far an arm drifts on a closed path, and design a controller that does not drift"
 _DEGREE = "use --frame with fewer joints, --lock some, or --degree with a lower degree"
 EXAMPLE = "example: repctl study panda --path circle:0.1 --plane yz --cycles 20"
 

@@ -69,6 +69,8 @@ class NoFunctionError(InputError):
     failures : tuple of Stop
     fits : float
         The factor by which the cell, scaled about its middle, would work; 0 if none does.
+    partly : bool
+        Whether a function covers a part of the cell.
 
     Examples
     --------
@@ -80,9 +82,16 @@ class NoFunctionError(InputError):
     NoFunctionError
     """
 
-    def __init__(self, message: str, failures: tuple[FailureReason, ...], fits: float) -> None:
-        super().__init__(message)
-        self.failures, self.fits = failures, fits
+    def __init__(
+        self,
+        fact: str,
+        failures: tuple[FailureReason, ...],
+        fits: float,
+        partly: bool = False,
+        remedy: str = "",
+    ) -> None:
+        super().__init__(fact, remedy=remedy)
+        self.failures, self.fits, self.partly = failures, fits, partly
 
 
 def nearest_inverse_function(
@@ -426,13 +435,13 @@ def _refusal(
     remedy = (
         f"a cell of {cell.scaled(fits).size()} works (incomplete='shrink' takes it)"
         if fits > 0
-        else "no smaller cell round this middle works either; move it, or give another posture="
+        else "no smaller cell around this middle works either; move it, or give another posture="
     )
-    keeps = ", and incomplete='keep' the part that is covered" if keep else ""
+    if keep:
+        remedy += ", and incomplete='keep' the part that is covered"
     because = f"; {ring}" if ring else ""
-    return NoFunctionError(
-        f"no single function covers the cell: {why}{because}; {remedy}{keeps}", failures, fits
-    )
+    fact = f"no single function covers the cell: {why}{because}"
+    return NoFunctionError(fact, failures, fits, partly=keep, remedy=remedy)
 
 
 def _rank(found: Found, limit_margin: float) -> tuple[float, bool, bool, float, float]:

@@ -180,7 +180,9 @@ class Problem:
         path = "no path" if self.path is None else self.path.name
         begin = row(self.start) if self.start_is == GIVEN else self.start_is
         region = "" if self._asked is None else f", Ω {self.region}"
-        return f"<Problem of {task.robot.name} {task.frame}, {task.kind}: {path} from {begin}{region}>"
+        return (
+            f"<Problem of {task.robot.name} {task.frame}, {task.kind}: {path} from {begin}{region}>"
+        )
 
     def _begin(self, start: Start) -> None:
         """Set the start, and the path from there."""

@@ -126,7 +126,8 @@ def body_shape(
     path = find_mesh(solid.filename, urdf, package_dirs)
     if path is None:
         raise UnusableShape(
-            f"mesh {solid.filename!r} was not found; say where it is (--package-dir), or give the link a box"
+            f"mesh {solid.filename!r} was not found",
+            remedy="name the folder of its package, or give the link a box",
         )
     collada = ["collada"] if path.suffix.lower() == ".dae" else []
     needed("trimesh", *collada, by=f"the distance to the mesh {path.name}")

@@ -181,7 +181,9 @@ class Robot(Mechanism):
         for folder in own:
             if not os.path.isdir(folder):  # as a path's own is_dir, but for names that are too long
                 raise InputError(
-                    f"there is no folder {folder!r} to look up package:// in; correct --package-dir"
+                    f": there is no folder {folder!r} to look up package:// in",
+                    argument="package_dirs",
+                    remedy="correct it",
                 )
         is_file = any(mark in text for mark in "./\\") or os.path.isfile(
             text
@@ -275,7 +277,7 @@ class Robot(Mechanism):
             return []
         which = short(missing[0])[1:-1] + (", …" if len(missing) > 1 else "")
         note = f"{len(missing)} of {len(names)} meshes were not found ({which}); those links are drawn as tubes; "
-        return [f"{note}say where the packages are with --package-dir"]
+        return [f"{note}name the folders that hold their packages"]
 
     def _frame_id(self, frame: str) -> int:
         require_type(frame, str, "frame", "a link's name")

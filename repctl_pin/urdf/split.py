@@ -42,7 +42,7 @@ def split_joints(robot: etree._Element, notes: list[str]) -> None:
             )
         notes.append(
             f"joint {joint.get('name')!r} is {joint.get('type')}: read as {', '.join(named)}; "
-            "to hold them still, use --lock, or --base with a link behind them"
+            "to hold them still, lock them, or choose a base link behind them"
         )
         _replace(robot, joint, steps, named)
 
