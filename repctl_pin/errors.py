@@ -52,7 +52,7 @@ class RepctlError(Exception):
     """
 
     def __init__(
-        self, fact: str = "", *, argument: str = "", remedy: str = "", at: object = None
+        self, fact: str = "", *, argument: str = "", remedy: str = "", at: Any = None
     ) -> None:
         super().__init__(fact)
         self.argument, self.remedy, self.at = argument, remedy, at

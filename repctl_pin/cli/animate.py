@@ -1,4 +1,4 @@
-"""``repctl animate``: motions on a page, written to a file; or controllers running in the browser."""
+"""``repctl animate``: motions on a page, in a file; or controllers running in the browser."""
 
 from __future__ import annotations
 
@@ -19,8 +19,13 @@ if TYPE_CHECKING:
 
     from ..show.page.playback import Playback
 
-HELP = "show motions in the browser: from a CSV, from a saved design, or J⁺ beside the nearest repeatable"
-EXAMPLE = "example: repctl animate panda --motion repctl-out/panda/motion.csv --only pseudoinverse,repeatable --live"
+HELP = (
+    "show motions in the browser: from a CSV, from a saved design, or J⁺ beside the nearest "
+    "repeatable inverse"
+)
+EXAMPLE = """examples:
+  repctl animate panda --motion repctl-out/panda/motion.csv --only pseudoinverse,repeatable
+  repctl animate panda --live"""
 
 RATE = 60.0
 """Pictures per second of a live view."""
@@ -46,7 +51,10 @@ def add_options(parser: Parser) -> None:
     add("--degree", type=integer, default=2, help="degree of the potentials (default 2)")
     add("--seconds", type=positive, default=4.0, help="time of one cycle, s (default 4)")
     add("--out", metavar="FOLDER", help="folder of animation.html (default repctl-out/ROBOT)")
-    live = "run both controllers in real time, in the browser of this machine, where keys move the target"
+    live = (
+        "run both controllers in real time, in the browser of this machine, where keys move the "
+        "target"
+    )
     add("--live", action="store_true", help=live)
     add("--port", type=int, help="with --live: port of the page (default: a free one)")
     add("--no-browser", action="store_true", help="with --live: only print the address")

@@ -15,7 +15,10 @@ from .given import Options, integer, natural, numbers_of, positive, save_control
 from .options import Parser
 from .terminal import progress, report
 
-HELP = "find one function for a whole cell, a box of poses: from each pose to one configuration, always the same"
+HELP = (
+    "find one function for a whole cell, a box of poses: each pose gives one configuration, always "
+    "the same"
+)
 EXAMPLE = """examples:
   repctl cell panda --half-width 0.1,0.15,0.1 --half-angle 0.3
   repctl cell panda --half-width 0.15,0.3,0.2 --at 0.46,0,0.3
@@ -35,8 +38,8 @@ def add_options(parser: Parser) -> None:
     parser.surroundings()
     add = parser.add_argument
     width = (
-        "half-width of the box, m: one number, or x,y,z along the axes of the base; with --path, the "
-        "margin around the path"
+        "half-width of the box, m: one number, or x,y,z along the axes of the base; with --path, "
+        "the margin around the path"
     )
     add("--half-width", required=True, metavar="W", help=width)
     add(

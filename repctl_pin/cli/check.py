@@ -27,10 +27,10 @@ if TYPE_CHECKING:
     from ..integrability import Repeatability, Surfaces
     from ..strategies import Inverse
 
-HELP = "test whether J⁺, a weighted inverse or a saved design is repeatable, and measure its drift if not"
+HELP = "test whether J⁺, a weighted inverse or a saved design is repeatable, and measure its drift"
 EXAMPLE = """examples:
   repctl check panda --weight inertia
-  repctl check repctl-out/panda/design.json          # a saved design, over the region it was made for
+  repctl check repctl-out/panda/design.json          # a saved design, over its own region
   repctl check repctl-out/my_arm/design.json --robot my_arm.urdf"""
 
 _Drift = dict[str, float]
@@ -49,7 +49,10 @@ def add_options(parser: Parser) -> None:
         action="store_true",
         help="describe a planar arm by absolute angles, not by relative ones",
     )
-    region = "half-width of Ω around the start, rad, cut at the joint limits (default 0.4, or the design's)"
+    region = (
+        "half-width of Ω around the start, rad, cut at the joint limits (default 0.4, or that of "
+        "the design)"
+    )
     add("--region", type=positive, metavar="W", help=region)
     add(
         "--samples",
@@ -121,7 +124,8 @@ def _saved(options: Options) -> _Case:
             raise InputError(f"{options.what} is a strategy", remedy=f"omit --{option}")
     design = options.load_design()
     problem = options.problem_of(design, path=False)
-    start_is, notes = problem.start_is, ()
+    start_is = problem.start_is
+    notes: tuple[str, ...] = ()
     if options.region is not None:
         box = partial(box_within_limits, half_width=options.region)
         problem = rp.Problem(design.task, start=problem.start, path=False, region=box)

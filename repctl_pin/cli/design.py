@@ -30,7 +30,10 @@ from .terminal import progress, report
 if TYPE_CHECKING:
     from ..regions import Region
 
-HELP = "find the repeatable inverse nearest to J⁺, or to a weighted inverse, over a region of joint space"
+HELP = (
+    "find the repeatable inverse nearest to J⁺, or to a weighted inverse, over a region of joint "
+    "space"
+)
 EXAMPLE = """examples:
   repctl design panda --region 0.4 --degree auto
   repctl design panda --task position --weight inertia --shrink --region 1.2

@@ -23,14 +23,14 @@ if TYPE_CHECKING:
     from ..strategies import Bounded, Inverse, Strategy
 
 HELP = "follow a closed path with a saved design, or another controller, and write the joint motion"
-EXAMPLE = """example: repctl follow design.json --path circle:0.1 --plane yz --csv motion.csv --yaml traj.yaml
-
-Without --acceleration, the output is the periodic motion itself, which starts and ends at path speed. With it, the
-motion goes from rest to rest in the shortest time within these accelerations and the speed limits of the URDF; all
-cycles but the first and last are alike:
-
+EXAMPLE = """examples:
+  repctl follow design.json --path circle:0.1 --plane yz --csv motion.csv --yaml traj.yaml
   repctl follow design.json --acceleration panda --jerk panda --tool-speed 0.2 --csv motion.csv
-  repctl follow design.json --path seam.csv --acceleration panda --keep-times --csv motion.csv"""
+  repctl follow design.json --path seam.csv --acceleration panda --keep-times --csv motion.csv
+
+Without --acceleration, the output is the periodic motion itself, which starts and ends at path
+speed. With it, the motion goes from rest to rest in the shortest time within these accelerations
+and the speed limits of the URDF; all cycles but the first and last are alike."""
 
 OWN = ("repeatable", "pseudoinverse", "inertia")
 
@@ -188,7 +188,8 @@ def _check_control(options: Options) -> None:
     given = [name for name in ("strategy", "potentials") if getattr(options, name)]
     if given and (options.saved or len(given) > 1):
         raise InputError(
-            "--strategy and --potentials are mutually exclusive and require a robot, not a saved design"
+            "--strategy and --potentials are mutually exclusive and require a robot, "
+            "not a saved design"
         )
     for option in ("rate", "profile", "jerk", "tool_speed", "keep_times"):
         if getattr(options, option) not in (None, False) and options.acceleration is None:

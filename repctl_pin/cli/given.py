@@ -14,6 +14,7 @@ from ..errors import InputError
 from ..files import check_folder, not_left_empty
 
 if TYPE_CHECKING:
+    from ..regions import Region
     from ..saving.schema import TaskFile
 
 REGION = 0.4
@@ -203,9 +204,9 @@ def box_within_limits(task: rp.Task, q0: Any, half_width: float) -> rp.Box:
     return rp.Box(q0, half_width).inside(task.lower, task.upper)
 
 
-def cut_note(task: rp.Task, box: rp.Box, half_width: float) -> tuple[str, ...]:
+def cut_note(task: rp.Task, box: Region, half_width: float) -> tuple[str, ...]:
     """Name the joints at whose limits a box was cut."""
-    sides = zip(task.joint_names, box.half_width, strict=True)
+    sides = zip(task.joint_names, box.bounds.half_width, strict=True)
     cut = [joint for joint, width in sides if width < half_width * (1 - 1e-9)]
     return (f"Ω was cut at the limits of {', '.join(cut)}",) if cut else ()
 

@@ -8,8 +8,9 @@ from .options import Parser
 from .terminal import report
 
 HELP = "list joints, limits, frames and redundancy of a robot or a URDF"
-EXAMPLE = """examples: repctl inspect my_arm.urdf          frames at the ends of arms, with their positions
-          repctl inspect my_arm.urdf --all    every frame"""
+EXAMPLE = """examples:
+  repctl inspect my_arm.urdf          frames at the ends of arms, with their positions
+  repctl inspect my_arm.urdf --all    every frame"""
 
 
 def add_options(parser: Parser) -> None:
@@ -23,8 +24,8 @@ def add_options(parser: Parser) -> None:
 
 def run(options: Options) -> int:
     """Inspect a robot and print the result."""
-    from ..show.text.inspection import inspection, inspection_text
     from ..problem import redundant_kinds
+    from ..show.text.inspection import inspection, inspection_text
 
     robot = options.load_robot()
     frames = robot.movable_frames if options.all else robot.end_frames

@@ -10,9 +10,10 @@ from .given import Options
 
 _PATHS = (
     "circle:RADIUS, turned until the arm can follow it; circle:RADIUS:DEGREES, starting at that "
-    "angle from the first axis of the plane; square:SIDE, eight:RADIUS, rose:RADIUS, polygon:CORNERS:RADIUS, all in m; or FILE.csv, "
-    "one point per line: x,y,z in m in the frame of the base, the first point repeated at the end; a header may "
-    "add qx,qy,qz,qw and time; append :blend=RADIUS to round corners"
+    "angle from the first axis of the plane; square:SIDE, eight:RADIUS, rose:RADIUS, "
+    "polygon:CORNERS:RADIUS, all in m; or FILE.csv, one point per line: x,y,z in m in the frame of "
+    "the base, the first point repeated at the end; a header may add qx,qy,qz,qw and time; append "
+    ":blend=RADIUS to round corners"
 )
 
 
@@ -68,7 +69,8 @@ class Parser(argparse.ArgumentParser):
     def what(
         self,
         what: str = (
-            "a robot (catalogue name or URDF), or a saved design (.json) with its own frame and task"
+            "a robot (catalogue name or URDF), or a saved design (.json), which has its own frame "
+            "and task"
         ),
     ) -> None:
         """Add WHAT, a robot or a saved design, and the options that load it."""
@@ -95,8 +97,8 @@ class Parser(argparse.ArgumentParser):
             help="hold a joint at the reference pose",
         )
         base = (
-            "link in whose frame x is expressed, treated as fixed: a link of the chain to FRAME, or "
-            "one on another branch, such as the other end effector"
+            "link in whose frame x is expressed, treated as fixed: a link of the chain to FRAME, "
+            "or one on another branch, such as the other end effector"
         )
         add("--base", metavar="LINK", help=base)
 
@@ -111,8 +113,8 @@ class Parser(argparse.ArgumentParser):
     def task(self) -> None:
         """Add the options of the task and the start."""
         kinds = (
-            "pose, axis, position, xy, xz or yz (default: the first redundant one of pose, position, "
-            "xy, xz, yz)"
+            "pose, axis, position, xy, xz or yz (default: the first redundant one of pose, "
+            "position, xy, xz, yz)"
         )
         self.add_argument("--frame", help="link to move (default: the end of the arm)")
         self.add_argument("--task", metavar="KIND", help=kinds)

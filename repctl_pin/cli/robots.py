@@ -22,8 +22,8 @@ def add_options(parser: Parser) -> None:
 
 def run(options: Options) -> int:
     """List the catalogue."""
-    from ..show.text.table import table
     from ..problem import redundant_kinds
+    from ..show.text.table import table
     from ..urdf.catalogue import entries
 
     say = progress(options.json)

@@ -34,8 +34,8 @@ def add_options(parser: Parser) -> None:
     region = "half-width of Ω around the start, rad (default: a tube around the cycle)"
     add("--region", type=positive, metavar="W", help=region)
     degree = (
-        "degree of the potentials (default 2, or 1 for arms with many joints); 3 or 4 may come nearer "
-        "to J⁺, and computation time grows fast"
+        "degree of the potentials (default 2, or 1 for arms with many joints); 3 or 4 may come "
+        "nearer to J⁺, and computation time grows fast"
     )
     add("--degree", type=integer, help=degree)
     parser.weight()

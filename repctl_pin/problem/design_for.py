@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from itertools import islice
 from typing import Any, NamedTuple
 
@@ -150,7 +149,6 @@ def own_failure(task: Task, path: TaskPath, q0: Array) -> SingularityError | Non
 def _in_region(problem: Problem, make: Make) -> Design:
     """Design in the region of a problem; if it is singular, name one that is not."""
     region = problem.region
-    assert isinstance(region, Region)
     try:
         return make(region)
     except SingularRegionError as error:

@@ -49,9 +49,8 @@ def problem_of(
         problem = Problem(task, start=begin, path=False, region=region)
         return problem if start is not None else problem._with(start_is="the centre of the region")
     if path is not None or plane is not None or cycle is None:
-        begin = start
-        if start is None:
-            begin = region.center if cycle is None else cycle.start
+        center = region.center if cycle is None else cycle.start
+        begin = center if start is None else start
         inside = partial(fitting_circle, control=design.inverse, region=region)
         draw = inside if path is None and plane is None else path
         return Problem(task, start=begin, path=draw, plane=plane, region=region)

@@ -20,7 +20,7 @@ from ..paths.shapes import PLANES
 from ..regions import Box, Region, Tube
 from ..robot.robot import Robot
 from ..robot.task import Task
-from ..strategies import Bounded, Pseudoinverse
+from ..strategies import Pseudoinverse
 from .starts import GIVEN, PathOf, Start, starts
 from .task_choice import choose_task
 
@@ -104,6 +104,9 @@ class Problem:
     given: frozenset[str]
     moved: tuple[str, ...]
     warnings: tuple[str, ...]
+    _asked: float | Region | RegionOf | None  # the region as it was given
+    _draw: PathOf | None
+    _violates: bool
 
     def __init__(
         self,
@@ -130,8 +133,11 @@ class Problem:
             _check_size(self.region, task)
 
     @cached_property
-    def region(self) -> Region | Bounded:
-        """Region Ω: the one given, or a tube around one cycle of J⁺, computed when first used."""
+    def region(self) -> Region:
+        """Region Ω: the one given, or a tube around one cycle of J⁺, computed when first used.
+
+        That of a design over a cell is the cell.
+        """
         asked = self._asked
         if isinstance(asked, float):
             return Box(self.start, asked)
@@ -244,9 +250,9 @@ def _checked_region(region: Any) -> float | Region | RegionOf | None:
     return require_type(region, Region, "region", _A_REGION)
 
 
-def _check_size(region: Region | Bounded, task: Task) -> None:
+def _check_size(region: Region, task: Task) -> None:
     """Refuse a region with another number of joints than the task's."""
-    n = len(region.center) if isinstance(region, Region) else task.n
+    n = len(region.center)
     if n != task.n:
         raise InputError(
             f"has {n} joints, but {task.frame!r} is moved by {task.n}",

@@ -58,11 +58,11 @@ def redundant_kinds(robot: Robot, frame: str) -> dict[str, int]:
 
 def kind_note(task: Task) -> list[str]:
     """Say why a task of another kind than the first preferred one was chosen."""
-    first, joints = PREFERRED_KINDS[0], len(task.robot.chain(task.frame))
+    first = PREFERRED_KINDS[0]
     if task.kind == first:
         return []
-    using = f"using task {task.kind}, because {joints} joints"
-    if joints <= len(KINDS[first]):
+    using = f"using task {task.kind}, because {task.n} joints"
+    if task.n <= len(KINDS[first]):
         return [f"{using} are not redundant for a {first} task"]
     return [f"{using} never move {task.frame} in all coordinates of a {first} task"]
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from ..arguments import Array, as_int, function, positive, require_type
 from ..design import Design, nearest_repeatable
 from ..errors import InputError, SingularityError
-from ..motion import ClosedPath, TaskPath, check_length, follow
+from ..motion import ClosedPath, Motion, TaskPath, check_length, follow
 from ..paths.task_path import Cycle
 from ..problem import (
     PERIOD,
