@@ -15,9 +15,9 @@ from repctl_pin.cli import main, parser
 from repctl_pin.cli.completion import SHELLS, WORDS, script
 from repctl_pin.motion.spec import parse_path
 from repctl_pin.paths.shapes import PLANES
+from repctl_pin.problem import choose_desired
 from repctl_pin.robot.task import KINDS
 from repctl_pin.show.palette import COLOURS
-from repctl_pin.studies.defaults import choose_desired
 from repctl_pin.urdf.catalogue import entries
 
 COMMANDS = next(a for a in parser()._actions if isinstance(a, argparse._SubParsersAction)).choices

@@ -16,7 +16,6 @@ from repctl_pin.inverse_function.monomials import Monomials
 from repctl_pin.inverse_function.posture_search import reached
 from repctl_pin.inverse_function.reference import fitted, rays
 from repctl_pin.inverse_function.sample_path import tour
-from repctl_pin.studies.defaults import choose_task
 
 pytestmark = pytest.mark.slow
 
@@ -126,7 +125,7 @@ def self_motions(
 def test_other_arms_and_tasks(
     arm: str, kind: str, half_width: float, rotation: float, r: int
 ) -> None:
-    task = choose_task(rp.Robot.load(arm), None, kind)
+    task = rp.Problem(arm, kind=kind, start="reference", path=False).task
     assert task.r == r
     cell = rp.Cell(task, task.placement(task.reference), half_width, rotation)
     design = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell)

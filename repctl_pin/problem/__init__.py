@@ -1,11 +1,11 @@
 """Problems: robot, frame, kind of task, start, closed path and region Ω, checked and complete."""
 
-from .design_for import NO_BETTER as NO_BETTER
-from .design_for import design_for as design_for
-from .design_for import half_width_within as half_width_within
-from .design_for import own_failure as own_failure
-from .design_for import shrunk_note as shrunk_note
-from .design_for import timed_cycle as timed_cycle
+from .around_motion import NO_BETTER as NO_BETTER
+from .around_motion import design_for as design_for
+from .around_motion import half_width_within as half_width_within
+from .around_motion import own_failure as own_failure
+from .around_motion import shrunk_note as shrunk_note
+from .around_motion import timed_cycle as timed_cycle
 from .desired import choose_desired as choose_desired
 from .of_design import problem_of as problem_of
 from .period import PERIOD as PERIOD
