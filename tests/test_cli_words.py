@@ -31,7 +31,7 @@ def printed(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[str, s
 def test_a_singular_region_names_the_option_that_helps(tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     error = refused(capsys, "design", *SINGULAR, "--region", "0.7", "--degree", "1")
-    assert "--shrink takes that" in error and "=True" not in error
+    assert "use --shrink to design there" in error and "=True" not in error
     study = ["study", *SINGULAR, "--cycles", "1", "--steps", "40", "--degree", "1", "--quiet"]
     width, tries = "10", 0
     while main([*study, "--region", width]) == 2:  # the advice is taken, until it is good
@@ -84,7 +84,7 @@ def helped(command: str, capsys) -> str:
 def test_help_says_what_is_done(tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     for command in ("study", "design"):
-        assert "--quiet print nothing but errors, and what --json asks for" in helped(
+        assert "--quiet print only errors, and the JSON of --json" in helped(
             command, capsys
         )
     assert "1 to 4" not in helped("study", capsys)
@@ -94,7 +94,7 @@ def test_help_says_what_is_done(tmp_path, monkeypatch, capsys) -> None:
     )  # (3 + 5)! / 3! / 5! - 1
     text = helped("follow", capsys)
     assert (
-        "begins and ends at full speed along the path. With --acceleration it goes from rest to rest"
+        "starts and ends at path speed. With it, the motion goes from rest to rest"
         in text
     )
 
@@ -105,7 +105,8 @@ def test_the_motion_that_follow_writes_is_at_full_speed_at_both_ends(
     monkeypatch.chdir(tmp_path)
     out, _ = printed(capsys, "follow", "ppr", "--strategy", "pseudoinverse", "--csv", "m.csv")
     assert (
-        "note: the motion begins and ends at full speed along the path; a robot at rest needs a ramp\n"
+        "note: this motion starts and ends at path speed; "
+        "use --acceleration for a rest-to-rest trajectory\n"
         in out
     )
     rows = np.genfromtxt("m.csv", delimiter=",", names=True)
