@@ -131,7 +131,7 @@ def test_where_a_robot_is_wanted_a_design_is_pointed_elsewhere(
     command: str, tmp_path, monkeypatch, capsys
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert "d/design.json is a saved design: follow, check, animate and export take it" in refused(
+    assert "requires a robot, but d/design.json is a saved design; use it with follow" in refused(
         capsys, command, "d/design.json"
     )
     assert list(tmp_path.iterdir()) == []

@@ -37,13 +37,13 @@ def test_a_singular_region_names_the_option_that_helps(tmp_path, monkeypatch, ca
     while main([*study, "--region", width]) == 2:  # the advice is taken, until it is good
         error = capsys.readouterr().err
         assert "largest region round its center" in error and "shrink" not in error
-        (smaller,) = re.findall(r"; give --region ([\d.]+)$", error.strip())
+        (smaller,) = re.findall(r"; use --region ([\d.]+)$", error.strip())
         assert 0 < float(smaller) < float(width)
         width, tries = smaller, tries + 1
     assert 1 <= tries <= 3
-    with pytest.raises(rp.SingularRegionError, match=r"; give region=0\.\d+$"):
+    with pytest.raises(rp.SingularRegionError, match=r"; pass region=0\.\d+$"):
         rp.study("planar3r", start=[0.3, 0.6, 0.5], region=10.0, degree=1)
-    with pytest.raises(rp.SingularRegionError, match=r"; take that$"):
+    with pytest.raises(rp.SingularRegionError, match=r"; pass that region$"):
         rp.study("planar3r", start=[0.3, 0.6, 0.5], region=rp.Box([0.3, 0.6, 0.5], 3.0), degree=1)
 
 
@@ -170,7 +170,7 @@ def test_cycles_are_counted_in_whole_numbers() -> None:
 def test_live_options_need_live(tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     for option in (["--port", "8000"], ["--port", "0"], ["--no-browser"]):
-        assert "--port and --no-browser go with --live" in refused(
+        assert "--port and --no-browser require --live" in refused(
             capsys, "animate", "ppr", *option
         )
     assert list(tmp_path.iterdir()) == []

@@ -221,7 +221,7 @@ def _margin(value: float, name: str, unit: str = "") -> float:
     """Take a margin that the user asks for."""
     number = positive(value, name, unit, zero=True)
     if number > _LARGE:
-        raise InputError(f"{name} can be {_LARGE:g} at most, not {number:g}")
+        raise InputError(f"can be at most {_LARGE:g}, not {number:g}", argument=name)
     return number
 
 
