@@ -63,7 +63,7 @@ def function(value: F, name: str, what: str, takes: int = 1) -> F:
 
 
 def _binds(value: Callable[..., Any], takes: int) -> bool:
-    """Whether a function can be called with so many arguments; true of what does not say."""
+    """Tell whether a callable accepts ``takes`` arguments; True if it has no signature."""
     try:
         signature(value).bind(*[None] * takes)
     except TypeError:

@@ -149,6 +149,10 @@ def right_calls(folder: Path) -> list[Call]:
         "save": {"design": design, "path": folder / "again.json"},
         "solve_ik": {"task": task, "q0": q0, "target": target, "tolerance": 1e-9, "iterations": 20, "limits": True},
         "stable_surface": {"strategy": control, "region": box, "samples": 8, "seed": 0},
+        "Problem": {
+            "robot": "planar3r", "frame": "tool", "kind": "xy", "start": q0, "path": None,
+            "plane": "xy", "region": 0.1,
+        },
         "study": {
             "robot": "planar3r", "frame": "tool", "kind": "xy", "start": q0, "path": None, "radius": 0.05,
             "plane": "xy", "cycles": 1, "steps": 24, "region": 0.1, "degree": 1, "controls": {"mine": control},
