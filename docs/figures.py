@@ -1,4 +1,4 @@
-"""Make the figures of the theory page: python docs/figures.py [FOLDER]."""
+"""Draw the figures of the theory page: python docs/figures.py [FOLDER]."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from repctl_pin.show.plots.motions import drift_over_cycles
 
 
 def drift() -> Figure:
-    """Two joints of a Panda over ten cycles of a circle, and the joint drift after each."""
+    """Draw two joints of a Panda over ten cycles of a circle, and the drift after each cycle."""
     task = rp.Robot.load("panda").task("panda_hand_tcp", "pose")
     q0 = np.array(task.reference)
     desired, path = rp.Pseudoinverse(task), rp.circle(task, q0, radius=0.1, normal="x")
@@ -44,7 +44,7 @@ def drift() -> Figure:
 
 
 def cell() -> Figure:
-    """Slices through the function for a cell of positions of a Panda, 20 × 40 × 20 cm."""
+    """Draw slices through the function for a cell of positions of a Panda, 20 × 40 × 20 cm."""
     task = rp.Robot.load("panda").task("panda_hand_tcp", "pose")
     middle = task.placement(task.reference)
     middle.translation = middle.translation + np.array([0.15, 0.0, -0.19])
@@ -59,7 +59,7 @@ FIGURES = {"drift": drift, "cell": cell}
 
 
 def main(folder: Path) -> None:
-    """Draw them all."""
+    """Draw all figures into a folder."""
     for name, figure in FIGURES.items():
         picture = io.BytesIO()
         figure().savefig(picture, dpi=110)

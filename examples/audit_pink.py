@@ -1,15 +1,15 @@
-"""Audit somebody else's control loop: does pink's differential inverse kinematics repeat?
+"""Test a third-party controller: is the differential inverse kinematics of pink repeatable?
 
-`rp.follow` takes any function (q, ẋ) → q̇. Here the function asks pink for a velocity: pink gets a
-frame task whose target lies ẋ dt ahead, and its quadratic program is solved by daqp. The panda's
-flange goes round a circle of 0.1 m ten times, from the same start, under
+`rp.follow` takes any function (q, ẋ) → q̇. Here the function calls pink, with a frame task whose
+target is ẋ dt ahead; daqp solves the quadratic program. The end effector of the panda follows a
+circle of 0.1 m for ten cycles, from the same start, under three controllers:
 
-    pink            the frame task alone: it drifts as the pseudoinverse does, cycle after cycle; J⁺
-    the pseudoinverse, for comparison; pink + ours     the frame task, and beside it our task that
-    holds h(q) = c: the same pink program, closed.
+    pink               the frame task alone: it drifts like the pseudoinverse, cycle after cycle
+    J⁺                 the pseudoinverse, for comparison
+    pink + repeatable  the frame task and a RepeatableTask, which holds h(q) = c: closed
 
-A loop of roboticstoolbox, Drake or mink is audited in the same way: write the function, call
-follow.
+You can test a loop of roboticstoolbox, Drake or mink in the same way: write the function, call
+rp.follow.
 
     pip install '.[pink]' daqp
     python examples/audit_pink.py
@@ -36,7 +36,7 @@ DT = 0.01
 def pink_control(
     task: rp.Task, *extra: RepeatableTask
 ) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
-    """Make pink's answer to "move the frame with this velocity" a plain function (q, ẋ) → q̇."""
+    """Make a function (q, ẋ) → q̇ that calls pink for the velocity of the frame."""
     configuration = pink.Configuration(task.model, task.model.createData(), Q0)
     frame = FrameTask(task.frame, position_cost=1.0, orientation_cost=1.0)
     for other in extra:
@@ -53,7 +53,7 @@ def pink_control(
 
 
 def audit(cycles: int, steps: int) -> dict[str, rp.Motion]:
-    """Follow the circle with each control, by Euler steps with feedback of the task error."""
+    """Follow the circle with each controller, by Euler steps with feedback of the task error."""
     task = rp.Robot.load("panda").task("panda_hand_tcp", "pose")
     design = rp.nearest_repeatable(
         rp.Pseudoinverse(task), rp.Polynomial(Q0, 2, 0.4), rp.Box(Q0, 0.4)
@@ -62,7 +62,7 @@ def audit(cycles: int, steps: int) -> dict[str, rp.Motion]:
     controls = {
         "pink": pink_control(task),
         "J⁺": rp.Pseudoinverse(task),
-        "pink + ours": pink_control(task, RepeatableTask(design.inverse)),
+        "pink + repeatable": pink_control(task, RepeatableTask(design.inverse)),
     }
     options = {
         "cycles": cycles,
@@ -78,12 +78,12 @@ def audit(cycles: int, steps: int) -> dict[str, rp.Motion]:
 
 
 def main() -> None:
-    """Print the audit."""
+    """Print drift, tracking error and peak speed of each controller."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--cycles", type=int, default=10)
-    parser.add_argument("--steps", type=int, default=500, help="a cycle")
+    parser.add_argument("--steps", type=int, default=500, help="steps per cycle")
     options = parser.parse_args()
     rows = [
         [
@@ -96,7 +96,7 @@ def main() -> None:
         for name, m in audit(options.cycles, options.steps).items()
     ]
     header = [
-        "control",
+        "controller",
         "drift, cycle 1, rad",
         f"cycle {options.cycles}",
         "tracking error, m",

@@ -1,14 +1,16 @@
-"""Make the README's pictures: arms after cycles of a closed path, as the animation shows them.
+"""Make the pictures of the README: arms after cycles of a closed path, as the animation shows them.
 
     python examples/gallery.py                  all pictures, into examples/pictures/
     python examples/gallery.py ppr talos        some of them
     python examples/gallery.py --out elsewhere
 
 Each picture is an animation page, opened in a headless Chromium and stopped at the end of the last
-cycle: the ghosts are the arms in cycle 1, the lines are what tip and elbow left behind, and the
-colour of a body is how far it is off. ``panda.webp`` goes through the cycles' ends: the hand stands
-still, the elbow walks. A browser and its driver are needed (Debian: ``chromium`` and
-``chromium-driver``), ``pip install selenium``, and for ``audit`` what `audit_pink.py` needs."""
+cycle. Translucent arms show cycle 1, lines show the traces of end effector and elbow, and the
+colour of a body shows its displacement. ``panda.webp`` shows the end of every cycle: the end
+effector stays, the elbow drifts.
+
+This requires a browser and its driver (Debian: ``chromium`` and ``chromium-driver``),
+``pip install selenium``, and for ``audit`` the packages of `audit_pink.py`."""
 
 from __future__ import annotations
 
@@ -29,26 +31,37 @@ from repctl_pin.show.study_files import study_page
 
 PICTURES = Path(__file__).parent / "pictures"
 SIZE = (720, 620)
-"""Of the browser's window: small, so that its words can be read at a gallery's width; drawn at
-twice that."""
+"""Size of the browser window in CSS pixels, each drawn as 2 × 2: small, so that text is legible at
+the width of the gallery."""
+FLAGS = (
+    "--headless=new",
+    "--no-sandbox",
+    "--hide-scrollbars",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--ignore-gpu-blocklist",
+    "--no-first-run",
+    "--disable-background-networking",
+)
+"""Options of the browser: no screen, software rendering."""
 LIMIT = 150_000
-"""At most so many bytes a picture."""
+"""Maximum size of a picture, bytes."""
 
 
 def one_arm(name: str, **options) -> str:
-    """The page of a study."""
+    """Make the page of a study."""
     return study_page(rp.study(name, **options))
 
 
 def both_arms() -> str:
-    """Baxter's two arms, each on a circle of its own."""
+    """Make the page of both arms of baxter, each on a separate circle."""
     from two_arms import both_arms_page, study_both
 
     return both_arms_page(study_both(rp.Robot.load("baxter"), ("left_gripper", "right_gripper")))
 
 
 def audit() -> str:
-    """Somebody else's control loop, J⁺, and the same loop with our task beside its own."""
+    """Make the page of a pink program, J⁺, and the pink program with a RepeatableTask."""
     from audit_pink import audit as motions
 
     return rp.animation(motions(cycles=10, steps=500)).page
@@ -68,17 +81,16 @@ GALLERY: dict[str, Callable[[], str]] = {
 def photograph(
     page: str, file: Path, *, seconds: float = 120.0, moving: bool = False
 ) -> list[Path]:
-    """Open a page, go to the end of its last cycle, and keep heading and scene; ``moving``: every
-    cycle's end, too."""
+    """Photograph the heading and the scene of a page at the end of its last cycle; with ``moving``,
+    at the end of every cycle, too."""
     options = webdriver.ChromeOptions()
     options.binary_location = shutil.which("chromium") or ""
     with tempfile.TemporaryDirectory() as folder:
         source = Path(folder) / "page.html"
         source.write_text(page, encoding="utf-8")
-        for flag in ("--headless=new", "--no-sandbox", "--hide-scrollbars", "--use-angle=swiftshader",
-                     "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist", "--no-first-run",
-                     "--disable-background-networking", f"--user-data-dir={folder}/profile"):  # fmt: skip
+        for flag in FLAGS:
             options.add_argument(flag)
+        options.add_argument(f"--user-data-dir={folder}/profile")
         driver = webdriver.Chrome(options=options, service=Service(shutil.which("chromedriver")))
         driver.set_script_timeout(seconds)
         try:
@@ -120,11 +132,10 @@ def photograph(
 
 
 def _shot(driver: webdriver.Chrome, cycle: int) -> Image.Image:
-    """The window at the end of a cycle."""
+    """Photograph the window at the end of a cycle."""
     driver.execute_script("repctl.seek(arguments[0])", cycle)
-    driver.execute_async_script(
-        "requestAnimationFrame(() => requestAnimationFrame(arguments[0]))"
-    )  # it is drawn
+    # wait until the frame is drawn
+    driver.execute_async_script("requestAnimationFrame(() => requestAnimationFrame(arguments[0]))")
     return Image.open(io.BytesIO(driver.get_screenshot_as_png())).convert("RGB")
 
 
@@ -135,16 +146,17 @@ def _narrow(picture: Image.Image, width: int) -> Image.Image:
 
 
 def few_colours(picture: Image.Image) -> Image.Image:
-    """Draw with 256 colours, which is a quarter of the size, dithered: those the picture has most
-    of, and the arms'."""
-    own = [0xD5, 0x5E, 0x00, 0x00, 0x72, 0xB2, 255, 255, 255]
+    """Reduce a picture to 256 colours with dithering: the most frequent ones and those of the arms.
+
+    The file is then a quarter of its size."""
+    arms_and_white = [0xD5, 0x5E, 0x00, 0x00, 0x72, 0xB2, 255, 255, 255]
     palette = Image.new("P", (1, 1))
-    palette.putpalette([*picture.quantize(253).getpalette()[: 253 * 3], *own])
+    palette.putpalette([*picture.quantize(253).getpalette()[: 253 * 3], *arms_and_white])
     return picture.quantize(palette=palette, dither=Image.Dither.FLOYDSTEINBERG)
 
 
 def main() -> None:
-    """Make the pictures that are asked for."""
+    """Make the requested pictures."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -155,7 +167,7 @@ def main() -> None:
     options = parser.parse_args()
     unknown = [name for name in options.names if name not in GALLERY]
     if unknown:
-        parser.error(f"no picture {unknown[0]!r}; there is {', '.join(GALLERY)}")
+        parser.error(f"no picture {unknown[0]!r}; choose from {', '.join(GALLERY)}")
     for name in options.names or GALLERY:
         for file in photograph(
             GALLERY[name](), options.out / f"{name}.png", moving=name == "panda"

@@ -1,21 +1,17 @@
-"""What the paper does on its slide-and-joint arm, done on a real one: a Panda and its whole pose.
+"""Repeat the analysis of the paper on the model of a Panda, for the pose of its tool.
 
-Seven joints, six task coordinates: r = 1, as in the paper, but no closed form. The script asks the
-paper's four questions of it.
+The Panda has seven joints and six task coordinates: r = 1, as in the paper, but no closed form. The
+script answers four questions.
 
-1. *Is J⁺ repeatable?* (24) No: its Lie bracket leaves the column space at every configuration
-looked at. The
-   nearest repeatable inverse over a box of ±0.4 rad is, to rounding.
-2. *How much does it matter?* By the small-loop law a loop of area A in the x–y plane ends A Δ_xy
-away from where
-   it began. Squares of 0.5 to 16 cm are driven once round: the smaller the square, the better one
-   evaluation of the bracket predicts the drift. The repeatable inverse ends where it began.
-3. *Is there a place to hide?* The arm can be brought to the same tool pose along a self-motion. The
-defect of J⁺
-   changes along it, but does not vanish: no stable surface is passed.
-4. *What is the price?* The mean of ‖G_r − J⁺‖² (26) by degree of the potentials, and the leaf
-margin from
-   algorithmic singularities, both on configurations that the design has not seen.
+1. *Is J⁺ repeatable?* (24) No: the Lie bracket is outside the column space at every sampled
+   configuration. The nearest repeatable inverse over a box of ±0.4 rad is repeatable, to rounding.
+2. *How large is the drift?* By the small-loop law, a loop of area A in the x–y plane gives the
+   drift A Δ_xy. The arm follows squares of 0.5 to 16 cm once: the smaller the square, the better
+   one evaluation of the bracket predicts the drift. The repeatable inverse does not drift.
+3. *Is there a stable surface?* A self-motion moves the arm at constant tool pose. The defect of J⁺
+   changes along it, but does not vanish: the self-motion crosses no stable surface.
+4. *What is the cost?* The script prints the mean of ‖G_r − J⁺‖² (26) by degree of the potentials,
+   and the leaf margin, both on held-out configurations.
 
     python examples/nearest_panda.py
 """
@@ -37,28 +33,30 @@ from repctl_pin.show.text.numbers import number
 from repctl_pin.show.text.table import table
 
 Q0 = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
-"""Where the arm starts, rad."""
+"""Start configuration, rad."""
 HALF_WIDTH = 0.4
-"""Of Ω, rad."""
+"""Half-width of Ω, rad."""
 SIDES = (0.005, 0.01, 0.02, 0.04, 0.08, 0.16)
-"""Of the squares, m."""
+"""Sides of the squares, m."""
 
 
 @dataclass(frozen=True)
 class Result:
-    """What the script found.
+    """Results of the script.
 
     Attributes
     ----------
     verdicts
-        Of J⁺ and of the repeatable inverse.
+        Repeatability of J⁺ and of the repeatable inverse.
+    sides
+        Sides of the squares, m.
     predicted, measured, repeatable
-        Joint drift after one square of each side, rad: by the small-loop law, of J⁺, of the
-        repeatable inverse.
+        Drift after one square of each side, rad: predicted by the small-loop law, measured with
+        J⁺, measured with the repeatable inverse.
     angle, defect, defect_repeatable
-        Way along the self-motion, rad, and the relative defects there, per rad.
+        Distance along the self-motion, rad, and the relative defects there, per rad.
     designs
-        By degree.
+        Designs by degree.
     """
 
     verdicts: tuple[Repeatability, Repeatability]
@@ -73,17 +71,16 @@ class Result:
 
 
 def square(task: rp.Task, side: float) -> rp.TaskPath:
-    """Draw a square in x–y from the tool's place at q0: +x, +y, −x, −y."""
+    """Make a square in x–y from the tool position at q0: +x, +y, −x, −y."""
     return rp.polygon(
         task, Q0, [[side, 0, 0], [side, side, 0], [0, side, 0]], name=f"square of {side:g} m"
     )
 
 
 def self_motion(task: rp.Task, length: float, step: float = 0.01) -> tuple[np.ndarray, np.ndarray]:
-    """Move the arm with the tool held still, both ways: way (K,), rad, and configurations (K, 7).
+    """Integrate the self-motion in both directions: distance (K,), rad, and configurations (K, 7).
 
-    The null vector is the generalized cross product, which is smooth; four Runge–Kutta slopes a
-    step."""
+    The null vector is the generalized cross product, which is smooth; the integrator is RK4."""
 
     def direction(q: np.ndarray) -> np.ndarray:
         n = null_vector(task.jacobian(q))
@@ -91,20 +88,20 @@ def self_motion(task: rp.Task, length: float, step: float = 0.01) -> tuple[np.nd
 
     sides = []
     for h in (-step, step):
-        q, way = Q0, [Q0]
+        q, visited = Q0, [Q0]
         for _ in range(int(length / step)):
             k1 = direction(q)
             k2 = direction(q + h / 2 * k1)
             k3 = direction(q + h / 2 * k2)
             q = q + h / 6 * (k1 + 2 * k2 + 2 * k3 + direction(q + h * k3))
-            way.append(q)
-        sides.append(np.array(way))
+            visited.append(q)
+        sides.append(np.array(visited))
     Q = np.vstack([sides[0][:0:-1], sides[1]])
     return np.arange(-(len(sides[0]) - 1), len(sides[1])) * step, Q
 
 
 def slice_of(plain: rp.Pseudoinverse, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Evaluate the relative defect of J⁺ over joints 2 and 4 of Ω, the others at q0."""
+    """Evaluate the relative defect of J⁺ over joints 2 and 4 of Ω, with the others at q0."""
     side = np.linspace(-HALF_WIDTH, HALF_WIDTH, count)
     Q = np.tile(Q0, (count * count, 1))
     Q[:, [1, 3]] += np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
@@ -112,28 +109,28 @@ def slice_of(plain: rp.Pseudoinverse, count: int) -> tuple[np.ndarray, np.ndarra
 
 
 def picture(found: Result, plain: rp.Pseudoinverse, count: int) -> Figure:
-    """Draw drift against the size of the loop, the defect along the self-motion, and a map of
-    it."""
+    """Draw the drift against the size of the loop, the defect along the self-motion, and a map of
+    the defect."""
     figure = Figure(figsize=(15, 4.6), layout="constrained")
-    loops, way, area = figure.subplots(1, 3)
+    loops, along, area = figure.subplots(1, 3)
     law = r"$A\,\|\Delta_{xy}\|$, from one evaluation"
     loops.loglog(found.sides * 100, found.predicted, color=INK, lw=1, ls="--", label=law)
     loops.loglog(found.sides * 100, found.measured, "o", color=VERMILLION, label="J⁺, measured")
     floor = np.maximum(found.repeatable, 1e-16)
     loops.loglog(found.sides * 100, floor, "s", color=BLUE, label="nearest repeatable, measured")
-    loops.set(xlabel="side of the square (cm)", ylabel="joint drift after one turn (rad)")
+    loops.set(xlabel="side of the square (cm)", ylabel="drift after one cycle (rad)")
     loops.set_title("The small-loop law", fontsize=10, loc="left")
     loops.legend(fontsize=8, frameon=False, loc="center left")
-    way.semilogy(found.angle, found.defect, color=VERMILLION, label="J⁺")
-    way.semilogy(
+    along.semilogy(found.angle, found.defect, color=VERMILLION, label="J⁺")
+    along.semilogy(
         found.angle,
         np.maximum(found.defect_repeatable, 1e-17),
         color=BLUE,
         label="nearest repeatable",
     )
-    way.set(xlabel="way along the self-motion (rad)", ylabel="relative defect (per rad)")
-    way.set_title("The same tool pose, other elbows", fontsize=10, loc="left")
-    way.legend(fontsize=8, frameon=False, loc="center left")
+    along.set(xlabel="distance along the self-motion (rad)", ylabel="relative defect (per rad)")
+    along.set_title("The same tool pose, other configurations", fontsize=10, loc="left")
+    along.legend(fontsize=8, frameon=False, loc="center left")
     side, norm = slice_of(plain, count)
     image = area.pcolormesh(side, side, norm, cmap="cividis", shading="gouraud", rasterized=True)
     area.plot(0, 0, "o", color="white", ms=5)
@@ -141,7 +138,7 @@ def picture(found: Result, plain: rp.Pseudoinverse, count: int) -> Figure:
     area.set(xlabel="joint 2 − q₀ (rad)", ylabel="joint 4 − q₀ (rad)", aspect="equal")
     area.set_title("Relative defect of J⁺ in a slice of Ω (per rad)", fontsize=10, loc="left")
     figure.colorbar(image, ax=area, shrink=0.8)
-    for ax in (loops, way):
+    for ax in (loops, along):
         ax.spines[["top", "right"]].set_visible(False)
         ax.grid(True, color="#dddddd", lw=0.6)
     return figure
@@ -157,9 +154,9 @@ def main(
     out
         Folder of the picture.
     degrees
-        Of the potentials, to compare; the last one is followed and judged.
+        Degrees of the potentials to compare; the last one is followed and evaluated.
     steps
-        Of the integrator, a square.
+        Integration steps per square.
     count
         Points along each side of the map.
     """
@@ -172,7 +169,7 @@ def main(
     inverse = designs[degrees[-1]].inverse
 
     verdicts = rp.is_repeatable(plain, box), rp.is_repeatable(inverse, box)
-    print(f"over ±{HALF_WIDTH:g} rad round q0:")
+    print(f"over ±{HALF_WIDTH:g} rad around q0:")
     for name, verdict in zip(("J⁺", f"degree {degrees[-1]}"), verdicts, strict=True):
         print(f"  {name:9} {verdict.summary()}")
 
@@ -183,19 +180,19 @@ def main(
             motion = rp.follow(strategy, square(task, side), Q0, cycles=1, steps=steps)
             drifts.append(motion.drift[-1])
     predicted = per_area * sides**2
-    print(f"\none square in x–y from q0; predicted: {per_area:.4g} rad/m² times its area\n")
+    print(f"\none square in x–y from q0; predicted drift: {per_area:.4g} rad/m² times its area\n")
     rows = [
         [f"{100 * s:g} cm", f"{p:.3e}", f"{m:.3e}", f"{m / p - 1:+.1%}", number(r)]
         for s, p, m, r in zip(sides, predicted, measured, repeatable, strict=True)
     ]
-    print(table(["side", "predicted", "J⁺ measured", "off by", "nearest repeatable"], rows))
+    print(table(["side", "predicted", "J⁺ measured", "deviation", "nearest repeatable"], rows))
 
     angle, Q = self_motion(task, 0.6)
     defect, defect_repeatable = measure(plain, Q).norm, measure(inverse, Q).norm
     print(
-        f"\nalong {angle[-1] - angle[0]:.3g} rad of self-motion the relative defect of J⁺ stays between "
-        f"{defect.min():.3g} and {defect.max():.3g} per rad;\nthat of the repeatable inverse below "
-        f"{defect_repeatable.max():.0e}\n"
+        f"\nrelative defect along {angle[-1] - angle[0]:.3g} rad of self-motion, per rad:\n"
+        f"  J⁺                  {defect.min():.3g} to {defect.max():.3g}\n"
+        f"  nearest repeatable  up to {defect_repeatable.max():.0e}\n"
     )
     rows = [
         [
@@ -208,9 +205,7 @@ def main(
         for d, x in designs.items()
     ]
     print(
-        table(
-            ["potentials", "how many", "mean ‖G_r − J⁺‖²", "distance from J⁺", "leaf margin"], rows
-        )
+        table(["potentials", "number", "mean ‖G_r − J⁺‖²", "distance from J⁺", "leaf margin"], rows)
     )
 
     found = Result(
@@ -231,8 +226,8 @@ def main(
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n\n")[0])
     parser.add_argument(
         "--out", type=Path, default=Path("repctl-out/nearest_panda"), help="folder for the picture"
     )
-    found = main(parser.parse_args().out)  # to look into, after python -i
+    found = main(parser.parse_args().out)  # for inspection after python -i

@@ -1,27 +1,26 @@
-"""Section IV of the paper: the nearest repeatable inverse of an arm with two slides and one joint.
+"""Find the nearest repeatable inverse of Section IV of the paper: two prismatic joints and a
+revolute one.
 
-The arm slides along x and y and turns a unit link (Fig. 3 of Roberts and Maciejewski):
+The prismatic joints move along x and y, and the revolute joint turns a unit link (Fig. 3 of Roberts
+and Maciejewski):
 
-    x = (d₁ + cos θ₃, d₂ + sin θ₃)
-    (39)
+    x = (d₁ + cos θ₃, d₂ + sin θ₃)                                                            (39)
 
-Its null vector n̂ = (sin θ₃, −cos θ₃, 1)/√2 (41) has n̂·∇×n̂ = −1/2 everywhere (42): no surface in
-joint space is stable under the pseudoinverse J⁺, and every closed path ends with other joint
-positions than it started with. The repeatable inverses of θ₃ alone that lie nearest to J⁺ form a
-family in one number k,
+The null vector n̂ = (sin θ₃, −cos θ₃, 1)/√2 (41) has n̂·∇×n̂ = −1/2 everywhere (42): no surface in
+joint space is stable under the pseudoinverse J⁺, and every closed path ends in another
+configuration than it started in. The repeatable inverses that depend on θ₃ alone and are closest to
+J⁺ form a family with one parameter k,
 
-    G_r(θ, k) = J⁺ + (k cos θ₃ + sin θ₃) / (2 (k² + 1)) · (sin θ₃, −cos θ₃, 1)ᵀ (1, −k)
-    (60)
+    G_r(θ, k) = J⁺ + (k cos θ₃ + sin θ₃) / (2 (k² + 1)) · (sin θ₃, −cos θ₃, 1)ᵀ (1, −k)        (60)
 
-and the best k over a ≤ θ₃ ≤ b is −tan((a+b)/2) where b − a < π and cot((a+b)/2) where π < b − a <
-2π (59).
+and the best k over a ≤ θ₃ ≤ b is −tan((a+b)/2) where b − a < π and cot((a+b)/2) where
+π < b − a < 2π (59).
 
-This script lays three answers beside each other: the paper's closed form; a search over k by the
-criterion itself, which needs no formula; and the general engine that serves a seven-joint arm,
-given the potentials {d₁, d₂, polynomials of θ₃}. It prints Table I, and then goes on where the
-paper stops: with potentials of all three joints the mean of ‖G_r − J⁺‖² over |d₁|, |d₂|, |θ₃| ≤ 1
-falls from 0.136 to 0.0186. The figure shows both foliations: a motion that starts on a surface
-stays on it.
+This script compares three solutions: the paper's closed form; a search over k by the criterion
+itself, which needs no formula; and the general solver, which also works for a seven-joint arm, with
+the potentials {d₁, d₂, polynomials of θ₃}. It prints Table I and then goes beyond the paper: with
+potentials of all three joints, the mean of ‖G_r − J⁺‖² over |d₁|, |d₂|, |θ₃| ≤ 1 falls from 0.136
+to 0.0186. The figure shows both foliations: a motion that starts on a leaf stays on it.
 
     python examples/nearest_ppr.py
 """
@@ -48,13 +47,13 @@ INTERVALS = (
     *((-0.5, 0.5), (-1, 1), (0.2, 1), (-1.2, 0.5), (0.3, 2.2)),
     *((-2, 2), (-1, 3), (0.5, 5), (0, PI), (0, 2 * PI)),
 )
-"""Shorter than π, longer, and where every k is as good."""
+"""Intervals of θ₃: shorter than π, longer than π, and those where every k is equally good."""
 
 
 class PaperInverse:
-    """G_r(θ, k) of (60), k = ∞ included: written with φ = atan k it has no case apart.
+    """Repeatable inverse G_r(θ, k) of (60); with φ = atan k, k = ∞ is not a special case.
 
-    ``rp.CustomInverse(task, function)`` would do as well; this one takes all of its q at once.
+    ``rp.CustomInverse(task, function)`` would also work; this class evaluates many q at once.
     """
 
     def __init__(self, task: rp.Task, k: float) -> None:
@@ -63,9 +62,8 @@ class PaperInverse:
     def batch(self, Q: np.ndarray, J: np.ndarray | None = None) -> np.ndarray:
         """Evaluate G_r at every row of Q (K, 3): (K, 3, 2)."""
         phi, theta = np.arctan(self.k), np.asarray(Q, float)[:, 2]
-        direction = np.stack(
-            [np.sin(theta), -np.cos(theta), np.ones_like(theta)], axis=-1
-        )  # √2 n̂ (41)
+        one = np.ones_like(theta)
+        direction = np.stack([np.sin(theta), -np.cos(theta), one], axis=-1)  # √2 n̂ (41)
         amount = np.sin(theta + phi)[:, None] / 2 * [np.cos(phi), -np.sin(phi)]  # w/√2 (48), (49)
         return rp.Pseudoinverse(self.task).batch(Q, J) + direction[:, :, None] * amount[:, None, :]
 
@@ -74,12 +72,13 @@ class PaperInverse:
         return self.batch(np.asarray(q, float)[None])[0]
 
     def velocity(self, q: np.ndarray, xdot: np.ndarray) -> np.ndarray:
-        """Choose q̇ = G_r ẋ."""
+        """Evaluate q̇ = G_r ẋ."""
         return self(q) @ xdot
 
 
 def best_k(a: float, b: float) -> float | None:
-    """k* of (59); inf where θ₃ = (a+b)/2 ± π/2 is the leaf, None where every k is as good."""
+    """Compute k* of (59): inf where the leaf is θ₃ = (a+b)/2 ± π/2, None where every k is equally
+    good."""
     length = b - a
     if np.isclose(length, PI, atol=1e-12) or np.isclose(length, 2 * PI, atol=1e-12):
         return None
@@ -89,14 +88,14 @@ def best_k(a: float, b: float) -> float | None:
 
 
 def mean_cost(a: float, b: float, k: float) -> float:
-    """C(k) of (57) over the length of the interval: the mean of ½ sin²(θ₃ + φ)."""
+    """Compute C(k) of (57), divided by the length of the interval: the mean of ½ sin²(θ₃ + φ)."""
     phi = np.arctan(k)
     return float(0.25 * (1 - (np.sin(2 * (b + phi)) - np.sin(2 * (a + phi))) / (2 * (b - a))))
 
 
 def paper_potential(Q: np.ndarray, k: float = 0.0) -> np.ndarray:
-    """h, constant along the motions of (60): its gradient is orthogonal to both columns of G_r(θ,
-    k)."""
+    """Evaluate the potential h of (60), whose gradient is orthogonal to both columns of
+    G_r(θ, k)."""
     angle = Q[..., 2] + np.arctan(k)
     rise = 2 * np.arctanh(np.sin(angle)) - np.sin(angle)  # ∫ (1 + sin²)/cos
     return k * Q[..., 0] + Q[..., 1] - np.hypot(1, k) * rise
@@ -104,19 +103,19 @@ def paper_potential(Q: np.ndarray, k: float = 0.0) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Answer:
-    """What each of the three ways says about one interval."""
+    """Results of the three methods on one interval."""
 
     a: float
     b: float
     k: float | None
     cost: float
     search: rp.FamilyDesign
-    engine: dict[int, rp.Design | rp.SingularityError]
+    solver: dict[int, rp.Design | rp.SingularityError]
 
     @property
-    def engine_k(self) -> float:
-        """k of the engine's last design: the ratio of the coefficients of d₁ and d₂."""
-        last = self.engine[max(self.engine)]
+    def solver_k(self) -> float:
+        """k of the last design of the solver: the ratio of the coefficients of d₁ and d₂."""
+        last = self.solver[max(self.solver)]
         return (
             float(last.coefficients[0, 0] / last.coefficients[1, 0])
             if isinstance(last, rp.Design)
@@ -124,13 +123,13 @@ class Answer:
         )
 
     @property
-    def settled(self) -> bool:
-        """The engine's cost no longer falls when the degree is raised."""
-        return cost_has_converged([self.engine[degree] for degree in sorted(self.engine)])
+    def converged(self) -> bool:
+        """Whether the cost of the solver no longer falls when the degree is raised."""
+        return cost_has_converged([self.solver[degree] for degree in sorted(self.solver)])
 
 
-def engine(task: rp.Task, a: float, b: float, degree: int, samples: int) -> rp.Design:
-    """Ask the general engine, with the potentials {d₁, d₂, polynomials of θ₃}."""
+def solver(task: rp.Task, a: float, b: float, degree: int, samples: int) -> rp.Design:
+    """Run the general solver with the potentials {d₁, d₂, polynomials of θ₃}."""
     center, half = [0.0, 0.0, (a + b) / 2], [1.0, 1.0, (b - a) / 2]
     potentials = rp.Polynomial(center, 1, half, variables=[0, 1]) + rp.Polynomial(
         center, degree, half, variables=[2]
@@ -141,7 +140,7 @@ def engine(task: rp.Task, a: float, b: float, degree: int, samples: int) -> rp.D
 
 
 def answer(task: rp.Task, a: float, b: float, degrees: tuple[int, ...], samples: int) -> Answer:
-    """Ask all three about a ≤ θ₃ ≤ b."""
+    """Run all three methods on a ≤ θ₃ ≤ b."""
     k = best_k(a, b)
     region = rp.Box.between([-1, -1, a], [1, 1, b])
     search = rp.nearest_in_family(
@@ -150,14 +149,14 @@ def answer(task: rp.Task, a: float, b: float, degrees: tuple[int, ...], samples:
     found: dict[int, rp.Design | rp.SingularityError] = {}
     for degree in degrees:
         try:
-            found[degree] = engine(task, a, b, degree, samples)
+            found[degree] = solver(task, a, b, degree, samples)
         except rp.SingularityError as error:
             found[degree] = error
     return Answer(a, b, k, mean_cost(a, b, 0.0 if k is None else k), search, found)
 
 
 def table_one(answers: list[Answer]) -> str:
-    """Table I of the paper (a = −b), and what the search and the engine find there."""
+    """Write Table I of the paper (a = −b), with the results of the search and of the solver."""
     rows = []
     for found in answers:
         b, k = found.b, found.k
@@ -165,46 +164,46 @@ def table_one(answers: list[Answer]) -> str:
         sign = "0" if abs(C2) < 1e-12 else "+" if C2 > 0 else "−"
         w = {0.0: ("sin θ₃/√2", "0"), np.inf: ("0", "−cos θ₃/√2")}
         w1, w2 = ("(49)", "(48)") if k is None else w[k]
-        last = found.engine[max(found.engine)]
-        by_engine = (
-            number(found.engine_k)
-            if found.settled
+        last = found.solver[max(found.solver)]
+        by_solver = (
+            number(found.solver_k)
+            if found.converged
             else "singular"
             if not isinstance(last, rp.Design)
             else "–"
         )
         searched = number(found.search.parameter) if found.search.unique else "any value"
         k_text = "any value" if k is None else number(k)
-        rows.append([in_pi(b), sign, k_text, w1, w2, searched, by_engine])
-    return table(["b", "C₂", "k_opt", "w₁", "w₂", "search over (60)", "engine"], rows)
+        rows.append([in_pi(b), sign, k_text, w1, w2, searched, by_solver])
+    return table(["b", "C₂", "k_opt", "w₁", "w₂", "search over (60)", "solver"], rows)
 
 
 def interval_table(answers: list[Answer]) -> str:
-    """Costs of many intervals, the engine's as what they exceed C(k*) by."""
+    """Write the costs on many intervals; those of the solver relative to C(k*)."""
     rows = []
     for found in answers:
         excess = []
-        for result in found.engine.values():
+        for result in found.solver.values():
             if isinstance(result, rp.Design):
                 excess.append(f"{result.fit_cost / found.cost - 1:+.0e}")
             else:
                 excess.append("singular")
-        verdict = "settled" if found.settled else "NOT settled"
+        verdict = "converged" if found.converged else "not converged"
         k_text = "any" if found.k is None else number(found.k)
         k_search = number(found.search.parameter) if found.search.unique else "any"
-        k_engine = number(found.engine_k) if found.settled else "–"
+        k_solver = number(found.solver_k) if found.converged else "–"
         interval = f"[{in_pi(found.a)}, {in_pi(found.b)}]"
         cost = [f"{found.cost:.6f}", f"{found.search.cost:.6f}"]
-        rows.append([interval, k_text, k_search, k_engine, *cost, *excess, verdict])
-    degrees = [f"degree {d}" for d in answers[0].engine]
+        rows.append([interval, k_text, k_search, k_solver, *cost, *excess, verdict])
+    degrees = [f"degree {d}" for d in answers[0].solver]
     return table(
-        ["θ₃ in", "k* (59)", "search", "engine", "C(k*) (52)", "search", *degrees, "engine is"],
+        ["θ₃ in", "k* (59)", "search", "solver", "C(k*) (52)", "search", *degrees, "solver"],
         rows,
     )
 
 
 def in_pi(angle: float) -> str:
-    """Write an angle, as a share of π where it is one."""
+    """Write an angle, as a multiple of π if it is a simple one."""
     share = angle / PI
     for denominator in (1, 2, 4):
         whole = round(share * denominator)
@@ -215,21 +214,21 @@ def in_pi(angle: float) -> str:
 
 
 def number(k: float) -> str:
-    """Write k: ∞ where it is."""
+    """Write k, or ∞."""
     return "∞" if np.isinf(k) else f"{k if abs(k) > 5e-7 else 0.0:.5f}".replace("-", "−")
 
 
-# ---- the two foliations side by side ------------------------------------------------------------
+# ---- the two foliations side by side ----------------------------------------
 
 
 Potential = Callable[[np.ndarray], np.ndarray]
 
 
 def leaves(potential: Potential, starts: tuple[float, ...], count: int) -> np.ndarray:
-    """Find the leaves {h(q) = h(0, 0, start)} over |d₁|, |d₂| ≤ 1: points (len(starts), count,
+    """Compute the leaves {h(q) = h(0, 0, start)} over |d₁|, |d₂| ≤ 1: points (len(starts), count,
     count, 3).
 
-    θ₃ is NaN where a leaf has left |θ₃| ≤ 1.
+    θ₃ is NaN where a leaf is outside |θ₃| ≤ 1.
     """
     d, theta = np.linspace(-1, 1, count), np.linspace(-1, 1, 121)
     levels = potential(np.array([[0.0, 0.0, start] for start in starts]))
@@ -240,7 +239,7 @@ def leaves(potential: Potential, starts: tuple[float, ...], count: int) -> np.nd
         up = np.sign(h[0, -1] - h[0, 0])
         if not (np.diff(h) * up > 0).all():
             raise rp.SingularityError(
-                "h does not rise along θ₃: this leaf is no graph over (d₁, d₂)"
+                "h does not increase with θ₃: this leaf is not a graph over (d₁, d₂)"
             )
         points[:, i, :, :2] = Q[:, 0, :2]
         for j in range(count):
@@ -249,7 +248,7 @@ def leaves(potential: Potential, starts: tuple[float, ...], count: int) -> np.nd
 
 
 def foliation_figure(task: rp.Task, design: rp.Design, count: int) -> Figure:
-    """Draw leaves of the paper's k = 0 control and of a design, coloured by ‖G_r − J⁺‖."""
+    """Draw leaves of the paper's inverse for k = 0 and of a design, coloured by ‖G_r − J⁺‖."""
     paper = PaperInverse(task, 0.0)
     views: list[tuple[str, Inverse, Potential, float]] = [
         (
@@ -306,7 +305,7 @@ def foliation_figure(task: rp.Task, design: rp.Design, count: int) -> Figure:
 
 @dataclass(frozen=True)
 class Result:
-    """What the script found, for who wants to check it."""
+    """Results of the script."""
 
     symmetric: list[Answer]
     intervals: list[Answer]
@@ -331,9 +330,9 @@ def main(
     pairs
         Intervals of θ₃ for the second table.
     degrees
-        Degrees in θ₃ to ask the engine for.
+        Degrees of the polynomials of θ₃ for the solver.
     samples
-        Nodes of the fits and searches.
+        Number of nodes of the fits and searches.
     count
         Points along each side of a drawn leaf.
     """
@@ -345,36 +344,29 @@ def main(
     print(f"J⁺: {rp.is_repeatable(rp.Pseudoinverse(task), here).summary()}")
     print(f"    at the origin ‖Ω₁₂‖ = {defect:.6f} rad/m², 1/√8 = {1 / np.sqrt(8):.6f}")
     for k in (0.0, 1.0, np.inf):
-        print(
-            f"(60), k = {k:g}: {rp.is_repeatable(PaperInverse(task, k), here).summary()}".replace(
-                "inf", "∞"
-            )
-        )
+        verdict = rp.is_repeatable(PaperInverse(task, k), here)
+        print(f"(60), k = {k:g}: {verdict.summary()}".replace("inf", "∞"))
 
     print("\nTable I: optimal parameters for symmetric joint limits, −b ≤ θ₃ ≤ b\n")
     symmetric = [answer(task, -b, b, degrees, samples) for b in (1.0, PI / 2, 2.0, PI)]
     print(table_one(symmetric))
-    print(
-        "engine: {d₁, d₂, polynomials of θ₃}; – where its cost still falls with the degree, see below"
-    )
+    print("solver: {d₁, d₂, polynomials of θ₃}; –: not converged in the degree, see below")
 
-    print(
-        "\nIntervals of every kind; the engine's columns tell by what share its cost lies above C(k*)\n"
-    )
+    print("\nOther intervals; the columns by degree give the solver's cost relative to C(k*)\n")
     intervals = [answer(task, a, b, degrees, samples) for a, b in pairs]
     print(interval_table(intervals))
     print(
-        "\nAn interval longer than π holds, under the best control of this form, the leaf θ₃ = const, where the\n"
-        "potential of the form α d₁ + β d₂ + p(θ₃) has a pole: no polynomial gets there, and raising the degree\n"
-        "does not settle the engine's cost at C(k*). The search over (60) has no such limit. Nor has the engine,\n"
-        "once d₁ and θ₃ may be multiplied: h = exp(d₁/2) tan(θ₃/2) exp(cos(θ₃)/2) has the leaf and no pole."
+        "\nIn an interval longer than π, the best inverse of this form has the leaf θ₃ = const,\n"
+        "where the potential α d₁ + β d₂ + p(θ₃) has a pole. No polynomial has a pole, so the\n"
+        "solver's cost does not converge to C(k*). The search over (60) has no such limitation,\n"
+        "nor has the solver with products of d₁ and θ₃:\n"
+        "h = exp(d₁/2) tan(θ₃/2) exp(cos(θ₃)/2) has this leaf and no pole."
     )
     half = [1.0, 1.0, 2.0]
     products = rp.Polynomial([0, 0, 0], 6, half, variables=[0, 2])
     mixed = rp.nearest_repeatable(rp.Pseudoinverse(task), products, rp.Box([0, 0, 0], half))
-    print(
-        f"θ₃ in [−2, 2], polynomials of (d₁, θ₃), degree 6: {mixed.cost:.6f}; C(∞) = {mean_cost(-2, 2, np.inf):.6f}"
-    )
+    best = mean_cost(-2, 2, np.inf)
+    print(f"θ₃ in [−2, 2], polynomials of (d₁, θ₃), degree 6: {mixed.cost:.6f}; C(∞) = {best:.6f}")
 
     print("\nBeyond the paper: potentials of all three joints over |d₁|, |d₂|, |θ₃| ≤ 1\n")
     cube = rp.Box([0, 0, 0], 1.0)
@@ -384,7 +376,7 @@ def main(
         )
         for degree in (1, 2, 3, 4)
     }
-    rows = [["the paper's k = 0, of θ₃ alone", f"{mean_cost(-1, 1, 0.0):.5f}", "–"]]
+    rows = [["the paper's k = 0, θ₃ alone", f"{mean_cost(-1, 1, 0.0):.5f}", "–"]]
     for degree, design in all_joints.items():
         rows.append(
             [f"all joints, degree {degree}", f"{design.cost:.5f}", f"{design.leaf_margin:.3f}"]
@@ -400,11 +392,11 @@ def main(
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n\n")[0])
     parser.add_argument(
         "--out",
         type=Path,
         default=Path("repctl-out"),
         help="folder for the figure (default: repctl-out)",
     )
-    found = main(parser.parse_args().out)  # to look into, after python -i
+    found = main(parser.parse_args().out)  # for inspection after python -i

@@ -1,30 +1,28 @@
-"""Section II of the paper: surfaces on which the pseudoinverse is repeatable all the same, and how
-rare they are.
+"""Find the stable surfaces of Section II of the paper, on which J⁺ is repeatable, and show how rare
+they are.
 
-A control that is not repeatable may still have a *stable surface*: a hypersurface of joint space
-that its motions never leave, so that closed paths close for an arm that starts on it. Where to look
-is known: the Lie bracket condition must hold there, s(q) = 0 (5), (6). For long every such
-*candidate* was taken for stable. But the motion must also stay on it,
+A controller that is not repeatable may still have a *stable surface*: a hypersurface of joint space
+that its motions never leave, so that closed paths close for an arm that starts on it. The Lie
+bracket condition must hold there, s(q) = 0 (5), (6). Earlier work took every such *candidate* for
+stable. But the motion must also stay on the surface,
 
-    (∂s/∂q) G = 0  on  s = 0,
-    (9)
+    (∂s/∂q) G = 0  on  s = 0,                                                                  (9)
 
-and that is a much stronger demand. The script puts it to planar arms under J⁺, read from URDFs:
+which is a much stronger condition. The script tests it for planar arms under J⁺, read from URDFs:
 
-* A slide and two links (Fig. 1) in absolute angles: s = cos ψ₃ − cos ψ₂ (13). Of its two candidates, ψ₂ = ψ₃ is
-  stable and ψ₂ = −ψ₃ is not: at every point of the latter the motion crosses it.
-* Three unit links (Fig. 2) in relative angles, as every robot file speaks: s = −sin θ₂ + sin θ₃ cos θ₂ +
-  sin θ₃ cos(θ₂ + θ₃) (17). There are candidates, and none is stable.
-* The same arm in absolute angles has stable surfaces again: two links parallel. There J⁺ keeps the speed of other
-  angles small, so it is another control. Stable surfaces do not survive a change of coordinates.
-* n links in absolute angles: with one or two distinct lengths there are stable surfaces, on which equal links
-  move as one and the arm is a two-link arm; three distinct lengths have none. A workshop makes no
-  two links equal, so in practice there is none at all.
+* A prismatic joint and two links (Fig. 1) in absolute angles: s = cos ψ₃ − cos ψ₂ (13). The
+  candidate ψ₂ = ψ₃ is stable. The candidate ψ₂ = −ψ₃ is not: the motion crosses it everywhere.
+* Three unit links (Fig. 2) in relative angles, as in every URDF:
+  s = −sin θ₂ + sin θ₃ cos θ₂ + sin θ₃ cos(θ₂ + θ₃) (17). There are candidates, and none is stable.
+* The same arm in absolute angles has stable surfaces again: two links parallel. There J⁺ minimises
+  the speed of other angles, so it is another controller. Stable surfaces depend on the coordinates.
+* n links in absolute angles: with one or two distinct lengths there are stable surfaces, on which
+  links of equal length stay parallel, so that the arm is a two-link arm; three distinct lengths
+  have none. No two links are made exactly equal, so a real arm has none at all.
 
-Each arm is a row of the table: Newton's method brings seeds from all over joint space to s = 0, and
-each point it reaches is put to the test. The picture shows s and these points. The two short
-strokes through a point are the directions in which J⁺ moves the arm: on a stable surface both lie
-in it.
+Each arm is a row of the table: Newton's method takes seeds from all of joint space to s = 0, and
+each point found is tested. The figure shows s and these points. The two short strokes through a
+point are the directions in which J⁺ moves the arm: on a stable surface both are tangent to it.
 
     python examples/stable_surfaces.py
 """
@@ -49,7 +47,7 @@ from repctl_pin.show.text.table import table
 
 @dataclass(frozen=True)
 class Case:
-    """One arm in one set of joint coordinates, and what was found."""
+    """One arm in one set of joint coordinates, and its surfaces."""
 
     name: str
     coordinates: str
@@ -58,17 +56,21 @@ class Case:
 
 
 def planar_arm(lengths: Sequence[float]) -> rp.Task:
-    """Make a planar arm of any link lengths from a URDF written on the spot; its x–y task."""
+    """Make a planar arm of given link lengths from a temporary URDF; return its x–y task."""
     parts, offset, parent = ['<link name="base"/>'], 0.0, "base"
     for i, length in enumerate(lengths, 1):
         parts.append(
-            f'<link name="link{i}"/><joint name="theta{i}" type="revolute"><parent link="{parent}"/>'
-            f'<child link="link{i}"/><origin xyz="{offset} 0 0"/><axis xyz="0 0 1"/>'
+            f'<link name="link{i}"/>'
+            f'<joint name="theta{i}" type="revolute">'
+            f'<parent link="{parent}"/><child link="link{i}"/>'
+            f'<origin xyz="{offset} 0 0"/><axis xyz="0 0 1"/>'
             '<limit lower="-7" upper="7" effort="1" velocity="1"/></joint>'
         )
         offset, parent = length, f"link{i}"
     parts.append(
-        f'<link name="tool"/><joint name="tip" type="fixed"><parent link="{parent}"/><child link="tool"/>'
+        '<link name="tool"/>'
+        '<joint name="tip" type="fixed">'
+        f'<parent link="{parent}"/><child link="tool"/>'
         f'<origin xyz="{offset} 0 0"/></joint>'
     )
     with tempfile.TemporaryDirectory() as folder:
@@ -85,7 +87,7 @@ def absolute(task: rp.Task) -> rp.Task:
 
 
 def find(name: str, coordinates: str, task: rp.Task, samples: int) -> Case:
-    """Look for the surfaces of J⁺ all over joint space: ±1 m, ±3.1 rad."""
+    """Search for the surfaces of J⁺ in all of joint space: ±1 m, ±3.1 rad."""
     box = rp.Box(np.zeros(task.n), np.where(task.revolute, 3.1, 1.0))
     return Case(
         name, coordinates, task, rp.stable_surface(rp.Pseudoinverse(task), box, samples=samples)
@@ -93,7 +95,7 @@ def find(name: str, coordinates: str, task: rp.Task, samples: int) -> Case:
 
 
 def summary(cases: Sequence[Case]) -> str:
-    """Write one row an arm."""
+    """Write one row per arm."""
     rows = [
         [
             case.name,
@@ -112,7 +114,7 @@ def summary(cases: Sequence[Case]) -> str:
 
 
 def curl(task: rp.Task, Q: np.ndarray) -> np.ndarray:
-    """Evaluate the paper's s(q) = n_J · ∇×n_J (6) at every row of Q: from the rows of J alone
+    """Evaluate the paper's s(q) = n_J · ∇×n_J (6) at every row of Q, from the rows of J alone
     (Corollary 1)."""
     return curl_form(np.swapaxes(task.jacobians(Q), 1, 2), np.swapaxes(task.hessians(Q), 1, 2))
 
@@ -130,15 +132,15 @@ def draw(
     Parameters
     ----------
     ax
-        Where to draw.
+        Axes to draw into.
     case
         A case with n = 3.
     seen
         q (K, 3) → the two coordinates drawn (K, 2), a linear map.
     at
-        The two coordinates (K, 2) → a q that has them (K, 3).
+        The two coordinates (K, 2) → a q with these coordinates (K, 3).
     labels
-        Of the two coordinates.
+        Labels of the two coordinates.
     """
     side = np.linspace(-np.pi, np.pi, 101)
     plane = np.stack(np.meshgrid(side, side), axis=-1)
@@ -178,7 +180,7 @@ def draw(
 
 
 def picture(prr: Case, relative: Case, turned: Case) -> Figure:
-    """Lay the three arms of Section II side by side."""
+    """Draw the three arms of Section II side by side."""
     figure = Figure(figsize=(15, 4.8), layout="constrained")
     axes = figure.subplots(1, 3)
     beside = [np.zeros((1, 3)), np.eye(3)[1:2], np.eye(3)[2:3]]  # q = (0, u, v)
@@ -200,14 +202,14 @@ def main(out: Path, *, samples: int = 256) -> list[Case]:
     out
         Folder of the picture.
     samples
-        Seeds of each search.
+        Number of seeds of each search.
     """
     out.mkdir(parents=True, exist_ok=True)
     prr = rp.Robot.load("prr").task("tool", "xy")
     three = rp.Robot.load("planar3r").task("tool", "xy")
     cases = [
-        find("slide and two links", "absolute", absolute(prr), samples),
-        find("slide and two links", "relative", prr, samples),
+        find("prismatic, two links", "absolute", absolute(prr), samples),
+        find("prismatic, two links", "relative", prr, samples),
         find("three unit links", "relative", three, samples),
         find("three unit links", "absolute", absolute(three), samples),
     ]
@@ -229,11 +231,11 @@ def main(out: Path, *, samples: int = 256) -> list[Case]:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n\n")[0])
     parser.add_argument(
         "--out",
         type=Path,
         default=Path("repctl-out/stable_surfaces"),
         help="folder for the picture",
     )
-    found = main(parser.parse_args().out)  # to look into, after python -i
+    found = main(parser.parse_args().out)  # for inspection after python -i

@@ -1,12 +1,12 @@
-"""Every arm of a list, one line each: how far it drifts under J⁺ and under the repeatable inverse,
-and the price.
+"""Measure the drift of many arms under J⁺ and under the nearest repeatable inverse, and the extra
+joint speed.
 
     python examples/survey.py            # the table of the README, as Markdown
     python examples/survey.py panda ur5  # only these, pose and position
 
-Each arm runs `repctl study` with its defaults: start, path and region are chosen for it, ten cycles
-of 500 RK4 steps, open loop. *Price* compares the root mean square joint speed over the first cycle,
-before J⁺ has drifted away from the common start: what closing the cycle costs. J⁺ minimises ‖q̇‖ at
+Each arm is studied as `repctl study` does by default: start, path and region are chosen for it, and
+the motion is ten cycles of 500 RK4 steps, open loop. *Extra joint speed* is the rms joint speed
+over the first cycle, relative to J⁺; later, J⁺ drifts to other configurations. J⁺ minimises ‖q̇‖ at
 every instant, but not over a whole cycle, so the extra joint speed can be negative."""
 
 from __future__ import annotations
@@ -36,29 +36,46 @@ ARMS = (
     ("planar7r", None, ("xy",)),
 )
 
-HEADER = "| arm | task | r | circle | J⁺, first cycle | J⁺, cycle 10 | repeatable, cycle 10 | price in joint speed |"
+COLUMNS = (
+    "arm",
+    "task",
+    "r",
+    "circle",
+    "J⁺, cycle 1",
+    "J⁺, cycle 10",
+    "repeatable, cycle 10",
+    "extra joint speed",
+)
+
+
+def markdown(cells: Sequence[object]) -> str:
+    """Write one row of a Markdown table."""
+    return f"| {' | '.join(map(str, cells))} |"
 
 
 def rms_of_first_cycle(motion: rp.Motion) -> float:
-    """Root mean square of ‖q̇‖ over the first cycle."""
+    """Compute the root mean square of ‖q̇‖ over the first cycle."""
     return float(np.sqrt(np.mean(motion.speed[: motion.steps] ** 2)))
 
 
 def line(name: str, frame: str | None, kind: str, **options: int) -> str:
     """Study one arm and write its line of the table."""
     study = rp.study(name, frame=frame, kind=kind, **options)
-    creeping, closed = study.row("pseudoinverse").motion, study.row("repeatable").motion
+    drifting = study.row("pseudoinverse").motion
+    closed = study.row("repeatable").motion
     assert closed is not None
-    price = "–"
-    first = last = "stuck"
-    if creeping is not None:
-        price = f"{rms_of_first_cycle(closed) / rms_of_first_cycle(creeping) - 1:+.1%}"
-        first, last = f"{creeping.drift[0]:.2g}", f"{creeping.drift[-1]:.2g}"
-        if creeping.broken_cycle:
-            last += f", limit broken in cycle {creeping.broken_cycle}"
+    extra = "–"
+    first = last = "stopped"
+    if drifting is not None:
+        extra = f"{rms_of_first_cycle(closed) / rms_of_first_cycle(drifting) - 1:+.1%}"
+        first = f"{drifting.drift[0]:.2g}"
+        last = f"{drifting.drift[-1]:.2g}"
+        if drifting.broken_cycle:
+            last += f", limit violated in cycle {drifting.broken_cycle}"
     circle = study.path.name.removeprefix("circle of radius ").replace(" in ", ", ")
     label = name if frame is None else f"{name} ({frame.split('_')[0]})"
-    return f"| {label} | {kind} | {study.task.r} | {circle} | {first} | {last} | {closed.drift[-1]:.0e} | {price} |"
+    repeatable = f"{closed.drift[-1]:.0e}"
+    return markdown((label, kind, study.task.r, circle, first, last, repeatable, extra))
 
 
 def main(arguments: Sequence[str] = (), **options: int) -> list[str]:
@@ -70,7 +87,7 @@ def main(arguments: Sequence[str] = (), **options: int) -> list[str]:
         chosen += tuple(
             (name, None, ("pose", "position")) for name in arguments if name not in known
         )
-    lines = [HEADER, "|" + " --- |" * (HEADER.count("|") - 1)]
+    lines = [markdown(COLUMNS), markdown(["---"] * len(COLUMNS))]
     print("\n".join(lines))
     for name, frame, kinds in chosen:
         for kind in kinds:

@@ -1,25 +1,26 @@
-"""Section V of the paper: ten squares, followed by the pseudoinverse and by two repeatable
-controls.
+"""Follow the ten squares of Section V of the paper under the pseudoinverse and two repeatable
+inverses.
 
-The arm of Section IV, two slides and a turning unit link, stands at q = (0, 0, 0) with its tool at
-(x, y) = (1, 0). It draws ten squares from there: right, down, left, up (Fig. 5). The printed paper
-gives no sizes; sides of 0.4, 0.8, …, 4.0 m at ‖ẋ‖ = 0.04 m/s agree with all that it says.
+The arm of Section IV has two prismatic joints and a revolute one with a unit link. It starts at
+q = (0, 0, 0) with its tool at (x, y) = (1, 0) and draws ten squares: right, down, left, up
+(Fig. 5). The printed paper gives no sizes; sides of 0.4, 0.8, …, 4.0 m at ‖ẋ‖ = 0.04 m/s agree with
+its text.
 
-Under the pseudoinverse J⁺ no square closes: every motion ends elsewhere on the spiral of joint
-positions that put the tool on (1, 0) (Fig. 6). Under the repeatable inverse G_r(θ, k) of (60) with
-k = 0, which equals J⁺ at θ₃ = 0, all ten come back and all ten lie in one surface (Fig. 7). On the
-largest square, A → B → C → D → E = A:
+Under the pseudoinverse J⁺ no joint path closes: every motion ends at another point of the spiral of
+configurations with the tool at (1, 0) (Fig. 6). Under the repeatable inverse G_r(θ, k) of (60) with
+k = 0, which equals J⁺ at θ₃ = 0, all ten joint paths close, and all lie on one leaf (Fig. 7). On
+the largest square, A → B → C → D → E = A, the paper marks three points:
 
-    F   is where J⁺ and k = 0 part, at the corner C; G   is where J⁺ has θ₃ = −5π/4; there k =
-    −tan(−5π/4) = 1 matches it, so a run with k = 1 starts there; H   is where J⁺ and k = 1 are in
-    the same configuration again, but not at the same speed.
+    F   J⁺ and k = 0 separate, at the corner C;
+    G   J⁺ has θ₃ = −5π/4. There k = −tan(−5π/4) = 1 agrees with J⁺, and a run with k = 1 starts;
+    H   J⁺ and k = 1 have the same configuration again, but different speeds.
 
-The text does not say where H lies. Integrated exactly, the two runs touch at G and stay apart for
-the rest of the turn; they cross once, on A → B, when J⁺ goes round a second time: that is the H
-marked here.
+The paper does not give the position of H. Integrated exactly, the two runs meet at G and differ for
+the rest of the cycle; they meet once, on A → B, in the second cycle of J⁺. The script marks that
+point as H.
 
-The script writes Figures 4 to 12 as PNG, to be laid beside the paper, and prints where the squares
-end.
+The script writes Figures 4 to 12 as PNG, for comparison with the paper, and prints the final
+configuration of every square.
 
     python examples/ten_squares.py
 """
@@ -49,11 +50,11 @@ from repctl_pin.show.text.table import table
 
 PI = np.pi
 SIDES = tuple(0.4 * i for i in range(1, 11))
-"""SignCount of the squares, m."""
+"""Sides of the squares, m."""
 SPEED = 0.04
 """‖ẋ‖, m/s."""
 START, TOOL = np.zeros(3), np.array([1.0, 0.0, 0.0])
-"""Where the arm starts, and its tool, m."""
+"""Start configuration, and the tool position there, m."""
 STYLE = {"J⁺": VERMILLION, "k = 0": BLUE, "k = 1": GREEN}
 JOINTS = ("d₁ (m)", "d₂ (m)", "θ₃ (rad)")
 VIEWS = ((0, 1), (0, 2), (1, 2))
@@ -62,12 +63,11 @@ VIEWS = ((0, 1), (0, 2), (1, 2))
 Control = rp.CustomInverse | rp.Pseudoinverse
 
 
-# ---- controls, squares, runs
-# ----------------------------------------------------------------------
+# ---- controllers, squares, runs ---------------------------------------------
 
 
 def paper_inverse(task: rp.Task, k: float) -> rp.CustomInverse:
-    """G_r(θ, k) of (60), as a plain function of q."""
+    """Make G_r(θ, k) of (60) as a plain function of q."""
     pseudoinverse, phi = rp.Pseudoinverse(task), np.arctan(k)
     w = np.array([np.cos(phi), -np.sin(phi)])
 
@@ -80,12 +80,12 @@ def paper_inverse(task: rp.Task, k: float) -> rp.CustomInverse:
 
 
 def corners(side: float) -> np.ndarray:
-    """A, B, C, D of a square, as seen from A: (4, 3), m."""
+    """Compute the corners A, B, C, D of a square relative to A: (4, 3), m."""
     return side * np.array([[0, 0, 0], [1, 0, 0], [1, -1, 0], [0, -1, 0]], float)
 
 
 def ring(side: float) -> np.ndarray:
-    """The square in the workspace, A to E: (5, 3), m."""
+    """Compute the corners of a square in the workspace, A to E: (5, 3), m."""
     return TOOL + np.vstack([corners(side), corners(side)[:1]])
 
 
@@ -97,7 +97,7 @@ def square(strategy: Control, side: float, steps: int, cycles: int = 1) -> rp.Mo
 
 @dataclass(frozen=True)
 class Run:
-    """One turn round the largest square, told by the place of the tool.
+    """One cycle on the largest square, as a function of the position of the tool.
 
     Attributes
     ----------
@@ -113,34 +113,34 @@ class Run:
 
     @property
     def speed(self) -> np.ndarray:
-        """‖q̇‖ along the way."""
+        """Joint speed ‖q̇‖ at every s: (T,)."""
         return np.linalg.norm(self.qdot, axis=1)
 
     def theta(self) -> CubicHermiteSpline:
-        """θ₃ as a function of s, to fourth order in the step everywhere but in the last step of a
-        side."""
+        """Interpolate θ₃(s), to fourth order in the step except in the last step of a side."""
         return CubicHermiteSpline(self.s, self.q[:, 2], self.qdot[:, 2] / SPEED)
 
     def at(self, s: float) -> np.ndarray:
-        """The configuration at s (3,): the place of the tool and θ₃ say all (39)."""
+        """Interpolate the configuration at s (3,), which follows from the tool position and θ₃
+        (39)."""
         theta = float(self.theta()(s))
         return place(s) - [np.cos(theta), np.sin(theta), -theta]
 
 
 def place(s: float) -> np.ndarray:
-    """Where the tool is at s: (x, y, 0)."""
+    """Compute the tool position at s: (x, y, 0), m."""
     return np.array([np.interp(s, SIDES[-1] * np.arange(5), x) for x in ring(SIDES[-1]).T])
 
 
 def turn(motion: rp.Motion, count: int = 0) -> Run:
-    """Take one turn out of a motion that started at A."""
+    """Extract one cycle from a motion that started at A."""
     rows = slice(count * motion.steps, (count + 1) * motion.steps + 1)
     return Run((motion.t[rows] - motion.t[rows][0]) * SPEED, motion.q[rows], motion.qdot[rows])
 
 
 def turn_from(strategy: Control, s: float, q: np.ndarray, steps: int) -> tuple[Run, float]:
-    """Go once round the largest square from a point on D → A, and tell it from A on; also ‖q − q₀‖
-    at the end."""
+    """Follow the largest square once from a point on D → A; return the run sorted from A on, and
+    ‖q − q₀‖ at its end."""
     side = SIDES[-1]
     path = rp.polygon(strategy.task, q, ring(side)[:4] - place(s), name="largest square, from G")
     motion = rp.follow(strategy, path, q, cycles=1, steps=steps, period=4 * side / SPEED)
@@ -152,7 +152,7 @@ def turn_from(strategy: Control, s: float, q: np.ndarray, steps: int) -> tuple[R
         np.append(along, 4 * side),
         *(np.vstack([a[order], a[order[:1]]]) for a in (motion.q, motion.qdot)),
     )
-    keep = np.append(np.diff(run.s) > 1e-9, True)  # G is there twice, as start and as end
+    keep = np.append(np.diff(run.s) > 1e-9, True)  # G occurs twice, as start and as end
     return Run(run.s[keep], run.q[keep], run.qdot[keep]), float(motion.drift[0])
 
 
@@ -164,22 +164,24 @@ def crossing(run: Run, other: Run, low: float, high: float) -> float:
 
 @dataclass(frozen=True)
 class Result:
-    """What the runs came to.
+    """Results of the script.
 
     Attributes
     ----------
+    task : Task
+        Tool position of the arm.
     squares : dict
-        Strategy → ten motions, by growing side.
+        Strategy → ten motions, by increasing side.
     runs : dict
-        Strategy → its turn round the largest square, k = 1 from G.
+        Strategy → its cycle on the largest square; with k = 1, from G.
     second : Run
-        The second turn of J⁺.
+        Second cycle of J⁺.
     points : dict
-        Letter → where on the square it lies, m from A.
+        Letter → position on the square, distance from A in m.
     closed : float
-        ‖q − q₀‖ of the k = 1 run when it is back at G.
+        ‖q − q₀‖ of the run with k = 1 after one cycle from G.
     figures : tuple of Path
-        The files written.
+        Files written.
     """
 
     task: rp.Task
@@ -192,7 +194,7 @@ class Result:
 
 
 def compute(steps: int = 800) -> Result:
-    """Draw all squares, ``steps`` integration steps each."""
+    """Follow all squares, with ``steps`` integration steps each."""
     task = rp.Robot.load("ppr").task("tool", "xy")
     pseudoinverse, k0, k1 = (
         rp.Pseudoinverse(task),
@@ -207,8 +209,8 @@ def compute(steps: int = 800) -> Result:
     first, second, zero = turn(twice), turn(twice, 1), turn(squares["k = 0"][-1])
 
     side = SIDES[-1]
-    apart = np.abs(first.q - zero.q).max(axis=1) > 1e-9
-    F = float(first.s[int(np.argmax(apart)) - 1])
+    differ = np.abs(first.q - zero.q).max(axis=1) > 1e-9
+    F = float(first.s[int(np.argmax(differ)) - 1])
     theta = first.theta()
     G = float(brentq(lambda s: theta(s) + 5 * PI / 4, 3 * side, 4 * side, xtol=1e-12))
     one, closed = turn_from(k1, G, first.at(G), steps)
@@ -217,24 +219,23 @@ def compute(steps: int = 800) -> Result:
     return Result(task, squares, {"J⁺": first, "k = 0": zero, "k = 1": one}, second, points, closed)
 
 
-# ---- figures
-# ---------------------------------------------------------------------------------------
+# ---- figures ----------------------------------------------------------------
 
 
 def fiber(low: float = -6.0, high: float = 1.2) -> np.ndarray:
-    """The joint positions that put the tool on (1, 0): a spiral (T, 3)."""
+    """Compute the configurations with the tool at (1, 0), a spiral: (T, 3)."""
     theta = np.linspace(low, high, 400)
     return np.stack([1 - np.cos(theta), -np.sin(theta), theta], axis=-1)
 
 
 def leaf_k0(theta: np.ndarray) -> np.ndarray:
-    """d₂ on the surface of k = 0 through the origin, whatever d₁: ∫ (1 + sin²θ)/cos θ dθ."""
+    """Compute d₂ on the leaf of k = 0 through the origin, for any d₁: ∫ (1 + sin²θ)/cos θ dθ."""
     return 2 * np.arctanh(np.sin(theta)) - np.sin(theta)
 
 
-def three_views(title: str, legend_room: float = 0.0) -> tuple[Figure, list[Axes]]:
-    """Make a figure of three orthogonal views of joint space, to be filled."""
-    figure = Figure(figsize=(12.5, 4.4 + legend_room), layout="constrained")
+def three_views(title: str) -> tuple[Figure, list[Axes]]:
+    """Make a figure with empty axes for three orthogonal views of joint space."""
+    figure = Figure(figsize=(12.5, 4.4), layout="constrained")
     axes = list(figure.subplots(1, 3))
     for ax, (i, j) in zip(axes, VIEWS, strict=True):
         tidy(ax, JOINTS[i], JOINTS[j])
@@ -256,17 +257,27 @@ def letter(
     """Mark a point and write its letter beside it."""
     if dot:
         ax.plot([x], [y], "o", ms=4.5, color=INK, zorder=6)
-    ax.annotate(text, (x, y), xytext=offset, textcoords="offset points", fontsize=11, weight="bold", color=INK,
-                ha="center", va="center", zorder=7)  # fmt: skip
+    ax.annotate(
+        text,
+        (x, y),
+        xytext=offset,
+        textcoords="offset points",
+        fontsize=11,
+        weight="bold",
+        color=INK,
+        ha="center",
+        va="center",
+        zorder=7,
+    )
 
 
 def shade(side: float) -> tuple[float, float, float, float]:
-    """The colour of a square, by its side."""
+    """Choose the colour of a square by its side."""
     return colormaps["viridis"](0.92 * (1 - side / SIDES[-1]))
 
 
 def side_bar(figure: Figure, axes: list[Axes]) -> None:
-    """Say which colour is which square."""
+    """Draw a colour bar for the sides of the squares."""
     bar = figure.colorbar(
         ScalarMappable(Normalize(0, SIDES[-1]), colormaps["viridis"].reversed()), ax=axes, pad=0.01
     )
@@ -275,7 +286,7 @@ def side_bar(figure: Figure, axes: list[Axes]) -> None:
 
 
 def figure_4(task: rp.Task) -> Figure:
-    """‖w‖ = ‖G_r − J⁺‖ over θ₃ and k, as a surface and as a map."""
+    """Draw ‖w‖ = ‖G_r − J⁺‖ over θ₃ and k, as a surface and as a map."""
     theta, ks = np.linspace(-PI, PI, 121), np.linspace(-4, 4, 65)
     Q = np.stack([0 * theta, 0 * theta, theta], axis=-1)
     desired = rp.Pseudoinverse(task).batch(Q)
@@ -317,20 +328,18 @@ def figure_4(task: rp.Task) -> Figure:
 
 
 def pi_ticks(low: int, high: int, parts: int = 2) -> tuple[list[float], list[str]]:
-    """Ticks at shares of π, from low π to high π."""
-    wholes = range(low * parts, high * parts + 1)
-    names = {0: "0"} | {i: f"{'−' if i < 0 else ''}{abs(i) // parts if abs(i) != parts else ''}π"
-                        for i in wholes if i and i % parts == 0}  # fmt: skip
-    names |= {
-        i: f"{'−' if i < 0 else ''}{abs(i) if abs(i) != 1 else ''}π/{parts}"
-        for i in wholes
-        if i % parts
-    }
-    return [i * PI / parts for i in wholes], [names[i] for i in wholes]
+    """Make ticks at multiples of π/parts, from low π to high π."""
+    multiples = range(low * parts, high * parts + 1)
+    names = []
+    for i in multiples:
+        sign = "−" if i < 0 else ""
+        top, bottom = (abs(i) // parts, "") if i % parts == 0 else (abs(i), f"/{parts}")
+        names.append(f"{sign}{top if top != 1 else ''}π{bottom}" if i else "0")
+    return [i * PI / parts for i in multiples], names
 
 
 def figure_5() -> Figure:
-    """The ten squares in the workspace."""
+    """Draw the ten squares in the workspace."""
     figure = Figure(figsize=(5.6, 5.2), layout="constrained")
     ax = figure.add_subplot()
     tidy(ax, "x (m)", "y (m)")
@@ -354,12 +363,12 @@ def figure_5() -> Figure:
     ax.set_aspect("equal")
     ax.margins(0.08)
     side_bar(figure, [ax])
-    ax.set_title("Fig. 5: the paths of the tool, from (1, 0)", fontsize=11, loc="left")
+    ax.set_title("Fig. 5: paths of the tool from (1, 0)", fontsize=11, loc="left")
     return figure
 
 
 def figure_6_or_7(motions: list[rp.Motion], title: str, *, leaf: bool) -> Figure:
-    """Ten motions in joint space, three orthogonal views, and the fiber of the starting point."""
+    """Draw ten motions in three orthogonal views of joint space, and the fibre of the start."""
     figure, axes = three_views(title)
     spiral = fiber()
     theta = np.linspace(-1.42, 0.9, 200)
@@ -388,28 +397,39 @@ def figure_6_or_7(motions: list[rp.Motion], title: str, *, leaf: bool) -> Figure
             color=VERMILLION,
             lw=5,
             alpha=0.28,
-            label="the surface of k = 0 through the start, edge on",
+            label="leaf of k = 0 through the start, seen edge-on",
         )
     else:
         axes[1].plot([], [], "o", ms=5, color=shade(2.0), ls="", label="end")
-    axes[1].plot([], [], color="#8a8a8a", lw=1.2, ls=(0, (4, 2)), label="fiber of (x, y) = (1, 0)")
+    axes[1].plot([], [], color="#8a8a8a", lw=1.2, ls=(0, (4, 2)), label="fibre of (x, y) = (1, 0)")
     figure.legend(loc="outside lower center", ncols=3, frameon=False, fontsize=9)
     side_bar(figure, axes)
     return figure
 
 
 def figure_8(result: Result) -> Figure:
-    """The surface of k = 0 through the origin, and the motion of J⁺ that leaves it."""
+    """Draw the leaf of k = 0 through the origin, and the motion of J⁺ that leaves the leaf."""
     run, points = result.runs["J⁺"], result.points
     figure = Figure(figsize=(8.2, 6.6))
     ax: Axes3D = figure.add_axes((0.0, 0.02, 0.98, 0.92), projection="3d", computed_zorder=False)
     d1, theta = np.linspace(-0.5, 5.2, 30), np.linspace(-1.47, 0.45, 90)
     X, T = np.meshgrid(d1, theta)
-    ax.plot_surface(X, leaf_k0(T), T, color="#56B4E9", alpha=0.45, rcount=45, ccount=24, linewidth=0.25,
-                    edgecolor="#ffffff", shade=True, zorder=1)  # fmt: skip
+    ax.plot_surface(
+        X,
+        leaf_k0(T),
+        T,
+        color="#56B4E9",
+        alpha=0.45,
+        rcount=45,
+        ccount=24,
+        linewidth=0.25,
+        edgecolor="#ffffff",
+        shade=True,
+        zorder=1,
+    )
     on = run.s <= points["F"]
-    ax.plot(*run.q[on].T, color=BLUE, lw=2.6, zorder=4, label="J⁺ on the surface, A to F")
-    ax.plot(*run.q[~on].T, color=VERMILLION, lw=2.6, zorder=4, label="J⁺ after it has left")
+    ax.plot(*run.q[on].T, color=BLUE, lw=2.6, zorder=4, label="J⁺ on the leaf, A to F")
+    ax.plot(*run.q[~on].T, color=VERMILLION, lw=2.6, zorder=4, label="J⁺ off the leaf, from F on")
     zero = result.runs["k = 0"]
     off = zero.s >= points["F"]
     ax.plot(
@@ -450,7 +470,7 @@ def figure_8(result: Result) -> Figure:
     ax.view_init(24, -128)
     figure.legend(loc="lower center", ncols=3, frameon=False, fontsize=9)
     ax.set_title(
-        "Fig. 8: a motion of J⁺ and the surface of k = 0 through the origin", fontsize=11, y=1.0
+        "Fig. 8: a motion of J⁺ and the leaf of k = 0 through the origin", fontsize=11, y=1.0
     )
     return figure
 
@@ -487,9 +507,9 @@ OFFSETS_9 = {
 
 
 def figure_9(result: Result) -> Figure:
-    """Three motions round the largest square in joint space, three orthogonal views."""
+    """Draw three motions on the largest square in three orthogonal views of joint space."""
     figure, axes = three_views(
-        "Fig. 9: J⁺ and the repeatable controls k = 0 and k = 1 on the largest square"
+        "Fig. 9: J⁺ and the repeatable inverses k = 0 and k = 1 on the largest square"
     )
     spiral = fiber(-5.2)
     for ax, (i, j) in zip(axes, VIEWS, strict=True):
@@ -500,7 +520,7 @@ def figure_9(result: Result) -> Figure:
             run = result.second if text == "H" else result.runs["J⁺"]
             q = run.at(result.points[text])
             letter(ax, "C, F" if text == "C" else text, q[i], q[j], offset)
-    axes[1].plot([], [], color="#8a8a8a", lw=1.2, ls=(0, (4, 2)), label="fiber of (x, y) = (1, 0)")
+    axes[1].plot([], [], color="#8a8a8a", lw=1.2, ls=(0, (4, 2)), label="fibre of (x, y) = (1, 0)")
     handles, labels = axes[1].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=5, frameon=False, fontsize=9)
     return figure
@@ -509,7 +529,7 @@ def figure_9(result: Result) -> Figure:
 def draw_runs(
     ax: Axes, result: Result, x: Callable[[Run], np.ndarray], y: Callable[[Run], np.ndarray]
 ) -> None:
-    """Draw the three runs, J⁺ a little way into its second turn."""
+    """Draw the three runs, with the beginning of the second cycle of J⁺."""
     wide = {"J⁺": 3.2, "k = 0": 1.5, "k = 1": 1.8}
     for label, run in result.runs.items():
         ax.plot(
@@ -518,19 +538,27 @@ def draw_runs(
     second = result.second
     part = second.s <= SIDES[-1] / 2
     cut = Run(second.s[part], second.q[part], second.qdot[part])
-    ax.plot(x(cut), y(cut), color=STYLE["J⁺"], lw=1.6, ls=(0, (1, 1)), label="J⁺, second turn")
+    ax.plot(x(cut), y(cut), color=STYLE["J⁺"], lw=1.6, ls=(0, (1, 1)), label="J⁺, second cycle")
 
 
 def along_the_square(title: str, ylabel: str) -> tuple[Figure, Axes]:
-    """Make a figure whose horizontal axis is the place of the tool on the largest square."""
+    """Make a figure with the position of the tool on the largest square as horizontal axis."""
     figure = Figure(figsize=(9, 4.6), layout="constrained")
     ax = figure.add_subplot()
-    tidy(ax, "place of the tool: distance from A along the square (m)", ylabel)
+    tidy(ax, "position of the tool: distance from A along the square (m)", ylabel)
     side = SIDES[-1]
     for i, text in enumerate("ABCDE"):
         ax.axvline(i * side, color="#bbbbbb", lw=0.8, zorder=0)
-        ax.annotate(text, (i * side, 1.0), xycoords=("data", "axes fraction"), xytext=(0, 7), weight="bold",
-                    textcoords="offset points", ha="center", fontsize=11)  # fmt: skip
+        ax.annotate(
+            text,
+            (i * side, 1.0),
+            xycoords=("data", "axes fraction"),
+            xytext=(0, 7),
+            weight="bold",
+            textcoords="offset points",
+            ha="center",
+            fontsize=11,
+        )
     ax.set_xlim(-0.02 * side, 4.02 * side)
     ax.set_xticks(np.arange(0, 4 * side + 0.1, side / 2))
     figure.suptitle(title, fontsize=11, x=0.01, ha="left")
@@ -538,9 +566,9 @@ def along_the_square(title: str, ylabel: str) -> tuple[Figure, Axes]:
 
 
 def figure_10(result: Result) -> Figure:
-    """θ₃, which with the place of the tool says the whole configuration."""
+    """Draw θ₃, which with the position of the tool determines the configuration."""
     figure, ax = along_the_square(
-        "Fig. 10: the configuration, told by θ₃, along the largest square", "θ₃ (rad)"
+        "Fig. 10: the configuration, given by θ₃, along the largest square", "θ₃ (rad)"
     )
     draw_runs(ax, result, lambda run: run.s, lambda run: run.q[:, 2])
     for text, offset in {"F": (9, 9), "G": (4, 12), "H": (8, 9)}.items():
@@ -552,7 +580,7 @@ def figure_10(result: Result) -> Figure:
 
 
 def quarter_ticks(low: int, high: int) -> tuple[list[float], list[str]]:
-    """Ticks at quarters of π."""
+    """Make ticks at multiples of π/4."""
     text = {
         0: "0",
         -1: "−π/4",
@@ -567,12 +595,12 @@ def quarter_ticks(low: int, high: int) -> tuple[list[float], list[str]]:
 
 
 def figure_11(result: Result) -> Figure:
-    """‖q̇‖ along the way."""
+    """Draw ‖q̇‖ along the square."""
     figure, ax = along_the_square(
         "Fig. 11: the norm of the joint velocity along the largest square, ‖ẋ‖ = 0.04 m/s",
         "‖q̇‖ (m/s and rad/s)",
     )
-    # The velocity at E is that of the next side already.
+    # The velocity at E belongs to the next side.
     draw_runs(ax, result, lambda run: run.s[:-1], lambda run: run.speed[:-1])
     zero = result.runs["k = 0"]
     F = result.points["F"]
@@ -589,10 +617,10 @@ def figure_11(result: Result) -> Figure:
 
 
 def figure_12(result: Result) -> Figure:
-    """What repeatability costs at each configuration of the k = 0 run."""
+    """Draw the cost of repeatability at each configuration of the run with k = 0."""
     difference, bound = penalty(result)
     figure, ax = along_the_square(
-        "Fig. 12: what k = 0 adds to the joint velocity of J⁺ in the same configuration",
+        "Fig. 12: joint velocity of k = 0 relative to J⁺ at the same configuration",
         "norm (m/s and rad/s)",
     )
     s = result.runs["k = 0"].s
@@ -606,8 +634,8 @@ def figure_12(result: Result) -> Figure:
 
 
 def penalty(result: Result) -> tuple[np.ndarray, np.ndarray]:
-    """Along the k = 0 run: ‖q̇ − J⁺ ẋ‖ for the ẋ of the square, and ‖w‖₂ ‖ẋ‖₂, its largest for any
-    ẋ."""
+    """Compute ‖q̇ − J⁺ ẋ‖ along the run with k = 0 for the ẋ of the square, and its upper bound
+    ‖w‖₂ ‖ẋ‖₂."""
     run, task = result.runs["k = 0"], result.task
     J = task.jacobians(run.q)
     desired = rp.Pseudoinverse(task).batch(run.q, J)
@@ -618,16 +646,16 @@ def penalty(result: Result) -> tuple[np.ndarray, np.ndarray]:
 
 
 def main(out: Path, *, steps: int = 800, dpi: int = 150) -> Result:
-    """Follow the squares, print where they end, write Figures 4 to 12.
+    """Follow the squares, print their final configurations, write Figures 4 to 12.
 
     Parameters
     ----------
     out
         Folder of the figures.
     steps
-        Integration steps a square.
+        Integration steps per square.
     dpi
-        Of the figures.
+        Resolution of the figures, dots per inch.
     """
     out.mkdir(parents=True, exist_ok=True)
     result = compute(steps)
@@ -637,12 +665,13 @@ def main(out: Path, *, steps: int = 800, dpi: int = 150) -> Result:
         rows.append([f"{side:.1f} m", end, f"{by_J.drift[0]:.4f}", number(by_k.drift[0])])
     print(table(["side", "J⁺ ends at (d₁, d₂, θ₃)", "‖q − q₀‖ of J⁺", "of k = 0"], rows))
     G, H = result.points["G"], result.points["H"]
-    print(
-        f"\nk = 1, started at G = {G:.4f} m from A where J⁺ has θ₃ = −5π/4, is back there to {result.closed:.0e}."
-    )
-    one = result.runs["k = 1"]
-    speeds = f"{np.interp(H, result.second.s, result.second.speed):.4f} and {np.interp(H, one.s, one.speed):.4f}"
-    print(f"J⁺ meets it again at H, {H:.4f} m into its second turn: ‖q̇‖ is {speeds}.")
+    print(f"\nG = {G:.4f} m from A, where J⁺ has θ₃ = −5π/4: k = 1 starts there")
+    print(f"‖q − q₀‖ of k = 1 after one cycle from G: {result.closed:.0e}")
+    second, one = result.second, result.runs["k = 1"]
+    of_J = np.interp(H, second.s, second.speed)
+    of_one = np.interp(H, one.s, one.speed)
+    print(f"H = {H:.4f} m from A, in the second cycle of J⁺: J⁺ and k = 1 have the same q,")
+    print(f"but ‖q̇‖ = {of_J:.4f} (J⁺) and {of_one:.4f} (k = 1)")
 
     figures = {
         4: figure_4(result.task),
@@ -667,11 +696,11 @@ def main(out: Path, *, steps: int = 800, dpi: int = 150) -> Result:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n\n")[0])
     parser.add_argument(
         "--out",
         type=Path,
         default=Path("repctl-out"),
         help="folder for the figures (default: repctl-out)",
     )
-    found = main(parser.parse_args().out)  # to look into, after python -i
+    found = main(parser.parse_args().out)  # for inspection after python -i

@@ -1,12 +1,13 @@
-"""Both arms of a robot at work, each on a circle of its own: under J⁺ both elbows drift, under ours
-neither does.
+"""Move both arms of a robot, each on a separate circle: under J⁺ both elbows drift, under the
+nearest repeatable inverses neither does.
 
-Each arm has its own task and its own design; the two motions are put together into motions of the
-whole robot and shown on one page, with the traces of both hands and both elbows. Any robot with two
-arms that share no joint will do: give its name or URDF, and the two frames.
+Each arm has its own task and its own design. The two motions are combined into motions of the whole
+robot and shown on one page, with the traces of both end effectors and both elbows. The robot may be
+any robot with two arms that share no joint: give its name or URDF, and the two frames.
 
-    python examples/two_arms.py python examples/two_arms.py talos gripper_left_joint
-    gripper_right_joint --lock torso_1_joint --lock torso_2_joint
+    python examples/two_arms.py
+    python examples/two_arms.py talos gripper_left_joint gripper_right_joint \\
+        --lock torso_1_joint --lock torso_2_joint
 """
 
 from __future__ import annotations
@@ -26,27 +27,27 @@ from repctl_pin.show.palette import COLOURS
 def study_both(
     robot: rp.Robot, frames: tuple[str, str], *, cycles: int = 3, radius: float = 0.1
 ) -> list[rp.Study]:
-    """Study each arm alone, the rest of the robot standing still."""
+    """Study each arm alone, with the other joints of the robot held fixed."""
     left, right = (robot.task(frame).joint_names for frame in frames)
     shared = [name for name in left if name in right]
     if shared:
         raise rp.InputError(
-            f"both arms of {robot.name} move {' and '.join(shared)}; hold them with --lock"
+            f"both arms of {robot.name} move {' and '.join(shared)}; fix these joints with --lock"
         )
     return [rp.study(robot, frame=frame, cycles=cycles, radius=radius) for frame in frames]
 
 
 def together(studies: list[rp.Study], key: str) -> Playback:
-    """Put the motions of a strategy together: each arm's joints stand still in the other's
-    motion."""
-    own = [
-        playback_of(study.row(key).label, study.row(key).motion, COLOURS[key]) for study in studies
-    ]
+    """Add the motions of both arms under one strategy: each moves only its own joints."""
+    single = []
+    for study in studies:
+        row = study.row(key)
+        single.append(playback_of(row.label, row.motion, COLOURS[key]))
     rest = studies[0].robot.reference
     return replace(
-        own[0],
-        Q=rest + sum(track.Q - rest for track in own),
-        drift=np.hypot(own[0].drift, own[1].drift),
+        single[0],
+        Q=rest + sum(track.Q - rest for track in single),
+        drift=np.hypot(single[0].drift, single[1].drift),
     )
 
 
@@ -56,12 +57,12 @@ def both_arms_page(studies: list[rp.Study]) -> str:
     chains = [TracedChain(study.task, study.elbow) for study in studies]
     paths = [study.path.points() for study in studies]
     return playback_page(
-        chains, tracks, paths=paths, name=f"each arm on its own {studies[0].path.name}"
+        chains, tracks, paths=paths, name=f"each arm on a separate {studies[0].path.name}"
     )
 
 
 def main() -> None:
-    """Study both arms, say how far they drift, and write the page."""
+    """Study both arms, print their drift, and write the page."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -70,26 +71,26 @@ def main() -> None:
         "frames", nargs="*", default=["left_gripper", "right_gripper"], metavar="FRAME"
     )
     parser.add_argument(
-        "--lock", action="append", default=[], metavar="JOINT", help="hold a joint still"
+        "--lock", action="append", default=[], metavar="JOINT", help="keep a joint fixed"
     )
     parser.add_argument("--cycles", type=int, default=3)
     parser.add_argument("--out", type=Path, default=Path("repctl-out"), metavar="FOLDER")
     options = parser.parse_args()
     if len(options.frames) != 2:
-        parser.error("two frames are wanted, one for each arm")
+        parser.error(f"two frames are required, one per arm, not {len(options.frames)}")
     try:
         robot = rp.Robot.load(options.robot, lock=options.lock)
         studies = study_both(robot, tuple(options.frames), cycles=options.cycles)
     except rp.RepctlError as error:
         raise SystemExit(f"two_arms: {error}") from None
     for study in studies:
-        creeping, closed = study.row("pseudoinverse").motion, study.row("repeatable").motion
-        drifts = f"J⁺ {creeping.drift[-1]:.2g}, nearest repeatable {closed.drift[-1]:.0e}"
-        print(f"{study.task.frame}: off the start after {options.cycles} cycles, rad: {drifts}")
+        drifting = study.row("pseudoinverse").motion.drift[-1]
+        closed = study.row("repeatable").motion.drift[-1]
+        drifts = f"J⁺ {drifting:.2g}, nearest repeatable {closed:.0e}"
+        print(f"{study.task.frame}: drift after {options.cycles} cycles, rad: {drifts}")
     folder = prepare_folder(options.out)
-    print(
-        f"wrote {write_whole(folder / f'{studies[0].robot.name}-both.html', both_arms_page(studies))}"
-    )
+    file = folder / f"{studies[0].robot.name}-both.html"
+    print(f"wrote {write_whole(file, both_arms_page(studies))}")
 
 
 if __name__ == "__main__":

@@ -58,6 +58,8 @@ if TYPE_CHECKING:
     from .potentials import Joined as Joined
     from .potentials import Polynomial as Polynomial
     from .problem import Problem as Problem
+    from .proof import Proof as Proof
+    from .proof import prove as prove
     from .regions import Box as Box
     from .regions import Tube as Tube
     from .regions import WorkspaceBox as WorkspaceBox
@@ -99,6 +101,7 @@ _DOOR = {
     "codegen": "compiled export_c",
     "saving": "load save",
     "inverse_function": "Cell CellDesign InverseFunction NoFunctionError nearest_inverse_function",
+    "proof": "Proof prove",
     "integrability": "bracket_defect candidate_surface drift_per_area is_repeatable stable_surface",
     "motion": (
         "BestLeaf Motion Run TaskPath TimedMotion Waypoints approach best_leaf circle figure_eight "

@@ -11,7 +11,7 @@ import pytest
 from arms import Q_PANDA, spatial_task
 
 import repctl_pin as rp
-from repctl_pin.codegen.build import NoCompilerError, compiler
+from repctl_pin.c_library import NoCompilerError, compiler
 from repctl_pin.potentials import PotentialBasis
 
 

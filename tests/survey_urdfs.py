@@ -61,17 +61,19 @@ LEAST_JOINTS = 3
 COMMANDS = ("inspect", "study")
 MOVING = re.compile(rb'<joint[^>]*type\s*=\s*["\'](revolute|continuous|prismatic)')
 
-HEAD = """# Tried on robots that others wrote
+HEAD = """# Tests on robots of other packages
 
-`repctl study FILE`, nothing else, on URDFs of {count} packages of PyPI: {of} of the {all} different files with three or
-more movable joints. {date}, repctl_pin {version}, Pinocchio {pinocchio}, {seconds} s of processor time and
-{gigabytes} GB allowed. Written by `python tests/survey_urdfs.py --table docs/tried.md`.
+This page shows the first line of `repctl study FILE`, without options, for URDFs of {count}
+packages of PyPI: {of} of the {all} different files with three or more movable joints. It was
+written on {date} by `python tests/survey_urdfs.py --table docs/tried.md`, with repctl_pin
+{version} and Pinocchio {pinocchio}. Each command had {seconds} s of processor time and
+{gigabytes} GB of memory.
 
 **{summary}**
 
-What a study says first: how far the elbow is from where it was after ten cycles of J⁺, and of ours; what ours costs in
-joint speed; limits and bodies, J⁺'s before the arrow where they differ. The other lines are
-refusals, as `study` explains them. s: processor time on a busy virtual machine, for `study` alone.
+Where J⁺ and the repeatable controller differ, the figure of J⁺ comes before the arrow. Joint speed
+is relative to J⁺. The other lines are refusals. The last column is the processor time of `study` on
+a busy virtual machine, in s.
 
 """
 
@@ -203,12 +205,12 @@ def summary(found: dict[str, dict[str, Outcome]]) -> str:
         return ", ".join(f"{kinds[kind]} {said}" for kind, said in words.items())
 
     slow = sorted(row["study"].seconds for row in found.values())
-    times = f"Slowest study {slow[-1]:.0f} s, half below {slow[len(slow) // 2]:.0f} s"
+    times = f"Slowest study {slow[-1]:.0f} s, median {slow[len(slow) // 2]:.0f} s"
     most = max(one.gigabytes for row in found.values() for one in row.values())
-    told = (
+    ends = (
         f"{len(found)} files: `study` ends in {counts('study')}; `inspect` in {counts('inspect')}."
     )
-    return f"{told} {times}; {most:.2f} GB at most."
+    return f"{ends} {times}; at most {most:.2f} GB."
 
 
 def table(found: dict[str, dict[str, Outcome]], folder: Path, every: int, seconds: int) -> str:
@@ -226,7 +228,8 @@ def table(found: dict[str, dict[str, Outcome]], folder: Path, every: int, second
         for path in sorted(path for path in found if path.partition("/")[0] == package):
             end = found[path]["study"]
             words = f"**fault** {end.words}" if end.kind == "fault" else end.words
-            text += f"| {'/'.join(path.split('/')[-2:])} | {words.replace('|', '·')} | {end.seconds:.0f} |\n"
+            file = "/".join(path.split("/")[-2:])
+            text += f"| {file} | {words.replace('|', '·')} | {end.seconds:.0f} |\n"
         text += "\n"
     return text.rstrip() + "\n"
 
@@ -242,7 +245,7 @@ def main() -> int:
     )
     parser.add_argument("--table", type=Path, help="write the record as a page")
     parser.add_argument("--only", default="", help="files whose path holds this word")
-    parser.add_argument("--most", type=int, help="so many files at most")
+    parser.add_argument("--most", type=int, help="maximum number of files")
     parser.add_argument("--seconds", type=int, default=SECONDS)
     options = parser.parse_args()
     folder, record = options.folder, options.record or options.folder.with_suffix(".jsonl")

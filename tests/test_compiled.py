@@ -23,8 +23,8 @@ from test_codegen import answer
 from test_control_step import BAD_STEPS
 
 import repctl_pin as rp
-from repctl_pin.codegen import build
-from repctl_pin.codegen.build import NoCompilerError, shared_library
+from repctl_pin import c_library as build
+from repctl_pin.c_library import NoCompilerError, shared_library
 
 CODE = "int answer(void) { return 42; }\nint answer(void);\n"
 
@@ -189,7 +189,7 @@ def test_a_folder_that_others_can_write_is_not_used(cache: Path) -> None:
 @NEEDS_C
 def test_two_at_once_do_no_harm(cache: Path) -> None:
     code = (
-        "from repctl_pin.codegen.build import shared_library; import ctypes\n"
+        "from repctl_pin.c_library import shared_library; import ctypes\n"
         f"print(ctypes.CDLL(str(shared_library({CODE!r}))).answer())"
     )
     running = [

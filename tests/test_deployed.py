@@ -207,7 +207,7 @@ def test_no_stale_design_under_a_new_commands_name(tmp_path, monkeypatch, capsys
     told(capsys, *limits, "--weight", "limits")
     saved = json.loads(Path("e/design.json").read_text(encoding="utf-8"))
     assert (
-        saved["desired"] == {"kind": "limits", "gain": 1.0, "room": 0.1}
+        saved["desired"] == {"kind": "limits", "gain": 1.0, "onset": 0.1}
         and saved["task"]["robot"] == "panda"
     )
 

@@ -361,7 +361,7 @@ def test_limit_weight_is_smooth_one_in_the_middle_and_grows(panda_pose: rp.Task)
     assert (
         rp.LimitWeight(panda_pose, 30.0, 0.3)(middle + 0.8 * half) > weight(middle + 0.8 * half)
     ).all()
-    for wrong, why in (((-1,), "0 or more"), ((1, 0), "the room"), ((1, np.nan), "the room")):
+    for wrong, why in (((-1,), "0 or more"), ((1, 0), "the onset"), ((1, np.nan), "the onset")):
         with pytest.raises(rp.InputError, match=why):
             rp.LimitWeight(panda_pose, *wrong)
 

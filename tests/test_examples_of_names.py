@@ -53,7 +53,7 @@ def test_what_a_name_raises_is_said(name: str) -> None:
 PURE = re.findall(
     r"\w+",
     "cost cost_error fit_cost gradient_norm scanned_costs degrees relative_distance leaf_margin inside_limits shrunk "
-    "tolerance damping leaf_damping gain parameter scanned bounds leaf path rate weight",
+    "tolerance damping leaf_damping gain parameter scanned bounds leaf margin path rate weight",
 )
 """Shares, costs and gains: numbers without a unit, or with that of a user's own function."""
 

@@ -28,7 +28,7 @@ def some_q(count: int = 5) -> np.ndarray:
 def test_joining_is_flat_and_keeps_the_order(joined: rp.Joined) -> None:
     assert [part.size for part in joined.parts] == [2, 14, 7] and joined.size == 23
     Q = some_q()
-    for table in ("potentials", "gradients"):
+    for table in ("values", "gradients"):
         parts = [getattr(part, table)(Q) for part in joined.parts]
         assert np.array_equal(getattr(joined, table)(Q), np.concatenate(parts, axis=-1))
     other_way = joined.parts[0] + (joined.parts[1] + joined.parts[2])

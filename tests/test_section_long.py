@@ -61,7 +61,7 @@ def test_the_prototypes_cells(
 @pytest.mark.parametrize(
     ("limit_margin", "is_there"), [(0.02, False), (0.003, False), (0.002, True)]
 )
-def test_what_room_the_largest_of_them_has(room: float, is_there: bool) -> None:
+def test_what_room_the_largest_of_them_has(limit_margin: float, is_there: bool) -> None:
     """Whatever the function: from all joints with this room at one pose, none lead to the middle
     along the ray.
 
@@ -77,10 +77,10 @@ def test_what_room_the_largest_of_them_has(room: float, is_there: bool) -> None:
         (1500, task.n)
     )
     Q, left = reached(cell, starts, u, push=0.3)
-    Q = self_motions(cell, Q[left < 1e-9], u, room)
+    Q = self_motions(cell, Q[left < 1e-9], u, limit_margin)
     assert len(Q) > 100  # there are joints with this room
     for t in np.linspace(1, 0, 81)[1:]:
-        Q = self_motions(cell, Q, t * u, room)
+        Q = self_motions(cell, Q, t * u, limit_margin)
         if not len(Q):
             break
     assert bool(len(Q)) == is_there

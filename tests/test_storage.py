@@ -208,7 +208,7 @@ def test_a_turning_path_is_told_by_quaternions() -> None:
 
 
 def test_the_file_holds_every_figure_of_a_design() -> None:
-    own = {"inverse", "desired", "potentials", "region", "coefficients", "cycle"}
+    own = {"inverse", "desired", "potentials", "region", "coefficients", "cycle", "proof"}
     assert {a.name for a in dataclasses.fields(rp.Design)} - own == set(Figures.__struct_fields__)
     assert json.dumps(msgspec.json.schema(DesignFile))  # for the docs
 

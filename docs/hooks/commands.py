@@ -1,5 +1,4 @@
-"""Write the page on the command line from the parser itself, so that page and program cannot
-differ."""
+"""Write the page on the command line from the parser itself."""
 
 from __future__ import annotations
 
@@ -9,20 +8,20 @@ from functools import partial
 from repctl_pin.cli import parser
 
 WIDTH = 100
-"""Characters of a line of help, whatever the terminal."""
+"""Width of a line of help, characters, on any terminal."""
 
 
 def commands() -> dict[str, str]:
-    """Give the help of every subcommand, by name."""
+    """Format the help of every subcommand, by name."""
     (parts,) = (a.choices for a in parser()._actions if isinstance(a, argparse._SubParsersAction))
     for part in parts.values():
         part.formatter_class = partial(argparse.RawDescriptionHelpFormatter, width=WIDTH)
-        part.color = False  # Python 3.14 asks the terminal
+        part.color = False  # Python 3.14 colours help on a terminal
     return {name: part.format_help() for name, part in parts.items()}
 
 
 def on_page_markdown(text: str, /, **_: object) -> str:
-    """Put a section for each subcommand where a page asks for them."""
+    """Replace the mark of a page by a section for each subcommand."""
     if "<!-- commands -->" not in text:
         return text
     sections = (

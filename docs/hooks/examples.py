@@ -1,4 +1,4 @@
-"""Bring the examples into the site: their figures, and each script as a notebook.
+"""Add the examples to the site: their figures, and each script as a notebook.
 
 ``python docs/hooks/examples.py FOLDER`` writes the notebooks into a folder.
 """
@@ -15,7 +15,7 @@ from nbformat import v4, writes
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 WITHOUT = {"gallery"}
-"""Needs a browser, and takes pictures for the README."""
+"""Scripts without a notebook: the gallery requires a browser."""
 
 _PICTURES = """\
 from IPython.display import Image, display
@@ -25,12 +25,13 @@ for file in sorted(Path("repctl-out").rglob("*.png")):
 
 
 def notebook(script: Path) -> str:
-    """Cut a script into cells: its words, its imports, each function, and what it does when it is
-    run."""
+    """Split a script into notebook cells: docstring, imports, each function, and the main block."""
     text = script.read_text(encoding="utf-8")
     lines, body = text.splitlines(), ast.parse(text).body
-    title, _, words = str(ast.literal_eval(body[0].value)).strip().partition("\n")  # type: ignore[attr-defined]
-    needs = "Needs `repctl_pin`, installed from the repository's folder or a wheel."
+    docstring = str(ast.literal_eval(body[0].value)).strip()  # type: ignore[attr-defined]
+    summary, _, words = docstring.partition("\n\n")
+    title = " ".join(summary.split()).rstrip(".")
+    needs = "Requires `repctl_pin`, installed from the folder of the repository or a wheel."
     cells = [v4.new_markdown_cell(f"# {title}\n\n{dedent(words).strip()}\n\n{needs}")]
     pieces: list[str] = []
 
@@ -65,12 +66,12 @@ def notebook(script: Path) -> str:
 
 
 def scripts() -> list[Path]:
-    """List what becomes a notebook."""
+    """List the scripts that become notebooks."""
     return [script for script in sorted(EXAMPLES.glob("*.py")) if script.stem not in WITHOUT]
 
 
 def on_files(files: Any, *, config: Any) -> Any:
-    """Add figures and notebooks to the site's files."""
+    """Add figures and notebooks to the files of the site."""
     from mkdocs.structure.files import File
 
     for figure in sorted((EXAMPLES / "figures").glob("*.png")):
@@ -83,7 +84,7 @@ def on_files(files: Any, *, config: Any) -> Any:
 
 
 def on_page_markdown(text: str, /, **_: object) -> str:
-    """Take the examples' figures from the site."""
+    """Point the links to figures of examples at the files of the site."""
     return text.replace("](../examples/figures/", "](figures/")
 
 

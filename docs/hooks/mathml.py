@@ -1,5 +1,4 @@
-"""Write the pages' formulas as MathML: browsers draw it themselves, so the site needs no script and
-no network."""
+"""Write the formulas of pages as MathML, which browsers draw without a script or a network."""
 
 from __future__ import annotations
 
@@ -15,7 +14,7 @@ _TAG = re.compile(r"\\tag\{(.*?)\}")
 
 
 def on_page_content(text: str, /, **_: object) -> str:
-    """Replace each formula, an equation's number set to its right."""
+    """Replace each formula by MathML, with the equation number at its right."""
 
     def display(found: re.Match[str]) -> str:
         formula = html.unescape(found[1])
@@ -29,5 +28,5 @@ def on_page_content(text: str, /, **_: object) -> str:
             f'<div class="equation">{convert(_TAG.sub("", formula), display="block")}{right}</div>'
         )
 
-    text = _ROLE.sub("", text)  # docstrings name things as Sphinx does
+    text = _ROLE.sub("", text)  # roles of Sphinx in docstrings
     return _DISPLAY.sub(display, _INLINE.sub(lambda found: convert(html.unescape(found[1])), text))

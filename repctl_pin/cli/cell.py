@@ -11,7 +11,16 @@ import repctl_pin as rp
 from ..errors import InputError, RepctlError, needed
 from ..files import prepare_folder, write_whole
 from ..show.text.lines import fitted
-from .given import Options, integer, natural, numbers_of, positive, save_control
+from .given import (
+    Options,
+    integer,
+    natural,
+    numbers_of,
+    plain_proof,
+    positive,
+    proved,
+    save_control,
+)
 from .options import Parser
 from .terminal import progress, report
 
@@ -78,6 +87,11 @@ def add_options(parser: Parser) -> None:
     add("--held-out", type=integer, default=8192, help="number of held-out poses (default 8192)")
     add("--seed", type=natural, default=0, help="random seed of all nodes (default 0)")
     add("--out", metavar="FOLDER", help="output folder (default repctl-out/ROBOT)")
+    add(
+        "--prove",
+        action="store_true",
+        help="prove bounds of the margins over the whole cell, for at most a minute",
+    )
     add("--json", action="store_true", help="print JSON instead of the table")
 
 
@@ -88,7 +102,16 @@ def run(options: Options) -> int:
     needed("matplotlib", "meshcat", by="repctl cell")
     if options.shrink and options.keep:
         raise InputError("--shrink and --keep are mutually exclusive")
+    if options.keep and options.prove:
+        raise InputError(
+            "--keep and --prove are mutually exclusive: only a cell that is covered can be proved"
+        )
     cell, posture = _cell(options)
+    if options.prove and cell.task.kind != "pose":
+        kind = cell.task.kind
+        raise InputError(
+            f"--prove requires --task pose: nothing can be proved of a cell of {kind} tasks yet"
+        )
     try:
         design = rp.nearest_inverse_function(
             rp.Pseudoinverse(cell.task),
@@ -102,6 +125,7 @@ def run(options: Options) -> int:
     except rp.NoFunctionError as error:
         error.remedy = _remedy(error, cell)
         raise
+    design = proved(design, say) if options.prove else design
     say("drawing")
     prepare_folder(folder)
     pictures, note = _pictures(design, folder, options.command_line)
@@ -114,6 +138,8 @@ def run(options: Options) -> int:
             lines.append(f"\nnote: --shrink: {sizes}")
         extra = "extra joint speed: joint speed of F relative to J⁺ at the same configurations"
         lines.append(f"\n{extra}; J⁺ gives the minimum-norm joint velocity\n")
+        if design.proof is not None:
+            lines.append(f"{design.proof.summary()}\n")
         return fitted("\n".join(lines + [f"note: {note}\n"] * bool(note)))
 
     return report(options, lambda: _as_dict(design), text, files)
@@ -217,4 +243,5 @@ def _as_dict(design: rp.CellDesign) -> dict[str, Any]:
         "everywhere": design.evaluation.everywhere,
         "failures": [picked(stop, "cause", "share", "what") for stop in design.failures],
         "degrees": [{"degree": d, "cost": c} for d, c in design.degrees],
+        **({} if design.proof is None else {"proof": plain_proof(asdict(design.proof))}),
     }

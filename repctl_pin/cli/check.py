@@ -18,12 +18,15 @@ from .given import (
     cut_note,
     integer,
     natural,
+    plain_proof,
     positive,
 )
 from .options import Parser
 from .terminal import progress, report
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from ..integrability import Repeatability, Surfaces
     from ..strategies import Inverse
 
@@ -31,6 +34,7 @@ HELP = "test whether J⁺, a weighted inverse or a saved design is repeatable, a
 EXAMPLE = """examples:
   repctl check panda --weight inertia
   repctl check repctl-out/panda/design.json          # a saved design, over its own region
+  repctl check repctl-out/panda/design.json --prove  # a lower bound of its leaf margin in Ω
   repctl check repctl-out/my_arm/design.json --robot my_arm.urdf"""
 
 _Drift = dict[str, float]
@@ -61,6 +65,8 @@ def add_options(parser: Parser) -> None:
         help="number of configurations to test (default 128)",
     )
     add("--seed", type=natural, default=0, help="random seed of the configurations (default 0)")
+    prove = "prove a lower bound of a saved design's leaf margin over its region, or over its cell"
+    add("--prove", action="store_true", help=prove)
     add("--json", action="store_true", help="print JSON instead of text")
 
 
@@ -69,6 +75,8 @@ def run(options: Options) -> int:
     say = progress(options.json)
     import numpy as np
 
+    if options.prove:
+        return _prove(options, say)
     case = _saved(options) if options.saved else _named(options)
     task, q0 = case.strategy.task, case.problem.start
     region = case.problem.region
@@ -87,6 +95,27 @@ def run(options: Options) -> int:
         lambda: _as_dict(case, verdict, drift, surfaces),
         lambda: fitted("\n".join(_lines(case, absolute, verdict, drift, surfaces))),
     )
+
+
+def _prove(options: Options, say: Callable[[str], None]) -> int:
+    """Prove the margins of a saved design; if it has a certificate, prove that again."""
+    from dataclasses import asdict
+
+    if not options.saved:
+        raise InputError(
+            "--prove requires a saved design (.json)",
+            remedy="save one with repctl design or repctl cell",
+        )
+    for option in ("weight", "absolute", "region", "start"):
+        if getattr(options, option):
+            why = "a design is proved over its own region"
+            raise InputError(f"--prove and --{option} are mutually exclusive: {why}")
+    design = options.load_saved()
+    margin = design.proof.leaf_margin if design.proof else None
+    proof = rp.prove(
+        design, margin=margin, progress=lambda step, fraction: say(f"{step} {fraction:.0%}")
+    )
+    return report(options, lambda: plain_proof(asdict(proof)), lambda: fitted(proof.summary()))
 
 
 class _Case(NamedTuple):

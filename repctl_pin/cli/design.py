@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,7 +21,9 @@ from .given import (
     cut_note,
     integer,
     natural,
+    plain_proof,
     positive,
+    proved,
     save_control,
     with_options,
 )
@@ -82,6 +85,11 @@ def add_options(parser: Parser) -> None:
     add("--dask", metavar="ADDRESS", help="address of the scheduler of a Dask cluster to use")
     add("--seed", type=natural, default=0, help="random seed of all nodes (default 0)")
     add(
+        "--prove",
+        action="store_true",
+        help="prove a lower bound of the leaf margin over Ω, for at most a minute",
+    )
+    add(
         "--out",
         metavar="FOLDER",
         help="folder of design.png and design.json (default repctl-out/ROBOT)",
@@ -135,6 +143,7 @@ def run(options: Options) -> int:
     say("finding a cycle inside Ω")
     design, more = _with_cycle(design, problem)
     notes.extend(more)
+    design = proved(design, say) if options.prove else design
     say("comparing and drawing")
     what = f"nearest repeatable inverse of {name}, over a {design.region}"
     title = f"{task.robot.name}, {task.frame}, {task.kind}: {what}"
@@ -152,6 +161,8 @@ def run(options: Options) -> int:
         if len(degrees) > 1:
             rows = [[str(d), f"{cost:.5g}", f"{error:.1g}"] for d, cost, error in degrees]
             lines += ["", table(["degree", "cost", "± error"], rows)]
+        if design.proof is not None:
+            lines += ["", design.proof.summary()]
         return fitted("\n".join([*lines, *(f"note: {note}" for note in notes), ""]))
 
     return report(options, lambda: _as_dict(design, degrees, name, problem, notes), text, files)
@@ -257,5 +268,6 @@ def _as_dict(
             for other in design.baselines
         },
         "degrees": [{"degree": d, "cost": c, "cost_error": e} for d, c, e in degrees],
+        **({} if design.proof is None else {"proof": plain_proof(asdict(design.proof))}),
         "notes": notes,
     }

@@ -5,8 +5,9 @@ from __future__ import annotations
 import argparse
 import re
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import repctl_pin as rp
 
@@ -14,8 +15,12 @@ from ..errors import InputError
 from ..files import check_folder, not_left_empty
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from ..regions import Region
     from ..saving.schema import TaskFile
+
+D = TypeVar("D", "rp.Design", "rp.CellDesign")
 
 REGION = 0.4
 """Default half-width of Ω around a start, rad."""
@@ -197,6 +202,18 @@ def save_control(design: rp.Design | rp.CellDesign, file: Path) -> Path:
         file.replace(old)
         error.remedy = f"the file of an earlier command is now {old}"
         raise
+
+
+def proved(design: D, say: Callable[[str], None]) -> D:
+    """Add to a design the largest bounds that can be proved in a minute."""
+    proof = rp.prove(design, progress=lambda step, fraction: say(f"{step} {fraction:.0%}"))
+    return replace(design, proof=proof)
+
+
+def plain_proof(values: dict[str, Any]) -> dict[str, Any]:
+    """Convert a certificate for JSON: an infinite limit margin becomes null."""
+    infinite = values["limit_margin"] == float("inf")
+    return values | ({"limit_margin": None} if infinite else {})
 
 
 def box_within_limits(task: rp.Task, q0: Any, half_width: float) -> rp.Box:

@@ -14,13 +14,13 @@ from numpy import ndarray
 from numpy.typing import ArrayLike
 
 from ..arguments import FLOAT, Array, positive, require_type, vector
+from ..c_library import NoCompilerError, loaded_library
 from ..errors import SingularityError
 from ..inverse_function import InverseFunction
 from ..potentials.basis import Potentials
 from ..robot.task import Task
 from ..strategies.control_step import Loop, failure, python_loops, share_of, speeds
 from ..strategies.repeatable import RepeatableInverse
-from .build import NoCompilerError, loaded_library
 from .source import write_source
 from .text import filled
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from ..arguments import Array
+from ..certificate import Proof, proved_words
 from ..paths.task_path import Cycle
 from ..potentials.basis import PotentialBasis
 from ..regions import Region
@@ -63,6 +64,9 @@ class Design:
         With ``degree="auto"``: what was tried, in order.
     cycle : Cycle, optional
         The motion the control is for: start, path and time. It is saved with the design.
+    proof : Proof, optional
+        The certificate, where one was put here: ``dataclasses.replace(design,
+        proof=rp.prove(design))``. It is saved with the design.
 
     Examples
     --------
@@ -96,6 +100,7 @@ class Design:
     shrunk: float = 1.0
     degrees: tuple[tuple[int, float, float], ...] = ()
     cycle: Cycle | None = None
+    proof: Proof | None = None
 
     def __repr__(self) -> str:
         task = self.task
@@ -127,7 +132,7 @@ class Design:
             f"  mean ‖G_r − G_d‖²  {self.cost:.6g} ± {self.cost_error:.1g} (on {self.held_out} held-out nodes)",
             *(f"    {b.name.ljust(width)}  {b.text}" for b in self.baselines),
             f"  relative distance  {self.relative_distance:.1%}",
-            f"  leaf margin        {self.leaf_margin:.3f} at worst",
+            f"  leaf margin        {self.leaf_margin:.3f} at worst, {proved_words(self.proof)}",
             f"  inside the limits  {self.inside_limits:.1%} of Ω",
             f"  optimiser          {state} in {self.steps} steps, gradient {self.gradient_norm:.1g}",
         ]

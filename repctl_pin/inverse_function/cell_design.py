@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..arguments import Array
+from ..certificate import Proof, proved_words
 from ..robot.task import Task
 from ..strategies import RepeatableInverse
 from ..strategies.strategy import Inverse
@@ -43,6 +44,9 @@ class CellDesign:
     requested_limit_margin, requested_body_distance, requested_sigma_min : float
         The limit margin, rad or m, the distance between bodies, m, and σ_min of J that were asked
         for.
+    proof : Proof, optional
+        The certificate, where one was put here: ``dataclasses.replace(found,
+        proof=rp.prove(found))``. It is saved with the design.
 
     Examples
     --------
@@ -64,6 +68,7 @@ class CellDesign:
     requested_limit_margin: float
     requested_body_distance: float
     requested_sigma_min: float
+    proof: Proof | None = None
 
     @classmethod
     def of(cls, desired: Inverse, chart: Chart, evaluation: Evaluation, **how: Any) -> CellDesign:
@@ -168,7 +173,7 @@ class CellDesign:
             "limit margin": margin if np.isfinite(j.limit_margin) else "no limits",
             "body distance": bodies if np.isfinite(j.body_distance) else "no collision bodies",
             "σ_min(J)": f"{j.smallest_singular_value:.3g}{_unmet(j.smallest_singular_value, self.requested_sigma_min)}",
-            "leaf margin": f"{j.leaf_margin:.3g}",
+            "leaf margin": f"{j.leaf_margin:.3g}, {proved_words(self.proof)}",
             "residual": f"{j.residual:.1g} m or rad",
             "coverage": j.covered,
         } | ({"stopped": "\n".join(map(str, j.failures))} if j.failures else {})

@@ -16,7 +16,19 @@ from ..inverse_function.chart import Chart
 from ..inverse_function.monomials import Monomials
 from ..robot.task import Task
 from .design_file import head
-from .schema import Desired, Plain, Row, Rows, Sealed, described, desired_file, desired_of
+from .schema import (
+    Desired,
+    Plain,
+    ProofFile,
+    Row,
+    Rows,
+    Sealed,
+    described,
+    desired_file,
+    desired_of,
+    proof_file,
+    proof_of,
+)
 
 FORMAT = "repctl cell"
 _MOST_DEGREE = 64
@@ -90,6 +102,7 @@ class CellFile(Sealed):
     requested_limit_margin: float
     requested_body_distance: float = 0.0
     requested_sigma_min: float = 0.0
+    proof: ProofFile | msgspec.UnsetType = msgspec.UNSET
 
 
 def cell_file(design: CellDesign) -> CellFile:
@@ -118,6 +131,7 @@ def cell_file(design: CellDesign) -> CellFile:
         degree=chart.monomials.degree,
         coefficients=chart.coefficients.tolist(),
         figures=figures,
+        proof=proof_file(design.proof),
     )
 
 
@@ -163,4 +177,12 @@ def cell_of(content: CellFile, task: Task) -> CellDesign:
     function = InverseFunction(chart, keep_limits=not evaluation.everywhere)
     desired, posture = desired_of(content.desired, task), task.check(content.posture, "the posture")
     how = {name: getattr(content, name) for name in _HOW}
-    return CellDesign(function, desired, posture, evaluation, content.degrees, **how)
+    return CellDesign(
+        function,
+        desired,
+        posture,
+        evaluation,
+        content.degrees,
+        **how,
+        proof=proof_of(content.proof),
+    )

@@ -111,6 +111,7 @@ def design_file(design: Design) -> DesignFile:
         potentials=potentials,
         region=region,
         figures=figures,
+        proof=schema.proof_file(design.proof),
     )
 
 
@@ -138,7 +139,8 @@ def design_of(content: DesignFile, task: Task) -> Design:
     inverse = RepeatableInverse(task, potentials.weighted(A), region=region)
     desired = schema.desired_of(content.desired, task)
     cycle = None if content.cycle is None else schema.cycle_of(content.cycle, task)
-    return Design(inverse, desired, potentials, region, A, cycle=cycle, **figures)
+    proof = schema.proof_of(content.proof)
+    return Design(inverse, desired, potentials, region, A, cycle=cycle, proof=proof, **figures)
 
 
 class _Head(msgspec.Struct):

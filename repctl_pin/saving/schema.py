@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 import msgspec
 import numpy as np
 
+from ..certificate import Proof
 from ..errors import InputError
 from ..paths.pieces import Piece, path_of, pieces_of
 from ..paths.task_path import Cycle
@@ -163,6 +164,24 @@ class Figures(Plain):
     degrees: tuple[tuple[int, float, float], ...]
 
 
+class ProofFile(Plain):
+    """What was proved, see :class:`repctl_pin.Proof`; null: no limits, or nothing was asked for."""
+
+    what: str
+    proved: bool
+    leaf_margin: float
+    limit_margin: float | None
+    sigma_min: float
+    boxes: int
+    seconds: float
+    worst: Row
+    half: Row
+    reason: str
+    asked_leaf_margin: float | None
+    asked_limit_margin: float | None
+    theorem: int
+
+
 class Sealed(Plain):
     """What every file says first, and what it is for."""
 
@@ -183,6 +202,7 @@ class DesignFile(Sealed):
     region: Area
     coefficients: Rows
     figures: Figures
+    proof: ProofFile | msgspec.UnsetType = msgspec.UNSET
 
 
 P = TypeVar("P", bound=msgspec.Struct)
@@ -196,6 +216,27 @@ def described(kind: type[P], thing: object, **others: Any) -> P:
         k: v.tolist() if isinstance(v, (np.ndarray, np.generic)) else v for k, v in own.items()
     }
     return kind(**plain, **others)
+
+
+def proof_file(proof: Proof | None) -> ProofFile | msgspec.UnsetType:
+    """Describe a certificate; unset where there is none."""
+    if proof is None:
+        return msgspec.UNSET
+    return described(
+        ProofFile,
+        proof,
+        limit_margin=proof.limit_margin if np.isfinite(proof.limit_margin) else None,
+    )
+
+
+def proof_of(data: ProofFile | msgspec.UnsetType) -> Proof | None:
+    """Make a certificate again."""
+    if isinstance(data, msgspec.UnsetType):
+        return None
+    values = msgspec.structs.asdict(data)
+    return Proof(
+        **values | {"limit_margin": np.inf if data.limit_margin is None else data.limit_margin}
+    )
 
 
 def field_file(potentials: PotentialBasis) -> Fields:

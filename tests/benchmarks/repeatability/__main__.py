@@ -49,8 +49,8 @@ def programs(folder: Path, inverse: rp.RepeatableInverse) -> dict[str, Make]:
         "mink": partial(peers.mink_loop, folder=folder),
         "mink + posture": partial(peers.mink_loop, folder=folder, posture_cost=1e-2),
         "ssik Tracker": peers.ssik_loop,
-        "ours, Python": partial(ours.repeatable, inverse=inverse),
-        "ours, compiled": partial(ours.repeatable, inverse=fast),
+        "repctl_pin, Python": partial(ours.repeatable, inverse=inverse),
+        "repctl_pin, compiled": partial(ours.repeatable, inverse=fast),
     }
 
 
@@ -69,7 +69,7 @@ def rows_of(arm: str, folder: Path, cycles: int, steps: int) -> Iterator[Row]:
     )
     quick = _loops(makers, scenes[0])
     times = microseconds(quick, scenes[0])
-    times["ours, C"] = generated_c.run(program, scenes[0], 20)[1]
+    times["repctl_pin, C"] = generated_c.run(program, scenes[0], 20)[1]
     for scene in scenes:
         yield from _all(
             scene, makers, program, cycles if scene.path == "circle" else min(cycles, 10), times
@@ -102,7 +102,7 @@ def _all(
     reference = None
     for name in times:
         begin = time.perf_counter()
-        if name == "ours, C":
+        if name == "repctl_pin, C":
             Q, stopped = generated_c.run(program, scene, cycles, share)[0], ""
         else:
             Q, stopped = joints_of(makers[name](scene), scene, cycles, share)

@@ -47,9 +47,9 @@ def programs(design: rp.CellDesign, scene: Scene) -> dict[str, ours.Step]:
         print(f"ssik Tracker is left out: {error}")
     F, fast = design.function, rp.compiled(design.inverse)
     return made | {
-        "ours, F": lambda q, target: F(target),
-        "ours, step": ours.repeatable(scene, design.inverse),
-        "ours, step compiled": ours.repeatable(scene, fast),
+        "repctl_pin, F": lambda q, target: F(target),
+        "repctl_pin, step": ours.repeatable(scene, design.inverse),
+        "repctl_pin, step compiled": ours.repeatable(scene, fast),
     }
 
 

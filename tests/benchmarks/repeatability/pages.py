@@ -26,9 +26,9 @@ COLUMNS = (
     "cycle 100",
     "in the last cycle",
     "extra joint speed",
-    "largest jump",
-    "tracking",
-    "limits broken",
+    "largest step",
+    "tracking error",
+    "limits violated",
     "body distance",
     "time of pinv",
 )
@@ -112,11 +112,11 @@ def tables(rows: Sequence[Row]) -> dict[str, list[str]]:
 
 
 def _summary(rows: Iterable[Row]) -> list[str]:
-    """One line a program: the median over arms and paths, and below it the worst."""
+    """One line per program: the median over arms and paths, and below it the worst."""
     lines = []
     for name, of in _grouped(rows, "program").items():
         broken = sum(row.limit_margin < -1e-9 for row in of)
-        stuck = sum(bool(row.failure) for row in of)
+        stopped = sum(bool(row.failure) for row in of)
         cells = [
             _middle([getattr(row, key) for row in of])
             for key in ("drift_1", "drift_10", "drift_100", "last_cycle")
@@ -129,7 +129,7 @@ def _summary(rows: Iterable[Row]) -> list[str]:
                 f"{_percent(np.nanmedian(speed))}<br>{_percent(np.nanmax(speed))}",
                 _middle([row.jump for row in of]),
                 _middle([row.tracking for row in of]),
-                f"{broken} of {len(of)}" + (f"<br>{stuck} stuck" if stuck else ""),
+                f"{broken} of {len(of)}" + (f"<br>{stopped} stopped" if stopped else ""),
                 _number(min(row.body_distance for row in of)),
                 f"{np.nanmedian([row.of_pinv for row in of]):.2f}",
             ]
@@ -138,14 +138,14 @@ def _summary(rows: Iterable[Row]) -> list[str]:
 
 
 def _short_table(rows: Sequence[Row]) -> list[str]:
-    """One line a program for the README: medians, from the posture and off it."""
+    """One line per program for the README: medians, started at the posture and away from it."""
     header = (
         "program",
         "drift, cycle 1",
         "cycle 10",
         "cycle 100",
         "off the posture: cycle 10",
-        "its extra speed",
+        "off the posture: extra joint speed",
     )
     lines = []
     for name, of in _grouped(rows, "program").items():
@@ -160,7 +160,7 @@ def _short_table(rows: Sequence[Row]) -> list[str]:
         lines.append(
             [_bold(name), *drift, _median([row.drift_10 for row in off]), speed, jump, took]
         )
-    return _markdown((*header, "its largest step", "time of pinv"), lines)
+    return _markdown((*header, "off the posture: largest step", "time of pinv"), lines)
 
 
 def _by_arm(rows: Sequence[Row]) -> list[str]:
@@ -168,29 +168,29 @@ def _by_arm(rows: Sequence[Row]) -> list[str]:
     arms = list(_grouped(rows, "arm"))
     lines = []
     for name, of in _grouped(rows, "program").items():
-        drift = {row.arm: (row.failure and "stuck") or _number(row.drift_10) for row in of}
+        drift = {row.arm: (row.failure and "stopped") or _number(row.drift_10) for row in of}
         lines.append([_bold(name), *(drift.get(arm, "–") for arm in arms)])
     return _markdown(("program", *arms), lines)
 
 
 def _times(rows: Sequence[Row]) -> list[str]:
-    """Microseconds a step: programs down, arms across; the pinv loop's own in the first line."""
+    """Microseconds per step: programs down, arms across; the pinv loop in the first line."""
     arms = list(_grouped(rows, "arm"))
     lines = []
     for name, of in _grouped(rows, "program").items():
         took = {row.arm: f"{row.microseconds:.1f} ({row.of_pinv:.2f})" for row in of}
         lines.append([_bold(name), *(took.get(arm, "–") for arm in arms)])
-    return _markdown(("µs a step (of pinv)", *arms), lines)
+    return _markdown(("µs per step (of pinv)", *arms), lines)
 
 
 def figure(rows: Sequence[Row], path: Path) -> None:
-    """Draw drift over cycles on the circle: one panel an arm, started on the posture, and dashed
-    off it."""
+    """Draw drift over cycles on the circle: one panel per arm; dotted where started
+    away from the posture."""
     chosen = [row for row in rows if row.lag_ms == 0 and row.path == "circle"]
-    chosen = [row for row in chosen if row.program not in ("ours, compiled", "ours, C")]
+    chosen = [row for row in chosen if row.program not in ("repctl_pin, compiled", "repctl_pin, C")]
     arms, names = list(_grouped(chosen, "arm")), list(_grouped(chosen, "program"))
     colours = dict(zip(names, plt.get_cmap("tab10").colors, strict=False)) | {
-        "ours, Python": "black"
+        "repctl_pin, Python": "black"
     }
     across = min(3, len(arms))
     shape = (-(-len(arms) // across), across)
@@ -201,7 +201,7 @@ def figure(rows: Sequence[Row], path: Path) -> None:
         for row in (row for row in chosen if row.arm == arm):
             drift = [max(value, 1e-16) for value in (row.drift_1, row.drift_10, row.drift_100)]
             style = {"color": colours[row.program], "linewidth": 1.4} | (
-                {"linewidth": 4.0, "zorder": 1} if row.program.startswith("ours") else {}
+                {"linewidth": 4.0, "zorder": 1} if row.program.startswith("repctl_pin") else {}
             )
             label = row.program if row.start == "on" else None
             panel.loglog(
@@ -223,7 +223,7 @@ def figure(rows: Sequence[Row], path: Path) -> None:
         for panel in axes.flat
         for line, text in zip(*panel.get_legend_handles_labels(), strict=True)
     }
-    title = "dotted: started 0.5 rad off the posture"
+    title = "dotted: started 0.5 rad from the posture"
     canvas.legend(
         labels.values(), labels, loc="outside lower center", ncols=4, frameon=False, title=title
     )
@@ -267,7 +267,7 @@ def _short(value: object) -> object:
 
 
 def _bold(name: str) -> str:
-    return f"**{name}**" if name.startswith("ours") else name
+    return f"**{name}**" if name.startswith("repctl_pin") else name
 
 
 def _markdown(header: Sequence[str], lines: Sequence[Sequence[str]]) -> list[str]:

@@ -8,7 +8,7 @@ const SAME = 1e-4; // m, within which a body covers its ghost
 export class ArmView {
   constructor(viewer, data, motion, start, frames, perCycle) {
     const T = MeshCat.THREE;
-    Object.assign(this, { data, motion, frames, perCycle, limbs: data.limbs, rows: [], moving: [], still: [], meshes: [] });
+    Object.assign(this, { data, motion, frames, perCycle, chains: data.chains, rows: [], moving: [], still: [], meshes: [] });
     this.group = new T.Group();
     this.group.name = data.label;
     for (const shape of data.shapes) {
@@ -31,7 +31,7 @@ export class ArmView {
     // where in the motion each series of numbers is
     this.stride = this.rows.length * 7;
     let at = start;
-    for (const [name, width] of [["body", this.stride], ["tip", 3 * this.limbs], ["elbow", 3 * this.limbs], ["wander", 1], ["pair", data.pair ? 2 : 0], ["mark", data.broken ? 3 : 0]]) {
+    for (const [name, width] of [["body", this.stride], ["tip", 3 * this.chains], ["elbow", 3 * this.chains], ["wander", 1], ["pair", data.pair ? 2 : 0], ["mark", data.broken ? 3 : 0]]) {
       this[name + "Start"] = at;
       at += frames * width;
     }
@@ -82,9 +82,9 @@ export class ArmView {
   // Where the joint is that breaks its limit, now.
   mark(out) { return out.fromArray(this.motion, this.markStart + 3 * this.now.frame); }
 
-  // Where a limb's tip or elbow is at frame i, a part f on the way to the next.
-  point(which, limb, i, f = 0, out = new MeshCat.THREE.Vector3()) {
-    const a = this[which + "Start"] + 3 * (this.limbs * i + limb), b = a + (f > 0 ? 3 * this.limbs : 0), m = this.motion;
+  // Where a chain's tip or elbow is at frame i, a part f on the way to the next.
+  point(which, chain, i, f = 0, out = new MeshCat.THREE.Vector3()) {
+    const a = this[which + "Start"] + 3 * (this.chains * i + chain), b = a + (f > 0 ? 3 * this.chains : 0), m = this.motion;
     return out.set(m[a] + f * (m[b] - m[a]), m[a + 1] + f * (m[b + 1] - m[a + 1]), m[a + 2] + f * (m[b + 2] - m[a + 2]));
   }
 
@@ -116,7 +116,7 @@ export class ArmView {
     const moving = [], still = [], step = Math.max(1, Math.floor(this.frames / 36));
     for (let i = 0; i < this.frames; i += step) { this.pose(i, 0); this.moving.forEach((p) => boxCorners(p, this.group, moving)); }
     this.still.forEach((p) => boxCorners(p, this.group, still));
-    for (let k = 0; k < this.limbs; k++)
+    for (let k = 0; k < this.chains; k++)
       for (let i = 0; i < this.frames; i += step) moving.push(this.point("tip", k, i), this.point("elbow", k, i));
     return { moving, still };
   }

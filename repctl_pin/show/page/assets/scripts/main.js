@@ -73,7 +73,7 @@ async function main() {
       arm.notice.textContent = past ? arm.data.broken.words : "";
     }
     if (scene.live) { viewer.set_dirty(); return; }
-    for (const { arm, which, limb, trace, ball } of ways) { trace.show(cycle, part); arm.point(which, limb, arm.now.frame, arm.now.f, ball.node.position); }
+    for (const { arm, which, chain, trace, ball } of ways) { trace.show(cycle, part); arm.point(which, chain, arm.now.frame, arm.now.f, ball.node.position); }
     for (const card of cards) card.show(done, cycle, part);
     tell(done, part);
     viewer.set_dirty();

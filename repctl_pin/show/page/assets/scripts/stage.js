@@ -15,7 +15,7 @@ export async function setStage(viewer, scene) {
   const arms = scene.arms.map((data) => { const arm = new ArmView(viewer, data, motion, at, frames, F); at = arm.end; return arm; });
   const paths = scene.paths.map((count) => Array.from({ length: count }, () => { const p = new T.Vector3().fromArray(motion, at); at += 3; return p; }));
 
-  const tips = arms.flatMap((arm) => Array.from({ length: arm.limbs }, (_, k) => [arm.point("tip", k, 0), arm.point("tip", k, F >> 1)]).flat());
+  const tips = arms.flatMap((arm) => Array.from({ length: arm.chains }, (_, k) => [arm.point("tip", k, 0), arm.point("tip", k, F >> 1)]).flat());
   const tip = new T.Box3().setFromPoints(tips).getCenter(new T.Vector3());
   const whole = new T.Box3().setFromPoints(arms.flatMap((arm) => Object.values(arm.reach()).flat()));
   const eye = new Eye(viewer, scene.planar ? new T.Vector3(0, -1e-4, 1) : towards(tip, whole), scene.planar);

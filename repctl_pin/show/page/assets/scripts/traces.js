@@ -83,13 +83,13 @@ export function drawWays(arms, paths, scene, extent) {
   const T = MeshCat.THREE, F = scene.perCycle, thick = 0.0026 * extent, ways = [];
   for (const arm of arms) {
     const shade = driftShade(arm.data, scene), full = new T.Color(arm.data.color), ink = new T.Color("#6b7784");
-    const pieces = (which, limb) => scene.cycles.map((n, c) => Array.from({ length: F }, (v, i) => arm.point(which, limb, c * F + i)));
+    const pieces = (which, chain) => scene.cycles.map((n, c) => Array.from({ length: F }, (v, i) => arm.point(which, chain, c * F + i)));
     for (const way of paths) if (way.length > 1) new Trace(arm.group, [way], 0.75 * thick, () => ink).show(1, 0);
     arm.traces = new T.Group();
     arm.group.add(arm.traces);
-    for (let limb = 0; limb < arm.limbs && !scene.live; limb++)
+    for (let chain = 0; chain < arm.chains && !scene.live; chain++)
       for (const [which, width, ball, tint] of [["tip", 1.35, 3.4, () => full], ["elbow", 1, 2.8, shade]])
-        ways.push({ arm, which, limb, trace: new Trace(arm.traces, pieces(which, limb), width * thick, tint), ball: new Marker(arm.traces, ball * thick, arm.data.color) });
+        ways.push({ arm, which, chain, trace: new Trace(arm.traces, pieces(which, chain), width * thick, tint), ball: new Marker(arm.traces, ball * thick, arm.data.color) });
     if (arm.data.broken) arm.past = new Marker(arm.group, 14 * thick, "#e00020", 0.55);
   }
   return ways;

@@ -18,7 +18,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from ..errors import RepctlError
+from .errors import RepctlError
 
 FLAGS = ("-std=c99", "-O2", "-fPIC", "-shared")
 _COMPILES, _LOADS = 50.0, 10.0

@@ -1,0 +1,164 @@
+"""Prove lower bounds of the leaf margin and the limit margin, on all of a design's region or a
+cell."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from time import perf_counter
+
+import numpy as np
+
+from .. import progress as reporting
+from ..arguments import finite, flag, positive
+from ..certificate import Proof
+from ..design import Design
+from ..errors import InputError
+from ..inverse_function import CellDesign
+from .branch_and_bound import bound_leaf_margin
+from .cell_search import bound_cell
+from .leaf_margin import leaf_margin_of
+from .regions import cover, enclosing, limit_margin
+
+
+def prove(
+    what: Design | CellDesign,
+    *,
+    margin: float | None = None,
+    limit_margin: float | None = None,
+    seconds: float = 60.0,
+    progress: bool | Callable[[str, float], None] = False,
+) -> Proof:
+    """Prove that a design has no singularity in its region, by branch and bound with bounded
+    rounding.
+
+    On each box of joints, J_V is compared with its value at the centre: bounds of the joint screws'
+    second derivatives, and of the potentials' third ones, hold on the whole box. A box that is not
+    decided is halved. See the theory, "Proved, not sampled", for the theorem and for what is
+    assumed.
+
+    Parameters
+    ----------
+    what
+        A design over a box or a tube, in joint space, or over a workspace box, for which the whole
+        box of joints that it selects from is proved. Or a function over a cell of poses: that it
+        exists there, is smooth, and is the only solution near its chart.
+    margin
+        The leaf margin to prove, from 0 to 1. Without it, the largest bound that can be proved in
+        the time is found; of a cell 90 % of the smallest one that was found is to be proved.
+    limit_margin
+        The distance to the joint limits to prove, rad or m. Without it, none; of a cell the
+        smallest one that was found, less a tenth and 0.01.
+    seconds
+        Time, s, after which the bounds found so far are taken.
+    progress
+        True for a progress bar on stderr, or a callback (step: str, fraction: float).
+
+    Returns
+    -------
+    Proof
+        ``proved``, the bounds, and where they are least; ``bool(proof)`` is ``proved``.
+
+    Raises
+    ------
+    InputError
+        If the potentials or the region are functions of the user, of which no bounds are known.
+
+    Examples
+    --------
+    >>> proof = rp.prove(design)
+    >>> proof.proved, 0.9 * design.leaf_margin < proof.leaf_margin <= design.leaf_margin + 1e-6
+    (True, True)
+    """
+    if not isinstance(what, (Design, CellDesign)):
+        raise InputError(
+            f"what is to be proved must be a design, such as rp.nearest_repeatable makes, not a {type(what).__name__}"
+        )
+    goal = None if margin is None else _share(margin)
+    least = None if limit_margin is None else finite(limit_margin, "limit_margin", "rad or m")
+    seconds = positive(seconds, "seconds", "s")
+    if not callable(progress):
+        progress = flag(progress, "progress")
+    with reporting.reporter(progress) as report:
+        if isinstance(what, CellDesign):
+            return _of_cell(what, goal, least, seconds, report)
+        return _of_region(what, goal, least, seconds, report)
+
+
+def _share(margin: float) -> float:
+    value = positive(margin, "margin", zero=True)
+    if value > 1:
+        raise InputError(
+            f"margin must be from 0 to 1, the largest leaf margin there is, not {value:g}"
+        )
+    return value
+
+
+def _of_region(
+    design: Design,
+    goal: float | None,
+    least: float | None,
+    seconds: float,
+    report: reporting.Report,
+) -> Proof:
+    """Prove a design over its region."""
+    begun, task = perf_counter(), design.task
+    low, high = cover(design.region)
+    room, nearest = limit_margin(task, low, high)
+    problem = leaf_margin_of(task, design.inverse.potentials, enclosing(low, high))
+    found = bound_leaf_margin(problem, low, high, goal, seconds, report)
+    worst, half, reason = found.worst, found.half, found.reason
+    proved = found.leaf_margin > 0 and (goal is None or (found.leaf_margin >= goal and not reason))
+    if least is not None and room < least:
+        worst, half = (low[nearest] + high[nearest]) / 2, (high[nearest] - low[nearest]) / 2
+        proved, reason = False, f"the limit margin there is {room:.4g}"
+    return Proof(
+        what=f"{task.robot.name} {task}, {design.region}",
+        proved=bool(proved),
+        leaf_margin=found.leaf_margin,
+        limit_margin=room,
+        sigma_min=found.sigma_min,
+        boxes=found.boxes,
+        seconds=perf_counter() - begun,
+        worst=np.asarray(worst),
+        half=np.asarray(half),
+        reason=reason,
+        asked_leaf_margin=goal,
+        asked_limit_margin=least,
+    )
+
+
+def _of_cell(
+    design: CellDesign,
+    goal: float | None,
+    least: float | None,
+    seconds: float,
+    report: reporting.Report,
+) -> Proof:
+    """Prove a function over its cell."""
+    begun, found = perf_counter(), design.evaluation
+    leaf = 0.9 * found.leaf_margin if goal is None else goal
+    if least is not None:
+        limit = least
+    elif np.isfinite(found.limit_margin_worst):
+        limit = found.limit_margin_worst - 0.1 * abs(found.limit_margin_worst) - 0.01
+    else:
+        limit = -np.inf
+    outcome = bound_cell(design.function.chart, leaf, limit, seconds, report)
+    near = ", ".join(f"{v:.2g}" for v in outcome.near)
+    return Proof(
+        what=(
+            f"{design.task.robot.name} {design.task}, {design.cell!r}: F exists, is smooth, and is the only solution "
+            f"within ({near}) of q_ref"
+        ),
+        proved=not outcome.reason,
+        leaf_margin=outcome.leaf_margin,
+        limit_margin=outcome.limit_margin,
+        sigma_min=outcome.sigma_min,
+        boxes=outcome.boxes,
+        seconds=perf_counter() - begun,
+        worst=outcome.worst,
+        half=outcome.half,
+        reason=outcome.reason,
+        asked_leaf_margin=goal,
+        asked_limit_margin=least,
+    )

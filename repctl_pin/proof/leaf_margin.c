@@ -1,0 +1,456 @@
+/* Lower bounds of the leaf margin over boxes of joint space: see docs/theory.md, "Proved, not sampled".
+
+   The same mathematics as leaf_margin.py, one box at a time. No rounding is switched: bounds of it are added. */
+
+#include <math.h>
+
+typedef struct {
+  int P, k, n, N, r, Z, F, F3;
+  double eps, beta;
+  const double *R, *p, *a, *shift, *reach; /* P 3 3, P 3, P 3, 3, P: link placements, axes, middle, offsets */
+  const int *revolute, *level;             /* P, P: level joints keep their axes parallel to the middle link's */
+  const int *first, *column;               /* theta = S q + o in compressed rows: P + 1, nonzeros */
+  const double *S, *o;                     /* nonzeros, P */
+  const double *Zq, *z0;                   /* Z n, Z: arguments z = Zq q - z0 of the features */
+  const int *kind, *parent, *variable;     /* F: 0 constant, 1 product, 2 sine, 3 cosine */
+  const int *third;                        /* F3: the features that third derivatives are of */
+  const double *G, *C, *C3;                /* r n F, r n (n + 1) / 2 F, r n n (n + 1) / 2 F3 */
+  const double *T, *T4, *E;                /* r n n n, r n n n n, r n */
+  const double *round;                     /* 6 + r */
+} Problem;
+
+static void cross(const double *a, const double *b, double *c) {
+  c[0] = a[1] * b[2] - a[2] * b[1];
+  c[1] = a[2] * b[0] - a[0] * b[2];
+  c[2] = a[0] * b[1] - a[1] * b[0];
+}
+
+static void apply(const double *R, const double *x, double *y) {
+  for (int i = 0; i < 3; i++) y[i] = R[3 * i] * x[0] + R[3 * i + 1] * x[1] + R[3 * i + 2] * x[2];
+}
+
+static void times(const double *A, const double *B, int transposed, double *C) {
+  double out[9];
+  for (int i = 0; i < 3; i++)
+    for (int j = 0; j < 3; j++) {
+      double s = 0;
+      for (int l = 0; l < 3; l++) s += A[3 * i + l] * (transposed ? B[3 * j + l] : B[3 * l + j]);
+      out[3 * i + j] = s;
+    }
+  for (int i = 0; i < 9; i++) C[i] = out[i];
+}
+
+static void turn(const double *a, double s, double c, double *E) { /* Rodrigues */
+  double d = 1 - c;
+  double x = a[0], y = a[1], z = a[2];
+  E[0] = c + d * x * x, E[1] = d * x * y - s * z, E[2] = d * x * z + s * y;
+  E[3] = d * y * x + s * z, E[4] = c + d * y * y, E[5] = d * y * z - s * x;
+  E[6] = d * z * x - s * y, E[7] = d * z * y + s * x, E[8] = c + d * z * z;
+}
+
+static void screw(const double *R, const double *o, const double *a, int revolute, double *xi) {
+  double w[3];
+  apply(R, a, w);
+  for (int i = 0; i < 3; i++) xi[i] = w[i], xi[3 + i] = 0;
+  if (!revolute) return;
+  for (int i = 0; i < 3; i++) xi[3 + i] = w[i];
+  cross(o, w, xi);
+}
+
+static const double EYE[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
+
+/* Joint screws (v, omega) in the middle link's frame, and the origin of the last joint. */
+static void screws(const Problem *g, const double *theta, double (*xi)[6], double *tip) {
+  double R[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1}, o[3], E[9], x[3];
+  for (int i = 0; i < 3; i++) o[i] = tip[i] = -g->shift[i];
+  for (int l = g->k; l < g->P; l++) {
+    const double *a = g->a + 3 * l;
+    apply(R, g->p + 3 * l, x);
+    for (int i = 0; i < 3; i++) o[i] += x[i];
+    times(R, g->R + 9 * l, 0, R);
+    for (int i = 0; i < 3; i++) tip[i] = o[i];
+    screw(g->level[l] ? EYE : R, o, a, g->revolute[l], xi[l]);
+    if (g->revolute[l]) {
+      turn(a, sin(theta[l]), cos(theta[l]), E);
+      times(R, E, 0, R);
+    } else {
+      apply(R, a, x);
+      for (int i = 0; i < 3; i++) o[i] += theta[l] * x[i];
+    }
+  }
+  for (int i = 0; i < 9; i++) R[i] = i % 4 == 0;
+  for (int i = 0; i < 3; i++) o[i] = -g->shift[i];
+  for (int l = g->k - 1; l >= 0; l--) {
+    const double *a = g->a + 3 * l;
+    screw(R, o, a, g->revolute[l], xi[l]);
+    if (g->revolute[l]) {
+      turn(a, -sin(theta[l]), cos(theta[l]), E);
+      times(R, E, 0, R);
+    } else {
+      apply(R, a, x);
+      for (int i = 0; i < 3; i++) o[i] -= theta[l] * x[i];
+    }
+    times(R, g->R + 9 * l, 1, R);
+    apply(R, g->p + 3 * l, x);
+    for (int i = 0; i < 3; i++) o[i] -= x[i];
+  }
+}
+
+/* Invert B (N, N) by Gauss-Jordan elimination with row exchanges; 0 if a pivot vanishes. */
+static int invert(int N, double B[N][N], double A[N][N]) {
+  for (int i = 0; i < N; i++)
+    for (int j = 0; j < N; j++) A[i][j] = i == j;
+  for (int c = 0; c < N; c++) {
+    int best = c;
+    for (int i = c + 1; i < N; i++)
+      if (fabs(B[i][c]) > fabs(B[best][c])) best = i;
+    double pivot = B[best][c];
+    if (!(fabs(pivot) > 1e-290)) return 0;
+    for (int j = 0; j < N; j++) {
+      double x = B[best][j], y = A[best][j];
+      B[best][j] = B[c][j], A[best][j] = A[c][j];
+      B[c][j] = x / pivot, A[c][j] = y / pivot;
+    }
+    for (int i = 0; i < N; i++) {
+      double f = B[i][c];
+      if (i == c || f == 0) continue;
+      for (int j = c; j < N; j++) B[i][j] -= f * B[c][j];
+      for (int j = 0; j < N; j++) A[i][j] -= f * A[c][j];
+    }
+  }
+  return 1;
+}
+
+/* Bound the spectral norm of X (n, r), rows r apart: lambda <= (tr G^256)^(1/256), and >= (tr G^256 / r)^(1/256). */
+static double spectral(int n, int r, const double *X, double *below) {
+  double G[r][r], H[r][r], scale = 0, power = 1;
+  for (int a = 0; a < r; a++)
+    for (int b = 0; b < r; b++) {
+      G[a][b] = 0;
+      for (int i = 0; i < n; i++) G[a][b] += X[i * r + a] * X[i * r + b];
+    }
+  for (int t = 0;; t++) {
+    double trace = 0;
+    for (int a = 0; a < r; a++) trace += G[a][a];
+    if (!(trace > 0) || r == 1 || t == 8) {
+      double top = scale + log(trace) / power;
+      *below = exp(0.5 * (top - log(r) / power));
+      return exp(0.5 * top);
+    }
+    scale += log(trace) / power;
+    power *= 2;
+    for (int a = 0; a < r; a++)
+      for (int b = 0; b < r; b++) {
+        H[a][b] = 0;
+        for (int c = 0; c < r; c++) H[a][b] += G[a][c] / trace * (G[c][b] / trace);
+      }
+    for (int a = 0; a < r; a++)
+      for (int b = 0; b < r; b++) G[a][b] = H[a][b];
+  }
+}
+
+/* Evaluate V, its slopes and the bound of the rest, in a gauge with orthonormal columns. */
+static int potentials(const Problem *g, const double *q, const double *h, double V[g->r][g->n],
+                      double dV[g->r][g->n][g->n], double rest[g->r][g->n], double *round) {
+  int n = g->n, r = g->r, F = g->F;
+  double z[g->Z + 1], phi[F];
+  for (int s = 0; s < g->Z; s++) {
+    z[s] = -g->z0[s];
+    for (int i = 0; i < n; i++) z[s] += g->Zq[s * n + i] * q[i];
+  }
+  for (int f = 0; f < F; f++) {
+    double x = z[g->variable[f]];
+    switch (g->kind[f]) {
+      case 0: phi[f] = 1; break;
+      case 1: phi[f] = phi[g->parent[f]] * x; break;
+      case 2: phi[f] = sin(x); break;
+      default: phi[f] = cos(x);
+    }
+  }
+  const double *C = g->C, *C3 = g->C3, *T = g->T, *T4 = g->T4;
+  for (int a = 0; a < r; a++)
+    for (int i = 0; i < n; i++) {
+      const double *G = g->G + (a * n + i) * F;
+      V[a][i] = 0;
+      for (int f = 0; f < F; f++) V[a][i] += G[f] * phi[f];
+      for (int j = i; j < n; j++, C += F) {
+        double s = 0;
+        for (int f = 0; f < F; f++) s += C[f] * phi[f];
+        dV[a][i][j] = dV[a][j][i] = s;
+      }
+      double e = 0;
+      for (int j = 0; j < n; j++)
+        for (int l = 0; l < n; l++) e += *T++ * (h[j] * h[l]);
+      if (g->F3)
+        for (int j = 0; j < n; j++)
+          for (int l = 0; l < n; l++) {
+            double t = 0, s = 0;
+            for (int m = 0; m < n; m++) t += *T4++ * h[m];
+            if (l >= j)
+              for (int f = 0; f < g->F3; f++) s += *C3++ * phi[g->third[f]];
+            e += (fabs(s) * (l > j ? 2 : 1) + t / 3) * (h[j] * h[l]);
+          }
+      rest[a][i] = 0.5 * e + g->E[a * n + i];
+    }
+  for (int a = 0; a < r; a++) round[6 + a] = g->round[6 + a];
+  for (int a = 0; a < r; a++) { /* Gram-Schmidt twice, applied to all that belongs to V */
+    for (int b = 0; b < 2 * a; b++) {
+      const int one = b % a;
+      double s = 0;
+      for (int i = 0; i < n; i++) s += V[a][i] * V[one][i];
+      for (int i = 0; i < n; i++) {
+        V[a][i] -= s * V[one][i];
+        rest[a][i] += fabs(s) * rest[one][i];
+        for (int j = 0; j < n; j++) dV[a][i][j] -= s * dV[one][i][j];
+      }
+      round[6 + a] += fabs(s) * round[6 + one];
+    }
+    double norm = 0;
+    for (int i = 0; i < n; i++) norm += V[a][i] * V[a][i];
+    norm = sqrt(norm);
+    if (!(norm > 1e-290)) return 0;
+    for (int i = 0; i < n; i++) {
+      V[a][i] /= norm, rest[a][i] /= norm;
+      for (int j = 0; j < n; j++) dV[a][i][j] /= norm;
+    }
+    round[6 + a] /= norm;
+  }
+  return 1;
+}
+
+/* Evaluate J, its slopes, and the bounds of the remainders of its columns. */
+static void columns(const Problem *g, const double *theta, const double *eta, double J[g->N][6],
+                    double dJ[g->n][g->N][6], char turns[g->n][g->N], double *linear, double *angular) {
+  int n = g->n, N = g->N, k = g->k;
+  double xi[g->P][6], tip[3];
+  screws(g, theta, xi, tip);
+  for (int c = 0; c < N; c++) {
+    linear[c] = angular[c] = 0;
+    for (int i = 0; i < 6; i++) J[c][i] = 0;
+    for (int j = 0; j < n; j++) turns[j][c] = 0;
+  }
+  for (int l = 0; l < g->P; l++) {
+    int from = l < k ? l + 1 : k, to = l < k ? k : l;
+    double H_R = 0, H_P = 0, L = g->reach[l], sign = l < k ? -1 : 1;
+    for (int p = from; p < to; p++) { /* joints between this one and the middle link */
+      if (g->revolute[p]) H_R += eta[p];
+      else H_P += eta[p], L += fabs(theta[p]) + eta[p];
+      double x[3], y[3], d[6]; /* the Lie bracket of the two screws */
+      cross(xi[p] + 3, xi[l], x);
+      cross(xi[p], xi[l] + 3, y);
+      cross(xi[p] + 3, xi[l] + 3, d + 3);
+      for (int i = 0; i < 3; i++) d[i] = x[i] + y[i];
+      if (g->level[l]) {
+        cross(xi[p] + 3, tip, x);
+        for (int i = 0; i < 3; i++) x[i] += xi[p][i], d[3 + i] = 0;
+        cross(x, xi[l] + 3, d);
+      }
+      for (int s = g->first[l]; s < g->first[l + 1]; s++)
+        for (int t = g->first[p]; t < g->first[p + 1]; t++) {
+          int j = g->column[t], c = g->column[s];
+          if (j >= n) continue;
+          double f = sign * g->S[s] * g->S[t];
+          for (int i = 0; i < 6; i++) dJ[j][c][i] = (turns[j][c] ? dJ[j][c][i] : 0) + f * d[i];
+          turns[j][c] = 1;
+        }
+    }
+    double b_v = g->revolute[l] ? 0.5 * H_R * H_R * L + H_R * H_P : 0.5 * H_R * H_R;
+    double b_w = g->revolute[l] && !g->level[l] ? 0.5 * H_R * H_R : 0;
+    for (int s = g->first[l]; s < g->first[l + 1]; s++) {
+      int c = g->column[s];
+      for (int i = 0; i < 6; i++) J[c][i] += g->S[s] * xi[l][i];
+      linear[c] += fabs(g->S[s]) * b_v, angular[c] += fabs(g->S[s]) * b_w;
+    }
+  }
+}
+
+/* Find Y > 0 with (1 + eps) D Y + F <= (1 - eps) Y, and DY: solved with twice the slack, then checked. */
+static int enclose(int N, double eps, double D[N][N], double F[N][N], double Y[N][N], double DY[N][N]) {
+  double M[N][N];
+  for (int i = 0; i < N; i++)
+    for (int j = 0; j < N; j++) {
+      M[i][j] = (i == j ? 1 - 2 * eps : 0) - (1 + eps) * D[i][j];
+      Y[i][j] = F[i][j];
+    }
+  for (int c = 0; c < N; c++) {
+    if (!(M[c][c] > 1e-12)) return 0;
+    for (int i = c + 1; i < N; i++) {
+      double f = M[i][c] / M[c][c];
+      for (int j = c + 1; j < N; j++) M[i][j] -= f * M[c][j];
+      for (int j = 0; j < N; j++) Y[i][j] -= f * Y[c][j];
+    }
+  }
+  for (int c = N - 1; c >= 0; c--) {
+    for (int i = c + 1; i < N; i++)
+      for (int j = 0; j < N; j++) Y[c][j] -= M[c][i] * Y[i][j];
+    for (int j = 0; j < N; j++) Y[c][j] /= M[c][c];
+  }
+  for (int i = 0; i < N; i++) {
+    for (int j = 0; j < N; j++) DY[i][j] = 0;
+    for (int l = 0; l < N; l++)
+      for (int j = 0; j < N; j++) DY[i][j] += D[i][l] * Y[l][j];
+    for (int j = 0; j < N; j++)
+      if (!(Y[i][j] > 0) || !((1 + eps) * DY[i][j] + F[i][j] <= (1 - eps) * Y[i][j])) return 0;
+  }
+  return 1;
+}
+
+static void one_box(const Problem *g, const double *q, const double *h, double *bound, double *center, double *sigma,
+                    int *split) {
+  int P = g->P, n = g->n, N = g->N, r = g->r;
+  double eps = g->eps, slack = 1 + eps;
+  double theta[P], eta[P], J[N][6], dJ[n][N][6], linear[N], angular[N];
+  double V[r][n], dV[r][n][n], rest[r][n], round[6 + r];
+  char turns[n][N];
+  *bound = *sigma = 0, *center = INFINITY, *split = 0;
+  for (int l = 0; l < P; l++) {
+    theta[l] = g->o[l], eta[l] = 0;
+    for (int s = g->first[l]; s < g->first[l + 1]; s++)
+      if (g->column[s] < n) {
+        theta[l] += g->S[s] * q[g->column[s]];
+        eta[l] += fabs(g->S[s]) * h[g->column[s]];
+      }
+  }
+  for (int j = 1; j < n; j++)
+    if (h[j] > h[*split]) *split = j;
+  columns(g, theta, eta, J, dJ, turns, linear, angular);
+  for (int i = 0; i < 6; i++) round[i] = g->round[i];
+  if (!potentials(g, q, h, V, dV, rest, round)) {
+    *center = 0; /* V = 0 */
+    return;
+  }
+
+  double B[N][N], A[N][N], R[N][N], D[N][N], F[N][N], Y[N][N], DY[N][N];
+  for (int c = 0; c < N; c++) {
+    for (int i = 0; i < 6; i++) B[i][c] = J[c][i];
+    for (int a = 0; a < r; a++) B[6 + a][c] = c < n ? V[a][c] : 0;
+  }
+  if (!invert(N, B, A)) {
+    *center = 0;
+    return;
+  }
+  double X[n][r], below;
+  for (int i = 0; i < n; i++)
+    for (int a = 0; a < r; a++) X[i][a] = A[i][6 + a];
+  double X_norm = spectral(n, r, &X[0][0], &below);
+  *center = 1 / below;
+
+  for (int i = 0; i < N; i++) { /* all of D but the slopes */
+    const double *x = A[i];
+    double tiny = 0, a_v = sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]),
+           a_w = sqrt(x[3] * x[3] + x[4] * x[4] + x[5] * x[5]);
+    for (int a = 0; a < 6 + r; a++) tiny += fabs(x[a]) * round[a];
+    for (int c = 0; c < N; c++) {
+      double s = -(i == c), e = tiny + a_v * linear[c] + a_w * angular[c];
+      for (int a = 0; a < 6; a++) s += x[a] * J[c][a];
+      if (c < n)
+        for (int a = 0; a < r; a++) s += x[6 + a] * V[a][c], e += fabs(x[6 + a]) * rest[a][c];
+      D[i][c] = R[i][c] = e + fabs(s);
+    }
+  }
+  /* S: the bound of V^T V_c - I, loose: beside its slopes; K: of (X V^T V_c)^T (X V^T V_c) - X^T X */
+  double loose[r][r], S[r][r], dS[r][r], K[r][r], dX[N][r], wide[n][r], part[n], share[n], shares = 0, defect = eps;
+  for (int a = 0; a < r; a++)
+    for (int b = 0; b < r; b++) {
+      double s = -(a == b), e = 0, both = 0;
+      for (int i = 0; i < n; i++) s += V[a][i] * V[b][i], e += (rest[a][i] + round[6 + a]) * fabs(V[b][i]);
+      for (int i = 0; i < n; i++) both += fabs(X[i][a] * X[i][b]);
+      defect += fabs(s);
+      loose[a][b] = S[a][b] = e + fabs(s) + eps;
+      K[a][b] = eps * both;
+    }
+  for (int i = 0; i < n; i++)
+    for (int a = 0; a < r; a++) wide[i][a] = 0;
+  for (int i = 0; i < N; i++) { /* right-hand sides: |A| of the task's rows, and the bound of (A J_V - I) X_c */
+    for (int a = 0; a < 6; a++) F[i][a] = fabs(A[i][a]) + eps;
+    for (int a = 0; a < r; a++) {
+      F[i][6 + a] = eps;
+      for (int c = 0; c < N; c++) F[i][6 + a] += R[i][c] * fabs(A[c][6 + a]);
+    }
+  }
+  for (int j = 0; j < n; j++) {
+    part[j] = share[j] = 0;
+    if (h[j] == 0) continue;
+    for (int i = 0; i < N; i++)
+      for (int a = 0; a < r; a++) dX[i][a] = 0;
+    for (int c = 0; c < N; c++) {
+      if (c >= n && !turns[j][c]) continue;
+      const double *d = dJ[j][c];
+      for (int i = 0; i < N; i++) {
+        const double *x = A[i];
+        double s = 0;
+        if (turns[j][c]) s = x[0] * d[0] + x[1] * d[1] + x[2] * d[2] + x[3] * d[3] + x[4] * d[4] + x[5] * d[5];
+        if (c < n)
+          for (int a = 0; a < r; a++) s += x[6 + a] * dV[a][c][j];
+        D[i][c] += h[j] * fabs(s);
+        for (int a = 0; a < r; a++) dX[i][a] -= s * A[c][6 + a];
+        if (i < n) share[j] += h[j] * fabs(s);
+      }
+    }
+    shares += share[j];
+    for (int a = 0; a < r; a++)
+      for (int b = 0; b < r; b++) {
+        dS[a][b] = 0;
+        for (int i = 0; i < n; i++) dS[a][b] += dV[a][i][j] * V[b][i];
+        S[a][b] += h[j] * fabs(dS[a][b]);
+      }
+    for (int i = 0; i < N; i++)
+      for (int b = 0; b < r; b++) {
+        F[i][6 + b] += h[j] * fabs(dX[i][b]);
+        if (i >= n) continue;
+        for (int a = 0; a < r; a++) dX[i][b] += X[i][a] * dS[a][b];
+        wide[i][b] += h[j] * fabs(dX[i][b]);
+      }
+    for (int a = 0; a < r; a++)
+      for (int b = 0; b < r; b++) {
+        double s = 0;
+        for (int i = 0; i < n; i++) s += X[i][a] * dX[i][b] + X[i][b] * dX[i][a];
+        K[a][b] += h[j] * fabs(s);
+        part[j] += h[j] * h[j] * s * s;
+      }
+  }
+  for (int j = 0; j < n; j++)
+    if (share[j] > share[*split]) *split = j;
+  if (!enclose(N, eps, D, F, Y, DY)) return;
+
+  double size = 0, square = 0, second = 0, e[r];
+  for (int i = 0; i < n; i++) {
+    for (int j = 0; j < 6; j++) square += Y[i][j] * Y[i][j];
+    for (int b = 0; b < r; b++) { /* e: what X V^T V_c may differ by from its first two terms */
+      e[b] = DY[i][6 + b];
+      for (int l = 0; l < N; l++) e[b] += R[i][l] * fabs(A[l][6 + b]);
+      for (int a = 0; a < r; a++) e[b] += fabs(X[i][a]) * loose[a][b] + Y[i][6 + a] * S[a][b];
+      second += e[b] * e[b];
+    }
+    for (int a = 0; a < r; a++)
+      for (int b = 0; b < r; b++)
+        K[a][b] += fabs(X[i][a]) * e[b] + e[a] * fabs(X[i][b]) + (wide[i][a] + e[a]) * (wide[i][b] + e[b]);
+  }
+  *sigma = (1 - eps) / (sqrt(square) * slack * g->beta);
+  double turned = 0, K_norm;
+  for (int a = 0; a < r; a++) {
+    for (int b = 0; b < r; b++) turned += S[a][b] * S[a][b];
+    for (int i = 0; i < n; i++) {
+      double x = rest[a][i] + round[6 + a];
+      for (int j = 0; j < n; j++) x += h[j] * fabs(dV[a][i][j]);
+      size += x * x;
+    }
+  }
+  turned = sqrt(turned) * slack;
+  if (!(turned < 0.5) || !(defect < 0.01)) return;
+  size = size * slack / ((1 - turned) * (1 - turned));
+  K_norm = (X_norm * X_norm + spectral(r, r, &K[0][0], &below)) * slack;
+  *bound = (1 - eps) / (sqrt(K_norm * (1 + size * slack)) * (1 + 4 * defect) * slack);
+  int best = 0;
+  for (int j = 0; j < n; j++) {
+    part[j] = 0.5 * sqrt(part[j]) / X_norm + 2 * sqrt(second) * share[j] / shares;
+    if (part[j] > part[best]) best = j;
+  }
+  *split = best;
+}
+
+void leaf_margins(const Problem *g, long K, const double *Q, const double *half, double *bound, double *center,
+                  double *sigma, int *split) {
+  for (long i = 0; i < K; i++)
+    one_box(g, Q + i * g->n, half + i * g->n, bound + i, center + i, sigma + i, split + i);
+}

@@ -1,0 +1,454 @@
+r"""Lower bounds of the leaf margin over boxes of joint space, by the batch.
+
+On a box ``q_c ± h``, with any ``A ≈ J_V(q_c)⁻¹``:
+
+.. math::
+
+   |A J_V(q) − I| ≤ D = Σ_j |A ∂_j J_V| h_j + |A| \,(\text{remainders, rounding}) + |A J_V(q_c) − I|, \\
+   F + D Y ≤ Y,\; Y > 0 ⇒ J_V \text{ is regular}, \qquad |J_V⁻¹| ≤ Y \text{ with } F = |A|, \quad
+   |X − X_c| ≤ Y \text{ with } F ≥ |(A J_V − I) X_c|, \qquad \text{leaf margin} = \frac{1}{‖X V^T‖_2}
+
+X the last r columns of J_V⁻¹. In C where there is a compiler (leaf_margin.c), in NumPy else: the
+same mathematics. """
+
+from __future__ import annotations
+
+import ctypes
+import warnings
+from dataclasses import dataclass
+from importlib.resources import files
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arguments import Array
+from ..c_library import NoCompilerError, loaded_library
+from ..potentials.basis import Potentials
+from ..regions.box import Box
+from ..robot.task import Task
+from .chain import Chain, chain_of, tool_reach
+from .potentials import PRODUCT, SINE, Features, features_of
+from .remainder import relative_rounding, remainders, screw_sizes
+from .screws import screws, slopes
+
+_BATCH = 2048
+
+
+@dataclass(frozen=True, eq=False)
+class Bounds:
+    """What was found of K boxes.
+
+    Attributes
+    ----------
+    leaf_margin : (K,) array
+        A lower bound on the whole box; 0 where J_V was not shown to be regular.
+    center : (K,) array
+        The leaf margin at the centre, rounded up: no bound on the box can be larger.
+    sigma_min : (K,) array
+        A lower bound of σ_min(J) on the box; 0 where there is none.
+    split : (K,) array of int
+        The joint along which to halve the box.
+    """
+
+    leaf_margin: Array
+    center: Array
+    sigma_min: Array
+    split: NDArray[np.int32]
+
+    def __repr__(self) -> str:
+        return f"<Bounds of {len(self.center)} boxes>"
+
+
+@dataclass(frozen=True, eq=False)
+class LeafMargin:
+    """The leaf margin of some potentials on a task, to be bounded over boxes inside one region.
+
+    Attributes
+    ----------
+    chain : Chain
+    features : Features
+    round : (6 + r,) array
+        Bounds of the rounding in the rows of J_V.
+    eps : float
+        Relative rounding.
+    beta : float
+        ``σ_min(J) ≥ 1 / (β ‖Y‖_F)``: the norm of the change of frame.
+    """
+
+    chain: Chain
+    features: Features
+    round: Array
+    eps: float
+    beta: float
+
+    def __repr__(self) -> str:
+        return f"<LeafMargin of {self.features} on {self.chain}>"
+
+    def bounds(self, Q: Array, half: Array) -> Bounds:
+        """Bound the leaf margin in boxes Q ± half, (K, n) each, in C where there is a compiler."""
+        library = _library()
+        return in_numpy(self, Q, half) if library is None else _in_c(self, library, Q, half)
+
+
+def leaf_margin_of(task: Task, field: Potentials, box: Box) -> LeafMargin:
+    """Prepare bounds inside a box, seen from the link from which the fewest boxes will do."""
+    features, chain = features_of(field, task.n, box), chain_of(task)
+    middles = range(len(chain.p) + 1)
+    made = [
+        _prepared(task, chain.seen_from(k, way), features, box)
+        for k in middles
+        for way in (0.0, 0.5, 1.0)
+    ]
+    return min(made, key=lambda one: _perron_root(one, box.center, box.half_width / 8))
+
+
+def _perron_root(problem: LeafMargin, q: Array, half: Array) -> float:
+    """Evaluate the spectral radius of D on one box: below 1, J_V is regular there."""
+    D = _expansion(problem, q[None], half[None]).D[0]
+    return float(np.abs(np.linalg.eigvals(D)).max()) if np.isfinite(D).all() else np.inf
+
+
+def _prepared(task: Task, chain: Chain, features: Features, box: Box) -> LeafMargin:
+    S = np.abs(chain.S[:, : chain.n])
+    theta, eta = chain.S[:, : chain.n] @ box.center + chain.o, S @ box.half_width
+    eps = relative_rounding(chain)
+    round_ = np.concatenate(
+        [eps * screw_sizes(chain, theta, eta), eps * features.size + features.E.max(axis=1)]
+    )
+    t = tool_reach(chain) + float((np.abs(theta) + eta)[~chain.revolute].sum())
+    beta = (t + np.sqrt(t * t + 4)) / 2 if task.kind in ("pose", "axis") else 1.0
+    return LeafMargin(chain, features, round_, eps, float(beta) * (1 + 1e-9))
+
+
+# ---- NumPy -------------------------------------------------------------------------------------
+
+
+def in_numpy(problem: LeafMargin, Q: Array, half: Array) -> Bounds:
+    """Bound the leaf margin in boxes Q ± half, (K, n) each, in NumPy."""
+    parts = [
+        _batch(problem, Q[i : i + _BATCH], half[i : i + _BATCH]) for i in range(0, len(Q), _BATCH)
+    ]
+    return Bounds(
+        *(
+            np.concatenate([getattr(part, name) for part in parts])
+            for name in Bounds.__dataclass_fields__
+        )
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Expansion:
+    """J_V in K boxes to first order, after A: ``A J_V = I + Σ δ_j B_j + …``.
+
+    Attributes
+    ----------
+    A, D, R : (K, N, N) arrays
+        ``≈ J_V(q_c)⁻¹``, the bound of ``|A J_V − I|``, and its part beside the slopes.
+    B : (K, k, N, N) array
+        ``A ∂_j J_V``, in k variables.
+    V, dV : (K, r, n) and (K, r, n, k) arrays
+    rest : (K, r, n) array
+        What V may differ by from its first two terms, rounding included.
+    """
+
+    A: Array
+    D: Array
+    R: Array
+    B: Array
+    V: Array
+    dV: Array
+    rest: Array
+
+    def __repr__(self) -> str:
+        return f"<Expansion of {len(self.A)} boxes>"
+
+
+@np.errstate(all="ignore")
+def _batch(problem: LeafMargin, Q: Array, half: Array) -> Bounds:
+    return margins(_expansion(problem, Q, half), half, problem.chain.n, problem.eps, problem.beta)
+
+
+@np.errstate(all="ignore")
+def margins(at: Expansion, half: Array, n: int, eps: float, beta: float | Array) -> Bounds:
+    """Bound the leaf margin in boxes where J_V is given to first order, in the variables of half
+    (K, k)."""
+    slack = 1 + eps
+    A, V = at.A, at.V
+    r = V.shape[1]
+    X = A[:, :, 6:]  # (K, N, r)
+    norm, below = _spectral(X[:, :n])
+    dS = np.einsum("Kaij,Kbi->Kjab", at.dV, V)
+    dX = -at.B @ X[:, None]  # (K, n, N, r)
+    F = (
+        np.concatenate([np.abs(A[:, :, :6]), np.einsum("Kjia,Kj->Kia", np.abs(dX), half)], axis=2)
+        + eps
+    )
+    dX = dX[:, :, :n] + X[:, None, :n] @ dS
+    wide = np.einsum("Kjia,Kj->Kia", np.abs(dX), half)
+    F[:, :, 6:] += at.R @ np.abs(X)
+    Y, DY, regular = enclosed(at.D, F, eps)
+
+    # |V^T V_c − I| ≤ S; |(X V^T V_c)^T (X V^T V_c) − X^T X| ≤ K, with e what X V^T V_c has beside
+    # its slopes
+    loose = np.abs(V @ np.swapaxes(V, 1, 2) - np.eye(r))
+    defect = eps + loose.sum(axis=(1, 2))
+    loose = loose + at.rest @ np.abs(np.swapaxes(V, 1, 2)) + eps
+    S = loose + np.einsum("Kjab,Kj->Kab", np.abs(dS), half)
+    e = (at.R @ np.abs(X) + DY[:, :, 6:] + np.abs(X) @ loose + Y[:, :, 6:] @ S)[:, :n]
+    X, X_T = X[:, :n], np.swapaxes(X[:, :n], 1, 2)
+    both = X_T[:, None] @ dX
+    both = np.abs(both + np.swapaxes(both, 2, 3)) * half[:, :, None, None]  # (K, j, r, r)
+    cross = np.abs(X_T) @ e
+    K = both.sum(axis=1) + cross + np.swapaxes(cross, 1, 2)
+    K += np.swapaxes(wide + e, 1, 2) @ (wide + e) + eps * (np.abs(X_T) @ np.abs(X))
+    moved = at.rest + np.einsum("Kaij,Kj->Kai", np.abs(at.dV), half)
+    turned = np.sqrt((S**2).sum(axis=(1, 2))) * slack
+    size = (moved**2).sum(axis=(1, 2)) * slack / (1 - turned) ** 2
+    bound = (1 - eps) / (
+        np.sqrt((norm**2 + _spectral(K)[0]) * slack * (1 + size * slack)) * (1 + 4 * defect) * slack
+    )
+    sigma = (1 - eps) / (np.sqrt((Y[:, :n, :6] ** 2).sum(axis=(1, 2))) * slack * beta)
+
+    good = regular & (turned < 0.5) & (defect < 0.01) & np.isfinite(bound)
+    share = np.abs(at.B)[:, :, :n].sum(axis=(2, 3)) * half
+    second = np.sqrt((e**2).sum(axis=(1, 2)))[:, None] * share / share.sum(axis=1)[:, None]
+    cost = 0.5 * np.sqrt((both**2).sum(axis=(2, 3))) / norm[:, None] + 2 * second
+    share = np.where(np.isfinite(share).all(axis=1)[:, None], share, half)
+    split = np.where(good, cost.argmax(axis=1), share.argmax(axis=1)).astype(np.int32)
+    center = np.where(np.isfinite(below) & (below > 0), 1 / below, 0.0)
+    return Bounds(np.where(good, bound, 0.0), center, np.where(regular, sigma, 0.0), split)
+
+
+@np.errstate(all="ignore")
+def _expansion(problem: LeafMargin, Q: Array, half: Array) -> Expansion:
+    """Expand J_V around the centres of boxes Q ± half, (K, n) each."""
+    chain, n, N = problem.chain, problem.chain.n, problem.chain.N
+    S = chain.S[:, :n]
+    theta, eta = Q @ S.T + chain.o, half @ np.abs(S).T
+    xi, tip = screws(chain, theta)
+    linear, angular = (rest @ np.abs(chain.S) for rest in remainders(chain, theta, eta))  # (K, N)
+    V, dV, rest, round_V = _potentials(problem, Q, half)
+    r = V.shape[1]
+    J_V = np.zeros((len(Q), N, N))
+    J_V[:, :6], J_V[:, 6:, :n] = np.einsum("Klx,lc->Kxc", xi, chain.S), V
+    A = inverses(J_V)
+    R = np.abs(A @ J_V - np.eye(N))
+    R += np.linalg.norm(A[:, :, :3], axis=2)[:, :, None] * linear[:, None]
+    R += np.linalg.norm(A[:, :, 3:6], axis=2)[:, :, None] * angular[:, None]
+    R[:, :, :n] += np.abs(A[:, :, 6:]) @ rest
+    round_ = np.concatenate([np.broadcast_to(problem.round[:6], (len(Q), 6)), round_V], axis=1)
+    R += np.einsum("Kia,Ka->Ki", np.abs(A), round_)[:, :, None]
+    slope = np.zeros((len(Q), n, 6 + r, N))
+    slope[:, :, :6] = np.swapaxes(slopes(chain, xi, tip), 2, 3)
+    slope[:, :, 6:, :n] = np.transpose(dV, (0, 3, 1, 2))
+    B = A[:, None] @ slope
+    D = R + np.einsum("Kjic,Kj->Kic", np.abs(B), half)
+    return Expansion(A, D, R, B, V, dV, rest + round_V[:, :, None])
+
+
+def enclosed(D: Array, F: Array, eps: float) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Find Y > 0 with ``(1 + ε) D Y + F ≤ (1 − ε) Y``, DY, and where that holds: solved with twice
+    the slack."""
+    Y = _solved((1 - 2 * eps) * np.eye(D.shape[1]) - (1 + eps) * D, F)
+    DY = D @ Y
+    held = (Y > 0) & ((1 + eps) * DY + F <= (1 - eps) * Y)
+    return Y, DY, np.asarray(held.all(axis=(1, 2)))
+
+
+def _potentials(problem: LeafMargin, Q: Array, half: Array) -> tuple[Array, Array, Array, Array]:
+    """Evaluate V (K, r, n), its slopes (K, r, n, n) and the bounds of the rest, in a gauge of
+    orthonormal columns."""
+    parts = problem.features
+    phi = _features(parts, Q)
+    V, dV = np.einsum("aif,Kf->Kai", parts.G, phi), np.einsum("aijf,Kf->Kaij", parts.C, phi)
+    rest = 0.5 * np.einsum("aijl,Kj,Kl->Kai", parts.T, half, half, optimize=True) + parts.E
+    if len(parts.third):
+        third = np.abs(np.einsum("aijlf,Kf->Kaijl", parts.C3, phi[:, parts.third], optimize=True))
+        third += np.einsum("aijlm,Km->Kaijl", parts.T4, half) / 3
+        rest = rest + 0.5 * np.einsum("Kaijl,Kj,Kl->Kai", third, half, half, optimize=True)
+    round_ = np.tile(problem.round[6:], (len(Q), 1))
+    for a in range(V.shape[1]):
+        for b in [*range(a), *range(a)]:
+            s = (V[:, a] * V[:, b]).sum(axis=1)
+            V[:, a] -= s[:, None] * V[:, b]
+            dV[:, a] -= s[:, None, None] * dV[:, b]
+            rest[:, a] += np.abs(s)[:, None] * rest[:, b]
+            round_[:, a] += np.abs(s) * round_[:, b]
+        norm = np.linalg.norm(V[:, a], axis=1)
+        V[:, a] /= norm[:, None]
+        dV[:, a] /= norm[:, None, None]
+        rest[:, a] /= norm[:, None]
+        round_[:, a] /= norm
+    return V, dV, rest, round_
+
+
+def _features(parts: Features, Q: Array) -> Array:
+    """Evaluate the features at every row of Q (K, n): (K, F)."""
+    z = Q @ parts.Z.T - parts.z0
+    phi = np.ones((len(Q), len(parts.kind)))
+    for f, (kind, parent, variable) in enumerate(
+        zip(parts.kind, parts.parent, parts.variable, strict=True)
+    ):
+        if kind == PRODUCT:
+            phi[:, f] = phi[:, parent] * z[:, variable]
+        elif kind:
+            phi[:, f] = np.sin(z[:, variable]) if kind == SINE else np.cos(z[:, variable])
+    return phi
+
+
+def inverses(matrices: Array) -> Array:
+    """Invert (K, N, N); NaN where a matrix is singular."""
+    try:
+        return np.asarray(np.linalg.inv(matrices), float)
+    except np.linalg.LinAlgError:
+        regular = np.isfinite(matrices).all(axis=(1, 2)) & (
+            np.linalg.svd(matrices, compute_uv=False)[:, -1] > 1e-14
+        )
+        inverses = np.full_like(matrices, np.nan)
+        inverses[regular] = np.linalg.inv(matrices[regular])
+        return inverses
+
+
+def _solved(M: Array, B: Array) -> Array:
+    """Solve M Y = B without exchanging rows; NaN where a pivot is not positive, so M is no
+    M-matrix."""
+    M, Y = M.copy(), B.copy()
+    N = M.shape[1]
+    for c in range(N):
+        M[:, c, c] = np.where(M[:, c, c] > 1e-12, M[:, c, c], np.nan)
+        factor = M[:, c + 1 :, c] / M[:, c, c, None]
+        M[:, c + 1 :, c + 1 :] -= factor[:, :, None] * M[:, c, None, c + 1 :]
+        Y[:, c + 1 :] -= factor[:, :, None] * Y[:, c, None]
+    for c in range(N - 1, -1, -1):
+        Y[:, c] = (Y[:, c] - np.einsum("Kl,Klj->Kj", M[:, c, c + 1 :], Y[:, c + 1 :])) / M[
+            :, c, c, None
+        ]
+    return Y
+
+
+def _spectral(X: Array) -> tuple[Array, Array]:
+    """Bound the spectral norms of X (K, n, r) from above and below: ``λ ≤ (tr G^256)^(1/256) ≤
+    r^(1/256) λ``."""
+    r = X.shape[2]
+    G = np.swapaxes(X, 1, 2) @ X
+    scale, power = np.zeros(len(X)), 1
+    for _ in range(0 if r == 1 else 8):
+        trace = np.trace(G, axis1=1, axis2=2)
+        scale += np.log(trace) / power
+        power *= 2
+        G = G / trace[:, None, None]
+        G = G @ G
+    top = scale + np.log(np.trace(G, axis1=1, axis2=2)) / power
+    return np.exp(top / 2), np.exp((top - np.log(r) / power) / 2)
+
+
+# ---- C -----------------------------------------------------------------------------------------
+
+
+class _Problem(ctypes.Structure):
+    """The struct of leaf_margin.c."""
+
+    _fields_ = (
+        [(name, ctypes.c_int) for name in ("P", "k", "n", "N", "r", "Z", "F", "F3")]
+        + [(name, ctypes.c_double) for name in ("eps", "beta")]
+        + [
+            (name, ctypes.c_void_p)
+            for name in (
+                *(
+                    "R",
+                    "p",
+                    "a",
+                    "shift",
+                    "reach",
+                    "revolute",
+                    "level",
+                    "first",
+                    "column",
+                    "S",
+                    "o",
+                ),
+                *(
+                    "Zq",
+                    "z0",
+                    "kind",
+                    "parent",
+                    "variable",
+                    "third",
+                    "G",
+                    "C",
+                    "C3",
+                    "T",
+                    "T4",
+                    "E",
+                    "round",
+                ),
+            )
+        ]
+    )
+
+
+_loaded: list[ctypes.CDLL | None] = []
+
+
+def _library() -> ctypes.CDLL | None:
+    """Compile the kernel once; None without a compiler, of which a warning tells once."""
+    if not _loaded:
+        source = files(__package__).joinpath("leaf_margin.c").read_text(encoding="ascii")
+        try:
+            _loaded.append(ctypes.CDLL(loaded_library(source)))
+        except (NoCompilerError, OSError) as error:
+            warnings.warn(
+                f"proofs run in NumPy, a few times slower: {error}", UserWarning, stacklevel=4
+            )
+            _loaded.append(None)
+    return _loaded[0]
+
+
+def _in_c(problem: LeafMargin, library: ctypes.CDLL, Q: Array, half: Array) -> Bounds:
+    chain, parts, n = problem.chain, problem.features, problem.chain.n
+    S = chain.S
+    row, column = np.nonzero(S)
+    upper = np.triu_indices(n)
+    ints = {
+        "revolute": chain.revolute,
+        "level": chain.level,
+        "first": np.searchsorted(row, np.arange(len(S) + 1)),
+        "column": column,
+        "kind": parts.kind,
+        "parent": parts.parent,
+        "variable": parts.variable,
+        "third": parts.third,
+    }
+    reals = {
+        "R": chain.R,
+        "p": chain.p,
+        "a": chain.a,
+        "shift": chain.shift,
+        "reach": chain.reach,
+        "S": S[row, column],
+        "o": chain.o,
+        "Zq": parts.Z,
+        "z0": parts.z0,
+        "G": parts.G,
+        "C": parts.C[:, upper[0], upper[1]],
+        "C3": parts.C3[:, :, upper[0], upper[1]],
+        "T": parts.T,
+        "T4": parts.T4,
+        "E": parts.E,
+        "round": problem.round,
+    }
+    held = {name: np.ascontiguousarray(values, np.int32) for name, values in ints.items()}
+    held |= {name: np.ascontiguousarray(values, float) for name, values in reals.items()}
+    sizes = {"P": len(S), "k": chain.middle, "n": n, "N": chain.N, "r": len(parts.G)}
+    sizes |= {"Z": len(parts.Z), "F": len(parts.kind), "F3": len(parts.third)}
+    struct = _Problem(
+        **sizes, eps=problem.eps, beta=problem.beta, **{k: v.ctypes.data for k, v in held.items()}
+    )
+    Q, half = (np.ascontiguousarray(values, float) for values in (Q, half))
+    bound, center, sigma = np.zeros((3, len(Q)))
+    split = np.zeros(len(Q), np.int32)
+    address = [
+        ctypes.c_void_p(array.ctypes.data) for array in (Q, half, bound, center, sigma, split)
+    ]
+    library.leaf_margins(ctypes.byref(struct), ctypes.c_long(len(Q)), *address)
+    return Bounds(bound, center, sigma, split)

@@ -1,0 +1,269 @@
+"""The words of the house: names and phrases that were replaced do not come back."""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import inspect
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import repctl_pin as rp
+from repctl_pin import arguments
+from repctl_pin.cli import parser
+
+NOT_YET = """
+    repctl_pin/__init__.py
+    repctl_pin/arguments.py
+    repctl_pin/cli/__init__.py
+    repctl_pin/cli/animate.py
+    repctl_pin/cli/cell.py
+    repctl_pin/cli/check.py
+    repctl_pin/cli/endings.py
+    repctl_pin/cli/follow.py
+    repctl_pin/cli/given.py
+    repctl_pin/cli/terminal.py
+    repctl_pin/codegen/assets/arm.c
+    repctl_pin/codegen/assets/section.c
+    repctl_pin/codegen/build.py
+    repctl_pin/codegen/export.py
+    repctl_pin/codegen/potentials.py
+    repctl_pin/codegen/source.py
+    repctl_pin/design/batches.py
+    repctl_pin/design/criterion.py
+    repctl_pin/design/descend.py
+    repctl_pin/design/design_map.py
+    repctl_pin/design/design_result.py
+    repctl_pin/design/evaluation.py
+    repctl_pin/design/family.py
+    repctl_pin/design/independence.py
+    repctl_pin/design/nearest.py
+    repctl_pin/design/workers.py
+    repctl_pin/errors.py
+    repctl_pin/files.py
+    repctl_pin/integrability/derivative.py
+    repctl_pin/integrability/stable_surface.py
+    repctl_pin/inverse_function/cell_design.py
+    repctl_pin/inverse_function/cell_evaluation.py
+    repctl_pin/inverse_function/cell_potentials.py
+    repctl_pin/inverse_function/chart.py
+    repctl_pin/inverse_function/cost.py
+    repctl_pin/inverse_function/failures.py
+    repctl_pin/inverse_function/margins.py
+    repctl_pin/inverse_function/nearest_function.py
+    repctl_pin/inverse_function/penalty.py
+    repctl_pin/inverse_function/posture_search.py
+    repctl_pin/inverse_function/reference.py
+    repctl_pin/motion/best_leaf.py
+    repctl_pin/motion/fitting_circle.py
+    repctl_pin/motion/jerk.py
+    repctl_pin/motion/joint_motion.py
+    repctl_pin/motion/profile.py
+    repctl_pin/motion/run.py
+    repctl_pin/motion/timing.py
+    repctl_pin/paths/pieces.py
+    repctl_pin/paths/polyline.py
+    repctl_pin/paths/task_path.py
+    repctl_pin/potentials/arm_angle.py
+    repctl_pin/potentials/basis.py
+    repctl_pin/potentials/custom.py
+    repctl_pin/potentials/fourier.py
+    repctl_pin/potentials/joined.py
+    repctl_pin/potentials/polynomial.py
+    repctl_pin/progress.py
+    repctl_pin/redundancy/inverses.py
+    repctl_pin/regions/box.py
+    repctl_pin/robot/collision_model.py
+    repctl_pin/robot/length.py
+    repctl_pin/robot/robot.py
+    repctl_pin/robot/task.py
+    repctl_pin/robot/visuals.py
+    repctl_pin/show/notebook.py
+    repctl_pin/show/page/assets/scripts/cards.js
+    repctl_pin/show/page/meshes.py
+    repctl_pin/show/page/playback.py
+    repctl_pin/show/page/scene.py
+    repctl_pin/show/page/snapshot.py
+    repctl_pin/show/page/surfaces.py
+    repctl_pin/show/plots/cycles.py
+    repctl_pin/show/plots/motions.py
+    repctl_pin/show/text/captions.py
+    repctl_pin/show/text/inspection.py
+    repctl_pin/show/text/lines.py
+    repctl_pin/show/text/numbers.py
+    repctl_pin/show/text/table.py
+    repctl_pin/show/text/verdict.py
+    repctl_pin/strategies/control_step.py
+    repctl_pin/strategies/pseudoinverse.py
+    repctl_pin/strategies/strategy.py
+    repctl_pin/studies/defaults.py
+    repctl_pin/studies/start_and_path.py
+    repctl_pin/studies/study.py
+    repctl_pin/studies/study_result.py
+    repctl_pin/urdf/arms.toml
+    repctl_pin/urdf/catalogue.py
+    repctl_pin/urdf/checks.py
+    repctl_pin/urdf/shapes.py
+    repctl_pin/urdf/xml.py
+"""
+"""Files that still have replaced words, relative to the repository: to be emptied."""
+
+ROOT = Path(__file__).parents[1]
+
+NAMES = """
+    section fields Field FieldMap Family room apart dexterity
+    Wish Way Guarded Watch Keeper Kept Stop Sides Deed Limb Broken Track
+    rung told toward wanted stacks gate keeper inplace judgement settled
+"""
+"""Identifiers that are not used anywhere: classes, functions, parameters, attributes, variables."""
+
+ORDINARY = {
+    "fields": {"repctl_pin/motion/joint_motion.py"},  # dataclasses.fields
+}
+"""Files in which such an identifier has its ordinary sense."""
+
+MEMBERS = {
+    rp: "Potentials settled",
+    rp.Robot: "velocity",
+    rp.Task: "part full rate T",
+    rp.TaskPath: "words",
+    arguments: "wanted chosen whole spread stacks rows numbers",
+}
+"""Attributes that an object does not have; elsewhere the words have their ordinary sense."""
+
+PARAMETERS = {
+    rp.nearest_repeatable: "fields",
+    rp.nearest_inverse_function: "room apart dexterity",
+    rp.LimitWeight: "room",
+    rp.RepeatableInverse.step: "limit",
+    rp.Cell: "rotation",
+    rp.study: "task",
+}
+"""Parameters that a function does not have."""
+
+OPTIONS = {"--room", "--apart", "--dexterity", "--rotation", "--fields"}
+"""Options that no command has."""
+
+STEMS = """
+    section fields gate way keeper stops tour middle inplace result judgement
+"""
+"""Names that no file or folder of the package has."""
+
+PHRASES = {
+    "a person": r"\ba\s+person\b(?!'s skeleton)",
+    "so many": r"\bso\s+many\b",
+    "at hand": r"\bat\s+hand\b",
+    "of one's own": r"\bof\s+one['’]?s\s+own\b",
+    "the least": r"\bthe\s+least\b(?![\s-]+squares)",
+    "nobody": r"\bnobody\b",
+    "told": r"\btold\b",
+    "Of …": r"(?-i:(?<![\w-])Of)\b",  # a sentence that begins so
+}
+"""Phrases that no text has, each with its regular expression."""
+
+TEXTS = {
+    ".py",
+    ".md",
+    ".toml",
+    ".yml",
+    ".js",
+    ".html",
+    ".css",
+    ".c",
+    ".h",
+    ".hpp",
+    ".urdf",
+    ".srdf",
+}
+"""Suffixes of the files that are read."""
+
+
+def files() -> Iterator[tuple[str, Path]]:
+    """Yield the files of the package, the documentation and the examples."""
+    pages = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "mkdocs.yml")]
+    for folder in ("repctl_pin", "docs", "examples", "urdf"):
+        pages += sorted((ROOT / folder).rglob("*"))
+    for path in pages:
+        name = path.relative_to(ROOT).as_posix()
+        if path.suffix in TEXTS and name not in NOT_YET.split():
+            yield name, path
+
+
+def identifiers(tree: ast.AST) -> Iterator[tuple[int, str]]:
+    """Yield the identifiers of a module with their lines."""
+    for node in ast.walk(tree):
+        for key in ("name", "asname", "id", "attr", "arg"):
+            value = getattr(node, key, None)
+            if isinstance(value, str):
+                line = getattr(node, "lineno", 0)
+                yield from ((line, part) for part in value.split("."))
+
+
+def test_replaced_names_are_not_identifiers() -> None:
+    found = []
+    for name, path in files():
+        if path.suffix != ".py":
+            continue
+        for line, word in identifiers(ast.parse(path.read_text(encoding="utf-8"))):
+            if word in NAMES.split() and name not in ORDINARY.get(word, ()):
+                found.append(f"{name}:{line}: {word}")
+    assert not found, "\n".join(found)
+
+
+def test_replaced_phrases_are_not_in_texts() -> None:
+    found = []
+    for name, path in files():
+        text = path.read_text(encoding="utf-8")
+        for phrase, pattern in PHRASES.items():
+            for match in re.finditer(pattern, text, re.IGNORECASE):
+                line = text.count("\n", 0, match.start()) + 1
+                found.append(f"{name}:{line}: {phrase}")
+    assert not found, "\n".join(found)
+
+
+def test_replaced_names_are_not_files() -> None:
+    names = {path.relative_to(ROOT).as_posix() for path in (ROOT / "repctl_pin").rglob("*")}
+    assert not [
+        name for name in sorted(names - set(NOT_YET.split())) if Path(name).stem in STEMS.split()
+    ]
+
+
+def test_replaced_members_and_parameters_are_gone() -> None:
+    for thing, words in MEMBERS.items():
+        assert not [word for word in words.split() if hasattr(thing, word)]
+    for function, words in PARAMETERS.items():
+        assert not set(words.split()) & set(inspect.signature(function).parameters)
+
+
+def test_replaced_options_are_gone() -> None:
+    (commands,) = (
+        action.choices
+        for action in parser()._actions
+        if isinstance(action, argparse._SubParsersAction)
+    )
+    for command in commands.values():
+        options = {option for action in command._actions for option in action.option_strings}
+        assert not options & OPTIONS
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "what a\nperson gives",
+        "at most so many",
+        "the least joint speed",
+        "Told by θ₃",
+        '"""Of the path."""',
+        "limits. Of these, two",
+    ],
+)
+def test_the_phrases_are_found(text: str) -> None:
+    assert any(re.search(pattern, text, re.IGNORECASE) for pattern in PHRASES.values())
+
+
+@pytest.mark.parametrize("text", ["the least-squares start", "at least one", "a list of paths"])
+def test_ordinary_phrases_are_not_found(text: str) -> None:
+    assert not any(re.search(pattern, text, re.IGNORECASE) for pattern in PHRASES.values())
