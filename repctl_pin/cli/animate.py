@@ -124,8 +124,8 @@ def _run_live(options: Options, design: rp.Design | None, say: Callable[[str], N
         rp.Viewer(design.task, _names(design), path=path, start=q0, port=options.port or 0) as view,
     ):
         clear_line()
-        told = {"robot": design.task.robot.name, "frame": design.task.frame, "url": view.url}
-        print(as_json(told) if options.json else f"showing at {view.url} until Ctrl-C", flush=True)
+        shown = {"robot": design.task.robot.name, "frame": design.task.frame, "url": view.url}
+        print(as_json(shown) if options.json else f"showing at {view.url} until Ctrl-C", flush=True)
         if not options.no_browser:
             view.open()
         before = due = time.monotonic()

@@ -95,7 +95,7 @@ def study(
         Region Ω: half-width of a box around the start, rad (and m), or a region; by default a tube
         around the cycle.
     degree
-        Degree of the polynomial basis; by default 2, or 1 for an arm with so many joints that
+        Degree of the polynomial basis; by default 2, or 1 for an arm with many joints, for which
         degree 2 would take long.
     weight : str or (n,) or (n, n) array, optional
         Weight of the desired inverse, in place of J⁺: ``"inertia"``, ``"limits"``, or as
