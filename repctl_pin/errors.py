@@ -25,13 +25,8 @@ class RepctlError(Exception):
     The message reads ``argument fact; remedy``. The parts can be set anew, in the words of the
     program that shows the message; :func:`str` then follows them.
 
-    Parameters
-    ----------
-    fact
-        What is wrong, and why. It follows the argument's name, if there is one: ``must be above
-        0``, or ``: there is no such folder``.
-    argument, remedy, at
-        See the attributes.
+    It is made of the fact: the fault and its cause, which follow the argument's name if there is
+    one, as in ``must be above 0`` and ``: there is no such folder``.
 
     Attributes
     ----------
@@ -136,7 +131,7 @@ def needed(*modules: str, by: str) -> None:
     )
     if missing:
         are = "is" if " " not in missing else "are"
-        what = missing.replace(" ", " and ")
+        what = missing.replace(" ", ", ")
         raise InputError(
             f"{by} requires {what}, which {are} not installed",
             remedy=f"run `pip install {missing}`",
