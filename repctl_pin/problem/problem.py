@@ -246,7 +246,7 @@ def _checked_region(region: Any) -> float | Region | RegionOf | None:
     if callable(region):
         return function(region, "region", "a function (task, q0) → region", 2)
     if isinstance(region, (int, float)):
-        return positive(region, "region, a half-width,", "rad")
+        return positive(region, "region", "rad")
     return require_type(region, Region, "region", _A_REGION)
 
 
