@@ -84,19 +84,14 @@ def helped(command: str, capsys) -> str:
 def test_help_says_what_is_done(tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     for command in ("study", "design"):
-        assert "--quiet print only errors, and the JSON of --json" in helped(
-            command, capsys
-        )
+        assert "--quiet print only errors, and the JSON of --json" in helped(command, capsys)
     assert "1 to 4" not in helped("study", capsys)
     few = ["--cycles", "1", "--steps", "40", "--degree", "5", "--quiet", "--json"]
     assert (
         json.loads(printed(capsys, "study", "ppr", *few)[0])["design"]["potentials"] == 55
     )  # (3 + 5)! / 3! / 5! - 1
     text = helped("follow", capsys)
-    assert (
-        "starts and ends at path speed. With it, the motion goes from rest to rest"
-        in text
-    )
+    assert "starts and ends at path speed. With it, the motion goes from rest to rest" in text
 
 
 def test_the_motion_that_follow_writes_is_at_full_speed_at_both_ends(
@@ -106,8 +101,7 @@ def test_the_motion_that_follow_writes_is_at_full_speed_at_both_ends(
     out, _ = printed(capsys, "follow", "ppr", "--strategy", "pseudoinverse", "--csv", "m.csv")
     assert (
         "note: this motion starts and ends at path speed; "
-        "use --acceleration for a rest-to-rest trajectory\n"
-        in out
+        "use --acceleration for a rest-to-rest trajectory\n" in out
     )
     rows = np.genfromtxt("m.csv", delimiter=",", names=True)
     speed = np.linalg.norm(

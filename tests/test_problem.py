@@ -166,7 +166,10 @@ def test_an_error_of_a_cell_keeps_its_parts_when_copied() -> None:
         (["study", "ppr", "--start", "1,2"], "--start has 2 numbers"),
         (["design", "ppr", "--start", "1,2"], "--start has 2 numbers"),
         (["check", "ppr", "--start", "1,2,1e9"], "--start: "),
-        (["study", "ppr", "--path", "loop.csv", "--plane", "xy"], "--plane: the points of loop.csv"),
+        (
+            ["study", "ppr", "--path", "loop.csv", "--plane", "xy"],
+            "--plane: the points of loop.csv",
+        ),
         (["design", "planar4r", "--fourier", "99", "--degree", "1"], "--fourier 99: order 99 in 4"),
     ],
 )
@@ -186,7 +189,16 @@ def test_the_command_line_names_options(
 def test_the_library_names_no_option(tmp_path: Path) -> None:
     """Messages of the rooms below the command line name arguments, whose options it knows."""
     package = Path(rp.__file__).parent
-    named = "--package-dir --lock --base --degree --frame --plane --start --region".split()
+    named = [
+        "--package-dir",
+        "--lock",
+        "--base",
+        "--degree",
+        "--frame",
+        "--plane",
+        "--start",
+        "--region",
+    ]
     rooms = ("robot", "urdf", "problem", "studies", "motion", "design", "inverse_function")
     files = [file for room in rooms for file in (package / room).glob("*.py")]
     assert len(files) > 40

@@ -31,7 +31,7 @@ _EXAMPLES = """examples:
   repctl study xarm7 --task position --path square:0.2 --plane yz
   repctl design panda --degree auto             the nearest repeatable inverse, evaluated
   repctl cell panda --half-width 0.1 --half-angle 0.3   one function for a box of poses
-  repctl check panda --weight inertia           is an inverse repeatable, and how much does it drift?
+  repctl check panda --weight inertia           is it repeatable, and how much does it drift?
   repctl follow design.json --csv motion.csv    one cycle of a saved design, ready for a robot
   repctl animate panda --live                   both arms in the browser, until Ctrl-C
   repctl export design.json --to folder         the same in C, for the control loop of the robot
