@@ -1,4 +1,4 @@
-"""One BLAS thread while the library works: on matrices of these sizes two are slower than one."""
+"""Limit on BLAS threads: on matrices of these sizes two threads are slower than one."""
 
 from __future__ import annotations
 
@@ -16,8 +16,9 @@ _limits: Any = None
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Keep BLAS to one thread; the last to leave, of all threads, gives back what there was. Also a
-    decorator."""
+    """Limit BLAS to one thread, also usable as a decorator.
+
+    The last thread to exit restores the previous limit."""
     global _working, _limits
     with _lock:
         if _working == 0:

@@ -1,4 +1,4 @@
-"""C compiled once and kept: a private folder of the user's cache, a file for every source."""
+"""Compilation of C to shared libraries, cached by source in a private folder of the user."""
 
 from __future__ import annotations
 
@@ -22,28 +22,27 @@ from .errors import RepctlError
 
 FLAGS = ("-std=c99", "-O2", "-fPIC", "-shared")
 _COMPILES, _LOADS = 50.0, 10.0
-"""Time, s, that a compiler may take, and the load of what it made."""
+"""Maximum time of the compiler, and of loading its library, s."""
 
 _SAID = 4096
-"""Bytes of a program's stderr that are kept."""
+"""Maximum number of bytes kept of a program's stderr."""
 
 _KEY = "repctl_source_key"
 _PROBE = f"""
 import ctypes, sys
 text = ctypes.c_char * 65
 made = text.in_dll(ctypes.CDLL(sys.argv[1]), {_KEY!r}).value
-sys.exit(made.decode() != sys.argv[2] and "error: it is another library")
+sys.exit(made.decode() != sys.argv[2] and "error: the library has another key")
 """
-"""Python that loads a library in a process of its own: a file cut short ends the process that loads
-it."""
+"""Program that loads a library in a separate process, because loading a truncated file crashes."""
 
 
 class NoCompilerError(RepctlError):
-    """There is no C compiler on this machine, or it cannot build a shared library."""
+    """No C compiler is installed, or it cannot build a shared library."""
 
 
 def compiler() -> list[str]:
-    """Find the C compiler: what ``CC`` says, else ``cc``, ``gcc`` or ``clang``.
+    """Find the C compiler: ``CC`` if set, else ``cc``, ``gcc`` or ``clang``.
 
     Raises
     ------
@@ -53,28 +52,26 @@ def compiler() -> list[str]:
     try:
         asked = shlex.split(os.environ.get("CC", ""))
     except ValueError as error:
-        raise NoCompilerError(f"CC names no C compiler: {error}") from None
+        raise NoCompilerError(f"CC is not a C compiler command: {error}") from None
     for command in [asked] if asked else [["cc"], ["gcc"], ["clang"]]:
         found = shutil.which(command[0])
         if found is not None:
             return [found, *command[1:]]
-    raise NoCompilerError(
-        f"there is no C compiler {f'{_clean(asked[0])!r} (CC)' if asked else '(cc, gcc, clang)'} here"
-    )
+    tried = f"{_clean(asked[0])!r} (CC)" if asked else "(cc, gcc, clang)"
+    raise NoCompilerError(f"no C compiler {tried} is installed")
 
 
 def shared_library(code: str) -> Path:
-    """Compile C to a shared library that loads, or take the one that was compiled from the same
-    source before.
+    """Compile C to a shared library, or return the cached one of the same source.
 
-    Files are written under another name and renamed, so two processes at once do no harm. The
-    folder is the user's alone; a file in it counts only with the checksum that was written beside
-    it. Where the cache cannot be used, a temporary folder serves.
+    Files are written under another name and renamed, so that processes can compile at the same
+    time. The folder is private to the user, and a file in it is valid only with the checksum beside
+    it. If the cache cannot be used, a temporary folder is.
 
     Raises
     ------
     NoCompilerError
-        If there is no compiler, it fails, or what it makes does not load here.
+        If there is no compiler, it fails, or its library does not load.
     """
     command = [*compiler(), *FLAGS]
     key = hashlib.sha256(
@@ -85,36 +82,37 @@ def shared_library(code: str) -> Path:
     for folder in (_cache_folder, _own_folder):
         try:
             return _kept(keyed, command, folder(), key)
-        except OSError as error:  # full, read-only, not executable, or a folder in a file's place
+        except (
+            OSError
+        ) as error:  # disk full, read-only or not executable, or a folder instead of a file
             refused = _clean(error)
-    raise NoCompilerError(f"a compiled control can be kept and loaded nowhere: {refused}")
+    raise NoCompilerError(f"no folder can store and load a compiled library: {refused}")
 
 
 def loaded_library(code: str) -> str:
-    """Compile C to a shared library, as :func:`shared_library` does, and load it: its path.
+    """Compile C to a shared library as in :func:`shared_library`, load it, and return its path.
 
     Raises
     ------
     NoCompilerError
-        If there is none, or it does not load in this process.
+        If there is no library, or it does not load in this process.
     """
     library = shared_library(code)
     try:
         made = (ctypes.c_char * 65).in_dll(ctypes.CDLL(str(library)), _KEY).value
     except (OSError, ValueError) as error:
         raise NoCompilerError(
-            f"a compiled control does not load: {_clean(error)}; delete {library}"
+            f"a compiled library does not load: {_clean(error)}; delete {library}"
         ) from None
     if made != library.stem.encode():
-        raise NoCompilerError(
-            f"another library stands in the place of a compiled control; delete {library}"
-        )
+        raise NoCompilerError(f"a compiled library was replaced by another one; delete {library}")
     return str(library)
 
 
 def _kept(code: str, command: list[str], folder: Path, key: str) -> Path:
-    """Take the library from a folder, or compile it there; OSError where that folder cannot
-    serve."""
+    """Return the library in a folder, compiled if necessary.
+
+    Raises OSError if the folder cannot be used."""
     library, checksum = folder / f"{key}.so", folder / f"{key}.sha256"
     if not _intact(library, checksum):
         _compile(code, command, library, checksum, key)
@@ -122,7 +120,7 @@ def _kept(code: str, command: list[str], folder: Path, key: str) -> Path:
 
 
 def _intact(library: Path, checksum: Path) -> bool:
-    """Whether a library is whole, ours, and writable by nobody else."""
+    """Test whether a library has its checksum and belongs to the user alone."""
     try:
         if not (_ours(library) and _ours(checksum) and checksum.stat().st_size == 64):
             return False
@@ -134,7 +132,7 @@ def _intact(library: Path, checksum: Path) -> bool:
 
 
 def _ours(file: Path) -> bool:
-    """Whether it is a plain file that the user owns and nobody else can write."""
+    """Test whether a path is a regular file of the user that is writable by the user only."""
     status = file.lstat()
     return (
         stat.S_ISREG(status.st_mode) and status.st_uid == os.getuid() and not status.st_mode & 0o022
@@ -142,30 +140,30 @@ def _ours(file: Path) -> bool:
 
 
 def _compile(code: str, command: list[str], library: Path, checksum: Path, key: str) -> None:
-    """Compile, load in another process, and put in place."""
+    """Compile, test loading in another process, and move the library to its place."""
     with tempfile.TemporaryDirectory(
         dir=library.parent, prefix=".building-", ignore_cleanup_errors=True
     ) as building:
-        source, built, digest = (
-            Path(building) / name for name in ("control.c", "control.so", "digest")
-        )
+        source = Path(building) / "control.c"
+        built = Path(building) / "control.so"
+        digest = Path(building) / "digest"
         source.write_text(code, encoding="ascii", newline="\n")
         failed, said = _run(
             [*command, "-o", str(built), str(source), "-lm"], shlex.join(command), _COMPILES
         )
         if failed or not built.is_file() or built.is_symlink():
             raise NoCompilerError(
-                f"{_clean(command[0])} could not compile the control: {said or 'it made no file'}"
+                f"{_clean(command[0])} could not compile the code: {said or 'no output file'}"
             )
         built.chmod(0o700)
         if sys.executable:
             line = [sys.executable, "-I", "-S", "-c", _PROBE, str(built), key]
-            failed, said = _run(line, f"loading what {shlex.join(command)} made", _LOADS)
+            failed, said = _run(line, f"loading the library of {shlex.join(command)}", _LOADS)
             if failed and "failed to map segment" in said:
-                raise OSError(said)  # a folder from which nothing can be run
+                raise OSError(said)  # a folder mounted without execution
             if failed:
                 raise NoCompilerError(
-                    f"what {_clean(command[0])} made does not load here: {said or 'it ended Python'}"
+                    f"the library of {_clean(command[0])} does not load: {said or 'Python crashed'}"
                 )
         digest.write_text(hashlib.sha256(built.read_bytes()).hexdigest(), encoding="ascii")
         os.replace(built, library)
@@ -173,15 +171,16 @@ def _compile(code: str, command: list[str], library: Path, checksum: Path, key: 
 
 
 _hung: set[str] = set()
-"""Commands that took longer than they may: they are not asked again."""
+"""Commands that exceeded their maximum time; they are not run again."""
 
 
 def _run(line: list[str], name: str, most: float) -> tuple[bool, str]:
-    """Run a program and all that it starts for a limited time, s: whether it failed, and its first
-    words on stderr."""
+    """Run a program and its children for at most ``most`` s.
+
+    Returns whether it failed, and the first error line of its stderr."""
     too_long = f"{_clean(name)} took longer than {most:g} s"
     if name in _hung:
-        raise NoCompilerError(f"{too_long}, and is not asked again")
+        raise NoCompilerError(f"{too_long} and is not run again")
     try:
         process = subprocess.Popen(
             line,
@@ -189,7 +188,7 @@ def _run(line: list[str], name: str, most: float) -> tuple[bool, str]:
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             env=os.environ | {"LC_ALL": "C"},
-            start_new_session=True,  # a group of its own, which is ended as a whole
+            start_new_session=True,  # a separate process group, which can be killed as a whole
         )
     except (OSError, ValueError) as error:
         raise NoCompilerError(f"{_clean(name)} cannot be run: {_clean(error)}") from None
@@ -206,8 +205,7 @@ def _run(line: list[str], name: str, most: float) -> tuple[bool, str]:
 
 
 def _first_words(process: subprocess.Popen[bytes], until: float) -> str:
-    """Wait for a program, read all that it says, and keep the beginning: the first line that tells
-    of an error."""
+    """Wait for a program and return the first line of its stderr that mentions an error."""
     assert process.stderr is not None
     kept = b""
     with process.stderr as pipe:
@@ -216,10 +214,10 @@ def _first_words(process: subprocess.Popen[bytes], until: float) -> str:
             if select.select([pipe], [], [], 0.02)[0]:
                 said = os.read(pipe.fileno(), 1 << 16)
                 kept = (kept + said)[:_SAID]
-                if not said:  # it says no more
+                if not said:  # end of output
                     process.wait(max(0.0, until - time.monotonic()))
                     break
-            elif ended:  # what it started holds the pipe still
+            elif ended:  # a child process keeps the pipe open
                 break
         else:
             raise subprocess.TimeoutExpired(process.args, until)
@@ -228,18 +226,17 @@ def _first_words(process: subprocess.Popen[bytes], until: float) -> str:
 
 
 def _clean(text: object) -> str:
-    """One line of a foreign text, without control characters."""
+    """Convert a text to one line without control characters."""
     words = " ".join(str(text).split())
     return "".join(c if c.isprintable() else "?" for c in words)[:200]
 
 
 def _cache_folder() -> Path:
-    """Find or make the folder of the user's cache, for the user alone; OSError where there is
-    none."""
+    """Find or create the private cache folder of the user; OSError if that is not possible."""
     base = os.environ.get("XDG_CACHE_HOME", "")
     try:
         cache = Path(base) if os.path.isabs(base) else Path.home() / ".cache"
-    except RuntimeError as error:  # no HOME, and a user whom the system does not know
+    except RuntimeError as error:  # no HOME, and a user unknown to the system
         raise OSError(str(error)) from None
     folder = cache / "repctl_pin" / "compiled"
     folder.mkdir(parents=True, exist_ok=True, mode=0o700)
@@ -250,11 +247,11 @@ def _cache_folder() -> Path:
 
 
 def _own_folder() -> Path:
-    """Find or make a temporary folder of this process."""
+    """Return the temporary folder of this process."""
     return Path(_temporary().name)
 
 
 @functools.cache
 def _temporary() -> tempfile.TemporaryDirectory[str]:
-    """A folder that goes when the process ends."""
+    """Create a temporary folder that is deleted when the process ends."""
     return tempfile.TemporaryDirectory(prefix="repctl_pin-", ignore_cleanup_errors=True)

@@ -1,5 +1,4 @@
-"""Files written whole or not at all, and read only where they are files and of a size that is
-meant."""
+"""Atomic writing of files, and reading of regular files up to a maximum size."""
 
 from __future__ import annotations
 
@@ -16,13 +15,12 @@ from .errors import InputError
 
 
 def check_folder(folder: Path, *, make: bool = False) -> Path:
-    """Make sure that files can be written into a folder, before any long work; one that is not
-    there may be made.
+    """Check that files can be written into a folder, and create it if asked to.
 
     Raises
     ------
     InputError
-        If it cannot be made or written.
+        If the folder cannot be created or written.
     """
     try:
         if make:
@@ -38,30 +36,28 @@ def check_folder(folder: Path, *, make: bool = False) -> Path:
 
 
 def prepare_folder(folder: Path) -> Path:
-    """Make a folder where it is not there, and make sure that files can be written into it."""
+    """Create a folder if it does not exist, and check that files can be written into it."""
     return check_folder(folder, make=True)
 
 
 @contextlib.contextmanager
 def not_left_empty(folder: Path) -> Iterator[Path]:
-    """Leave no empty folder behind: what is made on the way to it, and holds nothing in the end,
-    goes again."""
+    """Remove the folder and its new parents at the end if they are empty."""
     missing = [part for part in (folder, *folder.parents) if not part.exists()]
     try:
         yield folder
     finally:
         for part in missing:
-            with contextlib.suppress(OSError):  # it is not there, or holds something
+            with contextlib.suppress(OSError):  # missing or not empty
                 part.rmdir()
 
 
 @contextlib.contextmanager
 def written_together(folder: Path) -> Iterator[Path]:
-    """Give an empty folder to write files into; at the end all of them replace those in ``folder``,
-    or none do.
+    """Provide a temporary folder whose files replace those in ``folder``, all or none.
 
-    They are moved at once, and one process at a time moves: a folder never holds files of two runs.
-    After an exception the files in ``folder`` are as they were.
+    One process at a time moves its files, so that a folder never holds files of two runs. After an
+    exception the files in ``folder`` are unchanged.
 
     Raises
     ------
@@ -88,7 +84,7 @@ def _target_in(folder: Path, name: str) -> Path:
 
 
 def _move(file: Path, target: Path) -> None:
-    """Rename a file that is whole already; where that cannot be done, write the other anew."""
+    """Replace a file by renaming a complete one, or by writing it again if that fails."""
     old = target.stat() if target.exists() else None
     try:
         if old is None or stat.S_ISREG(old.st_mode):
@@ -103,8 +99,7 @@ def _move(file: Path, target: Path) -> None:
 
 @contextlib.contextmanager
 def _one_at_a_time(folder: Path) -> Iterator[None]:
-    """Wait for other processes that move files into a folder; not where folders cannot be
-    locked."""
+    """Lock a folder against other processes, where the system can lock folders."""
     try:
         import fcntl
 
@@ -113,7 +108,7 @@ def _one_at_a_time(folder: Path) -> Iterator[None]:
         yield
         return
     try:
-        with contextlib.suppress(OSError):  # a disk without locks
+        with contextlib.suppress(OSError):  # a file system without locks
             fcntl.flock(handle, fcntl.LOCK_EX)
         yield
     finally:
@@ -121,29 +116,28 @@ def _one_at_a_time(folder: Path) -> Iterator[None]:
 
 
 def write_whole(path: str | Path, content: str | bytes) -> Path:
-    """Write a file through a temporary one beside it and a rename: a reader sees the old or the
-    new, never half.
+    """Write a file atomically: to a temporary file beside it, which is then renamed.
 
-    A link is followed, and what it leads to is replaced. A device or a pipe is written through,
-    never replaced.
+    A symbolic link is followed, and its target is replaced. A device or a pipe is written to, never
+    replaced.
 
     Parameters
     ----------
     path
         The file.
     content
-        What to write; text as UTF-8.
+        Content of the file; text is encoded as UTF-8.
 
     Returns
     -------
     Path
-        The file that was written: where a link leads.
+        The file written; for a symbolic link, its target.
 
     Raises
     ------
     InputError
-        If it is a folder, or cannot be written (permission, full disk); an old file stays as it
-        was.
+        If the path is a folder, or cannot be written (permission, full disk); an existing file is
+        then unchanged.
     """
     data = content.encode("utf-8", "replace") if isinstance(content, str) else content
     try:
@@ -162,54 +156,55 @@ def write_whole(path: str | Path, content: str | bytes) -> Path:
 
 
 def read_whole(path: str | Path, largest: int) -> str:
-    """Read a text file of at most so many bytes; nothing but a regular file is opened.
+    """Read a regular UTF-8 file of at most ``largest`` bytes.
 
     Raises
     ------
     InputError
-        If it is no such file, too large, cannot be read, or is no UTF-8.
+        If the path is not a regular file, is too large, cannot be read, or is not UTF-8.
     """
     try:
-        mode, data = os.stat(path).st_mode, b""
+        mode = os.stat(path).st_mode
+        data = b""
         if stat.S_ISREG(mode):
-            with open(
-                os.open(path, os.O_RDONLY | os.O_NONBLOCK), "rb"
-            ) as file:  # were it a pipe by now: no waiting
-                mode, data = os.fstat(file.fileno()).st_mode, file.read(largest + 1)
+            # O_NONBLOCK: do not wait if the file was replaced by a pipe
+            handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+            with open(handle, "rb") as file:
+                mode = os.fstat(handle).st_mode
+                data = file.read(largest + 1)
     except (OSError, ValueError) as error:  # ValueError: a name with a NUL
         raise InputError(
             f"cannot read {path}: {getattr(error, 'strerror', None) or error}"
         ) from None
     if not stat.S_ISREG(mode):
-        what = "a folder" if stat.S_ISDIR(mode) else "a device or a pipe, where a file is wanted"
-        raise InputError(f"cannot read {path}: it is {what}")
+        what = "a folder" if stat.S_ISDIR(mode) else "a device or a pipe"
+        raise InputError(f"cannot read {path}: it is {what}; give a file")
     if len(data) > largest:
-        raise InputError(f"cannot read {path}: it is larger than {largest / 1e6:g} MB")
+        raise InputError(f"cannot read {path}: the file is larger than {largest / 1e6:g} MB")
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError:
-        raise InputError(f"cannot read {path}: it is not a text file (UTF-8)") from None
+        raise InputError(f"cannot read {path}: the file is not UTF-8 text") from None
 
 
 def _target(path: str | Path) -> Path:
-    """Find what is to be written: where a link leads."""
+    """Resolve the file to write: the target of a symbolic link, else the path itself."""
     if not str(path):
-        raise ValueError("it is no file name")
+        raise ValueError("the file name is empty")
     target = Path(path)
     if target.is_symlink():
         target = Path(os.path.realpath(target))
     if target.is_dir():
-        raise ValueError("it is a folder; give a file name")
+        raise ValueError("the path is a folder; give a file name")
     return target
 
 
 def _replace(target: Path, data: bytes, old: os.stat_result | None) -> None:
-    """Write a temporary file beside the target, under an unpredictable name, and rename it."""
+    """Write a temporary file with an unpredictable name beside the target, and rename it."""
     temporary = target.with_name(f".repctl-{secrets.token_hex(8)}")
-    try:  # from here on: a signal may come before the file's handle is known
-        handle = os.open(
-            temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_NOFOLLOW", 0), 0o666
-        )
+    flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_NOFOLLOW", 0)
+    try:  # includes os.open: a signal may arrive before it returns the handle
+        handle = os.open(temporary, flags, 0o666)
         with open(handle, "wb") as file:
             if old is not None:
                 with contextlib.suppress(OSError):
@@ -222,9 +217,7 @@ def _replace(target: Path, data: bytes, old: os.stat_result | None) -> None:
         with contextlib.suppress(OSError):
             temporary.unlink()
         raise
-    with contextlib.suppress(
-        OSError
-    ):  # make the rename itself outlast a power cut, where the system can
+    with contextlib.suppress(OSError):  # flush the rename to disk, where the system can
         folder = os.open(target.parent, os.O_RDONLY)
         try:
             os.fsync(folder)

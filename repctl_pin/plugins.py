@@ -1,17 +1,17 @@
-"""What other packages register: strategies, potentials and paths, by entry point.
+"""Plugins: strategies, potentials and paths that other packages register as entry points.
 
 In the ``pyproject.toml`` of such a package::
 
     [project.entry-points."repctl_pin.strategies"]
     my_control = "my_package:MyControl"          # task → strategy
 
-    [project.entry-points."repctl_pin.potentials"]
-    my_waves = "my_package:waves"                # (task, q0) → family of potentials
+    [project.entry-points."repctl_pin.potentials"] my_waves = "my_package:waves"                #
+    (task, q0) → basis of potentials
 
     [project.entry-points."repctl_pin.paths"]
     spiral = "my_package:spiral"                 # (task, q0, *numbers, plane=…) → closed path
 
-Nothing of it is imported before it is asked for by name.
+A plugin is imported only when it is requested by name.
 """
 
 from __future__ import annotations
@@ -22,31 +22,32 @@ from typing import Any
 from .errors import InputError, unknown
 
 _ONE_OF = {"strategies": "strategy", "potentials": "basis of potentials", "paths": "path"}
-"""What is registered, and what one of each kind is called."""
+"""Kinds of plugins, and the singular noun for each."""
 
 
 def registered(kind: str) -> dict[str, EntryPoint]:
-    """List what is registered of a kind, by name: nothing is imported."""
+    """List the plugins of a kind by name, without importing them."""
     assert kind in _ONE_OF, kind
     return {point.name: point for point in entry_points(group=f"repctl_pin.{kind}")}
 
 
 def plugin(kind: str, name: str, *, known: tuple[str, ...] = ()) -> Any:
-    """Import what another package registered under a name.
+    """Import the plugin that another package registered under a name.
 
     Parameters
     ----------
     kind
         ``strategies``, ``potentials`` or ``paths``.
     name
-        The name it was registered under.
+        Name under which it is registered.
     known
-        Names that we have ourselves, for the message.
+        Built-in names, for the message.
 
     Raises
     ------
     InputError
-        If there is no such name, or it cannot be imported or called; the package is named.
+        If no plugin has this name, or it cannot be imported or is not callable; the message names
+        the package.
     """
     found = registered(kind)
     if name not in found:
@@ -60,5 +61,5 @@ def plugin(kind: str, name: str, *, known: tuple[str, ...] = ()) -> Any:
             f"{name!r} of {package} cannot be imported: {type(error).__name__}: {error}"
         ) from error
     if not callable(made):
-        raise InputError(f"{name!r} of {package} must be something to call, not {made!r}")
+        raise InputError(f"{name!r} of {package} must be a function or a class, not {made!r}")
     return made

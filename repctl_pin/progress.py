@@ -1,4 +1,4 @@
-"""Say how far a long run has come: a bar on stderr, or a function of one's own."""
+"""Progress reports of long computations: a bar on stderr, or a callback."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from contextlib import contextmanager
 from .errors import needed
 
 Report = Callable[[str, float], None]
-"""Takes what is being done, and what share of it is done (0 to 1)."""
+"""Progress callback (step, fraction): the current step, and the completed fraction, 0 to 1."""
 
 
 def silent(what: str, share: float) -> None:
-    """Report nothing."""
+    """Ignore progress."""
 
 
 @contextmanager
 def reporter(progress: bool | Report) -> Iterator[Report]:
-    """Make a report function: silent, a bar, or the user's own."""
+    """Provide a progress callback: one that does nothing, a bar, or the user's."""
     if callable(progress) or not progress:
         yield progress if callable(progress) else silent
         return

@@ -1,4 +1,4 @@
-"""Scratch memory for each thread: one object may be called from any number of them."""
+"""Scratch memory per thread, so that any number of threads can call one object."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ T = TypeVar("T")
 
 
 class PerThread(threading.local, Generic[T]):
-    """Make something anew in each thread that asks for it.
+    """Value that is created once per thread.
 
     Parameters
     ----------
     make
-        What makes it.
+        Function that creates the value.
 
     Attributes
     ----------
     own
-        What was made in this thread.
+        Value of the current thread.
     """
 
     def __init__(self, make: Callable[[], T]) -> None:

@@ -87,7 +87,7 @@ def test_two_columns_of_one_name_are_refused(study: rp.Study) -> None:
     motion = study.row("repeatable").motion
     for names in (("time", "b", "c"), ("a", "a_velocity", "c")):
         task = SimpleNamespace(robot_joints=names)
-        with pytest.raises(rp.InputError, match="two columns are called"):
+        with pytest.raises(rp.InputError, match="two columns are named"):
             csv_text(SimpleNamespace(**(vars(motion) | {"task": task, "joints": motion.joints})))
 
 
@@ -125,18 +125,18 @@ def test_a_files_times_say_how_fast_its_joints_are(study: rp.Study, tmp_path: Pa
 
 BAD = {
     "no such file": (None, "cannot read .*No such file"),
-    "not text": (b"\xff\xfe\x00\x01", "not a text file"),
-    "empty": (b"", "no column of a joint"),
-    "header only": (b"d1,d2,theta3\n", "holds no rows"),
+    "not text": (b"\xff\xfe\x00\x01", "not UTF-8 text"),
+    "empty": (b"", "there is no joint column"),
+    "header only": (b"d1,d2,theta3\n", "contains no rows"),
     "strange column": (b"d1,elbow\n0,0\n", "no joint 'elbow'"),
     "no number": (b"d1,d2\n0,0\n0,x\n", r"line 3: d2 = 'x' is not a finite number"),
     "not finite": (b"d1\n0\ninf\n", r"line 3: d1 = 'inf'"),
-    "short line": (b"d1,d2\n0,0\n0\n", r"line 3: 1 cells where the header has 2"),
-    "twice": (b"d1,d2,d1\n0,0,0\n", "two columns are called 'd1'"),
-    "half a cycle": (b"cycle,d1\n0,0\n0.5,1\n", "ends in cycle 0.5"),
-    "uneven": (b"cycle,d1\n0,0\n1,0\n1.5,1\n2,0\n", "not 2 cycles of equal steps"),
-    "one row": (b"d1\n0\n", "not 1 cycles of equal steps"),
-    "back in time": (b"time,d1\n0,0\n0.1,0\n0.1,1\n", "line 4: time does not go on"),
+    "short line": (b"d1,d2\n0,0\n0\n", r"line 3: 1 fields, but the header has 2"),
+    "twice": (b"d1,d2,d1\n0,0,0\n", "two columns are named 'd1'"),
+    "half a cycle": (b"cycle,d1\n0,0\n0.5,1\n", "ends within a cycle, at 0.5"),
+    "uneven": (b"cycle,d1\n0,0\n1,0\n1.5,1\n2,0\n", "not a start and 2 cycles"),
+    "one row": (b"d1\n0\n", "not a start and 1 cycles"),
+    "back in time": (b"time,d1\n0,0\n0.1,0\n0.1,1\n", "line 4: time must increase"),
     "no time": (b"t,d1\n0,0\nsoon,1\n", "line 3: t = 'soon'"),
 }
 

@@ -55,7 +55,7 @@ CALLS: dict[str, tuple[Callable[[Given], object], str]] = {
     ),
     "follow, a control in words": (
         lambda g: rp.follow("panda", g.path, g.q0, task=g.task),
-        r"strategy must be a control, such as .*'panda'",
+        r"strategy must be a controller, such as .*'panda'",
     ),
     "follow, cycles": (
         lambda g: rp.follow(g.control, g.path, g.q0, cycles="ten"),

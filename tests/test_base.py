@@ -150,5 +150,5 @@ def test_a_planar_joint_moves_across_its_axis_and_turns_about_it(tmp_path: Path)
     )
     assert np.allclose(J[3:, 2], a, atol=1e-12)
     path.write_text(PLANAR.format(kind="planar", axis="0 0 1").replace('<axis xyz="0 0 1"/>', ""))
-    with pytest.raises(rp.InputError, match="planar joint needs an <axis>"):
+    with pytest.raises(rp.InputError, match="planar joint requires an <axis>"):
         rp.Robot.load(path)

@@ -71,7 +71,7 @@ def test_panda_out_of_a_limit(panda_design, q_panda, sign: float) -> None:
     assert found.given is not None and found.given.limit_margin < 0 < found.best.limit_margin
     assert dense(panda_design.inverse, path, found.q0).first_violation is None
     first, second = found.summary().splitlines()[1:]
-    assert "leaves its limits" in first and "leaves" not in second
+    assert "exceeds its limits" in first and "exceeds" not in second
 
 
 def test_tiago_given_start_breaks_a_limit(tiago) -> None:
@@ -138,18 +138,20 @@ def test_no_leaf_is_preferred_that_comes_near_an_algorithmic_singularity(
     refused."""
     module = importlib.import_module("repctl_pin.motion.best_leaf")
     path = rp.circle(panda_design.task, q_panda, 0.02)
-    judged, seen = module._judged, []
+    judged, seen = module._evaluated, []
 
     def rigged(*given):
         """Every other start has a larger margin, and a leaf margin of next to nothing."""
         candidate = judged(*given)
         if candidate is not None and seen:
-            rooms = {"limits": 9.0, "bodies": 9.0, "leaf": 9.0}
-            candidate = replace(candidate, rooms=rooms, limit_margin=9.0, leaf_margin=0.05)
+            relative_margins = {"limits": 9.0, "bodies": 9.0, "leaf": 9.0}
+            candidate = replace(
+                candidate, relative_margins=relative_margins, limit_margin=9.0, leaf_margin=0.05
+            )
         seen.append(candidate)
         return candidate
 
-    monkeypatch.setattr(module, "_judged", rigged)
+    monkeypatch.setattr(module, "_evaluated", rigged)
     found = rp.best_leaf(panda_design.inverse, path, q_panda, steps=8)
     assert len(seen) > 10 and found.given.leaf_margin > 0.1
     assert found.best is found.given
@@ -173,20 +175,23 @@ def test_the_seed_fixes_it(monkeypatch) -> None:
 
 def test_bad_input(panda_design, q_panda) -> None:
     far = rp.circle(panda_design.task, q_panda, 0.8, normal="yz")
-    with pytest.raises(rp.InputError, match="no whole cycle|carries a whole cycle"):
+    with pytest.raises(rp.InputError, match="none of the .* leaves tried|no full cycle"):
         rp.best_leaf(panda_design.inverse, far, q_panda, steps=48)
     with pytest.raises(rp.InputError, match="the start"):
         rp.best_leaf(panda_design.inverse, far, np.zeros(3))
 
 
-def test_rooms_are_compared_from_the_least_up(panda_design, q_panda) -> None:
+def test_margins_are_compared_from_the_smallest_up(panda_design, q_panda) -> None:
     """Fewer violations first; a room that is the same for both, such as two links of a wrist, hides
     nothing."""
     path = rp.circle(panda_design.task, q_panda, 0.02)
     one = rp.best_leaf(panda_design.inverse, path, q_panda, steps=4).best
-    assert one.margin == min(one.rooms.values()) == one.rooms[one.binds]
+    assert one.margin == min(one.relative_margins.values()) == one.relative_margins[one.binds]
     coarse = one.motion.thinned(32).body_distance.min()
-    assert one.body_distance == pytest.approx(coarse) and one.rooms["leaf"] == one.leaf_margin
+    assert (
+        one.body_distance == pytest.approx(coarse)
+        and one.relative_margins["leaf"] == one.leaf_margin
+    )
 
     def order(
         limits: float,
@@ -196,8 +201,13 @@ def test_rooms_are_compared_from_the_least_up(panda_design, q_panda) -> None:
         distance: float = 0.1,
         limit_margin: float = 0.1,
     ) -> tuple:
-        rooms = {"limits": limits, "bodies": bodies, "leaf": leaf}
-        return replace(one, rooms=rooms, body_distance=distance, limit_margin=limit_margin).order
+        relative_margins = {"limits": limits, "bodies": bodies, "leaf": leaf}
+        return replace(
+            one,
+            relative_margins=relative_margins,
+            body_distance=distance,
+            limit_margin=limit_margin,
+        ).order
 
     assert order(0.3, 0.2, 0.9) > order(0.3, 0.1, 0.9) and order(0.3, 0.061, 0.9) > order(
         0.1, 0.062, 0.9

@@ -243,7 +243,7 @@ def test_baxters_padded_neighbours_are_named_and_left_out() -> None:
     task = rp.Robot.load("baxter").task()
     bodies = rp.Bodies(task)
     assert ("left_upper_shoulder", "left_upper_elbow") in bodies.disabled
-    assert "the SRDF rules them out" in bodies.notes[0]
+    assert "the SRDF disables them" in bodies.notes[0]
     assert ("torso", "left_upper_forearm_visual") in bodies.only_contact
 
 
@@ -259,7 +259,9 @@ def test_no_shape_is_dropped_however_many_there_are(chain: rp.Task, tmp_path: Pa
     robot = rp.Robot.load(tmp_path / "chain.urdf", surroundings=tmp_path / "cell.urdf")
     bodies = rp.Bodies(robot.task("tip", "position"))
     assert bodies.nearest(np.zeros(3)).distance < -0.1
-    assert any("1501 shapes of the surroundings: all are measured" in note for note in bodies.notes)
+    assert any(
+        "the surroundings have 1501 shapes: all are measured" in note for note in bodies.notes
+    )
     own = (
         (tmp_path / "chain.urdf")
         .read_text()
@@ -273,21 +275,21 @@ UNUSABLE = {
     "malformed": ('<mesh filename="torn.dae"/>', "'torn.dae' cannot be read"),
     "torn": (
         '<mesh filename="torn.stl"/>',
-        "'torn.stl' (holds no triangles that can be|cannot be) read",
+        "'torn.stl' (contains no readable triangles|cannot be read)",
     ),
     "no triangles": (
         '<mesh filename="empty.obj"/>',
-        "'empty.obj' (holds no triangles that can be|cannot be) read",
+        "'empty.obj' (contains no readable triangles|cannot be read)",
     ),
     "huge": (
         '<mesh filename="ball.stl" scale="1e9 1e9 1e9"/>',
         "'ball.stl' is 2e\\+09 m large.*correct its scale",
     ),
-    "no size": ('<mesh filename="ball.stl" scale="0 0 0"/>', "'ball.stl' has no size"),
-    "a point": ('<sphere radius="0"/>', "the sphere 'wall_0' has no size"),
-    "a line": ('<box size="1 0 0"/>', "the box 'wall_0' has no size"),
+    "no size": ('<mesh filename="ball.stl" scale="0 0 0"/>', "'ball.stl' has size 0"),
+    "a point": ('<sphere radius="0"/>', "the sphere 'wall_0' has size 0"),
+    "a line": ('<box size="1 0 0"/>', "the box 'wall_0' has size 0"),
     "a large box": ('<box size="1e9 1 1"/>', "the box 'wall_0' is 1e\\+09 m large"),
-    "lost": ('<mesh filename="no.stl"/>', "'no.stl' was not found"),
+    "lost": ('<mesh filename="no.stl"/>', "'no.stl' is missing"),
 }
 
 
@@ -390,9 +392,9 @@ def test_a_hull_with_a_corner_of_many_neighbours_is_made_coarser() -> None:
 BAD_CELLS = {
     "moves": (
         CELL.format(kind="continuous"),
-        "line 4: joint 'there' moves, but surroundings stand still",
+        "line 4: joint 'there' moves, but surroundings must be rigid",
     ),
-    "empty": ('<robot name="cell"><link name="room"/></robot>', "no <collision> in it"),
+    "empty": ('<robot name="cell"><link name="room"/></robot>', "have no <collision>"),
     "torn": (CELL[:200], "cell.urdf"),
     "mesh": (
         CELL.format(kind="fixed").replace('<sphere radius="0.25"/>', '<mesh filename="no.stl"/>'),

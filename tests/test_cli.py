@@ -214,7 +214,7 @@ def test_a_urdf_of_ones_own_without_its_meshes(tmp_path) -> None:
     (tmp_path / "mine.urdf").write_text(text.replace("package://", "package://not_here/"))
     done = repctl("study", "mine.urdf", "--cycles", "1", "--steps", "60", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert "meshes were not found" in done.stdout
+    assert "meshes are missing" in done.stdout
     assert (tmp_path / "repctl-out" / "mine" / "animation.html").is_file()
 
 

@@ -140,7 +140,7 @@ def test_leaving_the_limits_is_a_warning(capsys) -> None:
         "circle:0.4:0",
     ]
     out, error = printed(capsys, *out_of, "--plane", "xy", "--steps", "100")
-    where = r"theta1 leaves its limits in cycle 1, \d+% of the way round"
+    where = r"theta1 exceeds its limits in cycle 1, at \d+ % of the cycle"
     assert re.fullmatch(
         rf"repctl: warning: {where}; try another --start or a smaller --path\n", error
     )

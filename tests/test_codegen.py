@@ -352,7 +352,7 @@ def test_what_cannot_be_written_down_is_refused(
         for refuse in (rp.compiled, lambda inverse: rp.export_c(inverse, tmp_path)):
             with pytest.raises(rp.InputError, match=words):
                 refuse(inverse)
-    with pytest.raises(rp.InputError, match="a region Ball cannot be written"):
+    with pytest.raises(rp.InputError, match="a region of type Ball cannot be written"):
         rp.export_c(panda_design.inverse, tmp_path, region=Ball())
     with pytest.raises(rp.InputError, match="the region has 3 joints, but the task has 7"):
         rp.export_c(panda_design.inverse, tmp_path, region=rp.Box(np.zeros(3), 1))
@@ -373,14 +373,14 @@ def test_the_command_writes_a_saved_design(
     assert "is not a saved design" in refused(capsys, "export", "arm.urdf")
     assert "say where it is: --robot arm.urdf" in refused(capsys, "export", "design.json")
     given = ["export", "design.json", "--robot", "arm.urdf"]
-    assert "means something else" in refused(capsys, *given, "--name", "double")
+    assert "is reserved in C" in refused(capsys, *given, "--name", "double")
     said = told(capsys, *given, "--to", "c", "--name", "planar")
     assert said["n"] == 3 and {Path(f).name for f in said["files"]} >= {
         "planar.h",
         "planar.c",
         "check.c",
     }
-    assert "holds the control 'planar' already" in refused(
+    assert "already contains the inverse 'planar'" in refused(
         capsys, *given, "--to", "c", "--name", "other"
     )
     assert told(capsys, *given, "--to", "c", "--name", "planar")["files"] == said["files"]
@@ -409,7 +409,8 @@ def test_a_file_that_was_not_written_here_is_not_overwritten(
     (folder / file).write_text(text, encoding="utf-8")
     before = {path: path.read_bytes() for path in folder.iterdir()}
     with pytest.raises(
-        rp.InputError, match=f"{re.escape(file)} was not written by repctl_pin, or was edited since"
+        rp.InputError,
+        match=f"{re.escape(file)} is not overwritten: it was not written by repctl_pin",
     ):
         rp.export_c(inverse, folder, "arm")
     assert {path: path.read_bytes() for path in folder.iterdir()} == before

@@ -55,7 +55,7 @@ def built_and_checked(folder: Path, compiler: str, *flags: str, by: Sequence[str
         folder,
     )
     said = run([*by, "./check"], folder)
-    assert re.match(r"48 vectors, 0 differences, the greatest \d", said)
+    assert re.match(r"48 vectors, 0 differences, maximum \d", said)
 
 
 def region_of(

@@ -307,7 +307,7 @@ def test_a_compiler_that_hangs_is_ended_with_its_children(
             os.killpg(int((tmp_path / "group").read_text()), 0)
             time.sleep(0.05)
     began = time.monotonic()
-    assert "is not asked again" in one_warning(panda_design.inverse)
+    assert "is not run again" in one_warning(panda_design.inverse)
     assert time.monotonic() - began < 0.5
 
 

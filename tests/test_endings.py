@@ -179,7 +179,7 @@ def test_no_control_character_stands_in_a_robots_name(
         )
         assert main(["inspect", str(file)]) == 2
         told = capsys.readouterr()
-        assert told.out == "" and "stands in the robot's name; rename it" in told.err
+        assert told.out == "" and "the robot's name contains a control character" in told.err
 
 
 def test_a_fault_of_ours_is_one_line_and_says_how_to_report_it(capsys, monkeypatch) -> None:

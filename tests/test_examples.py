@@ -145,8 +145,8 @@ def test_best_leaf(run: Run) -> None:
     for arm in told.strip().split("\n\n"):
         given, best, ten = arm.splitlines()[1:]
         assert (
-            "leaves its limits" in given
-            and "leaves" not in best
+            "exceeds its limits" in given
+            and "exceeds" not in best
             and "joint limits respected" in ten
         )
     assert "tiago" in told and "panda" in told

@@ -145,7 +145,7 @@ def test_only_files_are_read_and_only_of_a_size_that_is_meant(tmp_path: Path) ->
         "pipe": "a device or a pipe",
         ".": "a folder",
         "large": "larger than 0.001 MB",
-        "bytes": "not a text file",
+        "bytes": "not UTF-8 text",
         "none": "No such file",
     }.items():
         with pytest.raises(InputError, match=f"cannot read .*{words}"):
@@ -175,7 +175,7 @@ def test_files_are_replaced_together_or_not_at_all(tmp_path: Path) -> None:
     assert stat.S_IMODE((tmp_path / "b").stat().st_mode) == 0o640
     (tmp_path / "d").mkdir()
     with (
-        pytest.raises(InputError, match="cannot write .*d: it is a folder"),
+        pytest.raises(InputError, match="cannot write .*d: the path is a folder"),
         written_together(tmp_path) as staged,
     ):
         write_whole(staged / "a", "newer")

@@ -235,7 +235,7 @@ def test_speed_limits_of_0_are_named(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert slow != text
     (tmp_path / "arm.urdf").write_text(slow)
     assert main(["inspect", str(tmp_path / "arm.urdf")]) == 0
-    assert "note: speed limit 0 of joint 'theta1': taken as no limit" in capsys.readouterr().out
+    assert "note: speed limit 0 of joint 'theta1' read as no limit" in capsys.readouterr().out
     study = rp.study(str(tmp_path / "arm.urdf"), cycles=1, steps=40, degree=1)
     assert "no speed limit in the URDF, so speeds are not checked: theta1" in study.notes
 
@@ -263,7 +263,7 @@ def test_animate_knows_the_surroundings(tmp_path: Path, capsys: pytest.CaptureFi
 
 
 def test_an_unknown_robot_leads_to_its_urdf() -> None:
-    with pytest.raises(rp.InputError, match="for any other robot give its URDF file"):
+    with pytest.raises(rp.InputError, match="for any other robot, give its URDF file"):
         rp.Robot.load("gen3")
 
 

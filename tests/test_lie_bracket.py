@@ -249,7 +249,7 @@ def test_a_small_defect_is_seen_and_noise_is_refused(
     def noisy(q: np.ndarray) -> np.ndarray:
         return inverse(q) + 1e-4 * rng.normal(size=(7, 6))
 
-    with pytest.raises(rp.InputError, match="too noisy to judge"):
+    with pytest.raises(rp.InputError, match="too noisy"):
         rp.is_repeatable(rp.CustomInverse(task, noisy, tolerance=1), box, samples=16)
 
 
@@ -376,7 +376,7 @@ def test_near_a_limit_the_differences_stay_inside(panda_pose: rp.Task, q_panda: 
 
 def test_near_a_singularity_it_is_the_singularity_that_is_blamed() -> None:
     task = rp.Robot.load("planar3r").task("tool", "xy")
-    with pytest.raises(rp.SingularityError, match="too close to a singularity.*σ_min"):
+    with pytest.raises(rp.SingularityError, match="σ_min.*too close to a singularity"):
         rp.is_repeatable(
             rp.WeightedInverse(task, [1, 1, 1]), rp.Box([0.3, 1e-5, 1e-5], 5e-6), samples=4
         )

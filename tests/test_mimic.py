@@ -114,7 +114,9 @@ def test_limits_keep_followers_inside_theirs(tmp_path: Path) -> None:
         (-1.0, 1.6, 0.4)
     )  # j3 = 0.3 − j2/2
     assert (lower["j5"], upper["j5"]) == (-2, 2)
-    assert ["'j6' mimics 'j5', no position of which" in note for note in robot.warnings] == [True]
+    assert ["of joint 'j6' ignored: no position of 'j5'" in note for note in robot.warnings] == [
+        True
+    ]
     assert (robot.reference >= robot.lower).all() and (robot.reference <= robot.upper).all()
 
 
@@ -138,7 +140,7 @@ def test_a_follower_of_a_follower_whose_leader_comes_last(tmp_path: Path) -> Non
 def test_joints_in_a_circle_are_refused(tmp_path: Path) -> None:
     mimics = {1: 'joint="j3"', 3: 'joint="j7"', 7: 'joint="j1"'}
     with pytest.raises(
-        rp.InputError, match=r"<mimic> of joint 'j1': joints follow each other in a circle"
+        rp.InputError, match=r"<mimic> of joint 'j1': joints mimic each other in a loop"
     ):
         rp.Robot.load(arm(tmp_path, mimics))
 

@@ -36,10 +36,10 @@ def test_results_print_in_words() -> None:
     """As a cell shows them, in one line: what it is, and the numbers that are asked for first."""
     panda, arm = rp.Robot.load("panda").task(), rp.Robot.load("planar3r").task("tool", "xy")
     bodies, q0 = rp.Bodies(panda), np.array([0.3, 0.8, 0.8])
-    counts = f"{len(bodies.pairs)} pairs measured, {len(bodies.only_contact)} for contact only"
-    left_out = f"{len(bodies.adjacent)} adjacent, 0 disabled by the SRDF, 0 touching"
+    counts = f"{len(bodies.pairs)} pairs measured, {len(bodies.only_contact)} for collisions only"
+    left_out = f"{len(bodies.adjacent)} adjacent, 0 disabled by the SRDF, 0 overlapping"
     assert (
-        repr(bodies) == f"<Bodies of panda: {counts}; left out: {left_out}>"
+        repr(bodies) == f"<Bodies of panda: {counts}; not checked: {left_out}>"
         and len(bodies.pairs) > 10
     )
     control = rp.Pseudoinverse(arm)

@@ -133,7 +133,7 @@ def test_tangent_turns_with_the_circle_and_facing_keeps_its_point(panda_pose, q_
     for wrong, why in (
         ("along", "'fixed', 'tangent'"),
         ([0, 1], "3 finite"),
-        (path.point(0.3), "runs through"),
+        (path.point(0.3), "passes through"),
     ):
         with pytest.raises(rp.InputError, match=why):
             rp.circle(panda_pose, q_panda, 0.08, rotation=wrong)
@@ -202,7 +202,7 @@ def test_blended_corners_have_continuous_curvature(panda_pose, q_panda) -> None:
     for words, why in (
         (
             "square:0.1:blend=0.06",
-            "blends of 0.06 m do not fit the edge of 0.1 m from point . to .; blend by 0.05 m or less",
+            "do not fit the edge of 0.1 m from point . to .; use a blend radius of at most 0.05 m",
         ),
         ("square:0.1:blend=", "not a number above 0"),
         ("circle:0.1:blend=0.01", "have corners to blend"),
@@ -236,7 +236,7 @@ def test_columns_are_taken_by_their_names(tmp_path, panda_pose, q_panda) -> None
     same = rp.waypoints(LOOP, TILTS, times=times)
     read = rp.waypoints(rp.read_waypoints(file))
     assert read.period == 6 and read.breaks == same.breaks
-    with pytest.raises(rp.InputError, match="these waypoints have times; leave times= out"):
+    with pytest.raises(rp.InputError, match="the waypoints already have times; omit times="):
         rp.waypoints(rp.read_waypoints(file), times=times)
     assert path.period == 6 and path.breaks == same.breaks and path.corners[0] == "line 2"
     for s in np.linspace(0, 1, 17):
@@ -250,17 +250,17 @@ def test_columns_are_taken_by_their_names(tmp_path, panda_pose, q_panda) -> None
 
 WRONG: dict[str, tuple[Callable[[], object], str]] = {
     "open": (lambda: rp.TaskPath("mine", lambda s: np.array([s, 0, 0]), lambda s: np.array([1, 0, 0]), np.eye(3)),
-             "mine is open: p.1. is 1 m away"),
-    "slope": (lambda: rp.TaskPath("mine", _round, lambda s: 6 * _round(s + 0.25), np.eye(3)), "mine: at s = .* m a c"),
-    "turn": (lambda: rp.TaskPath("mine", _round, _rate, lambda s: pin.exp3(np.array([0, 0, s]))), "R.1. is 1 rad away"),
-    "spin": (lambda: rp.TaskPath("mine", _round, _rate, nodding, spin=lambda s: np.ones(3)), "rad a cycle"),
+             "mine is open: p.1. differs from p.0. by 1 m"),
+    "slope": (lambda: rp.TaskPath("mine", _round, lambda s: 6 * _round(s + 0.25), np.eye(3)), "mine: at s = .* m per c"),
+    "turn": (lambda: rp.TaskPath("mine", _round, _rate, lambda s: pin.exp3(np.array([0, 0, s]))), "R.1. differs from R.0. by 1 rad"),
+    "spin": (lambda: rp.TaskPath("mine", _round, _rate, nodding, spin=lambda s: np.ones(3)), "rad per cycle"),
     "no rotation": (lambda: rp.TaskPath("mine", _round, _rate, np.ones((3, 3))), "rotation must be a rotation matrix"),
     "mirror": (lambda: rp.TaskPath("mine", _round, _rate, np.diag([1, 1, -1])), "det R = 1"),
     "not three": (lambda: rp.TaskPath("mine", lambda s: np.zeros(2), _rate, np.eye(3)), "three finite numbers"),
-    "breaks": (lambda: rp.TaskPath("mine", _round, _rate, np.eye(3), (0.5, 0.2)), "breaks must rise"),
-    "rotations": (lambda: rp.waypoints(LOOP, [np.eye(3)] * 4), "6 waypoints want one rotation, or as many; got 4"),
-    "no rotations": (lambda: rp.waypoints(LOOP), "waypoints want rotation="),
-    "both": (lambda: rp.waypoints([pin.SE3.Identity()] * 3, np.eye(3)), "leave rotation out"),
+    "breaks": (lambda: rp.TaskPath("mine", _round, _rate, np.eye(3), (0.5, 0.2)), "breaks must increase"),
+    "rotations": (lambda: rp.waypoints(LOOP, [np.eye(3)] * 4), "6 waypoints require 1 or 6 rotations, not 4"),
+    "no rotations": (lambda: rp.waypoints(LOOP), "without orientations require rotation="),
+    "both": (lambda: rp.waypoints([pin.SE3.Identity()] * 3, np.eye(3)), "omit rotation="),
     "no function": (lambda: rp.TaskPath("mine", None, _rate, np.eye(3)), "point must be a function of s"),
     "spin of two": (lambda: rp.TaskPath("mine", _round, _rate, nodding, spin=lambda s: np.ones(2)), "three finite"),
     "no breaks": (lambda: rp.TaskPath("mine", _round, _rate, np.eye(3), None), "breaks must be"),
@@ -268,10 +268,10 @@ WRONG: dict[str, tuple[Callable[[], object], str]] = {
     "no matrix": (lambda: rp.waypoints(LOOP, 3.0), "rotation must be a rotation matrix"),
     "half a turn": (lambda: rp.waypoints(LOOP[[0, 1, 5]], [np.eye(3), np.diag([1, -1, -1]), np.eye(3)]), "half a turn"),
     "ends turned": (lambda: rp.waypoints(LOOP, TILTS[[1, 1, 2, 3, 4, 0]]), "open by 0.3 rad"),
-    "times": (lambda: rp.waypoints(LOOP, np.eye(3), times=[0, 1, 2, 2, 3, 4]), "times must be 6 .* rise"),
-    "times and arcs": (lambda: rp.waypoints(LOOP, np.eye(3), times=range(6), blend=0.01), "leave out times= or blend="),
+    "times": (lambda: rp.waypoints(LOOP, np.eye(3), times=[0, 1, 2, 2, 3, 4]), "times must be 6 increasing"),
+    "times and arcs": (lambda: rp.waypoints(LOOP, np.eye(3), times=range(6), blend=0.01), "times= and blend= are mutually exclusive"),
     "nowhere": (lambda: rp.waypoints(np.zeros((4, 3)), np.eye(3)), "all points are the same"),
-    "100,000": (lambda: rp.waypoints(np.zeros((100_000, 3)), np.eye(3)), "thin them out"),
+    "100,000": (lambda: rp.waypoints(np.zeros((100_000, 3)), np.eye(3)), "reduce them to at most"),
 }  # fmt: skip
 
 

@@ -135,9 +135,9 @@ def test_continuous_joints_are_one_number_each() -> None:
 def test_bad_input(panda_design, panda) -> None:
     model = panda.model
     configuration = pink.Configuration(model, model.createData(), pin.neutral(model))
-    with pytest.raises(rp.InputError, match="no leaf is set"):
+    with pytest.raises(rp.InputError, match="no level c is set"):
         RepeatableTask(panda_design.inverse).compute_error(configuration)
-    with pytest.raises(rp.InputError, match="leaf c"):
+    with pytest.raises(rp.InputError, match="level c"):
         RepeatableTask(panda_design.inverse).set_target(np.zeros(3))
     other = rp.Robot.load("xarm7").model
     with pytest.raises(rp.InputError, match="no joint 'panda_joint1'"):

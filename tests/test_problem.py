@@ -144,8 +144,10 @@ def test_errors_have_parts() -> None:
     with pytest.raises(rp.InputError) as caught:
         rp.Robot.load("ppr", package_dirs=["nope"])
     error = caught.value
-    assert error.argument == "package_dirs" and error.remedy == "correct it" and error.at is None
-    text = "package_dirs: there is no folder 'nope' to look up package:// in; correct it"
+    assert (
+        error.argument == "package_dirs" and error.remedy == "correct its path" and error.at is None
+    )
+    text = "package_dirs: there is no folder 'nope'; correct its path"
     assert str(error) == text
     error.argument, error.remedy = "--package-dir", "name another"
     assert str(error).startswith("--package-dir: there") and str(error).endswith("; name another")

@@ -441,7 +441,7 @@ def test_no_file_a_folder_and_bytes(tmp_path) -> None:
     with pytest.raises(rp.InputError, match="it is a folder"):
         rp.load(tmp_path)
     (tmp_path / "b.json").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(rp.InputError, match="not a text file"):
+    with pytest.raises(rp.InputError, match="not UTF-8 text"):
         rp.load(tmp_path / "b.json")
 
 

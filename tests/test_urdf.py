@@ -182,7 +182,7 @@ BAD = {
     ),
     "huge axis": (
         robot(links("a", "b"), joint(body='<axis xyz="0 0 1e200"/>')),
-        ("line 3", "<axis>", "so large"),
+        ("line 3", "<axis>", "more than any robot has"),
     ),
     "axis of two": (
         robot(links("a", "b"), joint(body='<axis xyz="0 1"/>')),
@@ -301,15 +301,15 @@ BAD = {
     ),
     "origin of 1e308": (
         robot(links("a", "b"), joint(body='<origin xyz="1e308 0 0"/>')),
-        ("line 3", "so large"),
+        ("line 3", "more than any robot has"),
     ),
     "limits of 1e308": (
         robot(links("a", "b"), joint(limit="1e307 1e308")),
-        ("line 3", "<limit>", "no robot gets"),
+        ("line 3", "<limit>", "too far from 0"),
     ),
     "limits far away": (
         robot(links("a", "b"), joint(limit="2000 3000")),
-        ("line 3", "<limit>", "no robot gets"),
+        ("line 3", "<limit>", "too far from 0"),
     ),
     "comma in a name": (robot(links("a", "b"), joint("a,b")), ("line 3", "joint 'a,b'", "rename")),
     "line break in a name": (robot(links("a", "b"), joint("a&#10;b")), ("line 3", "rename")),
@@ -335,13 +335,13 @@ BAD = {
         ("line 3", "<capsule>", "radius"),
     ),
     # sizes that would exhaust or crash Pinocchio
-    "1000-link chain": (chain(1000, "fixed"), "one below the other"),
+    "1000-link chain": (chain(1000, "fixed"), "chain of links exceeds"),
     "200 moving in all": (
         robot(links("a"), *(links(f"b{i}") + joint(f"j{i}", child=f"b{i}") for i in range(201))),
         ("line 1", "201 movable joints", "200"),
     ),
     "101 moving": (chain(101), ("joint 'j100'", "movable")),
-    "301 fixed": (chain(301, "fixed"), ("line 2", "link 'l0'", "300 links")),
+    "301 fixed": (chain(301, "fixed"), ("line 2", "link 'l0'", "maximum length of 300")),
     "5000-link star": (
         robot(links("a"), *(links(f"b{i}") + joint(f"j{i}", child=f"b{i}") for i in range(5000))),
         ("line 1", "5000 joints"),
@@ -472,8 +472,8 @@ def test_plain_data(tmp_path: Path) -> None:
     assert [j.line for j in d.joints] == [4, 5, 6, 7, 8]
     assert fixed.name == "f"  # as the link is called too
     assert d.notes == (
-        "joint 'none' has no range (lower = upper = 0): taken as unlimited",
-        "speed limit 0 of joint 'none': taken as no limit",
+        "joint 'none' has no range (lower = upper = 0): read as unlimited",
+        "speed limit 0 of joint 'none' read as no limit",
     )
 
     model = pin.buildModelFromXML(d.xml)
@@ -526,7 +526,7 @@ def test_a_joint_that_shares_its_name_with_a_link_can_be_locked(tmp_path: Path) 
 def test_a_leader_without_its_prefix_is_found_and_said() -> None:
     d = read_urdf(find("alex_psyonic").urdf)
     assert (
-        "joint 'Left_index_q2' mimics 'index_q1', which is not in this file: read as 'Left_index_q1'"
+        "joint 'Left_index_q2' mimics 'index_q1', which is not in this file; read as 'Left_index_q1'"
         in d.notes
     )
     followers = {j.name: j.mimic for j in d.joints if j.mimic is not None}
@@ -541,10 +541,13 @@ def test_a_leader_without_its_prefix_is_found_and_said() -> None:
 @pytest.mark.parametrize(
     ("limits", "told"),
     [
-        (["-180 180"], ["joint 'j0' has a limit of 180 rad: are these degrees?"]),
+        (
+            ["-180 180"],
+            ["joint 'j0' has a limit of 180 rad, possibly in degrees; URDF angles are in rad"],
+        ),
         (
             ["-2 2", "-90 120", "-175 170"],
-            ["joint 'j2' has a limit of 175 rad, 1 more like it: are these degrees?"],
+            ["joint 'j2' has a limit of 175 rad (and 1 more such limits), possibly in degrees"],
         ),
         (["-12.5 12.5"], []),
         (["-1e16 2", "-1e4 1e4"], []),  # no limit at all
@@ -576,11 +579,11 @@ def test_slides_may_be_long(tmp_path: Path) -> None:
 KIND = {
     "version": (
         '<?xml version="0.0"?>\n' + ONE_JOINT,
-        ["ignored: the version in <?xml version=…?>, read as 1.0"],
+        ["ignored: the version in <?xml version=…?>; read as 1.0"],
     ),
     "late declaration": (
         '\n<!-- mine -->\n<?xml version="1.0"?>\n' + ONE_JOINT,
-        ["ignored: <?xml …?>, which is not at the start of the file"],
+        ["ignored: <?xml …?> that is not at the start of the file"],
     ),
     "zeros": (ONE_JOINT + "\0\0", ["ignored: zero bytes at the end of the file"]),
     "prefix": (
@@ -607,7 +610,8 @@ KIND = {
     "xacro": (
         robot(links("a", "b"), '<xacro:property name="x" value="${pi}"/><xacro:arm/>', joint()),
         [
-            "ignored: <xacro:property>, <xacro:arm> in line 3, left over from xacro; what it would add is not here"
+            "ignored: <xacro:property>, <xacro:arm> in line 3, left over from xacro; "
+            "the elements it would add are missing"
         ],
     ),
 }
@@ -653,7 +657,7 @@ def test_many_shapes_are_capped(tmp_path: Path) -> None:
         robot('<link name="a">' + visual * 1001 + "</link>", links("b"), joint())
     )
     d = read_urdf(tmp_path / "r.urdf")
-    assert len(d.shapes) == 1000 and d.notes == ("1001 shapes: only the first 1000 are drawn",)
+    assert len(d.shapes) == 1000 and d.notes == ("only the first 1000 of 1001 shapes are drawn",)
 
 
 def test_names_that_no_file_can_have(tmp_path: Path) -> None:
@@ -662,11 +666,11 @@ def test_names_that_no_file_can_have(tmp_path: Path) -> None:
         robot(links("a"), with_shape(f'<mesh filename="{long}"/>'), joint())
     )
     (warning,) = Robot.load(tmp_path / "r.urdf").warnings
-    assert warning.startswith("1 of 1 meshes were not found (mmm") and len(warning) < 250
+    assert warning.startswith("1 of 1 meshes are missing (mmm") and len(warning) < 250
     for name in ("~nosuchuser/x.urdf", "x" * 5000 + ".urdf"):
         with pytest.raises(UrdfError, match="no such file|cannot be read"):
             Robot.load(name)
-    with pytest.raises(InputError, match="no folder"):
+    with pytest.raises(InputError, match="no package folder"):
         Robot.load(tmp_path / "r.urdf", package_dirs=["~nosuchuser"])
 
 
@@ -677,7 +681,7 @@ def test_a_mimic_of_a_fixed_joint_is_told(tmp_path: Path) -> None:
     )
     d = read_urdf(tmp_path / "r.urdf")
     assert d.joints[1].mimic is None
-    assert d.notes == ("joint 'k' mimics 'f', which is fixed: read as a joint of its own",)
+    assert d.notes == ("joint 'k' mimics 'f', which is fixed; read as an independent joint",)
 
 
 XACRO = """<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">

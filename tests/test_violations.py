@@ -40,13 +40,13 @@ def test_the_first_limit_and_the_first_touch_in_order(
     q[13], q[17] = folded, q_panda + [0, 0, 0, -0.9, 0, 0, 0]  # in cycle 2: 30 % and 70 % round
     touch, limit = violations_of(replace(motion, q=q))
     assert limit.names == ("panda_joint4",) and (limit.moment, limit.cycle) == (1.7, 2)
-    assert str(limit) == "panda_joint4 leaves its limits in cycle 2, 70% of the way round"
+    assert str(limit) == "panda_joint4 exceeds its limits in cycle 2, at 70 % of the cycle"
     assert (
         set(touch.names) == set(rp.Bodies(panda_pose).nearest(folded).links) and touch.moment == 1.3
     )
-    assert str(touch) == f"{' and '.join(touch.names)} touch in cycle 2, 30% of the way round"
+    assert str(touch) == f"{' and '.join(touch.names)} collide in cycle 2, at 30 % of the cycle"
     with pytest.raises(
-        rp.InputError, match=f"^{touch}; {limit}: no file for a robot is written; go home$"
+        rp.InputError, match=f"^{touch}; {limit}: no trajectory was written; go home$"
     ):
         refuse_violations(replace(motion, q=q), "go home")
 
@@ -79,7 +79,7 @@ def test_no_file_for_a_robot_beyond_the_limits(tmp_path, monkeypatch, capsys) ->
     ):
         error = refused(capsys, *OUT, *more)
         assert (
-            "theta1 leaves its limits in cycle 1, " in error
+            "theta1 exceeds its limits in cycle 1, " in error
             and "or write it anyway with --allow-violations" in error
         )
         assert not list(tmp_path.iterdir())
@@ -106,18 +106,21 @@ def test_surroundings_must_not_be_touched(tmp_path, capsys) -> None:
     assert far["first_touch"] is None and far["body_distance"] > 0.5
     (tmp_path / "m.csv").unlink()
     words = follow_past((ball.real, ball.imag), tmp_path)
-    assert "tip and post touch from the start: no file" in refused(
+    assert "tip and post collide at the start: no trajectory" in refused(
         capsys, *words, "--csv", str(tmp_path / "m.csv")
     )
     near = follow_past((ball.real - 0.25, ball.imag), tmp_path)  # not at the start, but on the way
     error = refused(capsys, *near, "--yaml", str(tmp_path / "m.yaml"))
-    assert "tip and post touch in cycle 1, " in error and not (tmp_path / "m.yaml").exists()
+    assert "tip and post collide in cycle 1, " in error and not (tmp_path / "m.yaml").exists()
     assert main(near) == 0
     out, warning = capsys.readouterr()
-    assert "\nbody distance   collision, overlap up to 0." in out and "m, between tip and post\n" in out
-    assert "note: collisions of a are not detected: mesh 'lost.stl' was not found" in out
     assert (
-        warning.startswith("repctl: warning: tip and post touch in cycle 1, ")
+        "\nbody distance   collision, overlap up to 0." in out
+        and "m, between tip and post\n" in out
+    )
+    assert "note: collisions of a are not detected: mesh 'lost.stl' is missing" in out
+    assert (
+        warning.startswith("repctl: warning: tip and post collide in cycle 1, ")
         and warning.count("\n") == 1
     )
     assert main([*near, "--json"]) == 0

@@ -1,4 +1,4 @@
-"""A repeatable control as C: for a robot's own loop, and compiled for Python's."""
+"""Code generation: repeatable inverses and cell functions as C, exported or compiled for Python."""
 
 from .compile import compiled as compiled
 from .export import export_c as export_c

@@ -1,5 +1,4 @@
-"""A repeatable control, or a cell's inverse kinematic function, in compiled C, called from
-Python."""
+"""Compiled C versions of repeatable inverses and of cell functions, called from Python."""
 
 from __future__ import annotations
 
@@ -23,7 +22,9 @@ from .compiled_loop import GIVEN_LEAF, NAME, call_memory, compiled_loops, librar
 
 
 class CompiledFunction(InverseFunction):
-    """``q = F(x; c)`` in C. What C refuses Python looks at again, and says why."""
+    """Inverse kinematic function ``q = F(x; c)`` in C.
+
+    Python evaluates failed calls again for the error message."""
 
     def __init__(self, chart: Chart, *, keep_limits: bool = True) -> None:
         super().__init__(chart, keep_limits=keep_limits)
@@ -34,7 +35,7 @@ class CompiledFunction(InverseFunction):
             self._one = PerThread(partial(_one_pose, self.task, one))
 
     def __call__(self, target: pin.SE3, *, leaf: ArrayLike | None = None) -> Array:
-        """Evaluate F: the joints (n,) for a pose of the cell; see :class:`InverseFunction`."""
+        """Evaluate F, the configuration (n,) for a pose; see :class:`InverseFunction`."""
         if self._library is not None and isinstance(target, pin.SE3):
             q = self._one.own(target, None if leaf is None else self._leaf(leaf))
             if q is not None:
@@ -51,8 +52,8 @@ class CompiledFunction(InverseFunction):
 
     @cached_property
     def inverse(self) -> RepeatableInverse:
-        """The control ``q̇ = ∂F/∂x ẋ``, in C too."""
-        if self._library is None:  # which was said
+        """Inverse ``q̇ = ∂F/∂x ẋ``, also in C."""
+        if self._library is None:  # a warning was given
             return super().inverse
         return RepeatableInverse(
             self.task, CellPotentials(self.chart), region=self.cell, loops=compiled_loops
@@ -62,7 +63,9 @@ class CompiledFunction(InverseFunction):
 def _one_pose(
     task: Task, run: Callable[..., int]
 ) -> Callable[[pin.SE3, Array | None], Array | None]:
-    """Make the function (target, leaf or None) → q (n,) of one thread; None where C refuses."""
+    """Create the function (target, leaf or None) → q (n,) of one thread.
+
+    It returns None if C returns an error."""
     parts, address = call_memory(task)
     pose, leaf_in, result = parts["target"].reshape(4, 4), parts["leaf"], parts["result"]
 
@@ -82,17 +85,19 @@ def compiled(control: RepeatableInverse) -> RepeatableInverse: ...
 @overload
 def compiled(control: InverseFunction) -> InverseFunction: ...
 def compiled(control: RepeatableInverse | InverseFunction) -> RepeatableInverse | InverseFunction:
-    """Make the same inverse with ``velocity``, ``step``, ``batch`` and ``velocities`` in compiled
-    C, or the same F.
+    """Compile a repeatable inverse or a cell function to C.
 
-    It is compiled once with the machine's C compiler, and kept in the user's cache. Without a
-    compiler there is a warning, and Python is used. Any number of threads may call it.
+    An inverse gets compiled ``velocity``, ``step``, ``batch`` and ``velocities``.
+
+    It is compiled once by the system's C compiler, and stored in the user's cache. Without a
+    compiler, a warning is given and Python is used. Any number of threads can call the result.
 
     Parameters
     ----------
     control
-        An inverse of polynomials, Fourier series, or their sums. Or a cell's inverse kinematic
-        function, such as ``found.function``: then F, ``batch`` and its ``inverse`` are in C.
+        Inverse with potentials that are polynomials, Fourier series, or their sums. Or a cell's
+        inverse kinematic function, such as ``found.function``; F, ``batch`` and its ``inverse`` are
+        then in C.
 
     Returns
     -------
@@ -106,7 +111,8 @@ def compiled(control: RepeatableInverse | InverseFunction) -> RepeatableInverse 
     Examples
     --------
     >>> fast = rp.compiled(design.inverse)
-    >>> np.allclose(fast.velocity(q0, np.array([0.1, 0.0])), design.inverse.velocity(q0, np.array([0.1, 0.0])))
+    >>> xdot = np.array([0.1, 0.0])
+    >>> np.allclose(fast.velocity(q0, xdot), design.inverse.velocity(q0, xdot))
     True
     """
     if isinstance(control, InverseFunction):

@@ -1,4 +1,4 @@
-"""A repeatable inverse as a folder of C, ready for a robot's own loop."""
+"""Export of a repeatable inverse as a folder of C files for a robot's control loop."""
 
 from __future__ import annotations
 
@@ -32,29 +32,28 @@ def export_c(
     *,
     region: Region | None = None,
 ) -> list[Path]:
-    """Write a repeatable inverse as C99 (and C++17) that needs nothing but ``<math.h>``, and all
-    that goes with it.
+    """Export a repeatable inverse as C99 (and C++17) that depends on ``<math.h>`` only.
 
     ``name.h`` and ``name.c``: placement, jacobian, inverse, leaf, velocity, step, inside, every
-    name beginning with ``name_``. They allocate and keep nothing, and return a status.
-    ``name.hpp``: the same with
-    ``std::array``. ``test_vectors.h`` and ``check.c`` compare a build with Python; ``loop.c`` is an example at 1 kHz;
-    ``CMakeLists.txt`` builds all. The same inverse gives the same bytes.
+    name beginning with ``name_``. They do not allocate memory, keep no state, and return a status.
+    ``name.hpp``: the same with ``std::array``. ``test_vectors.h`` and ``check.c`` compare a build
+    with Python; ``loop.c`` is an example at 1 kHz; ``CMakeLists.txt`` builds all. The output is
+    deterministic.
 
     Parameters
     ----------
     control
-        Such as ``design.inverse``, of polynomials, Fourier series, or their sums. Or a cell's
-        inverse kinematic function, such as ``found.function``: then ``name_F(target)`` is there
-        too.
+        Inverse such as ``design.inverse``, with potentials that are polynomials, Fourier series, or
+        their sums. Or a cell's inverse kinematic function, such as ``found.function``, which adds
+        ``name_F(target)``.
     folder
-        Created if it does not exist.
+        Folder for the files, created if it does not exist.
     name
-        What the files and every name in C begin with.
+        Prefix of the files and of every name in C.
     region
-        Such as ``design.region``: what ``name_inside`` checks, and from where the test vectors are
-        drawn. A cell's function and its inverse have their cell, and stay inside it and the joints'
-        limits unless told otherwise.
+        Region such as ``design.region``, which ``name_inside`` checks and from which the test
+        vectors are sampled. A cell's function and its inverse use their cell, and by default stay
+        within it and within the joint limits.
 
     Returns
     -------
@@ -66,7 +65,7 @@ def export_c(
     InputError
         If the name is not an identifier, the inverse or the region holds user-defined functions, or
         the folder cannot be written, holds another control, or a file of one of these names that
-        was not written here or was edited since.
+        repctl_pin did not write or that was edited.
 
     Examples
     --------
@@ -109,7 +108,7 @@ def export_c(
     for other in where.glob("*.hpp"):
         if other.stem != name and where.joinpath("test_vectors.h").exists():
             raise InputError(
-                f"{where} holds the control {other.stem!r} already; choose another folder"
+                f"{where} already contains the inverse {other.stem!r}; choose another folder"
             )
     signed = {where / file: _signed(file, text) for file, text in texts.items()}
     for path in signed:
@@ -118,7 +117,7 @@ def export_c(
 
 
 def _signed(file: str, text: str) -> str:
-    """Put a first line before a file's text: who wrote it, and the checksum of the rest."""
+    """Add a first line to a file: origin, version and checksum of the rest."""
     said = f"{_SIGNED} {__version__}; checksum of the lines below: {_checksum(text.encode())}"
     return f"# {said}\n{text}" if file == "CMakeLists.txt" else f"/* {said} */\n{text}"
 
@@ -128,8 +127,7 @@ def _checksum(text: bytes) -> str:
 
 
 def _refuse_foreign(path: Path) -> None:
-    """Refuse to overwrite a file that was not written here, or was edited since: its first line
-    tells."""
+    """Raise InputError for a file that repctl_pin did not write, or that was edited."""
     if not path.is_file():
         return
     with path.open("rb") as file:
@@ -137,31 +135,30 @@ def _refuse_foreign(path: Path) -> None:
         ours = _SIGNED.encode() in first and _checksum(file.read()).encode() in first
     if not ours:
         raise InputError(
-            f"{path} was not written by repctl_pin, or was edited since, and is not overwritten; "
-            "choose another folder, or move that file away"
+            f"{path} is not overwritten: it was not written by repctl_pin, or was edited since; "
+            "choose another folder, or move that file"
         )
 
 
 def _circle(task: Task, region: Region | Cell | None) -> tuple[list[int], float]:
-    """Choose the axes, and the radius, m, of a small circle that begins at the start; in a cell it
-    stays there."""
+    """Choose axes and radius, m, of a small circle, within the cell if there is one."""
     axes = [int(axis) for axis in task.rows if axis < 3]
     if not isinstance(region, Cell):
         return axes[:2], 0.02
     widths = dict(zip(axes, region.half_width.tolist(), strict=True))
     axes = sorted(axes, key=lambda axis: -widths[axis])[
         :2
-    ]  # the circle goes from the middle to −2 radii
+    ]  # the circle extends from the start to −2 radii
     return axes, min(0.02, *(0.45 * widths[axis] for axis in axes))
 
 
 def _vector(vector: Vector, said: dict[str, Any], inverse: RepeatableInverse, name: str) -> str:
-    """Write one test vector as C."""
+    """Format one test vector as C."""
     task = inverse.task
     limit = np.full(task.n, np.inf) if vector.limit is None else vector.limit
     gain = -1.0 if vector.gain is None else vector.gain
     entries = [row(vector.q), row(vector.xdot), pose(vector.target), value(vector.dt)]
-    for part, size in ((vector.twist, 6), (vector.leaf, task.r)):  # whether it is given, and what
+    for part, size in ((vector.twist, 6), (vector.leaf, task.r)):  # flag and value
         entries += [str(int(part is not None)), row(np.zeros(size) if part is None else part)]
     entries.append(
         f"{{{value(gain)}, {row(limit)}, {value(vector.damping)}, {int(vector.stay_inside)}}}"
@@ -179,13 +176,13 @@ def _vector(vector: Vector, said: dict[str, Any], inverse: RepeatableInverse, na
 
 
 def _function_vectors(function: InverseFunction, name: str) -> str:
-    """Write targets in and beyond the cell, and the joints that Python finds for them."""
+    """Format targets inside and outside the cell, and Python's results for them."""
     rows = []
     for target, leaf in targets(function):
         status, q = asked(partial(function, target, leaf=leaf), function.task.n)
         status = (
             OUTSIDE if status == BAD_NUMBER else status
-        )  # the targets are placements: only the cell is left
+        )  # targets are valid placements, so the cell is the only cause
         rows.append(
             f"    {{{pose(target)}, {row(leaf)}, {name.upper()}_{STATUS[status]}, {row(q)}}}"
         )

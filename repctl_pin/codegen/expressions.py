@@ -1,6 +1,6 @@
-"""Sums and products of joint numbers, simplified as they are made, and written as straight-line C.
+"""Symbolic expressions, simplified when created and written as straight-line C.
 
-Equal expressions are one object, so what a chain of joints needs twice is computed once.
+Equal expressions are one object, so that common subexpressions are computed once.
 """
 
 from __future__ import annotations
@@ -12,12 +12,12 @@ from operator import attrgetter
 from typing import Any
 
 _SNAP = 1e-15
-"""Constants this near to 0, 1 or −1 are meant so: the cosine of a URDF's right angle."""
+"""Tolerance within which constants are rounded to 0, 1 or −1, as for cosines of right angles in a
+URDF."""
 
 
 class Expression:
-    """A number, an input, a sine or cosine of one, or a sum or product of two. Made by a
-    :class:`Graph`."""
+    """Number, input, sine, cosine, sum or product, created by a :class:`Graph`."""
 
     __slots__ = ("graph", "kind", "order", "parts", "value")
 
@@ -40,28 +40,28 @@ class Expression:
 
 
 class Graph:
-    """Makes expressions, each only once."""
+    """Factory of expressions without duplicates."""
 
     def __init__(self) -> None:
         self._made: dict[tuple[Any, ...], Expression] = {}
 
     def number(self, value: float) -> Expression:
-        """Make a constant."""
+        """Create a constant."""
         near = min((0.0, 1.0, -1.0), key=lambda known: abs(value - known))
         return self._make("number", (), near if abs(value - near) <= _SNAP else float(value))
 
     def input(self, text: str) -> Expression:
-        """Make what the C code reads, such as ``q[0]``."""
+        """Create an input variable of the C code, such as ``q[0]``."""
         return self._make("input", (), text)
 
     def function(self, name: str, angle: Expression) -> Expression:
-        """Make ``sin(angle)`` or ``cos(angle)``."""
+        """Create ``sin(angle)`` or ``cos(angle)``."""
         if angle.kind == "number":
             return self.number(getattr(math, name)(float(angle.value)))
         return self._make(name, (angle,), "")
 
     def negative(self, a: Expression) -> Expression:
-        """Make ``−a``."""
+        """Create ``−a``."""
         if a.kind == "number":
             return self.number(-float(a.value))
         if a.kind == "negative":
@@ -69,7 +69,7 @@ class Graph:
         return self._make("negative", (a,), "")
 
     def sum(self, a: Expression, b: Expression) -> Expression:
-        """Make ``a + b``."""
+        """Create ``a + b``."""
         if a.kind == "number" and b.kind == "number":
             return self.number(float(a.value) + float(b.value))
         for one, other in ((a, b), (b, a)):
@@ -80,7 +80,7 @@ class Graph:
         return self._make("sum", (a, b), "")
 
     def product(self, a: Expression, b: Expression) -> Expression:
-        """Make ``a b``; signs go outward."""
+        """Create ``a b``, with signs moved outward."""
         if a.kind == "number" and b.kind == "number":
             return self.number(float(a.value) * float(b.value))
         for one, other in ((a, b), (b, a)):
@@ -97,7 +97,7 @@ class Graph:
         return self._make("product", tuple(sorted((a, b), key=attrgetter("order"))), "")
 
     def total(self, terms: Iterable[Expression]) -> Expression:
-        """Add many."""
+        """Create the sum of several terms."""
         return reduce(self.sum, terms, self.number(0.0))
 
     def _make(self, kind: str, parts: tuple[Expression, ...], value: float | str) -> Expression:
@@ -108,18 +108,18 @@ class Graph:
 
 
 def number(value: float) -> str:
-    """Write a finite number in C: the shortest text that reads back as the same double."""
+    """Format a finite number in C by the shortest text that parses to the same double."""
     assert math.isfinite(value)
     return repr(float(value) + 0.0)
 
 
 def assignments(targets: dict[str, Expression], indent: str = "    ") -> str:
-    """Write C that assigns expressions to targets: one constant for whatever is used twice.
+    """Write C assignments of expressions to targets, with constants for common subexpressions.
 
     Parameters
     ----------
     targets
-        By what they are assigned to, such as ``J[0][1]``.
+        Expressions by their target, such as ``J[0][1]``.
     """
     uses: dict[int, int] = {}
     order: list[Expression] = []
@@ -171,7 +171,7 @@ def _text(expression: Expression, names: dict[int, str]) -> str:
 
 
 def _factor(expression: Expression, names: dict[int, str]) -> str:
-    """Write what stands in a product or behind a minus."""
+    """Format a factor of a product, or the operand of a minus."""
     text = _text(expression, names)
     bare = id(expression) in names or expression.kind in ("input", "sin", "cos")
     return (
@@ -180,5 +180,5 @@ def _factor(expression: Expression, names: dict[int, str]) -> str:
 
 
 def _is_single(expression: Expression, names: dict[int, str]) -> bool:
-    """Whether a leading minus is that of the whole text."""
+    """Test whether a leading minus applies to the whole expression."""
     return expression.kind in ("number", "negative") and id(expression) not in names

@@ -1,4 +1,4 @@
-"""The forward kinematics of a task, unrolled: placement of the frame and J as straight-line C."""
+"""Forward kinematics and Jacobian of a task as unrolled, straight-line C."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ Matrix = list[Vector]
 
 
 class Chain:
-    """A task's chain of joints as expressions of ``q[0]`` … ``q[n − 1]``.
+    """Kinematics of a task's chain as expressions in ``q[0]`` … ``q[n − 1]``.
 
     Attributes
     ----------
     p : (3,) expressions
-        Where the frame's origin is, m.
+        Position of the frame's origin, m.
     R : (3, 3) expressions
-        How the frame is turned.
+        Orientation of the frame.
     J : (m, n) expressions
-        ``ẋ = J q̇`` (2), the rows of :class:`repctl_pin.robot.task.Task`; in joint coordinates ψ
-        too.
+        Jacobian of ``ẋ = J q̇`` (2), rows as in :class:`repctl_pin.robot.task.Task`; also in
+        coordinates ψ.
     """
 
     def __init__(self, task: Task) -> None:
@@ -39,8 +39,8 @@ class Chain:
         model, frame = task.model, task.model.frames[task._frame_id]
         self.p = self._numbers(np.zeros(3))
         self.R = [self._numbers(row) for row in np.eye(3)]
-        axes: list[tuple[bool, Vector, Vector]] = []  # turns, its axis and where it is
-        turned = np.eye(3)  # from the joint's own axes to those with z along it
+        axes: list[tuple[bool, Vector, Vector]] = []  # revolute or not, axis, and position
+        turned = np.eye(3)  # from the joint's axes to axes with z along the joint
         for j, (angle, (turns, axis)) in enumerate(zip(joints, _joints(task), strict=True), 1):
             assert model.parents[j] == j - 1, "the joints of a task are a chain"
             B = _z_along(axis)
@@ -69,7 +69,7 @@ class Chain:
         )
 
     def _column(self, turns: bool, z: Vector, o: Vector) -> Vector:
-        """The frame's twist (v, ω) per unit of a joint's speed."""
+        """Compute the frame's twist (v, ω) per unit joint speed."""
         if not turns:
             return [*z, *self._numbers(np.zeros(3))]
         d = [a - b for a, b in zip(self.p, o, strict=True)]
@@ -95,7 +95,7 @@ class Chain:
         return [self.graph.number(v) for v in values]
 
     def code(self) -> dict[str, str]:
-        """Write C that assigns ``p[3]`` and ``R[9]``, row by row; ``J[m][n]``; and all of them."""
+        """Write C assignments of ``p[3]`` and ``R[9]``, of ``J[m][n]``, and of all of them."""
         p = {f"p[{i}]": e for i, e in enumerate(self.p)}
         R = {f"R[{3 * i + k}]": e for i, row in enumerate(self.R) for k, e in enumerate(row)}
         J = {f"J[{a}][{i}]": e for a, row in enumerate(self.J) for i, e in enumerate(row)}
@@ -107,7 +107,7 @@ class Chain:
 
 
 def _joints(task: Task) -> list[tuple[bool, Array]]:
-    """Say of every joint whether it turns, and about or along which axis of its own frame."""
+    """List the type of every joint, True if revolute, and its axis in its own frame."""
     model, data = task.model, task.model.createData()
     pin.computeJointJacobians(model, data, np.zeros(model.nq))
     found = []
@@ -119,8 +119,7 @@ def _joints(task: Task) -> list[tuple[bool, Array]]:
 
 
 def _z_along(axis: Array) -> Array:
-    """A rotation (3, 3) whose third column is a unit axis; of zeros and ones where the axis is one
-    of x, y, z."""
+    """Compute a rotation (3, 3) with a given third column; entries 0 and 1 for the axes x, y, z."""
     axis = np.where(np.abs(axis) < 1e-15, 0.0, axis) + 0.0
     k = int(np.argmax(np.abs(axis)))
     other = np.eye(3)[(k + 1) % 3]

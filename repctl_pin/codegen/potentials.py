@@ -1,5 +1,4 @@
-"""Potentials h(q), their gradients, and a cell's function q = F(x; c) as C: tables of numbers, and
-loops over them."""
+"""Potentials h(q), their gradients, and cell functions q = F(x; c) as C, by tables and loops."""
 
 from __future__ import annotations
 
@@ -23,29 +22,29 @@ Powers = tuple[int, ...]
 Written = PolynomialMap | FourierMap | CellPotentials
 
 
-def field_functions(potentials: Potentials, n: int, name: str) -> list[str]:
-    """Write C functions ``name_potential_0``, …: each adds a part of h (r,) and of Vᵀ = ∂h/∂q (r,
-    n) to what is there.
+def potential_functions(potentials: Potentials, n: int, name: str) -> list[str]:
+    """Write C functions ``name_potential_0``, … that add parts of h (r,) and Vᵀ = ∂h/∂q (r, n).
 
     Parameters
     ----------
     potentials
-        Polynomials, Fourier series, and sums and parts of them; or a section over a cell.
+        Polynomials, Fourier series, and sums and parts of them; or the potentials of a cell
+        function.
     n
-        Joints of the arm.
+        Number of joints.
     name
-        What all names begin with.
+        Prefix of all names.
 
     Raises
     ------
     InputError
-        If the potentials are user-defined functions, which cannot be written down.
+        If the potentials are user-defined functions, which cannot be written as C.
     """
     written = []
     for index, (part, joints) in enumerate(_flat(potentials, list(range(n)))):
         common = {"number": index, "k": len(joints), "joints": integer(joints)}
         if isinstance(part, CellPotentials):
-            file, parts = "section.c", _section(part.chart, name)
+            file, parts = "cell.c", _cell(part.chart, name)
         elif isinstance(part, PolynomialMap):
             file, parts = "polynomial.c", _polynomial(part)
         else:
@@ -55,8 +54,7 @@ def field_functions(potentials: Potentials, n: int, name: str) -> list[str]:
 
 
 def _flat(potentials: Potentials, joints: Sequence[int]) -> list[tuple[Written, Sequence[int]]]:
-    """Take sums and parts apart: plain potentials, each with the joints that it is a function
-    of."""
+    """Split sums into single potentials, each with the joints that it depends on."""
     if isinstance(potentials, SumMap):
         return [found for part in potentials.maps for found in _flat(part, joints)]
     if isinstance(potentials, PartialMap):
@@ -64,19 +62,19 @@ def _flat(potentials: Potentials, joints: Sequence[int]) -> list[tuple[Written, 
     if isinstance(potentials, Written):
         return [(potentials, joints)]
     raise InputError(
-        f"potentials of the kind {type(potentials).__name__} cannot be written as C, for they hold functions; polynomials, "
-        "Fourier series and their sums can"
+        f"potentials of type {type(potentials).__name__} cannot be written as C, "
+        "because they contain Python functions; use polynomials, Fourier series or their sums"
     )
 
 
 def _polynomial(potentials: PolynomialMap) -> dict[str, object]:
-    """Tabulate r polynomials of degree d, made homogeneous by a factor z_0 = 1.
+    """Tabulate r polynomials of degree d, homogenised by a factor z_0 = 1.
 
     The derivatives ``w_i = ∂h/∂z_i`` are sums over monomials u^β of degree d − 1 at most, and by
     Euler's theorem ``h = Σ_i w_i z_i / d``: one table serves values and gradient."""
     d, k = potentials.degree, len(potentials.center)
     r = len(next(iter(potentials.terms.values())))
-    shares: dict[Powers, Array] = {}  # what u^β counts for in w (r, k + 1)
+    shares: dict[Powers, Array] = {}  # weights of u^β in w (r, k + 1)
 
     def add(beta: Powers, i: int, share: Array) -> None:
         if share.any():
@@ -104,8 +102,9 @@ def _polynomial(potentials: PolynomialMap) -> dict[str, object]:
 
 
 def _monomials(wanted: dict[Powers, Array], k: int) -> tuple[list[Powers], list[int], list[int]]:
-    """Order monomials so that each is an earlier one times a variable: their powers, that one, that
-    variable."""
+    """Order monomials so that each is an earlier one times a variable.
+
+    Returns their powers, parents and variables."""
     needed = {(0,) * k}
     for beta in wanted:
         while any(beta):
@@ -118,13 +117,13 @@ def _monomials(wanted: dict[Powers, Array], k: int) -> tuple[list[Powers], list[
 
 
 def _lower(beta: Powers) -> tuple[Powers, int]:
-    """Take one factor out of a monomial: what is left, and which variable it was."""
+    """Split one variable off a monomial: the remaining powers, and the variable."""
     last = max(i for i, power in enumerate(beta) if power)
     return (*beta[:last], beta[last] - 1, *beta[last + 1 :]), last
 
 
 def _fourier(potentials: FourierMap) -> dict[str, object]:
-    """Tabulate waves and coefficients; waves that no potential uses are left out."""
+    """Tabulate waves and coefficients, without unused waves."""
     used = ((potentials.sines != 0) | (potentials.cosines != 0)).any(axis=1)
     used[0] |= not used.any()
     weights = np.stack([potentials.sines[used], potentials.cosines[used]], axis=-1)  # (waves, r, 2)
@@ -135,8 +134,8 @@ def _fourier(potentials: FourierMap) -> dict[str, object]:
     }
 
 
-def _section(chart: Chart, name: str) -> dict[str, object]:
-    """Tabulate ``h(q) = n_ref(u)ᵀ (q − q_ref(u))``, and write how u changes with q."""
+def _cell(chart: Chart, name: str) -> dict[str, object]:
+    """Tabulate ``h(q) = n_ref(u)ᵀ (q − q_ref(u))``, with the C code for the rate of u."""
     kind = chart.cell.task.kind
     return {
         "rates": filled(f"rates_{kind if kind in ('pose', 'axis') else 'position'}.c", name, {}),
@@ -145,7 +144,7 @@ def _section(chart: Chart, name: str) -> dict[str, object]:
 
 
 def function_code(function: InverseFunction, name: str) -> str:
-    """Write F as a C function; its limits are infinite where it does not keep them."""
+    """Write F as a C function, with infinite limits if it does not keep them."""
     task = function.task
     lower, upper = (
         (task.lower, task.upper)

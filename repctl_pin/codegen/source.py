@@ -1,4 +1,4 @@
-"""A repeatable inverse as one C99 header and one source."""
+"""C99 header and source file of a repeatable inverse."""
 
 from __future__ import annotations
 
@@ -14,12 +14,13 @@ from ..robot.task import Task
 from ..strategies.repeatable import RepeatableInverse
 from .expressions import Graph, assignments
 from .kinematics import Chain
-from .potentials import field_functions, function_code
+from .potentials import function_code, potential_functions
 from .text import comment, filled, integer, row, table
 
 _MEANING = {
     "pose": "position and orientation: xdot = (v, omega), base axes, m/s and rad/s",
-    "axis": "position and tool axis: v in base axes, m/s, and omega about the frame's own x and y, rad/s",
+    "axis": "position and tool axis: v in base axes, m/s, "
+    "and omega about the frame's own x and y, rad/s",
     "position": "position: xdot = v, base axes, m/s",
     "xy": "x and y of the position: xdot in m/s",
     "xz": "x and z of the position: xdot in m/s",
@@ -28,7 +29,7 @@ _MEANING = {
 
 
 class Source(NamedTuple):
-    """The two files."""
+    """Header and source file."""
 
     header: str
     code: str
@@ -37,24 +38,23 @@ class Source(NamedTuple):
 def write_source(
     control: RepeatableInverse | InverseFunction, name: str, region: Region | None = None
 ) -> Source:
-    """Write a repeatable inverse, or a cell's inverse kinematic function, as C; names begin with
-    ``name_``.
+    """Write a repeatable inverse or a cell function as C with the prefix ``name_``.
 
     Parameters
     ----------
     control
-        Of polynomials, Fourier series, or their sums; or a function, whose own inverse is written
-        with it.
+        Inverse with potentials that are polynomials, Fourier series, or their sums; or a cell
+        function, whose inverse is written, too.
     name
-        A checked name.
+        Checked prefix.
     region
-        Ω that it was designed for: what ``name_inside`` asks for. A section's is its cell; without
-        one every q is inside.
+        Design region Ω, which ``name_inside`` checks; for a cell function its cell. Without a
+        region, every q is inside.
 
     Raises
     ------
     InputError
-        If the potentials or the region hold functions, which cannot be written down.
+        If the potentials or the region contain Python functions, which cannot be written as C.
     """
     inverse, declared, defined = control, "", ""
     if isinstance(control, InverseFunction):
@@ -68,11 +68,11 @@ def write_source(
     )
     task = inverse.task
     if task.r < 1:
-        raise InputError(f"{task!r} has no joint to spare: there is no potential to write")
+        raise InputError(f"{task!r} has no redundancy, so there are no potentials to write")
     if isinstance(region, Region) and len(region.center) != task.n:
         raise InputError(f"the region has {len(region.center)} joints, but the task has {task.n}")
     kept = region_of(inverse, region)
-    potentials = field_functions(inverse.potentials, task.n, name)
+    potentials = potential_functions(inverse.potentials, task.n, name)
     kind = task.kind if task.kind in ("pose", "axis") else "position"
     rotation = "rotation_free.c" if kind == "position" else "rotation.c"
     stays = isinstance(kept, Cell)
@@ -95,7 +95,7 @@ def write_source(
 
 
 def region_of(inverse: RepeatableInverse, region: Region | None) -> Region | Cell | None:
-    """Take the region given, or the cell of a section."""
+    """Return the region given, or the cell of a cell function."""
     return (
         inverse.potentials.chart.cell
         if region is None and isinstance(inverse.potentials, CellPotentials)
@@ -104,7 +104,7 @@ def region_of(inverse: RepeatableInverse, region: Region | None) -> Region | Cel
 
 
 def _limits(task: Task) -> dict[str, str]:
-    """Write the limits of the robot's own joints, and those joints out of q."""
+    """Write the limits of the robot's own joints, and these joints as functions of q."""
     lower, upper, _ = task.joint_limits
     graph = Graph()
     q = [graph.input(f"q[{i}]") for i in range(task.n)]
@@ -116,7 +116,7 @@ def _limits(task: Task) -> dict[str, str]:
 
 
 def about(control: RepeatableInverse | InverseFunction, region: Region | Cell | None) -> str:
-    """Say in a comment what the code is for: robot, frame, task, joints, region, units, version."""
+    """Write the header comment: robot, frame, task, joints, region, units, version."""
     task = control.task
     robot = task.robot
     base = "the base" if robot.base is None else comment(robot.base)
@@ -127,7 +127,7 @@ def about(control: RepeatableInverse | InverseFunction, region: Region | Cell | 
         )
     ]
     lines = [
-        f"Repeatable control of a redundant arm, written by repctl_pin {__version__}; do not edit.",
+        f"Repeatable inverse of a redundant arm, written by repctl_pin {__version__}; do not edit.",
         "",
         f"robot   {comment(robot.name)} ({comment(robot.description.path.name)})",
         f"frame   {comment(task.frame)}, placed in {base}",
@@ -135,25 +135,25 @@ def about(control: RepeatableInverse | InverseFunction, region: Region | Cell | 
         f"joints  {joints[0]}",
         *(f"        {line}" for line in joints[1:]),
         f"region  {_of(region)}",
-        "units   m, rad, s; q that is outside the joints' ranges is not refused",
+        "units   m, rad, s; a q outside the joint limits is accepted",
     ]
     if task.coordinates is not None:
         lines.append(
-            "        q are joint coordinates psi; the joints themselves are T psi, T row by row:"
+            "        q are joint coordinates psi; the joint positions are T psi, T row by row:"
         )
         lines += [f"        {', '.join(f'{t:g}' for t in values)}" for values in task.coordinates.T]
     return "\n".join([lines[0], *(f" * {line}".rstrip() for line in lines[1:])])
 
 
 def _of(region: Region | Cell | None) -> str:
-    """Name a region in a comment."""
+    """Describe a region in a comment."""
     if isinstance(region, Cell):
         return f"the cell {comment(repr(region))}"
     return "none given" if region is None else comment(str(region).replace("±", "+-"))
 
 
 def _inside(region: Region | Cell | None, task: Task, name: str) -> str:
-    """Write the function that says whether q is in a region."""
+    """Write the function that tests whether q is in a region."""
     if region is None:
         return filled("inside_any.c", name, {})
     if isinstance(region, Cell):
@@ -181,5 +181,6 @@ def _inside(region: Region | Cell | None, task: Task, name: str) -> str:
         }
         return filled("inside_workspace.c", name, parts)
     raise InputError(
-        f"a region {type(region).__name__} cannot be written as C; boxes, tubes and workspace boxes can"
+        f"a region of type {type(region).__name__} cannot be written as C; "
+        "use a box, a tube or a workspace box"
     )

@@ -1,5 +1,4 @@
-"""What Python computes at some configurations, good and bad, for the C code to be checked
-against."""
+"""Test vectors for the C code: valid and invalid inputs, and Python's results."""
 
 from __future__ import annotations
 
@@ -18,7 +17,7 @@ from ..strategies.repeatable import Bounded, RepeatableInverse
 STATUS = ("OK", "SINGULAR", "BAD_NUMBER", "OUTSIDE")
 OK, SINGULAR, BAD_NUMBER, OUTSIDE = range(4)
 EDGE = 1e-9
-"""How far beyond 1, and beyond a joint's limit, still counts as inside."""
+"""Tolerance beyond the boundary, and beyond joint limits, that counts as inside."""
 
 _DT = 1e-3
 _GAINS = (20.0, None, 500.0, 0.0)
@@ -26,7 +25,7 @@ _GAINS = (20.0, None, 500.0, 0.0)
 
 @dataclass
 class Vector:
-    """One configuration, what is asked there, and what Python answers."""
+    """One configuration, the inputs of the functions, and Python's results."""
 
     q: Array
     xdot: Array
@@ -43,14 +42,13 @@ class Vector:
 def vectors(
     inverse: RepeatableInverse, region: Bounded | None, start: Array, count: int = 48, seed: int = 0
 ) -> list[Vector]:
-    """Choose configurations in and near the region, or near the start, and questions of every
-    kind."""
+    """Sample configurations in and near the region or the start, with inputs of all kinds."""
     task, rng = inverse.task, np.random.default_rng(seed)
     near_start = start + rng.uniform(-0.2, 0.2, (count, task.n))
     Q = region.random(count, seed)[:count] if isinstance(region, Region) else near_start
     found = []
     for k, q in enumerate(Q):
-        if k % 6 == 5:  # farther out
+        if k % 6 == 5:  # further outside
             q = q + rng.normal(size=task.n)
         near = task.placement(q + 0.01 * rng.normal(size=task.n))
         away = (
@@ -78,7 +76,7 @@ def vectors(
         25: ("dt", 0.0),
         31: ("gain", 3000.0),
     }
-    if inverse.task.kind in ("pose", "axis"):  # R reflected, and R scaled
+    if inverse.task.kind in ("pose", "axis"):  # reflected and scaled R
         bad |= {37: ("target", pin.SE3(np.diag([1.0, 1.0, -1.0]), np.zeros(3)))}
         bad |= {
             43: (
@@ -96,7 +94,7 @@ def vectors(
 
 
 def answers(inverse: RepeatableInverse, region: Bounded | None, vector: Vector) -> dict[str, Any]:
-    """What Python answers: a status of every function, and its result where it is OK."""
+    """Compute Python's results: the status of every function, and its output if it is OK."""
     task, q = inverse.task, vector.q
     if not np.isfinite(q).all():
         refused = dict.fromkeys(("usable", "inside", "velocity", "step"), BAD_NUMBER)
@@ -112,11 +110,17 @@ def answers(inverse: RepeatableInverse, region: Bounded | None, vector: Vector) 
     said["velocity"], said["qdot"] = asked(lambda: inverse.velocity(q, vector.xdot), task.n)
     said["step"], said["q_next"] = asked(
         lambda: inverse.step(
-            q, vector.target, vector.dt, vector.twist, leaf=vector.leaf, gain=vector.gain, velocity_limit=vector.limit,
+            q,
+            vector.target,
+            vector.dt,
+            vector.twist,
+            leaf=vector.leaf,
+            gain=vector.gain,
+            velocity_limit=vector.limit,
             damping=vector.damping,
         ),
         task.n,
-    )  # fmt: skip
+    )
     if vector.stay_inside and said["step"] in (OK, SINGULAR) and beyond:
         said["step"] = OUTSIDE
     if (
@@ -131,7 +135,7 @@ def answers(inverse: RepeatableInverse, region: Bounded | None, vector: Vector) 
 def targets(
     function: InverseFunction, count: int = 24, seed: int = 0
 ) -> list[tuple[pin.SE3, Array]]:
-    """Choose targets in the cell and beyond it, and leaves."""
+    """Sample targets inside and outside the cell, and leaves."""
     rng = np.random.default_rng(seed)
     U = (
         rng.uniform(-1.1, 1.1, (count, function.cell.k))
@@ -144,9 +148,9 @@ def targets(
 
 
 def asked(question: Any, n: int) -> tuple[int, Array]:
-    """Ask Python: a status, and the joints where it is OK."""
+    """Evaluate a function in Python: its status, and q if it is OK."""
     try:
-        with np.errstate(all="ignore"):  # where numbers that are not finite are asked about
+        with np.errstate(all="ignore"):  # inputs may be infinite or nan
             return OK, question()
     except SingularityError:
         return SINGULAR, np.zeros(n)

@@ -1,5 +1,4 @@
-"""Is a control strategy repeatable? The Lie bracket condition, the drift it predicts, and stable
-surfaces."""
+"""Repeatability tests: the Lie bracket condition, predicted drift, and stable surfaces."""
 
 from .derivative import differentiate as differentiate
 from .lie_bracket import bracket_defect as bracket_defect

@@ -1,5 +1,4 @@
-"""∂G/∂q of any inverse: exact where the arm's Hessian gives it, by differences with an error where
-not."""
+"""Derivative ∂G/∂q of an inverse, by a formula or by differences with an error estimate."""
 
 from __future__ import annotations
 
@@ -30,7 +29,7 @@ _ENOUGH = 1e-6
 
 @dataclass(frozen=True)
 class Derivative:
-    """An inverse and its derivative at K configurations.
+    """Inverse and its derivative at K configurations.
 
     Attributes
     ----------
@@ -39,10 +38,10 @@ class Derivative:
     dG : (K, n, m, n) array
         ``[:, i, a, k] = ∂G[i, a]/∂q[k]``.
     error : (K, n) array
-        Estimated largest error of any entry of ∂G/∂q_k, a prismatic joint's row in units of the
-        arm's length.
+        Estimated maximum error of the entries of ∂G/∂q_k, with rows of prismatic joints in arm
+        lengths.
     exact : bool
-        True where a formula was evaluated and only rounding is left.
+        True if a formula was evaluated, with rounding errors only.
     """
 
     J: Array
@@ -54,17 +53,16 @@ class Derivative:
 
 @singledispatch
 def derivative(strategy: Inverse, Q: Array) -> Derivative:
-    """Differentiate an inverse at every row of Q (K, n), by differences unless its kind has a
-    formula.
+    """Differentiate an inverse at every row of Q (K, n), by a formula or by differences.
 
     Raises
     ------
     InputError
-        If the strategy is no inverse: it has no G(q).
+        If the strategy is not an inverse, because it has no G(q).
     SingularityError
         If a row of Q is singular.
     """
-    wanted_inverse(strategy)
+    require_inverse(strategy)
     J, L = strategy.task.jacobians(Q), joint_scale(strategy.task, Q[0])[:, None]
     dG, error = differentiate(lambda P: strategy.batch(P) / L, Q, inside_limits(strategy.task, Q))
     dG *= L[..., None]
@@ -83,7 +81,7 @@ def _(strategy: Pseudoinverse, Q: Array) -> Derivative:
 def _(strategy: RepeatableInverse, Q: Array) -> Derivative:
     """``∂G_r/∂q_k = −J_V⁻¹ [H_k; (∂V/∂q_k)ᵀ] G_r``, from ``∂J_V⁻¹ = −J_V⁻¹ ∂J_V J_V⁻¹``."""
     potentials, m = strategy.potentials, strategy.task.m
-    if not isinstance(potentials, CurvedPotentials):  # potentials without second derivatives
+    if not isinstance(potentials, CurvedPotentials):  # no second derivatives
         return derivative.dispatch(object)(strategy, Q)
     J = strategy.task.jacobians(Q)
     inverse = augmented_inverse(J, potentials.gradients(Q))  # (K, n, n)
@@ -98,11 +96,10 @@ def _(strategy: RepeatableInverse, Q: Array) -> Derivative:
 
 
 def inside_limits(task: Task, Q: Array) -> Array:
-    """Choose the scale of a derivative's steps at every row of Q: a joint's unit, and less near a
-    limit: (K, n).
+    """Compute the scale of difference steps at every row of Q (K, n), less near limits.
 
-    The first step, 1/16 of it, takes no joint further than half the way to its limit; outside
-    limits, where G may be asked for all the same, nothing is changed."""
+    The first step, 1/16 of it, moves no joint further than half its distance to a limit. Outside
+    the limits the scale is not reduced."""
     room = task.limit_margin(Q)  # (K, n)
     with np.errstate(divide="ignore"):
         most = np.min(
@@ -112,15 +109,16 @@ def inside_limits(task: Task, Q: Array) -> Array:
     return np.minimum(joint_scale(task, Q[0]), most)
 
 
-def wanted_inverse(strategy: Inverse) -> Inverse:
-    """Take an argument that has to be an inverse, with a G(q)."""
+def require_inverse(strategy: Inverse) -> Inverse:
+    """Require an argument to be an inverse with a G(q)."""
     require_type(strategy, Batched, "strategy", AN_INVERSE)
     return strategy
 
 
 def _rounding(matrix: Array, dG: Array, L: Array) -> Array:
-    """Rounding error of a formula that inverts a matrix (K, a, b), along every joint, in their
-    units L: (K, n)."""
+    """Estimate the rounding error per joint of a formula that inverts a matrix (K, a, b).
+
+    Joints are in units L: (K, n)."""
     values = np.linalg.svd(matrix * L, compute_uv=False)
     condition = values[:, 0] / values[:, -1]
     largest = np.abs(dG / L[:, None, None]).max(axis=(1, 2))
@@ -130,35 +128,35 @@ def _rounding(matrix: Array, dG: Array, L: Array) -> Array:
 def differentiate(
     function: Callable[[Array], Array], Q: Array, scale: Array
 ) -> tuple[Array, Array]:
-    """Differentiate a batched function along every joint, by extrapolated central differences.
+    """Differentiate a batched function along every joint by extrapolated central differences.
 
     Central differences with steps h, h/2, …, h/32 are extrapolated to h → 0 (Romberg's table,
-    orders 2 to 12); of the table the entry is taken that differs least from its two parents. So the
-    function itself chooses step and order: a smooth one gets short steps and high order, a noisy
-    one long steps and low order. That difference is the error estimate (Ridders' method), unless
-    the noise seen at the shortest steps promises more. Where the error stays above 1e-6 of the
-    derivative, as near a pole, all is tried again with steps an eighth as long.
+    orders 2 to 12). The result is the table entry that differs least from its two parents, so step
+    and order adapt to the function: short steps and high order if it is smooth, long steps and low
+    order if it is noisy. That difference is the error estimate (Ridders' method), unless the noise
+    at the shortest steps is larger. If the error exceeds 1e-6 of the derivative, as near a pole,
+    the procedure is repeated with steps an eighth as long.
 
     Parameters
     ----------
     function
-        Q (P, n) → values (P, …).
+        Function Q (P, n) → values (P, …).
     Q : (K, n) array
         Where.
     scale : (n,) or (K, n) array
-        The first step is 1/16 of it.
+        Scale of the steps; the first step is 1/16 of it.
 
     Returns
     -------
     slope : (K, …, n) array
-        ``[..., k]`` is the derivative along joint k.
+        Derivatives; ``[..., k]`` is along joint k.
     error : (K, n) array
-        Estimated largest error of any entry of the derivative along joint k.
+        Estimated maximum error of the derivative along joint k.
 
     Raises
     ------
     SingularityError
-        If the function is singular at Q, or closer to it than the shortest step.
+        If the function is singular at Q, or within the shortest step of it.
     """
     slope: Array | None = None
     scale = np.broadcast_to(scale, Q.shape)
@@ -176,7 +174,7 @@ def differentiate(
             slope = np.empty((len(Q), *found.shape[1:]))
         row, joint = np.nonzero(
             doubt < error[open_rows] / 4
-        )  # noise can make an error estimate a little too small
+        )  # noise can make an error estimate slightly too small
         slope[open_rows[row], ..., joint] = found[row, ..., joint]
         error[open_rows[row], joint] = doubt[row, joint]
         size = np.abs(slope[open_rows]).reshape(len(open_rows), -1).max(axis=1, initial=0.0)
@@ -213,8 +211,7 @@ def _extrapolate(function: Callable[[Array], Array], Q: Array, first: Array) -> 
             best = np.where(better[..., None], entry, best)
             current.append(entry)
         table.append(current)
-    # What the two shortest rows say is off by little but noise; at the steps chosen it is that much
-    # less.
+    # The two shortest steps differ almost only by noise; longer steps reduce it in proportion.
     last, before = (np.abs(row[3] - best).max(-1, initial=0.0) for row in table[-2:][::-1])
     noise = np.maximum(last, before / 2) * 2.0 ** (level - _LEVELS + 1)
     rounding = np.finfo(float).eps * np.abs(values).max(axis=(1, 2, 4), initial=0.0) / steps[:, -1]

@@ -1,5 +1,4 @@
-"""The Lie bracket of G's columns and its defect Δ: how far G is from being repeatable, and how much
-it drifts."""
+"""Lie brackets of the columns of G, their defects Δ, and the drift that these predict."""
 
 from __future__ import annotations
 
@@ -11,14 +10,14 @@ from numpy.typing import ArrayLike
 from ..arguments import Array, flag, vector
 from ..robot.length import joint_scale
 from ..strategies.strategy import Inverse
-from .derivative import derivative, wanted_inverse
+from .derivative import derivative, require_inverse
 
 
 def brackets(G: Array, dG: Array) -> Array:
     """Evaluate ``[g_a, g_b] = (∂g_b/∂q) g_a − (∂g_a/∂q) g_b`` (4) of all columns.
 
-    With ``G = Jᵀ``, ``dG = Hᵀ`` these are the brackets of Corollary 1: enough to judge J⁺, and no
-    inverse in them.
+    With ``G = Jᵀ``, ``dG = Hᵀ`` these are the brackets of Corollary 1, which test J⁺ without an
+    inverse.
 
     Parameters
     ----------
@@ -36,10 +35,11 @@ def brackets(G: Array, dG: Array) -> Array:
 
 
 def defects(J: Array, G: Array, dG: Array) -> Array:
-    """Evaluate ``Δ_ab = (I − G J) [g_a, g_b]``: (..., m, m, n). All are 0 where the LBC holds (5),
-    (24).
+    """Evaluate the defects ``Δ_ab = (I − G J) [g_a, g_b]`` (5), (24): (..., m, m, n).
 
-    Without redundancy ``G J = I``: no motion is left over, and they are 0 exactly.
+    They are 0 if and only if the Lie bracket condition holds.
+
+    Without redundancy ``G J = I``, and they are exactly 0.
     """
     m, n = J.shape[-2:]
     outside = np.eye(n) - G @ J if n > m else np.zeros((n, n))
@@ -47,7 +47,7 @@ def defects(J: Array, G: Array, dG: Array) -> Array:
 
 
 def curl_form(G: Array, dG: Array) -> Array:
-    """Evaluate the scalar ``s = n_G · ∇×n_G``, ``n_G = g_1 × g_2``, for n = 3, m = 2 (6), (25).
+    """Evaluate the scalar ``s = n_G · ∇×n_G``, ``n_G = g_1 × g_2`` for n = 3, m = 2 (6), (25).
 
     With ``G = Jᵀ``, ``dG = Hᵀ`` it is the s(θ) of (13) and (17), n_J the cross product of J's rows.
 
@@ -70,21 +70,21 @@ def curl_form(G: Array, dG: Array) -> Array:
 
 @dataclass(frozen=True)
 class Defects:
-    """The defects of an inverse at K configurations.
+    """Defects of an inverse at K configurations.
 
     Attributes
     ----------
     delta : (K, m, m, n) array
-        Δ_ab in the task's and the joints' own units.
+        Δ_ab in units of the task and of the joints.
     relative : (K, m, m, n) array
-        The same for an orthonormal basis of G's column space, prismatic joints in units of the
-        arm's length: free of units and of the choice of axes.
+        The same for an orthonormal basis of G's column space, prismatic joints in arm lengths;
+        independent of units and of task axes.
     error : (K,) array
-        Estimated error of ``norm``, from the derivative's.
+        Estimated error of ``norm``, from that of the derivative.
     exact : bool
-        True where the derivative is a formula's.
+        True if the derivative is computed by a formula.
     J, G : (K, m, n), (K, n, m) arrays
-        The Jacobian and the inverse there.
+        Jacobian and inverse at these configurations.
     """
 
     delta: Array
@@ -96,7 +96,7 @@ class Defects:
 
     @property
     def norm(self) -> Array:
-        """Measure the relative defect: ``sqrt(Σ_{a<b} ‖Λ_ab‖²)``, (K,)."""
+        """Relative defect ``sqrt(Σ_{a<b} ‖Λ_ab‖²)``: (K,)."""
         return np.sqrt(np.sum(self.relative**2, axis=(1, 2, 3)) / 2)
 
 
@@ -106,13 +106,13 @@ def measure(strategy: Inverse, Q: Array) -> Defects:
     The relative defect: let L be the unit of each joint (1 rad; the arm's length) and ``L⁻¹ G = Q
     R``. The columns of ``G R⁻¹`` span the same space (Proposition 1), are orthonormal, and have the
     defects ``Λ_cd = L⁻¹ Σ_ab R⁻¹[a, c] R⁻¹[b, d] Δ_ab``: the rate, per unit of joint motion, at
-    which two directions of the motion turn out of it. It does not change with the units or the axes
-    of the task."""
+    which the motion leaves the span of two of its directions. It does not depend on the units or
+    the axes of the task."""
     found = derivative(strategy, Q)
     L = joint_scale(strategy.task, Q[0])
     delta = defects(found.J, found.G, found.dG)
     basis, R = np.linalg.qr(found.G / L[:, None])
-    sign = np.sign(np.diagonal(R, axis1=1, axis2=2))[:, None]  # R's diagonal above 0: smooth in q
+    sign = np.sign(np.diagonal(R, axis1=1, axis2=2))[:, None]  # positive diagonal of R: smooth in q
     basis, R = basis * sign, R * np.swapaxes(sign, 1, 2)
     R_inv = np.linalg.inv(R)
     relative = np.einsum("Kac,Kbd,Kabi->Kcdi", R_inv, R_inv, delta, optimize=True) / L
@@ -132,18 +132,19 @@ def measure(strategy: Inverse, Q: Array) -> Defects:
 def bracket_defect(strategy: Inverse, q: ArrayLike, *, relative: bool = False) -> Array:
     """Evaluate the defects ``Δ_ab = (I − G J) [g_a, g_b]`` for all a < b (4), (5), (24).
 
-    Repeatable near q if and only if all of them vanish there. Exact for J⁺ (from the kinematic
-    Hessian) and for a repeatable inverse; by extrapolated differences for anything else.
+    An inverse is repeatable near q if and only if all of them vanish there. They are exact for J⁺
+    (from the kinematic Hessian) and for a repeatable inverse, and computed by extrapolated
+    differences otherwise.
 
     Parameters
     ----------
     strategy
         Any inverse ``q̇ = G(q) ẋ``.
     q : (n,) array
-        Where, rad (m for sliding joints).
+        Configuration, rad (m for prismatic joints).
     relative
-        Give instead the defects of an orthonormal basis of G's column space, which are free of
-        units and of the task's axes (see :func:`measure`); the pairs are then the basis' own.
+        Return the defects of an orthonormal basis of G's column space instead, which do not depend
+        on units and task axes (see :func:`measure`); the pairs are then pairs of basis vectors.
 
     Returns
     -------
@@ -171,7 +172,7 @@ def bracket_defect(strategy: Inverse, q: ArrayLike, *, relative: bool = False) -
 
 
 def drift_per_area(strategy: Inverse, q: ArrayLike) -> Array:
-    """Predict the joint drift of a small closed loop per area it encloses, by the small-loop law.
+    """Predict the joint drift per enclosed area of a small closed loop.
 
     A loop a → b → −a → −b of area A ends at ``q + A Δ_ab + o(A)``, so ``‖Δ_ab‖`` is the drift per
     area.
@@ -181,13 +182,13 @@ def drift_per_area(strategy: Inverse, q: ArrayLike) -> Array:
     strategy
         Any inverse.
     q : (n,) array
-        Where the loop is, rad (m for sliding joints).
+        Configuration of the loop, rad (m for prismatic joints).
 
     Returns
     -------
     (k, k) array
-        rad/m² (m/m² for prismatic joints) for loops in the plane of translations a and b; k = 3, or
-        the 2 of an ``xy``, ``xz`` or ``yz`` task. 0 on the diagonal.
+        Drift per area, rad/m² (m/m² for prismatic joints), for loops in the plane of translations a
+        and b; k = 3, or 2 for an ``xy``, ``xz`` or ``yz`` task. 0 on the diagonal.
 
     Raises
     ------
@@ -202,10 +203,10 @@ def drift_per_area(strategy: Inverse, q: ArrayLike) -> Array:
     array([[0.    , 0.0147],
            [0.0147, 0.    ]])
     """
-    k = min(3, wanted_inverse(strategy).task.m)
+    k = min(3, require_inverse(strategy).task.m)
     return np.linalg.norm(measure(strategy, _one(strategy, q)).delta[0, :k, :k], axis=-1)
 
 
 def _one(strategy: Inverse, q: ArrayLike) -> Array:
-    """Take one configuration as a row: (1, n)."""
-    return vector(q, wanted_inverse(strategy).task.n, "q")[None]
+    """Convert one configuration to a row: (1, n)."""
+    return vector(q, require_inverse(strategy).task.n, "q")[None]

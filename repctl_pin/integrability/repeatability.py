@@ -1,5 +1,4 @@
-"""Is G repeatable in a region? A verdict with the worst defect, where it is, and the tolerance it
-was held to."""
+"""Repeatability test of an inverse in a region, with the worst defect and its tolerance."""
 
 from __future__ import annotations
 
@@ -12,7 +11,7 @@ from ..errors import InputError, SingularityError
 from ..redundancy.inverses import inverse_condition_number
 from ..regions import Region
 from ..strategies.strategy import Inverse
-from .derivative import wanted_inverse
+from .derivative import require_inverse
 from .lie_bracket import measure
 
 _SAFETY = 2.0
@@ -23,24 +22,24 @@ _NEAR_SINGULAR = 1e-3
 
 @dataclass(frozen=True)
 class Repeatability:
-    """The verdict on an inverse in a region; true in an ``if`` when repeatable.
+    """Result of the repeatability test of an inverse in a region; true in an ``if`` if repeatable.
 
     Attributes
     ----------
     repeatable : bool
-        No defect exceeds its tolerance at any configuration checked.
+        True if no defect exceeds its tolerance at the configurations checked.
     defect : float
-        The worst relative defect, per rad, free of units and of the task's axes.
+        Maximum relative defect, per rad, independent of units and of task axes.
     at : (n,) array
-        Where it occurs.
+        Configuration of the maximum.
     tolerance : float
-        The defect that the derivative's error alone could produce there.
+        Maximum defect there that the error of the derivative alone can produce.
     samples : int
-        Configurations checked.
+        Number of configurations checked.
     exact : bool
-        True if ∂G/∂q is a formula, False if it is taken by differences.
+        True if ∂G/∂q is computed by a formula, False if by differences.
     redundancy : int
-        r. An arm without redundancy repeats by itself.
+        Degree of redundancy r; with r = 0 the only inverse is J⁻¹, which is repeatable.
     """
 
     repeatable: bool
@@ -58,14 +57,14 @@ class Repeatability:
         return f"<Repeatability: {self.summary()}>"
 
     def summary(self) -> str:
-        """Say the verdict in one line."""
+        """Summarise the result in one line."""
         if self.redundancy == 0:
-            return "repeatable: r = 0, the task leaves no joint motion free, and a closed path brings every joint back"
+            return "repeatable: r = 0, so the only inverse is J⁻¹"
         word = "repeatable" if self.repeatable else "not repeatable"
         how = "exact derivative" if self.exact else "differences"
         return (
-            f"{word}: worst relative defect {self.defect:.3g} per rad in {self.samples} configurations "
-            f"({how}, tolerance {self.tolerance:.1g})"
+            f"{word}: worst relative defect {self.defect:.3g} per rad "
+            f"in {self.samples} configurations ({how}, tolerance {self.tolerance:.1g})"
         )
 
 
@@ -74,31 +73,31 @@ def is_repeatable(
 ) -> Repeatability:
     """Test the Lie bracket condition (24) throughout a region.
 
-    The tolerance is not a choice: it is twice the defect that the estimated error of ∂G/∂q could
-    produce.
+    The tolerance is computed, not chosen: it is twice the defect that the estimated error of ∂G/∂q
+    could produce.
 
     Parameters
     ----------
     strategy
         Any exact inverse, ``q̇ = G(q) ẋ`` with ``J G = I``.
     region
-        Ω, such as a :class:`Box`.
+        Region Ω, such as a :class:`Box`.
     samples
-        Least number of configurations to check.
+        Minimum number of configurations to check.
     seed
-        Seed of these configurations.
+        Random seed of the configurations.
 
     Returns
     -------
     Repeatability
-        True in an ``if`` when repeatable; with the worst ``defect``, where it occurs, and the
+        True in an ``if`` if repeatable; with the worst ``defect``, its configuration, and the
         tolerance.
 
     Raises
     ------
     InputError
-        If the function is too noisy to tell: no defect exceeds the tolerance, but the tolerance
-        exceeds 1e-3.
+        If G is too noisy for a decision: no defect exceeds the tolerance, but the tolerance exceeds
+        1e-3.
     SingularityError
         If J, or G, is singular at one of the configurations, or nearly so.
 
@@ -121,11 +120,12 @@ def is_repeatable(
         ratio = inverse_condition_number(strategy.task.jacobian(Q[blind]))
         if found[0].exact or ratio < _NEAR_SINGULAR:
             raise SingularityError(
-                f"near q = ({', '.join(f'{v:.3g}' for v in Q[blind])}) G is too close to a singularity to be judged: "
-                f"σ_min / σ_max of J is {ratio:.1g} there; make the region smaller"
+                f"G cannot be tested near q = ({', '.join(f'{v:.3g}' for v in Q[blind])}): "
+                f"σ_min / σ_max of J is {ratio:.1g} there, too close to a singularity; "
+                "use a smaller region"
             )
         raise InputError(
-            f"G is too noisy to judge: its derivative is only known to make defects of {tolerance.max():.2g} visible; "
+            f"G is too noisy: only defects above {tolerance.max():.2g} are detectable; "
             "evaluate it more accurately"
         )
     exact = all(part.exact for part in found)
@@ -141,14 +141,14 @@ def is_repeatable(
 
 
 def points_of(region: Region, strategy: Inverse, samples: int, seed: int) -> Array:
-    """Take the points of a region at which an inverse is looked at: (K, n), K ≥ samples.
+    """Sample the configurations of a region at which an inverse is tested: (K, n), K ≥ samples.
 
     Raises
     ------
     InputError
-        If one is no region or the other no inverse, or they do not fit.
+        If the region or the inverse has the wrong type, or their numbers of joints differ.
     """
-    n = wanted_inverse(strategy).task.n
+    n = require_inverse(strategy).task.n
     require_type(region, Region, "region", "a region of joint space, such as rp.Box(q0, 0.3)")
     Q = region.random(as_int(samples, "samples", 1, MOST_NODES), as_int(seed, "seed"))
     if Q.shape[1] != n:

@@ -1,5 +1,4 @@
-"""Where a control that is not repeatable is repeatable all the same: candidate and stable
-surfaces."""
+"""Candidate and stable surfaces, on which an inverse that is not repeatable still repeats."""
 
 from __future__ import annotations
 
@@ -22,32 +21,32 @@ from .repeatability import points_of
 
 STABLE, CANDIDATE, SINGULAR = "stable", "candidate", "singular"
 
-_ON_SURFACE = 1e-11  # ‖s‖ that counts as 0, where the derivative is exact
+_ON_SURFACE = 1e-11  # ‖s‖ that counts as 0 if the derivative is exact
 _RANK = 1e-5  # singular values of ∂s/∂q below this share of the largest are dependent rows
 _MAX_STEPS = 60
-_LONGEST_STEP = 0.3  # of Newton, rad
+_LONGEST_STEP = 0.3  # of Newton's method, rad
 _SINGULAR = 1e-3  # σ_min / σ_max of J below which a configuration counts as singular
-_WALK, _WALK_STEPS = 0.2, 8  # how far a surface is followed to see that it stays one, rad
+_WALK, _WALK_STEPS = 0.2, 8  # length and steps of the walk that tests a surface, rad
 
 
 @dataclass(frozen=True)
 class Surfaces:
-    """Points on s(q) = 0, each with its kind.
+    """Points on s(q) = 0 and their kinds.
 
     Attributes
     ----------
     points : (K, n) array
-        On s = 0, inside the region.
+        Points on s = 0 in the region.
     kind : (K,) array of str
         ``stable``: (9) holds and s stays 0 along the motion; ``candidate``: s = 0, but the motion
-        leaves it; ``singular``: the search ended at a singularity of J, where there is nothing to
-        judge.
+        leaves it; ``singular``: the search ended at a singularity of J, where the test does not
+        apply.
     rate : (K,) array
-        ``‖(∂s/∂q) G‖`` of (9), per unit of joint motion; nan where singular.
+        ``‖(∂s/∂q) G‖`` of (9), per unit of joint motion; nan if singular.
     tolerance : (K,) array
-        What the error of ∂s/∂q could make of a rate of 0.
+        Rate that the error of ∂s/∂q can produce where the exact rate is 0.
     residual : (K,) array
-        ‖s‖ left; nan where singular.
+        Residual ‖s‖; nan if singular.
     """
 
     points: Array
@@ -58,29 +57,32 @@ class Surfaces:
 
     @property
     def stable(self) -> Array:
-        """The points on stable surfaces (·, n)."""
+        """Points on stable surfaces (·, n)."""
         return self.points[self.kind == STABLE]
 
     @property
     def candidate(self) -> Array:
-        """The points on candidate surfaces that are not stable (·, n)."""
+        """Points on candidate surfaces that are not stable (·, n)."""
         return self.points[self.kind == CANDIDATE]
 
     @property
     def singular(self) -> Array:
-        """The points where the search ended at a singularity (·, n)."""
+        """Points at which the search ended at a singularity (·, n)."""
         return self.points[self.kind == SINGULAR]
 
     def summary(self) -> str:
-        """Say in one line what was found."""
+        """Summarise the points in one line."""
         if not len(self.points):
-            return "no candidate surface: s(q) = 0 was reached nowhere"
+            return "no candidate surface: no point with s(q) = 0 was found"
         if len(self.stable):
             return (
-                f"stable surfaces: {len(self.stable)} of {len(self.points)} points on s = 0 lie on one, "
-                f"{len(self.candidate)} on candidates only"
+                f"stable surfaces: {len(self.stable)} of {len(self.points)} points on s = 0, "
+                f"{len(self.candidate)} on candidate surfaces only"
             )
-        return f"no stable surface: the {len(self.candidate)} points found on s = 0 are candidates only"
+        return (
+            f"no stable surface: all {len(self.candidate)} points found on s = 0 "
+            "are on candidate surfaces only"
+        )
 
 
 Surface = Callable[[Array], tuple[Array, Array]]
@@ -90,10 +92,10 @@ def surface_function(strategy: Inverse, Q: Array) -> tuple[Array, Array]:
     """Evaluate s(q), the stacked defects of all pairs: (K, pairs · n), and their error (K,).
 
     The relative defects times ``det(BᵀB)``, ``B = L⁻¹ G J Jᵀ``: the normal of G's column space is
-    then not of unit length but as smooth as J itself. For J⁺, n = 3 and m = 2, B is Jᵀ and s the
-    paper's scalar (6) along n̂. On an arm whose slides are much longer or shorter than 1 m the unit
-    normal turns over in a hair's breadth, and Newton's method misses it. The rows of s are
-    dependent (each defect lies in the null space of J, so r of n count); the search allows for
+    then as smooth as J itself, but not of unit length. For J⁺, n = 3 and m = 2, B is Jᵀ and s is
+    the paper's scalar (6) along n̂. On an arm whose prismatic travel differs much from 1 m, the
+    unit normal reverses over a very short distance, which Newton's method steps across. The rows of
+    s are dependent, because each defect lies in the null space of J; the search accounts for
     that."""
     found, task = measure(strategy, Q), strategy.task
     B = found.G @ found.J @ np.swapaxes(found.J, 1, 2) / joint_scale(task, Q[0])[:, None]
@@ -103,7 +105,7 @@ def surface_function(strategy: Inverse, Q: Array) -> tuple[Array, Array]:
 
 
 def _in_units_of_itself(strategy: Inverse, Q: Array) -> Surface:
-    """Divide s by its median length over Q, so that no tolerance hangs on the arm's size."""
+    """Normalise s by its median norm over Q, so that tolerances do not depend on the arm's size."""
     regular = _dexterity(strategy, Q) > _SINGULAR
     unit = 1.0
     if regular.any():
@@ -122,12 +124,12 @@ def _in_units_of_itself(strategy: Inverse, Q: Array) -> Surface:
 def candidate_surface(
     strategy: Inverse, region: Region, *, samples: int = 128, seed: int = 0
 ) -> Array:
-    """Find points on ``s(q) = 0`` (5), (6) by Gauss–Newton from seeds all over a region.
+    """Find points on ``s(q) = 0`` (5), (6) by Gauss–Newton from random seeds in a region.
 
     Returns
     -------
     (K, n) array
-        The points reached inside the region, singular ones left out; empty if there are none.
+        Points found in the region, without singular ones; empty if there are none.
 
     Raises
     ------
@@ -148,12 +150,13 @@ def candidate_surface(
 def stable_surface(
     strategy: Inverse, region: Region, *, samples: int = 128, seed: int = 0
 ) -> Surfaces:
-    """Find the surfaces s(q) = 0, and which of them are stable: every motion of G stays on them
-    (9).
+    """Find points on surfaces s(q) = 0, and test which surfaces are stable (9).
+
+    On a stable surface, every motion of G stays on it.
 
     A point of s = 0 is on a stable surface if ``(∂s/∂q) G = 0`` there, within the error of ∂s/∂q,
-    *and* s is still 0 after moving 0.2 rad along the control in every task direction. The second
-    test settles what the first cannot: a single point of contact, or an s whose gradient vanishes
+    *and* s is still 0 after a motion of 0.2 rad along G in every task direction. The second test
+    decides cases that the first cannot: a single point of contact, or an s whose gradient vanishes
     on the surface.
 
     Parameters
@@ -161,11 +164,11 @@ def stable_surface(
     strategy
         Any inverse, of any n and r.
     region
-        Ω.
+        Region Ω.
     samples
-        Seeds of the search.
+        Number of start points of the search.
     seed
-        Of those seeds.
+        Random seed of the start points.
 
     Returns
     -------
@@ -206,8 +209,7 @@ def stable_surface(
 
 
 def _search(strategy: Inverse, function: Surface, region: Region, Q: Array) -> tuple[Array, Array]:
-    """Bring seeds to s = 0 by Gauss–Newton: points on it (K, n), and where the search met a
-    singularity."""
+    """Move start points to s = 0 by Gauss–Newton: points on it (K, n), and singular end points."""
     task = strategy.task
     L = joint_scale(task, Q[0])
     found: list[Array] = []
@@ -228,7 +230,7 @@ def _search(strategy: Inverse, function: Surface, region: Region, Q: Array) -> t
         if not len(Q):
             break
         step = _newton_step(strategy, function, Q, s, L)
-        # The best of five lengths; a seed that none of them improves is in a valley that is not 0.
+        # The best of five lengths; if none improves s, the point is a local minimum above 0.
         lengths = 0.5 ** np.arange(5)
         trials = Q[:, None] + lengths[:, None] * step[:, None]  # (K, 5, n)
         norms = _norms(strategy, function, trials.reshape(-1, task.n)).reshape(len(Q), -1)
@@ -243,14 +245,14 @@ def _search(strategy: Inverse, function: Surface, region: Region, Q: Array) -> t
 
 
 def _newton_step(strategy: Inverse, function: Surface, Q: Array, s: Array, L: Array) -> Array:
-    """The shortest step to s = 0 to first order, (K, n), at most 0.3 rad long."""
+    """Compute the minimum-norm step to s = 0 to first order, (K, n), at most 0.3 rad long."""
     K, n = Q.shape
     h = 1e-4
     moves = h * np.diag(L)
     near = np.concatenate([Q[:, None] + moves, Q[:, None] - moves], axis=1)  # (K, 2 n, n)
     values = function(near.reshape(-1, n))[0].reshape(K, 2, n, -1, n)
     slope = (values[:, 0] - values[:, 1]) / (2 * h)  # (K, n, pairs, n), in units of L
-    # s = N σ turns with the null space; only the change of σ brings it to 0.
+    # s = N σ rotates with the null space; only a change of σ reduces it to 0.
     N = nullspace(strategy.task.jacobians(Q) * L)  # (K, n, r)
     slope = np.einsum("Kkpi,Kir->Kprk", slope, N).reshape(K, -1, n)
     sigma = np.einsum("Kpi,Kir->Kpr", s.reshape(K, -1, n), N).reshape(K, -1)
@@ -260,7 +262,7 @@ def _newton_step(strategy: Inverse, function: Surface, Q: Array, s: Array, L: Ar
 
 
 def _norms(strategy: Inverse, function: Surface, Q: Array) -> Array:
-    """‖s‖ at every row of Q; inf where J is singular."""
+    """Evaluate ‖s‖ at every row of Q; inf if J is singular."""
     norms = np.full(len(Q), np.inf)
     regular = _dexterity(strategy, Q) > _SINGULAR
     if regular.any():
@@ -269,24 +271,25 @@ def _norms(strategy: Inverse, function: Surface, Q: Array) -> Array:
 
 
 def _rates(strategy: Inverse, function: Surface, Q: Array) -> tuple[Array, Array]:
-    """``‖(∂s/∂q) G‖`` (9) along unit joint motions of the control, and its tolerance: (K,) each."""
+    """Evaluate ``‖(∂s/∂q) G‖`` (9) along unit joint motions of G, and its tolerance: (K,) each."""
     L = joint_scale(strategy.task, Q[0])
     slope, error = differentiate(lambda P: function(P)[0], Q, L)
     basis = np.linalg.qr(strategy.batch(Q) / L[:, None])[0]  # (K, n, m)
     along = (slope * L) @ basis  # (K, pairs · n, m)
     rate = np.linalg.norm(along, axis=(1, 2))
     size = np.linalg.norm(slope * L, axis=(1, 2))
-    # The error of each entry, the error of s itself, and how far from s = 0 the point still is.
+    # The errors of the entries, the error of s, and the residual of s at the point.
     own = function(Q)[1] / SHORTEST_STEP
     return rate, np.sqrt(slope.shape[1]) * (error * L).sum(axis=1) + own + 1e-5 * size
 
 
 def _walk(strategy: Inverse, function: Surface, Q: Array) -> tuple[Array, Array]:
-    """Move along the control in every task direction, ±: the largest ‖s‖ met at the ends, and the
-    least way (K,).
+    """Move along G in every task direction, ±, and evaluate ‖s‖ at the ends.
 
-    The way is given in shares of the whole. Where G turns within less than a radian, the whole is
-    as much shorter."""
+    Returns the maximum ‖s‖ and the minimum length: (K,) each.
+
+    The length is relative to the full length, which is shorter where G changes direction within
+    less than 1 rad."""
     task = strategy.task
     L = joint_scale(task, Q[0])
     found = derivative(strategy, Q)
@@ -303,7 +306,7 @@ def _walk(strategy: Inverse, function: Surface, Q: Array) -> tuple[Array, Array]
 
         P, way = Q.copy(), np.zeros(len(Q))
         for _ in range(_WALK_STEPS):
-            # A walker that comes near a singularity of J stays where it is.
+            # A point that approaches a singularity of J stops there.
             free = np.flatnonzero(_dexterity(strategy, P) > 0.05)
             p, step = P[free], h[free]
             if not len(p):
@@ -320,5 +323,5 @@ def _walk(strategy: Inverse, function: Surface, Q: Array) -> tuple[Array, Array]
 
 
 def _dexterity(strategy: Inverse, Q: Array) -> Array:
-    """σ_min / σ_max of J at every row of Q, joints in comparable units."""
+    """Evaluate σ_min / σ_max of J at every row of Q, in comparable joint units."""
     return inverse_condition_number(strategy.task.jacobians(Q) * joint_scale(strategy.task, Q[0]))

@@ -1,1 +1,1 @@
-"""Repeatable control inside other people's programs; each module needs its own extra."""
+"""Integration with other packages; each module requires its own extra."""

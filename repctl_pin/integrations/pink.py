@@ -1,4 +1,4 @@
-"""A pink task that gives a pink program a repeatable null space; it needs the extra ``pink``."""
+"""pink task that holds h(q) = c for repeatable motion; requires the extra ``pink``."""
 
 from __future__ import annotations
 
@@ -16,26 +16,26 @@ try:
     from pink import Configuration
     from pink.tasks import Task as PinkTask
 except ImportError as error:
-    raise ImportError("this needs pink: pip install pin-pink") from error
+    raise ImportError("this module requires pink; run `pip install pin-pink`") from error
 
 
 class RepeatableTask(PinkTask):
-    """Hold h(q) = c: beside a frame task, pink's arm then closes every closed path.
+    """pink task that holds h(q) = c: together with a frame task, every closed path is repeatable.
 
-    ``e(q) = h(q) − c``, with the Jacobian ``∂h/∂q``. The joints are found in pink's model by their
-    names; its other joints are left alone.
+    ``e(q) = h(q) − c``, with the Jacobian ``∂h/∂q``. The joints are found in pink's model by name;
+    other joints are not affected.
 
     Parameters
     ----------
     inverse
-        A repeatable inverse, such as ``design.inverse``; its task's frame and kind should be the
-        frame task's.
+        Repeatable inverse, such as ``design.inverse``; its task should have the frame and the kind
+        of the frame task.
     cost : float or (r,) numbers
-        Weight of each of the r errors beside the other tasks' costs. The two kinds of tasks do not
-        compete: together they fix all joints.
+        Weight of each of the r errors relative to the costs of other tasks. This task and the frame
+        task do not conflict: together they determine all joints.
     gain
-        Share of the error that is undone in one step, from 0 to 1; below 1 the arm returns slowly
-        after a push.
+        Fraction of the error corrected per step, from 0 to 1; below 1 the arm returns slowly after
+        a disturbance.
     lm_damping
         pink's Levenberg–Marquardt damping.
     """
@@ -52,7 +52,7 @@ class RepeatableTask(PinkTask):
         )
         super().__init__(cost=cost, gain=gain, lm_damping=lm_damping)
         if inverse.task.coordinates is not None:
-            raise InputError("a pink task needs a design in the robot's own joint coordinates")
+            raise InputError("a pink task requires a design in the robot's own joint coordinates")
         self.inverse = inverse
         self.leaf: Array | None = None
         self._names = inverse.task.joint_names
@@ -61,43 +61,43 @@ class RepeatableTask(PinkTask):
         self._circular = np.zeros(0, bool)
 
     def set_target(self, leaf: ArrayLike) -> None:
-        """Set c (r,), the leaf to stay on: ``inverse.leaf(q)``."""
-        self.leaf = vector(leaf, self.inverse.task.r, "the leaf c", "one per potential")
+        """Set the level c (r,) to hold, such as ``inverse.leaf(q)``."""
+        self.leaf = vector(leaf, self.inverse.task.r, "the level c", "one per potential")
 
     def set_target_from_configuration(self, configuration: Configuration) -> None:
-        """Stay on the leaf of a configuration."""
+        """Set c to the leaf of a configuration."""
         self.set_target(self.inverse.potentials.value(self._joints(configuration)))
 
     def compute_error(self, configuration: Configuration) -> Array:
         """Evaluate h(q) − c: (r,)."""
         if self.leaf is None:
             raise InputError(
-                "no leaf is set; call set_target_from_configuration(configuration) at the start"
+                "no level c is set; call set_target_from_configuration(configuration) first"
             )
         return self.inverse.potentials.value(self._joints(configuration)) - self.leaf
 
     def compute_jacobian(self, configuration: Configuration) -> Array:
-        """Evaluate ∂h/∂q: (r, nv), 0 in the columns of joints that are not the design's."""
+        """Evaluate ∂h/∂q: (r, nv), 0 in the columns of other joints."""
         V = self.inverse.potentials.gradient(self._joints(configuration))
         J = np.zeros((V.shape[1], configuration.model.nv))
         J[:, self._columns] = V.T
         return J
 
     def _joints(self, configuration: Configuration) -> Array:
-        """Take the design's joints (n,) out of pink's configuration: one number each."""
+        """Extract the design's joints (n,) from pink's configuration, one number each."""
         if configuration.model is not self._model:
             self._find(configuration.model)
         q = configuration.q[self._at]
-        if self._circular.any():  # Pinocchio keeps a continuous joint as (cos, sin)
+        if self._circular.any():  # Pinocchio represents a continuous joint as (cos, sin)
             turned = self._at[self._circular]
             q[self._circular] = np.arctan2(configuration.q[turned + 1], configuration.q[turned])
         return q
 
     def _find(self, model: pin.Model) -> None:
-        """Find the joints in a model: where in q, where in v, and which are (cos, sin) pairs."""
+        """Find the joints in a model: indices in q and v, and which are (cos, sin) pairs."""
         missing = [name for name in self._names if not model.existJointName(name)]
         if missing:
-            raise InputError(f"pink's model has no joint {missing[0]!r}, which the design needs")
+            raise InputError(f"pink's model has no joint {missing[0]!r}, which the design requires")
         joints = [model.joints[model.getJointId(name)] for name in self._names]
         self._at = np.array([joint.idx_q for joint in joints])
         self._columns = np.array([joint.idx_v for joint in joints])
@@ -105,4 +105,5 @@ class RepeatableTask(PinkTask):
         self._model = model
 
     def __repr__(self) -> str:
-        return f"RepeatableTask({self.inverse.task!r}, cost={self.cost}, gain={self.gain}, lm_damping={self.lm_damping})"
+        weights = f"cost={self.cost}, gain={self.gain}, lm_damping={self.lm_damping}"
+        return f"RepeatableTask({self.inverse.task!r}, {weights})"

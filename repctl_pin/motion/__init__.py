@@ -1,6 +1,6 @@
-"""Closed paths, and what a strategy does on them."""
+"""Motions of a strategy on closed paths: integration, limits, timing and files."""
 
-from ..paths import pieces as pieces  # makes paths picklable
+from ..paths import pieces as pieces  # registers the pickling of paths
 from ..paths.polyline import Waypoints as Waypoints
 from ..paths.polyline import polygon as polygon
 from ..paths.polyline import waypoints as waypoints

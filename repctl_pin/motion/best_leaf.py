@@ -1,5 +1,4 @@
-"""The best leaf for a closed path: the start, among all that reach the path's first point, with the
-most room."""
+"""Search for the best leaf of a closed path: the start with the largest smallest margin."""
 
 from __future__ import annotations
 
@@ -22,58 +21,59 @@ from .motion import Motion
 from .solve_ik import solve_ik
 
 _STRIDE = 0.1
-"""Of the walk along the self-motion, rad; of prismatic joints in lengths of the arm."""
+"""Step of the walk along the self-motion, rad; for prismatic joints in arm lengths."""
 
 _FINEST = 0.01
-_LOST = 1e-3
-"""Tracking error and drift, in lengths of the arm and rad, of a cycle that lost the path or came
-back another way."""
+"""Smallest step of the pattern search, in the same units."""
 
-_ROOM = 0.1
-"""Bodies so far apart, in lengths of the arm, have as much room as a joint in the middle of its
-range."""
+_LOST = 1e-3
+"""Tracking error and drift from which a cycle counts as failed, in arm lengths and rad."""
+
+_UNIT_DISTANCE = 0.1
+"""Body distance with relative margin 1, in arm lengths."""
 
 _ALIKE = 0.01
-"""Rooms that differ by less are taken as the same."""
+"""Relative margins that differ by less count as equal."""
 
 _BODY_POINTS = 32
-"""Points of a cycle at which bodies are looked at."""
+"""Number of points per cycle at which body distances are computed."""
 
 _DIRECTIONS = 8
+"""Number of random directions of the self-motion for r > 1."""
+
 _LEAST_LEAF_MARGIN = 0.1
-"""No leaf is preferred to the given one that comes nearer to an algorithmic singularity than
-this."""
+"""Minimum leaf margin of a leaf that is preferred to the given one."""
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A start, and what one cycle from it is like.
+    """A start, with the margins of one cycle from it.
 
     Attributes
     ----------
     q0 : (n,) array
-        The start, with the frame at the path's first point.
+        Start configuration, with the frame at the path's first point.
     leaf : (r,) array
-        c = h(q0).
-    rooms : dict
-        How much room ``limits``, ``bodies`` and ``leaf`` leave: the least limit margin as a share
-        of half the joint's range, the least distance as a share of a tenth of the arm's length, the
-        least leaf margin.
+        Level c = h(q0).
+    relative_margins : dict
+        Relative margins of ``limits``, ``bodies`` and ``leaf``: the minimum limit margin relative
+        to half the joint's range, the minimum body distance relative to a tenth of the arm's
+        length, and the minimum leaf margin.
     limit_margin : float
-        Smallest distance of a joint to its limit over the cycle, rad or m; negative outside.
+        Minimum joint-limit margin over the cycle, rad or m; negative outside.
     body_distance : float
-        Smallest distance between bodies over the cycle, m; inf where there are none.
+        Minimum body distance over the cycle, m; inf without bodies.
     leaf_margin : float
-        Smallest σ_min(Nᵀ V̂) over the cycle.
+        Minimum σ_min(Nᵀ V̂) over the cycle.
     distance : float
-        ``(Σ ‖G − G_d‖² / Σ ‖G_d‖²)^½`` over the cycle.
+        Relative distance ``(Σ ‖G − G_d‖² / Σ ‖G_d‖²)^½`` over the cycle.
     motion : Motion
-        The cycle; ``motion.outside`` is its share outside Ω, where a region was given.
+        Motion of the cycle; ``motion.outside`` is its share outside Ω if a region was given.
     """
 
     q0: Array
     leaf: Array
-    rooms: dict[str, float]
+    relative_margins: dict[str, float]
     limit_margin: float
     body_distance: float
     leaf_margin: float
@@ -82,24 +82,23 @@ class Candidate:
 
     @property
     def binds(self) -> str:
-        """What leaves the least room: ``limits``, ``bodies`` or ``leaf``."""
-        return min(self.rooms, key=lambda room: self.rooms[room])
+        """Active margin, the smallest one: ``limits``, ``bodies`` or ``leaf``."""
+        return min(self.relative_margins, key=lambda room: self.relative_margins[room])
 
     @property
     def margin(self) -> float:
-        """The least room: what is maximised."""
-        return self.rooms[self.binds]
+        """Smallest relative margin, which the search maximises."""
+        return self.relative_margins[self.binds]
 
     @property
     def order(self) -> tuple[float, ...]:
-        """By what starts are compared: fewer kinds of violation, then the least room; where it is
-        the same, the next.
+        """Sort key: fewest violation kinds, then smallest relative margins.
 
-        A wrist whose links are always near each other would else hide how near the others come to a
-        limit."""
+        Equal smallest margins are followed by the next one: otherwise two wrist links that are
+        always close to each other would hide the margins of the other joints."""
         broken = (self.limit_margin < -1e-9) + (self.body_distance < 0)
-        rooms = np.rint(np.sort(list(self.rooms.values())) / _ALIKE)
-        return -broken, *rooms.tolist(), self.margin
+        relative_margins = np.rint(np.sort(list(self.relative_margins.values())) / _ALIKE)
+        return -broken, *relative_margins.tolist(), self.margin
 
 
 @dataclass(frozen=True)
@@ -109,9 +108,9 @@ class BestLeaf:
     Attributes
     ----------
     best, given : Candidate or None
-        The best start found, and the given one; None if the given leaf carries no whole cycle.
+        The best start found, and the given one; None if the given leaf allows no full cycle.
     tried : int
-        How many starts were looked at.
+        Number of starts evaluated.
 
     Examples
     --------
@@ -128,11 +127,11 @@ class BestLeaf:
 
     @property
     def q0(self) -> Array:
-        """The start on the best leaf (n,)."""
+        """Start configuration on the best leaf (n,)."""
         return self.best.q0
 
     def summary(self) -> str:
-        """Say what was gained."""
+        """Summarise the given and the best start."""
         first = f"best of {self.tried} leaves of {self.best.motion.path.name}"
         return f"{first}\n  given start  {_line(self.given)}\n  best start   {_line(self.best)}"
 
@@ -147,14 +146,14 @@ def best_leaf(
     steps: int = 96,
     seed: int = 0,
 ) -> BestLeaf:
-    """Search the self-motion of the start for the leaf with the most room over the whole cycle.
+    """Search the self-motion of the start for the leaf with the largest margins over a cycle.
 
-    Under a repeatable control the joint path of all cycles is known after the first, so limits,
-    distances between bodies and leaf margin can be checked before the robot moves. Starts are taken
-    along the self-motion of the given one, both ways (for r > 1 in several directions), inside the
-    joint limits; the best is then refined by a pattern search. It breaks no more limits than the
-    given one, and its limit margin is never smaller. With a region, starts whose cycle stays inside
-    it are preferred; without one a cycle may go far outside Ω, where the control is no longer near
+    With a repeatable inverse, the joint path of all cycles is known after the first, so limits,
+    body distances and leaf margin can be checked before the robot moves. Starts are sampled along
+    the self-motion of the given one, in both directions (for r > 1 in several), within the joint
+    limits; the best is then refined by a pattern search. It has no more violations than the given
+    one, and its limit margin is never smaller. With a region, starts whose cycle stays inside it
+    are preferred; without one a cycle can go far outside Ω, where the inverse is no longer close to
     G_d.
 
     Parameters
@@ -164,27 +163,27 @@ def best_leaf(
     path
         The closed path.
     q0 : (n,) array
-        The start to begin from; moved to the path's first point if it is off it.
+        Given start, moved to the path's first point if necessary.
     region
-        Ω, such as ``design.region``.
+        Design region Ω, such as ``design.region``.
     desired
-        G_d, such as ``design.desired``, from which the distance is measured; by default J⁺.
+        Desired inverse G_d, such as ``design.desired``, for the distance; by default J⁺.
     steps
-        Points per cycle that are checked.
+        Number of steps per cycle.
     seed
-        Of the directions for r > 1.
+        Random seed of the directions for r > 1.
 
     Returns
     -------
     BestLeaf
-        The best start found and the given one, each with its cycle, its margins, which of them
-        binds, and its distance.
+        The best start found and the given one, each with its cycle, its margins, the active one,
+        and its distance.
 
     Raises
     ------
     InputError
-        If the path's first point is out of reach, or no leaf that was tried carries a whole cycle
-        (inside the region).
+        If the path's first point is out of reach, or no leaf tried allows a full cycle (inside the
+        region).
 
     Examples
     --------
@@ -205,15 +204,15 @@ def best_leaf(
     G_d = desired or Pseudoinverse(task)
     start = solve_ik(task, task.check(q0, "the start"), target)
 
-    given = best = _judged(inverse, G_d, path, start, region, steps)
+    given = best = _evaluated(inverse, G_d, path, start, region, steps)
     tried = 1
 
     def better(starts: Iterable[Array | None]) -> Iterator[Candidate]:
-        """Those that are better than the best so far."""
+        """Yield the starts that are better than the best so far."""
         nonlocal tried
         for q in starts:
             tried += 1
-            candidate = None if q is None else _judged(inverse, G_d, path, q, region, steps)
+            candidate = None if q is None else _evaluated(inverse, G_d, path, q, region, steps)
             if candidate is None or candidate.motion.outside:
                 continue
             if best is not None and candidate.order <= best.order:
@@ -229,9 +228,9 @@ def best_leaf(
         best = candidate
     if best is None:
         raise InputError(
-            f"none of {tried} starts at the path's first point carries a whole cycle of {path.name}"
-            f"{'' if region is None else ' inside the region'}; "
-            "make the path smaller, or design over a larger region"
+            f"none of the {tried} leaves tried along the self-motion of the start allows "
+            f"a full cycle of {path.name}{'' if region is None else ' inside the region'}; "
+            "use a smaller path or a larger design region"
         )
     size, L = _STRIDE / 2, joint_scale(task, start)
     while size >= _FINEST:
@@ -245,7 +244,7 @@ def best_leaf(
     return BestLeaf(best, given, tried)
 
 
-def _judged(
+def _evaluated(
     inverse: RepeatableInverse,
     desired: Inverse,
     path: TaskPath,
@@ -253,7 +252,7 @@ def _judged(
     region: Bounded | None,
     steps: int,
 ) -> Candidate | None:
-    """Follow one cycle from a start; None where it cannot be done."""
+    """Follow one cycle from a start and evaluate its margins; None if it fails."""
     task, length = inverse.task, arm_length(inverse.task, q0) or 1.0
     try:
         motion = replace(
@@ -265,23 +264,21 @@ def _judged(
         return None
     gap = np.linalg.norm((motion.q[-1] - motion.q[0]) / joint_scale(task, q0))
     if motion.tracking_error.max() > _LOST * length or gap > _LOST:
-        return None  # it lost the path, or came back another way
+        return None  # the motion left the path, or did not close
     clear = float(leaf_margin(N, inverse.potentials.gradients(motion.q)).min())
-    least, bodies = (
-        motion.limit_margin.min(axis=0),
-        float(motion.thinned(_BODY_POINTS).body_distance.min()),
-    )
+    least = motion.limit_margin.min(axis=0)
+    bodies = float(motion.thinned(_BODY_POINTS).body_distance.min())
     lower, upper, _ = task.joint_limits
     half = np.where(np.isfinite(upper - lower), (upper - lower) / 2, 1.0)
-    rooms = {
+    relative_margins = {
         "limits": float(np.min(least / half)),
-        "bodies": bodies / (_ROOM * length),
+        "bodies": bodies / (_UNIT_DISTANCE * length),
         "leaf": clear,
     }
     return Candidate(
         q0=motion.q[0],
         leaf=inverse.leaf(motion.q[0]),
-        rooms=rooms,
+        relative_margins=relative_margins,
         limit_margin=float(least.min()),
         body_distance=bodies,
         leaf_margin=clear,
@@ -293,8 +290,7 @@ def _judged(
 def _self_motions(
     inverse: RepeatableInverse, start: Array, path: TaskPath, seed: int
 ) -> Iterator[Array]:
-    """Walk from the start in its null space, the frame held, until a limit or a full turn ends the
-    walk."""
+    """Sample the self-motion of the start, up to a joint limit or a full turn."""
     task, L = inverse.task, joint_scale(inverse.task, start)
     N = nullspace(task.jacobian(start))
     directions = list(N.T)
@@ -318,7 +314,7 @@ def _self_motions(
 
 
 def _moved(inverse: RepeatableInverse, q: Array, step: Array, path: TaskPath) -> Array | None:
-    """Take a step of the self-motion; None where it leaves the limits."""
+    """Take a step of the self-motion; None if it leaves the limits."""
     task = inverse.task
     try:
         return solve_ik(task, q + step, path.placement(0.0), tolerance=1e-11)
@@ -328,17 +324,13 @@ def _moved(inverse: RepeatableInverse, q: Array, step: Array, path: TaskPath) ->
 
 def _line(candidate: Candidate | None) -> str:
     if candidate is None:
-        return "no whole cycle from there"
+        return "no full cycle from this start"
     outside = candidate.motion.outside
     text = f"limit margin {candidate.limit_margin:.3g}, leaf margin {candidate.leaf_margin:.3g}"
-    text += (
-        f", bodies {candidate.body_distance:.3g} m apart"
-        if np.isfinite(candidate.body_distance)
-        else ""
-    )
-    text += f" ({candidate.binds} bind)" if candidate.binds != "leaf" else " (the leaf binds)"
-    text += f", {candidate.distance:.2g} from G_d" + (
-        "" if outside is None else f", {outside:.0%} outside Ω"
-    )
-    beyond = "; ".join(map(str, violations_of(candidate.motion)))
-    return text + (beyond and f"; {beyond}")
+    if np.isfinite(candidate.body_distance):
+        text += f", body distance {candidate.body_distance:.3g} m"
+    text += f" (smallest: {candidate.binds}), {candidate.distance:.2g} from G_d"
+    if outside is not None:
+        text += f", {outside:.0%} outside Ω"
+    violations = "; ".join(map(str, violations_of(candidate.motion)))
+    return f"{text}; {violations}" if violations else text

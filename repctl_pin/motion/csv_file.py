@@ -1,5 +1,4 @@
-"""Motions as CSV, one layout for all: ``strategy``, ``cycle``, ``time``, columns for joints and
-their velocities."""
+"""Motions as CSV: columns strategy, cycle, time, joints and joint velocities."""
 
 from __future__ import annotations
 
@@ -29,20 +28,20 @@ _LARGEST = 64_000_000
 
 @dataclass(frozen=True)
 class Recorded:
-    """One strategy's motion, as a file holds it.
+    """Motion of one strategy, as stored in a file.
 
     Attributes
     ----------
     strategy : str
-        What the file calls it, or the file's own name.
+        Name of the strategy in the file, else the name of the file.
     joints : tuple of str
-        The joints with a column.
+        Joints with a column.
     q : (T + 1, k) array
-        Their positions, rad or m.
+        Joint positions, rad or m.
     cycles : int
         Number of cycles; T is a multiple of it.
     t : (T + 1,) array or None
-        Time, s, where the file has a column of it.
+        Time, s, if the file has a column for it.
     """
 
     strategy: str
@@ -58,25 +57,25 @@ def csv_text(
     most: int | None = None,
     run: str = "",
 ) -> str:
-    """Write motions of one task as CSV: s, rad or m, rad/s or m/s; cycles are counted from 0, in
-    fractions.
+    """Format motions of one task as CSV, in s, rad or m, rad/s or m/s.
+
+    Cycles count from 0, in fractions.
 
     Parameters
     ----------
     motions
-        One motion, or several, each with the name of its strategy; a timed one with accelerations,
+        One motion, or several by the names of their strategies; a timed motion has accelerations,
         and no cycles.
     most
-        Maximum number of rows per cycle, cycle ends included; by default all, and every digit of
-        each number.
+        Maximum number of rows per cycle, cycle ends included; by default all rows, with all digits.
     run
-        Name of the run, written into a last column if it is given.
+        Name of the run for an additional last column.
 
     Raises
     ------
     InputError
-        If two columns would have one name: a joint is called ``time``, or ``a_velocity`` beside
-        ``a``.
+        If two columns would have the same name: a joint is called ``time``, or ``a_velocity``
+        beside ``a``.
     """
     rows: Iterable[Sequence[object]]
     if isinstance(motions, TimedMotion):
@@ -111,7 +110,7 @@ def csv_text(
 
 
 def _cells(motion: Motion, most: int | None) -> Iterator[list[str]]:
-    """Write the numbers of a motion, row by row: cycle, time, positions, velocities."""
+    """Format the rows of a motion: cycle, time, positions, velocities."""
     rows = rows_of(motion, most or motion.steps)
     q, qdot = motion.joints(motion.q[rows]), motion.joints(motion.qdot[rows])
     for values in np.hstack([np.stack([rows / motion.steps, motion.t[rows]], axis=1), q, qdot]):
@@ -121,26 +120,25 @@ def _cells(motion: Motion, most: int | None) -> Iterator[list[str]]:
 def read_motions(
     file: str | Path, known: Sequence[str], *, cycles: int | None = None
 ) -> list[Recorded]:
-    """Read the motions of a CSV file that :func:`csv_text` wrote, or that has a column for each
-    joint.
+    """Read the motions of a CSV file with a column per joint, such as :func:`csv_text` writes.
 
-    Velocities are passed over.
+    Velocities are ignored.
 
     Parameters
     ----------
     file
-        The file.
+        CSV file.
     known
-        The robot's joints.
+        Joint names of the robot.
     cycles
-        Number of cycles, where the file does not say; 1 if None.
+        Number of cycles, if the file does not contain it; 1 if None.
 
     Raises
     ------
     InputError
         If the file cannot be read, names a joint that the robot does not have, has a column twice,
-        goes back in time, or holds no whole cycles of equal steps; the line is named where there is
-        one.
+        has times that do not increase, or does not contain full cycles of equal steps; the message
+        names the line.
     """
     lines = csv.reader(io.StringIO(read_whole(file, _LARGEST), newline=""))
     where = str(file)
@@ -155,7 +153,7 @@ def read_motions(
                 continue
             line = f"{where}, line {lines.line_num}"
             if len(row) != len(names):
-                raise InputError(f"{line}: {len(row)} cells where the header has {len(names)}")
+                raise InputError(f"{line}: {len(row)} fields, but the header has {len(names)}")
             key = row[names.index("strategy")] if "strategy" in names else ""
             turn = _number(row[names.index("cycle")], "cycle", line) if "cycle" in names else None
             values = [_number(row[k], names[k], line) for k in columns]
@@ -163,7 +161,7 @@ def read_motions(
     except csv.Error as error:
         raise InputError(f"{where}, line {lines.line_num}: {error}") from None
     if not groups:
-        raise InputError(f"{where} holds no rows")
+        raise InputError(f"{where} contains no rows")
     return [_recorded(key, rows, joints, where, cycles) for key, rows in groups.items()]
 
 
@@ -174,27 +172,30 @@ def _recorded(
     where: str,
     asked: int | None,
 ) -> Recorded:
-    """Make one motion of its rows, round as often as asked, or as its last row says, or once."""
+    """Create a motion from its rows.
+
+    The number of cycles is the given one, else the last row's, else 1."""
     line, end, _ = rows[-1]
     count = asked or (1 if end is None else round(end))
     if asked is None and end is not None and (count < 1 or abs(end - count) > 1e-6):
-        raise InputError(
-            f"{where}, line {line}: the motion ends in cycle {end:g}, not at the end of one"
-        )
+        raise InputError(f"{where}, line {line}: the motion ends within a cycle, at {end:g} cycles")
     steps, rest = divmod(len(rows) - 1, count)
     if rest or not steps:
         raise InputError(
-            f"{where}: {len(rows)} rows of {key!r} are not {count} cycles of equal steps and a start"
+            f"{where}: {len(rows)} rows of {key!r} are not a start "
+            f"and {count} cycles of equal numbers of steps"
         )
     values = np.array([numbers for _, _, numbers in rows])
     times = values[:, len(joints)] if values.shape[1] > len(joints) else None
     if times is not None and (late := np.flatnonzero(np.diff(times) <= 0)).size:
-        raise InputError(f"{where}, line {rows[late[0] + 1][0]}: time does not go on")
+        raise InputError(
+            f"{where}, line {rows[late[0] + 1][0]}: time must increase from row to row"
+        )
     return Recorded(key, joints, values[:, : len(joints)], count, times)
 
 
 def _joints(names: list[str], known: Sequence[str], where: str) -> tuple[str, ...]:
-    """Choose the columns that hold joints."""
+    """Select the columns of joints."""
     _refuse_twice(names, where)
     joints = tuple(name for name in names if name in known)
     beside = {*_BESIDE, *_CLOCKS, _RUN}
@@ -202,17 +203,15 @@ def _joints(names: list[str], known: Sequence[str], where: str) -> tuple[str, ..
         n for n in names if n not in known and n not in beside and _SUFFIX.sub("", n) not in known
     ]
     if strange or not joints:
-        what = f"no joint {strange[0]!r}" if strange else "no column of a joint"
-        raise InputError(f"{where}: the robot has {what}; its joints are {', '.join(known)}")
+        what = f"the robot has no joint {strange[0]!r}" if strange else "there is no joint column"
+        raise InputError(f"{where}: {what}; its joints are {', '.join(known)}")
     return joints
 
 
 def _refuse_twice(names: Sequence[str], where: str) -> None:
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
-        raise InputError(
-            f"{where}: two columns are called {twice[0]!r}; each needs a name of its own"
-        )
+        raise InputError(f"{where}: two columns are named {twice[0]!r}; rename one of them")
 
 
 def _number(text: str, name: str, line: str) -> float:

@@ -1,4 +1,4 @@
-"""Follow a closed path, cycle after cycle, and measure what became of the joints."""
+"""Integration of a strategy along a closed path over several cycles."""
 
 from __future__ import annotations
 
@@ -30,24 +30,24 @@ INTEGRATORS: dict[
 }
 
 _INSIDE = 1e-12
-"""How far from a grid point, in cycles, a velocity is asked for: on the step's own side of a
+"""Distance from a grid point at which a twist is evaluated, cycles; on the step's side of a
 corner."""
 
 _MOST_CORRECTIONS = 1000
-"""Most corrections in a step; Newton's method has converged after a handful."""
+"""Maximum number of corrections per step; Newton's method converges within about five."""
 
 _JUMP = 1.0
-"""No arm moves a joint this far in one step: the integration has failed. In rad; of prismatic
-joints in lengths of the arm or of the path."""
+"""Joint motion per step from which the integration counts as failed, rad; for prismatic joints in
+lengths of the arm or of the path."""
 
 _MOST = 100_000_000
-"""Numbers that a motion may hold: 0.8 GB of positions, and as much of velocities."""
+"""Maximum number of joint positions of a motion: 0.8 GB, and as much for velocities."""
 
 Advance = Callable[[int, Array], tuple[Array, Array, float]]
-"""Step of a cycle, q → q after it, q̇ where it begins (on a leaf: its mean), and the damping that
-was used."""
+"""Function (step of the cycle, q) → next q, q̇ at the start of the step (on a leaf: its mean),
+damping used."""
 AtEnd = Callable[[Array], Array]
-"""q → q̇ where the motion ends."""
+"""Function q → q̇ at the end of the motion."""
 
 
 def follow(
@@ -68,52 +68,54 @@ def follow(
 ) -> Motion:
     """Integrate ``q̇ = strategy(q, ẋ)`` along a closed path, cycle after cycle.
 
-    With feedback, ``ẋ = ẋ_path + K e`` with e the task error. With ``leaf_lock=k`` a repeatable
-    strategy steps from point to point by k Newton corrections of both errors, ``q += J_V⁻¹ [x −
+    With feedback, ``ẋ = ẋ_path + K e`` with e the task error. With ``leaf_lock=k``, a repeatable
+    strategy moves from point to point by k Newton corrections of both errors, ``q += J_V⁻¹ [x −
     f(q); c − h(q)]``.
 
     Parameters
     ----------
     strategy
-        What turns ẋ, m/s and rad/s, into q̇, rad/s; any function (q, ẋ) → q̇, (n,) and (m,) → (n,),
-        with ``task=``.
+        Controller (q, ẋ) → q̇, with ẋ (m,) in m/s and rad/s and q̇ (n,) in rad/s; a plain function
+        requires ``task=``.
     path
-        The closed path; it should start where the frame is at q0.
+        Closed path that starts at the frame's placement at q0.
     q0 : (n,) array
-        The start, rad (m for sliding joints), inside the joint limits.
+        Start configuration, rad (m for prismatic joints), within the joint limits.
     cycles, steps
-        Number of cycles, and integration steps in each (a few more where there are corners).
+        Number of cycles, and of integration steps per cycle (a few more if the path has corners).
     integrator
         ``rk4`` or ``euler``.
     feedback
-        K, 1/s; 0 is open loop. With Euler, K = steps / period undoes the whole error in one step.
+        Gain K, 1/s; 0 is open loop. With Euler, K = steps / period corrects the whole error in one
+        step.
     period
-        Time of one cycle, s; by default the path's own, else 5.
+        Period, s; by default the path's, else 5.
     leaf_lock
-        Corrections per step, in place of the integrator; 0 is no leaf lock.
+        Number of Newton corrections per step, instead of the integrator; 0 is no leaf lock.
     leaf : (r,) array, optional
-        With the leaf lock: c, by default h(q0).
+        Level c for the leaf lock; by default h(q0).
     velocity_limit : float or (n,) array, optional
-        With the leaf lock: joint speeds not to exceed, rad/s.
+        Maximum joint speeds for the leaf lock, rad/s.
     damping
-        With the leaf lock: λ_max near singularities, see :meth:`RepeatableInverse.step`.
+        Maximum damping λ_max for the leaf lock near singularities, see
+        :meth:`RepeatableInverse.step`.
     task
-        What a plain function controls.
+        Task that a plain function controls.
 
     Returns
     -------
     Motion
-        Joint positions ``q`` and velocities ``qdot`` at the times ``t``, and what is measured on
-        them: ``drift`` after each cycle, ``tracking_error`` and ``turning_error`` of the frame,
-        ``speed`` (``rms_speed``, ``peak_speed``), ``limit_margin`` and ``first_violation``.
-        ``retimed()`` slows it down to the speed limits.
+        Joint positions ``q`` and velocities ``qdot`` at the times ``t``, and their evaluation:
+        ``drift`` after each cycle, ``tracking_error`` and ``turning_error`` of the frame, ``speed``
+        (``rms_speed``, ``peak_speed``), ``limit_margin`` and ``first_violation``. ``retimed()``
+        slows it down to the speed limits.
 
     Raises
     ------
     InputError
-        If an option is out of its range, or the path starts elsewhere than the frame.
+        If an option is out of its range, or the path does not start at the frame.
     SingularityError
-        If the motion runs into a singularity; the message says in which cycle.
+        If the motion reaches a singularity; the message names the cycle.
 
     Examples
     --------
@@ -127,48 +129,46 @@ def follow(
         require_task(task)
     path = closed_path(path)
     if not isinstance(strategy, Strategy):
-        what = "a control, such as rp.Pseudoinverse(task) or design.inverse, or a function of (q, xdot)"
+        what = "a controller, such as design.inverse, or a function (q, xdot) -> qdot"
         function(strategy, "strategy", what, 2)
         if task is None:
             raise InputError(
-                "to follow a path with a plain function (q, ẋ) → q̇, say what it controls: task="
+                "a plain function (q, ẋ) → q̇ requires task=, the task that it controls"
             )
         strategy = FunctionStrategy(task, strategy)
     task = strategy.task
     q = task.check(q0, "the start")
     require_choice(integrator, INTEGRATORS, "integrator")
     cycles, steps = as_int(cycles, "cycles", 1), as_int(steps, "steps", 1)
-    leaf_lock, damping = (
-        as_int(leaf_lock, "leaf_lock", 0, _MOST_CORRECTIONS),
-        positive(damping, "damping", zero=True),
-    )
+    leaf_lock = as_int(leaf_lock, "leaf_lock", 0, _MOST_CORRECTIONS)
+    damping = positive(damping, "damping", zero=True)
     check_length(task, cycles, steps)
     period = positive((path.period or 5.0) if period is None else period, "the period", "s")
     feedback = positive(feedback, "the feedback gain", zero=True)
     if not leaf_lock and (leaf is not None or velocity_limit is not None or damping):
         raise InputError(
-            "leaf=, velocity_limit= and damping= belong to the leaf lock; give leaf_lock=1 with them"
+            "leaf=, velocity_limit= and damping= require the leaf lock; add leaf_lock=1"
         )
     gap = float(np.linalg.norm(task.error(q, path.placement(0.0))))
     if gap > 1e-3 and not feedback and not leaf_lock:
         raise InputError(
-            f"the path starts {gap:.3g} m (or rad) away from the frame; use rp.solve_ik() first, or feedback"
+            f"the path starts {gap:.3g} m (or rad) away from the frame; "
+            "use rp.solve_ik() first, or feedback"
         )
 
     grid = _grid(path, steps)
     if leaf_lock:
         if feedback:
             raise InputError(
-                "feedback= is the integrator's; the leaf lock corrects the error itself, so leave it out"
+                "feedback= and leaf_lock= are mutually exclusive: "
+                "the leaf lock corrects the task error itself"
             )
         if not isinstance(strategy, OnLeaves):
-            raise InputError(
-                "only a repeatable strategy, such as design.inverse, has leaves to lock to"
-            )
+            raise InputError("leaf_lock= requires a repeatable strategy, such as design.inverse")
         c = (
             strategy.leaf(q)
             if leaf is None
-            else vector(leaf, task.r, "the leaf c = h(q)", "one per potential")
+            else vector(leaf, task.r, "the level c = h(q)", "one per potential")
         )
         advance, at_end = _locked(
             strategy, path, grid, period, leaf_lock, c, velocity_limit, damping
@@ -199,10 +199,10 @@ def follow(
 
 
 def check_length(task: Task, cycles: int, steps: int) -> None:
-    """Refuse a motion that does not fit into memory, before anything long is begun."""
+    """Raise InputError for a motion that does not fit into memory, before a long computation."""
     if cycles * steps * task.n > _MOST:
         raise InputError(
-            f"{cycles} cycles of {steps} steps are more than fit into memory; ask for fewer"
+            f"{cycles} cycles of {steps} steps do not fit into memory; use fewer cycles or steps"
         )
 
 
@@ -215,7 +215,7 @@ def _run(
     q: Array,
     cycles: int,
 ) -> tuple[Array, Array, float]:
-    """Take step after step; joint positions and velocities (T + 1, n), and the largest damping."""
+    """Run all steps; return joint positions and velocities (T + 1, n), and the maximum damping."""
     n_steps, used = len(grid) - 1, 0.0
     points = np.array([path.placement(float(s)).translation for s in grid])
     size = float(np.linalg.norm(np.ptp(points, axis=0)))
@@ -233,9 +233,9 @@ def _run(
                 ) from None
             if not (np.abs(following - q) < most_step).all():
                 raise SingularityError(
-                    f"the joints jump by more than {_JUMP:g} rad, or the arm's length, in one step, in cycle "
-                    f"{1 + step // n_steps} of {path.name}: the arm is at a singularity, the path out of reach, or the "
-                    "steps too few"
+                    f"a joint moves by more than {_JUMP:g} rad (prismatic: one arm length) "
+                    f"in one step in cycle {1 + step // n_steps} of {path.name}: the arm is near "
+                    "a singularity, the path is out of reach, or there are too few steps"
                 )
             Q[step + 1] = q = following
             used = max(used, damping)
@@ -252,13 +252,12 @@ def _integrated(
     integrator: str,
     feedback: float,
 ) -> tuple[Advance, AtEnd]:
-    """Make the step of a Runge–Kutta method."""
+    """Create the step of a Runge–Kutta method."""
     task = strategy.task
     nodes, matrix, weights = INTEGRATORS[integrator]
 
-    # A path's twists are the same in every cycle: evaluated once, on the step's own side of a
-    # corner. So is ẋ, but
-    # for an axis task, whose ẋ depends on how the frame stands.
+    # A path's twists are the same in every cycle, so they are evaluated once, on the step's side of
+    # a corner. So is ẋ, except for an axis task, where it depends on the frame's orientation.
     ends = [(float(a), float(b)) for a, b in pairwise(grid)]
     places = sorted(set(nodes))
     inside = [
@@ -305,7 +304,7 @@ def _locked(
     velocity_limit: ArrayLike | None,
     damping: float,
 ) -> tuple[Advance, None]:
-    """Make the step from point to point on a leaf; its velocity is the mean."""
+    """Create the step from point to point on a leaf; its velocity is the mean."""
     targets, times = [path.placement(float(s)) for s in grid[1:]], np.diff(grid) * period
     most = (
         None if velocity_limit is None else speeds(velocity_limit, strategy.task.n) / corrections
@@ -323,7 +322,7 @@ def _locked(
 
 
 def _grid(path: TaskPath, steps: int) -> Array:
-    """Values of s to step through in one cycle, every corner among them."""
+    """Compute the values of s of one cycle's steps, all corners included."""
     knots = np.array([0.0, *path.breaks, 1.0])
     pieces = np.maximum(1, np.rint(np.diff(knots) * steps).astype(int))
     return np.concatenate(

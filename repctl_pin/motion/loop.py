@@ -1,5 +1,4 @@
-"""Controls that follow a closed path in real time, side by side, as a robot's own loop does: a step
-at a time."""
+"""Stepwise real-time simulation of controllers on a closed path."""
 
 from __future__ import annotations
 
@@ -16,44 +15,45 @@ from ..paths.task_path import TaskPath
 from ..strategies import OnLeaves, Strategy
 
 STEP = 0.004
-"""Time of a step, s."""
+"""Time step, s."""
 SPEED = 0.15
-"""How fast the target leaves the path and comes back, m/s."""
+"""Speed at which the target leaves the path and returns, m/s."""
 _MOST = 0.1
-"""A step that moves a joint by more, rad or m, is not taken: the target is out of reach."""
+"""Joint motion per step, rad or m, from which the target counts as out of reach."""
 _FREE = 0.5
-"""Time without a refused step after which the way on counts as free, s."""
+"""Time without a failed step after which the target counts as reachable again, s."""
 
 
 class Loop:
-    """Runs controls round a path, ``q += G(q + G(q) e / 2) e`` a step, e the error to the next
-    target.
+    """Simulation of controllers on a closed path.
 
-    A control that has leaves keeps to one. The target may be moved off the path. Where a control
-    cannot follow it, the target comes back as far as needed; where that does not help either, all
-    go back along the steps they came by.
+    Each step is ``q += G(q + G(q) e / 2) e``, e the error to the next target.
+
+    A repeatable controller stays on its leaf. The target can be moved away from the path. If a
+    controller cannot follow it, the target moves back as far as needed; if that fails, all
+    controllers retrace their last steps.
 
     Parameters
     ----------
     strategies
-        The controls, all of one task.
+        Controllers, all of the same task.
     path
-        The closed path.
+        Closed path.
     q0 : (n,) array
-        Where all begin.
+        Start configuration of all controllers.
     period
-        Time of a cycle, s.
+        Period, s.
 
     Attributes
     ----------
     q : list of (n,) arrays
-        Where each control has brought the joints.
+        Current configuration of each controller.
     offset : (3,) array
-        How far the target is off the path, m, base axes.
+        Offset of the target from the path, m, base axes.
     out_of_reach : bool
-        Whether a control could not follow, and the target has not yet come to where it should be.
+        True while a controller could not follow the target and the target is not at its goal.
     cycle : (steps + 1, strategies, n) array
-        What each did in an undisturbed first cycle.
+        Configurations of each controller in an undisturbed first cycle.
     """
 
     def __init__(
@@ -81,27 +81,30 @@ class Loop:
         self.offset, self._at, self._rest = np.zeros(3), 0, 0.0
         self._trail: deque[tuple[list[Array], Array, int]] = deque(maxlen=4 * self.steps)
         self.out_of_reach = False
-        self._free = 0  # steps since the last refusal
-        self._back, self._stride = 0, 1  # steps still to go back, and how many the next time
+        self._free = 0  # steps since the last failed step
+        self._back, self._stride = (
+            0,
+            1,
+        )  # steps left to retrace, and the number for the next failure
 
     @property
     def before(self) -> Array:
-        """Where each control was at this moment of the first cycle: (strategies, n)."""
+        """Configurations of the controllers at this time of the first cycle: (strategies, n)."""
         return self.cycle[self._at]
 
     def run(self, seconds: float, offset: ArrayLike = (0.0, 0.0, 0.0)) -> None:
-        """Let so much time pass, in whole steps, while the target goes to an offset from the path
-        (3,), m."""
+        """Advance by a time in s, in whole steps.
+
+        The target moves to an offset (3,) from the path, m."""
         wish = np.asarray(offset, float)
         steps, self._rest = divmod(self._rest + seconds, self.dt)
         for _ in range(int(steps)):
             self._step(wish)
 
     def _step(self, wish: Array) -> None:
-        """Take one step: onward, or with the target where it is, or a little nearer to the path; or
-        one step back."""
+        """Take one step: move the target on, hold it or move it back; else step back."""
         if self._back:
-            self._return()
+            self._step_back()
             return
         way = wish - self.offset
         onward = self.offset + way * min(
@@ -111,26 +114,24 @@ class Loop:
         if self._free * self.dt > _FREE:
             self._stride = 1
         for offset in (onward, self.offset, 0.99 * self.offset):
-            if self._go(offset):
+            if self._advance(offset):
                 self.out_of_reach &= not np.array_equal(offset, wish)
                 return
             self.out_of_reach, self._free = True, 0
-        self._back, self._stride = (
-            self._stride,
-            2 * self._stride,
-        )  # ever further, until there is a way on
-        self._return()
+        self._back = self._stride
+        self._stride *= 2  # retrace further after each failure
+        self._step_back()
 
-    def _return(self) -> None:
-        """Go one step back along the trail; where it ends, to the start."""
+    def _step_back(self) -> None:
+        """Retrace one step; without stored steps, restart at the start."""
         self._back -= 1
         if self._trail:
             self.q, self.offset, self._at = self._trail.pop()
         else:
             self._begin(self._start)
 
-    def _go(self, offset: Array) -> bool:
-        """Go on to the path's next point and an offset from it; False where a control cannot."""
+    def _advance(self, offset: Array) -> bool:
+        """Advance to the path's next point plus an offset; False if a controller fails."""
         ahead = (self._at + 1) % self.steps
         place = self._targets[ahead]
         target = pin.SE3(place.rotation, place.translation + offset)
@@ -142,7 +143,7 @@ class Loop:
         return True
 
     def _next(self, k: int, target: pin.SE3) -> Array | None:
-        """Where a control goes from here; None where it cannot."""
+        """Compute a controller's next configuration; None if it fails."""
         control, q, leaf = self.strategies[k], self.q[k], self._leaves[k]
         try:
             if isinstance(control, OnLeaves):

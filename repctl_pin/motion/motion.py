@@ -1,4 +1,4 @@
-"""What a strategy did on a closed path: a result that judges itself."""
+"""Motion of a strategy on a closed path: drift, errors and other figures."""
 
 from __future__ import annotations
 
@@ -17,35 +17,35 @@ from .joint_motion import CLOSED as CLOSED
 from .joint_motion import JointMotion
 
 ON_PATH = 1e-3
-"""The frame is on its path while it is so near, in arm lengths or rad."""
+"""Maximum error with which the frame counts as on its path, arm lengths or rad."""
 
 
 @dataclass(frozen=True)
 class Motion(JointMotion):
-    """What a strategy did on a closed path.
+    """Motion of a strategy on a closed path.
 
-    If an arm has both kinds of joints, norms over joints count a radian like a metre.
+    On arms with revolute and prismatic joints, norms of q weight 1 rad and 1 m equally.
 
     Attributes
     ----------
     task, path
-        The task, and the path it followed.
+        Task, and path of its frame.
     t : (T + 1,) array
         Time, s.
     q, qdot : (T + 1, n) arrays
         Joint positions and velocities, rad or m, and per second.
     cycles, steps : int
-        T = cycles · steps.
+        Number of cycles, and of steps per cycle: T = cycles · steps.
     drift : (cycles,) array
-        ``‖q(after cycle k) − q(0)‖``, k = 1, 2, …, rad (m for sliding joints).
+        ``‖q(after cycle k) − q(0)‖``, k = 1, 2, …, rad (m for prismatic joints).
     tracking_error : (T + 1,) array
-        Distance of the frame from where it should be, m, in the task's coordinates.
+        Position error of the frame in the task's coordinates, m.
     turning_error : (T + 1,) array
-        The same for orientation, rad; 0 if the task has none.
+        Orientation error of the frame, rad; 0 if the task has no orientation.
     damping : float
-        The largest λ, in J's units, that was used near a singularity; 0 if every step was exact.
+        Maximum damping λ used near singularities, in the units of J; 0 if every step was exact.
     region : Bounded, optional
-        Ω, where the control was designed: see :attr:`outside`.
+        Design region Ω, see :attr:`outside`.
 
     Examples
     --------
@@ -75,16 +75,16 @@ class Motion(JointMotion):
 
     @property
     def outside(self) -> float | None:
-        """Share of the motion that lies outside Ω, where no promise is made; None without an Ω."""
+        """Share of the motion outside Ω, where repeatability is not guaranteed; None without Ω."""
         return None if self.region is None else float(np.mean(self.region.ratio(self.q) > 1 + 1e-9))
 
     @cached_property
     def path_loss(self) -> tuple[float, float, float] | None:
-        """When the frame leaves its path (in cycles), and its largest errors, m and rad; None if it
-        never does.
+        """Time, in cycles, at which the frame leaves its path, and maximum errors, m and rad.
 
-        It is on the path while both errors are small: a thousandth of the arm's length, and of a
-        radian."""
+        None if it stays on the path.
+
+        It is on the path while the errors are at most 0.001 arm lengths and 0.001 rad."""
         length = arm_length(self.task, self.q[0]) or 1.0
         off = ~((self.tracking_error <= ON_PATH * length) & (self.turning_error <= ON_PATH))
         if not off.any():
@@ -93,32 +93,33 @@ class Motion(JointMotion):
         return when, float(self.tracking_error.max()), float(self.turning_error.max())
 
     def slowed(self, factor: float) -> Motion:
-        """Let every cycle take ``factor`` times as long: for controls ``q̇ = G ẋ``, whose joint
-        path stays the same."""
+        """Slow the motion down by ``factor``.
+
+        For controllers ``q̇ = G ẋ``, whose joint path does not change."""
         factor = positive(factor, "the factor")
         return replace(self, t=self.t[0] + (self.t - self.t[0]) * factor, qdot=self.qdot / factor)
 
     def retimed(self, limit: ArrayLike | None = None) -> Motion:
-        """Slow the motion down wherever a joint is too fast; the joint path stays the same.
+        """Slow the motion down wherever a joint exceeds its speed limit, on the same joint path.
 
-        Scaling ẋ by a positive number scales q̇ of every strategy ``q̇ = G ẋ`` alike. Each step is
-        stretched by the largest share of a speed limit that it, or one of its ends, uses; steps
-        below the limits keep their time.
+        For strategies ``q̇ = G ẋ``, scaling ẋ scales q̇ by the same factor. Each step is stretched
+        by the maximum ratio of speed to limit in it and at its ends; steps within the limits keep
+        their duration.
 
         Parameters
         ----------
         velocity_limit : float or (n,) array, optional
-            Speeds of the robot's joints, rad/s or m/s; by default the arm's own.
+            Speed limits of the robot's joints, rad/s or m/s; by default those of the robot.
 
         Returns
         -------
         Motion
-            With ``speed_ratio`` at most 1 if the limits are the arm's.
+            Motion with ``speed_ratio`` at most 1 for the robot's limits.
 
         Raises
         ------
         InputError
-            If a limit is not above 0, or has the wrong size.
+            If a limit is not positive, or has the wrong size.
         """
         task = self.task
         most = speeds(task.joint_limits[2] if limit is None else limit, task.n)

@@ -1,5 +1,4 @@
-"""A motion as a file for a robot: CSV, or ROS's JointTrajectory in YAML; with the velocities of its
-control."""
+"""Writing of trajectory files: CSV, or ROS 2 JointTrajectory as YAML."""
 
 from __future__ import annotations
 
@@ -21,17 +20,17 @@ from .timing import TimedMotion
 def write_motion(
     motion: Motion | TimedMotion, file: str | Path, *, allow_violations: bool = False
 ) -> Path:
-    """Write a motion for a robot: time, positions, velocities, and accelerations if it is timed.
+    """Write a trajectory file: time, positions, velocities, and accelerations if timed.
 
     Parameters
     ----------
     motion
-        From :func:`follow`, :func:`timed` or :func:`approach`.
+        Motion from :func:`follow`, :func:`timed` or :func:`approach`.
     file
-        ``.csv``, or ``.yaml`` for ROS 2's ``trajectory_msgs/msg/JointTrajectory``. s, rad or m, per
-        s and per s².
+        File name: ``.csv``, or ``.yaml`` for ROS 2's ``trajectory_msgs/msg/JointTrajectory``.
+        Units: s, rad or m, per s and per s².
     allow_violations
-        Write it even if a joint leaves its limits, or bodies touch.
+        Write the file even if a joint exceeds its limits, or bodies collide.
 
     Returns
     -------
@@ -41,8 +40,8 @@ def write_motion(
     Raises
     ------
     InputError
-        If the motion breaks a limit or bodies touch, the name ends otherwise, or the file cannot be
-        written.
+        If the motion violates a limit or bodies collide, the file name has another ending, or the
+        file cannot be written.
 
     Examples
     --------
@@ -51,21 +50,21 @@ def write_motion(
     True
     """
     if not isinstance(motion, TimedMotion):
-        require_type(motion, Motion, "motion", "a motion, such as rp.follow or rp.timed makes")
+        require_type(motion, Motion, "motion", "a motion, such as rp.follow or rp.timed returns")
     path = Path(file_name(file, "file"))
     if path.suffix not in (".csv", ".yaml", ".yml"):
         raise InputError(f"{str(path)!r} must end in .csv or .yaml")
     followed = motion.motion if isinstance(motion, TimedMotion) else motion
     if followed is not None and not flag(allow_violations, "allow_violations"):
         refuse_violations(
-            followed, "choose another start or path; allow_violations=True writes it anyway"
+            followed,
+            "choose another start or path, or write it anyway with allow_violations=True",
         )
     return write_whole(path, csv_text(motion) if path.suffix == ".csv" else yaml_text(motion))
 
 
 def commanded(motion: Motion, strategy: Strategy) -> Motion:
-    """Give a motion the velocities ``q̇ = G ẋ`` of its strategy at its points, in place of the
-    steps' means."""
+    """Replace a motion's mean velocities per step by the strategy's ``q̇ = G ẋ`` at the points."""
     period = (motion.t[-1] - motion.t[0]) / motion.cycles
     ends = (motion.t - motion.t[0]) / period % 1.0
     task = motion.task
@@ -79,10 +78,9 @@ def commanded(motion: Motion, strategy: Strategy) -> Motion:
 
 
 def yaml_text(motion: Motion | TimedMotion) -> str:
-    """Write ROS 2's ``trajectory_msgs/msg/JointTrajectory``, as ``ros2 topic pub`` and controllers
-    take it.
+    """Format a motion as ROS 2 ``trajectory_msgs/msg/JointTrajectory``, for ``ros2 topic pub``.
 
-    With accelerations where the motion is timed.
+    Includes accelerations if the motion is timed.
     """
     if isinstance(motion, TimedMotion):
         names, t = motion.joints, motion.t
@@ -106,8 +104,7 @@ def yaml_text(motion: Motion | TimedMotion) -> str:
 
 
 def _quoted(name: str) -> str:
-    """Quote a name for YAML, which folds the ends of lines where they are not written as
-    escapes."""
+    """Quote a name for YAML, with line breaks and other control characters as escapes."""
     if name.isprintable():
         return "'" + name.replace("'", "''") + "'"
     plain = (c if c.isprintable() and c not in '"\\' else f"\\U{ord(c):08x}" for c in name)

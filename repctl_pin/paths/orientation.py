@@ -1,5 +1,4 @@
-"""Orientations along a closed path: R(s), and its angular velocity ω(s), ``dR/ds = [ω]× R``, base
-axes."""
+"""Orientation along a closed path: R(s), and ω(s) with ``dR/ds = [ω]× R``, base axes."""
 
 from __future__ import annotations
 
@@ -16,24 +15,23 @@ from ..arguments import Array
 from ..errors import InputError
 
 Turning = Callable[[float], Array]
-"""A function of s."""
+"""Function of s that returns R(s) or ω(s)."""
 
 _NODES = np.arange(7)
 _WEIGHTS = np.array([np.linalg.inv(np.vander(_NODES - k, increasing=True))[1] for k in _NODES])
-"""Weights of the sixth-order difference at node k of seven: one-sided where k is not 3."""
+"""Weights of the sixth-order difference at node k of seven, one-sided unless k is 3."""
 
 _WRAP = 24
-"""Knots of a spline beyond each end of the cycle: what happens there is felt 0.27²⁴ ≈ 2e-14 as much
-inside."""
+"""Spline knots beyond each end of the cycle; their influence inside decays to 0.27²⁴ ≈ 2e-14."""
 
 
 def rotation_matrix(value: Any, what: str = "rotation") -> Array:
-    """Take a rotation: a (3, 3) matrix, or scipy's Rotation.
+    """Convert a (3, 3) matrix or a scipy Rotation to a rotation matrix.
 
     Raises
     ------
     InputError
-        If it is none: ``RᵀR = I``, ``det R = 1``.
+        If it is not a rotation: ``RᵀR = I``, ``det R = 1``.
     """
     try:
         R = np.array(value.as_matrix() if isinstance(value, Rotation) else value, dtype=float)
@@ -47,9 +45,8 @@ def rotation_matrix(value: Any, what: str = "rotation") -> Array:
     return R if off < 1e-13 else pin.Quaternion(R).normalized().matrix()
 
 
-def spin_of(rotation: Turning, breaks: Sequence[float]) -> Turning:
-    """Differentiate R(s) between the breaks, by differences of log(R(s + e) R(s)ᵀ), exact to about
-    1e-11."""
+def angular_velocity(rotation: Turning, breaks: Sequence[float]) -> Turning:
+    """Create ω(s) by differences of log(R(s + e) R(s)ᵀ) between the breaks, error 1e-11."""
     knots = np.array([0.0, *breaks, 1.0])
     piece = piece_finder(knots, np.diff(knots))
 
@@ -68,8 +65,7 @@ def spin_of(rotation: Turning, breaks: Sequence[float]) -> Turning:
 
 
 def piece_finder(knots: Array, widths: Array) -> Callable[[float], tuple[int, float]]:
-    """Make the function s → the piece between two knots that s lies in, and the share of its width
-    that is passed."""
+    """Create the function s → (index of the piece between two knots, fraction of its width)."""
 
     def piece(s: float) -> tuple[int, float]:
         i = int(np.clip(np.searchsorted(knots, s, side="right") - 1, 0, len(widths) - 1))
@@ -79,11 +75,10 @@ def piece_finder(knots: Array, widths: Array) -> Callable[[float], tuple[int, fl
 
 
 def smooth_turning(knots: ArrayLike, rotations: Sequence[Array]) -> tuple[Turning, Turning]:
-    """Lead a closed curve through orientations (P, 3, 3) at knots (P,) from 0 to 1, the last equal
-    to the first.
+    """Interpolate orientations (P, 3, 3) at knots (P,) from 0 to 1, the last equal to the first.
 
-    The cubic spline on SO(3), twice differentiable and periodic; where two in a row are the same,
-    they are held.
+    The interpolant is a cubic spline on SO(3), twice differentiable and periodic; it is constant
+    between two equal orientations.
 
     Returns
     -------
@@ -93,7 +88,7 @@ def smooth_turning(knots: ArrayLike, rotations: Sequence[Array]) -> tuple[Turnin
     Raises
     ------
     InputError
-        If two in a row are half a turn apart, so that either way round is as short.
+        If two consecutive orientations differ by half a turn, so that the direction is ambiguous.
     """
     s, R = np.asarray(knots, float), np.array(rotations)
     R[-1] = R[0]
@@ -102,12 +97,13 @@ def smooth_turning(knots: ArrayLike, rotations: Sequence[Array]) -> tuple[Turnin
     if (angles > np.pi - 1e-4).any():
         at = int(np.argmax(angles))
         raise InputError(
-            f"points {at + 1} and {at + 2} are half a turn apart; put one between, to say which way"
+            f"points {at + 1} and {at + 2} differ by half a turn, so the direction is ambiguous; "
+            "add a point between them"
         )
     count = len(s) - 1
     k = np.arange(-_WRAP, count + _WRAP + 1)
     spline = RotationSpline(s[k % count] + k // count, Rotation.from_matrix(R[k % count]))
-    rates = spline(s[:-1], 1)  # (P − 1, 3), in the turning frame
+    rates = spline(s[:-1], 1)  # (P − 1, 3), in the rotating frame
     held = angles < 1e-9
     rates[held | np.roll(held, 1)] = 0.0
     rates = np.vstack([rates, rates[:1]])
@@ -138,13 +134,12 @@ def smooth_turning(knots: ArrayLike, rotations: Sequence[Array]) -> tuple[Turnin
 
 
 def turning_about(axis: Array, start: Array) -> tuple[Turning, Turning]:
-    """Turn with a circle about its axis, ``R(s) = exp(2π s [n]×) R(0)``: a full turn."""
+    """Rotate by a full turn about an axis, ``R(s) = exp(2π s [n]×) R(0)``."""
     return lambda s: pin.exp3(2 * np.pi * s * axis) @ start, lambda s: 2 * np.pi * axis
 
 
 def facing(target: Array, point: Turning, slope: Turning, start: Array) -> tuple[Turning, Turning]:
-    """Keep facing a point, as the frame does at the start: it is seen in the same direction all
-    along.
+    """Keep a point in the same direction of the frame as at the start.
 
     ``R(s) = T(d₀ → d(s)) R(0)``, d the unit vector to the point and T the shortest rotation,
     ``ω = d × ḋ − (d₀ × d)·ḋ / (1 + d₀·d) d``.
@@ -152,7 +147,7 @@ def facing(target: Array, point: Turning, slope: Turning, start: Array) -> tuple
     Raises
     ------
     InputError
-        If the path runs through the point, or looks the opposite way somewhere.
+        If the path passes through the point, or d(s) = −d₀ somewhere.
     """
 
     def direction(s: float) -> tuple[Array, float]:
@@ -164,8 +159,9 @@ def facing(target: Array, point: Turning, slope: Turning, start: Array) -> tuple
     d0 = D[0]
     if (D @ d0 < -1 + 1e-3).any() or (np.einsum("ij,ij->i", D[1:], D[:-1]) < 0.5).any():
         raise InputError(
-            f"the path cannot face {target.tolist()}: it runs through that point, or to its far side; "
-            "choose a point farther away, or let the frame turn with a circle round it: rotation='tangent'"
+            f"the frame cannot face {target.tolist()} along the path, "
+            "which passes through that point or to its far side; choose a point farther away, "
+            "or for a circle around the point, use rotation='tangent'"
         )
 
     def rotation(s: float) -> Array:

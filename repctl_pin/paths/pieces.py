@@ -1,5 +1,4 @@
-"""A closed path as numbers: polynomials between its corners, so that any path can be written to a
-file."""
+"""Closed paths as piecewise polynomials, the form in which files store any path."""
 
 from __future__ import annotations
 
@@ -25,15 +24,15 @@ _DEEPEST = 6
 
 @dataclass(frozen=True)
 class Piece:
-    """A path between two values of s.
+    """Polynomial piece of a path between two values of s.
 
     Attributes
     ----------
     begin, end : float
-        The values of s.
+        First and last s.
     coefficients : (d + 1, 3) or (d + 1, 7) array
-        Of Chebyshev polynomials of ``u = (2 s − begin − end) / (end − begin)``: x, y, z in m; where
-        the frame turns, a quaternion qx, qy, qz, qw too, to be scaled to length 1.
+        Coefficients of Chebyshev polynomials of ``u = (2 s − begin − end) / (end − begin)``: x, y,
+        z in m, and for a turning frame a quaternion qx, qy, qz, qw, not normalised.
     """
 
     begin: float
@@ -42,12 +41,12 @@ class Piece:
 
 
 def pieces_of(path: TaskPath) -> list[Piece]:
-    """Write a path as pieces, to 1e-12 of its size where it is smooth between its corners.
+    """Approximate a path by pieces, to 1e-12 of its size if it is smooth between its corners.
 
     Raises
     ------
     InputError
-        If it is so rough that it cannot be told to 1e-9.
+        If it is too rough for an error of 1e-9.
     """
     knots = (0.0, *path.breaks, 1.0)
     points = np.array([path.placement(float(s)).translation for s in np.linspace(0, 1, 33)])
@@ -61,16 +60,16 @@ def pieces_of(path: TaskPath) -> list[Piece]:
 
 
 def path_of(pieces: Sequence[Piece], rotation: Array, **what: Any) -> TaskPath:
-    """Make the path of some pieces again.
+    """Create a path from pieces.
 
     Parameters
     ----------
     pieces
-        From s = 0 to 1, see :func:`pieces_of`.
+        Pieces from s = 0 to 1, see :func:`pieces_of`.
     rotation : (3, 3) array
-        The orientation that is held, where the pieces have none of their own.
+        Fixed orientation, used if the pieces have none.
     what
-        Its name, spec and so on, see :class:`TaskPath`.
+        Name, spec and other fields of :class:`TaskPath`.
     """
     ends = np.array([piece.end for piece in pieces])
     slopes = [
@@ -97,7 +96,7 @@ def path_of(pieces: Sequence[Piece], rotation: Array, **what: Any) -> TaskPath:
 
 
 def _pickled(path: TaskPath) -> tuple[Callable[..., TaskPath], tuple[Any, ...]]:
-    """Pickle a path as its pieces: its functions cannot be pickled."""
+    """Pickle a path as pieces, since its functions cannot be pickled."""
     what = {
         name: getattr(path, name)
         for name in ("name", "breaks", "spec", "plane", "corners", "period")
@@ -115,12 +114,13 @@ copyreg.pickle(TaskPath, _pickled)
 def _fitted(
     path: TaskPath, begin: float, end: float, turns: bool, size: float, depth: int
 ) -> list[Piece]:
-    """Fit one piece, or halves of it."""
-    inner = 1e-13 * (end - begin)  # corners belong to the piece on their own side
+    """Fit one piece, split into halves until the error is small enough."""
+    inner = 1e-13 * (end - begin)  # sample inside the piece: the path may have corners at its ends
 
     def values(u: Array) -> Array:
-        placed = [path.placement(float(np.clip((begin + end + v * (end - begin)) / 2, begin + inner, end - inner)))
-                  for v in u]  # fmt: skip
+        middles = (begin + end + u * (end - begin)) / 2
+        inside = np.clip(middles, begin + inner, end - inner)
+        placed = [path.placement(float(s)) for s in inside]
         points = np.array([M.translation for M in placed])
         if not turns:
             return points
@@ -138,7 +138,7 @@ def _fitted(
         fit, true = chebyshev.chebval(between, C).T, values(between)
         true[:, 3:] *= np.sign(
             (fit[:, 3:] * true[:, 3:]).sum(axis=1, keepdims=True)
-        )  # q and −q are one rotation
+        )  # q and −q are the same rotation
         off = np.abs(fit - true) / np.array([size] * 3 + [1.0] * 4)[: C.shape[1]]
         worst = min(worst, float(off.max()))
         if off.max() <= _EXACT or (

@@ -1,4 +1,4 @@
-"""Closed paths of straight lines between waypoints, their corners sharp or blended."""
+"""Closed paths of straight lines between waypoints, with sharp or blended corners."""
 
 from __future__ import annotations
 
@@ -20,17 +20,16 @@ from .orientation import piece_finder, rotation_matrix, smooth_turning
 from .task_path import TaskPath
 
 MOST_POINTS = 3000
-"""Corners of one path: every one is a step of every cycle at least, so a study of them takes half a
+"""Maximum number of corners of a path; each needs a step per cycle, so a study takes half a
 minute."""
 
 _PER_RADIAN = 0.1
-"""Turning by a radian takes as long as moving by so many metres."""
+"""Metres of motion that take as long as 1 rad of rotation."""
 
 
 @dataclass(frozen=True, eq=False)
 class Waypoints:
-    """Waypoints as a file holds them: what :func:`read_waypoints` returns, and :func:`waypoints`
-    takes.
+    """Waypoints of a file: result of :func:`read_waypoints`, argument of :func:`waypoints`.
 
     Attributes
     ----------
@@ -39,9 +38,9 @@ class Waypoints:
     rotations : (P, 3, 3) array or None
         Orientations in base axes, if the file has quaternions.
     times : (P,) array or None
-        When each point is passed, s, if the file has a column ``time``.
+        Times of the points, s, if the file has a column ``time``.
     lines : tuple of int
-        Numbers of the file's lines, from 1.
+        Line numbers in the file, from 1.
 
     Examples
     --------
@@ -69,22 +68,22 @@ class Waypoints:
 def polygon(
     task: Task, q0: ArrayLike, corners: ArrayLike, *, blend: float = 0.0, name: str = "polygon"
 ) -> TaskPath:
-    """Draw a closed polygon from where the frame is at q0, at constant speed.
+    """Create a closed polygon that starts at the frame's position at q0, at constant speed.
 
     Parameters
     ----------
     task
-        Whose frame moves.
+        Task whose frame moves.
     q0 : (n,) array
-        The start, rad (m for sliding joints).
+        Start configuration, rad (m for prismatic joints).
     corners : (P, 3) array
-        The other corners, in m *from the start*, in order; the path returns to the start by itself.
-        A single one gives a line there and back; a repeated corner is a stay, as long as the mean
-        edge takes.
+        The other corners in order, m *from the start*; the path returns to the start automatically.
+        A single corner gives a line and its return; a repeated corner is a pause, as long as the
+        mean edge takes.
     blend
-        Radius of the arcs that would round the corners, m. They are rounded by curves of continuous
-        curvature between the same ends. The start then lies in the middle of the first one, and the
-        polygon beside it.
+        Radius ρ of the arcs that would round the corners, m. Each corner is rounded by a curve of
+        continuous curvature between the same ends. The start is the midpoint of the first one, and
+        the polygon is shifted accordingly.
 
     Returns
     -------
@@ -124,26 +123,27 @@ def waypoints(
     blend: float = 0.0,
     name: str = "waypoints",
 ) -> TaskPath:
-    """Join waypoints by straight lines, the orientation turning smoothly from one to the next.
+    """Create a closed path of straight lines through waypoints.
 
-    The path is closed: the last waypoint repeats the first. Bring the arm there with
-    :func:`solve_ik`.
+    The orientation is interpolated smoothly between them.
+
+    The last waypoint must repeat the first. Use :func:`solve_ik` to find a start configuration.
 
     Parameters
     ----------
     points : (P, 3) array, P placements, or Waypoints
-        Positions, m in the base frame; or rigid transforms, position and orientation in one; or
-        what :func:`read_waypoints` returned, with its orientations and times. A repeated point is a
-        stay: as long as its times say, else as the mean edge takes.
+        Positions, m in the base frame; or rigid transforms; or the result of
+        :func:`read_waypoints`, with its orientations and times. A repeated point is a pause: as
+        long as the times give, else as the mean edge takes.
     rotation : (3, 3) array, or P of them
-        The orientation held, or that of each point, then led through by a spline on SO(3); matrices
-        or scipy's Rotation. Not with points that have orientations.
+        Fixed orientation, or one per point, interpolated by a spline on SO(3); matrices or scipy
+        Rotations. Not allowed with points that have orientations.
     times : (P,) array, optional
-        When each point is passed, s, rising; by default those of the file, or constant speed.
+        Increasing times of the points, s; by default those of the file, or constant speed.
     blend
-        Radius of the arcs that would round the corners, m. They are rounded by curves of continuous
-        curvature between the same ends, and the path begins in the middle of the first one. A way
-        back on itself stays sharp. Not with times.
+        Radius ρ of the arcs that would round the corners, m. Each corner is rounded by a curve of
+        continuous curvature between the same ends, and the path begins at the midpoint of the first
+        one. A reversal of direction stays sharp. Not allowed with times.
 
     Returns
     -------
@@ -165,9 +165,9 @@ def waypoints(
     """
     if isinstance(points, Waypoints):
         if times is not None and points.times is not None:
-            raise InputError("these waypoints have times; leave times= out")
+            raise InputError("the waypoints already have times; omit times=")
         if rotation is not None and points.rotations is not None:
-            raise InputError("these waypoints have orientations; leave rotation= out")
+            raise InputError("the waypoints already have orientations; omit rotation=")
         times = points.times if times is None else times
         rotation = points.rotations if rotation is None else rotation
         points = points.points
@@ -178,14 +178,15 @@ def waypoints(
     ):
         if rotation is not None or not all(isinstance(x, pin.SE3) for x in given):
             raise InputError(
-                "waypoints that are placements say their orientations themselves; leave rotation out"
+                "the waypoints are placements and already have orientations; omit rotation="
             )
         corners, turns = np.array([x.translation for x in given]), [x.rotation for x in given]
     else:
         corners = _points(points, "waypoints")
         if rotation is None:
             raise InputError(
-                "waypoints want rotation=: the orientation to hold, such as task.placement(q0).rotation"
+                "waypoints without orientations require rotation=, "
+                "such as rotation=task.placement(q0).rotation"
             )
         if isinstance(rotation, Rotation):
             rotation = rotation.as_matrix()
@@ -194,17 +195,18 @@ def waypoints(
         turns = [rotation_matrix(R) for R in (rotation if several else [rotation])]
         if len(turns) not in (1, len(corners)):
             raise InputError(
-                f"{len(corners)} waypoints want one rotation, or as many; got {len(turns)}"
+                f"{len(corners)} waypoints require 1 or {len(corners)} rotations, not {len(turns)}"
             )
     if len(corners) < 3:
         raise InputError(
-            f"a closed path needs at least 3 waypoints (the last repeats the first), not {len(corners)}"
+            "a closed path requires at least 3 waypoints (the last repeats the first), "
+            f"not {len(corners)}"
         )
     size = max(float(np.ptp(corners, axis=0).max()), 1e-3)
     gap, turned = float(np.linalg.norm(corners[-1] - corners[0])), pin.log3(turns[0].T @ turns[-1])
     if gap > 1e-6 * size or np.linalg.norm(turned) > 1e-6:
         by = f"{gap:.3g} m" if gap > 1e-6 * size else f"{np.linalg.norm(turned):.3g} rad"
-        raise InputError(f"the path is open by {by}; end it with its first point again")
+        raise InputError(f"the path is open by {by}; repeat the first point at the end")
     corners = np.vstack([corners[:-1], corners[0]])
     return _polyline(corners, turns[0] if len(turns) == 1 else turns, times, blend, name)
 
@@ -212,11 +214,9 @@ def waypoints(
 def _polyline(
     corners: Array, rotation: Array | list[Array], times: ArrayLike | None, blend: float, name: str
 ) -> TaskPath:
-    """Join corners (P, 3), the last equal to the first."""
+    """Create a path through corners (P, 3), the last equal to the first."""
     if len(corners) - 1 > MOST_POINTS:
-        raise InputError(
-            f"{name} has {len(corners)} points; thin them out to {MOST_POINTS} or fewer"
-        )
+        raise InputError(f"{name} has {len(corners)} points; reduce them to at most {MOST_POINTS}")
     turns = np.zeros(len(corners) - 1)
     if isinstance(rotation, list):
         turns = np.array([np.linalg.norm(pin.log3(a.T @ b)) for a, b in pairwise(rotation)])
@@ -224,10 +224,12 @@ def _polyline(
     sizes = np.hypot(np.linalg.norm(edges, axis=1), _PER_RADIAN * turns)
     stays = sizes < 1e-9
     if stays.all():
-        raise InputError(f"{name}: all points are the same; a path has to move")
+        raise InputError(f"{name}: all points are the same; give at least two different points")
     blend = positive(blend, "blend", "m", zero=True)
     if blend and times is not None:
-        raise InputError("corners are blended at constant speed; leave out times= or blend=")
+        raise InputError(
+            "times= and blend= are mutually exclusive: blended paths have constant speed"
+        )
     period = None
     if times is not None:
         t = _doubles(times)
@@ -238,7 +240,7 @@ def _polyline(
             or not (np.diff(t) > 0).all()
         ):
             raise InputError(
-                f"times must be {len(corners)} finite numbers that rise, s, one a waypoint"
+                f"times must be {len(corners)} increasing finite numbers, s, one per waypoint"
             )
         pieces = [_line(*ends) for ends in zip(corners[:-1], edges, strict=True)]
         at_corners = knots = t - t[0]
@@ -279,10 +281,9 @@ def _line(start: Array, edge: Array) -> Piece:
 
 @dataclass(frozen=True)
 class _Bend:
-    """A plane curve of length 1 that turns by φ, its curvature ``6 φ u (1 − u)``: zero at both
-    ends.
+    """Plane curve of length 1 and angle φ, with curvature ``6 φ u (1 − u)``, zero at both ends.
 
-    Its direction is ``θ(u) = φ (3u² − 2u³)``, and the point its integral, by Chebyshev polynomials.
+    The direction is ``θ(u) = φ (3u² − 2u³)``; the point is its integral, by Chebyshev polynomials.
 
     Attributes
     ----------
@@ -297,7 +298,7 @@ class _Bend:
 
     @classmethod
     def of(cls, phi: float) -> _Bend:
-        """Integrate the curve."""
+        """Create the curve with angle φ."""
         nodes = chebyshev.chebpts1(_BEND_DEGREE + 1)
         theta = cls.direction_of(phi, (nodes + 1) / 2)
         slope = np.linalg.solve(
@@ -317,19 +318,20 @@ class _Bend:
         return np.asarray(chebyshev.chebval(2 * u - 1, self.point))
 
     def length(self, cut: float) -> float:
-        """Find the length with which the curve takes so much of both edges: ``2 cut cos(φ/2)`` from
-        end to end."""
+        """Compute the length for which the curve shortens both edges by ``cut``.
+
+        Its ends are ``2 cut cos(φ/2)`` apart."""
         return float(2 * cut * np.cos(self.phi / 2) / np.linalg.norm(self.at(1.0)))
 
 
 _BEND_DEGREE = 30
+"""Degree of the Chebyshev polynomials of a bend."""
 
 
 def _bend(
     bend: _Bend, start: Array, along: Array, inward: Array, length: float, begin: float
 ) -> Piece:
-    """Half of a bend that begins at a point, along a unit vector, and turns to another; from u =
-    begin on."""
+    """Create half of a bend from a start point and direction, from u = begin on."""
     frame = np.stack([along, inward])
 
     def at(u: float) -> tuple[Array, Array]:
@@ -344,32 +346,35 @@ def _bend(
 def _rounded(
     corners: Array, sizes: Array, radius: float, name: str
 ) -> tuple[list[Piece], Array, Array]:
-    """Round the corners (P, 3) of a closed polyline: pieces, their knots, and where the corners are
-    on these.
+    """Round the corners (P, 3) of a closed polyline.
 
-    The bend at a corner of turning φ takes ρ tan(φ/2) of both edges, as an arc of radius ρ does.
-    The first corner's bend is cut in the middle: the path begins there."""
+    Returns the pieces, the knots, and the corners' positions.
+
+    The bend at a corner with angle φ shortens both edges by ρ tan(φ/2), as an arc of radius ρ does.
+    The path begins at the midpoint of the first corner's bend."""
     edges = np.diff(corners, axis=0)
     lengths = np.linalg.norm(edges, axis=1)
     units = edges / np.maximum(lengths, 1e-300)[:, None]
-    before = np.roll(units, 1, axis=0)  # the edge into corner i, as units[i] is the one out of it
+    before = np.roll(
+        units, 1, axis=0
+    )  # direction into corner i; units[i] is the direction out of it
     inward = units - np.einsum("ij,ij->i", units, before)[:, None] * before
     across = np.linalg.norm(inward, axis=1)
     phi = np.arctan2(across, np.einsum("ij,ij->i", units, before))
     moving = lengths > 1e-9
     phi[~(moving & np.roll(moving, 1)) | (phi > np.pi - 1e-3) | (phi < 1e-9) | (radius == 0)] = 0.0
-    cut = radius * np.tan(phi / 2)  # of both edges of corner i
+    cut = radius * np.tan(phi / 2)  # length cut off both edges of corner i
     room = lengths - cut - np.roll(cut, -1)
     if (room < -1e-12).any():
         at = int(np.argmin(room))
         most = radius * lengths[at] / (lengths[at] - room[at])
         raise InputError(
-            f"{name}: blends of {radius:g} m do not fit the edge of {lengths[at]:.3g} m from point {at + 1} to "
-            f"{at + 2}; blend by {most:.2g} m or less"
+            f"{name}: blends of radius {radius:g} m do not fit the edge of {lengths[at]:.3g} m "
+            f"from point {at + 1} to {at + 2}; use a blend radius of at most {most:.2g} m"
         )
     pieces: list[Piece] = []
     took: list[float] = []
-    upto = [0]  # pieces before the middle of each corner
+    upto = [0]  # number of pieces before the midpoint of each corner
 
     bends = [_Bend.of(float(turn)) if turn > 0 else None for turn in phi]
 
@@ -394,7 +399,7 @@ def _rounded(
 
 
 _FARTHEST = 1e9
-"""m; squares of coordinates beyond 1e154 overflow."""
+"""Maximum coordinate, m; squares of coordinates beyond 1e154 overflow."""
 
 
 def _points(values: ArrayLike | Sequence[Any], what: str) -> Array:
@@ -405,13 +410,14 @@ def _points(values: ArrayLike | Sequence[Any], what: str) -> Array:
         raise InputError(f"{what} must be rows of three finite numbers, x, y, z in m")
     if np.abs(points).max(initial=0.0) > _FARTHEST:
         raise InputError(
-            f"{what}: a coordinate of {np.abs(points).max():.3g} m is out of any arm's reach; give them in m"
+            f"{what}: a coordinate of {np.abs(points).max():.3g} m is out of reach of any arm; "
+            "give coordinates in m"
         )
     return points
 
 
 def _doubles(values: Any) -> Array | None:
-    """Whatever NumPy can take for doubles, numbers that are written included; else None."""
+    """Convert values to doubles, numeric strings included; None if NumPy cannot."""
     try:
         return np.array(values, dtype=float)
     except (TypeError, ValueError, OverflowError):

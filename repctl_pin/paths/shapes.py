@@ -1,4 +1,4 @@
-"""Closed curves that start where the frame is: circles, figures of eight, roses."""
+"""Circles, figure eights and roses that start at the frame's position."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .task_path import TaskPath
 PLANES: dict[str, tuple[int, int]] = {"xy": (0, 1), "yz": (1, 2), "xz": (0, 2)}
 _MOST_PETALS = 1001
 _RADIUS = "the radius of a path"
-_NORMALS = {"z": "xy", "x": "yz", "y": "-xz"}  # from z to x is the way round y
+_NORMALS = {"z": "xy", "x": "yz", "y": "-xz"}  # about y, from z to x
 
 
 def circle(
@@ -27,26 +27,26 @@ def circle(
     start_angle: float = 0.0,
     rotation: str | ArrayLike = "fixed",
 ) -> TaskPath:
-    """Draw a circle that starts where the frame is at q0.
+    """Create a circle that starts at the frame's position at q0.
 
     Parameters
     ----------
     task
-        Whose frame moves.
+        Task whose frame moves.
     q0 : (n,) array
-        The start, rad (m for sliding joints).
+        Start configuration, rad (m for prismatic joints).
     radius
-        In m.
+        Radius, m.
     normal
-        The axis it goes round: ``x``, ``y`` or ``z``, ``-z`` the other way round; or name its
+        Axis of the circle, ``x``, ``y`` or ``z``, with ``-z`` for the opposite direction; or its
         plane: ``yz``, ``xz``, ``xy``.
     start_angle
-        Where on the circle the start lies, rad from the plane's first axis: the centre is at
-        ``p − radius (cos, sin)``.
+        Angle of the start on the circle, rad from the plane's first axis; the centre is at ``p −
+        radius (cos, sin)``.
     rotation
-        ``fixed``; ``tangent``: the frame turns with the circle, a full turn, on which a repeatable
-        control makes no promise; or a point (3,), m from the base: the frame keeps facing it as it
-        does at the start.
+        ``fixed``; ``tangent``: the frame makes a full turn with the circle, for which repeatability
+        is not guaranteed; or a point (3,), m in the base frame, which the frame keeps facing as at
+        the start.
 
     Returns
     -------
@@ -55,8 +55,8 @@ def circle(
     Raises
     ------
     InputError
-        If the radius is not positive, the plane has no such name, or the path runs through the
-        point it faces.
+        If the radius is not positive, the plane is unknown, or the path passes through the point
+        that it faces.
 
     Examples
     --------
@@ -81,12 +81,12 @@ def circle(
     if isinstance(rotation, str):
         if rotation not in ("fixed", "tangent"):
             raise InputError(
-                f"rotation of a circle is 'fixed', 'tangent' or a point to face, not {rotation!r}"
+                f"rotation must be 'fixed', 'tangent' or a point to face, not {rotation!r}"
             )
         if rotation == "fixed":
             return TaskPath(name, point, slope, here.rotation)
         R, spin = turning_about(np.cross(e1, e2), here.rotation)
-        return TaskPath(f"{name}, turning along", point, slope, R, spin=spin)
+        return TaskPath(f"{name}, tangent orientation", point, slope, R, spin=spin)
     target = vector(rotation, 3, "rotation, as a point to face,")
     R, spin = facing(target, point, slope, here.rotation)
     return TaskPath(
@@ -97,21 +97,20 @@ def circle(
 def figure_eight(
     task: Task, q0: ArrayLike, radius: float = 0.1, *, normal: str = "z", start_angle: float = 0.0
 ) -> TaskPath:
-    """Draw a figure eight (Gerono's lemniscate) of half-length ``radius``, m, crossing at the
-    start.
+    """Create a figure eight (Gerono's lemniscate) that crosses itself at the start.
 
     Parameters
     ----------
     task
-        Whose frame moves.
+        Task whose frame moves.
     q0 : (n,) array
-        The start, rad (m for sliding joints).
+        Start configuration, rad (m for prismatic joints).
     radius
-        Half the length, m.
+        Half of the length, m.
     normal
         As for :func:`circle`.
     start_angle
-        Direction of the length, rad from the plane's first axis.
+        Direction of the long axis, rad from the plane's first axis.
 
     Returns
     -------
@@ -120,12 +119,13 @@ def figure_eight(
     Raises
     ------
     InputError
-        If the radius is not positive, or the plane has no such name.
+        If the radius is not positive, or the plane is unknown.
 
     Examples
     --------
     >>> path = rp.figure_eight(task, q0, radius=0.1)
-    >>> np.allclose(path.placement(0.0).translation, path.placement(0.5).translation)  # it crosses at the start
+    >>> begin, half = path.placement(0.0), path.placement(0.5)
+    >>> np.allclose(begin.translation, half.translation)  # it crosses itself at the start
     True
     """
     radius, start_angle = positive(radius, _RADIUS, "m"), finite(start_angle, "start_angle", "rad")
@@ -147,19 +147,18 @@ def figure_eight(
 def rose(
     task: Task, q0: ArrayLike, radius: float = 0.1, *, petals: int = 3, normal: str = "z"
 ) -> TaskPath:
-    """Draw a rose ρ = radius · sin(petals · φ), an odd number of petals, from its centre at the
-    start.
+    """Create a rose ρ = radius · sin(petals · φ), centred at the start.
 
     Parameters
     ----------
     task
-        Whose frame moves.
+        Task whose frame moves.
     q0 : (n,) array
-        The start, rad (m for sliding joints).
+        Start configuration, rad (m for prismatic joints).
     radius
         Length of a petal, m.
     petals
-        An odd number.
+        Number of petals, odd.
     normal
         As for :func:`circle`.
 
@@ -170,7 +169,7 @@ def rose(
     Raises
     ------
     InputError
-        If the radius is not positive, the petals are even, or the plane has no such name.
+        If the radius is not positive, the number of petals is even, or the plane is unknown.
 
     Examples
     --------
@@ -181,7 +180,7 @@ def rose(
     radius = positive(radius, _RADIUS, "m")
     petals = as_int(petals, "petals", 1, _MOST_PETALS)
     if petals % 2 == 0:
-        raise InputError(f"a rose closes in half a turn with an odd number of petals, not {petals}")
+        raise InputError(f"a rose requires an odd number of petals, not {petals}")
     here, e1, e2, plane = _frame(task, q0, normal)
 
     def ray(angle: float) -> Array:
@@ -204,8 +203,7 @@ def rose(
 
 
 def _frame(task: Task, q0: ArrayLike, normal: str) -> tuple[pin.SE3, Array, Array, str]:
-    """The start's placement, the two axes of the path's plane, from the first to the second, and
-    the plane's name."""
+    """Compute the start's placement, the two axes of the path's plane, and the plane's name."""
     normal = require_type(
         normal, str, "normal", "an axis, 'x', 'y' or 'z', or a plane, 'xy', 'yz' or 'xz'"
     )
@@ -214,7 +212,8 @@ def _frame(task: Task, q0: ArrayLike, normal: str) -> tuple[pin.SE3, Array, Arra
     plane = meant.removeprefix("-")
     if plane not in PLANES:
         raise InputError(
-            f"no plane {shown(normal)}; choose from {', '.join(PLANES)} (or a normal: x, y, z, -z …)"
+            f"no plane {shown(normal)}; choose from {', '.join(PLANES)}, "
+            "or give a normal: x, y, z, -x, -y, -z"
         )
     first, second = (np.eye(3)[k] for k in PLANES[plane])
     back = normal.startswith("-") != meant.startswith("-")

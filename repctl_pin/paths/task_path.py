@@ -1,4 +1,4 @@
-"""Closed paths of the frame: where it should be, and how fast it should move, at s in [0, 1]."""
+"""Closed paths of a frame: placement and twist as functions of s in [0, 1]."""
 
 from __future__ import annotations
 
@@ -23,23 +23,23 @@ from ..arguments import (
     vector,
 )
 from ..errors import InputError
-from .orientation import rotation_matrix, spin_of
+from .orientation import angular_velocity, rotation_matrix
 
 
 @runtime_checkable
 class ClosedPath(Protocol):
-    """What a path has to say: a :class:`TaskPath` does, and so may a class of your own."""
+    """Interface of a closed path, which :class:`TaskPath` and custom classes implement."""
 
     @property
     def name(self) -> str:
-        """A name to read."""
+        """Display name."""
 
     @property
     def breaks(self) -> tuple[float, ...]:
-        """Values of s in (0, 1) where the twist jumps."""
+        """Values of s in (0, 1) at which the twist is discontinuous."""
 
     def placement(self, s: float) -> pin.SE3:
-        """Where the frame should be at s."""
+        """Evaluate the placement of the frame at s."""
 
     def twist(self, s: float) -> Array:
         """Evaluate d(pose)/ds: (6,), m and rad per cycle, base axes."""
@@ -47,35 +47,35 @@ class ClosedPath(Protocol):
 
 @dataclass(frozen=True, repr=False)
 class TaskPath:
-    """A closed path: a curve of the frame's origin, and its orientation, held or turning.
+    """Closed path of a frame: a curve of its origin, and a fixed or varying orientation.
 
-    It is checked when created: it must close, and the slopes must be the curves' derivatives.
+    It is checked when created: it must be closed, and slope and spin must be the derivatives.
 
     Attributes
     ----------
     name : str
-        A name to read.
+        Display name.
     point, slope : functions of s
         p(s), m, and dp/ds, m per cycle; p(0) = p(1).
     rotation : (3, 3) array, or function of s
-        The orientation that is held; or R(s), a matrix or scipy's Rotation, R(0) = R(1).
+        Fixed orientation; or R(s), a matrix or a scipy Rotation, with R(0) = R(1).
     breaks : tuple of float
-        Values of s in (0, 1) at which the twist or its rate jumps: corners.
+        Corners: values of s in (0, 1) at which the twist or its rate is discontinuous.
     spec, plane : str
-        What the command line calls it: ``circle:0.1:180``, ``xy``. Empty for a path made in Python,
-        or one that lies in no plane.
+        Options of the command line for this path: ``circle:0.1:180``, ``xy``. Empty for a path
+        created in Python, or one without a plane.
     corners : tuple of str
-        What the corners are called, from the start to the end: lines of a file. Empty if they have
-        no names.
+        Names of the corners, from the start to the end: lines of a file. Empty if they have no
+        names.
     spin : function of s, optional
         ω(s) with ``dR/ds = [ω]× R``, rad per cycle, base axes; by default differences of R(s).
     period : float, optional
-        The time that a cycle should take, s, if waypoints have times.
+        Period, s, if the waypoints have times.
 
     Raises
     ------
     InputError
-        If the path is open, or a slope is not the curve's.
+        If the path is open, or slope or spin is not the derivative.
 
     Examples
     --------
@@ -104,7 +104,7 @@ class TaskPath:
     def __post_init__(self) -> None:
         turn = self.point if self.spin is None else self.spin
         for curve, what in ((self.point, "point"), (self.slope, "slope"), (turn, "spin")):
-            function(curve, what, "a function of s that gives three numbers")
+            function(curve, what, "a function of s that returns three numbers")
         if len(list_of(self.breaks, "breaks", "values of s")):
             vector(self.breaks, None, "breaks", "values of s")
         object.__setattr__(self, "breaks", tuple(float(s) for s in self.breaks))
@@ -113,11 +113,11 @@ class TaskPath:
         if not callable(self.rotation):
             object.__setattr__(self, "rotation", rotation_matrix(self.rotation))
         elif self.spin is None:
-            object.__setattr__(self, "spin", spin_of(self._turned, self.breaks))
+            object.__setattr__(self, "spin", angular_velocity(self._turned, self.breaks))
         _check(self)
 
     def placement(self, s: float) -> pin.SE3:
-        """Where the frame should be at s."""
+        """Evaluate the placement of the frame at s."""
         s = finite(s, "s")
         return pin.SE3(self._turned(s), self.point(s))
 
@@ -132,21 +132,21 @@ class TaskPath:
         return np.array([self.point(s) for s in np.union1d(np.linspace(0, 1, count), self.breaks)])
 
     def __deepcopy__(self, memo: dict[int, Any]) -> TaskPath:
-        """Copy nothing: a path does not change."""
+        """Return the path itself, which is immutable."""
         return self
 
     @property
     def options(self) -> str:
-        """The options that make the command line draw it again; empty if there are none."""
+        """Options of the command line that create this path; empty if there are none."""
         path = f"--path {shlex.quote(self.spec)}" if self.spec else ""
         return f"{path} --plane {self.plane}" if path and self.plane else path
 
     def as_dict(self) -> dict[str, Any]:
-        """Say what it is called, in plain Python types."""
+        """Describe the path in plain Python types."""
         return {"path": self.name, "path_spec": self.spec or None, "plane": self.plane or None}
 
     def __repr__(self) -> str:
-        turning = "turning" if callable(self.rotation) else "orientation held"
+        turning = "varying orientation" if callable(self.rotation) else "fixed orientation"
         period = "" if self.period is None else f", {self.period:g} s"
         return f"<TaskPath {self.name}: {turning}, {len(self.breaks)} corners{period}>"
 
@@ -161,13 +161,12 @@ class TaskPath:
 
 
 def closed_path(path: Any) -> TaskPath:
-    """Take a closed path that a person gave: a :class:`TaskPath`, or one of another class, which is
-    tried too.
+    """Require a closed path; a custom class is checked and converted to a :class:`TaskPath`.
 
     Raises
     ------
     InputError
-        If it is none, is open, or its twist is not the slope of its placement.
+        If it is not a path, is open, or its twist is not the derivative of its placement.
     """
     if isinstance(path, TaskPath):
         return path
@@ -183,10 +182,10 @@ def closed_path(path: Any) -> TaskPath:
 
 
 def _check(path: TaskPath) -> None:
-    """Refuse what is no closed path, or has another slope than its own."""
+    """Raise InputError unless a path is closed and its twist is the derivative of its placement."""
     knots = np.array([0.0, *path.breaks, 1.0])
     if not (np.diff(knots) > 0).all():
-        raise InputError(f"{path.name}: breaks must rise between 0 and 1")
+        raise InputError(f"{path.name}: breaks must increase between 0 and 1")
     if callable(path.rotation):
         rotation_matrix(path.rotation(0.0), f"{path.name}: rotation(s)")
     values = [
@@ -195,7 +194,7 @@ def _check(path: TaskPath) -> None:
     ]
     if any(value.shape != (3,) or not np.isfinite(value).all() for value in values):
         raise InputError(
-            f"{path.name}: point(s), slope(s) and spin(s) must give three finite numbers"
+            f"{path.name}: point(s), slope(s) and spin(s) must return three finite numbers"
         )
 
     samples = []
@@ -216,20 +215,21 @@ def _check(path: TaskPath) -> None:
     ):
         if not np.linalg.norm(gap[part]) <= most:
             raise InputError(
-                f"{path.name} is open: {curve}(1) is {np.linalg.norm(gap[part]):.3g} {unit} away from {curve}(0); "
-                "end it where it begins"
+                f"{path.name} is open: {curve}(1) differs from {curve}(0) "
+                f"by {np.linalg.norm(gap[part]):.3g} {unit}; end the path where it begins"
             )
         off = np.linalg.norm(twists[:, part] - differences[:, part], axis=1)
         worst = int(np.argmax(off))
         if not off[worst] <= 1e-3 * np.abs(differences).max() + 1e-6 * size:
             raise InputError(
-                f"{path.name}: at s = {samples[worst][0]:.3g} its slope, {unit} a cycle, is said to be "
-                f"{_short(twists[worst, part])}, but the curve's own is {_short(differences[worst, part])}"
+                f"{path.name}: at s = {samples[worst][0]:.3g} the given slope is "
+                f"{_short(twists[worst, part])} {unit} per cycle, but the derivative of the curve "
+                f"is {_short(differences[worst, part])}; correct the slope"
             )
 
 
 def _difference(a: pin.SE3, b: pin.SE3) -> Array:
-    """Subtract two placements: (6,), m and rad, base axes."""
+    """Compute the difference of two placements: (6,), m and rad, base axes."""
     return np.concatenate([b.translation - a.translation, pin.log3(b.rotation @ a.rotation.T)])
 
 
@@ -244,11 +244,11 @@ class Cycle:
     Attributes
     ----------
     start : (n,) array
-        Where the joints begin and end, rad or m.
+        Configuration at the start and the end, rad or m.
     path : TaskPath
-        What the frame follows.
+        Path of the frame.
     period : float
-        Time of the cycle, s.
+        Period, s.
     """
 
     start: Array

@@ -1,5 +1,4 @@
-"""Waypoints from a CSV file, and the closed path through them, whose corners are the file's
-lines."""
+"""Reading of waypoints from a CSV file, and the closed path through them."""
 
 from __future__ import annotations
 
@@ -26,22 +25,22 @@ _LARGEST = 4_000_000
 
 
 def read_waypoints(file: str | Path) -> Waypoints:
-    """Read waypoints from a CSV file: x, y, z in m, and a quaternion qx, qy, qz, qw if the frame is
-    to turn.
+    """Read waypoints from a CSV file: x, y, z in m, and optionally a quaternion qx, qy, qz, qw.
 
-    A first line of names says which column is which, in any order, ``time`` among them; without it
-    there are three columns or seven, in the order above.
+    A header line can name the columns in any order, ``time`` included; without a header there are
+    three or seven columns in the order above.
 
     Returns
     -------
     Waypoints
-        ``points`` (P, 3), ``rotations`` and ``times`` if the file has them; :func:`waypoints` takes
-        it as it is.
+        ``points`` (P, 3), ``rotations`` and ``times`` if the file has them; an argument of
+        :func:`waypoints`.
 
     Raises
     ------
     InputError
-        If the file cannot be read, or a line is not as many finite numbers; the line is named.
+        If the file cannot be read, or a line has the wrong number of finite numbers; the message
+        names the line.
 
     Examples
     --------
@@ -53,14 +52,14 @@ def read_waypoints(file: str | Path) -> Waypoints:
 
 
 def waypoint_path(file: str, blend: float = 0.0) -> Callable[[Task, ArrayLike], TaskPath]:
-    """Read a file of waypoints, and make the function ``(task, q0) → path`` of it.
+    """Read a file of waypoints, and create the function ``(task, q0) → path`` from it.
 
-    Where the file has no quaternions, the start's orientation is held.
+    Without quaternions in the file, the orientation of the start is kept.
 
     Raises
     ------
     InputError
-        If the file cannot be read, or its points make no closed path.
+        If the file cannot be read, or its points are not a closed path.
     """
     table = _read(Path(file))
     name = Path(file).name
@@ -72,7 +71,7 @@ def waypoint_path(file: str, blend: float = 0.0) -> Callable[[Task, ArrayLike], 
 
     known = through(
         np.eye(3) if table.rotations is None else table.rotations
-    )  # complain before any arm is loaded
+    )  # report errors before a robot is loaded
     if table.rotations is not None:
         return lambda task, q0: known
     return lambda task, q0: through(task.placement(q0).rotation)
@@ -88,10 +87,10 @@ def _read(file: Path) -> Waypoints:
     if rows and _is_header(rows[0][1]):
         names = _columns(rows.pop(0)[1], file)
     if not rows:
-        raise InputError(f"{file} holds no waypoints; write x, y, z in m, one point a line")
+        raise InputError(f"{file} contains no waypoints; write x, y, z in m, one point per line")
     if len(rows) - 1 > MOST_POINTS:
         raise InputError(
-            f"{file} holds {len(rows)} waypoints; thin them out to {MOST_POINTS} or fewer"
+            f"{file} contains {len(rows)} waypoints; reduce them to at most {MOST_POINTS}"
         )
     numbers = tuple(line for line, _ in rows)
     values = np.array([_numbers(row, names, f"{file}, line {line}") for line, row in rows])
@@ -103,36 +102,37 @@ def _read(file: Path) -> Waypoints:
         if (off := np.abs(sizes - 1) > 1e-2).any():
             at = int(np.argmax(off))
             raise InputError(
-                f"{file}, line {numbers[at]}: the quaternion has length {sizes[at]:.3g}; it must be 1, in the order "
-                "qx, qy, qz, qw"
+                f"{file}, line {numbers[at]}: the quaternion has length {sizes[at]:.3g}; "
+                "normalise it, in the order qx, qy, qz, qw"
             )
         rotations = np.array([pin.Quaternion(q).normalized().matrix() for q in quaternions])
     times = column.get("time")
     if times is not None and (late := np.diff(times) <= 0).any():
         raise InputError(
-            f"{file}, line {numbers[int(np.argmax(late)) + 1]}: the time must rise from line to line"
+            f"{file}, line {numbers[int(np.argmax(late)) + 1]}: "
+            "the time must increase from line to line"
         )
     return Waypoints(np.stack([column[name] for name in _POINT], axis=1), rotations, times, numbers)
 
 
 def _is_header(row: list[str]) -> bool:
-    """Whether a line holds names of columns: words, no numbers."""
+    """Test whether a line is a header: words instead of numbers."""
     return all(
         cell.lstrip("#\"' \t")[:1].isalpha() and not np.isfinite(number(cell)) for cell in row
     )
 
 
 def _columns(row: list[str], file: Path) -> tuple[str, ...]:
-    """Take the names of the columns, in any order."""
+    """Read the column names, in any order."""
     names = tuple(
         {"t": "time"}.get(name, name) for name in (cell.strip("#\"' \t").lower() for cell in row)
     )
     if not any(sorted(names) == sorted(layout) for layout in _LAYOUTS):
         if any(";" in name for name in row):
-            raise InputError(f"{file}: write commas between the columns, and points for decimals")
-        called = f"the columns are called {', '.join(map(str.strip, row))}"
-        meant = "x, y, z (m), and qx, qy, qz, qw, and time (s), where there are such"
-        raise InputError(f"{file}: {called}; call them {meant}")
+            raise InputError(f"{file}: separate the columns by commas, and use decimal points")
+        called = f"the columns are named {', '.join(map(str.strip, row))}"
+        meant = "x, y, z (m), and optionally qx, qy, qz, qw and time (s)"
+        raise InputError(f"{file}: {called}; name them {meant}")
     return names
 
 
@@ -143,7 +143,7 @@ def _numbers(row: list[str], names: tuple[str, ...], where: str) -> list[float]:
         return values
     wrong = f"{where}: {text!r} is not {_COUNT[len(names)]}"
     if ";" in text or len(text.split()) == len(names) > len(row):
-        raise InputError(f"{wrong} numbers; write commas between them, and points for decimals")
+        raise InputError(f"{wrong} numbers; separate them by commas, and use decimal points")
     raise InputError(f"{wrong} finite numbers {', '.join(names)}")
 
 
@@ -151,7 +151,7 @@ _COUNT = {3: "three", 4: "four", 7: "seven", 8: "eight"}
 
 
 def number(text: str) -> float:
-    """Read a number; nan where it is none."""
+    """Parse a number; nan if it is not one."""
     try:
         return float(text)
     except ValueError:

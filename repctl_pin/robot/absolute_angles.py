@@ -1,4 +1,4 @@
-"""The absolute angles of a planar arm's links, as joint coordinates."""
+"""Absolute link angles of a planar arm as joint coordinates."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from .task import Task, require_task
 
 
 def absolute_angles(task: Task) -> Array:
-    """Make the T of q = T ψ with ψ the absolute angles of a planar arm's links.
+    """Compute the T of q = T ψ, with ψ the absolute link angles of a planar arm.
 
-    ``ψ_i = q_1 + … + q_i`` over the revolute joints up to the i-th (a joint whose axis points the
-    other way counts negative), prismatic joints unchanged; so ``q_i = ψ_i − ψ_(i−1)``.
+    ``ψ_i = q_1 + … + q_i`` over the revolute joints up to the i-th (negative for a joint whose axis
+    points the opposite way), prismatic joints unchanged; so ``q_i = ψ_i − ψ_(i−1)``.
 
     Parameters
     ----------
     task
-        A task of an arm whose revolute joints are all parallel.
+        Task of an arm whose revolute joints are all parallel.
 
     Returns
     -------
@@ -28,7 +28,7 @@ def absolute_angles(task: Task) -> Array:
     Raises
     ------
     InputError
-        If the revolute axes are not all parallel: then no sum of joint angles is a link's angle.
+        If the revolute axes are not all parallel: then a link angle is not a sum of joint angles.
 
     Examples
     --------
@@ -42,11 +42,13 @@ def absolute_angles(task: Task) -> Array:
     """
     if require_task(task).coordinates is not None:
         raise InputError(
-            "this task is in joint coordinates already; take the absolute angles of the original task"
+            "the task already has joint coordinates; "
+            "compute the absolute angles of the original task"
         )
     if task.drive is not None:
         raise InputError(
-            "absolute angles need joints that move by themselves, but in this chain some mimic others"
+            "absolute angles require independent joints, but some joints of this chain "
+            "mimic others; pass a custom T to in_coordinates()"
         )
     turning = np.flatnonzero(task.revolute)
     axes = task.axes(task.reference)[turning]  # (revolute joints, 3)
@@ -54,8 +56,9 @@ def absolute_angles(task: Task) -> Array:
     for joint, sign in zip(turning, signs, strict=True):
         if abs(abs(sign) - 1) > 1e-9:
             raise InputError(
-                f"absolute angles need parallel axes, but {task.joint_names[joint]!r} is not parallel to "
-                f"{task.joint_names[turning[0]]!r}; give in_coordinates() a T of your own"
+                f"absolute angles require parallel axes, but {task.joint_names[joint]!r} "
+                f"is not parallel to {task.joint_names[turning[0]]!r}; "
+                "pass a custom T to in_coordinates()"
             )
     T = np.eye(task.n)
     for k, (joint, sign) in enumerate(zip(turning, np.sign(signs), strict=True)):

@@ -1,4 +1,4 @@
-"""How near a robot's own bodies come to each other, and to its surroundings."""
+"""Minimum distances between a robot's collision bodies, and to its surroundings."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .collision_model import Pair, collision_model
 from .task import Task
 
 _NAMED = 3
-"""Pairs of links that a note names, at most."""
+"""Maximum number of link pairs that a note names."""
 
 _MADE: WeakKeyDictionary[Task, Bodies] = WeakKeyDictionary()
 _MADE_LOCK = Lock()
@@ -23,14 +23,15 @@ _MADE_LOCK = Lock()
 
 @dataclass(frozen=True)
 class Nearest:
-    """The two bodies that are nearest to each other.
+    """The closest pair of bodies and its distance.
 
     Attributes
     ----------
     distance : float
-        m; below 0 they touch, at 0 only their hulls do. inf if there is no distance to measure.
+        Body distance, m; below 0 the bodies collide, at 0 only their convex hulls overlap; inf if
+        no pair is measured.
     links : (str, str)
-        Whose they are.
+        The links of the two bodies.
     """
 
     distance: float
@@ -38,21 +39,20 @@ class Nearest:
 
 
 class Bodies:
-    """The collision bodies of a robot and of its surroundings, and the pairs that a task's joints
-    move.
+    """Collision bodies of a robot and its surroundings, and the pairs that a task moves.
 
     A mesh of the robot is replaced by its convex hull, so no distance is larger than that of the
-    mesh; if hulls overlap but the bodies do not touch, it is 0. A body inside a mesh touches it. A
-    mesh of the surroundings (``rp.Robot.load(…, surroundings=)``) counts as it is, so an arm may
-    move inside a room; where it is closed, it is solid on the inner side of its faces.
+    mesh; if hulls overlap but the bodies do not collide, it is 0. A body inside a mesh collides
+    with it. A mesh of the surroundings (``rp.Robot.load(…, surroundings=)``) is used as it is, so
+    that an arm can move inside a room; a closed mesh is solid on the inner side of its faces.
 
-    Only contact counts, and no distance, between the robot's own bodies that its SRDF rules out,
-    that only one joint moves against each other, or whose hulls overlap at every configuration
-    tried. Left out are links that a joint connects; of the pairs of the first two kinds, those that
-    touch at the reference pose or at a quarter of the configurations tried; and pairs that touch at
-    every one.
+    Three kinds of pairs of the robot's own bodies are checked for collisions only, without a
+    distance: pairs that the SRDF disables, pairs with a single joint between them, and pairs whose
+    hulls overlap at every sampled configuration. Links that a joint connects are not checked.
+    Neither are pairs of the first two kinds that collide at the reference pose or at a quarter of
+    the sampled configurations, nor pairs that collide at all of them.
 
-    Bodies of the same files and joints are made once. Threads may share them.
+    Bodies of the same files and joints are created once. Threads can share them.
 
     Parameters
     ----------
@@ -64,27 +64,27 @@ class Bodies:
     pairs : tuple of (str, str)
         Links between which distances are measured.
     only_contact : tuple of (str, str)
-        Links between which only contact counts.
+        Links that are checked for collisions only.
     adjacent : tuple of (str, str)
-        Pairs left out because a joint connects them, or because only one joint moves them against
-        each other and they touch at the reference pose, or often.
+        Pairs not checked because a joint connects them, or because a single joint lies between them
+        and they overlap at the reference pose, or often.
     disabled : tuple of (str, str)
-        Pairs left out because the SRDF rules them out and they touch at the reference pose, or
+        Pairs not checked because the SRDF disables them and they overlap at the reference pose, or
         often.
     touching : tuple of (str, str)
-        Pairs left out because they touch at every configuration tried.
+        Pairs not checked because they overlap at every sampled configuration.
     missing : tuple of str
-        Meshes of the robot, as the URDF writes them, and other shapes that cannot be measured: a
-        mesh that was not found, a shape without a size. Those links have no body.
+        Unusable shapes of the robot: meshes that are missing or unreadable, named as in the URDF,
+        and shapes without a size. Those links have no body.
     standing : frozenset of str
-        Links of the surroundings; if the robot has a link of the same name, it is called
-        ``surroundings/name``.
+        Links of the surroundings, called ``surroundings/name`` if the robot has a link of the same
+        name.
 
     Raises
     ------
     InputError
-        If what is given is not a task, a shape of the surroundings cannot be measured, or there are
-        too many pairs.
+        If the argument is not a task, a shape of the surroundings is unusable, or there are too
+        many pairs.
 
     Examples
     --------
@@ -107,17 +107,23 @@ class Bodies:
         self.missing = tuple(model.unusable)
 
     def __reduce__(self) -> tuple[type[Bodies], tuple[Task]]:
-        """Pickle the task: its bodies are made again."""
+        """Pickle the task only; the bodies are created again."""
         return type(self), (self.task,)
 
     def __repr__(self) -> str:
-        measured = f"{len(self.pairs)} pairs measured, {len(self.only_contact)} for contact only"
-        left_out = f"{len(self.adjacent)} adjacent, {len(self.disabled)} disabled by the SRDF"
-        return f"<Bodies of {self.task.robot.name}: {measured}; left out: {left_out}, {len(self.touching)} touching>"
+        checked = f"{len(self.pairs)} pairs measured, {len(self.only_contact)} for collisions only"
+        not_checked = ", ".join(
+            (
+                f"{len(self.adjacent)} adjacent",
+                f"{len(self.disabled)} disabled by the SRDF",
+                f"{len(self.touching)} overlapping",
+            )
+        )
+        return f"<Bodies of {self.task.robot.name}: {checked}; not checked: {not_checked}>"
 
     @property
     def notes(self) -> list[str]:
-        """What a user should know: which bodies are missing, and which pairs are not looked at."""
+        """Notes on missing bodies and on pairs that are not checked."""
         notes = []
         if unusable := self._model.unusable:
             link, why = next(iter(unusable.values()))
@@ -131,7 +137,8 @@ class Bodies:
         if around is not None and len(around.collisions) > MAX_SHAPES:
             count = len(around.collisions)
             notes.append(
-                f"{count} shapes of the surroundings: all are measured, the first {MAX_SHAPES} are drawn"
+                f"the surroundings have {count} shapes: "
+                f"all are measured, the first {MAX_SHAPES} are drawn"
             )
         overlap = [pair for pair in self.touching if self.standing & {*pair}]
         if overlap:
@@ -146,42 +153,44 @@ class Bodies:
         if self.disabled:
             which = _listed([*self.disabled])
             notes.append(
-                f"{which} overlap in ordinary poses, and the SRDF rules them out; they are not checked"
+                f"{which} overlap at common configurations, and the SRDF disables them; "
+                "they are not checked"
             )
         return notes
 
     def nearest(self, q: ArrayLike) -> Nearest:
-        """Find the two bodies nearest to each other at q (n,)."""
+        """Find the closest pair of bodies at q (n,)."""
         distances, which = self._all(vector(q, self.task.n, "q")[None])
         links = ("", "") if which[0] < 0 else self._model.names(int(which[0]))
         return Nearest(float(distances[0]), links)
 
     def distances(self, Q: ArrayLike) -> Array:
-        """Measure the smallest distance between bodies at every row of Q (K, n): (K,), m; below 0
-        they touch."""
+        """Compute the minimum body distance at every row of Q (K, n): (K,), m.
+
+        Below 0 is a collision."""
         return self._all(Q)[0]
 
     def hull_distances(self, Q: ArrayLike) -> Array:
-        """Measure the smallest distance between convex hulls at every row of Q (K, n): (K,), m.
+        """Compute the minimum distance between convex hulls at every row of Q (K, n): (K,), m.
 
-        Below 0 it is how deep the hulls overlap, whether or not the bodies touch: its slope says
-        what moves them apart."""
+        Below 0 it is the penetration depth of the hulls, whether or not the bodies collide; its
+        gradient shows which motion separates them."""
         return self._all(Q, hulls=True)[0]
 
     def _all(self, Q: ArrayLike, *, hulls: bool = False) -> tuple[Array, NDArray[np.intp]]:
-        """Least distance and its pair at every row of Q: (K,), (K,)."""
+        """Compute the minimum distance and its pair at every row of Q: (K,), (K,)."""
         Q = as_configurations(Q, self.task.n, repr(self.task))
         return self._model.least(Q if self._drive is None else self._drive.joints(Q), hulls=hulls)
 
 
 def _listed(pairs: list[Pair]) -> str:
-    """Name a few pairs of links."""
+    """List the first few pairs of links."""
     few = ", ".join(" and ".join(pair) for pair in pairs[:_NAMED])
     return few if len(pairs) <= _NAMED else f"{few} and {len(pairs) - _NAMED} more pairs"
 
 
 def bodies_of(task: Task) -> Bodies:
-    """Make the bodies of a task, once."""
+    """Create the bodies of a task, once."""
     with _MADE_LOCK:
         if task not in _MADE:
             _MADE[task] = Bodies(task)

@@ -1,5 +1,4 @@
-"""How near two bodies can be at least: a bound from below that costs little, for all pairs at many
-configurations."""
+"""Lower bounds on pairwise body distances, batched over configurations (broad phase)."""
 
 from __future__ import annotations
 
@@ -16,19 +15,19 @@ Index = NDArray[np.intp]
 
 
 class JointPlacements:
-    r"""Forward kinematics over a batch, by array arithmetic.
+    r"""Batched forward kinematics of joints, by array arithmetic.
 
-    With P_j the place of joint j on its parent and u its axis, a joint that turns has
+    With P_j the placement of joint j on its parent and u its axis, a revolute joint has
 
     .. math:: R_j = P_j (1 + \sin q \, [u] + (1 - \cos q) \, [u]^2),
 
-    one that slides moves by q u. Pinocchio places one configuration in a microsecond, but each
-    placement that is read from Python costs two.
+    and a prismatic joint translates by q u. Pinocchio evaluates one configuration in a microsecond,
+    but reading each placement from Python takes two.
 
     Parameters
     ----------
     model
-        Whose joints are all of one number.
+        Model whose joints have one coordinate each.
     """
 
     def __init__(self, model: pin.Model) -> None:
@@ -40,7 +39,7 @@ class JointPlacements:
         ]
         self._slides = np.array(
             [twist[:3] for twist in moved]
-        )  # q u, at q = 1; 0 where a joint turns
+        )  # q u, at q = 1; 0 for revolute joints
         crosses = [pin.skew(twist[3:]) for twist in moved]
         self._fixed = np.array([place.homogeneous for place in here])
         P = self._fixed[:, :3, :3]
@@ -48,8 +47,9 @@ class JointPlacements:
         self._cos = self._sin @ np.array(crosses)
 
     def __call__(self, Q: Array) -> tuple[Array, Array]:
-        """Place the joints at every row of Q (K, N): rotations (K, N + 1, 3, 3) and origins (K, N +
-        1, 3), m."""
+        """Compute the placements of joints at every row of Q (K, N).
+
+        Returns rotations (K, N + 1, 3, 3) and origins (K, N + 1, 3), m."""
         K, N = Q.shape
         R, p = np.empty((K, N + 1, 3, 3)), np.zeros((K, N + 1, 3))
         R[:, 0] = np.eye(3)
@@ -64,32 +64,32 @@ class JointPlacements:
 
 
 _TELLING = 1e-6
-"""Distance, m, of two bodies' centres from which on the direction between them is known."""
+"""Minimum distance between two centres at which their direction is well defined, m."""
 
 
 class BodyBounds:
-    """Bounds the distances of pairs of convex bodies from below, by balls and boxes round them.
+    """Lower bounds on the distances of pairs of convex bodies, from bounding spheres and boxes.
 
-    With c the centres of two bodies and u = (c_a − c_b) / |c_a − c_b|, no two points of theirs are
-    nearer than
+    With c the centres of two bodies and u = (c_a − c_b) / |c_a − c_b|, the body distance is at
+    least
 
         |c_a − c_b| − h_a(u) − h_b(u),
 
-    where h(u) is how far along u the ball round a body reaches, or the box with half-widths w: Σ
-    w_i |(Rᵀ u)_i|.
+    where h(u) is the extent along u of the bounding sphere, or of the bounding box with half-widths
+    w: Σ w_i |(Rᵀ u)_i|.
 
     Parameters
     ----------
     model
-        Whose joints carry the bodies, all of one number.
+        Model whose joints move the bodies; they have one coordinate each.
     joint
-        The joint that carries each body (B,); 0 where none does.
+        Parent joint of each body (B,); 0 if it is fixed to the root.
     place
-        The place of each body on it.
+        Placement of each body on its parent joint.
     bodies
-        The bodies, their boxes known.
+        Bodies with computed bounding boxes.
     pairs
-        The pairs (P, 2) of them.
+        Pairs (P, 2) of bodies.
     """
 
     def __init__(
@@ -115,12 +115,13 @@ class BodyBounds:
 
     @property
     def size(self) -> int:
-        """Numbers that a configuration takes in memory."""
+        """Number of doubles in memory per configuration."""
         return len(self._rows) * len(self._columns)
 
     def __call__(self, Q: Array) -> Array:
-        """Bound every pair at the model's joints Q (K, N): (K, P), m; by boxes only where balls
-        leave it near."""
+        """Bound the distance of every pair at Q (K, N): (K, P), m.
+
+        Boxes are used only where spheres do not exclude a collision."""
         R, p = self._joints(Q)
         centers = np.einsum("kbij,bj->kbi", R[:, self._joint], self._centers) + p[:, self._joint]
         squares = np.einsum("kbi,kbi->kb", centers, centers)
@@ -138,8 +139,9 @@ class BodyBounds:
         return bounds
 
     def _extent(self, R: Array, k: Index, body: Index, u: Array) -> Array:
-        """How far bodies (M,) at configurations k (M,) reach at most from their centres along u (M,
-        3), m."""
+        """Bound the extent of bodies (M,) from their centres along u (M, 3), m.
+
+        ``k`` (M,) are the numbers of their configurations."""
         local = np.einsum("mij,mi->mj", R[k, self._joint[body]], u)
         box = np.abs(np.einsum("mij,mi->mj", self._turns[body], local))
         return np.minimum(self._radii[body], np.einsum("mi,mi->m", box, self._half[body]))

@@ -1,5 +1,4 @@
-"""Collision bodies as the distance library takes them: primitives, and meshes with their convex
-hulls."""
+"""Collision geometry for coal: primitives, and meshes with their convex hulls."""
 
 from __future__ import annotations
 
@@ -22,35 +21,35 @@ from .mesh_interior import MeshInterior, MeshParts, mesh_parts
 from .model import link_frames
 
 _LARGEST_FILE = 100_000_000
-"""Bytes of a mesh file that is still read."""
+"""Maximum size of a mesh file, bytes."""
 
 _LARGEST = 1e5
-"""Metres of a body: distances to larger ones are lost in rounding."""
+"""Maximum size of a body, m; for larger ones rounding errors exceed the distances."""
 
 _THIN = 1e-4
-"""Thinner than this, m, a body is given a thickness."""
+"""Minimum thickness of a body, m; thinner ones are thickened."""
 
 _CONVEX = 1e-6
-"""Relative difference in area and volume up to which a mesh is its hull."""
+"""Relative tolerance in area and volume within which a mesh counts as convex."""
 
 
 class UnusableShape(InputError):
-    """A collision shape cannot be measured; the message says why, and the remedy."""
+    """A collision shape cannot be used; the message gives the cause and the remedy."""
 
 
 @dataclass(frozen=True)
 class BodyShape:
-    """A body: a convex one, or a mesh and its convex hull.
+    """Collision body: a convex shape, or a mesh and its convex hull.
 
     Attributes
     ----------
     hull
-        The convex body, or the hull of the mesh.
+        Convex shape, or convex hull of the mesh.
     points, faces
         Vertices (V, 3), m, and triangles (F, 3) of a mesh that is not convex; else None.
     standing
-        Whether it is of the surroundings: a mesh with gaps, such as a room without a ceiling, then
-        has no inside.
+        True for a body of the surroundings; a mesh with gaps, such as a room without a ceiling,
+        then has no interior.
     """
 
     hull: coal.CollisionGeometry
@@ -60,7 +59,7 @@ class BodyShape:
 
     @cached_property
     def exact(self) -> coal.CollisionGeometry:
-        """The body as it is."""
+        """The exact geometry: the mesh itself if it is not convex."""
         if self.points is None or self.faces is None:
             return self.hull
         mesh, triangles = coal.BVHModelOBBRSS(), coal.StdVec_Triangle()
@@ -73,12 +72,12 @@ class BodyShape:
 
     @property
     def convex(self) -> bool:
-        """Whether the body is convex."""
+        """True if the body is convex."""
         return self.points is None
 
     @property
     def measured(self) -> coal.CollisionGeometry:
-        """The body to which distances are measured: as it is in the surroundings, else its hull."""
+        """The geometry for distances: exact in the surroundings, else the convex hull."""
         return self.exact if self.standing else self.hull
 
     @cached_property
@@ -88,8 +87,7 @@ class BodyShape:
 
     @cached_property
     def interior(self) -> MeshInterior | None:
-        """The inside of a mesh; None where the distance library knows it, and where there is
-        none."""
+        """Interior of a mesh; None if coal handles it, or the mesh has none."""
         if self._parts is None or (self.standing and not self._parts.closed.any()):
             return None
         return MeshInterior(self._parts, gaps=not self.standing)
@@ -106,28 +104,28 @@ class BodyShape:
     def _center(self) -> Array:
         return np.asarray(self.hull.aabb_center, float)[None]
 
-    def holds(self, points: Array) -> bool:
-        """Say whether one of the points (K, 3) is inside a mesh."""
-        return self.interior is not None and self.interior.holds(points)
+    def contains(self, points: Array) -> bool:
+        """Test whether any of the points (K, 3) is inside the mesh."""
+        return self.interior is not None and self.interior.contains(points)
 
 
 def body_shape(
     solid: Solid, urdf: Path, package_dirs: tuple[str, ...], *, standing: bool = False
 ) -> BodyShape:
-    """Make a body.
+    """Create a collision body.
 
     Raises
     ------
     UnusableShape
-        If there is no mesh, or a shape has no size or one beyond all measure.
+        If the mesh is missing, or a shape has no size or is too large.
     """
     if solid.kind != "mesh":
         return _primitive(solid)
     path = find_mesh(solid.filename, urdf, package_dirs)
     if path is None:
         raise UnusableShape(
-            f"mesh {solid.filename!r} was not found",
-            remedy="name the folder of its package, or give the link a box",
+            f"mesh {solid.filename!r} is missing; "
+            "give the folder of its package, or replace the mesh by a box"
         )
     collada = ["collada"] if path.suffix.lower() == ".dae" else []
     needed("trimesh", *collada, by=f"the distance to the mesh {path.name}")
@@ -138,12 +136,12 @@ def body_shape(
 
 
 def _primitive(solid: Solid) -> BodyShape:
-    """Make a box, a sphere, a cylinder or a capsule; a box or a cylinder may be flat."""
+    """Create a box, sphere, cylinder or capsule; a box or a cylinder can be flat."""
     size, allowed = solid.size, {"box": 1, "cylinder": 1, "capsule": 1}.get(solid.kind, 0)
     empty = size.count(0.0) > allowed or (solid.kind in ("cylinder", "capsule") and size[0] == 0)
     if empty:
         raise UnusableShape(
-            f"the {solid.kind} {solid.name!r} has no size; give it one, or delete it"
+            f"the {solid.kind} {solid.name!r} has size 0; set its size, or delete it"
         )
     if max(size) > _LARGEST:
         raise UnusableShape(
@@ -161,39 +159,41 @@ def _primitive(solid: Solid) -> BodyShape:
 
 
 def _too_large(size: float) -> str:
-    return f"{size:.3g} m large, and no body may exceed {_LARGEST:g} m"
+    return f"{size:.3g} m large, but the maximum is {_LARGEST:g} m"
 
 
-def meet(one: BodyShape, here: coal.Transform3s, other: BodyShape, there: coal.Transform3s) -> bool:
-    """Say whether two bodies touch as they are, at their places, or one is inside the other."""
+def collide(
+    one: BodyShape, here: coal.Transform3s, other: BodyShape, there: coal.Transform3s
+) -> bool:
+    """Test whether two bodies collide at their placements, or one is inside the other."""
     request, result = coal.CollisionRequest(), coal.CollisionResult()
     if coal.collide(one.exact, here, other.exact, there, request, result):
         return True
-    return holds(one, here, other, there) or holds(other, there, one, here)
+    return contains(one, here, other, there) or contains(other, there, one, here)
 
 
-def holds(
+def contains(
     outer: BodyShape, here: coal.Transform3s, inner: BodyShape, there: coal.Transform3s
 ) -> bool:
-    """Say whether a mesh has a part of another body inside it, where their surfaces do not meet."""
+    """Test whether a mesh contains a part of another body, when their surfaces do not intersect."""
     if outer.interior is None:
         return False
     points = inner.witnesses @ there.getRotation().T + there.getTranslation()
-    return outer.holds((points - here.getTranslation()) @ here.getRotation())
+    return outer.contains((points - here.getTranslation()) @ here.getRotation())
 
 
 def transform(place: pin.SE3) -> coal.Transform3s:
-    """Turn a placement into the distance library's own."""
+    """Convert a placement to coal's Transform3s."""
     return coal.Transform3s(place.rotation, place.translation)
 
 
 def origin(solid: Solid) -> pin.SE3:
-    """Place a body on its link."""
+    """Compute the placement of a shape on its link."""
     return pin.SE3(pin.rpy.rpyToMatrix(np.array(solid.rpy)), np.array(solid.xyz))
 
 
 def fixed_placements(description: Description) -> dict[str, pin.SE3]:
-    """Place every link of something that does not move, measured from its root."""
+    """Compute the placements of all links of a description without moving joints, from its root."""
     return {
         name: frame.placement
         for name, frame in link_frames(pin.buildModelFromXML(description.xml)).items()
@@ -202,7 +202,7 @@ def fixed_placements(description: Description) -> dict[str, pin.SE3]:
 
 @lru_cache(maxsize=256)
 def _from_mesh(path: Path, scale: tuple[float, ...], changed: int, standing: bool) -> BodyShape:
-    """Read a mesh and wrap it, once for all robots."""
+    """Read a mesh and compute its convex hull, cached for all robots."""
     vertices, faces = _read_mesh(path, scale)
     size = float(np.ptp(vertices, axis=0).max())
     if not size <= _LARGEST:
@@ -210,11 +210,11 @@ def _from_mesh(path: Path, scale: tuple[float, ...], changed: int, standing: boo
             f"is {_too_large(size)}; correct its scale, {scale[0]:g} {scale[1]:g} {scale[2]:g}"
         )
     if size == 0:
-        raise UnusableShape("has no size; correct the file, or its scale")
+        raise UnusableShape("has size 0; correct the file, or its scale")
     if np.prod(scale) < 0:
-        faces = faces[:, ::-1]  # mirrored: they would look inwards
+        faces = faces[:, ::-1]  # mirrored: restore outward normals
     if not standing and _volume(vertices, faces) < 0:
-        faces = faces[:, ::-1]  # a robot's link is no room
+        faces = faces[:, ::-1]  # a link of a robot is solid: outward normals
     wrapped = _convex_hull(vertices)
     hull, coarse = _hull(wrapped.vertices)
     hull.computeLocalAABB()
@@ -230,29 +230,26 @@ def _read_mesh(path: Path, scale: tuple[float, ...]) -> tuple[Array, NDArray[np.
     size = path.stat().st_size
     if size > _LARGEST_FILE:
         raise UnusableShape(
-            f"is a file of {size / 1e6:.0f} MB, and no more than {_LARGEST_FILE / 1e6:.0f} MB are read"
+            f"is a file of {size / 1e6:.0f} MB, but the maximum is {_LARGEST_FILE / 1e6:.0f} MB; "
+            "simplify the mesh"
         )
     try:
         mesh = trimesh.load(path, force="mesh", process=False)
         vertices, faces = np.asarray(mesh.vertices, float) * scale, np.asarray(mesh.faces, np.intp)
-    except Exception as error:  # a stranger's file, read by a dozen libraries: whatever they raise
+    except Exception as error:  # trimesh's readers raise errors of many kinds
         raise UnusableShape("cannot be read; export it again, as STL for example") from error
     if faces.ndim != 2 or not len(faces):
-        raise UnusableShape(
-            "holds no triangles that can be read; export it again, as STL for example"
-        )
+        raise UnusableShape("contains no readable triangles; export it again, as STL for example")
     used = np.unique(faces)
     if used[0] < 0 or used[-1] >= len(vertices) or not np.isfinite(vertices[used]).all():
-        raise UnusableShape(
-            "cannot be read: a vertex is not a finite number or is missing; export it again"
-        )
+        raise UnusableShape("cannot be read: a vertex is missing or not finite; export it again")
     if len(used) < len(vertices):
         vertices, faces = vertices[used], np.searchsorted(used, faces)
     return vertices, faces
 
 
 def _convex_hull(vertices: Array) -> Any:
-    """Wrap vertices (V, 3) in a convex mesh with a volume."""
+    """Compute the convex hull of vertices (V, 3), with a volume above 0."""
     import trimesh
 
     try:
@@ -262,13 +259,13 @@ def _convex_hull(vertices: Array) -> Any:
 
 
 def _volume(points: Array, faces: NDArray[np.intp]) -> float:
-    """Volume of a closed mesh, m³; negative where its faces look inwards."""
+    """Compute the volume of a closed mesh, m³; negative if its normals point inwards."""
     a, b, c = (points[faces[:, k]] - points[0] for k in range(3))
     return float(np.einsum("fi,fi->", a, np.cross(b, c)) / 6)
 
 
 def _is_convex(points: Array, faces: NDArray[np.intp], hull: Any) -> bool:
-    """Say whether a mesh is the surface of its hull, and looks outwards."""
+    """Test whether a mesh is the surface of its convex hull, with outward normals."""
     a, b, c = (points[faces[:, k]] for k in range(3))
     area = float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
     same = abs(area - hull.area) <= _CONVEX * hull.area
@@ -276,16 +273,15 @@ def _is_convex(points: Array, faces: NDArray[np.intp], hull: Any) -> bool:
 
 
 def _hull(points: Array) -> tuple[coal.CollisionGeometry, bool]:
-    """Wrap the corners of a convex body; where one has more neighbours than coal takes, 255, on a
-    coarser grid.
+    """Convert a convex hull for coal, on a coarser grid if a vertex has over 255 neighbours.
 
-    The second value says whether it is coarser.
+    The second value is True if a coarser grid was used.
     """
     size = float(np.ptp(points, axis=0).max())
     for grid in size * np.array([0, 1 / 1024, 1 / 256, 1 / 64]):
         corners = points
         if grid:
-            # outwards by as much as the rounding may have moved them inwards
+            # outwards by the maximum inward shift of the rounding
             out = points - points.mean(axis=0)
             out /= np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-300)
             corners = np.unique(np.round((points + grid * out) / grid), axis=0) * grid
@@ -297,8 +293,7 @@ def _hull(points: Array) -> tuple[coal.CollisionGeometry, bool]:
 
 
 def _thickened(points: Array) -> Array:
-    """Give a flat body a thickness, 0.2 mm: the distance library crashes on a hull without
-    volume."""
+    """Give a flat body a thickness of 0.2 mm: coal crashes on a hull without volume."""
     spread, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[1:]
     for axis in axes[spread < np.sqrt(len(points)) * _THIN]:
         points = np.concatenate([points + _THIN * axis, points - _THIN * axis])

@@ -1,5 +1,4 @@
-"""Collision model: the bodies that a chain of joints moves, the pairs that can collide, and their
-distances."""
+"""Collision model: the bodies of a chain, the pairs that can collide, and their distances."""
 
 from __future__ import annotations
 
@@ -23,9 +22,9 @@ from .body_shapes import (
     BodyShape,
     UnusableShape,
     body_shape,
+    collide,
+    contains,
     fixed_placements,
-    holds,
-    meet,
     origin,
     transform,
 )
@@ -37,39 +36,37 @@ Pair = tuple[str, str]
 Mask = NDArray[np.bool_]
 
 _SAMPLES = 100
-"""Random configurations at which it is looked whether a pair touches always."""
+"""Number of random configurations at which pairs are tested for permanent overlap."""
 
 _FREE = np.pi
-"""How far, rad or m, from the reference pose they go where a joint has no limit."""
+"""Maximum distance of these from the reference pose for a joint without limits, rad or m."""
 
 _FUSED = 0.25
-"""Share of the configurations tried at which bodies touch that stand for neighbours with
-overlapping shapes."""
+"""Share of sampled collisions from which bodies count as neighbours with overlapping shapes."""
 
 _TOUCHING = 1e-12
-"""Distance, m, below 0, of two bodies that touch in a point."""
+"""Distance reported for two bodies in point contact, m, below 0."""
 
 _BLOCK = 64
-"""Configurations whose bounds are worked out at once: they stay in the processor's cache."""
+"""Configurations per batch of bounds; they stay in the processor's cache."""
 
 _MOST_BOUNDS = 1_000_000
-"""Bounds held at once, at most, where there are very many pairs."""
+"""Maximum number of bounds per batch, for robots with very many pairs."""
 
 _MOST_PAIRS = 1_000_000
-"""Pairs of bodies, at most."""
+"""Maximum number of pairs of bodies."""
 
 _KEPT = 8
-"""Collision models kept for later tasks."""
+"""Maximum number of cached collision models."""
 
 _MODELS: OrderedDict[Hashable, CollisionModel] = OrderedDict()
 _MODELS_LOCK = RLock()
 
 
 class CollisionModel:
-    """Bodies of a robot and its surroundings, and the pairs that some joints move against each
-    other.
+    """Bodies of a robot and its surroundings, and the pairs whose relative position a task changes.
 
-    Tasks with the same joints share it; threads may, too.
+    Tasks with the same joints share it; threads can, too.
 
     Parameters
     ----------
@@ -79,14 +76,13 @@ class CollisionModel:
     Attributes
     ----------
     links : list of str
-        The link of every body.
+        Link of every body.
     standing : frozenset of str
         Links of the surroundings.
     unusable : dict of (str, str)
-        By mesh, or by shape: the robot's link with a shape that cannot be measured, and why it
-        cannot.
+        By mesh or shape: the robot's link with an unusable shape, and the cause.
     pairs : (P, 2) array
-        Bodies between which distances are measured.
+        Pairs of bodies between which distances are measured.
     measured, only_contact, adjacent, disabled, touching : tuples of (str, str)
         Pairs of links: see :class:`Bodies`.
     """
@@ -113,15 +109,14 @@ class CollisionModel:
         self._choose_pairs(task)
 
     def least(self, Q: Array, *, hulls: bool = False) -> tuple[Array, NDArray[np.intp]]:
-        """Find the least distance at every row of the model's joints Q (K, N), and its pair: (K,),
-        (K,).
+        """Compute the minimum distance and its pair at every row of Q (K, N): (K,), (K,).
 
         Parameters
         ----------
         Q
-            Configurations.
+            Configurations of the model's joints.
         hulls
-            Measure the robot's bodies as their hulls, overlaps included.
+            Measure hulls of the robot's bodies, with penetration depths.
         """
         found, which, last = np.full(len(Q), np.inf), np.full(len(Q), -1), 0
         measure = self._of_hulls if hulls else self._exact
@@ -139,14 +134,15 @@ class CollisionModel:
         return self.links[a], self.links[b]
 
     def named(self, which: Mask) -> tuple[Pair, ...]:
-        """Name the links of some of the measured pairs (P,), each once."""
+        """Name the links of selected measured pairs (P,), without duplicates."""
         return tuple(dict.fromkeys(map(self.names, np.flatnonzero(which).tolist())))
 
     # ---- distances -----------------------------------------------------------------------------
 
     def _with_bounds(self, Q: Array) -> Iterator[tuple[Array, Array]]:
-        """Go through Q (K, N), each row with the bounds (P,) of its pairs; infinite where only
-        contact would count."""
+        """Iterate over Q (K, N) with the bounds (P,) of the pairs.
+
+        They are infinite for collision-only pairs that cannot collide."""
         size = min(_BLOCK, max(1, _MOST_BOUNDS // max(len(self.pairs), self._bounds.size)))
         for start in range(0, len(Q), size):
             block = Q[start : start + size]
@@ -158,7 +154,7 @@ class CollisionModel:
     def _least(
         self, q: Array, bounds: Array, guess: int, measure: Callable[[int], float]
     ) -> tuple[float, int]:
-        """Measure exactly only where the bound of two bodies is below the best pair known."""
+        """Compute the minimum distance; pairs with a larger lower bound are not measured."""
         self._move(q)
         best, at = measure(guess), guess
         near = np.flatnonzero(bounds < best)
@@ -176,20 +172,18 @@ class CollisionModel:
         self._transforms.clear()
 
     def _exact(self, k: int) -> float:
-        """Measure a pair; 0 where hulls overlap and the bodies do not touch, infinite where only
-        contact counts."""
+        """Measure a pair: 0 if only hulls overlap, infinite if collision-only and apart."""
         distance = self._apart(k)
         if distance <= 0:
-            distance = min(distance, -_TOUCHING) if self._meet(k) else 0.0
+            distance = min(distance, -_TOUCHING) if self._collide(k) else 0.0
         return np.inf if distance >= 0 and self._only_contact[k] else distance
 
     def _of_hulls(self, k: int) -> float:
-        """Measure a pair, the robot's bodies as their hulls."""
+        """Measure a pair by the hulls of the robot's bodies."""
         return self._exact(k) if self._only_contact[k] else self._apart(k)
 
     def _apart(self, k: int) -> float:
-        """Measure a pair, the robot's bodies as their hulls, those of the surroundings as they
-        are."""
+        """Measure a pair: hulls of the robot's bodies, exact geometry of the surroundings."""
         if k < self._own_pairs:
             return float(pin.computeDistance(self._shapes, self._placed, k).min_distance)
         a, b = self._both[k]
@@ -200,23 +194,24 @@ class CollisionModel:
             coal.distance(hull, here, other.measured, there, self._request, self._result)
         )
         return (
-            -distance if distance > 0 and holds(other, there, self._bodies[a], here) else distance
+            -distance
+            if distance > 0 and contains(other, there, self._bodies[a], here)
+            else distance
         )
 
-    def _meet(self, k: int) -> bool:
-        """Say whether two bodies whose hulls overlap touch."""
+    def _collide(self, k: int) -> bool:
+        """Test whether two bodies with overlapping hulls collide."""
         a, b = self._both[k]
         one, other = self._bodies[a], self._bodies[b]
         if one.convex and other.convex:
             return True
-        return meet(one, self._transform(a), other, self._transform(b))
+        return collide(one, self._transform(a), other, self._transform(b))
 
     def _full_distance(self, k: int, q: Array) -> float:
-        """Measure a pair at q (N,), as the bodies are where their hulls overlap; 0 where they
-        touch."""
+        """Measure a pair at q (N,), exactly if the hulls overlap; 0 in a collision."""
         self._move(q)
         distance = self._apart(k)
-        if distance > 0 or self._meet(k):
+        if distance > 0 or self._collide(k):
             return max(distance, 0.0)
         (a, b), result = self._both[k], coal.DistanceResult()
         one, other = self._bodies[a].exact, self._bodies[b].exact
@@ -225,7 +220,7 @@ class CollisionModel:
         )
 
     def _transform(self, k: int) -> coal.Transform3s:
-        """Say where a body is, for the distance library."""
+        """Return the placement of a body for coal."""
         if k >= self._own:
             return self._standing_transforms[k - self._own]
         if k not in self._transforms:
@@ -235,7 +230,7 @@ class CollisionModel:
     # ---- bodies --------------------------------------------------------------------------------
 
     def _add_robot(self, task: Task) -> dict[str, Pair]:
-        """Add the robot's bodies; say which shapes cannot be measured, of which link, and why."""
+        """Add the robot's bodies; return the unusable shapes with their link and the cause."""
         description, links, unusable = task.robot.description, link_frames(self._model), {}
         for solid in description.collisions:
             link = links[solid.link]
@@ -282,7 +277,7 @@ class CollisionModel:
             disabled_pairs(entry.srdf) if entry is not None and entry.srdf is not None else set()
         )
         near = ruled_out | self._one_joint_between()
-        at_reference, share, hulls_always = self._touching(task, near)
+        at_reference, share, hulls_always = self._sampled_collisions(task, near)
         fused, always = near & (at_reference | (share >= _FUSED)), share == 1
         self.disabled = self.named(ruled_out & fused)
         self.adjacent += self.named(near & ~ruled_out & fused)
@@ -291,12 +286,11 @@ class CollisionModel:
         only_contact, left_out = near | (hulls_always & own), fused | always
         self.measured = self.named(~only_contact & ~left_out)
         self.only_contact = self.named(only_contact & ~left_out)
-        kept = ~left_out & ~self._never_touching(task, only_contact & ~left_out)
+        kept = ~left_out & ~self._never_colliding(task, only_contact & ~left_out)
         self._measure(self.pairs[kept], only_contact[kept])
 
-    def _never_touching(self, task: Task, asked: Mask) -> Mask:
-        """Say of which of the robot's own pairs asked for (P,) it is proved that they never
-        touch."""
+    def _never_colliding(self, task: Task, asked: Mask) -> Mask:
+        """Mark the pairs among ``asked`` (P,) for which it is proved that they never collide."""
         never = np.zeros(len(self.pairs), bool)
         separation = Separation(self._model, task.robot.joints, self._shapes, self._full_distance)
         for k in np.flatnonzero(asked).tolist():
@@ -304,16 +298,15 @@ class CollisionModel:
         return never
 
     def _moving_pairs(self, path: object) -> NDArray[np.intp]:
-        """List the pairs (P, 2) of bodies that a joint moves against each other, the robot's own
-        first."""
+        """List the pairs (P, 2) of bodies with a moving joint between them, own pairs first."""
         joint, own = np.array(self._joint, np.intp), self._own
         moving = np.flatnonzero(joint[:own])
         counts = np.bincount(joint[:own]) if own else np.zeros(1, int)
         count = (own**2 - (counts**2).sum()) // 2 + len(moving) * (len(joint) - own)
         if count > _MOST_PAIRS:
             raise InputError(
-                f"{path}: {count} pairs of collision shapes move against each other, more than {_MOST_PAIRS}; "
-                "join shapes of one link in a mesh"
+                f"{path}: {count} pairs of collision shapes, but the maximum is {_MOST_PAIRS}; "
+                "merge the shapes of each link into one mesh"
             )
         a, b = np.triu_indices(own, 1)
         differ = joint[a] != joint[b]
@@ -324,7 +317,7 @@ class CollisionModel:
         return np.concatenate([inner, outer]).astype(np.intp)
 
     def _are_in(self, links: set[frozenset[str]]) -> Mask:
-        """Say which pairs of the robot's own bodies (P,) are of the given pairs of links."""
+        """Mark the pairs of the robot's own bodies (P,) that belong to the given pairs of links."""
         found = np.zeros(len(self.pairs), bool)
         if links:
             found[: self._own_pairs] = [
@@ -333,15 +326,13 @@ class CollisionModel:
         return found
 
     def _one_joint_between(self) -> Mask:
-        """Say which pairs of the robot's own bodies (P,) only one joint moves against each
-        other."""
+        """Mark the pairs of the robot's own bodies (P,) with a single joint between them."""
         parent = np.array([int(joint) for joint in self._model.parents])
         a, b = np.array(self._joint, np.intp)[self.pairs].T
         return ((parent[a] == b) | (parent[b] == a)) & (self.pairs[:, 1] < self._own)
 
     def _measure(self, pairs: NDArray[np.intp], only_contact: Mask | None = None) -> None:
-        """Set the pairs (P, 2) whose distances are measured, and those (P,) of which only contact
-        counts."""
+        """Set the pairs (P, 2) to check, and those (P,) that are checked for collisions only."""
         self.pairs, self._both = pairs, [(a, b) for a, b in pairs.tolist()]
         self._only_contact = np.zeros(len(pairs), bool) if only_contact is None else only_contact
         self._some_only_contact = bool(self._only_contact.any())
@@ -353,21 +344,22 @@ class CollisionModel:
         measured = [body.measured for body in self._bodies]
         self._bounds = BodyBounds(self._model, self._joint, self._place, measured, pairs)
 
-    def _touching(self, task: Task, near: Mask) -> tuple[Mask, Array, Mask]:
-        """Look at which configurations pairs touch.
+    def _sampled_collisions(self, task: Task, near: Mask) -> tuple[Mask, Array, Mask]:
+        """Sample the configurations at which pairs collide.
 
         Parameters
         ----------
         task
-            Its reference pose is the first configuration.
+            Task whose reference pose is the first configuration.
         near
-            Pairs (P,) that are looked at everywhere; the others are as long as their hulls overlap.
+            Pairs (P,) that are tested at every configuration; the others only as long as their
+            hulls overlap.
 
         Returns
         -------
-        Which touch at the reference pose, the share of configurations at which they touch, and
-        which overlap, as their hulls, at all: (P,) each."""
-        Q = _tried(task)
+        Collisions at the reference pose, share of configurations with a collision, and whether the
+        hulls overlap at all configurations: (P,) each."""
+        Q = _sample_configurations(task)
         count, at_reference = np.zeros(len(self.pairs)), np.zeros(len(self.pairs), bool)
         overlaps = ~at_reference
         for i, (q, bounds) in enumerate(self._with_bounds(Q) if len(self.pairs) else ()):
@@ -375,20 +367,17 @@ class CollisionModel:
             overlap = (bounds < 0) & (near | overlaps)
             for k in np.flatnonzero(overlap).tolist():
                 overlap[k] = self._apart(k) <= 0
-                count[k] += overlap[k] and self._meet(k)
+                count[k] += overlap[k] and self._collide(k)
             overlaps &= overlap
             if i == 0:
                 at_reference = count > 0
         return at_reference, count / len(Q), overlaps
 
 
-def _tried(task: Task) -> Array:
-    """The reference pose and random ones inside the joints' limits, as the model's joints: (K,
-    N)."""
-    (lower, upper, _), q0 = (
-        task.joint_limits,
-        task.joints(task.reference),
-    )  # limits are the joints', whatever ψ
+def _sample_configurations(task: Task) -> Array:
+    """Sample the reference pose and random configurations within the limits: (K, N)."""
+    lower, upper, _ = task.joint_limits  # of the robot's own joints, also with ψ
+    q0 = task.joints(task.reference)
     low, high = np.maximum(lower, q0 - _FREE), np.minimum(upper, q0 + _FREE)
     Q = np.vstack([q0, np.random.default_rng(0).uniform(low, high, (_SAMPLES, task.n))])
     Q = Q if task.coordinates is None else task.coordinates.coordinates(Q)
@@ -397,8 +386,7 @@ def _tried(task: Task) -> Array:
 
 
 def collision_model(task: Task) -> CollisionModel:
-    """Make the collision model of a task's joints, once for all tasks with the same robot, files
-    and joints."""
+    """Create the collision model of a task, cached by robot, files and joints."""
     key = _key(task)
     with _MODELS_LOCK:
         if key not in _MODELS:
@@ -410,8 +398,7 @@ def collision_model(task: Task) -> CollisionModel:
 
 
 def _key(task: Task) -> Hashable:
-    """All that a collision model is made of: what the files say, the files themselves, and what
-    stands still."""
+    """Cache key of a collision model: descriptions, files with their times, and held joints."""
     robot = task.robot
     around, entry = robot.surroundings, robot.entry
     files = _mesh_files(robot.description, robot.package_dirs)
@@ -426,6 +413,6 @@ def _key(task: Task) -> Hashable:
 
 
 def _mesh_files(description: Description, package_dirs: tuple[str, ...]) -> list[Path | None]:
-    """Find the files of a description's collision meshes, None for each that is not there."""
+    """Find the collision mesh files of a description; None for each that is missing."""
     names = dict.fromkeys(solid.filename for solid in description.collisions if solid.filename)
     return [find_mesh(name, description.path, package_dirs) for name in names]

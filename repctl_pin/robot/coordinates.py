@@ -13,12 +13,12 @@ from ..errors import InputError
 
 @dataclass(frozen=True)
 class Coordinates:
-    """A linear change of joint coordinates, ``q = T ψ``, and what it makes of a task's limits.
+    """Linear change of joint coordinates ``q = T ψ``, and the limits on ψ.
 
     ``J_ψ = J T``, ``H_ψ[a, i, k] = Σ H[a, p, s] T[p, i] T[s, k]``, ``M_ψ = Tᵀ M T``.
 
-    The box of allowed q is no box of ψ. A joint whose row of T has a single entry, q_i = T_ij ψ_j,
-    bounds ψ_j exactly, and only such bounds are stated; elsewhere there is −inf, inf.
+    The box of allowed q is in general not a box in ψ. A joint whose row of T has a single entry,
+    q_i = T_ij ψ_j, bounds ψ_j exactly. Only such bounds are listed; the others are −inf, inf.
     :meth:`Task.check` tests q = T ψ itself.
 
     Attributes
@@ -26,11 +26,11 @@ class Coordinates:
     T, inverse : (n, n) arrays
         T and T⁻¹.
     names : tuple of str
-        A joint's own name where ψ_i = q_i, else ``ψ1``, ``ψ2``, …
+        Name of the joint if ψ_i = q_i, else ``ψ1``, ``ψ2``, …
     lower, upper, velocity_limit : (n,) arrays
-        The bounds on ψ and its rate that hold whatever the other ψ are.
+        Bounds on ψ and its rate that do not depend on the other ψ.
     revolute : (n,) array of bool
-        True where ψ_i turns any joint: it is counted in rad.
+        True if ψ_i moves a revolute joint; its unit is then rad.
     """
 
     T: Array
@@ -42,15 +42,15 @@ class Coordinates:
     revolute: NDArray[np.bool_]
 
     def joints(self, psi: Array) -> Array:
-        """Turn ψ (..., n) into q = T ψ."""
+        """Convert ψ (..., n) to q = T ψ."""
         return psi @ self.T.T
 
     def coordinates(self, q: Array) -> Array:
-        """Turn q (..., n) into ψ = T⁻¹ q."""
+        """Convert q (..., n) to ψ = T⁻¹ q."""
         return q @ self.inverse.T
 
 
-def change_of(
+def linear_coordinates(
     names: tuple[str, ...],
     lower: Array,
     upper: Array,
@@ -58,7 +58,7 @@ def change_of(
     revolute: NDArray[np.bool_],
     T: ArrayLike,
 ) -> Coordinates:
-    """Make the change ``q = T ψ`` of n joints with these names, limits (n,) and kinds (n,).
+    """Create the coordinates ``q = T ψ`` of n joints with given names, limits (n,) and types (n,).
 
     Raises
     ------
@@ -69,7 +69,7 @@ def change_of(
     matrix: Array = np.array(as_matrices(("T of q = T ψ", T, f"{n} {n}"), exact=True)[0])
     values = np.linalg.svd(matrix, compute_uv=False)
     if values[-1] <= 1e-12 * values[0]:
-        raise InputError("T of q = T ψ must be invertible; its rows are dependent")
+        raise InputError("T of q = T ψ must be invertible, but its rows are linearly dependent")
 
     low, high, fastest = np.full(n, -np.inf), np.full(n, np.inf), np.full(n, np.inf)
     psi = [f"ψ{i + 1}" for i in range(n)]

@@ -1,5 +1,4 @@
-"""The free joints of a robot: those that mimic them, ``q_all = S q + o``, their limits, and their
-poses."""
+"""Mimic joints: the coupling ``q_all = S q + o`` to the free joints, limits, and poses."""
 
 from __future__ import annotations
 
@@ -15,36 +14,37 @@ from ..urdf.validate import Joint
 
 @dataclass(frozen=True)
 class Coupling:
-    """The map from n free joints to all N joints of a model.
+    """Map from n free joints to all N joints of a model.
 
     Attributes
     ----------
     S : (N, n) array
-        One entry a row: 1 for a joint that is free, the multiplier for one that follows.
+        One entry per row: 1 for a free joint, the multiplier for a mimic joint.
     offset : (N,) array
+        Offsets o of the mimic joints, rad or m.
     """
 
     S: Array
     offset: Array
 
     def joints(self, Q: Array) -> Array:
-        """Turn free joints (..., n) into all (..., N)."""
+        """Compute all joints (..., N) from the free joints (..., n)."""
         return Q @ self.S.T + self.offset
 
     def leader(self, joint: int) -> int:
-        """The free joint that drives a joint of the model."""
+        """Index of the free joint that drives a joint of the model."""
         return int(np.argmax(self.S[joint] != 0))
 
 
 def couple(names: Sequence[str], free: Sequence[str], joints: Mapping[str, Joint]) -> Coupling:
-    """Make the coupling of a model's joints (N names) to the free ones among them (n names)."""
+    """Create the coupling of a model's joints (N names) to its free joints (n names)."""
     S, offset = np.zeros((len(names), len(free))), np.zeros(len(names))
     for row, name in enumerate(names):
         joint = joints[name]
         if name in free:
             S[row, free.index(name)] = 1.0
         else:
-            assert joint.mimic is not None, "what is neither free nor follows is locked"
+            assert joint.mimic is not None, "a joint is free, a mimic joint, or locked"
             S[row, free.index(joint.mimic)], offset[row] = joint.multiplier, joint.offset
     for array in (S, offset):
         array.setflags(write=False)
@@ -54,10 +54,12 @@ def couple(names: Sequence[str], free: Sequence[str], joints: Mapping[str, Joint
 def limits(
     joint: Joint, followers: Sequence[Joint], notes: list[str]
 ) -> tuple[float, float, float]:
-    """Find lower, upper and speed limit of a joint that keep its followers, too, inside theirs.
+    """Find the limits of a joint that also keep its mimic joints within theirs.
 
-    A follower that no position of its leader keeps inside its limits is left out, and a note says
-    so."""
+    Returns the lower, the upper and the speed limit.
+
+    A mimic joint that is out of its limits at every position of its leader is ignored, with a
+    note."""
     lower, upper, velocity = joint.lower, joint.upper, joint.velocity
     for follower in followers:
         ends = [
@@ -69,8 +71,8 @@ def limits(
             lower, upper = low, high
         else:
             notes.append(
-                f"joint {follower.name!r} mimics {joint.name!r}, no position of which keeps it inside its limits "
-                f"[{follower.lower:g}, {follower.upper:g}]: they are ignored"
+                f"limits [{follower.lower:g}, {follower.upper:g}] of joint {follower.name!r} "
+                f"ignored: no position of {joint.name!r}, which it mimics, satisfies them"
             )
         velocity = min(velocity, follower.velocity / abs(follower.multiplier))
     return lower, upper, velocity
@@ -84,7 +86,7 @@ def pose(
     named: Mapping[str, float],
     notes: list[str],
 ) -> Array:
-    """Make a pose of joints inside their limits: the named values, else mid-range.
+    """Create a pose within the joint limits: the named values, else mid-range.
 
     Parameters
     ----------
@@ -96,7 +98,7 @@ def pose(
     named
         Values by joint name, rad or m.
     notes
-        Gets a line for every value that had to be moved inside the limits.
+        Receives a line for every value that had to be moved within the limits.
 
     Returns
     -------
@@ -111,14 +113,13 @@ def pose(
         q[i] = _inside(named[name], lower[i], upper[i], bool(turns[i]))
         if abs(q[i] - named[name]) > 1e-3:
             notes.append(
-                f"reference pose: {name} = {named[name]:g} is outside its limits, {q[i]:g} used"
+                f"reference pose: {name} = {named[name]:g} is outside its limits; using {q[i]:g}"
             )
     return q
 
 
 def _inside(value: float, lower: float, upper: float, turns: bool) -> float:
-    """Move a joint value inside its limits: by a full turn if that does it, else to the nearer
-    limit."""
+    """Move a joint value within its limits, by a full turn or to the nearer limit."""
     ways = (0.0, 2 * np.pi, -2 * np.pi) if turns else (0.0,)
     inside = [value + way for way in ways if lower <= value + way <= upper]
     return float(inside[0] if inside else np.clip(value, lower, upper))

@@ -1,8 +1,7 @@
-"""A task's kinematics at one q after another, into memory that is there already: what a control
-loop needs.
+"""Allocation-free task kinematics for control loops.
 
-The functions made here are closures, and copy short vectors by BLAS: in a step of 5 µs it is the
-calls and the look-ups that count, not the arithmetic."""
+The functions are closures and copy short vectors by BLAS: in a step of 5 µs, calls and look-ups
+take longer than the arithmetic."""
 
 from __future__ import annotations
 
@@ -21,20 +20,20 @@ from .task import Task
 
 @dataclass(frozen=True)
 class InPlace:
-    """Evaluates J, and then the task error, at one q after another.
+    """Functions that evaluate J, and then the task error, at one q after another.
 
-    It works in the scratch memory of the thread that made it, and serves that thread alone. Nothing
-    else is checked; a caller who was given bad numbers asks :meth:`Task.jacobian` for the reason.
+    They use the scratch memory of the thread that created them, and only that thread may call them.
+    Arguments are not checked; for bad numbers, call :meth:`Task.jacobian` to get the reason.
 
     Attributes
     ----------
     jacobian : function q → None
-        Writes J(q) (m, n).
+        Write J(q) (m, n).
     error : function target → None
-        Writes the task error (m,) from the placement at that q to a target, as :meth:`Task.error`
-        does; refuses a target whose rotation counts and is none.
+        Write the task error (m,) from the placement at that q to a target, as :meth:`Task.error`
+        does; raise InputError if the target's rotation is needed and is not a rotation.
     task_velocity : function twist → (m,) array
-        Takes ẋ out of a frame's twist (v, ω) at that q, as :meth:`Task.task_velocity` does.
+        Extract ẋ from a frame's twist (v, ω) at that q, as :meth:`Task.task_velocity` does.
     """
 
     jacobian: Callable[[Array], None]
@@ -43,21 +42,15 @@ class InPlace:
 
 
 def in_place(task: Task, J: Array, e: Array) -> InPlace:
-    """Make the functions that write a task's J into an array (m, n), and its errors into one
-    (m,)."""
+    """Create the functions that write a task's J (m, n) and its errors (m,) into arrays."""
     here = task._data.oMf[task._frame_id]
-    p, R = here.translation, here.rotation  # views that follow every evaluation
+    p, R = here.translation, here.rotation  # views, updated by every evaluation
     return InPlace(_jacobian(task, J), _error(task, e, p, R), _rate(task, R))
 
 
 def _jacobian(task: Task, J: Array) -> Callable[[Array], None]:
-    evaluate, model, data, frame, shared = (
-        pin.computeFrameJacobian,
-        task.model,
-        task._data,
-        task._frame_id,
-        SHARED,
-    )
+    evaluate, shared = pin.computeFrameJacobian, SHARED
+    model, data, frame = task.model, task._data, task._frame_id
 
     def whole(q: Array) -> None:
         J[:] = evaluate(model, data, q, frame, shared)
@@ -84,7 +77,7 @@ def _error(task: Task, e: Array, p: Array, R: Array) -> Callable[[pin.SE3], None
         daxpy(p, e, 3, -1.0)
         goal = target.rotation
         goal.dot(R_T, turn)
-        if not is_rotation(flat.tolist()):  # R is one, so turn is where the goal is
+        if not is_rotation(flat.tolist()):  # R is a rotation, so R* Rᵀ is one if and only if R* is
             require_rotation(goal, "the target")
         dcopy(log3(turn), e, 3, 0, 1, 3)
 

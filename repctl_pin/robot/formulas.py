@@ -1,5 +1,4 @@
-"""Formulas of a serial chain, arrays in, arrays out: kinematic Hessian, turn between two tool axes,
-rotations."""
+"""Formulas for serial chains: kinematic Hessian, rotation between two tool axes, rotation check."""
 
 from __future__ import annotations
 
@@ -13,7 +12,7 @@ from ..errors import InputError
 
 
 def chain_hessians(twists: Array, R: Array | None = None) -> Array:
-    r"""Differentiate a frame's Jacobian along every joint of a serial chain.
+    r"""Compute the kinematic Hessian of a serial chain: the derivative of J along every joint.
 
     With columns :math:`J_i = (v_i, \omega_i)` (a prismatic joint has :math:`\omega_i = 0`):
 
@@ -21,15 +20,16 @@ def chain_hessians(twists: Array, R: Array | None = None) -> Array:
               \partial \omega_i/\partial q_k = \omega_k \times \omega_i \;\text{ if } k < i
               \text{ else } 0.
 
-    In the frame's own axes, :math:`\partial(R^T\omega_i)/\partial q_k = R^T(\omega_i \times \omega_k)` if
-    :math:`k > i`, else 0.
+    In the frame's own axes,
+    :math:`\partial(R^T\omega_i)/\partial q_k = R^T(\omega_i \times \omega_k)` if :math:`k > i`,
+    else 0.
 
     Parameters
     ----------
     twists : (K, n, 6) array
-        The columns J_i of K Jacobians, world axes.
+        Columns J_i of K Jacobians, world axes.
     R : (K, 3, 3) array, optional
-        The frame's rotation, where the angular rows are wanted in its own axes.
+        Rotation of the frame, if the angular rows should be in its own axes.
 
     Returns
     -------
@@ -47,32 +47,33 @@ def chain_hessians(twists: Array, R: Array | None = None) -> Array:
 
 
 def axis_turn(R: Array, goal: Array) -> Array:
-    """Measure the turn (2,) about the tool's own x and y that takes its z axis to a goal's by the
-    shortest way, rad.
+    """Compute the rotation that aligns the tool's z axis with a goal's: (2,), rad.
+
+    It is the shortest one, about the tool's x and y.
 
     Parameters
     ----------
     R, goal : (3, 3) arrays
-        The tool's orientation, and the goal's.
+        Orientation of the tool, and of the goal.
     """
-    x, y, z = R.T.dot(goal[:, 2]).tolist()  # the goal's axis as the tool sees it
+    x, y, z = R.T.dot(goal[:, 2]).tolist()  # the goal's axis in tool axes
     sine = hypot(x, y)
-    if sine < 1e-12:  # parallel: nothing to turn; opposite: any way round will do
+    if sine < 1e-12:  # parallel: 0; opposite: half a turn in any direction
         return np.array([0.0 if z > 0 else pi, 0.0])
     ratio = atan2(sine, z) / sine
     return np.array([-y * ratio, x * ratio])
 
 
 def is_rotation(R: Sequence[float]) -> bool:
-    """Whether ``R Rᵀ = I`` and ``det R = 1``, to 1e-6.
+    """Test whether ``R Rᵀ = I`` and ``det R = 1``, to 1e-6.
 
-    Two rows of length 1 at a right angle, and the third their cross product: in plain floats, for
-    it is asked in every step of a control loop.
+    Two rows of length 1 at a right angle, and the third their cross product. It uses plain floats
+    because every step of a control loop calls it.
 
     Parameters
     ----------
     R : 9 floats
-        The matrix row by row, or column by column.
+        Entries of the matrix, by rows or by columns.
     """
     a, b, c, d, e, f, g, h, i = R
     return (
@@ -86,13 +87,12 @@ def is_rotation(R: Sequence[float]) -> bool:
 
 
 def require_rotation(R: Array, name: str) -> None:
-    """Refuse a matrix (3, 3) that is not a rotation to 1e-6: one reflected, scaled, sheared, or not
-    finite.
+    """Raise InputError unless a matrix (3, 3) is a rotation to 1e-6.
 
     Raises
     ------
     InputError
-        With the reason.
+        If it is reflected, scaled, sheared, or not finite; the message says which.
     """
     if is_rotation(R.ravel().tolist()):
         return
@@ -101,6 +101,4 @@ def require_rotation(R: Array, name: str) -> None:
     off = float(np.abs(R @ R.T - np.eye(3)).max())
     reflected = off < 1e-5 and np.linalg.det(R) < 0
     why = "it is reflected, with det R = −1" if reflected else f"R Rᵀ differs from I by {off:.2g}"
-    raise InputError(
-        f"the rotation of {name} is not a rotation matrix: {why}; normalise R, to 1e-6"
-    )
+    raise InputError(f"the rotation of {name} is not a rotation matrix: {why}; normalise R to 1e-6")

@@ -1,5 +1,4 @@
-"""How long an arm is, the unit in which slides and turns can be compared; and which of its joints
-is the elbow."""
+"""Arm length, comparable joint units, and the elbow joint."""
 
 from __future__ import annotations
 
@@ -11,13 +10,14 @@ from .task import Task
 
 
 def arm_length(task: Task, q: Array) -> float:
-    """Sum the distances from one turning joint to the next, and to the frame, m; 0 if no joint
-    turns.
+    """Compute the arm length: distances between revolute joints, and to the frame, m.
+
+    0 without revolute joints.
 
     Parameters
     ----------
     task
-        Whose chain is measured; in changed coordinates, too.
+        Task of the chain; joint coordinates ψ are allowed.
     q : (n,) array
         Configuration.
     """
@@ -27,11 +27,10 @@ def arm_length(task: Task, q: Array) -> float:
 
 
 def joint_scale(task: Task, q: Array) -> Array:
-    """Choose a unit for every joint: 1 rad, and for a prismatic joint the length of the arm, m:
-    (n,).
+    """Return the unit of every joint (n,): 1 rad, or the arm length in m for a prismatic joint.
 
-    In these units joint motions of both kinds can be compared. An arm that has no length, of
-    prismatic joints alone, is measured in m.
+    In these units, motions of revolute and prismatic joints are comparable. For an arm of prismatic
+    joints only, the unit is 1 m.
     """
     if task.revolute.all():
         return np.ones(task.n)
@@ -39,15 +38,15 @@ def joint_scale(task: Task, q: Array) -> Array:
 
 
 def elbow(task: Task, q: Array) -> int:
-    """Find the joint whose origin moves most when the arm moves in its null space, q̇ = N ż: its
-    elbow.
+    """Find the elbow: the joint whose origin moves most in self-motions, q̇ = N ż.
 
-    Of all self-motions with ‖ż‖ = 1 alike: the largest ``Σ_i ‖dp/dz_i‖²``, p the joint's origin.
+    It maximises ``Σ_i ‖dp/dz_i‖²``, with p the joint's origin and all directions z_i weighted
+    equally.
 
     Parameters
     ----------
     task
-        Whose joints are looked at.
+        Task of the chain.
     q : (n,) array
         Configuration.
     """

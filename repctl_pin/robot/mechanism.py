@@ -1,4 +1,4 @@
-"""The moving parts of a robot: what a task and a drawing need to know of it."""
+"""Joints, limits, frames and poses of a robot, as tasks and drawings need them."""
 
 from __future__ import annotations
 
@@ -14,47 +14,47 @@ from .model import frame_id
 
 
 class Mechanism:
-    """Movable joints, one number each, their limits, and a reference pose.
+    """Movable joints with one coordinate each, their limits, and a reference pose.
 
-    A joint that mimics another is driven by it, and is no joint of its own.
+    A mimic joint follows another joint and is not counted as a movable joint.
 
     Attributes
     ----------
     name : str
-        The catalogue name, or the name in the file.
+        Catalogue name, or the name in the file.
     description : Description
-        What the URDF says.
+        Content of the URDF.
     entry : Entry or None
-        Its entry in the catalogue.
+        Catalogue entry.
     joints : dict of Joint
-        All joints of the file that are not fixed, by name.
+        All non-fixed joints of the file, by name.
     model : pinocchio.Model
-        All joints that move, N of them, those that follow others included; the rest fixed at the
+        Model of all N moving joints, mimic joints included; the other joints are fixed at the
         reference pose.
     coupling : Coupling
-        The model's joints out of the robot's: ``q_model = S q + o``.
+        Map from the robot's joints to the model's: ``q_model = S q + o``.
     joint_names : tuple of str
-        Movable joints, n of them, in Pinocchio's order.
+        Names of the n movable joints, in Pinocchio's order.
     lower, upper : (n,) arrays
-        Position limits, rad or m, that keep followers inside theirs too; −inf and inf where there
-        is none.
+        Position limits, rad or m, which also keep mimic joints within theirs; −inf and inf without
+        a limit.
     velocity_limit : (n,) array
-        Speed limits, rad/s or m/s; inf where there is none.
+        Speed limits, rad/s or m/s; inf without a limit.
     revolute : (n,) array of bool
-        False if the joint is prismatic.
+        False for prismatic joints.
     reference : (n,) array
-        The reference pose: the SRDF's, where the catalogue names one, else mid-range.
+        Reference pose: the SRDF's if the catalogue names one, else mid-range.
     poses : dict of (n,) arrays
-        ``reference``; ``ready``, a pose to work from, where the catalogue has one; ``middle`` of
-        the joints' range.
+        ``reference``; ``ready``, a working pose, if the catalogue has one; ``middle`` of the joint
+        ranges.
     locked : tuple of str
         Joints held at the reference pose.
     package_dirs : tuple of str
-        Folders that resolve ``package://`` meshes.
+        Folders in which ``package://`` meshes are looked up.
     base : str or None
-        The link in whose frame placements are measured, wherever in the tree; the root where None.
+        Link in whose frame placements are expressed, anywhere in the tree; None for the root.
     surroundings : Description or None
-        The robot's surroundings, measured from its root.
+        Surroundings of the robot, relative to its root.
     """
 
     name: str
@@ -77,5 +77,5 @@ class Mechanism:
 
     @property
     def base_id(self) -> int:
-        """The frame of ``base`` in the model."""
+        """Frame id of ``base`` in the model."""
         return 0 if self.base is None else frame_id(self.model, self.base)

@@ -1,4 +1,4 @@
-"""Points inside a triangle mesh, by counting the faces that a ray crosses."""
+"""Point-in-mesh test by signed ray crossings."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from ..arguments import Array
 Index = NDArray[np.intp]
 
 _SAME = 1e-8
-"""Vertices nearer to each other than this share of the mesh's size are one."""
+"""Relative tolerance, in mesh sizes, within which vertices are merged."""
 
 _DIRECTIONS = np.linalg.qr(np.random.default_rng(5).normal(size=(3, 3, 3)))[0]
-"""Frames (3, 3, 3) whose z axes are the rays: in general position, so that no ray meets an edge."""
+"""Frames (3, 3, 3) whose z axes are the rays, in general position so that no ray meets an edge."""
 
 
 @dataclass(frozen=True)
 class MeshParts:
-    """The connected parts of a mesh, with vertices at one place merged.
+    """Connected parts of a mesh, with coincident vertices merged.
 
     Attributes
     ----------
     points, faces
         Vertices (V, 3), m, and triangles (F, 3).
     part
-        The part of each triangle (F,).
+        Part number of each triangle (F,).
     closed
-        Whether each part (P,) is closed: every edge is passed as often one way as the other.
+        True for each closed part (P,): every edge occurs equally often in both directions.
     """
 
     points: Array
@@ -40,7 +40,7 @@ class MeshParts:
 
     @property
     def witnesses(self) -> Array:
-        """One vertex of every part (P, 3), m."""
+        """One vertex per part (P, 3), m."""
         _, first = np.unique(self.part, return_index=True)
         return self.points[self.faces[first, 0]]
 
@@ -72,18 +72,18 @@ def mesh_parts(points: Array, faces: Index) -> MeshParts:
 
 
 class MeshInterior:
-    r"""The inside of a mesh: points from which rays cross more faces outwards than inwards.
+    r"""Interior of a mesh: points from which rays cross more faces outwards than inwards.
 
-    With s = 1 where a face that a ray crosses looks along the ray, and −1 where it looks against
-    it, a point is inside a closed mesh where Σ s > 0: also where closed parts overlap, and not in a
-    cavity.
+    With s = 1 for a crossed face whose normal points along the ray, and s = −1 for one against it,
+    a point is inside a closed mesh if Σ s > 0. This also holds where closed parts overlap, and
+    excludes cavities.
 
     Parameters
     ----------
     parts
-        The mesh.
+        Parts of the mesh.
     gaps
-        Whether parts with gaps have an inside too: then two of three rays decide.
+        Include parts with gaps, decided by two of three rays.
     """
 
     def __init__(self, parts: MeshParts, *, gaps: bool) -> None:
@@ -91,15 +91,15 @@ class MeshInterior:
         turns = _DIRECTIONS if gaps and not parts.closed.all() else _DIRECTIONS[:1]
         self._rays = [_Ray(turn, parts.points, kept) for turn in turns] if len(kept) else []
 
-    def holds(self, points: Array) -> bool:
-        """Say whether one of the points (K, 3) is inside."""
-        return any(self._holds(point) for point in points)
+    def contains(self, points: Array) -> bool:
+        """Test whether any of the points (K, 3) is inside."""
+        return any(self._contains(point) for point in points)
 
-    def _holds(self, point: Array) -> bool:
+    def _contains(self, point: Array) -> bool:
         left = {
             True: len(self._rays) // 2,
             False: (len(self._rays) - 1) // 2,
-        }  # votes that decide nothing yet
+        }  # undecided votes
         for ray in self._rays:
             inside = ray.crossings(point) > 0
             if not left[inside]:
@@ -109,7 +109,7 @@ class MeshInterior:
 
 
 class _Ray:
-    """Rays in one direction through a mesh."""
+    """Rays through a mesh in one direction."""
 
     def __init__(self, turn: Array, points: Array, faces: Index) -> None:
         self._turn = turn
@@ -121,7 +121,7 @@ class _Ray:
         self._strips = [_Strip(corners[(low <= end) & (high >= start)]) for start, end in ends]
 
     def crossings(self, point: Array) -> int:
-        """Count the faces over a point, those that look down as −1."""
+        """Count the faces above a point, with −1 for downward normals."""
         p = point @ self._turn
         if (p < self._bottom).any() or (p > self._top).any():
             return 0
@@ -130,7 +130,7 @@ class _Ray:
 
 
 class _Strip:
-    """The faces (F, 3, 3) over a strip of the plane that rays are upright on."""
+    """Faces (F, 3, 3) above a strip of the plane normal to the rays."""
 
     def __init__(self, corners: Array) -> None:
         low, high = corners.min(axis=1, initial=np.inf), corners.max(axis=1, initial=-np.inf)
@@ -138,7 +138,7 @@ class _Strip:
         self._corners = corners
 
     def crossings(self, p: Array) -> int:
-        """Count the faces over p (3,), those that look down as −1."""
+        """Count the faces above p (3,), with −1 for downward normals."""
         (left, front), (right, back), (x, y, z) = self._low, self._high, p.tolist()
         near = (left <= x) & (x <= right) & (front <= y) & (y <= back) & (z <= self._top)
         corners = self._corners[near] - p
@@ -146,10 +146,9 @@ class _Strip:
 
 
 def _looks_up(corners: list[list[float]]) -> int:
-    """Say whether a triangle is over the origin and looks up, 1, or down, −1; 0 where it is not
-    over it."""
+    """Orientation of a triangle above the origin: 1 up, −1 down, 0 if not above it."""
     (ax, ay, az), (bx, by, bz), (cx, cy, cz) = corners
-    # twice the areas, signed, of the triangles that the origin makes with each edge
+    # twice the signed areas of the triangles formed by the origin and each edge
     bc, ca, ab = bx * cy - by * cx, cx * ay - cy * ax, ax * by - ay * bx
     height = bc * az + ca * bz + ab * cz
     if bc > 0 and ca > 0 and ab > 0:

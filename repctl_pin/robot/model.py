@@ -1,5 +1,4 @@
-"""Around Pinocchio's models: a frame by name, joints held still, the chain between two links, its
-Jacobian."""
+"""Helpers for Pinocchio models: frames by name, locked joints, chains between links, Jacobians."""
 
 from __future__ import annotations
 
@@ -14,13 +13,13 @@ from ..urdf.validate import Joint
 
 SHARED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
-_MEANWHILE = "\N{NULL} link"
+_TEMPORARY = "\N{NULL} link"
 
 
 def frame_id(model: pin.Model, name: str) -> int:
     """Find a frame by name, links before joints.
 
-    Pinocchio itself answers an unknown name with a number that later crashes it, and raises on a
+    Pinocchio's own lookup returns an id that crashes later for an unknown name, and raises on a
     name that a joint and a link share."""
     ids = {f.name: i for i, f in reversed(list(enumerate(model.frames)))}
     ids |= {f.name: i for i, f in enumerate(model.frames) if f.type == pin.FrameType.BODY}
@@ -30,45 +29,44 @@ def frame_id(model: pin.Model, name: str) -> int:
 
 
 def link_frames(model: pin.Model) -> dict[str, pin.Frame]:
-    """Find the frames of the links, by name."""
+    """Map link names to their frames."""
     return {f.name: f for f in model.frames if f.type == pin.FrameType.BODY}
 
 
-def lock_joints(model: pin.Model, ids: Sequence[int], posture: Array) -> pin.Model:
-    """Build the reduced model, some joints held at a posture.
+def lock_joints(model: pin.Model, ids: Sequence[int], q: Array) -> pin.Model:
+    """Build the reduced model with joints locked at a configuration.
 
-    Pinocchio looks locked joints up by name among all frames and raises where a link has a joint's
-    name, so such links go by another name meanwhile."""
+    Pinocchio looks up locked joints by name among all frames and raises if a link has the name of a
+    joint, so such links are renamed temporarily."""
     joints = {f.name for f in model.frames if f.type != pin.FrameType.BODY}
     links = [f for f in model.frames if f.type == pin.FrameType.BODY and f.name in joints]
     for link in links:
-        link.name += _MEANWHILE
+        link.name += _TEMPORARY
     try:
-        reduced = pin.buildReducedModel(model, list(ids), np.array(posture))
+        reduced = pin.buildReducedModel(model, list(ids), np.array(q))
     finally:
         for link in links:
-            link.name = link.name.removesuffix(_MEANWHILE)
+            link.name = link.name.removesuffix(_TEMPORARY)
     for frame in reduced.frames:
-        frame.name = frame.name.removesuffix(_MEANWHILE)
+        frame.name = frame.name.removesuffix(_TEMPORARY)
     return reduced
 
 
 def frame_jacobian(model: pin.Model, data: pin.Data, frame: int) -> Callable[[Array], Array]:
-    """Make the function q → a frame's Jacobian (6, nv), world axes, into Pinocchio's own memory."""
+    """Create the function q → Jacobian of a frame (6, nv), world axes."""
     evaluate = pin.computeFrameJacobian
 
     def jacobian(q: Array) -> Array:
         return evaluate(model, data, q, frame, SHARED)
 
-    def single(q: Array) -> Array:  # Pinocchio gives (6,)
+    def single(q: Array) -> Array:  # Pinocchio returns (6,)
         return jacobian(q).reshape(6, 1)
 
     return jacobian if model.nv != 1 else single
 
 
 def path_between(model: pin.Model, base: int, frame: int) -> tuple[list[int], list[int]]:
-    """List the joints from the base's frame up to where the two branches meet, and from there down
-    to the other."""
+    """List the joints from the base up to the common ancestor, and from there down to the frame."""
     up, down = (
         [int(j) for j in model.supports[model.frames[f].parentJoint] if j > 0]
         for f in (base, frame)
@@ -77,27 +75,26 @@ def path_between(model: pin.Model, base: int, frame: int) -> tuple[list[int], li
     return [j for j in reversed(up) if j not in shared], [j for j in down if j not in shared]
 
 
-def seen_from(
+def chain_between(
     model: pin.Model, base: int, frame: int, joints: Mapping[str, Joint]
 ) -> tuple[pin.Model, int]:
-    """Make the serial chain from one frame of a tree to another, with the first one held still.
+    """Build the serial chain from one frame of a tree to another, with the first one fixed.
 
-    A joint that is passed from its child to its parent turns about its axis the other way: ``(P
-    E(q))⁻¹ = E(−q) P⁻¹``, with P its placement. Joint i of the chain keeps its name and the sign of
-    its q.
+    A joint traversed from child to parent moves in reverse: ``(P E(q))⁻¹ = E(−q) P⁻¹``, with P its
+    placement. Joint i of the chain keeps its name and the sign of its q.
 
     Parameters
     ----------
     model
-        Whose joints on the path are the only ones that move the two frames against each other.
+        Model in which only the joints on the path change the relative placement of the frames.
     base, frame
         Ids of the frames.
     joints
-        The joints of the model, by name.
+        Joints of the model, by name.
 
     Returns
     -------
-    A model that has kinematics only, and the id of the frame in it.
+    A model without masses, and the id of the frame in it.
     """
     up, down = path_between(model, base, frame)
     chain, at, here = pin.Model(), 0, model.frames[base].placement.inverse()

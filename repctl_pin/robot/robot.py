@@ -1,4 +1,4 @@
-"""The whole machine: joints, limits, frames and a reference pose, from a URDF."""
+"""Robot from a URDF: joints, limits, frames and a reference pose."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from ..urdf.catalogue import (
 )
 from ..urdf.end_effectors import arm_ends, is_sensor, task_links
 from ..urdf.shapes import find_mesh
-from ..urdf.validate import Description, read_urdf, standing
+from ..urdf.validate import Description, check_surroundings, read_urdf
 from ..urdf.xml import short
 from .coupling import couple, limits, pose
 from .mechanism import Mechanism
@@ -32,26 +32,27 @@ from .task import KINDS, Task
 
 
 class Robot(Mechanism):
-    """A robot as its URDF describes it, with one number per movable joint.
+    """Robot described by a URDF, with one coordinate per movable joint.
 
-    Continuous joints are revolute joints without limits, planar and floating ones are three and six
-    joints of one number. A joint that mimics another moves with it, within the limits of both.
+    Continuous joints are revolute joints without limits; planar and floating joints become three
+    and six joints with one coordinate each. A mimic joint moves with its leader, within the limits
+    of both.
 
-    Make one with :meth:`Robot.load`.
+    Create one with :meth:`Robot.load`.
 
-    Beside those of :class:`Mechanism`:
+    In addition to the attributes of :class:`Mechanism`:
 
     Attributes
     ----------
     frames : tuple of str
-        Every link, by name; any of them can carry a task.
+        Names of all links; any of them can be the frame of a task.
     default_frame : str
-        The frame that is moved if none is named: the catalogue's, else the end of the longest arm,
-        before the fingers of a gripper. ``repctl inspect`` shows it.
+        Default frame of a task: the catalogue's, else the end of the longest arm, before the
+        fingers of a gripper. ``repctl inspect`` shows it.
     end_frames : tuple of str
-        The frames at the ends of arms, the default first.
+        Frames at the ends of arms, the default first.
     warnings : tuple of str
-        What a user should know about this file: missing poses, poses moved inside the limits.
+        Notes on the file: missing poses, poses moved within the limits.
 
     Examples
     --------
@@ -130,7 +131,7 @@ class Robot(Mechanism):
         self.frames = tuple(link_frames(model))
         self.warnings = (*notes, *self._missing_meshes())
         if base is not None:
-            self._frame_id(base)  # or say that there is no such link
+            self._frame_id(base)  # raises if there is no such link
 
     @classmethod
     def load(
@@ -142,30 +143,31 @@ class Robot(Mechanism):
         base: str | None = None,
         surroundings: str | Path | None = None,
     ) -> Robot:
-        """Load a robot from the catalogue, or from a URDF of your own.
+        """Load a robot from the catalogue, or from a URDF file.
 
         Parameters
         ----------
         name_or_path
             A catalogue name (``repctl robots`` lists them) or a path to a ``.urdf``.
         package_dirs
-            Folders in which ``package://`` names are looked up, before the file's own ancestors.
+            Folders in which ``package://`` names are looked up, before the parent folders of the
+            file.
         lock
             Joints to hold at the reference pose.
         base
-            The link in whose frame x is measured, as if it stood still: a link on the way to the
-            frame, or on another branch, such as the other hand. The task's joints are those between
-            the two links.
+            Link in whose frame x is expressed, treated as fixed: a link of the chain to the frame,
+            or one on another branch, such as the other end effector. The task's joints are those
+            between the two links.
         surroundings
-            A URDF of the robot's surroundings, its joints all fixed, its root where the robot's
-            root is: :class:`Bodies` measures the distances to it.
+            URDF of the surroundings, with fixed joints only and its root at the robot's root;
+            :class:`Bodies` measures the distances to it.
 
         Raises
         ------
         InputError
             If there is no such robot, joint, link or folder.
         UrdfError
-            If the file is refused.
+            If the file is not a valid URDF.
         """
         text = str(file_name(name_or_path, "robot"))
         one = isinstance(package_dirs, (str, Path))
@@ -175,26 +177,26 @@ class Robot(Mechanism):
         own = [
             os.path.expanduser(str(file_name(folder, "each of package_dirs"))) for folder in given
         ]
-        lock = list_of_names(lock, "lock", "a list of joints' names")
+        lock = list_of_names(lock, "lock", "a list of joint names")
         if base is not None:
-            require_type(base, str, "base", "a link's name")
+            require_type(base, str, "base", "a link name")
         for folder in own:
-            if not os.path.isdir(folder):  # as a path's own is_dir, but for names that are too long
+            if not os.path.isdir(folder):  # unlike Path.is_dir, also for names that are too long
                 raise InputError(
-                    f": there is no folder {folder!r} to look up package:// in",
+                    f": there is no folder {folder!r}",
                     argument="package_dirs",
-                    remedy="correct it",
+                    remedy="correct its path",
                 )
         is_file = any(mark in text for mark in "./\\") or os.path.isfile(
             text
-        )  # no name of the catalogue has these
+        )  # no catalogue name contains these
         entry = None if is_file else find(text)
         path = Path(os.path.expanduser(text)) if entry is None else entry.urdf
         folders = [*own, *(default_package_dirs(path) if entry is None else entry.package_dirs)]
         around = None
         if surroundings is not None:
             beside = Path(os.path.expanduser(str(file_name(surroundings, "surroundings"))))
-            around = standing(read_urdf(beside))
+            around = check_surroundings(read_urdf(beside))
             folders += default_package_dirs(beside)
         description = read_urdf(path)
         return cls(
@@ -209,17 +211,17 @@ class Robot(Mechanism):
     def task(
         self, frame: str | None = None, kind: str = "pose", *, joints: Sequence[str] | None = None
     ) -> Task:
-        """Make the task of moving a frame, with only the joints that move it.
+        """Create the task of controlling a frame, with the joints that move it.
 
         Parameters
         ----------
         frame
-            A link's name; by default :attr:`default_frame`, the arm's end.
+            Name of a link; by default :attr:`default_frame`, the end of the arm.
         kind
             ``pose`` (m = 6), ``axis`` (position, and the direction of the frame's z axis, 5),
             ``position`` (3), ``xy``, ``xz``, ``yz`` (2).
         joints
-            Choose among the joints of the chain; the others are locked at the reference pose.
+            Subset of the joints of the chain; the others are locked at the reference pose.
 
         Raises
         ------
@@ -231,7 +233,7 @@ class Robot(Mechanism):
             raise InputError(f"no task kind {shown(kind)}; choose from {', '.join(KINDS)}")
         chain = self.chain(frame)
         if joints is not None:
-            joints = list_of_names(joints, "joints", "a list of joints' names")
+            joints = list_of_names(joints, "joints", "a list of joint names")
             for joint in joints:
                 if joint not in self.joint_names:
                     raise unknown("joint", joint, self.joint_names)
@@ -247,9 +249,9 @@ class Robot(Mechanism):
         return Task(self, frame, kind, chain)
 
     def chain(self, frame: str) -> tuple[str, ...]:
-        """Name the movable joints that move a frame relative to ``base``, from the base outward.
+        """List the movable joints between ``base`` and a frame, from the base outward.
 
-        A joint that drives others stands at the first of them.
+        A joint that others mimic is listed at the first joint that it drives.
         """
         up, down = path_between(self.model, self.base_id, self._frame_id(frame))
         return tuple(
@@ -257,8 +259,7 @@ class Robot(Mechanism):
         )
 
     def reference_positions(self) -> dict[str, Array]:
-        """Place every link's origin at the reference pose: (3,) arrays by name, m, measured as
-        tasks measure it."""
+        """Compute the origins (3,) of all links at the reference pose, m, in the base frame."""
         data = self.model.createData()
         pin.framesForwardKinematics(self.model, data, self.coupling.joints(self.reference))
         base = data.oMf[self.base_id]
@@ -266,7 +267,7 @@ class Robot(Mechanism):
         return {name: base.actInv(data.oMf[i]).translation for name, i in ids.items()}
 
     def _missing_meshes(self) -> list[str]:
-        """Say which meshes were not found; kinematics does without."""
+        """Report missing meshes, which kinematics does not need."""
         names = self.description.meshes
         missing = [
             name
@@ -276,11 +277,13 @@ class Robot(Mechanism):
         if not missing:
             return []
         which = short(missing[0])[1:-1] + (", …" if len(missing) > 1 else "")
-        note = f"{len(missing)} of {len(names)} meshes were not found ({which}); those links are drawn as tubes; "
-        return [f"{note}name the folders that hold their packages"]
+        return [
+            f"{len(missing)} of {len(names)} meshes are missing ({which}); "
+            "those links are drawn as tubes; give the folders of their packages"
+        ]
 
     def _frame_id(self, frame: str) -> int:
-        require_type(frame, str, "frame", "a link's name")
+        require_type(frame, str, "frame", "a link name")
         try:
             return frame_id(self.model, frame)
         except InputError:
@@ -288,32 +291,30 @@ class Robot(Mechanism):
             raise unknown("frame", frame, self.frames, likely=likely) from None
 
     def _ends(self) -> list[list[str]]:
-        """The links at the end of every arm, leg and head, the best first; the longest chain
-        first."""
+        """List the links at the ends of arms, legs and heads, the longest chain first.
+
+        In each list, the best end effector is first."""
         return [
             task_links(body)
             for body in sorted(arm_ends(self.description), key=lambda body: -body.before)
         ]
 
     def _beyond_base(self, frame: str) -> bool:
-        """Whether a frame is farther out than the base: what is offered, though any frame can carry
-        a task."""
+        """Test whether a frame lies beyond the base, as offered frames do."""
         return not path_between(self.model, self.base_id, self._frame_id(frame))[0]
 
     @property
     def default_frame(self) -> str:
-        """The frame to move if none is named: the catalogue's, else the best at the end of the
-        longest arm.
+        """Default frame of a task: the catalogue's, else the best at the end of the longest arm.
 
-        An arm ends before its fingers; how these are told,
-        :func:`repctl_pin.urdf.end_effectors.arm_ends` says. Of the links there that no joint moves
-        against each other, one that is called a tool (``tcp``, ``tool0``, ``ee_link``, ``flange``)
-        comes first, then a gripper, a palm or a hand, then the farthest out."""
+        An arm ends before its fingers, see :func:`repctl_pin.urdf.end_effectors.arm_ends`. Of the
+        rigidly connected links there, one named as a tool (``tcp``, ``tool0``, ``ee_link``,
+        ``flange``) comes first, then a gripper, a palm or a hand, then the farthest out."""
         return self.offered_frames[0]
 
     @property
     def offered_frames(self) -> tuple[str, ...]:
-        """End frames worth offering: the catalogue's, else the default one."""
+        """End frames to offer: the catalogue's, else the default one."""
         known = tuple(
             frame for frame in (self.entry.frames if self.entry else ()) if self._beyond_base(frame)
         )
@@ -326,10 +327,11 @@ class Robot(Mechanism):
 
     @property
     def end_frames(self) -> tuple[str, ...]:
-        """Frames worth a task, the default first: all links at the ends of the longest arms, one of
-        each other.
+        """Candidate task frames, the default first.
 
-        Sensors are left out, and what fewer than two joints move.
+        All links at the ends of the longest arms, and one at each other end.
+
+        Sensors are omitted, and links that fewer than two joints move.
         """
         frames = list(self.offered_frames)
         most = len(self.chain(frames[0]))
@@ -341,8 +343,7 @@ class Robot(Mechanism):
 
     @property
     def movable_frames(self) -> tuple[str, ...]:
-        """Every frame that a joint moves, fingers and sensors too; those of :attr:`end_frames`
-        first."""
+        """All frames that a joint moves; those of :attr:`end_frames` first."""
         moved = (frame for frame in self.frames if self._beyond_base(frame) and self.chain(frame))
         return tuple(dict.fromkeys([*self.end_frames, *moved]))
 
@@ -351,7 +352,7 @@ class Robot(Mechanism):
 
 
 def _named_poses(entry: Entry | None) -> dict[str, dict[str, float]]:
-    """Values by joint name of each pose that a robot has."""
+    """Read the named poses of a catalogue robot: values by joint name."""
     poses: dict[str, dict[str, float]] = {"reference": {}, "middle": {}}
     if entry is not None and entry.srdf is not None:
         poses["reference"] = reference_posture(entry.srdf, entry.posture)

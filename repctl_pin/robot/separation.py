@@ -1,5 +1,4 @@
-"""Proof by branch and bound that two bodies never touch, where one joint or two move them against
-each other."""
+"""Branch-and-bound proof that two bodies with one or two joints between them never collide."""
 
 from __future__ import annotations
 
@@ -14,33 +13,33 @@ from ..urdf.checks import NO_LIMIT
 from ..urdf.validate import Joint
 
 _JOINTS = 2
-"""Joints between two bodies, at most."""
+"""Maximum number of joints between two bodies."""
 
 _BOXES = 1000
-"""Boxes of joint positions that are looked at, at most, for a pair."""
+"""Maximum number of boxes of joint positions per pair."""
 
 _BEYOND = 0.05
-"""How far beyond the limits a proof holds, rad or m."""
+"""Margin beyond the limits within which a proof holds, rad or m."""
 
 
 class Separation:
-    r"""Asks of pairs of bodies whether any position of the joints between them makes them touch.
+    r"""Proofs that pairs of bodies collide at no position of the joints between them.
 
-    At the middle of a box of joint positions with half-widths w, the distance is d. If a joint
-    moves the points of a body by at most ρ per rad, or m, there is no touch in the box where d > Σ
-    ρ_j w_j; else the box is split.
+    Let d be the distance at the centre of a box of joint positions with half-widths w, and let
+    joint j move the points of a body by at most ρ_j per rad, or m. If d > Σ ρ_j w_j, there is no
+    collision in the box; else the box is split.
 
     Parameters
     ----------
     model
-        Whose joints carry the bodies.
+        Model whose joints move the bodies.
     joints
-        Its joints, by name.
+        Joints of the model, by name.
     shapes
-        The bodies, and the pairs of them.
+        Bodies and their pairs.
     distance
-        Measures a pair at the model's joints (N,); at most what it is, and 0 or less where it may
-        touch.
+        Function that bounds the distance of a pair from below at the model's joints (N,); 0 or less
+        if it may collide.
     """
 
     def __init__(
@@ -57,7 +56,7 @@ class Separation:
         self._low, self._high = np.array([_range(joint) for joint in kinds]).reshape(-1, 2).T
 
     def proved(self, pair: int) -> bool:
-        """Say whether it is proved that the two bodies of a pair never touch."""
+        """Try to prove that the two bodies of a pair never collide."""
         ends = self._shapes.collisionPairs[pair]
         one, other = (self._carriers(body) for body in (ends.first, ends.second))
         ways = [(one - other, ends.first), (other - one, ends.second)]
@@ -84,11 +83,11 @@ class Separation:
         return True
 
     def _carriers(self, body: int) -> set[int]:
-        """The joints that carry a body."""
+        """Find the joints that move a body."""
         return {int(j) for j in self._model.supports[self._bodies[body].parentJoint] if j > 0}
 
     def _reach(self, way: Sequence[int], body: int) -> dict[int, float]:
-        """How far each joint on the way to a body moves its points, at most, per rad or m."""
+        """Bound the motion of a body's points per rad or m of each joint on the way to it."""
         shape, found = self._bodies[body], {}
         far = float(
             np.linalg.norm(shape.placement.act(shape.geometry.aabb_center))
@@ -103,8 +102,7 @@ class Separation:
 
 
 def _range(joint: Joint) -> tuple[float, float]:
-    """Positions of a joint; any where it follows another, whose limits may not keep it inside its
-    own."""
+    """Range of a joint; unlimited for a mimic joint, whose leader may move it out of its limits."""
     turns = joint.kind != "prismatic"
     if turns and (joint.mimic is not None or joint.upper - joint.lower > 2 * np.pi):
         return -np.pi, np.pi
@@ -114,7 +112,7 @@ def _range(joint: Joint) -> tuple[float, float]:
 
 
 def _split(middle: Array, half: Array, reach: Array) -> list[tuple[Array, Array]]:
-    """Halve a box where it matters most."""
+    """Split a box along the joint with the largest motion."""
     at = np.zeros(len(half))
     widest = int(np.argmax(reach * half))
     at[widest] = half[widest] / 2

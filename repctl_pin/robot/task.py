@@ -1,4 +1,4 @@
-"""The chain to one frame: x = f(q), its Jacobian J, its Hessian H, and the task error."""
+"""Task kinematics: x = f(q), its Jacobian J, its Hessian H, and the task error."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from ..arguments import (
 )
 from ..errors import InputError
 from ..threads import PerThread
-from .coordinates import Coordinates, change_of
+from .coordinates import Coordinates, linear_coordinates
 from .coupling import Coupling
 from .formulas import axis_turn, chain_hessians, require_rotation
 from .mechanism import Mechanism
-from .model import frame_id, frame_jacobian, lock_joints, path_between, seen_from
+from .model import chain_between, frame_id, frame_jacobian, lock_joints, path_between
 
 KINDS: dict[str, tuple[int, ...]] = {
     "pose": (0, 1, 2, 3, 4, 5),
@@ -39,45 +39,45 @@ KINDS: dict[str, tuple[int, ...]] = {
 }
 """Rows of the frame's twist (v, ω) that each kind of task commands.
 
-v and ω are in base axes, v that of the frame's origin. For ``axis`` rows 3 and 4 are the angular
-velocity along the frame's own x and y: the two that turn its z axis, the tool's.
+v and ω are in base axes, v is that of the frame's origin. For ``axis``, rows 3 and 4 are the
+angular velocity along the frame's own x and y, which rotates the tool's z axis.
 """
 
 
 def unit_of(revolute: Iterable[bool]) -> str:
-    """The unit of a norm over joints, each revolute or not: rad, m, or both."""
+    """Return the unit of a norm over joints, each revolute or not: rad, m, or both."""
     turns = set(map(bool, revolute))
     return "rad and m" if len(turns) > 1 else "rad" if True in turns else "m"
 
 
 class Task:
-    """Move one frame of a robot, with the joints that move it.
+    """Task of controlling one frame of a robot, with the joints that move it.
 
     ``ẋ = J q̇`` (2), with ``x`` the pose, the position, the position and tool axis, or two
     coordinates of the position. Redundant when r = n − m ≥ 1.
 
-    Made by :meth:`Robot.task`. Every thread has scratch memory of its own. It can be pickled.
+    Created by :meth:`Robot.task`. Each thread has separate scratch memory. It can be pickled.
 
     Attributes
     ----------
     n, m, r : int
         Joints, task coordinates, degree of redundancy.
     joint_names : tuple of str
-        From the base outward; q, limits and Jacobian columns are in this order. A joint that others
-        mimic drives them all.
+        Joint names from the base outward; q, limits and Jacobian columns are in this order. A joint
+        that others mimic drives them all.
     lower, upper, velocity_limit : (n,) arrays
-        Limits, rad or m, and per second.
+        Position limits, rad or m, and speed limits, rad/s or m/s.
     revolute : (n,) array of bool
-        False if the joint is prismatic.
+        False for prismatic joints.
     reference : (n,) array
-        The robot's reference pose on these joints.
+        Reference pose of the robot, on these joints.
     coordinates : Coordinates or None
-        The change q = T ψ of :meth:`in_coordinates`; every method's q is then a ψ.
+        Joint coordinates q = T ψ of :meth:`in_coordinates`; every method's q is then a ψ.
     model : pinocchio.Model
-        The chain; all else is fixed at the reference pose. With ``base``, it is the chain as seen
-        from there, and has no masses.
+        Model of the chain; all other joints are fixed at the reference pose. With ``base``, it
+        starts there and has no masses.
     drive : Coupling or None
-        Gives the model's joints from q; None if they are the same.
+        Map from q to the model's joints; None if they are the same.
 
     Examples
     --------
@@ -113,7 +113,9 @@ class Task:
         self._frame_id = frame_id(self.model, frame)
         if robot.base is not None:
             base = frame_id(self.model, robot.base)
-            self.model, self._frame_id = seen_from(self.model, base, self._frame_id, robot.joints)
+            self.model, self._frame_id = chain_between(
+                self.model, base, self._frame_id, robot.joints
+            )
         self._first = self._first_driven()
         self._couple()
         self._allocate()
@@ -129,8 +131,7 @@ class Task:
         self.drive, self._body_drive = self._drive(self.model), self._drive(self._bodies)
 
     def _drive(self, model: pin.Model) -> Coupling | None:
-        """Make the map from q to the joints of a model of the chain; None where they are the
-        same."""
+        """Create the map from q to the joints of a model; None if they are the same."""
         rows, all_ = (
             [self.robot.model.getJointId(name) - 1 for name in tuple(model.names)[1:]],
             self.robot.coupling,
@@ -143,21 +144,19 @@ class Task:
         )
 
     def in_coordinates(self, T: ArrayLike) -> Task:
-        """Make the same task in other joint coordinates ψ, ``q = T ψ``: every method then takes ψ.
+        """Create the same task in joint coordinates ψ, ``q = T ψ``; every method then takes ψ.
 
-        ``J_ψ = J T``, so J⁺ in ψ is a weighted inverse in q. ``lower`` and ``upper`` hold only
+        ``J_ψ = J T``, so J⁺ in ψ is a weighted inverse in q. ``lower`` and ``upper`` contain only
         limits that bound a single ψ_i; :meth:`check` tests the joints. See :func:`absolute_angles`.
 
         Parameters
         ----------
         T : (n, n) array
-            Invertible, one row per joint.
+            Invertible matrix, one row per joint.
         """
         if self.coordinates is not None:
-            raise InputError(
-                "this task is in joint coordinates already; start from the original task"
-            )
-        change = change_of(
+            raise InputError("the task already has joint coordinates; start from the original task")
+        change = linear_coordinates(
             self.joint_names, self.lower, self.upper, self.velocity_limit, self.revolute, T
         )
         task = copy(self)
@@ -175,13 +174,13 @@ class Task:
 
     @property
     def unit(self) -> str:
-        """The unit of a norm over the joints: rad, m, or both."""
+        """Unit of a norm over the joints: rad, m, or both."""
         return unit_of(self.revolute)
 
     # ---- kinematics at one q -------------------------------------------------------------------
 
     def placement(self, q: ArrayLike) -> pin.SE3:
-        """Place the frame: f(q) of (1), as a rigid transform (R, p) with p in m."""
+        """Evaluate the forward kinematics f(q) of (1), as a rigid transform (R, p) with p in m."""
         data = self._data
         pin.framesForwardKinematics(self.model, data, self._vector(q))
         return pin.SE3(data.oMf[self._frame_id])
@@ -196,10 +195,10 @@ class Task:
         return self.hessians(vector(q, self.n, "q")[None])[0]
 
     def error(self, q: ArrayLike, target: pin.SE3) -> Array:
-        """Measure the task error (m,) from f(q) to a target: what ẋ would have to undo, m and rad.
+        """Evaluate the task error (m,), the displacement from f(q) to the target, m and rad.
 
-        ``e = (p* − p, log(R* Rᵀ))``, the rows of this kind; for ``axis`` the rotation that takes
-        the tool axis to the target's by the shortest way."""
+        ``e = (p* − p, log(R* Rᵀ))``, restricted to the rows of this kind; for ``axis``, the
+        shortest rotation from the tool axis to the target's."""
         if not isinstance(target, pin.SE3):
             require_type(
                 target, pin.SE3, "target", "a placement (pinocchio.SE3), such as path.placement(0)"
@@ -215,7 +214,7 @@ class Task:
         return p[self.rows]
 
     def task_velocity(self, q: ArrayLike, twist: Array) -> Array:
-        """Take the task velocity ẋ (m,) from a frame's twist (v, ω), base axes, m/s and rad/s."""
+        """Extract ẋ (m,) from a frame's twist (v, ω), base axes, m/s and rad/s."""
         twist = vector(twist, 6, "the twist (v, ω)", "m/s and rad/s")
         if self.kind != "axis":
             return twist[self.rows]
@@ -233,8 +232,9 @@ class Task:
         return Js if self.drive is None else Js @ self.drive.S
 
     def hessians(self, Q: ArrayLike) -> Array:
-        """Evaluate H at every row of Q (K, n): an array (K, m, n, n). See
-        :func:`chain_hessians`."""
+        """Evaluate H at every row of Q (K, n): an array (K, m, n, n).
+
+        See :func:`chain_hessians`."""
         J, R = self._twists(Q)
         H = chain_hessians(np.swapaxes(J, 1, 2), R)[:, self.rows]
         if self.drive is None:
@@ -243,7 +243,7 @@ class Task:
         return np.einsum("Kaps,pi,sk->Kaik", H, S, S, optimize=True)
 
     def positions(self, Q: ArrayLike) -> Array:
-        """Place the frame's origin at every row of Q (K, n): an array (K, 3), m."""
+        """Compute the frame's origin at every row of Q (K, n): an array (K, 3), m."""
         points, data = [], self._data
         for q in self._matrix(Q):
             pin.framesForwardKinematics(self.model, data, q)
@@ -251,29 +251,30 @@ class Task:
         return np.array(points).reshape(-1, 3)
 
     def joint_origins(self, q: ArrayLike) -> Array:
-        """Place the origins of the joints, from the base outward: an array (n, 3), m.
+        """Compute the origins of the joints, from the base outward: an array (n, 3), m.
 
-        Of several joints that one drives, the first on the way to the frame.
+        For a joint that others mimic, it is the origin of the first joint that it drives.
         """
         pin.forwardKinematics(self.model, self._data, self._vector(q))
         return np.array([self._data.oMi[j].translation for j in self._first])
 
     def axes(self, q: ArrayLike) -> Array:
-        """Point along the joints, from the base outward: unit vectors (n, 3), base axes; 0 if
-        prismatic.
+        """Compute the joints' rotation axes: unit vectors (n, 3), base axes; 0 if prismatic.
 
-        Of several joints that one drives, the first on the way to the frame.
+        For a joint that others mimic, it is the axis of the first joint that it drives.
         """
         return self._scratch.own.jacobian(self._vector(q))[3:].T[[j - 1 for j in self._first]]
 
     def bodies_model(self) -> tuple[pin.Model, Coupling | None]:
-        """The tree of all links, its root standing still, with the joints that q moves; and those
-        joints out of q."""
+        """Build the model of all links with a fixed root and the joints that q moves.
+
+        The second result maps q to these joints."""
         return self._bodies, self._body_drive
 
     def inertias(self, Q: ArrayLike) -> Array:
-        """Evaluate the joint-space inertia M (K, n, n) of the chain, kg m² and kg; the tree's root
-        stands still."""
+        """Evaluate the joint-space inertia M (K, n, n) of the chain, kg m² and kg.
+
+        The root of the tree is fixed."""
         model, data, drive = self._bodies, self._scratch.own.body_data, self._body_drive
         Q = as_configurations(Q, self.n, repr(self))
         Ms = np.empty((len(Q), model.nv, model.nv))
@@ -283,8 +284,9 @@ class Task:
         return Ms if drive is None else drive.S.T @ Ms @ drive.S
 
     def dynamics(self) -> Callable[[Array, Array, Array], Array]:
-        """Make the function (q, q̇, q̈) → ``τ = M q̈ + C q̇ + g`` (n,), N m and N; its scratch
-        memory is its own."""
+        """Create the inverse dynamics (q, q̇, q̈) → ``τ = M q̈ + C q̇ + g`` (n,), N m and N.
+
+        The function has separate scratch memory."""
         model, drive = self._bodies, self._drive(self._bodies)
         data = model.createData()
         if drive is None:
@@ -297,8 +299,9 @@ class Task:
     # ---- between the chain and the robot --------------------------------------------------------
 
     def to_robot(self, q: ArrayLike) -> Array:
-        """Put q (n,) or Q (T, n) into the whole robot's configuration, the rest at the
-        reference."""
+        """Embed q (n,) or Q (T, n) in the configuration of the whole robot.
+
+        The other joints are at the reference pose."""
         (q,) = as_matrices(("q", q, f"{self.n}"))
         if self.coordinates is not None:
             q = self.coordinates.joints(q)
@@ -310,53 +313,50 @@ class Task:
 
     @property
     def coordinate_matrix(self) -> Array:
-        """T of ``q = T ψ`` (n, n); the identity where the coordinates are the robot's own
-        joints."""
+        """Matrix T (n, n) of ``q = T ψ``; the identity without a change of coordinates."""
         return np.eye(self.n) if self.coordinates is None else self.coordinates.T
 
     @property
     def robot_joints(self) -> tuple[str, ...]:
-        """Names of the robot's own joints that move the frame, whatever the joint coordinates."""
+        """Names of the robot's own joints that move the frame, independent of joint coordinates."""
         return tuple(self.robot.joint_names[i] for i in self._columns)
 
     def from_robot(self, whole: ArrayLike) -> Array:
-        """Take this task's joints (n,) from a configuration of the whole robot: the reverse of
-        :meth:`to_robot`."""
+        """Extract q (n,) from a configuration of the whole robot: inverse of :meth:`to_robot`."""
         (whole,) = as_matrices(("the whole robot's q", whole, f"{len(self.robot.reference)}"))
         q = whole[..., self._columns]
         return q if self.coordinates is None else self.coordinates.coordinates(q)
 
     def joints(self, values: Array) -> Array:
-        """Turn positions or velocities (..., n) of the coordinates ψ into those of the robot's own
-        joints."""
+        """Convert positions or velocities (..., n) in ψ to those of the robot's own joints."""
         return values if self.coordinates is None else self.coordinates.joints(values)
 
     @property
     def joint_limits(self) -> tuple[Array, Array, Array]:
-        """Lower and upper position limits and speed limits of the robot's own joints: (n,) each."""
+        """Lower, upper and speed limits of the robot's own joints: (n,) each, rad or m, per s."""
         robot, columns = self.robot, self._columns
         return robot.lower[columns], robot.upper[columns], robot.velocity_limit[columns]
 
     def limit_margin(self, q: ArrayLike) -> Array:
-        """Measure every one of the robot's joints' distance to its nearer limit: (..., n); negative
-        outside."""
+        """Compute the distance of each joint to its nearer limit: (..., n); negative outside."""
         if not (isinstance(q, np.ndarray) and q.dtype.kind == "f" and q.shape[-1:] == (self.n,)):
             (q,) = as_matrices(("q", q, f"{self.n}"))
         joints, (lower, upper, _) = self.joints(np.asarray(q, float)), self.joint_limits
         return np.minimum(joints - lower, upper - joints)
 
     def as_dict(self) -> dict[str, Any]:
-        """Say what the task is, in plain Python types."""
+        """Describe the task in plain Python types."""
         names = {"robot": self.robot.name, "frame": self.frame, "task": self.kind}
         return {**names, "n": self.n, "m": self.m, "r": self.r, "joints": list(self.joint_names)}
 
     def check(self, q: ArrayLike, what: str = "q") -> Array:
-        """Check a configuration that a user gave: (n,) finite numbers inside the limits.
+        """Check a user's configuration: (n,) finite numbers within the limits.
 
         Raises
         ------
         InputError
-            If it has the wrong size, is not finite, or is out of limits, naming the joint.
+            If it has the wrong size, is not finite, or violates a limit; the message names the
+            joint.
         """
         given = as_numbers(q)
         if given is not None and given.ndim == 1 and len(given) != self.n:
@@ -380,8 +380,7 @@ class Task:
     # ---- inside --------------------------------------------------------------------------------
 
     def _first_driven(self) -> list[int]:
-        """The first joint of the model, on the way to the frame, that each of the robot's joints
-        drives."""
+        """Find the first joint on the way to the frame that each of the robot's joints drives."""
         leaders = self.robot.coupling.S[:, self._columns] != 0  # (N, n)
         ids = path_between(self.model, 0, self._frame_id)[1]
         driven = leaders[
@@ -390,7 +389,7 @@ class Task:
         return [ids[k] for k in np.argmax(driven, axis=0)]
 
     def _task_rows(self, J: Array) -> Array:
-        """Cut the task's rows out of the frame's Jacobian (6, N), just evaluated."""
+        """Select the task's rows of the frame's Jacobian (6, N), just evaluated."""
         if self.kind == "pose":
             return J
         if self.kind != "axis":
@@ -399,8 +398,9 @@ class Task:
         return np.concatenate([J[:3], R[:, :2].T @ J[3:]])
 
     def _twists(self, Q: ArrayLike) -> tuple[Array, Array | None]:
-        """Evaluate the frame's Jacobian at every row of Q: (K, 6, N); and for ``axis`` its rotation
-        (K, 3, 3)."""
+        """Evaluate the frame's Jacobian at every row of Q: (K, 6, N).
+
+        For ``axis``, the second result is its rotation (K, 3, 3)."""
         Q = self._matrix(Q)
         Js, evaluate = np.empty((len(Q), 6, self.model.nv)), self._scratch.own.jacobian
         Rs = np.empty((len(Q), 3, 3)) if self.kind == "axis" else None
@@ -418,7 +418,7 @@ class Task:
             and q.shape == (self.n,)
             and ddot(q, q) < np.inf
         ):
-            values = vector(q, self.n, f"q of {self!r}")  # ddot: quicker than np.isfinite
+            values = vector(q, self.n, f"q of {self!r}")  # ddot is faster than np.isfinite
         return values if self.drive is None else self.drive.joints(values)
 
     def _matrix(self, Q: ArrayLike) -> Array:
@@ -437,11 +437,12 @@ class Task:
 
     def __repr__(self) -> str:
         psi = "" if self.coordinates is None else ", in ψ"
-        return f"<Task {self.robot.name} {self.frame} {self.kind}: n = {self.n}, m = {self.m}, r = {self.r}{psi}>"
+        size = f"n = {self.n}, m = {self.m}, r = {self.r}{psi}"
+        return f"<Task {self.robot.name} {self.frame} {self.kind}: {size}>"
 
 
 class _Scratch:
-    """Pinocchio's memory for one thread."""
+    """Pinocchio data for one thread."""
 
     def __init__(self, model: pin.Model, bodies: pin.Model, frame: int) -> None:
         self.data = model.createData()
@@ -450,16 +451,16 @@ class _Scratch:
 
 
 def _held(robot: Mechanism, moving: set[int]) -> pin.Model:
-    """Hold all of a robot's joints at the reference pose but some, by their ids."""
+    """Lock all joints of a robot at the reference pose, except the moving ones (ids)."""
     still = [j for j in range(1, robot.model.njoints) if j not in moving]
     return lock_joints(robot.model, still, robot.coupling.joints(robot.reference))
 
 
 def require_task(value: Any) -> Task:
-    """Take an argument that has to be a task."""
+    """Require an argument to be a task."""
     return require_type(value, Task, "task", "a task, such as rp.Robot.load('panda').task()")
 
 
 def own_task(value: Any) -> Task:
-    """Take a task, with scratch memory of one's own; model and limits are shared."""
+    """Copy a task with separate scratch memory; model and limits are shared."""
     return copy(require_task(value))

@@ -1,8 +1,8 @@
-"""What a robot looks like: the shapes its URDF names, and where they stand at a configuration.
+"""Visible shapes of a robot and their placements at a configuration.
 
-Mesh files are found but not read here: whoever draws them reads them. A robot without shapes, and a
-link whose mesh is missing, are drawn from the kinematics: links as tubes, joints as cylinders. Of
-the robot's surroundings the collision shapes are drawn: they are what must not be touched."""
+Mesh files are located here and read where they are drawn. A robot without shapes, and a link whose
+mesh is missing, are drawn from the kinematics: links as tubes, joints as cylinders. Surroundings
+are drawn by their collision shapes."""
 
 from __future__ import annotations
 
@@ -24,36 +24,36 @@ from .mechanism import Mechanism
 from .model import link_frames
 
 PLAIN: Color = (0.80, 0.82, 0.85, 1.0)
-"""The colour of a shape whose URDF names none."""
+"""Default colour of a shape."""
 
 TUBE: Color = (0.72, 0.75, 0.79, 1.0)
 JOINT: Color = (0.25, 0.28, 0.33, 1.0)
-"""The colours of links and joints that are drawn from the kinematics."""
+"""Colours of links and joints that are drawn from the kinematics."""
 
 AROUND: Color = (0.62, 0.66, 0.71, 0.45)
-"""The colour of the robot's surroundings: the arm is seen through them."""
+"""Colour of the surroundings, transparent so that the arm stays visible."""
 
 
 @dataclass(frozen=True)
 class Shape:
-    """One visible body, in its own frame.
+    """Visible shape in its own frame.
 
     Attributes
     ----------
     kind
         ``mesh``, ``box``, ``cylinder``, ``sphere`` or ``capsule``.
     path
-        The mesh file; None for the others.
+        Mesh file; None for primitives.
     scale
-        Of a mesh, along its own axes; negative where it is mirrored. Never part of a placement.
+        Scale of a mesh along its own axes, negative if mirrored; never part of a placement.
     size
         box: three edges; cylinder and capsule: radius, length along z; sphere: radius, m.
     color
-        Red, green, blue, opacity, 0 to 1.
+        Red, green, blue and opacity, 0 to 1.
     textured
-        True where the mesh keeps the materials of its own file (the URDF names none).
+        True if the mesh keeps the materials of its own file, because the URDF gives none.
     standing
-        True where it is of the robot's surroundings.
+        True for a shape of the surroundings.
     """
 
     name: str
@@ -68,19 +68,19 @@ class Shape:
 
 
 Placed = tuple[Shape, pin.SE3]
-"""A shape and its place on the link that it rides on."""
+"""A shape and its placement on its link."""
 
 
 @dataclass(frozen=True)
 class Visuals:
-    """The shapes of a robot and the joints they ride on. Make it with :meth:`Visuals.of`.
+    """Shapes of a robot and the joints that move them. Create it with :meth:`Visuals.of`.
 
     Attributes
     ----------
     shapes
-        What to draw.
+        Shapes to draw.
     missing
-        Mesh names, as the URDF writes them, that were not found; those links are drawn as tubes.
+        Missing meshes, named as in the URDF; those links are drawn as tubes.
     """
 
     shapes: tuple[Shape, ...]
@@ -89,11 +89,11 @@ class Visuals:
     _joint: NDArray[np.intp] = field(repr=False)  # (S,)
     _on_joint: Array = field(repr=False)  # (S, 4, 4)
     _coupling: Coupling = field(repr=False)
-    _base: int = field(repr=False)  # a frame's id
+    _base: int = field(repr=False)  # frame id
 
     @classmethod
     def of(cls, robot: Mechanism) -> Visuals:
-        """Collect the shapes of a robot, meshes looked up in its ``package_dirs``."""
+        """Collect the shapes of a robot; meshes are looked up in its ``package_dirs``."""
         links = link_frames(robot.model)
         riding: list[Placed] = []
         missing: dict[str, str] = {}  # link: mesh name
@@ -118,7 +118,7 @@ class Visuals:
         )
 
     def placements(self, Q: ArrayLike) -> Array:
-        """Place every shape at every configuration of the whole robot.
+        """Compute the placement of every shape at every configuration.
 
         Parameters
         ----------
@@ -127,13 +127,13 @@ class Visuals:
 
         Returns
         -------
-        (T, S, 4, 4) rigid transforms, m; in the frame of the robot's ``base``, where it has one, as
-        the task's placements are. A mesh's scale is not in them."""
+        (T, S, 4, 4) rigid transforms, m, in the frame of the robot's ``base``, as the task's
+        placements are. The scale of a mesh is not included."""
         Q = np.ascontiguousarray(Q, dtype=float)
         n = self._coupling.S.shape[1]
         if Q.ndim != 2 or Q.shape[1] != n:
             raise InputError(
-                f"Q has shape {Q.shape}, but this robot has {n} joints: (T, {n}) is wanted"
+                f"Q has shape {Q.shape}, but this robot has {n} joints; give Q as (T, {n})"
             )
         model, data, base = self._model, self._model.createData(), self._model.frames[self._base]
         joints, which = np.unique(self._joint, return_inverse=True)
@@ -147,7 +147,9 @@ class Visuals:
 
 
 def _find_shapes(robot: Mechanism) -> Iterator[tuple[Shape, pin.SE3, str]]:
-    """Find each shape's mesh file: the shape, its placement in the link, its mesh's name."""
+    """Locate the mesh files of a robot's shapes.
+
+    Yields shape, placement on the link, and mesh name."""
     for seen in robot.description.shapes:
         path = (
             find_mesh(seen.filename, robot.description.path, robot.package_dirs)
@@ -167,11 +169,9 @@ def _find_shapes(robot: Mechanism) -> Iterator[tuple[Shape, pin.SE3, str]]:
 
 
 def _surroundings(robot: Mechanism) -> Iterator[Placed]:
-    """Place the surroundings, measured from the robot's root, the first ``MAX_SHAPES`` shapes of
-    them.
+    """Place the first ``MAX_SHAPES`` shapes of the surroundings, relative to the robot's root.
 
-    A mesh that is missing is refused by :class:`Bodies`, whose notes say how many shapes are not
-    drawn."""
+    :class:`Bodies` raises on a missing mesh, and its notes count the shapes that are not drawn."""
     around = robot.surroundings
     if around is None:
         return
@@ -200,12 +200,12 @@ def _surroundings(robot: Mechanism) -> Iterator[Placed]:
 def _skeleton(
     robot: Mechanism, links: dict[str, pin.Frame], draw: Container[str]
 ) -> Iterator[Placed]:
-    """Make tubes and cylinders for some of a robot's links.
+    """Create tubes and cylinders for selected links.
 
     Parameters
     ----------
     links
-        The link frames of the robot's model.
+        Link frames of the robot's model.
     draw
         Names of the links to draw.
     """
@@ -223,7 +223,7 @@ def _skeleton(
 
 
 def _joint_bones(joint: Joint, place: pin.SE3, thick: float, rail: bool) -> Iterator[Placed]:
-    """Draw a revolute joint as a cylinder along its axis, a prismatic one as a slider on a rail."""
+    """Draw a revolute joint as a cylinder, a prismatic joint as a slider on a rail."""
     name, along = joint.name, pin.SE3(_turn_z_to(joint.axis), np.zeros(3))
     if joint.kind != "prismatic":
         yield (
@@ -251,15 +251,15 @@ def _joint_bones(joint: Joint, place: pin.SE3, thick: float, rail: bool) -> Iter
 
 
 def _joint_origin(model: pin.Model, links: dict[str, pin.Frame], joint: Joint) -> pin.SE3:
-    """Place a joint's origin in its parent link's frame."""
+    """Compute a joint's origin in its parent link's frame."""
     parent, child = links[joint.parent], links[joint.child]
-    if child.parentJoint == parent.parentJoint:  # fixed, or locked at the reference pose
+    if child.parentJoint == parent.parentJoint:  # fixed joint, or locked at the reference pose
         return parent.placement.inverse() * child.placement
     return parent.placement.inverse() * model.jointPlacements[child.parentJoint]
 
 
 def _extent(robot: Mechanism, links: dict[str, pin.Frame]) -> float:
-    """The diagonal of the box round all link origins at the reference pose, m."""
+    """Compute the diagonal of the box around all link origins at the reference pose, m."""
     data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, robot.coupling.joints(robot.reference))
     points = [(data.oMi[f.parentJoint] * f.placement).translation for f in links.values()]
@@ -267,7 +267,7 @@ def _extent(robot: Mechanism, links: dict[str, pin.Frame]) -> float:
 
 
 def _turn_z_to(direction: ArrayLike) -> Array:
-    """Find a rotation that takes the z axis to a direction."""
+    """Find a rotation that maps the z axis to a direction."""
     z = np.asarray(direction, float) / np.linalg.norm(direction)
     if z[2] < -1 + 1e-12:
         return np.diag([1.0, -1.0, -1.0])

@@ -1,6 +1,6 @@
-"""The robots known by name: where the URDF is, which frames to control, which pose to start from.
+"""Catalogue of known robots: URDF, task frames and start pose of each.
 
-The table itself is ``arms.toml`` beside this file; importing this module reads nothing.
+The table is ``arms.toml`` beside this file; it is not read on import.
 """
 
 from __future__ import annotations
@@ -20,36 +20,36 @@ else:
     import tomli as tomllib
 
 READY = "ready.srdf"
-"""Poses of our own, in urdf/, to work from."""
+"""SRDF file in urdf/ with working poses."""
 
 _DATA = "share/example-robot-data/robots"
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One robot of the catalogue.
+    """Catalogue entry of one robot.
 
     Attributes
     ----------
     name : str
-        Its name here.
+        Name in the catalogue.
     urdf : Path
+        URDF file.
     srdf : Path or None
-        The file that holds its reference pose; None where there is none.
+        SRDF file with the reference pose; None if there is none.
     package_dirs : tuple of str
-        Folders that resolve its ``package://`` meshes.
+        Folders in which its ``package://`` meshes are looked up.
     frames : tuple of str
-        The end frames worth offering; the first is the default.
+        End frames to offer; the first is the default.
     posture : str or None
-        The ``group_state`` of the SRDF that is the reference pose. Joints it does not name are
-        meant to stay in the middle of their range.
+        ``group_state`` of the SRDF used as the reference pose. Joints that it omits are at
+        mid-range.
     note : str
-        What a person should know.
+        Note for the user.
     ready : str or None
-        A pose in our own ``ready.srdf`` to work from, where the reference is singular or on a
-        limit.
+        Working pose in ``ready.srdf``, if the reference pose is singular or at a limit.
     acceleration : str or None
-        Whose published accelerations its joints have, by their name in ``motion.timing``.
+        Name of its published acceleration limits in ``motion.timing``.
     """
 
     name: str
@@ -64,7 +64,7 @@ class Entry:
 
 
 def entries() -> tuple[Entry, ...]:
-    """List every robot.
+    """List all robots of the catalogue.
 
     Raises
     ------
@@ -80,7 +80,8 @@ def find(name: str) -> Entry:
     Raises
     ------
     InputError
-        If there is no such robot (the nearest names are said), or its data is not installed.
+        If there is no such robot (the message suggests the closest names), or its data is not
+        installed.
     """
     rows = table()
     names = {
@@ -88,24 +89,24 @@ def find(name: str) -> Entry:
     }
     known = names.get(str(name).strip().lower())
     if known is None:
-        listing = "(`repctl robots` lists them all); for any other robot give its URDF file"
+        listing = "(`repctl robots` lists all names); for any other robot, give its URDF file"
         raise unknown("robot", name, rows, aliases=names, listing=listing)
     return _entry(known, rows[known])
 
 
 @functools.cache
 def table() -> dict[str, dict[str, Any]]:
-    """Read the table of known arms: name → what ``arms.toml`` says of it."""
+    """Read ``arms.toml``, the table of known robots by name."""
     return tomllib.loads((Path(__file__).parent / "arms.toml").read_text("utf-8"))
 
 
 def urdf_folder() -> Path:
-    """Find our own ``urdf/``: inside an installed package, or at the top of a checkout."""
+    """Find the folder ``urdf/`` of this package, in an installation or a checkout."""
     here = Path(__file__).resolve().parent
     for folder in (here / "files", here.parents[1] / "urdf"):
         if (folder / READY).is_file():
             return folder
-    raise InputError("the folder urdf/ of repctl-pin is missing; install the package again")
+    raise InputError("the folder urdf/ of repctl-pin is missing; reinstall the package")
 
 
 @functools.cache
@@ -124,22 +125,22 @@ def data_folder() -> Path:
         if place.is_dir():
             return place
     raise InputError(
-        "the robots of example-robot-data are missing; run `pip install 'example-robot-data>=6,<7'`"
+        "example-robot-data is not installed; run `pip install 'example-robot-data>=6,<7'`"
     )
 
 
 def reference_posture(srdf: Path, state: str | None = None) -> dict[str, float]:
     """Read a pose, joint name → rad or m, from a ``group_state`` of an SRDF.
 
-    Joints of more than one number (a floating base) are left out, and so is a robot's name before a
-    slash (``baxter/left_s0``).
+    Joints with several coordinates (a floating base) are omitted, and a robot name before a slash
+    is removed (``baxter/left_s0``).
 
     Parameters
     ----------
     srdf
-        The file.
+        SRDF file.
     state
-        The name of the ``group_state``; by default the first that names a joint.
+        Name of the ``group_state``; by default the first that names a joint.
 
     Raises
     ------
@@ -170,7 +171,7 @@ def reference_posture(srdf: Path, state: str | None = None) -> dict[str, float]:
 
 
 def disabled_pairs(srdf: Path) -> set[frozenset[str]]:
-    """Read the pairs of links that an SRDF says need no look at whether they collide.
+    """Read the pairs of links whose collision checks an SRDF disables.
 
     Raises
     ------
@@ -197,16 +198,16 @@ def _read_srdf(srdf: Path) -> Any:
 
 
 def default_package_dirs(urdf_path: str | Path) -> list[str]:
-    """List the folders in which ``package://`` names of a user's own file are looked up.
+    """List the folders in which ``package://`` names of a URDF file are looked up.
 
-    The file's ancestors, nearest first, then what ``ROS_PACKAGE_PATH`` and ``AMENT_PREFIX_PATH``
-    name."""
+    The parent folders of the file, nearest first, then those in ``ROS_PACKAGE_PATH`` and
+    ``AMENT_PREFIX_PATH``."""
     folders = list(Path(os.path.expanduser(urdf_path)).absolute().parents)
     for place in filter(None, os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)):
         folders += [
             Path(place),
             Path(place).parent,
-        ]  # the variable may name a workspace or a package
+        ]  # the variable can name a workspace or a package
     for place in filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)):
         folders.append(Path(place) / "share")
     return [str(folder) for folder in dict.fromkeys(folders) if folder.is_dir()]

@@ -1,4 +1,4 @@
-"""What a valid robot is: the rules of the gatekeeper, on a plain XML tree."""
+"""Validity checks of a URDF, on a plain XML tree."""
 
 from __future__ import annotations
 
@@ -11,25 +11,25 @@ from lxml import etree
 from .xml import bad, label, line, short
 
 MAX_JOINTS = 1000
-MAX_DEPTH = 300  # links, one below the other; Pinocchio crashes on thousands
-MAX_MOVING = 100  # movable joints, one below the other
+MAX_DEPTH = 300  # links in a chain; Pinocchio crashes on thousands
+MAX_MOVING = 100  # movable joints in a chain
 MAX_MOVING_IN_ALL = 200  # Pinocchio's memory grows with the cube
-LARGEST = 1e9  # of lengths, masses, … in SI units; limits may be larger: then they are none
+LARGEST = 1e9  # maximum length, mass, … in SI units; a larger limit counts as none
 
 NO_LIMIT = 1e3
-"""Limits beyond it count as none, rad or m, rad/s or m/s; ``Description.xml`` says it where a joint
-has none."""
+"""Limits beyond it count as none, rad or m, rad/s or m/s; ``Description.xml`` contains it for a
+joint without a limit."""
 
 NO_EFFORT = 1e9
-"""What ``Description.xml`` says where a joint has no effort limit, N m or N."""
+"""Effort limit in ``Description.xml`` for a joint without one, N m or N."""
 
 KINDS = ("revolute", "continuous", "prismatic", "fixed", "planar", "floating")
 
 _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 _UNHANDY = re.compile(r'[,;"]')
-_FREEDOM = {"fixed": 0, "planar": 3, "floating": 6}  # numbers of a joint; else 1
+_FREEDOM = {"fixed": 0, "planar": 3, "floating": 6}  # coordinates of a joint; else 1
 
-# element → attribute → how many numbers
+# element → attribute → number of values
 _NUMBERS: dict[str, dict[str, int]] = {
     "origin": {"xyz": 3, "rpy": 3},
     "axis": {"xyz": 3},
@@ -75,25 +75,23 @@ def check(robot: etree._Element) -> str:
     Raises
     ------
     UrdfError
-        At the first thing that is wrong.
+        At the first error.
     """
     links, joints = robot.findall("link"), robot.findall("joint")
     if not links:
         raise bad(
-            robot, "there is no <link> in this file, so there is no robot; give the full URDF"
+            robot, "the file contains no <link>, so it describes no robot; give the full URDF"
         )
     if not robot.get("name"):
         raise bad(robot, 'the robot has no name; write <robot name="…">')
     if not robot.get("name").isprintable():
-        raise bad(
-            robot, "a control character or a line break stands in the robot's name; rename it"
-        )
+        raise bad(robot, "the robot's name contains a control character or a line break; rename it")
     if robot.get("version", "1.0") not in ("1.0", "1.1", "1.2"):
         raise bad(robot, f"version {short(robot.get('version'))} is unknown; write 1.0")
     if max(len(joints), len(links) - 1) > MAX_JOINTS:
         raise bad(
             robot,
-            f"{len(joints)} joints and {len(links)} links; no more than {MAX_JOINTS} can be read",
+            f"{len(joints)} joints and {len(links)} links exceed the maximum of {MAX_JOINTS}",
         )
     for elements in (links, joints, robot.findall("material")):
         _check_names(elements)
@@ -101,12 +99,11 @@ def check(robot: etree._Element) -> str:
     if moving > MAX_MOVING_IN_ALL:
         raise bad(
             robot,
-            f"{moving} movable joints; no more than {MAX_MOVING_IN_ALL} can be read: fix some",
+            f"{moving} movable joints exceed the maximum of {MAX_MOVING_IN_ALL}; "
+            "make some of them fixed",
         )
-    names, leaders = (
-        {link.get("name") for link in links},
-        {joint.get("name"): joint for joint in joints},
-    )
+    names = {link.get("name") for link in links}
+    leaders = {joint.get("name"): joint for joint in joints}
     for joint in joints:
         _check_joint(joint, names)
     for joint in joints:
@@ -121,8 +118,7 @@ def check(robot: etree._Element) -> str:
 
 
 def numbers(element: etree._Element, attribute: str) -> list[float] | None:
-    """Read an attribute's numbers, finite and as many as there should be; None if it is not
-    there."""
+    """Read an attribute's finite numbers, checking their count; None if it is missing."""
     text = element.get(attribute)
     if text is None:
         return None
@@ -141,25 +137,25 @@ def numbers(element: etree._Element, attribute: str) -> list[float] | None:
         if abs(value) > LARGEST and element.tag not in _ANY_SIZE:
             raise bad(
                 element,
-                f"{attribute} = {short(text)} is over {LARGEST:g}; no robot is so large: correct it",
+                f"{attribute} = {short(text)} exceeds {LARGEST:g}, more than any robot has; "
+                "correct it",
             )
         values.append(value)
     return values
 
 
 def number(element: etree._Element, attribute: str, default: float = 0.0) -> float:
-    """Read an attribute's one number; the URDF's default where it is not there."""
+    """Read an attribute's single number; the URDF's default if it is missing."""
     return (numbers(element, attribute) or [default])[0]
 
 
 def finite(word: str) -> float | None:
-    """Read a finite decimal number, written as URDF has it; None if it is none."""
+    """Parse a finite decimal number in URDF notation; None if it is not one."""
     return float(word) if _NUMBER.fullmatch(word) and math.isfinite(float(word)) else None
 
 
 def axis_of(joint: etree._Element) -> tuple[float, float, float]:
-    """Return the unit axis of a joint: along x where none is written, as URDF has it; 0 if it has
-    none."""
+    """Return the unit axis of a joint: x if none is given, as URDF defines; 0 for a zero axis."""
     axis = joint.find("axis")
     x, y, z = (numbers(axis, "xyz") if axis is not None else None) or (1.0, 0.0, 0.0)
     norm = math.hypot(x, y, z)
@@ -175,15 +171,16 @@ def _check_names(elements: Sequence[etree._Element]) -> None:
         if name in seen:
             raise bad(
                 element,
-                f"the {element.tag} in {line(seen[name])} has this name too; rename one of them",
+                f"the {element.tag} in {line(seen[name])} has the same name; rename one of them",
             )
         if not name.isprintable() or (element.tag == "joint" and _UNHANDY.search(name)):
             raise bad(
                 element,
-                "a comma, a semicolon, a quote or a line break in a name breaks CSV files; rename it",
+                "the name contains a comma, a semicolon, a quote or a line break, "
+                "which breaks CSV files; rename it",
             )
         if element.tag == "joint" and name == "universe":
-            raise bad(element, "Pinocchio keeps this name for itself; rename the joint")
+            raise bad(element, "the name is reserved by Pinocchio; rename the joint")
         seen[name] = element
 
 
@@ -192,34 +189,33 @@ def _check_numbers(element: etree._Element) -> None:
         values = numbers(element, attribute)
         if values is None:
             if (element.tag, attribute) in _NEEDED:
-                raise bad(element, f"has no {attribute}; write it")
+                raise bad(element, f"has no {attribute}; add it")
         elif (element.tag, attribute) in _NOT_NEGATIVE and min(values) < 0:
             raise bad(
                 element, f"{attribute} = {short(element.get(attribute))} is negative; correct it"
             )
     if element.tag == "mesh" and not element.get("filename"):
-        raise bad(element, "has no filename; write it, or delete the mesh")
+        raise bad(element, "has no filename; add it, or delete the mesh")
 
 
 def _check_body(link: etree._Element) -> None:
-    """Check that inertia and shapes are whole: Pinocchio drops a part of them in silence
-    otherwise."""
+    """Check that inertia and shapes are complete; Pinocchio silently ignores incomplete ones."""
     for inertial in link.findall("inertial"):
         for tag in ("mass", "inertia"):
             if inertial.find(tag) is None:
-                raise bad(inertial, f"has no <{tag}>; write it, or delete the <inertial>")
+                raise bad(inertial, f"has no <{tag}>; add it, or delete the <inertial>")
         for inertia in inertial.findall("inertia"):
             lacking = [
                 attribute for attribute in _NUMBERS["inertia"] if inertia.get(attribute) is None
             ]
             if lacking:
-                raise bad(inertia, f"has no {', '.join(lacking)}; write it")
+                raise bad(inertia, f"has no {', '.join(lacking)}; add it")
     for visible in (*link.findall("visual"), *link.findall("collision")):
         geometry = visible.find("geometry")
         shapes = [] if geometry is None else [child.tag for child in geometry]
         if not shapes or shapes[0] not in _SHAPES:
             what = (
-                f"<{shapes[0][:40]}> is no shape"
+                f"<{shapes[0][:40]}> is not a shape"
                 if shapes
                 else "has no <geometry> with a shape in it"
             )
@@ -228,7 +224,7 @@ def _check_body(link: etree._Element) -> None:
             geometry[0].get("radius"),
             geometry[0].get("length"),
         ):
-            raise bad(geometry[0], "has no radius or no length; write both")
+            raise bad(geometry[0], "radius or length is missing; give both")
 
 
 def _check_joint(joint: etree._Element, links: set[str]) -> None:
@@ -249,15 +245,15 @@ def _check_joint(joint: etree._Element, links: set[str]) -> None:
         _check_numbers(element)
     axis, limit = joint.find("axis"), joint.find("limit")
     if axis is None and kind == "planar":
-        raise bad(joint, "a planar joint needs an <axis>, the normal of its plane; write one")
+        raise bad(joint, "a planar joint requires an <axis>, the normal of its plane; add one")
     if axis is not None and kind not in ("fixed", "floating"):
         norm = math.hypot(*(numbers(axis, "xyz") or (1.0, 0.0, 0.0)))
         if not 1e-9 < norm < 1e9:
-            raise bad(axis, f"xyz = {short(axis.get('xyz'))} has no direction; write a unit vector")
+            raise bad(axis, f"xyz = {short(axis.get('xyz'))} has no direction; give a unit vector")
     if kind in ("revolute", "prismatic"):
         if limit is None:
             remedy = ", or make the joint continuous" if kind == "revolute" else ""
-            raise bad(joint, f"a {kind} joint needs a <limit>; write one{remedy}")
+            raise bad(joint, f"a {kind} joint requires a <limit>; add one{remedy}")
         _check_range(limit)
 
 
@@ -270,21 +266,23 @@ def _check_mimic(joint: etree._Element, joints: dict[str, etree._Element]) -> No
     if mimic is None:
         return
     if mimic.get("joint") in (None, "", name):
-        raise bad(mimic, "does not name another joint to follow; correct it, or delete it")
+        raise bad(mimic, "does not name another joint; correct it, or delete it")
     if leader(name, mimic.get("joint"), joints) is None:
         raise bad(
             mimic,
-            f"there is no joint {short(mimic.get('joint'))} to follow; correct the name, or delete it",
+            f"there is no joint {short(mimic.get('joint'))}; "
+            "correct the name, or delete the <mimic>",
         )
     follower, seen = joint, {name}
     while follower.find("mimic") is not None:
         following = leader(follower.get("name"), follower.find("mimic").get("joint"), joints)
         if following is None:
-            return  # it is named when its turn comes
+            return  # reported when that joint is checked
         if following in seen:
             raise bad(
                 mimic,
-                f"joints follow each other in a circle: {', '.join(map(short, seen))}; delete one <mimic>",
+                f"joints mimic each other in a loop: {', '.join(map(short, seen))}; "
+                "delete one <mimic>",
             )
         seen.add(following)
         follower = joints[following]
@@ -292,16 +290,16 @@ def _check_mimic(joint: etree._Element, joints: dict[str, etree._Element]) -> No
     if several is not None:
         raise bad(
             mimic,
-            f"{label(several)} is {several.get('type')} and has no one position; delete the <mimic>",
+            f"{label(several)} is {several.get('type')} and has several coordinates; "
+            "delete the <mimic>",
         )
 
 
 def leader(name: str, mimicked: str, joints: Collection[str]) -> str | None:
-    """Find the joint that one mimics: as named, or with the follower's own prefix, which macros
-    forget; else None.
+    """Find the joint that a mimic joint follows, as named or with the follower's prefix; else None.
 
-    ``left_index_2`` that mimics ``index_1`` follows ``left_index_1``, where no joint is called
-    ``index_1``."""
+    Macros often omit the prefix: ``left_index_2`` that mimics ``index_1`` follows ``left_index_1``
+    if there is no joint ``index_1``."""
     if mimicked in joints:
         return mimicked
     prefixed = [
@@ -315,17 +313,19 @@ def leader(name: str, mimicked: str, joints: Collection[str]) -> str | None:
 def _check_range(limit: etree._Element) -> None:
     lower, upper = number(limit, "lower"), number(limit, "upper")
     if lower >= NO_LIMIT or upper <= -NO_LIMIT:
-        raise bad(limit, f"lower = {lower:g}, upper = {upper:g}: no robot gets there; correct it")
+        raise bad(
+            limit, f"lower = {lower:g}, upper = {upper:g}: the range is too far from 0; correct it"
+        )
     if lower > upper:
         raise bad(limit, f"lower = {lower:g} is above upper = {upper:g}; swap them")
-    if lower == upper != 0.0:  # both 0 is what exporters write where no range was given
+    if lower == upper != 0.0:  # exporters write 0 for both if no range was given
         raise bad(
-            limit, f"lower = upper = {lower:g} leaves no room; widen it, or make the joint fixed"
+            limit, f"lower = upper = {lower:g} allows no motion; widen it, or make the joint fixed"
         )
 
 
 def _check_tree(links: Sequence[etree._Element], joints: Sequence[etree._Element]) -> str:
-    """Check for one root, one parent each, no loop, and a sane depth; return the root."""
+    """Check that links form a tree with one root and a limited depth; return the root."""
     above: dict[str, etree._Element] = {}
     below: dict[str, list[etree._Element]] = {}
     for joint in joints:
@@ -334,7 +334,7 @@ def _check_tree(links: Sequence[etree._Element], joints: Sequence[etree._Element
             other = f"{label(above[child])} ({line(above[child])})"
             raise bad(
                 joint,
-                f"link {short(child)} hangs on {other} already; a link has one parent: delete one",
+                f"link {short(child)} already has a parent joint, {other}; delete one of them",
             )
         above[child] = joint
         below.setdefault(parent, []).append(joint)
@@ -342,32 +342,30 @@ def _check_tree(links: Sequence[etree._Element], joints: Sequence[etree._Element
     if not roots:
         raise bad(
             joints[0],
-            "every link hangs on another, in a loop, so there is no root; cut the loop open",
+            "all links form a loop, so there is no root link; remove a joint of the loop",
         )
     if len(roots) > 1:
         other = f"{label(roots[0])} ({line(roots[0])})"
         raise bad(
-            roots[1], f"hangs on no joint, nor does {other}; a robot has one root: join the two"
+            roots[1],
+            f"has no parent joint, and neither has {other}; a URDF must have a single root link: "
+            "connect the two by a joint",
         )
-    reached = [
-        (roots[0].get("name"), 1, 0)
-    ]  # links, each with the links and the movable joints down to it
-    for name, depth, moving in reached:  # grows as it goes: no file can exhaust the stack
+    # links, each with the number of links and of movable joints from the root to it
+    reached = [(roots[0].get("name"), 1, 0)]
+    for name, depth, moving in reached:  # extended in the loop, so that there is no recursion
         if depth > MAX_DEPTH:
-            raise bad(
-                roots[0], f"over {MAX_DEPTH} links hang one below the other; more cannot be read"
-            )
+            raise bad(roots[0], f"a chain of links exceeds the maximum length of {MAX_DEPTH}")
         for joint in below.get(name, ()):
             count = moving + _freedom(joint)
             if count > MAX_MOVING:
                 raise bad(
-                    joint, f"over {MAX_MOVING} movable joints hang one below the other; fix some"
+                    joint,
+                    f"a chain has over {MAX_MOVING} movable joints; make some of them fixed",
                 )
             reached.append((joint.find("child").get("link"), depth + 1, count))
-    hanging = {name for name, _, _ in reached}
+    connected = {name for name, _, _ in reached}
     for link in links:
-        if link.get("name") not in hanging:
-            raise bad(
-                above[link.get("name")], "is part of a loop; a URDF is a tree: cut the loop open"
-            )
+        if link.get("name") not in connected:
+            raise bad(above[link.get("name")], "is part of a loop; remove a joint of the loop")
     return str(roots[0].get("name"))

@@ -1,5 +1,4 @@
-"""Where the arms of a robot end: before the fingers, at the link that a tool is meant to be held
-by."""
+"""End effectors of a robot: the links at the ends of its arms, before the fingers."""
 
 from __future__ import annotations
 
@@ -10,13 +9,13 @@ from dataclasses import dataclass
 from .validate import Description, Joint
 
 _TURN, _SLIDE = math.pi, 0.1
-"""A finger turns by half a turn at most, or slides by a tenth of a metre."""
+"""Maximum range of a finger joint: half a turn, or 0.1 m."""
 
 _FINGER = re.compile(r"finger|thumb|jaw|knuckle|claw", re.IGNORECASE)
 _TOOLS = ({"tcp", "grasp", "grasping"}, {"tool"}, {"ee", "eef", "effector"}, {"flange"})
 _HANDS = ({"gripper"}, {"palm"}, {"hand"})
-"""Words in the names of links that are meant to carry a task, the best first; hands only as the
-last word."""
+"""Words in the names of end effectors, the best first; words for hands count only as the last
+word."""
 _SENSOR = {
     "accelerometer",
     "camera",
@@ -34,21 +33,21 @@ _SENSOR = {
 
 @dataclass(eq=False)
 class Body:
-    """Links that no joint moves against each other.
+    """Rigid body: links connected by fixed joints.
 
     Attributes
     ----------
     links : dict of int
-        Its links, from the one that a joint moves outward, each with the fixed joints between the
-        two.
+        Links of the body, from the one that a joint moves outward, each with its number of fixed
+        joints from there.
     before : int
-        Moving joints from the root to it.
+        Number of moving joints from the root to the body.
     branches : list of (Joint, Body)
-        What moves against it, or is said to mimic what does.
+        Moving joints to the next bodies, mimic joints included.
     after : int
-        Moving joints from it to the farthest tip.
+        Number of moving joints from the body to the farthest tip.
     narrow : bool
-        Whether all that moves beyond it moves as little as a finger.
+        True if every joint beyond the body has the range of a finger.
     """
 
     links: dict[str, int]
@@ -59,8 +58,7 @@ class Body:
 
     @property
     def is_hand(self) -> bool:
-        """Whether most of its longest branches are fingers: the arm ends here, whatever else moves
-        on."""
+        """Test whether most of the longest branches are fingers, so that the arm ends here."""
         fingers = [
             self._is_finger(joint, tip)
             for joint, tip in self.branches
@@ -69,36 +67,36 @@ class Body:
         return 2 * sum(fingers) > len(fingers)
 
     def _is_finger(self, joint: Joint, tip: Body) -> bool:
-        """Whether a branch moves little, has no more joints than the arm before it, and some sign
-        says finger."""
+        """Test whether a branch is a finger: small range, few joints, and another sign."""
         if not (_moves_little(joint) and tip.narrow and 1 + tip.after <= self.before):
             return False
         last = tip.after == 0
         return (
-            len(self.branches) > 1  # there are others beside it
+            len(self.branches) > 1  # other branches beside it
             or joint.mimic is not None
             or (last and joint.kind == "prismatic")
             or (last and "gripper" in words(joint.name))
             or _says_finger(joint)
             or any(
                 set.union(*_TOOLS) & set(words(link)) for link in self.links
-            )  # the tool is before it
+            )  # a tool link precedes it
         )
 
 
 def arm_ends(description: Description) -> list[Body]:
-    """Find the bodies at which arms, legs and heads end, fingers cut off; in the order of the file.
+    """Find the bodies at which arms, legs and heads end, without fingers, in the order of the file.
 
-    An arm ends at a **hand**: a body most of whose longest branches are fingers. A finger moves
-    little (half a turn, 0.1 m, or as another joint moves), has no more joints than the arm before
-    it, and stands beside others, mimics, slides, is called a finger, or comes after a link that is
-    called a tool. Where all is called a finger, the robot is one, and ends at its tip."""
+    An arm ends at a **hand**: a body most of whose longest branches are fingers. A finger has a
+    small range (half a turn, 0.1 m, or it mimics another joint) and at most as many joints as the
+    arm. In addition, it has other branches beside it, is a mimic joint, is prismatic, is named a
+    finger, or follows a link named as a tool. If every joint is named a finger, the robot is a
+    finger, and ends at its tip."""
     below: dict[str, list[Joint]] = {}
     for joint in description.joints:
         below.setdefault(joint.parent, []).append(joint)
     root = Body({description.root: 0}, 0, [])
     bodies, links = [root], [(description.root, root)]
-    for link, body in links:  # grows as it goes: parents come before children
+    for link, body in links:  # extended in the loop; parents come before children
         for joint in below.get(link, ()):
             if joint.kind == "fixed" and joint.mimic is None:
                 body.links[joint.child] = body.links[link] + 1
@@ -123,20 +121,19 @@ def arm_ends(description: Description) -> list[Body]:
 
 
 def task_links(body: Body) -> list[str]:
-    """List a body's links, the one that is best to move first: by what its name says, then by how
-    far out it is."""
+    """List a body's links, the best end effector first: by name, then by distance."""
     return sorted(body.links, key=lambda link: (_rank(link), -body.links[link]))
 
 
 def is_sensor(link: str) -> bool:
-    """Say whether a link is called a camera, or the like: it could carry a task, but is not meant
-    to."""
+    """Test whether a link is named as a sensor, such as a camera."""
     return not _SENSOR.isdisjoint(words(link))
 
 
 def words(name: str) -> list[str]:
-    """Take a name apart: ``panda_hand_tcp``, ``tool0`` and ``LeftPalm`` end with tcp, tool and
-    palm."""
+    """Split a name into words.
+
+    ``panda_hand_tcp``, ``tool0`` and ``LeftPalm`` end with tcp, tool and palm."""
     return [word.lower() for word in re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])", name)]
 
 

@@ -1,5 +1,4 @@
-"""The shapes of a checked URDF, visible ones and bodies that collide, as plain data; and where
-their meshes are."""
+"""Visual and collision shapes of a checked URDF as plain data, and lookup of mesh files."""
 
 from __future__ import annotations
 
@@ -17,25 +16,25 @@ Color = tuple[float, float, float, float]
 
 @dataclass(frozen=True)
 class Solid:
-    """One ``<visual>`` or ``<collision>``: a shape and where it is fixed to its link.
+    """A ``<visual>`` or ``<collision>``: a shape and its placement on its link.
 
     Attributes
     ----------
     name
-        The link's name and the number of the shape.
+        Name of the link and number of the shape.
     kind
         ``mesh``, ``box``, ``cylinder``, ``sphere`` or ``capsule``.
     size
         box: three edges; cylinder and capsule: radius, length along z; sphere: radius, m; mesh:
-        nothing.
+        empty.
     color
-        Red, green, blue, opacity, 0 to 1; None where the file names none.
+        Red, green, blue and opacity, 0 to 1; None if the file gives none.
     xyz, rpy
         Origin, m and rad.
     filename
-        Of a mesh, as written in the file; else ``""``.
+        Mesh file name as written in the URDF; ``""`` for primitives.
     scale
-        Of a mesh, along its own axes.
+        Scale of a mesh along its own axes.
     """
 
     name: str
@@ -50,7 +49,7 @@ class Solid:
 
 
 def shapes_of(robot: etree._Element, tag: str) -> list[Solid]:
-    """Read every ``visual`` or every ``collision`` of a checked tree."""
+    """Read all ``visual`` or all ``collision`` elements of a checked tree."""
     colors: dict[str, Color] = {}
     for material in robot.iterchildren("material"):
         _color(material, colors)
@@ -83,8 +82,7 @@ def _three(element: etree._Element | None, attribute: str, default: float) -> tu
 
 
 def _color(material: etree._Element | None, known: dict[str, Color]) -> Color | None:
-    """Read a material's colour; of several by one name the first counts, as it does for
-    Pinocchio."""
+    """Read a material's colour; the first material of a name counts, as in Pinocchio."""
     if material is None:
         return None
     name, color = material.get("name", ""), material.find("color")
@@ -98,11 +96,11 @@ def _color(material: etree._Element | None, known: dict[str, Color]) -> Color | 
 
 
 def find_mesh(filename: str, urdf: Path, package_dirs: Sequence[str | Path]) -> Path | None:
-    """Find a mesh file by the name a URDF gives it, or None.
+    """Find a mesh file by its name in a URDF; None if it is missing.
 
-    ``package://name/rest`` is looked up as ``folder/name/rest``, then as ``folder/rest`` where the
-    folder itself is called ``name``; the typing slip ``package:///name/rest`` too. ``file://`` and
-    plain names are paths, relative ones beside the URDF first."""
+    ``package://name/rest`` is looked up as ``folder/name/rest``, then as ``folder/rest`` if the
+    folder itself is called ``name``; so is the misspelling ``package:///name/rest``. ``file://``
+    and plain names are paths; relative paths start at the URDF's folder."""
     scheme, mark, rest = filename.partition("://")
     folders = [Path(folder) for folder in package_dirs]
     if not mark:
@@ -118,4 +116,4 @@ def find_mesh(filename: str, urdf: Path, package_dirs: Sequence[str | Path]) -> 
         candidates = []
     return next(
         (path.resolve() for path in candidates if os.path.isfile(path)), None
-    )  # False for any name
+    )  # unlike Path.is_file, also for invalid names

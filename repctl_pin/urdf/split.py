@@ -1,4 +1,4 @@
-"""Joints of several numbers, planar and floating, as joints of one number each."""
+"""Splitting of planar and floating joints into joints with one coordinate each."""
 
 from __future__ import annotations
 
@@ -24,8 +24,7 @@ _FLOATING: tuple[Step, ...] = (
 
 
 def split_joints(robot: etree._Element, notes: list[str]) -> None:
-    """Replace planar joints by two slides and a turn, floating ones by three slides and three
-    turns.
+    """Replace planar joints by 3 joints, floating joints by 6, with one coordinate each.
 
     A planar joint moves in the plane that is normal to its axis, and turns about it. The turns of a
     floating one are yaw, pitch and roll, singular where the pitch is ±π/2."""
@@ -42,13 +41,13 @@ def split_joints(robot: etree._Element, notes: list[str]) -> None:
             )
         notes.append(
             f"joint {joint.get('name')!r} is {joint.get('type')}: read as {', '.join(named)}; "
-            "to hold them still, lock them, or choose a base link behind them"
+            "to hold them still, lock them, or choose a base link beyond them"
         )
         _replace(robot, joint, steps, named)
 
 
 def _planar(axis: tuple[float, float, float]) -> tuple[Step, ...]:
-    """Two directions in the plane, x and y where the axis is z, and the axis itself."""
+    """Return two directions in the plane, x and y if the axis is z, and the axis itself."""
     a = np.array(axis)
     u = np.eye(3)[(int(np.argmax(np.abs(a))) + 1) % 3]
     u = u - (u @ a) * a
@@ -63,7 +62,7 @@ def _planar(axis: tuple[float, float, float]) -> tuple[Step, ...]:
 def _replace(
     robot: etree._Element, joint: etree._Element, steps: tuple[Step, ...], names: list[str]
 ) -> None:
-    """Put one joint for each step, with links without a body between, in a joint's place."""
+    """Replace a joint by one joint per step, with massless links between them."""
     at, parent = robot.index(joint), joint.find("parent").get("link")
     robot.remove(joint)
     for name, (_, kind, axis) in zip(names, steps, strict=True):

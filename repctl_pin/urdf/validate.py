@@ -1,8 +1,8 @@
-"""The gatekeeper: a robot file is checked strictly here, before any other library sees it.
+"""Reading and strict validation of URDF files, before any other library reads them.
 
-Pinocchio answers most bad files with "not a valid URDF model", accepts others in silence (an axis
-of zero length, a link with two parents) and crashes on a few. Here each is one line that names the
-element, its line, what is wrong and what to do."""
+Pinocchio reports most bad files as "not a valid URDF model", silently accepts others (a zero axis,
+a link with two parents) and crashes on a few. Here every error is one line with the element, its
+line, the fact and the remedy."""
 
 from __future__ import annotations
 
@@ -21,22 +21,23 @@ from .xacro import expand
 from .xml import line, one_line, parse, short
 
 MAX_BYTES = 5_000_000
-"""The largest file read: over twenty times the largest robot of example-robot-data."""
+"""Maximum size of a file, bytes: over twenty times the largest robot of example-robot-data."""
 
 MAX_SHAPES = 1000
-"""The most shapes drawn: over five times as many as the largest robot of example-robot-data has."""
+"""Maximum number of drawn shapes: over five times those of the largest robot of
+example-robot-data."""
 
 MANY_TURNS = 4 * math.pi
-"""A limit of a revolute joint beyond this may be meant in degrees."""
+"""A larger limit of a revolute joint may be in degrees, rad."""
 
 
 @dataclass(frozen=True)
 class Joint:
-    """One joint, as plain data.
+    """A joint as plain data.
 
-    ``lower``, ``upper`` (rad or m) and ``velocity`` (rad/s or m/s) are infinite where there is no
-    limit; ``mimic`` names the joint that this one copies, as ``multiplier · q + offset``, and which
-    itself copies none; ``line`` is where it stands in the file."""
+    ``lower``, ``upper`` (rad or m) and ``velocity`` (rad/s or m/s) are infinite without a limit;
+    ``mimic`` names the joint that this one follows, as ``multiplier · q + offset``, and which is
+    not a mimic joint itself; ``line`` is its line in the file."""
 
     name: str
     kind: str
@@ -54,25 +55,25 @@ class Joint:
 
 @dataclass(frozen=True)
 class Description:
-    """What a URDF says, after it has passed every check.
+    """Content of a validated URDF.
 
     Attributes
     ----------
     root : str
-        The link nothing carries.
+        Root link, which has no parent joint.
     shapes : tuple of Solid
-        What is to be drawn.
+        Visual shapes to draw.
     collisions : tuple of Solid
-        The bodies that must not touch: all that the file names.
+        All collision shapes of the file.
     meshes : tuple of str
-        Visual mesh files, as written in the file, each once.
+        Visual mesh files, as written in the file, without duplicates.
     notes : tuple of str
-        What was ignored, or looks wrong: joints without a range, a mimic joint whose leader's name
-        lacks its prefix, limits that may be in degrees, what was ignored.
+        Notes on ignored content and likely errors: joints without a range, a mimic joint whose
+        leader's name lacks its prefix, limits that may be in degrees.
     xml : str
-        The URDF as Pinocchio should read it: continuous joints are revolute ones with limits of
-        ±``NO_LIMIT``, planar and floating ones are split, so that every joint is one number;
-        relative mesh names are absolute; what is neither link, joint nor material is gone.
+        URDF for Pinocchio: continuous joints are revolute ones with limits of ±``NO_LIMIT``; planar
+        and floating joints are split, so that every joint has one coordinate; relative mesh names
+        are absolute; only links, joints and materials remain.
     """
 
     name: str
@@ -93,7 +94,7 @@ def read_urdf(path: str | Path) -> Description:
     Raises
     ------
     UrdfError
-        In one line: the file, the line and the element, what is wrong, and the remedy.
+        With the file, the line, the element, the fact and the remedy in one line.
     """
     path = Path(path)
     notes: list[str] = []
@@ -106,12 +107,12 @@ def read_urdf(path: str | Path) -> Description:
         joints = tuple(_joint(element, elements, notes) for element in elements.values())
         still = [repr(name) for name, element in elements.items() if _no_speed(element)]
         if still:
-            notes.append(f"speed limit 0 of joint {', '.join(still)}: taken as no limit")
+            notes.append(f"speed limit 0 of joint {', '.join(still)} read as no limit")
     except UrdfError as error:
         raise UrdfError(one_line(f"{path}: {error}")) from error
     shapes = shapes_of(robot, "visual")
     if len(shapes) > MAX_SHAPES:
-        notes.append(f"{len(shapes)} shapes: only the first {MAX_SHAPES} are drawn")
+        notes.append(f"only the first {MAX_SHAPES} of {len(shapes)} shapes are drawn")
     return Description(
         name=robot.get("name"),
         path=path,
@@ -126,29 +127,30 @@ def read_urdf(path: str | Path) -> Description:
     )
 
 
-def standing(description: Description) -> Description:
-    """Refuse surroundings that have a joint that moves, or nothing to touch.
+def check_surroundings(description: Description) -> Description:
+    """Check surroundings: fixed joints only, and at least one collision shape.
 
     Raises
     ------
     UrdfError
-        The joint is named.
+        If a joint moves (the message names it), or there is no collision shape.
     """
     for joint in description.joints:
         if joint.kind != "fixed":
             raise UrdfError(
-                f"{description.path}, line {joint.line}: joint {joint.name!r} moves, but surroundings stand still; "
-                'give it type="fixed"'
+                f"{description.path}, line {joint.line}: joint {joint.name!r} moves, "
+                'but surroundings must be rigid; give it type="fixed"'
             )
     if not description.collisions:
         raise UrdfError(
-            f"{description.path}: no <collision> in it, so nothing can be touched; give its links shapes"
+            f"{description.path}: the surroundings have no <collision>, "
+            "so no collision is possible; add collision shapes to the links"
         )
     return description
 
 
 def _read(path: Path) -> bytes:
-    """Read a regular file of a sane size; a .xacro is expanded."""
+    """Read a regular file of limited size; a .xacro file is expanded."""
     try:
         if path.is_dir():
             raise UrdfError("is a folder; give the .urdf file inside it")
@@ -169,7 +171,8 @@ def _read(path: Path) -> bytes:
         ) from error
     if len(data) > MAX_BYTES:
         raise UrdfError(
-            f"is larger than {MAX_BYTES / 1e6:g} MB; a URDF is some kB of text: keep meshes apart"
+            f"is larger than {MAX_BYTES / 1e6:g} MB, but a URDF has some kB; "
+            "store meshes in files of their own"
         )
     return data
 
@@ -177,13 +180,13 @@ def _read(path: Path) -> bytes:
 def _joint(
     element: etree._Element, joints: Mapping[str, etree._Element], notes: list[str]
 ) -> Joint:
-    """One joint; a missing range or speed limit is none at all, and the notes say so."""
+    """Read a joint; a missing range or speed limit counts as unlimited, with a note."""
     name, kind, limit = element.get("name"), element.get("type"), element.find("limit")
     lower, upper, velocity = -math.inf, math.inf, math.inf
     if kind in ("revolute", "prismatic"):
         lower, upper = number(limit, "lower"), number(limit, "upper")
-        if lower == upper == 0.0:  # what exporters write where no range was given
-            notes.append(f"joint {name!r} has no range (lower = upper = 0): taken as unlimited")
+        if lower == upper == 0.0:  # exporters write this if no range was given
+            notes.append(f"joint {name!r} has no range (lower = upper = 0): read as unlimited")
             lower, upper = -math.inf, math.inf
     if kind != "fixed" and limit is not None:
         velocity = number(limit, "velocity") or math.inf
@@ -205,8 +208,7 @@ def _joint(
 
 
 def _no_speed(element: etree._Element) -> bool:
-    """Whether a joint that moves has the speed limit 0: what exporters write where none was
-    given."""
+    """Test whether a moving joint has speed limit 0, which exporters write for none."""
     limit = element.find("limit")
     moves = element.get("type") not in ("fixed", None) and limit is not None
     return moves and limit.get("velocity") is not None and number(limit, "velocity") == 0
@@ -215,29 +217,30 @@ def _no_speed(element: etree._Element) -> bool:
 def _mimicked(
     element: etree._Element, joints: Mapping[str, etree._Element], notes: list[str]
 ) -> tuple[str | None, float, float]:
-    """Whom a joint follows, whomever that one follows, and how: ``multiplier · q + offset``."""
+    """Resolve a chain of mimic joints: the joint at its end, multiplier and offset."""
     following, multiplier, offset, name = None, 1.0, 0.0, element.get("name")
     while (mimic := element.find("mimic")) is not None:
         written, follower = mimic.get("joint"), element.get("name")
         leading = leader(follower, written, joints)
-        assert leading is not None, "the checks have seen to it"
+        assert leading is not None, "checked before"
         if leading != written and following is None:
             notes.append(
-                f"joint {follower!r} mimics {written!r}, which is not in this file: read as {leading!r}"
+                f"joint {follower!r} mimics {written!r}, which is not in this file; "
+                f"read as {leading!r}"
             )
         offset += multiplier * number(mimic, "offset")
         multiplier *= number(mimic, "multiplier", 1.0)
         following, element = leading, joints[leading]
     if following is not None and element.get("type") == "fixed":
         notes.append(
-            f"joint {name!r} mimics {following!r}, which is fixed: read as a joint of its own"
+            f"joint {name!r} mimics {following!r}, which is fixed; read as an independent joint"
         )
         return None, 1.0, 0.0
     return following, multiplier, offset
 
 
 def _degrees(joints: tuple[Joint, ...]) -> list[str]:
-    """Ask about revolute joints that turn by more than two turns to a side."""
+    """Note revolute joints with a limit beyond two turns."""
     ends = {
         j.name: [abs(x) for x in (j.lower, j.upper) if math.isfinite(x)]
         for j in joints
@@ -247,14 +250,15 @@ def _degrees(joints: tuple[Joint, ...]) -> list[str]:
     if not far:
         return []
     name, limit = max(far.items(), key=lambda item: item[1])
-    others = f", {len(far) - 1} more like it" if len(far) > 1 else ""
+    others = f" (and {len(far) - 1} more such limits)" if len(far) > 1 else ""
     return [
-        f"joint {name!r} has a limit of {limit:g} rad{others}: are these degrees? a URDF counts in rad"
+        f"joint {name!r} has a limit of {limit:g} rad{others}, possibly in degrees; "
+        "URDF angles are in rad"
     ]
 
 
 def _for_pinocchio(robot: etree._Element, joints: tuple[Joint, ...], folder: Path) -> str:
-    """Write the URDF that Pinocchio reads, out of a tree that is used up by it."""
+    """Write the URDF for Pinocchio; modifies the tree."""
     for joint, element in zip(joints, robot.findall("joint"), strict=True):
         effort = [float(limit.get("effort") or 0) for limit in element.findall("limit")]
         for tag in ("axis", "limit", "dynamics", "safety_controller", "calibration"):
@@ -278,18 +282,19 @@ def _for_pinocchio(robot: etree._Element, joints: tuple[Joint, ...], folder: Pat
 
 
 def _drop_colors(robot: etree._Element, notes: list[str]) -> None:
-    """Take out colours that are not four numbers, as Pinocchio does; the notes say where."""
+    """Remove colours that are not four numbers, as Pinocchio does, with a note."""
     for color in list(robot.iter("color")):
         words = color.get("rgba", "0 0 0 0").split()
         if len(words) != 4 or any(finite(word) is None for word in words):
             notes.append(
-                f"ignored: the colour in {line(color)}, rgba = {short(color.get('rgba'))} is not 4 numbers"
+                f"ignored: the colour in {line(color)}, "
+                f"rgba = {short(color.get('rgba'))} is not 4 numbers"
             )
             color.getparent().remove(color)
 
 
 def _tidy_materials(robot: etree._Element) -> None:
-    """Take out materials without a colour or a texture, of which Pinocchio complains on stderr."""
+    """Remove materials without a colour or a texture, which Pinocchio warns about."""
     for color in [c for c in robot.iter("color") if c.get("rgba") is None]:
         color.getparent().remove(color)
     colored = {material.get("name") for material in robot.iter("material") if _has_look(material)}
@@ -299,7 +304,7 @@ def _tidy_materials(robot: etree._Element) -> None:
     for material in robot.iterfind("link/visual/material"):
         material.set(
             "name", material.get("name", "")
-        )  # a shape whose colour has no name would be lost
+        )  # else Pinocchio drops a shape with an unnamed colour
 
 
 def _has_look(material: etree._Element) -> bool:

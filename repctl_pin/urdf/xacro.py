@@ -1,4 +1,4 @@
-"""xacro files: expanded by the package ``xacro``, where it is installed."""
+"""Expansion of xacro files by the package ``xacro``."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from pathlib import Path
 from ..errors import UrdfError
 
 SECONDS = 20.0
-"""The longest that an expansion may take."""
+"""Maximum time of an expansion, s."""
 
 _EXPAND = """
 import contextlib, resource, sys
-sys.path.pop(0)  # not from the folder one happens to be in
+sys.path.pop(0)  # do not import from the current folder
 with contextlib.suppress(ValueError, OSError):
     resource.setrlimit(resource.RLIMIT_AS, (1 << 30, 1 << 30))
 import xacro
@@ -23,23 +23,24 @@ xacro.main()
 
 
 def expand(path: Path, most: int) -> bytes:
-    """Expand a xacro file into a URDF, in a process of its own that is held to 20 s and 1 GB.
+    """Expand a xacro file to a URDF in a separate process, limited to 20 s and 1 GB.
 
     Parameters
     ----------
     path
-        The file.
+        The xacro file.
     most
-        Bytes to take of the result.
+        Maximum size of the result, bytes.
 
     Raises
     ------
     UrdfError
-        If ``xacro`` is not installed, or cannot expand the file: in its own words.
+        If ``xacro`` is not installed, or cannot expand the file; the message quotes xacro's error.
     """
     if importlib.util.find_spec("xacro") is None:
         raise UrdfError(
-            "this is xacro: `pip install xacro`, or run `xacro file.xacro > robot.urdf` where ROS is"
+            "a xacro file requires xacro, which is not installed; run `pip install xacro`, "
+            "or run `xacro file.xacro > robot.urdf` on a machine with ROS"
         )
     command = [sys.executable, "-c", _EXPAND, str(path.absolute())]
     with subprocess.Popen(
@@ -50,9 +51,9 @@ def expand(path: Path, most: int) -> bytes:
         except subprocess.TimeoutExpired:
             process.kill()
             raise UrdfError(
-                f"xacro does not expand it within {SECONDS:g} s; does a macro call itself?"
+                f"xacro did not finish within {SECONDS:g} s; look for a macro that calls itself"
             ) from None
-        except BaseException:  # stopped: nothing is to wait for it
+        except BaseException:  # interrupted: do not wait for the process
             process.kill()
             raise
     if process.returncode != 0:
@@ -60,6 +61,7 @@ def expand(path: Path, most: int) -> bytes:
             line for line in complaints.decode(errors="replace").splitlines() if line.strip()
         ] or ["no reason"]
         raise UrdfError(
-            f"xacro cannot expand it ({said[0].strip()[:200]}); correct it, or expand it where ROS is"
+            f"xacro cannot expand it ({said[0].strip()[:200]}); "
+            "correct it, or expand it on a machine with ROS"
         )
     return text[: most + 1]

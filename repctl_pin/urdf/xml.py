@@ -1,5 +1,4 @@
-"""From the bytes of a file to a plain XML tree, safely; and how its elements are named to a
-person."""
+"""Safe parsing of a URDF to a plain XML tree, and labels of its elements for messages."""
 
 from __future__ import annotations
 
@@ -10,48 +9,48 @@ from lxml import etree
 
 from ..errors import UrdfError
 
-MAX_NESTING = 64  # XML elements, one inside the other
-MAX_ATTRIBUTES = 100  # of one element; libxml2 takes quadratic time to list them
-_LAST_LINE = 65535  # libxml2 counts no further
+MAX_NESTING = 64  # depth of nested XML elements
+MAX_ATTRIBUTES = 100  # per element; libxml2 lists them in quadratic time
+_LAST_LINE = 65535  # maximum line number of libxml2
 
 _OTHERS = {
-    "sdf": "this is SDF (Gazebo), not URDF: export the robot as URDF first",
-    "mujoco": "this is MJCF (MuJoCo), not URDF: export the robot as URDF first",
-    "html": "this is a web page, not a URDF: download the raw file",
-    "collada": "this is a COLLADA mesh, not a URDF: give the .urdf that uses it",
+    "sdf": "this is SDF (Gazebo), not URDF; export the robot as URDF first",
+    "mujoco": "this is MJCF (MuJoCo), not URDF; export the robot as URDF first",
+    "html": "this is a web page, not a URDF; download the raw file",
+    "collada": "this is a COLLADA mesh, not a URDF; give the .urdf that uses it",
 }
 _XACRO = (
-    "this is xacro, not URDF: name the file .xacro, or run `xacro file.xacro > robot.urdf` first"
+    "this is xacro, not URDF; name the file .xacro, or run `xacro file.xacro > robot.urdf` first"
 )
-_DOCTYPE = "has a <!DOCTYPE>, which a URDF does not need; delete it, and the entities it declares"
+_DOCTYPE = "has a <!DOCTYPE>, which a URDF does not need; delete it and the entities it declares"
 _HARMLESS = {
-    "ERR_UNKNOWN_VERSION": "ignored: the version in <?xml version=…?>, read as 1.0",
-    "ERR_RESERVED_XML_NAME": "ignored: <?xml …?>, which is not at the start of the file",
+    "ERR_UNKNOWN_VERSION": "ignored: the version in <?xml version=…?>; read as 1.0",
+    "ERR_RESERVED_XML_NAME": "ignored: <?xml …?> that is not at the start of the file",
 }
-"""Complaints of the parser that change no element."""
+"""Parser errors that change no element."""
 
 _PROLOG = re.compile(rb"(?:\xef\xbb\xbf)?(?:\s*<(?:(?=\?).*?\?>|!(?=--).*?-->))*\s*", re.DOTALL)
-"""The byte order mark, the XML declaration, other instructions and comments."""
+"""Byte order mark, XML declaration, processing instructions and comments."""
 
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")
 
 
 def parse(data: bytes, notes: list[str]) -> etree._Element:
-    """Parse bytes into a plain tree: links, joints and materials, no namespaces, no comments.
+    """Parse bytes to a plain tree of links, joints and materials, without namespaces and comments.
 
     Parameters
     ----------
     data
-        The file.
+        Content of the file.
     notes
-        Gets a line for each kind of thing that is not XML, or not URDF, and was ignored as
-        Pinocchio ignores it: an unknown XML version, prefixes that nobody declares, leftover xacro,
-        zero bytes at the end.
+        Receives a line per kind of ignored content, which Pinocchio ignores, too: an unknown XML
+        version, undeclared prefixes, leftover xacro, zero bytes at the end.
 
     Raises
     ------
     UrdfError
-        If the bytes are not XML, are XML of another kind, or hold more than XML should.
+        If the bytes are not XML, are another kind of XML, or exceed the limits on nesting and
+        attributes.
     """
     whole = data.rstrip(b"\0") if not data.startswith(_UTF16) else data
     if whole != data:
@@ -64,17 +63,17 @@ def parse(data: bytes, notes: list[str]) -> etree._Element:
     _note_foreign(root, notes)
     robot = _plain(root)
     for child in list(robot):
-        nameless = child.tag == "material" and not child.get("name")  # no shape can mean it
+        nameless = child.tag == "material" and not child.get("name")  # no shape can refer to it
         if child.tag not in ("link", "joint", "material") or nameless:
             robot.remove(child)
     for element in robot.iter():
         if any("${" in value or "$(" in value for value in element.attrib.values()):
-            raise bad(element, f"a value holds ${{…}} or $(…); {_XACRO}")
+            raise bad(element, f"a value contains ${{…}} or $(…); {_XACRO}")
     return robot
 
 
 def _read_xml(data: bytes, notes: list[str]) -> etree._Element:
-    """Parse; of what the parser complains about, only what changes no element is let pass."""
+    """Parse XML, accepting only parser errors that change no element."""
     parser = etree.XMLParser(
         recover=True, resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False
     )
@@ -87,25 +86,27 @@ def _read_xml(data: bytes, notes: list[str]) -> etree._Element:
             raise _not_xml(entry.line, entry.message)
     if root is None:
         raise _not_xml(1, None)
-    told = {entry.type_name for entry in parser.error_log}
-    notes += [note for name, note in _HARMLESS.items() if name in told]
+    found = {entry.type_name for entry in parser.error_log}
+    notes += [note for name, note in _HARMLESS.items() if name in found]
     return root
 
 
 def _not_xml(where: int, what: str | None) -> UrdfError:
     return UrdfError(
-        f"line {where}: not well-formed XML ({what or 'unreadable'}); is the file complete?"
+        f"line {where}: not well-formed XML ({what or 'unreadable'}); "
+        "check that the file is complete"
     )
 
 
 def _note_foreign(root: etree._Element, notes: list[str]) -> None:
-    """Say which leftover xacro elements and undeclared prefixes are passed over."""
+    """Note ignored xacro elements and undeclared prefixes."""
     elements = [e for e in root.iter() if isinstance(e.tag, str)]
     xacro = [e for e in elements if _prefix(e) == "xacro"]
     if xacro:
         tags = _some(f"<xacro:{_local(e)}>" for e in xacro)
         notes.append(
-            f"ignored: {tags} in {line(xacro[0])}, left over from xacro; what it would add is not here"
+            f"ignored: {tags} in {line(xacro[0])}, left over from xacro; "
+            "the elements it would add are missing"
         )
     names = [e.tag for e in elements] + [name for e in elements for name in e.attrib]
     undeclared = [
@@ -118,14 +119,14 @@ def _note_foreign(root: etree._Element, notes: list[str]) -> None:
 
 
 def _some(names: Iterable[str], most: int = 3) -> str:
-    """List a few different names, and count the others."""
+    """List the first few distinct names, and count the others."""
     different = [short(name)[1:-1] for name in dict.fromkeys(names)]
     more = f" and {len(different) - most} more" if len(different) > most else ""
     return ", ".join(different[:most]) + more
 
 
 def _prefix(element: etree._Element) -> str | None:
-    """An element's prefix, declared or not."""
+    """Return an element's prefix, declared or not."""
     prefix, colon, _ = element.tag.partition(":")
     return prefix if colon and not element.tag.startswith("{") else element.prefix
 
@@ -135,11 +136,11 @@ def _local(element: etree._Element) -> str:
 
 
 def _refuse_other_files(data: bytes) -> None:
-    """Name what is often given in place of a URDF, before an XML parser sees it."""
+    """Identify other kinds of files that are often given in place of a URDF, before XML parsing."""
     if not data.strip():
         raise UrdfError("the file is empty; give a .urdf file")
     if data.startswith(b"version https://git-lfs"):
-        raise UrdfError("this is a Git LFS pointer, not the file itself: run `git lfs pull` first")
+        raise UrdfError("this is a Git LFS pointer, not the file itself; run `git lfs pull` first")
     if data.startswith(_UTF16):
         return
     if b"\0" in data:
@@ -151,13 +152,12 @@ def _refuse_other_files(data: bytes) -> None:
         raise UrdfError(_DOCTYPE)
     if not head.startswith(b"<"):
         raise UrdfError(
-            f"not XML: it starts with {short(head[:30].decode('latin-1'))}; give a .urdf file"
+            f"not XML: the file starts with {short(head[:30].decode('latin-1'))}; give a .urdf file"
         )
 
 
 def _check_root(root: etree._Element) -> None:
-    """Check the root's name, the nesting, the number of attributes, and that it is not raw xacro,
-    nor SRDF."""
+    """Check root element, nesting and attribute count, and exclude xacro and SRDF."""
     tag = _local(root)
     if tag.lower() in _OTHERS:
         raise UrdfError(_OTHERS[tag.lower()])
@@ -168,18 +168,20 @@ def _check_root(root: etree._Element) -> None:
         depth += 1 if event == "start" else -1
         if depth > MAX_NESTING:
             raise UrdfError(
-                f"{line(element)}: elements nest over {MAX_NESTING} deep; no robot does"
+                f"{line(element)}: elements are nested more than {MAX_NESTING} deep; "
+                "correct the file"
             )
         if len(element.attrib) > MAX_ATTRIBUTES:
             raise UrdfError(
-                f"{line(element)}: {len(element.attrib)} attributes in one element; no robot has them"
+                f"{line(element)}: {len(element.attrib)} attributes in one element exceed "
+                f"the maximum of {MAX_ATTRIBUTES}"
             )
     tags = {child.tag for child in root}
     xacro = next((e for e in root.iter() if isinstance(e.tag, str) and _prefix(e) == "xacro"), None)
     if "link" not in tags and xacro is not None:
         raise UrdfError(f"{line(xacro)}: <xacro:{_local(xacro)}>: {_XACRO}")
     if "link" not in tags and tags & {"group", "group_state"}:
-        raise UrdfError("this is an SRDF (groups and poses), not a URDF: give the robot's .urdf")
+        raise UrdfError("this is an SRDF (groups and poses), not a URDF; give the robot's .urdf")
 
 
 def _plain(element: etree._Element) -> etree._Element:
@@ -192,12 +194,12 @@ def _plain(element: etree._Element) -> etree._Element:
 
 
 def bad(element: etree._Element, what: str) -> UrdfError:
-    """Make the error for an element of the plain tree: its line, its name, what is wrong."""
+    """Create the error for an element: its line, its label and the message."""
     return UrdfError(f"{line(element)}: {label(element)}: {what}")
 
 
 def line(element: etree._Element) -> str:
-    """Say where an element stands in the file, as far as the parser counts."""
+    """Return the line of an element in the file, as far as the parser counts."""
     return (
         f"line {element.sourceline}"
         if element.sourceline < _LAST_LINE
@@ -206,7 +208,7 @@ def line(element: etree._Element) -> str:
 
 
 def label(element: etree._Element) -> str:
-    """Name an element for a person: ``joint 'elbow'``, ``<axis> of joint 'elbow'``."""
+    """Label an element for messages: ``joint 'elbow'``, ``<axis> of joint 'elbow'``."""
     owner = element
     while owner.getparent() is not None and owner.getparent().getparent() is not None:
         owner = owner.getparent()

@@ -5,7 +5,7 @@
 #include <stddef.h>
 
 #ifdef __FAST_MATH__
-#error "compile without -ffast-math: numbers that are not finite must be told from those that are"
+#error "compile without -ffast-math: the code tests whether numbers are finite"
 #endif
 
 /* ---- the arm ----------------------------------------------------------------------------------------------- */
@@ -33,7 +33,7 @@ static void arm_chain(const double q[ARM_N], double p[3], double R[9], double J[
 
 @potentials
 
-static void arm_field(const double q[ARM_N], double h[ARM_R], double V[][ARM_N])
+static void arm_potentials(const double q[ARM_N], double h[ARM_R], double V[][ARM_N])
 {
     int i, j;
     for (j = 0; j < ARM_R; j++) {
@@ -45,7 +45,7 @@ static void arm_field(const double q[ARM_N], double h[ARM_R], double V[][ARM_N])
 
 /* ---- numbers ----------------------------------------------------------------------------------------------- */
 
-#define ARM_TOLERANCE 1e-6 /* least sine of the angle between a row of J_V and the span of the others */
+#define ARM_TOLERANCE 1e-6 /* minimum sine of the angle between a row of J_V and the span of the others */
 
 static int arm_finite(const double *x, int count)
 {
@@ -55,7 +55,7 @@ static int arm_finite(const double *x, int count)
     return 1;
 }
 
-/* A = P L U in place, with 1 / U on the diagonal; 0 where a pivot is 0 or no number. */
+/* Factor A = P L U in place, with 1 / U on the diagonal; return 0 if a pivot is 0 or not finite. */
 static int arm_factor(double A[ARM_N][ARM_N], int swap[ARM_N])
 {
     int i, j, k;
@@ -84,7 +84,7 @@ static int arm_factor(double A[ARM_N][ARM_N], int swap[ARM_N])
     return 1;
 }
 
-/* x <- A^-1 x with the factors of A. */
+/* Solve x <- A^-1 x with the factors of A. */
 static void arm_solve(double LU[ARM_N][ARM_N], const int swap[ARM_N], double x[ARM_N])
 {
     int i, k;
@@ -102,8 +102,8 @@ static void arm_solve(double LU[ARM_N][ARM_N], const int swap[ARM_N], double x[A
 }
 
 /*
- * Factor A; 0 unless every row is far enough from the span of the others. The sine of that angle, theta, is
- * 1 / (|row i of A| |column i of A^-1|), and at least |det A| / prod |row|: where that is large it is enough.
+ * Factor A; return 0 if A is singular: a row is close to the span of the others. The sine of their angle is
+ * 1 / (|row i of A| |column i of A^-1|) >= |det A| / prod |row|; this bound is tested first.
  */
 static int arm_regular(double A[ARM_N][ARM_N], int swap[ARM_N])
 {
@@ -127,7 +127,7 @@ static int arm_regular(double A[ARM_N][ARM_N], int swap[ARM_N])
     return 1;
 }
 
-/* A V = U S by one-sided Jacobi rotations: A becomes U S, V orthogonal. */
+/* Singular value decomposition A V = U S by one-sided Jacobi rotations: A becomes U S, V orthogonal. */
 static void arm_svd(double A[ARM_N][ARM_N], double V[ARM_N][ARM_N])
 {
     int sweep, i, j, k, turned = 1;
@@ -160,19 +160,19 @@ static void arm_svd(double A[ARM_N][ARM_N], double V[ARM_N][ARM_N])
     }
 }
 
-/* Factors of J_V, for as many right-hand sides as there are. */
+/* Factors of J_V, for several right-hand sides. */
 typedef struct {
     double A[ARM_N][ARM_N]; /* L and U, or U S */
-    double V[ARM_N][ARM_N]; /* with U S */
+    double V[ARM_N][ARM_N]; /* V of A V = U S */
     double s[ARM_N];        /* squares of the singular values */
-    double square;          /* lambda squared, where s is used */
+    double square;          /* lambda squared, if s is used */
     int swap[ARM_N];
-    int by_values; /* whether s is used */
+    int by_values; /* 1 if s is used */
 } arm_factors;
 
 /*
  * Damping near singularities: x = sum v_i s_i / (s_i^2 + lambda^2) u_i^T b, lambda^2 = most^2 (1 - (s_min / 2 most)^2)
- * where s_min < 2 most, and 0 elsewhere. Far from singularities the factors are L and U.
+ * if s_min < 2 most, else 0. Far from singularities the factors are L and U.
  */
 static void arm_damp(arm_factors *factors, double most)
 {
@@ -189,7 +189,7 @@ static void arm_damp(arm_factors *factors, double most)
             arm_solve(factors->A, factors->swap, column);
             for (i = 0; i < ARM_N; i++) norm += column[i] * column[i];
         }
-        if (sqrt(norm) < 1.0 / (2.0 * most)) return; /* s_min >= 1 / |A^-1|_F: surely far away */
+        if (sqrt(norm) < 1.0 / (2.0 * most)) return; /* s_min >= 1 / |A^-1|_F: far from singularities */
     }
     factors->by_values = 1;
     for (i = 0; i < ARM_N; i++)
@@ -204,7 +204,7 @@ static void arm_damp(arm_factors *factors, double most)
     if (ratio < 1.0) factors->square = most * most * (1.0 - ratio * ratio);
 }
 
-/* x = J_V^-1 b, damped where arm_damp() said so. */
+/* Compute x = J_V^-1 b, damped if arm_damp() found a singularity near. */
 static void arm_apply(arm_factors *factors, const double b[ARM_N], double x[ARM_N])
 {
     int i, k;
@@ -222,7 +222,7 @@ static void arm_apply(arm_factors *factors, const double b[ARM_N], double x[ARM_
     }
 }
 
-/* ---- what the header promises ------------------------------------------------------------------------------ */
+/* ---- functions of the header ------------------------------------------------------------------------------- */
 
 arm_status arm_placement(const double q[ARM_N], arm_pose *pose)
 {
@@ -249,17 +249,17 @@ arm_status arm_leaf(const double q[ARM_N], double c[ARM_R])
     double h[ARM_R], V[ARM_R][ARM_N];
     int j;
     if (!arm_finite(q, ARM_N)) return ARM_BAD_NUMBER;
-    arm_field(q, h, V);
+    arm_potentials(q, h, V);
     for (j = 0; j < ARM_R; j++) c[j] = h[j];
     return ARM_OK;
 }
 
-/* Factors of J_V = [J; V^T] at q; 0 where it is singular. */
+/* Factor J_V = [J; V^T] at q; return 0 if it is singular. */
 static int arm_augmented(const double q[ARM_N], double A[ARM_N][ARM_N], int swap[ARM_N])
 {
     double h[ARM_R];
     arm_slope(q, A);
-    arm_field(q, h, A + ARM_M);
+    arm_potentials(q, h, A + ARM_M);
     return arm_regular(A, swap);
 }
 
@@ -305,7 +305,7 @@ void arm_defaults(arm_options *options)
     for (i = 0; i < ARM_N; i++) options->limit[i] = HUGE_VAL;
 }
 
-/* Shorten a step x = x_task + x_leaf until no joint moves further than it may: the return to the leaf first. */
+/* Scale a step x = x_task + x_leaf to the joint speed limits, x_leaf first. */
 static double arm_within(double x[ARM_N], const double x_task[ARM_N], const double most[ARM_N])
 {
     double share = 1.0, whole = 1.0;
@@ -351,7 +351,7 @@ arm_status arm_step(const double q[ARM_N], const arm_pose *target, double dt, co
     if (stay_inside && arm_inside(q) != ARM_OK) return ARM_OUTSIDE;
 
     arm_chain(q, p, R, factors.A);
-    arm_field(q, h, factors.A + ARM_M);
+    arm_potentials(q, h, factors.A + ARM_M);
     arm_error(p, R, target, b);
     for (i = 0; i < ARM_M; i++) b[i] *= share;
     for (i = 0; i < ARM_R; i++) b[ARM_M + i] = leaf ? share * (leaf[i] - h[i]) : 0.0;

@@ -7,7 +7,7 @@
 #include <array>
 #include <cstddef>
 
-/* The functions of arm.h for std::array; a status that is dropped is warned of. Needs C++17. */
+/* The functions of arm.h for std::array, with [[nodiscard]] status. Requires C++17. */
 namespace arm {
 
 inline constexpr std::size_t joints = ARM_N, coordinates = ARM_M, potentials = ARM_R;
@@ -29,7 +29,7 @@ inline Options defaults() noexcept
     return options;
 }
 
-/* A homogeneous matrix column by column, as libfranka's O_T_EE. */
+/* Convert a homogeneous matrix, column by column, such as libfranka's O_T_EE. */
 inline Pose from_columns(const std::array<double, 16>& T) noexcept
 {
     return {{T[12], T[13], T[14]}, {T[0], T[4], T[8], T[1], T[5], T[9], T[2], T[6], T[10]}};
@@ -67,7 +67,7 @@ inline Status inside(const Joints& q) noexcept
     return static_cast<Status>(arm_inside(q.data()));
 }
 
-/* The next q of a control loop; nullptr: no twist, no leaf, the defaults, no report. */
+/* Compute the next q of a control loop; nullptr: no twist, no leaf, default options, no report. */
 inline Status step(const Joints& q, const Pose& target, double dt, const Twist* twist, const Leaf* c,
                    const Options* options, Report* report, Joints& q_next) noexcept
 {

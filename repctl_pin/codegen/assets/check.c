@@ -1,5 +1,5 @@
 /*
- * Whether this build computes what Python computed: run it once on the machine that the robot will be run from.
+ * Compare this build with Python's results: run it once on the robot's control computer.
  *
  *     cc -O2 arm.c check.c -o check -lm && ./check
  */
@@ -32,7 +32,7 @@ static void compare(const char *what, int vector, const double *found, const dou
 static int same(const char *what, int vector, arm_status found, arm_status wanted)
 {
     if (found != wanted) {
-        printf("vector %d: %s returns %d, not %d\n", vector, what, (int)found, (int)wanted);
+        printf("vector %d: %s returned %d, not %d\n", vector, what, (int)found, (int)wanted);
         failures++;
     }
     return found == wanted && wanted == ARM_OK;
@@ -68,6 +68,6 @@ int main(void)
         if (same("F", k, arm_F(&v->target, v->leaf, q), v->status)) compare("q", k, q, v->q, ARM_N);
     }
 #endif
-    printf("%d vectors, %d differences, the greatest %.2g\n", ARM_VECTORS, failures, worst);
+    printf("%d vectors, %d differences, maximum %.2g\n", ARM_VECTORS, failures, worst);
     return failures ? 1 : 0;
 }

@@ -1,4 +1,4 @@
-/* e = (p* - p, turn about the frame's own x and y that takes its z axis to the target's by the shortest way). */
+/* e = (p* - p, shortest rotation about the frame's own x and y that aligns its z axis with the target's). */
 static void arm_error(const double p[3], const double R[9], const arm_pose *target, double e[ARM_M])
 {
     const double z[3] = {R[2], R[5], R[8]}, aim[3] = {target->R[2], target->R[5], target->R[8]};
@@ -10,7 +10,7 @@ static void arm_error(const double p[3], const double R[9], const arm_pose *targ
     turn[2] = z[0] * aim[1] - z[1] * aim[0];
     sine = sqrt(turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2]);
     angle = atan2(sine, cosine);
-    if (sine < 1e-12) { /* parallel: nothing to turn; opposite: any way round will do */
+    if (sine < 1e-12) { /* parallel: 0; opposite: half a turn in any direction */
         for (i = 0; i < 3; i++) turn[i] = cosine > 0.0 ? 0.0 : R[3 * i];
         sine = 1.0;
     }

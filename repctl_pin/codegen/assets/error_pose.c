@@ -1,4 +1,4 @@
-/* The rotation vector of a matrix M, made orthonormal first: angle times axis, rad. */
+/* Compute the rotation vector of a matrix M, orthonormalised first: angle times axis, rad. */
 static void arm_log(double M[9], double w[3])
 {
     double x[3], y[3], z[3], a[3], length = 0.0, width = 0.0, sine, cosine;

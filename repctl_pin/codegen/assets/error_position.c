@@ -1,4 +1,4 @@
-/* e = p* - p, the coordinates that the task commands. */
+/* e = p* - p, the coordinates of the task. */
 static const int arm_rows[ARM_M] = @rows;
 
 static void arm_error(const double p[3], const double R[9], const arm_pose *target, double e[ARM_M])

@@ -1,4 +1,4 @@
-/* h = a^T sin(k q) + b^T cos(k q), a and b in turn. */
+/* h = a^T sin(k q) + b^T cos(k q), a and b alternate in the table. */
 static void arm_potential_@number(const double q[ARM_N], double h[ARM_R], double V[][ARM_N])
 {
     static const int joint[@k] = @joints;

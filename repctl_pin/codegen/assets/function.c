@@ -10,14 +10,14 @@ arm_status arm_F(const arm_pose *target, const double *leaf, double q[ARM_N])
     int swap[ARM_N], a, i, j, turn;
 
     if (!arm_rotation(target->R)) return ARM_BAD_NUMBER;
-    arm_section_coordinates(target, y, u);
+    arm_cell_coordinates(target, y, u);
     if (!arm_finite(y, ARM_M) || (leaf && !arm_finite(leaf, ARM_R))) return ARM_BAD_NUMBER;
-    if (!arm_section_inside(y, u)) return ARM_OUTSIDE;
+    if (!arm_cell_inside(y, u)) return ARM_OUTSIDE;
 
     T[0] = 1.0;
-    for (a = 1; a < @count; a++) T[a] = T[arm_section_parent[a]] * u[arm_section_factor[a]];
+    for (a = 1; a < @count; a++) T[a] = T[arm_cell_parent[a]] * u[arm_cell_factor[a]];
     for (a = 0; a < @count; a++)
-        for (i = 0; i < arm_section_width; i++) both[i] += T[a] * arm_section_weight[a][i];
+        for (i = 0; i < arm_cell_width; i++) both[i] += T[a] * arm_cell_weight[a][i];
     for (i = 0; i < ARM_N; i++) {
         x[i] = both[(1 + ARM_R) * i];
         for (j = 0; leaf && j < ARM_R; j++) x[i] += leaf[j] * both[(1 + ARM_R) * i + 1 + j];

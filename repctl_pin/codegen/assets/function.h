@@ -1,7 +1,7 @@
 
 /*
- * q = F(x; c), the inverse kinematic function of the cell: the same pose gives the same joints, whatever came before.
- * leaf is c, how far the elbow is moved; NULL: 0. ARM_OUTSIDE: the target lies outside the cell, or its joints would
- * lie outside their ranges.
+ * q = F(x; c), the inverse kinematic function of the cell: one configuration per pose, independent of the
+ * motion history. leaf is c, the displacement along the self-motion; NULL: 0. ARM_OUTSIDE: the target is outside the
+ * cell, or q would be outside the joint limits.
  */
 arm_status arm_F(const arm_pose *target, const double *leaf, double q[ARM_N]);

@@ -1,4 +1,4 @@
-/* Whether the joints lie within their limits, to rounding. */
+/* Test whether the joints are within their limits, up to rounding. */
 static int arm_within_limits(const double q[ARM_N])
 {
     static const double lower[ARM_N] = @lower;

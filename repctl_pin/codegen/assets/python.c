@@ -1,5 +1,5 @@
 
-/* ---- what Python calls: one block of memory, so that a call converts nothing --------------------------------- */
+/* ---- functions for Python, with one block of memory to avoid conversions ------------------------------------- */
 
 typedef struct {
     double q[ARM_N];
@@ -36,7 +36,7 @@ static arm_pose arm_call_target(const arm_call *call)
     return target;
 }
 
-/* given: 1 a twist, 2 a leaf, 4 limits and damping */
+/* bits of given: 1 twist, 2 leaf, 4 limits and damping */
 int arm_call_step(arm_call *call, int given)
 {
     const arm_pose target = arm_call_target(call);
@@ -44,7 +44,7 @@ int arm_call_step(arm_call *call, int given)
     int i;
     arm_defaults(&options);
     options.gain = call->gain;
-    options.stay_inside = 0; /* Python looks at it */
+    options.stay_inside = 0; /* Python checks the region */
     if (given & 4) {
         for (i = 0; i < ARM_N; i++) options.limit[i] = call->limit[i];
         options.damping = call->damping;
@@ -53,7 +53,7 @@ int arm_call_step(arm_call *call, int given)
                          &options, &call->report, call->result);
 }
 
-/* G at every row of Q, and qdot; how many rows were done before one that is singular. */
+/* Compute G at every row of Q, and qdot; return the number of rows before the first singular one. */
 long arm_call_inverses(long count, const double *Q, double *G)
 {
     long a;

@@ -2,14 +2,14 @@
 int arm_call_F(arm_call *call, int given);
 long arm_call_functions(long count, const double *p, const double *R, const double *leaf, double *Q);
 
-/* given: 2 a leaf */
+/* bits of given: 2 leaf */
 int arm_call_F(arm_call *call, int given)
 {
     const arm_pose target = arm_call_target(call);
     return (int)arm_F(&target, given & 2 ? call->leaf : NULL, call->result);
 }
 
-/* q at every placement p, R on one leaf; how many were done before one that is refused. */
+/* Compute q at every placement p, R on one leaf; return the number before the first failure. */
 long arm_call_functions(long count, const double *p, const double *R, const double *leaf, double *Q)
 {
     long a;

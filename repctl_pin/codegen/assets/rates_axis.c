@@ -1,8 +1,8 @@
-/* d <- d E^-1: what a change along the cell's coordinates is along the task's velocity; for the tool's axis
+/* d <- d E^-1: convert a gradient in the cell's coordinates to one in the task velocity; for the tool axis
  * E = R_xy^T J_l(w) R0_xy with the left Jacobian J_l of SO(3), w = R0_xy (y_3, y_4). */
-static void arm_section_rates(const double R[9], const double y[ARM_M], double d[ARM_M])
+static void arm_cell_rates(const double R[9], const double y[ARM_M], double d[ARM_M])
 {
-    const double *R0 = arm_section_middle.R, square = y[3] * y[3] + y[4] * y[4], angle = sqrt(square);
+    const double *R0 = arm_cell_middle.R, square = y[3] * y[3] + y[4] * y[4], angle = sqrt(square);
     const double a = angle < 1e-4 ? 0.5 - square / 24.0 : (1.0 - cos(angle)) / square;
     const double b = angle < 1e-4 ? 1.0 / 6.0 - square / 120.0 : (angle - sin(angle)) / (square * angle);
     double w[3], B[2][2], det, first, second;

@@ -1,6 +1,6 @@
-/* d <- d E^-1: what a change along the cell's coordinates is along the task's velocity; E has the left Jacobian of
+/* d <- d E^-1: convert a gradient in the cell's coordinates to one in the task velocity; E has the left Jacobian of
  * SO(3) for its rotations. */
-static void arm_section_rates(const double R[9], const double y[ARM_M], double d[ARM_M])
+static void arm_cell_rates(const double R[9], const double y[ARM_M], double d[ARM_M])
 {
     const double *w = y + 3, square = w[0] * w[0] + w[1] * w[1] + w[2] * w[2], angle = sqrt(square);
     const double c = angle < 1e-3 ? 1.0 / 12.0 + square / 720.0

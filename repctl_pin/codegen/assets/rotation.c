@@ -1,4 +1,4 @@
-/* Whether R, row by row, is a rotation to 1e-6: two rows of length 1 at a right angle, the third their cross product. */
+/* Test whether R, row by row, is a rotation to 1e-6: two orthonormal rows, the third their cross product. */
 static int arm_rotation(const double R[9])
 {
     int i;

@@ -1,4 +1,4 @@
-/* The task leaves the rotation free: any will do. */
+/* The task does not depend on the rotation. */
 static int arm_rotation(const double R[9])
 {
     (void)R;

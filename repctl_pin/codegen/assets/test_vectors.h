@@ -1,4 +1,4 @@
-/* What Python computed, for check.c.
+/* Test vectors with Python's results, for check.c.
  *
  * @about */
 #ifndef ARM_TEST_VECTORS_H
