@@ -191,9 +191,7 @@ def test_a_fault_of_ours_is_one_line_and_says_how_to_report_it(capsys, monkeypat
     monkeypatch.setattr(inspect, "run", broken)
     assert main(["inspect", "pan da"]) == 1
     (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith(
-        "repctl: internal error (ValueError: two lines); please report it"
-    )
+    assert line.startswith("repctl: internal error (ValueError: two lines); please report it")
     assert line.endswith("repctl --debug inspect 'pan da'")
     with pytest.raises(ValueError):  # the traceback
         main(["--debug", "inspect", "panda"])
@@ -202,9 +200,7 @@ def test_a_fault_of_ours_is_one_line_and_says_how_to_report_it(capsys, monkeypat
         raise MemoryError
 
     monkeypatch.setattr(inspect, "run", greedy)
-    assert (
-        main(["inspect", "panda"]) == 2 and "not enough memory" in capsys.readouterr().err
-    )
+    assert main(["inspect", "panda"]) == 2 and "not enough memory" in capsys.readouterr().err
 
 
 def test_a_full_disk_behind_stdout_is_one_line(tmp_path: Path, node) -> None:

@@ -83,7 +83,8 @@ def test_the_loop_runs_without_what_pictures_need(tmp_path: Path) -> None:
     done = subprocess.run(command, cwd=tmp_path, env=path, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert [
-        line.split("requires")[0] + line.split("`pip install ")[1] for line in done.stdout.splitlines()
+        line.split("requires")[0] + line.split("`pip install ")[1]
+        for line in done.stdout.splitlines()
     ] == [
         "an animation pillow pycollada jinja2 meshcat tornado trimesh`",
         "a figure matplotlib`",
