@@ -55,6 +55,7 @@ if TYPE_CHECKING:
     from .potentials import Fourier as Fourier
     from .potentials import Joined as Joined
     from .potentials import Polynomial as Polynomial
+    from .problem import Problem as Problem
     from .proof import Proof as Proof
     from .proof import prove as prove
     from .regions import Box as Box
@@ -108,6 +109,7 @@ _DOOR = {
     ),
     "show.page.animation": "Animation animation",
     "show.page.viewer": "Viewer",
+    "problem": "Problem",
     "studies": "Study study",
 }
 """Public names, by the module that defines them."""

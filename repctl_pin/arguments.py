@@ -51,19 +51,18 @@ def require_type(value: Any, kind: type[T], name: str, what: str) -> T:
     """
     if isinstance(value, kind) and not isinstance(value, type):
         return value
-    raise InputError(f"{name} must be {what}; got {shown(value)}")
+    raise InputError(f"must be {what}; got {shown(value)}", argument=name)
 
 
 def function(value: F, name: str, what: str, takes: int = 1) -> F:
     """Require a function of ``takes`` positional arguments."""
     if callable(value) and not isinstance(value, type) and _binds(value, takes):
         return value
-    raise InputError(f"{name} must be {what}; got {shown(value)}")
+    raise InputError(f"must be {what}; got {shown(value)}", argument=name)
 
 
 def _binds(value: Callable[..., Any], takes: int) -> bool:
-    """Whether a callable accepts ``takes`` positional arguments; True if its signature is not
-    available."""
+    """Tell whether a callable accepts ``takes`` arguments; True if it has no signature."""
     try:
         signature(value).bind(*[None] * takes)
     except TypeError:
@@ -85,9 +84,11 @@ def as_int(value: Any, name: str, least: int = 0, most: int | None = None) -> in
     """Convert a whole number from ``least`` to ``most``."""
     number = _number(value)
     if not (math.isfinite(number) and number == int(number) and number >= least):
-        raise InputError(f"{name} must be a whole number from {least} up, not {shown(value)}")
+        raise InputError(
+            f"must be a whole number from {least} up, not {shown(value)}", argument=name
+        )
     if most is not None and number > most:
-        raise InputError(f"{name} can be {most:,} at most, not {shown(value)}")
+        raise InputError(f"can be at most {most:,}, not {shown(value)}", argument=name)
     return int(value) if isinstance(value, int) else int(number)
 
 
@@ -97,7 +98,8 @@ def positive(value: Any, name: str, unit: str = "", *, zero: bool = False) -> fl
     if not (math.isfinite(number) and (number > 0 or (zero and number == 0))):
         least = f"0{unit and ' '}{unit} or more" if zero else f"above 0{unit and ' '}{unit}"
         raise InputError(
-            f"{name} must be {least}{' and finite' if number > 0 else ''}, not {shown(value)}"
+            f"must be {least}{' and finite' if number > 0 else ''}, not {shown(value)}",
+            argument=name,
         )
     return number
 
@@ -106,7 +108,8 @@ def finite(value: Any, name: str, unit: str = "") -> float:
     """Convert a finite number of any sign."""
     number = _number(value)
     if not math.isfinite(number):
-        raise InputError(f"{name} must be a finite number{unit and ', '}{unit}, not {shown(value)}")
+        number_of = f"a finite number{unit and ', '}{unit}"
+        raise InputError(f"must be {number_of}, not {shown(value)}", argument=name)
     return number
 
 
@@ -117,7 +120,7 @@ def vector(values: ArrayLike, n: int | None, name: str, each: str = "one per joi
     if array is None or wrong or not np.isfinite(array).all():
         count = f"{n} finite numbers" if n is not None else "a list of finite numbers"
         raise InputError(
-            f"{name} must be {count}{each and ', '}{each}; got {_shape(values, array)}"
+            f"must be {count}{each and ', '}{each}; got {_shape(values, array)}", argument=name
         )
     return array
 
@@ -138,12 +141,14 @@ def per_joint(
     if array is None or not most or not (array > 0).all():
         what = "finite number" if finite else "number"
         raise InputError(
-            f"{name} must be one {what} above 0 or {n} of them, {each}; got {shown(values)}"
+            f"must be one {what} above 0 or {n} of them, {each}; got {shown(values)}",
+            argument=name,
         )
     if finite and (array < MIN_LENGTH).any():
         raise InputError(
-            f"{name} must be at least {MIN_LENGTH:g}, the rounding of a joint position; "
-            f"got {shown(values)}"
+            f"must be at least {MIN_LENGTH:g}, the rounding of a joint position; "
+            f"got {shown(values)}",
+            argument=name,
         )
     return np.full(n, array) if array.size == 1 else array
 
@@ -152,7 +157,7 @@ def limits(values: ArrayLike, n: int, name: str, each: str = "one per joint") ->
     """Convert n limits: (n,); infinity is no limit."""
     array = as_numbers(values)
     if array is None or array.shape != (n,) or np.isnan(array).any():
-        raise InputError(f"{name} must be {n} numbers, {each}; got {shown(values)}")
+        raise InputError(f"must be {n} numbers, {each}; got {shown(values)}", argument=name)
     return array
 
 
@@ -203,7 +208,7 @@ def as_matrices(
             )
             shape = f"({'' if exact else '..., '}{', '.join(letters)}){known and ' with '}{known}"
             what = "finite numbers" if finite else "numbers"
-            raise InputError(f"{name} must be {what} {shape}; got {_shape(values, array)}")
+            raise InputError(f"must be {what} {shape}; got {_shape(values, array)}", argument=name)
         arrays.append(array)
     leading = [
         a.shape[: a.ndim - len(axes.split())] for a, (_, _, axes) in zip(arrays, given, strict=True)
@@ -221,7 +226,7 @@ def flag(value: Any, name: str) -> bool:
     """Require True or False."""
     if isinstance(value, (bool, np.bool_)) or (isinstance(value, int) and value in (0, 1)):
         return bool(value)
-    raise InputError(f"{name} must be True or False, not {shown(value)}")
+    raise InputError(f"must be True or False, not {shown(value)}", argument=name)
 
 
 def flag_or_function(value: Any, name: str, what: str, takes: int) -> Any:
@@ -240,7 +245,7 @@ def list_of(values: Any, name: str, what: str) -> list[Any]:
     )
     if isinstance(values, Iterable) and not no_list:
         return list(values)
-    raise InputError(f"{name} must be {what}, not {shown(values)}")
+    raise InputError(f"must be {what}, not {shown(values)}", argument=name)
 
 
 def list_of_names(values: Any, name: str, what: str) -> tuple[str, ...]:
@@ -248,7 +253,7 @@ def list_of_names(values: Any, name: str, what: str) -> tuple[str, ...]:
     listed = (values,) if isinstance(values, str) else tuple(list_of(values, name, what))
     if all(isinstance(v, str) for v in listed):
         return listed
-    raise InputError(f"{name} must be {what}, not {shown(values)}")
+    raise InputError(f"must be {what}, not {shown(values)}", argument=name)
 
 
 def freeze(made: object, /, **values: Any) -> None:
@@ -295,7 +300,7 @@ def file_name(value: Any, name: str = "file") -> Path:
     """Convert the name of a file or folder."""
     if isinstance(value, (str, PathLike)) and str(value) and "\0" not in str(value):
         return Path(value)
-    raise InputError(f"{name} must be a file's name, not {shown(value)}")
+    raise InputError(f"must be a file's name, not {shown(value)}", argument=name)
 
 
 def _number(value: Any) -> float:

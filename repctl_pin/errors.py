@@ -1,4 +1,4 @@
-"""The four kinds of errors, each with a message of one line."""
+"""The four kinds of errors: messages of one line, made of a fact, an argument and a remedy."""
 
 from __future__ import annotations
 
@@ -6,21 +6,36 @@ import difflib
 from collections.abc import Iterable, Mapping, Sequence
 from importlib.util import find_spec
 from types import MappingProxyType
+from typing import Any
 
 _LONGEST = 800
-"""Characters of a message: a name that is quoted may have any number."""
+"""Maximum number of characters of a message, which may quote a name of any length."""
 
 
 def printable(text: str, *, lines: bool = False) -> str:
-    """Escape what does not print, such as a terminal's control sequences; ``lines`` keeps line
-    breaks."""
+    """Escape unprintable characters, such as terminal control sequences; ``lines`` keeps breaks."""
     if text.isprintable():
         return text
     return "".join(c if c.isprintable() or (lines and c == "\n") else ascii(c)[1:-1] for c in text)
 
 
 class RepctlError(Exception):
-    """Base of every error this package raises on purpose.
+    """Base of the errors that this package raises on purpose.
+
+    The message reads ``argument fact; remedy``. The parts can be set anew, in the words of the
+    program that shows the message; :func:`str` then follows them.
+
+    It is made of the fact: the fault and its cause, which follow the argument's name if there is
+    one, as in ``must be above 0`` and ``: there is no such folder``.
+
+    Attributes
+    ----------
+    argument : str
+        Name of the argument at fault; empty if the message names none.
+    remedy : str
+        What to do, in the imperative; empty if the fact says it.
+    at : object
+        Where it fails: a configuration, a pose, or a line of a file; None if nowhere in particular.
 
     Examples
     --------
@@ -31,28 +46,48 @@ class RepctlError(Exception):
     InputError
     """
 
+    def __init__(
+        self, fact: str = "", *, argument: str = "", remedy: str = "", at: Any = None
+    ) -> None:
+        super().__init__(fact)
+        self.argument, self.remedy, self.at = argument, remedy, at
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle and copy all parts, whatever the class takes to be made."""
+        return _restored, (type(self), self.args, vars(self))
+
     def __str__(self) -> str:
-        """The message, on one line of bounded length whatever it quotes."""
-        text = super().__str__()
+        """Write the message on one line of bounded length, whatever it quotes."""
+        fact = super().__str__()
+        joint = "" if not self.argument or fact.startswith(":") else " "
+        parts = (f"{self.argument}{joint}{fact}", self.remedy)
+        text = "; ".join(part for part in parts if part)
         text = text if text.isprintable() else printable(" ".join(text.split()))
         return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 200]} … {text[-200:]}"
 
 
+def _restored(kind: type[RepctlError], args: tuple[Any, ...], parts: dict[str, Any]) -> RepctlError:
+    """Make an error from its parts again, without calling its constructor."""
+    error = kind.__new__(kind, *args)
+    vars(error).update(parts)
+    return error
+
+
 class InputError(RepctlError, ValueError):
-    """An argument (a name, a size, a file, an option) cannot be used.
+    """An argument (a name, a size, a file) cannot be used.
 
     Examples
     --------
     >>> try:
-    ...     rp.Box([0.0, 0.0], -1.0)
+    ...     rp.study("panda", cycles=0)
     ... except rp.InputError as error:
-    ...     print(type(error).__name__)
-    InputError
+    ...     print(error.argument)
+    cycles
     """
 
 
 class UrdfError(InputError):
-    """A robot file is refused; the message names the line at fault.
+    """A robot file cannot be used; the message names the line at fault.
 
     Examples
     --------
@@ -67,7 +102,7 @@ class UrdfError(InputError):
 
 
 class SingularityError(RepctlError):
-    """J loses rank, or J_V does (an algorithmic singularity), so there is no inverse.
+    """J, or J_V at an algorithmic singularity, loses rank, so there is no inverse.
 
     Examples
     --------
@@ -80,12 +115,11 @@ class SingularityError(RepctlError):
 
 
 _PACKAGES = {"collada": "pycollada", "PIL": "pillow", "umsgpack": "meshcat"}
-"""Modules whose package has another name."""
+"""Packages of modules that have another name."""
 
 
 def needed(*modules: str, by: str) -> None:
-    """Refuse to begin without packages that the installation on a robot's computer may have left
-    out.
+    """Check that optional packages are installed.
 
     Raises
     ------
@@ -96,7 +130,12 @@ def needed(*modules: str, by: str) -> None:
         dict.fromkeys(_PACKAGES.get(name, name) for name in modules if find_spec(name) is None)
     )
     if missing:
-        raise InputError(f"{by} needs what is not installed here: run `pip install {missing}`")
+        are = "is" if " " not in missing else "are"
+        what = missing.replace(" ", ", ")
+        raise InputError(
+            f"{by} requires {what}, which {are} not installed",
+            remedy=f"run `pip install {missing}`",
+        )
 
 
 def unknown(
@@ -108,22 +147,22 @@ def unknown(
     likely: Sequence[str] = (),
     listing: str = "",
 ) -> InputError:
-    """Make the error for a name that does not exist, with the nearest names that do.
+    """Make the error for an unknown name, with the most similar known names.
 
     Parameters
     ----------
     kind
-        What the name should have been: ``"frame"``, ``"joint"``, ``"robot"``.
+        Kind of name that was expected: ``"frame"``, ``"joint"``, ``"robot"``.
     name
-        What was given.
+        The unknown name.
     known
-        The names that exist.
+        All known names.
     aliases
-        What else may be written, and the name it stands for.
+        Other spellings, with the name that each stands for.
     likely
-        Those to show first where none is near.
+        Names to list first where none is similar.
     listing
-        Where a person can see them all, appended to the message.
+        Where all names are listed; appended to the message.
     """
     name = f"{name[:59]}…" if isinstance(name, str) and len(name) > 60 else name
     every = list(dict.fromkeys([*likely, *map(str, known)]))
@@ -134,11 +173,12 @@ def unknown(
         hint = f"choose from {', '.join(every)}" if every else "there is none"
     else:
         hint = f"there are {len(every)}, such as {', '.join(every[:6])}"
-    return InputError(f"no {kind} {name!r}; {hint}{' ' + listing if listing else ''}")
+    remedy = f"{hint} {listing}" if listing else hint
+    return InputError(f"no {kind} {name!r}", remedy=remedy)
 
 
 def _near(name: str, names: Mapping[str, str]) -> list[str]:
-    """At most four names that hold what was written, or begin with it, or are spelled like it."""
+    """Find up to four names that contain the written one, begin with it, or are spelled alike."""
     written, folded = name.strip().lower(), {k.lower(): v for k, v in names.items()}
     holding = [
         k

@@ -162,9 +162,8 @@ def test_a_singular_region_is_told_across_processes() -> None:
     with pytest.raises(rp.SingularRegionError) as here:
         refuse(center)
     back = pickle.loads(pickle.dumps(here.value))
-    assert type(back) is rp.SingularRegionError and str(back) == str(here.value)
-    assert back.finding == here.value.finding and np.array_equal(back.at, here.value.at)
-    assert str(back.with_remedy("try")) == str(here.value.with_remedy("try"))
+    assert type(back) is rp.SingularRegionError and back.remedy == here.value.remedy
+    assert str(back) == str(here.value) and np.array_equal(back.at, here.value.at)
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
         error = pool.submit(refuse, center).exception(timeout=60)
     assert isinstance(error, rp.SingularRegionError) and str(error) == str(here.value)

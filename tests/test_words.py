@@ -18,14 +18,6 @@ from repctl_pin.cli import parser
 NOT_YET = """
     repctl_pin/__init__.py
     repctl_pin/arguments.py
-    repctl_pin/cli/__init__.py
-    repctl_pin/cli/animate.py
-    repctl_pin/cli/cell.py
-    repctl_pin/cli/check.py
-    repctl_pin/cli/endings.py
-    repctl_pin/cli/follow.py
-    repctl_pin/cli/given.py
-    repctl_pin/cli/terminal.py
     repctl_pin/codegen/assets/arm.c
     repctl_pin/codegen/assets/section.c
     repctl_pin/codegen/build.py
@@ -42,7 +34,6 @@ NOT_YET = """
     repctl_pin/design/independence.py
     repctl_pin/design/nearest.py
     repctl_pin/design/workers.py
-    repctl_pin/errors.py
     repctl_pin/files.py
     repctl_pin/integrability/derivative.py
     repctl_pin/integrability/stable_surface.py
@@ -58,7 +49,6 @@ NOT_YET = """
     repctl_pin/inverse_function/posture_search.py
     repctl_pin/inverse_function/reference.py
     repctl_pin/motion/best_leaf.py
-    repctl_pin/motion/fitting_circle.py
     repctl_pin/motion/jerk.py
     repctl_pin/motion/joint_motion.py
     repctl_pin/motion/profile.py
@@ -81,7 +71,6 @@ NOT_YET = """
     repctl_pin/robot/robot.py
     repctl_pin/robot/task.py
     repctl_pin/robot/visuals.py
-    repctl_pin/show/notebook.py
     repctl_pin/show/page/assets/scripts/cards.js
     repctl_pin/show/page/meshes.py
     repctl_pin/show/page/playback.py
@@ -99,10 +88,6 @@ NOT_YET = """
     repctl_pin/strategies/control_step.py
     repctl_pin/strategies/pseudoinverse.py
     repctl_pin/strategies/strategy.py
-    repctl_pin/studies/defaults.py
-    repctl_pin/studies/start_and_path.py
-    repctl_pin/studies/study.py
-    repctl_pin/studies/study_result.py
     repctl_pin/urdf/arms.toml
     repctl_pin/urdf/catalogue.py
     repctl_pin/urdf/checks.py

@@ -172,6 +172,10 @@ def right_calls(folder: Path) -> list[Call]:
             "limits": True,
         },
         "stable_surface": {"strategy": control, "region": box, "samples": 8, "seed": 0},
+        "Problem": {
+            "robot": "planar3r", "frame": "tool", "kind": "xy", "start": q0, "path": None,
+            "plane": "xy", "region": 0.1,
+        },
         "study": {
             "robot": "planar3r", "frame": "tool", "kind": "xy", "start": q0, "path": None,
             "radius": 0.05,

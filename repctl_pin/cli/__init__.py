@@ -1,5 +1,4 @@
-"""The command ``repctl``: parse, call, print. One file a subcommand; nothing heavy is imported to
-parse."""
+"""The command ``repctl``: parse, call, print. One file per subcommand, with late imports."""
 
 from __future__ import annotations
 
@@ -15,6 +14,7 @@ from contextlib import ExitStack
 from typing import Any
 
 from .._version import __version__
+from ..errors import RepctlError
 from . import animate, cell, check, completion, design, export, follow, inspect, robots, study
 from .endings import exit_code
 from .executors import BLAS_THREADS
@@ -28,28 +28,27 @@ _COMMANDS = (study, design, cell, follow, check, animate, export, robots, inspec
 
 _EXAMPLES = """examples:
   repctl study panda                            table, figures and animation in repctl-out/panda/
-  repctl study my_arm.urdf --frame tool0        the same for an arm of your own
+  repctl study my_arm.urdf --frame tool0        the same for your own arm
   repctl study xarm7 --task position --path square:0.2 --plane yz
-  repctl design panda --degree auto             the nearest repeatable inverse, and what it is worth
+  repctl design panda --degree auto             the nearest repeatable inverse, evaluated
   repctl cell panda --half-width 0.1 --half-angle 0.3   one function for a box of poses
-  repctl check panda --weight inertia           is this control repeatable? how much does it drift?
+  repctl check panda --weight inertia           is it repeatable, and how much does it drift?
   repctl follow design.json --csv motion.csv    one cycle of a saved design, ready for a robot
   repctl animate panda --live                   both arms in the browser, until Ctrl-C
-  repctl export design.json --to folder         the same in C, for the robot's own loop
+  repctl export design.json --to folder         the same in C, for the control loop of the robot
   repctl robots                                 every arm in the catalogue
   repctl inspect my_arm.urdf                    what a file holds
 """
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command; return its exit code: 0 done, 2 something given cannot be used, 1 a fault of
-    ours."""
+    """Run the command; return its exit code: 0 done, 1 internal error, 2 unusable input."""
     if argv is None:  # our own process: matrices of 7 joints are faster on one thread
         for variable in BLAS_THREADS:
             os.environ.setdefault(variable, "1")
         gc.set_threshold(50_000)  # imports make many objects, and none of them is garbage
-        os.environ["MPLBACKEND"] = "agg"  # no window is opened, whatever a person's programs open
-        # of libraries: they are for programmers
+        os.environ["MPLBACKEND"] = "agg"  # no window is opened, whatever the user's settings
+        # warnings of libraries are for programmers
         warnings.simplefilter("ignore", Warning if not sys.warnoptions else DeprecationWarning)
         for stream in (sys.stdout, sys.stderr):  # None where it is closed
             if isinstance(stream, io.TextIOWrapper):
@@ -67,7 +66,11 @@ def main(argv: Sequence[str] | None = None) -> int:
 
             logging.getLogger("matplotlib").setLevel(logging.ERROR)
         with ExitStack() as options.ending:
-            return options.run(options)
+            try:
+                return options.run(options)
+            except RepctlError as error:  # the library names arguments, the command its options
+                error.argument = options.option_names.get(error.argument, error.argument)
+                raise
 
     return exit_code(
         run, [word for word in arguments if word != "--debug"], debug="--debug" in arguments
@@ -75,11 +78,13 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def parser() -> Parser:
-    """Make the parser of the whole command."""
+    """Make the parser of all commands."""
     about = "Repeatable control for redundant robot arms."
     whole = Parser(prog="repctl", description=about, epilog=_EXAMPLES, **_AS_WRITTEN)
     whole.add_argument(
-        "--debug", action="store_true", help="before COMMAND: show the traceback of a fault"
+        "--debug",
+        action="store_true",
+        help="before COMMAND: show the traceback of an internal error",
     )
     whole.add_argument("--version", action="version", version=f"repctl {__version__}")
     commands = whole.add_subparsers(metavar="COMMAND", required=True)
@@ -97,7 +102,7 @@ def parser() -> Parser:
 
 
 def join_negative(arguments: list[str]) -> list[str]:
-    """Let ``--start -0.1,0.2`` stand, which argparse would take for an option."""
+    """Join ``--start -0.1,0.2`` into one word, which argparse would take for an option."""
     joined: list[str] = []
     for argument in arguments:
         if (

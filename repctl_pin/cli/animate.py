@@ -1,5 +1,4 @@
-"""``repctl animate``: motions on a page, written to a file; or the controls themselves, running in
-the browser."""
+"""``repctl animate``: motions on a page, in a file; or controllers running in the browser."""
 
 from __future__ import annotations
 
@@ -20,11 +19,16 @@ if TYPE_CHECKING:
 
     from ..show.page.playback import Playback
 
-HELP = "show motions in the browser: from a CSV, from a saved design, or J⁺ beside the nearest repeatable"
-EXAMPLE = "example: repctl animate panda --motion repctl-out/panda/motion.csv --only pseudoinverse,repeatable --live"
+HELP = (
+    "show motions in the browser: from a CSV, from a saved design, or J⁺ beside the nearest "
+    "repeatable inverse"
+)
+EXAMPLE = """examples:
+  repctl animate panda --motion repctl-out/panda/motion.csv --only pseudoinverse,repeatable
+  repctl animate panda --live"""
 
 RATE = 60.0
-"""Pictures a second of a live view."""
+"""Pictures per second of a live view."""
 
 _Shown = tuple["rp.Task", "list[Playback]", "dict[str, Any]"]
 
@@ -34,7 +38,7 @@ def add_options(parser: Parser) -> None:
     parser.what()
     parser.surroundings()
     add = parser.add_argument
-    add("--motion", metavar="FILE", help="a CSV of joint positions, as study and follow write it")
+    add("--motion", metavar="FILE", help="CSV of joint positions, as study and follow write it")
     add(
         "--only",
         metavar="NAMES",
@@ -42,13 +46,14 @@ def add_options(parser: Parser) -> None:
     )
     parser.task()
     parser.path()
-    add("--cycles", type=integer, help="number of cycles (default 10, or what the CSV says)")
-    add("--steps", type=integer, default=200, help="steps a cycle (default 200)")
+    add("--cycles", type=integer, help="number of cycles (default 10, or that of the CSV)")
+    add("--steps", type=integer, default=200, help="steps per cycle (default 200)")
     add("--degree", type=integer, default=2, help="degree of the potentials (default 2)")
-    add("--seconds", type=positive, default=4.0, help="time of a cycle, s (default 4)")
-    add("--out", metavar="FOLDER", help="where animation.html goes (default repctl-out/ROBOT)")
+    add("--seconds", type=positive, default=4.0, help="time of one cycle, s (default 4)")
+    add("--out", metavar="FOLDER", help="folder of animation.html (default repctl-out/ROBOT)")
     live = (
-        "run both controls in real time, in the browser of this machine, where keys move the target"
+        "run both controllers in real time, in the browser of this machine, where keys move the "
+        "target"
     )
     add("--live", action="store_true", help=live)
     add("--port", type=int, help="with --live: port of the page (default: a free one)")
@@ -57,7 +62,7 @@ def add_options(parser: Parser) -> None:
 
 
 def run(options: Options) -> int:
-    """Make the page and write it; or run the controls until Ctrl-C."""
+    """Make the page and write it; or run the controllers until Ctrl-C."""
     _check(options)
     say = progress(options.json)
     design = options.load_design() if options.saved else None
@@ -90,38 +95,37 @@ def run(options: Options) -> int:
 
 
 def _check(options: Options) -> None:
-    """Refuse options that do not go together."""
+    """Refuse options that exclude or require each other."""
     if options.motion is not None and options.saved:
-        raise InputError("--motion is shown on a robot; give its name or URDF, not a design")
+        raise InputError("--motion requires a robot, not a saved design")
     if options.motion is None and options.only is not None:
-        raise InputError("--only chooses among the strategies of a --motion file")
+        raise InputError("--only requires --motion")
     if not options.live and (options.port is not None or options.no_browser):
-        raise InputError("--port and --no-browser go with --live")
+        raise InputError("--port and --no-browser require --live")
     for name in ("motion", "out", "cycles"):
         if options.live and getattr(options, name) is not None:
-            raise InputError(
-                f"--live runs the controls themselves, and writes nothing; leave --{name} out"
-            )
+            raise InputError(f"--live and --{name} are mutually exclusive")
 
 
 def _run_live(options: Options, design: rp.Design | None, say: Callable[[str], None]) -> int:
-    """Run both controls round the path in real time, where the browser shows them, until Ctrl-C or
-    SIGTERM."""
+    """Run both controllers along the path in real time, in the browser, until Ctrl-C or SIGTERM."""
     from ..motion.loop import Loop
 
     if design is None:
         found = _study(options, say, cycles=1)
         design, q0, path = found.design, found.q0, found.path
     else:
-        q0, path = _setting(design, options, say)
+        say("finding a path")
+        problem = options.problem_of(design)
+        q0, path = problem.start, problem.cycle
     loop = Loop([design.desired, design.inverse], path, q0, period=options.seconds)
     with (
         until_stopped() as stop,
         rp.Viewer(design.task, _names(design), path=path, start=q0, port=options.port or 0) as view,
     ):
         clear_line()
-        told = {"robot": design.task.robot.name, "frame": design.task.frame, "url": view.url}
-        print(as_json(told) if options.json else f"showing at {view.url} until Ctrl-C", flush=True)
+        shown = {"robot": design.task.robot.name, "frame": design.task.frame, "url": view.url}
+        print(as_json(shown) if options.json else f"showing at {view.url} until Ctrl-C", flush=True)
         if not options.no_browser:
             view.open()
         before = due = time.monotonic()
@@ -135,24 +139,20 @@ def _run_live(options: Options, design: rp.Design | None, say: Callable[[str], N
 
 
 def _from_csv(options: Options, say: Callable[[str], None]) -> _Shown:
-    """Motions as a file holds them."""
+    """Read the motions of a file."""
     from ..show.page.playback import read_playbacks
-    from ..studies.defaults import choose_task
 
     robot = options.load_robot()
     say("reading the motion")
     tracks = read_playbacks(options.motion, robot, cycles=options.cycles)
     if options.only is not None:
         tracks = _only(options.only, tracks, options.motion)
-    return (
-        choose_task(robot, options.frame, options.task),
-        tracks,
-        {"name": Path(options.motion).name},
-    )
+    task = options.problem(robot, start="reference", path=False).task
+    return task, tracks, {"name": Path(options.motion).name}
 
 
 def _only(names: str, tracks: list[Playback], file: str) -> list[Playback]:
-    """Choose among a file's strategies, by what the file calls them or by what the pictures do."""
+    """Select strategies of a file, by their names in the file or in the pictures."""
     from ..strategies.names import KEYS
 
     there = {KEYS.get(track.label, track.label): track for track in tracks}
@@ -167,32 +167,22 @@ def _only(names: str, tracks: list[Playback], file: str) -> list[Playback]:
     return chosen
 
 
-def _setting(
-    design: rp.Design, options: Options, say: Callable[[str], None]
-) -> tuple[Any, rp.TaskPath]:
-    """Where a saved design starts, and its path; or what the options ask for."""
-    from ..studies.start_and_path import setting_of
-
-    say("finding a path")
-    setting = setting_of(design, options.asked_start(design.task), options.asked_path())
-    return setting.q0, setting.drawn
-
-
 def _names(design: rp.Design) -> tuple[str, str]:
-    """What a design's two controls are called: the desired one, and the nearest repeatable."""
+    """Name the two controllers of a design: the desired one, and the nearest repeatable."""
     from ..strategies.names import LABELS
 
-    return LABELS["pseudoinverse"] if type(
-        design.desired
-    ) is rp.Pseudoinverse else "desired", LABELS["repeatable"]
+    plain = type(design.desired) is rp.Pseudoinverse
+    return LABELS["pseudoinverse"] if plain else "desired", LABELS["repeatable"]
 
 
 def _from_design(design: rp.Design, options: Options, say: Callable[[str], None]) -> _Shown:
-    """A saved design, beside the inverse that it is the nearest to."""
+    """Follow the path with a saved design and with its desired inverse."""
     from ..show.page.playback import playback_of
     from ..show.palette import COLOURS
 
-    q0, path = _setting(design, options, say)
+    say("finding a path")
+    problem = options.problem_of(design)
+    q0, path = problem.start, problem.cycle
     cycles = options.cycles or 10
     say(f"following the path for {cycles} cycles")
     controls = zip(
@@ -211,7 +201,7 @@ def _from_design(design: rp.Design, options: Options, say: Callable[[str], None]
 
 
 def _from_study(options: Options, say: Callable[[str], None]) -> _Shown:
-    """J⁺ and the nearest repeatable inverse, as a study finds them."""
+    """Select J⁺ and the nearest repeatable inverse of a study."""
     from ..show.page.playback import playback_of
     from ..show.palette import COLOURS
 
@@ -226,6 +216,6 @@ def _from_study(options: Options, say: Callable[[str], None]) -> _Shown:
 
 
 def _study(options: Options, say: Callable[[str], None], *, cycles: int) -> rp.Study:
-    """Study what the options name."""
-    more = options.asked() | options.of("steps", "degree")
-    return rp.study(options.load_robot(), **more, cycles=cycles, progress=say)
+    """Study the problem that the options describe."""
+    more = options.of("steps", "degree")
+    return rp.study(options.problem(), **more, cycles=cycles, progress=say)

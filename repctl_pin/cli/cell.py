@@ -1,8 +1,7 @@
-"""``repctl cell``: one function for a whole cell of the workspace, and what it is worth."""
+"""``repctl cell``: one function for a whole cell of the workspace, and its evaluation."""
 
 from __future__ import annotations
 
-import re
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -25,7 +24,10 @@ from .given import (
 from .options import Parser
 from .terminal import progress, report
 
-HELP = "find one function for a whole cell: a pose in, the same joints out, everywhere in a box of poses"
+HELP = (
+    "find one function for a whole cell, a box of poses: each pose gives one configuration, always "
+    "the same"
+)
 EXAMPLE = """examples:
   repctl cell panda --half-width 0.1,0.15,0.1 --half-angle 0.3
   repctl cell panda --half-width 0.15,0.3,0.2 --at 0.46,0,0.3
@@ -34,17 +36,8 @@ EXAMPLE = """examples:
   repctl follow repctl-out/panda/cell.json --path circle:0.05 --csv motion.csv"""
 
 
-_OPTIONS = {
-    "incomplete='shrink'": "--shrink",
-    "incomplete='keep'": "--keep",
-    "posture=": "--start",
-    "half_width": "--half-width",
-    "held_out": "--held-out",
-}
-"""What the words of Python's messages are called here."""
-
 _STEPS = 240
-"""Steps of a cycle of the tour."""
+"""Steps per cycle of the sample path."""
 
 
 def add_options(parser: Parser) -> None:
@@ -54,7 +47,8 @@ def add_options(parser: Parser) -> None:
     parser.surroundings()
     add = parser.add_argument
     width = (
-        "of the box, m: one number, or x,y,z along the base's axes; with --path, the room around it"
+        "half-width of the box, m: one number, or x,y,z along the axes of the base; with --path, "
+        "the margin around the path"
     )
     add("--half-width", required=True, metavar="W", help=width)
     add(
@@ -66,32 +60,33 @@ def add_options(parser: Parser) -> None:
     add(
         "--at",
         metavar="X,Y,Z",
-        help="the middle, m from the base (default: where the start's frame is)",
+        help="middle of the box, m from the base (default: position of the frame at the start)",
     )
-    parser.path("the box goes round this closed path, or these poses, starting at --start: ", "")
+    parser.path("closed path that the box encloses, beginning at --start: ", "")
     add("--degree", default="auto", metavar="D", help="degree of the polynomial, or auto (default)")
     add(
         "--limit-margin",
         type=positive,
         default=0.05,
-        help="distance kept from limits, rad (default 0.05)",
+        help="joint-limit margin to keep where possible, rad (default 0.05)",
     )
     add(
         "--body-distance",
         type=float,
         default=0.0,
-        help="distance kept between bodies, m (default 0: none)",
+        help="body distance to keep where possible, m (default 0: none)",
     )
-    add("--sigma-min", type=float, default=0.0, help="σ_min of J that is kept (default 0: none)")
+    sigma = "σ_min(J) to keep where possible (default 0: none)"
+    add("--sigma-min", type=float, default=0.0, help=sigma)
     add("--shrink", action="store_true", help="shrink the cell until one function covers it")
     add(
         "--keep",
         action="store_true",
         help="keep the function on the part of the cell that it covers",
     )
-    add("--held-out", type=integer, default=8192, help="held-out poses (default 8192)")
-    add("--seed", type=natural, default=0, help="seed of all nodes (default 0)")
-    add("--out", metavar="FOLDER", help="where the files go (default repctl-out/ROBOT)")
+    add("--held-out", type=integer, default=8192, help="number of held-out poses (default 8192)")
+    add("--seed", type=natural, default=0, help="random seed of all nodes (default 0)")
+    add("--out", metavar="FOLDER", help="output folder (default repctl-out/ROBOT)")
     add(
         "--prove",
         action="store_true",
@@ -102,40 +97,35 @@ def add_options(parser: Parser) -> None:
 
 def run(options: Options) -> int:
     """Find the function, print the table, write cell.json, cell.html and cell.png."""
-    try:
-        return _run(options)
-    except InputError as error:
-        raise InputError(
-            re.sub("|".join(map(re.escape, _OPTIONS)), lambda m: _OPTIONS[m[0]], str(error))
-        ) from None
-
-
-def _run(options: Options) -> int:
     folder = options.output_folder(Path(options.robot).stem)
     say = progress(options.json)
     needed("matplotlib", "meshcat", by="repctl cell")
     if options.shrink and options.keep:
-        raise InputError("--shrink and --keep are two answers to one question; give one")
+        raise InputError("--shrink and --keep are mutually exclusive")
     if options.keep and options.prove:
         raise InputError(
             "--keep and --prove are mutually exclusive: only a cell that is covered can be proved"
         )
-    task = options.load_task()
-    if options.prove and task.kind != "pose":
+    cell, posture = _cell(options)
+    if options.prove and cell.task.kind != "pose":
+        kind = cell.task.kind
         raise InputError(
-            f"--prove requires --task pose: nothing can be proved of a cell of {task.kind} tasks yet"
+            f"--prove requires --task pose: nothing can be proved of a cell of {kind} tasks yet"
         )
-    cell, posture = _cell(options, task)
-    design = rp.nearest_inverse_function(
-        rp.Pseudoinverse(task),
-        cell,
-        posture=posture,
-        degree=options.asked_degree(),
-        incomplete="shrink" if options.shrink else "keep" if options.keep else "refuse",
-        **options.of("limit_margin", "body_distance", "sigma_min"),
-        options=rp.FitOptions(**options.of("held_out", "seed")),
-        progress=lambda what, share: say(f"{what} {share:.0%}"),
-    )
+    try:
+        design = rp.nearest_inverse_function(
+            rp.Pseudoinverse(cell.task),
+            cell,
+            posture=posture,
+            degree=options.asked_degree(),
+            incomplete="shrink" if options.shrink else "keep" if options.keep else "refuse",
+            **options.of("limit_margin", "body_distance", "sigma_min"),
+            options=rp.FitOptions(**options.of("held_out", "seed")),
+            progress=lambda step, fraction: say(f"{step} {fraction:.0%}"),
+        )
+    except rp.NoFunctionError as error:
+        error.remedy = _remedy(error, cell)
+        raise
     design = proved(design, say) if options.prove else design
     say("drawing")
     prepare_folder(folder)
@@ -145,11 +135,10 @@ def _run(options: Options) -> int:
     def text() -> str:
         lines = [design.summary()]
         if design.cell.size() != cell.size():
-            lines.append(
-                f"\nnote: --shrink: no single function covers {cell.size()}; this is for {design.cell.size()}"
-            )
-        least = "extra joint speed: of the function over J⁺ at the same joints; J⁺ is the least that any control needs"
-        lines.append(f"\n{least}\n")
+            sizes = f"no single function covers {cell.size()}; this one is for {design.cell.size()}"
+            lines.append(f"\nnote: --shrink: {sizes}")
+        extra = "extra joint speed: joint speed of F relative to J⁺ at the same configurations"
+        lines.append(f"\n{extra}; J⁺ gives the minimum-norm joint velocity\n")
         if design.proof is not None:
             lines.append(f"{design.proof.summary()}\n")
         return fitted("\n".join(lines + [f"note: {note}\n"] * bool(note)))
@@ -157,27 +146,45 @@ def _run(options: Options) -> int:
     return report(options, lambda: _as_dict(design), text, files)
 
 
-def _cell(options: Options, task: rp.Task) -> tuple[rp.Cell, Any]:
-    """Read the cell; and the posture in its middle, where --start gives one."""
+def _remedy(error: rp.NoFunctionError, cell: rp.Cell) -> str:
+    """Write the remedy of a cell that no function covers in terms of options."""
+    if error.fits <= 0:
+        other = "no smaller cell around this middle works either"
+        remedy = f"{other}, so move it, or choose another --start"
+    else:
+        remedy = f"use --shrink to get a cell of {cell.scaled(error.fits).size()}"
+    return f"{remedy}, or --keep to keep the covered part of this one" if error.partly else remedy
+
+
+def _cell(options: Options) -> tuple[rp.Cell, Any]:
+    """Make the cell, and the posture in its middle if --start is given."""
     import numpy as np
     import pinocchio as pin
 
-    start, path_of = options.asked_start(task), options.asked_path()
+    from ..motion.spec import parse_path
+
     sizes = (
         _numbers(options.half_width, "--half-width"),
         _numbers(options.half_angle, "--half-angle"),
     )
-    if path_of is not None:
+    around = options.path is not None or options.plane is not None
+    if around and options.at is not None:
+        raise InputError("--path and --at are mutually exclusive")
+    given = options.asked_start()
+    problem = options.problem(start="reference" if given is None else given, path=False)
+    task, start = problem.task, problem.start
+    middle = task.placement(start)
+    if around:
+        cell = rp.Cell.around(task, parse_path(options.path, options.plane)(task, start), *sizes)
+        middle = cell.placement
+    else:
         if options.at is not None:
-            raise InputError("--path and --at are two answers to one question; give one")
-        q0 = task.reference if start is None else start
-        cell = rp.Cell.around(task, path_of(task, q0), *sizes)
-        return cell, None if start is None else rp.solve_ik(task, start, cell.placement)
-    x = task.placement(task.reference if start is None else start)
-    if options.at is not None:
-        x = pin.SE3(x.rotation, np.array(_numbers(options.at, "--at", 3)))
-    cell = rp.Cell(task, x, *sizes)
-    return cell, start if start is None or options.at is None else rp.solve_ik(task, start, x)
+            middle = pin.SE3(middle.rotation, np.array(_numbers(options.at, "--at", 3)))
+        cell = rp.Cell(task, middle, *sizes)
+    if given is None:
+        return cell, None
+    moved = around or options.at is not None
+    return cell, rp.solve_ik(task, start, middle) if moved else start
 
 
 def _numbers(text: str, option: str, size: int | None = None) -> Any:
@@ -190,8 +197,7 @@ def _numbers(text: str, option: str, size: int | None = None) -> Any:
 
 
 def _pictures(design: rp.CellDesign, folder: Path, command: str) -> tuple[list[Path], str]:
-    """Draw the slices, and the page with a tour through the cell; why there is no tour, where there
-    is none."""
+    """Draw the slices and the page with a sample path; with a note if the path fails."""
     from ..inverse_function.cell_design import slices
     from ..inverse_function.sample_path import tour
     from ..show.cell_page import cell_page
@@ -210,7 +216,7 @@ def _pictures(design: rp.CellDesign, folder: Path, command: str) -> tuple[list[P
             LABELS["pseudoinverse"]: rp.follow(design.desired, path, q0, steps=_STEPS)
         } | motions
     except RepctlError as error:
-        note = f"on the tour through the cell: {error}"
+        note = f"on the sample path through the cell: {error}"
     picture = png(cell_figure(design, cuts)) if cuts else None
     files = [
         write_whole(folder / "cell.html", cell_page(design, picture, motions, command=command))
@@ -219,12 +225,13 @@ def _pictures(design: rp.CellDesign, folder: Path, command: str) -> tuple[list[P
 
 
 def _as_dict(design: rp.CellDesign) -> dict[str, Any]:
+    """Collect the result in plain Python types."""
     import numpy as np
 
-    from ..studies.study_result import picked
+    from ..studies import picked
 
     figures = asdict(design.evaluation)
-    del figures["failures"]  # which come last, in words
+    del figures["failures"]  # they come last, in words
     infinite = [
         name
         for name, value in figures.items()

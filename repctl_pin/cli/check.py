@@ -1,16 +1,26 @@
-"""``repctl check``: is a control repeatable on this arm, and if not, how much does it drift?"""
+"""``repctl check``: whether a controller is repeatable on an arm, and how much it drifts if not."""
 
 from __future__ import annotations
 
+from functools import partial
 from itertools import combinations
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import repctl_pin as rp
 
 from ..errors import InputError
 from ..show.text.lines import fitted
 from ..show.text.numbers import number, row
-from .given import REGION, Options, box_round, integer, natural, plain_proof, positive
+from .given import (
+    REGION,
+    Options,
+    box_within_limits,
+    cut_note,
+    integer,
+    natural,
+    plain_proof,
+    positive,
+)
 from .options import Parser
 from .terminal import progress, report
 
@@ -19,18 +29,17 @@ if TYPE_CHECKING:
 
     from ..integrability import Repeatability, Surfaces
     from ..strategies import Inverse
-    from ..studies.start_and_path import Setting
 
-HELP = "say whether J⁺, a weighted inverse or a saved design is repeatable, and how much it drifts if not"
+HELP = "test whether J⁺, a weighted inverse or a saved design is repeatable, and measure its drift"
 EXAMPLE = """examples:
   repctl check panda --weight inertia
-  repctl check repctl-out/panda/design.json          # a saved design, over the region it was made for
-  repctl check repctl-out/panda/design.json --prove  # a lower bound of its leaf margin that holds everywhere in it
+  repctl check repctl-out/panda/design.json          # a saved design, over its own region
+  repctl check repctl-out/panda/design.json --prove  # a lower bound of its leaf margin in Ω
   repctl check repctl-out/my_arm/design.json --robot my_arm.urdf"""
 
 _Drift = dict[str, float]
 SMALL = 4
-"""Arms of up to so many joints are searched for stable surfaces."""
+"""Maximum number of joints of an arm that is searched for stable surfaces."""
 
 
 def add_options(parser: Parser) -> None:
@@ -45,158 +54,156 @@ def add_options(parser: Parser) -> None:
         help="describe a planar arm by absolute angles, not by relative ones",
     )
     region = (
-        "Ω: half-width round the start, rad, cut to the joint limits (default 0.4; a design's own)"
+        "half-width of Ω around the start, rad, cut at the joint limits (default 0.4, or that of "
+        "the design)"
     )
     add("--region", type=positive, metavar="W", help=region)
-    add("--samples", type=integer, default=128, help="configurations to look at (default 128)")
-    add("--seed", type=natural, default=0, help="seed of those (default 0)")
+    add(
+        "--samples",
+        type=integer,
+        default=128,
+        help="number of configurations to test (default 128)",
+    )
+    add("--seed", type=natural, default=0, help="random seed of the configurations (default 0)")
     prove = "prove a lower bound of a saved design's leaf margin over its region, or over its cell"
     add("--prove", action="store_true", help=prove)
     add("--json", action="store_true", help="print JSON instead of text")
 
 
 def run(options: Options) -> int:
-    """Judge a strategy and print what was found."""
+    """Test a strategy and print the result."""
     say = progress(options.json)
     import numpy as np
 
-    from ..regions import Region
-
     if options.prove:
         return _prove(options, say)
-    strategy, name, setting = _saved(options) if options.saved else _named(options)
-    task, q0 = strategy.task, setting.q0
-    assert isinstance(setting.region, Region)
+    case = _saved(options) if options.saved else _named(options)
+    task, q0 = case.strategy.task, case.problem.start
+    region = case.problem.region
     say("evaluating the Lie brackets")
-    verdict = rp.is_repeatable(strategy, setting.region, samples=options.samples, seed=options.seed)
-    drift = _in_planes(rp.drift_per_area(strategy, q0), task)
+    verdict = rp.is_repeatable(case.strategy, region, samples=options.samples, seed=options.seed)
+    drift = _in_planes(rp.drift_per_area(case.strategy, q0), task)
     surfaces = None
     if task.n <= SMALL and not verdict.repeatable:
-        say("looking for stable surfaces")
+        say("searching for stable surfaces")
         low, high = np.maximum(task.lower, q0 - np.pi), np.minimum(task.upper, q0 + np.pi)
-        surfaces = rp.stable_surface(strategy, rp.Box.between(low, high), seed=options.seed)
-    said = f"{name}, in absolute angles" if options.absolute else name
+        box = rp.Box.between(low, high)
+        surfaces = rp.stable_surface(case.strategy, box, seed=options.seed)
+    absolute = ", in absolute angles" if options.absolute else ""
     return report(
         options,
-        lambda: _as_dict(task, name, setting, verdict, drift, surfaces),
-        lambda: fitted("\n".join(_lines(task, said, setting, verdict, drift, surfaces))),
+        lambda: _as_dict(case, verdict, drift, surfaces),
+        lambda: fitted("\n".join(_lines(case, absolute, verdict, drift, surfaces))),
     )
 
 
 def _prove(options: Options, say: Callable[[str], None]) -> int:
-    """Prove what a saved design promises: again, where it holds a certificate."""
+    """Prove the margins of a saved design; if it has a certificate, prove that again."""
     from dataclasses import asdict
 
     if not options.saved:
         raise InputError(
-            "--prove requires a saved design (.json); repctl design and repctl cell save one"
+            "--prove requires a saved design (.json)",
+            remedy="save one with repctl design or repctl cell",
         )
     for option in ("weight", "absolute", "region", "start"):
         if getattr(options, option):
-            raise InputError(
-                f"--prove and --{option} are mutually exclusive: a design is proved over its own region"
-            )
+            why = "a design is proved over its own region"
+            raise InputError(f"--prove and --{option} are mutually exclusive: {why}")
     design = options.load_saved()
     margin = design.proof.leaf_margin if design.proof else None
-    proof = rp.prove(design, margin=margin, progress=lambda what, share: say(f"{what} {share:.0%}"))
+    proof = rp.prove(
+        design, margin=margin, progress=lambda step, fraction: say(f"{step} {fraction:.0%}")
+    )
     return report(options, lambda: plain_proof(asdict(proof)), lambda: fitted(proof.summary()))
 
 
-def _named(options: Options) -> tuple[Inverse, str, Setting]:
-    """J⁺, or a weighted inverse, of a robot."""
-    from ..studies.defaults import choose_desired, choose_start
-    from ..studies.start_and_path import GIVEN, Setting
+class _Case(NamedTuple):
+    """A strategy to test, and the problem whose region it is tested in."""
 
-    task = options.load_task()
-    given = options.asked_start(task)
-    q0, where = choose_start(task) if given is None else (given, GIVEN)
+    strategy: Inverse
+    name: str
+    problem: rp.Problem
+    start_is: str
+    notes: tuple[str, ...] = ()
+
+
+def _named(options: Options) -> _Case:
+    """Make J⁺, or a weighted inverse, of a robot."""
+    from ..problem import choose_desired
+
+    half_width = options.region or REGION
+    box = partial(box_within_limits, half_width=half_width)
+    problem = options.problem(path=False, region=box)
+    start_is = problem.start_is
     if options.absolute:
-        task = task.in_coordinates(rp.absolute_angles(task))
+        task = problem.task.in_coordinates(rp.absolute_angles(problem.task))
         assert task.coordinates is not None
-        q0 = task.coordinates.coordinates(q0)
-    region, notes = box_round(task, q0, options.region or REGION)
-    return (
-        *choose_desired(task, options.asked_weight()),
-        Setting(q0, where, region=region, moved=notes),
-    )
+        q0 = task.coordinates.coordinates(problem.start)
+        problem = rp.Problem(task, start=q0, path=False, region=box)
+    strategy, name = choose_desired(problem.task, options.asked_weight())
+    notes = cut_note(problem.task, problem.region, half_width)
+    return _Case(strategy, name, problem, start_is, notes)
 
 
-def _saved(options: Options) -> tuple[Inverse, str, Setting]:
-    """A saved design; what chooses a strategy has no place beside it."""
-    from ..studies.start_and_path import GIVEN, Setting
-
+def _saved(options: Options) -> _Case:
+    """Load a design; refuse the options that choose a strategy."""
     for option in ("weight", "absolute"):
         if getattr(options, option):
-            raise InputError(f"{options.what} is a strategy of its own; leave --{option} out")
+            raise InputError(f"{options.what} is a strategy", remedy=f"omit --{option}")
     design = options.load_design()
-    given = options.asked_start(design.task)
-    q0, where = (design.region.center, "the region's center") if given is None else (given, GIVEN)
-    region, notes = (
-        (design.region, ())
-        if options.region is None
-        else box_round(design.task, q0, options.region)
-    )
-    return (
-        design.inverse,
-        f"the design in {options.what}",
-        Setting(q0, where, region=region, moved=notes),
-    )
+    problem = options.problem_of(design, path=False)
+    start_is = problem.start_is
+    notes: tuple[str, ...] = ()
+    if options.region is not None:
+        box = partial(box_within_limits, half_width=options.region)
+        problem = rp.Problem(design.task, start=problem.start, path=False, region=box)
+        notes = cut_note(design.task, problem.region, options.region)
+    return _Case(design.inverse, f"the design in {options.what}", problem, start_is, notes)
 
 
 def _in_planes(drift: Any, task: rp.Task) -> _Drift:
-    """The drift per area in each plane of the task's axes."""
+    """Select the drift per area in each plane of the task's axes."""
     axes = {"xz": "xz", "yz": "yz"}.get(task.kind, "xyz")
     return {axes[a] + axes[b]: float(drift[a, b]) for a, b in combinations(range(len(drift)), 2)}
 
 
 def _as_dict(
-    task: rp.Task,
-    name: str,
-    setting: Setting,
-    verdict: Repeatability,
-    drift: _Drift,
-    surfaces: Surfaces | None,
+    case: _Case, verdict: Repeatability, drift: _Drift, surfaces: Surfaces | None
 ) -> dict[str, Any]:
-    from ..regions import Region
-    from ..studies.study_result import picked, region_dict
+    """Collect the result in plain Python types."""
+    from ..studies import picked, region_dict
 
-    assert isinstance(setting.region, Region)
-    return {
-        **task.as_dict(),
-        "strategy": name,
-        "start": [float(v) for v in setting.q0],
-        "region": region_dict(setting.region),
+    found: dict[str, Any] = {
+        **case.strategy.task.as_dict(),
+        "strategy": case.name,
+        "start": [float(v) for v in case.problem.start],
+        "region": region_dict(case.problem.region),
         **picked(verdict, "repeatable", "defect"),
         "defect_at": verdict.at,
         **picked(verdict, "tolerance", "samples"),
         "drift_per_m2": drift,
-        "notes": setting.moved,
-        **(
-            {}
-            if surfaces is None
-            else {"surfaces": picked(surfaces, "stable", "candidate", "singular")}
-        ),
+        "notes": case.notes,
     }
+    if surfaces is not None:
+        found["surfaces"] = picked(surfaces, "stable", "candidate", "singular")
+    return found
 
 
 def _lines(
-    task: rp.Task,
-    name: str,
-    setting: Setting,
-    verdict: Repeatability,
-    drift: _Drift,
-    surfaces: Surfaces | None,
+    case: _Case, absolute: str, verdict: Repeatability, drift: _Drift, surfaces: Surfaces | None
 ) -> list[str]:
-    """What a person is told."""
+    """Write the result as lines of text."""
+    task, problem = case.strategy.task, case.problem
     robot = task.robot
     lines = [
         f"{verdict.summary()}\n",
         f"robot     {robot.name} ({robot.description.path.name})",
         f"task      {task}",
-        f"strategy  {name}",
-        f"start     {row(setting.q0)} ({setting.where})",
-        f"region    {setting.region}",
-        *(f"note: {note}" for note in setting.moved),
+        f"strategy  {case.name}{absolute}",
+        f"start     {row(problem.start)} ({case.start_is})",
+        f"region    {problem.region}",
+        *(f"note: {note}" for note in case.notes),
     ]
     if not verdict.repeatable:
         lines += [f"worst at  {row(verdict.at)}\n", _drift_table(drift, task.unit)]
@@ -205,11 +212,13 @@ def _lines(
 
 
 def _drift_table(drift: _Drift, unit: str) -> str:
+    """Write the drift per area as a table."""
     from ..show.text.table import table
 
     rows = []
     for plane, value in drift.items():
-        clean = value if value > 1e-9 else 0.0  # it is only rounding
+        clean = value if value > 1e-9 else 0.0  # rounding errors
         rows.append(["–".join(plane), *(number(clean * scale) for scale in (1, 1e-4, 1e-2))])
-    header = ["plane", f"{unit} per m²", f"{unit} per cm²", "round a 10 cm square"]
-    return f"joint drift of a small loop at the start, to first order in its area:\n{table(header, rows)}"
+    header = ["plane", f"{unit} per m²", f"{unit} per cm²", "around a 10 cm square"]
+    title = "joint drift of a small loop at the start, to first order in its area"
+    return f"{title}:\n{table(header, rows)}"

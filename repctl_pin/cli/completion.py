@@ -1,5 +1,4 @@
-"""``repctl completion``: a script that completes ``repctl`` in a shell, as shtab writes it from the
-parser."""
+"""``repctl completion``: a completion script for a shell, written by shtab."""
 
 from __future__ import annotations
 
@@ -26,7 +25,7 @@ WORDS = {
     "--strategy": " ".join(OWN),
     "--only": "pseudoinverse posture posture_off repeatable",
 }
-"""What may stand after an option."""
+"""Values offered after an option."""
 
 
 def add_options(parser: Parser) -> None:
@@ -41,8 +40,10 @@ def run(options: Options) -> int:
 
 
 def script(whole: argparse.ArgumentParser, shell: str) -> str:
-    """Write the script: all words stand in it, and nothing is run to complete. The parser is of no
-    use after that."""
+    """Generate a static completion script, which never calls repctl.
+
+    Modifies the parser, which must not be reused.
+    """
     needed("shtab", by="completion")
     import shtab
 
@@ -71,8 +72,7 @@ def script(whole: argparse.ArgumentParser, shell: str) -> str:
 
 
 def _words_and_files(name: str, robots: list[str]) -> dict[str, str]:
-    """Say, in each shell's own way, that words may stand here, and files: shtab knows only one or
-    the other."""
+    """Write, for each shell, a completion by words and by files, which shtab cannot combine."""
     words = " ".join(robots) if name == "robot" else WORDS["--path"]
     return {
         "bash": f"_repctl_{name}",

@@ -1,8 +1,9 @@
-"""``repctl design``: the nearest repeatable inverse over a region, and what it is worth."""
+"""``repctl design``: the nearest repeatable inverse over a region, and its evaluation."""
 
 from __future__ import annotations
 
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,31 +17,33 @@ from .executors import executor_of
 from .given import (
     REGION,
     Options,
-    box_round,
+    box_within_limits,
+    cut_note,
     integer,
     natural,
     plain_proof,
     positive,
     proved,
-    said_by_options,
     save_control,
+    with_options,
 )
 from .options import Parser
 from .terminal import progress, report
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     from ..design.evaluation import Baseline
     from ..regions import Region
-    from ..strategies import Inverse
-    from ..studies.start_and_path import Setting
 
-HELP = "find the repeatable inverse nearest to J⁺, or to a weighted inverse, over a region of joint space"
+HELP = (
+    "find the repeatable inverse nearest to J⁺, or to a weighted inverse, over a region of joint "
+    "space"
+)
 EXAMPLE = """examples:
   repctl design panda --region 0.4 --degree auto
   repctl design panda --task position --weight inertia --shrink --region 1.2
-  repctl design xarm7 --path circle:0.1 --region 0.2         # a tube round the motion
+  repctl design xarm7 --path circle:0.1 --region 0.2         # a tube around the motion
   repctl design panda --degree 3 --samples 262144 --processes 2"""
 
 
@@ -55,29 +58,35 @@ def add_options(parser: Parser) -> None:
         type=positive,
         default=REGION,
         metavar="W",
-        help="Ω: half-width round the start, rad (default 0.4)",
+        help="half-width of Ω around the start, rad (default 0.4)",
     )
-    parser.path("Ω: a tube of that half-width round the motion on a path: ", "")
-    workspace = (
-        "Ω: only configurations with the frame within M metres of its start, along each axis"
-    )
+    parser.path("use as Ω a tube of that half-width around the motion on a path: ", "")
+    workspace = "restrict Ω to frame positions within M metres of the start, along each axis"
     add("--workspace", type=positive, metavar="M", help=workspace)
     add("--shrink", action="store_true", help="shrink Ω until it is free of singularities")
-    add("--degree", default="auto", metavar="D", help="of the polynomials, or auto (default)")
-    fourier = "add sines and cosines of up to K turns of the revolute joints"
+    add(
+        "--degree", default="auto", metavar="D", help="degree of the polynomials, or auto (default)"
+    )
+    fourier = "add sines and cosines up to order K of the revolute joints"
     add("--fourier", type=integer, metavar="K", help=fourier)
-    add("--samples", type=integer, help="nodes of the fit (default: by the number of unknowns)")
+    add("--samples", type=integer, help="number of fit nodes (default: by the number of unknowns)")
     add(
         "--held-out",
         type=integer,
         default=16384,
-        help="nodes that judge the design (default 16384)",
+        help="number of held-out nodes, which evaluate the design (default 16384)",
     )
-    add("--restarts", type=natural, default=0, metavar="K", help="more starts of the optimiser")
+    add(
+        "--restarts",
+        type=natural,
+        default=0,
+        metavar="K",
+        help="number of extra starts of the optimiser",
+    )
     add("--stream", action="store_true", help="do not keep the nodes in memory")
     add("--processes", type=integer, default=1, metavar="P", help="number of processes (default 1)")
-    add("--dask", metavar="ADDRESS", help="use a Dask cluster: the address of its scheduler")
-    add("--seed", type=natural, default=0, help="seed of all nodes (default 0)")
+    add("--dask", metavar="ADDRESS", help="address of the scheduler of a Dask cluster to use")
+    add("--seed", type=natural, default=0, help="random seed of all nodes (default 0)")
     add(
         "--prove",
         action="store_true",
@@ -86,10 +95,10 @@ def add_options(parser: Parser) -> None:
     add(
         "--out",
         metavar="FOLDER",
-        help="where design.png and design.json go (default repctl-out/ROBOT)",
+        help="folder of design.png and design.json (default repctl-out/ROBOT)",
     )
     add("--json", action="store_true", help="print JSON instead of the table")
-    add("--quiet", action="store_true", help="print nothing but errors, and what --json asks for")
+    add("--quiet", action="store_true", help="print only errors, and the JSON of --json")
 
 
 def run(options: Options) -> int:
@@ -97,34 +106,25 @@ def run(options: Options) -> int:
     folder = options.output_folder(Path(options.robot).stem)
     say = progress(options.quiet)
     degree = options.asked_degree()
-    if options.fourier is not None and degree == "auto":
-        raise InputError("--fourier needs --degree D, the degree of the polynomials beside it")
-    if options.path is not None and options.workspace is not None:
-        raise InputError(
-            "--workspace cuts a box round the start, and Ω round a --path is a tube; leave one out"
-        )
-    if options.plane is not None and options.path is None:
-        raise InputError("--plane is of a --path, round which Ω lies; give one")
+    _check(options, degree)
 
     from ..design.design_map import degree_curve, design_map
+    from ..problem import choose_desired, design_for, shrunk_note
     from ..show.plots.designs import design_figure
     from ..show.plots.motions import png
     from ..show.text.table import table
-    from ..studies.defaults import check_degree, choose_desired
-    from ..studies.start_and_path import shrunk_note
 
-    task = options.load_task()
-    if degree != "auto":
-        check_degree(task, degree)
+    problem = _problem(options, degree)
+    task = problem.task
     desired, name = choose_desired(task, options.asked_weight())
 
-    def share_done(what: str, share: float) -> None:
-        say(f"{what} {share:.0%}" if 0 < share < 1 else what)
+    def share_done(step: str, fraction: float) -> None:
+        say(f"{step} {fraction:.0%}" if 0 < fraction < 1 else step)
 
     with executor_of(options) as executor:
 
         def make(region: Region) -> rp.Design:
-            potentials = _fields(task, region, degree, options.fourier)
+            potentials = _potentials(task, region, degree, options.fourier)
             return rp.nearest_repeatable(
                 desired,
                 potentials,
@@ -139,14 +139,16 @@ def run(options: Options) -> int:
             )
 
         try:
-            setting, design = _designed(desired, make, options, say)
+            problem, design = design_for(
+                problem, desired, make, width=options.region, seed=options.seed, say=say
+            )
         except rp.SingularRegionError as error:
-            raise said_by_options(error, shrink=not options.shrink) from None
+            raise with_options(error, shrink=not options.shrink) from None
         degrees = degree_curve(design, share_done)
     baselines = design.evaluate_baselines(progress=share_done)
-    notes = [*setting.moved, *shrunk_note(design)]
+    notes = [*_cut(options, problem), *problem.moved, *shrunk_note(design)]
     say("finding a cycle inside Ω")
-    design, more = _with_cycle(design, setting)
+    design, more = _with_cycle(design, problem)
     notes.extend(more)
     design = proved(design, say) if options.prove else design
     say("comparing and drawing")
@@ -159,7 +161,7 @@ def run(options: Options) -> int:
     def text() -> str:
         lines = [
             f"desired  {name}",
-            f"start    {row(setting.q0)} ({setting.where})",
+            f"start    {row(problem.start)} ({problem.start_is})",
             "",
             design.summary(baselines),
         ]
@@ -171,57 +173,67 @@ def run(options: Options) -> int:
         return fitted("\n".join([*lines, *(f"note: {note}" for note in notes), ""]))
 
     return report(
-        options, lambda: _as_dict(design, degrees, baselines, name, setting, notes), text, files
+        options, lambda: _as_dict(design, degrees, baselines, name, problem, notes), text, files
     )
 
 
-def _designed(
-    desired: Inverse,
-    make: Callable[[Region], rp.Design],
-    options: Options,
-    say: Callable[[str], None],
-) -> tuple[Setting, rp.Design]:
-    """Design in a tube round a path's cycle, a box cut to the joint limits, or a workspace box in
-    it."""
-    from ..studies.defaults import choose_start
-    from ..studies.start_and_path import GIVEN, Setting, design_from
+def _check(options: Options, degree: Any) -> None:
+    """Refuse options that exclude or require each other."""
+    if options.fourier is not None and degree == "auto":
+        raise InputError("--fourier requires --degree D, the degree of the polynomials")
+    if options.path is not None and options.workspace is not None:
+        raise InputError("--workspace and --path are mutually exclusive")
+    if options.plane is not None and options.path is None:
+        raise InputError("--plane requires --path")
 
-    task, start = desired.task, options.asked_start(desired.task)
+
+def _problem(options: Options, degree: Any) -> rp.Problem:
+    """Make the problem: on a path, or in a box cut at the joint limits or in the workspace."""
+    from ..problem import check_degree
+
+    region = None if options.path is not None else partial(_region, options)
+    problem = options.problem(path=options.path or False, region=region)
+    if degree != "auto":
+        check_degree(problem.task, degree)
+    return problem
+
+
+def _region(options: Options, task: rp.Task, q0: Any) -> Region:
+    """Make the box around the start, or the part of it that is within --workspace."""
+    box = box_within_limits(task, q0, options.region)
+    if options.workspace is None:
+        return box
+    axes = [axis for axis in task.rows if axis < 3]
+    center = task.placement(q0).translation[axes]
+    return rp.WorkspaceBox(task, center, options.workspace, within=box)
+
+
+def _cut(options: Options, problem: rp.Problem) -> tuple[str, ...]:
+    """Name the joints at whose limits the box was cut."""
     if options.path is not None:
-        path = options.asked_path()
-        return design_from(
-            desired, start, path, make, width=options.region, seed=options.seed, say=say
-        )
-    q0, where = choose_start(task) if start is None else (start, GIVEN)
-    box, notes = box_round(task, q0, options.region)
-    region: Region = box
-    if options.workspace is not None:
-        axes = [row for row in task.rows if row < 3]
-        region = rp.WorkspaceBox(
-            task, task.placement(q0).translation[axes], options.workspace, within=box
-        )
-    return Setting(q0, where, region=region, moved=notes), make(region)
+        return ()
+    box = box_within_limits(problem.task, problem.start, options.region)
+    return cut_note(problem.task, box, options.region)
 
 
-def _with_cycle(design: rp.Design, setting: Setting) -> tuple[rp.Design, list[str]]:
-    """Say which cycle the design is for: on the path asked for, or the largest circle inside Ω."""
-    from ..studies.start_and_path import setting_of, with_cycle
+def _with_cycle(design: rp.Design, problem: rp.Problem) -> tuple[rp.Design, list[str]]:
+    """Add the cycle of the problem, or the largest circle inside Ω, with a note."""
+    from dataclasses import replace
+
+    from ..problem import problem_of, timed_cycle
 
     try:
-        found = setting if setting.path is not None else setting_of(design, setting.q0)
+        closed = problem if problem.path is not None else problem_of(design, start=problem.start)
     except InputError:
-        return design, ["no circle from the start stays inside Ω; repctl follow needs a --path"]
-    design, notes = with_cycle(design, found)
-    assert design.cycle is not None
-    return design, [
-        *notes,
-        f"for {found.drawn.name}, {design.cycle.period:g} s per cycle; repctl follow uses it unless --path is given",
-    ]
+        return design, ["no circle from the start stays inside Ω; repctl follow requires --path"]
+    cycle, notes = timed_cycle(design, closed)
+    saved = f"default cycle saved with the design: {cycle.path.name}, {cycle.period:g} s"
+    used = "repctl follow uses it unless --path is given"
+    return replace(design, cycle=cycle), [*notes, f"{saved}; {used}"]
 
 
-def _fields(task: rp.Task, region: Region, degree: Any, fourier: int | None) -> Any:
-    """Join Fourier basis to the polynomials, where asked to; None leaves the polynomials to the
-    degree."""
+def _potentials(task: rp.Task, region: Region, degree: Any, fourier: int | None) -> Any:
+    """Add a Fourier basis to the polynomials; None leaves the polynomials to the degree."""
     if fourier is None:
         return None
     import numpy as np
@@ -230,7 +242,8 @@ def _fields(task: rp.Task, region: Region, degree: Any, fourier: int | None) -> 
     try:
         waves = rp.Fourier(task.n, fourier, variables=[int(v) for v in turning])
     except InputError as error:
-        raise InputError(f"--fourier {fourier}: {str(error).partition(';')[0]}; lower it") from None
+        error.argument, error.remedy = f"--fourier {fourier}:", "lower it"
+        raise
     return rp.Polynomial(region.bounds.center, degree, region.bounds.half_width) + waves
 
 
@@ -239,18 +252,19 @@ def _as_dict(
     degrees: Any,
     baselines: Sequence[Baseline],
     name: str,
-    setting: Setting,
+    problem: rp.Problem,
     notes: list[str],
 ) -> dict[str, Any]:
-    from ..studies.study_result import picked, region_dict
+    """Collect the result in plain Python types."""
+    from ..studies import picked, region_dict
 
     figures = ("cost", "cost_error", "relative_distance", "leaf_margin")
     fit = ("fit_cost", "gradient_norm", "converged", "steps", "samples", "held_out", "seed")
     return {
         **design.task.as_dict(),
         "desired": name,
-        "start": [float(v) for v in setting.q0],
-        "start_is": setting.where,
+        "start": [float(v) for v in problem.start],
+        "start_is": problem.start_is,
         **(
             {}
             if design.cycle is None

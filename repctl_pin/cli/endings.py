@@ -1,4 +1,4 @@
-"""How a command ends when it cannot go on: one line, and an exit code, whatever happens."""
+"""Error handling of commands: one line on stderr and an exit code."""
 
 from __future__ import annotations
 
@@ -18,8 +18,7 @@ REFUSED, FAULT, INTERRUPTED = 2, 1, 130
 
 
 class Stopped(BaseException):
-    """SIGTERM or the end of the terminal, raised in the main thread, so that half-written files are
-    removed."""
+    """SIGTERM or SIGHUP, raised in the main thread, so that half-written files are removed."""
 
     def __init__(self, number: int) -> None:
         super().__init__(signal.Signals(number).name)
@@ -28,8 +27,7 @@ class Stopped(BaseException):
 
 @contextmanager
 def stopped_cleanly() -> Iterator[None]:
-    """Raise :class:`Stopped` where SIGTERM or SIGHUP would end the process at once: the first of
-    them alone."""
+    """Raise :class:`Stopped` at the first SIGTERM or SIGHUP, which would end the process."""
     numbers = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
     if (
         threading.current_thread() is not threading.main_thread()
@@ -47,8 +45,7 @@ def stopped_cleanly() -> Iterator[None]:
             raise Stopped(number)
 
     def swallowed(what: Any) -> None:
-        """Raise it anew a little later, where it was raised inside a finaliser, which drops
-        exceptions."""
+        """Raise it again later if it was raised inside a finaliser, which drops exceptions."""
         nonlocal coming
         if isinstance(what.exc_value, Stopped):
             coming = False
@@ -68,22 +65,22 @@ def stopped_cleanly() -> Iterator[None]:
 
 
 def exit_code(run: Callable[[], int], arguments: list[str], *, debug: bool) -> int:
-    """Run a command; what goes wrong becomes one line on stderr, and a code.
+    """Run a command; turn errors into one line on stderr and an exit code.
 
     Parameters
     ----------
     run
         The command.
     arguments
-        Its words, to say how to run it again.
+        Arguments of the command, quoted in the message of an internal error.
     debug
-        Show the traceback of an unexpected error instead of the line.
+        Show the traceback of an internal error instead of the line.
     """
     try:
         with stopped_cleanly():
             code = run()
         if sys.stdout is not None:
-            sys.stdout.flush()  # here a full disk can still be told
+            sys.stdout.flush()  # a full disk is reported here
         return code
     except RepctlError as error:
         return _say(str(error), REFUSED)
@@ -96,7 +93,7 @@ def exit_code(run: Callable[[], int], arguments: list[str], *, debug: bool) -> i
         return 0
     except MemoryError:
         return _say(
-            "this takes more memory than there is; ask for less: fewer --cycles, --steps or --samples",
+            "not enough memory; use fewer --cycles, --steps or --samples",
             REFUSED,
         )
     except Exception as error:
@@ -108,8 +105,8 @@ def exit_code(run: Callable[[], int], arguments: list[str], *, debug: bool) -> i
             return _say(f"{error.strerror}: {where}", REFUSED)
         again = shlex.join(["repctl", "--debug", *arguments])
         what = " ".join(f"{type(error).__name__}: {error}".split())
-        line = f"a fault of repctl, not yours ({what[:200]}); please report it with what this prints: {again}"
-        return _say(line, FAULT)
+        report = "please report it with the traceback that this command prints"
+        return _say(f"internal error ({what[:200]}); {report}: {again}", FAULT)
 
 
 def _say(line: str, code: int) -> int:

@@ -1,4 +1,4 @@
-"""What the work of a design is spread over: nothing, processes of this machine, or a cluster."""
+"""Executors of a design: none, processes of this machine, or a Dask cluster."""
 
 from __future__ import annotations
 
@@ -14,23 +14,25 @@ if TYPE_CHECKING:
     from concurrent.futures import Executor
 
 BLAS_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-"""Where the libraries of linear algebra read how many threads they may use, when they are
-loaded."""
+"""Environment variables of the number of threads of linear algebra, read when it is loaded."""
 
 
 @contextmanager
 def executor_of(options: Options) -> Iterator[Any]:
-    """Open what ``--processes`` or ``--dask`` asks for, and close it."""
+    """Open the executor of ``--processes`` or ``--dask``, and close it."""
     if options.dask is not None:
         try:
             from distributed import Client
         except ImportError:
-            raise InputError("--dask needs Dask: pip install 'dask[distributed]'") from None
+            remedy = "run `pip install 'dask[distributed]'`"
+            raise InputError(
+                "--dask requires Dask, which is not installed", remedy=remedy
+            ) from None
         try:
             client = Client(options.dask, timeout=10)
         except (OSError, ValueError, TimeoutError) as error:
             raise InputError(
-                f"--dask {options.dask}: no scheduler answers there ({error})"
+                f"{options.dask}: no scheduler answers there ({error})", argument="--dask"
             ) from None
         with client:
             yield client
@@ -39,7 +41,7 @@ def executor_of(options: Options) -> Iterator[Any]:
         import os
         from concurrent.futures import ProcessPoolExecutor
 
-        # each worker does its own share: BLAS threads on top would only slow it down
+        # one BLAS thread per worker: more would slow it down
         os.environ.update(dict.fromkeys(BLAS_THREADS, "1"))
         pool = ProcessPoolExecutor(
             options.processes, mp_context=multiprocessing.get_context("spawn")
@@ -54,8 +56,7 @@ def executor_of(options: Options) -> Iterator[Any]:
 
 
 def _start(pool: Executor, processes: int) -> None:
-    """Start the workers without Ctrl-C, from their first moment on: it is for the process that
-    starts them."""
+    """Start the workers with SIGINT blocked, so that only the parent process handles Ctrl-C."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         for _ in range(processes):

@@ -1,4 +1,4 @@
-"""``repctl export``: a saved design as C for a robot's own loop."""
+"""``repctl export``: a saved design as C for the control loop of a robot."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from .given import Options
 from .options import Parser
 from .terminal import report
 
-HELP = "write a saved design or cell as C that a robot's own loop runs"
+HELP = "write a saved design or cell as C for the control loop of a robot"
 EXAMPLE = """examples:
   repctl export repctl-out/panda/design.json --to panda_c --name panda
   repctl export repctl-out/my_arm/control.json --robot my_arm.urdf --to my_arm_c --name my_arm
 
-C99 and C++17 that need nothing but <math.h>; check.c tells whether a build computes what Python does:
+C99 and C++17 that require only <math.h>; check.c compares a build with the results of Python:
   cmake -S panda_c -B build && cmake --build build && ctest --test-dir build"""
 
 
 def add_options(parser: Parser) -> None:
     """Add the options of this subcommand."""
-    parser.what("a saved design or cell (.json), made by repctl design, study or cell")
+    parser.what("a saved design or cell (.json) of repctl design, study or cell")
     parser.set_defaults(frame=None, task=None)
     parser.add_argument(
         "--to",
@@ -40,7 +40,8 @@ def run(options: Options) -> int:
     """Write the folder."""
     if not options.saved:
         raise InputError(
-            f"{options.what!r} is not a saved design (.json); repctl design, study and cell make one"
+            f"{options.what!r} is not a saved design (.json)",
+            remedy="make one with repctl design, study or cell",
         )
     design = options.load_saved()
     if isinstance(design, rp.CellDesign):

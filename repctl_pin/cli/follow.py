@@ -1,10 +1,10 @@
-"""``repctl follow``: one closed path with one control, written for a robot."""
+"""``repctl follow``: one closed path with one controller, written for a robot."""
 
 from __future__ import annotations
 
 import sys
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import repctl_pin as rp
 
@@ -12,24 +12,25 @@ from ..errors import InputError, needed, printable
 from ..files import write_whole
 from ..show.text.lines import fitted
 from ..show.text.numbers import number, row
-from .given import REGION, Options, integer, numbers_of, positive, said_by_options
+from .given import REGION, Options, integer, numbers_of, positive, with_options
 from .options import Parser
 from .terminal import progress, report
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from ..strategies import Inverse, Strategy
-    from ..studies.start_and_path import Setting
+    from ..regions import Region
+    from ..strategies import Bounded, Inverse, Strategy
 
-HELP = "follow a closed path with a saved design, or another control, and write the joints' motion"
-EXAMPLE = """example: repctl follow design.json --path circle:0.1 --plane yz --csv motion.csv --yaml traj.yaml
-
-The motion is what repeats: it begins and ends at full speed along the path. With --acceleration it goes from rest to
-rest, as quickly as these accelerations and the URDF's speed limits allow, all cycles but the first and last alike:
-
+HELP = "follow a closed path with a saved design, or another controller, and write the joint motion"
+EXAMPLE = """examples:
+  repctl follow design.json --path circle:0.1 --plane yz --csv motion.csv --yaml traj.yaml
   repctl follow design.json --acceleration panda --jerk panda --tool-speed 0.2 --csv motion.csv
-  repctl follow design.json --path seam.csv --acceleration panda --keep-times --csv motion.csv"""
+  repctl follow design.json --path seam.csv --acceleration panda --keep-times --csv motion.csv
+
+Without --acceleration, the output is the periodic motion itself, which starts and ends at path
+speed. With it, the motion goes from rest to rest in the shortest time within these accelerations
+and the speed limits of the URDF; all cycles but the first and last are alike."""
 
 OWN = ("repeatable", "pseudoinverse", "inertia")
 
@@ -43,14 +44,14 @@ def add_options(parser: Parser) -> None:
     add(
         "--potentials",
         metavar="NAME",
-        help="in place of a design: design with registered potentials, round the start",
+        help="in place of a design: design with registered potentials, around the start",
     )
     add(
         "--region",
         type=positive,
         default=REGION,
         metavar="W",
-        help="with --potentials: Ω (default 0.4)",
+        help="with --potentials: half-width of Ω around the start, rad (default 0.4)",
     )
     parser.surroundings()
     parser.task()
@@ -60,16 +61,16 @@ def add_options(parser: Parser) -> None:
     add(
         "--period",
         type=positive,
-        help="time of a cycle, s (default: the design's or the path's own, else 5)",
+        help="time of one cycle, s (default: that of the design or path, else 5)",
     )
-    add("--best-leaf", action="store_true", help="start on the leaf with the most room")
-    accelerations = "rad/s² (m/s²), a number, one for each joint, or panda, fr3, ur"
+    add("--best-leaf", action="store_true", help="search for the start with the largest margins")
+    accelerations = "rad/s² (m/s²), one number, one per joint, or panda, fr3, ur"
     add(
         "--acceleration",
         metavar="A",
         help=f"go from rest to rest within these limits: {accelerations}",
     )
-    jerks = "rad/s³ (m/s³), a number, one for each joint, or panda, fr3"
+    jerks = "rad/s³ (m/s³), one number, one per joint, or panda, fr3"
     add("--jerk", metavar="J", help=f"with --acceleration: limit jerk too, in {jerks}")
     speeds = "maximum speed of the frame, m/s; or m/s,rad/s, of its rotation too"
     add("--tool-speed", metavar="V", help=f"with --acceleration: {speeds}")
@@ -79,7 +80,7 @@ def add_options(parser: Parser) -> None:
     add(
         "--profile",
         metavar="FILE",
-        help="with --acceleration: draw joint speed over the path's length, as PNG",
+        help="with --acceleration: draw joint speed over path length, as PNG",
     )
     add(
         "--csv",
@@ -87,13 +88,13 @@ def add_options(parser: Parser) -> None:
         help="write time, positions, velocities, and accelerations if timed",
     )
     add("--yaml", metavar="FILE", help="write a ROS JointTrajectory")
-    broken = "write --csv and --yaml even where a joint leaves its limits, or bodies touch"
-    add("--allow-violations", action="store_true", help=broken)
+    anyway = "write --csv and --yaml even if a joint exceeds its limits or bodies collide"
+    add("--allow-violations", action="store_true", help=anyway)
     add("--json", action="store_true", help="print JSON instead of text")
 
 
 def run(options: Options) -> int:
-    """Follow the path, judge the motion, and write it."""
+    """Follow the path, evaluate the motion, and write it."""
     say = progress(options.json)
     from ..motion.csv_file import csv_text
     from ..motion.joint_motion import refuse_violations, violations_of
@@ -101,32 +102,31 @@ def run(options: Options) -> int:
     from ..robot.bodies import bodies_of
     from ..show.text.table import outside_words
     from ..strategies import OnLeaves
-    from ..studies.start_and_path import NO_BETTER
 
     _check_control(options)
-    strategy, setting, desired = _saved(options) if options.saved else (*_made(options, say), None)
-    q0, path = setting.q0, setting.drawn
-    notes = [*bodies_of(strategy.task).notes, *setting.notes]
+    case = _saved(options) if options.saved else _made(options, say)
+    strategy, problem = case.strategy, case.problem
+    q0, path = problem.start, problem.cycle
+    notes = [*bodies_of(strategy.task).notes, *problem.notes, *case.notes]
     found: rp.BestLeaf | None = None
     if options.best_leaf:
         if not isinstance(strategy, rp.RepeatableInverse):
-            raise InputError("--best-leaf needs a repeatable control, such as a saved design")
-        say("looking for the best leaf")
-        found = rp.best_leaf(strategy, path, q0, region=setting.region, desired=desired)
+            raise InputError("--best-leaf requires a repeatable controller, such as a saved design")
+        say("searching for the best leaf")
+        found = rp.best_leaf(strategy, path, q0, region=case.region, desired=case.desired)
         q0 = found.q0
     say("following the path")
     lock = isinstance(strategy, OnLeaves)
-    period = options.period or setting.period
     motion = rp.follow(
         strategy,
         path,
         q0,
         cycles=options.cycles,
         steps=options.steps,
-        period=period,
+        period=options.period or case.period,
         integrator=rp.LeafLock(2) if lock else "rk4",
     )
-    motion = replace(motion, region=setting.region)
+    motion = replace(motion, region=case.region)
     slowed = (commanded(motion, strategy) if lock else motion).retimed()
     result = _result(slowed, motion.t[-1], q0, notes)
     rest: rp.TimedMotion | None = None
@@ -140,16 +140,12 @@ def run(options: Options) -> int:
             "stops": rest.stops,
         }
         result["peak_speed"] = float((rest.qdot**2).sum(axis=1).max() ** 0.5)
-    broken = violations_of(slowed)
-    remedies = (
-        ["--best-leaf"] if isinstance(strategy, rp.RepeatableInverse) and found is None else []
-    )
-    tried = options.start is None and not options.saved
-    remedies.append(f"a --start of your own ({NO_BETTER})" if tried else "another --start")
-    remedies += [*(["a smaller --path"] if all(one.moment > 0 for one in broken) else [])]
-    remedy = " or ".join(remedies)
+    violated = violations_of(slowed)
+    searched = isinstance(strategy, rp.RepeatableInverse) and found is None
+    later = all(violation.moment > 0 for violation in violated)
+    remedy = _remedy(options, best_leaf=searched, smaller=later)
     if (options.csv or options.yaml) and not options.allow_violations:
-        refuse_violations(slowed, f"try {remedy}, or write it anyway with --allow-violations")
+        refuse_violations(slowed, f"{remedy}, or write it anyway with --allow-violations")
     written, contents = slowed if rest is None else rest, dict[str, str | bytes]()
     if options.csv is not None:
         contents[options.csv] = csv_text(written)
@@ -167,101 +163,125 @@ def run(options: Options) -> int:
         return fitted("\n".join([*loud, *_lines(result, slowed, written=bool(files))]))
 
     report(options, lambda: result, text, files)
-    if broken and not options.json:
+    if violated and not options.json:
         sys.stdout.flush()
-        warning = f"repctl: warning: {'; '.join(map(str, broken))}; try {remedy}"
+        warning = f"repctl: warning: {'; '.join(map(str, violated))}; {remedy}"
         print(printable(warning), file=sys.stderr)
     return 0
 
 
+def _remedy(options: Options, *, best_leaf: bool, smaller: bool) -> str:
+    """Name the options that may avoid a violation."""
+    from ..problem import NO_BETTER
+
+    tried = options.start is None and not options.saved
+    remedies = [
+        *(["--best-leaf"] if best_leaf else []),
+        f"your own --start ({NO_BETTER})" if tried else "another --start",
+        *(["a smaller --path"] if smaller else []),
+    ]
+    return f"try {' or '.join(remedies)}"
+
+
 def _check_control(options: Options) -> None:
-    """Refuse two controls, options of a timed motion for one that is not, and a file asked for
-    twice."""
+    """Refuse options that exclude or require each other, and a file named twice."""
     given = [name for name in ("strategy", "potentials") if getattr(options, name)]
     if given and (options.saved or len(given) > 1):
         raise InputError(
-            "--strategy and --potentials stand in place of a design and of each other; give a robot with one"
+            "--strategy and --potentials are mutually exclusive and require a robot, "
+            "not a saved design"
         )
     for option in ("rate", "profile", "jerk", "tool_speed", "keep_times"):
         if getattr(options, option) not in (None, False) and options.acceleration is None:
             name = option.replace("_", "-")
-            raise InputError(f"--{name} is for a timed motion; give --acceleration with it")
+            raise InputError(f"--{name} requires --acceleration")
     files = [file for file in (options.csv, options.yaml, options.profile) if file is not None]
     if len(set(files)) < len(files):
         raise InputError(
-            "--csv, --yaml and --profile are files of their own; give each another name"
+            "--csv, --yaml and --profile name the same file", remedy="give each another name"
         )
     if options.profile is not None:
         needed("matplotlib", by="--profile")
 
 
-def _saved(options: Options) -> tuple[Strategy, Setting, Inverse]:
-    """A saved design, on the cycle that it is for or on the path that is asked for; and its G_d."""
-    from ..studies.start_and_path import setting_of
+class _Case(NamedTuple):
+    """A controller, the problem that it is to solve, and its region and period if it has them."""
 
+    strategy: Strategy
+    problem: rp.Problem
+    region: Bounded | None = None
+    period: float | None = None
+    notes: tuple[str, ...] = ()
+    desired: Inverse | None = None
+
+
+def _saved(options: Options) -> _Case:
+    """Load a design, on the cycle that it was made for or on the path that is given."""
     design = options.load_saved()
-    return (
-        design.inverse,
-        setting_of(design, options.asked_start(design.task), options.asked_path()),
-        design.desired,
-    )
+    problem = options.problem_of(design)
+    return _Case(design.inverse, problem, problem.region, problem.period, desired=design.desired)
 
 
-def _made(options: Options, say: Callable[[str], None]) -> tuple[Strategy, Setting]:
-    """The control that ``--strategy`` or ``--potentials`` names, or else the nearest repeatable,
-    and where it goes."""
-    from ..motion.fitting_circle import fitting_circle
+def _made(options: Options, say: Callable[[str], None]) -> _Case:
+    """Make the controller of ``--strategy`` or ``--potentials``, or the nearest repeatable one."""
+    say("finding a path")
+    problem = options.problem()
+    task = problem.task
+    if options.potentials:
+        return _with_potentials(options, problem)
+    if options.strategy in (None, "repeatable"):
+        return _nearest(options, problem, say)
+    if options.strategy == "pseudoinverse":
+        return _Case(rp.Pseudoinverse(task), problem)
+    if options.strategy == "inertia":
+        return _Case(rp.WeightedInverse(task, "inertia"), problem)
+    return _Case(_plugin(options.strategy, task), problem)
+
+
+def _nearest(options: Options, problem: rp.Problem, say: Callable[[str], None]) -> _Case:
+    """Design the nearest repeatable inverse around the motion."""
+    from ..problem import design_for, shrunk_note, timed_cycle
+
+    plain = rp.Pseudoinverse(problem.task)
+
+    def make(region: Region) -> rp.Design:
+        return rp.nearest_repeatable(plain, None, region, degree=2, shrink=True)
+
+    problem, design = design_for(problem, plain, make, say=say)
+    cycle, slower = timed_cycle(design, problem, period=options.period)
+    notes = (*shrunk_note(design), *slower)
+    return _Case(design.inverse, problem, design.region, cycle.period, notes)
+
+
+def _with_potentials(options: Options, problem: rp.Problem) -> _Case:
+    """Design with registered potentials, in a box around the start."""
+    from ..plugins import plugin
+
+    task, q0 = problem.task, problem.start
+    potentials = plugin("potentials", options.potentials)(task, q0)
+    box = rp.Box(q0, options.region)
+    try:
+        design = rp.nearest_repeatable(rp.Pseudoinverse(task), potentials, box)
+    except rp.SingularRegionError as error:
+        raise with_options(error) from None
+    return _Case(design.inverse, problem, box)
+
+
+def _plugin(name: str, task: rp.Task) -> Strategy:
+    """Make a registered strategy."""
     from ..plugins import plugin
     from ..strategies import Strategy
-    from ..studies.start_and_path import choose_setting, design_from, shrunk_note, with_cycle
 
-    task = options.load_task()
-    plain, start, path = (
-        rp.Pseudoinverse(task),
-        options.asked_start(task),
-        options.asked_path() or fitting_circle,
-    )
-    if not options.potentials and options.strategy in (None, "repeatable"):
-        setting, design = design_from(
-            plain,
-            start,
-            path,
-            lambda box: rp.nearest_repeatable(plain, None, box, degree=2, shrink=True),
-            say=say,
-        )
-        design, slower = with_cycle(design, setting, period=options.period)
-        assert design.cycle is not None
-        moved = (*setting.moved, *shrunk_note(design), *slower)
-        return design.inverse, setting._replace(
-            region=design.region, period=design.cycle.period, moved=moved
-        )
-    say("finding a path")
-    setting = choose_setting(task, start, path)
-    if options.potentials:
-        potentials, box = (
-            plugin("potentials", options.potentials)(task, setting.q0),
-            rp.Box(setting.q0, options.region),
-        )
-        try:
-            return rp.nearest_repeatable(plain, potentials, box).inverse, setting._replace(
-                region=box
-            )
-        except rp.SingularRegionError as error:
-            raise said_by_options(error) from None
-    if options.strategy in OWN:
-        return (
-            plain if options.strategy == "pseudoinverse" else rp.WeightedInverse(task, "inertia")
-        ), setting
-    strategy = plugin("strategies", options.strategy, known=OWN)(task)
+    strategy = plugin("strategies", name, known=OWN)(task)
     if not isinstance(strategy, Strategy):
         raise InputError(
-            f"--strategy {options.strategy} makes something without a task or a velocity(q, ẋ)"
+            f"{name} makes an object without a task or a velocity(q, ẋ)", argument="--strategy"
         )
-    return strategy, setting
+    return strategy
 
 
 def _timing(options: Options) -> dict[str, Any]:
-    """Take the options of a timed motion."""
+    """Read the options of a timed motion."""
     tool_speed = options.tool_speed
     if tool_speed is not None:
         tool_speed = numbers_of(
@@ -277,7 +297,7 @@ def _timing(options: Options) -> dict[str, Any]:
 
 
 def _named(text: str, option: str) -> str | list[float]:
-    """Take --acceleration or --jerk: a name, a number, or one a joint."""
+    """Read --acceleration or --jerk: a name, one number, or one per joint."""
     if text.strip().isidentifier():
         return text.strip()
     return numbers_of(text, option, "is neither numbers, separated by commas, nor a name")
@@ -296,7 +316,8 @@ def _drawn(rest: rp.TimedMotion) -> bytes:
 
 
 def _result(motion: rp.Motion, asked: float, q0: Any, notes: list[str]) -> dict[str, Any]:
-    from ..studies.study_result import bodies_dict, limits_dict
+    """Collect the result in plain Python types."""
+    from ..studies import bodies_dict, limits_dict
 
     task = motion.task
     return {
@@ -319,37 +340,39 @@ def _result(motion: rp.Motion, asked: float, q0: Any, notes: list[str]) -> dict[
 
 
 def _lines(result: dict[str, Any], motion: rp.Motion, *, written: bool) -> Iterator[str]:
-    """What a person is told of a motion."""
+    """Write a motion as lines of text."""
     yield f"{result['robot']} {result['frame']}, {result['task']}: {result['path']}"
     if motion.path.options:
         yield f"path options    {motion.path.options}"
     yield f"start           {row(result['start'])}"
     last = "" if motion.cycles == 1 else f", {number(motion.drift[-1])} after {motion.cycles}"
     yield f"joint drift     {number(motion.drift[0])} {motion.task.unit} after 1 cycle{last}"
-    yield f"tracking error  {number(result['tracking_error'])} m at most"
-    margin, room = result["limit_margin"], result["body_distance"]
+    yield f"tracking error  maximum {number(result['tracking_error'])} m"
+    margin = result["limit_margin"]
     yield f"limit margin    {'no limits' if margin is None else number(margin)}"
-    if room is not None:
+    distance = result["body_distance"]
+    if distance is not None:
         links = " and ".join(result["nearest_bodies"]["links"])
-        apart = (
-            f"apart    {number(room)} m at least"
-            if room >= 0
-            else f"overlap  {number(-room)} m at most"
-        )
-        yield f"bodies {apart}: {links}"
-    more, slowed = "", result["slowed_by"]
-    if slowed is None:
-        stops = (
-            f", stopping {result['stops']} times in each; blend= rounds corners"
-            if result["stops"]
-            else ""
-        )
-        more = f" from rest to rest, {result['cycle_time']:.4g} s per cycle{stops}"
-    elif slowed > 1.0001:
-        more = f", slowed down by {slowed:.3g} to keep the speed limits"
-    yield f"time            {result['duration']:.4g} s{more}"
+        least = f"minimum {number(distance)} m"
+        if distance < 0:
+            least = f"collision, overlap up to {number(-distance)} m"
+        yield f"body distance   {least}, between {links}"
+    yield f"time            {result['duration']:.4g} s{_timing_words(result)}"
     if motion.outside is not None:
         yield f"outside Ω       {motion.outside:.1%}"
     yield from (f"note: {note}" for note in result["notes"])
-    if written and slowed is not None:
-        yield "note: the motion begins and ends at full speed along the path; a robot at rest needs a ramp"
+    if written and result["slowed_by"] is not None:
+        ends = "this motion starts and ends at path speed"
+        yield f"note: {ends}; use --acceleration for a rest-to-rest trajectory"
+
+
+def _timing_words(result: dict[str, Any]) -> str:
+    """Say how a motion was timed."""
+    slowed = result["slowed_by"]
+    if slowed is not None:
+        kept = f", slowed down by {slowed:.3g} to keep the speed limits"
+        return kept if slowed > 1.0001 else ""
+    stops = ""
+    if result["stops"]:
+        stops = f", with {result['stops']} stops per cycle; blend= rounds corners"
+    return f" from rest to rest, {result['cycle_time']:.4g} s per cycle{stops}"

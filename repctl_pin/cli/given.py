@@ -1,4 +1,4 @@
-"""What a person gives on the command line: the types of options, and what is made of them."""
+"""Values of the command line: types of options, and the objects that they describe."""
 
 from __future__ import annotations
 
@@ -17,66 +17,84 @@ from ..files import check_folder, not_left_empty
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from ..regions import Region
     from ..saving.schema import TaskFile
 
 D = TypeVar("D", "rp.Design", "rp.CellDesign")
 
 REGION = 0.4
-"""Half-width of Ω round a start, rad, where none is given."""
+"""Default half-width of Ω around a start, rad."""
 
 
 class Options(argparse.Namespace):
-    """The options as they were given, and what several subcommands make of them.
+    """Options of a command, and the objects that several commands make of them.
 
     Attributes
     ----------
     ending : ExitStack
-        What is done when the command ends, however it ends.
+        Clean-up at the end of the command, also after an error.
+    option_names : dict of str
+        Option, such as ``--task``, of each argument of the library, such as ``kind``.
     """
 
     ending: ExitStack
+    option_names: dict[str, str]
 
     @property
     def saved(self) -> bool:
-        """Whether WHAT is a saved design."""
+        """True if WHAT is a saved design."""
         return is_saved(self.what)
 
     def of(self, *names: str) -> dict[str, Any]:
-        """Take some options by name, as they are."""
+        """Select options by name, as keyword arguments."""
         return {name: getattr(self, name) for name in names}
 
     def load_robot(self) -> rp.Robot:
         """Load the robot that ROBOT or WHAT names."""
         name = self.what if "what" in self else self.robot
         if "what" in self and self.robot is not None:
-            raise InputError(f"--robot goes with a saved design; the robot is {name}")
+            raise InputError("--robot requires a saved design", remedy=f"the robot is {name}")
         if is_saved(name):
             raise InputError(
-                f"{name} is a saved design: follow, check, animate and export take it; here a robot is wanted"
+                f"this command requires a robot, but {name} is a saved design",
+                remedy="use it with follow, check, animate or export",
             )
         return rp.Robot.load(name, lock=self.lock, base=self.base, **self.beside())
 
     def beside(self) -> dict[str, Any]:
-        """Say where a robot's meshes are, and what stands round it."""
+        """Select the folders of a robot's meshes, and its surroundings."""
         return {
             "package_dirs": self.package_dir,
             "surroundings": getattr(self, "surroundings", None),
         }
 
-    def load_task(self) -> rp.Task:
-        """Load the robot, and take the task asked for, or the first redundant one."""
-        from ..studies.defaults import choose_task
+    def problem(self, robot: rp.Robot | None = None, **parts: Any) -> rp.Problem:
+        """Make the problem that the options describe, with some parts given otherwise."""
+        asked = {
+            "frame": self.frame,
+            "kind": self.task,
+            "start": self.asked_start(),
+            "path": getattr(self, "path", None),
+            "plane": getattr(self, "plane", None),
+        }
+        return rp.Problem(robot or self.load_robot(), **(asked | parts))
 
-        return choose_task(self.load_robot(), self.frame, self.task)
+    def problem_of(self, design: rp.Design | rp.CellDesign, **parts: Any) -> rp.Problem:
+        """Make the problem that a saved design solves, or the same with another start or path."""
+        from ..problem import problem_of
+
+        asked = {"start": self.asked_start()}
+        if "path" in self:
+            asked |= self.of("path", "plane")
+        return problem_of(design, **(asked | parts))
 
     def load_saved(self) -> rp.Design | rp.CellDesign:
-        """Load the design of either kind that WHAT names, on the robot that ``--robot`` names or
-        the catalogue's.
+        """Load the design that WHAT names, on the robot of ``--robot`` or of the catalogue.
 
         Raises
         ------
         InputError
-            If it is no design, its robot is not known, or an option contradicts it.
+            If it is not a design, its robot is not known, or an option contradicts it.
         """
         from ..saving.files import made_of, read_design
         from ..saving.task_identity import task_of
@@ -85,64 +103,46 @@ class Options(argparse.Namespace):
         return made_of(content, task_of(content.task, self._robot_of(content.task)), self.what)
 
     def load_design(self) -> rp.Design:
-        """Load a design over joint space, as :meth:`load_saved` does."""
+        """Load a design over joint space; a design over a cell is refused."""
         design = self.load_saved()
         if isinstance(design, rp.CellDesign):
             raise InputError(
-                f"{self.what} is the function of a cell, which this command does not take; repctl follow and export do"
+                f"this command does not take the function of a cell, but {self.what} is one",
+                remedy="use it with follow or export",
             )
         return design
 
     def _robot_of(self, made_for: TaskFile) -> rp.Robot:
-        """Load the robot a design was made for; an option that says otherwise is refused."""
+        """Load the robot that a design was made for; refuse options that contradict it."""
         file = self.what
         for option in ("frame", "task", "base"):
             if getattr(self, option) not in (None, getattr(made_for, option)):
                 its = getattr(made_for, option) or "none"
-                raise InputError(f"{file} has its own {option}, {its}; leave --{option} out")
+                raise InputError(f"{file} has its own {option}, {its}", remedy=f"omit --{option}")
         for joint in self.lock:
             if joint not in made_for.lock:
                 raise InputError(
-                    f"{file} was made with {joint!r} free to move; leave --lock {joint} out"
+                    f"{file} was made with {joint!r} free to move", remedy=f"omit --lock {joint}"
                 )
         if self.robot is None and not made_for.catalogue:
             raise InputError(
-                f"{file} is for {made_for.robot} ({made_for.file}), which is not in the catalogue; "
-                f"say where it is: --robot {made_for.file}"
+                f"{file} is for {made_for.robot} ({made_for.file}), which is not in the catalogue",
+                remedy=f"say where it is: --robot {made_for.file}",
             )
         robot = rp.Robot.load(self.robot or made_for.robot, **self.beside())
         if robot.name != made_for.robot:
             raise InputError(
-                f"{file} is for the robot {made_for.robot!r}, not {robot.name!r}; give that with --robot"
+                f"{file} is for the robot {made_for.robot!r}, not {robot.name!r}",
+                remedy=f"pass the URDF of {made_for.robot} with --robot",
             )
         return robot
 
-    def asked_start(self, task: rp.Task | None = None) -> Any:
-        """Read ``--start``, if it was given; for a task, check it too."""
+    def asked_start(self) -> list[float] | None:
+        """Read ``--start``, if it was given."""
         if self.start is None:
             return None
-        numbers = numbers_of(
-            self.start, "--start", "is not a list of numbers; separate them by commas"
-        )
-        return numbers if task is None else task.check(numbers, "--start")
-
-    def asked_path(self) -> Any:
-        """Read ``--path`` and ``--plane``: a function (task, q0) → path, or None where neither is
-        given."""
-        from ..motion.spec import parse_path
-
-        return (
-            None if self.path is None and self.plane is None else parse_path(self.path, self.plane)
-        )
-
-    def asked(self) -> dict[str, Any]:
-        """Read the frame, task, start and path, as :func:`repctl_pin.study` takes them."""
-        return {
-            "frame": self.frame,
-            "kind": self.task,
-            "start": self.asked_start(),
-            "path": self.asked_path(),
-        }
+        what = "is not a list of numbers; separate them by commas"
+        return numbers_of(self.start, "--start", what)
 
     def asked_weight(self) -> Any:
         """Read ``--weight``: None, a word, or numbers."""
@@ -159,23 +159,21 @@ class Options(argparse.Namespace):
         try:
             return "auto" if self.degree == "auto" else integer(self.degree)
         except argparse.ArgumentTypeError:
-            raise InputError(
-                f"--degree {self.degree!r} is neither auto nor a whole number from 1 up"
-            ) from None
+            fact = f"{self.degree!r} is neither auto nor a whole number from 1 up"
+            raise InputError(fact, argument="--degree") from None
 
     def output_folder(self, name: str) -> Path:
-        """Where the files go: ``--out``, else ``repctl-out/NAME``. It can be written; it is not
-        left empty."""
+        """Check that the output folder, ``--out`` or ``repctl-out/NAME``, can be written."""
         folder = Path(self.out or Path("repctl-out") / name)
         try:
             check_folder(folder)
         except InputError as error:
-            raise InputError(f"{error} (--out)") from None
+            raise InputError(f": {error}", argument="--out") from None
         return self.ending.enter_context(not_left_empty(folder))
 
 
 def is_saved(name: str) -> bool:
-    """Whether a name is that of a saved design."""
+    """Tell whether a name is that of a saved design."""
     return Path(name).suffix.lower() == ".json"
 
 
@@ -188,12 +186,12 @@ def numbers_of(text: str, option: str, otherwise: str) -> list[float]:
 
 
 def save_control(design: rp.Design | rp.CellDesign, file: Path) -> Path:
-    """Save a design; where that fails, an older one is not left under the name.
+    """Save a design; if that fails, rename an older file of that name.
 
     Raises
     ------
     InputError
-        If it cannot be written; the message says where the older one is.
+        If the design cannot be written; the message names the renamed file.
     """
     try:
         return rp.save(design, file)
@@ -202,49 +200,50 @@ def save_control(design: rp.Design | rp.CellDesign, file: Path) -> Path:
             raise
         old = file.with_name(f"{file.stem}.old{file.suffix}")
         file.replace(old)
-        raise InputError(f"{error}; what an earlier command wrote there is now {old}") from None
+        error.remedy = f"the file of an earlier command is now {old}"
+        raise
 
 
 def proved(design: D, say: Callable[[str], None]) -> D:
-    """Put a certificate into a design: the largest bounds that can be proved in a minute."""
-    proof = rp.prove(design, progress=lambda what, share: say(f"{what} {share:.0%}"))
+    """Add to a design the largest bounds that can be proved in a minute."""
+    proof = rp.prove(design, progress=lambda step, fraction: say(f"{step} {fraction:.0%}"))
     return replace(design, proof=proof)
 
 
 def plain_proof(values: dict[str, Any]) -> dict[str, Any]:
-    """A certificate for JSON: an infinite limit margin is null."""
+    """Convert a certificate for JSON: an infinite limit margin becomes null."""
     infinite = values["limit_margin"] == float("inf")
     return values | ({"limit_margin": None} if infinite else {})
 
 
-def box_round(task: rp.Task, q0: Any, half_width: float) -> tuple[rp.Box, tuple[str, ...]]:
-    """Make Ω, a box round the start cut to the joint limits; and a note where it was cut."""
-    box = rp.Box(q0, half_width).inside(task.lower, task.upper)
-    cut = [
-        n
-        for n, w in zip(task.joint_names, box.half_width, strict=True)
-        if w < half_width * (1 - 1e-9)
-    ]
-    return box, (f"Ω was cut at the limits of {', '.join(cut)}",) if cut else ()
+def box_within_limits(task: rp.Task, q0: Any, half_width: float) -> rp.Box:
+    """Make Ω as a box around the start, cut at the joint limits."""
+    return rp.Box(q0, half_width).inside(task.lower, task.upper)
 
 
-def said_by_options(
-    error: rp.SingularRegionError, *, shrink: bool = False
-) -> rp.SingularRegionError:
-    """Name the options that help where Ω holds a singularity."""
-    from ..studies.defaults import half_width_within
+def cut_note(task: rp.Task, box: Region, half_width: float) -> tuple[str, ...]:
+    """Name the joints at whose limits a box was cut."""
+    sides = zip(task.joint_names, box.bounds.half_width, strict=True)
+    cut = [joint for joint, width in sides if width < half_width * (1 - 1e-9)]
+    return (f"Ω was cut at the limits of {', '.join(cut)}",) if cut else ()
+
+
+def with_options(error: rp.SingularRegionError, *, shrink: bool = False) -> rp.SingularRegionError:
+    """Write the remedy of a singular Ω in terms of options."""
+    from ..problem import half_width_within
 
     if error.free is None:
-        return error.with_remedy(
-            "choose another --start, or a smaller --region: cut at the joint limits, it has another center"
-        )
-    return error.with_remedy(
-        "--shrink takes that" if shrink else f"give --region {half_width_within(error.free)}"
-    )
+        center = "cut at the joint limits, it has another centre"
+        error.remedy = f"choose another --start, or a smaller --region: {center}"
+    elif shrink:
+        error.remedy = "use --shrink to design there"
+    else:
+        error.remedy = f"use --region {half_width_within(error.free)}"
+    return error
 
 
 def integer(text: str, least: int = 1) -> int:
-    """Take a whole number from 1 up."""
+    """Convert to a whole number from 1 up."""
     value = int(text) if re.fullmatch(r"\s*\+?[0-9]{1,15}\s*", text) else least - 1
     if value < least:
         raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from {least} up")
@@ -252,12 +251,12 @@ def integer(text: str, least: int = 1) -> int:
 
 
 def natural(text: str) -> int:
-    """Take a whole number from 0 up."""
+    """Convert to a whole number from 0 up."""
     return integer(text, 0)
 
 
 def positive(text: str) -> float:
-    """Take a number above 0."""
+    """Convert to a number above 0."""
     try:
         value = float(text)
     except ValueError:

@@ -1,4 +1,4 @@
-"""``repctl inspect``: what a robot or a URDF holds."""
+"""``repctl inspect``: joints, limits, frames and redundancy of a robot or a URDF."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from .given import Options
 from .options import Parser
 from .terminal import report
 
-HELP = "say what a robot or a URDF holds: joints, limits, frames, redundancy by task"
-EXAMPLE = """examples: repctl inspect my_arm.urdf          the frames at the ends of arms, and where they are
-          repctl inspect my_arm.urdf --all    every frame"""
+HELP = "list joints, limits, frames and redundancy of a robot or a URDF"
+EXAMPLE = """examples:
+  repctl inspect my_arm.urdf          frames at the ends of arms, with their positions
+  repctl inspect my_arm.urdf --all    every frame"""
 
 
 def add_options(parser: Parser) -> None:
@@ -22,9 +23,9 @@ def add_options(parser: Parser) -> None:
 
 
 def run(options: Options) -> int:
-    """Say what a robot holds."""
+    """Inspect a robot and print the result."""
+    from ..problem import redundant_kinds
     from ..show.text.inspection import inspection, inspection_text
-    from ..studies.defaults import redundant_kinds
 
     robot = options.load_robot()
     frames = robot.movable_frames if options.all else robot.end_frames

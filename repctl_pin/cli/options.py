@@ -1,5 +1,4 @@
-"""The options that several subcommands share, and the parser that has them; what is wrong gets one
-line."""
+"""Options that several commands share, and a parser with one-line errors."""
 
 from __future__ import annotations
 
@@ -10,19 +9,19 @@ from ..errors import printable, unknown
 from .given import Options
 
 _PATHS = (
-    "circle:RADIUS, turned until the arm can follow it; circle:RADIUS:DEGREES, starting at that angle from the "
-    "plane's first axis; square:SIDE, eight:RADIUS, rose:RADIUS, polygon:CORNERS:RADIUS, all in m; or FILE.csv, "
-    "one point a line: x,y,z in m in the base's frame, the first point repeated at the end; a header may add "
-    "qx,qy,qz,qw and time; append :blend=RADIUS to round corners"
+    "circle:RADIUS, turned until the arm can follow it; circle:RADIUS:DEGREES, starting at that "
+    "angle from the first axis of the plane; square:SIDE, eight:RADIUS, rose:RADIUS, "
+    "polygon:CORNERS:RADIUS, all in m; or FILE.csv, one point per line: x,y,z in m in the frame of "
+    "the base, the first point repeated at the end; a header may add qx,qy,qz,qw and time; append "
+    ":blend=RADIUS to round corners"
 )
 
 
 class Parser(argparse.ArgumentParser):
-    """An argument parser whose complaint is one line: the nearest that can be used, and where the
-    others are."""
+    """ArgumentParser with one-line errors that suggest the closest valid names and --help."""
 
     def error(self, message: str) -> NoReturn:
-        """Say the line and exit with 2."""
+        """Print the error in one line and exit with code 2."""
         self.exit(2, printable(f"{self.prog}: {message} (see {self.prog} --help)") + "\n")
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
@@ -35,23 +34,33 @@ class Parser(argparse.ArgumentParser):
             raise argparse.ArgumentError(None, str(unknown(kind, value, action.choices)))
 
     def parse_all(self, arguments: list[str]) -> Options:
-        """Parse; what is left over is refused by the command that it was given to."""
+        """Parse; unknown arguments are refused by the command that received them."""
         options, rest = self.parse_known_args(arguments, Options())
         chosen: Parser = vars(options).pop("parser")
         if rest:
             word = next((w for w in rest if w.startswith("-")), rest[0]).partition("=")[0]
-            known = [
-                w for action in chosen._actions for w in action.option_strings if w.startswith("--")
-            ]
+            known = list(chosen._option_of().values())
             chosen.error(
                 str(unknown("option", word, known))
                 if word.startswith("-")
-                else f"{word!r} is one too many"
+                else f"unexpected argument {word!r}"
             )
+        options.option_names = chosen._option_of()
         return options
 
+    def _option_of(self) -> dict[str, str]:
+        """Map the arguments of the library to the options of this command."""
+        names = {
+            action.dest: option
+            for action in self._actions
+            for option in action.option_strings
+            if option.startswith("--")
+        }
+        others = {"package_dirs": "package_dir", "kind": "task", "posture": "start"}
+        return {name: names[dest] for name, dest in others.items() if dest in names} | names
+
     def robot(self) -> None:
-        """Add ROBOT and what says how to load it."""
+        """Add ROBOT and the options that load it."""
         self.add_argument(
             "robot", metavar="ROBOT", help="catalogue name (see `repctl robots`) or path to a URDF"
         )
@@ -59,9 +68,12 @@ class Parser(argparse.ArgumentParser):
 
     def what(
         self,
-        what: str = "a robot (catalogue name or URDF), or a saved design (.json), which knows its own frame and task",
+        what: str = (
+            "a robot (catalogue name or URDF), or a saved design (.json), which has its own frame "
+            "and task"
+        ),
     ) -> None:
-        """Add WHAT, which is a robot or a saved design, and what says how to load it."""
+        """Add WHAT, a robot or a saved design, and the options that load it."""
         self.add_argument("what", metavar="WHAT", help=what)
         self.add_argument(
             "--robot", metavar="ROBOT", help="the robot of a design that is not in the catalogue"
@@ -84,34 +96,45 @@ class Parser(argparse.ArgumentParser):
             metavar="JOINT",
             help="hold a joint at the reference pose",
         )
-        hands = "link in which x is measured, taken as fixed: one on the way to the frame, or another hand"
-        add("--base", metavar="LINK", help=hands)
+        base = (
+            "link in whose frame x is expressed, treated as fixed: a link of the chain to FRAME, "
+            "or one on another branch, such as the other end effector"
+        )
+        add("--base", metavar="LINK", help=base)
 
     def surroundings(self) -> None:
         """Add the robot's surroundings."""
-        what = "URDF of what stands round the robot: all joints fixed, placed in the frame of the robot's root"
+        what = (
+            "URDF of the surroundings of the robot: all joints fixed, placed in the frame of the "
+            "robot's root"
+        )
         self.add_argument("--surroundings", metavar="FILE", help=what)
 
     def task(self) -> None:
-        """Add what chooses a task and a start."""
-        kinds = "pose, axis, position, xy, xz or yz (default: the first redundant of pose, position, xy, xz, yz)"
-        self.add_argument("--frame", help="link to move (default: the arm's end)")
+        """Add the options of the task and the start."""
+        kinds = (
+            "pose, axis, position, xy, xz or yz (default: the first redundant one of pose, "
+            "position, xy, xz, yz)"
+        )
+        self.add_argument("--frame", help="link to move (default: the end of the arm)")
         self.add_argument("--task", metavar="KIND", help=kinds)
         self.add_argument(
             "--start", metavar="Q", help="joint positions, rad or m, separated by commas"
         )
 
     def path(self, lead: str = "", default: str = " (default: a circle that fits)") -> None:
-        """Add what says along which path; a command may have words of its own before it, and
-        another default."""
+        """Add --path and --plane, with text before the help and another default."""
         self.add_argument("--path", metavar="PATH", help=lead + _PATHS + default)
         self.add_argument(
             "--plane",
             metavar="PLANE",
-            help="of the path: xy, yz or xz (default: the first that fits)",
+            help="plane of the path: xy, yz or xz (default: the first that fits)",
         )
 
     def weight(self) -> None:
-        """Add what says which inverse is meant, or should be come near to."""
-        what = "of the joint speeds: inertia, limits, or one number a joint separated by commas (default: 1, J⁺)"
+        """Add --weight, which selects the inverse to check or to approximate."""
+        what = (
+            "weights of the joint speeds: inertia, limits, or one number per joint, separated by "
+            "commas (default: 1, J⁺)"
+        )
         self.add_argument("--weight", metavar="M", help=what)

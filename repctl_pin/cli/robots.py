@@ -22,8 +22,8 @@ def add_options(parser: Parser) -> None:
 
 def run(options: Options) -> int:
     """List the catalogue."""
+    from ..problem import redundant_kinds
     from ..show.text.table import table
-    from ..studies.defaults import redundant_kinds
     from ..urdf.catalogue import entries
 
     say = progress(options.json)
@@ -43,9 +43,9 @@ def run(options: Options) -> int:
         )
     header = ["robot", "frame", "joints", "pose", "axis", "position", "plane"]
     legend = (
-        "joints: those that move the frame, of all that move; then r = joints − m for\n"
-        "each kind of task, plane being xy, xz, yz, and – where the arm cannot do it at\n"
-        "all. r ≥ 1 is redundant: the motion under J⁺ drifts."
+        "joints: those that move the frame, of all movable ones; then r = joints − m for\n"
+        "each kind of task, with plane for xy, xz, yz; – means that the arm cannot do the\n"
+        "task. With r ≥ 1 the task is redundant, and the motion under J⁺ drifts."
     )
 
     def text() -> str:
@@ -55,7 +55,7 @@ def run(options: Options) -> int:
 
 
 def _cells(row: dict[str, Any]) -> list[str]:
-    """A line of the table."""
+    """Write the cells of one row of the table."""
     r = row["redundancy"]
     planes = [kind for kind in ("xy", "xz", "yz") if kind in r]
     plane = str(r[planes[0]]) if len({r[kind] for kind in planes}) == 1 else "–"

@@ -10,14 +10,15 @@ from typing import TYPE_CHECKING
 import repctl_pin as rp
 
 from ..files import write_whole, written_together
-from .given import Options, integer, natural, positive, said_by_options
+from .given import Options, integer, natural, positive, with_options
 from .options import Parser
 from .terminal import progress, report
 
 if TYPE_CHECKING:
     from ..studies.study_maps import StudyMaps
 
-HELP = "show how far an arm drifts on a closed path, and the control that does not"
+HELP = "measure how far an arm drifts on a closed path, and design a controller that does not drift"
+_DEGREE = "use --frame with fewer joints, --lock some, or --degree with a lower degree"
 EXAMPLE = "example: repctl study panda --path circle:0.1 --plane yz --cycles 20"
 
 
@@ -29,24 +30,24 @@ def add_options(parser: Parser) -> None:
     parser.path()
     add = parser.add_argument
     add("--cycles", type=integer, default=10, help="number of cycles (default 10)")
-    add("--steps", type=integer, default=500, help="RK4 steps a cycle (default 500)")
+    add("--steps", type=integer, default=500, help="RK4 steps per cycle (default 500)")
     period = (
-        "time of a cycle, s (default: the path's own, else 5, or longer to keep the speed limits)"
+        "time of one cycle, s (default: the path's own, else 5, or longer to keep speed limits)"
     )
     add("--period", type=positive, help=period)
-    region = "Ω: half-width round the start, rad (default: round the cycle)"
+    region = "half-width of Ω around the start, rad (default: a tube around the cycle)"
     add("--region", type=positive, metavar="W", help=region)
     degree = (
-        "degree of the potentials (default 2, or 1 for arms of many joints); 3 or 4 may come nearer to J⁺, and the "
-        "work grows fast"
+        "degree of the potentials (default 2, or 1 for arms with many joints); 3 or 4 may come "
+        "nearer to J⁺, and computation time grows fast"
     )
     add("--degree", type=integer, help=degree)
     parser.weight()
-    add("--seed", type=natural, default=0, help="seed of the design's nodes (default 0)")
-    add("--out", metavar="FOLDER", help="where the files go (default repctl-out/ROBOT)")
-    add("--report", action="store_true", help="also write report.html: one page with all of it")
+    add("--seed", type=natural, default=0, help="random seed of the nodes (default 0)")
+    add("--out", metavar="FOLDER", help="output folder (default repctl-out/ROBOT)")
+    add("--report", action="store_true", help="also write report.html: one page with all results")
     add("--json", action="store_true", help="print JSON instead of the table")
-    add("--quiet", action="store_true", help="print nothing but errors, and what --json asks for")
+    add("--quiet", action="store_true", help="print only errors, and the JSON of --json")
 
 
 def run(options: Options) -> int:
@@ -56,16 +57,20 @@ def run(options: Options) -> int:
     from ..show.study_files import run_name, write_study
     from ..show.text.table import study_table
 
+    say("loading the robot and finding a start and a path")
     try:
         result = rp.study(
-            options.load_robot(),
-            **options.asked(),
-            **options.of("cycles", "steps", "period", "region", "degree", "seed"),
+            options.problem(region=options.region),
+            **options.of("cycles", "steps", "period", "degree", "seed"),
             weight=options.asked_weight(),
             progress=say,
         )
+    except rp.InputError as error:
+        if error.argument == "degree" and error.remedy:
+            error.remedy = _DEGREE
+        raise
     except rp.SingularRegionError as error:
-        raise error if options.region is None else said_by_options(error) from None
+        raise error if options.region is None else with_options(error) from None
     say("drawing the figures and the animation")
     with written_together(folder) as staged:
         control = rp.save(result.design, staged / "control.json")
@@ -79,7 +84,7 @@ def run(options: Options) -> int:
             say("writing the report")
             files.append(_report(result, maps, files[0], staged / "report.html", options, run))
         elif (folder / "report.html").exists():
-            note = "the report.html there is from an earlier study; --report writes a new one"
+            note = "report.html is from an earlier study; use --report to write a new one"
             result = replace(result, notes=(*result.notes, note))
     files = [folder / file.name for file in files]
     return report(
@@ -90,11 +95,11 @@ def run(options: Options) -> int:
 def _report(
     result: rp.Study, maps: StudyMaps, animation: Path, file: Path, options: Options, run: str
 ) -> Path:
-    """Write the report, with every option as it was used."""
+    """Write the report, with the value of every option."""
     from ..show.report import report_page
     from ..show.study_files import with_run
 
-    own = {"run", "ending", "command_line", "json", "quiet", "report", "out"}
+    own = {"run", "ending", "command_line", "option_names", "json", "quiet", "report", "out"}
     page = report_page(
         result,
         maps=maps,

@@ -1,4 +1,4 @@
-"""The terminal: progress on one line of it, text as wide as it is, and its end."""
+"""Terminal output: progress on one line, results as text or JSON, and stop signals."""
 
 from __future__ import annotations
 
@@ -17,8 +17,7 @@ from ..show.text.lines import on_terminal
 
 
 def progress(quiet: bool) -> Callable[[str], None]:
-    """Show what is being done on one line of a terminal, from now on; elsewhere only what begins
-    with "note: "."""
+    """Make the progress callback: one line on a terminal; elsewhere only notes are printed."""
     shown = on_terminal(sys.stderr)
 
     def say(text: str) -> None:
@@ -35,7 +34,7 @@ def progress(quiet: bool) -> Callable[[str], None]:
 
 
 def clear_line() -> None:
-    """Wipe the line of progress."""
+    """Clear the line of progress."""
     if on_terminal(sys.stderr):
         print("\r\x1b[2K", end="", file=sys.stderr, flush=True)
 
@@ -46,17 +45,16 @@ def report(
     text: Callable[[], str] = str,
     files: Sequence[str | Path] | None = None,
 ) -> int:
-    """Print what a command found: as JSON, or as text and the files that it wrote; the command is
-    done.
+    """Print the result of a command: as JSON, or as text and a list of the written files.
 
     Parameters
     ----------
     options
-        ``json`` and ``quiet`` say which.
+        Options with ``json`` and ``quiet``.
     result, text
-        Make what a script reads, and what a person does.
+        Functions that make the JSON value and the text.
     files
-        What was written; None for a command that writes nothing.
+        Written files; None for a command that writes none.
     """
     clear_line()
     if options.json:
@@ -69,8 +67,7 @@ def report(
 
 
 def as_json(value: Any, indent: int | None = None) -> str:
-    """Write JSON that any terminal can show: what does not print is escaped, which JSON reads as
-    the same."""
+    """Write JSON with unprintable characters escaped, for any terminal."""
     text = json.dumps(
         value, indent=indent, ensure_ascii=False, default=lambda array: array.tolist()
     )
@@ -79,7 +76,7 @@ def as_json(value: Any, indent: int | None = None) -> str:
 
 @contextmanager
 def until_stopped() -> Iterator[threading.Event]:
-    """Give an event that Ctrl-C, SIGTERM and the end of the terminal set, in the main thread."""
+    """Yield an event that Ctrl-C, SIGTERM and SIGHUP set, in the main thread."""
     stop = threading.Event()
     numbers = [signal.SIGINT, signal.SIGTERM]
     if (

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,16 +61,8 @@ class SingularRegionError(SingularityError):
     """
 
     def __init__(self, finding: str, at: Array, free: Region | None, remedy: str = "") -> None:
-        super().__init__(f"{finding}; {remedy}" if remedy else finding)
-        self.finding, self.at, self.free, self.remedy = finding, at, free, remedy
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle what it was made of: an exception's own way keeps the message alone."""
-        return type(self), (self.finding, self.at, self.free, self.remedy)
-
-    def with_remedy(self, remedy: str) -> SingularRegionError:
-        """Make the same error with another remedy, such as an option of the command line."""
-        return SingularRegionError(self.finding, self.at, self.free, remedy)
+        super().__init__(finding, remedy=remedy, at=at)
+        self.free = free
 
 
 @dataclass(frozen=True, eq=False)

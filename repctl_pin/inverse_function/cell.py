@@ -105,7 +105,11 @@ class Cell:
         )
         theta = _sizes(half_angle, turns or 1, "half_angle", "rad", "one per axis")
         if not turns and theta.any():
-            raise InputError(f"a {task.kind} task leaves the rotation free; leave half_angle= out")
+            raise InputError(
+                f": a {task.kind} task leaves the rotation free",
+                argument="half_angle",
+                remedy="omit it",
+            )
         if np.linalg.norm(theta) >= 0.95 * np.pi:
             raise InputError(
                 f"rotations to {np.max(theta):g} rad about each axis reach half a turn at the "
@@ -457,14 +461,15 @@ def _sizes(value: ArrayLike, size: int, name: str, unit: str, each: str) -> Arra
         array = np.broadcast_to(np.asarray(value, float), (size,)).copy()
     except (TypeError, ValueError, OverflowError):
         raise InputError(
-            f"{name} must be one number in {unit} or {size}, {each}; got {shown(value)}"
+            f"must be one number in {unit} or {size}, {each}; got {shown(value)}", argument=name
         ) from None
     if not (np.isfinite(array).all() and (array >= 0).all()):
-        raise InputError(f"{name} must be 0 {unit} or more; got {value!r}")
+        raise InputError(f"must be 0 {unit} or more; got {value!r}", argument=name)
     wrong = (array > 0) & ((array < LEAST_WIDTH) | (array > _MOST_WIDTH))
     if wrong.any():
         between = f"from {LEAST_WIDTH:g} to {_MOST_WIDTH:g} {unit}"
         raise InputError(
-            f"{name} must be 0, which holds the coordinate, or {between}; got {array[wrong][0]:g}"
+            f"must be 0, which holds the coordinate, or {between}; got {array[wrong][0]:g}",
+            argument=name,
         )
     return array

@@ -71,6 +71,8 @@ class NoFunctionError(InputError):
         Reasons for failure.
     fits : float
         Factor by which the cell, scaled about its middle, is covered; 0 if there is none.
+    partly : bool
+        Whether a function covers a part of the cell.
 
     Examples
     --------
@@ -83,9 +85,16 @@ class NoFunctionError(InputError):
     NoFunctionError
     """
 
-    def __init__(self, message: str, failures: tuple[FailureReason, ...], fits: float) -> None:
-        super().__init__(message)
-        self.failures, self.fits = failures, fits
+    def __init__(
+        self,
+        fact: str,
+        failures: tuple[FailureReason, ...],
+        fits: float,
+        partly: bool = False,
+        remedy: str = "",
+    ) -> None:
+        super().__init__(fact, remedy=remedy)
+        self.failures, self.fits, self.partly = failures, fits, partly
 
 
 def nearest_inverse_function(
@@ -221,7 +230,7 @@ def _margin(value: float, name: str, unit: str = "") -> float:
     """Convert a requested margin."""
     number = positive(value, name, unit, zero=True)
     if number > _LARGE:
-        raise InputError(f"{name} can be {_LARGE:g} at most, not {number:g}")
+        raise InputError(f"can be at most {_LARGE:g}, not {number:g}", argument=name)
     return number
 
 
@@ -434,11 +443,11 @@ def _refusal(
         if fits > 0
         else "no smaller cell with this middle works either; move it, or give another posture="
     )
-    keeps = ", or incomplete='keep' to keep the covered part of this one" if keep else ""
+    if keep:
+        remedy += ", or incomplete='keep' to keep the covered part of this one"
     because = f"; {ring}" if ring else ""
-    return NoFunctionError(
-        f"no single function covers the cell: {why}{because}; {remedy}{keeps}", failures, fits
-    )
+    fact = f"no single function covers the cell: {why}{because}"
+    return NoFunctionError(fact, failures, fits, partly=keep, remedy=remedy)
 
 
 def _rank(found: Found, limit_margin: float) -> tuple[float, bool, bool, float, float]:

@@ -83,13 +83,15 @@ def given(cell: Cell, posture: ArrayLike) -> Array:
     Q, left = reached(cell, q[None], u)
     if left[0] > 1e-9:
         raise InputError(
-            f"the posture does not lead to the middle of the cell, {cell.where(u)}; "
-            "leave posture= out"
+            f"does not lead to the middle of the cell, {cell.where(u)}",
+            argument="posture",
+            remedy="omit it",
         )
     if not _regular(cell, Q)[0]:
         raise InputError(
-            f"at the posture, brought to {cell.where(u)}, {_SINGULAR_MIDDLE}; "
-            "or give another posture="
+            f": brought to {cell.where(u)}, {_SINGULAR_MIDDLE}",
+            argument="posture",
+            remedy="choose another",
         )
     return task.check(Q[0], f"the posture, brought to {cell.where(u)},")
 

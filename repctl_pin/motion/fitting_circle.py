@@ -1,5 +1,4 @@
-"""A circle that the arm can follow: of a radius that is given or the largest that fits, turned
-until it does."""
+"""Search for a circle that an arm can follow, of a given radius or the largest that fits."""
 
 from __future__ import annotations
 
@@ -23,12 +22,11 @@ _SMALL = (0.005, 0.003, 0.002, 0.001)
 _SHORT = 0.05
 _DEGREES = (180.0, 0.0, 90.0, -90.0)
 _LEAST_MARGIN = 0.02
-"""To the joint limits, rad or m."""
+"""Minimum joint-limit margin, rad or m."""
 _INSIDE = 0.999
-"""Share of Ω's width that a circle keeps to: between the points looked at it comes a little nearer
-to the edge."""
+"""Maximum of the region's ratio along a circle; it is larger between the sampled points."""
 _LOOKS = 12
-"""So often in a cycle it is looked whether bodies touch."""
+"""Points per cycle at which collisions are checked."""
 
 
 def fitting_circle(
@@ -40,19 +38,17 @@ def fitting_circle(
     control: Strategy | None = None,
     region: Bounded | None = None,
 ) -> TaskPath:
-    """Find a circle that a control (J⁺) can follow for a cycle inside the joint limits, and inside
-    a region.
+    """Find a circle that a controller can follow for a cycle, within joint limits and a region.
 
-    It keeps well away from singularities, and the robot's bodies apart if there is such a circle.
-
-    Where they are not given: the largest round radius up to a seventh of the reach; horizontal if
-    possible, then upright. Where on the circle the start lies is always looked for.
+    It keeps well away from singularities, and avoids collisions if a circle does. By default the
+    controller is J⁺, the radius the largest round one up to a seventh of the reach, and the plane
+    horizontal if possible, else upright. The position of the start on the circle is searched for.
 
     Raises
     ------
     InputError
-        If there is none; without a radius, down to 1 cm, or to 1 mm inside a region, and for an arm
-        as short as a finger.
+        If there is none. Without a radius, circles down to 1 cm are tried, and down to 1 mm inside
+        a region and for very short arms.
     """
     planes = (plane,) if plane is not None else planes_of(task)
     limit = 0.14 * arm_length(task, q0)
@@ -82,15 +78,15 @@ def fitting_circle(
         f"of radius {radius:g} m" if radius is not None else f"of {100 * radii[-1]:g} cm or more"
     )
     where = "its joint limits" if region is None else "Ω and its joint limits"
+    flat = " or ".join(planes)
     raise InputError(
-        f"from this start the arm follows no circle {size_text} in {' or '.join(planes)} inside {where}; "
-        "choose another start, a smaller circle or another plane"
+        f"from this start the arm follows no circle {size_text} in {flat} inside {where}",
+        remedy="choose another start, a smaller circle or another plane",
     )
 
 
 def circle_at(task: Task, q0: Array, radius: float, plane: str, degrees: float) -> TaskPath:
-    """Draw a circle on which the start lies at an angle, in degrees from the plane's first axis;
-    with its words."""
+    """Make a circle with its spec; the start lies at an angle from the plane's first axis."""
     path = circle(
         task, q0, radius, normal=cast(Normal, plane), start_angle=float(np.deg2rad(degrees))
     )
@@ -98,20 +94,20 @@ def circle_at(task: Task, q0: Array, radius: float, plane: str, degrees: float) 
 
 
 def dexterity_at(task: Task, q: Array) -> float:
-    """Measure ``σ_min / σ_max`` of J, lengths in units of the arm's reach: 0 at a singularity."""
+    """Evaluate ``σ_min / σ_max`` of J, lengths in units of the reach: 0 at a singularity."""
     J = task.jacobian(q).copy()
     J[: min(3, task.m)] /= max(arm_length(task, q), 1e-9)
     return float(inverse_condition_number(J))
 
 
 def planes_of(task: Task) -> tuple[str, ...]:
-    """Planes that a path of this kind can lie in, the first to try first."""
+    """List the planes of a path for a kind of task, in the order to try."""
     if task.kind in ("xy", "xz", "yz"):
         return (task.kind,)
     return ("xy", "yz", "xz")
 
 
 def _digits(value: float) -> str:
-    """Write a number as a person would, but so that reading it gives the same float."""
+    """Write a number in as few digits as give the same float."""
     text = f"{value:.15g}"
     return text if float(text) == value else repr(float(value))

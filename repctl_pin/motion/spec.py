@@ -1,5 +1,4 @@
-"""A path in a few characters, as the command line takes it: ``circle:0.1``, ``square:0.2``,
-``loop.csv``."""
+"""Paths given by name: ``circle:0.1``, ``square:0.2``, ``loop.csv``."""
 
 from __future__ import annotations
 
@@ -24,27 +23,27 @@ Drawn = Callable[[Task, Array, str], TaskPath]
 """(task, q0, plane) → path."""
 
 FORMS = (
-    "circle:RADIUS, circle:RADIUS:DEGREES, eight:RADIUS, rose:RADIUS, square:SIDE, polygon:CORNERS:RADIUS or FILE.csv; "
-    "corners are rounded by :blend=RADIUS"
+    "circle:RADIUS, circle:RADIUS:DEGREES, eight:RADIUS, rose:RADIUS, square:SIDE, "
+    "polygon:CORNERS:RADIUS or FILE.csv; corners are rounded by :blend=RADIUS"
 )
 
 
 def parse_path(text: str | None, plane: str | None = None) -> PathMaker:
-    """Turn a path's short form into a function ``(task, q0) → TaskPath``.
+    """Make the function ``(task, q0) → TaskPath`` of a path given by name.
 
     Parameters
     ----------
     text
-        The short form. A circle without DEGREES is turned until the arm can follow it, see
-        :func:`fitting_circle`; with them, the start lies there on it, from the plane's first axis.
-        None is the largest circle that fits.
+        Name of the path. A circle without DEGREES is turned until the arm can follow it, see
+        :func:`fitting_circle`; with DEGREES, the start lies on it at that angle from the first axis
+        of the plane. None is the largest circle that fits.
     plane
         ``xy``, ``yz`` or ``xz``; None is the first that fits.
 
     Raises
     ------
     InputError
-        If the form is unknown, a number is missing or not above 0, or the CSV cannot be used.
+        If the name is unknown, a number is missing or not above 0, or the CSV cannot be used.
     """
     if plane is not None and plane not in PLANES:
         raise InputError(f"no plane {plane!r}; choose from {', '.join(PLANES)}")
@@ -54,7 +53,11 @@ def parse_path(text: str | None, plane: str | None = None) -> PathMaker:
     blend = _length(blended, text) if blended or text.endswith(":blend=") else 0.0
     if words.lower().endswith(".csv") or os.path.isfile(words):
         if plane is not None:
-            raise InputError(f"{words} says itself where its points lie; leave --plane out")
+            raise InputError(
+                f": the points of {words} have their own positions",
+                argument="plane",
+                remedy="omit it",
+            )
         return waypoint_path(words, blend)
     kind, *parts = words.split(":")
     if blend and kind not in ("square", "polygon"):
@@ -80,7 +83,7 @@ def parse_path(text: str | None, plane: str | None = None) -> PathMaker:
 
 
 def _drawn(kind: str, parts: list[str], text: str, blend: float) -> Drawn:
-    """Read a form that says all but the plane."""
+    """Make the function ``(task, q0, plane) → path`` of a path given by name."""
     if kind == "circle" and len(parts) == 2:
         radius, degrees = _length(parts[0], text), number(parts[1])
         if not np.isfinite(degrees):
@@ -113,7 +116,7 @@ def _drawn(kind: str, parts: list[str], text: str, blend: float) -> Drawn:
 
 
 def _polygon(corners: list[tuple[float, float]], name: str, blend: float) -> Drawn:
-    """Lay flat corners into a plane of the base frame."""
+    """Make the polygon through flat corners in a plane of the base frame."""
 
     def draw(task: Task, q0: Array, plane: str) -> TaskPath:
         points = np.zeros((len(corners), 3))
@@ -124,6 +127,7 @@ def _polygon(corners: list[tuple[float, float]], name: str, blend: float) -> Dra
 
 
 def _length(part: str, text: str) -> float:
+    """Read a length above 0, m."""
     value = number(part)
     if not (np.isfinite(value) and value > 0):
         raise InputError(

@@ -71,7 +71,8 @@ class Fourier(PotentialBasis):
         multiples, joints = range(-self.order, self.order + 1), len(self.variables)
         if len(multiples) ** (joints if cross else 1) > 50 * _MAX_SIZE:
             raise InputError(
-                f"order {order} in {joints} joints is too much; lower it or choose variables"
+                f"order {order} in {joints} joints is too much",
+                remedy="lower it or choose variables",
             )
         alone = (tuple(row) for k in multiples for row in (k * np.eye(joints, dtype=int)).tolist())
         every = product(multiples, repeat=joints) if self.cross else alone

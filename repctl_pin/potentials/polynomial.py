@@ -80,7 +80,8 @@ class Polynomial(PotentialBasis):
         if size > _MAX_SIZE:
             raise InputError(
                 f"degree {shown(self.degree)} in {len(self.variables)} joints makes "
-                f"{shown(size)} potentials; lower the degree or choose variables"
+                f"{shown(size)} potentials",
+                remedy="lower the degree or choose variables",
             )
         # One row per potential: the variable of each factor, repeated as often as its power.
         factors = (

@@ -182,7 +182,11 @@ class Robot(Mechanism):
             require_type(base, str, "base", "a link name")
         for folder in own:
             if not os.path.isdir(folder):  # unlike Path.is_dir, also for names that are too long
-                raise InputError(f"there is no package folder {folder!r}; correct its path")
+                raise InputError(
+                    f": there is no folder {folder!r}",
+                    argument="package_dirs",
+                    remedy="correct its path",
+                )
         is_file = any(mark in text for mark in "./\\") or os.path.isfile(
             text
         )  # no catalogue name contains these

@@ -384,10 +384,10 @@ class Task:
         given = as_numbers(q)
         if given is not None and given.ndim == 1 and len(given) != self.n:
             moved = f"{self.frame!r} is moved by {self.n} joints: {', '.join(self.joint_names)}"
-            raise InputError(f"{what} has {len(given)} numbers, but {moved}")
+            raise InputError(f"has {len(given)} numbers, but {moved}", argument=what)
         if given is not None and given.shape == (self.n,) and not np.isfinite(given).all():
             bad = self.joint_names[int(np.argmin(np.isfinite(given)))]
-            raise InputError(f"{what}: the value of {bad!r} is not a finite number")
+            raise InputError(f": the value of {bad!r} is not a finite number", argument=what)
         q = vector(q, self.n, what)
         lower, upper, _ = self.joint_limits
         for name, value, low, high in zip(
@@ -395,7 +395,8 @@ class Task:
         ):
             if not low - 1e-9 <= value <= high + 1e-9:
                 raise InputError(
-                    f"{what}: {name} = {value:g} is outside its limits [{low:g}, {high:g}]"
+                    f": {name} = {value:g} is outside its limits [{low:g}, {high:g}]",
+                    argument=what,
                 )
         return q
 

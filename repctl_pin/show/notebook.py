@@ -1,4 +1,4 @@
-"""Results inside a notebook's cell."""
+"""Display of results in a notebook."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .text import captions
 from .text.table import study_table
 
 DPI = 96
-"""Pixels of the page to an inch of a figure."""
+"""Pixels of the page per inch of a figure."""
 
 _TABLE = (
     "margin: 16px 24px; overflow-x: auto; font: 12px/1.4 ui-monospace, Menlo, Consolas, monospace"
@@ -26,14 +26,14 @@ _TABLE = (
 
 @dataclass(frozen=True)
 class Inline:
-    """What a notebook shows in its cell. Make it with :func:`inline`.
+    """Display in a notebook cell, made by :func:`inline`.
 
     Attributes
     ----------
     html : str
-        For a notebook; it holds all it needs.
+        Self-contained HTML.
     text : str
-        Where only text is shown.
+        Text for programs that show no HTML.
     """
 
     html: str
@@ -47,24 +47,24 @@ class Inline:
 
 
 def inline(shown: Study | Figure | str, *, height: int = 640) -> Inline:
-    """Show in a notebook's cell what ``repctl study`` would print and write; no file is written.
+    """Display the animation, table and figures of a study in a notebook cell; write no files.
 
     Parameters
     ----------
     shown
-        A study: its animation, its table and its figures. Or a figure, or a page's HTML.
+        A study; or a figure, or the HTML of a page.
     height
-        Of the animation or page, pixels.
+        Height of the animation or page, pixels.
 
     Returns
     -------
     Inline
-        What the notebook shows.
+        The display.
 
     Raises
     ------
     InputError
-        If it is none of these.
+        If ``shown`` is none of these.
 
     Examples
     --------
@@ -79,7 +79,8 @@ def inline(shown: Study | Figure | str, *, height: int = 640) -> Inline:
         return Inline(_picture(shown, "Figure"), repr(shown))
     if not isinstance(shown, Study):
         raise InputError(
-            f"a cell shows a study, a figure or a page's HTML; got {type(shown).__name__}"
+            f"must be a study, a figure or the HTML of a page; got {type(shown).__name__}",
+            argument="shown",
         )
     text = study_table(shown)
     parts = (
@@ -92,18 +93,19 @@ def inline(shown: Study | Figure | str, *, height: int = 640) -> Inline:
 
 
 def frame(page: str, height: int = 640) -> str:
-    """Write a page inside the cell: its script runs, but cannot reach the notebook."""
+    """Embed a page in a notebook cell; its script cannot access the notebook."""
     return (
-        f'<iframe srcdoc="{html.escape(page, quote=True)}" sandbox="allow-scripts" title="Animation" '
+        f'<iframe srcdoc="{html.escape(page, quote=True)}" sandbox="allow-scripts" '
+        'title="Animation" '
         f'style="display: block; width: 100%; height: {int(height)}px; border: 0"></iframe>'
     )
 
 
 def _picture(figure: Figure, text: str) -> str:
-    """A figure inside the cell, sharp on any screen, with the words for who cannot see it."""
+    """Embed a figure in a notebook cell, at twice the resolution, with alternative text."""
     data = base64.b64encode(png(figure, 2 * DPI)).decode("ascii")
     width = round(figure.get_figwidth() * DPI)
     return (
-        f'<img src="data:image/png;base64,{data}" width="{width}" style="max-width: 100%; height: auto" '
-        f'alt="{html.escape(text, quote=True)}">'
+        f'<img src="data:image/png;base64,{data}" width="{width}" '
+        f'style="max-width: 100%; height: auto" alt="{html.escape(text, quote=True)}">'
     )

@@ -18,17 +18,16 @@ CSV_ROWS_PER_CYCLE = 100
 
 
 def write_study(study: Study, folder: Path, *, run: str = "") -> list[Path]:
-    """Write ``animation.html``, ``drift.png``, ``joints.png`` and ``motion.csv``, each whole or not
-    at all.
+    """Write ``animation.html``, ``drift.png``, ``joints.png`` and ``motion.csv`` atomically.
 
     Parameters
     ----------
     study
-        What was found.
+        The study.
     folder
-        Where the files go.
+        Output folder.
     run
-        Name of the run, see :func:`run_name`, which each file then holds.
+        Name of the run, see :func:`run_name`, to write into each file.
 
     Returns
     -------
@@ -53,16 +52,16 @@ def write_study(study: Study, folder: Path, *, run: str = "") -> list[Path]:
 
 
 def run_name(study: Study, checksum: str) -> str:
-    """Name a run by what it found: the design file's checksum, and a digest of the motions.
+    """Name a run by the checksum of its design file and a digest of its motions.
 
-    The same run has the same name. ``control.json`` holds the first part as its checksum.
+    The same run has the same name. The first part is the checksum in ``control.json``.
     """
     digest = hashlib.sha256(_motions(study).encode()).hexdigest()
     return f"{checksum.removeprefix('sha256:')[:12]}-{digest[:8]}"
 
 
 def with_run(page: str, run: str) -> str:
-    """Write the name of a run into a page."""
+    """Insert the name of a run into a page."""
     return (
         page.replace("<head>", f'<head>\n<meta name="repctl-run" content="{run}">', 1)
         if run
@@ -71,13 +70,13 @@ def with_run(page: str, run: str) -> str:
 
 
 def _motions(study: Study, run: str = "") -> str:
+    """Write the motions of a study as CSV."""
     kept = [(row.key, row.motion) for row in study.rows if row.motion is not None]
     return csv_text(kept, most=CSV_ROWS_PER_CYCLE, run=run)
 
 
 def study_page(study: Study) -> str:
-    """Make the animation of a study: J⁺, user-defined controls and the repeatable inverse, side by
-    side."""
+    """Make the animation of a study: J⁺, custom controllers and the repeatable inverse."""
     rows = [row for row in study.rows if row.key not in ("posture", "posture_off")]
     colour = colours(study)
     tracks = [

@@ -1,5 +1,4 @@
-"""Arrays for the maps of a study: what its design does over two joints, and where J⁺ fails to be
-repeatable."""
+"""Arrays for the maps of a study: figures of its design and the defect of J⁺ over two joints."""
 
 from __future__ import annotations
 
@@ -19,16 +18,17 @@ from .study_result import Study
 @dataclass(frozen=True, eq=False)
 @read_only
 class StudyMaps:
-    """What a report draws beside the motions.
+    """Maps that a report draws beside the motions.
 
     Attributes
     ----------
     design : DesignMap
         Distance and leaf margin over two joints, the others at the centre of Ω.
     defect : (k, k) array
-        The relative defect of the desired inverse on the same grid: 0 where it is repeatable; nan
-        at singularities.
+        Relative defect of the desired inverse on the same grid: 0 where it is repeatable; NaN at
+        singularities.
     degrees : tuple of (degree, cost, standard error)
+        Cost of the design by its degree.
     baselines : tuple of Baseline
         Simpler inverses on the same held-out nodes; none where one degree alone was tried.
     """
@@ -40,7 +40,7 @@ class StudyMaps:
 
 
 def study_maps(study: Study, *, points: int = 41) -> StudyMaps:
-    """Evaluate the maps of a study's design on a grid of ``points`` each way."""
+    """Evaluate the maps of a study's design on a grid of ``points`` × ``points``."""
     design = study.design
     grid = design_map(design, points=points)
     Q = np.tile(design.region.center, (points * points, 1))
@@ -52,7 +52,7 @@ def study_maps(study: Study, *, points: int = 41) -> StudyMaps:
 
 
 def _defects(strategy: Inverse, Q: Array) -> Array:
-    """The relative defect at every row of Q, nan at singularities."""
+    """Evaluate the relative defect at every row of Q; NaN at singularities."""
     try:
         return measure(strategy, Q).norm
     except SingularityError:

@@ -1,4 +1,4 @@
-"""What a study found: a row a strategy, and how to do it again."""
+"""Results of a study: one row per strategy, and the problem that was studied."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from ..robot.task import Task
 
 @dataclass(frozen=True)
 class Row:
-    """What one strategy did.
+    """Result of one strategy.
 
     Attributes
     ----------
     key, label : str
-        A short name for files (``pseudoinverse``), and one for people (``J⁺``).
+        Name in files (``pseudoinverse``), and display name (``J⁺``).
     motion : Motion or None
-        None where the strategy could not go on; ``stopped`` says why.
+        Motion of the strategy; None if it stopped, for the reason ``stopped``.
     leaf_margin : float or None
-        Worst σ_min(Nᵀ V̂) along its motion, where the strategy has a V.
+        Worst σ_min(Nᵀ V̂) along the motion; None if the strategy has no V.
     distance : float or None
-        Relative distance ``‖G − J⁺‖ / ‖J⁺‖`` in the mean over Ω; None where the strategy is no
+        Relative distance ``‖G − J⁺‖ / ‖J⁺‖`` in the mean over Ω; None if the strategy is not an
         inverse.
     body_distance : float or None
         Minimum distance between bodies at 100 points per cycle, m; None where there are none, or no
@@ -54,26 +54,27 @@ class Row:
     cycle_time: float | None = None
 
     def summary(self) -> str:
-        """Say in a line what the strategy did."""
+        """Summarise the result in one line."""
         motion = self.motion
         if motion is None:
             return f"stopped: {self.stopped}"
         unit = motion.task.unit
+        first, last = motion.drift[0], motion.drift[-1]
         parts = [
-            f"drift {motion.drift[0]:.2g} {unit} after 1 cycle, {motion.drift[-1]:.2g} after {motion.cycles}",
+            f"drift {first:.2g} {unit} after 1 cycle, {last:.2g} after {motion.cycles}",
             f"tracking error {motion.tracking_error.max():.2g} m",
             f"joint speed {motion.first_rms_speed:.3g} in cycle 1, {motion.rms_speed:.3g} overall",
         ]
-        margin = float(motion.limit_margin.min())
-        parts += [f"limit margin {margin:.2g}"] if np.isfinite(margin) else []
-        parts += (
-            [f"body distance {self.body_distance:.2g} m"] if self.body_distance is not None else []
-        )
+        margin, distance = float(motion.limit_margin.min()), self.body_distance
+        if np.isfinite(margin):
+            parts.append(f"limit margin {margin:.2g}")
+        if distance is not None:
+            parts.append(f"body distance {distance:.2g} m")
         return "; ".join([*parts, *map(str, self.violations)])
 
     @property
     def outside(self) -> float:
-        """Share of the motion that lies outside Ω; 0 where there is no Ω, or no motion."""
+        """Share of the motion that lies outside Ω; 0 without a region or a motion."""
         return 0.0 if self.motion is None else self.motion.outside or 0.0
 
 
@@ -105,23 +106,26 @@ def fastest_cycle(motion: Motion) -> float | None:
 @dataclass(frozen=True, eq=False)
 @read_only
 class Study:
-    """One arm, one closed path, every strategy side by side. See :func:`study`.
+    """Results of every strategy on one arm and one closed path. See :func:`study`.
 
     Attributes
     ----------
     task : Task
+        Task of the arm.
     q0 : (n,) array
-        The start, rad (m for sliding joints).
+        Start configuration, rad (m for prismatic joints).
     path : TaskPath
+        Closed path.
     region : Region
-        Ω, for which the repeatable control was designed.
+        Region Ω of the design.
     design : Design
+        Nearest repeatable inverse.
     rows : tuple of Row
-        One per strategy: its name and its motion.
+        Results, one per strategy.
     notes : tuple of str
-        What a user should know.
+        Notes for the user.
     period : float
-        Time of one cycle, s.
+        Period of one cycle, s.
 
     Examples
     --------
@@ -146,12 +150,14 @@ class Study:
             f"{label} {motion.drift[-1]:.2g}" if motion else f"{label} stopped"
             for label, motion in done
         )
-        return f"<Study of {self.robot.name} {self.task.frame}: {self.path.name}, drift at the end: {drifts}>"
+        what = f"{self.robot.name} {self.task.frame}: {self.path.name}"
+        return f"<Study of {what}, drift at the end: {drifts}>"
 
     def summary(self) -> str:
-        """Say for each strategy where it ended: drift, tracking error, joint speed, and margins."""
+        """Summarise each strategy: drift, tracking error, joint speed, and margins."""
         cycles = next((row.motion.cycles for row in self.rows if row.motion is not None), 0)
-        head = f"{self.robot.name} {self.task.frame}, {self.task.kind}: {self.path.name}, {cycles} cycles"
+        task = f"{self.robot.name} {self.task.frame}, {self.task.kind}"
+        head = f"{task}: {self.path.name}, {cycles} cycles"
         width = max(len(row.label) for row in self.rows)
         return "\n".join(
             [head, *(f"  {row.label.ljust(width)}  {row.summary()}" for row in self.rows)]
@@ -159,13 +165,12 @@ class Study:
 
     @property
     def robot(self) -> Mechanism:
-        """The robot."""
+        """Robot of the task."""
         return self.task.robot
 
     @property
     def elbow(self) -> int:
-        """The joint whose origin a self-motion at the start moves fastest: where the displacement
-        is seen."""
+        """Joint whose origin a self-motion at the start moves fastest."""
         return elbow(self.task, self.q0)
 
     def row(self, key: str) -> Row:
@@ -175,8 +180,7 @@ class Study:
 
     @property
     def setting(self) -> dict[str, str]:
-        """What was studied, as label and text; ``path options`` is the path as the command line
-        takes it."""
+        """Problem that was studied, as label and text; ``path options`` are those of ``repctl``."""
         task = self.task
         start = ", ".join(f"{v:.4g}" for v in self.q0)
         return {
@@ -192,7 +196,7 @@ class Study:
         }
 
     def as_dict(self) -> dict[str, Any]:
-        """Everything a script would want, in plain Python types."""
+        """Collect the results in plain Python types."""
         design = self.design
         return {
             **self.task.as_dict(),
@@ -212,12 +216,12 @@ class Study:
 
 
 def picked(thing: object, *names: str) -> dict[str, Any]:
-    """Take some attributes by name."""
+    """Select attributes by name."""
     return {name: getattr(thing, name) for name in names}
 
 
 def region_dict(region: Region) -> dict[str, Any]:
-    """Say what a region is, in plain Python types."""
+    """Describe a region in plain Python types."""
     return {
         "center": region.center.tolist(),
         "half_width": region.bounds.half_width.tolist(),
@@ -226,8 +230,7 @@ def region_dict(region: Region) -> dict[str, Any]:
 
 
 def bodies_dict(motion: Motion) -> dict[str, Any]:
-    """Say how near bodies come, when and which, and when they first touch, in plain Python
-    types."""
+    """Describe the minimum body distance and the first collision in plain Python types."""
     least = float(motion.body_distance.min())
     if not np.isfinite(least):
         return {"body_distance": None, "nearest_bodies": None, "first_touch": None}
@@ -241,8 +244,7 @@ def bodies_dict(motion: Motion) -> dict[str, Any]:
 
 
 def limits_dict(motion: Motion) -> dict[str, Any]:
-    """Say how near joints come to their limits, and which first leaves them and when, in plain
-    Python types."""
+    """Describe the minimum limit margin and the first violation in plain Python types."""
     margin, violation = float(motion.limit_margin.min()), motion.first_violation
     return {
         "limit_margin": margin if np.isfinite(margin) else None,
@@ -253,7 +255,7 @@ def limits_dict(motion: Motion) -> dict[str, Any]:
 
 
 def _path_loss(motion: Motion) -> dict[str, float] | None:
-    """Say when the frame leaves its path, and by how much."""
+    """Describe when the frame leaves its path, and by how much."""
     loss = motion.path_loss
     return None if loss is None else dict(zip(("cycle", "distance", "angle"), loss, strict=True))
 

@@ -127,4 +127,4 @@ def test_a_saved_design_is_checked_over_its_own_region(
         ["--absolute"],
     ):
         assert main(["check", saved, *extra]) == 2
-        assert "leave --" in capsys.readouterr().err
+        assert "; omit --" in capsys.readouterr().err

@@ -278,7 +278,6 @@ def test_a_report_of_before_is_said_to_be_old(tmp_path: Path) -> None:
     report = (tmp_path / "out" / "report.html").read_bytes()
     done = repctl("study", *small, cwd=tmp_path)
     assert (
-        "note: the report.html there is from an earlier study; --report writes a new one"
-        in done.stdout
+        "note: report.html is from an earlier study; use --report to write a new one" in done.stdout
     )
     assert (tmp_path / "out" / "report.html").read_bytes() == report

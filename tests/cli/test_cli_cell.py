@@ -183,7 +183,7 @@ def test_other_commands_say_that_it_is_a_cell(
     made: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["check", str(made / "out" / "cell.json"), "--robot", str(made / "arm.urdf")]) == 2
-    assert "is the function of a cell" in capsys.readouterr().err
+    assert "does not take the function of a cell" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -191,11 +191,11 @@ def test_other_commands_say_that_it_is_a_cell(
     [
         (["--half-width", "wide"], "--half-width 'wide' must be one or more numbers"),
         (["--half-width", "0.1", "--at", "1,2"], "--at '1,2' must be 3 numbers"),
-        (["--half-width", "0.1", "--held-out", "20000000"], "--held-out can be 1,048,576 at most"),
+        (["--half-width", "0.1", "--held-out", "20000000"], "--held-out can be at most 1,048,576"),
         (["--half-width", "0.1", "--degree", "0"], "neither auto nor a whole number from 1 up"),
         (["--half-width", "1e-300"], "--half-width must be 0, which holds the coordinate"),
-        (["--half-width", "0.1", "--shrink", "--keep"], "give one"),
-        (["--half-width", "0.1", "--at", "1,2,0", "--path", "circle:0.1"], "give one"),
+        (["--half-width", "0.1", "--shrink", "--keep"], "mutually exclusive"),
+        (["--half-width", "0.1", "--at", "1,2,0", "--path", "circle:0.1"], "mutually exclusive"),
         (["--half-width", "0.1", "--half-angle", "0.2"], "leaves the rotation free"),
         (["--half-width", "0.1", "--at", "-9,0,0", "--start", "0.6,-1.2,1.4"], "cannot reach"),
     ],

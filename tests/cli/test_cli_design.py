@@ -141,11 +141,11 @@ def test_a_region_with_a_singularity_is_refused_unless_it_may_shrink(
         (["panda", "--degree", "0"], ["--degree"]),
         (["panda", "--weight", "heavy"], ["--weight", "heavy"]),
         (["panda", "--samples", "2", "--degree", "2"], ["too few"]),
-        (["panda", "--held-out", "3"], ["held_out"]),
+        (["panda", "--held-out", "3"], ["--held-out must be"]),
         (["panda", "--fourier", "1"], ["--degree"]),
         (
             ["panda", "--path", "circle:0.1", "--workspace", "0.1"],
-            ["--workspace", "--path", "leave one out"],
+            ["--workspace", "--path", "mutually exclusive"],
         ),
         (["panda", "--path", "spiral:3"], ["spiral"]),
         (["ur5", "--task", "pose"], ["r = 0"]),

@@ -153,7 +153,7 @@ BAD = {
     ),
     "a design and a strategy": (
         ["follow", "design.json", "--strategy", "pseudoinverse"],
-        "in place of a design",
+        "mutually exclusive and require a robot",
     ),
     "a frame for a design": (["follow", "design.json", "--frame", "panda_link8"], "its own frame"),
     "out of reach": (["follow", "design.json", "--path", "circle:2"], "no circle of radius 2 m"),
@@ -170,7 +170,7 @@ BAD = {
     "period": (["follow", "design.json", "--period", "0"], "--period"),
     "a rate of no time": (
         ["follow", "design.json", "--rate", "100"],
-        "--rate is for a timed motion",
+        "--rate requires --acceleration",
     ),
 }
 

@@ -67,8 +67,8 @@ def test_a_design_round_a_path_is_round_the_studied_one(tmp_path, monkeypatch, c
     designed = told(capsys, "design", "panda", *WORDS, *small)
     assert (designed["path_spec"], designed["plane"]) == ("circle:0.1:180", "xy")
     assert designed["notes"] == [
-        "for circle of radius 0.1 m in xy, 5 s per cycle; repctl follow uses it unless --path is "
-        "given"
+        "default cycle saved with the design: circle of radius 0.1 m in xy, 5 s; "
+        "repctl follow uses it unless --path is given"
     ]
     followed = told(capsys, "follow", designed["files"][1], *SHORT, "--csv", "m.csv")
     assert (
@@ -148,7 +148,7 @@ def test_a_file_is_followed_and_named(tmp_path, monkeypatch, capsys) -> None:
     assert (data["path"], data["path_spec"], data["plane"]) == ("my loop.csv", "my loop.csv", None)
     assert (
         data["tracking_error"] < 1e-6
-        and "the start was moved to the path's first point" in data["notes"]
+        and "the start was moved to the first point of the path" in data["notes"]
     )
     assert main(loop(["x, y, z", *GOOD], "my loop.csv")) == 0
     assert "path options    --path 'my loop.csv'\n" in capsys.readouterr().out
@@ -247,10 +247,8 @@ def test_a_file_has_no_plane(tmp_path, monkeypatch, capsys) -> None:
         [*loop(GOOD), "--plane", "xy"],
         ["study", MY_ARM, "--path", "loop.csv", "--plane", "xz"],
     ):
-        assert "loop.csv says itself where its points lie; leave --plane out" in refused(
-            capsys, *command
-        )
-    assert "--plane is of a --path" in refused(capsys, "design", "panda", "--plane", "xz")
+        assert "loop.csv have their own positions; omit it" in refused(capsys, *command)
+    assert "--plane requires --path" in refused(capsys, "design", "panda", "--plane", "xz")
     assert [p.name for p in tmp_path.iterdir()] == ["loop.csv"]
 
 
@@ -262,8 +260,8 @@ def test_the_help_says_what_a_path_is(command: str, capsys) -> None:
     for words in (
         "circle:RADIUS:DEGREES",
         "turned until the arm can follow it",
-        "in m in the base's frame",
+        "in m in the frame of the base",
         "the first point repeated",
     ):
         assert words in text
-    assert "first redundant of pose, position, xy, xz, yz" in text
+    assert "first redundant one of pose, position, xy, xz, yz" in text

@@ -114,16 +114,16 @@ def test_what_contradicts_the_file_is_named_by_its_option(rail: Path, capsys) ->
                 [command, "design.json", "--robot", "planar.urdf"],
                 "for the robot 'spatial', not 'other'",
             ),
-            ([*here, "--frame", "tool"], "has its own frame, link7; leave --frame out"),
-            ([*here, "--task", "pose"], "has its own task, position; leave --task out"),
-            ([*here, "--base", "link2"], "has its own base, link1; leave --base out"),
-            ([*here, "--lock", "q4"], "was made with 'q4' free to move; leave --lock q4 out"),
+            ([*here, "--frame", "tool"], "has its own frame, link7; omit --frame"),
+            ([*here, "--task", "pose"], "has its own task, position; omit --task"),
+            ([*here, "--base", "link2"], "has its own base, link1; omit --base"),
+            ([*here, "--lock", "q4"], "was made with 'q4' free to move; omit --lock q4"),
             ([*here, "--start", "0,0"], "--start has 2 numbers"),
             (
                 [command, "panda", "--robot", "ur5", "--strategy", "inertia"][
                     : 6 if command == "follow" else 4
                 ],
-                "--robot goes with a saved design; the robot is panda",
+                "--robot requires a saved design; the robot is panda",
             ),
         ):
             error = refused(capsys, *arguments)
@@ -144,7 +144,7 @@ def test_where_a_robot_is_wanted_a_design_is_pointed_elsewhere(
     command: str, tmp_path, monkeypatch, capsys
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert "d/design.json is a saved design: follow, check, animate and export take it" in refused(
+    assert "requires a robot, but d/design.json is a saved design; use it with follow" in refused(
         capsys, command, "d/design.json"
     )
     assert list(tmp_path.iterdir()) == []

@@ -28,19 +28,19 @@ def printed(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[str, s
 def test_a_singular_region_names_the_option_that_helps(tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     error = refused(capsys, "design", *SINGULAR, "--region", "0.7", "--degree", "1")
-    assert "--shrink takes that" in error and "=True" not in error
+    assert "use --shrink to design there" in error and "=True" not in error
     study = ["study", *SINGULAR, "--cycles", "1", "--steps", "40", "--degree", "1", "--quiet"]
     width, tries = "10", 0
     while main([*study, "--region", width]) == 2:  # the advice is taken, until it is good
         error = capsys.readouterr().err
         assert "with the same centre" in error and "shrink" not in error
-        (smaller,) = re.findall(r"; give --region ([\d.]+)$", error.strip())
+        (smaller,) = re.findall(r"; use --region ([\d.]+)$", error.strip())
         assert 0 < float(smaller) < float(width)
         width, tries = smaller, tries + 1
     assert 1 <= tries <= 3
-    with pytest.raises(rp.SingularRegionError, match=r"; give region=0\.\d+$"):
+    with pytest.raises(rp.SingularRegionError, match=r"; pass region=0\.\d+$"):
         rp.study("planar3r", start=[0.3, 0.6, 0.5], region=10.0, degree=1)
-    with pytest.raises(rp.SingularRegionError, match=r"; take that$"):
+    with pytest.raises(rp.SingularRegionError, match=r"; pass that region$"):
         rp.study("planar3r", start=[0.3, 0.6, 0.5], region=rp.Box([0.3, 0.6, 0.5], 3.0), degree=1)
 
 
@@ -81,19 +81,14 @@ def helped(command: str, capsys) -> str:
 def test_help_says_what_is_done(tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     for command in ("study", "design"):
-        assert "--quiet print nothing but errors, and what --json asks for" in helped(
-            command, capsys
-        )
+        assert "--quiet print only errors, and the JSON of --json" in helped(command, capsys)
     assert "1 to 4" not in helped("study", capsys)
     few = ["--cycles", "1", "--steps", "40", "--degree", "5", "--quiet", "--json"]
     assert (
         json.loads(printed(capsys, "study", "ppr", *few)[0])["design"]["potentials"] == 55
     )  # (3 + 5)! / 3! / 5! - 1
     text = helped("follow", capsys)
-    assert (
-        "begins and ends at full speed along the path. With --acceleration it goes from rest to "
-        "rest" in text
-    )
+    assert "starts and ends at path speed. With it, the motion goes from rest to rest" in text
 
 
 def test_the_motion_that_follow_writes_is_at_full_speed_at_both_ends(
@@ -102,8 +97,8 @@ def test_the_motion_that_follow_writes_is_at_full_speed_at_both_ends(
     monkeypatch.chdir(tmp_path)
     out, _ = printed(capsys, "follow", "ppr", "--strategy", "pseudoinverse", "--csv", "m.csv")
     assert (
-        "note: the motion begins and ends at full speed along the path; a robot at rest needs a "
-        "ramp\n" in out
+        "note: this motion starts and ends at path speed; "
+        "use --acceleration for a rest-to-rest trajectory\n" in out
     )
     rows = np.genfromtxt("m.csv", delimiter=",", names=True)
     speed = np.linalg.norm(
@@ -166,7 +161,7 @@ def test_cycles_are_counted_in_whole_numbers() -> None:
 def test_live_options_need_live(tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     for option in (["--port", "8000"], ["--port", "0"], ["--no-browser"]):
-        assert "--port and --no-browser go with --live" in refused(
+        assert "--port and --no-browser require --live" in refused(
             capsys, "animate", "ppr", *option
         )
     assert list(tmp_path.iterdir()) == []

@@ -670,9 +670,7 @@ def test_follow_keeps_jerk_tool_speed_and_times(tmp_path, monkeypatch, capsys) -
     own = told(capsys, *words, *limits, "--keep-times", "--period", "7")
     assert 7 < own["duration"] < 7.5
     for option in (["--jerk", "50"], ["--tool-speed", "0.1"], ["--keep-times"]):
-        assert f"{option[0]} is for a timed motion; give --acceleration" in refused(
-            capsys, *words, *option
-        )
+        assert f"{option[0]} requires --acceleration" in refused(capsys, *words, *option)
     assert "--jerk '1,x' is neither numbers" in refused(
         capsys, *words, *limits[:2], "--jerk", "1,x"
     )

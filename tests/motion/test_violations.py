@@ -146,7 +146,10 @@ def test_surroundings_must_not_be_touched(tmp_path, capsys) -> None:
     assert "tip and post collide in cycle 1, " in error and not (tmp_path / "m.yaml").exists()
     assert main(near) == 0
     out, warning = capsys.readouterr()
-    assert "\nbodies overlap  0." in out and " m at most: tip and post\n" in out
+    assert (
+        "\nbody distance   collision, overlap up to 0." in out
+        and "m, between tip and post\n" in out
+    )
     assert "note: collisions of a are not detected: mesh 'lost.stl' is missing" in out
     assert (
         warning.startswith("repctl: warning: tip and post collide in cycle 1, ")

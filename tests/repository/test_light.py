@@ -85,7 +85,8 @@ def test_the_loop_runs_without_what_pictures_need(tmp_path: Path) -> None:
     done = subprocess.run(command, cwd=tmp_path, env=path, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert [
-        line.split("needs")[0] + line.split("install ")[1] for line in done.stdout.splitlines()
+        line.split("requires")[0] + line.split("`pip install ")[1]
+        for line in done.stdout.splitlines()
     ] == [
         "an animation pillow pycollada jinja2 meshcat tornado trimesh`",
         "a figure matplotlib`",
@@ -114,7 +115,8 @@ def test_what_is_there_is_not_asked_for() -> None:
     needed("numpy", by="a test")
     with pytest.raises(
         rp.InputError,
-        match="a test needs what is not installed here: run `pip install no_such_thing`",
+        match="a test requires no_such_thing, which is not installed; "
+        "run `pip install no_such_thing`",
     ):
         needed("numpy", "no_such_thing", by="a test")
 

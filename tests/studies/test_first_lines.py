@@ -14,10 +14,11 @@ from arms import planar_urdf
 import repctl_pin as rp
 from repctl_pin.cli import main
 from repctl_pin.motion import read_motions
+from repctl_pin.problem import NO_BETTER, choose_period
 from repctl_pin.show.text import study_verdict
-from repctl_pin.studies import defaults, start_and_path
 from repctl_pin.studies.study import _on_an_edge
 
+STARTS = "repctl_pin.problem.default_starts.default_starts"
 QUICK = {"cycles": 2, "steps": 60, "degree": 1}
 
 
@@ -54,13 +55,13 @@ def test_a_lost_motion_does_not_stretch_the_period(planar: rp.Study) -> None:
         if np.isfinite(motion.speed_ratio)
         else motion
     )
-    period, (note,) = defaults.choose_period(5.0, {"J⁺": fast})
+    period, (note,) = choose_period(5.0, {"J⁺": fast})
     assert (
         period > 14
         and "period increased to" in note
         and note.endswith("times its speed limit (J⁺)")
     )
-    assert defaults.choose_period(5.0, {"J⁺": lost(fast)}) == (5.0, [])
+    assert choose_period(5.0, {"J⁺": lost(fast)}) == (5.0, [])
 
 
 def test_a_start_beside_which_the_motion_goes_elsewhere_is_named(planar: rp.Study) -> None:
@@ -86,15 +87,14 @@ def test_a_default_start_keeps_limits_where_another_does(
     task = planar.task
     at_limit = planar.q0.copy()
     at_limit[0] = task.upper[0] - 1e-3
-    monkeypatch.setattr(
-        defaults, "starts", lambda task: iter([(at_limit, "first"), (planar.q0, "second")])
-    )
+    both = [(at_limit, "first"), (planar.q0, "second")]
+    monkeypatch.setattr(STARTS, lambda task: iter(both))
     path = lambda task, q0: rp.circle(task, q0, 0.1)  # noqa: E731
     study = rp.study("planar4r", path=path, **QUICK)
     assert "the start is second" in study.notes and not study.row("repeatable").violations
     assert rp.study("planar4r", path=path, start=at_limit, **QUICK).row("repeatable").violations
-    monkeypatch.setattr(defaults, "starts", lambda task: iter([(at_limit, "first")]))
-    assert start_and_path.NO_BETTER in rp.study("planar4r", path=path, **QUICK).notes
+    monkeypatch.setattr(STARTS, lambda task: iter([(at_limit, "first")]))
+    assert NO_BETTER in rp.study("planar4r", path=path, **QUICK).notes
 
 
 def test_follow_says_that_default_starts_were_tried(
@@ -102,7 +102,7 @@ def test_follow_says_that_default_starts_were_tried(
 ) -> None:
     at_limit = planar.q0.copy()
     at_limit[0] = planar.task.upper[0] - 1e-3
-    monkeypatch.setattr(defaults, "starts", lambda task: iter([(at_limit, "first")]))
+    monkeypatch.setattr(STARTS, lambda task: iter([(at_limit, "first")]))
     assert (
         main(
             [
@@ -118,7 +118,7 @@ def test_follow_says_that_default_starts_were_tried(
         )
         == 0
     )
-    assert f"a --start of your own ({start_and_path.NO_BETTER})" in capsys.readouterr().err
+    assert f"your own --start ({NO_BETTER})" in capsys.readouterr().err
 
 
 def test_a_dear_start_gives_way_to_a_cheap_one_or_is_explained(tmp_path: Path) -> None:
@@ -128,7 +128,7 @@ def test_a_dear_start_gives_way_to_a_cheap_one_or_is_explained(tmp_path: Path) -
 
     robot = iiwa(tmp_path)
     chosen = rp.study(robot, frame="flange", cycles=1, steps=100)
-    first, _ = next(defaults.starts(chosen.task))
+    first = rp.Problem(chosen.task, path=False).start
     dear = rp.study(robot, frame="flange", start=first, cycles=1, steps=100)
     cheap, price = (
         study.row("repeatable").motion.first_rms_speed / study.rows[0].motion.first_rms_speed - 1
@@ -156,7 +156,7 @@ def test_many_joints_are_studied_at_once_or_it_is_said_what_takes_long(tmp_path:
     study = rp.study(str(tmp_path / "long.urdf"), cycles=1, steps=40)
     assert study.row("repeatable").motion.closes
     (note,) = [note for note in study.notes if note.startswith("degree 1 is used")]
-    assert "for 12 joints; ask for it with --degree 2" in note
+    assert "for 12 joints" in note and "--" not in note
     said: list[str] = []
 
     def say(text: str) -> None:
@@ -169,7 +169,7 @@ def test_many_joints_are_studied_at_once_or_it_is_said_what_takes_long(tmp_path:
     assert said[-1].startswith("designing the nearest repeatable inverse, degree 2: ")
     (note,) = [text for text in said if text.startswith("note: ")]
     assert re.fullmatch(
-        r"note: a design of degree 2 for 12 joints takes about \d+ min; a lower --degree .*", note
+        r"note: a design of degree 2 for 12 joints takes about \d+ min; a lower degree .*", note
     )
     (tmp_path / "longer.urdf").write_text(planar_urdf([0.02] * 60))
     with pytest.raises(

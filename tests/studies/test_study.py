@@ -14,13 +14,14 @@ from page_file import read
 
 import repctl_pin as rp
 from repctl_pin.motion import elbow, fitting_circle
+from repctl_pin.problem import kind_note
+from repctl_pin.problem.default_starts import default_starts
 from repctl_pin.show.page import read_playbacks
 from repctl_pin.show.palette import colours
 from repctl_pin.show.report import report_page
 from repctl_pin.show.study_files import write_study
 from repctl_pin.show.text import number, study_table, study_verdict
 from repctl_pin.show.text.captions import summary
-from repctl_pin.studies import defaults
 
 REDUNDANT = [
     ("panda", None, "pose"),
@@ -99,7 +100,7 @@ def test_no_redundancy_is_said_with_the_kinds_that_have_it(
 
 def test_default_kind_is_the_first_redundant_one() -> None:
     for name, kind in (("panda", "pose"), ("ur5", "position"), ("planar3r", "xy")):
-        assert defaults.choose_task(rp.Robot.load(name), None, None).kind == kind
+        assert rp.Problem(name, start="reference", path=False).task.kind == kind
 
 
 def test_where_no_task_is_redundant_another_frame_is_named_if_there_is_one(tmp_path) -> None:
@@ -108,12 +109,12 @@ def test_where_no_task_is_redundant_another_frame_is_named_if_there_is_one(tmp_p
         rp.InputError,
         match=r"moved by 2 joints: .* but one is at 'tool', for example; choose another",
     ):
-        defaults.choose_task(arm, "link2", None)
+        rp.Problem(arm, frame="link2")
     (tmp_path / "two.urdf").write_text(planar_urdf([1.0, 1.0]))
     with pytest.raises(
         rp.InputError, match="moved by 2 joints: no kind of task is redundant there, nor at another"
     ):
-        defaults.choose_task(rp.Robot.load(tmp_path / "two.urdf"), None, None)
+        rp.Problem(tmp_path / "two.urdf")
 
 
 def test_the_default_circle_of_a_finger_is_small(tmp_path) -> None:
@@ -128,26 +129,24 @@ def test_the_default_circle_of_a_finger_is_small(tmp_path) -> None:
     "name, told",
     [
         ("panda", None),
-        ("ur5", "pose has no redundancy: 6 joints; position was taken"),
-        ("planar3r", "pose has no redundancy: 3 joints; xy was taken"),
+        ("ur5", "using task position, because 6 joints are not redundant for a pose task"),
+        ("planar3r", "using task xy, because 3 joints are not redundant for a pose task"),
         (
             "planar7r",
-            "pose is not possible: 7 joints never move tool in all its coordinates; xy was taken",
+            "using task xy, because 7 joints never move tool in all coordinates of a pose task",
         ),
     ],
 )
 def test_why_a_kind_was_taken_is_told(name: str, told: str | None) -> None:
-    robot = rp.Robot.load(name)
-    assert defaults.kind_note(robot, defaults.choose_task(robot, None, None)) == (
-        [told] if told else []
-    )
+    task = rp.Problem(name, start="reference", path=False).task
+    assert kind_note(task) == ([told] if told else [])
 
 
 def test_why_a_kind_was_taken_is_said_where_nobody_chose_it() -> None:
     few = {"cycles": 1, "steps": 40, "degree": 1}
     chosen, asked = rp.study("planar3r", **few), rp.study("planar3r", kind="xy", **few)
-    assert "pose has no redundancy: 3 joints; xy was taken" in chosen.notes
-    assert not [note for note in asked.notes if note.startswith("pose")]
+    assert "using task xy, because 3 joints are not redundant for a pose task" in chosen.notes
+    assert not [note for note in asked.notes if note.startswith("using task")]
 
 
 def test_the_default_region_holds_the_motion() -> None:
@@ -331,7 +330,7 @@ def test_controls_that_cannot_be_used_are_named() -> None:
 
 def test_the_first_start_that_can_follow_the_path_is_taken() -> None:
     """A path out of the reference pose's reach: the next good start is tried, and said."""
-    offered = [q for q, _ in defaults.starts(rp.Robot.load("panda").task("panda_hand_tcp", "pose"))]
+    offered = [q for q, _ in default_starts(rp.Robot.load("panda").task("panda_hand_tcp", "pose"))]
     asked = []
 
     def path(task: rp.Task, q0: np.ndarray) -> rp.TaskPath:

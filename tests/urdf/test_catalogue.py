@@ -248,7 +248,7 @@ def test_a_package_dir_that_is_not_there_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     for folder in ("nowhere", "file"):
         for name in ("planar3r", urdf_folder() / "planar3r.urdf"):
-            with pytest.raises(InputError, match=f"there is no package folder '.*{folder}'"):
+            with pytest.raises(InputError, match=f"^package_dirs: there is no folder '.*{folder}'"):
                 rp.Robot.load(name, package_dirs=[tmp_path, tmp_path / folder])
     assert rp.Robot.load("planar3r", package_dirs=str(tmp_path)).package_dirs == (str(tmp_path),)
 

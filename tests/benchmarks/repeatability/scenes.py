@@ -10,8 +10,6 @@ from robots import STARTS
 from scipy.spatial.transform import Rotation
 
 import repctl_pin as rp
-from repctl_pin.motion import fitting_circle
-from repctl_pin.studies.start_and_path import choose_setting
 
 RADIUS = 0.1  # m
 BLEND = 0.005  # m
@@ -40,17 +38,15 @@ class Scene:
 
 def scenes_of(arm: str, task: rp.Task, steps: int) -> list[Scene]:
     """Make the circle, the rounded square and a random tour, each from the posture and off it."""
-    setting = choose_setting(
-        task, STARTS.get(arm), lambda task, q0: fitting_circle(task, q0, radius=RADIUS)
-    )
+    problem = rp.Problem(task, start=STARTS.get(arm), path=f"circle:{RADIUS}")
     found = []
     paths = {
-        "circle": setting.drawn,
-        "square": _square(task, setting.q0),
-        "tour": _tour(task, setting.q0),
+        "circle": problem.path,
+        "square": _square(task, problem.start),
+        "tour": _tour(task, problem.start),
     }
     for name, path in paths.items():
-        posture = rp.solve_ik(task, setting.q0, path.placement(0.0))
+        posture = rp.solve_ik(task, problem.start, path.placement(0.0))
         targets = [path.placement((k + 1) / steps) for k in range(steps)]
         scene = Scene(arm, name, "on", task, targets, posture, posture)
         found += [scene, replace(scene, start="off", q0=off_the_posture(task, posture))]

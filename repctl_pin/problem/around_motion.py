@@ -1,0 +1,239 @@
+"""Design of a repeatable inverse for a problem: in its region, or around its motion."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import islice
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..arguments import Array
+from ..design import Design, SingularRegionError, nearest_repeatable
+from ..errors import SingularityError
+from ..fit_options import FitOptions
+from ..motion import Motion, TaskPath, follow
+from ..paths.task_path import Cycle
+from ..regions import Region, Tube
+from ..robot.task import Task
+from ..strategies import Inverse
+from ..strategies.names import LABELS
+from .period import PERIOD, choose_period
+from .problem import Problem, tube_around
+from .starts import plain_cycle, violations
+
+Make = Callable[[Region], Design]
+Say = Callable[[str], None]
+
+MOST_STARTS = 5
+"""Maximum number of starts for which a design is made."""
+
+HIGH_SPEED = 0.05
+"""Extra joint speed in cycle 1, relative to J⁺, above which another start is tried."""
+
+NO_BETTER = "none of the default starts keeps the joint limits and the bodies apart on this path"
+
+
+class _Solved(NamedTuple):
+    """A problem, its design, and what is wrong with the design's first cycle."""
+
+    problem: Problem
+    design: Design
+    violated: int
+    extra_speed: float
+
+
+def design_for(
+    problem: Problem,
+    desired: Inverse,
+    make: Make,
+    *,
+    width: float | None = None,
+    seed: int = 0,
+    say: Say = lambda text: None,
+) -> tuple[Problem, Design]:
+    """Design in the region that was given, else around the motion from the best start.
+
+    A start is good enough if the repeatable motion keeps the joint limits, no bodies collide, and
+    its extra joint speed is small. Default starts are tried until one is. If none is, the one with
+    the fewest kinds of violation is taken, of those the one with the lowest speed, with a note.
+
+    Parameters
+    ----------
+    problem
+        The problem; another default start may be chosen.
+    desired
+        Desired inverse G_d.
+    make
+        Designs in a region.
+    width
+        Radius of the tube around the motion; by default 0.1 rad or 0.05 m.
+    seed
+        Random seed of the nodes.
+    say
+        Called with the step that begins.
+
+    Returns
+    -------
+    problem : Problem
+        The problem that was solved, with its start.
+    design : Design
+
+    Raises
+    ------
+    SingularityError
+        If every start is refused: the reason for the first.
+    """
+    if problem.path is None or "region" in problem.given:
+        return problem, _in_region(problem, make)
+    failure: SingularityError | None = None
+    best: _Solved | None = None
+    for tried in islice(problem.alternatives(), MOST_STARTS):
+        if tried._violates and best is not None:
+            break
+        try:
+            solved = _solved(tried, desired, make, width, seed, say)
+        except SingularityError as error:
+            failure = failure or error
+            continue
+        if best is None or _merit(solved) < _merit(best):
+            best = solved
+        if "start" in tried.given or tried._violates or _merit(solved) <= (0, HIGH_SPEED):
+            break
+    if best is not None:
+        return _noted(best), best.design
+    assert failure is not None
+    if isinstance(failure, SingularRegionError):
+        other = f"none of {MOST_STARTS} starts does better; give one"
+        if "start" in problem.given:
+            other = "choose another start"
+        failure.remedy = f"{other}, or a smaller path"
+    raise failure
+
+
+def timed_cycle(
+    design: Design, problem: Problem, *, period: float | None = None
+) -> tuple[Cycle, list[str]]:
+    """Choose the period of the cycle of a design, within the speed limits; with notes."""
+    path = problem.cycle
+    time = period or path.period or PERIOD
+    notes: list[str] = []
+    if period is None:
+        motion = _own_cycle(design, path, problem.start, steps=200, period=time)
+        time, notes = choose_period(time, {LABELS["repeatable"]: motion})
+    return Cycle(problem.start, path, time), notes
+
+
+def shrunk_note(design: Design) -> tuple[str, ...]:
+    """Say by how much Ω was shrunk, if it was."""
+    share = f"Ω was shrunk to {design.shrunk:.0%} of its half-width"
+    return (f"{share} to keep clear of singularities",) if design.shrunk < 1 else ()
+
+
+def half_width_within(region: Region) -> str:
+    """Write the half-width, in two digits, of the largest cube inside the bounds of a region."""
+    width = float(region.bounds.half_width.min())
+    digit = 10.0 ** (np.floor(np.log10(width)) - 1)
+    return f"{np.floor(width / digit) * digit:.2g}"
+
+
+def own_failure(task: Task, path: TaskPath, q0: Array) -> SingularityError | None:
+    """Make the error of a design that fails on its own cycle; None if J⁺ fails there as well."""
+    if plain_cycle(task, path, q0) is None:
+        return None
+    return SingularityError(
+        "the design fails on its own cycle, which J⁺ can follow",
+        remedy="choose another start, a smaller path or another degree",
+    )
+
+
+def _in_region(problem: Problem, make: Make) -> Design:
+    """Design in the region of a problem; if it is singular, name one that is not."""
+    region = problem.region
+    try:
+        return make(region)
+    except SingularRegionError as error:
+        if error.free is None:
+            error.remedy = "choose another start"
+        elif isinstance(problem._asked, float):
+            error.remedy = f"pass region={half_width_within(error.free)}"
+        else:
+            error.remedy = "pass that region"
+        raise
+
+
+def _solved(
+    problem: Problem, desired: Inverse, make: Make, width: float | None, seed: int, say: Say
+) -> _Solved:
+    """Design around the motion from a start, and evaluate the first cycle."""
+    design = _around_motion(problem, desired, make, width, seed, say)
+    path, q0 = problem.cycle, problem.start
+    motion = _own_cycle(design, path, q0, steps=96)
+    plain = plain_cycle(design.task, path, q0)
+    extra = 0.0 if plain is None else motion.first_rms_speed / plain.first_rms_speed - 1
+    return _Solved(problem, design, violations(motion), extra)
+
+
+def _merit(solved: _Solved) -> tuple[int, float]:
+    """Sort key: fewest violation kinds, then lowest extra speed above the tolerated one."""
+    extra = solved.extra_speed
+    return solved.violated, extra if extra > HIGH_SPEED else 0.0
+
+
+def _noted(solved: _Solved) -> Problem:
+    """Add a note if no default start is free of violations."""
+    problem = solved.problem
+    if solved.violated and "start" not in problem.given:
+        return problem._with(moved=(*problem.moved, NO_BETTER))
+    return problem
+
+
+def _around_motion(
+    problem: Problem, desired: Inverse, make: Make, width: float | None, seed: int, say: Say
+) -> Design:
+    """Design in a tube around the motion that results, so that the motion lies inside Ω."""
+    path, q0 = problem.cycle, problem.start
+    say("finding where the motion will be")
+    tube = _tube_of_linear(desired, path, q0, width, seed)
+    say("designing")
+    design = make(tube)
+    for _ in range(2):
+        motion = _own_cycle(design, path, q0)
+        if design.shrunk < 1 or not (design.region.ratio(motion.q) > 1).any():
+            break
+        say("designing again, around the motion that resulted")
+        design = make(tube_around(motion, width))
+    return design
+
+
+def _tube_of_linear(
+    desired: Inverse, path: TaskPath, q0: Array, width: float | None, seed: int
+) -> Tube:
+    """Make the tube around the motion of a linear design, which does not drift as G_d does.
+
+    Raises
+    ------
+    SingularityError
+        If the desired inverse cannot follow the path once.
+    """
+    tube = tube_around(follow(desired, path, q0, cycles=1), width)
+    few = FitOptions(samples=4096, held_out=1024, seed=seed)
+    linear = nearest_repeatable(desired, None, tube, degree=1, shrink=True, options=few)
+    try:
+        return tube_around(follow(linear.inverse, path, q0, cycles=1), width)
+    except SingularityError:
+        return tube
+
+
+def _own_cycle(design: Design, path: TaskPath, q0: Array, **options: Any) -> Motion:
+    """Follow the cycle that a design was made for.
+
+    Raises
+    ------
+    SingularityError
+        If it fails; the message says whether J⁺ fails as well.
+    """
+    try:
+        return follow(design.inverse, path, q0, cycles=1, **options)
+    except SingularityError as error:
+        raise own_failure(design.task, path, q0) or error from error

@@ -1,0 +1,47 @@
+"""Choice of the period of a cycle: within the joints' speed limits."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from ..motion import Motion
+
+PERIOD = 5.0
+"""Period, s, if none is given and the joints are fast enough."""
+
+SHARE = 0.9
+"""Maximum share of a speed limit that a cycle uses, if its period is chosen."""
+
+
+def choose_period(usual: float, motions: Mapping[str, Motion | None]) -> tuple[float, list[str]]:
+    """Choose a period in which the first cycles keep the speed limits, with a note if lengthened.
+
+    The joint path is the same at any speed. A motion that leaves its path in the first cycle is
+    ignored.
+
+    Parameters
+    ----------
+    usual
+        Period to lengthen if necessary, s.
+    motions
+        Motions at that period, by the name of their controller.
+    """
+    first = {
+        name: replace(motion, qdot=motion.qdot[: motion.steps + 1])
+        for name, motion in motions.items()
+        if motion is not None and not (motion.path_loss and motion.path_loss[0] <= 1)
+    }
+    name = max(first, key=lambda name: first[name].speed_ratio, default=None)
+    if name is None or not 1 < first[name].speed_ratio < np.inf:
+        return usual, []
+    worst = first[name]
+    longer = usual * worst.speed_ratio / SHARE
+    digit = 10.0 ** (np.floor(np.log10(longer)) - 1)
+    period = float(f"{np.ceil(longer / digit) * digit:.2g}")
+    return period, [
+        f"period increased to {period:g} s; at {usual:g} s, {worst.fastest_joint} would reach "
+        f"{worst.speed_ratio:.2g} times its speed limit ({name})"
+    ]

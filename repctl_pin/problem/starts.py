@@ -1,0 +1,181 @@
+"""Search for a start from which a closed path can be followed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..arguments import Array
+from ..errors import InputError, RepctlError, SingularityError, unknown
+from ..motion import ClosedPath, Motion, TaskPath, check_reach, closed_path, follow, reach_start
+from ..motion.fitting_circle import dexterity_at, fitting_circle
+from ..motion.joint_motion import violations_of
+from ..robot.task import Task
+from ..strategies import Pseudoinverse
+from . import default_starts
+
+PathOf = Callable[[Task, Array], ClosedPath]
+
+GIVEN = "as given"
+
+SAME = 1e-6
+"""Task error, m and rad, up to which two placements are the same."""
+
+_SINGULAR = 1e-3
+_FAR = 1.0  # rad
+_LOOKS = 12
+"""Points of a cycle at which bodies are checked before a start is taken."""
+
+
+class Start(NamedTuple):
+    """A start, and the path from there.
+
+    Attributes
+    ----------
+    q0 : (n,) array
+        Start configuration, rad or m.
+    name : str
+        Description: ``as given``, ``the reference pose``.
+    path : TaskPath or None
+        The closed path, which begins at q0.
+    moved : bool
+        Whether q0 was moved to the first point of the path.
+    violates : bool
+        Whether J⁺ violates a limit, or bodies collide, in the first cycle from there.
+    """
+
+    q0: Array
+    name: str
+    path: TaskPath | None = None
+    moved: bool = False
+    violates: bool = False
+
+
+def starts(task: Task, start: ArrayLike | str | None, draw: PathOf | None) -> Iterator[Start]:
+    """Generate the starts that will do, the best first.
+
+    Parameters
+    ----------
+    task
+        Task to carry out.
+    start : (n,) array or str, optional
+        The only start to try, or a named pose of the robot; by default the default starts.
+    draw
+        Makes the path from a task and a start; None for no path.
+
+    Raises
+    ------
+    InputError, SingularityError
+        If no start will do: the reason for the first.
+    """
+    if start is not None:
+        q0, name = _named(task, start)
+        if draw is None:
+            yield Start(q0, name)
+        else:
+            yield from _reachable(task, [(q0, name)], draw, "choose another start")
+        return
+    offers = default_starts.default_starts(task)
+    if draw is None:
+        yield _with_a_circle(task, offers)
+    else:
+        remedy = "no default start is regular; give one"
+        yield from _best_first(task, _reachable(task, offers, draw, remedy))
+
+
+def plain_cycle(task: Task, path: TaskPath, q0: Array) -> Motion | None:
+    """Follow one cycle with J⁺; None if it fails."""
+    try:
+        return follow(Pseudoinverse(task), path, q0, cycles=1, steps=96)
+    except SingularityError:
+        return None
+
+
+def violations(motion: Motion) -> int:
+    """Count the kinds of violation of a motion, with bodies checked at a few points per cycle."""
+    return len(violations_of(motion, motion.thinned(_LOOKS)))
+
+
+def _named(task: Task, start: ArrayLike | str) -> tuple[Array, str]:
+    """Check a start, or find the pose of the robot that it names."""
+    if not isinstance(start, str):
+        return task.check(start, "start"), GIVEN
+    poses = task.robot.poses
+    if start not in poses:
+        raise unknown("pose", start, poses)
+    name = default_starts.POSES.get(start, f"the pose {start!r}")
+    return task.from_robot(poses[start]), name
+
+
+def _with_a_circle(task: Task, offers: Iterable[tuple[Array, str]]) -> Start:
+    """Choose the first start at which some circle fits, else the first."""
+    best: Start | None = None
+    for q0, name in offers:
+        best = best or Start(q0, name)
+        try:
+            fitting_circle(task, q0)
+        except InputError:
+            continue
+        return Start(q0, name)
+    assert best is not None  # there is always a start to offer
+    return best
+
+
+def _reachable(
+    task: Task, offers: Iterable[tuple[Array, str]], draw: PathOf, remedy: str
+) -> Iterator[Start]:
+    """Generate the starts that are regular and from which the whole path can be reached.
+
+    Raises
+    ------
+    InputError, SingularityError
+        If there is none: the reason for the first.
+    """
+    failure: RepctlError | None = None
+    found = elsewhere = False
+    for q0, name in offers:
+        if elsewhere and name in default_starts.SEARCHED:
+            break  # the path lies where its author put it, whatever the start
+        try:
+            _check_regular(task, q0, remedy)
+            path = closed_path(draw(task, q0))
+            gap = task.error(q0, path.placement(0.0))
+            elsewhere = float(np.linalg.norm(gap)) > SAME
+            begin = reach_start(task, q0, path)
+            check_reach(task, begin, path)
+        except RepctlError as error:
+            failure = failure or error
+            continue
+        found = True
+        yield Start(begin, name, path, moved=not np.array_equal(begin, q0))
+    if not found:
+        assert failure is not None  # there is always a start to try
+        raise failure
+
+
+def _check_regular(task: Task, q0: Array, remedy: str) -> None:
+    """Refuse a singular start."""
+    if dexterity_at(task, q0) < _SINGULAR:
+        raise SingularityError(
+            f"the start is at a singularity of {task.frame!r}, {task.kind}", remedy=remedy, at=q0
+        )
+
+
+def _best_first(task: Task, found: Iterable[Start]) -> Iterator[Start]:
+    """Order starts: those at which J⁺ violates a limit in its first cycle, drifts or fails last."""
+    violating: list[Start] = []
+    wild: list[Start] = []
+    for start in found:
+        assert start.path is not None
+        motion = plain_cycle(task, start.path, start.q0)
+        if motion is None or motion.drift[0] > _FAR:
+            wild.append(start)
+        elif violations(motion):
+            violating.append(start._replace(violates=True))
+        else:
+            yield start
+    yield from violating
+    yield from wild
