@@ -114,7 +114,7 @@ _DOOR = {
 }
 """Public names, by the module that defines them."""
 
-_ROOM_OF = {name: room for room, names in _DOOR.items() for name in names.split()}
+_ROOM_OF = {name: module for module, names in _DOOR.items() for name in names.split()}
 
 
 def __getattr__(name: str) -> Any:

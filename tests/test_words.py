@@ -15,87 +15,6 @@ import repctl_pin as rp
 from repctl_pin import arguments
 from repctl_pin.cli import parser
 
-NOT_YET = """
-    repctl_pin/__init__.py
-    repctl_pin/arguments.py
-    repctl_pin/codegen/assets/arm.c
-    repctl_pin/codegen/assets/section.c
-    repctl_pin/codegen/build.py
-    repctl_pin/codegen/export.py
-    repctl_pin/codegen/potentials.py
-    repctl_pin/codegen/source.py
-    repctl_pin/design/batches.py
-    repctl_pin/design/criterion.py
-    repctl_pin/design/descend.py
-    repctl_pin/design/design_map.py
-    repctl_pin/design/design_result.py
-    repctl_pin/design/evaluation.py
-    repctl_pin/design/family.py
-    repctl_pin/design/independence.py
-    repctl_pin/design/nearest.py
-    repctl_pin/design/workers.py
-    repctl_pin/files.py
-    repctl_pin/integrability/derivative.py
-    repctl_pin/integrability/stable_surface.py
-    repctl_pin/inverse_function/cell_design.py
-    repctl_pin/inverse_function/cell_evaluation.py
-    repctl_pin/inverse_function/cell_potentials.py
-    repctl_pin/inverse_function/chart.py
-    repctl_pin/inverse_function/cost.py
-    repctl_pin/inverse_function/failures.py
-    repctl_pin/inverse_function/margins.py
-    repctl_pin/inverse_function/nearest_function.py
-    repctl_pin/inverse_function/penalty.py
-    repctl_pin/inverse_function/posture_search.py
-    repctl_pin/inverse_function/reference.py
-    repctl_pin/motion/best_leaf.py
-    repctl_pin/motion/jerk.py
-    repctl_pin/motion/joint_motion.py
-    repctl_pin/motion/profile.py
-    repctl_pin/motion/run.py
-    repctl_pin/motion/timing.py
-    repctl_pin/paths/pieces.py
-    repctl_pin/paths/polyline.py
-    repctl_pin/paths/task_path.py
-    repctl_pin/potentials/arm_angle.py
-    repctl_pin/potentials/basis.py
-    repctl_pin/potentials/custom.py
-    repctl_pin/potentials/fourier.py
-    repctl_pin/potentials/joined.py
-    repctl_pin/potentials/polynomial.py
-    repctl_pin/progress.py
-    repctl_pin/redundancy/inverses.py
-    repctl_pin/regions/box.py
-    repctl_pin/robot/collision_model.py
-    repctl_pin/robot/length.py
-    repctl_pin/robot/robot.py
-    repctl_pin/robot/task.py
-    repctl_pin/robot/visuals.py
-    repctl_pin/show/page/assets/scripts/cards.js
-    repctl_pin/show/page/meshes.py
-    repctl_pin/show/page/playback.py
-    repctl_pin/show/page/scene.py
-    repctl_pin/show/page/snapshot.py
-    repctl_pin/show/page/surfaces.py
-    repctl_pin/show/plots/cycles.py
-    repctl_pin/show/plots/motions.py
-    repctl_pin/show/text/captions.py
-    repctl_pin/show/text/inspection.py
-    repctl_pin/show/text/lines.py
-    repctl_pin/show/text/numbers.py
-    repctl_pin/show/text/table.py
-    repctl_pin/show/text/verdict.py
-    repctl_pin/strategies/control_step.py
-    repctl_pin/strategies/pseudoinverse.py
-    repctl_pin/strategies/strategy.py
-    repctl_pin/urdf/arms.toml
-    repctl_pin/urdf/catalogue.py
-    repctl_pin/urdf/checks.py
-    repctl_pin/urdf/shapes.py
-    repctl_pin/urdf/xml.py
-"""
-"""Files that still have replaced words, relative to the repository: to be emptied."""
-
 ROOT = Path(__file__).parents[1]
 
 NAMES = """
@@ -173,7 +92,7 @@ def files() -> Iterator[tuple[str, Path]]:
         pages += sorted((ROOT / folder).rglob("*"))
     for path in pages:
         name = path.relative_to(ROOT).as_posix()
-        if path.suffix in TEXTS and name not in NOT_YET.split():
+        if path.suffix in TEXTS:
             yield name, path
 
 
@@ -211,9 +130,7 @@ def test_replaced_phrases_are_not_in_texts() -> None:
 
 def test_replaced_names_are_not_files() -> None:
     names = {path.relative_to(ROOT).as_posix() for path in (ROOT / "repctl_pin").rglob("*")}
-    assert not [
-        name for name in sorted(names - set(NOT_YET.split())) if Path(name).stem in STEMS.split()
-    ]
+    assert not [name for name in sorted(names) if Path(name).stem in STEMS.split()]
 
 
 def test_replaced_members_and_parameters_are_gone() -> None:

@@ -101,12 +101,12 @@ def _polynomial(potentials: PolynomialMap) -> dict[str, object]:
     }
 
 
-def _monomials(wanted: dict[Powers, Array], k: int) -> tuple[list[Powers], list[int], list[int]]:
+def _monomials(expected: dict[Powers, Array], k: int) -> tuple[list[Powers], list[int], list[int]]:
     """Order monomials so that each is an earlier one times a variable.
 
     Returns their powers, parents and variables."""
     needed = {(0,) * k}
-    for beta in wanted:
+    for beta in expected:
         while any(beta):
             needed.add(beta)
             beta, _ = _lower(beta)

@@ -126,7 +126,7 @@ def descend(
     What is minimised is ``C(A) + τ mean ‖E A − Nᵀ N(center)‖²`` with τ = ``penalty`` · C(start) /
     r. C alone is blind to ``A → A T``, and all but blind to functions of a joint that the task
     ignores and to leaves relabelled, h → φ(h): a fit to finitely many nodes drifts along those
-    into a singularity between the nodes. Of all V of next to the same cost the penalty takes the
+    into a singularity between the nodes. Among all V of nearly equal cost, the penalty takes the
     one closest to the null space's own potentials.
     """
     problem = _PenalisedCost(batches, basis, begin, penalty)
@@ -232,7 +232,7 @@ def _damped_step(H: Array, g: Array, damping: float) -> tuple[Array, Array, floa
 
 
 def _solve(matrix: Array, rhs: Array) -> Array:
-    """Solve a symmetric positive semidefinite system in the least-norm sense."""
+    """Solve a symmetric positive semidefinite system for its minimum-norm solution."""
     values, vectors = np.linalg.eigh(matrix)
     keep = values > 1e-13 * values[-1]
     return vectors[:, keep] @ ((vectors[:, keep].T @ rhs) / values[keep, None])

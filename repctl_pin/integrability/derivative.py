@@ -101,10 +101,11 @@ def inside_limits(task: Task, Q: Array) -> Array:
 
     The first step, 1/16 of it, moves no joint further than half its distance to a limit. Outside
     the limits the scale is not reduced."""
-    room = task.limit_margin(Q)  # (K, n)
+    distance = task.limit_margin(Q)  # (K, n)
     with np.errstate(divide="ignore"):
         most = np.min(
-            np.where(room > 0, 8 * room, np.inf)[:, :, None] / np.abs(task.coordinate_matrix),
+            np.where(distance > 0, 8 * distance, np.inf)[:, :, None]
+            / np.abs(task.coordinate_matrix),
             axis=1,
         )
     return np.minimum(joint_scale(task, Q[0]), most)

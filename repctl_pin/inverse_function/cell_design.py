@@ -242,7 +242,7 @@ def slices(design: CellDesign, count: int = 33) -> list[Slice]:
         points = chart.solve(U, np.zeros((len(U), cell.task.r)))
         found = speeds(design.desired, chart, points)
         margin = np.where(points.found, cell.task.limit_margin(points.Q).min(axis=1), np.nan)
-        extra = np.sqrt(found.own / found.wanted) - 1
+        extra = np.sqrt(found.own / found.desired_square) - 1
         made.append(
             Slice((first, second), u, margin.reshape(count, count), extra.reshape(count, count))
         )

@@ -120,7 +120,7 @@ class Speeds:
 
     Attributes
     ----------
-    difference, own, wanted : (K,) arrays
+    difference, own, desired_square : (K,) arrays
         ``‖(∂F − G_d E) C‖²``, ``‖∂F C‖²`` and ``‖G_d E C‖²``; NaN where it is singular.
     smallest, leaf : (K,) arrays
         σ_min of J, and the leaf margin.
@@ -132,7 +132,7 @@ class Speeds:
 
     difference: Array
     own: Array
-    wanted: Array
+    desired_square: Array
     smallest: Array
     leaf: Array
     side: Array
@@ -141,7 +141,7 @@ class Speeds:
     @property
     def ratio(self) -> Array:
         """``‖∂F C‖² / ‖G_d E C‖²``."""
-        return np.asarray(self.own / self.wanted, float)
+        return np.asarray(self.own / self.desired_square, float)
 
 
 def speeds(desired: Batched, chart: Chart, at: Points) -> Speeds:
@@ -156,10 +156,12 @@ def speeds(desired: Batched, chart: Chart, at: Points) -> Speeds:
         good = at.chosen(sound)
         dF, _ = chart.derivative(good, np.zeros((len(good.U), r, cell.k)))
         C = cell.speeds(good.U)
-        wanted = desired.batch(good.Q, good.J) @ cell.twists(good.U, good.R) @ C
+        desired_square = desired.batch(good.Q, good.J) @ cell.twists(good.U, good.R) @ C
         own = dF @ C
-        four[:3, sound] = [(x**2).sum(axis=(1, 2)) for x in (own - wanted, own, wanted)]
-        four[3, sound] = _largest_ratio(own, wanted)
+        four[:3, sound] = [
+            (x**2).sum(axis=(1, 2)) for x in (own - desired_square, own, desired_square)
+        ]
+        four[3, sound] = _largest_ratio(own, desired_square)
     return Speeds(four[0], four[1], four[2], s[:, -1], leaf, np.sign(np.linalg.det(J_V)), four[3])
 
 
@@ -190,7 +192,7 @@ class SpeedRatio:
     def least(self, at: Points) -> Array:
         """Evaluate its square: (K,); infinite where the function does not exist."""
         found = speeds(self.desired, self.chart, at)
-        ratio = 1 / found.direction if self.direction else found.wanted / found.own
+        ratio = 1 / found.direction if self.direction else found.desired_square / found.own
         return np.where(np.isfinite(ratio), ratio, np.inf)
 
     def slope(self, candidate: CandidateFunction, at: Points) -> Array:
@@ -279,13 +281,15 @@ def judge(
     lowest = int(np.argmin(np.where(at.sheet, at.limit_margin, np.inf)[held_out]))
     least = float(at.limit_margin[lowest])
     most = limits.attainable(chart, candidate.at(np.stack([U[lowest], low.U[worst]])), far=True)
-    difference, own, wanted = (
+    difference, own, desired_square = (
         every.difference[held_out][c],
         every.own[held_out][c],
-        every.wanted[held_out][c],
+        every.desired_square[held_out][c],
     )
-    ratio = own.mean() / wanted.mean()
-    spread = (own - ratio * wanted).std() / wanted.mean() / np.sqrt(len(own))  # of a ratio of means
+    ratio = own.mean() / desired_square.mean()
+    spread = (
+        (own - ratio * desired_square).std() / desired_square.mean() / np.sqrt(len(own))
+    )  # of a ratio of means
     both = [(x, x.sheet & (x.limit_margin >= 0)) for x in (at, low)]
 
     def most_of(name: str) -> float:

@@ -39,8 +39,8 @@ class Value:
         its own poses; infinite if a node has no solution.
     nearness : float
         ``mean ‖(∂F − G_d E) C‖_F²``.
-    wanted : float
-        ``mean ‖G_d E C‖_F²``: half of nearness / wanted is the share of extra joint speed, for J⁺.
+    desired_square : float
+        ``mean ‖G_d E C‖_F²``; for J⁺, half of nearness / desired_square is the extra joint speed.
     points : Points
     ds : (K, r, k) array
         ∂s/∂u.
@@ -48,7 +48,7 @@ class Value:
 
     cost: float
     nearness: float
-    wanted: float
+    desired_square: float
     points: Points
     ds: Array
 
@@ -125,7 +125,7 @@ class Cost:
             points = self.chart.solve(self.U, s)
         if not points.found.all():
             return Value(np.inf, np.inf, np.nan, points, ds)
-        residual, _, wanted = self._residual(points.chosen(self.inner), ds[self.inner])
+        residual, _, desired_square = self._residual(points.chosen(self.inner), ds[self.inner])
         nearness = float((residual**2).sum() / len(residual))
         if not np.isfinite(nearness):
             return Value(np.inf, np.inf, np.nan, points, ds)
@@ -133,7 +133,11 @@ class Cost:
         hinges = [_hinge(part, points.Q[at]) for part, at in self.kept]
         penalty = self.weight * sum(float((hinge**2).sum() / len(hinge)) for hinge in hinges)
         return Value(
-            nearness + penalty, nearness, float((wanted**2).sum() / len(wanted)), points, ds
+            nearness + penalty,
+            nearness,
+            float((desired_square**2).sum() / len(desired_square)),
+            points,
+            ds,
         )
 
     def model(self, at: Value) -> tuple[Array, Array]:
@@ -189,12 +193,12 @@ class Cost:
     def _residual(self, points: Points, ds: Array) -> tuple[Array, Array, Array]:
         """Evaluate ``(∂F − G_d E) C`` (K, n, k), ∂F/∂s (K, n, r), and ``G_d E C`` (K, n, k)."""
         dF, B = self.chart.derivative(points, ds)
-        wanted = (
+        desired_square = (
             self.desired.batch(points.Q, points.J)
             @ self.chart.cell.twists(points.U, points.R)
             @ self.C
         )
-        return dF @ self.C - wanted, B, wanted
+        return dF @ self.C - desired_square, B, desired_square
 
 
 def _hinge(part: Penalty, Q: Array) -> Array:

@@ -127,9 +127,15 @@ def limits_of(task: Task, required: float = 0.0) -> Margin:
 
 def distances_of(task: Task, required: float = 0.0) -> Margin:
     """Make the margin of bodies: the minimum distance between their hulls, m."""
-    apart = bodies_of(task).hull_distances
+    distances = bodies_of(task).hull_distances
     return Margin(
-        "bodies", lambda Q: apart(Q)[:, None], required, 0.25, watched=256, starts=4, violators=16
+        "bodies",
+        lambda Q: distances(Q)[:, None],
+        required,
+        0.25,
+        watched=256,
+        starts=4,
+        violators=16,
     )
 
 

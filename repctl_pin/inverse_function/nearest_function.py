@@ -340,7 +340,7 @@ class _Work:
             below = best[-1].a if best else np.zeros((0, cell.task.r))
             best.append(_fit(Cost(self.desired, chart, terms, nodes), padded(below, terms)))
             tried.append((d, best[-1].value.nearness))
-            if best[-1].value.nearness < _NOTHING * best[-1].value.wanted:
+            if best[-1].value.nearness < _NOTHING * best[-1].value.desired_square:
                 break
             if d < highest and self.degree == "auto" and not quick:
                 most = Monomials(cell.k, highest)

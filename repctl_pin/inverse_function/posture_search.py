@@ -144,7 +144,7 @@ def searched(desired: Batched, cell: Cell, seed: int = 0) -> Array:
         good = (left < 1e-9) & (task.limit_margin(Q).min(axis=1) > 0) & _regular(cell, Q)
         candidates += [judged(desired, cell, q) for q in Q[good]]
     first = chosen(candidates, task.reference)
-    candidates.sort(key=lambda c: (-c.share, c.apart < 0, -min(c.margin, _ENOUGH), c.speed))
+    candidates.sort(key=lambda c: (-c.share, c.body_distance < 0, -min(c.margin, _ENOUGH), c.speed))
     return _apart(np.array([first.q, *(c.q for c in candidates if c is not first)]), _OFFERED)
 
 
@@ -160,7 +160,7 @@ class Candidate:
         Share of the corners reached.
     margin : float
         Minimum joint-limit margin on the rays, rad or m.
-    apart : float
+    body_distance : float
         Minimum body distance in the middle and at the ends of the rays, m.
     speed : float
         ``mean ‖G_d E C‖²`` at the ends of the rays.
@@ -169,7 +169,7 @@ class Candidate:
     q: Array
     share: float
     margin: float
-    apart: float
+    body_distance: float
     speed: float
 
 
@@ -185,9 +185,13 @@ def judged(desired: Batched, cell: Cell, q: Array) -> Candidate:
         speed = float(
             ((G @ cell.twists(U[good], R) @ cell.speeds(U[good])) ** 2).sum() / good.sum()
         )
-    apart = bodies_of(cell.task).distances(np.concatenate([q[None], ends.Q[good]])).min()
+    body_distance = bodies_of(cell.task).distances(np.concatenate([q[None], ends.Q[good]])).min()
     return Candidate(
-        q, float(good.mean()), float(ends.least[good].min(initial=np.inf)), float(apart), speed
+        q,
+        float(good.mean()),
+        float(ends.least[good].min(initial=np.inf)),
+        float(body_distance),
+        speed,
     )
 
 
@@ -195,7 +199,7 @@ def chosen(candidates: list[Candidate], reference: Array) -> Candidate:
     """Select by share, then no collision, margin, speed, and distance from a reference."""
     most = max(c.share for c in candidates)
     candidates = [c for c in candidates if c.share > most - 1e-9]
-    candidates = [c for c in candidates if c.apart >= 0] or candidates
+    candidates = [c for c in candidates if c.body_distance >= 0] or candidates
     best = max(min(c.margin, _ENOUGH) for c in candidates)
     candidates = [c for c in candidates if min(c.margin, _ENOUGH) > best - _ALIKE]
     quick = _AS_QUICK * min(c.speed for c in candidates)

@@ -85,7 +85,7 @@ class Candidate:
     @property
     def binds(self) -> str:
         """Active margin, the smallest one: ``limits``, ``bodies`` or ``leaf``."""
-        return min(self.relative_margins, key=lambda room: self.relative_margins[room])
+        return min(self.relative_margins, key=lambda margin: self.relative_margins[margin])
 
     @property
     def margin(self) -> float:

@@ -51,7 +51,7 @@ _NEARLY_USED = 0.4
 broken."""
 
 _BESIDE = 10
-"""With a broken row follow those of so many intervals before and after it."""
+"""Number of intervals before and after a violated row whose rows are added with it."""
 
 _ROUNDS = 4
 """Solutions with some of the rows, before all are taken."""
@@ -155,7 +155,7 @@ def fastest_with_jerk(
     limits
         Those to keep; with a jerk.
     stages
-        So many or more, and a few next to rest.
+        Minimum number of stages; a few more are added next to rest.
     seams
         Two points of Q between which the profile is to be one period: the same ṡ and s̈ at both; or
         none.

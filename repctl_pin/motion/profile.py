@@ -22,8 +22,8 @@ SHARP = 0.3
 limits are kept."""
 
 STAGES = 450
-"""Stages of a cycle's profile, at least: so many keep the limits exceeded by less than 2 % between
-them."""
+"""Minimum number of stages of a cycle's profile; between them, limits are exceeded by less than
+2 %."""
 
 LEAST_STAGES = 50
 """Stages between two stops, at least."""
@@ -148,8 +148,8 @@ def _torque_used(limits: Limits, Q: Array, qdot: Array, qddot: Array) -> float:
     for q, v, a in zip(Q, qdot, qddot, strict=True):
         weight = limits.dynamics(q, 0 * v, 0 * v)
         moving = limits.dynamics(q, v, a) - weight  # goes with the square of the speed
-        room = np.where(moving > 0, limits.torque - weight, limits.torque + weight)
-        factor = max(factor, float(np.sqrt((np.abs(moving) / np.maximum(room, 1e-9)).max())))
+        available = np.where(moving > 0, limits.torque - weight, limits.torque + weight)
+        factor = max(factor, float(np.sqrt((np.abs(moving) / np.maximum(available, 1e-9)).max())))
     return factor
 
 
@@ -162,7 +162,7 @@ class Profile:
         When each cycle begins and the last ends, s; before any stay there.
     stretch : float
         The factor that time needs for the limits to hold between the stages too.
-    settled : bool
+    converged : bool
         Whether the second cycle begins as it ends, so that it can be repeated.
     phase : tuple of (K,) arrays
         Length travelled, and its rate.
@@ -188,7 +188,7 @@ class Profile:
         self.marks = np.array(marks)
         self.stretch = max(run.excess(limits) for run in runs)
         top = max(float(run.speed.max()) for run in runs)
-        self.settled = len(ends) > 3 and abs(speeds[1] - speeds[2]) < 1e-6 * top
+        self.converged = len(ends) > 3 and abs(speeds[1] - speeds[2]) < 1e-6 * top
         lengths = np.cumsum([0.0] + [run.s[-1] for run in runs])
         self.phase = (
             np.concatenate([x + run.s for x, run in zip(lengths, runs, strict=False)]),
@@ -223,12 +223,12 @@ class Profile:
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """A profile as a function of time, its second cycle as often as wanted.
+    """A profile as a function of time, its second cycle repeated.
 
     Attributes
     ----------
     profile
-        Of a few cycles.
+        Phase-plane profile of a few cycles.
     factor
         By which its time is stretched.
     lead
@@ -287,8 +287,8 @@ def _tangent(points: Array) -> Array:
 
 
 def fastest(Q: Array, limits: Limits, stages: float = STAGES) -> Segment:
-    """Find the time-optimal profile along a smooth joint path (T, n), from rest to rest, in so many
-    stages or more.
+    """Find the time-optimal profile along a smooth joint path (T, n), from rest to rest, in at
+    least ``stages`` stages.
 
     Raises
     ------

@@ -23,7 +23,7 @@ _FINE = 5e-4
 """Time between two points at which the one that is chosen is checked, s."""
 
 _MOST_POINTS = 2000
-"""And so many of them, at most."""
+"""Maximum number of these points."""
 
 _LONGER = 1.3 ** np.arange(10)
 """Times of a change that are tried, as multiples of the shortest that limits of speed and jerk
@@ -55,7 +55,7 @@ class _Change:
     override, rate : float
         o and ȯ there.
     goal, time : (K,) arrays
-        Of each of them.
+        Goal and duration of each polynomial.
     """
 
     begin: float

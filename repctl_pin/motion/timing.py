@@ -57,8 +57,8 @@ JERKS: dict[str, tuple[tuple[float, ...], str]] = {
 none."""
 
 FULL_SPEED = 0.2
-"""Time, s, in which a joint is taken to reach its speed limit where nobody says how fast it speeds
-up."""
+"""Assumed time, s, in which a joint reaches its speed limit, if its acceleration limit is
+unknown."""
 
 _UNLIMITED = 10.0
 """Acceleration, per s², of a joint that has no speed limit either."""
@@ -192,13 +192,13 @@ def timed(
     motion
         What :func:`follow` made; its times are ignored, except for stays and with ``keep_times``.
     acceleration : float, (n,) array or str
-        Of the robot's joints, rad/s² or m/s²; a URDF has none. Or a name in ``PRESETS``, published
-        limits: ``panda``, ``fr3``, ``ur``.
+        Acceleration limits of the robot's joints, rad/s² or m/s²; a URDF has none. Or a name in
+        ``PRESETS``, published limits: ``panda``, ``fr3``, ``ur``.
     velocity : float or (n,) array, optional
         Speed limits, rad/s (m/s); by default the URDF's.
     jerk : float, (n,) array or str, optional
-        Of the robot's joints, rad/s³ or m/s³, or a name in ``JERKS``: ``panda``, ``fr3``. By
-        default not limited.
+        Jerk limits of the robot's joints, rad/s³ or m/s³, or a name in ``JERKS``: ``panda``,
+        ``fr3``. By default not limited.
     torque
         Keep the URDF's effort limits too, by Pinocchio's inverse dynamics.
     tool_speed : float or (2,) array, optional
@@ -258,12 +258,12 @@ def timed(
         )
         return replace(timed, motion=motion)
     profile, stops = _profile(Q, motion, cycles, limits)
-    if motion.cycles > cycles and not profile.settled:  # speeding up takes longer than a cycle
+    if motion.cycles > cycles and not profile.converged:  # speeding up takes longer than a cycle
         cycles = motion.cycles
         Q = repeated(cycles)
         profile, stops = _profile(Q, motion, cycles, limits)
     if limits.jerk is not None:
-        steady = motion.cycles - 2 if cycles == 3 and profile.settled else 0
+        steady = motion.cycles - 2 if cycles == 3 and profile.converged else 0
         profile, stops = _profile(Q, motion, cycles, limits, steady=steady)
     timed = _sampled(profile, motion.task.robot_joints, motion.cycles - cycles, rate, limits, stops)
     return replace(timed, motion=motion)
@@ -278,7 +278,7 @@ def limits_of(
     torque: bool = False,
     tool_speed: ArrayLike | None = None,
 ) -> Limits:
-    """Take the limits of a task's joints that a person gave, or the URDF's.
+    """Convert the limits of a task's joints, given by the user or by the URDF.
 
     Raises
     ------
@@ -461,7 +461,7 @@ def _in_own_times(
 def _sampled(
     profile: Profile, joints: tuple[str, ...], more: int, rate: float, limits: Limits, stops: int
 ) -> TimedMotion:
-    """Sample a profile at even steps, its second cycle so many times more."""
+    """Sample a profile at even steps, with its second cycle repeated."""
     dt = 1.0 / rate
     marks, factor = profile.marks * profile.stretch, profile.stretch
     period = 0
@@ -557,7 +557,7 @@ def approach(
     Returns
     -------
     TimedMotion
-        Of one cycle: there, not back.
+        Motion of one cycle, in one direction.
 
     Raises
     ------

@@ -367,10 +367,10 @@ def _rounded(
     moving = lengths > 1e-9
     phi[~(moving & np.roll(moving, 1)) | (phi > np.pi - 1e-3) | (phi < 1e-9) | (radius == 0)] = 0.0
     cut = radius * np.tan(phi / 2)  # length cut off both edges of corner i
-    room = lengths - cut - np.roll(cut, -1)
-    if (room < -1e-12).any():
-        at = int(np.argmin(room))
-        most = radius * lengths[at] / (lengths[at] - room[at])
+    straight = lengths - cut - np.roll(cut, -1)
+    if (straight < -1e-12).any():
+        at = int(np.argmin(straight))
+        most = radius * lengths[at] / (lengths[at] - straight[at])
         raise InputError(
             f"{name}: blends of radius {radius:g} m do not fit the edge of {lengths[at]:.3g} m "
             f"from point {at + 1} to {at + 2}; use a blend radius of at most {most:.2g} m"
@@ -390,7 +390,7 @@ def _rounded(
 
     for i, edge in enumerate(edges):
         half(i, 0.5)
-        share = room[i] / lengths[i] if moving[i] else 1.0
+        share = straight[i] / lengths[i] if moving[i] else 1.0
         if share > 1e-9:
             pieces.append(_line(corners[i] + cut[i] * units[i], share * edge))
             took.append(share * sizes[i])

@@ -78,7 +78,7 @@ def bound_leaf_margin(
     seconds
         Time after which the bound found so far is taken.
     report
-        Is told the share of the volume that is proved.
+        Progress callback; gets the proved fraction of the volume.
     """
     search = _Search(problem, low, high, goal)
     end, whole = perf_counter() + seconds, search.volume()
@@ -94,14 +94,14 @@ def bound_leaf_margin(
 
 
 class _Search:
-    """The boxes that are still to be halved, and the least bound of all others."""
+    """Boxes that remain to be halved, and the minimum bound of all others."""
 
     def __init__(self, problem: LeafMargin, low: Array, high: Array, goal: float | None) -> None:
         self.problem, self.goal = problem, goal
         self.low, self.high = low.copy(), high.copy()
         self.bound, self.sigma = np.zeros(len(low)), np.zeros(len(low))
         self.split = np.full(len(low), -1, np.int32)  # −1: not evaluated yet
-        self.settled = self.settled_sigma = self.upper = np.inf
+        self.decided = self.settled_sigma = self.upper = np.inf
         self.worst = ((low[0] + high[0]) / 2, (high[0] - low[0]) / 2)
         self.at_least_bound = self.worst
         self.boxes, self.reason = 0, ""
@@ -115,8 +115,8 @@ class _Search:
         return float(np.prod(self.high - self.low, axis=1).sum())
 
     def advance(self) -> None:
-        """Halve and evaluate some boxes: the last ones if there is a goal, those of the least bound
-        if not."""
+        """Halve and evaluate some boxes: the last ones if there is a goal, those of the smallest
+        bound if not."""
         if len(self.low) <= _BATCH:
             take = np.arange(len(self.low))
         elif self.goal is not None:
@@ -175,15 +175,15 @@ class _Search:
         """Settle boxes that wait with a bound that will do by now; say which others wait."""
         ready = stays & (self.split >= 0) & (self.bound >= enough)
         if ready.any():
-            self.settled = min(self.settled, float(self.bound[ready].min()))
+            self.decided = min(self.decided, float(self.bound[ready].min()))
             self.settled_sigma = min(self.settled_sigma, float(self.sigma[ready].min()))
         return np.asarray(~ready)
 
     def _settle(self, found: Bounds, done: NDArray[np.bool_], Q: Array, half: Array) -> None:
         (rows,) = np.nonzero(done)
         least = rows[np.argmin(found.leaf_margin[rows])]
-        if found.leaf_margin[least] < self.settled:
-            self.settled = float(found.leaf_margin[least])
+        if found.leaf_margin[least] < self.decided:
+            self.decided = float(found.leaf_margin[least])
             self.at_least_bound = Q[least], half[least]
         self.settled_sigma = min(self.settled_sigma, float(found.sigma_min[rows].min()))
 
@@ -192,7 +192,7 @@ class _Search:
 
     def outcome(self) -> Outcome:
         """Put together what was found."""
-        bound, sigma = self.settled, self.settled_sigma
+        bound, sigma = self.decided, self.settled_sigma
         worst = self.at_least_bound
         if len(self.low):
             least = int(np.argmin(self.bound))

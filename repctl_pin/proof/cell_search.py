@@ -60,18 +60,18 @@ def bound_cell(
     Parameters
     ----------
     chart
-        Of the function.
+        Chart of the function.
     leaf, limit
         The leaf margin and the limit margin to prove; −inf for none.
     seconds
         Time after which it is given up.
     report
-        Is told the share of the cell that is proved.
+        Progress callback; gets the proved fraction of the cell.
     """
     problem, end = CellProof(chart), perf_counter() + seconds
     k = chart.cell.k
     low, high = -np.ones((1, k)), np.ones((1, k))
-    least, room, sigma, boxes = np.inf, np.inf, np.inf, 0
+    least, limit_bound, sigma, boxes = np.inf, np.inf, np.inf, 0
     at, reason = (np.zeros(k), np.ones(k)), ""
     while len(low) and not reason:
         take = slice(max(0, len(low) - _BATCH), None)
@@ -83,7 +83,7 @@ def bound_cell(
             where = int(np.argmin(np.where(done, found.leaf.leaf_margin, np.inf)))
             if found.leaf.leaf_margin[where] < least:
                 least, at = float(found.leaf.leaf_margin[where]), (Uc[where], half[where])
-            room = min(room, float(found.limit_margin[done].min()))
+            limit_bound = min(limit_bound, float(found.limit_margin[done].min()))
             sigma = min(sigma, float(found.leaf.sigma_min[done].min()))
         low, high = low[: take.start], high[: take.start]
         Uc, half, split = Uc[~done], half[~done], found.leaf.split[~done]
@@ -101,13 +101,13 @@ def bound_cell(
                 ((low[-1] + high[-1]) / 2, (high[-1] - low[-1]) / 2),
             )
     if reason:
-        least, room, sigma = 0.0, -np.inf, 0.0
-    return CellOutcome(least, room, sigma, boxes, *at, reason, problem.near)
+        least, limit_bound, sigma = 0.0, -np.inf, 0.0
+    return CellOutcome(least, limit_bound, sigma, boxes, *at, reason, problem.near)
 
 
 def _hopeless(
     margin: Array,
-    room: Array,
+    limit_bound: Array,
     Uc: Array,
     half: Array,
     leaf: float,
@@ -115,7 +115,7 @@ def _hopeless(
     at: tuple[Array, Array],
 ) -> tuple[str, tuple[Array, Array]]:
     """Say why no halving can help, and where: a margin at a centre, or a box that is too small."""
-    for values, goal, name in ((margin, leaf, "leaf"), (room, limit, "limit")):
+    for values, goal, name in ((margin, leaf, "leaf"), (limit_bound, limit, "limit")):
         bad = values < goal
         if bad.any():
             which = int(np.argmin(values))

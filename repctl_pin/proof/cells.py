@@ -146,7 +146,7 @@ class CellBounds:
     Attributes
     ----------
     leaf : Bounds
-        Of ``σ_min(Nᵀ n̂_ref)``.
+        Lower bound of ``σ_min(Nᵀ n̂_ref)``.
     limit_margin, center_limit : (K,) arrays
         A lower bound on the box, −inf where F was not shown to exist, and the value at the centre.
     found : (K,) array of bool
@@ -382,19 +382,25 @@ class CellProof:
         """
         chain, n = self.chain, self.chain.n
         S = np.abs(chain.S)
-        apart = 2 * self.near  # (n,)
+        separation = 2 * self.near  # (n,)
         eta = wide @ S[:, :n].T
         all_, reach = eta.sum(axis=1), 1 + chain.reach.max() + eta.sum(axis=1)
         turns = np.linalg.norm(xi[..., 3:], axis=2) * (1 + self.eps)
         v = np.linalg.norm(xi[..., :3], axis=2) * (1 + self.eps) + (all_ * reach)[:, None]
         steeper = (all_ * reach)[:, None, None]  # slopes of J elsewhere in the box
         vary_v = np.einsum(
-            "Kjc,j,c->K", np.linalg.norm(moved[:, :, :3, :n], axis=2) + steeper, apart, apart
+            "Kjc,j,c->K",
+            np.linalg.norm(moved[:, :, :3, :n], axis=2) + steeper,
+            separation,
+            separation,
         )
         vary_w = np.einsum(
-            "Kjc,j,c->K", np.linalg.norm(moved[:, :, 3:, :n], axis=2) + steeper, apart, apart
+            "Kjc,j,c->K",
+            np.linalg.norm(moved[:, :, 3:, :n], axis=2) + steeper,
+            separation,
+            separation,
         )
-        theta = S[:, :n] @ apart
+        theta = S[:, :n] @ separation
         T, T_v = turns @ theta, v @ theta
         angle = 0.5 * vary_w / np.maximum(1 - 1.5 * T, 0)
         shift = (0.5 * vary_v + angle * T_v) / np.maximum(1 - 2 * T, 0)

@@ -104,19 +104,19 @@ def _of_region(
     """Prove a design over its region."""
     begun, task = perf_counter(), design.task
     low, high = cover(design.region)
-    room, nearest = limit_margin(task, low, high)
+    limit_bound, nearest = limit_margin(task, low, high)
     problem = leaf_margin_of(task, design.inverse.potentials, enclosing(low, high))
     found = bound_leaf_margin(problem, low, high, goal, seconds, report)
     worst, half, reason = found.worst, found.half, found.reason
     proved = found.leaf_margin > 0 and (goal is None or (found.leaf_margin >= goal and not reason))
-    if least is not None and room < least:
+    if least is not None and limit_bound < least:
         worst, half = (low[nearest] + high[nearest]) / 2, (high[nearest] - low[nearest]) / 2
-        proved, reason = False, f"the limit margin there is {room:.4g}"
+        proved, reason = False, f"the limit margin there is {limit_bound:.4g}"
     return Proof(
         what=f"{task.robot.name} {task}, {design.region}",
         proved=bool(proved),
         leaf_margin=found.leaf_margin,
-        limit_margin=room,
+        limit_margin=limit_bound,
         sigma_min=found.sigma_min,
         boxes=found.boxes,
         seconds=perf_counter() - begun,

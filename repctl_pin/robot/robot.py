@@ -307,8 +307,8 @@ class Robot(Mechanism):
     def default_frame(self) -> str:
         """Default frame of a task: the catalogue's, else the best at the end of the longest arm.
 
-        An arm ends before its fingers, see :func:`repctl_pin.urdf.end_effectors.arm_ends`. Of the
-        rigidly connected links there, one named as a tool (``tcp``, ``tool0``, ``ee_link``,
+        An arm ends before its fingers, see :func:`repctl_pin.urdf.end_effectors.arm_ends`. Among
+        the rigidly connected links there, one named as a tool (``tcp``, ``tool0``, ``ee_link``,
         ``flange``) comes first, then a gripper, a palm or a hand, then the farthest out."""
         return self.offered_frames[0]
 

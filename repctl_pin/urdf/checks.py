@@ -122,9 +122,9 @@ def numbers(element: etree._Element, attribute: str) -> list[float] | None:
     text = element.get(attribute)
     if text is None:
         return None
-    words, wanted = text.split(), _NUMBERS[element.tag][attribute]
-    if len(words) != wanted:
-        meant = "one number" if wanted == 1 else f"{wanted} numbers"
+    words, expected = text.split(), _NUMBERS[element.tag][attribute]
+    if len(words) != expected:
+        meant = "one number" if expected == 1 else f"{expected} numbers"
         raise bad(element, f"{attribute} = {short(text)} is not {meant}; correct it")
     values = []
     for word in words:

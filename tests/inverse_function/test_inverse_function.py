@@ -19,7 +19,7 @@ from cell_functions import cell_of, chart_of, middle, panda
 from design_file import checksum
 
 import repctl_pin as rp
-from repctl_pin.inverse_function import margins, rotations
+from repctl_pin.inverse_function import FailureReason, margins, nearest_function, rotations
 from repctl_pin.inverse_function.cell_evaluation import judge
 from repctl_pin.inverse_function.cell_potentials import CellPotentials
 from repctl_pin.inverse_function.chart import Chart
@@ -214,7 +214,9 @@ def test_gradient_of_the_cost_against_finite_differences(kind: str) -> None:
             rp.Pseudoinverse(cell.task).batch(value.points.Q[:16]),
         )
         wanted = G_d @ E @ cell.speeds(cost.U[:16])
-        assert value.wanted == pytest.approx(np.mean(np.sum(wanted**2, axis=(1, 2))), rel=1e-12)
+        assert value.desired_square == pytest.approx(
+            np.mean(np.sum(wanted**2, axis=(1, 2))), rel=1e-12
+        )
         assert all(
             (part.margin.measure(value.points.Q[16:24]) < part.asked[:, None]).any()
             for part in kept
@@ -511,6 +513,33 @@ def test_the_degree_goes_on_where_only_a_higher_one_lowers_the_cost() -> None:
     )
     costs = dict(design.degrees)
     assert costs[3] > 0.99 * costs[1] > 1.1 * costs[4] and list(costs) == [1, 2, 3, 4]
+
+
+def test_a_degree_whose_start_has_no_joints_begins_at_the_reference() -> None:
+    """Whatever the start, the cost at the end of a fit is finite, so the design can be saved."""
+    cell = cell_of()
+    chart = chart_of(cell, rp.solve_ik(cell.task, Q_PANDA, cell.placement), degree=2, count=64)
+    cost = Cost(rp.Pseudoinverse(cell.task), chart, Monomials(3, 1), cell.sample(64))
+    start = 50 * np.ones((4, 1))
+    assert not np.isfinite(descend(cost, start).value.cost)
+    fitted = nearest_function._fit(cost, start).value.cost
+    assert fitted < cost.value(np.zeros((4, 1))).cost < np.inf
+
+
+def test_a_refusal_names_all_causes_but_collisions() -> None:
+    cell, u = cell_of(), np.ones(3)
+    failures = (
+        FailureReason("collision", 0.6, u, "a and b touch"),
+        FailureReason("reach", 0.1, u, "a corner is out of reach"),
+        FailureReason("limit", 0.2, u, "joint1 is 0.2 rad beyond its limit"),
+    )
+    error = nearest_function._refusal(cell, failures, 0.5, keep=True)
+    assert (
+        "cell: joint1 is 0.2 rad beyond its limit, and a corner is out of reach; "
+        "use incomplete='shrink' to get a cell of"
+    ) in str(error)
+    assert "touch" not in str(error)
+    assert [reason.cause for reason in error.failures] == ["limit", "reach"]
 
 
 def test_bodies_that_touch_are_named_with_the_pose() -> None:

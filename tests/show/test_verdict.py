@@ -118,12 +118,16 @@ def test_the_scale_of_an_arm_decides_what_is_small() -> None:
 
 
 def test_tiles_say_what_the_sentence_says() -> None:
-    near = verdict([replace(J, apart=0.0261, touch=0), replace(OURS, apart=0.1189)], 10)
+    near = verdict(
+        [replace(J, body_distance=0.0261, touch=0), replace(OURS, body_distance=0.1189)], 10
+    )
     assert near.sentence.endswith(
         f"{LIMITS} Minimum body distance: 2.6 cm (J⁺) → 12 cm (repeatable)."
     )
     assert near.tiles[-1] == Tile("Minimum body distance", "2.6 cm (J⁺) → 12 cm (repeatable)")
-    touching = verdict([replace(J, apart=-0.01, touch=3), replace(OURS, apart=0.1189)], 10)
+    touching = verdict(
+        [replace(J, body_distance=-0.01, touch=3), replace(OURS, body_distance=0.1189)], 10
+    )
     assert touching.sentence.endswith(
         "Body distance: collision in cycle 3 (J⁺) → minimum 12 cm (repeatable)."
     )

@@ -178,6 +178,25 @@ def test_many_joints_are_studied_at_once_or_it_is_said_what_takes_long(tmp_path:
         rp.study(str(tmp_path / "longer.urdf"))
 
 
+def test_a_design_that_fails_on_its_own_cycle_is_blamed_not_the_path(
+    planar: rp.Study, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real = rp.follow
+
+    def failing(strategy, *args, **options):
+        if isinstance(strategy, rp.RepeatableInverse):
+            raise rp.SingularityError("the path is out of reach")
+        return real(strategy, *args, **options)
+
+    monkeypatch.setattr("repctl_pin.problem.around_motion.follow", failing)
+    why = (
+        "^the design fails on its own cycle, which J⁺ can follow; "
+        "choose another start, a smaller path or another degree$"
+    )
+    with pytest.raises(rp.SingularityError, match=why):
+        rp.study("planar4r", start=planar.q0, path=planar.path, **QUICK)
+
+
 def test_files_name_their_run_and_it_is_the_control_files_checksum(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

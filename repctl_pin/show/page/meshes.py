@@ -67,14 +67,14 @@ def record(shapes: Iterable[Shape]) -> tuple[list[bytes], dict[Key, int], list[s
         distinct.setdefault(key(shape), shape)
     problems: list[str] = []
     library: dict[Key, int] = {}
-    room = MOST_IN_ALL
+    budget = MOST_IN_ALL
     for body, shape in distinct.items():
         try:
-            scene, triangles = _object(shape, min(room, MOST_FACES))
+            scene, triangles = _object(shape, min(budget, MOST_FACES))
         except InputError as error:
             problems.append(str(error))
             continue
-        room -= triangles
+        budget -= triangles
         library[body] = len(library)
         path = f"/library/{library[body]}"
         commands.append({"type": "set_object", "object": scene, "path": path})

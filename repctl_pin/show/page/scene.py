@@ -100,7 +100,7 @@ class Arm:
 def choose_frames(samples: int, cycles: int, *, per_cycle: int = 61, shown: int = 24) -> Frames:
     """Choose the samples to show of a motion of ``samples`` = cycles · steps + 1 configurations.
 
-    Of many cycles, the first is shown, and every k-th one back from the last.
+    If there are many cycles, the first is shown, and every k-th one back from the last.
 
     Parameters
     ----------
@@ -268,7 +268,7 @@ def poses_of(placements: Array) -> Array:
     """Convert rigid transforms (T, S, 4, 4) to positions and unit quaternions (T, S, 7): x y z, qx
     qy qz qw.
 
-    Of the two quaternions of each rotation, the one nearer to the frame before.
+    Between the two quaternions of each rotation, the one nearer to the frame before is taken.
     """
     R, p = placements[..., :3, :3], placements[..., :3, 3]
     q = Rotation.from_matrix(R.reshape(-1, 3, 3)).as_quat().reshape(*R.shape[:-2], 4)

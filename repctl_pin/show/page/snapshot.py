@@ -33,11 +33,11 @@ def still(ax: Any, motion: Motion, elbow: int, colour: str, *, flat: bool = Fals
     ax
         Where to draw; with three dimensions unless ``flat``.
     motion
-        What was done.
+        Motion to draw.
     elbow
-        The joint whose trace is drawn.
+        Joint whose trace is drawn.
     colour
-        Of the arm at the end.
+        Colour of the arm at the end.
     flat
         Draw x and y only, as a planar arm is seen.
     """

@@ -72,7 +72,7 @@ def read_surface(path: Path, most: int = MOST_FACES) -> Surface:
         raise InputError(f"mesh {path} is not one of {', '.join(KINDS)}; convert it")
     try:
         data = read_bytes(path)
-        with np.errstate(all="ignore"):  # what is not finite is told below
+        with np.errstate(all="ignore"):  # values that are not finite are refused below
             scene = _scene(data, kind[1:], _Beside(path))
         pieces, faces = [], 0
         for node in scene.graph.nodes_geometry:

@@ -166,7 +166,7 @@ def orbits_figure(
     motions
         Label, motion, colour.
     title
-        Of the figure.
+        Title of the figure.
     joints
         Which three; by default those that drift most.
     """
@@ -188,7 +188,7 @@ def phase_plane(ax: Axes, timed: TimedMotion, *, colour: str = BLUE) -> Axes:
     timed
         What :func:`repctl_pin.timed` made; its first three cycles, if there are more.
     colour
-        Of the line.
+        Colour of the line.
     """
     ax.plot(timed.length, timed.speed, color=colour)
     ax.set_xlabel("length of the joint path")

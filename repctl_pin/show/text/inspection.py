@@ -102,13 +102,13 @@ def inspection_text(found: Mapping[str, Any]) -> str:
 def _chains(found: Mapping[str, Any]) -> list[str]:
     """List the joints of the default frame's chain and of others of the same length, with their
     task kinds."""
-    frames, lines, told = found["frames"], [], []
+    frames, lines, listed = found["frames"], [], []
     most = len(frames[found["default_frame"]]["chain"])
     for name, frame in frames.items():
         chain = frame["chain"]
-        if len(chain) != most or chain in told:
+        if len(chain) != most or chain in listed:
             continue
-        told.append(chain)
+        listed.append(chain)
         kinds = (
             ", ".join(f"{kind} r = {r}" for kind, r in frame["redundancy"].items())
             or "no task at full rank"

@@ -28,9 +28,9 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]], *, left: int = 1
     names = [("\n" * (high - cell.count("\n")) + cell).split("\n") for cell in header]
     lines = [*zip(*names, strict=True), *rows]
     widths = [max(len(line[i]) for line in lines) for i in range(len(header))]
-    blocks, room = [[0]], terminal_width() or sum(widths) + 2 * len(widths)
+    blocks, width = [[0]], terminal_width() or sum(widths) + 2 * len(widths)
     for i in range(1, len(header)):
-        if sum(widths[k] + 2 for k in (*blocks[-1], i)) - 2 > room and len(blocks[-1]) > 1:
+        if sum(widths[k] + 2 for k in (*blocks[-1], i)) - 2 > width and len(blocks[-1]) > 1:
             blocks.append([0])
         blocks[-1].append(i)
     aligned = [
@@ -102,8 +102,8 @@ def study_cells(study: Study) -> list[tuple[str, list[str]]]:
             of_motions(lambda motion: number(motion.cycle_drift[-1])),
         ),
     ]
-    apart = [("body distance, cycle 1, m", of_motions(lambda motion: _apart(motion, 1)))]
-    apart += [
+    distances = [("body distance, cycle 1, m", of_motions(lambda motion: _apart(motion, 1)))]
+    distances += [
         ("body distance, all cycles, m", of_motions(lambda motion: _apart(motion, cycles)))
     ] * (cycles > 1)
     speeds = [
@@ -122,7 +122,7 @@ def study_cells(study: Study) -> list[tuple[str, list[str]]]:
         *speeds,
         (f"peak joint speed, {speed}", of_motions(_peak)),
         (f"joint-limit margin, {rad}", of_motions(_limit_margin)),
-        *(apart if any(row.body_distance is not None for row in study.rows) else []),
+        *(distances if any(row.body_distance is not None for row in study.rows) else []),
         ("fastest first cycle, s", [_time(row) for row in study.rows]),
         (
             "leaf margin",

@@ -31,7 +31,7 @@ class MotionSummary:
         Joint speed ‖q̇‖ over the first cycle, rms.
     broken : (int, str) or None
         The cycle in which a joint first exceeds its limits, and that joint.
-    apart : float or None
+    body_distance : float or None
         Minimum distance between bodies, m; None without bodies.
     touch : int
         The cycle in which two bodies first collide; 0 if none do.
@@ -53,7 +53,7 @@ class MotionSummary:
     creep: float
     speed: float
     broken: tuple[int, str] | None = None
-    apart: float | None = None
+    body_distance: float | None = None
     touch: int = 0
     haste: float = 0.0
     turn: tuple[float, str] = (0.0, "")
@@ -114,7 +114,7 @@ def motion_summary(
     violation, coarse = motion.first_violation, motion.coarse
     loss = motion.path_loss if isinstance(motion, Motion) else None
     turned = np.abs(motion.q[-1] - motion.q[0]) * task.revolute * (not closes)  # (n,)
-    apart, touch = (
+    body_distance, touch = (
         (float(coarse.body_distance.min()), coarse.first_touch) if bodies else (np.inf, None)
     )
     return MotionSummary(
@@ -122,7 +122,7 @@ def motion_summary(
         0.0 if closes else float(np.linalg.norm(end - start)),
         motion.first_rms_speed,
         None if violation is None else (motion.broken_cycle, violation[1]),
-        apart if np.isfinite(apart) else None,
+        body_distance if np.isfinite(body_distance) else None,
         0 if touch is None else cycle_of(touch[0], motion.cycles),
         motion.speed_ratio,
         (float(turned.max()), task.joint_names[int(turned.argmax())]),
@@ -173,7 +173,7 @@ def verdict(summaries: Sequence[MotionSummary], cycles: int) -> Verdict:
     said, broken = _compared(summaries, limits), any(summary.broken for summary in summaries)
     words.append(f"Joint limits: {said}." if broken else "Joint limits respected.")
     tiles.append(Tile("Joint limits", said, broken))
-    if all(summary.apart is not None for summary in summaries):
+    if all(summary.body_distance is not None for summary in summaries):
         collides = any(summary.touch for summary in summaries)
         said = _compared(summaries, [_bodies(summary, collides) for summary in summaries])
         words.append(f"Body distance: {said}." if collides else f"Minimum body distance: {said}.")
@@ -228,7 +228,7 @@ def _creep(summary: MotionSummary, twists: bool) -> str:
 def _bodies(summary: MotionSummary, collides: bool) -> str:
     if summary.touch:
         return f"collision in cycle {summary.touch}"
-    distance = metres(summary.apart or 0.0)
+    distance = metres(summary.body_distance or 0.0)
     return f"minimum {distance}" if collides else distance
 
 
@@ -239,7 +239,7 @@ def study_verdict(study: Study) -> Verdict:
     moved = [(row.label, row.motion) for row in rows if row.motion is not None]
     if not moved:
         return Verdict(" ".join(stopped), NO_VERDICT.tiles)
-    told = verdict(
+    text = verdict(
         [motion_summary(label, motion, study.elbow) for label, motion in moved], moved[0][1].cycles
     )
-    return Verdict(" ".join([*stopped, told.sentence]), told.tiles)
+    return Verdict(" ".join([*stopped, text.sentence]), text.tiles)

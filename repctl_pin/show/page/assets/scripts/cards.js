@@ -11,8 +11,8 @@ export class Card {
     this.drift = element("p", { class: "drift" });
     this.after = element("p", { class: "after" });
     this.bars = element("canvas", { role: "img", "aria-label": `${data.label}: drift after each of ${last} cycles, ${inWords(data.drift[last - 1])} ${data.unit} after the last` });
-    const tallest = `tallest ${inWords(this.largest)} ${data.unit}`, told = data.broken ? `${tallest}; hatched: violated` : `each cycle; ${tallest}`;
-    const figures = [element("figure", { class: "bars" }, this.bars, element("figcaption", {}, told))];
+    const tallest = `tallest ${inWords(this.largest)} ${data.unit}`, caption = data.broken ? `${tallest}; hatched: violated` : `each cycle; ${tallest}`;
+    const figures = [element("figure", { class: "bars" }, this.bars, element("figcaption", {}, caption))];
     if (pair) {
       this.orbit = element("canvas", { role: "img", "aria-label": `${data.label}: ${pair.names[0]} against ${pair.names[1]}, the two joints that drift most` });
       const [across, upward] = apart(pair.names).map(shortened);
