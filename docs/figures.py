@@ -25,7 +25,7 @@ def drift() -> Figure:
     desired, path = rp.Pseudoinverse(task), rp.circle(task, q0, radius=0.1, normal="x")
     box = rp.Box(q0, 0.4)
     nearest = rp.nearest_repeatable(
-        desired, rp.Polynomial(q0, 2, 0.4), box, samples=512, held_out=256
+        desired, rp.Polynomial(q0, 2, 0.4), box, options=rp.FitOptions(samples=512, held_out=256)
     )
     controls = [
         ("J⁺", desired, VERMILLION),
@@ -50,7 +50,7 @@ def cell() -> Figure:
     middle.translation = middle.translation + np.array([0.15, 0.0, -0.19])
     box = rp.Cell(task, middle, (0.1, 0.2, 0.1))
     found = rp.nearest_inverse_function(
-        rp.Pseudoinverse(task), box, degree=3, samples=128, held_out=128
+        rp.Pseudoinverse(task), box, degree=3, options=rp.FitOptions(samples=128, held_out=128)
     )
     return cell_figure(found, slices(found, 15))
 

@@ -54,7 +54,7 @@ def main() -> None:
     """Print the best start of both, and check it over ten cycles."""
     for name, (found, inverse, path) in {"tiago": tiago(), "panda": panda()}.items():
         print(f"{name}: {found.summary()}")
-        motion = rp.follow(inverse, path, found.q0, cycles=10, leaf_lock=2)
+        motion = rp.follow(inverse, path, found.q0, cycles=10, integrator=rp.LeafLock(2))
         violation = motion.first_violation
         respected = "joint limits respected"
         limits = respected if violation is None else f"{violation[1]} exceeds a limit"

@@ -38,7 +38,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 import repctl_pin as rp
-from repctl_pin.design import cost_has_converged
+from repctl_pin.design import FamilyDesign, cost_has_converged, nearest_in_family
 from repctl_pin.show.text.table import table
 from repctl_pin.strategies import Inverse
 
@@ -109,7 +109,7 @@ class Answer:
     b: float
     k: float | None
     cost: float
-    search: rp.FamilyDesign
+    search: FamilyDesign
     solver: dict[int, rp.Design | rp.SingularityError]
 
     @property
@@ -135,7 +135,10 @@ def solver(task: rp.Task, a: float, b: float, degree: int, samples: int) -> rp.D
         center, degree, half, variables=[2]
     )
     return rp.nearest_repeatable(
-        rp.Pseudoinverse(task), potentials, rp.Box(center, half), samples=samples, held_out=2048
+        rp.Pseudoinverse(task),
+        potentials,
+        rp.Box(center, half),
+        options=rp.FitOptions(samples=samples, held_out=2048),
     )
 
 
@@ -143,7 +146,7 @@ def answer(task: rp.Task, a: float, b: float, degrees: tuple[int, ...], samples:
     """Run all three methods on a ≤ θ₃ ≤ b."""
     k = best_k(a, b)
     region = rp.Box.between([-1, -1, a], [1, 1, b])
-    search = rp.nearest_in_family(
+    search = nearest_in_family(
         rp.Pseudoinverse(task), lambda k: PaperInverse(task, k), region, samples=samples
     )
     found: dict[int, rp.Design | rp.SingularityError] = {}

@@ -1,7 +1,7 @@
 """Repeatable control for redundant robot arms.
 
-Load any URDF, see how far the arm drifts on a closed path, design the control that does not.
-Everything is imported when it is first asked for.
+Load any URDF, measure how far the arm drifts on a closed path, and design a controller that does
+not drift. Modules are imported when one of their names is first used.
 """
 
 from __future__ import annotations
@@ -16,17 +16,15 @@ if TYPE_CHECKING:
     from .codegen import compiled as compiled
     from .codegen import export_c as export_c
     from .design import Design as Design
-    from .design import FamilyDesign as FamilyDesign
     from .design import SingularRegionError as SingularRegionError
-    from .design import nearest_in_family as nearest_in_family
     from .design.compare import compare as compare
     from .design.nearest import nearest_repeatable as nearest_repeatable
     from .errors import InputError as InputError
     from .errors import RepctlError as RepctlError
     from .errors import SingularityError as SingularityError
     from .errors import UrdfError as UrdfError
+    from .fit_options import FitOptions as FitOptions
     from .integrability import bracket_defect as bracket_defect
-    from .integrability import candidate_surface as candidate_surface
     from .integrability import drift_per_area as drift_per_area
     from .integrability import is_repeatable as is_repeatable
     from .integrability import stable_surface as stable_surface
@@ -36,6 +34,7 @@ if TYPE_CHECKING:
     from .inverse_function import NoFunctionError as NoFunctionError
     from .inverse_function import nearest_inverse_function as nearest_inverse_function
     from .motion import BestLeaf as BestLeaf
+    from .motion import LeafLock as LeafLock
     from .motion import Motion as Motion
     from .motion import Run as Run
     from .motion import TaskPath as TaskPath
@@ -48,7 +47,6 @@ if TYPE_CHECKING:
     from .motion import follow as follow
     from .motion import polygon as polygon
     from .motion import read_waypoints as read_waypoints
-    from .motion import rose as rose
     from .motion import solve_ik as solve_ik
     from .motion import timed as timed
     from .motion import waypoints as waypoints
@@ -68,8 +66,9 @@ if TYPE_CHECKING:
     from .robot.robot import Robot as Robot
     from .robot.task import Task as Task
     from .saving import load as load
+    from .saving import load_cell as load_cell
+    from .saving import load_design as load_design
     from .saving import save as save
-    from .show.notebook import inline as inline
     from .show.page.animation import Animation as Animation
     from .show.page.animation import animation as animation
     from .show.page.viewer import Viewer as Viewer
@@ -92,28 +91,29 @@ _DOOR = {
     "robot.robot": "Robot",
     "robot.task": "Task",
     "regions": "Box Tube WorkspaceBox",
-    "potentials": "Fourier Joined Polynomial CustomPotentials",
+    "potentials": "CustomPotentials Fourier Joined Polynomial",
     "strategies": (
-        "ArmAngle CustomInverse ExtendedJacobian LeafImpedance LimitWeight PostureControl Pseudoinverse "
-        "RepeatableInverse WeightedInverse"
+        "ArmAngle CustomInverse ExtendedJacobian LeafImpedance LimitWeight PostureControl "
+        "Pseudoinverse RepeatableInverse WeightedInverse"
     ),
-    "design": "Design FamilyDesign SingularRegionError compare nearest_in_family nearest_repeatable",
+    "fit_options": "FitOptions",
+    "design": "Design SingularRegionError compare nearest_repeatable",
     "codegen": "compiled export_c",
-    "saving": "load save",
+    "saving": "load load_cell load_design save",
     "inverse_function": "Cell CellDesign InverseFunction NoFunctionError nearest_inverse_function",
     "proof": "Proof prove",
-    "integrability": "bracket_defect candidate_surface drift_per_area is_repeatable stable_surface",
+    "integrability": "bracket_defect drift_per_area is_repeatable stable_surface",
     "motion": (
-        "BestLeaf Motion Run TaskPath TimedMotion Waypoints approach best_leaf circle figure_eight "
-        "follow polygon solve_ik "
-        "read_waypoints rose timed waypoints write_motion"
+        "BestLeaf LeafLock Motion Run TaskPath TimedMotion Waypoints approach best_leaf circle "
+        "figure_eight follow polygon read_waypoints solve_ik timed waypoints write_motion"
     ),
     "show.page.animation": "Animation animation",
     "show.page.viewer": "Viewer",
-    "show.notebook": "inline",
     "problem": "Problem",
     "studies": "Study study",
 }
+"""Public names, by the module that defines them."""
+
 _ROOM_OF = {name: room for room, names in _DOOR.items() for name in names.split()}
 
 

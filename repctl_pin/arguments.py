@@ -1,5 +1,5 @@
-"""What a person gives to a function: taken as it is meant, or refused in one line that names it and
-the remedy."""
+"""Argument validation: convert the value, or raise a one-line InputError that names the argument
+and the remedy."""
 
 from __future__ import annotations
 
@@ -20,35 +20,34 @@ T = TypeVar("T")
 F = TypeVar("F", bound=Callable[..., Any])
 
 FLOAT = np.dtype(float)
-"""A double in the machine's own byte order: what compiled code takes as it is."""
+"""A double in native byte order, which compiled code takes without conversion."""
 
 MOST_NODES = 2**22
-"""Most nodes of a region: more would take too much memory and time."""
+"""Maximum number of nodes of a region, by memory and time."""
 
 MIN_LENGTH = 1e-12
-"""Smallest length that joint positions are divided by, rad or m."""
+"""Minimum length that joint positions may be divided by, rad or m."""
 
 MOST_STEPS = 10_000_000
-"""Steps of a motion."""
+"""Maximum number of steps of a motion."""
 
 
 def require_type(value: Any, kind: type[T], name: str, what: str) -> T:
-    """Take an argument of one kind, a class or a runtime protocol.
+    """Require an instance of a class or runtime protocol.
 
     Parameters
     ----------
     value, kind
-        What was given, and what it should be.
+        The argument, and its required type.
     name
-        What the argument is called.
+        Name of the argument.
     what
-        What to give, in words and with an example: ``"a closed path, such as rp.circle(task,
-        q0)"``.
+        Description of the type, with an example: ``"a closed path, such as rp.circle(task, q0)"``.
 
     Raises
     ------
     InputError
-        If it is of another kind.
+        If the argument is of another type.
     """
     if isinstance(value, kind) and not isinstance(value, type):
         return value
@@ -56,14 +55,15 @@ def require_type(value: Any, kind: type[T], name: str, what: str) -> T:
 
 
 def function(value: F, name: str, what: str, takes: int = 1) -> F:
-    """Take a function of so many arguments."""
+    """Require a function of ``takes`` positional arguments."""
     if callable(value) and not isinstance(value, type) and _binds(value, takes):
         return value
     raise InputError(f"must be {what}; got {shown(value)}", argument=name)
 
 
 def _binds(value: Callable[..., Any], takes: int) -> bool:
-    """Tell whether a callable accepts ``takes`` arguments; True if it has no signature."""
+    """Whether a callable accepts ``takes`` positional arguments; True if its signature is not
+    available."""
     try:
         signature(value).bind(*[None] * takes)
     except TypeError:
@@ -74,7 +74,7 @@ def _binds(value: Callable[..., Any], takes: int) -> bool:
 
 
 def require_choice(value: Any, names: Iterable[str], kind: str) -> str:
-    """Take one of some names."""
+    """Require one of several names."""
     names = tuple(names)
     if isinstance(value, str) and value in names:
         return value
@@ -82,7 +82,7 @@ def require_choice(value: Any, names: Iterable[str], kind: str) -> str:
 
 
 def as_int(value: Any, name: str, least: int = 0, most: int | None = None) -> int:
-    """Take a whole number; ``most`` is what fits into memory."""
+    """Convert a whole number from ``least`` to ``most``."""
     number = _number(value)
     if not (math.isfinite(number) and number == int(number) and number >= least):
         raise InputError(
@@ -94,7 +94,7 @@ def as_int(value: Any, name: str, least: int = 0, most: int | None = None) -> in
 
 
 def positive(value: Any, name: str, unit: str = "", *, zero: bool = False) -> float:
-    """Take a finite number above 0, or 0 itself where that is allowed."""
+    """Convert a finite number above 0; with ``zero``, from 0 up."""
     number = _number(value)
     if not (math.isfinite(number) and (number > 0 or (zero and number == 0))):
         least = f"0{unit and ' '}{unit} or more" if zero else f"above 0{unit and ' '}{unit}"
@@ -106,7 +106,7 @@ def positive(value: Any, name: str, unit: str = "", *, zero: bool = False) -> fl
 
 
 def finite(value: Any, name: str, unit: str = "") -> float:
-    """Take a finite number of any sign."""
+    """Convert a finite number of any sign."""
     number = _number(value)
     if not math.isfinite(number):
         number_of = f"a finite number{unit and ', '}{unit}"
@@ -115,7 +115,7 @@ def finite(value: Any, name: str, unit: str = "") -> float:
 
 
 def vector(values: ArrayLike, n: int | None, name: str, each: str = "one per joint") -> Array:
-    """Take n finite numbers (n,), copied; with n = None any number of them, but one at least."""
+    """Copy n finite numbers: (n,); with n = None, one or more."""
     array = as_numbers(values)
     wrong = array is None or array.ndim != 1 or not array.size or n not in (None, array.size)
     if array is None or wrong or not np.isfinite(array).all():
@@ -129,10 +129,10 @@ def vector(values: ArrayLike, n: int | None, name: str, each: str = "one per joi
 def per_joint(
     values: ArrayLike, n: int, name: str, each: str = "one per joint", *, finite: bool = False
 ) -> Array:
-    """Take one number above 0 for all of n, or n of them: (n,); infinity is allowed.
+    """Convert one number above 0, or n of them: (n,). Infinity is allowed unless ``finite``.
 
-    ``finite`` is for lengths that numbers are divided by: finite, and large beside the rounding of
-    a joint's position."""
+    ``finite`` is for lengths that numbers are divided by: they must also exceed the rounding of a
+    joint position."""
     array = as_numbers(values)
     most = (
         array is not None
@@ -155,7 +155,7 @@ def per_joint(
 
 
 def limits(values: ArrayLike, n: int, name: str, each: str = "one per joint") -> Array:
-    """Take n limits (n,), infinity where there is none."""
+    """Convert n limits: (n,); infinity is no limit."""
     array = as_numbers(values)
     if array is None or array.shape != (n,) or np.isnan(array).any():
         raise InputError(f"must be {n} numbers, {each}; got {shown(values)}", argument=name)
@@ -163,7 +163,7 @@ def limits(values: ArrayLike, n: int, name: str, each: str = "one per joint") ->
 
 
 def as_configurations(values: ArrayLike, n: int | None, whose: str) -> Array:
-    """Take configurations (K, n), finite, one a row; with n = None of any length."""
+    """Convert finite configurations, one per row: (K, n); with n = None, of any length."""
     array = as_numbers(values)
     if (
         array is None
@@ -171,7 +171,9 @@ def as_configurations(values: ArrayLike, n: int | None, whose: str) -> Array:
         or n not in (None, array.shape[1])
         or not np.isfinite(array).all()
     ):
-        width = "(K, n), one number a joint" if n is None else f"(K, {n}), {n} finite numbers a row"
+        width = f"(K, {n}), {n} finite numbers per row"
+        if n is None:
+            width = "(K, n), one number per joint"
         single = (
             ": write [q] for a single q" if array is not None and n in (None, array.size) else ""
         )
@@ -184,16 +186,16 @@ def as_configurations(values: ArrayLike, n: int | None, whose: str) -> Array:
 def as_matrices(
     *given: tuple[str, ArrayLike, str], exact: bool = False, finite: bool = True
 ) -> list[Array]:
-    """Take stacks of matrices whose last axes fit together: ``("J", J, "m n"), ("V", V, "n r")``.
+    """Convert stacks of matrices with matching sizes: ``("J", J, "m n"), ("V", V, "n r")``.
 
-    An axis is a number, or a letter that means the same size in all of them: 1 at least, but for r
-    and K. The axes before must be such that NumPy broadcasts them; ``exact`` allows none. Without
-    ``finite``, NaN and infinity pass."""
+    An axis is a number, or a letter that stands for the same size in all arrays: at least 1, except
+    r and K. Leading axes must broadcast; ``exact`` allows none. Without ``finite``, NaN and
+    infinity are accepted."""
     sizes: dict[str, int] = {}
     arrays = []
     for name, values, axes in given:
         letters = axes.split()
-        native = type(values) is np.ndarray and values.dtype is FLOAT  # used as it is, not copied
+        native = type(values) is np.ndarray and values.dtype is FLOAT  # not copied
         array: Array | None = values if native else as_numbers(values)  # type: ignore[assignment]
         last = () if array is None else array.shape[-len(letters) :]
         fits = len(last) == len(letters) and (not exact or array is None or array.ndim == len(last))
@@ -217,19 +219,19 @@ def as_matrices(
             np.broadcast_shapes(*leading)
         except ValueError:
             names = ", ".join(name for name, _, _ in given)
-            raise InputError(f"{names} are stacks of other sizes: {leading}") from None
+            raise InputError(f"{names} have different leading sizes: {leading}") from None
     return arrays
 
 
 def flag(value: Any, name: str) -> bool:
-    """Take True or False."""
+    """Require True or False."""
     if isinstance(value, (bool, np.bool_)) or (isinstance(value, int) and value in (0, 1)):
         return bool(value)
     raise InputError(f"must be True or False, not {shown(value)}", argument=name)
 
 
 def flag_or_function(value: Any, name: str, what: str, takes: int) -> Any:
-    """Take True, False, or a function of so many arguments."""
+    """Require True, False, or a function of ``takes`` positional arguments."""
     return (
         function(value, name, f"True, False or {what}", takes)
         if callable(value)
@@ -238,7 +240,7 @@ def flag_or_function(value: Any, name: str, what: str, takes: int) -> Any:
 
 
 def list_of(values: Any, name: str, what: str) -> list[Any]:
-    """Take a list, or anything else that gives one thing after another."""
+    """Convert an iterable to a list; text and mappings are refused."""
     no_list = isinstance(values, (str, bytes, type, Mapping)) or (
         isinstance(values, np.ndarray) and values.ndim != 1
     )
@@ -248,35 +250,62 @@ def list_of(values: Any, name: str, what: str) -> list[Any]:
 
 
 def list_of_names(values: Any, name: str, what: str) -> tuple[str, ...]:
-    """Take some names; a single one may stand by itself."""
+    """Convert one name or a list of names."""
     listed = (values,) if isinstance(values, str) else tuple(list_of(values, name, what))
     if all(isinstance(v, str) for v in listed):
         return listed
     raise InputError(f"must be {what}, not {shown(values)}", argument=name)
 
 
-def freeze(made: object, **values: Any) -> None:
-    """Set the attributes of a frozen dataclass that is being made, its arrays read-only."""
+def freeze(made: object, /, **values: Any) -> None:
+    """Set attributes of a frozen dataclass in its ``__init__``, arrays as read-only views."""
     for name, value in values.items():
-        if isinstance(value, np.ndarray):
-            value.setflags(write=False)
-        object.__setattr__(made, name, value)
+        object.__setattr__(made, name, _read_only(value))
+
+
+def read_only(cls: type[T]) -> type[T]:
+    """Make the array fields of a frozen dataclass read-only; stands below ``@dataclass``.
+
+    Copied and unpickled objects are read-only, too. The caller's arrays stay writable.
+    """
+    checks = getattr(cls, "__post_init__", None)
+
+    def __post_init__(self: Any) -> None:
+        if checks is not None:
+            checks(self)
+        freeze(self, **vars(self))
+
+    def __setstate__(self: Any, state: dict[str, Any]) -> None:
+        freeze(self, **state)
+
+    cls.__post_init__ = __post_init__  # type: ignore[attr-defined]
+    cls.__setstate__ = __setstate__  # type: ignore[attr-defined]
+    return cls
+
+
+def _read_only(value: Any) -> Any:
+    """Make a read-only view of an array; return any other value as it is."""
+    if not isinstance(value, np.ndarray) or not value.flags.writeable:
+        return value
+    view = value.view()
+    view.setflags(write=False)
+    return view
 
 
 def row(q: Array) -> str:
-    """Write a configuration for a message."""
+    """Write a configuration in a message."""
     return "(" + ", ".join(f"{value:.4g}" for value in np.ravel(q)) + ")"
 
 
 def file_name(value: Any, name: str = "file") -> Path:
-    """Take the name of a file or a folder."""
+    """Convert the name of a file or folder."""
     if isinstance(value, (str, PathLike)) and str(value) and "\0" not in str(value):
         return Path(value)
     raise InputError(f"must be a file's name, not {shown(value)}", argument=name)
 
 
 def _number(value: Any) -> float:
-    """A number as a float; NaN where it is none, written or not."""
+    """Convert a number to a float; NaN if it is not a number."""
     try:
         return (
             math.nan
@@ -288,8 +317,7 @@ def _number(value: Any) -> float:
 
 
 def as_numbers(values: ArrayLike) -> Array | None:
-    """Numbers as a new array of doubles in the machine's own order; None where they are none, or no
-    rectangle."""
+    """Copy numbers to an array of native doubles; None if they are not numbers or ragged."""
     try:
         array = np.asarray(values)
         return np.array(array, dtype=float, order="C") if array.dtype.kind in "biuf" else None
@@ -304,7 +332,7 @@ def _shape(values: ArrayLike, array: Array | None) -> str:
 
 
 def shown(value: Any) -> str:
-    """Write what was given, shortly and on one line."""
+    """Write a value in a message, on one line of at most 60 characters."""
     text = " ".join(repr(value).split())
     text = text if len(text) <= 60 else f"{text[:59]}…"
     return text.encode("unicode_escape").decode() if not text.isprintable() else text

@@ -6,13 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .arguments import Array
+from .arguments import Array, read_only
 
 THEOREM = 1
 """Version of the theorem of docs/theory.md, "Proved, not sampled"."""
 
 
 @dataclass(frozen=True, eq=False)
+@read_only
 class Proof:
     """Lower bounds that hold on the whole of a region or a cell, or the place where the proof
     ended.

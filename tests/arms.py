@@ -13,6 +13,9 @@ import repctl_pin as rp
 Q_PANDA = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
 """The panda's configuration of the theory's reference numbers."""
 
+KINDS = ("pose", "axis", "position", "xy", "xz", "yz")
+"""Kinds of tasks."""
+
 
 def heed_interrupts() -> None:
     """Let a child process take Ctrl-C, even where the tests themselves run in a shell's
@@ -28,7 +31,8 @@ def planar_urdf(lengths: Sequence[float], *, range_: float = 7.0) -> str:
     for i, length in enumerate(lengths, 1):
         links.append(f'<link name="link{i}"/>')
         joints.append(
-            f'<joint name="theta{i}" type="revolute"><parent link="{parent}"/><child link="link{i}"/>'
+            f'<joint name="theta{i}" type="revolute"><parent link="{parent}"/><child '
+            f'link="link{i}"/>'
             f'<origin xyz="{offset} 0 0"/><axis xyz="0 0 1"/>'
             f'<limit lower="{-range_}" upper="{range_}" effort="1" velocity="1"/></joint>'
         )
@@ -38,7 +42,8 @@ def planar_urdf(lengths: Sequence[float], *, range_: float = 7.0) -> str:
         f'<joint name="tip" type="fixed"><parent link="{parent}"/><child link="tool"/>'
         f'<origin xyz="{offset} 0 0"/></joint>'
     )
-    return f'<?xml version="1.0"?>\n<robot name="planar">\n{"".join(links)}\n{"".join(joints)}\n</robot>\n'
+    parts = ('<?xml version="1.0"?>', '<robot name="planar">', "".join(links), "".join(joints))
+    return "\n".join((*parts, "</robot>", ""))
 
 
 def planar_task(lengths: Sequence[float], folder: Path) -> rp.Task:
@@ -70,7 +75,8 @@ def spatial_urdf(n: int, seed: int) -> str:
         f'<joint name="tip" type="fixed"><parent link="{parent}"/><child link="tool"/>'
         '<origin xyz="0.3 0.1 0.2"/></joint>'
     )
-    return f'<?xml version="1.0"?>\n<robot name="spatial">\n{"".join(links)}\n{"".join(joints)}\n</robot>\n'
+    parts = ('<?xml version="1.0"?>', '<robot name="spatial">', "".join(links), "".join(joints))
+    return "\n".join((*parts, "</robot>", ""))
 
 
 def spatial_task(n: int, folder: Path, *, kind: str = "position", seed: int = 0) -> rp.Task:
@@ -83,9 +89,13 @@ def spatial_task(n: int, folder: Path, *, kind: str = "position", seed: int = 0)
 def chain_with_bodies(folder: Path) -> Path:
     """Three unit links in a plane; balls of 0.1 m at the root and at the tip, and a mesh that is
     not there."""
-    link = '<link name="{}"><collision><origin xyz="{} 0 0"/><geometry>{}</geometry></collision></link>'
+    link = (
+        '<link name="{}"><collision><origin xyz="{} 0 0"/>'
+        "<geometry>{}</geometry></collision></link>"
+    )
     joint = (
-        '<joint name="j{}" type="revolute"><parent link="{}"/><child link="{}"/><origin xyz="{} 0 0"/>'
+        '<joint name="j{}" type="revolute"><parent link="{}"/><child link="{}"/><origin xyz="{} 0 '
+        '0"/>'
         '<axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="1" velocity="1"/></joint>'
     )
     ball, lost = '<sphere radius="0.1"/>', '<mesh filename="lost.stl"/>'

@@ -52,7 +52,8 @@ window.awake = true;
 const { viewer, picture } = repctl, draw = viewer.render;
 viewer.scene.traverse((node) => { if (node.isLight) node.castShadow = false; });
 viewer.render = () => {};
-repctl.picture = () => { viewer.render = draw; try { return picture(); } finally { viewer.render = () => {}; } };
+repctl.picture = () => { viewer.render = draw;
+  try { return picture(); } finally { viewer.render = () => {}; } };
 """
 """A picture costs a second in software: none is drawn but those that are asked for, and without
 shadows."""
@@ -144,7 +145,8 @@ def picture(
     """Take the scene's picture at a time, in cycles: (height, width, 3), 0 to 255; with what drift
     leaves, or not."""
     driver.execute_script(
-        "const [time, left, ghost] = arguments; repctl.set('traces', left); repctl.set('drift', left);"
+        "const [time, left, ghost] = arguments; repctl.set('traces', left); repctl.set('drift', "
+        "left);"
         "repctl.set('ghost', ghost); repctl.seek(time)",
         cycles,
         traces,

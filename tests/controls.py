@@ -40,7 +40,8 @@ IIWA = """<?xml version="1.0"?>
 <joint name="world_fixed" type="fixed"><parent link="world"/><child link="lbr_iiwa_link_0"/>
 <origin xyz="0.1 0 0"/></joint>
 {joints}
-<link name="flange"/><joint name="flange_fixed" type="fixed"><parent link="lbr_iiwa_link_7"/><child link="flange"/>
+<link name="flange"/><joint name="flange_fixed" type="fixed"><parent link="lbr_iiwa_link_7"/>
+<child link="flange"/>
 <origin rpy="0 0 0.3" xyz="0 0 0.045"/></joint></robot>"""
 """An arm written as pybullet's data are: rounded right angles, a fixed joint at either end."""
 
@@ -59,7 +60,8 @@ def iiwa(folder: Path) -> rp.Robot:
     """Load the arm of :data:`IIWA`."""
     joints = "".join(
         f'<link name="lbr_iiwa_link_{i}"/><joint name="lbr_iiwa_joint_{i}" type="revolute">'
-        f'<parent link="lbr_iiwa_link_{i - 1}"/><child link="lbr_iiwa_link_{i}"/><origin rpy="{rpy}" xyz="{xyz}"/>'
+        f'<parent link="lbr_iiwa_link_{i - 1}"/><child link="lbr_iiwa_link_{i}"/><origin '
+        f'rpy="{rpy}" xyz="{xyz}"/>'
         '<axis xyz="0 0 1"/><limit effort="300" lower="-2.9" upper="2.9" velocity="10"/></joint>'
         for i, (rpy, xyz) in enumerate(_IIWA_ORIGINS, 1)
     )

@@ -26,6 +26,15 @@ def steady(text: str) -> list[str]:
     return [re.sub(r" +", " ", line).rstrip() for line in lines]
 
 
+def drifts(table: str, strategy: str) -> tuple[float, float]:
+    """After the first cycle and after the last, from the table a study prints: J⁺ first, nearest
+    repeatable last."""
+    column = {"J⁺": 0, "nearest repeatable": -1}[strategy]
+    rows = re.findall(r"^drift after .*?  +(.*)", table, flags=re.MULTILINE)
+    first, last = (float(row.split()[column]) for row in rows)
+    return first, last
+
+
 def small(file: Path) -> Image.Image:
     """Make a figure small enough for a page: at most 1200 pixels wide, 256 colours."""
     picture = Image.open(file).convert("RGB")

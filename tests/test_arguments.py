@@ -11,6 +11,9 @@ import pinocchio as pin
 import pytest
 
 import repctl_pin as rp
+from repctl_pin.design import nearest_in_family
+from repctl_pin.integrability import candidate_surface
+from repctl_pin.paths.shapes import rose
 
 A_TASK, AN_INVERSE = (
     r"task must be a task, such as rp\.",
@@ -117,7 +120,7 @@ CALLS: dict[str, tuple[Callable[[Given], object], str]] = {
         "point must be a function of s",
     ),
     "nearest_in_family, a family of nothing": (
-        lambda g: rp.nearest_in_family(g.control, lambda: 0, g.box),
+        lambda g: nearest_in_family(g.control, lambda: 0, g.box),
         "family must be",
     ),
     "save, a name no folder takes": (lambda g: rp.save(g.control, 5000 * "x"), "^.{1,803}$"),
@@ -139,7 +142,7 @@ CALLS: dict[str, tuple[Callable[[Given], object], str]] = {
     "reach, task": (lambda g: rp.solve_ik("panda", g.q0, pin.SE3.Identity()), A_TASK),
     "reach, target": (
         lambda g: rp.solve_ik(g.task, g.q0, [0.3, 0, 0.5]),
-        "target must be a rigid transform",
+        "target must be a placement",
     ),
     "reach, q0": (
         lambda g: rp.solve_ik(g.task, "home", pin.SE3.Identity()),
@@ -156,7 +159,7 @@ CALLS: dict[str, tuple[Callable[[Given], object], str]] = {
     ),
     "stable_surface, a function": (lambda g: rp.stable_surface(g.own, g.box), AN_INVERSE),
     "stable_surface, a number": (lambda g: rp.stable_surface(g.control, 0.3), A_BOX),
-    "candidate_surface, a function": (lambda g: rp.candidate_surface(g.own, g.box), AN_INVERSE),
+    "candidate_surface, a function": (lambda g: candidate_surface(g.own, g.box), AN_INVERSE),
     "bracket_defect, a function": (lambda g: rp.bracket_defect(g.own, g.q0), AN_INVERSE),
     "bracket_defect, q": (
         lambda g: rp.bracket_defect(g.control, "home"),
@@ -181,7 +184,7 @@ CALLS: dict[str, tuple[Callable[[Given], object], str]] = {
     ),
     "nearest, region": (lambda g: rp.nearest_repeatable(g.control, g.potentials, 0.3), A_BOX),
     "family, desired": (
-        lambda g: rp.nearest_in_family("panda", g.own, g.box),
+        lambda g: nearest_in_family("panda", g.own, g.box),
         "desired " + AN_INVERSE,
     ),
     "circle, task": (lambda g: rp.circle("panda", g.q0), A_TASK + ".*'panda'"),
@@ -195,7 +198,7 @@ CALLS: dict[str, tuple[Callable[[Given], object], str]] = {
         "q of <Task panda .* must be 7 finite numbers",
     ),
     "rose, petals": (
-        lambda g: rp.rose(g.task, g.q0, petals="three"),
+        lambda g: rose(g.task, g.q0, petals="three"),
         "petals must be a whole number",
     ),
     "polygon, task": (lambda g: rp.polygon("panda", g.q0, [[0, 0, 1], [0, 1, 1]]), A_TASK),

@@ -114,8 +114,21 @@ def test_odd_arrays_mean_their_numbers(controls, panda_pose: rp.Task, odd: str) 
 
 
 @pytest.mark.parametrize(
-    "wrong", [np.full(6, np.nan), np.ones((6, 1)), np.ones((1, 6)), np.ones(5), "fast", None, 1j * np.ones(6),
-              ["1"] * 6, np.ones(6, object), np.ones(6, "datetime64[s]")], ids=repr)  # fmt: skip
+    "wrong",
+    [
+        np.full(6, np.nan),
+        np.ones((6, 1)),
+        np.ones((1, 6)),
+        np.ones(5),
+        "fast",
+        None,
+        1j * np.ones(6),
+        ["1"] * 6,
+        np.ones(6, object),
+        np.ones(6, "datetime64[s]"),
+    ],
+    ids=repr,
+)
 def test_a_wrong_velocity_is_refused_by_name(controls, panda_pose: rp.Task, wrong: object) -> None:
     q = np.array(panda_pose.reference)
     for control in controls.values():
@@ -158,7 +171,7 @@ def test_one_joint() -> None:
 
 def test_targets_that_are_no_placements(controls, panda_pose: rp.Task) -> None:
     q = np.array(panda_pose.reference)
-    for wrong in (None, "there", np.eye(4), np.zeros(3), pin.SE3):
+    for wrong in (None, "there", np.eye(3), np.zeros(3), pin.SE3):
         with pytest.raises(rp.InputError, match="target"):
             controls["repeatable"].step(q, wrong, 0.01)
         with pytest.raises(rp.InputError, match="target"):

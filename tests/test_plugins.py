@@ -10,7 +10,7 @@ import pytest
 
 import repctl_pin as rp
 from repctl_pin.cli import main
-from repctl_pin.motion.spec import parse_path
+from repctl_pin.motion import parse_path
 from repctl_pin.plugins import plugin, registered
 
 MODULE = '''
@@ -30,7 +30,8 @@ def waves(task, q0):
 
 def ellipse(task, q0, a, b, plane="xy"):
     path = rp.circle(task, q0, a, normal=plane)
-    return rp.waypoints([p for p in path.points(41)[:-1]] + [path.point(0.0)], path.rotation, name=f"ellipse {a} {b}")
+    points = [*path.points(41)[:-1], path.point(0.0)]
+    return rp.waypoints(points, path.rotation, name=f"ellipse {a} {b}")
 
 def nothing(task):
     return object()

@@ -13,8 +13,8 @@ from multiprocessing import get_context
 import numpy as np
 import pytest
 from arms import Q_PANDA
+from cell_functions import function_of
 from controls import NEEDS_C, own_cache  # noqa: F401
-from test_codegen_function import function_of
 
 import repctl_pin as rp
 
@@ -126,10 +126,10 @@ def shared(what: str, design: rp.Design) -> Callable[[np.ndarray], object]:
     def step(x: np.ndarray) -> np.ndarray:
         if what != "a bounded step":
             return fast.step(q0 + 0.05 * x, target, 0.01, xdot, leaf=leaf, gain=20.0)
-        q = fast.step(
+        step = fast.damped_step(
             q0 + 0.05 * x, target, 0.01, leaf=leaf, velocity_limit=0.3 + abs(x[0]), damping=0.3
         )
-        return np.append(q, [fast.damping, fast.slowed])
+        return np.append(step.q, [step.damping, step.slowed])
 
     return step
 
@@ -149,7 +149,10 @@ def refuse(center: list[float]) -> None:
     """Design over a region with a singularity of the planar arm in it: stretched."""
     task = rp.Robot.load("planar3r").task("tool", "xy")
     rp.nearest_repeatable(
-        rp.Pseudoinverse(task), rp.Polynomial(center, 1, 0.3), rp.Box(center, 0.3), samples=256
+        rp.Pseudoinverse(task),
+        rp.Polynomial(center, 1, 0.3),
+        rp.Box(center, 0.3),
+        options=rp.FitOptions(samples=256),
     )
 
 

@@ -35,7 +35,6 @@ RESULTS = {
     "Animation",
     "BestLeaf",
     "Design",
-    "FamilyDesign",
     "Motion",
     "Proof",
     "Robot",
@@ -61,7 +60,8 @@ class Call:
 
 _LINKS = ("base", "shoulder", "upper", "lower", "hand", "tip")
 _BODY = (
-    '<inertial><mass value="1"/><inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>'
+    '<inertial><mass value="1"/>'
+    '<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>'
     '<collision><origin xyz="0 0 0.1"/><geometry><sphere radius="0.05"/></geometry></collision>'
 )
 _AXES = ("0 0 1", "0 1 0", "1 0 0", "0 1 0", "1 0 0")
@@ -69,7 +69,8 @@ ARM_URDF = (
     '<robot name="arm">'
     + "".join(f'<link name="{name}">{_BODY}</link>' for name in _LINKS)
     + "".join(
-        f'<joint name="j{k}" type="revolute"><parent link="{above}"/><child link="{below}"/><origin xyz="0 0 0.3"/>'
+        f'<joint name="j{k}" type="revolute"><parent link="{above}"/><child link="{below}"/>'
+        f'<origin xyz="0 0 0.3"/>'
         f'<axis xyz="{axis}"/><limit lower="-2" upper="2" effort="1" velocity="1"/></joint>'
         for k, ((above, below), axis) in enumerate(zip(pairwise(_LINKS), _AXES, strict=True))
     )
@@ -100,16 +101,21 @@ def right_calls(folder: Path) -> list[Call]:
     )
     waypoint_file = folder / "square.csv"
     waypoint_file.write_text("\n".join(",".join(map(str, row)) for row in square), encoding="utf-8")
-    design = rp.nearest_repeatable(control, potentials, box, samples=64, held_out=256)
+    design = rp.nearest_repeatable(
+        control, potentials, box, options=rp.FitOptions(samples=64, held_out=256)
+    )
     inverse, tube = design.inverse, rp.Tube(Q, 0.2)
     middle = task.placement(q0).translation[:2]
     workspace = rp.WorkspaceBox(task, middle, 0.2, within=box)
-    motion = rp.follow(inverse, path, q0, cycles=2, steps=24, leaf_lock=1)
+    motion = rp.follow(inverse, path, q0, cycles=2, steps=24, integrator=rp.LeafLock())
     study = rp.study(robot, kind="xy", start=q0, path=path, cycles=1, steps=24, region=0.2)
     timed = rp.timed(motion, acceleration=10.0, rate=100.0)
     saved = rp.save(design, folder / "design.json")
     cell = rp.Cell(task, target, (0.05, 0.05))
-    found = rp.nearest_inverse_function(control, cell, degree=1, samples=16, held_out=64)
+    found = rp.nearest_inverse_function(
+        control, cell, degree=1, options=rp.FitOptions(samples=16, held_out=64)
+    )
+    saved_cell = rp.save(found, folder / "cell.json")
     arm_file = folder / "arm.urdf"
     arm_file.write_text(ARM_URDF, encoding="utf-8")
     arm = rp.Robot.load(arm_file).task("tip", "position")
@@ -120,76 +126,105 @@ def right_calls(folder: Path) -> list[Call]:
         "absolute_angles": {"task": task},
         "animation": {"motions": {"J⁺": motion}, "seconds": 1.0},
         "best_leaf": {
-            "inverse": inverse, "path": path, "q0": q0, "region": box, "desired": control, "steps": 8, "seed": 0,
+            "inverse": inverse, "path": path, "q0": q0, "region": box, "desired": control,
+            "steps": 8, "seed": 0,
         },  # fmt: skip,
         "bracket_defect": {"strategy": control, "q": q0, "relative": False},
-        "candidate_surface": {"strategy": control, "region": box, "samples": 8, "seed": 0},
-        "circle": {"task": task, "q0": q0, "radius": 0.05, "normal": "z", "start_angle": 0.0, "rotation": "fixed"},
+        "circle": {
+            "task": task, "q0": q0, "radius": 0.05, "normal": "z", "start_angle": 0.0,
+            "rotation": "fixed",
+        },
         "compare": {"first": design, "others": design},
         "drift_per_area": {"strategy": control, "q": q0},
         "figure_eight": {"task": task, "q0": q0, "radius": 0.05, "normal": "z", "start_angle": 0.0},
         "follow": {
-            "strategy": inverse, "path": path, "q0": q0, "cycles": 1, "steps": 12, "integrator": "rk4", "feedback": 0.0,
-            "period": 5.0, "leaf_lock": 1, "leaf": inverse.leaf(q0), "velocity_limit": 3.0, "damping": 0.01, "task": task,
+            "strategy": inverse, "path": path, "q0": q0, "cycles": 1, "steps": 12,
+            "integrator": "rk4", "feedback": 0.0,
+            "period": 5.0, "task": task,
         },
-        "inline": {"shown": study, "height": 300},
         "is_repeatable": {"strategy": control, "region": box, "samples": 8, "seed": 0},
         "load": {"path": saved, "task": task},
-        "nearest_in_family": {
-            "desired": control, "family": lambda k: rp.WeightedInverse(task, [1, 1 + k * k, 1]), "region": box,
-            "bounds": (-1.0, 1.0), "samples": 64, "seed": 0,
+        "load_cell": {"path": saved_cell, "task": task},
+        "load_design": {"path": saved, "task": task},
+        "LeafLock": {
+            "corrections": 1, "leaf": inverse.leaf(q0), "velocity_limit": 3.0, "damping": 0.01,
+        },
+        "FitOptions": {
+            "samples": 64, "held_out": 64, "seed": 0, "batch": 64, "stream": False,
+            "executor": None,
+            "restarts": 0, "tolerance": 1e-3,
         },
         "nearest_repeatable": {
-            "desired": control, "potentials": potentials, "region": box, "degree": None, "samples": 64, "held_out": 64,
-            "seed": 0, "batch": 64, "stream": False, "executor": None, "shrink": False, "restarts": 0,
-            "tolerance": 1e-3, "progress": False,
+            "desired": control, "potentials": potentials, "region": box, "degree": None,
+            "shrink": False, "options": rp.FitOptions(samples=64, held_out=64), "progress": False,
         },
-        "polygon": {"task": task, "q0": q0, "corners": [[0.1, 0, 0], [0.1, 0.1, 0]], "blend": 0.0, "name": "tri"},
-        "prove": {"what": design, "margin": 0.1, "limit_margin": -1.0, "seconds": 0.2, "progress": False},
+        "polygon": {
+            "task": task, "q0": q0, "corners": [[0.1, 0, 0], [0.1, 0.1, 0]], "blend": 0.0,
+            "name": "tri",
+        },
+        "prove": {
+            "what": design, "margin": 0.1, "limit_margin": -1.0, "seconds": 0.2, "progress": False,
+        },
         "read_waypoints": {"file": waypoint_file},
-        "rose": {"task": task, "q0": q0, "radius": 0.05, "petals": 3, "normal": "z"},
         "save": {"design": design, "path": folder / "again.json"},
-        "solve_ik": {"task": task, "q0": q0, "target": target, "tolerance": 1e-9, "iterations": 20, "limits": True},
+        "solve_ik": {
+            "task": task, "q0": q0, "target": target, "tolerance": 1e-9, "iterations": 20,
+            "limits": True,
+        },
         "stable_surface": {"strategy": control, "region": box, "samples": 8, "seed": 0},
         "Problem": {
             "robot": "planar3r", "frame": "tool", "kind": "xy", "start": q0, "path": None,
             "plane": "xy", "region": 0.1,
         },
         "study": {
-            "robot": "planar3r", "frame": "tool", "kind": "xy", "start": q0, "path": None, "radius": 0.05,
-            "plane": "xy", "cycles": 1, "steps": 24, "region": 0.1, "degree": 1, "controls": {"mine": control},
+            "robot": "planar3r", "frame": "tool", "kind": "xy", "start": q0, "path": None,
+            "radius": 0.05,
+            "plane": "xy", "cycles": 1, "steps": 24, "region": 0.1, "degree": 1,
+            "controls": {"mine": control},
             "period": 5.0, "seed": 0, "progress": None,
         },
-        "waypoints": {"points": square, "rotation": np.eye(3), "times": None, "blend": 0.0, "name": "square"},
+        "waypoints": {
+            "points": square, "rotation": np.eye(3), "times": None, "blend": 0.0, "name": "square",
+        },
         "timed": {
-            "motion": motion, "acceleration": 10.0, "velocity": 1.0, "jerk": 1000.0, "torque": False,
+            "motion": motion, "acceleration": 10.0, "velocity": 1.0, "jerk": 1000.0,
+            "torque": False,
             "tool_speed": [0.5, 3.0], "keep_times": False, "rate": 100.0,
         },
         "Run": {"timed": timed, "q": timed.q[0]},
         "write_motion": {"motion": motion, "file": folder / "motion.csv", "allow_violations": True},
         "approach": {
-            "q_now": q0 + 0.05, "motion": motion, "to": "nearest", "acceleration": 10.0, "velocity": 1.0,
+            "q_now": q0 + 0.05, "motion": motion, "to": "nearest", "acceleration": 10.0,
+            "velocity": 1.0,
             "jerk": 1000.0, "torque": False, "rate": 100.0, "bodies": False,
         },
         "compiled": {"control": inverse},
-        "export_c": {"control": inverse, "folder": folder / "c", "name": "arm_control", "region": box},
+        "export_c": {
+            "control": inverse, "folder": folder / "c", "name": "arm_control", "region": box,
+        },
         "nearest_inverse_function": {
-            "desired": control, "cell": cell, "posture": q0, "degree": 1, "limit_margin": 0.05, "body_distance": 0.0, "sigma_min": 0.0,
-            "incomplete": "refuse", "samples": 16, "held_out": 64, "seed": 0, "progress": False,
+            "desired": control, "cell": cell, "posture": q0, "degree": 1, "limit_margin": 0.05,
+            "body_distance": 0.0, "sigma_min": 0.0,
+            "incomplete": "refuse", "options": rp.FitOptions(samples=16, held_out=64),
+            "progress": False,
         },
         "ArmAngle": {
-            "task": arm, "shoulder": "upper", "elbow": "lower", "wrist": "hand", "reference": (0.0, 1.0, 0.0),
+            "task": arm, "shoulder": "upper", "elbow": "lower", "wrist": "hand",
+            "reference": (0.0, 1.0, 0.0),
             "singular": (1.0, 0.0, 0.0),
         },
         "Bodies": {"task": task},
         "Viewer": {"task": task, "names": ["J⁺"], "path": path, "start": q0, "port": 0},
         "Cell": {"task": task, "placement": target, "half_width": (0.05, 0.05), "half_angle": 0.0},
         "LeafImpedance": {
-            "inverse": inverse, "stiffness": (1000.0, 50.0), "damping": 1.0, "leaf_frequency": 5.0, "leaf_damping": 1.0,
+            "inverse": inverse, "stiffness": (1000.0, 50.0), "damping": 1.0,
+            "leaf_frequency": 5.0, "leaf_damping": 1.0,
         },
         "Box": {"center": q0, "half_width": 0.2, "density": lambda Q: np.ones(len(Q))},
         "CustomInverse": {"task": task, "function": control, "tolerance": 1e-8},
-        "ExtendedJacobian": {"task": task, "potential": q0, "gradient": None, "hessian": None, "reference": q0},
+        "ExtendedJacobian": {
+            "task": task, "potential": q0, "gradient": None, "hessian": None, "reference": q0,
+        },
         "Fourier": {"n": 3, "order": 1, "variables": [0, 1], "period": 6.0, "cross": True},
         "Joined": {"parts": potentials},
         "LimitWeight": {"task": task, "gain": 1.0, "onset": 0.1},
@@ -199,11 +234,14 @@ def right_calls(folder: Path) -> list[Call]:
         "Pseudoinverse": {"task": task},
         "RepeatableInverse": {"task": task, "potentials": inverse.potentials},
         "TaskPath": {
-            "name": "mine", "point": path.point, "slope": path.slope, "rotation": np.eye(3), "breaks": (0.5,),
+            "name": "mine", "point": path.point, "slope": path.slope, "rotation": np.eye(3),
+            "breaks": (0.5,),
         },
         "Tube": {"samples": Q, "radius": 0.2, "density": None},
         "WeightedInverse": {"task": task, "weight": [1.0, 2.0, 3.0]},
-        "WorkspaceBox": {"task": task, "position": middle, "half_width": 0.2, "within": box, "density": None},
+        "WorkspaceBox": {
+            "task": task, "position": middle, "half_width": 0.2, "within": box, "density": None,
+        },
     }  # fmt: skip
     J, N = task.jacobian(q0), rp.redundancy.nullspace(task.jacobian(q0))
     V, G = inverse.potentials.gradient(q0), control(q0)
@@ -220,7 +258,8 @@ def right_calls(folder: Path) -> list[Call]:
         "repeatable_inverse": {"G_d": G, "N": N, "V": V},
         "weighted_pseudoinverse": {"J": J, "M": np.eye(3)},
     }
-    step = {"q": q0, "target": target, "dt": 0.01, "twist": np.zeros(6), "leaf": inverse.leaf(q0), "gain": 10.0,
+    step = {"q": q0, "target": target, "dt": 0.01, "twist": np.zeros(6), "leaf": inverse.leaf(q0),
+    "gain": 10.0,
             "velocity_limit": 3.0, "damping": 0.01}  # fmt: skip
     methods: dict[str, dict[str, Any]] = {
         "__call__": {"q": q0},
@@ -267,6 +306,7 @@ def right_calls(folder: Path) -> list[Call]:
         "solve": {"target": target, "q0": q0, "leaf": inverse.leaf(q0)},
         "solve_all": {"targets": [target], "q0": q0, "leaf": inverse.leaf(q0)},
         "step": step,
+        "damped_step": step,
         "summary": {},
         "task": {"frame": "tool", "kind": "xy", "joints": list(robot.joint_names)},
         "twist": {"s": 0.3},
@@ -305,19 +345,24 @@ def right_calls(folder: Path) -> list[Call]:
         (rp.ArmAngle, "gradients"): {"Q": Q_arm},
         (rp.ArmAngle, "values"): {"Q": Q_arm},
         (rp.LeafImpedance, "torque"): {
-            "q": q0, "qdot": np.zeros(3), "target": target, "twist": np.zeros(6), "leaf": inverse.leaf(q0),
+            "q": q0,
+            "qdot": np.zeros(3),
+            "target": target,
+            "twist": np.zeros(6),
+            "leaf": inverse.leaf(q0),
         },
         (rp.TaskPath, "placement"): {"s": 0.3},
-    }  # fmt: skip
+    }
     fast, fast_function = rp.compiled(inverse), rp.compiled(found.function)
     things = [
-        cell, found, found.function, found.inverse, fast, fast_function, rp.Bodies(arm), angle, viewer,
+        cell, found, found.function, found.inverse, fast, fast_function, rp.Bodies(arm), angle,
+        viewer,
         rp.LeafImpedance(inverse), robot, task,
         control, rp.WeightedInverse(task, [1, 2, 3]), rp.PostureControl(task, q0), inverse,
-        rp.CustomInverse(task, control), rp.ExtendedJacobian(task, q0), rp.LimitWeight(task), potentials, waves, joined,
+        rp.CustomInverse(task, control), rp.ExtendedJacobian(task, q0), rp.LimitWeight(task),
+        potentials, waves, joined,
         custom, box, tube, workspace, design, motion, study, path, rp.Run(timed),
         rp.best_leaf(inverse, path, q0, steps=8), rp.animation({"J⁺": motion}, seconds=1.0),
-        rp.nearest_in_family(**functions["nearest_in_family"]),
     ]  # fmt: skip
     public = {n for n in dir(rp) if callable(getattr(rp, n)) and not n.endswith("Error")}
     assert public - RESULTS - MADE == set(functions), "give each public name a right call here"

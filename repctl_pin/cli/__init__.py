@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import gc
 import io
 import os
 import shlex
@@ -45,6 +46,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if argv is None:  # our own process: matrices of 7 joints are faster on one thread
         for variable in BLAS_THREADS:
             os.environ.setdefault(variable, "1")
+        gc.set_threshold(50_000)  # imports make many objects, and none of them is garbage
         os.environ["MPLBACKEND"] = "agg"  # no window is opened, whatever the user's settings
         # warnings of libraries are for programmers
         warnings.simplefilter("ignore", Warning if not sys.warnoptions else DeprecationWarning)

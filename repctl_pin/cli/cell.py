@@ -119,7 +119,8 @@ def run(options: Options) -> int:
             posture=posture,
             degree=options.asked_degree(),
             incomplete="shrink" if options.shrink else "keep" if options.keep else "refuse",
-            **options.of("limit_margin", "body_distance", "sigma_min", "held_out", "seed"),
+            **options.of("limit_margin", "body_distance", "sigma_min"),
+            options=rp.FitOptions(**options.of("held_out", "seed")),
             progress=lambda step, fraction: say(f"{step} {fraction:.0%}"),
         )
     except rp.NoFunctionError as error:
@@ -208,7 +209,9 @@ def _pictures(design: rp.CellDesign, folder: Path, command: str) -> tuple[list[P
     path = tour(design.cell)
     try:
         q0 = design.function(path.placement(0.0))
-        motions["q = F(x)"] = rp.follow(design.inverse, path, q0, steps=_STEPS, leaf_lock=2)
+        motions["q = F(x)"] = rp.follow(
+            design.inverse, path, q0, steps=_STEPS, integrator=rp.LeafLock(2)
+        )
         motions = {
             LABELS["pseudoinverse"]: rp.follow(design.desired, path, q0, steps=_STEPS)
         } | motions

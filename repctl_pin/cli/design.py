@@ -31,6 +31,9 @@ from .options import Parser
 from .terminal import progress, report
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from ..design.evaluation import Baseline
     from ..regions import Region
 
 HELP = (
@@ -127,9 +130,12 @@ def run(options: Options) -> int:
                 potentials,
                 region,
                 degree=degree if potentials is None else None,
-                executor=executor,
+                shrink=options.shrink,
+                options=rp.FitOptions(
+                    executor=executor,
+                    **options.of("samples", "held_out", "seed", "stream", "restarts"),
+                ),
                 progress=share_done,
-                **options.of("samples", "held_out", "seed", "stream", "shrink", "restarts"),
             )
 
         try:
@@ -139,6 +145,7 @@ def run(options: Options) -> int:
         except rp.SingularRegionError as error:
             raise with_options(error, shrink=not options.shrink) from None
         degrees = degree_curve(design, share_done)
+    baselines = design.evaluate_baselines(progress=share_done)
     notes = [*_cut(options, problem), *problem.moved, *shrunk_note(design)]
     say("finding a cycle inside Ω")
     design, more = _with_cycle(design, problem)
@@ -148,7 +155,7 @@ def run(options: Options) -> int:
     what = f"nearest repeatable inverse of {name}, over a {design.region}"
     title = f"{task.robot.name}, {task.frame}, {task.kind}: {what}"
     saved = save_control(design, prepare_folder(folder) / "design.json")
-    figure = design_figure(design, design_map(design), degrees, title=title)
+    figure = design_figure(design, design_map(design), degrees, baselines, title=title)
     files = [write_whole(folder / "design.png", png(figure)), saved]
 
     def text() -> str:
@@ -156,7 +163,7 @@ def run(options: Options) -> int:
             f"desired  {name}",
             f"start    {row(problem.start)} ({problem.start_is})",
             "",
-            design.summary(),
+            design.summary(baselines),
         ]
         if len(degrees) > 1:
             rows = [[str(d), f"{cost:.5g}", f"{error:.1g}"] for d, cost, error in degrees]
@@ -165,7 +172,9 @@ def run(options: Options) -> int:
             lines += ["", design.proof.summary()]
         return fitted("\n".join([*lines, *(f"note: {note}" for note in notes), ""]))
 
-    return report(options, lambda: _as_dict(design, degrees, name, problem, notes), text, files)
+    return report(
+        options, lambda: _as_dict(design, degrees, baselines, name, problem, notes), text, files
+    )
 
 
 def _check(options: Options, degree: Any) -> None:
@@ -239,7 +248,12 @@ def _potentials(task: rp.Task, region: Region, degree: Any, fourier: int | None)
 
 
 def _as_dict(
-    design: rp.Design, degrees: Any, name: str, problem: rp.Problem, notes: list[str]
+    design: rp.Design,
+    degrees: Any,
+    baselines: Sequence[Baseline],
+    name: str,
+    problem: rp.Problem,
+    notes: list[str],
 ) -> dict[str, Any]:
     """Collect the result in plain Python types."""
     from ..studies import picked, region_dict
@@ -265,7 +279,7 @@ def _as_dict(
             other.name: {"refused": other.refused}
             if other.evaluation is None
             else picked(other.evaluation, *figures)
-            for other in design.baselines
+            for other in baselines
         },
         "degrees": [{"degree": d, "cost": c, "cost_error": e} for d, c, e in degrees],
         **({} if design.proof is None else {"proof": plain_proof(asdict(design.proof))}),

@@ -116,7 +116,7 @@ def run(options: Options) -> int:
         found = rp.best_leaf(strategy, path, q0, region=case.region, desired=case.desired)
         q0 = found.q0
     say("following the path")
-    lock = 2 if isinstance(strategy, OnLeaves) else 0
+    lock = isinstance(strategy, OnLeaves)
     motion = rp.follow(
         strategy,
         path,
@@ -124,7 +124,7 @@ def run(options: Options) -> int:
         cycles=options.cycles,
         steps=options.steps,
         period=options.period or case.period,
-        leaf_lock=lock,
+        integrator=rp.LeafLock(2) if lock else "rk4",
     )
     motion = replace(motion, region=case.region)
     slowed = (commanded(motion, strategy) if lock else motion).retimed()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import repctl_pin as rp
 
@@ -12,6 +13,9 @@ from ..files import write_whole, written_together
 from .given import Options, integer, natural, positive, with_options
 from .options import Parser
 from .terminal import progress, report
+
+if TYPE_CHECKING:
+    from ..studies.study_maps import StudyMaps
 
 HELP = "measure how far an arm drifts on a closed path, and design a controller that does not drift"
 _DEGREE = "use --frame with fewer joints, --lock some, or --degree with a lower degree"
@@ -73,8 +77,12 @@ def run(options: Options) -> int:
         run = run_name(result, json.loads(control.read_text(encoding="utf-8"))["checksum"])
         files = [*write_study(result, staged, run=run), control]
         if options.report:
+            from ..studies.study_maps import study_maps
+
+            say("evaluating the maps of the report")
+            maps = study_maps(result)
             say("writing the report")
-            files.append(_report(result, files[0], staged / "report.html", options, run))
+            files.append(_report(result, maps, files[0], staged / "report.html", options, run))
         elif (folder / "report.html").exists():
             note = "report.html is from an earlier study; use --report to write a new one"
             result = replace(result, notes=(*result.notes, note))
@@ -84,16 +92,17 @@ def run(options: Options) -> int:
     )
 
 
-def _report(result: rp.Study, animation: Path, file: Path, options: Options, run: str) -> Path:
+def _report(
+    result: rp.Study, maps: StudyMaps, animation: Path, file: Path, options: Options, run: str
+) -> Path:
     """Write the report, with the value of every option."""
     from ..show.report import report_page
     from ..show.study_files import with_run
-    from ..studies.study_maps import study_maps
 
     own = {"run", "ending", "command_line", "option_names", "json", "quiet", "report", "out"}
     page = report_page(
         result,
-        maps=study_maps(result),
+        maps=maps,
         options={
             name.replace("_", "-"): value
             for name, value in vars(options).items()

@@ -15,6 +15,7 @@ from ..arguments import Array, require_type
 from ..inverse_function import InverseFunction
 from ..inverse_function.cell_potentials import CellPotentials
 from ..inverse_function.chart import Chart
+from ..robot.formulas import Placement, as_placement
 from ..robot.task import Task
 from ..strategies.repeatable import RepeatableInverse
 from ..threads import PerThread
@@ -34,9 +35,11 @@ class CompiledFunction(InverseFunction):
             self._many = ctypes.CDLL(self._library)
             self._one = PerThread(partial(_one_pose, self.task, one))
 
-    def __call__(self, target: pin.SE3, *, leaf: ArrayLike | None = None) -> Array:
+    def __call__(self, target: Placement, *, leaf: ArrayLike | None = None) -> Array:
         """Evaluate F, the configuration (n,) for a pose; see :class:`InverseFunction`."""
-        if self._library is not None and isinstance(target, pin.SE3):
+        if not isinstance(target, pin.SE3):
+            target = as_placement(target)
+        if self._library is not None:
             q = self._one.own(target, None if leaf is None else self._leaf(leaf))
             if q is not None:
                 return q

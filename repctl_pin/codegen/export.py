@@ -16,6 +16,7 @@ from ..errors import InputError
 from ..files import prepare_folder, write_whole
 from ..inverse_function import Cell, InverseFunction
 from ..regions import Region
+from ..regions.region import A_REGION
 from ..robot.task import Task
 from ..strategies.repeatable import RepeatableInverse
 from .source import about, region_of, write_source
@@ -75,7 +76,7 @@ def export_c(
     """
     name, folder = checked_name(name), file_name(folder, "folder")
     if region is not None:
-        require_type(region, Region, "region", "a region of joint space, such as rp.Box(q0, 0.3)")
+        require_type(region, Region, "region", A_REGION)
     source = write_source(control, name, region)
     if isinstance(control, InverseFunction):
         inverse, start = control.inverse, control(control.cell.placement)

@@ -13,7 +13,7 @@ from ..inverse_function.cell_potentials import CellPotentials
 from ..inverse_function.chart import Chart
 from ..potentials.basis import Potentials
 from ..potentials.fourier import FourierMap
-from ..potentials.joined import PartialMap, SumMap
+from ..potentials.maps import PartialMap, SumMap
 from ..potentials.polynomial import PolynomialMap
 from .expressions import number
 from .text import filled, integer, pose, row, table

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 from ..errors import InputError, SingularityError
 from ..inverse_function import InverseFunction
 from ..regions import Region
@@ -23,7 +23,8 @@ _DT = 1e-3
 _GAINS = (20.0, None, 500.0, 0.0)
 
 
-@dataclass
+@dataclass(frozen=True, eq=False)
+@read_only
 class Vector:
     """One configuration, the inputs of the functions, and Python's results."""
 
@@ -87,9 +88,9 @@ def vectors(
     for k, (what, value) in bad.items():
         if k < len(found):
             vector = what in ("q", "xdot")
-            setattr(
-                found[k], what, np.append(getattr(found[k], what)[:-1], value) if vector else value
-            )
+            if vector:
+                value = np.append(getattr(found[k], what)[:-1], value)
+            found[k] = replace(found[k], **{what: value})
     return found
 
 

@@ -1,4 +1,4 @@
-"""The nearest repeatable inverse, found off-line over a region of joint space."""
+"""Design of the nearest repeatable inverse over a region of joint space, off-line."""
 
 from .compare import compare as compare
 from .compare import cost_has_converged as cost_has_converged

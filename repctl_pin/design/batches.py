@@ -1,8 +1,7 @@
-"""Nodes in batches: kept or built anew at every pass, here, in other processes, or on a cluster.
+"""Sums over nodes in batches: in this process, in others, or on a cluster.
 
-One seam, :class:`Batches`: add a function of the criterion up over all batches. Where the batches
-lie and who evaluates them is hidden behind it, and sums are taken in the order of the nodes whoever
-did the work."""
+One seam, :class:`Batches`: sum a function of the criterion over all batches. An implementation
+decides where the batches are kept. Sums are always taken in the order of the nodes."""
 
 from __future__ import annotations
 
@@ -16,22 +15,22 @@ from .criterion import Batch, Builder
 
 Sums = tuple[Any, ...]
 Sum = Callable[..., Sums]
-"""A function of the criterion: its part of some sums, from a batch and further arguments."""
+"""A function of the criterion: a batch and further arguments → its part of the sums."""
 Tick = Callable[[float], None]
 
 
 def silent(share: float) -> None:
-    """Tell nobody what share of a pass is done."""
+    """Progress callback that does nothing."""
 
 
 class Batches(Protocol):
     """All nodes of a fit."""
 
     def total(self, function: Sum, *arguments: Any) -> Sums:
-        """Add ``function(batch, *arguments)`` up over all batches, item by item."""
+        """Sum ``function(batch, *arguments)`` over all batches, item by item."""
 
     def close(self) -> None:
-        """Let the batches go."""
+        """Release the batches."""
 
 
 class Local:
@@ -44,12 +43,12 @@ class Local:
     Q, weights : (K, n), (K,) arrays
         The nodes.
     batch
-        How many are evaluated at a time.
+        Number of nodes that are evaluated at a time.
     stream
-        Build the batches anew at every pass instead of keeping them: slower, but the memory is that
-        of one batch.
+        Build the batches anew in each pass instead of keeping them: slower, with the memory of one
+        batch.
     tick
-        Called with the share of a pass that is done.
+        Progress callback, called with the share of a pass that is done.
     """
 
     def __init__(
@@ -72,11 +71,11 @@ class Local:
         self._kept: list[Batch] | None = None if stream else list(self._build())
 
     def total(self, function: Sum, *arguments: Any) -> Sums:
-        """Add ``function(batch, *arguments)`` up over all batches, item by item."""
+        """Sum ``function(batch, *arguments)`` over all batches, item by item."""
         return over(self._build() if self._kept is None else self._kept, function, arguments)
 
     def close(self) -> None:
-        """Let the batches go."""
+        """Release the batches."""
         self._kept = []
 
     def _build(self) -> Iterator[Batch]:
@@ -98,9 +97,9 @@ class BarrierCost:
     builder
         Evaluates the arm.
     weight
-        Of each point.
+        Weight of each point.
     guards
-        Points that are there already.
+        Initial points.
     """
 
     def __init__(
@@ -113,23 +112,22 @@ class BarrierCost:
             self.guard(Q)
 
     def guard(self, Q: Array) -> None:
-        """Guard some more points Q (K, n)."""
+        """Add points Q (K, n)."""
         self.guards.append(Q)
         self._built.append(self._builder(Q, np.full(len(Q), self._weight)))
 
     def total(self, function: Sum, *arguments: Any) -> Sums:
-        """Add ``function(batch, *arguments)`` up over all batches and guarded points, item by
-        item."""
+        """Sum ``function(batch, *arguments)`` over all batches and guarded points, item by item."""
         nodes = self.batches.total(function, *arguments)
         return add([nodes, *(function(b, *arguments) for b in self._built)])
 
     def close(self) -> None:
-        """Let the batches go."""
+        """Release the batches."""
         self.batches.close()
 
 
 def add(parts: Iterable[Sums]) -> Sums:
-    """Add tuples of sums up, item by item, in their order."""
+    """Sum tuples item by item, in their order."""
     total: list[Any] = []
     for part in parts:
         if not total:
@@ -141,5 +139,5 @@ def add(parts: Iterable[Sums]) -> Sums:
 
 
 def over(batches: Iterable[Batch], function: Sum, arguments: tuple[Any, ...]) -> Sums:
-    """Add a function up over some batches."""
+    """Sum a function over batches."""
     return add(function(b, *arguments) for b in batches)

@@ -1,4 +1,4 @@
-"""Several designs side by side, on the same held-out nodes."""
+"""Compare several designs on the same held-out nodes."""
 
 from __future__ import annotations
 
@@ -15,15 +15,16 @@ from .evaluation import REPLICATES, Evaluation, judge
 
 @dataclass(frozen=True)
 class Comparison:
-    """What several designs are worth over the Ω of the first, towards the G_d of the first.
+    """Evaluation of several designs over the region Ω, and against the desired inverse G_d, of the
+    first one.
 
     Attributes
     ----------
     designs : tuple of Design
     evaluations : tuple of Evaluation or None
-        None where a design has a singularity in Ω.
+        Figures of each design; None where it has a singularity in Ω.
     differences : tuple of (float, float)
-        Cost above the first design's, and the standard error of that difference: on common nodes it
+        Cost minus the first design's, and the standard error of that difference. On common nodes it
         is far smaller than that of either cost.
     """
 
@@ -33,7 +34,7 @@ class Comparison:
 
     @property
     def best(self) -> int:
-        """The number of the design of least cost, counted from 0."""
+        """Index of the design with the smallest cost, counted from 0."""
         costs = [np.inf if j is None else j.cost for j in self.evaluations]
         return int(np.argmin(costs))
 
@@ -48,14 +49,14 @@ class Comparison:
                 continue
             beside = "" if i == 0 else f"{more:+.4g} ± {error:.1g}"
             lines.append(
-                f"{mark} {design.potentials.size:10d}   {j.cost:<9.5g}  {beside:20s}  {j.relative_distance:8.1%}  "
-                f"{j.leaf_margin:9.3f}"
+                f"{mark} {design.potentials.size:10d}   {j.cost:<9.5g}  {beside:20s}  "
+                f"{j.relative_distance:8.1%}  {j.leaf_margin:9.3f}"
             )
         return "\n".join(lines)
 
 
 def compare(first: Design, *others: Design) -> Comparison:
-    """Judge designs on the same held-out nodes of the first one's Ω.
+    """Evaluate designs on the same held-out nodes over the Ω of the first one.
 
     Returns
     -------
@@ -70,7 +71,8 @@ def compare(first: Design, *others: Design) -> Comparison:
 
     Examples
     --------
-    >>> plain = rp.nearest_repeatable(control, None, rp.Box(q0, 0.4), degree=1, samples=512, held_out=512)
+    >>> options = rp.FitOptions(samples=512, held_out=512)
+    >>> plain = rp.nearest_repeatable(control, None, rp.Box(q0, 0.4), degree=1, options=options)
     >>> comparison = rp.compare(design, plain)
     >>> comparison.designs[1].cost > comparison.designs[0].cost
     True
@@ -140,7 +142,8 @@ def cost_has_converged(
 
     Examples
     --------
-    >>> plain = rp.nearest_repeatable(control, None, rp.Box(q0, 0.4), degree=1, samples=512, held_out=512)
+    >>> options = rp.FitOptions(samples=512, held_out=512)
+    >>> plain = rp.nearest_repeatable(control, None, rp.Box(q0, 0.4), degree=1, options=options)
     >>> cost_has_converged([plain, design])  # a higher degree still pays
     False
     """

@@ -1,20 +1,19 @@
-"""Descents to a regular optimum: a search of Ω keeps them clear of singularities between the nodes.
+"""Continuation to a regular optimum: descents with a search of Ω for singularities between nodes.
 
-A descent sees det(Nᵀ V) at the nodes alone, and potentials of high degree have room between them.
-So Ω is searched behind every descent. Where det(Nᵀ V) vanishes the point is guarded, and the
-descent begins again from where V is known to be regular; and where there is no such start, the
-lower degrees are climbed, each from the one below."""
+A descent evaluates det(Nᵀ V) at the nodes alone, and potentials of high degree vary between them.
+So Ω is searched after each descent. A point where det(Nᵀ V) vanishes is added to the cost, and the
+descent starts again from a regular V. If there is none, the degree is raised step by step, each fit
+from the one below."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from concurrent.futures import Executor
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..arguments import Array
+from ..arguments import Array, read_only
+from ..fit_options import FitOptions
 from ..potentials.basis import PotentialBasis
 from ..potentials.polynomial import Polynomial
 from ..progress import Report, silent
@@ -27,67 +26,68 @@ from .descend import Descent, Start, descend, start
 from .independence import Independent
 from .singularities import LeafMargin, Lowest, SingularRegionError, refuse_singular, search
 
-if TYPE_CHECKING:
-    from distributed import Client
-
 _PENALTY, _MOST_PENALTY = 1e-2, 1e-1
 _ROUNDS = 6
 _RESTART = 0.3
 _COARSE_TOLERANCE = 1e-4
 
 
-@dataclass(frozen=True)
-class FitOptions:
-    """What is to be designed, and how; see :func:`nearest_repeatable`.
+@dataclass(frozen=True, eq=False)
+@read_only
+class FitProblem:
+    """A fit of potentials in one region; see :func:`nearest_repeatable`.
 
-    ``warm`` holds the coefficients (N_first, r) of a design with the first of the potentials: of a
-    lower degree."""
+    Attributes
+    ----------
+    desired, potentials, region
+        G_d, the basis of the potentials, and Ω.
+    options
+        Nodes, seed, workers and stopping.
+    warm : (N_first, r) array, optional
+        Coefficients of a design with the first of the potentials, of a lower degree.
+    report
+        Progress callback.
+    """
 
     desired: Inverse
     potentials: PotentialBasis
     region: Region
-    executor: Executor | Client | None
-    samples: int | None
-    held_out: int
-    seed: int
-    batch: int
-    stream: bool
-    restarts: int
-    tolerance: float
+    options: FitOptions
     warm: Array | None = None
     report: Report = silent
 
 
 class Continuation:
-    """What the descents of one fit have in common.
+    """Descents of one fit, from low degrees to high ones.
 
     Parameters
     ----------
-    options
-        What is to be designed.
+    problem
+        The fit.
     chosen
-        The potentials that are of use in Ω.
+        The independent potentials over Ω.
     coarse
-        Few nodes.
+        A small set of nodes.
     """
 
-    def __init__(self, options: FitOptions, chosen: Independent, coarse: BarrierCost) -> None:
-        self.options, self.chosen, self.coarse = options, chosen, coarse
-        self.tolerance = max(options.tolerance, _COARSE_TOLERANCE)
+    def __init__(self, problem: FitProblem, chosen: Independent, coarse: BarrierCost) -> None:
+        self.problem, self.chosen, self.coarse = problem, chosen, coarse
+        self.tolerance = max(problem.options.tolerance, _COARSE_TOLERANCE)
         self.moments = coarse.total(criterion.linear)
         self._starts: dict[int, Start] = {}
 
     def margin(self, A: Array) -> LeafMargin:
         """Measure the leaf margin of V, positive on the side of the center."""
-        potentials = self.options.potentials.weighted(self.chosen.spread(A))
-        return LeafMargin(self.options.desired.task, potentials, self.options.region.center)
+        potentials = self.problem.potentials.weighted(self.chosen.spread(A))
+        return LeafMargin(self.problem.desired.task, potentials, self.problem.region.center)
 
     def regular(self) -> Iterator[Descent]:
-        """Offer optima on few nodes with no singularity that a search finds, the best first.
+        """Yield optima on few nodes in which a search finds no singularity, the best first.
 
-        That of all potentials; where it is singular, the one of lower degree that was given
-        (``warm``); without it, what can be reached by climbing the degrees."""
-        whole, warm, kept = len(self.chosen.kept), self.options.warm, self.chosen.kept
+        First that of all potentials. If it is singular: the given one of lower degree (``warm``);
+        without it, those reached by raising the degree step by step.
+        """
+        whole, warm, kept = len(self.chosen.kept), self.problem.warm, self.chosen.kept
         below = None if warm is None else warm[kept[kept < len(warm)]]
         best = self.fit_degree(whole, below)
         if best is not None:
@@ -104,8 +104,10 @@ class Continuation:
         yield from reversed(ladder)
 
     def fit_degree(self, size: int, below: Array | None) -> Descent | None:
-        """Descend with the first potentials, from the linear start or from an optimum of fewer, the
-        lower one first."""
+        """Descend with the first potentials, from the linear start or an optimum of fewer ones.
+
+        The start of lower cost is tried first.
+        """
         begin = self._start(size)
         starts = (
             [begin.A]
@@ -123,8 +125,7 @@ class Continuation:
     def descend(
         self, batches: BarrierCost, A: Array, penalty: float, tolerance: float
     ) -> Descent | None:
-        """Descend from a regular V to a regular one; None where A is not regular itself, or no end
-        is found to be."""
+        """Descend from a regular V to a regular one; None if A is singular, or every end is."""
         basis, begin = self.chosen.basis[: len(A), : len(A)], self._start(len(A))
         for _ in range(_ROUNDS):
             found = descend(
@@ -141,7 +142,7 @@ class Continuation:
         return None
 
     def refusal(self, Q: Array, error: SingularRegionError | None) -> SingularRegionError:
-        """Refuse Ω: det(Nᵀ V) has both signs at the linear start, or no descent was free of it."""
+        """Make the error for Ω: det(Nᵀ V) changes sign at the linear start, or in every descent."""
         begin = self._start(len(self.chosen.kept))
         measure = self.margin(begin.A)
         bad = Q[measure(Q) <= 0]
@@ -152,19 +153,22 @@ class Continuation:
             bad = error.at[None]
         if not len(bad):
             return self._between_nodes(Q)
-        options = self.options
+        problem = self.problem
         return refuse_singular(
-            "an algorithmic singularity lies", options.desired.task, measure, options.region, bad
+            "Ω contains an algorithmic singularity",
+            problem.desired.task,
+            measure,
+            problem.region,
+            bad,
         )
 
     def _between_nodes(self, Q: Array) -> SingularRegionError:
-        """Refuse too few nodes: the linear start is regular, but every descent from it becomes
-        singular."""
-        task, kept = self.options.desired.task, self.chosen.kept
-        at = self.coarse.guards[-1][0] if self.coarse.guards else self.options.region.center
+        """Make the error for too few nodes: the start is regular, but every descent is singular."""
+        task, kept = self.problem.desired.task, self.chosen.kept
+        at = self.coarse.guards[-1][0] if self.coarse.guards else self.problem.region.center
         return SingularRegionError(
-            f"{len(Q)} nodes do not determine {len(kept)} potentials: each fit has an algorithmic singularity "
-            f"between the nodes, such as near {named(task, at)}",
+            f"{len(Q)} nodes do not determine {len(kept)} potentials: each fit has an "
+            f"algorithmic singularity between the nodes, such as near {named(task, at)}",
             at,
             None,
             "give more samples, a lower degree or fewer potentials",
@@ -172,13 +176,13 @@ class Continuation:
 
     def reported(self, step: int, cost: float) -> None:
         """Report a step of a descent."""
-        self.options.report(f"step {step}, cost {cost:.6g}", 1.0)
+        self.problem.report(f"step {step}, cost {cost:.6g}", 1.0)
 
     def _again(self, A: Array) -> Iterator[Descent]:
         """Descend from random changes of a start."""
         basis = self.chosen.basis[: len(A), : len(A)]
-        for attempt in range(self.options.restarts):
-            noise = np.random.default_rng([self.options.seed, attempt]).normal(size=A.shape)
+        for attempt in range(self.problem.options.restarts):
+            noise = np.random.default_rng([self.problem.options.seed, attempt]).normal(size=A.shape)
             away = A + _RESTART * basis @ noise / np.sqrt(len(noise))
             found = None
             if self.coarse.total(criterion.cost, away)[-1].uniform:
@@ -195,15 +199,14 @@ class Continuation:
         return self._starts[size]
 
     def _lowest(self, A: Array) -> Lowest:
-        region = self.options.region
-        return search(self.margin(A), region, region.random(1024, self.options.seed + 7919))
+        region = self.problem.region
+        return search(self.margin(A), region, region.random(1024, self.problem.options.seed + 7919))
 
     def _rungs(self) -> list[int]:
-        """How many of the potentials have degree 1, 1 and 2, …; a family without degrees is one
-        fit_degree."""
-        potentials = self.options.potentials
+        """Count the potentials of degree up to 1, 2, …; a basis without degrees is one fit."""
+        potentials = self.problem.potentials
         if not isinstance(potentials, Polynomial):
             return [len(self.chosen.kept)]
         degrees = potentials.exponents[self.chosen.kept].sum(axis=1)  # they rise
         ends = np.searchsorted(degrees, np.unique(degrees), side="right")
-        return [int(size) for size in ends if size >= self.options.desired.task.r]
+        return [int(size) for size in ends if size >= self.problem.desired.task.r]

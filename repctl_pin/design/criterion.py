@@ -1,9 +1,8 @@
-"""The cost of a choice of potentials, its gradient and its Gauss–Newton matrix, on batches of
-nodes.
+"""Cost of a choice of potentials, its gradient and its Gauss–Newton matrix, on batches of nodes.
 
 Everything that depends on the arm is in E and F, built once (34), (36), (38). After that an
-evaluation is dense linear algebra. Each function here takes one batch and returns sums that add up
-over batches; A with fewer rows than there are potentials speaks of the first of them."""
+evaluation is dense linear algebra. Each function here takes one batch and returns its part of a sum
+over batches. An A with fewer rows than potentials selects the first ones."""
 
 from __future__ import annotations
 
@@ -13,17 +12,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 from ..errors import InputError, SingularityError
-from ..potentials.basis import PotentialBasis, name_of
+from ..potentials.basis import PotentialBasis
 from ..redundancy.inverses import inverse_condition_number, row_factor
 from ..robot.task import Task
 from ..strategies.strategy import Inverse
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Batch:
-    """What the criterion needs of K nodes.
+    """Data of K nodes for the criterion.
 
     With D = [∇h_1 … ∇h_N] at a node: ``E = Nᵀ D`` (r, N) and ``F = G_dᵀ D`` (m, N). Then for ``V =
     D A`` ``W_r − W_d = −F A (E A)⁻¹`` (38).
@@ -56,18 +56,19 @@ class Batch:
         return self.EF[:, self.r :]
 
     def first(self, size: int) -> Batch:
-        """The same nodes with the first potentials alone."""
+        """Select the first potentials."""
         return self if size == self.EF.shape[-1] else replace(self, EF=self.EF[..., :size])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Builder:
-    """What it takes to build batches anywhere, in another process too: it pickles.
+    """Factory of batches, which can be pickled for another process.
 
     Attributes
     ----------
     desired, potentials
-        G_d and the family of potentials.
+        G_d and the basis of potentials.
     kept : (N',) array of int
         The potentials that are used.
     N_center : (n, r) array
@@ -80,7 +81,7 @@ class Builder:
     N_center: Array
 
     def __call__(self, Q: Array, weights: Array) -> Batch:
-        """Evaluate the arm at K nodes Q (K, n) and keep what the criterion needs of it."""
+        """Build the batch of K nodes Q (K, n)."""
         task = self.desired.task
         N, G, D = evaluate(self.desired, self.potentials, Q)
         if len(self.kept) < D.shape[-1]:
@@ -90,7 +91,7 @@ class Builder:
         return Batch(B_T @ D, N_T @ self.N_center, weights, task.r)
 
     def batches(self, Q: Array, weights: Array, size: int) -> Iterator[Batch]:
-        """Build batches of so many nodes, one after the other."""
+        """Build batches of ``size`` nodes, one after another."""
         for i in range(0, len(Q), size):
             yield self(Q[i : i + size], weights[i : i + size])
 
@@ -114,17 +115,20 @@ def evaluate(desired: Inverse, potentials: PotentialBasis, Q: Array) -> tuple[Ar
     if not residual.max() < 1e-6:
         k = int(np.argmax(np.where(np.isfinite(residual), residual, np.inf)))
         raise InputError(
-            f"the desired strategy is no inverse: J G = I is missed by {residual[k]:.2g} at {named(task, Q[k])}"
+            f"the desired strategy is no inverse: J G = I is missed by {residual[k]:.2g} "
+            f"at {named(task, Q[k])}"
         )
     D = np.asarray(potentials.gradients(Q), float)
     if D.shape != (len(Q), task.n, potentials.size):
         raise InputError(
-            f"the potentials' gradients must be (K, {task.n}, {potentials.size}) numbers, not {D.shape}"
+            f"the potentials' gradients must be (K, {task.n}, {potentials.size}) numbers, "
+            f"not {D.shape}"
         )
     if not np.isfinite(D).all():
         k, _, j = np.argwhere(~np.isfinite(D))[0]
         raise InputError(
-            f"the gradient of potential {name_of(potentials, int(j))} is not finite at {named(task, Q[k])}"
+            f"the gradient of potential {potentials.names[int(j)]} is not finite "
+            f"at {named(task, Q[k])}"
         )
     return N, G, D
 
@@ -151,14 +155,14 @@ def oriented_nullspace(J: Array, task: Task, Q: Array) -> Array:
 
 @dataclass(frozen=True)
 class SignCount:
-    """On which side of an algorithmic singularity nodes lie: how many on each."""
+    """Numbers of nodes on each side of an algorithmic singularity."""
 
     positive: int
     negative: int
 
     @property
     def uniform(self) -> bool:
-        """Whether all lie on one side."""
+        """Whether all nodes lie on one side."""
         return not (self.positive and self.negative)
 
     def __add__(self, other: SignCount) -> SignCount:
@@ -166,8 +170,7 @@ class SignCount:
 
 
 def linear(b: Batch) -> tuple[Array, Array, Array]:
-    """Sum what the linear start needs: ``mean EᵀE``, ``mean FᵀF`` (N, N) and ``mean Eᵀ
-    NᵀN(center)`` (N, r)."""
+    """Sum ``mean EᵀE``, ``mean FᵀF`` (N, N) and ``mean Eᵀ NᵀN(center)`` (N, r)."""
     root = np.sqrt(b.weights)[:, None, None]
     E, F = (b.E * root).reshape(-1, b.EF.shape[-1]), (b.F * root).reshape(-1, b.EF.shape[-1])
     return E.T @ E, F.T @ F, E.T @ (b.null_alignment * root).reshape(-1, b.r)
@@ -209,14 +212,14 @@ def gauss_newton(b: Batch, A: Array) -> tuple[float, Array, Array, SignCount]:
 
 
 def named(task: Task, q: Array) -> str:
-    """Write a configuration so that a person can find it."""
+    """Write a configuration with joint names, for a message."""
     return ", ".join(
         f"{name} = {value:.3f}" for name, value in zip(task.joint_names, q, strict=True)
     )
 
 
 def _difference(b: Batch, A: Array) -> tuple[Array, Array, SignCount]:
-    """``X = F A P⁻¹ = −(W_r − W_d)`` (38), P⁻¹, and the sides of det P, P = E A."""
+    """Evaluate ``X = F A P⁻¹ = −(W_r − W_d)`` (38), P⁻¹, and the signs of det P, with P = E A."""
     K, n, size = b.EF.shape
     EFA = (b.EF.reshape(-1, size) @ A).reshape(K, n, -1)
     P = EFA[:, : b.r]

@@ -1,5 +1,5 @@
-"""From a linear start to the optimum: Gauss–Newton on subspaces, over whatever holds the
-batches."""
+"""Fit of the potentials' coefficients: the linear start, and Levenberg–Marquardt steps on
+subspaces."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 
-from ..arguments import Array
+from ..arguments import Array, read_only
+from ..solvers import Damping, Point, Step, levenberg_marquardt
 from . import criterion
 from .batches import Batches
 from .criterion import SignCount
@@ -18,28 +19,37 @@ Report = Callable[[int, float], None]
 
 _MAX_STEPS = 100
 _STILL = 3
-_HALVINGS = 20
-_DAMPING, _LEAST_DAMPING = 1e-4, 1e-7
+_RULES = Damping(
+    first=1e-4,
+    smallest=1e-7,
+    largest=1.0,
+    negligible=0.0,
+    good=0.5,
+    fair=0.2,
+    sufficient=1e-4,
+    halvings=20,
+)
 _EMPHASIS = (1.0, 0.1, 0.01)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Descent:
-    """Where an optimisation ended.
+    """End of an optimisation.
 
     Attributes
     ----------
     A : (N, r) array
         The coefficients.
     cost, gradient_norm : float
-        On the nodes of the fit; the norm in coordinates orthonormal over Ω, of the part that moves
-        span A.
+        Cost on the fit nodes, and norm of its gradient in coordinates that are orthonormal over Ω.
     converged : bool
-        Gauss–Newton predicts no further relative decrease above the tolerance, or three steps
-        brought none.
+        Whether Gauss–Newton predicts no further relative decrease above the tolerance, or three
+        steps brought none.
     steps : int
+        Gauss–Newton steps taken.
     sides : SignCount
-        Of the nodes; ``sides.uniform`` unless there is an algorithmic singularity.
+        Signs of det(Nᵀ V) at the nodes; ``sides.uniform`` without an algorithmic singularity.
     """
 
     A: Array
@@ -50,9 +60,10 @@ class Descent:
     sides: SignCount
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Start:
-    """Where a descent begins, and the penalty that keeps it near the null space's own potentials.
+    """Start of a descent, and the penalty that keeps it near the null space's own potentials.
 
     Attributes
     ----------
@@ -72,7 +83,7 @@ class Start:
 
 
 def start(batches: Batches, basis: Array, moments: tuple[Array, Array, Array]) -> Start:
-    """Solve the linear problem that brings V closest to the null space's own potentials.
+    """Solve the linear problem whose V is closest to the null space's own potentials.
 
     ``min_A mean ε ‖F A‖² + ‖E A − Nᵀ N(center)‖²``: V should be N R with R = Nᵀ N(center), a smooth
     gauge, and have no part along G_d. ε = 1, or less where that runs into an algorithmic
@@ -83,7 +94,7 @@ def start(batches: Batches, basis: Array, moments: tuple[Array, Array, Array]) -
     batches
         The nodes.
     basis : (N', N') array
-        Coordinates of the first N' potentials, which are all that is used.
+        Coordinates of the first N' potentials, which alone are used.
     moments
         The sums of :func:`criterion.linear` over all potentials.
     """
@@ -110,100 +121,91 @@ def descend(
     tolerance: float,
     report: Report,
 ) -> Descent:
-    """Gauss–Newton with Levenberg's damping, and a line search that keeps det(Nᵀ V) of one sign.
+    """Minimise the penalised cost by Levenberg–Marquardt steps that keep det(Nᵀ V) of one sign.
 
     What is minimised is ``C(A) + τ mean ‖E A − Nᵀ N(center)‖²`` with τ = ``penalty`` · C(start) /
     r. C alone is blind to ``A → A T``, and all but blind to functions of a joint that the task
-    ignores and to leaves relabelled, h → φ(h): a fit to finitely many nodes wanders along those
+    ignores and to leaves relabelled, h → φ(h): a fit to finitely many nodes drifts along those
     into a singularity between the nodes. Of all V of next to the same cost the penalty takes the
     one closest to the null space's own potentials.
+    """
+    problem = _PenalisedCost(batches, basis, begin, penalty)
+    found = levenberg_marquardt(
+        problem,
+        scipy.linalg.solve_triangular(basis, A),
+        _RULES,
+        steps=_MAX_STEPS,
+        tolerance=tolerance,
+        patience=_STILL,
+        predicted=tolerance,
+        enough=max(1e-14 * begin.cost, 1e-26),
+        report=report,
+    )
+    gradient = 0.0 if found.model is None else 2 * float(np.linalg.norm(found.model[0]))
+    A, at = basis @ found.at.x, found.at
+    return Descent(A, at.cost, gradient, found.converged, found.steps, at.data.sides)
 
-    In the coordinates C = B⁻¹ A, in which the potentials' gradients are orthonormal over Ω, the
-    step solves ``(H + τ mean EᵀE + μ I) dC = −g``; μ falls where Gauss–Newton predicts the decrease
-    and rises where not. Nearly dependent potentials have a large B, and the rounding of ``Bᵀ H B``
-    then sets the smallest μ."""
-    r = A.shape[1]
-    EE, null_alignment = basis.T @ begin.EE @ basis, basis.T @ begin.null_alignment
-    tau = penalty * begin.cost / r
 
-    def closeness(C: Array) -> float:
-        return tau * float(np.sum(C * (EE @ C)) - 2 * np.sum(C * null_alignment))
+@dataclass(frozen=True)
+class _Evaluated:
+    """Sums over the nodes: half the gradient (N, r), the blocks (r, N, r, N) of the Gauss–Newton
+    matrix, and the signs of det(Nᵀ V)."""
 
-    def evaluate(C: Array) -> tuple[float, float, Array, Array, SignCount]:
-        cost, gradient, matrix, sides = batches.total(criterion.gauss_newton, basis @ C)
-        return (
-            cost + closeness(C),
-            cost,
-            basis.T @ gradient + tau * (EE @ C - null_alignment),
-            matrix,
-            sides,
-        )
+    gradient: Array
+    blocks: Array
+    sides: SignCount
 
-    def shorter(C: Array, dC: Array, total: float, predicted: float) -> float:
-        """Halve a step until it lowers the cost and det(Nᵀ V) keeps its sign; 0 if no length
-        does."""
-        for length in 0.5 ** np.arange(1, _HALVINGS):
-            trial = C + length * dC
-            value, around = batches.total(criterion.cost, basis @ trial)
-            if around.uniform and value + closeness(trial) < total - 1e-4 * length * predicted:
-                return float(length)
-        return 0.0
 
-    C = scipy.linalg.solve_triangular(basis, A)
-    size = len(C)
-    total, cost, gradient, matrix, sides = evaluate(C)
-    converged, steps, still, norm = False, 0, 0, 0.0
-    damping, least = _DAMPING, _LEAST_DAMPING
-    for steps in range(_MAX_STEPS):
-        report(steps, cost)
-        g = gradient.T.ravel()  # (r N,)
-        norm = 2 * float(np.linalg.norm(g))
-        if cost <= 1e-14 * begin.cost or cost < 1e-26:
-            converged = True
-            break
-        H = np.block(
-            [
-                [
-                    basis.T @ matrix[i, :, j, :] @ basis + (tau * EE if i == j else 0.0)
-                    for j in range(r)
-                ]
-                for i in range(r)
-            ]
-        )
-        H, step, used = _damped_step(H, g, damping)
-        if used > damping:
-            damping = least = used
-        predicted = -2 * float(g @ step) - float(step @ (H @ step))
-        if predicted <= tolerance * cost:
-            if damping <= least:
-                converged = True
-                break
-            damping = max(
-                damping / 100, least
-            )  # stop only where an undamped step predicts nothing either
-            continue
-        dC = step.reshape(r, size).T
-        found = evaluate(C + dC)  # the full step is usually taken: its matrix at once
-        length = (
-            1.0
-            if found[4].uniform and found[0] < total - 1e-4 * predicted
-            else shorter(C, dC, total, predicted)
-        )
-        if not length:
-            break
-        if length < 1.0:
-            found = evaluate(C + length * dC)
-        gain = (total - found[0]) / predicted
-        still = still + 1 if abs(cost - found[1]) <= tolerance * cost else 0
-        damping = float(
-            np.clip(damping * (0.2 if gain > 0.5 else 1 if gain > 0.2 else 5), least, 1.0)
-        )
-        C = C + length * dC
-        total, cost, gradient, matrix, sides = found
-        if still == _STILL:  # only the penalty still falls, among V of equal cost
-            converged = True
-            break
-    return Descent(basis @ C, cost, norm, converged, steps, sides)
+class _PenalisedCost:
+    """The penalised cost in the coordinates ``C = B⁻¹ A``, in which the potentials' gradients are
+    orthonormal over Ω.
+
+    A step solves ``(H + τ mean EᵀE + μ I) dC = −g``. Nearly dependent potentials have a large B,
+    and the rounding of ``Bᵀ H B`` then sets the smallest μ.
+    """
+
+    def __init__(self, batches: Batches, basis: Array, begin: Start, penalty: float) -> None:
+        self.batches, self.basis = batches, basis
+        self.r = begin.A.shape[1]
+        self.tau = penalty * begin.cost / self.r
+        self.EE = basis.T @ begin.EE @ basis
+        self.null_alignment = basis.T @ begin.null_alignment
+
+    def evaluate(self, x: Array) -> Point[_Evaluated]:
+        """Evaluate the cost, half its gradient and its Gauss–Newton matrix, in one pass."""
+        total = self.batches.total(criterion.gauss_newton, self.basis @ x)
+        cost, gradient, blocks, sides = total
+        merit = cost + self._closeness(x)
+        return Point(merit, cost, sides.uniform, _Evaluated(gradient, blocks, sides), x)
+
+    def merit(self, x: Array) -> float:
+        """Evaluate the penalised cost alone; infinite where det(Nᵀ V) has both signs."""
+        cost, sides = self.batches.total(criterion.cost, self.basis @ x)
+        return cost + self._closeness(x) if sides.uniform else np.inf
+
+    def model(self, at: Point[_Evaluated]) -> tuple[Array, Array]:
+        """Evaluate half the gradient (r N,) and the matrix (r N, r N)."""
+        basis, blocks, r = self.basis, at.data.blocks, range(self.r)
+        pull = self.tau * (self.EE @ at.x - self.null_alignment)
+        gradient = basis.T @ at.data.gradient + pull
+
+        def block(i: int, j: int) -> Array:
+            return basis.T @ blocks[i, :, j, :] @ basis + (self.tau * self.EE if i == j else 0.0)
+
+        H = np.block([[block(i, j) for j in r] for i in r])
+        return gradient.T.ravel(), H
+
+    def step(self, model: tuple[Array, Array], damping: float) -> Step:
+        """Solve ``(H + μ D) dx = −g`` with D = mean(diag H) I."""
+        g, H = model
+        H, x, used = _damped_step(H, g, damping)
+        predicted = -2 * float(g @ x) - float(x @ (H @ x))
+        return Step(x.reshape(self.r, -1).T, predicted, used)
+
+    def _closeness(self, x: Array) -> float:
+        """Evaluate ``τ mean ‖E A − Nᵀ N(center)‖²``, up to a constant."""
+        quadratic = np.sum(x * (self.EE @ x))
+        return self.tau * float(quadratic - 2 * np.sum(x * self.null_alignment))
 
 
 def _damped_step(H: Array, g: Array, damping: float) -> tuple[Array, Array, float]:

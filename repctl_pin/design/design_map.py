@@ -1,5 +1,4 @@
-"""Arrays for pictures of a design: distance and leaf margin over two joints, cost against
-degree."""
+"""Maps of a design over two joints (distance and leaf margin), and its cost against the degree."""
 
 from __future__ import annotations
 
@@ -7,24 +6,26 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 from ..errors import InputError, SingularityError
+from ..fit_options import FitOptions
 from ..potentials.polynomial import Polynomial
 from ..progress import Report, silent
 from .design_result import Design
 from .singularities import LeafMargin
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class DesignMap:
-    """What a design does over two joints, the others at the center of Ω.
+    """Distance and leaf margin of a design over two joints, with the others at the centre of Ω.
 
     Attributes
     ----------
     joints : (int, int)
-        Across and upward, counted from 0.
+        Indices of the joints on the x and the y axis, counted from 0.
     x, y : (k,) arrays
-        Their values, rad or m: over the box around Ω.
+        Values of these joints over the box around Ω, rad or m.
     distance, reference : (k, k) arrays
         ‖G_r − G_d‖_F and ‖G_d‖_F, rows upward; nan where J loses rank.
     leaf_margin : (k, k) array
@@ -49,9 +50,9 @@ def design_map(
     design
         The design.
     joints
-        Which two; by default the two along which ‖G_r − G_d‖ changes most.
+        Indices of the two joints; by default those along which ‖G_r − G_d‖ changes most.
     points
-        Of the grid, each way.
+        Number of grid points along each joint.
     """
     box, center, n = design.region.bounds, design.region.center, design.task.n
     first, second = _liveliest(design) if joints is None else joints
@@ -74,8 +75,7 @@ def design_map(
 
 
 def degree_curve(design: Design, report: Report = silent) -> tuple[tuple[int, float, float], ...]:
-    """Cost on the same held-out nodes against the degree of the polynomials, up to the design's
-    own.
+    """Evaluate the cost against the degree of the polynomials, up to the design's own degree.
 
     Returns
     -------
@@ -104,7 +104,10 @@ def degree_curve(design: Design, report: Report = silent) -> tuple[tuple[int, fl
             continue
         try:
             one = nearest_repeatable(
-                design.desired, lower, design.region, held_out=design.held_out, seed=design.seed
+                design.desired,
+                lower,
+                design.region,
+                options=FitOptions(held_out=design.held_out, seed=design.seed),
             )
         except SingularityError:
             continue
@@ -113,7 +116,8 @@ def degree_curve(design: Design, report: Report = silent) -> tuple[tuple[int, fl
 
 
 def _liveliest(design: Design) -> tuple[int, int]:
-    """The two joints along which ‖G_r − G_d‖ changes most, each alone, through the center."""
+    """Choose the two joints along which ‖G_r − G_d‖ changes most, each alone, through the
+    centre."""
     box, center, n = design.region.bounds, design.region.center, design.task.n
     steps = np.linspace(-1, 1, 17)
     Q = center + steps[None, :, None] * np.eye(n)[:, None, :] * box.half_width  # (n, 17, n)
@@ -124,7 +128,7 @@ def _liveliest(design: Design) -> tuple[int, int]:
 
 
 def _distance(design: Design, Q: Array) -> tuple[Array, Array]:
-    """‖G_r − G_d‖_F and ‖G_d‖_F at every row of Q, nan at singularities."""
+    """Evaluate ‖G_r − G_d‖_F and ‖G_d‖_F at every row of Q; nan at singularities."""
     try:
         G_d = design.desired.batch(Q)
         gap = np.linalg.norm(design.inverse.batch(Q) - G_d, axis=(1, 2))

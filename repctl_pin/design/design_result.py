@@ -1,14 +1,15 @@
-"""A design: a repeatable inverse, what it was made from, and what it is worth."""
+"""Result of a design: a repeatable inverse, its potentials and its figures on held-out nodes."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 from ..certificate import Proof, proved_words
 from ..paths.task_path import Cycle
 from ..potentials.basis import PotentialBasis
+from ..progress import Report, reporter
 from ..regions import Region
 from ..robot.task import Task
 from ..strategies.repeatable import RepeatableInverse
@@ -16,56 +17,56 @@ from ..strategies.strategy import Inverse
 from .evaluation import Baseline, baselines
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Design:
-    """A repeatable inverse, and how good it is.
+    """A repeatable inverse and its figures of merit.
 
-    All figures but ``fit_cost`` are taken on nodes that the fit did not see.
+    All figures except ``fit_cost`` are evaluated on held-out nodes, which the fit did not use.
 
     Attributes
     ----------
     inverse : RepeatableInverse
-        The result: ``q̇ = G_r ẋ``.
+        Repeatable inverse G_r: ``q̇ = G_r ẋ``.
     desired : Inverse
-        The desired inverse, G_d.
+        Desired inverse G_d.
     potentials, region, coefficients
-        The potentials (35), Ω, and A (N, r).
+        Potentials (35), region Ω, and coefficients A (N, r).
     cost, cost_error : float
         Mean over Ω of ‖G_r − G_d‖_F² (26), and its standard error.
     relative_distance : float
         ``sqrt(cost / mean ‖G_d‖_F²)``.
     leaf_margin : float
-        The smallest σ_min(Nᵀ V̂) that a search of Ω found: 1 is best, 0 is an algorithmic
-        singularity.
+        Smallest σ_min(Nᵀ V̂) that a search of Ω found: 1 is best, 0 is an algorithmic singularity.
     leaf_margin_at : (n,) array
-        Where, rad (m for sliding joints).
+        Configuration of the smallest leaf margin, rad (m for prismatic joints).
     inside_limits : float
-        Share of Ω inside the joint limits.
+        Fraction of Ω inside the joint limits.
     fit_cost : float
-        The cost on the nodes of the fit: lower, by the amount of overfitting.
+        Cost on the nodes of the fit; lower than ``cost`` by the amount of overfitting.
     gradient_norm : float
-        Of the cost on the nodes of the fit, in coordinates in which the potentials' gradients are
-        orthonormal over Ω.
+        Norm of the gradient of the fit cost, in coordinates in which the gradients of the
+        potentials are orthonormal over Ω.
     converged : bool
-        The optimiser predicts no relative decrease of the cost above ``tolerance``, or its last
-        three steps gave none. Richer potentials may still lower the cost: see
+        Whether the optimiser predicts no relative decrease of the cost above ``tolerance``, or its
+        last three steps gave none. Richer potentials may still lower the cost: see
         :func:`cost_has_converged`.
     steps : int
-        Gauss–Newton steps taken.
+        Number of Gauss–Newton steps.
     samples, held_out : int
-        Nodes of the fit, and of the evaluation.
+        Number of nodes of the fit, and of the evaluation.
     seed : int
-        Fixes both.
+        Random seed of both node sets.
     dropped : tuple of str
-        Potentials of the family that were left out, each with the reason.
+        Potentials that were left out, each with the reason.
     shrunk : float
-        Share of the requested Ω's width that is left; 1 if it was not shrunk.
+        Width of Ω relative to the requested one; 1 if it was not shrunk.
     degrees : tuple of (degree, cost, cost_error)
-        With ``degree="auto"``: what was tried, in order.
+        Degrees that were tried, in order, with ``degree="auto"``.
     cycle : Cycle, optional
-        The motion the control is for: start, path and time. It is saved with the design.
+        Start, path and period of the motion that the design is for. It is saved with the design.
     proof : Proof, optional
-        The certificate, where one was put here: ``dataclasses.replace(design,
+        Certificate of the design, if one was added by ``dataclasses.replace(design,
         proof=rp.prove(design))``. It is saved with the design.
 
     Examples
@@ -105,35 +106,60 @@ class Design:
     def __repr__(self) -> str:
         task = self.task
         return (
-            f"<Design for {task.robot.name} {task.frame}: cost {self.cost:.4g} ± {self.cost_error:.1g}, "
+            f"<Design for {task.robot.name} {task.frame}: "
+            f"cost {self.cost:.4g} ± {self.cost_error:.1g}, "
             f"{self.relative_distance:.1%} from the desired, leaf margin {self.leaf_margin:.3g}>"
         )
 
     @property
     def task(self) -> Task:
-        """The task the inverse controls."""
+        """Task that the inverse controls."""
         return self.inverse.task
 
-    @cached_property
-    def baselines(self) -> tuple[Baseline, ...]:
-        """The same figures for constant rows and for the extended Jacobian, on the same held-out
-        nodes."""
-        return baselines(self.desired, self.region, samples=self.held_out, seed=self.seed + 1)
+    def evaluate_baselines(self, *, progress: bool | Report = False) -> tuple[Baseline, ...]:
+        """Evaluate constant rows and the extended Jacobian on the held-out nodes of the design.
 
-    def summary(self) -> str:
-        """Say in a few lines how good the design is."""
+        Parameters
+        ----------
+        progress
+            True for a progress bar on stderr, or a callback (step: str, fraction: float).
+
+        Returns
+        -------
+        tuple of Baseline
+            As :meth:`summary` takes them.
+        """
+        with reporter(progress) as report:
+            return baselines(
+                self.desired,
+                self.region,
+                samples=self.held_out,
+                seed=self.seed + 1,
+                report=report,
+            )
+
+    def summary(self, baselines: Sequence[Baseline] = ()) -> str:
+        """Describe in a few lines how good the design is; nothing is computed.
+
+        Parameters
+        ----------
+        baselines
+            Simpler inverses to list for comparison, from :meth:`evaluate_baselines`.
+        """
         state = "converged" if self.converged else "NOT converged"
         unused = f", {len(self.dropped)} dropped" if self.dropped else ""
-        width = max(len(b.name) for b in self.baselines)
+        width = max((len(baseline.name) for baseline in baselines), default=0)
+        cost = f"{self.cost:.6g} ± {self.cost_error:.1g}"
         lines = [
             f"nearest repeatable inverse for {self.task.robot.name} {self.task}",
             f"  region Ω           {self.region}",
             f"  potentials         {self.potentials}{unused}",
-            f"  mean ‖G_r − G_d‖²  {self.cost:.6g} ± {self.cost_error:.1g} (on {self.held_out} held-out nodes)",
-            *(f"    {b.name.ljust(width)}  {b.text}" for b in self.baselines),
+            f"  mean ‖G_r − G_d‖²  {cost} (on {self.held_out} held-out nodes)",
+            *(f"    {baseline.name.ljust(width)}  {baseline.text}" for baseline in baselines),
             f"  relative distance  {self.relative_distance:.1%}",
             f"  leaf margin        {self.leaf_margin:.3f} at worst, {proved_words(self.proof)}",
             f"  inside the limits  {self.inside_limits:.1%} of Ω",
-            f"  optimiser          {state} in {self.steps} steps, gradient {self.gradient_norm:.1g}",
+            f"  optimiser          {state} in {self.steps} steps, "
+            f"gradient {self.gradient_norm:.1g}",
         ]
         return "\n".join(lines + [f"  dropped            {text}" for text in self.dropped])

@@ -1,5 +1,5 @@
-"""What a repeatable inverse is worth over Ω, judged on nodes that no fit has seen; and what it is
-compared with."""
+"""Evaluate a repeatable inverse over Ω on held-out nodes, and two simpler inverses for
+comparison."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 from ..errors import RepctlError
 from ..potentials.polynomial import Polynomial
+from ..progress import Report
 from ..redundancy.augmented import leaf_margin
 from ..regions import Region
 from ..robot.task import Task
@@ -23,7 +24,8 @@ REPLICATES = 32
 _CANDIDATES = 64
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Evaluation:
     """Figures of one inverse over one region.
 
@@ -34,13 +36,13 @@ class Evaluation:
     relative_distance : float
         ``sqrt(cost / mean ‖G_d‖_F²)``.
     leaf_margin : float
-        The smallest σ_min(Nᵀ V̂) that a search of Ω found.
+        Smallest σ_min(Nᵀ V̂) that a search of Ω found.
     leaf_margin_at : (n,) array
-        Where.
+        Configuration of the smallest leaf margin.
     inside_limits : float
-        Share of Ω inside the joint limits.
+        Fraction of Ω inside the joint limits.
     replicates : (32,) array
-        The cost on each scrambling.
+        Cost on each scrambling.
     """
 
     cost: float
@@ -60,7 +62,7 @@ def judge(
     samples: int = 16384,
     seed: int = 1,
 ) -> Evaluation:
-    """Judge a repeatable inverse against a desired one.
+    """Evaluate a repeatable inverse against a desired one, on held-out nodes.
 
     Parameters
     ----------
@@ -69,11 +71,11 @@ def judge(
     region
         Ω.
     samples
-        Held-out nodes, in 32 independent scramblings; their scatter gives the standard error. It is
-        that of a mean whose scatter is itself estimated: wider by √(31/29), the spread of Student's
-        t.
+        Number of held-out nodes, in 32 independent scramblings, whose scatter gives the standard
+        error. Since that scatter is itself estimated, the error is wider by √(31/29), the standard
+        deviation of Student's t.
     seed
-        Of the nodes; another one than the fit's.
+        Random seed of the nodes; it must differ from the fit's.
 
     Raises
     ------
@@ -126,15 +128,15 @@ def judge(
 
 @dataclass(frozen=True)
 class Baseline:
-    """Another repeatable inverse over the same Ω.
+    """Evaluation of a simpler repeatable inverse over the same Ω.
 
     Attributes
     ----------
     name : str
     evaluation : Evaluation or None
-        Its figures; None where it runs into a singularity in Ω.
+        Its figures; None if Ω contains a singularity of it.
     refused : str
-        Then: where.
+        Message about that singularity; empty if there is none.
     """
 
     name: str
@@ -143,7 +145,7 @@ class Baseline:
 
     @property
     def text(self) -> str:
-        """The figures in a few words."""
+        """Cost and leaf margin, or the reason for a refusal, in one line."""
         if self.evaluation is None:
             return self.refused
         j = self.evaluation
@@ -151,7 +153,7 @@ class Baseline:
 
 
 def constant_rows(task: Task, center: Array) -> RepeatableInverse:
-    """Make the inverse of constant rows, ``V = N(center)``."""
+    """Make the repeatable inverse of constant potential gradients, ``V = N(center)``."""
     N = oriented_nullspace(task.jacobian(center)[None], task, center[None])[0]
     linear = Polynomial(center, 1)
     return RepeatableInverse(
@@ -159,19 +161,23 @@ def constant_rows(task: Task, center: Array) -> RepeatableInverse:
     )
 
 
-def baselines(desired: Inverse, region: Region, *, samples: int, seed: int) -> tuple[Baseline, ...]:
-    """Judge constant rows, and the extended Jacobian of ``U = ½ ‖q − center‖²``, on the same
-    held-out nodes."""
+def baselines(
+    desired: Inverse, region: Region, *, samples: int, seed: int, report: Report
+) -> tuple[Baseline, ...]:
+    """Evaluate constant rows, and the extended Jacobian of ``U = ½ ‖q − center‖²``, on held-out
+    nodes."""
     task, center = desired.task, region.center
-    found = []
-    for name, inverse in (
-        ("constant rows", constant_rows(task, center)),
-        ("extended Jacobian", ExtendedJacobian(task, center)),
-    ):
+    inverses: dict[str, RepeatableInverse] = {
+        "constant rows": constant_rows(task, center),
+        "extended Jacobian": ExtendedJacobian(task, center),
+    }
+    found: list[Baseline] = []
+    for name, inverse in inverses.items():
+        report(f"evaluating {name} for comparison", len(found) / len(inverses))
         try:
-            found.append(
-                Baseline(name, judge(inverse, desired, region, samples=samples, seed=seed))
-            )
+            evaluation = judge(inverse, desired, region, samples=samples, seed=seed)
         except RepctlError as error:
             found.append(Baseline(name, None, str(error)))
+        else:
+            found.append(Baseline(name, evaluation))
     return tuple(found)

@@ -1,8 +1,7 @@
-"""The member of a one-parameter family of inverses that lies nearest to a desired one.
+"""Nearest member of a one-parameter family of inverses to a desired inverse.
 
-The criterion is the same as everywhere, ``C = mean over Ω of ‖G − G_d‖_F²`` (26); only what is
-chosen from is another: not the coefficients of potentials, but one number k. The paper's family
-(60) is the example."""
+The criterion is ``C = mean over Ω of ‖G − G_d‖_F²`` (26), minimised over one number k, as in the
+paper's family (60)."""
 
 from __future__ import annotations
 
@@ -11,39 +10,41 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..arguments import MOST_NODES, Array, as_int, function, limits, require_type, shown
+from ..arguments import MOST_NODES, Array, as_int, function, limits, read_only, require_type, shown
 from ..blas import one_blas_thread
 from ..errors import InputError, SingularityError
 from ..regions import Region
+from ..regions.region import A_REGION
 from ..strategies.strategy import AN_INVERSE, Batched, Inverse
 
 _SCAN = 48
 _FLAT = 1e-9
-"""A cost that varies by less than this share of its mean is the same for every parameter."""
+"""Relative variation of the cost below which it is the same for every parameter."""
+
 _SAME = 1e-14
-"""Costs nearer than this, relatively, cannot be told apart in double precision."""
+"""Relative difference of costs that is rounding."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class FamilyDesign:
-    """The best member of a family, and whether it is the only one.
+    """Best member of a family, and whether it is unique.
 
     Attributes
     ----------
     inverse : Inverse
         ``family(parameter)``.
     desired : Inverse
-        What it should be near to, G_d.
+        Desired inverse G_d.
     region : Region
         Ω.
     parameter : float
-        The best k; may be inf on the whole line. If every k costs the same, the middle of the
-        bounds.
+        Best k; may be inf on the whole line. The middle of the bounds if every k costs the same.
     unique : bool
         False if every parameter costs the same.
     cost, cost_error : float
-        Mean over Ω of ‖G − G_d‖_F² (26), on finer nodes than the search's, and how far the two
-        disagree.
+        Mean over Ω of ‖G − G_d‖_F² (26), on finer nodes than those of the search, and the
+        difference between both.
     relative_distance : float
         ``sqrt(cost / mean ‖G_d‖_F²)``.
     scanned : (S,) array
@@ -53,10 +54,12 @@ class FamilyDesign:
 
     Examples
     --------
+    >>> from repctl_pin.design import nearest_in_family
     >>> def tilted(k):
     ...     return rp.RepeatableInverse(task, rp.Polynomial(q0, 1).weighted([[1.0], [k], [1.0]]))
     ...
-    >>> found = rp.nearest_in_family(control, tilted, rp.Box(q0, 0.2), bounds=(-3.0, 0.0), samples=256)
+    >>> bounds = (-3.0, 0.0)
+    >>> found = nearest_in_family(control, tilted, rp.Box(q0, 0.2), bounds=bounds, samples=256)
     >>> -3 < found.parameter < 0, found.cost > 0
     (True, True)
     """
@@ -73,14 +76,15 @@ class FamilyDesign:
     scanned_costs: Array = field(repr=False)
 
     def summary(self) -> str:
-        """Say in a few lines how good the choice is."""
+        """Write the figures, one per line."""
         best = (
             f"{self.parameter:.6g}"
             if self.unique
             else "every value: the cost does not depend on it"
         )
+        task = self.desired.task
         return (
-            f"nearest member of a family of inverses for {self.desired.task.robot.name} {self.desired.task}\n"
+            f"nearest member of a family of inverses for {task.robot.name} {task}\n"
             f"  parameter          {best}\n"
             f"  mean ‖G − G_d‖²    {self.cost:.6g} ± {self.cost_error:.1g}\n"
             f"  relative distance  {self.relative_distance:.1%}"
@@ -88,7 +92,7 @@ class FamilyDesign:
 
 
 class _Comparison:
-    """Nodes of Ω with J and G_d evaluated once, to measure many inverses against."""
+    """Nodes of Ω with J and G_d, for the cost of many inverses."""
 
     def __init__(self, desired: Inverse, region: Region, samples: int, seed: int) -> None:
         self.Q, self.weights = region.nodes(samples, seed)
@@ -112,8 +116,7 @@ def nearest_in_family(
     samples: int = 4096,
     seed: int = 0,
 ) -> FamilyDesign:
-    """Find the member of a one-parameter family that lies nearest to a desired inverse in the mean
-    over Ω (26).
+    """Find the member of a one-parameter family nearest to a desired inverse (26).
 
     On the whole line the search runs over ``φ = atan k`` (57), so that k = ∞, where −∞ and ∞ meet,
     is a member like any other: a scan of φ, then Brent's method in the best bracket.
@@ -121,17 +124,17 @@ def nearest_in_family(
     Parameters
     ----------
     desired
-        G_d, any inverse with ``J G = I``.
+        Desired inverse G_d, any inverse with ``J G = I``.
     family
-        ``k → G``: a function that makes an inverse of the same task for every k within the bounds;
-        on the whole line, k = ∞ too. Members made of potentials do as well: ``lambda k:
-        rp.RepeatableInverse(task, potentials.weighted(A(k)))``.
+        ``k → G``: a function that makes an inverse of the same task for every k within the bounds,
+        and for k = ∞ on the whole line, such as ``lambda k: rp.RepeatableInverse(task,
+        potentials.weighted(A(k)))``.
     region
         Ω.
     bounds
-        The range of k: two finite numbers, or the whole line.
+        Range of k: two finite numbers, or the whole line.
     samples, seed
-        Nodes of the search.
+        Number of nodes of the search, and random seed.
 
     Returns
     -------
@@ -147,18 +150,20 @@ def nearest_in_family(
 
     Examples
     --------
+    >>> from repctl_pin.design import nearest_in_family
     >>> def tilted(k):
     ...     return rp.RepeatableInverse(task, rp.Polynomial(q0, 1).weighted([[1.0], [k], [1.0]]))
     ...
-    >>> found = rp.nearest_in_family(control, tilted, rp.Box(q0, 0.2), bounds=(-3.0, 0.0), samples=256)
+    >>> bounds = (-3.0, 0.0)
+    >>> found = nearest_in_family(control, tilted, rp.Box(q0, 0.2), bounds=bounds, samples=256)
     >>> found.unique
     True
     """
     require_type(desired, Batched, "desired", AN_INVERSE)
-    require_type(region, Region, "region", "a region of joint space, such as rp.Box(q0, 0.3)")
+    require_type(region, Region, "region", A_REGION)
     function(family, "family", "a function k → inverse")
     samples, seed = as_int(samples, "samples", 1, MOST_NODES), as_int(seed, "seed")
-    low, high = limits(bounds, 2, "bounds", "from where to where")
+    low, high = limits(bounds, 2, "bounds", "the smallest and the largest k")
     projective = low == -np.inf and high == np.inf
     if not projective and not (np.isfinite([low, high]).all() and low < high):
         raise InputError(
@@ -172,7 +177,7 @@ def nearest_in_family(
 
     def member(k: float) -> Inverse:
         made = family(k)
-        require_type(made, Batched, f"what the family makes of k = {k:g}", AN_INVERSE)
+        require_type(made, Batched, f"the family at k = {k:g}", AN_INVERSE)
         return made
 
     def cost(angle: float) -> float:
@@ -191,7 +196,7 @@ def nearest_in_family(
     spread = np.ptp(costs) if np.isfinite(costs).all() else np.inf
     unique = bool(spread > _FLAT * max(float(costs.mean()), 1e-15 * nodes.scale))
     if unique and np.isfinite(spread):
-        # A spread that the finer nodes do not confirm is the search's own quadrature error.
+        # A variation that the finer nodes do not confirm is quadrature error of the search.
         worst, least = (
             judge.cost(member(parameter(angles[i]))) for i in (np.argmax(costs), np.argmin(costs))
         )
@@ -223,7 +228,7 @@ def _on_the_line(angle: float) -> float:
 
 
 def _polish(cost: Callable[[float], float], angles: Array, costs: Array, projective: bool) -> float:
-    """Refine the best of a scan; a scanned value that costs no more is kept as it is."""
+    """Refine the best of a scan; keep the scanned value if the refined one costs no less."""
     i = int(np.argmin(costs))
     spacing = angles[1] - angles[0]
     low, high = angles[i] - spacing, angles[i] + spacing

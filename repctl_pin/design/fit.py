@@ -1,5 +1,5 @@
-"""Fit potentials in one region: the arm searched, the useless potentials dropped, few nodes, all
-nodes, evaluation."""
+"""Fit of potentials in one region: search for singularities, independent potentials, descents,
+evaluation."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ..errors import InputError
 from ..strategies.repeatable import RepeatableInverse
 from . import criterion
 from .batches import BarrierCost, Batches, Local
-from .continuation import Continuation, FitOptions
+from .continuation import Continuation, FitProblem
 from .criterion import Builder, evaluate, oriented_nullspace
 from .descend import Descent
 from .design_result import Design
@@ -28,13 +28,14 @@ if TYPE_CHECKING:
 
 _LEAST_NODES = 4096
 _DEFAULT_NODES = 16384
+_HELD_OUT_NODES = 16384
 _NODES_PER_UNKNOWN = 32
 _PENALTY = 1e-3
 _ROUNDS = 4
 
 
-def fit(options: FitOptions) -> Design:
-    """Fit and judge in one region.
+def fit(problem: FitProblem) -> Design:
+    """Fit and evaluate in one region.
 
     Raises
     ------
@@ -42,18 +43,21 @@ def fit(options: FitOptions) -> Design:
         If a singularity lies in the region.
     """
     desired, potentials, region, seed, report = (
-        options.desired,
-        options.potentials,
-        options.region,
-        options.seed,
-        options.report,
+        problem.desired,
+        problem.potentials,
+        problem.region,
+        problem.options.seed,
+        problem.report,
     )
+    options = problem.options
     task = desired.task
     report("searching Ω for singularities of the arm", 0.0)
     measure = Dexterity(task)
     lowest = search(measure, region, region.random(2048, seed))
     if lowest.value <= 0:
-        raise refuse_singular("the Jacobian loses rank", task, measure, region, lowest.at[None])
+        raise refuse_singular(
+            "the Jacobian loses rank in Ω", task, measure, region, lowest.at[None]
+        )
     unknowns = (potentials.size - task.r) * task.r
     few = max(_LEAST_NODES, _NODES_PER_UNKNOWN * unknowns // task.m)
     count = max(few, _DEFAULT_NODES) if options.samples is None else options.samples
@@ -80,7 +84,7 @@ def fit(options: FitOptions) -> Design:
     all_nodes = few_nodes
     try:
         coarse = BarrierCost(few_nodes, builder, 1 / len(Q_few))
-        way = Continuation(options, chosen, coarse)
+        way = Continuation(problem, chosen, coarse)
         refusal: SingularRegionError | None = None
         fine = coarse
         for near in way.regular():
@@ -92,9 +96,9 @@ def fit(options: FitOptions) -> Design:
                 result = found or replace(near, converged=False)
                 cost, _ = all_nodes.total(criterion.cost, result.A)
                 result = replace(result, cost=cost, steps=result.steps + near.steps)
-                report("judging on held-out nodes", 0.0)
+                report("evaluating on held-out nodes", 0.0)
                 try:
-                    return _judged(options, chosen, result, len(Q))
+                    return _judged(problem, chosen, result, len(Q))
                 except SingularRegionError as error:
                     refusal = error
                 if found is None or way.margin(near.A)(refusal.at[None])[0] <= 0:
@@ -106,16 +110,17 @@ def fit(options: FitOptions) -> Design:
         all_nodes.close()
 
 
-def _judged(options: FitOptions, chosen: Independent, result: Descent, samples: int) -> Design:
-    """Make the design, with figures from held-out nodes."""
-    desired, potentials, region = options.desired, options.potentials, options.region
+def _judged(problem: FitProblem, chosen: Independent, result: Descent, samples: int) -> Design:
+    """Make the design, with its evaluation on held-out nodes."""
+    options = problem.options
+    desired, potentials, region = problem.desired, problem.potentials, problem.region
     A = chosen.spread(result.A)
     N, _, D = evaluate(desired, potentials, region.center[None])
-    A = A @ np.linalg.inv(
-        N[0].T @ D[0] @ A
-    )  # gauge: Nᵀ V = I at the center, J_V as well conditioned as J there
+    # gauge: Nᵀ V = I at the center, where J_V then is as well conditioned as J
+    A = A @ np.linalg.inv(N[0].T @ D[0] @ A)
     inverse = RepeatableInverse(desired.task, potentials.weighted(A), region=region)
-    verdict = vars(judge(inverse, desired, region, samples=options.held_out, seed=options.seed + 1))
+    held_out = _HELD_OUT_NODES if options.held_out is None else options.held_out
+    verdict = vars(judge(inverse, desired, region, samples=held_out, seed=options.seed + 1))
     return Design(
         inverse,
         desired,
@@ -128,7 +133,7 @@ def _judged(options: FitOptions, chosen: Independent, result: Descent, samples: 
         converged=result.converged,
         steps=result.steps,
         samples=samples,
-        held_out=options.held_out,
+        held_out=held_out,
         seed=options.seed,
         dropped=chosen.dropped,
     )

@@ -1,5 +1,4 @@
-"""Which potentials of a family are of use over Ω, and coordinates in which they are orthonormal
-there."""
+"""Independent potentials of a basis over Ω, and coordinates in which they are orthonormal."""
 
 from __future__ import annotations
 
@@ -9,9 +8,9 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 from ..errors import InputError
-from ..potentials.basis import PotentialBasis, name_of
+from ..potentials.basis import PotentialBasis
 from ..strategies.strategy import Inverse
 from .criterion import evaluate
 
@@ -19,20 +18,21 @@ _ROW_SPACE = 1e-9
 _DEPENDENT = 1e-8
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Independent:
     """The potentials that are used.
 
     Attributes
     ----------
     kept : (N',) array of int
-        Their numbers in the family.
+        Their numbers in the basis.
     dropped : tuple of str
-        The others, each with the reason, for a person.
+        The other potentials, each with the reason.
     basis : (N', N') array
-        B: the gradients of ``B⁻¹``-combinations, D B, are orthonormal in the mean over Ω. The
-        optimiser works in these coordinates, so that it does not depend on the basis it was given.
-        Upper triangular: its leading blocks do the same for the first potentials.
+        B, with which the gradients D B are orthonormal in the mean over Ω. The optimiser works in
+        these coordinates, so that its result does not depend on the given basis. B is upper
+        triangular: its leading blocks do the same for the first potentials.
     size : int
         N.
     """
@@ -43,8 +43,7 @@ class Independent:
     size: int
 
     def spread(self, A: Array) -> Array:
-        """Put zeros where potentials were dropped, or where A has fewer rows than were kept: (N,
-        r)."""
+        """Pad coefficients A with zeros for all other potentials: (N, r)."""
         whole = np.zeros((self.size, A.shape[1]))
         whole[self.kept[: len(A)]] = A
         return whole
@@ -53,16 +52,15 @@ class Independent:
 def independent(
     desired: Inverse, potentials: PotentialBasis, Q: Array, weights: Array
 ) -> Independent:
-    """Drop what is constant, what lies in the row space of J, and what depends on potentials before
-    it.
+    """Drop potentials that are constant, depend on x alone, or depend on those before them.
 
-    A function of x = f(q) alone has its gradient in the row space of J; taken as V it makes J_V
-    singular everywhere.
+    A function of x = f(q) alone has its gradient in the row space of J. As V it makes J_V singular
+    everywhere.
 
     Parameters
     ----------
     desired, potentials
-        G_d and the family.
+        G_d and the basis.
     Q, weights : (K, n), (K,) arrays
         Nodes in Ω.
 
@@ -92,12 +90,13 @@ def independent(
         "depends linearly on the potentials before it": np.setdiff1d(left, left[kept]),
     }
     dropped = [
-        f"{name_of(potentials, int(j))}: {why}" for why, numbers in reasons.items() for j in numbers
+        f"{potentials.names[int(j)]}: {why}" for why, numbers in reasons.items() for j in numbers
     ]
     if len(kept) < r:
         why = f" ({'; '.join(dropped[:4])}{'; …' if len(dropped) > 4 else ''})" if dropped else ""
         raise InputError(
-            f"{len(kept)} independent potentials cannot give r = {r} of them{why}; raise the degree or add others"
+            f"{len(kept)} independent potentials cannot give r = {r} of them{why}; "
+            "raise the degree or add others"
         )
     return Independent(
         left[kept],
@@ -108,11 +107,10 @@ def independent(
 
 
 def _sequential(triangle: Array) -> tuple[Array, list[int]]:
-    """Factor the columns in order, leaving out each that depends on those before: R of the others,
-    their numbers."""
+    """Factor the columns in order, without dependent ones: R and their numbers."""
     size = np.linalg.norm(triangle, axis=0)
     kept = list(range(triangle.shape[1]))
-    while True:  # a QR factorisation shows the first dependent columns by a small diagonal; once more without
+    while True:  # a small diagonal entry of R shows the first dependent column; again without it
         R = np.linalg.qr(triangle[:, kept] / size[kept], mode="r")
         small = np.abs(np.diagonal(R)) <= _DEPENDENT
         small = np.concatenate([small, np.ones(len(kept) - len(small), bool)])

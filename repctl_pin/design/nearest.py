@@ -3,31 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import Executor
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from .. import progress as reporting
-from ..arguments import MOST_NODES, as_int, flag, flag_or_function, positive, require_type, shown
+from ..arguments import MOST_NODES, as_int, flag, flag_or_function, require_type, shown
 from ..blas import one_blas_thread
 from ..errors import InputError, SingularityError
-from ..potentials.basis import PotentialBasis, check_joints
+from ..fit_options import FitOptions, fit_options
+from ..potentials.basis import A_BASIS, PotentialBasis, check_joints
 from ..potentials.polynomial import Polynomial
 from ..regions import Region
+from ..regions.region import A_REGION
 from ..strategies.strategy import AN_INVERSE, Batched, Inverse
-from .continuation import FitOptions
+from .continuation import FitProblem
 from .design_result import Design
 from .evaluation import REPLICATES
 from .fit import fit
 from .singularities import SHRUNK_MARGIN, LeafMargin, SingularRegionError, refuse_singular
 
-if TYPE_CHECKING:
-    from distributed import Client
-
-_HELD_OUT_NODES = 16384
-_MOST_RESTARTS = 1000
 _SHRINKINGS = 12
 _MOST_DEGREE = 6
 _MOST_UNKNOWNS = 1000
@@ -41,92 +37,68 @@ def nearest_repeatable(
     region: Region,
     *,
     degree: int | Literal["auto"] | None = None,
-    samples: int | None = None,
-    held_out: int = _HELD_OUT_NODES,
-    seed: int = 0,
-    batch: int = 1024,
-    stream: bool = False,
-    executor: Executor | Client | None = None,
     shrink: bool = False,
-    restarts: int = 0,
-    tolerance: float = 1e-5,
+    options: FitOptions | None = None,
     progress: bool | Callable[[str, float], None] = False,
 ) -> Design:
     """Find the repeatable inverse nearest to a desired one in the mean over Ω (26), (36), (38).
 
-    A linear least-squares start, then Gauss–Newton on the Grassmann manifold of span A: only the
-    column space of V matters. The line search never lets det(Nᵀ V) change sign at a node. Large
-    fits begin on a few of the nodes.
+    A linear least-squares start, then Gauss–Newton steps on the Grassmann manifold of span A: only
+    the column space of V matters. The line search keeps the sign of det(Nᵀ V) at the nodes. Large
+    fits start on a few of the nodes.
 
     Parameters
     ----------
     desired
-        G_d, any strategy with ``J G = I``.
+        Desired inverse G_d, any strategy with ``J G = I``.
     potentials
-        The family of potentials; None with ``degree=``.
+        Basis of potentials; None with ``degree=``.
     region
-        Ω.
+        Design region Ω.
     degree
-        In place of potentials: all polynomials of this degree over Ω's box; ``"auto"`` raises the
-        degree from 1 until the cost on held-out nodes stops falling by 1 % (at most 6, or 8 for n ≤
-        3, and 1000 unknowns).
-    samples
-        Nodes of the fit; by default 16,384, or 32 times the unknowns divided by m if that is more.
-    held_out
-        Nodes of the evaluation.
-    seed
-        Fixes nodes and evaluation.
-    batch
-        Nodes evaluated at a time.
-    stream
-        Rebuild the batches at each pass instead of keeping them; the memory is that of one batch.
-    executor
-        Any ``concurrent.futures.Executor``, or a Dask client: the batches are built and stay there.
+        Alternative to potentials: all polynomials of this degree over the box around Ω. ``"auto"``
+        raises the degree from 1 until the cost on held-out nodes falls by less than 1 %; at most 6,
+        or 8 for n ≤ 3, and 1000 unknowns.
     shrink
-        If Ω holds a singularity, or the leaf margin falls below 0.1 in it, take the largest region
-        round its center that is free of singularities and has a leaf margin of 0.1 or more.
-    restarts
-        Further descents, from random changes of the start; the best is taken.
-    tolerance
-        The optimiser stops when a step is predicted to lower the cost by less than this share, or
-        when three steps together did not lower it.
+        If Ω contains a singularity, or a leaf margin below 0.1, design over the largest region with
+        the same center that has neither.
+    options
+        Nodes, seed, workers and stopping: :class:`FitOptions`.
     progress
-        True for a bar on stderr, or a function of what is being done and the share that is done.
+        True for a progress bar on stderr, or a callback (step: str, fraction: float).
 
     Returns
     -------
     Design
-        ``inverse``, the control, and how good it is: ``cost``, ``relative_distance``,
-        ``leaf_margin`` …; ``summary()`` says it in words.
+        ``inverse``, the controller, and its evaluation: ``cost``, ``relative_distance``,
+        ``leaf_margin`` …; see ``summary()``.
 
     Raises
     ------
     InputError
-        If the task is not redundant, potentials and region do not fit it, or nodes are too few.
+        If the task is not redundant, potentials or region do not fit it, or nodes are too few.
     SingularRegionError
         If J loses rank in Ω, or the nearest V has an algorithmic singularity there; the message
-        names a configuration, and the largest region round the center that is free of it.
+        names a configuration, and the largest singularity-free region with the same center.
 
     Examples
     --------
-    >>> found = rp.nearest_repeatable(control, rp.Polynomial(q0, 2, 0.4), rp.Box(q0, 0.4), samples=512, held_out=512)
+    >>> options = rp.FitOptions(samples=512, held_out=512)
+    >>> potentials, region = rp.Polynomial(q0, 2, 0.4), rp.Box(q0, 0.4)
+    >>> found = rp.nearest_repeatable(control, potentials, region, options=options)
     >>> found.converged, found.leaf_margin > 0.9
     (True, True)
     >>> qdot = found.inverse.velocity(q0, [0.1, 0.0])  # rad/s
     """
     require_type(desired, Batched, "desired", AN_INVERSE)
-    require_type(region, Region, "region", "a region of joint space, such as rp.Box(q0, 0.3)")
+    require_type(region, Region, "region", A_REGION)
     if potentials is not None:
-        require_type(
-            potentials,
-            PotentialBasis,
-            "potentials",
-            "potentials, such as rp.Polynomial(q0, 2, 0.3)",
-        )
-    if executor is not None and not callable(getattr(executor, "submit", None)):
-        require_type(
-            executor, Executor, "executor", "a concurrent.futures.Executor or a Dask client"
-        )
+        require_type(potentials, PotentialBasis, "potentials", A_BASIS)
+    options = fit_options(options)
+    if options.samples is not None:
+        as_int(options.samples, "samples", 1, MOST_NODES)
+    if options.held_out is not None:
+        as_int(options.held_out, "held_out", 2 * REPLICATES, MOST_NODES)
     shrink = flag(shrink, "shrink")
     progress = flag_or_function(
         progress, "progress", "a function of what is being done and the share that is done", 2
@@ -134,49 +106,37 @@ def nearest_repeatable(
     _check(desired, potentials, region, degree)
     if potentials is None:
         potentials = _polynomial(region, 1 if degree == "auto" else degree)
-    options = FitOptions(
-        desired,
-        potentials,
-        region,
-        executor,
-        samples=None if samples is None else as_int(samples, "samples", 1, MOST_NODES),
-        held_out=as_int(held_out, "held_out", 2 * REPLICATES, MOST_NODES),
-        seed=as_int(seed, "seed"),
-        batch=as_int(batch, "batch", 1, MOST_NODES),
-        stream=flag(stream, "stream"),
-        restarts=as_int(restarts, "restarts", 0, _MOST_RESTARTS),
-        tolerance=positive(tolerance, "the tolerance"),
-    )
+    problem = FitProblem(desired, potentials, region, options)
     with reporting.reporter(progress) as report:
-        options = replace(options, report=report)
-        return _auto(options, shrink) if degree == "auto" else _shrinking(options, shrink)
+        problem = replace(problem, report=report)
+        return _auto(problem, shrink) if degree == "auto" else _shrinking(problem, shrink)
 
 
-def _auto(options: FitOptions, shrink: bool) -> Design:
+def _auto(problem: FitProblem, shrink: bool) -> Design:
     """Raise the degree until the cost on held-out nodes stops falling."""
     best: Design | None = None
     tried: list[tuple[int, float, float]] = []
-    task = options.desired.task
+    task = problem.desired.task
     for degree in range(1, (_MOST_DEGREE + 2 if task.n <= 3 else _MOST_DEGREE) + 1):
-        options = replace(
-            options,
-            potentials=_polynomial(options.region, degree),
+        problem = replace(
+            problem,
+            potentials=_polynomial(problem.region, degree),
             warm=None if best is None else best.coefficients,
         )
-        unknowns = (options.potentials.size - task.r) * task.r
+        unknowns = (problem.potentials.size - task.r) * task.r
         if unknowns < 0:
             continue
         if best is not None and unknowns > _MOST_UNKNOWNS:
             break
         try:
-            design = _shrinking(options, shrink and best is None)
+            design = _shrinking(problem, shrink and best is None)
         except SingularRegionError:
             if best is None:
                 raise
             break
         if shrink and design.leaf_margin < SHRUNK_MARGIN:  # of a higher degree: one region for all
             break
-        options = replace(options, region=design.region)
+        problem = replace(problem, region=design.region)
         tried.append((degree, design.cost, design.cost_error))
         worthwhile = best is None or design.cost < (1 - _WORTHWHILE) * best.cost
         if best is None or design.cost < best.cost:
@@ -187,37 +147,37 @@ def _auto(options: FitOptions, shrink: bool) -> Design:
     return replace(best, degrees=tuple(tried))
 
 
-def _shrinking(options: FitOptions, shrink: bool) -> Design:
-    """Design in Ω, or where a person allows it in the largest part of it that is free of
-    singularities."""
-    asked, attempt = options.region.bounds.half_width, 0
+def _shrinking(problem: FitProblem, shrink: bool) -> Design:
+    """Design in Ω, or with ``shrink`` in the largest singularity-free part of it."""
+    asked, attempt = problem.region.bounds.half_width, 0
     while True:
         try:
-            design = fit(options)
+            design = fit(problem)
             if shrink:
                 _check_margin(design)
             return replace(design, shrunk=float(np.max(design.region.bounds.half_width / asked)))
         except SingularRegionError as error:
             if error.free is None or attempt == (_SHRINKINGS if shrink else 0):
                 raise
-            # the first time what the refusal names; a V fitted there may need less room again, so
-            # then in strides
-            free, stride = error.free, options.region.shrunk(0.9)
+            # first the region that the error names; a V fitted there may be singular again, so
+            # then smaller ones, step by step
+            free, stride = error.free, problem.region.shrunk(0.9)
             smaller = attempt > 0 and (stride.bounds.half_width < free.bounds.half_width).any()
-            options = replace(options, region=stride if smaller else free)
+            problem = replace(problem, region=stride if smaller else free)
             attempt += 1
         except SingularityError as error:
             raise SingularityError(
-                f"{error}: the design fails there, not the arm; use a smaller region, a lower degree, or another center"
+                f"{error}: the design fails there, not the arm; "
+                "use a smaller region, a lower degree, or another center"
             ) from None
 
 
 def _check_margin(design: Design) -> None:
-    """Refuse a design that comes too near to an algorithmic singularity to be shrunk to."""
+    """Refuse a design whose leaf margin is below the one to which regions are shrunk."""
     if design.leaf_margin < SHRUNK_MARGIN:
         task, at = design.inverse.task, design.leaf_margin_at
         measure = LeafMargin(task, design.inverse.potentials, design.region.center)
-        what = f"the leaf margin falls to {design.leaf_margin:.2g}"
+        what = f"the leaf margin falls to {design.leaf_margin:.2g} in Ω"
         raise refuse_singular(what, task, measure, design.region, at[None])
 
 
@@ -229,14 +189,15 @@ def _polynomial(region: Region, degree: Any) -> Polynomial:
 def _check(
     desired: Inverse, potentials: PotentialBasis | None, region: Region, degree: int | str | None
 ) -> None:
-    """Refuse what cannot work, before anything is evaluated."""
+    """Refuse arguments that do not fit each other, before anything is evaluated."""
     task = desired.task
     if task.r < 1:
         raise InputError(
-            f"a {task.kind} task leaves the {task.n} joints that move {task.frame!r} no redundancy (r = {task.r})"
+            f"a {task.kind} task leaves the {task.n} joints that move {task.frame!r} "
+            f"no redundancy (r = {task.r})"
         )
     if (potentials is None) == (degree is None):
-        raise InputError("give either potentials, or None and degree=")
+        raise InputError("potentials and degree= are mutually exclusive; give one of them")
     if isinstance(degree, str) and degree != "auto":
         raise InputError(f"degree is a whole number from 1 up, or 'auto', not {shown(degree)}")
     if len(region.center) != task.n:

@@ -1,4 +1,4 @@
-"""Search Ω for singularities: of the arm, and of a choice of potentials."""
+"""Search for singularities in Ω: of the arm, and of a choice of potentials."""
 
 from __future__ import annotations
 
@@ -6,46 +6,55 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 from ..errors import SingularityError
 from ..potentials.basis import Potentials
 from ..regions import Region
 from ..robot.task import Task
+from ..solvers import StepLengths, descend_in_box
 from .criterion import named
 
 Measure = Callable[[Array], Array]
 """Q (K, n) → (K,): 0 at a singularity."""
 
 _STARTS = 16
-_STEPS = 60
+_LENGTHS = StepLengths(first=0.1, longest=0.5, shortest=1e-5, longer=2.0, shorter=4.0, steps=60)
+_DIFFERENCE = 1e-6
+_FEELER = 1e-4
+"""Step down the slope, in units of the region, that shows where the region ends."""
+
+_EDGE = 1e-9
+"""Rounding of the scaled distance from the center."""
+
 _NEWTON = 12
 _RANK = 1e-5
 _BISECTIONS = 12
 
 SHRUNK_MARGIN = 0.1
-"""The leaf margin to which a region is shrunk: at the very edge of a singularity a design is of no
-use."""
+"""Leaf margin to which a region is shrunk; next to a singularity a design is not usable."""
 
 
 class SingularRegionError(SingularityError):
-    """A singularity lies in Ω.
+    """The design region Ω contains a singularity.
 
     Attributes
     ----------
     finding : str
-        What was found; the message adds a remedy.
+        The fact; the message adds a remedy.
     at : (n,) array
-        Where, rad (m for sliding joints).
+        Configuration of the singularity, rad (m for prismatic joints).
     free : Region or None
-        The largest region round the center, of the same shape, that was found free of it; of an
-        algorithmic singularity: with a leaf margin of 0.1 or more.
+        Largest region found with the same center and shape that is free of it; of an algorithmic
+        singularity, with a leaf margin of at least 0.1.
 
     Examples
     --------
-    >>> wide = rp.Box(q0, 3.0)  # reaches singular configurations
+    >>> wide = rp.Box(q0, 3.0)  # contains singular configurations
     >>> try:
-    ...     rp.nearest_repeatable(control, rp.Polynomial(q0, 2, 3.0), wide, samples=512, held_out=512)
+    ...     options = rp.FitOptions(samples=512, held_out=512)
+    ...     rp.nearest_repeatable(control, rp.Polynomial(q0, 2, 3.0), wide, options=options)
     ... except rp.SingularRegionError as error:
     ...     print(type(error).__name__)
     SingularRegionError
@@ -56,16 +65,17 @@ class SingularRegionError(SingularityError):
         self.free = free
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Lowest:
-    """The lowest value of a measure found in a region, and where.
+    """Smallest value of a measure found in a region.
 
     Attributes
     ----------
     value : float
     at : (n,) array
     ends, values : (S, n), (S,) arrays
-        Where the local searches ended, and the values there.
+        Ends of the local searches, and the values there.
     """
 
     value: float
@@ -81,7 +91,7 @@ class Dexterity:
         self.task = task
 
     def __call__(self, Q: Array) -> Array:
-        """Measure it at every row of Q (K, n): (K,)."""
+        """Evaluate it at every row of Q (K, n): (K,)."""
         values = np.linalg.svd(self.task.jacobians(Q), compute_uv=False)
         return np.where(values[:, -1] > _RANK * values[:, 0], values[:, -1] / values[:, 0], 0.0)
 
@@ -89,8 +99,8 @@ class Dexterity:
         """Take the shortest step to rank loss to first order, (K, n), in units of scale (n,).
 
         J = U Σ Vᵀ loses rank where ``V₂ᵀ Jᵀ u = 0``, u the last column of U and V₂ those of V from
-        m on: n − m + 1 equations. An arm stretched out is such a cone's tip, which no descent of
-        σ_min reaches."""
+        m on: n − m + 1 equations. A stretched arm is at the tip of a cone of σ_min, which no
+        descent of σ_min reaches."""
         m = self.task.m
         U, sigma, Vt = np.linalg.svd(self.task.jacobians(Q))
         slope = np.einsum(
@@ -112,7 +122,7 @@ class LeafMargin:
         self.side = float(np.sign(self(center[None]))[0])
 
     def __call__(self, Q: Array) -> Array:
-        """Measure it at every row of Q (K, n): (K,)."""
+        """Evaluate it at every row of Q (K, n): (K,)."""
         J, V = self.task.jacobians(Q), self.potentials.gradients(Q)
         N = np.linalg.qr(np.swapaxes(J, -1, -2), mode="complete")[0][..., self.task.m :]
         V_hat = np.linalg.qr(V)[0]
@@ -128,49 +138,44 @@ def lowest(measure: Measure, region: Region, starts: Array) -> Lowest:
     """Minimise a measure over Ω from several starts at once, until it is 0 or below, or no step
     helps.
 
-    Each start goes down the slope, no further than to where the slope would reach 0, with a bound
-    on the step that doubles where it helped and is quartered where not.
+    A step goes down the slope, at most to where the slope would reach 0. Its bound is doubled after
+    a step that helped and quartered after one that did not.
 
     Parameters
     ----------
     measure
-        What to minimise, from 0 up but for a crossing.
+        The measure; below 0 only beyond a singularity.
     region
         Ω.
     starts : (S, n) array
-        In Ω.
+        Configurations in Ω.
     """
     scale = region.bounds.half_width
     Q, value = starts.copy(), measure(starts)
     n = Q.shape[1]
-    bound = np.full(len(Q), 0.1)
-    nudge = 1e-6 * np.eye(n) * scale
-    for _ in range(_STEPS):
-        moving = np.flatnonzero(bound >= 1e-5)
-        if value.min() <= 0 or not len(moving):
-            break
-        here, at = Q[moving], value[moving]
-        slope = (
-            measure((here[:, None] + nudge).reshape(-1, n)).reshape(-1, n) - at[:, None]
-        ) / 1e-6  # (S, n)
-        # what of the way down stays in Ω
-        down = (region.clip(here - 1e-4 * slope * scale / _length(slope)[:, None]) - here) / (
-            1e-4 * scale
-        )
+    nudge = _DIFFERENCE * np.eye(n) * scale
+
+    def trial(rows: NDArray[np.intp], bound: Array) -> Array:
+        here, at = Q[rows], value[rows]
+        beside = measure((here[:, None] + nudge).reshape(-1, n)).reshape(-1, n)
+        slope = (beside - at[:, None]) / _DIFFERENCE  # (S, n)
+        ahead = region.clip(here - _FEELER * slope * scale / _length(slope)[:, None])
+        down = (ahead - here) / (_FEELER * scale)  # the part of the way down that stays in Ω
         steepness = np.maximum(-np.sum(down * slope, axis=1) / _length(down), 1e-12)
-        length = np.minimum(bound[moving], 1.01 * at / steepness)
-        trial = region.clip(here + (length / _length(down))[:, None] * down * scale)
-        found = measure(trial)
-        better = (found < at) & (region.ratio(trial) <= 1 + 1e-9)
-        Q[moving[better]], value[moving[better]] = trial[better], found[better]
-        bound[moving] = np.where(better, np.minimum(2 * bound[moving], 0.5), bound[moving] / 4)
+        length = np.minimum(bound, 1.01 * at / steepness)
+        return region.clip(here + (length / _length(down))[:, None] * down * scale)
+
+    def evaluate(rows: NDArray[np.intp], points: Array) -> tuple[Array, NDArray[np.bool_]]:
+        return measure(points), region.ratio(points) <= 1 + _EDGE
+
+    descend_in_box(Q, value, trial, evaluate, _LENGTHS, enough=0.0)
     if isinstance(measure, Dexterity) and value.min() > 0:
         ends = Q.copy()
         for _ in range(_NEWTON):
             step = measure.newton(ends, scale)
             ends = region.clip(ends + scale * step * np.minimum(1.0, 0.5 / _length(step))[:, None])
             found = measure(ends)
-            better = (found < value) & (region.ratio(ends) <= 1 + 1e-9)
+            better = (found < value) & (region.ratio(ends) <= 1 + _EDGE)
             Q[better], value[better] = ends[better], found[better]
             if value.min() <= 0:
                 break
@@ -179,8 +184,7 @@ def lowest(measure: Measure, region: Region, starts: Array) -> Lowest:
 
 
 def search(measure: Measure, region: Region, Q: Array, values: Array | None = None) -> Lowest:
-    """Find the lowest value of a measure in Ω: local searches from the worst of the points Q and
-    from some others."""
+    """Search Ω for the smallest value of a measure, from the worst of the points Q and others."""
     values = measure(Q) if values is None else values
     order = np.argsort(values)
     others = order[np.linspace(0, len(order) - 1, _STARTS // 4).astype(int)]
@@ -189,19 +193,18 @@ def search(measure: Measure, region: Region, Q: Array, values: Array | None = No
 
 
 def largest_free(measure: Measure, region: Region, bad: Array) -> Region | None:
-    """Find the largest region round the center, of Ω's shape, in which a measure stays above its
-    floor.
+    """Find the largest region with the center and shape of Ω in which a measure is above its floor.
 
-    The floor is 0 for the arm's own singularities, and a leaf margin of 0.1. The first crossings on
-    the way from known ones to the center bound the region from above; then it is bisected, each
-    smaller one being searched anew.
+    The floor is 0 for singularities of the arm, and 0.1 for a leaf margin. The first crossings on
+    the lines from known singularities to the center bound the size from above. Then the size is
+    bisected, with a new search of each region.
 
     Parameters
     ----------
     measure, region
-        What must stay above its floor, and Ω.
+        The measure, and Ω.
     bad : (B, n) array
-        Points of Ω where it does not.
+        Points of Ω where the measure is below its floor.
 
     Returns
     -------
@@ -238,22 +241,24 @@ def largest_free(measure: Measure, region: Region, bad: Array) -> Region | None:
 def refuse_singular(
     what: str, task: Task, measure: Measure, region: Region, bad: Array
 ) -> SingularRegionError:
-    """Make the refusal that names the first of some points (B, n), and the largest region that is
-    free of them."""
+    """Make the error that names the first of the points (B, n) and the largest region without them.
+
+    ``what`` begins the message: "the Jacobian loses rank in Ω".
+    """
     at, largest = bad[0], largest_free(measure, region, bad)
-    where = f"{what} in Ω near {named(task, at)}"
+    where = f"{what} near {named(task, at)}"
     if largest is None:
         return SingularRegionError(
-            f"{where}; the center of the region is singular, or nearly so", at, None,
+            f"{where}; the centre of the region is singular, or nearly so",
+            at,
+            None,
             "choose another, or a smaller region",
-        )  # fmt: skip
-    free = (
-        "free of it"
-        if not isinstance(measure, LeafMargin)
-        else f"{SHRUNK_MARGIN:g} or more in leaf margin from it"
-    )
-    found = f"{where}; the largest region round its center that is {free} is a {largest}"
-    return SingularRegionError(found, at, largest, "take that (shrink=True)")
+        )
+    free = "singularity-free region with the same centre"
+    if isinstance(measure, LeafMargin):
+        free = f"region with the same centre and a leaf margin of at least {SHRUNK_MARGIN:g}"
+    found = f"{where}; the largest {free} is a {largest}"
+    return SingularRegionError(found, at, largest, "use shrink=True to design there")
 
 
 def _length(vectors: Array) -> Array:

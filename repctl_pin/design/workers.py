@@ -1,8 +1,8 @@
 """Batches in other processes: any ``concurrent.futures`` executor, or a Dask cluster.
 
-The nodes are cut into pieces. A worker that has evaluated a piece keeps its batches; at the next
-pass every worker is asked for the pieces that it holds, and what is missing then (a worker died, or
-was not reached) is built anew by whoever is free. Which worker does what affects only the time."""
+The nodes are divided into pieces. A worker that has evaluated a piece keeps its batches. In the
+next pass each worker is asked for the pieces that it holds. Missing ones, such as those of a dead
+worker, are built anew by any free worker. The distribution affects only the time."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 from ..errors import InputError
 from .batches import Batches, Sum, Sums, Tick, add, over, silent
 from .criterion import Batch, Builder
@@ -28,17 +28,17 @@ if TYPE_CHECKING:
 
 _PIECES = 32
 _held = threading.local()
-"""What this worker keeps: the run it belongs to, and batches by the number of their piece."""
+"""State of this worker: its run, and batches by the number of their piece."""
 
 Work = Callable[[Iterable[Batch]], Sums]
 Answer = tuple[str, dict[int, Sums]]
-"""Which worker answers, and the sums over pieces by their numbers."""
+"""Name of the worker, and the sums over pieces by their numbers."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Piece:
-    """Some of the nodes, and what builds their batches: pickled, so that every worker has an arm of
-    its own."""
+    """A part of the nodes, and the pickled builder of their batches."""
 
     builder: bytes
     Q: Array
@@ -59,7 +59,7 @@ def hand_out(
     stream: bool = False,
     tick: Tick = silent,
 ) -> Batches:
-    """Hand nodes out to an executor's or a cluster's workers, in pieces of whole batches.
+    """Distribute nodes to the workers of an executor or a cluster, in pieces of whole batches.
 
     Raises
     ------
@@ -71,7 +71,8 @@ def hand_out(
     except (pickle.PicklingError, AttributeError, TypeError) as error:
         raise InputError(
             f"the design cannot be sent to another process ({error}); "
-            "write its functions at the top level of a module, not as lambdas or inside other functions"
+            "write its functions at the top level of a module, "
+            "not as lambdas or inside other functions"
         ) from None
     count = -(-len(Q) // batch)
     size = -(-count // min(_PIECES, count)) * batch
@@ -84,7 +85,8 @@ def hand_out(
     if "distributed" in sys.modules and isinstance(executor, sys.modules["distributed"].Client):
         return OnCluster(pieces, executor, stream, tick)
     raise InputError(
-        f"executor= takes a concurrent.futures Executor or a Dask Client, not {type(executor).__name__}"
+        "executor= takes a concurrent.futures Executor or a Dask Client, "
+        f"not {type(executor).__name__}"
     )
 
 
@@ -98,7 +100,7 @@ class InExecutor:
         self._passes = 0
 
     def total(self, function: Sum, *arguments: Any) -> Sums:
-        """Add ``function(batch, *arguments)`` up over all batches, item by item."""
+        """Sum ``function(batch, *arguments)`` over all batches, item by item."""
         self._passes += 1
         work, submit = partial(over, function=function, arguments=arguments), self._executor.submit
         found: dict[int, Sums] = {}
@@ -114,7 +116,7 @@ class InExecutor:
         return add(found[i] for i in range(len(self._pieces)))
 
     def close(self) -> None:
-        """Ask the workers to let the batches go."""
+        """Ask the workers to release the batches."""
         for _ in self._owners:
             self._executor.submit(_forget, self._run)
 
@@ -142,7 +144,7 @@ class OnCluster:
         )
 
     def total(self, function: Sum, *arguments: Any) -> Sums:
-        """Add ``function(batch, *arguments)`` up over all batches, item by item."""
+        """Sum ``function(batch, *arguments)`` over all batches, item by item."""
         work = partial(over, function=function, arguments=arguments)
         futures = [self._client.submit(work, batches, pure=False) for batches in self._batches]
         parts: list[Sums] = []
@@ -156,7 +158,7 @@ class OnCluster:
         return add(parts)
 
     def close(self) -> None:
-        """Let the batches go."""
+        """Release the batches."""
         self._batches = []
 
 
@@ -165,7 +167,7 @@ class OnCluster:
 
 
 def _evaluate_piece(run: str, number: int, piece: Piece, stream: bool, work: Work) -> Answer:
-    """Build a piece, evaluate it, and keep it unless told otherwise."""
+    """Build a piece, evaluate it, and keep it unless ``stream`` is set."""
     if stream:
         return _me(), {number: work(piece)}
     if getattr(_held, "run", None) != run:
@@ -176,7 +178,7 @@ def _evaluate_piece(run: str, number: int, piece: Piece, stream: bool, work: Wor
 
 
 def _evaluate_held(key: tuple[str, int], owners: dict[str, list[int]], work: Work) -> Answer:
-    """Evaluate the pieces that this worker holds and is asked for, once a pass."""
+    """Evaluate the pieces that this worker holds and is asked for, once per pass."""
     run, number = key
     if getattr(_held, "run", None) != run or _held.answered == number:
         return _me(), {}

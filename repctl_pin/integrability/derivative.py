@@ -8,7 +8,7 @@ from functools import singledispatch
 
 import numpy as np
 
-from ..arguments import Array, require_type
+from ..arguments import Array, read_only, require_type
 from ..errors import SingularityError
 from ..potentials.basis import CurvedPotentials
 from ..redundancy.augmented import augmented_inverse
@@ -27,7 +27,8 @@ _NARROWER = (1.0, 2.0**-3, 2.0**-6, 2.0**-9)
 _ENOUGH = 1e-6
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Derivative:
     """Inverse and its derivative at K configurations.
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, flag, vector
+from ..arguments import Array, flag, read_only, vector
 from ..robot.length import joint_scale
 from ..strategies.strategy import Inverse
 from .derivative import derivative, require_inverse
@@ -68,7 +68,8 @@ def curl_form(G: Array, dG: Array) -> Array:
     return np.sum(n_G * curl, axis=-1)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Defects:
     """Defects of an inverse at K configurations.
 

@@ -6,10 +6,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..arguments import MOST_NODES, Array, as_int, require_type
+from ..arguments import MOST_NODES, Array, as_int, read_only, require_type
 from ..errors import InputError, SingularityError
 from ..redundancy.inverses import inverse_condition_number
 from ..regions import Region
+from ..regions.region import A_REGION
 from ..strategies.strategy import Inverse
 from .derivative import require_inverse
 from .lie_bracket import measure
@@ -20,7 +21,8 @@ _BLIND = 1e-3
 _NEAR_SINGULAR = 1e-3
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Repeatability:
     """Result of the repeatability test of an inverse in a region; true in an ``if`` if repeatable.
 
@@ -149,7 +151,7 @@ def points_of(region: Region, strategy: Inverse, samples: int, seed: int) -> Arr
         If the region or the inverse has the wrong type, or their numbers of joints differ.
     """
     n = require_inverse(strategy).task.n
-    require_type(region, Region, "region", "a region of joint space, such as rp.Box(q0, 0.3)")
+    require_type(region, Region, "region", A_REGION)
     Q = region.random(as_int(samples, "samples", 1, MOST_NODES), as_int(seed, "seed"))
     if Q.shape[1] != n:
         raise InputError(f"the region has {Q.shape[1]} joints, but the task has {n}")

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 from ..blas import one_blas_thread
 from ..redundancy.inverses import inverse_condition_number
 from ..redundancy.nullspace import nullspace
@@ -29,7 +29,8 @@ _SINGULAR = 1e-3  # σ_min / σ_max of J below which a configuration counts as s
 _WALK, _WALK_STEPS = 0.2, 8  # length and steps of the walk that tests a surface, rad
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Surfaces:
     """Points on s(q) = 0 and their kinds.
 
@@ -54,6 +55,9 @@ class Surfaces:
     rate: Array
     tolerance: Array
     residual: Array
+
+    def __repr__(self) -> str:
+        return f"<{self.summary()}>"
 
     @property
     def stable(self) -> Array:
@@ -138,7 +142,8 @@ def candidate_surface(
 
     Examples
     --------
-    >>> points = rp.candidate_surface(control, rp.Box(q0, 0.8), samples=16)
+    >>> from repctl_pin.integrability import candidate_surface
+    >>> points = candidate_surface(control, rp.Box(q0, 0.8), samples=16)
     >>> points.shape[1]
     3
     """

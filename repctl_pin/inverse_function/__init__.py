@@ -1,5 +1,5 @@
-"""One inverse kinematic function for a whole cell of the workspace: a pose in, the same joints
-out."""
+"""One inverse kinematic function over a cell of the workspace: the same configuration for the same
+pose."""
 
 from .cell import Cell
 from .cell_design import CellDesign

@@ -1,5 +1,4 @@
-"""A cell of the workspace: a box of positions, and of rotations round one orientation where the
-task has any."""
+"""Cell of the workspace: a box of positions, and of rotations around one orientation."""
 
 from __future__ import annotations
 
@@ -20,27 +19,28 @@ from ..arguments import (
     as_numbers,
     freeze,
     positive,
-    require_type,
+    read_only,
     shown,
     vector,
 )
 from ..errors import InputError
-from ..robot.formulas import require_rotation
+from ..robot.formulas import Placement, as_placement, as_placements, require_rotation
 from ..robot.task import Task, require_task
 from .kinematics import placed
 from .rotations import exp3, left_jacobian, log3, tilts
 
 _INSIDE = 1e-9
-"""How far beyond ±1 a coordinate still counts as inside."""
+"""Tolerance of ``|u_i| ≤ 1``."""
 
 LEAST_WIDTH, _MOST_WIDTH = 1e-6, 1e3
-"""Half-widths, m or rad, between which a coordinate that is not held has to lie."""
+"""Smallest and largest half-width, m or rad, of a coordinate that is not held."""
 
 TURNED = 1e-6
-"""How far, rad, a target may be turned away from a cell of one orientation."""
+"""Tolerance, m or rad, along a held coordinate."""
 
 
-@dataclass(frozen=True, init=False)
+@dataclass(frozen=True, eq=False, init=False)
+@read_only
 class Cell:
     r"""All placements ``p = p_0 + w ∘ u``, ``R = exp(\hat ω) R_0`` with ``ω = θ ∘ u``, every
     ``|u_i| ≤ 1``.
@@ -54,25 +54,25 @@ class Cell:
     task
         The task.
     placement
-        The middle: a rigid transform, a homogeneous matrix (4, 4), or a position (3,) with the
-        orientation of the task's reference.
+        Middle of the cell: a rigid transform, a homogeneous matrix (4, 4), or a position (3,) with
+        the orientation of the task's reference.
     half_width : float or (k,) array
-        w, m: one number, or one for each of the k positions that the task commands, in base axes.
+        w, m: one number, or one per position that the task commands, in base axes.
     half_angle : float or (3,) array
-        θ, rad: one number, or one for each axis; 0 is one orientation. Every rotation up to θ is
-        inside, and, as the components of ω are bounded, some further ones.
+        θ, rad: one number, or one per axis; 0 is one orientation. Every rotation up to θ is inside,
+        and some larger ones, because each component of ω is bounded by itself.
 
     Attributes
     ----------
     k : int
-        The number of coordinates u.
+        Number of coordinates u.
     widths : (m,) array
-        (w, θ), of all that the task commands, 0 where held.
+        Half-widths (w, θ) of all coordinates that the task commands, m and rad; 0 where held.
 
     Raises
     ------
     InputError
-        If a size is wrong, nothing is left to move, or the rotations reach half a turn.
+        If a size is wrong, all half-widths are 0, or the rotations reach half a turn.
 
     Examples
     --------
@@ -90,20 +90,20 @@ class Cell:
     def __init__(
         self,
         task: Task,
-        placement: pin.SE3 | ArrayLike,
+        placement: Placement,
         half_width: ArrayLike,
         half_angle: ArrayLike = 0.0,
     ) -> None:
         if require_task(task).coordinates is not None:
             raise InputError(
-                "a cell is of the robot's own joints; take the task without in_coordinates"
+                "a cell requires the robot's own joints; use the task before in_coordinates()"
             )
         positions = min(3, task.m)
         turns = task.m - positions
         w = _sizes(
             half_width, positions, "half_width", "m", "one per position that the task commands"
         )
-        theta = _sizes(half_angle, turns or 1, "half_angle", "rad", "one an axis")
+        theta = _sizes(half_angle, turns or 1, "half_angle", "rad", "one per axis")
         if not turns and theta.any():
             raise InputError(
                 f": a {task.kind} task leaves the rotation free",
@@ -112,48 +112,44 @@ class Cell:
             )
         if np.linalg.norm(theta) >= 0.95 * np.pi:
             raise InputError(
-                f"rotations to {np.max(theta):g} rad about each axis reach half a turn at the cell's corners, where "
-                "one pose has two names; keep the length of rotation below 2.98 rad"
+                f"rotations to {np.max(theta):g} rad about each axis reach half a turn at the "
+                "cell's corners, where one pose has two names; keep the length of half_angle "
+                "below 2.98 rad"
             )
         widths = np.concatenate([w, theta[:turns]])
         if not widths.any():
-            raise InputError("a cell needs at least one half_width or rotation above 0")
+            raise InputError("a cell needs at least one half_width or half_angle above 0")
         freeze(self, task=task, placement=_placement(task, placement), widths=widths)
 
     @classmethod
     def around(
         cls,
         task: Task,
-        poses: Sequence[pin.SE3] | object,
+        poses: Sequence[Placement] | object,
         margin: ArrayLike = 0.02,
         half_angle: ArrayLike = 0.0,
     ) -> Cell:
-        """Make the smallest cell that holds some poses, or a closed path, with room around them.
+        """Make the smallest cell around several poses or a closed path, with a margin.
 
         Parameters
         ----------
         task
-            What is placed.
+            The task.
         poses
-            Placements, or a path such as :func:`rp.circle` makes.
+            Placements, or a closed path such as ``rp.circle(task, q0)``.
         margin
-            Added to the half-widths, m: one number, or one for each position that the task
-            commands.
-        rotation
-            Added to the half-widths of the rotations, rad.
+            Addition to the half-widths, m: one number, or one per position that the task commands.
+        half_angle
+            Addition to the half-widths of the rotations, rad.
         """
         require_task(task)
         if hasattr(poses, "placement"):
             poses = [poses.placement(s) for s in np.linspace(0, 1, 2001)]
-        if (
-            not isinstance(poses, Sequence)
-            or not poses
-            or not all(isinstance(x, pin.SE3) for x in poses)
-        ):
-            raise InputError(
-                "a cell goes around a list of placements (pinocchio.SE3), or a closed path"
-            )
-        p, R = stacked(task, poses, "placement")
+        what = "a list of placements, or a closed path"
+        listed = as_placements(poses, "placement", what)
+        if not listed:
+            raise InputError(f"placements must be {what}, not an empty list")
+        p, R = stacked(task, listed, "placement")
         middle = pin.SE3(R[0], (p.max(axis=0) + p.min(axis=0)) / 2)
         positions, turns = min(3, task.m), task.m - min(3, task.m)
         unit = cls(task, middle, 1.0, 0.1 if turns else 0.0)
@@ -165,7 +161,7 @@ class Cell:
         reach[reach < LEAST_WIDTH] = 0.0
         more = _sizes(margin, positions, "margin", "m", "one per position that the task commands")
         turn = (
-            reach[positions:] + _sizes(half_angle, turns, "half_angle", "rad", "one an axis")
+            reach[positions:] + _sizes(half_angle, turns, "half_angle", "rad", "one per axis")
             if turns
             else half_angle
         )
@@ -173,21 +169,21 @@ class Cell:
 
     @property
     def k(self) -> int:
-        """The number of coordinates u."""
+        """Number of coordinates u."""
         return int(np.count_nonzero(self.widths))
 
     @property
     def half_width(self) -> Array:
-        """w, m: one number for each position that the task commands."""
+        """Half-widths w, m: one per position that the task commands."""
         return self.widths[: min(3, self.task.m)]
 
     @property
     def rotation(self) -> Array:
-        """θ, rad: one number for each axis; of size 0 if the task leaves the rotation free."""
+        """Half-angles θ, rad: one per axis; of size 0 if the task leaves the rotation free."""
         return self.widths[min(3, self.task.m) :]
 
     def scaled(self, factor: float) -> Cell:
-        """Make the cell with the same middle and all widths scaled."""
+        """Make the cell with the same middle and all half-widths scaled."""
         factor = positive(factor, "the factor")
         turn = self.rotation * factor if len(self.rotation) else 0.0
         return Cell(self.task, self.placement, self.half_width * factor, turn)
@@ -196,7 +192,7 @@ class Cell:
     # -------------------------------------------------------
 
     def placements(self, U: ArrayLike) -> tuple[Array, Array]:
-        """Place the coordinates U (K, k): positions (K, 3), m, and rotations (K, 3, 3)."""
+        """Convert coordinates U (K, k) to positions (K, 3), m, and rotations (K, 3, 3)."""
         Y = self.spread(U)
         positions = len(self.half_width)
         p = np.tile(self.placement.translation, (len(Y), 1))
@@ -207,13 +203,12 @@ class Cell:
         return p, R
 
     def at(self, u: ArrayLike) -> pin.SE3:
-        """Place one u (k,)."""
+        """Convert coordinates u (k,) to a placement."""
         p, R = self.placements(vector(u, self.k, "u", "one per coordinate of the cell")[None])
         return pin.SE3(R[0].copy(), p[0])
 
-    def coordinates(self, p: Array, R: Array) -> tuple[Array, Array]:
-        """Find the coordinates u of placements, and how far they are turned off what the cell
-        holds.
+    def coordinates(self, p: ArrayLike, R: ArrayLike) -> tuple[Array, Array]:
+        """Convert placements to coordinates u, and measure their distance along held coordinates.
 
         Parameters
         ----------
@@ -231,19 +226,19 @@ class Cell:
         on = self.widths > 0
         return Y[:, on] / self.widths[on], np.abs(Y[:, ~on]).max(axis=1, initial=0.0)
 
-    def coordinates_of(self, target: pin.SE3) -> Array:
-        """Find the coordinates u (k,) of one placement that has to lie in the cell.
+    def coordinates_of(self, target: Placement) -> Array:
+        """Convert one placement, which must lie in the cell, to coordinates u (k,).
 
         Raises
         ------
         InputError
-            If it lies outside; the message says which way and how far.
+            If it lies outside; the message names the coordinate and the distance.
         """
-        require_type(target, pin.SE3, "target", "a placement (pinocchio.SE3)")
+        target = as_placement(target)
         return self.inside(*self.coordinates(*stacked(self.task, [target], "target")))[0]
 
-    def inside(self, U: Array, off: Array) -> Array:
-        """Take coordinates that have to lie in the cell, or say which does not."""
+    def inside(self, U: ArrayLike, off: ArrayLike) -> Array:
+        """Refuse coordinates U (K, k) that lie outside the cell."""
         U, off = as_matrices(("U", U, f"K {self.k}"), ("off", off, "K"), exact=True, finite=False)
         bad = ~((np.abs(U) <= 1 + _INSIDE).all(axis=1) & (off <= TURNED))
         if not bad.any():
@@ -254,18 +249,19 @@ class Cell:
             raise InputError(f"{which} must be finite numbers, m and a rotation")
         if off[at] > TURNED and (np.abs(U[at]) <= 1 + _INSIDE).all():
             raise InputError(
-                f"{which} is {off[at]:.3g} m or rad off what the cell holds; widen the cell that way"
+                f"{which} lies outside the cell, by {off[at]:.3g} m or rad along a coordinate of "
+                "width 0; widen the cell along that coordinate"
             )
         i = int(np.argmax(np.abs(U[at])))
         name, unit, width = self.names[i], self.units[i], self._active_widths[i]
         raise InputError(
-            f"{which} lies outside the cell: {name} is {U[at, i] * width:+.3g} {unit} from the middle, "
-            f"and the cell goes to ±{width:.3g}"
+            f"{which} lies outside the cell: {name} is {U[at, i] * width:+.3g} {unit} "
+            f"from the middle, and the cell goes to ±{width:.3g}"
         )
 
-    def ratio(self, Q: Array) -> Array:
-        """By what factor the cell would have to grow for each row of Q (K, n) to reach its edge:
-        above 1 is outside."""
+    def ratio(self, Q: ArrayLike) -> Array:
+        """Factor by which the cell would have to be scaled for the pose of each row of Q (K, n) to
+        lie on its boundary: (K,); above 1 is outside."""
         U, off = self.coordinates(
             *placed(self.task, as_configurations(Q, self.task.n, "this cell"))[:2]
         )
@@ -274,40 +270,44 @@ class Cell:
     # ---- velocities
     # --------------------------------------------------------------------------------
 
-    def twists(self, U: Array, R: Array) -> Array:
+    def twists(self, U: ArrayLike, R: ArrayLike) -> Array:
         """Evaluate E = ∂x/∂u in the rows of the task's velocity, (K, m, k), m and rad.
 
         Parameters
         ----------
         U : (K, k) array
         R : (K, 3, 3) array
-            The frame's rotations: for an axis task they may be spun about the tool's axis against
-            the cell's.
+            Rotations of the frame; for an axis task they may differ from the cell's by a rotation
+            about the tool's axis.
         """
         U, R = as_matrices(("U", U, f"K {self.k}"), ("R", R, "K 3 3"), exact=True, finite=False)
         return self._all_twists(self.spread(U), R)[:, :, self.widths > 0] * self._active_widths
 
-    def slopes(self, p: Array, R: Array) -> tuple[Array, Array]:
+    def slopes(self, p: ArrayLike, R: ArrayLike) -> tuple[Array, Array]:
         """Evaluate u and ∂u/∂x at placements: (K, k) and (K, k, m)."""
         p, R = as_matrices(("p", p, "K 3"), ("R", R, "K 3 3"), exact=True, finite=False)
         Y, on = self._measured(p, R), self.widths > 0
         slopes = np.linalg.inv(self._all_twists(Y, R))[:, on] / self._active_widths[:, None]
         return Y[:, on] / self._active_widths, slopes
 
-    def speeds(self, U: Array) -> Array:
-        """Evaluate ``(EᵀE)^(−1/2)`` (K, k, k), which makes ∂F/∂u joint speeds per unit of task
+    def speeds(self, U: ArrayLike) -> Array:
+        """Evaluate ``(EᵀE)^(−1/2)`` (K, k, k), which scales ∂F/∂u to joint speed per unit of task
         speed."""
         _, R = self.placements(U)
         E = self.twists(U, R)
         s, V = np.linalg.eigh(np.swapaxes(E, 1, 2) @ E)
         return (V / np.sqrt(s)[:, None, :]) @ np.swapaxes(V, 1, 2)
 
-    def errors(self, p_goal: Array, R_goal: Array, p: Array, R: Array) -> Array:
-        """Measure the task errors (K, m) from placements to goals, as :meth:`Task.error` does."""
+    def errors(self, p_goal: ArrayLike, R_goal: ArrayLike, p: ArrayLike, R: ArrayLike) -> Array:
+        """Evaluate the task errors (K, m) from placements to goals, as :meth:`Task.error` does."""
         p_goal, R_goal, p, R = as_matrices(
-            ("p_goal", p_goal, "K 3"), ("R_goal", R_goal, "K 3 3"), ("p", p, "K 3"), ("R", R, "K 3 3"),
-            exact=True, finite=False,
-        )  # fmt: skip
+            ("p_goal", p_goal, "K 3"),
+            ("R_goal", R_goal, "K 3 3"),
+            ("p", p, "K 3"),
+            ("R", R, "K 3 3"),
+            exact=True,
+            finite=False,
+        )
         e = p_goal - p
         if self.task.kind == "pose":
             return np.concatenate([e, log3(R_goal @ np.swapaxes(R, 1, 2))], axis=1)
@@ -327,7 +327,7 @@ class Cell:
         return 2 * qmc.Sobol(self.k, seed=seed).random_base2(power)[:count] - 1
 
     def corners(self) -> Array:
-        """The corners of the box and the middles of its faces: (K, k)."""
+        """List the corners of the box and the middles of its faces: (K, k)."""
         faces = np.concatenate([np.eye(self.k), -np.eye(self.k)])
         return np.concatenate([np.array(list(product((-1.0, 1.0), repeat=self.k))), faces])
 
@@ -336,7 +336,7 @@ class Cell:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What each coordinate is: ``x``, ``y``, ``z``, and the turns ``about x`` …"""
+        """Name of each coordinate: ``x``, ``y``, ``z``, and the rotations ``about x`` …"""
         positions = ["xyz"[i] for i in self.task.rows[: len(self.half_width)]]
         turns = (
             ["about x", "about y", "about z"]
@@ -348,12 +348,12 @@ class Cell:
 
     @property
     def units(self) -> tuple[str, ...]:
-        """m or rad, for each coordinate."""
+        """Unit of each coordinate, m or rad."""
         every = ["m"] * len(self.half_width) + ["rad"] * len(self.rotation)
         return tuple(unit for unit, width in zip(every, self.widths, strict=True) if width)
 
     def size(self) -> str:
-        """Say how large it is: ``±(0.1, 0.15, 0.1) m, turned by ±0.3 rad``."""
+        """Write the half-widths: ``±(0.1, 0.15, 0.1) m, turned by ±0.3 rad``."""
         text = f"±({', '.join(f'{w:.3g}' for w in self.half_width)}) m"
         if not self.rotation.any():
             return text + (", one orientation" if len(self.rotation) else "")
@@ -366,19 +366,20 @@ class Cell:
         return f"{text}, turned by {turn} rad"
 
     def where(self, u: ArrayLike) -> str:
-        """Say where a coordinate is, in m and rad: ``(0.1, 0.2, 0.5) m, turned by (0.3, 0, 0) rad
-        from …``."""
+        """Write a pose: ``(0.1, 0.2, 0.5) m, turned by (0.3, 0, 0) rad from …``."""
         x = self.at(u)
         text = f"({', '.join(f'{v:.3g}' for v in np.round(x.translation, 9) + 0.0)}) m"
         if self.rotation.any():
             u = vector(u, self.k, "u", "one per coordinate of the cell")
             turn = self.spread(u[None])[0, len(self.half_width) :]
-            turned = f", turned by ({', '.join(f'{v:.2g}' for v in turn)}) rad from the middle's orientation"
+            by = ", ".join(f"{v:.2g}" for v in turn)
+            turned = f", turned by ({by}) rad from the middle's orientation"
             text += turned if turn.any() else ""
         return text
 
     def __repr__(self) -> str:
-        return f"<Cell {self.size()} round {self.where(np.zeros(self.k))}, {self.task.frame} {self.task.kind}>"
+        middle = self.where(np.zeros(self.k))
+        return f"<Cell {self.size()} around {middle}, {self.task.frame} {self.task.kind}>"
 
     # ---- inside
     # ------------------------------------------------------------------------------------
@@ -388,15 +389,14 @@ class Cell:
         return self.widths[self.widths > 0]
 
     def spread(self, U: ArrayLike) -> Array:
-        """All m coordinates, m and rad, of U (K, k)."""
+        """Scale coordinates U (K, k) to all m coordinates, m and rad: (K, m)."""
         (U,) = as_matrices(("U", U, f"K {self.k}"), exact=True, finite=False)
         Y = np.zeros((len(U), len(self.widths)))
         Y[:, self.widths > 0] = U * self._active_widths
         return Y
 
     def _measured(self, p: Array, R: Array) -> Array:
-        """All m coordinates, m and rad, of placements; where a coordinate is held, how far they are
-        off it."""
+        """Measure all m coordinates, m and rad, of placements (K, m)."""
         Y = np.empty((len(p), len(self.widths)))
         positions = len(self.half_width)
         Y[:, :positions] = (p - self.placement.translation)[:, self.task.rows[:positions]]
@@ -407,15 +407,16 @@ class Cell:
             Y[:, 3:] = tilts(np.broadcast_to(R_0, R.shape), R)
         return Y
 
-    def vectors(self, turns: Array) -> Array:
-        """Rotation vectors (K, 3), base axes, of the turns (K, 3) or (K, 2)."""
+    def vectors(self, turns: ArrayLike) -> Array:
+        """Convert rotations (K, 3) or (K, 2) about the cell's axes to rotation vectors (K, 3), base
+        axes."""
         (turns,) = as_matrices(
             ("turns", turns, f"K {3 if self.task.kind == 'pose' else 2}"), exact=True, finite=False
         )
         return turns if turns.shape[1] == 3 else turns @ self.placement.rotation[:, :2].T
 
     def _all_twists(self, Y: Array, R: Array) -> Array:
-        """The task's velocity (K, m, m) per m and rad of every coordinate."""
+        """Evaluate the task velocity (K, m, m) per m and rad of every coordinate."""
         E = np.tile(np.eye(self.task.m), (len(Y), 1, 1))
         if self.task.kind == "pose" and self.rotation.any():
             E[:, 3:, 3:] = left_jacobian(Y[:, 3:])
@@ -426,9 +427,9 @@ class Cell:
 
 
 def stacked(task: Task, placements: Sequence[pin.SE3], name: str) -> tuple[Array, Array]:
-    """Stack placements: positions (K, 3) and rotations (K, 3, 3), checked where the task has any.
+    """Stack placements: positions (K, 3) and rotations (K, 3, 3), checked if the task has any.
 
-    ``name`` is what each of several is called in a refusal, before its number.
+    An error message names a placement by ``name`` and its number.
     """
     p = np.array([x.translation for x in placements]).reshape(-1, 3)
     R = np.array([x.rotation for x in placements]).reshape(-1, 3, 3)
@@ -446,7 +447,8 @@ def _placement(task: Task, value: pin.SE3 | ArrayLike) -> pin.SE3:
         middle = pin.SE3(array)
     else:
         raise InputError(
-            f"a cell's placement is a pinocchio.SE3, a 4 × 4 matrix or a position; not {shown(value)}"
+            "a cell's placement is a pinocchio.SE3, a 4 × 4 matrix or a position; "
+            f"not {shown(value)}"
         )
     if not np.isfinite(middle.homogeneous).all():
         raise InputError("a cell's placement must be finite numbers")

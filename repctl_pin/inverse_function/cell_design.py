@@ -1,5 +1,4 @@
-"""A function over a cell, what it was made from, what it is worth, and its figures over slices of
-the cell."""
+"""Result of a cell's design: the function, its evaluation, and maps over slices of the cell."""
 
 from __future__ import annotations
 
@@ -9,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 from ..certificate import Proof, proved_words
 from ..robot.task import Task
 from ..strategies import RepeatableInverse
@@ -21,9 +20,10 @@ from .failures import FailureReason
 from .function import InverseFunction
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class CellDesign:
-    """An inverse kinematic function over a cell, and how good it is.
+    """An inverse kinematic function over a cell, and its evaluation.
 
     Attributes
     ----------
@@ -32,21 +32,22 @@ class CellDesign:
     desired : Inverse
         G_d.
     posture : (n,) array
-        The joints in the middle of the cell, rad (m for sliding joints).
+        Configuration in the middle of the cell, rad (m for prismatic joints).
     evaluation : Evaluation
         All figures, on held-out poses; the main ones are attributes of the design as well.
     degrees : tuple of (degree, cost)
-        What was tried, in order; the last was chosen.
+        Degrees that were tried, in order; the last one is used.
     samples, held_out : int
-        Nodes of the fit, and of the evaluation.
-    seed, steps : int
-        The seed of both, and the Gauss–Newton steps taken.
+        Numbers of fit nodes and of held-out poses.
+    seed : int
+        Random seed of both.
+    steps : int
+        Gauss–Newton steps taken.
     requested_limit_margin, requested_body_distance, requested_sigma_min : float
-        The limit margin, rad or m, the distance between bodies, m, and σ_min of J that were asked
-        for.
+        Requested limit margin, rad or m, body distance, m, and σ_min of J.
     proof : Proof, optional
-        The certificate, where one was put here: ``dataclasses.replace(found,
-        proof=rp.prove(found))``. It is saved with the design.
+        Certificate, if one was added by ``dataclasses.replace(found, proof=rp.prove(found))``; it is
+        saved with the design.
 
     Examples
     --------
@@ -72,7 +73,7 @@ class CellDesign:
 
     @classmethod
     def of(cls, desired: Inverse, chart: Chart, evaluation: Evaluation, **how: Any) -> CellDesign:
-        """Put a design together."""
+        """Assemble a design."""
         middle = chart.solve(np.zeros((1, chart.cell.k)), np.zeros((1, chart.cell.task.r)))
         function = InverseFunction(chart, keep_limits=not evaluation.everywhere)
         return cls(function, desired, middle.Q[0], evaluation, **how)
@@ -84,12 +85,12 @@ class CellDesign:
 
     @property
     def cell(self) -> Cell:
-        """The poses."""
+        """The cell, the set of poses."""
         return self.function.cell
 
     @property
     def inverse(self) -> RepeatableInverse:
-        """The control whose leaf c = 0 is the function: ``q̇ = ∂F/∂x ẋ``."""
+        """Controller ``q̇ = ∂F/∂x ẋ``, whose leaf c = 0 is the function."""
         return self.function.inverse
 
     @property
@@ -99,87 +100,93 @@ class CellDesign:
 
     @property
     def extra_speed(self) -> float:
-        """By what share the joints move faster than under G_d at the same joints, root mean square
-        over the cell."""
+        """Joint speed relative to G_d at the same configurations, less 1, rms over the cell."""
         return self.evaluation.extra_speed
 
     @property
     def extra_speed_worst(self) -> float:
-        """The same at the worst pose that a search over the cell has found."""
+        """Extra joint speed at the worst pose found by a search over the cell."""
         return self.evaluation.extra_speed_worst
 
     @property
     def extra_speed_direction(self) -> float:
-        """The same in the worst task direction alone, at the worst pose for it that a search has
-        found."""
+        """Extra joint speed in the worst task direction, at the worst pose found by a search."""
         return self.evaluation.extra_speed_direction
 
     @property
     def limit_margin(self) -> float:
-        """The smallest distance of a joint from its limit on the held-out poses, rad or m."""
+        """Minimum distance of a joint from its limit on the held-out poses, rad or m."""
         return self.evaluation.limit_margin
 
     @property
     def limit_margin_worst(self) -> float:
-        """The same at the worst pose that a search over the cell has found."""
+        """Limit margin at the worst pose found by a search over the cell, rad or m."""
         return self.evaluation.limit_margin_worst
 
     @property
     def leaf_margin(self) -> float:
-        """The least ``σ_min(Nᵀ n̂_ref)``: 1 is best."""
+        """Minimum of ``σ_min(Nᵀ n̂_ref)``; 1 is best."""
         return self.evaluation.leaf_margin
 
     @property
     def coverage(self) -> float:
-        """The share of the held-out poses that have joints, inside the limits."""
+        """Share of the held-out poses that have a configuration inside the limits."""
         return self.evaluation.coverage
 
     @property
     def failures(self) -> tuple[FailureReason, ...]:
-        """What failures the function elsewhere, and at the corners of the cell."""
+        """Reasons why the function fails at other poses."""
         return self.evaluation.failures
 
     @property
     def body_distance(self) -> float:
-        """The least distance between bodies that a search has found, of robot and surroundings, m;
-        infinite without."""
+        """Minimum distance between bodies of robot and surroundings, m; infinite without."""
         return self.evaluation.body_distance
 
     def figures(self) -> dict[str, str]:
-        """Say what the function is worth: the name of each figure, and the figure in words."""
+        """Write the figures: name → text."""
         j, unit = self.evaluation, self.task.unit
         most = (
-            "the self-motion has at most"
+            "best possible there by self-motion:"
             if self.task.r == 1
-            else "the leaves looked at have at most"
+            else "best found there on other leaves:"
         )
         margin = (
-            f"{j.limit_margin:.3g} {unit}, where {most} {j.attainable_margin:.3g}\n"
-            f"{j.limit_margin_worst:.3g} {unit} at the worst pose that a search has found, "
-            f"where {most} {j.attainable_margin_worst:.3g}{_unmet(j.limit_margin_worst, self.requested_limit_margin)}"
+            f"{j.limit_margin:.3g} {unit} at the worst held-out pose "
+            f"({most} {j.attainable_margin:.3g})\n"
+            f"{j.limit_margin_worst:.3g} {unit} at the worst pose found by search "
+            f"({most} {j.attainable_margin_worst:.3g})"
         )
-        bodies = f"{j.body_distance:.3g} m, {' and '.join(j.nearest_bodies)}{_unmet(j.body_distance, self.requested_body_distance)}"
+        margin += _unmet(j.limit_margin_worst, self.requested_limit_margin)
+        bodies = f"{j.body_distance:.3g} m, {' and '.join(j.nearest_bodies)}"
+        bodies += _unmet(j.body_distance, self.requested_body_distance)
+        sigma = f"{j.smallest_singular_value:.3g}"
+        sigma += _unmet(j.smallest_singular_value, self.requested_sigma_min)
         speed = f"{100 * j.extra_speed:.3g} % ± {100 * j.extra_speed_error:.1g}, "
         speed += f"{j.extra_speed_worst:.1%} at the worst pose"
         if np.isfinite(j.extra_speed_direction):
-            speed += f"\n{j.extra_speed_direction:.1%} at the worst pose in the worst single task direction"
+            speed += (
+                f"\n{j.extra_speed_direction:.1%} at the worst pose in the worst task direction"
+            )
+        terms = self.function.chart.monomials.size
+        cost = f"{j.cost:.4g} ± {j.cost_error:.1g}"
         return {
             "cell": self.cell.size(),
             "middle": self.cell.where(np.zeros(self.cell.k)),
             "posture": ", ".join(f"{v:.4g}" for v in np.round(self.posture, 4) + 0.0),
-            "degree": f"{self.degrees[-1][0]}, evaluated from {self.function.chart.monomials.size} terms",
+            "degree": f"{self.degrees[-1][0]}, evaluated from {terms} terms",
             "extra joint speed": speed,
-            "mean ‖∂F − G_d‖²": f"{j.cost:.4g} ± {j.cost_error:.1g} (on {self.held_out} held-out poses)",
+            "mean ‖∂F − G_d‖²": f"{cost} (on {self.held_out} held-out poses)",
             "limit margin": margin if np.isfinite(j.limit_margin) else "no limits",
             "body distance": bodies if np.isfinite(j.body_distance) else "no collision bodies",
-            "σ_min(J)": f"{j.smallest_singular_value:.3g}{_unmet(j.smallest_singular_value, self.requested_sigma_min)}",
+            "σ_min(J)": sigma,
             "leaf margin": f"{j.leaf_margin:.3g}, {proved_words(self.proof)}",
             "residual": f"{j.residual:.1g} m or rad",
             "coverage": j.covered,
         } | ({"stopped": "\n".join(map(str, j.failures))} if j.failures else {})
 
     def summary(self) -> str:
-        """Say in a few lines what the function is worth."""
+        """Write the figures, one per line."""
         task = self.task
         lines = [
             f"  {name:17}  {line}"
@@ -197,22 +204,23 @@ class CellDesign:
 
 
 def _unmet(found: float, asked: float) -> str:
-    """Say so where less was found than was asked for; 0 asks for nothing."""
-    return f"; {asked:g} was asked for and is not met" if found < asked and asked else ""
+    """Write a note if a requested margin is not met; 0 requests nothing."""
+    return f"; the requested {asked:g} is not met" if found < asked and asked else ""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Slice:
-    """Two coordinates of a cell varied, the others in the middle.
+    """Maps over two coordinates of a cell, with the others in the middle.
 
     Attributes
     ----------
     axes : (int, int)
-        Which coordinates, counted from 0.
+        The two coordinates, counted from 0.
     u : (C,) array
-        The values of each.
+        Values of each.
     limit_margin, extra_speed : (C, C) arrays
-        Rows: the second coordinate. NaN where there are no joints.
+        Rows: the second coordinate. NaN where the function has no value.
     """
 
     axes: tuple[int, int]
@@ -222,7 +230,7 @@ class Slice:
 
 
 def slices(design: CellDesign, count: int = 33) -> list[Slice]:
-    """Evaluate the slices of every two positions of the cell; or of its first two coordinates."""
+    """Evaluate slices over each pair of positions of a cell, or over its first two coordinates."""
     cell, chart = design.cell, design.function.chart
     places = [i for i, unit in enumerate(cell.units) if unit == "m"]
     pairs = list(combinations(places if len(places) > 1 else range(cell.k), 2))[:3]

@@ -1,4 +1,4 @@
-"""What a function of a cell is worth, on poses that it was not fitted to."""
+"""Evaluation of a cell's function on poses that were not used in the fit."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 from ..redundancy import leaf_margin
 from ..robot.bodies import bodies_of
 from ..strategies.strategy import Batched
@@ -16,33 +16,31 @@ from .cell import Cell
 from .chart import Chart, Points
 from .failures import FailureReason, broken_limit, folded, touching, unreached
 from .kinematics import bases, solved
-from .margins import Section, distances_of, limits_of, searched, singular_values_of
+from .margins import CandidateFunction, distances_of, limits_of, searched, singular_values_of
 
 _BLOCK = 4096
 _BODIES = 1024
-"""Held-out poses at which distances between bodies are measured: each takes a quarter of a
-millisecond."""
+"""Held-out poses at which body distances are measured; each takes a quarter of a millisecond."""
 
 _NEAR = 0.05
-"""In a quick evaluation: a distance between bodies, m, below which still nearer ones are searched
-for."""
+"""Body distance, m, below which a quick evaluation searches for smaller ones."""
 
 _BODY_STARTS, _SPEED_STARTS = 12, 16
-"""Poses from which smaller distances between bodies are searched for, and larger joint speeds."""
+"""Poses from which smaller body distances, and larger joint speeds, are searched for."""
 
 _SPREAD = 0.3
-"""How far apart in u, at least, the starts of such a search are."""
+"""Minimum distance in u between the starts of such a search."""
 
 _DIFFERENCE = 1e-4
-"""Of u, in the central differences of joint speeds."""
+"""Step of u in the central differences of joint speeds."""
 
 _FOLDED = 0.05
-"""The leaf margin at which a section counts as folded."""
+"""Leaf margin below which a function counts as folded."""
 
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Figures on held-out poses. Those of speed are over the poses that the function covers.
+    """Figures on held-out poses; joint speeds over the poses that the function covers.
 
     Attributes
     ----------
@@ -51,34 +49,34 @@ class Evaluation:
     extra_speed, extra_speed_error : float
         ``√(mean ‖∂F C‖² / mean ‖G_d E C‖²) − 1``, and its standard error.
     extra_speed_worst : float
-        The largest ``‖∂F C‖ / ‖G_d E C‖ − 1`` of one pose that a search has found.
+        Maximum of ``‖∂F C‖ / ‖G_d E C‖ − 1`` over poses, by search.
     extra_speed_direction : float
-        The largest ``‖∂F ẋ‖ / ‖G_d ẋ‖ − 1`` of one pose and one task velocity ẋ that a search has
-        found; NaN in files that do not say.
+        Maximum of ``‖∂F ẋ‖ / ‖G_d ẋ‖ − 1`` over poses and task velocities ẋ, by search; NaN in
+        older files.
     limit_margin, limit_margin_worst : float
-        The least distance of a joint to its limit, rad or m: at the held-out poses, and at the
-        worst pose that a search from the lowest of them, and from the corners, has found.
+        Minimum distance of a joint to its limit, rad or m: at the held-out poses, and by search
+        from the smallest of them and from the corners.
     attainable_margin, attainable_margin_worst : float
-        What the best of the leaves beside it has at the lowest of the held-out poses, and at that
-        worst pose: where it is no larger, the arm sets the margin.
+        Limit margin of the best leaf at those two poses. If it is no larger, the arm determines the
+        margin.
     smallest_singular_value : float
-        The least σ_min of J, by search.
+        Minimum σ_min of J, by search.
     body_distance : float
-        The least distance between bodies, the robot's own and those of its surroundings, m, on the
-        first 1024 poses, the corners, and poses that a search from the nearest of them has found:
-        see :class:`rp.Bodies`; infinite where there are none that move against each other.
+        Minimum distance between bodies of robot and surroundings, m, on the first 1024 poses, the
+        corners, and by search from the smallest of them, see :class:`rp.Bodies`; infinite without
+        bodies that move relative to each other.
     nearest_bodies : (str, str)
-        Whose they are; ("", "") where there are none.
+        The links of these two bodies; ("", "") without bodies.
     leaf_margin : float
-        The least ``σ_min(Nᵀ n̂_ref)``.
+        Minimum of ``σ_min(Nᵀ n̂_ref)``.
     residual : float
-        The largest task error, m or rad.
+        Maximum task error, m or rad.
     coverage : float
-        The share of the held-out poses with joints inside the limits, on one sheet. Bodies that
-        touch are among the failures, and do not count here.
-    failures : tuple of Stop
-        What failures it elsewhere: at held-out poses, at the corners, and at poses that the
-        searches have found.
+        Share of the held-out poses with a configuration inside the limits, on one sheet. Collisions
+        are among the failures, and do not count here.
+    failures : tuple of FailureReason
+        Reasons why the function fails at other poses: held-out ones, corners, and poses found by
+        search.
     """
 
     cost: float
@@ -101,14 +99,13 @@ class Evaluation:
 
     @property
     def everywhere(self) -> bool:
-        """Whether no pose was found, held-out, at the corners or by search, without joints inside
-        the limits."""
+        """Whether every pose examined has a configuration inside the limits."""
         stopped = any(stop.cause != "collision" for stop in self.failures)
         return self.coverage == 1.0 and self.limit_margin_worst >= 0 and not stopped
 
     @property
     def covered(self) -> str:
-        """The coverage in words: ``100.00%`` only where no broken pose was found by any means."""
+        """Coverage in words: ``100.00%`` only if no failure was found at any pose."""
         if self.everywhere:
             return "100.00%"
         if self.coverage == 1.0:
@@ -116,20 +113,21 @@ class Evaluation:
         return f"{np.floor(1e4 * self.coverage) / 100:.2f}% of the held-out poses"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Speeds:
-    """Joint speeds at points of a section, per unit of task speed, and where the section is sound.
+    """Joint speeds at points of a candidate function, per unit of task speed, and its regularity.
 
     Attributes
     ----------
     difference, own, wanted : (K,) arrays
-        ``‖(∂F − G_d E) C‖²``, ``‖∂F C‖²`` and ``‖G_d E C‖²``; NaN where it is not sound.
+        ``‖(∂F − G_d E) C‖²``, ``‖∂F C‖²`` and ``‖G_d E C‖²``; NaN where it is singular.
     smallest, leaf : (K,) arrays
         σ_min of J, and the leaf margin.
     side : (K,) array
-        The sign of det [J; n_refᵀ].
+        Sign of det [J; n_refᵀ].
     direction : (K,) array
-        ``max_ẋ ‖∂F ẋ‖² / ‖G_d ẋ‖²``; NaN where it is not sound.
+        ``max_ẋ ‖∂F ẋ‖² / ‖G_d ẋ‖²``; NaN where it is singular.
     """
 
     difference: Array
@@ -147,7 +145,7 @@ class Speeds:
 
 
 def speeds(desired: Batched, chart: Chart, at: Points) -> Speeds:
-    """Measure the section s = 0 at points of it."""
+    """Evaluate joint speeds of the function s = 0 at points of it."""
     cell, K, r = chart.cell, len(at.U), chart.cell.task.r
     J_V = np.concatenate([at.J, np.swapaxes(at.n_ref, 1, 2)], axis=1)
     _, N, s = bases(at.J, at.n_ref)
@@ -166,28 +164,23 @@ def speeds(desired: Batched, chart: Chart, at: Points) -> Speeds:
 
 
 def _largest_ratio(A: Array, B: Array) -> Array:
-    """Evaluate ``max_v ‖A v‖² / ‖B v‖²`` of every two matrices (K, n, k): with B = Q R it is ``‖A
+    """Evaluate ``max_v ‖A v‖² / ‖B v‖²`` of pairs of matrices (K, n, k): with B = Q R it is ``‖A
     R⁻¹‖₂²``."""
     R = np.linalg.qr(B)[1]
-    return (
-        np.linalg.norm(
-            np.swapaxes(solved(np.swapaxes(R, 1, 2), np.swapaxes(A, 1, 2)), 1, 2), 2, axis=(1, 2)
-        )
-        ** 2
-    )
+    A_over_R = np.swapaxes(solved(np.swapaxes(R, 1, 2), np.swapaxes(A, 1, 2)), 1, 2)
+    return np.linalg.norm(A_over_R, 2, axis=(1, 2)) ** 2
 
 
 @dataclass(frozen=True)
 class SpeedRatio:
-    """The desired control's joint speed over the function's, to be made as small as can be by a
-    search.
+    """Ratio of joint speeds, of the desired control over the function, which a search minimises.
 
     Attributes
     ----------
     desired : Batched
     chart : Chart
     direction : bool
-        In the worst direction of ẋ, instead of the mean square of all.
+        Whether the ratio is that of the worst direction of ẋ, instead of the mean square.
     """
 
     desired: Batched
@@ -195,17 +188,17 @@ class SpeedRatio:
     direction: bool
 
     def least(self, at: Points) -> Array:
-        """Evaluate its square: (K,); infinite where the section does not exist."""
+        """Evaluate its square: (K,); infinite where the function does not exist."""
         found = speeds(self.desired, self.chart, at)
         ratio = 1 / found.direction if self.direction else found.wanted / found.own
         return np.where(np.isfinite(ratio), ratio, np.inf)
 
-    def slope(self, section: Section, at: Points) -> Array:
-        """Differentiate it with respect to u: (K, k); 0 where it cannot be."""
+    def slope(self, candidate: CandidateFunction, at: Points) -> Array:
+        """Differentiate it with respect to u: (K, k); 0 where that is impossible."""
         K, k = at.U.shape
         step, Q = _DIFFERENCE * np.eye(k), np.repeat(at.Q, k, axis=0)
         ends = [
-            self.least(section.at((at.U[:, None] + w * step).reshape(K * k, k), Q))
+            self.least(candidate.at((at.U[:, None] + w * step).reshape(K * k, k), Q))
             for w in (1.0, -1.0)
         ]
         with np.errstate(invalid="ignore"):
@@ -213,35 +206,36 @@ class SpeedRatio:
         return np.where(np.isfinite(slope), slope, 0.0)
 
 
-@dataclass(frozen=True)
-class _Looked:
-    """A section at some poses.
+@dataclass(frozen=True, eq=False)
+@read_only
+class _Sampled:
+    """A candidate function at several poses.
 
     Attributes
     ----------
     U, Q : (K, k) and (K, n) arrays
     speeds : Speeds
-    residual, room : (K,) arrays
-        The task error, and the least joint-limit margin.
+    residual, limit_margin : (K,) arrays
+        Task error, and smallest joint-limit margin.
     ok, sheet : (K,) arrays of bool
-        Where it exists, and where it is the sheet of the middle.
+        Whether it exists, and whether it lies on the sheet of the middle.
     """
 
     U: Array
     Q: Array
     speeds: Speeds
     residual: Array
-    room: Array
+    limit_margin: Array
     ok: NDArray[np.bool_]
     sheet: NDArray[np.bool_]
 
 
-def _look(desired: Batched, section: Section, U: Array, side: float) -> _Looked:
-    """Look at a section at poses U (K, k)."""
+def _sampled(desired: Batched, candidate: CandidateFunction, U: Array, side: float) -> _Sampled:
+    """Evaluate a candidate function at poses U (K, k)."""
     parts, found = [], []
     for start in range(0, len(U), _BLOCK):
-        parts.append(section.at(U[start : start + _BLOCK]))
-        found.append(speeds(desired, section.chart, parts[-1]))
+        parts.append(candidate.at(U[start : start + _BLOCK]))
+        found.append(speeds(desired, candidate.chart, parts[-1]))
     every = Speeds(
         *(np.concatenate([getattr(x, name) for x in found]) for name in Speeds.__dataclass_fields__)
     )
@@ -249,40 +243,42 @@ def _look(desired: Batched, section: Section, U: Array, side: float) -> _Looked:
         np.concatenate([getattr(x, name) for x in parts]) for name in ("Q", "found", "residual")
     )
     ok &= np.isfinite(every.own)
-    room = section.chart.cell.task.limit_margin(Q).min(axis=1)
-    return _Looked(
-        U, Q, every, residual, room, ok, ok & (every.side == side) & (every.leaf > _FOLDED)
+    margin = candidate.chart.cell.task.limit_margin(Q).min(axis=1)
+    return _Sampled(
+        U, Q, every, residual, margin, ok, ok & (every.side == side) & (every.leaf > _FOLDED)
     )
 
 
 def judge(
     desired: Batched, chart: Chart, count: int, seed: int, *, quick: bool = False
 ) -> Evaluation:
-    """Judge the section s = 0 of a chart on Sobol points, the cell's corners, and the worst poses
-    that searches find.
+    """Evaluate the function s = 0 of a chart on Sobol points, corners, and poses found by search.
 
-    A quick evaluation does not search for the largest joint speeds, nor for small distances between
-    distant bodies."""
-    cell, section, limits = chart.cell, Section.zero(chart), limits_of(chart.cell.task)
-    middle = section.at(np.zeros((1, cell.k)))
+    A quick evaluation searches neither for the largest joint speeds nor for small distances between
+    distant bodies.
+    """
+    cell, candidate, limits = chart.cell, CandidateFunction.zero(chart), limits_of(chart.cell.task)
+    middle = candidate.at(np.zeros((1, cell.k)))
     side = float(speeds(desired, chart, middle).side[0])
-    at = _look(desired, section, np.concatenate([cell.sample(count, seed), cell.corners()]), side)
+    at = _sampled(
+        desired, candidate, np.concatenate([cell.sample(count, seed), cell.corners()]), side
+    )
     U, every, held_out = at.U, at.speeds, slice(count)
-    covered = at.sheet & (at.room >= 0)
+    covered = at.sheet & (at.limit_margin >= 0)
     c = covered[held_out]
-    low = _look(desired, section, _searched(desired, section, at, quick), side)
-    failures = _stops(
+    low = _sampled(desired, candidate, _searched(desired, candidate, at, quick), side)
+    failures = _failures(
         cell, at, low, np.concatenate([middle.Q, at.Q[covered][:: max(1, len(U) // 7)][:7]])
     )
     if not c.any():
         figures: dict[str, Any] = dict.fromkeys(Evaluation.__dataclass_fields__, float("nan"))
         figures |= {"nearest_bodies": ("", ""), "coverage": 0.0, "failures": failures}
         return Evaluation(**figures)
-    distance, links, stop = _bodies(section, at, covered, count, quick)
-    worst = int(np.argmin(np.where(low.sheet, low.room, np.inf)))
-    lowest = int(np.argmin(np.where(at.sheet, at.room, np.inf)[held_out]))
-    least = float(at.room[lowest])
-    most = limits.attainable(chart, section.at(np.stack([U[lowest], low.U[worst]])), far=True)
+    distance, links, stop = _bodies(candidate, at, covered, count, quick)
+    worst = int(np.argmin(np.where(low.sheet, low.limit_margin, np.inf)))
+    lowest = int(np.argmin(np.where(at.sheet, at.limit_margin, np.inf)[held_out]))
+    least = float(at.limit_margin[lowest])
+    most = limits.attainable(chart, candidate.at(np.stack([U[lowest], low.U[worst]])), far=True)
     difference, own, wanted = (
         every.difference[held_out][c],
         every.own[held_out][c],
@@ -290,10 +286,10 @@ def judge(
     )
     ratio = own.mean() / wanted.mean()
     spread = (own - ratio * wanted).std() / wanted.mean() / np.sqrt(len(own))  # of a ratio of means
-    both = [(x, x.sheet & (x.room >= 0)) for x in (at, low)]
+    both = [(x, x.sheet & (x.limit_margin >= 0)) for x in (at, low)]
 
     def most_of(name: str) -> float:
-        """The largest ratio of joint speeds anywhere, less 1."""
+        """Evaluate the largest ratio of joint speeds at any pose, less 1."""
         largest = max(getattr(x.speeds, name)[good].max(initial=0.0) for x, good in both)
         return float(np.sqrt(largest) - 1)
 
@@ -316,33 +312,34 @@ def judge(
         residual=float(at.residual[held_out][c].max()),
         coverage=float(c.mean()),
         failures=failures if stop is None else (*failures, stop),
-        limit_margin_worst=min(least, float(low.room[worst])),
+        limit_margin_worst=min(least, float(low.limit_margin[worst])),
     )
 
 
-def _searched(desired: Batched, section: Section, at: _Looked, quick: bool) -> Array:
-    """Search from the worst of some poses for worse ones: of the limits, of σ_min(J), and of joint
-    speed."""
+def _searched(desired: Batched, candidate: CandidateFunction, at: _Sampled, quick: bool) -> Array:
+    """Search for worse poses from the worst of the sampled ones, in limits, σ_min(J) and speed."""
     limits, singular = (
-        limits_of(section.chart.cell.task),
-        singular_values_of(section.chart.cell.task),
+        limits_of(candidate.chart.cell.task),
+        singular_values_of(candidate.chart.cell.task),
     )
     U, speeds = at.U[at.sheet], at.speeds
-    near = np.argsort(at.room[at.sheet])[: limits.starts]
-    tried = [searched(section, limits, np.concatenate([np.zeros((1, U.shape[1])), U[near]]))]
+    near = np.argsort(at.limit_margin[at.sheet])[: limits.starts]
+    tried = [searched(candidate, limits, np.concatenate([np.zeros((1, U.shape[1])), U[near]]))]
     tried.append(
-        searched(section, singular, U[np.argsort(speeds.smallest[at.sheet])[: singular.starts]])
+        searched(candidate, singular, U[np.argsort(speeds.smallest[at.sheet])[: singular.starts]])
     )
     if not quick:
         for direction, ratio in ((False, speeds.ratio), (True, speeds.direction)):
             start = _worst(-ratio[at.sheet], U, _SPEED_STARTS)
-            tried.append(searched(section, SpeedRatio(desired, section.chart, direction), start))
+            tried.append(
+                searched(candidate, SpeedRatio(desired, candidate.chart, direction), start)
+            )
     return np.concatenate(tried)
 
 
 def _worst(values: Array, U: Array, count: int) -> Array:
-    """Take the poses of U (K, k) with the lowest values, some way from each other: (count, k) at
-    most."""
+    """Select poses of U (K, k) with the lowest values, at a distance from each other: at most
+    (count, k)."""
     kept: list[Array] = []
     for u in U[np.argsort(values)]:
         if all(np.abs(u - other).max() > _SPREAD for other in kept):
@@ -352,13 +349,15 @@ def _worst(values: Array, U: Array, count: int) -> Array:
     return np.array(kept).reshape(-1, U.shape[1])
 
 
-def _stops(cell: Cell, at: _Looked, low: _Looked, near: Array) -> tuple[FailureReason, ...]:
-    """Say what failures a section, at poses looked at and at those that searches have found; shares
-    are of the first."""
+def _failures(cell: Cell, at: _Sampled, low: _Sampled, near: Array) -> tuple[FailureReason, ...]:
+    """List the reasons for failure at sampled poses and at those found by search.
+
+    Shares refer to the sampled poses.
+    """
     U, Q = (np.concatenate([getattr(x, name) for x in (at, low)]) for name in ("U", "Q"))
     ok, sheet = (np.concatenate([getattr(x, name) for x in (at, low)]) for name in ("ok", "sheet"))
     failures = [
-        broken_limit(cell, U[sheet], Q[sheet], float((at.sheet & (at.room < 0)).mean())),
+        broken_limit(cell, U[sheet], Q[sheet], float((at.sheet & (at.limit_margin < 0)).mean())),
         *unreached(cell, U[~ok], near, float((~at.ok).mean())),
         folded(cell, U[ok & ~sheet], float((at.ok & ~at.sheet).mean())),
     ]
@@ -366,23 +365,23 @@ def _stops(cell: Cell, at: _Looked, low: _Looked, near: Array) -> tuple[FailureR
 
 
 def _bodies(
-    section: Section, at: _Looked, covered: NDArray[np.bool_], count: int, quick: bool
+    candidate: CandidateFunction, at: _Sampled, covered: NDArray[np.bool_], count: int, quick: bool
 ) -> tuple[float, tuple[str, str], FailureReason | None]:
-    """Measure the least distance between bodies, and whose they are; where they touch."""
+    """Measure the minimum body distance: the distance, the two links, and a collision if any."""
     cell, margin, bodies = (
-        section.chart.cell,
-        distances_of(section.chart.cell.task),
-        bodies_of(section.chart.cell.task),
+        candidate.chart.cell,
+        distances_of(candidate.chart.cell.task),
+        bodies_of(candidate.chart.cell.task),
     )
-    looked_at = np.concatenate([np.arange(min(count, _BODIES)), np.arange(count, len(at.U))])
-    looked_at = looked_at[covered[looked_at]]
-    U, Q = at.U[looked_at], at.Q[looked_at]
+    checked = np.concatenate([np.arange(min(count, _BODIES)), np.arange(count, len(at.U))])
+    checked = checked[covered[checked]]
+    U, Q = at.U[checked], at.Q[checked]
     distances = bodies.distances(Q)
     share = float((distances < 0).mean())
     least = float(distances.min())
     if least < np.inf and (least < _NEAR or not quick):
-        ends = searched(section, margin, _worst(distances, U, _BODY_STARTS))[-_BODY_STARTS:]
-        nearer = section.at(ends)
+        ends = searched(candidate, margin, _worst(distances, U, _BODY_STARTS))[-_BODY_STARTS:]
+        nearer = candidate.at(ends)
         inside = nearer.found & (cell.task.limit_margin(nearer.Q).min(axis=1) >= 0)
         U, Q = np.concatenate([U, nearer.U[inside]]), np.concatenate([Q, nearer.Q[inside]])
         distances = np.concatenate([distances, bodies.distances(nearer.Q[inside])])

@@ -1,5 +1,5 @@
-r"""A section as potentials: ``h(q) = n_ref(u)ᵀ (q − q_ref(u))``, u the cell's coordinates of
-f(q)."""
+r"""Potentials of a cell's function: ``h(q) = n_ref(u)ᵀ (q − q_ref(u))``, with u the cell's
+coordinates of f(q)."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from .kinematics import placed
 
 
 class CellPotentials:
-    r"""r potentials whose leaf h = 0 is the section of a chart, and whose leaf h = c is the one
-    with label c.
+    r"""r potentials whose leaf h = 0 is the function of a chart, and whose leaf h = c is that with
+    label c.
 
-    .. math:: V^T = n_{ref}^T + \left[ (\partial n_{ref}^T)(q - q_{ref}) - n_{ref}^T \partial q_{ref} \right]
-              \frac{\partial u}{\partial x} J
+    .. math:: V^T = n_{ref}^T + \left[ (\partial n_{ref}^T)(q - q_{ref})
+              - n_{ref}^T \partial q_{ref} \right] \frac{\partial u}{\partial x} J
 
-    An ordinary potentials: :class:`RepeatableInverse` takes it as it takes polynomials of q. Beyond
-    the cell the polynomials of u extrapolate, and lose their meaning.
+    :class:`RepeatableInverse` takes them like polynomials of q. Outside the cell the polynomials of
+    u extrapolate and are not meaningful.
 
     Parameters
     ----------
     chart
-        Of the section, which is its s = 0.
+        The chart; the function is its s = 0.
     """
 
     def __init__(self, chart: Chart) -> None:
@@ -55,8 +55,7 @@ class CellPotentials:
         return n_ref + np.swapaxes(D @ dU @ J, 1, 2)
 
     def in_place(self, V_T: Array, e: Array) -> InPlace:
-        """Make the functions that write Vᵀ into an array (r, n), and c − h into one (r,): see
-        :mod:`potentials.fast_potentials`."""
+        """Make the functions that write Vᵀ into an array (r, n), and c − h into one (r,)."""
         chart, task = self.chart, self.chart.cell.task
         n, m, r, k, N = task.n, task.m, task.r, chart.cell.k, chart.monomials.size
         J = np.zeros((m, n))

@@ -1,5 +1,5 @@
-r"""Sections of f over a cell, written in a chart: one smooth set of joints for every pose, and
-those beside it."""
+r"""Chart of the configurations over a cell: one smooth set of them, and those beside it along the
+null space."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import Array
+from ..arguments import Array, read_only
+from ..solvers import newton_rows
 from .cell import Cell
-from .kinematics import bounded, placed, solved
+from .kinematics import placed, solved
 from .monomials import Monomials
 
 _STEP = 0.3
@@ -20,20 +21,20 @@ _ITERATIONS = 12
 _EXACT = 1e-11
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Chart:
     r"""Labels the fibre ``f(q) = x`` over each pose of a cell: ``n_ref(u)ᵀ (q − q_ref(u)) = s``.
 
     q_ref and n_ref are polynomials in the cell's coordinates u. They only have to be smooth and
-    near to f(q) = x and to its null space: whatever they are, the q of ``f(q) = x``, label s, is
-    exact.
+    close to f(q) = x and to its null space: the q of ``f(q) = x`` with label s is exact.
 
     Attributes
     ----------
     cell : Cell
     monomials : Monomials
     coefficients : (N, n, 1 + r) array
-        Of q_ref, then of the columns of n_ref.
+        Coefficients of q_ref, then of the columns of n_ref.
     """
 
     cell: Cell
@@ -62,40 +63,38 @@ class Chart:
         ----------
         U, s : (K, k) and (K, r) arrays
         Q : (K, n) array, optional
-            Where to start; by default q_ref + n_ref s.
+            Initial configurations; by default q_ref + n_ref s.
         """
         cell = self.cell
         q_ref, n_ref = self.reference(U)
-        Q = q_ref + np.einsum("Knr,Kr->Kn", n_ref, s) if Q is None else Q.copy()
+        if Q is None:
+            Q = q_ref + np.einsum("Knr,Kr->Kn", n_ref, s)
         p_goal, R_goal = cell.placements(U)
-        size = np.full(len(U), np.inf)
-        on = np.arange(len(U))
-        for _ in range(iterations):
-            p, R, J = placed(cell.task, Q[on])
+
+        def correction(Q: Array, on: NDArray[np.intp]) -> Array:
+            p, R, J = placed(cell.task, Q)
             e = cell.errors(p_goal[on], R_goal[on], p, R)
-            g = s[on] - np.einsum("Knr,Kn->Kr", n_ref[on], Q[on] - q_ref[on])
+            g = s[on] - np.einsum("Knr,Kn->Kr", n_ref[on], Q - q_ref[on])
             J_V = np.concatenate([J, np.swapaxes(n_ref[on], 1, 2)], axis=1)
-            dQ = solved(J_V, np.concatenate([e, g], axis=1))
-            size[on] = np.where(np.isfinite(dQ).all(axis=1), np.abs(dQ).max(axis=1), np.inf)
-            Q[on] += bounded(dQ, _STEP)
-            on = on[size[on] > _EXACT]
-            if not len(on):
-                break
+            return solved(J_V, np.concatenate([e, g], axis=1))
+
+        Q, size = newton_rows(correction, Q, longest=_STEP, tolerance=_EXACT, iterations=iterations)
         p, R, J = placed(cell.task, Q)
         e = cell.errors(p_goal, R_goal, p, R)
         found = (size < 1e-6) & (np.abs(e).max(axis=1) < 1e-9)
         return Points(U, Q, R, J, q_ref, n_ref, np.abs(e).max(axis=1), found)
 
     def derivative(self, at: Points, ds: Array) -> tuple[Array, Array]:
-        r"""Differentiate the section through points with respect to u, and to its label.
+        r"""Differentiate the function through points with respect to u, and to its label.
 
         .. math:: \begin{bmatrix} J \\ n_{ref}^T \end{bmatrix} \partial F = \begin{bmatrix} E \\
-                  \partial s + n_{ref}^T \partial q_{ref} - (\partial n_{ref}^T)(F - q_{ref}) \end{bmatrix}
+                  \partial s + n_{ref}^T \partial q_{ref}
+                  - (\partial n_{ref}^T)(F - q_{ref}) \end{bmatrix}
 
         Parameters
         ----------
         at
-            What :meth:`solve` found.
+            Result of :meth:`solve`.
         ds : (K, r, k) array
             ∂s/∂u.
 
@@ -121,21 +120,22 @@ class Chart:
         return both[:, :, : self.cell.k], both[:, :, self.cell.k :]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Points:
-    """Points of a section, and what was evaluated there.
+    """Configurations of a candidate function at several poses, and the kinematics there.
 
     Attributes
     ----------
     U, Q : (K, k) and (K, n) arrays
     R, J : (K, 3, 3) and (K, m, n) arrays
-        The frame's rotation, and the Jacobian, at Q.
+        Rotation of the frame, and Jacobian, at Q.
     q_ref, n_ref : (K, n) and (K, n, r) arrays
-        Of the chart at U.
+        Reference and null space of the chart at U.
     residual : (K,) array
         Largest entry of the task error, m or rad.
     found : (K,) array of bool
-        Where the equations are solved.
+        Whether the equations are solved.
     """
 
     U: Array
@@ -148,12 +148,12 @@ class Points:
     found: NDArray[np.bool_]
 
     def chosen(self, at: NDArray[np.bool_ | np.intp] | slice) -> Points:
-        """Take some of them."""
+        """Select some of the points."""
         return Points(*(getattr(self, name)[at] for name in self.__dataclass_fields__))
 
     def replaced(self, at: NDArray[np.intp], other: Points) -> Points:
-        """Put others in the place of some of them."""
-        new = Points(*(getattr(self, name).copy() for name in self.__dataclass_fields__))
-        for name in self.__dataclass_fields__:
-            getattr(new, name)[at] = getattr(other, name)
-        return new
+        """Replace some of the points."""
+        arrays = {name: values.copy() for name, values in vars(self).items()}
+        for name, values in arrays.items():
+            values[at] = getattr(other, name)
+        return Points(**arrays)

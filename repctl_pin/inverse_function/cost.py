@@ -1,5 +1,4 @@
-r"""How far a section is from the desired control, its least-squares model, and Gauss–Newton on it,
-damped."""
+r"""Cost of a candidate function: its distance from the desired control, and margin penalties."""
 
 from __future__ import annotations
 
@@ -8,28 +7,36 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arguments import Array
+from ..arguments import Array, read_only
+from ..solvers import Damping, Point, Step, levenberg_marquardt
 from ..strategies.strategy import Batched
 from .chart import Chart, Points
 from .margins import Margin
 from .monomials import Monomials
 
 _DIFFERENCE = 1e-5
-"""Of s, rad, in the central differences of the residual across the fibre."""
+"""Step of s, rad, in the central differences of the residual along the self-motion."""
 
 _MOST = 30
 _ENOUGH = 1e-4
 
+_REGULAR = 1e-10
+"""Damping that is always there, in units of the diagonal of H."""
 
-@dataclass(frozen=True)
+_RULES = Damping()
+"""A step that does not lower the cost is computed anew, with more damping."""
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
 class Value:
     """The cost at some coefficients.
 
     Attributes
     ----------
     cost : float
-        ``nearness + weight · Σ mean Σ_i max(0, asked − margin_i)²``, a mean for each margin over
-        its own poses; infinite where a node has no solution.
+        ``nearness + weight · Σ mean Σ_i max(0, asked − margin_i)²``, with a mean per margin over
+        its own poses; infinite if a node has no solution.
     nearness : float
         ``mean ‖(∂F − G_d E) C‖_F²``.
     wanted : float
@@ -46,17 +53,18 @@ class Value:
     ds: Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Penalty:
-    """A margin with a price.
+    """A penalised margin.
 
     Attributes
     ----------
     margin : Margin
     U : (L, k) array
-        Where.
+        Poses at which it is penalised.
     asked : (L,) array
-        Below which it costs, at each of these.
+        Margin below which it is penalised there.
     """
 
     margin: Margin
@@ -68,7 +76,7 @@ class Cost:
     r"""``C(a) = mean over the cell of ‖∂F/∂x − G_d(F)‖_F² + penalties`` with ``s = Σ_t a_t
     T_t(u)``.
 
-    ∂F/∂x is written ``∂F (EᵀE)^(−1/2)``, in joint speed per unit of task speed, so that a cell may
+    ∂F/∂x is written ``∂F (EᵀE)^(−1/2)``, in joint speed per unit of task speed, because a cell may
     have fewer coordinates than the task. T are the monomials of u.
 
     Parameters
@@ -76,15 +84,15 @@ class Cost:
     desired
         G_d.
     chart
-        In which the section is written.
+        The chart in which the function is written.
     terms
         T.
     U : (K, k) array
         Nodes of the mean.
     kept
-        The margins that have a price, which is a mean over the poses of each.
+        Penalised margins; each penalty is a mean over its own poses.
     weight
-        How much they cost.
+        Weight of the penalties.
     """
 
     def __init__(
@@ -106,6 +114,7 @@ class Cost:
         self.T = terms.values(self.U)  # (K, N)
         self.dT = terms.slopes(self.T)  # (K, N, k)
         self.C = chart.cell.speeds(U)  # (inner, k, k)
+        self.r = chart.cell.task.r
         self._last: Array | None = None
 
     def value(self, a: Array) -> Value:
@@ -131,8 +140,8 @@ class Cost:
         """Evaluate the gradient (N r,) and the Gauss–Newton Hessian (N r, N r) at coefficients just
         evaluated.
 
-        The residual depends on a through s and ∂s at its node alone: linearly on ∂s, by ``B ∂s``,
-        and on s by central differences along the fibre. A margin depends on s alone."""
+        The residual depends on a through s and ∂s at its node alone: linearly on ∂s, by ``B ∂s``;
+        its derivative by s is taken by central differences. A margin depends on s alone."""
         chart, r, k = self.chart, self.chart.cell.task.r, self.chart.cell.k
         points, ds = at.points.chosen(self.inner), at.ds[self.inner]
         residual, B, _ = self._residual(points, ds)
@@ -178,8 +187,7 @@ class Cost:
         return gradient, 2 * rows.T @ rows
 
     def _residual(self, points: Points, ds: Array) -> tuple[Array, Array, Array]:
-        """``(∂F − G_d E) C`` (K, n, k), ∂F/∂s (K, n, r), and ``G_d E C`` (K, n, k), at the nodes of
-        the mean."""
+        """Evaluate ``(∂F − G_d E) C`` (K, n, k), ∂F/∂s (K, n, r), and ``G_d E C`` (K, n, k)."""
         dF, B = self.chart.derivative(points, ds)
         wanted = (
             self.desired.batch(points.Q, points.J)
@@ -190,13 +198,14 @@ class Cost:
 
 
 def _hinge(part: Penalty, Q: Array) -> Array:
-    """How far each margin is below what is asked for: (L, P)."""
+    """Evaluate the part of each requested margin that is missing: (L, P)."""
     return np.maximum(0.0, part.asked[:, None] - part.margin.measure(Q))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Descent:
-    """Where Gauss–Newton ended.
+    """End of a minimisation of the cost.
 
     Attributes
     ----------
@@ -204,7 +213,7 @@ class Descent:
     value : Value
         The cost there.
     start : float
-        The cost where it began.
+        The cost at the start.
     steps : int
     """
 
@@ -220,49 +229,59 @@ def descend(cost: Cost, a: Array, *, enough: float = _ENOUGH) -> Descent:
     Parameters
     ----------
     cost
-        What to minimise.
+        The cost.
     a
-        Where to start; the section has to exist there at every node.
+        Initial coefficients; the function must exist there at every node.
     enough
-        The relative decrease of the cost that is not worth another step.
+        Relative decrease of the cost below which the iteration ends.
     """
-    value = cost.value(a)
-    start, steps, damping = value.cost, 0, 0.0
-    if not np.isfinite(start):
-        return Descent(a, value, start, 0)
-    while steps < _MOST:
-        gradient, H = cost.model(value)
-        scale = np.diag(H).copy() + 1e-12 * np.diag(H).max()
-        before = value.cost
-        while True:
-            d = -np.linalg.solve(H + np.diag((damping + 1e-10) * scale), gradient)
-            trial = cost.value(a + d.reshape(a.shape))
-            if trial.cost < value.cost:
-                a, value, damping = (
-                    a + d.reshape(a.shape),
-                    trial,
-                    damping / 5 if damping > 1e-4 else 0.0,
-                )
-                break
-            damping = max(4 * damping, 1e-3)
-            if damping > 1e6:
-                return Descent(a, value, start, steps)
-        steps += 1
-        if before - value.cost < enough * before:
-            break
-    return Descent(a, value, start, steps)
+    found = levenberg_marquardt(_Problem(cost), a, _RULES, steps=_MOST, tolerance=enough)
+    return Descent(found.at.x, found.at.data, found.start, found.steps)
+
+
+class _Problem:
+    """The cost as a least-squares problem, with Marquardt's scaling by the diagonal of H."""
+
+    def __init__(self, cost: Cost) -> None:
+        self.cost = cost
+
+    def evaluate(self, x: Array) -> Point[Value]:
+        """Evaluate the cost; a step may not end where a node has no solution."""
+        value = self.cost.value(x)
+        return Point(value.cost, value.cost, True, value, x)
+
+    def merit(self, x: Array) -> float:
+        """Evaluate the cost alone."""
+        return self.cost.value(x).cost
+
+    def model(self, at: Point[Value]) -> tuple[Array, Array, Array]:
+        """Evaluate the gradient, the Gauss–Newton Hessian, and the scaling (N r,)."""
+        gradient, H = self.cost.model(at.data)
+        return gradient, H, _scaling(H)
+
+    def step(self, model: tuple[Array, Array, Array], damping: float) -> Step:
+        """Solve ``(H + μ D) dx = −g``."""
+        gradient, H, scale = model
+        matrix = H + np.diag((damping + _REGULAR) * scale)
+        dx = -np.asarray(np.linalg.solve(matrix, gradient), float)
+        predicted = -float(gradient @ dx) - 0.5 * float(dx @ matrix @ dx)
+        return Step(dx.reshape(-1, self.cost.r), predicted, damping)
+
+
+def _scaling(H: Array) -> Array:
+    """Take the diagonal of H, with its zeros lifted."""
+    diagonal = np.diag(H)
+    return diagonal + 1e-12 * diagonal.max()
 
 
 def predicted_gain(cost: Cost, a: Array) -> float:
-    """Predict the share of the cost that one Gauss–Newton step from coefficients a (N, r) takes
-    away.
+    """Predict the relative decrease of the cost in one Gauss–Newton step from a (N, r).
 
-    Infinite where the section does not exist at some node: nothing is predicted there.
+    Infinite if the function does not exist at some node.
     """
     value = cost.value(a)
     if not np.isfinite(value.cost):
         return np.inf
     gradient, H = cost.model(value)
-    scale = np.diag(H) + 1e-12 * np.diag(H).max()
-    step = np.linalg.solve(H + np.diag(1e-10 * scale), gradient)
+    step = np.linalg.solve(H + np.diag(_REGULAR * _scaling(H)), gradient)
     return float(0.5 * gradient @ step / value.cost)

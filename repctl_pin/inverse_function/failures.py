@@ -1,5 +1,4 @@
-"""What failures a function in a part of its cell: reach, a singularity, a limit, a fold, a
-collision; with the pose."""
+"""Reasons why a function fails in a cell: reach, singularity, limit, fold, collision."""
 
 from __future__ import annotations
 
@@ -7,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 from ..redundancy.inverses import inverse_condition_number
 from .cell import Cell
 from .kinematics import placed
@@ -17,20 +16,21 @@ _SHORT = 1e-6
 _SPARSE = 24
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class FailureReason:
-    """One thing that failures a function, where it is worst.
+    """One reason why a function fails, at its worst pose.
 
     Attributes
     ----------
     cause : str
         ``reach``, ``singularity``, ``limit``, ``fold`` or ``collision``.
     share : float
-        The part of the poses looked at that it failures.
+        Share of the sampled poses that fail for this reason.
     u : (k,) array
-        The worst pose, in the cell's coordinates.
+        Worst pose, in the cell's coordinates.
     what : str
-        The sentence.
+        Message.
     """
 
     cause: str
@@ -43,36 +43,36 @@ class FailureReason:
 
 
 def broken_limit(cell: Cell, U: Array, Q: Array, share: float) -> FailureReason | None:
-    """Name the joint and the pose where limits are broken worst, by configurations Q (K, n) at U
+    """Name the joint and the pose of the largest limit violation, of configurations Q (K, n) at U
     (K, k).
 
-    ``share`` is the part of the poses looked at that break one.
+    ``share`` is the share of the sampled poses that violate a limit.
     """
     task = cell.task
-    room = task.limit_margin(Q)
-    broken = room.min(axis=1, initial=np.inf) < 0
+    margin = task.limit_margin(Q)
+    broken = margin.min(axis=1, initial=np.inf) < 0
     if not broken.any():
         return None
-    at, joint = np.unravel_index(int(np.argmin(room)), room.shape)
+    at, joint = np.unravel_index(int(np.argmin(margin)), margin.shape)
     unit = "rad" if task.revolute[joint] else "m"
-    far = unit == "rad" and -room[at, joint] > 2 * np.pi
-    by = "more than a turn" if far else f"{-room[at, joint]:.2g} {unit}"
+    far = unit == "rad" and -margin[at, joint] > 2 * np.pi
+    by = "more than a turn" if far else f"{-margin[at, joint]:.2g} {unit}"
     what = f"at {cell.where(U[at])}, {task.joint_names[joint]} is {by} beyond its limit"
     return FailureReason("limit", share, U[at], what)
 
 
 def unreached(cell: Cell, U: Array, near: Array, share: float) -> list[FailureReason]:
-    """Say why poses U (K, k) have no joints: they are out of reach, or an arm that gets there
-    passes a singularity.
+    """Find out why poses U (K, k) have no configuration: they are out of reach, or behind a
+    singularity.
 
     Parameters
     ----------
     cell, U
         The cell and the poses.
     near : (L, n) array
-        Configurations to start looking from.
+        Initial configurations of the search.
     share
-        The part of the poses looked at that has none.
+        Share of the sampled poses that have none.
     """
     if not len(U):
         return []
@@ -87,11 +87,13 @@ def unreached(cell: Cell, U: Array, near: Array, share: float) -> list[FailureRe
     failures = []
     if short.any():
         at = int(np.argmax(shortfall))
-        what = f"{cell.where(some[at])} is out of reach, by {shortfall[at]:.2g} m or rad"
+        where = cell.where(some[at])
+        what = f"the pose {where} is out of reach (task error {shortfall[at]:.2g}, in m and rad)"
         failures.append(FailureReason("reach", share * float(short.mean()), some[at], what))
     if not short.all():
         at = int(np.argmin(np.where(short, np.inf, spans)))
-        what = f"between the middle of the cell and {cell.where(some[at])} the arm passes a singularity"
+        where = cell.where(some[at])
+        what = f"between the middle of the cell and {where} the arm passes a singularity"
         failures.append(
             FailureReason("singularity", share * float((~short).mean()), some[at], what)
         )
@@ -99,32 +101,30 @@ def unreached(cell: Cell, U: Array, near: Array, share: float) -> list[FailureRe
 
 
 def folded(cell: Cell, U: Array, share: float) -> FailureReason | None:
-    """Say that the section folds back at poses U (K, k): the leaf margin goes through 0 there."""
+    """Report a fold of the function at poses U (K, k), where the leaf margin goes through 0."""
     if not len(U):
         return None
-    what = f"at {cell.where(U[0])} the section folds back on itself: its leaf margin goes through 0"
+    what = f"at {cell.where(U[0])} the function folds back: its leaf margin goes through 0"
     return FailureReason("fold", share, U[0], what)
 
 
 def touching(
     cell: Cell, U: Array, distances: Array, links: tuple[str, str], share: float
 ) -> FailureReason | None:
-    """Say that two bodies touch, by the least distances (K,) at poses U (K, k) and whose they are
-    at the least.
+    """Report a collision, from body distances (K,) at poses U (K, k) and the two nearest links.
 
-    ``share`` is the part of the poses looked at where any do.
+    ``share`` is the share of the sampled poses with a collision.
     """
     touch = distances < 0
     if not touch.any():
         return None
     at = int(np.argmin(distances))
-    what = f"at {cell.where(U[at])}, {links[0]} and {links[1]} touch"
+    what = f"at {cell.where(U[at])}, {links[0]} and {links[1]} collide"
     return FailureReason("collision", share, U[at], what)
 
 
 def round_the_base(cell: Cell) -> str:
-    """Say so where the axis of the arm's first turning joint passes through the box of positions;
-    else nothing."""
+    """Explain that the cell contains the axis of the arm's first joint; empty if it does not."""
     task = cell.task
     turning = np.flatnonzero(task.revolute)
     if not len(turning) or turning[0] != 0:
@@ -144,6 +144,6 @@ def round_the_base(cell: Cell) -> str:
     if low > high:
         return ""
     return (
-        f"the cell goes round the axis of {task.joint_names[0]}, and no single function goes round the base; "
-        "keep it on one side of that axis"
+        f"the cell contains the axis of {task.joint_names[0]}, and no single-valued function "
+        "exists all the way around the base; place the cell on one side of that axis"
     )

@@ -1,8 +1,6 @@
-"""A cell's coordinates, their monomials and q = F(x), at one placement after another, in memory
-that is there already.
+"""Allocation-free q = F(x), one placement at a time: a cell's coordinates, their monomials, Newton.
 
-Closures over preallocated memory, see :mod:`repctl_pin.robot.fast_kinematics`: in 20 µs it is the
-calls that count."""
+Closures over preallocated memory, see :mod:`repctl_pin.strategies.fast_loop`."""
 
 from __future__ import annotations
 
@@ -11,13 +9,14 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from scipy.linalg.blas import daxpy, dcopy, dgemv, idamax
+from scipy.linalg.blas import dcopy, dgemv, idamax
 from scipy.linalg.lapack import dgesv
 
 from ..arguments import Array
 from ..robot import fast_kinematics
 from ..robot.formulas import axis_turn, is_rotation
 from ..robot.task import Task
+from ..solvers import newton
 from .cell import TURNED, Cell
 from .chart import Chart
 from .monomials import Monomials
@@ -26,21 +25,21 @@ _MOST = 12
 _STEP = 0.3
 _EDGE = 1 + 1e-9
 _ENOUGH = 1e-6
-"""A Newton step, rad or m, after which the error, quadratic in it, is at rounding level."""
+"""Size of a Newton step, rad or m, after which the error is at rounding level."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class InPlace:
-    """Coordinates u of one placement after another, for the thread that made it alone.
+    """Closures that convert placements to coordinates u, for one thread.
 
     Attributes
     ----------
     u : (k,) array
-        Where the coordinates are written.
+        Memory of the coordinates.
     locate : function (p, R) → float
-        Writes u of a placement, and says how far it is off what the cell holds, m or rad.
+        Write u of a placement; returns its distance along held coordinates, m or rad.
     pull : function (D, X) → None
-        Writes ``X = D ∂u/∂x`` (r, m) for D (r, k), at the placement last located; X is 0 at first.
+        Write ``X = D ∂u/∂x`` (r, m) for D (r, k), at the placement last located. X starts as 0.
     """
 
     u: Array
@@ -49,7 +48,7 @@ class InPlace:
 
 
 def in_place(cell: Cell) -> InPlace:
-    """Make the functions of a cell."""
+    """Make the closures of a cell."""
     p_0, R_0T = cell.placement.translation.copy(), cell.placement.rotation.T.copy()
     R_0 = R_0T.T
     m, on = cell.task.m, np.flatnonzero(cell.widths > 0)
@@ -114,8 +113,7 @@ def in_place(cell: Cell) -> InPlace:
 
 
 def monomials_at(monomials: Monomials, u: Array) -> tuple[Array, Callable[[], None]]:
-    """Memory for the monomials T (N,), and the function that evaluates them at u: by products of
-    shorter ones."""
+    """Make memory for the monomials T (N,), and the function that evaluates them at u."""
     T = np.ones(monomials.size)
     at = {tuple(e): i for i, e in enumerate(monomials.exponents.tolist())}
     linear = T[1 : 1 + monomials.k]
@@ -126,9 +124,7 @@ def monomials_at(monomials: Monomials, u: Array) -> tuple[Array, Callable[[], No
         first, second = [], []
         for alpha in monomials.exponents[part].tolist():
             left, taken = [0] * len(alpha), 0
-            for i, power in enumerate(
-                alpha
-            ):  # the factors of the first ``done`` degrees, and the rest
+            for i, power in enumerate(alpha):  # factors of the first ``done`` degrees, and the rest
                 left[i] = min(power, done - taken)
                 taken += left[i]
             first.append(at[tuple(left)])
@@ -150,15 +146,14 @@ def monomials_at(monomials: Monomials, u: Array) -> tuple[Array, Callable[[], No
 
 
 class OutsideError(Exception):
-    """The target has to be looked at more closely: it is outside the cell, or Newton's method does
-    not converge."""
+    """The target is outside the cell, or Newton's method does not converge."""
 
 
 def evaluation(chart: Chart) -> Callable[[pin.SE3, Array | None], Array]:
-    """Make the function (target, leaf or None) → q (n,) of a chart: a polynomial to begin at, and a
-    few Newton steps.
+    """Make the function (target, leaf or None) → q (n,) of a chart: a polynomial and a few Newton
+    steps.
 
-    It serves the thread that made it alone.
+    It works in memory of its own, for one thread.
     """
     task = chart.cell.task
     n, m, r = task.n, task.m, task.r
@@ -177,33 +172,35 @@ def evaluation(chart: Chart) -> Callable[[pin.SE3, Array | None], Array]:
     q_ref, n_T = both[:n], both[n:].reshape(r, n)
     n_F = n_T.T  # (n, r), column-major: a view
     away, k, subtract = np.zeros(n), len(u), np.subtract
+    c: Array | None = None
+
+    def correction(q: Array) -> Array:
+        jacobian(q)
+        lower[:] = n_T
+        error()
+        subtract(q_ref, q, away)
+        dgemv(1.0, n_F, away, 0.0, bottom, 0, 1, 0, 1, 1, 1)
+        if c is not None:
+            bottom[:] += c
+        _, _, step, info = dgesv(J_V, rhs, 1, 0)
+        if info:
+            raise OutsideError
+        return step
 
     def evaluate(target: pin.SE3, leaf: Array | None = None) -> Array:
+        nonlocal c
         p, R = target.translation, target.rotation
         if not (locate(p, R) <= TURNED and abs(u[idamax(u, k)]) <= _EDGE):
             raise OutsideError
         monomials()
         dgemv(1.0, C_T, T, 0.0, both, 0, 1, 0, 1, 0, 1)
-        q = q_ref.copy()
-        if leaf is not None:
-            q += leaf @ n_T
+        c = leaf
         aim(target, p, R)
-        for _ in range(_MOST):
-            jacobian(q)
-            lower[:] = n_T
-            error()
-            subtract(q_ref, q, away)
-            dgemv(1.0, n_F, away, 0.0, bottom, 0, 1, 0, 1, 1, 1)
-            if leaf is not None:
-                bottom[:] += leaf
-            _, _, step, info = dgesv(J_V, rhs, 1, 0)
-            size = abs(step[idamax(step, n)])
-            if info or not size < np.inf:
-                raise OutsideError
-            daxpy(step, q, n, 1.0 if size <= _STEP else _STEP / size)
-            if size < _ENOUGH:
-                return q
-        raise OutsideError
+        start = q_ref if leaf is None else q_ref + leaf @ n_T
+        q = newton(correction, start, longest=_STEP, tolerance=_ENOUGH, iterations=_MOST)
+        if q is None:
+            raise OutsideError
+        return q
 
     return evaluate
 
@@ -211,8 +208,7 @@ def evaluation(chart: Chart) -> Callable[[pin.SE3, Array | None], Array]:
 def _errors(
     task: Task, J: Array, e: Array
 ) -> tuple[Callable[[pin.SE3, Array, Array], None], Callable[[], None]]:
-    """Take a target once, and write the task error to it, at the q of the last Jacobian, as often
-    as asked."""
+    """Make two functions: set a target; write the task error to it, at the last Jacobian's q."""
     if task.kind not in ("pose", "axis"):
         write, goal = fast_kinematics.in_place(task, J, e).error, [pin.SE3.Identity()]
 

@@ -1,4 +1,4 @@
-"""An inverse kinematic function over a cell: a pose in, the same joints out."""
+"""Inverse kinematic function over a cell: the same configuration for the same pose."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, as_matrices, as_numbers, list_of, require_type, vector
+from ..arguments import Array, as_matrices, as_numbers, vector
 from ..errors import InputError
 from ..redundancy import leaf_margin
+from ..robot.formulas import Placement, as_placement, as_placements
 from ..robot.task import Task
 from ..strategies import RepeatableInverse
 from ..threads import PerThread
@@ -24,29 +25,29 @@ from .kinematics import bases
 
 _MARCH = 0.05
 _LEAST = 0.1
-"""The leaf margin at which a leaf ends."""
+"""Leaf margin at which a leaf ends."""
 
 
 class InverseFunction:
     """``q = F(x; c)``, Baker and Wampler's inverse kinematic function, over a cell of the
     workspace.
 
-    It needs no start and no history. The same pose gives the same joints, and the joints change
-    smoothly with it: ``f(F(x)) = x``, ``n_ref(x)ᵀ (F(x) − q_ref(x)) = c``.
+    It needs no start and no history. The same pose gives the same configuration, which changes
+    smoothly with the pose: ``f(F(x)) = x``, ``n_ref(x)ᵀ (F(x) − q_ref(x)) = c``.
 
-    Any number of threads may call it.
+    Several threads may use one object at the same time.
 
     Parameters
     ----------
     chart
-        q_ref and n_ref.
+        The chart, with q_ref and n_ref.
     keep_limits : bool
-        Refuse targets whose joints break limits; not needed if the whole cell keeps them.
+        Refuse targets whose configuration violates a limit; not needed if none does in the cell.
 
     Raises
     ------
     InputError
-        If it is evaluated outside the cell or, with ``keep_limits``, if the joints break limits.
+        If it is evaluated outside the cell or, with ``keep_limits``, if a limit is violated.
 
     Examples
     --------
@@ -62,48 +63,54 @@ class InverseFunction:
 
     @property
     def cell(self) -> Cell:
-        """Where it is defined."""
+        """The cell on which it is defined."""
         return self.chart.cell
 
     @property
     def task(self) -> Task:
-        """The task whose inverse it is."""
+        """The task that it inverts."""
         return self.chart.cell.task
 
-    def __call__(self, target: pin.SE3, *, leaf: ArrayLike | None = None) -> Array:
-        """Evaluate F: the joints (n,) for a pose of the cell.
+    def __call__(self, target: Placement, *, leaf: ArrayLike | None = None) -> Array:
+        """Evaluate F: the configuration (n,) for a pose of the cell.
 
         Parameters
         ----------
-        target
-            x.
+        target : pinocchio.SE3 or (4, 4) array
+            Pose x of the frame.
         leaf : (r,) array, optional
-            c, the elbow moved along the self-motion; see :meth:`leaves`. By default 0.
+            c, by default 0: moves the elbow along the self-motion, see :meth:`leaves`.
 
         Raises
         ------
         InputError
-            If the target lies outside the cell or is no rigid transform, or F has no joints inside
-            the limits there.
+            If the target lies outside the cell or is no rigid transform, or F has no configuration
+            inside the limits there.
         """
+        if not isinstance(target, pin.SE3):
+            target = as_placement(target)
         try:
             c = None if leaf is None else self._leaf(leaf)
             q = self._evaluate.own(target, c)
         except (OutsideError, AttributeError, TypeError):
             u = self.cell.coordinates_of(target)  # says what is wrong with the target
-            raise InputError(f"there are no joints on this leaf at {self.cell.where(u)}") from None
+            raise InputError(
+                f"no configuration exists on this leaf at {self.cell.where(u)}"
+            ) from None
         if self.keep_limits and self.task.limit_margin(q).min() < 0:
             raise self._beyond(q, target)
         return q
 
-    def batch(self, targets: Sequence[pin.SE3] | Array, *, leaf: ArrayLike | None = None) -> Array:
+    def batch(
+        self, targets: Sequence[Placement] | Array, *, leaf: ArrayLike | None = None
+    ) -> Array:
         """Evaluate F at many targets, placements or coordinates U (K, k) of the cell: (K, n).
 
         Raises
         ------
         InputError
-            Naming the first target, counted from 0, that is outside the cell or has no joints
-            there.
+            If a target is outside the cell or has no configuration; it is named by its number, from
+            0.
         """
         cell = self.cell
         targets = self._targets(targets)
@@ -120,7 +127,7 @@ class InverseFunction:
         if not points.found.all():
             at = int(np.argmin(points.found))
             raise InputError(
-                f"target {at}: there are no joints on this leaf at {cell.where(U[at])}"
+                f"target {at}: no configuration exists on this leaf at {cell.where(U[at])}"
             )
         broken = self.task.limit_margin(points.Q).min(axis=1, initial=np.inf) < 0
         if self.keep_limits and broken.any():
@@ -128,19 +135,17 @@ class InverseFunction:
             raise InputError(f"target {at}: {self._beyond(points.Q[at], cell.at(U[at]))}")
         return points.Q
 
-    def jacobian(self, target: pin.SE3, *, leaf: ArrayLike | None = None) -> Array:
-        """Evaluate ∂F/∂x (n, m): joint speeds for the task's velocity, rad or m per m and rad."""
+    def jacobian(self, target: Placement, *, leaf: ArrayLike | None = None) -> Array:
+        """Evaluate ∂F/∂x (n, m), joint velocity per task velocity, rad or m per m and rad."""
         return self.inverse(self(target, leaf=leaf))
 
     @cached_property
     def inverse(self) -> RepeatableInverse:
-        """The control ``q̇ = ∂F/∂x ẋ``, whose leaf c = 0 is F: it steps and follows as any other;
-        its Ω is the cell."""
+        """Controller ``q̇ = ∂F/∂x ẋ``, whose leaf c = 0 is F; its region Ω is the cell."""
         return RepeatableInverse(self.task, CellPotentials(self.chart), region=self.cell)
 
-    def leaves(self, target: pin.SE3) -> Array:
-        """Find how far the elbow can be moved at a pose: the interval of each c_j, the others 0, as
-        (r, 2).
+    def leaves(self, target: Placement) -> Array:
+        """Find the interval of each c_j at a pose, with the others 0: (r, 2).
 
         It ends at a joint limit, where the leaf margin falls to 0.1, or after half a turn.
         """
@@ -159,17 +164,14 @@ class InverseFunction:
             step[~good] /= 2
         return np.stack([-done[:r], done[r:]], axis=1)
 
-    def _targets(self, targets: Sequence[pin.SE3] | Array) -> list[pin.SE3] | Array:
-        """Take placements, or coordinates U (K, k)."""
-        if isinstance(targets, np.ndarray):
+    def _targets(self, targets: Sequence[Placement] | Array) -> list[pin.SE3] | Array:
+        """Convert placements, or check coordinates U (K, k)."""
+        if isinstance(targets, np.ndarray) and targets.ndim != 3:
             return as_matrices(
                 ("coordinates of this cell", targets, f"K {self.cell.k}"), exact=True, finite=False
             )[0]
-        a_target = "a placement (pinocchio.SE3)"
-        listed = list_of(
-            targets, "targets", "a list of placements, or an array of coordinates (K, k)"
-        )
-        return [require_type(one, pin.SE3, f"target {i}", a_target) for i, one in enumerate(listed)]
+        what = "a list of placements, or an array of coordinates (K, k)"
+        return as_placements(targets, "target", what)
 
     def _leaf(self, leaf: ArrayLike) -> Array:
         array = as_numbers(leaf)
@@ -178,9 +180,8 @@ class InverseFunction:
     def _beyond(self, q: Array, target: pin.SE3) -> InputError:
         joint = int(np.argmin(self.task.limit_margin(q)))
         where = self.cell.where(self.cell.coordinates_of(target))
-        return InputError(
-            f"at {where}, {self.task.joint_names[joint]} = {q[joint]:.4g} would be outside its limits"
-        )
+        name = self.task.joint_names[joint]
+        return InputError(f"at {where}, {name} = {q[joint]:.4g} would be outside its limits")
 
     def __reduce__(self) -> tuple[Any, ...]:
         return partial(type(self), keep_limits=self.keep_limits), (self.chart,)

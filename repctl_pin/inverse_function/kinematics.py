@@ -1,5 +1,4 @@
-"""f and J of a task by the batch, and Newton steps that one bad node does not spoil for the
-others."""
+"""Batched kinematics and linear solves, in which a singular row does not fail the others."""
 
 from __future__ import annotations
 
@@ -41,12 +40,6 @@ def solved(A: Array, b: Array) -> Array:
             with suppress(np.linalg.LinAlgError):
                 x[k] = np.linalg.solve(A[k], rhs[k])
     return np.asarray(x[..., 0] if b.ndim == 2 else x, float)
-
-
-def bounded(dQ: Array, most: float) -> Array:
-    """Shorten steps (K, n) whose largest joint step is above ``most``; NaN becomes 0."""
-    dQ = np.where(np.isfinite(dQ), dQ, 0.0)
-    return dQ * np.minimum(1.0, most / np.maximum(np.abs(dQ).max(axis=1), 1e-300))[:, None]
 
 
 def bases(J: Array, near: Array) -> tuple[Array, Array, Array]:

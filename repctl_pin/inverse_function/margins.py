@@ -1,5 +1,5 @@
-"""What a section keeps away from, where it can: limits, bodies, singularities; and a search for
-where it is nearest."""
+"""Margins of a candidate function (joint limits, bodies, singularities) and a search for the
+smallest ones."""
 
 from __future__ import annotations
 
@@ -8,68 +8,71 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 from ..robot.bodies import bodies_of
 from ..robot.task import Task
+from ..solvers import StepLengths, descend_in_box
 from .chart import Chart, Points
 from .monomials import Monomials
 
 _DIFFERENCE = 3e-4
-"""Of q, per unit of the direction, in central differences of a margin."""
+"""Step of q, per unit of the direction, in central differences of a margin."""
 
 _ENDLESS = 1e6
-"""What stands for an infinite margin, of a joint without limits, in a difference."""
+"""Value that replaces an infinite margin, of a joint without limits, in a difference."""
 
 _NEARBY, _FAR, _APART = 12, 40, 0.06
-"""How many leaves to either side are looked at for more room, near a section and far, and how far
-apart, rad."""
+"""Number of leaves to either side that are searched for a larger margin, near and far, and their
+spacing, rad."""
 
 _HALVINGS = 6
-"""How often that distance is halved about the best of them."""
+"""Number of times that the spacing is halved around the best of them."""
 
-_STEPS, _FIRST, _LONGEST, _SHORTEST = 25, 0.2, 0.5, 1e-4
-"""Steps of a search, and their lengths in u."""
+_LENGTHS = StepLengths(first=0.2, longest=0.5, shortest=1e-4, longer=1.5, shorter=3.0, steps=25)
+"""Step lengths in u."""
 
 _JUMP = 1.0
-"""A joint step, rad or m, that means another section."""
+"""Joint step, rad or m, that means a jump to another solution."""
 
 
 @dataclass(frozen=True)
 class Margin:
-    """A quantity that is to stay above some room.
+    """A quantity with a required minimum.
 
     Attributes
     ----------
     name : str
     measure : function (K, n) → (K, P)
-        The P margins at joints: one for each joint and its limits, one of all bodies, or σ_min of
-        J.
-    room : float
-        What is asked for.
+        The P margins at configurations: one per joint for its limits, one for all bodies, or σ_min
+        of J.
+    required : float
+        Required minimum.
     slack : float
-        The part of it that may be missing.
+        Share of it that may be missing.
     watched, starts, violators : int
-        Poses at which it is looked at, from which it is searched for lower ones, and that a round
-        may add to the cost, at most: a distance between bodies costs a hundred times a joint limit.
+        Maximum numbers of poses at which it is checked, from which smaller ones are searched for,
+        and that a round may add to the cost. A body distance takes a hundred times as long as a
+        joint limit.
     """
 
     name: str
     measure: Callable[[Array], Array]
-    room: float
+    required: float
     slack: float
     watched: int
     starts: int
     violators: int
 
     def least(self, at: Points) -> Array:
-        """The least of the margins at points (K,); infinite where the section does not exist."""
+        """Smallest of the margins at points (K,); infinite where the function does not exist."""
         return np.where(at.found, self.measure(at.Q).min(axis=1, initial=np.inf), np.inf)
 
-    def slope(self, section: Section, at: Points) -> Array:
-        """Differentiate the least of them with respect to u, at points of a section: (K, k)."""
+    def slope(self, candidate: CandidateFunction, at: Points) -> Array:
+        """Differentiate the smallest of them with respect to u, at points: (K, k)."""
         lowest = self.measure(at.Q).argmin(axis=1)
-        return self.slopes(at.Q, section.derivative(at))[np.arange(len(lowest)), lowest]
+        return self.slopes(at.Q, candidate.derivative(at))[np.arange(len(lowest)), lowest]
 
     def slopes(self, Q: Array, D: Array) -> Array:
         """Differentiate at every row of Q (K, n) along the p columns of D (K, n, p): (K, P, p)."""
@@ -82,27 +85,26 @@ class Margin:
         return np.swapaxes((ends[0] - ends[1]).reshape(K, p, -1), 1, 2) / (2 * _DIFFERENCE)
 
     def attainable(self, chart: Chart, at: Points, *, far: bool = False) -> Array:
-        """Find the most (K,) that any leaf near a section has at points of it: along every
-        direction of its label.
+        """Find the largest margin (K,) of any leaf near the points, along each direction of the
+        label.
 
-        Near is 0.7 rad, or ``far`` off 2.4 rad, which for r = 1 is as far as the self-motion stays
-        inside the limits.
-
-        Leaf by leaf first, then about the best of them by ever smaller steps.
+        The leaves lie within 0.7 rad, or with ``far`` within 2.4 rad, which for r = 1 is the extent
+        of the self-motion inside the limits. They are tried one after another, then around the best
+        of them with smaller steps.
         """
         r, most, best = at.n_ref.shape[2], self.least(at), at.Q
         here = np.einsum("Knr,Kn->Kr", at.n_ref, at.Q - at.q_ref)
         s = here.copy()
 
         def look(label: Array, Q: Array) -> Array:
-            """Take the leaves of a label (K, r) where they are better; their joints, looked for
-            from Q."""
+            """Keep the leaves of a label (K, r) where they are better; their configurations."""
             nonlocal most, best, s
             points = chart.solve(at.U, label, Q, iterations=4)
             least = np.where(points.found, self.least(points), -np.inf)
             better = least > most
-            most, best, s = (np.where(better, least, most), np.where(better[:, None], points.Q, best),
-                             np.where(better[:, None], label, s))  # fmt: skip
+            most = np.where(better, least, most)
+            best = np.where(better[:, None], points.Q, best)
+            s = np.where(better[:, None], label, s)
             return points.Q
 
         ways = np.concatenate([np.eye(r), -np.eye(r)])
@@ -116,33 +118,34 @@ class Margin:
         return most
 
 
-def limits_of(task: Task, room: float = 0.0) -> Margin:
-    """Every joint's distance to its nearer limit, rad or m."""
+def limits_of(task: Task, required: float = 0.0) -> Margin:
+    """Make the margin of joint limits: the distance of each joint to its nearer limit, rad or m."""
     return Margin(
-        "joint limits", task.limit_margin, room, 0.4, watched=4096, starts=48, violators=96
+        "joint limits", task.limit_margin, required, 0.4, watched=4096, starts=48, violators=96
     )
 
 
-def distances_of(task: Task, room: float = 0.0) -> Margin:
-    """The least distance between the hulls of bodies, m."""
+def distances_of(task: Task, required: float = 0.0) -> Margin:
+    """Make the margin of bodies: the minimum distance between their hulls, m."""
     apart = bodies_of(task).hull_distances
     return Margin(
-        "bodies", lambda Q: apart(Q)[:, None], room, 0.25, watched=256, starts=4, violators=16
+        "bodies", lambda Q: apart(Q)[:, None], required, 0.25, watched=256, starts=4, violators=16
     )
 
 
-def singular_values_of(task: Task, room: float = 0.0) -> Margin:
-    """σ_min of J."""
+def singular_values_of(task: Task, required: float = 0.0) -> Margin:
+    """Make the margin of singularities: σ_min of J."""
 
     def measure(Q: Array) -> Array:
         return np.asarray(np.linalg.svd(task.jacobians(Q), compute_uv=False)[:, -1:], float)
 
-    return Margin("singularities", measure, room, 0.25, watched=2048, starts=24, violators=96)
+    return Margin("singularities", measure, required, 0.25, watched=2048, starts=24, violators=96)
 
 
-@dataclass(frozen=True)
-class Section:
-    """``s(u) = Σ_t a_t T_t(u)`` in a chart.
+@dataclass(frozen=True, eq=False)
+@read_only
+class CandidateFunction:
+    """A candidate for F: the configurations with label ``s(u) = Σ_t a_t T_t(u)`` of a chart.
 
     Attributes
     ----------
@@ -157,53 +160,59 @@ class Section:
     a: Array
 
     @classmethod
-    def zero(cls, chart: Chart) -> Section:
-        """Make the section s = 0."""
+    def zero(cls, chart: Chart) -> CandidateFunction:
+        """Make the function s = 0."""
         return cls(chart, Monomials(chart.cell.k, 0), np.zeros((1, chart.cell.task.r)))
 
     def at(self, U: Array, Q: Array | None = None) -> Points:
-        """Find its points at U (K, k)."""
+        """Evaluate it at U (K, k), from Q (K, n) if given."""
         return self.chart.solve(U, self.terms.values(U) @ self.a, Q)
 
     def derivative(self, at: Points) -> Array:
-        """Differentiate it with respect to u: (K, n, k)."""
+        """Differentiate it with respect to u, at points of it: (K, n, k)."""
         slopes = self.terms.slopes(self.terms.values(at.U))
         return self.chart.derivative(at, np.einsum("KNk,Nr->Krk", slopes, self.a))[0]
 
 
 class Minimised(Protocol):
-    """A number at points of a section that a search makes as small as it can."""
+    """A quantity along a candidate function that a search minimises."""
 
     def least(self, at: Points) -> Array:
-        """Evaluate it: (K,); infinite where the section does not exist."""
+        """Evaluate it: (K,); infinite where the function does not exist."""
 
-    def slope(self, section: Section, at: Points) -> Array:
+    def slope(self, candidate: CandidateFunction, at: Points) -> Array:
         """Differentiate it with respect to u: (K, k)."""
 
 
-def searched(section: Section, margin: Minimised, U: Array) -> Array:
-    """Go from poses U (K, k) down a margin inside the cell, all at once; every pose tried (L, k),
-    ends last.
+def searched(candidate: CandidateFunction, margin: Minimised, U: Array) -> Array:
+    """Descend from poses U (K, k) to smaller margins inside the cell; all poses visited (L, k).
 
-    Steps along the gradient, without its parts that point out of the cell: longer after a step that
-    helped, shorter after one that did not. Poses at which the section was not found are among those
-    tried."""
-    here = section.at(U)
+    The ends come last. A step goes down the gradient, without its components that point out of the
+    cell. Poses at which the function does not exist are among those visited.
+    """
+    here = candidate.at(U)
     here = here.chosen(here.found)
-    least, length = margin.least(here), np.full(len(here.U), _FIRST)
-    visited = [here.U]
-    for _ in range(_STEPS):
-        on = np.flatnonzero(length > _SHORTEST)
-        if not len(on):
-            break
-        part = here.chosen(on)
-        slope = margin.slope(section, part)  # (L, k)
-        slope = np.where((np.abs(part.U) >= 1) & (slope * part.U < 0), 0.0, slope)
+    tried, visited = here, [here.U]
+
+    def trial(rows: NDArray[np.intp], length: Array) -> Array:
+        part = here.chosen(rows)
+        slope = margin.slope(candidate, part)  # (L, k)
+        outward = (np.abs(part.U) >= 1) & (slope * part.U < 0)
+        slope = np.where(outward, 0.0, slope)
         way = slope / np.maximum(np.abs(slope).max(axis=1, keepdims=True), 1e-12)
-        there = section.at(np.clip(part.U - length[on, None] * way, -1, 1), part.Q)
-        lower = margin.least(there)
-        good = (lower < least[on]) & (np.abs(there.Q - part.Q).max(axis=1) < _JUMP)
-        length[on] = np.where(good, np.minimum(1.5 * length[on], _LONGEST), length[on] / 3)
-        here, least[on[good]] = here.replaced(on[good], there.chosen(good)), lower[good]
-        visited.append(there.U[good | ~there.found])
-    return np.concatenate([*visited, here.U])
+        return np.clip(part.U - length[:, None] * way, -1, 1)
+
+    def evaluate(rows: NDArray[np.intp], U: Array) -> tuple[Array, NDArray[np.bool_]]:
+        nonlocal tried
+        tried = candidate.at(U, here.Q[rows])
+        jump = np.abs(tried.Q - here.Q[rows]).max(axis=1)
+        return margin.least(tried), jump < _JUMP
+
+    def accepted(rows: NDArray[np.intp], better: NDArray[np.bool_]) -> None:
+        nonlocal here
+        here = here.replaced(rows[better], tried.chosen(better))
+        visited.append(tried.U[better | ~tried.found])
+
+    U = here.U.copy()
+    descend_in_box(U, margin.least(here), trial, evaluate, _LENGTHS, accepted=accepted)
+    return np.concatenate([*visited, U])

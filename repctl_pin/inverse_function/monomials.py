@@ -1,5 +1,4 @@
-"""Polynomials of total degree d in the coordinates of a cell, as dense linear algebra on their
-monomials."""
+"""Monomials of the coordinates of a cell: values, derivatives, least-squares fit."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""Find the inverse kinematic function over a cell that is nearest to a desired control, and judge
-it."""
+"""Design of the inverse kinematic function over a cell that is nearest to a desired control."""
 
 from __future__ import annotations
 
@@ -14,6 +13,7 @@ from numpy.typing import ArrayLike
 from .. import progress as reporting
 from ..arguments import Array, as_int, flag_or_function, positive, require_choice, require_type
 from ..errors import InputError
+from ..fit_options import FitOptions, fit_options
 from ..strategies.strategy import AN_INVERSE, Batched, Inverse
 from .cell import LEAST_WIDTH, Cell
 from .cell_design import CellDesign
@@ -22,7 +22,7 @@ from .chart import Chart
 from .cost import Cost, Descent, descend, predicted_gain
 from .failures import FailureReason, broken_limit, round_the_base, unreached
 from .kinematics import bases
-from .margins import Margin, Section, distances_of, limits_of, singular_values_of
+from .margins import CandidateFunction, Margin, distances_of, limits_of, singular_values_of
 from .monomials import Monomials
 from .penalty import ActiveConstraint, PenaltyMethod, padded
 from .posture_search import given, searched
@@ -34,41 +34,43 @@ _MOST_TERMS = 220
 _MOST_DEGREE = 12
 _MOST_SAMPLES, _MOST_HELD_OUT = 2**16, 2**20
 _LARGE = 1e6
-"""Beyond any margin that can be asked for, rad, m, or m and rad."""
+"""Largest margin that can be requested, rad, m, or m and rad."""
 
 _WORTHWHILE = 0.05
 _NOTHING = 2e-4
-"""The part of ‖G_d‖² below which a cost is not worth lowering: 0.01 % of joint speed."""
+"""Share of ‖G_d‖² below which the cost is not lowered further: 0.01 % of joint speed."""
 
 _HOPELESS = 0.98
-"""The part of the rays that reach their ends below which a cell is not covered, and not worth long
-work."""
+"""Share of the rays that reach their ends below which the cell cannot be covered."""
 
 _DEAR = 0.02
-"""The extra joint speed above which other postures are tried."""
+"""Extra joint speed above which other configurations of the middle are tried."""
 
 _NEARLY = 0.9
-"""The coverage below which another posture is not tried."""
+"""Coverage below which no other configuration of the middle is tried."""
+
 _LEAST_FACTOR = 0.03
-"""By which a cell is scaled down at most, in search of one that works."""
+"""Smallest factor by which a cell is scaled in the search for one that is covered."""
 
 _CLOSE = 3e-5
-"""How closely, rad, the last chart follows the section; Newton's method then takes two steps."""
+"""Distance, rad, of the last chart from the function; Newton's method then takes two steps."""
 
 
 Found = CellDesign | tuple[FailureReason, ...]
-"""A design, or what failures it where there is nothing to design with."""
+"""A design, or the reasons for failure."""
 
 
 class NoFunctionError(InputError):
-    """There is no single function over a cell: the message names the pose, what failures it there,
-    and what would fit.
+    """No single function covers the cell.
+
+    The message names a pose, the obstruction there, and the largest similar cell that works.
 
     Attributes
     ----------
-    failures : tuple of Stop
+    failures : tuple of FailureReason
+        Reasons for failure.
     fits : float
-        The factor by which the cell, scaled about its middle, would work; 0 if none does.
+        Factor by which the cell, scaled about its middle, is covered; 0 if there is none.
     partly : bool
         Whether a function covers a part of the cell.
 
@@ -76,7 +78,8 @@ class NoFunctionError(InputError):
     --------
     >>> far = rp.Cell(task, task.placement(q0), 3.0)  # farther than the arm reaches
     >>> try:
-    ...     rp.nearest_inverse_function(control, far, degree=1, samples=64, held_out=64)
+    ...     options = rp.FitOptions(samples=64, held_out=64)
+    ...     rp.nearest_inverse_function(control, far, degree=1, options=options)
     ... except rp.NoFunctionError as error:
     ...     print(type(error).__name__)
     NoFunctionError
@@ -104,53 +107,50 @@ def nearest_inverse_function(
     body_distance: float = 0.0,
     sigma_min: float = 0.0,
     incomplete: Literal["refuse", "shrink", "keep"] = "refuse",
-    samples: int | None = None,
-    held_out: int = _HELD_OUT,
-    seed: int = 0,
+    options: FitOptions | None = None,
     progress: bool | Callable[[str, float], None] = False,
 ) -> CellDesign:
-    """Find ``q = F(x)`` over a cell, nearest to a desired control in the mean: ``min mean ‖∂F/∂x −
-    G_d(F)‖_F²``.
+    """Find the function ``q = F(x)`` over a cell nearest to a desired control in the mean.
 
-    G_d, driven along straight rays from the middle, gives a reference; among the sections beside
-    it, ``n_refᵀ (F − q_ref) = s(u)`` with s a polynomial, Gauss–Newton finds the best. Coming too
-    close to joint limits, to bodies or to a singularity is penalised.
+    ``min mean ‖∂F/∂x − G_d(F)‖_F²``. Following G_d along straight rays from the middle gives a
+    reference. Among the functions beside it, ``n_refᵀ (F − q_ref) = s(u)`` with s a polynomial,
+    Gauss–Newton steps find the best one. Small distances from joint limits, between bodies and from
+    singularities are penalised.
 
     Parameters
     ----------
     desired
-        G_d, any strategy with ``J G = I``.
+        Desired inverse G_d, any strategy with ``J G = I``.
     cell
         The poses.
     posture : (n,) array, optional
-        The joints in the cell's middle, rad (m for sliding joints). By default, those with the most
-        room on the self-motion there.
+        Configuration in the cell's middle, rad (m for prismatic joints). By default, the one with
+        the largest margins of those searched on the self-motion there.
     degree
-        Of s; ``"auto"`` raises it from 1 until no higher one, as far as the number of unknowns
-        allows, is predicted to lower the cost by 5 %, or the cost is below 0.01 % of joint speed.
+        Degree of s; ``"auto"`` raises it from 1 until no higher one, as far as the number of
+        unknowns allows, is predicted to lower the cost by 5 %, or the cost is below 0.01 % of joint
+        speed.
     limit_margin
-        The distance, rad or m, from joint limits that is kept where possible.
+        Joint-limit margin to keep where possible, rad or m.
     body_distance
-        The distance between bodies, m, that is kept where possible; 0 leaves bodies out of the
-        cost. In tight places it can cost much joint speed. The summary says where this,
-        ``limit_margin`` or ``sigma_min`` is not met.
+        Body distance to keep where possible, m; with 0, bodies are not in the cost. In narrow
+        places it can cost much joint speed. The summary tells where this, ``limit_margin`` or
+        ``sigma_min`` is not met.
     sigma_min
-        The σ_min of J, in m and rad, that is kept where possible; 0 leaves it out.
+        σ_min of J to keep where possible, in m and rad; with 0 it is not in the cost.
     incomplete
-        If no single function covers the cell, by held-out poses, by its corners, and by a search
-        for the worst poses: ``"refuse"`` it and say what would fit, ``"shrink"`` the cell about its
-        middle, or ``"keep"`` the function on the part it covers.
-    samples, held_out
-        Nodes of the fit, by default as many as the unknowns ask for; and of the evaluation.
-    seed
-        Fixes the nodes, and the search for a posture.
+        Action if no single function covers the cell, by held-out poses, corners, and a search for
+        the worst poses: ``"refuse"`` it and name a cell that works, ``"shrink"`` the cell about its
+        middle, or ``"keep"`` the function on the part that it covers.
+    options
+        Nodes and seed: ``samples``, ``held_out`` and ``seed`` of :class:`FitOptions`.
     progress
-        True for a bar on stderr, or a function of what is being done and the share that is done.
+        True for a progress bar on stderr, or a callback (step: str, fraction: float).
 
     Returns
     -------
     CellDesign
-        ``function``, ``inverse``, and how good they are; ``summary()`` says it in words.
+        ``function``, ``inverse``, and their evaluation; see ``summary()``.
 
     Raises
     ------
@@ -162,30 +162,39 @@ def nearest_inverse_function(
     Examples
     --------
     >>> cell = rp.Cell(task, task.placement(q0), 0.1)
-    >>> found = rp.nearest_inverse_function(control, cell, degree=2, samples=64, held_out=64)
+    >>> options = rp.FitOptions(samples=64, held_out=64)
+    >>> found = rp.nearest_inverse_function(control, cell, degree=2, options=options)
     >>> q = found.function(task.placement(q0))  # rad, from the pose alone
     >>> bool(np.abs(task.error(q, task.placement(q0))).max() < 1e-9)
     True
     """
     require_type(desired, Batched, "desired", AN_INVERSE)
     require_type(cell, Cell, "cell", "a cell, such as rp.Cell(task, placement, 0.1)")
+    options = fit_options(options)
+    options.require_only(("samples", "held_out", "seed"), "nearest_inverse_function")
+    samples = options.samples
+    if samples is not None:
+        samples = as_int(samples, "samples", 16, _MOST_SAMPLES)
+    held_out = _HELD_OUT if options.held_out is None else options.held_out
     require_choice(incomplete, ("refuse", "shrink", "keep"), "way to treat an incomplete cell")
     progress = flag_or_function(
         progress, "progress", "a function of what is being done and the share that is done", 2
     )
     if desired.task.as_dict() != cell.task.as_dict():
         raise InputError(
-            f"the control is for {desired.task!r}, the cell for {cell.task!r}; make both for one task"
+            f"the control is for {desired.task!r}, the cell for {cell.task!r}; "
+            "make both for one task"
         )
     if cell.task.r < 1:
         raise InputError(
-            f"{cell.task!r} is not redundant: with r = {cell.task.r} its joints are given by the pose"
+            f"{cell.task!r} is not redundant: with r = {cell.task.r} the pose determines the joints"
         )
     if not (isinstance(degree, str) and degree == "auto"):
         degree = as_int(degree, "degree", 1, _MOST_DEGREE)
         if comb(cell.k + degree, degree) * cell.task.r > 4 * _MOST_UNKNOWNS:
             raise InputError(
-                f"degree {degree} in {cell.k} coordinates makes more than {4 * _MOST_UNKNOWNS} unknowns"
+                f"degree {degree} in {cell.k} coordinates makes more than "
+                f"{4 * _MOST_UNKNOWNS} unknowns; lower the degree"
             )
     work = _Work(
         desired,
@@ -193,9 +202,9 @@ def nearest_inverse_function(
         limit_margin=_margin(limit_margin, "limit_margin", "rad"),
         body_distance=_margin(body_distance, "body_distance", "m"),
         sigma_min=_margin(sigma_min, "sigma_min"),
-        samples=None if samples is None else as_int(samples, "samples", 16, _MOST_SAMPLES),
+        samples=samples,
         held_out=as_int(held_out, "held_out", 64, _MOST_HELD_OUT),
-        seed=as_int(seed, "seed"),
+        seed=options.seed,
         keep=incomplete == "keep",
     )
     with reporting.reporter(progress) as report:
@@ -218,7 +227,7 @@ def nearest_inverse_function(
 
 
 def _margin(value: float, name: str, unit: str = "") -> float:
-    """Take a margin that the user asks for."""
+    """Convert a requested margin."""
     number = positive(value, name, unit, zero=True)
     if number > _LARGE:
         raise InputError(f"can be at most {_LARGE:g}, not {number:g}", argument=name)
@@ -227,7 +236,7 @@ def _margin(value: float, name: str, unit: str = "") -> float:
 
 @dataclass(frozen=True)
 class _Work:
-    """What a search was asked for."""
+    """A design over a cell: its arguments, and the search for the best one."""
 
     desired: Inverse
     degree: int | Literal["auto"]
@@ -241,7 +250,7 @@ class _Work:
     report: reporting.Report = reporting.silent
 
     def best(self, cell: Cell, postures: Array) -> tuple[Array, Found]:
-        """Design from the first posture; where that leaves too little room or costs much, from the
+        """Design from the first posture; if its margins are too small or its cost is high, from the
         best others too."""
         first = self.design(cell, postures[0])
         if len(postures) == 1 or _rank(first, self.limit_margin)[0] < _NEARLY or self.good(first):
@@ -258,15 +267,14 @@ class _Work:
         return max(designs, key=lambda pair: _rank(pair[1], self.limit_margin))
 
     def good(self, found: Found) -> bool:
-        """Whether it covers the cell, no bodies touch, with room for the joints, and costs
-        little."""
+        """Whether a design covers the cell without collisions, near limits, or high joint speed."""
         least = (1.0, True, True, 0.4 * self.limit_margin)
         return (
             _rank(found, self.limit_margin) >= least and cast(CellDesign, found).extra_speed < _DEAR
         )
 
     def design(self, cell: Cell, q: Array, *, quick: bool = False) -> Found:
-        """Design over one cell; what failures it, where there is nothing to design with."""
+        """Design over one cell; the reasons for failure if it cannot be reached."""
         self.report("the reference", 0.1)
         edge = cell.corners()
         count = self.samples or (
@@ -310,7 +318,7 @@ class _Work:
         )
 
     def _highest(self, cell: Cell) -> int:
-        """The highest degree that is tried."""
+        """Highest degree that is tried."""
         if self.degree != "auto":
             return int(self.degree)
         d = 1
@@ -321,8 +329,7 @@ class _Work:
     def _descended(
         self, cell: Cell, chart: Chart, U: Array, edge: Array, quick: bool, rounds: int
     ) -> tuple[Descent, Monomials, tuple[tuple[int, float], ...]]:
-        """Minimise the cost, degree by degree, then with the margins in it; and the degrees
-        tried."""
+        """Minimise the cost degree by degree, then with the margin penalties."""
         highest = min(2, self._highest(cell)) if quick else self._highest(cell)
         best: list[Descent] = []
         tried: list[tuple[int, float]] = []
@@ -349,34 +356,33 @@ class _Work:
         return penalties.kept(best[-1], terms, self.report), terms, tuple(tried)
 
     def margins(self, cell: Cell) -> list[Margin]:
-        """What the function is to keep away from."""
+        """Make the requested margins."""
         found = [limits_of(cell.task, self.limit_margin)]
         found += [distances_of(cell.task, self.body_distance)] if self.body_distance else []
         return found + ([singular_values_of(cell.task, self.sigma_min)] if self.sigma_min else [])
 
 
 def _nodes(U: Array, terms: Monomials) -> Array:
-    """Take as many nodes as the unknowns ask for."""
+    """Select nodes in proportion to the number of unknowns."""
     return U[: max(256, _power_of_two(3 * terms.size))]
 
 
 def _fit(cost: Cost, a: Array) -> Descent:
-    """Minimise the cost from coefficients a (N, r); where they have no joints at a node, from the
-    reference."""
+    """Minimise the cost from coefficients a (N, r), or from the reference if a node has no solution
+    there."""
     found = descend(cost, a)
     return found if np.isfinite(found.value.cost) else descend(cost, np.zeros_like(a))
 
 
 def _recharted(cell: Cell, chart: Chart, descent: Descent, terms: Monomials) -> Chart:
-    """Write a section in a chart that follows it closely: q_ref its joints, n_ref its null space, s
-    = 0."""
+    """Fit a chart whose s = 0 is the function: q_ref its configurations, n_ref its null space."""
     degree = max(terms.degree, chart.monomials.degree, 3)
     while degree < 8 and _terms(cell, degree + 1) <= _MOST_TERMS:
         degree += 1
     for d in range(max(terms.degree, 3), degree + 1):
         U = np.concatenate([cell.sample(_power_of_two(3 * _terms(cell, d)), 7), cell.corners()])
-        U = np.concatenate([U, np.sign(U) * np.abs(U) ** 0.5])  # more of them near the edges
-        points = Section(chart, terms, descent.a).at(U)
+        U = np.concatenate([U, np.sign(U) * np.abs(U) ** 0.5])  # denser near the edges
+        points = CandidateFunction(chart, terms, descent.a).at(U)
         good = points.found
         N = bases(points.J[good], points.n_ref[good])[1]
         found = fitted(cell, U[good], points.Q[good], N, d)
@@ -387,7 +393,7 @@ def _recharted(cell: Cell, chart: Chart, descent: Descent, terms: Monomials) -> 
 
 
 def _why(cell: Cell, ends: Rays, count: int) -> tuple[FailureReason, ...]:
-    """Say what failures rays that did not reach their ends."""
+    """List the reasons for failure of rays that did not reach their ends."""
     bad = ends.reached < 1
     near = ends.Q[np.argsort(-ends.reached)[:8]]
     failures = unreached(cell, ends.U[bad], near, float(bad.sum() / count))
@@ -397,10 +403,10 @@ def _why(cell: Cell, ends: Rays, count: int) -> tuple[FailureReason, ...]:
 
 
 def _largest(work: _Work, cell: Cell, q: Array, *, quick: bool) -> tuple[float, CellDesign | None]:
-    """Find the factor, to 20 % at worst, by which the cell can be scaled about its middle so that
-    it is covered.
+    """Find the factor, within 20 %, by which the cell has to be scaled about its middle to be
+    covered.
 
-    Rays to the corners and some poses more find where to begin; a design has the last word.
+    Rays to the corners and other poses give a first guess, which a design confirms or lowers.
     """
     U = np.concatenate([cell.corners(), cell.sample(32, work.seed)])
     if cell.widths[cell.widths > 0].min() < LEAST_WIDTH / _LEAST_FACTOR:
@@ -424,29 +430,28 @@ def _largest(work: _Work, cell: Cell, q: Array, *, quick: bool) -> tuple[float, 
 def _refusal(
     cell: Cell, failures: tuple[FailureReason, ...], fits: float, *, keep: bool
 ) -> NoFunctionError:
-    """Say in one line why there is no function, the most frequent cause first, and what would fit.
+    """Make the error that names the causes, the most frequent first, and a cell that works.
 
-    Bodies that touch refuse no cell, and are no cause.
+    A collision is no cause: it does not refuse a cell.
     """
     causes = (stop for stop in failures if stop.cause != "collision")
     failures = tuple(sorted(causes, key=lambda stop: -stop.share))
-    why = ", and ".join(stop.what for stop in failures) or "its joints do not fit together"
+    why = ", and ".join(stop.what for stop in failures) or "its configurations do not fit together"
     ring = round_the_base(cell)
     remedy = (
-        f"a cell of {cell.scaled(fits).size()} works (incomplete='shrink' takes it)"
+        f"use incomplete='shrink' to get a cell of {cell.scaled(fits).size()}"
         if fits > 0
-        else "no smaller cell around this middle works either; move it, or give another posture="
+        else "no smaller cell with this middle works either; move it, or give another posture="
     )
     if keep:
-        remedy += ", and incomplete='keep' the part that is covered"
+        remedy += ", or incomplete='keep' to keep the covered part of this one"
     because = f"; {ring}" if ring else ""
     fact = f"no single function covers the cell: {why}{because}"
     return NoFunctionError(fact, failures, fits, partly=keep, remedy=remedy)
 
 
 def _rank(found: Found, limit_margin: float) -> tuple[float, bool, bool, float, float]:
-    """Coverage of the held-out poses, then of the worst, bodies that do not touch, limit margin as
-    asked for, speed."""
+    """Sort key: coverage of held-out poses, of all poses, no collision, limit margin, speed."""
     if not isinstance(found, CellDesign) or found.coverage == 0:
         return 0.0, False, False, -np.inf, -np.inf
     margin, everywhere = min(found.limit_margin, 0.4 * limit_margin), found.evaluation.everywhere

@@ -1,5 +1,5 @@
-"""Margins in the cost: a price on what comes too near, raised until it is kept away wherever it can
-be."""
+"""Margin penalties in the cost: the weight of a violated margin is raised until the margin is met
+wherever the arm can meet it."""
 
 from __future__ import annotations
 
@@ -12,70 +12,69 @@ from ..arguments import Array
 from ..strategies.strategy import Batched
 from .chart import Chart
 from .cost import Cost, Descent, Penalty, descend
-from .margins import Margin, Section, searched
+from .margins import CandidateFunction, Margin, searched
 from .monomials import Monomials
 
 _WEIGHTS = (1e2, 1e5)
-"""Of the margins in the cost: the first, and the last after raising it tenfold again and again."""
+"""First and last weight of the penalties; it is raised tenfold in each round."""
 
 _LOW = 2
-"""The degree at which margins are first kept: of many terms a few poses would ask for wild
-bends."""
+"""Degree of the first fit with penalties: with many terms a few poses would cause large bends."""
 
 _FAR = 2
-"""How many times the room a margin has everywhere if it is not worth a search."""
+"""Multiple of the required margin above which no smaller margins are searched for."""
 
 _NEARLY = 0.1
-"""The part of the margin that the arm has somewhere, and of the room, that is not asked for."""
+"""Share of the best attainable margin, and of the required one, that is not asked for."""
 
 _GRID = 0.05
-"""Poses that a search has found are taken from a grid in u, so that they do not crowd."""
+"""Grid in u to which the poses found by a search are rounded, so that they do not cluster."""
 
 
 def padded(a: Array, terms: Monomials) -> Array:
-    """Write coefficients a (M, r) of a lower degree in a higher one: monomials are ordered by
-    degree."""
+    """Pad coefficients a (M, r) of a lower degree with zeros: monomials are ordered by degree."""
     return np.pad(a, ((0, terms.size - len(a)), (0, 0)))
 
 
 class ActiveConstraint:
-    """One margin, the poses at which it is looked at, and those where it has a price.
+    """One margin, the poses at which it is checked, and those where it is penalised.
 
     Attributes
     ----------
     edge : (L, k) array
-        Those with a price.
+        Poses where it is penalised.
     asked : (L,) array
-        The margin asked for there: the room, or where the arm has less on every leaf nearby, nearly
-        that.
+        Margin asked for there: the required one, or slightly less than the best one that any leaf
+        nearby has.
     """
 
     def __init__(self, margin: Margin, U: Array) -> None:
         self.margin, self.U = margin, U
         self.edge, self.asked = U[:0], np.zeros(0)
 
-    def short(self, section: Section) -> bool:
-        """Whether the margin is too small somewhere; give the worst of these poses a price.
+    def short(self, candidate: CandidateFunction) -> bool:
+        """Whether the margin is too small somewhere; penalise the worst of these poses.
 
-        Where it is small, lower ones are searched for, and looked at from then on.
+        From poses where it is small, smaller margins are searched for. The poses found are checked
+        from then on.
         """
         margin = self.margin
-        near = margin.least(section.at(self.U))
-        if near.min(initial=np.inf) > _FAR * margin.room:
+        near = margin.least(candidate.at(self.U))
+        if near.min(initial=np.inf) > _FAR * margin.required:
             return False
-        found = searched(section, margin, self.U[np.argsort(near)[: margin.starts]])
+        found = searched(candidate, margin, self.U[np.argsort(near)[: margin.starts]])
         new = _without(_GRID * np.round(found / _GRID), self.U)
         self.U, near = (
             np.concatenate([self.U, new]),
-            np.concatenate([near, margin.least(section.at(new))]),
+            np.concatenate([near, margin.least(candidate.at(new))]),
         )
         worst = np.argsort(near)[: 4 * margin.violators]
-        worst = worst[near[worst] < margin.room]
-        most = margin.attainable(section.chart, section.at(self.U[worst]))
-        asked = np.minimum(margin.room, most - _NEARLY * np.abs(most))
+        worst = worst[near[worst] < margin.required]
+        most = margin.attainable(candidate.chart, candidate.at(self.U[worst]))
+        asked = np.minimum(margin.required, most - _NEARLY * np.abs(most))
         short = asked - near[worst]
         edge = self.U[worst]
-        if not (short > np.maximum(margin.slack * asked, _NEARLY * margin.room)).any():
+        if not (short > np.maximum(margin.slack * asked, _NEARLY * margin.required)).any():
             return False
         chosen = np.argsort(-short)[: margin.violators]
         chosen = chosen[short[chosen] > 0]
@@ -87,18 +86,18 @@ class ActiveConstraint:
 
 
 class PenaltyMethod:
-    """Keeps a section away from what it should not meet, at the poses where it is met first.
+    """Penalty method on the worst poses found so far.
 
     Parameters
     ----------
     desired, chart
-        G_d, and what the section is written in.
+        G_d, and the chart in which the function is written.
     nodes : (K, k) array
-        Of the cost.
+        Nodes of the cost.
     constraints
         The margins.
     rounds
-        At most so many times the weight is raised, or poses are added.
+        Maximum number of rounds, in each of which the weight is raised or poses are added.
     """
 
     def __init__(
@@ -115,8 +114,10 @@ class PenaltyMethod:
     def kept(
         self, descent: Descent, terms: Monomials, report: Callable[[str, float], None]
     ) -> Descent:
-        """Go on from where the cost alone is least, if a margin is short there: at a low degree,
-        then at this."""
+        """Minimise with penalties, if a margin is too small at the minimum without them.
+
+        A fit of low degree comes first, then one of the final degree.
+        """
         if not self.rounds or not self._short(terms, descent.a):
             return descent
         r, steps, a = descent.a.shape[1], descent.steps, descent.a
@@ -132,8 +133,8 @@ class PenaltyMethod:
     ) -> Descent:
         size = 0
         for i in range(self.rounds):
-            report(f"{' and '.join(w.margin.name for w in self.constraints if len(w.edge))}, degree {terms.degree}",
-                   0.5 + 0.03 * i)  # fmt: skip
+            active = " and ".join(w.margin.name for w in self.constraints if len(w.edge))
+            report(f"{active}, degree {terms.degree}", 0.5 + 0.03 * i)
             if not self._short(terms, descent.a) and i:
                 break
             kept = [Penalty(w.margin, w.edge, w.asked) for w in self.constraints]
@@ -150,13 +151,12 @@ class PenaltyMethod:
 
     def _short(self, terms: Monomials, a: Array) -> bool:
         """Whether any margin is too small somewhere."""
-        section = Section(self.chart, terms, a)
-        return max(
-            [watch.short(section) for watch in self.constraints]
-        )  # every one of them is looked at
+        candidate = CandidateFunction(self.chart, terms, a)
+        short = [watch.short(candidate) for watch in self.constraints]  # without short-circuit
+        return any(short)
 
 
 def _without(U: Array, known: Array) -> Array:
-    """Take every row of U once, those of another array left out."""
+    """Take each row of U once, without those of another array."""
     once, first = np.unique(np.concatenate([known, U]), axis=0, return_index=True)
     return once[first >= len(known)]

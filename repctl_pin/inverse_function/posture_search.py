@@ -1,5 +1,5 @@
-"""The posture in the middle of a cell: the self-motion there, elbow up and elbow down, searched for
-the most room."""
+"""Search for the configuration in the middle of a cell from which the cell is reached with the
+largest margins."""
 
 from __future__ import annotations
 
@@ -8,69 +8,75 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import Array, vector
+from ..arguments import Array, read_only, vector
 from ..errors import InputError
 from ..redundancy.inverses import inverse_condition_number
 from ..robot.bodies import bodies_of
+from ..solvers import newton_rows
 from ..strategies.strategy import Batched
 from .cell import Cell
-from .kinematics import bases, bounded, placed
+from .kinematics import bases, placed
 from .reference import SINGULAR, rays
 
 _STARTS, _KEPT, _OFFERED = 128, 24, 6
+_STEP = 0.4
+"""Longest Newton step of any joint, rad or m."""
+
 _SINGULAR_MIDDLE = "the arm is at a singularity; move the cell, or turn it"
 _ENOUGH, _ALIKE = 0.1, 0.02
-"""A limit margin, rad or m, beyond which more room is worth less than speed; and margins that count
-as alike."""
+"""Limit margin, rad or m, above which speed counts more; and differences of margins that count as
+none."""
 
 _AS_QUICK = 1.2
-"""Mean squares of joint speed that count as alike; of those the posture nearest to the reference is
-taken."""
+"""Ratio of mean squared joint speeds that counts as 1; of those the configuration nearest to the
+reference is taken."""
 
 
 def reached(
     cell: Cell, Q: Array, u: Array, *, push: float = 0.0, iterations: int = 60
 ) -> tuple[Array, Array]:
-    """Bring configurations Q (K, n) to one pose of a cell by Newton's method with J⁺, joint limits
-    aside.
+    """Bring configurations Q (K, n) to one pose of a cell by Newton's method with J⁺.
 
     Parameters
     ----------
     cell, Q
-        The cell, and where to start.
+        The cell, and the initial configurations.
     u : (k,) array
         The pose.
     push
-        How strongly joints beyond their limits are pushed back along the null space.
+        Gain with which joints beyond their limits are pushed back along the null space.
 
     Returns
     -------
     Q : (K, n) array
     left : (K,) array
-        The task error that is left, m and rad.
+        Remaining task error, m and rad.
     """
-    task, Q = cell.task, Q.copy()
+    task = cell.task
     goal = cell.placements(np.tile(u, (len(Q), 1)))
-    for _ in range(iterations):
+
+    def correction(Q: Array, on: NDArray[np.intp]) -> Array:
         p, R, J = placed(task, Q)
-        e = cell.errors(*goal, p, R)
+        e = cell.errors(goal[0][on], goal[1][on], p, R)
         G, N, _ = bases(J, np.zeros((len(Q), task.n, task.r)))
         dQ = np.einsum("Knm,Km->Kn", G, e)
         if push:
             back = np.maximum(0.0, task.lower + 0.1 - Q) - np.maximum(0.0, Q - task.upper + 0.1)
             dQ += push * np.einsum("Knr,Klr,Kl->Kn", N, N, back)
-        Q += bounded(dQ, 0.4)
+        return dQ
+
+    Q, _ = newton_rows(correction, Q, longest=_STEP, tolerance=0.0, iterations=iterations)
     p, R, _ = placed(task, Q)
     return Q, np.linalg.norm(cell.errors(*goal, p, R), axis=1)
 
 
 def given(cell: Cell, posture: ArrayLike) -> Array:
-    """Take a posture that a person gave, brought exactly to the middle of the cell.
+    """Bring a configuration given by the user exactly to the middle of the cell.
 
     Raises
     ------
     InputError
-        If it does not lead there, or not within the limits.
+        If that fails, or violates a limit.
     """
     task, u = cell.task, np.zeros(cell.k)
     q = vector(posture, task.n, "the posture")
@@ -91,17 +97,16 @@ def given(cell: Cell, posture: ArrayLike) -> Array:
 
 
 def searched(desired: Batched, cell: Cell, seed: int = 0) -> Array:
-    """Find postures (K, n) in the middle from which the cell is reached with the most room, the
-    best first.
+    """Find configurations (K, n) in the middle from which the cell is reached, the best first.
 
-    Every candidate drives the arm along rays to the corners of the cell. Those that reach most
-    corners count, of them those whose bodies do not touch, with the largest joint-limit margin (up
-    to 0.1 rad), and of them the quickest, near the reference.
+    From each candidate the arm moves along rays to the corners of the cell. The order is: most
+    corners reached, no collision, largest joint-limit margin (up to 0.1 rad), smallest joint speed,
+    nearest to the reference.
 
     Raises
     ------
     InputError
-        If the middle is out of reach, or only within reach outside the joint limits.
+        If the middle is out of reach, or only reached outside the joint limits.
     """
     task, u = cell.task, np.zeros(cell.k)
     rng = np.random.default_rng(seed)
@@ -122,9 +127,10 @@ def searched(desired: Batched, cell: Cell, seed: int = 0) -> Array:
     if not inside.any():
         best = int(np.argmax(np.where(there, task.limit_margin(Q).min(axis=1), -np.inf)))
         joint = task.joint_names[int(np.argmin(task.limit_margin(Q[best])))]
+        beyond = -task.limit_margin(Q[best]).min()
         raise InputError(
-            f"the middle of the cell, {cell.where(u)}, is reached only outside the limits of {joint!r}, "
-            f"{-task.limit_margin(Q[best]).min():.3g} beyond them at best; move the cell, or turn it"
+            f"the middle of the cell, {cell.where(u)}, is reached only outside the limits of "
+            f"{joint!r}, {beyond:.3g} beyond them at best; move the cell, or turn it"
         )
     regular = inside & _regular(cell, Q)
     if not regular.any():
@@ -142,19 +148,20 @@ def searched(desired: Batched, cell: Cell, seed: int = 0) -> Array:
     return _apart(np.array([first.q, *(c.q for c in candidates if c is not first)]), _OFFERED)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Candidate:
-    """A posture in the middle, and what the rays from there have shown.
+    """A configuration in the middle, and figures of the rays from it.
 
     Attributes
     ----------
     q : (n,) array
     share : float
-        Of the corners reached.
+        Share of the corners reached.
     margin : float
-        The least joint-limit margin on the rays, rad or m.
+        Minimum joint-limit margin on the rays, rad or m.
     apart : float
-        The least distance between bodies in the middle and at the ends of the rays, m.
+        Minimum body distance in the middle and at the ends of the rays, m.
     speed : float
         ``mean ‖G_d E C‖²`` at the ends of the rays.
     """
@@ -167,7 +174,7 @@ class Candidate:
 
 
 def judged(desired: Batched, cell: Cell, q: Array) -> Candidate:
-    """Drive the arm to the corners of the cell from a posture."""
+    """Evaluate a configuration in the middle by rays to the corners of the cell."""
     U = cell.corners()
     ends = rays(desired, cell, q, U, steps=10)
     good = ends.reached == 1
@@ -185,8 +192,7 @@ def judged(desired: Batched, cell: Cell, q: Array) -> Candidate:
 
 
 def chosen(candidates: list[Candidate], reference: Array) -> Candidate:
-    """Choose by share, then bodies that do not touch, then margin, speed, and the distance from a
-    reference."""
+    """Select by share, then no collision, margin, speed, and distance from a reference."""
     most = max(c.share for c in candidates)
     candidates = [c for c in candidates if c.share > most - 1e-9]
     candidates = [c for c in candidates if c.apart >= 0] or candidates
@@ -199,8 +205,8 @@ def chosen(candidates: list[Candidate], reference: Array) -> Candidate:
 
 
 def _unwound(cell: Cell, q: Array) -> Array:
-    """Take whole turns out of revolute joints: the values nearest to the reference, where limits
-    allow them."""
+    """Remove whole turns from revolute joints: take the values nearest to the reference that limits
+    allow."""
     task = cell.task
     near = q - 2 * np.pi * np.rint((q - task.reference) / (2 * np.pi)) * task.revolute
     near = np.where((near > task.lower) & (near < task.upper), near, q)
@@ -211,12 +217,12 @@ def _unwound(cell: Cell, q: Array) -> Array:
 
 
 def _regular(cell: Cell, Q: Array) -> NDArray[np.bool_]:
-    """Say which configurations (K, n) are far enough from a singularity to begin at."""
+    """Whether each configuration (K, n) is far enough from a singularity to start at."""
     return inverse_condition_number(placed(cell.task, Q)[2]) > SINGULAR
 
 
 def _apart(Q: Array, count: int) -> Array:
-    """Take the first rows of Q that differ from those before them."""
+    """Select the first ``count`` rows of Q that differ from those before them."""
     kept: list[Array] = []
     for q in Q:
         if len(kept) < count and all(np.linalg.norm(q - other) > 0.3 for other in kept):
@@ -225,7 +231,7 @@ def _apart(Q: Array, count: int) -> Array:
 
 
 def _spread(Q: Array, count: int) -> Array:
-    """Choose at most so many of the rows of Q, each as far from those before it as can be."""
+    """Select at most ``count`` rows of Q, each as far as possible from those before it."""
     kept = [0]
     distance = np.linalg.norm(Q - Q[0], axis=1)
     while len(kept) < min(count, len(Q)):

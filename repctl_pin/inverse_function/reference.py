@@ -1,4 +1,4 @@
-"""The reference section: from the middle posture along the straight rays of a cell, under the
+"""Reference function: configurations along straight rays from the middle of a cell, under the
 desired control."""
 
 from __future__ import annotations
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 from ..redundancy import nullspace
 from ..strategies.strategy import Batched
 from .cell import Cell
@@ -16,25 +16,25 @@ from .kinematics import bases, placed
 from .monomials import Monomials
 
 _STEP = 0.5
-"""A joint step, rad or m, from one point of a ray to the next, that means that the arm has lost the
-path."""
+"""Joint step, rad or m, between points of a ray that means that the arm no longer follows it."""
 
 SINGULAR = 0.01
 """σ_min / σ_max of J at which a ray ends."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Rays:
     """Ends of the rays from the middle of a cell.
 
     Attributes
     ----------
     U, Q, N : (K, k), (K, n) and (K, n, r) arrays
-        Where they end, the joints there, and the null space carried along.
+        Poses of the ends, configurations there, and null-space bases, aligned along each ray.
     reached : (K,) array
-        The part of the way that each has come: 1 where it ended well.
+        Share of each ray that was followed; 1 is the whole.
     least : (K,) array
-        The least joint-limit margin on the way, rad or m.
+        Minimum joint-limit margin on each ray, rad or m.
     """
 
     U: Array
@@ -45,20 +45,19 @@ class Rays:
 
 
 def rays(desired: Batched, cell: Cell, q_middle: Array, U: Array, *, steps: int = 16) -> Rays:
-    """Drive the arm from the middle posture along straight rays to U (K, k), by ``Δq = G_d (x_next
-    − f(q))``.
+    """Follow straight rays from the middle of a cell to U (K, k), by ``Δq = G_d (x_next − f(q))``.
 
-    All rays at once. Each ray by itself is repeatable, as there is but one way along it.
+    All rays are followed at once.
 
     Parameters
     ----------
     desired
         G_d.
     cell, q_middle
-        The cell, and the joints (n,) in its middle.
+        The cell, and the configuration (n,) in its middle.
     U : (K, k) array
     steps
-        Points on each ray.
+        Number of points on each ray.
     """
     task, K = cell.task, len(U)
     Q = np.tile(q_middle, (K, 1))
@@ -86,6 +85,6 @@ def rays(desired: Batched, cell: Cell, q_middle: Array, U: Array, *, steps: int 
 
 
 def fitted(cell: Cell, U: Array, Q: Array, N: Array, degree: int) -> Chart:
-    """Fit a chart to joints Q (K, n) and null spaces N (K, n, r) at U (K, k)."""
+    """Fit a chart to configurations Q (K, n) and null spaces N (K, n, r) at U (K, k)."""
     monomials = Monomials(cell.k, degree)
     return Chart(cell, monomials, monomials.fit(U, np.concatenate([Q[:, :, None], N], axis=2)))

@@ -1,5 +1,4 @@
-"""Rotations by the batch: exp, log, the left Jacobian of SO(3), and the turn between two tool
-axes."""
+"""Batched rotations: exp, log, left Jacobian of SO(3), and the rotation between two tool axes."""
 
 from __future__ import annotations
 
@@ -60,8 +59,7 @@ def skew(omega: Array) -> Array:
 
 
 def tilts(R: Array, goal: Array) -> Array:
-    """Measure the turns (K, 2) about the tools' own x and y that take their z axes to the goals',
-    rad.
+    """Measure the rotations (K, 2), rad, about a tool's x and y that turn its z axis to the goal's.
 
     The batch form of :func:`repctl_pin.robot.formulas.axis_turn`.
     """

@@ -1,4 +1,4 @@
-"""A closed path that wanders through all of a cell."""
+"""Random smooth closed path through a cell."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ def tour(cell: Cell, seed: int = 0, *, reach: float = 0.9) -> TaskPath:
     Parameters
     ----------
     cell
-        Through which it goes.
+        The cell.
     seed
-        Which of them.
+        Random seed.
     reach
-        How near to the cell's faces it comes: 1 touches all of them.
+        Largest ``|u_i|``; with 1 the path touches all faces of the cell.
     """
     require_type(cell, Cell, "cell", "a cell, such as rp.Cell(task, placement, 0.1)")
     rng = np.random.default_rng(as_int(seed, "seed"))
@@ -36,8 +36,7 @@ def tour(cell: Cell, seed: int = 0, *, reach: float = 0.9) -> TaskPath:
     positions, R_0 = len(cell.half_width), cell.placement.rotation
 
     def parts(u: Array) -> tuple[Array, Array]:
-        """The position's part, m, and the rotation vector's, base axes, of coordinates or their
-        rates."""
+        """Convert coordinates or their rates to a position, m, and a rotation vector, base axes."""
         y, p = cell.spread(u[None])[0], np.zeros(3)
         p[cell.task.rows[:positions]] = y[:positions]
         return p, cell.vectors(y[None, positions:])[0] if turns else np.zeros(3)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import MOST_STEPS, Array, as_int, require_type
+from ..arguments import MOST_STEPS, Array, as_int, read_only, require_type
 from ..errors import InputError, SingularityError
 from ..paths.task_path import TaskPath, closed_path
 from ..redundancy import leaf_margin, nullspace
@@ -17,6 +17,7 @@ from ..strategies import Bounded, Inverse, Pseudoinverse, RepeatableInverse
 from ..strategies.strategy import AN_INVERSE, Batched
 from .follow import follow
 from .joint_motion import violations_of
+from .leaf_lock import LeafLock
 from .motion import Motion
 from .solve_ik import solve_ik
 
@@ -45,7 +46,8 @@ _LEAST_LEAF_MARGIN = 0.1
 """Minimum leaf margin of a leaf that is preferred to the given one."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Candidate:
     """A start, with the margins of one cycle from it.
 
@@ -101,7 +103,7 @@ class Candidate:
         return -broken, *relative_margins.tolist(), self.margin
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class BestLeaf:
     """The result of :func:`best_leaf`.
 
@@ -124,6 +126,9 @@ class BestLeaf:
     best: Candidate
     given: Candidate | None
     tried: int
+
+    def __repr__(self) -> str:
+        return f"<BestLeaf: best of {self.tried} starts, margin {self.best.margin:.3g}>"
 
     @property
     def q0(self) -> Array:
@@ -256,7 +261,7 @@ def _evaluated(
     task, length = inverse.task, arm_length(inverse.task, q0) or 1.0
     try:
         motion = replace(
-            follow(inverse, path, q0, cycles=1, steps=steps, leaf_lock=2), region=region
+            follow(inverse, path, q0, cycles=1, steps=steps, integrator=LeafLock(2)), region=region
         )
         N = nullspace(task.jacobians(motion.q))
         G, G_d = inverse.batch(motion.q), desired.batch(motion.q)

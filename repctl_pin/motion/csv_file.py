@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 from ..errors import InputError
 from ..files import read_whole
 from ..paths.waypoint_file import number
@@ -26,7 +26,8 @@ _CLOCKS = ("time", "t")
 _LARGEST = 64_000_000
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Recorded:
     """Motion of one strategy, as stored in a file.
 
@@ -113,8 +114,9 @@ def _cells(motion: Motion, most: int | None) -> Iterator[list[str]]:
     """Format the rows of a motion: cycle, time, positions, velocities."""
     rows = rows_of(motion, most or motion.steps)
     q, qdot = motion.joints(motion.q[rows]), motion.joints(motion.qdot[rows])
-    for values in np.hstack([np.stack([rows / motion.steps, motion.t[rows]], axis=1), q, qdot]):
-        yield [repr(float(v)) if most is None else f"{v:.10g}" for v in values]
+    table = np.hstack([np.stack([rows / motion.steps, motion.t[rows]], axis=1), q, qdot])
+    for values in table.tolist():
+        yield [repr(v) if most is None else f"{v:.10g}" for v in values]
 
 
 def read_motions(

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
 
 from ..arguments import Array
 from ..errors import InputError, SingularityError
-from ..paths.shapes import circle
+from ..paths.shapes import Normal, circle
 from ..paths.task_path import TaskPath
 from ..redundancy.inverses import inverse_condition_number
 from ..robot.length import arm_length
@@ -86,7 +87,9 @@ def fitting_circle(
 
 def circle_at(task: Task, q0: Array, radius: float, plane: str, degrees: float) -> TaskPath:
     """Make a circle with its spec; the start lies at an angle from the plane's first axis."""
-    path = circle(task, q0, radius, normal=plane, start_angle=float(np.deg2rad(degrees)))
+    path = circle(
+        task, q0, radius, normal=cast(Normal, plane), start_angle=float(np.deg2rad(degrees))
+    )
     return replace(path, spec=f"circle:{_digits(radius)}:{_digits(degrees)}", plane=plane)
 
 

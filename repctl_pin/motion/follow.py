@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from itertools import pairwise
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.linalg.blas import ddot
 
 from ..arguments import Array, as_int, function, positive, require_choice, vector
 from ..errors import InputError, SingularityError
@@ -15,26 +17,18 @@ from ..robot.length import joint_scale
 from ..robot.task import Task, require_task
 from ..strategies import FunctionStrategy, OnLeaves, Strategy
 from ..strategies.control_step import speeds
+from .leaf_lock import LeafLock
 from .motion import Motion
 
-# Butcher tableaux: nodes c, matrix A (lower triangle, row by row), weights b.
-INTEGRATORS: dict[
-    str, tuple[tuple[float, ...], tuple[tuple[float, ...], ...], tuple[float, ...]]
-] = {
-    "euler": ((0.0,), ((),), (1.0,)),
-    "rk4": (
-        (0.0, 0.5, 0.5, 1.0),
-        ((), (0.5,), (0.0, 0.5), (0.0, 0.0, 1.0)),
-        (1 / 6, 1 / 3, 1 / 3, 1 / 6),
-    ),
+# Butcher tableaux: nodes c and weights b. Each stage uses the slope of the one before, times c.
+INTEGRATORS: dict[str, tuple[tuple[float, ...], tuple[float, ...]]] = {
+    "euler": ((0.0,), (1.0,)),
+    "rk4": ((0.0, 0.5, 0.5, 1.0), (1 / 6, 1 / 3, 1 / 3, 1 / 6)),
 }
 
 _INSIDE = 1e-12
 """Distance from a grid point at which a twist is evaluated, cycles; on the step's side of a
 corner."""
-
-_MOST_CORRECTIONS = 1000
-"""Maximum number of corrections per step; Newton's method converges within about five."""
 
 _JUMP = 1.0
 """Joint motion per step from which the integration counts as failed, rad; for prismatic joints in
@@ -57,20 +51,16 @@ def follow(
     *,
     cycles: int = 10,
     steps: int = 500,
-    integrator: str = "rk4",
-    feedback: float = 0.0,
     period: float | None = None,
-    leaf_lock: int = 0,
-    leaf: ArrayLike | None = None,
-    velocity_limit: ArrayLike | None = None,
-    damping: float = 0.0,
+    integrator: Literal["rk4", "euler"] | LeafLock = "rk4",
+    feedback: float = 0.0,
     task: Task | None = None,
 ) -> Motion:
     """Integrate ``q̇ = strategy(q, ẋ)`` along a closed path, cycle after cycle.
 
-    With feedback, ``ẋ = ẋ_path + K e`` with e the task error. With ``leaf_lock=k``, a repeatable
-    strategy moves from point to point by k Newton corrections of both errors, ``q += J_V⁻¹ [x −
-    f(q); c − h(q)]``.
+    With feedback, ``ẋ = ẋ_path + K e`` with e the task error. With a :class:`LeafLock`, a
+    repeatable strategy steps from point to point by Newton corrections of the task error and of
+    c − h(q).
 
     Parameters
     ----------
@@ -83,22 +73,13 @@ def follow(
         Start configuration, rad (m for prismatic joints), within the joint limits.
     cycles, steps
         Number of cycles, and of integration steps per cycle (a few more if the path has corners).
+    period
+        Period, s; by default the path's, else 5.
     integrator
-        ``rk4`` or ``euler``.
+        Runge–Kutta method, ``"rk4"`` or ``"euler"``; or a :class:`LeafLock`.
     feedback
         Gain K, 1/s; 0 is open loop. With Euler, K = steps / period corrects the whole error in one
         step.
-    period
-        Period, s; by default the path's, else 5.
-    leaf_lock
-        Number of Newton corrections per step, instead of the integrator; 0 is no leaf lock.
-    leaf : (r,) array, optional
-        Level c for the leaf lock; by default h(q0).
-    velocity_limit : float or (n,) array, optional
-        Maximum joint speeds for the leaf lock, rad/s.
-    damping
-        Maximum damping λ_max for the leaf lock near singularities, see
-        :meth:`RepeatableInverse.step`.
     task
         Task that a plain function controls.
 
@@ -138,50 +119,36 @@ def follow(
         strategy = FunctionStrategy(task, strategy)
     task = strategy.task
     q = task.check(q0, "the start")
-    require_choice(integrator, INTEGRATORS, "integrator")
+    if not isinstance(integrator, LeafLock):
+        require_choice(integrator, INTEGRATORS, "integrator")
     cycles, steps = as_int(cycles, "cycles", 1), as_int(steps, "steps", 1)
-    leaf_lock = as_int(leaf_lock, "leaf_lock", 0, _MOST_CORRECTIONS)
-    damping = positive(damping, "damping", zero=True)
     check_length(task, cycles, steps)
     period = positive((path.period or 5.0) if period is None else period, "the period", "s")
     feedback = positive(feedback, "the feedback gain", zero=True)
-    if not leaf_lock and (leaf is not None or velocity_limit is not None or damping):
-        raise InputError(
-            "leaf=, velocity_limit= and damping= require the leaf lock; add leaf_lock=1"
-        )
     gap = float(np.linalg.norm(task.error(q, path.placement(0.0))))
-    if gap > 1e-3 and not feedback and not leaf_lock:
+    if gap > 1e-3 and not feedback and not isinstance(integrator, LeafLock):
         raise InputError(
             f"the path starts {gap:.3g} m (or rad) away from the frame; "
             "use rp.solve_ik() first, or feedback"
         )
 
     grid = _grid(path, steps)
-    if leaf_lock:
+    if isinstance(integrator, LeafLock):
         if feedback:
             raise InputError(
-                "feedback= and leaf_lock= are mutually exclusive: "
+                "feedback= and a leaf lock are mutually exclusive: "
                 "the leaf lock corrects the task error itself"
             )
         if not isinstance(strategy, OnLeaves):
-            raise InputError("leaf_lock= requires a repeatable strategy, such as design.inverse")
-        c = (
-            strategy.leaf(q)
-            if leaf is None
-            else vector(leaf, task.r, "the level c = h(q)", "one per potential")
-        )
-        advance, at_end = _locked(
-            strategy, path, grid, period, leaf_lock, c, velocity_limit, damping
-        )
+            raise InputError("a leaf lock requires a repeatable strategy, such as design.inverse")
+        advance, at_end = _locked(strategy, path, grid, q, period, integrator)
     else:
         advance, at_end = _integrated(strategy, path, grid, q, period, integrator, feedback)
     Q, Qdot, used = _run(advance, at_end, task, path, grid, q, cycles)
 
     t = np.concatenate([(np.arange(cycles)[:, None] + grid[:-1]).ravel(), [float(cycles)]]) * period
     *targets, end = [path.placement(s) for s in grid]
-    errors = np.array(
-        [task.error(q, target) for q, target in zip(Q, targets * cycles + [end], strict=True)]
-    )
+    errors = task.errors(Q, targets * cycles + [end])
     linear = min(3, task.m)
     return Motion(
         task=task,
@@ -220,6 +187,7 @@ def _run(
     points = np.array([path.placement(float(s)).translation for s in grid])
     size = float(np.linalg.norm(np.ptp(points, axis=0)))
     most_step = _JUMP * np.where(task.revolute, 1.0, np.maximum(joint_scale(task, q), size))  # (n,)
+    surely = float(most_step.min()) ** 2
     Q = np.empty((cycles * n_steps + 1, task.n))
     Qdot = np.empty_like(Q)
     Q[0] = q
@@ -231,7 +199,8 @@ def _run(
                 raise SingularityError(
                     f"{error}, in cycle {1 + step // n_steps} of {path.name}"
                 ) from None
-            if not (np.abs(following - q) < most_step).all():
+            moved = following - q
+            if not (ddot(moved, moved) < surely or (np.abs(moved) < most_step).all()):
                 raise SingularityError(
                     f"a joint moves by more than {_JUMP:g} rad (prismatic: one arm length) "
                     f"in one step in cycle {1 + step // n_steps} of {path.name}: the arm is near "
@@ -254,7 +223,7 @@ def _integrated(
 ) -> tuple[Advance, AtEnd]:
     """Create the step of a Runge–Kutta method."""
     task = strategy.task
-    nodes, matrix, weights = INTEGRATORS[integrator]
+    nodes, weights = INTEGRATORS[integrator]
 
     # A path's twists are the same in every cycle, so they are evaluated once, on the step's side of
     # a corner. So is ẋ, except for an axis task, where it depends on the frame's orientation.
@@ -267,13 +236,14 @@ def _integrated(
     turning = task.kind == "axis"
     if not turning:
         twists = [[task.task_velocity(q, twist) for twist in row] for row in twists]
-    stages = [
-        (i, places.index(c), c, np.array(row))
-        for i, (c, row) in enumerate(zip(nodes, matrix, strict=True))
-    ]
+    stages = [(i, places.index(c), c) for i, c in enumerate(nodes)]
     b_T, slopes = np.array(weights), np.empty((len(nodes), task.n))
 
+    follow_twist = strategy.velocity
+
     def velocity(q: Array, twist: Array, s: float) -> Array:
+        if not (turning or feedback):
+            return follow_twist(q, twist)
         xdot = task.task_velocity(q, twist) if turning else twist
         if feedback:
             xdot = xdot + feedback * task.error(q, path.placement(s))
@@ -282,10 +252,12 @@ def _integrated(
     def advance(k: int, q: Array) -> tuple[Array, Array, float]:
         (s, s_end), here = ends[k], twists[k]
         h = (s_end - s) * period
-        for i, place, c, row in stages:
-            stage = q + h * (row @ slopes[:i]) if i else q
+        stage = q
+        for i, place, c in stages:
+            if i:
+                stage = q + (h * c) * slopes[i - 1]
             slopes[i] = velocity(stage, here[place], s + c * (s_end - s))
-        return q + h * (b_T @ slopes), slopes[0], 0.0
+        return q + h * b_T.dot(slopes), slopes[0], 0.0
 
     def at_end(q: Array) -> Array:
         last = path.twist(1.0 - _INSIDE) / period
@@ -298,24 +270,31 @@ def _locked(
     strategy: OnLeaves,
     path: TaskPath,
     grid: Array,
+    q: Array,
     period: float,
-    corrections: int,
-    c: Array,
-    velocity_limit: ArrayLike | None,
-    damping: float,
+    lock: LeafLock,
 ) -> tuple[Advance, None]:
     """Create the step from point to point on a leaf; its velocity is the mean."""
+    corrections, damping, r = lock.corrections, lock.damping, strategy.task.r
+    if lock.leaf is None:
+        c = strategy.leaf(q)
+    else:
+        c = vector(lock.leaf, r, "the level c = h(q)", "one per potential")
     targets, times = [path.placement(float(s)) for s in grid[1:]], np.diff(grid) * period
-    most = (
-        None if velocity_limit is None else speeds(velocity_limit, strategy.task.n) / corrections
-    )  # shared by the corrections
+    most = None
+    if lock.velocity_limit is not None:  # shared by the corrections
+        most = speeds(lock.velocity_limit, strategy.task.n) / corrections
 
     def advance(k: int, q: Array) -> tuple[Array, Array, float]:
         start, h, used = q, float(times[k]), 0.0
         for _ in range(corrections):
-            q = strategy.step(q, targets[k], h, leaf=c, velocity_limit=most, damping=damping)
             if damping:
-                used = max(used, strategy.damping)
+                step = strategy.damped_step(
+                    q, targets[k], h, leaf=c, velocity_limit=most, damping=damping
+                )
+                q, used = step.q, max(used, step.damping)
+            else:
+                q = strategy.step(q, targets[k], h, leaf=c, velocity_limit=most)
         return q, (q - start) / h, used
 
     return advance, None

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linprog
 from scipy.sparse import csr_array
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 from ..errors import InputError
 from .profile import STAGES, Limits, Segment, fastest, most_used
 
@@ -63,7 +63,8 @@ _BETWEEN = np.linspace(0.0, 1.0, 9)
 """Where limits are checked between two stages, as shares of the time."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class JerkSegment(Segment):
     """A smooth part of a joint path, from rest to rest, with bounded jerk.
 
@@ -257,7 +258,8 @@ def _graded(grid: Array, curve: Any, limits: Limits) -> Array:
     return np.concatenate([[0.0], first, last, grid[-1:]])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class _Path:
     """A joint path as its stages see it; ``q‴`` is the same between two of them.
 

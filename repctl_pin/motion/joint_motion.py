@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import Array, as_int, as_matrices
+from ..arguments import Array, as_int, as_matrices, read_only
 from ..errors import InputError
 from ..robot.bodies import Nearest, bodies_of
 from ..robot.length import joint_scale
@@ -26,7 +26,8 @@ CLOSED = 1e-5
 """Maximum gap of a closed cycle, rad or arm lengths, to allow for integration errors."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class JointMotion:
     """Joint motion over several cycles, independent of the path of the frame.
 
@@ -126,7 +127,9 @@ class JointMotion:
 
         Bodies are the URDF's collision shapes, meshes as their convex hulls. 0 if only hulls
         overlap, inf without shapes. See :class:`Bodies`."""
-        return bodies_of(self.task).distances(self.q)
+        distances = bodies_of(self.task).distances(self.q)
+        distances.setflags(write=False)
+        return distances
 
     @cached_property
     def nearest_bodies(self) -> tuple[float, Nearest]:

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, positive
+from ..arguments import Array, positive, read_only
 from ..paths.task_path import TaskPath
 from ..robot.length import arm_length
 from ..strategies import Bounded
@@ -20,7 +20,8 @@ ON_PATH = 1e-3
 """Maximum error with which the frame counts as on its path, arm lengths or rad."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Motion(JointMotion):
     """Motion of a strategy on a closed path.
 

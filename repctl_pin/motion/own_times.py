@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import CubicSpline, PPoly
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 from ..errors import InputError
 from .profile import Limits, Segment, most_used
 
@@ -30,7 +30,8 @@ _BETWEEN = np.array([0.0, 0.25, 0.5, 0.75, 1.0 - 1e-9])
 """Where limits are checked between two breaks of the law, as shares of the time."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class OwnTimes(Segment):
     """A smooth part of a joint path in its own times, from rest to rest.
 

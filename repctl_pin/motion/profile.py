@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 from ..errors import InputError, needed
 
 InverseDynamics = Callable[[Array, Array, Array], Array]
@@ -29,7 +29,8 @@ LEAST_STAGES = 50
 """Stages between two stops, at least."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Limits:
     """Limits of the joints (n,) and of the tool.
 
@@ -58,7 +59,8 @@ class Limits:
         return 1 / np.maximum(used, 1e-9)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Segment:
     """A smooth part of a joint path, from stop to stop, and its profile.
 

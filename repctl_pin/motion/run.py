@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import minimize_scalar
 
-from ..arguments import Array, finite, positive, require_type, shown, vector
+from ..arguments import Array, finite, positive, read_only, require_type, shown, vector
 from ..errors import InputError
 from .timing import TimedMotion
 
@@ -42,7 +42,8 @@ _NEAR = 1e-3
 """How near to the path a start has to be, rad or m."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class _Change:
     """Overrides o(t), cubic polynomials, from o and its rate to a goal with rate 0 after some time;
     then constant.
@@ -131,6 +132,9 @@ class Run:
         self._t, self._override, self._rate, self._since = begin, 0.0, 0.0, 0.0
         self._change = _Change(begin, 0.0, 0.0, np.zeros(1), np.zeros(1))
         self._wish, self._looked = 0.0, 0.0
+
+    def __repr__(self) -> str:
+        return f"<Run at {self._t:.3g} of {self._end:.3g} s, override {self._override:.3g}>"
 
     @property
     def t(self) -> float:

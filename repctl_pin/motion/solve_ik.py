@@ -1,4 +1,4 @@
-"""Bring the frame to a placement: plain inverse kinematics for the start of a path."""
+"""Inverse kinematics of one placement, for the start of a path."""
 
 from __future__ import annotations
 
@@ -6,24 +6,29 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ..arguments import MOST_STEPS, Array, as_int, flag, positive, require_type, vector
+from ..arguments import MOST_STEPS, Array, as_int, flag, positive, vector
 from ..errors import InputError, SingularityError
 from ..paths.task_path import TaskPath
 from ..redundancy.inverses import pseudoinverse
+from ..robot.formulas import Placement, as_placement
 from ..robot.length import arm_length
 from ..robot.task import Task, require_task
+from ..solvers import newton
 
 _THERE = 1e-9
-"""Task error, m and rad, of a point that is reached."""
+"""Task error, m and rad, below which a point is reached."""
+
+_STEP = 0.3
+"""Longest Newton step of any joint, rad or m."""
 
 _FAR = 10
-"""Points this many arm lengths away were not meant in m."""
+"""Distance of points, in arm lengths, above which their unit is not m."""
 
 
 def solve_ik(
     task: Task,
     q0: ArrayLike,
-    target: pin.SE3,
+    target: Placement,
     *,
     tolerance: float = 1e-12,
     iterations: int = 200,
@@ -34,13 +39,13 @@ def solve_ik(
     Parameters
     ----------
     task
-        Whose frame is to be placed.
+        Task that places the frame.
     q0 : (n,) array
-        Where to start looking, rad (m for sliding joints).
-    target
-        Where the frame should be.
+        Initial configuration, rad (m for prismatic joints).
+    target : pinocchio.SE3 or (4, 4) array
+        Desired placement of the frame.
     tolerance, iterations
-        When to stop: task error (m and rad), Newton steps.
+        Maximum task error (m and rad), and maximum number of Newton steps.
     limits
         Refuse a configuration outside the joint limits.
 
@@ -60,52 +65,56 @@ def solve_ik(
     >>> bool(np.abs(task.error(q, target)).max() < 1e-9)  # m
     True
     """
-    require_type(target, pin.SE3, "target", "a rigid transform, such as path.placement(0)")
+    target = as_placement(target)
     if not np.isfinite(target.homogeneous).all():
         raise InputError("the target must be finite numbers, m and a rotation")
     q = vector(q0, require_task(task).n, "q0")
-    tolerance, iterations = (
-        positive(tolerance, "the tolerance"),
-        as_int(iterations, "iterations", 1, MOST_STEPS),
-    )
+    tolerance = positive(tolerance, "the tolerance")
+    iterations = as_int(iterations, "iterations", 1, MOST_STEPS)
     limits = flag(limits, "limits")
-    error = task.error(q, target)
     where = np.array2string(np.asarray(target.translation), precision=3, separator=", ")
-    for _ in range(iterations):
-        if np.linalg.norm(error) < tolerance:
-            break
-        try:
-            step = pseudoinverse(task.jacobian(q)) @ error
-        except SingularityError:
-            raise InputError(
-                f"{task.frame!r} cannot reach {where} m: the arm ends stretched or folded at a singularity; "
-                "move the path nearer"
-            ) from None
-        scale = min(1.0, 0.3 / max(float(np.abs(step).max()), 1e-12))
-        size = np.linalg.norm(error)
-        while True:  # halve the step until it helps
-            trial = task.error(q + scale * step, target)
-            if np.linalg.norm(trial) < size or scale < 1e-6:
-                break
-            scale /= 2
-        if np.linalg.norm(trial) >= size:
-            break
-        q, error = q + scale * step, trial
-    if not np.linalg.norm(error) < max(tolerance, _THERE):
+    error = task.error(q, target)
+
+    def residual(q: Array) -> float:
+        nonlocal error
+        error = task.error(q, target)
+        return float(np.linalg.norm(error))
+
+    def correction(q: Array) -> Array:
+        return pseudoinverse(task.jacobian(q)) @ error
+
+    try:
+        found = newton(
+            correction,
+            q,
+            longest=_STEP,
+            tolerance=tolerance,
+            iterations=iterations,
+            residual=residual,
+        )
+    except SingularityError:
         raise InputError(
-            f"{task.frame!r} cannot reach {where} m: it stays {np.linalg.norm(error[: min(3, task.m)]):.3g} m short; "
+            f"{task.frame!r} cannot reach {where} m: the arm ends stretched or folded at a "
+            "singularity; move the path nearer"
+        ) from None
+    assert found is not None  # with a residual there is always a last q
+    q, error = found, task.error(found, target)
+    if not np.linalg.norm(error) < max(tolerance, _THERE):
+        short = np.linalg.norm(error[: min(3, task.m)])
+        raise InputError(
+            f"{task.frame!r} cannot reach {where} m: it stays {short:.3g} m short; "
             "move the path nearer or choose another start"
         )
     return task.check(q, f"the start that reaches {where} m") if limits else q
 
 
 def reach_start(task: Task, q0: ArrayLike, path: TaskPath) -> Array:
-    """Bring the arm to a path's first point; q0 itself where it is there already.
+    """Solve for the first point of a path; q0 itself if it is there already.
 
     Raises
     ------
     InputError
-        If it cannot be reached from there, or only outside the joint limits.
+        If the point cannot be reached from q0, or only outside the joint limits.
     """
     q = np.asarray(q0, float)
     if np.linalg.norm(task.error(q, path.placement(0.0))) <= _THERE:
@@ -113,31 +122,30 @@ def reach_start(task: Task, q0: ArrayLike, path: TaskPath) -> Array:
     try:
         return solve_ik(task, q, path.placement(0.0))
     except InputError as error:
-        raise _told(error, task, q, q, path, 0.0) from None
+        raise _with_corner(error, task, q, q, path, 0.0) from None
 
 
 def check_reach(task: Task, q0: ArrayLike, path: TaskPath, *, points: int = 48) -> None:
-    """Make sure that the frame can reach every point of a path, joint limits aside.
+    """Refuse a path with a point that the frame cannot reach, joint limits aside.
 
     Raises
     ------
     InputError
-        If it cannot; the message names the first point out of reach, or the corner that the path
-        goes to there.
+        If a point is out of reach; the message names the first one, or the corner of the path after
+        it.
     """
     q = start = np.asarray(q0, float)
     for s in np.union1d(np.linspace(0, 1, points), path.breaks):
         try:
             q = solve_ik(task, q, path.placement(float(s)), tolerance=_THERE, limits=False)
         except InputError as error:
-            raise _told(error, task, start, q, path, float(s)) from None
+            raise _with_corner(error, task, start, q, path, float(s)) from None
 
 
-def _told(
+def _with_corner(
     error: InputError, task: Task, start: Array, q: Array, path: TaskPath, s: float
 ) -> InputError:
-    """Say what is out of reach in the path's own terms, where its corners have names, and why that
-    may be."""
+    """Add the name of the path and of its corner to an error, and a hint at the cause."""
     if not path.corners:
         return error
     knots = (0.0, *path.breaks, 1.0)
@@ -153,8 +161,7 @@ def _told(
 
 
 def _hint(task: Task, start: Array, path: TaskPath, knots: tuple[float, ...]) -> str:
-    """Say what the numbers may have been meant as: only where the whole path could be reached
-    then."""
+    """Suggest another unit or origin, if the whole path could be reached with it."""
     points = np.array([path.point(s) for s in knots])
     if np.abs(points).max() > _FAR * arm_length(task, start) and _all_reached(
         task, start, path, points / 1000
@@ -168,12 +175,13 @@ def _hint(task: Task, start: Array, path: TaskPath, knots: tuple[float, ...]) ->
 
 
 def _all_reached(task: Task, q: Array, path: TaskPath, points: Array) -> bool:
+    """Whether all points (K, 3) can be reached from q, with the path's first orientation."""
     rotation = path.placement(0.0).rotation
     return not any(_shortfall(task, q, pin.SE3(rotation, point)) for point in points)
 
 
 def _shortfall(task: Task, q: Array, target: pin.SE3) -> str:
-    """Why a target cannot be reached from q; empty if it can."""
+    """Explain why a target cannot be reached from q; empty if it can."""
     try:
         solve_ik(task, q, target, tolerance=_THERE, limits=False)
     except InputError as error:

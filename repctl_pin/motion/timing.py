@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from typing import Literal
 
 import numpy as np
 import pinocchio as pin
@@ -17,6 +18,7 @@ from ..arguments import (
     flag,
     per_joint,
     positive,
+    read_only,
     require_choice,
     require_type,
 )
@@ -86,7 +88,8 @@ _MOST_SAMPLES = MOST_STEPS // 5
 """Samples of a timed motion: each takes the memory of several steps."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class TimedMotion:
     """Positions of the robot's own joints over time, from rest to rest, at even time steps.
 
@@ -517,7 +520,7 @@ def approach(
     q_now: ArrayLike,
     motion: Motion,
     *,
-    to: str = "start",
+    to: Literal["start", "nearest"] = "start",
     acceleration: ArrayLike | str | None = None,
     velocity: ArrayLike | None = None,
     jerk: ArrayLike | str | None = None,

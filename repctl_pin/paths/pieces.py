@@ -12,7 +12,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from scipy.spatial.transform import Rotation
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 from ..errors import InputError
 from .task_path import TaskPath
 
@@ -22,7 +22,8 @@ _GOOD = 1e-9
 _DEEPEST = 6
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Piece:
     """Polynomial piece of a path between two values of s.
 

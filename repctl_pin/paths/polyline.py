@@ -13,8 +13,9 @@ from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from ..arguments import Array, list_of, positive
+from ..arguments import Array, as_numbers, list_of, positive, read_only
 from ..errors import InputError
+from ..robot.formulas import as_placements
 from ..robot.task import Task, require_task
 from .orientation import piece_finder, rotation_matrix, smooth_turning
 from .task_path import TaskPath
@@ -28,6 +29,7 @@ _PER_RADIAN = 0.1
 
 
 @dataclass(frozen=True, eq=False)
+@read_only
 class Waypoints:
     """Waypoints of a file: result of :func:`read_waypoints`, argument of :func:`waypoints`.
 
@@ -171,16 +173,16 @@ def waypoints(
         times = points.times if times is None else times
         rotation = points.rotations if rotation is None else rotation
         points = points.points
-    if (
-        not isinstance(points, np.ndarray)
-        and len(given := list_of(points, "waypoints", "rows of three numbers"))
-        and isinstance(given[0], pin.SE3)
-    ):
-        if rotation is not None or not all(isinstance(x, pin.SE3) for x in given):
+    if not isinstance(points, np.ndarray):
+        points = list_of(points, "waypoints", "rows of three numbers")
+    if _are_placements(points):
+        if rotation is not None:
             raise InputError(
                 "the waypoints are placements and already have orientations; omit rotation="
             )
-        corners, turns = np.array([x.translation for x in given]), [x.rotation for x in given]
+        placements = as_placements(points, "waypoint", "a list of placements")
+        corners = np.array([x.translation for x in placements])
+        turns = [x.rotation for x in placements]
     else:
         corners = _points(points, "waypoints")
         if rotation is None:
@@ -279,7 +281,8 @@ def _line(start: Array, edge: Array) -> Piece:
     return lambda u: (start + u * edge, edge)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class _Bend:
     """Plane curve of length 1 and angle φ, with curvature ``6 φ u (1 − u)``, zero at both ends.
 
@@ -400,6 +403,16 @@ def _rounded(
 
 _FARTHEST = 1e9
 """Maximum coordinate, m; squares of coordinates beyond 1e154 overflow."""
+
+
+def _are_placements(points: Sequence[Any] | Array) -> bool:
+    """Whether waypoints are rigid transforms, by the first of them."""
+    if isinstance(points, np.ndarray):
+        return points.ndim == 3
+    if not points or isinstance(points[0], pin.SE3):
+        return bool(points)
+    matrix = as_numbers(points[0])
+    return matrix is not None and matrix.shape == (4, 4)
 
 
 def _points(values: ArrayLike | Sequence[Any], what: str) -> Array:

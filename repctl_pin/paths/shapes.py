@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
@@ -11,6 +13,9 @@ from ..errors import InputError
 from ..robot.task import Task, require_task
 from .orientation import facing, turning_about
 from .task_path import TaskPath
+
+Normal = Literal["x", "y", "z", "-x", "-y", "-z", "xy", "yz", "xz", "-xy", "-yz", "-xz"]
+"""Normal of a path's plane, or the plane; with a minus sign the other direction."""
 
 PLANES: dict[str, tuple[int, int]] = {"xy": (0, 1), "yz": (1, 2), "xz": (0, 2)}
 _MOST_PETALS = 1001
@@ -23,9 +28,9 @@ def circle(
     q0: ArrayLike,
     radius: float = 0.1,
     *,
-    normal: str = "z",
+    normal: Normal = "z",
     start_angle: float = 0.0,
-    rotation: str | ArrayLike = "fixed",
+    rotation: Literal["fixed", "tangent"] | ArrayLike = "fixed",
 ) -> TaskPath:
     """Create a circle that starts at the frame's position at q0.
 
@@ -95,7 +100,12 @@ def circle(
 
 
 def figure_eight(
-    task: Task, q0: ArrayLike, radius: float = 0.1, *, normal: str = "z", start_angle: float = 0.0
+    task: Task,
+    q0: ArrayLike,
+    radius: float = 0.1,
+    *,
+    normal: Normal = "z",
+    start_angle: float = 0.0,
 ) -> TaskPath:
     """Create a figure eight (Gerono's lemniscate) that crosses itself at the start.
 
@@ -145,7 +155,7 @@ def figure_eight(
 
 
 def rose(
-    task: Task, q0: ArrayLike, radius: float = 0.1, *, petals: int = 3, normal: str = "z"
+    task: Task, q0: ArrayLike, radius: float = 0.1, *, petals: int = 3, normal: Normal = "z"
 ) -> TaskPath:
     """Create a rose ρ = radius · sin(petals · φ), centred at the start.
 
@@ -173,7 +183,8 @@ def rose(
 
     Examples
     --------
-    >>> path = rp.rose(task, q0, radius=0.1, petals=3)
+    >>> from repctl_pin.paths.shapes import rose
+    >>> path = rose(task, q0, radius=0.1, petals=3)
     >>> path.name
     'rose of 3 petals, 0.1 m, in xy'
     """

@@ -19,6 +19,7 @@ from ..arguments import (
     function,
     list_of,
     positive,
+    read_only,
     require_type,
     vector,
 )
@@ -45,7 +46,8 @@ class ClosedPath(Protocol):
         """Evaluate d(pose)/ds: (6,), m and rad per cycle, base axes."""
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
+@read_only
 class TaskPath:
     """Closed path of a frame: a curve of its origin, and a fixed or varying orientation.
 
@@ -237,7 +239,8 @@ def _short(values: Array) -> str:
     return "(" + ", ".join(f"{v:.3g}" for v in values) + ")"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Cycle:
     """One cycle of a closed motion.
 

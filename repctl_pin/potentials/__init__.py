@@ -1,9 +1,9 @@
-"""Potentials h_i(q) and their gradients: the functions a repeatable control keeps constant."""
+"""Potentials h(q), which a repeatable control keeps constant, and their gradients."""
 
-from .basis import CurvedPotentials, PotentialBasis, Potentials
+from .basis import Joined, PotentialBasis
 from .custom import CustomPotentials
 from .fourier import Fourier
-from .joined import Joined
+from .maps import CurvedPotentials, Potentials
 from .polynomial import Polynomial
 
 __all__ = [

@@ -1,4 +1,4 @@
-"""The arm angle: how far the elbow has turned about the line from shoulder to wrist."""
+"""Arm angle: rotation of the elbow about the line from shoulder to wrist."""
 
 from __future__ import annotations
 
@@ -10,15 +10,13 @@ from ..arguments import Array, as_configurations, as_numbers, require_type, show
 from ..errors import InputError, SingularityError
 from ..robot.model import frame_id
 from ..robot.task import Task, require_task
-from .basis import coefficients
-from .custom import CustomMap
-from .joined import Family
+from .basis import PotentialBasis
 
 _SHARED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 _SINGULAR = 1e-6
 
 
-class ArmAngle(Family):
+class ArmAngle(PotentialBasis):
     r"""The angle ψ of the elbow about the line from shoulder to wrist, as a potential.
 
     With ``e`` the elbow and ``w`` the wrist, seen from the shoulder, ``ŵ = w/‖w‖``, and a reference
@@ -29,19 +27,19 @@ class ArmAngle(Family):
 
     singular if the wrist points along r *or against it*: on a line. The stereographic one (Elias
     and Wen, 2024) has ``y = r × (ŵ − t)`` with t ⊥ r, and is singular only at ŵ = t: on half a
-    line, which can be turned away from where the arm goes.
+    line, which can be turned away from the arm's workspace.
 
     Parameters
     ----------
     task
-        Whose joints move the three frames.
+        The task; its joints move the three frames.
     shoulder, elbow, wrist : str
         Frames of the task's chain.
     reference : (3,) array
         r, in the base's axes.
     singular : (3,) array, optional
-        t, in the base's axes, for the stereographic angle: the singular direction; its part across
-        r is taken. Without it, the angle is the conventional one.
+        t, in the base's axes, of the stereographic angle: the singular direction, whose component
+        across r is used. Without it, the angle is the conventional one.
 
     Raises
     ------
@@ -52,10 +50,13 @@ class ArmAngle(Family):
 
     Examples
     --------
-    >>> psi = rp.ArmAngle(panda, "panda_link2", "panda_link4", "panda_link6", reference=(0.0, 1.0, 0.0))
+    >>> frames = ("panda_link2", "panda_link4", "panda_link6")
+    >>> psi = rp.ArmAngle(panda, *frames, reference=(0.0, 1.0, 0.0))
     >>> psi.values(np.array([panda.reference])).round(3)  # rad
     array([[1.571]])
     """
+
+    n: int
 
     def __init__(
         self,
@@ -70,7 +71,7 @@ class ArmAngle(Family):
         self.task, self.n = require_task(task), task.n
         if task.coordinates is not None:
             raise InputError(
-                "an arm angle is of the joints themselves; use the task before in_coordinates()"
+                "an arm angle requires the robot's own joints; use the task before in_coordinates()"
             )
         self.frames = tuple(
             require_type(name, str, "a frame of an arm angle", "a link's name")
@@ -89,12 +90,12 @@ class ArmAngle(Family):
 
     @property
     def size(self) -> int:
-        """One potential."""
+        """N = 1, the number of potentials."""
         return 1
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What it is called."""
+        """Name of the potential."""
         kind = "arm angle" if self.singular is None else "stereographic arm angle"
         return (f"{kind} {' '.join(self.frames)}",)
 
@@ -109,12 +110,8 @@ class ArmAngle(Family):
         Q = as_configurations(Q, self.task.n, "an arm angle")
         return np.array([self._angle(q)[1] for q in Q]).reshape(len(Q), self.task.n, 1)
 
-    def weighted(self, A: ArrayLike) -> CustomMap:
-        """Choose ``h = ψ A`` with coefficients A (1, r)."""
-        return CustomMap(self, coefficients(A, 1))
-
     def distance(self, q: ArrayLike) -> float:
-        """The angle, rad, between the wrist's direction and the nearest singular one."""
+        """Angle, rad, between the direction of the wrist and the nearest singular direction."""
         w = self._points(vector(q, self.task.n, "q"))[1][0]
         w = w / np.linalg.norm(w)
         along = abs(w @ self.reference) if self.singular is None else w @ self.singular
@@ -124,7 +121,7 @@ class ArmAngle(Family):
         return f"<ArmAngle of {' '.join(self.frames)}>"
 
     def _points(self, q: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-        """The elbow and the wrist from the shoulder, each with its Jacobian (3, n)."""
+        """Evaluate elbow and wrist relative to the shoulder (3,), each with its Jacobian (3, n)."""
         model, data = self.task.model, self.task._data
         J = [pin.computeFrameJacobian(model, data, q, i, _SHARED)[:3].copy() for i in self._ids]
         pin.framesForwardKinematics(model, data, q)
@@ -132,7 +129,7 @@ class ArmAngle(Family):
         return (p[1] - p[0], J[1] - J[0]), (p[2] - p[0], J[2] - J[0])
 
     def _angle(self, q: Array) -> tuple[float, Array]:
-        """ψ, and its gradient (n,) by the chain rule through elbow and wrist."""
+        """Evaluate ψ, and its gradient (n,) by the chain rule through elbow and wrist."""
         (e, J_e), (w, J_w) = self._points(np.asarray(q, float))
         length = float(np.linalg.norm(w))
         if length < _SINGULAR:
@@ -146,14 +143,15 @@ class ArmAngle(Family):
         s, c = float(w_hat @ np.cross(y, e)), float(y @ e)
         if s**2 + c**2 < _SINGULAR**2:
             raise SingularityError(
-                "the arm angle is singular: the arm is straight, or the wrist points where ψ has no 0"
+                "the arm angle is singular: the arm is straight, or the wrist points "
+                "in a singular direction"
             )
         ds = np.cross(y, e) @ dw_hat + np.cross(e, w_hat) @ dy_q + np.cross(w_hat, y) @ J_e
         dc = e @ dy_q + y @ J_e
         return float(np.arctan2(s, c)), (c * ds - s * dc) / (s**2 + c**2)
 
     def _zero(self, w_hat: Array) -> tuple[Array, Array]:
-        """Where ψ = 0: y, across ŵ, and ∂y/∂ŵ (3, 3). It need not be of length 1."""
+        """Evaluate the direction y of ψ = 0, across ŵ and of any length, and ∂y/∂ŵ (3, 3)."""
         r, t = self.reference, self.singular
         if t is None:
             return r - w_hat * (w_hat @ r), -(w_hat @ r) * np.eye(3) - np.outer(w_hat, r)

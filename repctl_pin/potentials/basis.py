@@ -1,91 +1,151 @@
-"""What a family of potentials must offer, and what a choice among them is."""
+"""Bases h_1 … h_N of potentials of q (35): the base class of all of them, and bases joined by
+``a + b``."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from operator import index
-from typing import Protocol, runtime_checkable
+from typing import TYPE_CHECKING
 
+import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, as_matrices, shown
+from ..arguments import Array, as_configurations, require_type, shown
 from ..errors import InputError
+from .maps import CurvedPotentials as CurvedPotentials
+from .maps import CurvedSumMap, CustomMap, SumMap, coefficients, common_joints
+from .maps import Potentials as Potentials
+from .maps import check_joints as check_joints
+
+A_BASIS = (
+    "a basis of potentials, such as rp.Polynomial(q0, 2); a user-defined class inherits from "
+    "repctl_pin.potentials.PotentialBasis"
+)
+"""Remedy where a basis is required."""
 
 
-@runtime_checkable
-class Potentials(Protocol):
-    """r potentials h(q) = c chosen from a family: the leaves of a repeatable control."""
+class PotentialBasis(ABC):
+    """A basis h_1 … h_N of potentials of q (35): the base class of all bases.
 
-    def value(self, q: Array) -> Array:
-        """Evaluate h(q): (r,)."""
+    A subclass has a ``size`` and defines ``values`` and ``gradients``.
 
-    def gradient(self, q: Array) -> Array:
-        """Evaluate V = ∂hᵀ/∂q: (n, r)."""
+    Attributes
+    ----------
+    size : int
+        N, the number of potentials.
+    n : int or None
+        Number of joints; None if the basis takes any number.
+    """
 
-    def gradients(self, Q: Array) -> Array:
-        """Evaluate V at every row of Q: (K, n, r)."""
+    n: int | None = None
+
+    if TYPE_CHECKING:
+
+        @property
+        def size(self) -> int: ...
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Name of each potential."""
+        return tuple(f"h_{j + 1}" for j in range(self.size))
+
+    @abstractmethod
+    def values(self, Q: ArrayLike) -> Array:
+        """Evaluate the potentials at every row of Q (K, n): (K, N)."""
+
+    @abstractmethod
+    def gradients(self, Q: ArrayLike) -> Array:
+        """Evaluate the gradients: (K, n, N), ``[k, i, j] = ∂h_j/∂q_i``, per rad or m."""
+
+    def weighted(self, A: ArrayLike) -> Potentials:
+        """Choose ``h = Aᵀ (h_1 … h_N)`` with coefficients A (N, r) (35)."""
+        return CustomMap(self, coefficients(A, self.size))
+
+    def __add__(self, other: PotentialBasis) -> Joined:
+        return Joined(self, other)
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {self.size} potentials>"
 
 
-@runtime_checkable
-class CurvedPotentials(Potentials, Protocol):
-    """Potentials that know their second derivatives too: what an exact Lie bracket needs."""
+class Joined(PotentialBasis):
+    """The potentials of several bases, one after the other: h_1 … h_N, N the sum of their sizes.
 
-    def hessian(self, q: Array) -> Array:
-        """Evaluate ∂V/∂q: (n, n, r), ``[i, k, j] = ∂²h_j/∂q_i∂q_k``."""
+    Written ``a + b``. With PPR's ``{d_1, d_2, polynomials of θ_3}`` as an example::
 
+        Polynomial(center, 1, scale, variables=[0, 1]) + Polynomial(center, 5, scale, variables=[2])
 
-@runtime_checkable
-class PotentialBasis(Protocol):
-    """A family of N potentials h_1 … h_N of q (35)."""
+    Parameters
+    ----------
+    *parts : PotentialBasis
+        Bases of potentials of the same q.
+
+    Raises
+    ------
+    InputError
+        If a part is not a basis of potentials, or their numbers of joints differ.
+
+    Examples
+    --------
+    >>> potentials = rp.Polynomial(q0, 2, 0.4) + rp.Fourier(3, 1, variables=[2])
+    >>> potentials.size
+    11
+    """
+
+    def __init__(self, *parts: PotentialBasis) -> None:
+        flat: list[PotentialBasis] = []
+        for part in parts:
+            flat.extend(part.parts if isinstance(part, Joined) else [part])
+        if not flat:
+            raise InputError("Joined needs at least one basis of potentials")
+        for part in flat:
+            require_type(part, PotentialBasis, "each part of a joined basis", A_BASIS)
+        self.parts: tuple[PotentialBasis, ...] = tuple(flat)
+        self.n = common_joints(flat)
+        self._ends = np.cumsum([part.size for part in self.parts])
 
     @property
     def size(self) -> int:
         """N, the number of potentials."""
+        return int(self._ends[-1])
 
-    def values(self, Q: Array) -> Array:
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Name of each potential in its own basis."""
+        return tuple(name for part in self.parts for name in part.names)
+
+    def values(self, Q: ArrayLike) -> Array:
         """Evaluate the potentials at every row of Q (K, n): (K, N)."""
+        Q = as_configurations(Q, None, "a joined basis")
+        return np.concatenate([part.values(Q) for part in self.parts], axis=-1)
 
-    def gradients(self, Q: Array) -> Array:
-        """Evaluate the gradients: (K, n, N), ``[k, i, j] = ∂h_j/∂q_i``."""
+    def gradients(self, Q: ArrayLike) -> Array:
+        """Evaluate the gradients at every row of Q (K, n): (K, n, N), per rad or m."""
+        Q = as_configurations(Q, None, "a joined basis")
+        return np.concatenate([part.gradients(Q) for part in self.parts], axis=-1)
 
-    def weighted(self, A: Array) -> Potentials:
+    def split(self, A: ArrayLike) -> list[Array]:
+        """Split coefficients A (N, r) into one array per part."""
+        return np.split(coefficients(A, self.size), self._ends[:-1])
+
+    def weighted(self, A: ArrayLike) -> SumMap:
         """Choose ``h = Aᵀ (h_1 … h_N)`` with coefficients A (N, r) (35)."""
+        maps = [part.weighted(a) for part, a in zip(self.parts, self.split(A), strict=True)]
+        curved = [part for part in maps if isinstance(part, CurvedPotentials)]
+        return CurvedSumMap(curved) if len(curved) == len(maps) else SumMap(maps)
 
+    def __str__(self) -> str:
+        return " + ".join(map(str, self.parts))
 
-def joints_of(potentials: PotentialBasis | Potentials) -> int | None:
-    """How many joints potentials are of, as their own ``n`` says; None where they take any
-    number."""
-    return getattr(potentials, "n", None)
-
-
-def check_joints(potentials: PotentialBasis | Potentials, n: int) -> None:
-    """Refuse potentials of another number of joints than a task's n.
-
-    Raises
-    ------
-    InputError
-        If they are; it names both numbers.
-    """
-    of = joints_of(potentials)
-    if of not in (None, n):
-        raise InputError(f"the potentials are of {of} joints, but the task has {n}")
-
-
-def coefficients(A: ArrayLike, size: int) -> Array:
-    """Take the coefficients of ``h = Aᵀ (h_1 … h_N)``: (N, r) finite numbers, one row per
-    potential.
-
-    Raises
-    ------
-    InputError
-        If they are anything else.
-    """
-    (A,) = as_matrices(("the coefficients", A, f"{size} r"), exact=True)
-    return A
+    def __repr__(self) -> str:
+        return (
+            f"<{' + '.join(repr(part).strip('<>') for part in self.parts)}: {self.size} potentials>"
+        )
 
 
 def as_joint_indices(variables: Sequence[int] | None, n: int) -> tuple[int, ...]:
-    """Take the joints that potentials depend on, counted from 0; None is all n of them.
+    """Convert the joints on which potentials depend, counted from 0; None means all n.
 
     Raises
     ------
@@ -103,10 +163,3 @@ def as_joint_indices(variables: Sequence[int] | None, n: int) -> tuple[int, ...]
             f"variables must be joint numbers from 0 to {n - 1}, not {shown(variables)}"
         )
     return numbers
-
-
-def name_of(potentials: PotentialBasis, index: int) -> str:
-    """Name one potential of a family for a person: as the family's own ``names`` say, else by its
-    number."""
-    names = getattr(potentials, "names", None)
-    return f"{names[index]}" if names is not None else f"h_{index + 1}"

@@ -1,4 +1,4 @@
-"""Potentials that a person gives as plain functions."""
+"""User-defined potentials: plain functions of q."""
 
 from __future__ import annotations
 
@@ -9,37 +9,36 @@ from numpy.typing import ArrayLike
 
 from ..arguments import Array, as_configurations, list_of_names, require_type, row
 from ..errors import InputError
-from .basis import PotentialBasis, coefficients, joints_of
-from .joined import Family
+from .basis import PotentialBasis
 
 Function = Callable[[Array], float]
 Gradient = Callable[[Array], ArrayLike]
 
 STEP = 1e-5
-"""Of the central differences that stand in for a gradient that was not given; their error is about
-1e-10 h."""
+"""Step of the central differences that replace a missing gradient; their error is about 1e-10 h."""
 
 
-class CustomPotentials(Family):
+class CustomPotentials(PotentialBasis):
     """User-defined potentials, ``h_i(q)``.
 
     Parameters
     ----------
     functions : sequence
         Each a function q (n,) → h, or a pair of it and its gradient q → ∇h (n,). A missing gradient
-        is computed numerically, and :attr:`numerical` and the name say so.
+        is computed by central differences; :attr:`numerical` and the name tell which.
     names : sequence of str, optional
-        What to call them; by default the functions' own names.
+        Names of the potentials; by default the functions' own names.
 
     Raises
     ------
     InputError
-        If there is none, or one is not a function. Values that are not finite are refused when they
-        appear.
+        If there is no function, or an entry is not one. A value that is not finite is refused when
+        it is evaluated.
 
     Examples
     --------
-    >>> potentials = rp.CustomPotentials([lambda q: q[0] + q[1] ** 2, lambda q: np.sin(q[2])], names=["a", "b"])
+    >>> functions = [lambda q: q[0] + q[1] ** 2, lambda q: np.sin(q[2])]
+    >>> potentials = rp.CustomPotentials(functions, names=["a", "b"])
     >>> potentials.values(q0[None]).round(3)
     array([[0.94 , 0.717]])
     >>> potentials.numerical  # their gradients are differences
@@ -69,7 +68,7 @@ class CustomPotentials(Family):
                 )
         self._functions = [pair[0] for pair in pairs]
         self._gradients = [pair[1] for pair in pairs]
-        given = () if names is None else list_of_names(names, "names", "one name a potential")
+        given = () if names is None else list_of_names(names, "names", "one name per potential")
         if names is not None and len(given) != len(pairs):
             raise InputError(f"{len(given)} names for {len(pairs)} potentials")
         own = [getattr(f, "__name__", "h") for f in self._functions]
@@ -83,12 +82,12 @@ class CustomPotentials(Family):
 
     @property
     def numerical(self) -> tuple[bool, ...]:
-        """For each potential, whether its gradient is differentiated numerically."""
+        """Whether each gradient is computed by differences: (N,)."""
         return tuple(g is None for g in self._gradients)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What each potential is called, and whether its gradient is numerical."""
+        """Name of each potential, with a note where the gradient is computed by differences."""
         return tuple(
             f"{name} (gradient by differences)" if numerical else name
             for name, numerical in zip(self._names, self.numerical, strict=True)
@@ -96,23 +95,19 @@ class CustomPotentials(Family):
 
     def values(self, Q: ArrayLike) -> Array:
         """Evaluate the potentials at every row of Q (K, n): (K, N)."""
-        Q = as_configurations(Q, None, "this family")
+        Q = as_configurations(Q, None, "this basis")
         return np.array([[self._value(j, q) for j in range(self.size)] for q in Q]).reshape(
             len(Q), self.size
         )
 
     def gradients(self, Q: ArrayLike) -> Array:
         """Evaluate the gradients at every row of Q (K, n): (K, n, N), per rad or m."""
-        Q = as_configurations(Q, None, "this family")
+        Q = as_configurations(Q, None, "this basis")
         D = np.empty((*Q.shape, self.size))
         for k, q in enumerate(Q):
             for j in range(self.size):
                 D[k, :, j] = self._gradient(j, q)
         return D
-
-    def weighted(self, A: ArrayLike) -> CustomMap:
-        """Choose ``h = Aᵀ (h_1 … h_N)`` with coefficients A (N, r) (35)."""
-        return CustomMap(self, coefficients(A, self.size))
 
     def _value(self, j: int, q: Array) -> float:
         try:
@@ -123,7 +118,8 @@ class CustomPotentials(Family):
             ) from None
         if not np.isfinite(value):
             raise InputError(
-                f"potential {self._names[j]} is {value} at q = {row(q)}; it must be finite in the region"
+                f"potential {self._names[j]} is {value} at q = {row(q)}; "
+                "it must be finite in the region"
             )
         return value
 
@@ -140,11 +136,13 @@ class CustomPotentials(Family):
             slope = np.asarray(given(q), float)
         except (TypeError, ValueError, IndexError) as error:
             raise InputError(
-                f"the gradient of potential {self._names[j]} is no list of numbers at q = {row(q)}: {error}"
+                f"the gradient of potential {self._names[j]} is no list of numbers "
+                f"at q = {row(q)}: {error}"
             ) from None
         if slope.shape != q.shape or not np.isfinite(slope).all():
             raise InputError(
-                f"the gradient of potential {self._names[j]} must be {len(q)} finite numbers, at q = {row(q)} it is not"
+                f"the gradient of potential {self._names[j]} must be {len(q)} finite numbers; "
+                f"at q = {row(q)} it is not"
             )
         return slope
 
@@ -155,22 +153,3 @@ class CustomPotentials(Family):
         count = sum(self.numerical)
         how = f", {count} with gradients by differences" if count else ""
         return f"<CustomPotentials given as functions: {self.size} potentials{how}>"
-
-
-class CustomMap:
-    """r weighted sums of a family's potentials, evaluated by the family itself."""
-
-    def __init__(self, family: PotentialBasis, A: Array) -> None:
-        self.family, self.A, self.n = family, A, joints_of(family)
-
-    def value(self, q: Array) -> Array:
-        """Evaluate h(q): (r,)."""
-        return self.family.values(np.asarray(q, float)[None])[0] @ self.A
-
-    def gradient(self, q: Array) -> Array:
-        """Evaluate V = ∂hᵀ/∂q: (n, r)."""
-        return self.gradients(np.asarray(q, float)[None])[0]
-
-    def gradients(self, Q: Array) -> Array:
-        """Evaluate V at every row of Q (K, n): (K, n, r)."""
-        return self.family.gradients(Q) @ self.A

@@ -1,5 +1,4 @@
-"""Potentials at one q after another, into memory that is there already: what a control loop
-needs."""
+"""Allocation-free potentials for control loops, see :mod:`repctl_pin.strategies.fast_loop`."""
 
 from __future__ import annotations
 
@@ -14,20 +13,19 @@ from ..arguments import Array
 from .basis import Potentials
 
 MOST_ENTRIES = 50_000
-"""Entries of a dense tensor above which Horner's rule on the single degrees is quicker, and
-smaller."""
+"""Entries of a dense tensor above which Horner's rule, degree by degree, is faster and smaller."""
 
 
 @dataclass(frozen=True)
 class InPlace:
-    """Evaluates r potentials at one q after another, for the thread that made it alone.
+    """Closures that evaluate r potentials into preallocated arrays, for one thread.
 
     Attributes
     ----------
     slope : function q → None
-        Writes Vᵀ = ∂h/∂q (r, n).
+        Write Vᵀ = ∂h/∂q (r, n).
     gap : function c → None
-        Writes c − h (r,), h at the q of the last ``slope``.
+        Write c − h (r,), with h at the q of the last ``slope``.
     """
 
     slope: Callable[[Array], None]
@@ -36,15 +34,17 @@ class InPlace:
 
 @runtime_checkable
 class FastPotentials(Potentials, Protocol):
-    """Potentials that have a quick way of their own."""
+    """Potentials that make their own closures."""
 
     def in_place(self, V_T: Array, e: Array) -> InPlace:
         """Make the functions that write Vᵀ into an array (r, n), and c − h into one (r,)."""
 
 
 def in_place(potentials: Potentials, V_T: Array, e: Array) -> InPlace:
-    """Make the functions that write the potentials' Vᵀ into an array (r, n), and c − h into one
-    (r,): quick ones, if any."""
+    """Make the closures of potentials: their own, or :func:`plain` ones.
+
+    ``slope`` writes Vᵀ into V_T (r, n), ``gap`` writes c − h into e (r,).
+    """
     return (
         potentials.in_place(V_T, e)
         if isinstance(potentials, FastPotentials)
@@ -53,12 +53,12 @@ def in_place(potentials: Potentials, V_T: Array, e: Array) -> InPlace:
 
 
 def plain(potentials: Potentials, V_T: Array, e: Array) -> InPlace:
-    """Make them from the potentials' own methods."""
+    """Make closures that call the potentials' methods."""
     here = np.zeros(V_T.shape[1])
 
     def slope(q: Array) -> None:
         here[:] = q
-        with np.errstate(over="ignore", invalid="ignore"):  # the solve looks at what is not finite
+        with np.errstate(over="ignore", invalid="ignore"):  # the solve tests for what is not finite
             V_T[:] = potentials.gradient(here).T
 
     def gap(leaf: Array) -> None:
@@ -69,8 +69,7 @@ def plain(potentials: Potentials, V_T: Array, e: Array) -> InPlace:
 
 
 def spread_evenly(S: Array, places: Sequence[int], coefficient: Array) -> None:
-    """Add a monomial's coefficient (r,) to symmetric tensors S (r, …), over all orders of its
-    factors' places."""
+    """Add a monomial's coefficient (r,) to symmetric tensors S (r, …), over all its orders."""
     arrangements = _orders(tuple(places))
     for place in arrangements:
         at: tuple[Any, ...] = (slice(None), *place)
@@ -78,7 +77,7 @@ def spread_evenly(S: Array, places: Sequence[int], coefficient: Array) -> None:
 
 
 def _orders(places: tuple[int, ...]) -> list[tuple[int, ...]]:
-    """All distinct orders of a tuple that may repeat its entries."""
+    """List all distinct orders of a tuple whose entries may repeat."""
     if len(places) <= 1:
         return [places]
     return [

@@ -1,4 +1,4 @@
-"""Trigonometric potentials of chosen joints, for regions that span large angles."""
+"""Trigonometric potentials of selected joints, for regions that span large angles."""
 
 from __future__ import annotations
 
@@ -10,38 +10,38 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import Array, as_configurations, as_int, flag, per_joint
 from ..errors import InputError
-from .basis import as_joint_indices, coefficients
-from .joined import Family
+from .basis import PotentialBasis, as_joint_indices
+from .maps import coefficients
 
 _MAX_SIZE = 20_000
 
 
-class Fourier(Family):
-    r"""Sines and cosines of whole multiples of chosen joints,
+class Fourier(PotentialBasis):
+    r"""Sines and cosines of integer multiples of selected joints,
 
     .. math:: \sin(k \cdot u), \quad \cos(k \cdot u), \qquad u_i = 2\pi q_i / \text{period}_i,
               \qquad 1 \le \sum_i |k_i| \le \text{order},
 
-    one of k and −k. They are periodic in a continuous joint, and stay bounded where polynomials do
+    one of k and −k. They are periodic in a continuous joint, and bounded where polynomials are
     not. Over a small box they are close to polynomials, and nearly dependent on them.
 
     Parameters
     ----------
     n : int
-        Joints of the arm.
+        Number of joints of the arm.
     order : int
         Highest sum of multiples, 1 or more.
     variables : sequence of int, optional
-        The joints they depend on (counted from 0); by default all.
+        Joints on which the potentials depend (counted from 0); by default all.
     period : float or (n,) array
-        2π for a revolute joint; of your choice for a prismatic one, m.
+        Period of each joint, rad or m: 2π for a revolute joint, any length for a prismatic one.
     cross
         Whether one potential may depend on several joints.
 
     Raises
     ------
     InputError
-        If the order is below 1, a period is not positive, or a joint is not there.
+        If the order is below 1, a period is not positive, or a joint does not exist.
 
     Examples
     --------
@@ -51,6 +51,8 @@ class Fourier(Family):
     >>> potentials.values(q0[None]).shape  # (K, N)
     (1, 6)
     """
+
+    n: int
 
     def __init__(
         self,
@@ -90,7 +92,7 @@ class Fourier(Family):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What each potential is, in u_0, u_1, …"""
+        """Formula of each potential in u_0, u_1, …"""
         inner = [_sum(k) for k in self._multiples]
         return (*(f"sin({k})" for k in inner), *(f"cos({k})" for k in inner))
 
@@ -115,7 +117,8 @@ class Fourier(Family):
         )
 
     def __repr__(self) -> str:
-        return f"<Fourier of order {self.order} in {len(self.variables)} joints: {self.size} potentials>"
+        joints = len(self.variables)
+        return f"<Fourier of order {self.order} in {joints} joints: {self.size} potentials>"
 
 
 class FourierMap:
@@ -152,6 +155,7 @@ class FourierMap:
 
 
 def _sum(k: NDArray[np.int_]) -> str:
+    """Write k · u as a sum, such as ``2 u_0 − u_3``."""
     text = ""
     for i in np.flatnonzero(k):
         size = "" if abs(k[i]) == 1 else f"{abs(k[i])} "

@@ -1,4 +1,4 @@
-"""Polynomial potentials of some or all joints, well conditioned on the region they serve."""
+"""Polynomial potentials of some or all joints, orthonormal over a box."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from numpy.typing import ArrayLike
 
 from ..arguments import Array, as_configurations, as_int, flag, per_joint, shown, vector
 from ..errors import InputError
-from .basis import as_joint_indices, coefficients
+from .basis import PotentialBasis, as_joint_indices
 from .fast_potentials import MOST_ENTRIES, Homogeneous, InPlace, plain, spread_evenly
-from .joined import Family, PartialMap
+from .maps import PartialMap, coefficients
 
 _MAX_SIZE = 5_000
 
 
-class Polynomial(Family):
+class Polynomial(PotentialBasis):
     r"""All polynomials of total degree 1 to d in scaled joint coordinates.
 
     The basis is made of products of Legendre polynomials,
@@ -37,16 +37,16 @@ class Polynomial(Family):
     degree : int
         Highest total degree, 1 or more.
     scale : float or (n,) array
-        Half-widths of the box on which the basis is orthonormal, rad (m for sliding joints).
+        Half-widths of the box on which the basis is orthonormal, rad (m for prismatic joints).
     variables : sequence of int, optional
-        Let the potentials depend on these joints alone (counted from 0).
+        Joints on which the potentials depend (counted from 0); by default all.
     cross
         Whether one potential may depend on several joints.
 
     Raises
     ------
     InputError
-        If the degree is below 1, a width is not positive, or a joint is not there.
+        If the degree is below 1, a width is not positive, or a joint does not exist.
 
     Examples
     --------
@@ -56,6 +56,8 @@ class Polynomial(Family):
     >>> potentials.gradients(q0[None]).shape  # (K, n, N)
     (1, 3, 9)
     """
+
+    n: int
 
     def __init__(
         self,
@@ -77,10 +79,11 @@ class Polynomial(Family):
         size = comb(len(self.variables) + self.degree, self.degree) - 1
         if size > _MAX_SIZE:
             raise InputError(
-                f"degree {shown(self.degree)} in {len(self.variables)} joints makes {shown(size)} potentials",
+                f"degree {shown(self.degree)} in {len(self.variables)} joints makes "
+                f"{shown(size)} potentials",
                 remedy="lower the degree or choose variables",
             )
-        # One row a potential: the variable of each of its factors, repeated as often as its power.
+        # One row per potential: the variable of each factor, repeated as often as its power.
         factors = (
             c
             for d in range(1, self.degree + 1)
@@ -90,9 +93,8 @@ class Polynomial(Family):
             factors = (c for c in factors if len(set(c)) == 1)
         self.exponents = np.array([[c.count(v) for v in range(n)] for c in factors])  # (N, n)
         self.norms = np.sqrt(np.prod(2 * self.exponents + 1, axis=1))
-        # Each potential is a product of at most d factors P_{order}(u_{variable}); shorter ones are
-        # padded
-        # with order 0, a factor 1.
+        # Each potential is a product of at most d factors P_{order}(u_{variable}); shorter products
+        # are padded with factors of order 0, which are 1.
         slots = min(self.degree, n)
         self._variable = np.zeros((slots, len(self.exponents)), int)
         self._order = np.zeros((slots, len(self.exponents)), int)
@@ -108,8 +110,7 @@ class Polynomial(Family):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What each potential is: a product of Legendre polynomials of the scaled joints, ``P2(u_0)
-        P1(u_3)``."""
+        """Formula of each potential, a product of Legendre polynomials: ``P2(u_0) P1(u_3)``."""
         return tuple(
             " ".join(f"P{power}(u_{i})" for i, power in enumerate(alpha) if power)
             for alpha in self.exponents
@@ -178,13 +179,14 @@ class Polynomial(Family):
         return f"{self.size} polynomials of degree ≤ {self.degree} in {len(self.variables)} joints"
 
     def __repr__(self) -> str:
-        return f"<Polynomial of degree {self.degree} in {len(self.variables)} joints: {self.size} potentials>"
+        joints = len(self.variables)
+        return f"<Polynomial of degree {self.degree} in {joints} joints: {self.size} potentials>"
 
 
 class PolynomialMap:
-    """r polynomials h(q) as dense symmetric tensors, quick to evaluate at one q (Horner's rule).
+    """r polynomials h(q) as dense symmetric tensors, evaluated by Horner's rule.
 
-    ``V(q) = T_0 + (T_1 + (T_2 + …) u) u``, one matrix–vector product a degree.
+    ``V(q) = T_0 + (T_1 + (T_2 + …) u) u``, one matrix–vector product per degree.
 
     Attributes
     ----------
@@ -211,7 +213,7 @@ class PolynomialMap:
                 coefficient,
             )
         self._value = tensors
-        # h of degree d differentiates to d T_d u^(d−1), the derivative's axis first, then r.
+        # The gradient of degree d is d T_d u^(d−1), the derivative's axis first, then r.
         slopes = (np.moveaxis(d * tensors[d], 1, 0).ravel() for d in range(1, degree + 1))
         self._slope = [s / np.repeat(scale, len(s) // n) for s in slopes]
         self._shape, self.n = (n, r), n
@@ -239,8 +241,7 @@ class PolynomialMap:
         return V.reshape(self._shape)
 
     def in_place(self, V_T: Array, e: Array) -> InPlace:
-        """Make the functions of a control loop that write Vᵀ into an array (r, n), and c − h into
-        one (r,)."""
+        """Make the functions that write Vᵀ into an array (r, n), and c − h into one (r,)."""
         return plain(self, V_T, e) if self._quick is None else self._quick.in_place(V_T, e)
 
     def hessian(self, q: Array) -> Array:
@@ -250,7 +251,7 @@ class PolynomialMap:
         C = np.zeros((r, n, n))
         for d in range(
             len(self._value) - 1, 1, -1
-        ):  # h of degree d curves by d (d − 1) T_d u^(d−2)
+        ):  # the second derivative of degree d is d (d − 1) T_d u^(d−2)
             curvature = d * (d - 1) * self._value[d]
             for _ in range(d - 2):
                 curvature = curvature @ u

@@ -11,6 +11,7 @@ import numpy as np
 from ..arguments import Array
 from ..design import Design, SingularRegionError, nearest_repeatable
 from ..errors import SingularityError
+from ..fit_options import FitOptions
 from ..motion import Motion, TaskPath, follow
 from ..paths.task_path import Cycle
 from ..regions import Region, Tube
@@ -217,7 +218,12 @@ def _tube_of_linear(
     """
     tube = tube_around(follow(desired, path, q0, cycles=1), width)
     linear = nearest_repeatable(
-        desired, None, tube, degree=1, seed=seed, shrink=True, samples=4096, held_out=1024
+        desired,
+        None,
+        tube,
+        degree=1,
+        options=FitOptions(seed=seed, samples=4096, held_out=1024),
+        shrink=True,
     )
     try:
         return tube_around(follow(linear.inverse, path, q0, cycles=1), width)

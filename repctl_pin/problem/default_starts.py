@@ -8,7 +8,7 @@ import numpy as np
 
 from ..arguments import Array
 from ..motion.fitting_circle import dexterity_at
-from ..regions.box import sobol
+from ..regions.region import sobol
 from ..robot.task import Task
 from .task_choice import inner_limits
 

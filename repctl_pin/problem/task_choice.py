@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import cast
+
 import numpy as np
 
 from ..arguments import Array
@@ -9,9 +11,9 @@ from ..errors import InputError
 from ..redundancy.inverses import inverse_condition_number
 from ..robot.length import arm_length
 from ..robot.robot import Robot
-from ..robot.task import KINDS, Task
+from ..robot.task import KINDS, Kind, Task
 
-PREFERRED_KINDS = ("pose", "position", "xy", "xz", "yz")
+PREFERRED_KINDS: tuple[Kind, ...] = ("pose", "position", "xy", "xz", "yz")
 """Kinds tried in this order if none is given (``axis`` on request only)."""
 
 _SAMPLES = 32
@@ -30,7 +32,7 @@ def choose_task(robot: Robot, frame: str | None, kind: str | None) -> Task:
     """
     frame = robot.default_frame if frame is None else frame
     if kind is not None:
-        return _redundant(robot, robot.task(frame, kind))
+        return _redundant(robot, robot.task(frame, cast(Kind, kind)))
     kinds = redundant_kinds(robot, frame)
     for preferred in PREFERRED_KINDS:
         if kinds.get(preferred, 0) >= 1:
@@ -46,7 +48,7 @@ def choose_task(robot: Robot, frame: str | None, kind: str | None) -> Task:
 
 def redundant_kinds(robot: Robot, frame: str) -> dict[str, int]:
     """Find the task kinds in which J reaches full row rank at a frame, each with its r."""
-    kinds = {}
+    kinds: dict[str, int] = {}
     for kind, rows in KINDS.items():
         if len(robot.chain(frame)) < len(rows):
             continue

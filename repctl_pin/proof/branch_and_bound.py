@@ -9,7 +9,7 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 from .leaf_margin import Bounds, LeafMargin
 from .potentials import U
 
@@ -26,6 +26,7 @@ _SMALLEST = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
+@read_only
 class Outcome:
     """What branch and bound found.
 

@@ -9,7 +9,7 @@ from time import perf_counter
 
 import numpy as np
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 from ..inverse_function.chart import Chart
 from .cells import CellProof
 
@@ -19,6 +19,7 @@ _SMALLEST = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
+@read_only
 class CellOutcome:
     """What branch and bound over a cell found.
 

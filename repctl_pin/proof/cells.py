@@ -17,7 +17,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 from ..errors import InputError
 from ..inverse_function.chart import Chart
 from ..inverse_function.monomials import Monomials
@@ -34,6 +34,7 @@ verified."""
 
 
 @dataclass(frozen=True, eq=False)
+@read_only
 class Polynomials:
     """q_ref and n_ref of a chart, their slopes, and bounds of the higher ones on the whole cell.
 
@@ -138,6 +139,7 @@ def left_jacobian_slope(omega: Array, e: Array, d: Array) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
+@read_only
 class CellBounds:
     """What was found of K boxes of poses.
 

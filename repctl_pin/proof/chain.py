@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 from ..robot.task import Task
 
 FREE: dict[str, tuple[str, str]] = {
@@ -29,6 +29,7 @@ lets it turn."""
 
 
 @dataclass(frozen=True, eq=False)
+@read_only
 class Chain:
     """P joints in a row, with the link in whose frame their screws are written.
 

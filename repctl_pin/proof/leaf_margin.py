@@ -21,7 +21,7 @@ from importlib.resources import files
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 from ..c_library import NoCompilerError, loaded_library
 from ..potentials.basis import Potentials
 from ..regions.box import Box
@@ -35,6 +35,7 @@ _BATCH = 2048
 
 
 @dataclass(frozen=True, eq=False)
+@read_only
 class Bounds:
     """What was found of K boxes.
 
@@ -60,6 +61,7 @@ class Bounds:
 
 
 @dataclass(frozen=True, eq=False)
+@read_only
 class LeafMargin:
     """The leaf margin of some potentials on a task, to be bounded over boxes inside one region.
 
@@ -137,6 +139,7 @@ def in_numpy(problem: LeafMargin, Q: Array, half: Array) -> Bounds:
 
 
 @dataclass(frozen=True, eq=False)
+@read_only
 class Expansion:
     """J_V in K boxes to first order, after A: ``A J_V = I + Σ δ_j B_j + …``.
 

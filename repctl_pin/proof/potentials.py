@@ -15,11 +15,11 @@ from itertools import permutations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 from ..errors import InputError
 from ..potentials.basis import Potentials
 from ..potentials.fourier import FourierMap
-from ..potentials.joined import PartialMap, SumMap
+from ..potentials.maps import PartialMap, SumMap
 from ..potentials.polynomial import PolynomialMap
 from ..regions.box import Box
 
@@ -31,6 +31,7 @@ _Exponents = tuple[int, ...]
 
 
 @dataclass(frozen=True, eq=False)
+@read_only
 class Features:
     """r potentials of n joints, for one region.
 

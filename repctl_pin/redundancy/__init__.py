@@ -1,5 +1,4 @@
-"""Formulas of kinematic redundancy: arrays in, arrays out, batched over leading axes; knows no
-robot."""
+"""Formulas of kinematic redundancy on arrays, batched over leading axes."""
 
 from .augmented import augmented_inverse as augmented_inverse
 from .augmented import leaf_margin as leaf_margin

@@ -1,5 +1,5 @@
-"""The augmented Jacobian J_V = [J; Vᵀ] (30), (37), its inverse (31), and its distance from
-singularity."""
+"""Augmented Jacobian J_V = [J; Vᵀ] (30), (37), its inverse (31), and its distance from an
+algorithmic singularity."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def augmented_inverse(J: ArrayLike, V: ArrayLike) -> Array:
     Raises
     ------
     SingularityError
-        Where J_V is singular.
+        If J_V is singular.
     """
     J, V = as_matrices(("J", J, "m n"), ("V", V, "n r"))
     (m, n), r = J.shape[-2:], V.shape[-1]
@@ -55,11 +55,11 @@ def augmented_inverse(J: ArrayLike, V: ArrayLike) -> Array:
 
 
 def is_regular(A: Array, inverse: Array) -> NDArray[np.bool_]:
-    """Say which square matrices are far enough from singular for their inverses to be trusted.
+    """Test which square matrices are far enough from singular.
 
-    The sine of the angle between a row of A and the span of the others is ``1 / (‖row_i‖ ‖column_i
-    of A⁻¹‖)``; the smallest must exceed 1e-6. It depends neither on the rows' units nor on the size
-    of a potential.
+    The sine of the angle between row i of A and the span of the other rows is
+    ``1 / (‖row_i of A‖ ‖column_i of A⁻¹‖)``; the smallest must exceed 1e-6. It depends neither on
+    the units of the rows nor on the scale of a potential.
 
     Parameters
     ----------
@@ -69,15 +69,13 @@ def is_regular(A: Array, inverse: Array) -> NDArray[np.bool_]:
     -------
     (...) array of bool
     """
-    with np.errstate(
-        over="ignore", invalid="ignore"
-    ):  # rows too long for a square of theirs are refused
+    with np.errstate(over="ignore", invalid="ignore"):  # rows whose square overflows are singular
         size = np.sum(A**2, axis=-1) * np.sum(inverse**2, axis=-2)
     return size.max(axis=-1) < RANK_TOLERANCE**-2
 
 
 def repeatable_inverse(G_d: ArrayLike, N: ArrayLike, V: ArrayLike) -> Array:
-    """Correct a desired inverse to one whose motions keep h constant, ``V = ∇h``.
+    """Correct a desired inverse such that its motions keep h constant, ``V = ∇h``.
 
     ``G_r = G_d − N (Vᵀ N)⁻¹ Vᵀ G_d`` (32), (38).
 
@@ -97,7 +95,7 @@ def repeatable_inverse(G_d: ArrayLike, N: ArrayLike, V: ArrayLike) -> Array:
     Raises
     ------
     SingularityError
-        At an algorithmic singularity, ``det(Nᵀ V) = 0``.
+        If ``det(Nᵀ V) = 0``: an algorithmic singularity.
     """
     G_d, N, V = as_matrices(("G_d", G_d, "n m"), ("N", N, "n r"), ("V", V, "n r"))
     V_T = np.swapaxes(V, -1, -2)
@@ -108,11 +106,10 @@ def repeatable_inverse(G_d: ArrayLike, N: ArrayLike, V: ArrayLike) -> Array:
 
 
 def leaf_margin(N: ArrayLike, V: ArrayLike) -> Array:
-    """Measure how far the augmented Jacobian is from an algorithmic singularity: 1 is best, 0
-    singular.
+    """Evaluate the leaf margin ``σ_min(Nᵀ V̂)``, V̂ an orthonormal basis of V; 0 is singular.
 
-    ``σ_min(Nᵀ V̂)``, V̂ an orthonormal basis of V: the sine of the smallest angle between span V
-    and the row space of J. It does not depend on the gauge V → V T.
+    It is the sine of the smallest angle between span V and the row space of J, at most 1, and does
+    not depend on the gauge V → V T.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Generalized inverses G of J: the pseudoinverse, the weighted one, and G ↔ W of (21), (22)."""
+"""Generalized inverses G of J: pseudoinverse, weighted pseudoinverse, and G ↔ W (21), (22)."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from ..arguments import Array, as_matrices
 from ..errors import InputError, SingularityError
 
 RANK_TOLERANCE = 1e-6
-"""Sine of the angle of a row of J to the span of others below which J counts as rank-deficient."""
+"""Minimum sine of the angle between a row of J and the span of the others, for full rank."""
 
 
 def pseudoinverse(J: ArrayLike) -> Array:
-    """Invert J in the least-norm sense, ``J⁺ = Jᵀ (J Jᵀ)⁻¹``.
+    """Evaluate the minimum-norm inverse ``J⁺ = Jᵀ (J Jᵀ)⁻¹``.
 
-    Computed as ``J⁺ = Q R⁻ᵀ`` from ``Jᵀ = Q R``, which does not square the condition of J.
+    Computed as ``J⁺ = Q R⁻ᵀ`` from ``Jᵀ = Q R``, which does not square the condition number of J.
 
     Parameters
     ----------
@@ -31,16 +31,16 @@ def pseudoinverse(J: ArrayLike) -> Array:
     Raises
     ------
     SingularityError
-        Where J loses rank.
+        If J loses rank.
     """
     Q, R = row_factor(J)
     return Q @ np.swapaxes(np.linalg.inv(R), -1, -2)
 
 
 def weighted_pseudoinverse(J: ArrayLike, M: ArrayLike) -> Array:
-    """Invert J in the least ``q̇ᵀ M q̇`` sense, ``J⁺_M = M⁻¹ Jᵀ (J M⁻¹ Jᵀ)⁻¹``.
+    """Evaluate the inverse of minimum ``q̇ᵀ M q̇``, ``J⁺_M = M⁻¹ Jᵀ (J M⁻¹ Jᵀ)⁻¹``.
 
-    With M the joint-space inertia this is the inverse of least kinetic energy.
+    With M the joint-space inertia this is the inverse of minimum kinetic energy.
 
     Parameters
     ----------
@@ -55,20 +55,20 @@ def weighted_pseudoinverse(J: ArrayLike, M: ArrayLike) -> Array:
     Raises
     ------
     SingularityError
-        Where J loses rank, or M is not positive definite.
+        If J loses rank, or M is not positive definite.
     """
     J, M = as_matrices(("J", J, "m n"), ("M", M, "n n"))
     try:
         L = np.linalg.cholesky(M)  # M = L Lᵀ
     except np.linalg.LinAlgError:
         raise SingularityError("the weight M is not positive definite") from None
-    # In y = Lᵀ q̇ the weighted norm is the plain one: J⁺_M = L⁻ᵀ (J L⁻ᵀ)⁺.
+    # In y = Lᵀ q̇ the weighted norm is the Euclidean one: J⁺_M = L⁻ᵀ (J L⁻ᵀ)⁺.
     L_inv_T = np.swapaxes(np.linalg.inv(L), -1, -2)
     return L_inv_T @ pseudoinverse(J @ L_inv_T)
 
 
 def pseudoinverse_derivative(J: ArrayLike, H: ArrayLike) -> Array:
-    """Differentiate the pseudoinverse along every joint.
+    """Differentiate the pseudoinverse with respect to every joint.
 
     ``∂J⁺/∂q_k = −J⁺ H_k J⁺ + (I − J⁺J) H_kᵀ (J Jᵀ)⁻¹`` with ``H_k = ∂J/∂q_k``; the last factor is
     ``J⁺ᵀ J⁺``.
@@ -95,7 +95,7 @@ def pseudoinverse_derivative(J: ArrayLike, H: ArrayLike) -> Array:
 
 
 def null_component(G: ArrayLike, N: ArrayLike) -> Array:
-    """Take W out of ``G = J⁺ + N Wᵀ`` (21), (22): ``W = Gᵀ N``, an array (..., m, r)."""
+    """Extract W from ``G = J⁺ + N Wᵀ`` (21), (22): ``W = Gᵀ N``, an array (..., m, r)."""
     G, N = as_matrices(("G", G, "n m"), ("N", N, "n r"))
     return np.swapaxes(G, -1, -2) @ N
 
@@ -107,7 +107,7 @@ def from_null_component(J: ArrayLike, N: ArrayLike, W: ArrayLike) -> Array:
 
 
 def inverse_condition_number(J: Array) -> Array:
-    """Measure ``σ_min / σ_max`` of J (..., m, n): 1 is best, 0 where J loses rank."""
+    """Evaluate ``σ_min / σ_max`` of J (..., m, n); 0 if J loses rank."""
     values = np.linalg.svd(J, compute_uv=False)
     return values[..., -1] / np.maximum(values[..., 0], np.finfo(float).tiny)
 
@@ -115,7 +115,7 @@ def inverse_condition_number(J: Array) -> Array:
 def row_factor(
     J: ArrayLike, mode: Literal["reduced", "complete"] = "reduced"
 ) -> tuple[Array, Array]:
-    """Factor ``Jᵀ = Q R`` and make sure that J has full row rank.
+    """Factor ``Jᵀ = Q R``, and refuse a J without full row rank.
 
     Returns
     -------
@@ -125,7 +125,7 @@ def row_factor(
     Raises
     ------
     SingularityError
-        Where J loses rank; the message counts how many of the batch do.
+        If J loses rank; the message gives the number of rank-deficient matrices in the batch.
     """
     (J,) = as_matrices(("J", J, "m n"))
     m, n = J.shape[-2:]
@@ -133,13 +133,11 @@ def row_factor(
         raise InputError(
             f"J is {m} × {n}: with fewer joints than coordinates there is no right inverse"
         )
-    Q, R = np.linalg.qr(
-        np.swapaxes(J, -1, -2), mode="complete"
-    )  # twice as quick as "reduced" and a cut
+    Q, R = np.linalg.qr(np.swapaxes(J, -1, -2), mode="complete")  # half the time of "reduced"
     R = R[..., :m, :]
     Q = Q if mode == "complete" else Q[..., :, :m]
-    # |R_jj| / ‖R_:j‖ is the sine of the angle between row j of J and the span of those before: free
-    # of the rows' units
+    # |R_jj| / ‖R_:j‖ is the sine of the angle between row j of J and the span of the rows before:
+    # independent of the units of the rows.
     diagonal, size = np.diagonal(R, axis1=-2, axis2=-1), np.linalg.norm(R, axis=-2)
     lost = ~(np.abs(diagonal) > RANK_TOLERANCE * size).all(axis=-1)
     if np.any(lost):

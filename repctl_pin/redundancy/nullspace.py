@@ -1,4 +1,4 @@
-"""The null space of J: an orthonormal basis N, the smooth null vector, and alignment."""
+"""Null space of J: an orthonormal basis N, the smooth null vector, and alignment of bases."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from .inverses import row_factor
 
 
 def nullspace(J: ArrayLike) -> Array:
-    """Span the null space of J by an orthonormal basis N: ``J N = 0``, ``Nᵀ N = I``.
+    """Evaluate an orthonormal basis N of the null space of J: ``J N = 0``, ``Nᵀ N = I``.
 
-    The last r columns of Q in the complete factorisation ``Jᵀ = Q R``. The basis is not smooth in
-    q: signs and rotations jump from point to point. :func:`align` it before differentiating or
-    comparing, or use :func:`null_vector`.
+    N is the last r columns of Q in the complete factorisation ``Jᵀ = Q R``. It is not continuous in
+    q: signs and rotations jump from point to point. Use :func:`align` before differentiating or
+    comparing bases, or use :func:`null_vector`.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ def nullspace(J: ArrayLike) -> Array:
     Raises
     ------
     SingularityError
-        Where J loses rank.
+        If J loses rank.
     """
     Q, R = row_factor(J, mode="complete")
     return Q[..., :, R.shape[-1] :]
@@ -52,13 +52,13 @@ def null_vector(J: ArrayLike) -> Array:
     (J,) = as_matrices(("J", J, "m n"))
     m, n = J.shape[-2:]
     if n != m + 1:
-        raise InputError(f"the cross product needs one column more than rows; J is {m} × {n}")
+        raise InputError(f"the null vector needs one column more than rows; J is {m} × {n}")
     minors = [np.linalg.det(np.delete(J, i, axis=-1)) for i in range(n)]
     return np.stack([(-1) ** i * minor for i, minor in enumerate(minors)], axis=-1)
 
 
 def align(N: ArrayLike, reference: ArrayLike) -> Array:
-    """Rotate a basis within its span to lie closest to a reference basis (orthogonal Procrustes).
+    """Rotate a basis within its span, closest to a reference basis (orthogonal Procrustes).
 
     ``N → N U Vᵀ`` with ``Nᵀ N_ref = U S Vᵀ``. Smooth in q wherever ``Nᵀ N_ref`` keeps full rank.
 

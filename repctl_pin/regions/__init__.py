@@ -1,6 +1,7 @@
-"""Ω, where closeness is measured: boxes and tubes in joint space, boxes of the workspace."""
+"""Design regions Ω: boxes and tubes in joint space, boxes of the workspace."""
 
-from .box import Box, Region
+from .box import Box
+from .region import Region
 from .tube import Tube
 from .workspace_box import WorkspaceBox
 

@@ -1,14 +1,11 @@
-"""What a region Ω offers, a box in joint space, and the quadrature every region shares: Sobol
-points, densities."""
+"""Box in joint space."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..arguments import (
     MOST_NODES,
@@ -16,56 +13,19 @@ from ..arguments import (
     as_configurations,
     as_int,
     freeze,
-    function,
     limits,
     per_joint,
     positive,
+    read_only,
     vector,
 )
 from ..errors import InputError
-
-Density = Callable[[Array], ArrayLike]
-"""A weight for every row of Q (K, n): (K,) numbers from 0 up. Where it is larger, closeness matters
-more."""
+from .region import Density, Region, check_density, evaluate_density, normalised, sobol, span
 
 
-@runtime_checkable
-class Region(Protocol):
-    """A region of joint space with quadrature nodes."""
-
-    @property
-    def center(self) -> Array:
-        """A configuration in the middle of it: (n,)."""
-
-    @property
-    def bounds(self) -> Box:
-        """The box around it."""
-
-    def nodes(self, count: int, seed: int) -> tuple[Array, Array]:
-        """Quadrature nodes Q (K, n), K ≥ count, and weights (K,) that sum to 1."""
-
-    def random(self, count: int, seed: int) -> Array:
-        """Quasi-random points (K, n), K ≥ count, another set for every seed: nodes to judge on."""
-
-    def weights(self, Q: Array) -> Array:
-        """What each of the points of :meth:`random` counts for: (K,), sum 1."""
-
-    def ratio(self, Q: Array) -> Array:
-        """Factor by which the region would have to be scaled for each row of Q to lie on its
-        boundary: (K,).
-
-        Above 1 is outside.
-        """
-
-    def clip(self, Q: Array) -> Array:
-        """Move points that have left Ω back to its edge: (K, n)."""
-
-    def shrunk(self, factor: float) -> Region:
-        """Make the region of the same center and a fraction of the width."""
-
-
-@dataclass(frozen=True)
-class Box:
+@dataclass(frozen=True, eq=False)
+@read_only
+class Box(Region):
     """A box in joint space, ``|q_i − center_i| ≤ half_width_i``.
 
     Nodes are a Gauss–Legendre grid for n ≤ 3, scrambled Sobol points above.
@@ -75,7 +35,7 @@ class Box:
     center : (n,) array
         rad or m.
     half_width : float or (n,) array
-        rad (m for sliding joints): the same for every joint, or one per joint.
+        rad (m for prismatic joints): the same for every joint, or one per joint.
     density : function, optional
         Q (K, n) → (K,) weights from 0 up; by default every configuration counts the same.
 
@@ -113,7 +73,8 @@ class Box:
         if not (low < high).all():
             bad = int(np.argmin(low < high))
             raise InputError(
-                f"a box needs lower < upper for every joint; joint {bad} goes from {low[bad]:g} to {high[bad]:g}"
+                f"a box needs lower < upper for every joint; "
+                f"joint {bad} goes from {low[bad]:g} to {high[bad]:g}"
             )
         return cls((low + high) / 2, (high - low) / 2, density=density)
 
@@ -128,20 +89,14 @@ class Box:
         return self.center + self.half_width
 
     @property
-    def n(self) -> int:
-        """Number of joints."""
-        return len(self.center)
-
-    @property
     def bounds(self) -> Box:
         """The box itself."""
         return self
 
     def nodes(self, count: int, seed: int) -> tuple[Array, Array]:
-        """Quadrature nodes Q (K, n), K ≥ count, and weights (K,) that sum to 1."""
+        """Quadrature nodes Q (K, n), K ≥ count, and weights (K,), summing to 1."""
         if self.n > 3:
-            Q = self.random(count, seed)
-            return Q, self.weights(Q)
+            return super().nodes(count, seed)
         count = as_int(count, "the number of nodes", 1, MOST_NODES)
         x, w = np.polynomial.legendre.leggauss(
             max(2, int(np.ceil(round(count ** (1 / self.n), 9))))
@@ -151,95 +106,40 @@ class Box:
             np.stack(np.meshgrid(*[w / 2] * self.n, indexing="ij"), -1).reshape(-1, self.n), axis=1
         )
         Q = self.center + self.half_width * grid
-        return Q, weights if self.density is None else normalised(
-            weights * evaluate_density(self.density, Q)
-        )
+        if self.density is None:
+            return Q, weights
+        return Q, normalised(weights * evaluate_density(self.density, Q))
 
     def random(self, count: int, seed: int) -> Array:
-        """Scrambled Sobol points (K, n), K the power of two from count up."""
+        """Draw scrambled Sobol points (K, n), K the power of two from count up."""
         return self.center + self.half_width * (2 * sobol(self.n, count, seed) - 1)
 
-    def weights(self, Q: Array) -> Array:
-        """What each of the points of :meth:`random` counts for: (K,), sum 1."""
-        return normalised(evaluate_density(self.density, as_configurations(Q, self.n, "this box")))
-
     def ratio(self, Q: ArrayLike) -> Array:
-        """Factor by which the region would have to be scaled for each row of Q to lie on its
-        boundary: (K,).
-
-        Above 1 is outside.
-        """
-        return (
-            np.abs(as_configurations(Q, self.n, "this box") - self.center) / self.half_width
-        ).max(-1)
-
-    def contains(self, Q: ArrayLike) -> NDArray[np.bool_]:
-        """Say which rows of Q (K, n) lie inside."""
-        return self.ratio(Q) <= 1 + 1e-12
+        """Factor by which the box would have to be scaled for each row of Q to lie on its
+        boundary: (K,); above 1 is outside."""
+        Q = as_configurations(Q, self.n, "this box")
+        return (np.abs(Q - self.center) / self.half_width).max(-1)
 
     def clip(self, Q: ArrayLike) -> Array:
-        """Move points that have left the box back to its faces: (K, n)."""
+        """Move points (K, n) that lie outside to the faces."""
         return np.clip(as_configurations(Q, self.n, "this box"), self.lower, self.upper)
 
     def shrunk(self, factor: float) -> Box:
-        """Make the box of the same center and a fraction of the width."""
+        """Make the box with the same center and a fraction of the width."""
         return Box(
             self.center, self.half_width * positive(factor, "the factor"), density=self.density
         )
 
     def inside(self, lower: ArrayLike, upper: ArrayLike) -> Box:
-        """Cut the box to what lies inside limits, such as ``task.lower`` and ``task.upper``."""
+        """Intersect the box with limits, such as ``task.lower`` and ``task.upper``."""
         low, high = (limits(values, self.n, "the limits of this box") for values in (lower, upper))
         return Box.between(
             np.maximum(self.lower, low), np.minimum(self.upper, high), density=self.density
         )
 
+    def __repr__(self) -> str:
+        return f"<Box {str(self).removeprefix('box ')}>"
+
     def __str__(self) -> str:
         centre = ", ".join(f"{c:.3g}" for c in self.center)
-        return f"box {span(self.half_width, '±')} round ({centre})"
-
-
-def span(widths: Array, sign: str = "") -> str:
-    """Write the smallest and the largest of some widths; once, where they are the same."""
-    return " to ".join(dict.fromkeys(f"{sign}{w:.3g}" for w in (widths.min(), widths.max())))
-
-
-def sobol(n: int, count: int, seed: int) -> Array:
-    """Scrambled Sobol points in the unit cube: (K, n), K the power of two from count up."""
-    count, seed = as_int(count, "the number of nodes", 1, MOST_NODES), as_int(seed, "seed")
-    from scipy.stats import qmc  # slow to import
-
-    return qmc.Sobol(n, scramble=True, rng=seed).random_base2(int(np.ceil(np.log2(max(count, 2)))))
-
-
-def check_density(density: Density | None) -> None:
-    """Make sure that a density is a function."""
-    if density is not None:
-        function(density, "the density", "a function of Q (K, n) that gives (K,) numbers")
-
-
-def evaluate_density(density: Density | None, Q: Array) -> Array:
-    """Evaluate a person's density and check it: (K,) finite numbers from 0 up."""
-    if density is None:
-        return np.ones(len(Q))
-    try:
-        values: Any = np.asarray(density(Q), float)
-    except (TypeError, ValueError) as error:
-        raise InputError(
-            f"the density must be a function of Q (K, n) that gives (K,) numbers: {error}"
-        ) from error
-    if values.shape != (len(Q),):
-        raise InputError(
-            f"the density must give one number a row of Q, ({len(Q)},), not {values.shape}"
-        )
-    if not (np.isfinite(values).all() and (values >= 0).all()):
-        raise InputError("the density must be finite and 0 or more everywhere in the region")
-    return values
-
-
-def normalised(weights: Array) -> Array:
-    """Scale weights to sum 1."""
-    total = float(weights.sum())
-    if not total > 0:
-        raise InputError("the density is 0 everywhere in the region")
-    return weights / total
+        return f"box {span(self.half_width, '±')} around ({centre})"

@@ -1,4 +1,4 @@
-"""A tube round joint samples: the neighbourhood of a motion, such as one cycle on a path."""
+"""Tube around configurations: the neighbourhood of a motion, such as one cycle on a path."""
 
 from __future__ import annotations
 
@@ -9,26 +9,36 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import KDTree
 
-from ..arguments import Array, as_configurations, as_matrices, freeze, per_joint, positive
-from .box import Box, Density, check_density, evaluate_density, normalised, sobol, span
+from ..arguments import (
+    Array,
+    as_configurations,
+    as_matrices,
+    freeze,
+    per_joint,
+    positive,
+    read_only,
+)
+from .box import Box
+from .region import Density, Region, check_density, sobol, span
 
 _MOST_SAMPLES = 256
 
 
-@dataclass(frozen=True, repr=False)
-class Tube:
-    """All q within ``|q_i − s_i| ≤ radius_i`` of a joint sample s: a box drawn along a motion.
+@dataclass(frozen=True, eq=False, repr=False)
+@read_only
+class Tube(Region):
+    """All q within ``|q_i − s_i| ≤ radius_i`` of a sample s: a box moved along a motion.
 
-    The mean over a tube is the average, over its samples, of the mean over each one's box, so
-    places where the motion lingers count more. Nodes are scrambled Sobol points for any n.
+    The mean over a tube is the average, over its samples, of the mean over the box of each. Parts
+    of the motion that are slow therefore count more. Nodes are scrambled Sobol points for any n.
 
     Parameters
     ----------
     samples : (S, n) array
-        Configurations along a motion, rad or m; thinned to 256. Space them more closely than the
-        radius.
+        Configurations along a motion, rad or m, at most 256 of them are used. Their spacing should
+        be below the radius.
     radius : float or (n,) array
-        rad (m for sliding joints): the same for every joint, or one per joint.
+        rad (m for prismatic joints): the same for every joint, or one per joint.
     density : function, optional
         Q (K, n) → (K,) weights from 0 up.
 
@@ -39,7 +49,7 @@ class Tube:
 
     Examples
     --------
-    >>> tube = rp.Tube(motion.q[:101], radius=0.05)  # round the first cycle
+    >>> tube = rp.Tube(motion.q[:101], radius=0.05)  # around the first cycle
     >>> bool(tube.contains(motion.q).all())
     True
     """
@@ -59,62 +69,48 @@ class Tube:
 
     @property
     def center(self) -> Array:
-        """The sample nearest to the middle of all."""
+        """Sample nearest to the middle of the tube: (n,)."""
         box = self.bounds
-        return self.samples[
-            int(np.argmin(np.linalg.norm((self.samples - box.center) / box.half_width, axis=1)))
-        ]
+        distance = np.linalg.norm((self.samples - box.center) / box.half_width, axis=1)
+        return self.samples[int(np.argmin(distance))]
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return self.samples.shape[1]
 
     @property
     def bounds(self) -> Box:
-        """The box around the tube."""
+        """Smallest box around the tube."""
         return Box.between(self.samples.min(0) - self.radius, self.samples.max(0) + self.radius)
 
-    def nodes(self, count: int, seed: int) -> tuple[Array, Array]:
-        """Quadrature nodes Q (K, n), K ≥ count, and weights (K,) that sum to 1."""
-        Q = self.random(count, seed)
-        return Q, self.weights(Q)
-
     def random(self, count: int, seed: int) -> Array:
-        """Scrambled Sobol points (K, n), K the power of two from count up."""
-        u = sobol(self.samples.shape[1] + 1, count, seed)
+        """Draw scrambled Sobol points (K, n), K the power of two from count up."""
+        u = sobol(self.n + 1, count, seed)
         which = np.minimum((u[:, 0] * len(self.samples)).astype(int), len(self.samples) - 1)
         return self.samples[which] + self.radius * (2 * u[:, 1:] - 1)
 
-    def weights(self, Q: Array) -> Array:
-        """What each of the points of :meth:`random` counts for: (K,), sum 1."""
-        return normalised(
-            evaluate_density(self.density, as_configurations(Q, self.samples.shape[1], "this tube"))
-        )
-
     def ratio(self, Q: ArrayLike) -> Array:
-        """Factor by which the region would have to be scaled for each row of Q to lie on its
-        boundary: (K,).
-
-        Above 1 is outside.
-        """
+        """Factor by which the radius would have to be scaled for each row of Q to lie on the
+        boundary: (K,); above 1 is outside."""
         return self._nearest(Q)[1]
 
-    def contains(self, Q: ArrayLike) -> NDArray[np.bool_]:
-        """Say which rows of Q (K, n) lie inside."""
-        return self.ratio(Q) <= 1 + 1e-12
-
-    def clip(self, Q: Array) -> Array:
-        """Move points that have left the tube to the box of the nearest sample: (K, n)."""
+    def clip(self, Q: ArrayLike) -> Array:
+        """Move points (K, n) that lie outside to the box of the nearest sample."""
+        Q = as_configurations(Q, self.n, "this tube")
         nearest = self.samples[self._nearest(Q)[0]]
         return np.clip(Q, nearest - self.radius, nearest + self.radius)
 
     def shrunk(self, factor: float) -> Tube:
-        """Make the tube round the same samples with a fraction of the radius."""
+        """Make the tube around the same samples with a fraction of the radius."""
         return Tube(
             self.samples, self.radius * positive(factor, "the factor"), density=self.density
         )
 
     def _nearest(self, Q: ArrayLike) -> tuple[NDArray[np.intp], Array]:
-        """Find each point's nearest sample, and how far it is in units of the radius."""
-        distance, which = self._tree.query(
-            as_configurations(Q, self.samples.shape[1], "this tube") / self.radius, p=np.inf
-        )
+        """Find the nearest sample of each point, and its distance in units of the radius."""
+        Q = as_configurations(Q, self.n, "this tube")
+        distance, which = self._tree.query(Q / self.radius, p=np.inf)
         return which, distance
 
     @cached_property

@@ -1,12 +1,12 @@
-"""A region of the workspace, with all the configurations that reach it: the paper's alternative to
-a box of joints."""
+"""Box of the workspace, as the region of all configurations that reach it: the paper's alternative
+to a box in joint space."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..arguments import (
     MOST_NODES,
@@ -16,20 +16,23 @@ from ..arguments import (
     freeze,
     per_joint,
     positive,
+    read_only,
     require_type,
     vector,
 )
 from ..errors import InputError
 from ..robot.task import Task, own_task
-from .box import Box, Density, check_density, evaluate_density, normalised, span
+from .box import Box
+from .region import Density, Region, check_density, evaluate_density, normalised, span
 
 _MOST_DRAWS = 2**18
 
 
-@dataclass(frozen=True)
-class WorkspaceBox:
-    """All q of a box of joints whose frame lies in a box of the workspace, ``|p_i − center_i| ≤
-    half_width_i``.
+@dataclass(frozen=True, eq=False)
+@read_only
+class WorkspaceBox(Region):
+    """All q of a box in joint space that bring the frame into a box of the workspace,
+    ``|p_i − center_i| ≤ half_width_i``.
 
     The mean is over the workspace *and* the self-motions that reach each of its points. By the
     coarea formula, ``∫∫ … dσ dx = ∫ … √det(J Jᵀ) dq``, so each q has the weight ``√det(J Jᵀ)``.
@@ -39,12 +42,12 @@ class WorkspaceBox:
     task
         The task; the box bounds its frame's position, m.
     position, half_width : (3,) arrays
-        The box, in m in the base frame; two numbers for the tasks ``xy``, ``xz``, ``yz``. One
-        half-width serves all axes.
+        Center and half-widths, m, base frame; two numbers for the tasks ``xy``, ``xz``, ``yz``. One
+        half-width is used for all axes.
     within : Box
-        A box of joints: it selects among the arm's postures.
+        Box in joint space, which selects among the arm's postures.
     density : function, optional
-        Q (K, n) → (K,) weights from 0 up, on top of the above.
+        Q (K, n) → (K,) weights from 0 up, which multiply those above.
 
     Raises
     ------
@@ -54,7 +57,8 @@ class WorkspaceBox:
 
     Examples
     --------
-    >>> region = rp.WorkspaceBox(task, task.placement(q0).translation[:2], 0.1, within=rp.Box(q0, 0.4))  # m
+    >>> p0 = task.placement(q0).translation[:2]  # m
+    >>> region = rp.WorkspaceBox(task, p0, 0.1, within=rp.Box(q0, 0.4))
     >>> region.contains([q0])
     array([ True])
     """
@@ -76,13 +80,13 @@ class WorkspaceBox:
     ) -> None:
         task = own_task(task)
         axes = [row for row in task.rows if row < 3]
-        require_type(within, Box, "within", "a box of the joints, such as rp.Box(q0, 0.5)")
+        require_type(within, Box, "within", "a box in joint space, such as rp.Box(q0, 0.5)")
         middle = vector(position, len(axes), "the center of a workspace box", "m")
         half = per_joint(
             half_width,
             len(axes),
             "the half-widths of a workspace box",
-            "one an axis, m",
+            "one per axis, m",
             finite=True,
         )
         check_density(density)
@@ -94,50 +98,38 @@ class WorkspaceBox:
 
     @property
     def center(self) -> Array:
-        """A configuration that reaches the box, near the middle of ``within``."""
+        """Configuration (n,) that reaches the box, near the middle of ``within``."""
         return self._center  # type: ignore[attr-defined]
 
     @property
     def bounds(self) -> Box:
-        """The box of joints, ``within``."""
+        """The box in joint space, ``within``."""
         return self.within
 
-    def nodes(self, count: int, seed: int) -> tuple[Array, Array]:
-        """Quadrature nodes Q (K, n), K ≥ count, and weights (K,) that sum to 1."""
-        Q = self.random(count, seed)
-        return Q, self.weights(Q)
-
     def random(self, count: int, seed: int) -> Array:
-        """Scrambled Sobol points of ``within`` whose frame lies in the box: (count, n)."""
+        """Draw scrambled Sobol points of ``within`` whose frame lies in the box: (count, n)."""
         return self._draw(count, seed)
 
-    def weights(self, Q: Array) -> Array:
-        """``√det(J Jᵀ)``, scaled to sum 1: (K,)."""
+    def weights(self, Q: ArrayLike) -> Array:
+        """Quadrature weights, in proportion to ``√det(J Jᵀ)``: (K,), summing to 1."""
         Q = as_configurations(Q, self.task.n, "this box")
         J = self.task.jacobians(Q)
         volume = np.sqrt(np.maximum(np.linalg.det(J @ np.swapaxes(J, -1, -2)), 0.0))
         return normalised(volume * evaluate_density(self.density, Q))
 
     def ratio(self, Q: ArrayLike) -> Array:
-        """Factor by which the region would have to be scaled for each row of Q to lie on its
-        boundary: (K,).
-
-        Above 1 is outside.
-        """
+        """Factor by which both boxes would have to be scaled for each row of Q to lie on the
+        boundary: (K,); above 1 is outside."""
         axes = [row for row in self.task.rows if row < 3]
         away = np.abs(self.task.positions(Q)[:, axes] - self.position) / self.half_width
         return np.maximum(away.max(-1), self.within.ratio(Q))
 
-    def contains(self, Q: ArrayLike) -> NDArray[np.bool_]:
-        """Say which rows of Q (K, n) lie inside."""
-        return self.ratio(Q) <= 1 + 1e-12
-
-    def clip(self, Q: Array) -> Array:
-        """Move joints that have left ``within`` back; the frame may still be outside its box."""
+    def clip(self, Q: ArrayLike) -> Array:
+        """Move points (K, n) to the box ``within``; the frame may still lie outside its own box."""
         return self.within.clip(Q)
 
     def shrunk(self, factor: float) -> WorkspaceBox:
-        """Shrink both boxes, of joints and of the workspace."""
+        """Make the region with both boxes shrunk, in joint space and in the workspace."""
         factor = positive(factor, "the factor")
         return WorkspaceBox(
             self.task,
@@ -148,21 +140,26 @@ class WorkspaceBox:
         )
 
     def _draw(self, count: int, seed: int) -> Array:
-        """Draw points of ``within`` until enough of them reach the box."""
+        """Draw points of ``within`` until ``count`` of them reach the box."""
         count, seed = as_int(count, "the number of nodes", 1, MOST_NODES), as_int(seed, "seed")
         found: list[Array] = []
         size, drawn, part = max(1024, count), 0, 0
         while sum(map(len, found)) < count:
             if drawn >= max(_MOST_DRAWS, 64 * count):
+                reached = sum(map(len, found))
                 raise InputError(
-                    f"of {drawn} configurations of within= only {sum(map(len, found))} bring {self.task.frame!r} into "
-                    "the workspace box; make it larger, or within= smaller"
+                    f"of {drawn} configurations of within= only {reached} bring "
+                    f"{self.task.frame!r} into the workspace box; make the workspace box larger, "
+                    "or within= smaller"
                 )
             Q = self.within.random(size, seed * 1009 + part)
             found.append(Q[self.contains(Q)])
             drawn, part = drawn + len(Q), part + 1
         return np.concatenate(found)[:count]
 
+    def __repr__(self) -> str:
+        return f"<WorkspaceBox: {self}>"
+
     def __str__(self) -> str:
         centre = ", ".join(f"{c:.3g}" for c in self.position)
-        return f"{span(self.half_width, '±')} m round ({centre}) m, within a {self.within}"
+        return f"{span(self.half_width, '±')} m around ({centre}) m, within a {self.within}"

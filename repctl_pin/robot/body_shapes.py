@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 from ..errors import InputError, needed
 from ..urdf.shapes import Solid, find_mesh
 from ..urdf.validate import Description
@@ -37,7 +37,8 @@ class UnusableShape(InputError):
     """A collision shape cannot be used; the message gives the cause and the remedy."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class BodyShape:
     """Collision body: a convex shape, or a mesh and its convex hull.
 

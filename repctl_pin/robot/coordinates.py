@@ -7,11 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import Array, as_matrices
+from ..arguments import Array, as_matrices, read_only
 from ..errors import InputError
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Coordinates:
     """Linear change of joint coordinates ``q = T ψ``, and the limits on ψ.
 

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import atan2, hypot, pi
+from typing import Any, TypeAlias
 
 import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
 
-from ..arguments import Array
+from ..arguments import Array, as_numbers, list_of, row, shown
 from ..errors import InputError
 
 
@@ -84,6 +87,36 @@ def is_rotation(R: Sequence[float]) -> bool:
         and -1e-6 < c * d - a * f - h < 1e-6
         and -1e-6 < a * e - b * d - i < 1e-6
     )
+
+
+_LAST_ROW = (0.0, 0.0, 0.0, 1.0)
+
+Placement: TypeAlias = pin.SE3 | ArrayLike
+"""A rigid transform: pinocchio.SE3, or a homogeneous 4 × 4 array, m."""
+
+
+def as_placement(value: Placement, name: str = "target") -> pin.SE3:
+    """Take a rigid transform: a pinocchio.SE3 as it is, or a homogeneous 4 × 4 array."""
+    if isinstance(value, pin.SE3):
+        return value
+    array = as_numbers(value)
+    if array is None or array.shape != (4, 4):
+        raise InputError(
+            f"{name} must be a placement, a pinocchio.SE3 or a 4 × 4 array; got {shown(value)}"
+        )
+    if not np.array_equal(array[3], _LAST_ROW):
+        raise InputError(
+            f"{name} must be a placement; the last row of a 4 × 4 array is 0, 0, 0, 1, "
+            f"not {row(array[3])}"
+        )
+    return pin.SE3(array)
+
+
+def as_placements(values: Any, name: str, what: str) -> list[pin.SE3]:
+    """Take rigid transforms: a list of pinocchio.SE3 or of 4 × 4 arrays, or a (K, 4, 4) array."""
+    stack = isinstance(values, np.ndarray) and values.ndim == 3
+    listed = list(values) if stack else list_of(values, f"{name}s", what)
+    return [as_placement(value, f"{name} {k}") for k, value in enumerate(listed)]
 
 
 def require_rotation(R: Array, name: str) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 
 Index = NDArray[np.intp]
 
@@ -19,7 +19,8 @@ _DIRECTIONS = np.linalg.qr(np.random.default_rng(5).normal(size=(3, 3, 3)))[0]
 """Frames (3, 3, 3) whose z axes are the rays, in general position so that no ray meets an edge."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class MeshParts:
     """Connected parts of a mesh, with coincident vertices merged.
 

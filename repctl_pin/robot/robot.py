@@ -28,7 +28,7 @@ from ..urdf.xml import short
 from .coupling import couple, limits, pose
 from .mechanism import Mechanism
 from .model import frame_id, link_frames, lock_joints, path_between
-from .task import KINDS, Task
+from .task import KINDS, Kind, Task
 
 
 class Robot(Mechanism):
@@ -209,7 +209,7 @@ class Robot(Mechanism):
         )
 
     def task(
-        self, frame: str | None = None, kind: str = "pose", *, joints: Sequence[str] | None = None
+        self, frame: str | None = None, kind: Kind = "pose", *, joints: Sequence[str] | None = None
     ) -> Task:
         """Create the task of controlling a frame, with the joints that move it.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from copy import copy
 from functools import partial
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pinocchio as pin
@@ -25,11 +25,14 @@ from ..errors import InputError
 from ..threads import PerThread
 from .coordinates import Coordinates, linear_coordinates
 from .coupling import Coupling
-from .formulas import axis_turn, chain_hessians, require_rotation
+from .formulas import Placement, as_placement, axis_turn, chain_hessians, require_rotation
 from .mechanism import Mechanism
 from .model import chain_between, frame_id, frame_jacobian, lock_joints, path_between
 
-KINDS: dict[str, tuple[int, ...]] = {
+Kind = Literal["pose", "axis", "position", "xy", "xz", "yz"]
+"""Kind of a task."""
+
+KINDS: dict[Kind, tuple[int, ...]] = {
     "pose": (0, 1, 2, 3, 4, 5),
     "axis": (0, 1, 2, 3, 4),
     "position": (0, 1, 2),
@@ -89,7 +92,9 @@ class Task:
     array([1.086, 2.133, 0.   ])
     """
 
-    def __init__(self, robot: Mechanism, frame: str, kind: str, joint_names: Sequence[str]) -> None:
+    def __init__(
+        self, robot: Mechanism, frame: str, kind: Kind, joint_names: Sequence[str]
+    ) -> None:
         self.robot, self.frame, self.kind = robot, frame, kind
         self.joint_names = tuple(joint_names)
         self._columns = np.array([robot.joint_names.index(j) for j in joint_names])
@@ -194,15 +199,12 @@ class Task:
         """Evaluate H (m, n, n), ``H[a, i, k] = ∂J[a, i]/∂q[k]``."""
         return self.hessians(vector(q, self.n, "q")[None])[0]
 
-    def error(self, q: ArrayLike, target: pin.SE3) -> Array:
+    def error(self, q: ArrayLike, target: Placement) -> Array:
         """Evaluate the task error (m,), the displacement from f(q) to the target, m and rad.
 
         ``e = (p* − p, log(R* Rᵀ))``, restricted to the rows of this kind; for ``axis``, the
         shortest rotation from the tool axis to the target's."""
-        if not isinstance(target, pin.SE3):
-            require_type(
-                target, pin.SE3, "target", "a placement (pinocchio.SE3), such as path.placement(0)"
-            )
+        target = as_placement(target)
         here = self.placement(q)
         p = target.translation - here.translation
         if self.kind in ("pose", "axis"):
@@ -213,7 +215,7 @@ class Task:
             return np.concatenate([p, axis_turn(here.rotation, target.rotation)])
         return p[self.rows]
 
-    def task_velocity(self, q: ArrayLike, twist: Array) -> Array:
+    def task_velocity(self, q: ArrayLike, twist: ArrayLike) -> Array:
         """Extract ẋ (m,) from a frame's twist (v, ω), base axes, m/s and rad/s."""
         twist = vector(twist, 6, "the twist (v, ω)", "m/s and rad/s")
         if self.kind != "axis":
@@ -241,6 +243,26 @@ class Task:
             return H
         S = self.drive.S
         return np.einsum("Kaps,pi,sk->Kaik", H, S, S, optimize=True)
+
+    def errors(self, Q: ArrayLike, targets: Sequence[pin.SE3]) -> Array:
+        """Measure the task error at every row of Q (K, n) to its own target: an array (K, m)."""
+        goals = {id(target): (target.translation, target.rotation) for target in targets}
+        if self.kind in ("pose", "axis"):
+            for _, R in goals.values():
+                require_rotation(R, "the target")
+        data, frame, kind = self._data, self._frame_id, self.kind
+        Q = self._matrix(Q)
+        errors = np.zeros((len(Q), 6))
+        for e, q, target in zip(errors, Q, targets, strict=True):
+            pin.framesForwardKinematics(self.model, data, q)
+            here = data.oMf[frame]
+            p, R = goals[id(target)]
+            e[:3] = p - here.translation
+            if kind == "pose":
+                e[3:] = pin.log3(R @ here.rotation.T)
+            elif kind == "axis":
+                e[3:5] = axis_turn(here.rotation, R)
+        return errors[:, self.rows]
 
     def positions(self, Q: ArrayLike) -> Array:
         """Compute the frame's origin at every row of Q (K, n): an array (K, 3), m."""
@@ -327,9 +349,10 @@ class Task:
         q = whole[..., self._columns]
         return q if self.coordinates is None else self.coordinates.coordinates(q)
 
-    def joints(self, values: Array) -> Array:
+    def joints(self, values: ArrayLike) -> Array:
         """Convert positions or velocities (..., n) in ψ to those of the robot's own joints."""
-        return values if self.coordinates is None else self.coordinates.joints(values)
+        (rows,) = as_matrices(("values", values, f"{self.n}"), finite=False)
+        return rows if self.coordinates is None else self.coordinates.joints(rows)
 
     @property
     def joint_limits(self) -> tuple[Array, Array, Array]:

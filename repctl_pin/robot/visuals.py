@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 from ..errors import InputError
 from ..urdf.shapes import Color, find_mesh
 from ..urdf.validate import MAX_SHAPES, Joint
@@ -71,7 +71,8 @@ Placed = tuple[Shape, pin.SE3]
 """A shape and its placement on its link."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Visuals:
     """Shapes of a robot and the joints that move them. Create it with :meth:`Visuals.of`.
 

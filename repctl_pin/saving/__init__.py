@@ -1,5 +1,5 @@
 """Designs as files, and back: over a region of joint space, or over a cell of the workspace."""
 
-from .files import load, save
+from .files import load, load_cell, load_design, save
 
-__all__ = ["load", "save"]
+__all__ = ["load", "load_cell", "load_design", "save"]

@@ -1,4 +1,4 @@
-"""The function of a cell as plain data, and back."""
+"""Conversion of a cell's function to plain data, and back."""
 
 from __future__ import annotations
 
@@ -50,9 +50,9 @@ _HOW = (
 )
 
 
-class StopFile(Plain):
-    """What failures the function somewhere, see
-    :class:`repctl_pin.inverse_function.failures.Stop`."""
+class FailureFile(Plain):
+    """Reason why a function fails, see
+    :class:`repctl_pin.inverse_function.failures.FailureReason`."""
 
     cause: str
     share: float
@@ -61,7 +61,7 @@ class StopFile(Plain):
 
 
 class CellFigures(Plain):
-    """What the function is worth, see
+    """Evaluation of a function, see
     :class:`repctl_pin.inverse_function.cell_evaluation.Evaluation`; null: no limits, no bodies."""
 
     cost: float
@@ -77,7 +77,7 @@ class CellFigures(Plain):
     leaf_margin: float
     residual: float
     coverage: float
-    failures: list[StopFile]
+    failures: list[FailureFile]
     limit_margin_worst: float | None = None
     attainable_margin_worst: float | None = None
     extra_speed_direction: float | None = None
@@ -106,7 +106,7 @@ class CellFile(Sealed):
 
 
 def cell_file(design: CellDesign) -> CellFile:
-    """Describe the function of a cell.
+    """Convert the function of a cell to plain data.
 
     Raises
     ------
@@ -116,7 +116,7 @@ def cell_file(design: CellDesign) -> CellFile:
     chart, cell, found = design.function.chart, design.cell, vars(design.evaluation)
     unsaid = (*_BOUNDLESS, "extra_speed_direction")
     boundless = {name: found[name] if np.isfinite(found[name]) else None for name in unsaid}
-    failures = [described(StopFile, stop) for stop in design.failures]
+    failures = [described(FailureFile, stop) for stop in design.failures]
     figures, placement = (
         CellFigures(**found | boundless | {"failures": failures}),
         cell.placement.homogeneous.tolist(),
@@ -136,12 +136,12 @@ def cell_file(design: CellDesign) -> CellFile:
 
 
 def cell_of(content: CellFile, task: Task) -> CellDesign:
-    """Make the function of a cell again.
+    """Make the function of a cell from plain data.
 
     Raises
     ------
     InputError
-        If the numbers make none.
+        If the numbers do not make one.
     """
     widths, at, positions = np.array(content.widths), np.array(content.placement), min(3, task.m)
     if widths.shape != (task.m,) or at.shape != (4, 4):
@@ -151,7 +151,7 @@ def cell_of(content: CellFile, task: Task) -> CellDesign:
     if not np.array_equal(at[3], [0.0, 0.0, 0.0, 1.0]):
         raise InputError("the last row of the cell's placement must be 0, 0, 0, 1")
     if not content.degrees:
-        raise InputError("a cell's file names at least one degree that was tried")
+        raise InputError("a cell's file must name at least one degree that was tried")
     degree = as_int(content.degree, "the degree of a cell's polynomials", 0, _MOST_DEGREE)
     cell = Cell(
         task, pin.SE3(at), widths[:positions], widths[positions:] if task.m > positions else 0.0
@@ -159,7 +159,8 @@ def cell_of(content: CellFile, task: Task) -> CellDesign:
     C, due = np.array(content.coefficients), (comb(cell.k + degree, cell.k), task.n, 1 + task.r)
     if C.shape != due:
         raise InputError(
-            f"the coefficients must be {due[0]} × {due[1]} × {due[2]} numbers; they have shape {C.shape}"
+            f"the coefficients must be {due[0]} × {due[1]} × {due[2]} numbers; "
+            f"they have shape {C.shape}"
         )
     figures = msgspec.structs.asdict(content.figures)
     for name in ("limit_margin", "attainable_margin"):

@@ -1,5 +1,4 @@
-"""A design as plain data, and back; and the JSON files that hold such data, refused where they are
-not whole."""
+"""Conversion of a design to plain data, and back; reading and writing of JSON with a checksum."""
 
 from __future__ import annotations
 
@@ -23,13 +22,13 @@ from .schema import DesignFile, Figures, Sealed, described
 from .task_identity import identity
 
 FORMAT = "repctl design"
-SCHEMA = 1
+SCHEMA = 2
 
 _LARGEST = 64_000_000
 
 
 def write(content: Sealed, path: str | Path) -> Path:
-    """Write data to a file with its checksum, whole or not at all."""
+    """Write data with its checksum to a file, atomically."""
     plain = _printable(msgspec.to_builtins(content))
     text = json.dumps(
         plain | {"checksum": _checksum(plain)}, indent=1, ensure_ascii=False, allow_nan=False
@@ -38,12 +37,12 @@ def write(content: Sealed, path: str | Path) -> Path:
 
 
 def read(path: str | Path, kinds: Mapping[str, type[Sealed]]) -> Any:
-    """Read a file and make sure that it is one of some formats, of this schema, as it was written.
+    """Read a file, and check its format, its schema version and its checksum.
 
     Raises
     ------
     InputError
-        Where it is not.
+        If one of them is wrong.
     """
     where, text = str(path), read_whole(path, _LARGEST)
     try:
@@ -54,20 +53,26 @@ def read(path: str | Path, kinds: Mapping[str, type[Sealed]]) -> Any:
             )
         if head.schema > SCHEMA:
             raise InputError(
-                f"{where} was written by repctl-pin {head.written_by} with schema {head.schema}, and this is "
-                f"{__version__}, which reads up to {SCHEMA}; upgrade repctl-pin"
+                f"{where} was written by repctl-pin {head.written_by} with schema {head.schema}, "
+                f"and this is {__version__}, which reads {SCHEMA}; upgrade repctl-pin"
             )
         if head.schema < 1:
             raise InputError(f"{where} is not a design file: there is no schema {head.schema}")
+        if head.schema < SCHEMA:
+            raise InputError(
+                f"{where} has schema {head.schema}, and this version reads {SCHEMA}; "
+                "design again, or use the repctl-pin that wrote it"
+            )
         content = msgspec.json.decode(text, type=kinds[head.format])
     except msgspec.ValidationError as error:
         raise InputError(f"{where} is not a valid design file: {error}") from None
     except (msgspec.DecodeError, RecursionError, UnicodeError) as error:
         raise InputError(f"{where} is not a design file: not valid JSON ({error})") from None
-    plain = json.loads(text)  # as written: an older file says less than its class does
+    plain = json.loads(text)  # as written: an older file has fewer fields than its class
     if _printable(plain) != plain:
         raise InputError(
-            f"{where} is not a valid design file: a control character or a line break stands in a text"
+            f"{where} is not a valid design file: a text contains a control character "
+            "or a line break"
         )
     if content.checksum != _checksum(plain):
         raise InputError(
@@ -77,7 +82,7 @@ def read(path: str | Path, kinds: Mapping[str, type[Sealed]]) -> Any:
 
 
 def head(kind: str, task: Task) -> dict[str, Any]:
-    """Say what every file says first, and what it is for; it has no checksum yet."""
+    """Make the head of a file, with an empty checksum."""
     return {
         "format": kind,
         "schema": SCHEMA,
@@ -88,7 +93,7 @@ def head(kind: str, task: Task) -> dict[str, Any]:
 
 
 def design_file(design: Design) -> DesignFile:
-    """Describe a design.
+    """Convert a design to plain data.
 
     Raises
     ------
@@ -100,7 +105,7 @@ def design_file(design: Design) -> DesignFile:
         if isinstance(value, float) and not np.isfinite(value):
             raise InputError(f"design.{name} = {value!r} cannot be saved")
     cycle = None if design.cycle is None else schema.cycle_file(design.cycle)
-    desired, potentials = schema.desired_file(design.desired), schema.field_file(design.potentials)
+    desired, potentials = schema.desired_file(design.desired), schema.basis_file(design.potentials)
     region = schema.region_file(design.region)
     return described(
         DesignFile,
@@ -116,17 +121,18 @@ def design_file(design: Design) -> DesignFile:
 
 
 def design_of(content: DesignFile, task: Task) -> Design:
-    """Make a design of a file's content, for the task it was made for.
+    """Make a design from plain data, for the task it was made for.
 
     Raises
     ------
     InputError
-        If the numbers make no design.
+        If the numbers do not make a design.
     """
-    potentials, A = schema.field_of(content.potentials), np.array(content.coefficients, dtype=float)
+    potentials, A = schema.basis_of(content.potentials), np.array(content.coefficients, dtype=float)
     if A.shape != (potentials.size, task.r):
         raise InputError(
-            f"the coefficients must be {potentials.size} × {task.r} numbers; they have shape {A.shape}"
+            f"the coefficients must be {potentials.size} × {task.r} numbers; "
+            f"they have shape {A.shape}"
         )
     region = schema.region_of(content.region, task)
     if (
@@ -144,7 +150,7 @@ def design_of(content: DesignFile, task: Task) -> Design:
 
 
 class _Head(msgspec.Struct):
-    """What every file says, of whatever schema."""
+    """Head of a file of any schema version."""
 
     format: str
     schema: int
@@ -152,7 +158,7 @@ class _Head(msgspec.Struct):
 
 
 def _printable(value: Any) -> Any:
-    """Escape what does not print in every text of plain data."""
+    """Escape characters that do not print in all texts of plain data."""
     if isinstance(value, dict):
         return {key: _printable(part) for key, part in value.items()}
     if isinstance(value, (list, tuple)):
@@ -161,7 +167,7 @@ def _printable(value: Any) -> Any:
 
 
 def _checksum(content: dict[str, Any]) -> str:
-    """Hash everything but the checksum itself, however it is laid out."""
+    """Hash the content without the checksum, independent of the layout."""
     rest = {key: value for key, value in content.items() if key != "checksum"}
     text = json.dumps(rest, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
     return "sha256:" + hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()

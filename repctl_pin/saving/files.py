@@ -1,5 +1,4 @@
-"""Save and load a design of either kind: JSON that says what it is for, and is refused where it
-does not fit."""
+"""Save and load designs of both kinds as JSON files, each bound to its robot and task."""
 
 from __future__ import annotations
 
@@ -18,16 +17,15 @@ from .task_identity import compare, task_of
 
 
 def save(design: Design | CellDesign, path: str | Path) -> Path:
-    """Write a design to a file, whole or not at all.
+    """Write a design to a file atomically.
 
     JSON: a schema version, the robot, frame, task kind and joints with a fingerprint of the
-    kinematics, all that the design is made of, every figure of it, and a checksum. The same design
-    gives the same bytes.
+    kinematics, the design with its evaluation, and a checksum. The output is deterministic.
 
     Parameters
     ----------
     design
-        What :func:`nearest_repeatable` or :func:`nearest_inverse_function` found, or a study's.
+        Result of :func:`nearest_repeatable` or :func:`nearest_inverse_function`, or of a study.
     path
         The file, usually ``something.json``.
 
@@ -39,7 +37,8 @@ def save(design: Design | CellDesign, path: str | Path) -> Path:
     Raises
     ------
     InputError
-        If the design holds user-defined functions, or the file cannot be written; an old one stays.
+        If the design holds user-defined functions, or the file cannot be written. An old file is
+        then unchanged.
 
     Examples
     --------
@@ -87,14 +86,73 @@ def load(path: str | Path, task: Task | None = None) -> Design | CellDesign:
     made_for = content.task
     if task is None and not made_for.catalogue:
         raise InputError(
-            f"{where} is for {made_for.robot} ({made_for.file}), which is not in the catalogue; load it with the task: "
-            f"rp.load({where!r}, rp.Robot.load({made_for.file!r}).task({made_for.frame!r}, {made_for.task!r}))"
+            f"{where} is for {made_for.robot} ({made_for.file}), which is not in the catalogue; "
+            f"load it with the task: rp.load({where!r}, rp.Robot.load({made_for.file!r})"
+            f".task({made_for.frame!r}, {made_for.task!r}))"
         )
     return made_of(content, task or task_of(made_for, Robot.load(made_for.robot)), where)
 
 
+def load_design(path: str | Path, task: Task | None = None) -> Design:
+    """Read a design of a repeatable inverse from a file, see :func:`load`.
+
+    Parameters
+    ----------
+    path, task
+        As for :func:`load`.
+
+    Returns
+    -------
+    Design
+
+    Raises
+    ------
+    InputError
+        If the file holds a cell, or as for :func:`load`.
+
+    Examples
+    --------
+    >>> again = rp.load_design(rp.save(design, "design.json"), task)
+    >>> again.cost == design.cost
+    True
+    """
+    design = load(path, task)
+    if isinstance(design, Design):
+        return design
+    raise InputError(f"{path} holds a function over a cell; use rp.load_cell")
+
+
+def load_cell(path: str | Path, task: Task | None = None) -> CellDesign:
+    """Read a function over a cell from a file, see :func:`load`.
+
+    Parameters
+    ----------
+    path, task
+        As for :func:`load`.
+
+    Returns
+    -------
+    CellDesign
+
+    Raises
+    ------
+    InputError
+        If the file holds a repeatable inverse, or as for :func:`load`.
+
+    Examples
+    --------
+    >>> again = rp.load_cell(rp.save(found, "cell.json"), task)
+    >>> again.cost == found.cost
+    True
+    """
+    design = load(path, task)
+    if isinstance(design, CellDesign):
+        return design
+    raise InputError(f"{path} holds a repeatable inverse; use rp.load_design")
+
+
 def read_design(path: str | Path) -> DesignFile | cell_file.CellFile:
-    """Read a file and make sure that it is a design of either kind, as it was written."""
+    """Read a file of a design of either kind, and check that it is unchanged."""
     content: DesignFile | cell_file.CellFile = read(
         path, {FORMAT: DesignFile, cell_file.FORMAT: cell_file.CellFile}
     )
@@ -104,7 +162,7 @@ def read_design(path: str | Path) -> DesignFile | cell_file.CellFile:
 def made_of(
     content: DesignFile | cell_file.CellFile, task: Task, where: str
 ) -> Design | CellDesign:
-    """Make a design of a file's content, for the task it was made for.
+    """Make a design from a file's content, for the task it was made for.
 
     Raises
     ------

@@ -1,5 +1,4 @@
-"""What a file of a design holds: one class for each part; they are the decoder, and the JSON schema
-of the docs."""
+"""Schema of design files: one class per part, the decoder and the source of the JSON schema."""
 
 from __future__ import annotations
 
@@ -22,12 +21,11 @@ Rows = list[list[float]]
 
 
 class _Part(msgspec.Struct, forbid_unknown_fields=True, tag_field="kind"):
-    """Something that is one of several kinds."""
+    """A part of which there are several kinds, distinguished by ``kind``."""
 
 
 class PolynomialFile(_Part, tag="polynomial"):
-    """Legendre products of ``(q − center) / scale``, by degree from 1 up, then in lexical order of
-    the factors."""
+    """Products of Legendre polynomials of ``(q − center) / scale``, by degree, then lexically."""
 
     center: Row
     degree: int
@@ -37,7 +35,7 @@ class PolynomialFile(_Part, tag="polynomial"):
 
 
 class FourierFile(_Part, tag="fourier"):
-    """Sines and cosines of up to ``order`` turns of the variables."""
+    """Sines and cosines of integer multiples of the variables, up to ``order``."""
 
     n: int
     order: int
@@ -47,7 +45,7 @@ class FourierFile(_Part, tag="fourier"):
 
 
 class JoinedFile(_Part, tag="joined"):
-    """Families one after the other."""
+    """Bases one after another."""
 
     parts: list[PolynomialFile | FourierFile | JoinedFile]
 
@@ -60,14 +58,14 @@ class BoxFile(_Part, tag="box"):
 
 
 class TubeFile(_Part, tag="tube"):
-    """All q within ``radius`` of a sample."""
+    """All q within ``radius`` of one of the samples."""
 
     samples: Rows
     radius: Row
 
 
 class WorkspaceFile(_Part, tag="workspace"):
-    """What of a box of joints brings the frame into a box of the workspace, m."""
+    """All q of the box ``within`` that bring the frame into a box of the workspace, m."""
 
     position: Row
     half_width: Row
@@ -79,37 +77,36 @@ class PseudoinverseFile(_Part, tag="pseudoinverse"):
 
 
 class WeightedFile(_Part, tag="weighted"):
-    """J⁺_M: ``inertia``, or the diagonal of M, or M."""
+    """J⁺_M with M: ``inertia``, a diagonal, or a matrix."""
 
     weight: str | list[float | Row]
 
 
 class LimitsFile(_Part, tag="limits"):
-    """J⁺ weighted by the nearness of the joint limits."""
+    """J⁺ weighted by the distance from the joint limits."""
 
     gain: float
     onset: float
 
 
-Fields = PolynomialFile | FourierFile | JoinedFile
-Area = BoxFile | TubeFile | WorkspaceFile
+BasisFile = PolynomialFile | FourierFile | JoinedFile
+RegionFile = BoxFile | TubeFile | WorkspaceFile
 Desired = PseudoinverseFile | WeightedFile | LimitsFile
 
 
 class Plain(msgspec.Struct, forbid_unknown_fields=True):
-    """Something that there is one kind of."""
+    """A part of which there is one kind."""
 
 
 class Check(Plain):
-    """Where the frame lies at one configuration, (3, 4): a fingerprint of the kinematics."""
+    """Placement (3, 4) of the frame at one configuration: a fingerprint of the kinematics."""
 
     q: Row
     placement: Rows
 
 
 class TaskFile(Plain):
-    """What is controlled. ``coordinates`` is T of q = T ψ, where the joints are described by
-    others."""
+    """The task. ``coordinates`` is T of q = T ψ, if it is described by other coordinates ψ."""
 
     robot: str
     catalogue: bool
@@ -132,7 +129,7 @@ class PieceFile(Plain):
 
 
 class CycleFile(Plain):
-    """Where the motion starts, the path it follows, and the time of a cycle, s."""
+    """Start configuration, path, and period, s, of a motion."""
 
     start: Row
     period: float
@@ -144,7 +141,7 @@ class CycleFile(Plain):
 
 
 class Figures(Plain):
-    """What the design is worth, see :class:`Design`."""
+    """Evaluation of a design, see :class:`Design`."""
 
     cost: float
     cost_error: float
@@ -183,7 +180,7 @@ class ProofFile(Plain):
 
 
 class Sealed(Plain):
-    """What every file says first, and what it is for."""
+    """Head of every file: format, version, checksum, task."""
 
     format: str
     schema: int
@@ -198,8 +195,8 @@ class DesignFile(Sealed):
 
     cycle: CycleFile | None
     desired: Desired
-    potentials: Fields
-    region: Area
+    potentials: BasisFile
+    region: RegionFile
     coefficients: Rows
     figures: Figures
     proof: ProofFile | msgspec.UnsetType = msgspec.UNSET
@@ -209,8 +206,7 @@ P = TypeVar("P", bound=msgspec.Struct)
 
 
 def described(kind: type[P], thing: object, **others: Any) -> P:
-    """Fill a part of a file: what is not given is the attribute of the same name of a thing, an
-    array as lists."""
+    """Fill a part of a file from an object's attributes, arrays as lists; ``others`` override."""
     own = {name: getattr(thing, name) for name in kind.__struct_fields__ if name not in others}
     plain = {
         k: v.tolist() if isinstance(v, (np.ndarray, np.generic)) else v for k, v in own.items()
@@ -239,35 +235,36 @@ def proof_of(data: ProofFile | msgspec.UnsetType) -> Proof | None:
     )
 
 
-def field_file(potentials: PotentialBasis) -> Fields:
-    """Describe a family of potentials.
+def basis_file(potentials: PotentialBasis) -> BasisFile:
+    """Convert a basis of potentials to its part of a file.
 
     Raises
     ------
     InputError
-        If it holds user-defined functions, which no file can hold.
+        If it holds user-defined functions, which cannot be saved.
     """
     if isinstance(potentials, Polynomial):
         return described(PolynomialFile, potentials)
     if isinstance(potentials, Fourier):
         return described(FourierFile, potentials)
     if isinstance(potentials, Joined):
-        return JoinedFile([field_file(part) for part in potentials.parts])
+        return JoinedFile([basis_file(part) for part in potentials.parts])
     raise InputError(
-        f"{potentials!r} cannot be saved: a file holds polynomials and Fourier series, no functions of your own"
+        f"{potentials!r} cannot be saved: a file holds polynomials and Fourier series, "
+        "no user-defined functions"
     )
 
 
-def field_of(data: Fields) -> PotentialBasis:
-    """Make a family of potentials."""
+def basis_of(data: BasisFile) -> PotentialBasis:
+    """Make a basis of potentials from its part of a file."""
     if isinstance(data, JoinedFile):
-        return Joined(*(field_of(part) for part in data.parts))
+        return Joined(*(basis_of(part) for part in data.parts))
     given = msgspec.structs.asdict(data)
     return Polynomial(**given) if isinstance(data, PolynomialFile) else Fourier(**given)
 
 
-def region_file(region: Region) -> Area:
-    """Describe a region.
+def region_file(region: Region) -> RegionFile:
+    """Convert a region to its part of a file.
 
     Raises
     ------
@@ -276,7 +273,7 @@ def region_file(region: Region) -> Area:
     """
     if isinstance(region, (Box, Tube, WorkspaceBox)) and region.density is not None:
         raise InputError(
-            "a region with a density of your own cannot be saved, for a file holds no functions; "
+            "a region with a user-defined density cannot be saved, for a file holds no functions; "
             "save dataclasses.replace(design, region=…) with one without"
         )
     if isinstance(region, Box):
@@ -286,12 +283,13 @@ def region_file(region: Region) -> Area:
     if isinstance(region, WorkspaceBox):
         return described(WorkspaceFile, region, within=region_file(region.within))
     raise InputError(
-        f"a region {type(region).__name__} cannot be saved; a file holds boxes, tubes and workspace boxes"
+        f"a region {type(region).__name__} cannot be saved; "
+        "a file holds boxes, tubes and workspace boxes"
     )
 
 
-def region_of(data: Area, task: Task) -> Region:
-    """Make a region."""
+def region_of(data: RegionFile, task: Task) -> Region:
+    """Make a region from its part of a file."""
     if isinstance(data, WorkspaceFile):
         return WorkspaceBox(
             task, data.position, data.half_width, within=Box(**msgspec.structs.asdict(data.within))
@@ -301,7 +299,7 @@ def region_of(data: Area, task: Task) -> Region:
 
 
 def desired_file(desired: Inverse) -> Desired:
-    """Describe a desired inverse.
+    """Convert a desired inverse to its part of a file.
 
     Raises
     ------
@@ -317,13 +315,14 @@ def desired_file(desired: Inverse) -> Desired:
         if not callable(weight):
             return WeightedFile(weight if isinstance(weight, str) else np.asarray(weight).tolist())
     raise InputError(
-        f"a design whose desired inverse is a {type(desired).__name__} of your own cannot be saved, for a file holds "
-        "no functions; save dataclasses.replace(design, desired=rp.Pseudoinverse(design.task)) to keep the result alone"
+        f"a design whose desired inverse is a user-defined {type(desired).__name__} cannot be "
+        "saved, for a file holds no functions; save dataclasses.replace(design, "
+        "desired=rp.Pseudoinverse(design.task)) to keep the result alone"
     )
 
 
 def desired_of(data: Desired, task: Task) -> Inverse:
-    """Make a desired inverse."""
+    """Make a desired inverse from its part of a file."""
     if isinstance(data, PseudoinverseFile):
         return Pseudoinverse(task)
     weight = (
@@ -333,7 +332,7 @@ def desired_of(data: Desired, task: Task) -> Inverse:
 
 
 def cycle_file(cycle: Cycle) -> CycleFile:
-    """Describe the cycle that a control is for."""
+    """Convert the cycle of a design to its part of a file."""
     path = cycle.path
     rotation = path.placement(0.0).rotation.tolist()
     pieces = [described(PieceFile, piece) for piece in pieces_of(path)]
@@ -349,12 +348,12 @@ def cycle_file(cycle: Cycle) -> CycleFile:
 
 
 def cycle_of(data: CycleFile, task: Task) -> Cycle:
-    """Make the cycle again.
+    """Make a cycle from its part of a file.
 
     Raises
     ------
     InputError
-        If its numbers are no closed path of this task.
+        If its numbers do not make a closed path of this task.
     """
     ends = [0.0, *(piece.end for piece in data.pieces)]
     sizes = {np.shape(piece.coefficients)[1:] for piece in data.pieces}

@@ -1,1 +1,1 @@
-"""Pictures of results: takes results, computes nothing."""
+"""Pages, figures and text of results; nothing is computed here."""

@@ -1,5 +1,4 @@
-"""The page of a function over a cell: the box round the arm, a tour through it, slices, and all
-figures."""
+"""Page of a function over a cell: animation of a sample path, slices, and figures of merit."""
 
 from __future__ import annotations
 
@@ -18,12 +17,12 @@ from .report import framed, versions
 from .text.verdict import NO_VERDICT, Verdict, motion_summary, verdict
 
 _ROUND = [0, 1, 3, 2, 0, 4, 5, 1, 5, 7, 3, 7, 6, 2, 6, 4]
-"""The corners of a box, counted in binary, in an order that goes along every edge."""
+"""Corners of a box, counted in binary, in an order that traces every edge."""
 
 
 def box_of(cell: Cell) -> Array:
-    """Go along the edges of a cell's box of positions: (P, 3), m; a rectangle or a line where some
-    are held."""
+    """Trace the edges of a cell's box of positions: (P, 3), m; a rectangle or a line where some
+    positions are fixed."""
     positions = len(cell.half_width)
     low_high = np.zeros((3, 2))
     low_high[cell.task.rows[:positions]] = cell.half_width[:, None] * [-1, 1]
@@ -43,19 +42,19 @@ def cell_page(
     Parameters
     ----------
     design
-        The function, and what it is worth.
+        The function and its figures of merit.
     slices
-        The figure of its slices, a PNG; None where it has none.
+        Figure of its slices, a PNG; None if it has none.
     motions
-        A tour through the cell, by each control's name: the desired one's, if there is one, and the
-        function's.
+        Motions along a sample path through the cell, by controller: the desired one, if there is
+        one, and the function.
     command
-        The command line that made it.
+        Command line that made the page.
     """
     task, joint = design.task, elbow(design.task, design.posture)
     words = (
-        "Slices through the middle of the cell (+). Above: how far the joint nearest to its limit is from it. Below: "
-        "by how much the joints move faster than under the desired control at the same joints."
+        "Slices through the centre of the cell (+). Above: the smallest joint-limit margin. Below: "
+        "joint speed relative to the desired controller at the same configurations."
     )
     animation, tiles = "", NO_VERDICT.tiles
     if motions:
@@ -63,7 +62,7 @@ def cell_page(
         tiles = verdict(
             [motion_summary(name, motion, joint) for name, motion in motions.items()], cycles
         ).tiles
-        animation = _tour_page(design, motions, joint, f"{cycles} times round a tour of the cell")
+        animation = _tour_page(design, motions, joint, f"{cycles} cycles of a sample path")
     return render(
         "cell.html",
         style="report.css",
@@ -79,7 +78,7 @@ def cell_page(
 
 
 def _tour_page(design: CellDesign, motions: Mapping[str, Motion], joint: int, name: str) -> str:
-    """Show the motions side by side, and the box round them."""
+    """Make the animation of the motions side by side, with the box around them."""
     colours = [VERMILLION, BLUE][-len(motions) :]
     tracks = [
         playback_of(label, motions[label], colour)
@@ -96,16 +95,18 @@ def _tour_page(design: CellDesign, motions: Mapping[str, Motion], joint: int, na
 
 
 def _sentence(design: CellDesign) -> str:
-    """Say in a sentence what the function costs, and what it covers."""
+    """Write the extra joint speed, the coverage and the limit margin of a function in one
+    sentence."""
     margin, worst, unit = design.limit_margin, design.limit_margin_worst, design.task.unit
-    limits = f"limits {'kept' if margin >= 0 else 'broken'} by {abs(margin):.2g} {unit}"
-    limits += f", broken by {-worst:.2g} at the worst pose" if worst < 0 <= margin else ""
+    limits = f"limits {'respected' if margin >= 0 else 'violated'} by {abs(margin):.2g} {unit}"
+    limits += f", violated by {-worst:.2g} at the worst pose" if worst < 0 <= margin else ""
     every = (
-        "One set of joints for every pose"
+        "One configuration for every pose"
         if design.evaluation.everywhere
-        else "One set of joints for each pose"
+        else "One configuration for each covered pose"
     )
     return (
-        f"{every}: {100 * design.extra_speed:.2g} % more joint speed, covered: {design.evaluation.covered}, "
+        f"{every}: {100 * design.extra_speed:.2g} % more joint speed, "
+        f"covered: {design.evaluation.covered}, "
         f"{limits if np.isfinite(margin) else 'no joint limits'}."
     )

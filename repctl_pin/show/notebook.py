@@ -68,7 +68,8 @@ def inline(shown: Study | Figure | str, *, height: int = 640) -> Inline:
 
     Examples
     --------
-    >>> rp.inline(rp.animation({"ours": motion}).page)  # in a notebook: the page in its cell
+    >>> from repctl_pin.show.notebook import inline
+    >>> inline(rp.animation({"ours": motion}).page)  # in a notebook: the page in its cell
     <page of 0.4 MB>
     """
     height = as_int(height, "height", 1)

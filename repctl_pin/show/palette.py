@@ -1,4 +1,4 @@
-"""The colours of all pictures: Okabe and Ito's eight, which colour-blind people can tell apart."""
+"""Colour-blind-safe palette of all figures (Okabe and Ito)."""
 
 from __future__ import annotations
 
@@ -15,6 +15,6 @@ _OWN = (PURPLE, SKY, YELLOW, INK)
 
 
 def colours(study: Study) -> dict[str, str]:
-    """Give every row of a study its colour, by its key."""
+    """Assign a colour to every row of a study, by its key."""
     own = [row.key for row in study.rows if row.key not in COLOURS]
     return COLOURS | {key: _OWN[k % len(_OWN)] for k, key in enumerate(own)}

@@ -1,5 +1,4 @@
-"""One page that can be mailed: what a study found, its pictures, and all that is needed to repeat
-it."""
+"""Report of a study as one HTML page: verdict, figures, and all that is needed to repeat it."""
 
 from __future__ import annotations
 
@@ -30,7 +29,7 @@ from .text.table import study_cells, study_legend, study_notes
 from .text.verdict import study_verdict
 
 DISTRIBUTIONS = ("numpy", "scipy", "pin", "matplotlib", "meshcat", "example-robot-data")
-"""Whose versions a report names."""
+"""Packages whose versions a report lists."""
 
 DPI = 130
 
@@ -48,20 +47,21 @@ def report_page(
     Parameters
     ----------
     study
-        What was found.
+        The study.
     maps
-        Arrays of maps over two joints; None leaves those figures out.
+        Maps over two joints; None leaves those figures out.
     options
-        Every option, as it was used, by name.
+        Every option that was used, by name.
     command
-        The command line that made it.
+        Command line that made the study.
     animation
-        The page of the animation, if it was made already.
+        Page of the animation, if it exists already.
 
     Returns
     -------
-    The page's HTML: it asks nothing of a network, prints without cut figures, and every picture has
-    words."""
+    str
+        HTML without network access; it prints without cut figures, and describes every picture.
+    """
     title = f"{study.robot.name}: {study.path.name}"
     colour = colours(study)
     given, rest = _chosen(options or {}, command)
@@ -88,7 +88,7 @@ def report_page(
 
 
 def versions() -> dict[str, str]:
-    """Versions of all that a result depends on."""
+    """Collect the versions of all packages that a result depends on."""
     found = {"repctl_pin": __version__, "Python": platform.python_version()}
     for name in DISTRIBUTIONS:
         try:
@@ -99,11 +99,11 @@ def versions() -> dict[str, str]:
 
 
 def _figures(study: Study, maps: StudyMaps | None) -> Iterable[tuple[str, dict[str, object]]]:
-    """Each figure with its heading, picture and words."""
+    """Yield the heading, picture and description of each figure."""
     moved = drawn(study)
     on = [
         m for m in moved if m[2] != COLOURS["posture_off"]
-    ]  # what comes from afar would hide the rest
+    ]  # its first motion to the posture would hide the others
     yield "Drift", _picture(drift_figure(moved, ""), captions.drift_words(study))
     yield "Joints", _picture(joints_figure(moved, ""), captions.joints_words(study))
     yield "Orbits in joint space", _picture(orbits_figure(on, ""), captions.orbits_words(study))
@@ -127,21 +127,21 @@ def _maps_figure(study: Study, maps: StudyMaps) -> Figure:
     ):
         joint_map(axes.pop(0), study.design, grid, values, label, top)
     if axes:
-        cost_against_degree(axes[0], maps.degrees, study.design.baselines).legend(
+        cost_against_degree(axes[0], maps.degrees, maps.baselines).legend(
             frameon=False, fontsize=8.5
         )
     return figure
 
 
 def _picture(figure: Figure, text: str) -> dict[str, object]:
-    """A figure as the page holds it, with the words for it."""
-    return framed(
-        png(figure, DPI, bbox_inches="tight", pad_inches=0.05, metadata={"Software": None}), text
-    )
+    """Draw a figure for the page without its empty margins, with its description."""
+    metadata = {"Software": None}
+    picture = png(figure, DPI, bbox_inches="tight", pad_inches=0.05, metadata=metadata)
+    return framed(picture, text)
 
 
 def framed(picture: bytes, text: str) -> dict[str, object]:
-    """A PNG as a page holds it, with the words for it."""
+    """Encode a PNG for a page, with its size and description."""
     width, height = struct.unpack(">II", picture[16:24])  # as its header says
     return {
         "data": base64.b64encode(picture).decode("ascii"),
@@ -152,28 +152,29 @@ def framed(picture: bytes, text: str) -> dict[str, object]:
 
 
 def _in_full(study: Study) -> dict[str, str]:
-    """What was studied, in full: numbers as they are held, and the robot file's fingerprint."""
+    """Collect the full settings: numbers at full precision, and the robot file's checksum."""
     center, width = study.region.bounds.center, study.region.bounds.half_width
     return {
         "start, in full": row(study.q0, 10),
         "joints": ", ".join(study.task.joint_names),
-        "region, in full": f"the box round it has the centre {row(center, 10)} and the half-width {row(width, 10)}",
+        "region, in full": f"the box around it has the centre {row(center, 10)} "
+        f"and the half-width {row(width, 10)}",
         "URDF, SHA-256": _fingerprint(study.robot.description.path),
     }
 
 
 def _fingerprint(file: Path) -> str:
-    """What ``sha256sum`` says of a file."""
+    """Compute the SHA-256 checksum of a file."""
     try:
         return hashlib.sha256(file.read_bytes()).hexdigest()
     except OSError:
-        return "the file is not there any more"
+        return "the file no longer exists"
 
 
 def _chosen(
     options: Mapping[str, object], command: str | None
 ) -> tuple[dict[str, str], dict[str, str]]:
-    """Options that the command line names, and the rest."""
+    """Separate the options that the command line names from the others."""
     said = None if command is None else {word.partition("=")[0] for word in shlex.split(command)}
     texts = {name: _text(value) for name, value in options.items()}
     given = {name: text for name, text in texts.items() if said is None or f"--{name}" in said}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 from pathlib import Path
-from typing import Any
 
 from ..files import prepare_folder, write_whole
 from ..motion.csv_file import csv_text
@@ -41,11 +40,11 @@ def write_study(study: Study, folder: Path, *, run: str = "") -> list[Path]:
     """
     title = f"{study.robot.name}, {study.task.kind} task, {study.path.name}"
     moved = drawn(study)
-    named: dict[str, Any] = {"metadata": {"Run": run}} if run else {}
+    metadata = {"Run": run} if run else None
     contents: dict[str, str | bytes] = {
         "animation.html": with_run(study_page(study), run),
-        "drift.png": png(drift_figure(moved, title), **named),
-        "joints.png": png(joints_figure(moved, title), **named),
+        "drift.png": png(drift_figure(moved, title), metadata=metadata),
+        "joints.png": png(joints_figure(moved, title), metadata=metadata),
         "motion.csv": _motions(study, run),
     }
     prepare_folder(folder)

@@ -1,4 +1,4 @@
-"""Control strategies on a task: ways to turn a task velocity ẋ into joint velocities q̇."""
+"""Control strategies on a task: joint velocities q̇ for a task velocity ẋ."""
 
 from ..potentials.arm_angle import ArmAngle as ArmAngle
 from .custom import CustomInverse as CustomInverse

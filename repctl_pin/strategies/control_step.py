@@ -1,85 +1,65 @@
-"""One step of a control loop, the leaf lock: one Jacobian, one evaluation of the potentials, one
-LAPACK solve.
+"""Law of one control step, the leaf lock: one Jacobian, one evaluation of potentials, one solve.
 
-The functions made here are closures over preallocated memory, see
-:mod:`repctl_pin.robot.fast_kinematics`. What they are given is looked at before it reaches compiled
-code: native doubles of the right size pass, everything else is converted or refused by name."""
+The closures work in preallocated memory on checked arguments, see
+:mod:`repctl_pin.strategies.fast_loop`."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
-from math import inf, prod
+from math import prod
 from sys import float_info
 
 import numpy as np
 import pinocchio as pin
-from numpy import ndarray
-from numpy.typing import ArrayLike
 from scipy.linalg.blas import daxpy, ddot, dscal
 from scipy.linalg.lapack import dgesv, dgetrf, dgetri
 
-from ..arguments import FLOAT, Array, per_joint, positive, require_type, row, vector
-from ..errors import InputError, SingularityError
+from ..arguments import Array
 from ..potentials import fast_potentials
 from ..potentials.basis import Potentials
-from ..redundancy.augmented import SINGULAR, is_regular
+from ..redundancy.augmented import is_regular
 from ..redundancy.inverses import RANK_TOLERANCE
 from ..robot import fast_kinematics
 from ..robot.task import Task
-
-
-@dataclass
-class Loop:
-    """The quick functions of one repeatable inverse, for one thread; see
-    :class:`RepeatableInverse`.
-
-    Attributes
-    ----------
-    velocity : function (q, ẋ) → q̇ step : function (q, target, dt, twist, leaf, gain) → the next q
-    bounded : function (q, target, dt, twist, leaf, gain, velocity_limit, damping) → the next q, λ,
-    slowed inverses : function Q (K, n) → G (K, n, m), optional velocities : function (Q, Ẋ) → q̇
-    (K, n), optional damping, slowed : float
-        λ and the factor of the last bounded step.
-    """
-
-    velocity: Callable[..., Array]
-    step: Callable[..., Array]
-    bounded: Callable[..., tuple[Array, float, float]]
-    inverses: Callable[[Array], Array] | None = None
-    velocities: Callable[[Array, Array], Array] | None = None
-    damping: float = 0.0
-    slowed: float = 1.0
+from .fast_loop import Bounds, Law, Loop, checked, failure
+from .fast_loop import speeds as speeds
 
 
 def python_loops(task: Task, potentials: Potentials) -> Callable[[], Loop]:
-    """Make what makes the quick functions in Python, once in each thread."""
+    """Make the factory of the fast functions in Python, which is called once per thread."""
     return partial(make_loop, task, potentials)
 
 
 def make_loop(task: Task, potentials: Potentials) -> Loop:
-    """Make the quick functions of the repeatable inverse of potentials h."""
-    n, m, r = task.n, task.m, task.r
-    of_joints, of_task, of_twist, of_leaf = (n,), (m,), (6,), (r,)
+    """Make the fast functions of the repeatable inverse of potentials h."""
+    return checked(task, control_law(task, potentials))
+
+
+def control_law(task: Task, potentials: Potentials) -> Law:
+    """Make the law of the repeatable inverse of potentials h, in preallocated memory.
+
+    ``q + J_V⁻¹ (dt [ẋ; 0] + K dt [x − f(q); c − h(q)])`` with ``J_V = [J; Vᵀ]`` (37).
+    """
+    n, m = task.n, task.m
     memory = np.zeros(n * n + n)
     J_V, rhs = memory[: n * n].reshape((n, n), order="F"), memory[n * n :]  # [J; Vᵀ] (37)
     top, bottom, pivots = rhs[:m], rhs[m:], memory[: n * n : n + 1]
     kinematics = fast_kinematics.in_place(task, J_V[:m], top)
     h = fast_potentials.in_place(potentials, J_V[m:], bottom)
     jacobian, error, rate = kinematics.jacobian, kinematics.error, kinematics.task_velocity
-    slope, gap, SE3 = h.slope, h.gap, pin.SE3
+    slope, gap = h.slope, h.gap
     whole, half, tolerance = task.kind == "pose", n / 2, RANK_TOLERANCE / n ** (n / 2)
     largest = float_info.max ** (1 / half)  # square ** half overflows beyond it
+    used, slowed = 0.0, 1.0
 
     def solved(q: Array) -> Array:
         """Solve ``J_V x = rhs``; J_V is overwritten."""
         square = ddot(memory, memory)
         _, order, x, info = dgesv(J_V, rhs, 1, 0)
-        # |det J_V| = |∏ pivots| ≤ sin θ ∏ ‖row‖ ≤ sin θ (‖J_V‖/√n)ⁿ, θ the least angle of
-        # is_regular: this is enough.
-        # NaN fails it. Where it fails the exact test has the word. It bounds x, too: ‖x‖ ≤
-        # square^half / |det J_V|.
+        # |det J_V| = |∏ pivots| ≤ sin θ ∏ ‖row‖ ≤ sin θ (‖J_V‖/√n)ⁿ, θ the smallest angle of
+        # is_regular, so this test is sufficient. NaN fails it. Where it fails, the exact test
+        # decides. It bounds x, too: ‖x‖ ≤ square^half / |det J_V|.
         if not (square < largest and abs(prod(pivots.tolist())) > tolerance * square**half):
             inverse = None if info else dgetri(J_V, order)[0]
             jacobian(q)
@@ -88,11 +68,30 @@ def make_loop(task: Task, potentials: Potentials) -> Loop:
                 raise failure(task, q, rhs)
         return x
 
+    def solved_within(q: Array, bounds: Bounds, dt: float) -> Array:
+        """Solve ``J_V x = rhs`` with damping, and shorten x to the speed limits."""
+        nonlocal used, slowed
+        damping, most = bounds.damping, bounds.velocity_limit * dt
+        used, slowed = 0.0, 1.0
+        if damping:
+            x, used = damped(J_V, rhs, damping)
+            if not np.isfinite(x).all():
+                raise failure(task, q, rhs)
+        else:
+            x = solved(q)
+        if (np.abs(x) <= most).all():
+            return x
+        bottom[:] = 0.0
+        if damping:
+            x_task = damped(J_V, rhs, damping)[0]
+        else:
+            jacobian(q)
+            slope(q)
+            x_task = solved(q)
+        x, slowed = within(x, x_task, most)
+        return x
+
     def velocity(q: Array, xdot: Array) -> Array:
-        if not (type(q) is ndarray and q.dtype is FLOAT and q.shape == of_joints):
-            q = vector(q, n, "q")
-        if not (type(xdot) is ndarray and xdot.dtype is FLOAT and xdot.shape == of_task):
-            xdot = vector(xdot, m, "ẋ", "m/s and rad/s")
         jacobian(q)
         slope(q)
         top[:] = xdot
@@ -106,66 +105,23 @@ def make_loop(task: Task, potentials: Potentials) -> Loop:
         twist: Array | None,
         leaf: Array | None,
         gain: float | None,
-        solve: Callable[[Array], Array] = solved,
+        bounds: Bounds | None,
     ) -> Array:
-        if not (type(q) is ndarray and q.dtype is FLOAT and q.shape == of_joints):
-            q = vector(q, n, "q")
-        if not (isinstance(dt, float) and 0.0 < dt < inf):
-            dt = positive(dt, "dt", "s")
-        if not isinstance(target, SE3):
-            require_type(target, SE3, "the target", "a placement (pinocchio.SE3)")
         jacobian(q)
         slope(q)
         error(target)
         if leaf is None:
             bottom[:] = 0.0
         else:
-            if not (type(leaf) is ndarray and leaf.dtype is FLOAT and leaf.shape == of_leaf):
-                leaf = vector(leaf, r, "the leaf c = h(q)", "one per potential")
             gap(leaf)
         if gain is not None:
-            dscal(share_of(gain, dt), rhs)
+            dscal(gain * dt, rhs)
         if twist is not None:
-            if not (type(twist) is ndarray and twist.dtype is FLOAT and twist.shape == of_twist):
-                twist = vector(twist, 6, "the twist (v, ω)", "m/s and rad/s")
             daxpy(twist if whole else rate(twist), rhs, m, dt)
-        return daxpy(q, solve(q), n)
+        x = solved(q) if bounds is None else solved_within(q, bounds, dt)
+        return daxpy(q, x, n)
 
-    def bounded(
-        q: Array,
-        target: pin.SE3,
-        dt: float,
-        twist: Array | None,
-        leaf: Array | None,
-        gain: float | None,
-        velocity_limit: ArrayLike | None,
-        damping: float,
-    ) -> tuple[Array, float, float]:
-        dt, damping = positive(dt, "dt", "s"), positive(damping, "damping", zero=True)
-        most = np.full(n, inf) if velocity_limit is None else speeds(velocity_limit, n) * dt
-        used, slowed = 0.0, 1.0
-
-        def gently(q: Array) -> Array:
-            nonlocal used, slowed
-            if damping:
-                x, used = damped(J_V, rhs, damping)
-                if not np.isfinite(x).all():
-                    raise failure(task, q, rhs)
-            else:
-                x = solved(q)
-            if velocity_limit is None or (np.abs(x) <= most).all():
-                return x
-            bottom[:] = 0.0
-            if not damping:
-                jacobian(q)
-                slope(q)
-            x_task = damped(J_V, rhs, damping)[0] if damping else solved(q)
-            x, slowed = within(x, x_task, most)
-            return x
-
-        return step(q, target, dt, twist, leaf, gain, gently), used, slowed
-
-    return Loop(velocity, step, bounded)
+    return Law(velocity, step, lambda: (used, slowed))
 
 
 @np.errstate(over="ignore", invalid="ignore")
@@ -205,53 +161,26 @@ def damped(J_V: Array, rhs: Array, most: float) -> tuple[Array, float]:
 
 
 def within(x: Array, x_task: Array, most: Array) -> tuple[Array, float]:
-    """Shorten a step ``x = x_task + x_leaf`` until no joint moves further than it may.
+    """Shorten a step ``x = x_task + x_leaf`` to the longest step of each joint.
 
-    The return to the leaf gives way first, so that the task keeps its speed as long as it can; then
-    the step as a whole is scaled down.
+    The return to the leaf is scaled down first, so that the task keeps its speed; then, if that is
+    not enough, the whole step.
 
     Parameters
     ----------
     x, x_task, most : (n,) arrays
-        The step, the part of it that moves the frame, and the longest step of each joint.
+        Step, its part that moves the frame, and longest step of each joint.
 
     Returns
     -------
     x : (n,) array
     slowed : float
-        The factor by which the part that gave way most was scaled.
+        Smaller one of the two factors by which the parts were scaled.
     """
     x_leaf = x - x_task
-    room = np.where(x_leaf > 0, most - x_task, most + x_task)
+    left = np.where(x_leaf > 0, most - x_task, most + x_task)
     moving = np.abs(x_leaf) > 1e-15
-    share = float(np.clip((room[moving] / np.abs(x_leaf[moving])).min(initial=1.0), 0.0, 1.0))
+    share = float(np.clip((left[moving] / np.abs(x_leaf[moving])).min(initial=1.0), 0.0, 1.0))
     shorter = x_task + share * x_leaf
     whole = float((most / np.maximum(np.abs(shorter), 1e-300)).min(initial=1.0))
     return shorter * min(1.0, whole), min(share, whole)
-
-
-def failure(task: Task, q: Array, rhs: Array, singular: str = "") -> Exception:
-    """Say why a step has no finite solution."""
-    if not np.isfinite(q).all():
-        return InputError(f"q must be {task.n} finite numbers; got {row(q)}")
-    if not np.isfinite(rhs).all():
-        return InputError(
-            "the task velocity ẋ or the target, the leaf and dt must be finite numbers"
-        )
-    return SingularityError(f"{singular or SINGULAR}, at q = {row(q)}")
-
-
-def share_of(gain: float, dt: float) -> float:
-    """Take a feedback gain, 1/s, that a person gave: the share gain · dt of the error that a step
-    undoes."""
-    share = (gain if isinstance(gain, float) else positive(gain, "gain", "1/s", zero=True)) * dt
-    if not 0.0 <= share <= 2.0:
-        raise InputError(
-            f"gain · dt must be from 0 to 2, beyond which feedback diverges; got {gain!r} · {dt!r}"
-        )
-    return share
-
-
-def speeds(velocity_limit: ArrayLike, n: int) -> Array:
-    """Check the speed limits (n,) that the user gave."""
-    return per_joint(velocity_limit, n, "a speed limit")

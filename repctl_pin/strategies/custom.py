@@ -1,4 +1,4 @@
-"""Control strategies of your own: a plain function q → G with J G = I, or (q, ẋ) → q̇."""
+"""User-defined control strategies: a function q → G with J G = I, or (q, ẋ) → q̇."""
 
 from __future__ import annotations
 
@@ -12,27 +12,27 @@ from ..arguments import function as wanted_function
 from ..errors import InputError
 from ..robot.task import Task, own_task
 from .pseudoinverse import at_rows, redundant
+from .strategy import described
 
 
 class CustomInverse:
     """``q̇ = G(q) ẋ`` (3) with a user-defined G.
 
-    ``J G = I`` is checked at every evaluation: a G that breaks it would not follow the path it is
-    given.
+    ``J G = I`` is checked at every evaluation, because a G without it does not follow its path.
 
     Parameters
     ----------
     task
         The task to control.
     function
-        q (n,) → G (n, m).
+        Function q (n,) → G (n, m).
     tolerance : float
-        Largest entry of ``J G − I`` that is accepted.
+        Maximum entry of ``J G − I``.
 
     Raises
     ------
     InputError
-        If, at an evaluation, ``J G`` is not the identity or G has the wrong size.
+        If ``J G`` is not the identity, or G has the wrong size, where it is evaluated.
 
     Examples
     --------
@@ -48,27 +48,29 @@ class CustomInverse:
         self.function = wanted_function(function, "function", "a function q → G")
         self.tolerance = positive(tolerance, "the tolerance of J G = I")
 
+    def __repr__(self) -> str:
+        return described(self, self.task)
+
     def __call__(self, q: ArrayLike) -> Array:
         """Evaluate G (n, m).
 
         Raises
         ------
         InputError
-            If the function returns anything but an (n, m) matrix with ``J G = I``; the residual is
-            named.
+            If the function does not return an (n, m) matrix with ``J G = I``; the message gives the
+            residual.
         """
         q = vector(q, self.task.n, "q")
         return self._checked(q, self.task.jacobian(q))
 
-    def batch(self, Q: ArrayLike, J: Array | None = None) -> Array:
+    def batch(self, Q: ArrayLike, J: ArrayLike | None = None) -> Array:
         """Evaluate G at every row of Q (K, n): (K, n, m)."""
         Q, J = at_rows(self.task, Q, J)
-        return np.array([self._checked(q, J_q) for q, J_q in zip(Q, J, strict=True)]).reshape(
-            len(Q), self.task.n, self.task.m
-        )
+        G = np.array([self._checked(q, J_q) for q, J_q in zip(Q, J, strict=True)])
+        return G.reshape(len(Q), self.task.n, self.task.m)
 
     def velocity(self, q: ArrayLike, xdot: ArrayLike) -> Array:
-        """Choose ``q̇ = G ẋ`` (n,)."""
+        """Compute ``q̇ = G ẋ`` (n,)."""
         return self(q) @ vector(xdot, self.task.m, "ẋ", "m/s and rad/s")
 
     def _checked(self, q: Array, J: Array) -> Array:
@@ -77,31 +79,32 @@ class CustomInverse:
             G = np.array(self.function(q), dtype=float)
         except (TypeError, ValueError) as error:
             raise InputError(
-                f"the function gives no {n} × {m} matrix G at q = {row(q)}: {error}"
+                f"the function returns no {n} × {m} matrix G at q = {row(q)}: {error}"
             ) from error
         if G.shape != (n, m) or not np.isfinite(G).all():
             raise InputError(
-                f"the function must give G as {n} × {m} finite numbers; at q = {row(q)} it does not"
+                f"the function must return G as {n} × {m} finite numbers; "
+                f"at q = {row(q)} it does not"
             )
         residual = np.abs(J @ G - np.eye(m))
         if residual.max() > self.tolerance:
             a, b = np.unravel_index(int(residual.argmax()), residual.shape)
             raise InputError(
-                f"J G = I is missed by {residual.max():.2g} (row {a}, column {b}) at q = {row(q)}; "
-                "correct the function, for example G + J⁺ (I − J G)"
+                f"J G = I does not hold, by {residual.max():.2g} (row {a}, column {b}), "
+                f"at q = {row(q)}; correct the function, for example G + J⁺ (I − J G)"
             )
         return G
 
 
 class FunctionStrategy:
-    """``q̇ = function(q, ẋ)``: what pink, Drake or a loop of your own would command.
+    """``q̇ = function(q, ẋ)``: a controller outside this package, such as pink or Drake.
 
     Parameters
     ----------
     task
-        The task it controls; q is in the order of its joints.
+        Task to control; q is in the order of its joints.
     function
-        q (n,), ẋ (m,) → q̇ (n,).
+        Function of q (n,) and ẋ (m,) that returns q̇ (n,).
     """
 
     def __init__(self, task: Task, function: Callable[[Array, Array], ArrayLike]) -> None:
@@ -111,20 +114,20 @@ class FunctionStrategy:
         )
 
     def velocity(self, q: ArrayLike, xdot: ArrayLike) -> Array:
-        """Ask the function for q̇ (n,).
+        """Evaluate the function: q̇ (n,).
 
         Raises
         ------
         InputError
-            If it gives anything but n finite numbers.
+            If it does not return n finite numbers.
         """
         q, xdot = vector(q, self.task.n, "q"), vector(xdot, self.task.m, "ẋ", "m/s and rad/s")
         try:
             qdot = np.asarray(self.function(q, xdot), float)
         except (TypeError, ValueError) as error:
-            raise InputError(f"the strategy's function gives no q̇: {error}") from error
+            raise InputError(f"the strategy's function returns no q̇: {error}") from error
         if qdot.shape != (self.task.n,) or not np.isfinite(qdot).all():
             raise InputError(
-                f"the strategy's function must give {self.task.n} finite numbers; it gave {qdot}"
+                f"the strategy's function must return {self.task.n} finite numbers; got {qdot}"
             )
         return qdot

@@ -1,4 +1,4 @@
-"""The extended Jacobian of Baillieul: ``h = Nᵀ ∇U`` is held constant along every motion."""
+"""The extended Jacobian of Baillieul: every motion keeps ``h = Nᵀ ∇U`` constant."""
 
 from __future__ import annotations
 
@@ -18,33 +18,34 @@ _DIFFERENCE = 1e-5
 
 
 class ExtendedJacobian(RepeatableInverse):
-    """``q̇ = G_r ẋ`` with ``V = ∂hᵀ/∂q``, ``h = Nᵀ ∇U``: on the leaf h = 0, U stays minimal for the
+    """``q̇ = G_r ẋ`` with ``V = ∂hᵀ/∂q``, ``h = Nᵀ ∇U``: on the leaf h = 0, U is minimal for the
     given x = f(q).
 
-    N is the basis closest to the one at a reference configuration, so that h is a function of q
-    alone; for r = 1 this fixes the null vector's sign, for r > 1 the leaves h ≠ 0 depend on it.
+    N is the null-space basis closest to the basis at a reference configuration, so that h is a
+    function of q alone. For r = 1 the reference fixes the sign of the null vector; for r > 1 the
+    leaves h ≠ 0 depend on it.
 
     Parameters
     ----------
     task
         The task to control.
     potential
-        U: a posture (n,), rad, for ``U = ½ ‖q − posture‖²``, or a function q (n,) → U.
+        Potential U: a posture (n,), rad, for ``U = ½ ‖q − posture‖²``, or a function q (n,) → U.
     gradient, hessian
-        ∇U (n,) and ∂²U/∂q² (n, n) as functions of q, if U is a function; without them, numerical
-        differentiation has a relative error of about 1e-9 and 1e-5.
+        Functions q → ∇U (n,) and q → ∂²U/∂q² (n, n), if U is a function. Without them U is
+        differentiated numerically, with a relative error of about 1e-9 and 1e-5.
     reference : (n,) array, optional
-        The configuration whose basis N is aligned to; by default the posture, or the task's
+        Configuration at which the basis N is chosen; by default the posture, or the task's
         reference.
 
     Raises
     ------
     InputError
-        If the potential is neither, or of another size.
+        If the potential is neither a posture nor a function, or has the wrong size.
 
     Examples
     --------
-    >>> G = rp.ExtendedJacobian(task, q0)  # stays where ½ ‖q − q0‖² is least
+    >>> G = rp.ExtendedJacobian(task, q0)  # stays where ½ ‖q − q0‖² is minimal
     >>> bool(rp.follow(G, path, q0, cycles=2, steps=100).drift[-1] < 1e-6)  # rad
     True
     """
@@ -61,7 +62,7 @@ class ExtendedJacobian(RepeatableInverse):
         task = own_task(task)
         if task.r < 1:
             raise InputError(
-                f"a task with r = {task.r} leaves an extended Jacobian nothing to extend"
+                f"the task is not redundant (r = {task.r}), but an extended Jacobian needs r ≥ 1"
             )
         if callable(potential):
             for given, name in ((gradient, "gradient"), (hessian, "hessian")):
@@ -77,7 +78,7 @@ class ExtendedJacobian(RepeatableInverse):
 
 
 class ExtendedMap:
-    """The r functions ``h = Nᵀ ∇U`` of an extended Jacobian, and their gradients."""
+    """The r potentials ``h = Nᵀ ∇U`` of an extended Jacobian, and their gradients."""
 
     def __init__(self, task: Task, potential: Posture | Given, N_reference: Array) -> None:
         self.task, self.potential, self.N_reference, self.n = task, potential, N_reference, task.n
@@ -95,8 +96,9 @@ class ExtendedMap:
     def gradients(self, Q: Array) -> Array:
         r"""Evaluate V at every row of Q (K, n): (K, n, r).
 
-        .. math:: \frac{\partial h}{\partial q_k} = \frac{\partial N}{\partial q_k}^T \nabla U + N^T \nabla^2 U e_k,
-                  \qquad \frac{\partial N}{\partial q_k} = -J^+ H_k N + N Z_k,
+        .. math:: \frac{\partial h}{\partial q_k}
+                  = \frac{\partial N}{\partial q_k}^T \nabla U + N^T \nabla^2 U e_k, \qquad
+                  \frac{\partial N}{\partial q_k} = -J^+ H_k N + N Z_k,
 
         with the antisymmetric :math:`Z_k` that keeps :math:`S = N^T N_{ref}` symmetric:
         :math:`Z_k S + S Z_k = B_k - B_k^T`, :math:`B_k = -N^T H_k^T J^{+T} N_{ref}`.
@@ -122,26 +124,25 @@ class ExtendedMap:
         return V
 
     def _aligned(self, J: Array, Q: Array) -> tuple[Array, Array]:
-        """The basis N (K, n, r) closest to the reference's, and ``S = Nᵀ N_ref`` (K, r, r),
-        symmetric."""
+        """Evaluate the basis N (K, n, r) closest to N_ref, and the symmetric ``S = Nᵀ N_ref``
+        (K, r, r)."""
         N = nullspace(J)
         alignment = np.swapaxes(N, -1, -2) @ self.N_reference
         if N.shape[-1] == 1:  # n̂ of (41), with det [J; n̂ᵀ] > 0: smooth wherever J has full rank
-            side = np.sign(np.linalg.det(np.concatenate([J, np.swapaxes(N, -1, -2)], axis=1)))[
-                :, None, None
-            ]
+            J_N = np.concatenate([J, np.swapaxes(N, -1, -2)], axis=1)
+            side = np.sign(np.linalg.det(J_N))[:, None, None]
             return N * side, alignment * side
         U, s, Vt = np.linalg.svd(alignment)
         if (s[:, -1] < 1e-9).any():
             at = ", ".join(f"{value:.3f}" for value in Q[int(np.argmin(s[:, -1]))])
             raise SingularityError(
-                f"the null space has turned by 90° from the extended Jacobian's reference at ({at})"
+                f"the null space is perpendicular to the extended Jacobian's reference at ({at})"
             )
         return N @ U @ Vt, np.einsum("Kar,Ka,Kas->Krs", Vt, s, Vt)
 
 
 class Posture:
-    """``U = ½ ‖q − posture‖²``."""
+    """Potential ``U = ½ ‖q − posture‖²``."""
 
     def __init__(self, posture: Array) -> None:
         self.posture = posture
@@ -151,12 +152,12 @@ class Posture:
         return Q - self.posture
 
     def hessians(self, Q: Array) -> Array:
-        """The identity: (K, n, n)."""
+        """Evaluate the identity: (K, n, n)."""
         return np.broadcast_to(np.eye(Q.shape[1]), (*Q.shape, Q.shape[1]))
 
 
 class Given:
-    """A user-defined function, with its own derivatives or numerical ones."""
+    """Potential U given as a function, with given or numerical derivatives."""
 
     def __init__(
         self,
@@ -200,6 +201,7 @@ def _checked(
     if array.shape != shape or not np.isfinite(array).all():
         at = ", ".join(f"{x:.3f}" for x in q)
         raise InputError(
-            f"the {what} of the potential U must be {shape or 'one'} finite numbers; at q = ({at}) it is not{why}"
+            f"the {what} of the potential U must be {shape or 'one'} finite numbers; "
+            f"at q = ({at}) it is not{why}"
         )
     return array

@@ -1,5 +1,4 @@
-"""Torque control on a leaf: an impedance for the hand, and a spring to the leaf that the hand does
-not feel."""
+"""Torque control on a leaf: impedance of the end effector, and a null-space spring to the leaf."""
 
 from __future__ import annotations
 
@@ -10,35 +9,37 @@ from numpy.typing import ArrayLike
 
 from ..arguments import Array, as_numbers, positive, require_type, shown, vector
 from ..errors import InputError, SingularityError
+from ..robot.formulas import Placement
 from ..threads import PerThread
 from .repeatable import RepeatableInverse
+from .strategy import described
 
 
 class LeafImpedance:
-    """Joint torques that hold the hand by a spring, and the joints on the leaf h(q) = c.
+    """Impedance control of the end effector, with a null-space spring to the leaf h(q) = c.
 
     ``τ = Jᵀ F + P V Λ_h (ω² (c − h) − 2 ζ_h ω Vᵀ q̇) + b(q, q̇)`` with ``F = K e + D (ẋ* − J q̇)``,
     ``P = I − Jᵀ J̄ᵀ``, ``J̄ = M⁻¹ Jᵀ Λ``, ``Λ = (J M⁻¹ Jᵀ)⁻¹``, ``Λ_h = (Vᵀ M⁻¹ P V)⁻¹``; b
-    balances gravity and the velocity terms. ``J M⁻¹ P = 0``: the second term does not move the hand
-    (Khatib). There is no home posture: this spring rests on the whole leaf, and does nothing while
-    the arm is on it. Beyond the paper.
+    compensates gravity and the velocity terms. ``J M⁻¹ P = 0``: the second term does not
+    accelerate the end effector (Khatib). There is no home posture: the null-space spring is relaxed
+    anywhere on the leaf, and only pulls the joints back to the leaf. Beyond the paper.
 
-    D is chosen so that the hand, with its own inertia Λ, has the same damping ratio in every
-    direction; the leaf responds with a single frequency, ``ḧ = ω² (c − h) − 2 ζ_h ω ḣ``, up to
-    terms in the squares of velocities.
+    D gives the end effector, with its inertia Λ, the same damping ratio in every direction. The
+    potentials respond with a single frequency, ``ḧ = ω² (c − h) − 2 ζ_h ω ḣ``, up to terms in the
+    squares of velocities.
 
     Parameters
     ----------
     inverse
-        A repeatable inverse, such as ``design.inverse``; its task moves the robot's own joints.
+        Repeatable inverse, such as ``design.inverse``, in the robot's own joints.
     stiffness : (float, float) or (m,) array
-        K: N/m for translations and Nm/rad for rotations; or one number per row of J.
+        Stiffness K: N/m for translations and Nm/rad for rotations; or one number per row of J.
     damping
-        ζ of the hand: 1 is critical.
+        Damping ratio ζ of the end effector; 1 is critical.
     leaf_frequency
-        ω, rad/s: how quickly the joints come back to the leaf.
+        Natural frequency ω of the return to the leaf, rad/s.
     leaf_damping
-        ζ_h: 1 is critical.
+        Damping ratio ζ_h of the return to the leaf; 1 is critical.
 
     Raises
     ------
@@ -48,7 +49,8 @@ class LeafImpedance:
     Examples
     --------
     >>> near = rp.Tube([panda.reference], 0.1)
-    >>> found = rp.nearest_repeatable(rp.Pseudoinverse(panda), None, near, degree=1, held_out=64)
+    >>> J_plus, options = rp.Pseudoinverse(panda), rp.FitOptions(held_out=64)
+    >>> found = rp.nearest_repeatable(J_plus, None, near, degree=1, options=options)
     >>> spring = rp.LeafImpedance(found.inverse, stiffness=(2000.0, 100.0))  # N/m and Nm/rad
     >>> q = np.array(panda.reference)
     >>> spring.torque(q, np.zeros(7), panda.placement(q), leaf=found.inverse.leaf(q)).shape  # Nm
@@ -70,7 +72,8 @@ class LeafImpedance:
         self.task = task = inverse.task
         if task.coordinates is not None:
             raise InputError(
-                "torques are those of the robot's own joints; design in them, without in_coordinates()"
+                "torques act on the robot's own joints, but the task is in other coordinates; "
+                "design without in_coordinates()"
             )
         linear, given = min(3, task.m), as_numbers(stiffness)
         pair = given is not None and given.shape == (2,) and task.m != 2
@@ -90,30 +93,33 @@ class LeafImpedance:
             np.linalg.cholesky(task.inertias(task.reference[None])[0])
         except np.linalg.LinAlgError:
             raise InputError(
-                f"a link of the chain to {task.frame!r} has no inertia; torques need one a joint"
+                f"a link of the chain to {task.frame!r} has no inertia; torques need one per joint"
             ) from None
+
+    def __repr__(self) -> str:
+        return described(self, self.task, f"leaf frequency {self.leaf_frequency:g} rad/s")
 
     def torque(
         self,
         q: ArrayLike,
         qdot: ArrayLike,
-        target: pin.SE3,
-        twist: Array | None = None,
+        target: Placement,
+        twist: ArrayLike | None = None,
         *,
         leaf: ArrayLike,
     ) -> Array:
-        """Choose the joint torques τ (n,), Nm or N.
+        """Compute the joint torques τ (n,), Nm or N.
 
         Parameters
         ----------
         q, qdot : (n,) arrays
             Joint positions and velocities, rad or m, and per second.
-        target
-            Where the frame should be.
+        target : pinocchio.SE3 or (4, 4) array
+            Desired placement of the frame.
         twist : (6,) array, optional
-            Velocity (v, ω) of the target, base axes; at rest by default.
+            Velocity (v, ω) of the target, base axes, m/s and rad/s; 0 by default.
         leaf : (r,) array
-            c, from ``inverse.leaf(q)`` at the start.
+            Level c, from ``inverse.leaf(q)`` at the start.
 
         Raises
         ------
@@ -133,12 +139,13 @@ class LeafImpedance:
             torque = self._torque(q, qdot, error, rate, c)
         if not np.isfinite(torque).all():
             raise InputError(
-                "the torque is not finite: a number of q, q̇, the target, the twist or leaf is too large"
+                "the torque is not finite: a number of q, q̇, the target, the twist or leaf "
+                "is too large"
             )
         return torque
 
     def _torque(self, q: Array, qdot: Array, error: Array, rate: Array, c: Array) -> Array:
-        """τ (n,) for a task error (m,) and the target's task velocity (m,); not finite where
+        """Compute τ (n,) from a task error (m,) and the target's task velocity (m,); not finite if
         numbers overflow."""
         task, potentials = self.task, self.inverse.potentials
         J, V, M = task.jacobian(q), potentials.gradient(q), task.inertias(q[None])[0]
@@ -160,7 +167,7 @@ class LeafImpedance:
         return J.T @ force + P_V @ (leaf_inertia @ pull) + self._balance(q, qdot)
 
     def _balance(self, q: Array, qdot: Array) -> Array:
-        """b (n,): what gravity and velocities ask of the joints; joints that mimic load those they
+        """Compute the torques b (n,) of gravity and velocities; mimic joints load those they
         follow."""
         drive, data, rest = self._drive, self._data.own, np.zeros(self._model.nv)
         if drive is None:
@@ -168,7 +175,7 @@ class LeafImpedance:
         return drive.S.T @ pin.rnea(self._model, data, drive.joints(q), drive.S @ qdot, rest)
 
     def _force(self, xdot: Array, inertia: Array, error: Array, rate: Array) -> Array:
-        """F (m,) of the hand's spring and damper, at the task velocity ẋ (m,)."""
+        """Compute the force F (m,) of the end effector's spring and damper at ẋ (m,)."""
         k, Q = scipy.linalg.eigh(self.stiffness, inertia)  # Qᵀ Λ Q = I, Qᵀ K Q = diag k
         D = inertia @ (Q * (2 * self.damping * np.sqrt(k))) @ Q.T @ inertia
         return self.stiffness @ error + D @ (rate - xdot)

@@ -1,4 +1,4 @@
-"""A weight for the weighted pseudoinverse that spares joints near their limits."""
+"""Weight for the weighted pseudoinverse that slows joints near their limits."""
 
 from __future__ import annotations
 
@@ -11,30 +11,31 @@ from ..robot.task import Task, require_task
 
 
 class LimitWeight:
-    r"""Weights that grow as a joint nears a limit, for ``WeightedInverse(task,
-    LimitWeight(task))``:
+    r"""Weights of the joint speeds that grow near joint limits, for
+    ``WeightedInverse(task, LimitWeight(task))``:
 
     .. math:: w_i = 1 + \text{gain} \sum_\mu \left( 1 + (\max(\mu, 0) / \rho_i)^2 \right)^{-2},
 
-    with μ the distances of q_i from its lower and upper limit, ρ_i = ``onset`` · half its range:
-    about 1 in the middle, 1 + gain at a limit and beyond, with a continuous slope; 1 for joints
-    without limits. An inverse near this one is near J⁺ and slow near limits: ``‖G − J⁺‖² + Σ_i (w_i
-    − 1) ‖e_iᵀ G‖²`` is, up to a constant, ``‖G − J⁺_M‖²_M`` with M = diag w.
+    with μ the distances of q_i from its lower and upper limit, and ρ_i = ``onset`` · half its
+    range. w_i is about 1 in the middle of the range and 1 + gain at a limit and beyond, with a
+    continuous slope; it is 1 for joints without limits. An inverse near this one is near J⁺ and
+    slow near limits: ``‖G − J⁺‖² + Σ_i (w_i − 1) ‖e_iᵀ G‖²`` is, up to a constant,
+    ``‖G − J⁺_M‖²_M`` with M = diag w.
 
     Parameters
     ----------
     task
-        The task whose limits are used.
+        Task whose joint limits are used.
     gain : float
-        How strongly joints are slowed; 0 gives the plain pseudoinverse.
+        Additional weight at a limit; 0 gives the plain pseudoinverse.
     onset : float
-        How far from a limit this begins, as a share of half the joint's range.
+        Distance from a limit at which the weight rises, as a share of half the joint's range.
 
     Raises
     ------
     InputError
-        If the gain is negative, the onset not above 0, or the task's coordinates mix joints, so
-        that no weight on a coordinate slows a single joint.
+        If the gain is negative, the onset is not above 0, or a coordinate of the task moves
+        several joints.
 
     Examples
     --------
@@ -47,12 +48,15 @@ class LimitWeight:
     def __init__(self, task: Task, gain: float = 1.0, onset: float = 0.1) -> None:
         if (np.count_nonzero(require_task(task).coordinate_matrix, axis=1) > 1).any():
             raise InputError(
-                "a limit weight needs one joint for every coordinate, but q = T ψ of this task mixes joints; "
-                "take the task without in_coordinates"
+                "a limit weight needs one joint for every coordinate, "
+                "but q = T ψ of this task mixes joints; take the task without in_coordinates"
             )
         self.lower, self.upper, self.n = np.array(task.lower), np.array(task.upper), task.n
         self.gain = positive(gain, "the gain of a limit weight", zero=True)
         self.onset = positive(onset, "the onset of a limit weight")
+
+    def __repr__(self) -> str:
+        return f"<LimitWeight of {self.n} joints: gain {self.gain:g}, onset {self.onset:g}>"
 
     def __call__(self, q: ArrayLike) -> Array:
         """Evaluate the weights (n,)."""

@@ -1,4 +1,4 @@
-"""What the strategies that are compared everywhere are called."""
+"""Names and labels of the strategies that a study compares."""
 
 LABELS = {
     "pseudoinverse": "J⁺",
@@ -6,7 +6,7 @@ LABELS = {
     "posture_off": "J⁺ + other posture",
     "repeatable": "nearest repeatable",
 }
-"""By the names they have in files, what people call them."""
+"""Label of each strategy, by its name in files."""
 
 KEYS = {label: key for key, label in LABELS.items()}
-"""And back."""
+"""Name in files of each strategy, by its label."""

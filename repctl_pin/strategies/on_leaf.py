@@ -1,5 +1,4 @@
-"""The inverse kinematic function q = F(x; c) of Baker and Wampler on a leaf h(q) = c of a
-repeatable inverse."""
+"""Inverse kinematic function q = F(x; c) of Baker and Wampler on a leaf of a repeatable inverse."""
 
 from __future__ import annotations
 
@@ -10,13 +9,14 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, list_of, require_type, vector
+from ..arguments import Array, list_of, vector
 from ..errors import InputError, SingularityError
 from ..potentials.basis import Potentials
 from ..redundancy.augmented import leaf_margin
 from ..redundancy.inverses import inverse_condition_number
 from ..redundancy.nullspace import nullspace
-from ..robot.formulas import axis_turn
+from ..robot.formulas import Placement, as_placement, axis_turn
+from ..solvers import newton
 from .strategy import OnLeaves
 
 
@@ -29,52 +29,52 @@ class WithPotentials(OnLeaves, Protocol):
 
 
 _STEP = 0.3
-"""Longest Newton step of any joint, rad or m, that is trusted."""
+"""Longest first Newton step of any joint, rad or m."""
 
 _SHORTEST = 2.0**-10
-"""Part of the way that is given up on."""
+"""Shortest part of the path that is tried at once."""
 
 _ITERATIONS = 8
+_CONTRACTION = 0.7
 _NEAR, _EXACT = 1e-6, 1e-12
 
 
 def solve(
-    inverse: WithPotentials, target: pin.SE3, q0: ArrayLike, leaf: ArrayLike | None = None
+    inverse: WithPotentials, target: Placement, q0: ArrayLike, leaf: ArrayLike | None = None
 ) -> Array:
-    """Evaluate q = F(x; c): Newton's method on ``[x − f(q); c − h(q)] = 0``, led along a way from
-    q0.
+    """Evaluate q = F(x; c) by Newton's method on ``[x − f(q); c − h(q)] = 0`` along a path from q0.
 
-    The way is a straight one for the frame (turned about one axis) and for c. Where Newton's method
-    does not converge within short steps, or ``det J_V`` changes sign, half as much of it is tried
-    at once. So q stays on the sheet of solutions that q0 lies on; joint limits are not looked at.
+    The path is straight for the frame, with a rotation about one axis, and for c. Where Newton's
+    method does not converge with short steps, or ``det J_V`` changes sign, half as much of it is
+    tried at once. So q stays on the sheet of solutions of q0. Joint limits are not checked.
 
     Parameters
     ----------
     inverse
-        Whose leaf.
+        The repeatable inverse.
     target
         x.
     q0 : (n,) array
-        Where to start.
+        Initial configuration.
     leaf : (r,) array, optional
         c; by default h(q0).
 
     Returns
     -------
     (n,) array
-        With both errors below 1e-12.
+        Configuration with both errors below 1e-12.
 
     Raises
     ------
     InputError
-        If the leaf reaches no such target from there; the message says how far it got, and what
-        ended it.
+        If the target cannot be reached on the leaf; the message gives the share of the path that
+        was followed, and the cause.
     SingularityError
-        If q0 itself is singular.
+        If q0 is singular.
     """
     task = inverse.task
     q = vector(q0, task.n, "q0")
-    require_type(target, pin.SE3, "the target", "a placement (pinocchio.SE3)")
+    target = as_placement(target, "the target")
     if not np.isfinite(target.homogeneous).all():
         raise InputError("the target must be finite numbers, m and a rotation")
     c_start = inverse.potentials.value(q)
@@ -102,7 +102,7 @@ def solve(
 
 def solve_all(
     inverse: WithPotentials,
-    targets: Sequence[pin.SE3],
+    targets: Sequence[Placement],
     q0: ArrayLike,
     leaf: ArrayLike | None = None,
 ) -> Array:
@@ -111,9 +111,9 @@ def solve_all(
     Raises
     ------
     InputError
-        If a target is out of reach; it is named by its number, counted from 0.
+        If a target cannot be reached; it is named by its number, from 0.
     """
-    targets = list_of(targets, "targets", "a list of placements (pinocchio.SE3)")
+    targets = list_of(targets, "targets", "a list of placements")
     Q = np.empty((len(targets), inverse.task.n))
     for k, target in enumerate(targets):
         try:
@@ -126,33 +126,32 @@ def solve_all(
 def _newton(
     inverse: WithPotentials, q: Array, target: pin.SE3, c: Array, tolerance: float
 ) -> Array | None:
-    """Iterate to the target; None where the steps are long or do not shrink."""
-    last = _STEP
-    for _ in range(_ITERATIONS):
-        try:
-            following = inverse.step(q, target, 1.0, leaf=c)
-        except SingularityError:
-            return None
-        size = float(np.abs(following - q).max())
-        if not size <= last:
-            # At rounding level a step no longer shrinks: that is as exact as it gets.
-            return following if size < 1e-13 else None
-        q = following
-        if size < tolerance:
-            return q
-        last = max(0.7 * size, 1e-14)
-    return None
+    """Solve ``[x − f(q); c − h(q)] = 0`` near q; None where the steps are long or do not shrink."""
+
+    def correction(q: Array) -> Array:
+        return inverse.step(q, target, 1.0, leaf=c) - q
+
+    try:
+        return newton(
+            correction,
+            q,
+            longest=_STEP,
+            tolerance=tolerance,
+            iterations=_ITERATIONS,
+            contraction=_CONTRACTION,
+        )
+    except SingularityError:
+        return None
 
 
 def _side(inverse: WithPotentials, q: Array) -> int:
-    """The sign of det J_V."""
+    """Evaluate the sign of det J_V."""
     J_V = np.vstack([inverse.task.jacobian(q), inverse.potentials.gradient(q).T])
     return int(np.sign(np.linalg.det(J_V)))
 
 
 def _turn(kind: str, start: pin.SE3, target: pin.SE3) -> Array:
-    """The rotation vector (3,), base axes, of the way from start to target; 0 where the task has no
-    axis."""
+    """Evaluate the rotation vector (3,), base axes, from start to target; 0 without orientation."""
     if kind == "pose":
         return pin.log3(target.rotation @ start.rotation.T)
     if kind == "axis":
@@ -161,12 +160,13 @@ def _turn(kind: str, start: pin.SE3, target: pin.SE3) -> Array:
 
 
 def _between(start: pin.SE3, target: pin.SE3, turn: Array, s: float) -> pin.SE3:
+    """Interpolate the placement at the share s of the path."""
     p = start.translation + s * (target.translation - start.translation)
     return pin.SE3(pin.exp3(s * turn) @ start.rotation, p)
 
 
 def _unreached(inverse: WithPotentials, target: pin.SE3, q: Array, done: float) -> InputError:
-    """Say why a leaf does not reach a target."""
+    """Make the error for a target that cannot be reached on the leaf."""
     task = inverse.task
     where = np.array2string(np.asarray(target.translation), precision=3, separator=", ")
     J = task.jacobian(q)
@@ -176,6 +176,6 @@ def _unreached(inverse: WithPotentials, target: pin.SE3, q: Array, done: float) 
         clear = float(leaf_margin(nullspace(J), inverse.potentials.gradient(q)))
         why = f"the leaf margin of the control is {clear:.2g} there"
     return InputError(
-        f"{task.frame!r} cannot reach {where} m on this leaf: the way ends at {done:.0%} ({why}); "
+        f"{task.frame!r} cannot reach {where} m on this leaf: the path ends at {done:.0%} ({why}); "
         "move the target nearer, or start from another leaf"
     )

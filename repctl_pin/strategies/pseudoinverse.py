@@ -1,21 +1,18 @@
-"""The pseudoinverse J⁺, the weighted J⁺_M, and J⁺ with a posture held in the null space: what most
-arms run."""
+"""The pseudoinverse J⁺, the weighted J⁺_M, and J⁺ with a posture task in the null space."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
 from math import inf, prod
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
-from numpy import ndarray
 from numpy.typing import ArrayLike
 from scipy.linalg.blas import ddot
 from scipy.linalg.lapack import dposv
 
 from ..arguments import (
-    FLOAT,
     Array,
     as_configurations,
     as_matrices,
@@ -29,21 +26,22 @@ from ..redundancy.inverses import pseudoinverse, weighted_pseudoinverse
 from ..robot.fast_kinematics import in_place
 from ..robot.task import Task, own_task
 from ..threads import PerThread
-from .control_step import failure
+from .fast_loop import checked_velocity, failure
+from .strategy import described
 
 _WELL_CONDITIONED = 1e-2
-"""Sine of the least angle of a row of J to the span of the others above which J Jᵀ serves."""
+"""Minimum sine of the angle between a row of J and the span of the others for solving J Jᵀ."""
 
 
 class Pseudoinverse:
-    """Least joint speed: ``q̇ = J⁺ ẋ``, ``J⁺ = Jᵀ (J Jᵀ)⁻¹``. In general not repeatable.
+    """Minimum joint speed: ``q̇ = J⁺ ẋ``, ``J⁺ = Jᵀ (J Jᵀ)⁻¹``. In general not repeatable.
 
     Raises
     ------
     InputError
         If the task has fewer joints than coordinates.
     SingularityError
-        If it is evaluated at a singularity of J.
+        If J is singular where it is evaluated.
 
     Examples
     --------
@@ -58,23 +56,26 @@ class Pseudoinverse:
         self.task = redundant(task)
         self._quick = PerThread(partial(least_speed, self.task))
 
+    def __repr__(self) -> str:
+        return described(self, self.task)
+
     def __call__(self, q: ArrayLike) -> Array:
         """Evaluate J⁺ (n, m)."""
         return pseudoinverse(self.task.jacobian(q))
 
-    def batch(self, Q: ArrayLike, J: Array | None = None) -> Array:
+    def batch(self, Q: ArrayLike, J: ArrayLike | None = None) -> Array:
         """Evaluate J⁺ at every row of Q (K, n): (K, n, m)."""
         return pseudoinverse(at_rows(self.task, Q, J)[1])
 
-    def velocity(self, q: Array, xdot: Array) -> Array:
-        """Choose ``q̇ = Jᵀ (J Jᵀ)⁻¹ ẋ`` (n,).
+    def velocity(self, q: ArrayLike, xdot: ArrayLike) -> Array:
+        """Compute ``q̇ = Jᵀ (J Jᵀ)⁻¹ ẋ`` (n,).
 
         Raises
         ------
         InputError
             If a size is wrong or a number not finite.
         SingularityError
-            Where J loses rank.
+            If J loses rank at q.
         """
         return self._quick.own(q, xdot)
 
@@ -83,7 +84,7 @@ class Pseudoinverse:
 
 
 class WeightedInverse:
-    """Least weighted joint speed: ``q̇ = J⁺_M ẋ`` minimises ``q̇ᵀ M q̇``.
+    """Minimum weighted joint speed: ``q̇ = J⁺_M ẋ`` minimises ``q̇ᵀ M q̇``.
 
     Parameters
     ----------
@@ -91,12 +92,12 @@ class WeightedInverse:
         The task to control.
     weight
         M: n positive numbers (one per joint), a positive definite (n, n) matrix, a function of q
-        that returns one, or ``"inertia"`` for the joint-space inertia (least kinetic energy).
+        that returns either, or ``"inertia"`` for the joint-space inertia (minimum kinetic energy).
 
     Raises
     ------
     InputError
-        If the weight is none of these.
+        If the weight is none of these, or not positive.
 
     Examples
     --------
@@ -105,7 +106,11 @@ class WeightedInverse:
     True
     """
 
-    def __init__(self, task: Task, weight: ArrayLike | Callable[[Array], ArrayLike] | str) -> None:
+    def __init__(
+        self,
+        task: Task,
+        weight: Literal["inertia"] | ArrayLike | Callable[[Array], ArrayLike],
+    ) -> None:
         self.task = redundant(task)
         if isinstance(weight, str) and weight != "inertia":
             raise InputError(
@@ -118,18 +123,24 @@ class WeightedInverse:
             weight if isinstance(weight, str) or callable(weight) else _positive(weight, n)
         )
 
+    def __repr__(self) -> str:
+        if isinstance(self.weight, str):
+            return described(self, self.task, "weight 'inertia'")
+        return described(
+            self, self.task, "weight a function of q" if callable(self.weight) else "constant M"
+        )
+
     def __call__(self, q: ArrayLike) -> Array:
         """Evaluate J⁺_M (n, m)."""
         return self.batch(vector(q, self.task.n, "q")[None])[0]
 
-    def batch(self, Q: ArrayLike, J: Array | None = None) -> Array:
+    def batch(self, Q: ArrayLike, J: ArrayLike | None = None) -> Array:
         """Evaluate J⁺_M at every row of Q (K, n): (K, n, m)."""
         Q, J = at_rows(self.task, Q, J)
         return weighted_pseudoinverse(J, self._weights(Q))
 
     def _weights(self, Q: Array) -> Array:
-        """Evaluate M at every row of Q (K, n): (K, n, n), or (n, n) where it is the same
-        everywhere."""
+        """Evaluate M at every row of Q (K, n): (K, n, n), or (n, n) if it is constant."""
         if isinstance(self.weight, str):
             return self.task.inertias(Q)
         if callable(self.weight):
@@ -137,47 +148,42 @@ class WeightedInverse:
         return np.asarray(self.weight)
 
     def velocity(self, q: ArrayLike, xdot: ArrayLike) -> Array:
-        """Choose ``q̇ = J⁺_M ẋ`` (n,)."""
+        """Compute ``q̇ = J⁺_M ẋ`` (n,)."""
         return self(q) @ vector(xdot, self.task.m, "ẋ", "m/s and rad/s")
 
 
 def least_speed(
-    task: Task, pull: Callable[[Array], Array] | None = None
-) -> Callable[[Array, Array], Array]:
-    """Make the quick ``q̇ = z + J⁺ (ẋ − J z)``, ``J⁺ = Jᵀ (J Jᵀ)⁻¹``: closures and BLAS, see
-    :mod:`control_step`.
+    task: Task, attraction: Callable[[Array], Array] | None = None
+) -> Callable[..., Array]:
+    """Make the fast function ``q̇ = z + J⁺ (ẋ − J z)``, ``J⁺ = Jᵀ (J Jᵀ)⁻¹``, of q and ẋ.
+
+    A closure over preallocated memory and BLAS, see :mod:`repctl_pin.strategies.fast_loop`.
 
     Parameters
     ----------
     task
-        What is controlled.
-    pull : function q (n,) → z (n,), optional
-        The joint velocity to come near to; by default 0, and ``q̇ = J⁺ ẋ``.
+        Task to control.
+    attraction : function q (n,) → z (n,), optional
+        Desired joint velocity z; 0 by default, so that ``q̇ = J⁺ ẋ``.
     """
     m, n = task.m, task.n
-    of_joints, of_task = (n,), (m,)
     J, rhs, gram = np.zeros((m, n)), np.zeros(m), np.empty((m, m))
     multiply, J_T, gram_T, pivots = J.dot, J.T, gram.T, gram.ravel()[:: m + 1]
     jacobian = in_place(task, J, rhs).jacobian
     tolerance = _WELL_CONDITIONED**2
 
     def velocity(q: Array, xdot: Array) -> Array:
-        if not (type(q) is ndarray and q.dtype is FLOAT and q.shape == of_joints):
-            q = vector(q, n, "q")
-        if not (type(xdot) is ndarray and xdot.dtype is FLOAT and xdot.shape == of_task):
-            xdot = vector(xdot, m, "ẋ", "m/s and rad/s")
         jacobian(q)
         rhs[:] = xdot
-        z = None if pull is None else pull(q)
+        z = None if attraction is None else attraction(q)
         if z is not None:
             rhs[:] -= multiply(z)
         multiply(J_T, gram)
-        squares = prod(pivots.tolist())  # of the rows' norms, whatever their units
+        squares = prod(pivots.tolist())  # ∏ ‖row‖²: free of the rows' units
         _, y, info = dposv(gram_T, rhs, 0, 1)
-        # The pivots p of J Jᵀ = L Lᵀ: ∏ p ≤ sin θ ∏ ‖row‖, θ the least angle of a row to the span
-        # of the others. NaN
-        # fails it, in ẋ the second test. Near a singularity J Jᵀ, which squares the condition of J,
-        # will not do.
+        # The pivots p of J Jᵀ = L Lᵀ satisfy ∏ p ≤ sin θ ∏ ‖row‖, θ the smallest angle between a
+        # row and the span of the others. NaN in q fails the first test, NaN in ẋ the second.
+        # Near a singularity J Jᵀ, which squares the condition number of J, is not accurate enough.
         if not info and prod(pivots.tolist()) ** 2 > tolerance * squares and ddot(y, y) < inf:
             return y.dot(J) if z is None else z + y.dot(J)
         if not (np.isfinite(q).all() and np.isfinite(xdot).all()):
@@ -188,11 +194,11 @@ def least_speed(
         except (SingularityError, np.linalg.LinAlgError) as error:
             raise failure(task, q, xdot, str(error)) from None
 
-    return velocity
+    return checked_velocity(n, m, velocity)
 
 
 def _positive(weight: ArrayLike, n: int) -> Array:
-    """Check a weight: n numbers or an (n, n) symmetric positive definite matrix."""
+    """Check a weight, n numbers or a symmetric positive definite (n, n) matrix: (n, n)."""
     M = as_numbers(weight)
     if M is None:
         raise InputError(
@@ -209,7 +215,7 @@ def _positive(weight: ArrayLike, n: int) -> Array:
 
 
 def _check_inertia(task: Task) -> None:
-    """Refuse the inertia as a weight where a joint moves nothing that has any."""
+    """Refuse the inertia as a weight if a joint moves no mass."""
     own = np.diagonal(task.inertias(task.reference[None])[0])
     light = own <= 1e-12 * own.max()
     if light.any():
@@ -220,67 +226,72 @@ def _check_inertia(task: Task) -> None:
             else ""
         )
         raise InputError(
-            f"nothing that {name} moves has a mass or an inertia, so there is no 'inertia' weight{link}"
+            f"nothing that {name} moves has a mass or an inertia, "
+            f"so there is no 'inertia' weight{link}"
         )
 
 
-def at_rows(task: Task, Q: ArrayLike, J: Array | None) -> tuple[Array, Array]:
-    """Take configurations Q (K, n), and J (K, m, n) there where it is at hand already."""
+def at_rows(task: Task, Q: ArrayLike, J: ArrayLike | None) -> tuple[Array, Array]:
+    """Take configurations Q (K, n), and evaluate J (K, m, n) there unless it is given."""
     Q = as_configurations(Q, task.n, "batch()")
     if J is None:
         return Q, task.jacobians(Q)
-    (J,) = as_matrices(("J", J, f"{len(Q)} {task.m} {task.n}"), exact=True)
-    return Q, J
+    (stacked,) = as_matrices(("J", J, f"{len(Q)} {task.m} {task.n}"), exact=True)
+    return Q, stacked
 
 
 def redundant(value: Any) -> Task:
-    """Take a task for oneself, see :func:`own_task`; one with fewer joints than coordinates has no
-    right inverse."""
+    """Copy a task, see :func:`own_task`; refuse fewer joints than coordinates, r < 0."""
     task = own_task(value)
     if task.r < 0:
         raise InputError(
-            f"{task.frame!r} is moved by {task.n} joints, too few for a {task.kind} task (m = {task.m})"
+            f"{task.frame!r} is moved by {task.n} joints, "
+            f"too few for a {task.kind} task (m = {task.m})"
         )
     return task
 
 
 class PostureControl:
-    """``q̇ = J⁺ ẋ + (I − J⁺ J) K (q_p − q)``: track, and pull towards a posture in the null space.
+    """Pseudoinverse with null-space attraction to a posture.
 
-    Cycles close after a while if it starts on the posture. Started elsewhere it first moves there:
-    in a jump with a high gain, slowly with a low one.
+    ``q̇ = J⁺ ẋ + (I − J⁺ J) K (q_p − q)``. Started at the posture, the motion converges to a closed
+    cycle. Started elsewhere, the arm first moves to the posture: abruptly with a high gain, slowly
+    with a low one.
 
     Parameters
     ----------
     task
         The task to control.
     posture : (n,) array
-        q_p, the posture to hold, rad (m for sliding joints).
+        Posture q_p, rad (m for prismatic joints).
     gain : float
-        K in 1/s.
+        Gain K, 1/s.
 
     Raises
     ------
     InputError
-        If the posture has not n numbers, or the gain is negative.
+        If the posture is not n finite numbers, or the gain is negative.
 
     Examples
     --------
     >>> hold = rp.PostureControl(task, q0, gain=2.0)  # 1/s
-    >>> hold.velocity(q0 + 0.1, [0.0, 0.0]).round(3)  # rad/s: back to the posture, the tool at rest
+    >>> hold.velocity(q0 + 0.1, [0.0, 0.0]).round(3)  # rad/s: to the posture, with the tool at rest
     array([-0.018,  0.041, -0.041])
     """
 
     def __init__(self, task: Task, posture: ArrayLike, gain: float = 1.0) -> None:
         self.task, self.posture = redundant(task), vector(posture, task.n, "a posture")
         self.gain = positive(gain, "the gain of a posture", "1/s", zero=True)
-        self._quick = PerThread(partial(least_speed, self.task, self._pull))
+        self._quick = PerThread(partial(least_speed, self.task, self._attraction))
 
-    def velocity(self, q: Array, xdot: Array) -> Array:
-        """Choose q̇ (n,) for a task velocity ẋ (m,)."""
+    def __repr__(self) -> str:
+        return described(self, self.task, f"gain {self.gain:g} 1/s")
+
+    def velocity(self, q: ArrayLike, xdot: ArrayLike) -> Array:
+        """Compute q̇ (n,) for a task velocity ẋ (m,)."""
         return self._quick.own(q, xdot)
 
-    def _pull(self, q: Array) -> Array:
+    def _attraction(self, q: Array) -> Array:
         return self.gain * (self.posture - q)
 
     def __reduce__(self) -> tuple[Any, ...]:

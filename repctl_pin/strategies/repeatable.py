@@ -1,12 +1,12 @@
-"""A repeatable inverse: the motions of G_r keep h(q) constant, so every closed path closes."""
+"""A repeatable inverse G_r: its motions keep h(q) constant, so every closed path ends in the
+configuration it began in."""
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Literal, Protocol, get_args, runtime_checkable
 
-import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from ..arguments import (
@@ -21,22 +21,27 @@ from ..arguments import (
 from ..errors import InputError
 from ..potentials.basis import Potentials, check_joints
 from ..redundancy.augmented import augmented_inverse
+from ..robot.formulas import Placement
 from ..robot.task import Task
 from ..threads import PerThread
-from .control_step import Loop, python_loops
+from .control_step import python_loops
+from .fast_loop import Loop
 from .on_leaf import solve, solve_all
 from .pseudoinverse import at_rows, redundant
+from .strategy import Step, described
 
-_GUARDS = ("ignore", "warn", "raise")
+Outside = Literal["ignore", "warn", "raise"]
+"""Action outside the design region Ω, or beyond joint limits."""
+
+_ACTIONS = get_args(Outside)
 
 _EDGE = 1e-9
-"""How far beyond 1 the scaled distance from the middle of Ω still counts as inside: rounding of
-f(q)."""
+"""Tolerance of ``region.ratio(q) <= 1``: rounding of f(q)."""
 
 
 @runtime_checkable
 class Bounded(Protocol):
-    """What tells whether configurations lie in it: all that is asked of Ω here."""
+    """A region of joint space that can tell how far inside or outside configurations lie."""
 
     def ratio(self, Q: Array) -> Array:
         """Factor by which the region would have to be scaled for each row of Q to lie on its
@@ -49,7 +54,7 @@ class Bounded(Protocol):
 class RepeatableInverse:
     """``q̇ = G_r ẋ`` with G_r the first m columns of ``[J; Vᵀ]⁻¹`` (31), (37), ``V = ∂hᵀ/∂q``.
 
-    Any number of threads may call it, each for an arm of its own.
+    Several threads may use one object at the same time.
 
     Parameters
     ----------
@@ -58,21 +63,21 @@ class RepeatableInverse:
     potentials
         r potentials h; their common level sets are the leaves on which the motion stays.
     region
-        Ω, for which it was designed: what ``outside`` checks.
+        Design region Ω, which ``outside`` checks.
     loops
-        Makes what makes the fast functions of the control loop, once in each thread;
+        Factory of the fast functions of the control loop, called once per thread;
         :func:`repctl_pin.codegen.compiled` has them in C.
 
     Raises
     ------
     InputError
-        If the potentials are for another number of joints, or, when evaluated, are not r.
+        If the potentials are for another number of joints, or their number is not r.
     SingularityError
         If J_V is singular where it is evaluated.
 
     Examples
     --------
-    >>> control = rp.RepeatableInverse(task, design.inverse.potentials)  # what design.inverse is
+    >>> control = rp.RepeatableInverse(task, design.inverse.potentials)  # equal to design.inverse
     >>> leaf = control.leaf(q0)  # c = h(q), (r,)
     >>> q = control.step(q0, task.placement(q0 + 0.01), dt=0.01, leaf=leaf)
     >>> np.allclose(control.leaf(q), leaf, atol=1e-4)
@@ -98,16 +103,9 @@ class RepeatableInverse:
         check_joints(potentials, self.task.n)
         self._loops, self._loop = loops, PerThread(loops(self.task, potentials))
 
-    @property
-    def damping(self) -> float:
-        """λ that the last :meth:`step` with damping used in this thread; 0 if it solved exactly."""
-        return self._loop.own.damping
-
-    @property
-    def slowed(self) -> float:
-        """The factor by which the last :meth:`step` with a limit was scaled down in this thread; 1
-        if it was not."""
-        return self._loop.own.slowed
+    def __repr__(self) -> str:
+        r = self.task.r
+        return described(self, self.task, f"{r} potential{'s' if r != 1 else ''}")
 
     # ---- the inverse -----------------------------------------------------------------------------
 
@@ -118,7 +116,7 @@ class RepeatableInverse:
             :, : self.task.m
         ]
 
-    def batch(self, Q: ArrayLike, J: Array | None = None) -> Array:
+    def batch(self, Q: ArrayLike, J: ArrayLike | None = None) -> Array:
         """Evaluate G_r at every row of Q (K, n): (K, n, m)."""
         if self._loop.own.inverses is not None:
             return self._loop.own.inverses(as_configurations(Q, self.task.n, "batch()"))
@@ -127,14 +125,14 @@ class RepeatableInverse:
 
     # ---- the control loop ------------------------------------------------------------------------
 
-    def velocity(self, q: Array, xdot: Array, *, outside: str = "ignore") -> Array:
-        """Choose q̇ (n,) with ``J q̇ = ẋ`` and ``Vᵀ q̇ = 0``.
+    def velocity(self, q: ArrayLike, xdot: ArrayLike, *, outside: Outside = "ignore") -> Array:
+        """Compute q̇ (n,) with ``J q̇ = ẋ`` and ``Vᵀ q̇ = 0``.
 
         Parameters
         ----------
         q, xdot : (n,), (m,) arrays
         outside
-            What to do if q lies outside Ω, or a joint is beyond its limits: see :meth:`step`.
+            Action if q lies outside Ω or a joint beyond its limits, see :meth:`step`.
 
         Raises
         ------
@@ -144,12 +142,12 @@ class RepeatableInverse:
             If J_V is singular.
         """
         if outside != "ignore":
-            self._guard(q, outside)
+            self._check_region(q, outside)
             self._check_limits(q, "q", outside)
         return self._loop.own.velocity(q, xdot)
 
     def velocities(self, Q: ArrayLike, Xdot: ArrayLike) -> Array:
-        """Choose q̇ for every row of Q (K, n) and of Ẋ (K, m): (K, n)."""
+        """Compute q̇ for every row of Q (K, n) and of Ẋ (K, m): (K, n)."""
         Q = as_configurations(Q, self.task.n, "velocities()")
         (Xdot,) = as_matrices(("Ẋ", Xdot, f"{len(Q)} {self.task.m}"), exact=True)
         if self._loop.own.velocities is not None:
@@ -158,47 +156,47 @@ class RepeatableInverse:
 
     def step(
         self,
-        q: Array,
-        target: pin.SE3,
+        q: ArrayLike,
+        target: Placement,
         dt: float,
-        twist: Array | None = None,
+        twist: ArrayLike | None = None,
         *,
-        leaf: Array | None = None,
+        leaf: ArrayLike | None = None,
         gain: float | None = None,
         velocity_limit: ArrayLike | None = None,
         damping: float = 0.0,
-        outside: str = "ignore",
+        outside: Outside = "ignore",
     ) -> Array:
         """Take the next q (n,) of a control loop: feed-forward, and feedback of both errors.
 
         ``q + J_V⁻¹ (dt [ẋ; 0] + K dt [x − f(q); c − h(q)])``, beyond the paper: the leaf lock. Only
-        the result is allocated; nothing has changed if it raises.
+        the result is allocated. The control holds no state: a step that raises changes nothing.
 
         Parameters
         ----------
         q : (n,) array
-            The joints, measured or commanded.
-        target
-            Where the frame should be; without ``twist``: at the end of the step; with ``twist``:
-            now.
+            Configuration, measured or commanded.
+        target : pinocchio.SE3 or (4, 4) array
+            Desired placement of the frame: with ``twist`` now, without it at the end of the step.
         dt
-            Time of the step, s.
+            Duration of the step, s.
         twist : (6,) array, optional
             Velocity (v, ω) of the target, base axes, m/s and rad/s.
         leaf : (r,) array, optional
             c, from :meth:`leaf` at the start; without it, h is held at its present value.
         gain
-            K, 1/s; by default 1 / dt, a whole Newton step.
+            Feedback gain K, 1/s; by default 1 / dt, a full Newton step.
         velocity_limit : float or (n,) array, optional
-            Joint speeds that are not exceeded, rad/s or m/s: first the return to the leaf is slowed
-            down, then, if that is not enough, the whole step. See :attr:`slowed`.
+            Joint speed limits, rad/s or m/s. The return to the leaf is slowed down first, then the
+            whole step. :meth:`damped_step` reports the factor.
         damping
-            λ_max of the damping near singularities, in the units of J; 0 raises there instead. A
-            damped step is at most ``‖error‖ / (√3 λ_max)`` long. See :attr:`damping`.
+            Maximum damping λ_max near singularities, in the units of J; with 0, SingularityError is
+            raised instead. A damped step is at most ``‖error‖ / (√3 λ_max)`` long.
+            :meth:`damped_step` reports λ.
         outside
-            What to do if q lies outside Ω, for which nothing was designed, or the next q would lie
-            beyond the joint limits: ``ignore``, ``warn``, or ``raise`` (InputError). Checking takes
-            as long as one or two steps for a box, five for a cell; ignoring costs nothing.
+            Action if q lies outside the design region Ω, or the next q beyond the joint limits:
+            ``"ignore"``, ``"warn"``, or ``"raise"`` (an InputError). The check takes as long as one
+            or two steps for a box, five for a cell; ``"ignore"`` takes no time.
 
         Raises
         ------
@@ -208,81 +206,106 @@ class RepeatableInverse:
             If J_V is singular and there is no damping.
         """
         if outside != "ignore":
-            self._guard(q, outside)
-            following = self.step(
-                q,
-                target,
-                dt,
-                twist,
-                leaf=leaf,
-                gain=gain,
-                velocity_limit=velocity_limit,
-                damping=damping,
-            )
-            self._check_limits(following, "the next q", outside)
-            return following
+            self._check_region(q, outside)
         loop = self._loop.own
         if velocity_limit is None and type(damping) is float and not damping:
-            return loop.step(q, target, dt, twist, leaf, gain)
-        following, loop.damping, loop.slowed = loop.bounded(
-            q, target, dt, twist, leaf, gain, velocity_limit, damping
-        )
+            following = loop.step(q, target, dt, twist, leaf, gain)
+        else:
+            bounded = loop.bounded(q, target, dt, twist, leaf, gain, velocity_limit, damping)
+            following = bounded[0]
+        if outside != "ignore":
+            self._check_limits(following, "the next q", outside)
         return following
 
-    def _guard(self, q: ArrayLike, outside: str) -> None:
+    def damped_step(
+        self,
+        q: ArrayLike,
+        target: Placement,
+        dt: float,
+        twist: ArrayLike | None = None,
+        *,
+        leaf: ArrayLike | None = None,
+        gain: float | None = None,
+        velocity_limit: ArrayLike | None = None,
+        damping: float = 0.0,
+        outside: Outside = "ignore",
+    ) -> Step:
+        """Take the step of :meth:`step`, and report its damping and its scale.
+
+        Returns
+        -------
+        Step
+            ``q``, the ``damping`` λ that was used, and ``slowed``, the factor by which the step was
+            scaled down to the speed limits.
+
+        Examples
+        --------
+        >>> control = design.inverse
+        >>> target = task.placement(q0 + 0.01)
+        >>> step = control.damped_step(q0, target, dt=0.01, velocity_limit=0.1)  # rad/s
+        >>> bool(step.slowed < 1 and np.abs(step.q - q0).max() <= 0.001001), step.damping
+        (True, 0.0)
+        """
+        if outside != "ignore":
+            self._check_region(q, outside)
+        loop = self._loop.own
+        step = Step(*loop.bounded(q, target, dt, twist, leaf, gain, velocity_limit, damping))
+        if outside != "ignore":
+            self._check_limits(step.q, "the next q", outside)
+        return step
+
+    def _check_region(self, q: ArrayLike, outside: str) -> None:
         """Warn or raise where q lies outside Ω."""
-        require_choice(outside, _GUARDS, "way to treat what is outside Ω")
+        require_choice(outside, _ACTIONS, "action outside Ω")
         if self.region is None:
             raise InputError(
-                "outside= requires a region: use design.inverse, or pass region= to RepeatableInverse"
+                "outside= requires a region: use design.inverse, "
+                "or pass region= to RepeatableInverse"
             )
         q = vector(q, self.task.n, "q")
         ratio = float(self.region.ratio(q[None])[0])
         if ratio > 1 + _EDGE:
             scaled = f"scaled distance {ratio:.3g}; the boundary is at 1"
-            _tell(f"q = {row(q)} is outside Ω ({scaled}): the design does not cover it", outside)
+            _report(f"q = {row(q)} is outside Ω ({scaled}): the design does not cover it", outside)
 
     def _check_limits(self, q: ArrayLike, what: str, outside: str) -> None:
         """Warn or raise where joints lie beyond their limits."""
         try:
             self.task.check(q, what)
         except InputError as error:
-            _tell(str(error), outside)
+            _report(str(error), outside)
 
     # ---- the leaves ------------------------------------------------------------------------------
 
     def leaf(self, q: ArrayLike) -> Array:
-        """Evaluate c = h(q) (r,): the leaf that q lies on, and that every motion from there stays
-        on."""
+        """Evaluate c = h(q) (r,), the level of the leaf on which q lies and the motion stays."""
         return self.potentials.value(vector(q, self.task.n, "q"))
 
-    def solve(self, target: pin.SE3, q0: ArrayLike, *, leaf: ArrayLike | None = None) -> Array:
-        """Evaluate the inverse kinematic function q = F(x; c): the q on a leaf with the frame at
-        the target.
+    def solve(self, target: Placement, q0: ArrayLike, *, leaf: ArrayLike | None = None) -> Array:
+        """Solve f(q) = x on a leaf: the inverse kinematic function q = F(x; c).
 
-        The same x on the same leaf gives the same q, by whatever way the arm came. See
-        :func:`on_leaf.solve`.
+        The result depends on x and c alone, not on the motion before. See :func:`on_leaf.solve`.
 
         Parameters
         ----------
-        target
-            x: where the frame should be.
+        target : pinocchio.SE3 or (4, 4) array
+            Desired placement x of the frame.
         q0 : (n,) array
-            Where to start looking.
+            Initial configuration of the search.
         leaf : (r,) array, optional
-            c; by default q0's own.
+            Level c; by default h(q0).
 
         Raises
         ------
         InputError
-            If the leaf reaches no such target, or an argument cannot be used.
+            If no configuration of the leaf reaches the target, or an argument cannot be used.
         """
         return solve(self, target, q0, leaf)
 
     def solve_all(
-        self, targets: Sequence[pin.SE3], q0: ArrayLike, *, leaf: ArrayLike | None = None
+        self, targets: Sequence[Placement], q0: ArrayLike, *, leaf: ArrayLike | None = None
     ) -> Array:
-        """Evaluate q = F(x; c) for many targets, each from q0: (K, n)."""
+        """Solve f(q) = x on a leaf for many targets, each from q0: (K, n)."""
         return solve_all(self, targets, q0, leaf)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -297,8 +320,8 @@ class RepeatableInverse:
         RepeatableInverse.__init__(self, **state)
 
 
-def _tell(what: str, outside: str) -> None:
-    """Raise it, or warn of it."""
+def _report(what: str, outside: str) -> None:
+    """Raise an InputError, or warn."""
     if outside == "raise":
         raise InputError(what)
     warnings.warn(what, UserWarning, stacklevel=4)

@@ -1,44 +1,71 @@
-"""What a control strategy must offer."""
+"""Protocols of control strategies: velocities, inverses G(q), steps on a leaf."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 from ..robot.task import Task
 
 AN_INVERSE = (
     "an inverse q̇ = G(q) ẋ, such as rp.Pseudoinverse(task) or design.inverse; "
     "rp.CustomInverse(task, function) makes one of a function q → G"
 )
-"""What to give where an inverse is wanted."""
+"""Remedy where an inverse is required."""
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
+class Step:
+    """One step of a control loop, and what was done to it.
+
+    Attributes
+    ----------
+    q : (n,) array
+        Next configuration.
+    damping : float
+        Damping λ of the step, in the units of J; 0 if it was solved exactly.
+    slowed : float
+        Factor by which the step was scaled down to the speed limits; 1 if it was not.
+    """
+
+    q: Array
+    damping: float = 0.0
+    slowed: float = 1.0
 
 
 @runtime_checkable
 class Strategy(Protocol):
-    """A rule that moves the joints when the task asks for a velocity."""
+    """A control strategy: joint velocities for a task velocity."""
 
     @property
     def task(self) -> Task:
-        """The task it controls."""
+        """Task that is controlled."""
 
     def velocity(self, q: Array, xdot: Array) -> Array:
-        """Choose q̇ (n,) for a task velocity ẋ (m,), rad/s or m/s."""
+        """Compute q̇ (n,) for a task velocity ẋ (m,), rad/s or m/s."""
+
+
+def described(strategy: object, task: Task, details: str = "") -> str:
+    """Write a strategy as a repr: its class, its task, and details."""
+    of = f"{type(strategy).__name__} of {task.robot.name} {task.frame} {task.kind}"
+    return f"<{of}: {details}>" if details else f"<{of}>"
 
 
 @runtime_checkable
 class Batched(Protocol):
-    """What off-line work asks of an inverse: its task, and G at many q."""
+    """An inverse that is evaluated at many configurations at once."""
 
     @property
     def task(self) -> Task:
-        """The task it controls."""
+        """Task that is controlled."""
 
     def batch(self, Q: Array, J: Array | None = None) -> Array:
-        """Evaluate G at every row of Q (K, n): (K, n, m); J (K, m, n) if already at hand."""
+        """Evaluate G at every row of Q (K, n): (K, n, m); with J (K, m, n) where it is known."""
 
 
 class Inverse(Strategy, Batched, Protocol):
@@ -50,11 +77,7 @@ class Inverse(Strategy, Batched, Protocol):
 
 @runtime_checkable
 class OnLeaves(Strategy, Protocol):
-    """A strategy whose motions stay on leaves h(q) = c, and that can be brought back to one."""
-
-    @property
-    def damping(self) -> float:
-        """λ that the last step with damping used."""
+    """A strategy whose motions stay on a leaf h(q) = c, with feedback towards it."""
 
     def leaf(self, q: ArrayLike) -> Array:
         """Evaluate c = h(q): (r,)."""
@@ -72,3 +95,17 @@ class OnLeaves(Strategy, Protocol):
         damping: float = 0.0,
     ) -> Array:
         """Take the next q (n,), feeding back the task error and c − h(q)."""
+
+    def damped_step(
+        self,
+        q: Array,
+        target: pin.SE3,
+        dt: float,
+        twist: Array | None = None,
+        *,
+        leaf: Array | None = None,
+        gain: float | None = None,
+        velocity_limit: ArrayLike | None = None,
+        damping: float = 0.0,
+    ) -> Step:
+        """Take the same step, and report its damping and its scale."""

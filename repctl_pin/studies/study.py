@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from ..arguments import Array, as_int, function, positive, require_type
 from ..design import Design, nearest_repeatable
 from ..errors import InputError, SingularityError
+from ..fit_options import FitOptions
 from ..motion import ClosedPath, Motion, TaskPath, check_length, follow
 from ..paths.task_path import Cycle
 from ..problem import (
@@ -33,7 +34,7 @@ from ..robot.task import Task
 from ..strategies import FunctionStrategy, PostureControl, Pseudoinverse, Strategy
 from ..strategies.names import LABELS
 from .study_notes import motion_notes, unlimited_speeds
-from .study_result import Row, Study
+from .study_result import Row, Study, evaluated
 
 Control = Strategy | Callable[[Array, Array], ArrayLike]
 
@@ -169,7 +170,7 @@ def study(
             None,
             region,
             degree=degree,
-            seed=seed,
+            options=FitOptions(seed=seed),
             shrink="region" not in problem.given,
             progress=report if progress is not None else False,
         )
@@ -179,6 +180,8 @@ def study(
     rows, time, slower = _followed(
         problem, design, custom, cycles=cycles, steps=steps, period=period
     )
+    say("evaluating body distances and fastest cycles")
+    rows = [evaluated(row) for row in rows]
     design = replace(design, cycle=Cycle(problem.start, problem.cycle, time))
     notes = [
         *problem.warnings,

@@ -6,15 +6,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 from ..design.design_map import DesignMap, degree_curve, design_map
+from ..design.evaluation import Baseline
 from ..errors import SingularityError
 from ..integrability.lie_bracket import measure
 from ..strategies import Inverse
 from .study_result import Study
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class StudyMaps:
     """Maps that a report draws beside the motions.
 
@@ -27,11 +29,14 @@ class StudyMaps:
         singularities.
     degrees : tuple of (degree, cost, standard error)
         Cost of the design by its degree.
+    baselines : tuple of Baseline
+        Simpler inverses on the same held-out nodes; none where one degree alone was tried.
     """
 
     design: DesignMap
     defect: Array
     degrees: tuple[tuple[int, float, float], ...]
+    baselines: tuple[Baseline, ...] = ()
 
 
 def study_maps(study: Study, *, points: int = 41) -> StudyMaps:
@@ -41,7 +46,9 @@ def study_maps(study: Study, *, points: int = 41) -> StudyMaps:
     Q = np.tile(design.region.center, (points * points, 1))
     Q[:, grid.joints[0]], Q[:, grid.joints[1]] = (a.ravel() for a in np.meshgrid(grid.x, grid.y))
     defect = _defects(design.desired, Q).reshape(points, points)
-    return StudyMaps(grid, defect, degree_curve(design))
+    degrees = degree_curve(design)
+    baselines = design.evaluate_baselines() if len(degrees) > 1 else ()
+    return StudyMaps(grid, defect, degrees, baselines)
 
 
 def _defects(strategy: Inverse, Q: Array) -> Array:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from ..arguments import Array, require_choice
+from ..arguments import Array, read_only, require_choice
 from ..design import Design
 from ..errors import InputError
 from ..motion import Motion, TaskPath, elbow, timed
@@ -34,6 +33,14 @@ class Row:
     distance : float or None
         Relative distance ``‖G − J⁺‖ / ‖J⁺‖`` in the mean over Ω; None if the strategy is not an
         inverse.
+    body_distance : float or None
+        Minimum distance between bodies at 100 points per cycle, m; None where there are none, or no
+        motion.
+    violations : tuple of Violation
+        When a joint first exceeds its limits, and when two bodies first collide.
+    cycle_time : float or None
+        Time of the first cycle from rest to rest, s, as short as the robot's speed limits and the
+        accelerations of :func:`presumed_acceleration` allow; None where it cannot be timed.
     """
 
     key: str
@@ -42,33 +49,9 @@ class Row:
     stopped: str = ""
     leaf_margin: float | None = None
     distance: float | None = None
-
-    @property
-    def body_distance(self) -> float | None:
-        """Minimum body distance at 100 points per cycle, m; None without bodies or motion."""
-        least = np.inf if self.motion is None else float(self.motion.coarse.body_distance.min())
-        return least if np.isfinite(least) else None
-
-    @cached_property
-    def violations(self) -> tuple[Violation, ...]:
-        """First violation of a joint limit, and first collision."""
-        return () if self.motion is None else violations_of(self.motion, self.motion.coarse)
-
-    @cached_property
-    def cycle_time(self) -> float | None:
-        """Minimum time of the first cycle from rest to rest, s; None if it cannot be timed.
-
-        Speed limits are the robot's, acceleration limits those of :func:`presumed_acceleration`.
-        """
-        motion = self.motion
-        if motion is None:
-            return None
-        end = motion.steps + 1
-        once = replace(motion, cycles=1, t=motion.t[:end], q=motion.q[:end], qdot=motion.qdot[:end])
-        try:
-            return timed(once, acceleration=presumed_acceleration(motion.task)[0]).duration
-        except InputError:  # it does not move, or no speed is slow enough
-            return None
+    body_distance: float | None = None
+    violations: tuple[Violation, ...] = ()
+    cycle_time: float | None = None
 
     def summary(self) -> str:
         """Summarise the result in one line."""
@@ -95,7 +78,33 @@ class Row:
         return 0.0 if self.motion is None else self.motion.outside or 0.0
 
 
-@dataclass(frozen=True)
+def evaluated(row: Row) -> Row:
+    """Evaluate a motion's body distance, violations and fastest first cycle."""
+    motion = row.motion
+    if motion is None:
+        return row
+    distance = float(motion.coarse.body_distance.min())
+    return replace(
+        row,
+        body_distance=distance if np.isfinite(distance) else None,
+        violations=violations_of(motion, motion.coarse),
+        cycle_time=fastest_cycle(motion),
+    )
+
+
+def fastest_cycle(motion: Motion) -> float | None:
+    """Time the first cycle from rest to rest, s; None where it cannot be timed."""
+    end = motion.steps + 1
+    once = replace(motion, cycles=1, t=motion.t[:end], q=motion.q[:end], qdot=motion.qdot[:end])
+    acceleration = presumed_acceleration(motion.task)[0]
+    try:
+        return timed(once, acceleration=acceleration).duration
+    except InputError:  # it does not move, or no speed is slow enough
+        return None
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
 class Study:
     """Results of every strategy on one arm and one closed path. See :func:`study`.
 

@@ -32,9 +32,19 @@ from repctl_pin.cli import main as cli
 from repctl_pin.saving.design_file import _checksum
 
 PAYLOADS = (
-    "\x1b[2J\x1b[H", "\x1b]0;title\x07", "\x07", "\x9b2J", "a\rb", "a\tb", "a\nFORGED\n", "\u202eabc", "\u2028FORGED",
-    "\x7f\x08\x08", "\x1bPq\x1b\\", "\x00",
-)  # fmt: skip
+    "\x1b[2J\x1b[H",
+    "\x1b]0;title\x07",
+    "\x07",
+    "\x9b2J",
+    "a\rb",
+    "a\tb",
+    "a\nFORGED\n",
+    "\u202eabc",
+    "\u2028FORGED",
+    "\x7f\x08\x08",
+    "\x1bPq\x1b\\",
+    "\x00",
+)
 Case = tuple[str, str, str, list[list[str]]]
 """What is changed, the file's name and content, and the commands that read it."""
 
@@ -98,14 +108,15 @@ def cases(folder: Path) -> list[Case]:
     cell = rp.Cell(task, task.placement(task.reference), 0.05)
     rp.save(
         rp.nearest_inverse_function(
-            rp.Pseudoinverse(task), cell, degree=1, samples=256, held_out=64
+            rp.Pseudoinverse(task), cell, degree=1, options=rp.FitOptions(samples=256, held_out=64)
         ),
         "cell.json",
     )
     control = json.loads((folder / "made" / "control.json").read_text())
     motion = "\n".join((folder / "made" / "motion.csv").read_text().splitlines()[:3]) + "\n"
     room = (
-        '<robot name="room"><link name="post"><collision><origin xyz="5 5 0"/><geometry><sphere radius="0.1"/>'
+        '<robot name="room"><link name="post"><collision><origin xyz="5 5 0"/><geometry><sphere '
+        'radius="0.1"/>'
         "</geometry></collision></link></robot>"
     )
     square = "x,y,z\n0.3,0,0.4\n0.3,0.1,0.4\n0.4,0.1,0.4\n0.3,0,0.4\n"

@@ -36,8 +36,25 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from survey_urdfs import Outcome, load_libraries, run
 
 SPECIALS: tuple[Any, ...] = (
-    None, "", "x", "a\nb", "9" * 5000, -1, 0, 0.5, 5e-324, 1e308, 1e-308, 2**63, 10**400, True, [], {}, [[0.5]], [None],
-)  # fmt: skip
+    None,
+    "",
+    "x",
+    "a\nb",
+    "9" * 5000,
+    -1,
+    0,
+    0.5,
+    5e-324,
+    1e308,
+    1e-308,
+    2**63,
+    10**400,
+    True,
+    [],
+    {},
+    [[0.5]],
+    [None],
+)
 DEVICES = {"null": os.makedev(1, 3), "zero": os.makedev(1, 5), "full": os.makedev(1, 7)}
 STUDY = ["study", "planar3r", "--cycles", "1", "--steps", "40", "--region", "0.3"]
 FOLLOW = ["follow", "ppr", "--strategy", "pseudoinverse", "--steps", "40", "--allow-violations"]
@@ -143,8 +160,26 @@ def hostile_names(folder: Path) -> list[str]:
         (folder / f"deep.{kind}").write_text("[" * 200_000)
         with (folder / f"huge.{kind}").open("wb") as file:
             file.truncate(3 << 30)  # a hole: no disk is used
-    names = ["", ".", "/", "folder", "none/file", "~nosuchuser/x", "x" * 5000, "a\nb", os.fsdecode(b"\xff"), "-", "--",
-             "null/file", "empty.csv/file", " ", "$(id)", "{}", "../" * 300, "/proc/nowhere/x"]  # fmt: skip
+    names = [
+        "",
+        ".",
+        "/",
+        "folder",
+        "none/file",
+        "~nosuchuser/x",
+        "x" * 5000,
+        "a\nb",
+        os.fsdecode(b"\xff"),
+        "-",
+        "--",
+        "null/file",
+        "empty.csv/file",
+        " ",
+        "$(id)",
+        "{}",
+        "../" * 300,
+        "/proc/nowhere/x",
+    ]
     return names + sorted(p.name for p in folder.iterdir() if p.suffix)
 
 
@@ -180,17 +215,52 @@ def judged(done: Outcome, folder: Path) -> str:
 
 def places() -> Iterator[tuple[str, dict[str, str], str]]:
     """Surroundings of a process: a name, its environment, and lines of shell before it."""
-    for variable, value in (("HOME", ""), ("HOME", "/nowhere"), ("TMPDIR", "/nowhere"), ("MPLCONFIGDIR", "/dev/null"),
-                            ("LANG", "C"), ("LC_ALL", "xx_XX"), ("PYTHONIOENCODING", "ascii"), ("COLUMNS", "0"),
-                            ("COLUMNS", "-1"), ("COLUMNS", "x"), ("COLUMNS", "1"), ("COLUMNS", "9" * 20), ("TERM", ""),
-                            ("TERM", "dumb"), ("NO_COLOR", "1"), ("MPLBACKEND", "nonsense"), ("PYTHONUTF8", "0"),
-                            ("OMP_NUM_THREADS", "x"), ("OMP_NUM_THREADS", "0"), ("OPENBLAS_NUM_THREADS", "-1"),
-                            ("PYTHONWARNINGS", "error"), ("ROS_PACKAGE_PATH", "/nowhere:::"), ("PATH", ""),
-                            ("XDG_CACHE_HOME", "/dev/null"), ("PYTHONOPTIMIZE", "2")):  # fmt: skip
+    for variable, value in (
+        ("HOME", ""),
+        ("HOME", "/nowhere"),
+        ("TMPDIR", "/nowhere"),
+        ("MPLCONFIGDIR", "/dev/null"),
+        ("LANG", "C"),
+        ("LC_ALL", "xx_XX"),
+        ("PYTHONIOENCODING", "ascii"),
+        ("COLUMNS", "0"),
+        ("COLUMNS", "-1"),
+        ("COLUMNS", "x"),
+        ("COLUMNS", "1"),
+        ("COLUMNS", "9" * 20),
+        ("TERM", ""),
+        ("TERM", "dumb"),
+        ("NO_COLOR", "1"),
+        ("MPLBACKEND", "nonsense"),
+        ("PYTHONUTF8", "0"),
+        ("OMP_NUM_THREADS", "x"),
+        ("OMP_NUM_THREADS", "0"),
+        ("OPENBLAS_NUM_THREADS", "-1"),
+        ("PYTHONWARNINGS", "error"),
+        ("ROS_PACKAGE_PATH", "/nowhere:::"),
+        ("PATH", ""),
+        ("XDG_CACHE_HOME", "/dev/null"),
+        ("PYTHONOPTIMIZE", "2"),
+    ):
         yield f"{variable}={value}", {variable: value}, ""
-    for lines in ("exec <&-", "exec >&-", "exec 2>&-", "exec <&- >&- 2>&-", "exec >full", "exec 2>full", "exec < zero",
-                  "ulimit -f 0", "ulimit -f 8", "ulimit -n 20", "mkdir g; cd g; rmdir ../g", "cd folder; chmod 0 .",
-                  "umask 777", "umask 0", "trap '' PIPE", "ulimit -v 3000000"):  # fmt: skip
+    for lines in (
+        "exec <&-",
+        "exec >&-",
+        "exec 2>&-",
+        "exec <&- >&- 2>&-",
+        "exec >full",
+        "exec 2>full",
+        "exec < zero",
+        "ulimit -f 0",
+        "ulimit -f 8",
+        "ulimit -n 20",
+        "mkdir g; cd g; rmdir ../g",
+        "cd folder; chmod 0 .",
+        "umask 777",
+        "umask 0",
+        "trap '' PIPE",
+        "ulimit -v 3000000",
+    ):
         yield lines, {}, lines
 
 
@@ -236,7 +306,10 @@ def main() -> int:
             task = rp.Robot.load("planar4r").task(kind="xy")
             cell = rp.Cell(task, task.placement(task.reference), 0.05)
             found = rp.nearest_inverse_function(
-                rp.Pseudoinverse(task), cell, degree=1, samples=64, held_out=64
+                rp.Pseudoinverse(task),
+                cell,
+                degree=1,
+                options=rp.FitOptions(samples=64, held_out=64),
             )
             rp.save(found, "cell.json")
             for good in ("control.json", "cell.json"):
@@ -247,13 +320,23 @@ def main() -> int:
         names = hostile_names(folder)
         cases: list[tuple[str, Callable[[], Outcome]]] = []
         if only in (None, "names"):
-            cases += [(f"names {' '.join(words)!r}", lambda words=words: run(words))
-                      for out in (False, True) for name in names for words in commands(name, out)
-                      if not (out and ("pipe" in name or "huge" in name))]  # a pipe waits for its reader  # fmt: skip
+            cases += [
+                (f"names {' '.join(words)!r}", lambda words=words: run(words))
+                for out in (False, True)
+                for name in names
+                for words in commands(name, out)
+                if not (out and ("pipe" in name or "huge" in name))
+            ]  # a pipe waits for its reader
         if only in (None, "places"):
             words = (["inspect", "ppr"], STUDY, [*FOLLOW, "--csv", "m.csv"])
-            cases += [(f"places {name!r} {one[0]}", lambda c=one, e=env, s=lines: in_place(c, folder, e, s))
-                      for name, env, lines in places() for one in words]  # fmt: skip
+            cases += [
+                (
+                    f"places {name!r} {one[0]}",
+                    lambda c=one, e=env, s=lines: in_place(c, folder, e, s),
+                )
+                for name, env, lines in places()
+                for one in words
+            ]
         for name, case in cases:
             tell(name.partition(" ")[0], name, judged(case(), folder))
         os.chdir("/")

@@ -31,16 +31,65 @@ from lxml import etree
 
 import repctl_pin as rp
 from repctl_pin.robot.visuals import Visuals
-from repctl_pin.show.page.surfaces import read_surface
+from repctl_pin.show.page import read_surface
 from repctl_pin.show.text.inspection import inspection, inspection_text
-from repctl_pin.urdf.catalogue import data_folder, urdf_folder
+from repctl_pin.urdf import data_folder, urdf_folder
 
 SECONDS = 20
-NUMBERS = ["nan", "inf", "-inf", "1e308", "-1e308", "1e-308", "1e400", "0", "-1", "", " ", "１２", "0x10", "1_0", "1,5",
-           "--1", "9" * 400, "1e", "²", "1e5", "true", "${x}", "-0", "1 2", "\N{NO-BREAK SPACE}1"]  # fmt: skip
-NAMES = ["", " ", "a,b", "a\nb", 'a"b', "a;b", "$a_$b", "a" * 5000, "../../x", "~nosuchuser", "universe", "root_joint",
-         "ä\N{COMBINING DIAERESIS}", "\N{RIGHT-TO-LEFT OVERRIDE}x", "a\tb", "l0", "j1", "<b>", "%s%n", "{0}", "\\",
-         "time", "CON", "//", "\N{NULL}".join("ab").replace("\0", "&#0;")]  # fmt: skip
+NUMBERS = [
+    "nan",
+    "inf",
+    "-inf",
+    "1e308",
+    "-1e308",
+    "1e-308",
+    "1e400",
+    "0",
+    "-1",
+    "",
+    " ",
+    "１２",
+    "0x10",
+    "1_0",
+    "1,5",
+    "--1",
+    "9" * 400,
+    "1e",
+    "²",
+    "1e5",
+    "true",
+    "${x}",
+    "-0",
+    "1 2",
+    "\N{NO-BREAK SPACE}1",
+]
+NAMES = [
+    "",
+    " ",
+    "a,b",
+    "a\nb",
+    'a"b',
+    "a;b",
+    "$a_$b",
+    "a" * 5000,
+    "../../x",
+    "~nosuchuser",
+    "universe",
+    "root_joint",
+    "ä\N{COMBINING DIAERESIS}",
+    "\N{RIGHT-TO-LEFT OVERRIDE}x",
+    "a\tb",
+    "l0",
+    "j1",
+    "<b>",
+    "%s%n",
+    "{0}",
+    "\\",
+    "time",
+    "CON",
+    "//",
+    "\N{NULL}".join("ab").replace("\0", "&#0;"),
+]
 JUNK = [
     *NUMBERS,
     "0 0 0",
@@ -65,12 +114,16 @@ ARM = """<robot name="arm"><material name="red"><color rgba="1 0 0 1"/></materia
 <material name="red"/></visual></link>
 <link name="l2"><visual><geometry><mesh filename="m.stl" scale="1 1 1"/></geometry></visual></link>
 <link name="l3"><collision><geometry><sphere radius="1"/></geometry></collision></link>
-<joint name="j1" type="revolute"><parent link="l0"/><child link="l1"/><origin xyz="0 0 1" rpy="0 0 1"/>
-<axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="1" velocity="1"/><dynamics damping="1" friction="1"/></joint>
-<joint name="j2" type="prismatic"><parent link="l1"/><child link="l2"/><origin xyz="0 1 1"/><axis xyz="0 0 1"/>
+<joint name="j1" type="revolute"><parent link="l0"/><child link="l1"/>
+<origin xyz="0 0 1" rpy="0 0 1"/>
+<axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="1" velocity="1"/>
+<dynamics damping="1" friction="1"/></joint>
+<joint name="j2" type="prismatic"><parent link="l1"/><child link="l2"/><origin xyz="0 1 1"/>
+<axis xyz="0 0 1"/>
 <limit lower="-1" upper="2" effort="1" velocity="1"/></joint>
 <joint name="j3" type="revolute"><parent link="l2"/><child link="l3"/><axis xyz="1 0 0"/>
-<limit lower="-3" upper="3" effort="1" velocity="1"/><mimic joint="j1" multiplier="0.5" offset="0.1"/></joint>
+<limit lower="-3" upper="3" effort="1" velocity="1"/>
+<mimic joint="j1" multiplier="0.5" offset="0.1"/></joint>
 </robot>"""
 
 
@@ -173,9 +226,19 @@ def silence() -> Iterator[None]:
 def mutations(dice: random.Random, count: int) -> Iterator[bytes]:
     """Damage real files: in their tree, or byte by byte."""
     robots = data_folder()
-    sources = [urdf_folder() / "prr.urdf", *(robots / name for name in (
-        "panda_description/urdf/panda.urdf", "kinova_description/robots/kinova.urdf", "z1_description/urdf/z1.urdf",
-        "ur_description/urdf/ur5_robot.urdf", "xarm_description/urdf/xarm7.urdf"))]  # fmt: skip
+    sources = [
+        urdf_folder() / "prr.urdf",
+        *(
+            robots / name
+            for name in (
+                "panda_description/urdf/panda.urdf",
+                "kinova_description/robots/kinova.urdf",
+                "z1_description/urdf/z1.urdf",
+                "ur_description/urdf/ur5_robot.urdf",
+                "xarm_description/urdf/xarm7.urdf",
+            )
+        ),
+    ]
     texts = [ARM.encode(), *(source.read_bytes() for source in sources)]
     trees = [etree.fromstring(text) for text in texts]
     for k in range(count):
@@ -238,15 +301,21 @@ def specials() -> Iterator[bytes]:
                 with contextlib.suppress(ValueError):  # what no XML can hold
                     list(changed.iter())[k].set(attribute, special)
                     yield etree.tostring(changed)
-    star = "".join(f'<link name="b{i}"/><joint name="s{i}" type="{{kind}}"><parent link="l3"/><child link="b{i}"/>'
-                   '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>' for i in range(999))  # fmt: skip
+    star = "".join(
+        f'<link name="b{i}"/><joint name="s{i}" type="{{kind}}"><parent link="l3"/>'
+        f'<child link="b{i}"/>'
+        '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
+        for i in range(999)
+    )
     for kind in ("revolute", "fixed", "continuous"):
         yield ARM.replace("</robot>", star.format(kind=kind) + "</robot>").encode()
     yield ARM.replace(
         '<link name="l3">', '<link name="l3" ' + " ".join(f'a{i}="1"' for i in range(300_000)) + ">"
     ).encode()
-    yield ARM.replace('<collision><geometry><sphere radius="1"/></geometry></collision>',
-                      '<visual><geometry><sphere radius="1"/></geometry></visual>' * 50_000).encode()  # fmt: skip
+    yield ARM.replace(
+        '<collision><geometry><sphere radius="1"/></geometry></collision>',
+        '<visual><geometry><sphere radius="1"/></geometry></visual>' * 50_000,
+    ).encode()
     ring = ARM.replace('velocity="1"/><dynamics', 'velocity="1"/><mimic joint="j3"/><dynamics')
     yield ring.encode()
     yield ARM.replace("<axis xyz=", "<axis XYZ=").encode()

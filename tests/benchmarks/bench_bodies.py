@@ -40,7 +40,9 @@ def test_distances_beside_frame_jacobians(name: str, say) -> None:
         seconds(lambda P=P: bodies.distances(P), 60, thread_time) / len(P) for P in (Q, way)
     )
     say(
-        f"{name}, {len(bodies.pairs)} pairs of links: {random / base:.0f} × a frame's Jacobian at random, "
-        f"{along / base:.0f} × along a way ({1e6 * random:.0f} and {1e6 * along:.0f} µs, {1e6 * base:.2f} µs)"
+        f"{name}, {len(bodies.pairs)} pairs of links: {random / base:.0f} × a frame's Jacobian at "
+        f"random, "
+        f"{along / base:.0f} × along a way ({1e6 * random:.0f} and {1e6 * along:.0f} µs, "
+        f"{1e6 * base:.2f} µs)"
     )
     assert max(random, along) < min(100 * base, 100e-6)

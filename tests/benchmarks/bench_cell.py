@@ -22,7 +22,9 @@ def test_a_pose_and_a_step_beside_frame_jacobians(panda_pose: rp.Task, say) -> N
     field's."""
     task, desired = panda_pose, rp.Pseudoinverse(panda_pose)
     cell = rp.Cell(task, task.placement(Q0), 0.05, 0.2)
-    found = rp.nearest_inverse_function(desired, cell, posture=Q0, degree=3, held_out=64)
+    found = rp.nearest_inverse_function(
+        desired, cell, posture=Q0, degree=3, options=rp.FitOptions(held_out=64)
+    )
     quadratic = rp.nearest_repeatable(desired, rp.Polynomial(Q0, 2, 0.4), rp.Box(Q0, 0.2)).inverse
     F, U = found.function, cell.sample(200)
     targets, Q = [cell.at(u) for u in U], F.batch(U)

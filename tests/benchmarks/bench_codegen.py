@@ -79,7 +79,8 @@ int main(int argc, char **argv) {
                 if (round == 0 || took < times[k]) times[k] = took;
             }
         qsort(times, 1000000, sizeof times[0], ascending);
-        printf(" %.4f %.4f %.4f", (double)times[500000], (double)times[999900], (double)times[999999]);
+        printf(" %.4f %.4f %.4f", (double)times[500000], (double)times[999900],
+               (double)times[999999]);
     }
     return sum == 12345.0;
 }
@@ -145,8 +146,10 @@ def test_c_beside_pinocchios_jacobian(panda_pose: rp.Task, say, tmp_path: Path) 
             times = np.array(done.stdout.split(), float)
             found[degree] = np.minimum(found.get(degree, times), times)
     say(
-        f"µs: Jacobian {base:.3f}; velocity {found[2][0]:.3f}, degree 4 {found[4][0]:.3f}; step {found[2][1]:.3f}; "
-        f"of the Jacobian {found[2][0] / base:.2f}, {found[4][0] / base:.2f}, {found[2][1] / base:.2f}"
+        f"µs: Jacobian {base:.3f}; velocity {found[2][0]:.3f}, degree 4 {found[4][0]:.3f}; step "
+        f"{found[2][1]:.3f}; "
+        f"of the Jacobian {found[2][0] / base:.2f}, {found[4][0] / base:.2f}, "
+        f"{found[2][1] / base:.2f}"
     )
     assert found[2][0] < 0.6 * base and found[2][1] < base and found[4][0] < 3 * found[2][0]
 
@@ -170,7 +173,8 @@ def test_the_longest_of_a_million_steps(panda_pose: rp.Task, say, tmp_path: Path
     )
     _, _, median, rare, longest = map(float, done.stdout.split())
     say(
-        f"the longest of a million steps, of the median: {longest / median:.1f}; one in 10,000: {rare / median:.1f}"
+        f"the longest of a million steps, of the median: {longest / median:.1f}; one in 10,000: "
+        f"{rare / median:.1f}"
     )
     assert longest < 50 * median
 
@@ -222,6 +226,7 @@ def test_batches(panda_pose: rp.Task, say) -> None:
         {"python": lambda: inverse.velocities(Q, Xdot), "c": lambda: fast.velocities(Q, Xdot)}, 200
     )
     say(
-        f"velocities, µs a row: Python {best['python']:.2f}, C {best['c']:.2f}: {best['python'] / best['c']:.1f} times"
+        f"velocities, µs a row: Python {best['python']:.2f}, C {best['c']:.2f}: "
+        f"{best['python'] / best['c']:.1f} times"
     )
     assert best["c"] < 0.5 * best["python"]

@@ -25,9 +25,14 @@ import repctl_pin as rp
 Q0 = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
 
 
-def design(task: rp.Task, degree: int, samples: int, **options) -> rp.Design:
+def design(task: rp.Task, degree: int, samples: int, *, progress=False, **options) -> rp.Design:
     return rp.nearest_repeatable(
-        rp.Pseudoinverse(task), None, rp.Box(Q0, 0.4), degree=degree, samples=samples, **options
+        rp.Pseudoinverse(task),
+        None,
+        rp.Box(Q0, 0.4),
+        degree=degree,
+        options=rp.FitOptions(samples=samples, **options),
+        progress=progress,
     )
 
 
@@ -48,7 +53,8 @@ def test_building_and_solving_beside_bare_jacobians(panda_pose: rp.Task, benchma
     ratio = benchmark.stats.stats.min / base
     whole = seconds(lambda: design(task, 2, 16384), 5) / base
     say(
-        f"build and solve, 16,384 nodes: {ratio:.1f} × bare Jacobians; with the evaluation {whole:.1f} ×"
+        f"build and solve, 16,384 nodes: {ratio:.1f} × bare Jacobians; with the evaluation "
+        f"{whole:.1f} ×"
     )
     assert ratio <= 25
 
@@ -79,7 +85,8 @@ def test_against_the_literal_reading(panda_pose: rp.Task, say) -> None:
     ours: list[rp.Design] = []
     fast = seconds(lambda: ours.append(design(task, 2, samples, held_out=64)), 5)
     say(
-        f"literal (36), {samples} nodes: {slow:.2f} s for cost {found[0].fun:.6f}; ours {fast:.4f} s for "
+        f"literal (36), {samples} nodes: {slow:.2f} s for cost {found[0].fun:.6f}; ours "
+        f"{fast:.4f} s for "
         f"{ours[0].fit_cost:.6f}: {slow / fast:.0f} times faster"
     )
     assert abs(ours[0].fit_cost - found[0].fun) < 1e-3 * found[0].fun
@@ -104,7 +111,7 @@ import numpy as np, repctl_pin as rp
 q0 = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
 task = rp.Robot.load("panda").task("panda_hand_tcp", "pose")
 design = rp.nearest_repeatable(
-    rp.Pseudoinverse(task), None, rp.Box(q0, 0.4), degree=2, samples=1_000_000, stream=True
+    rp.Pseudoinverse(task), None, rp.Box(q0, 0.4), degree=2, options=rp.FitOptions(samples=1_000_000, stream=True)
 )
 print(design.samples, design.cost, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 """
@@ -117,7 +124,8 @@ def test_a_million_nodes_within_2_GB(say) -> None:
     samples, cost, peak = done.stdout.split()
     unit = 1 if sys.platform == "darwin" else 1024
     say(
-        f"{samples} nodes, streamed: cost {float(cost):.5f}, peak memory {int(peak) * unit / 2**30:.2f} GB"
+        f"{samples} nodes, streamed: cost {float(cost):.5f}, peak memory "
+        f"{int(peak) * unit / 2**30:.2f} GB"
     )
     assert int(samples) >= 10**6 and int(peak) * unit < 2 * 2**30
 
@@ -138,7 +146,8 @@ def test_two_processes(panda_pose: rp.Task, say) -> None:
         two = seconds(lambda: design(panda_pose, **work, executor=pool), 4)
     load = os.getloadavg()[0]
     say(
-        f"262,144 nodes, degree 3: one process {one:.1f} s, two {two:.1f} s: {one / two:.2f} times (load {load:.1f})"
+        f"262,144 nodes, degree 3: one process {one:.1f} s, two {two:.1f} s: {one / two:.2f} "
+        f"times (load {load:.1f})"
     )
     assert one / two >= 1.6
 
@@ -160,11 +169,11 @@ def test_large_designs(kind: str, width: float, degree: int, most: float, say) -
         None,
         rp.Box(Q0, width),
         degree=degree,
-        samples=65536,
-        held_out=2**18,
+        options=rp.FitOptions(samples=65536, held_out=2**18),
     )
     say(
-        f"{kind}, ±{width}, degree {degree}: {found.cost:.5f} ± {found.cost_error:.1g} (at most {most})"
+        f"{kind}, ±{width}, degree {degree}: {found.cost:.5f} ± {found.cost_error:.1g} (at most "
+        f"{most})"
     )
     assert found.converged and found.leaf_margin > 0 and found.cost <= most
 
@@ -178,7 +187,11 @@ def test_the_standard_error_in_100_designs(say) -> None:
     for seed in range(100):
         box = rp.Box(np.array([0.3, 1.0, 0.8]) + rng.uniform(-0.2, 0.2, 3), 0.4)
         found = rp.nearest_repeatable(
-            desired, None, box, degree=2, samples=512, held_out=1024, seed=seed
+            desired,
+            None,
+            box,
+            degree=2,
+            options=rp.FitOptions(samples=512, held_out=1024, seed=seed),
         )
         truth = 0.0
         Q = box.random(2**20, 10_000 + seed)

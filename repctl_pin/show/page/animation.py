@@ -1,4 +1,4 @@
-"""Motions as a page: to keep, to open in the browser, or to see in a notebook's cell."""
+"""Animation of motions: save it, open it in the browser, or show it in a notebook."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Animation:
     page: str
 
     def save(self, file: str | Path) -> Path:
-        """Write the page to a file, whole or not at all, and say where it is.
+        """Write the page to a file atomically, and return its path.
 
         Raises
         ------
@@ -60,7 +60,7 @@ class Animation:
         return write_whole(file, self.page)
 
     def show(self) -> Path:
-        """Open the page in the browser: a file in a new temporary folder; say where it is."""
+        """Open the page in the browser from a new temporary folder, and return its path."""
         file = self.save(Path(tempfile.mkdtemp(prefix="repctl-")) / "animation.html")
         webbrowser.open(file.as_uri())
         return file
@@ -73,8 +73,8 @@ class Animation:
 
 
 def animation(motions: Mapping[str, Motion] | Study, *, seconds: float = 4.0) -> Animation:
-    """Show motions of one robot side by side: path, traces, start pose, and the drift after each
-    cycle.
+    """Show motions of one robot side by side: path, traces, start configuration, and the drift
+    after each cycle.
 
     J⁺ and the nearest repeatable have colours of their own; other motions are warm if they drift,
     cool if they return.
@@ -149,8 +149,8 @@ def animation(motions: Mapping[str, Motion] | Study, *, seconds: float = 4.0) ->
 
 
 def _colours(drifts: Mapping[str, float]) -> list[str]:
-    """Give each motion a colour: that of its name in every figure; else a warm one if it drifts, or
-    a cool one."""
+    """Choose a colour for each motion: the one that its name has in every figure, else a warm one
+    if it drifts and a cool one if not."""
     limit = max(_BACK * max(drifts.values()), 1e-6)
     known = {name: COLOURS[KEYS[name]] for name in drifts if name in KEYS}
     warm, cool = (

@@ -1,4 +1,4 @@
-"""One HTML page that holds everything it needs: meshcat's viewer, the recorded scene, the motion.
+"""Self-contained HTML page: meshcat's viewer, the recorded scene and the motion.
 
 The page asks nothing of a network or a server. What is large goes in as base64 of gzip, and the
 browser's own ``DecompressionStream`` takes it out again.
@@ -38,7 +38,7 @@ SCRIPTS = (
 
 
 def page(scene: dict[str, Any], commands: Sequence[bytes], motion: bytes, verdict: Verdict) -> str:
-    """Write the page.
+    """Write the animation page.
 
     Parameters
     ----------
@@ -67,8 +67,7 @@ def page(scene: dict[str, Any], commands: Sequence[bytes], motion: bytes, verdic
 
 
 def render(template: str, **parts: Any) -> str:
-    """Fill in one of the templates in ``assets``; text is escaped, :class:`markupsafe.Markup`
-    stands as it is."""
+    """Fill in a template of ``assets``; text is escaped, and :class:`markupsafe.Markup` is not."""
     return _templates().get_template(template).render(parts)
 
 
@@ -84,14 +83,14 @@ def _templates() -> Environment:
 
 @cache
 def _script() -> str:
-    """The modules as one script: what they give each other is in one scope."""
+    """Join the page's modules into one script with one scope."""
     folder = files(__package__) / "assets" / "scripts"
     texts = [(folder / f"{name}.js").read_text("utf-8") for name in SCRIPTS]
     return '"use strict";\n' + re.sub(r"(?m)^(import .*\n|export )", "", "\n".join(texts))
 
 
 def as_script(value: Any) -> str:
-    """Write JSON that is safe inside a script element: no text in it can end the element."""
+    """Write JSON that is safe inside a script element: it cannot end the element."""
     text = json.dumps(value, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     return text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")
 
@@ -103,7 +102,7 @@ def pack(data: bytes) -> str:
 
 @cache
 def _viewer() -> str:
-    """meshcat's viewer as its package ships it."""
+    """Compress meshcat's viewer, as its package ships it."""
     spec = find_spec("meshcat")
     if spec is None or spec.origin is None:
         raise RepctlError("meshcat is not installed; pip install 'meshcat>=0.3.2'")

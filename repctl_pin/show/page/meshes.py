@@ -1,18 +1,18 @@
-"""What a page's viewer is told: meshcat's own commands, recorded instead of sent to a server.
+"""Commands of meshcat's viewer that fill a page's library of bodies, as msgpack.
 
-Every distinct body goes in once, as ``/library/k``; the page places copies of it.
+Every distinct body goes in once, as ``/library/k``; the page places copies of it. The commands are
+those of meshcat's Python package, which would import IPython and a web server to write them.
 """
 
 from __future__ import annotations
 
 import base64
 from collections.abc import Iterable
+from itertools import count
 from typing import Any
 
-import meshcat
 import numpy as np
 import umsgpack
-from meshcat import geometry as g
 from numpy.typing import ArrayLike, NDArray
 
 from ...errors import InputError
@@ -22,52 +22,46 @@ from .surfaces import MOST_FACES, Surface, read_surface
 Key = tuple[Any, ...]
 """What shapes share: the mesh file, or kind and size; not the scale, colour or place."""
 
+Element = dict[str, Any]
+"""An element of a three.js scene, as its JSON format has it."""
+
 _LIGHTS = ("AmbientLight", "FillLight", "PointLightNegativeX", "PointLightPositiveX")
 HIDDEN = ("/Grid", "/Axes", *(f"/Lights/{light}" for light in _LIGHTS), "/library", "/Background")
-"""What meshcat's viewer shows by itself, and the page has its own of."""
+"""Elements that meshcat's viewer shows by default and the page replaces."""
 
 _ARRAYS = {"Int8Array": (0x11, "<i1"), "Uint8Array": (0x12, "<u1"), "Uint16Array": (0x14, "<u2"),
            "Uint32Array": (0x16, "<u4"), "Float32Array": (0x17, "<f4")}  # fmt: skip
 MOST_IN_ALL = 2_000_000
-"""The most triangles of mesh files on a page."""
+"""Maximum number of triangles of mesh files on a page."""
 
 _GLOSS = {"specular": 0x1C1C1C, "shininess": 28}
+_REPEAT = [1000, 1000]  # three.js' RepeatWrapping
+_BOTH_SIDES = 2  # three.js' DoubleSide
+_VERTEX_COLORS = 2  # three.js' VertexColors
 
-
-class Recorder:
-    """Stands where meshcat expects its server's window, and keeps what is sent.
-
-    meshcat names things by the clock; here they are named by their order, so that the same scene is
-    the same bytes.
-
-    Attributes
-    ----------
-    commands : list of bytes
-        Each command, as msgpack.
-    """
-
-    def __init__(self) -> None:
-        self.commands: list[bytes] = []
-
-    def send(self, command: Any) -> None:
-        """Keep one command."""
-        data = command.lower()
-        self.commands.append(
-            umsgpack.packb(_renamed(data, {u: f"{k}" for k, u in enumerate(_uuids(data))}))
-        )
+# Rotates a three.js cylinder, whose axis is y, to the z axis of a URDF's; column by column.
+_UPRIGHT = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
+_IDENTITY = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0]
 
 
 def record(shapes: Iterable[Shape]) -> tuple[list[bytes], dict[Key, int], list[str]]:
-    """Record the commands that fill a viewer's library with every distinct body among some shapes.
+    """Record the commands that fill a viewer's library with every distinct body of some shapes.
+
+    The same shapes give the same bytes.
 
     Returns
     -------
-    The commands, each body's number in the library by its :func:`key`, and what could not be read,
-    in words; such a body has no number."""
-    recorder = Recorder()
-    viewer = meshcat.Visualizer(window=recorder)
-    for name in HIDDEN:
-        viewer[name].set_property("visible", False)
+    commands : list of bytes
+        Each as msgpack.
+    library : dict
+        Number of each body in the library, by its :func:`key`; none for an unreadable one.
+    problems : list of str
+        Messages about the unreadable ones.
+    """
+    commands = [
+        {"type": "set_property", "path": name, "property": "visible", "value": False}
+        for name in HIDDEN
+    ]
     distinct: dict[Key, Shape] = {}
     for shape in shapes:
         distinct.setdefault(key(shape), shape)
@@ -76,25 +70,27 @@ def record(shapes: Iterable[Shape]) -> tuple[list[bytes], dict[Key, int], list[s
     room = MOST_IN_ALL
     for body, shape in distinct.items():
         try:
-            thing = _object(shape, min(room, MOST_FACES))
+            scene, triangles = _object(shape, min(room, MOST_FACES))
         except InputError as error:
             problems.append(str(error))
             continue
-        if isinstance(thing, _Painted):
-            room -= len(thing.surface.faces)
+        room -= triangles
         library[body] = len(library)
-        viewer[f"/library/{library[body]}"].set_object(thing)
-    return recorder.commands, library, problems
+        path = f"/library/{library[body]}"
+        commands.append({"type": "set_object", "object": scene, "path": path})
+    return [umsgpack.packb(command) for command in commands], library, problems
 
 
 def key(shape: Shape) -> Key:
-    """Tell which body a shape shows."""
+    """Identify the body that a shape shows."""
     return ("mesh", str(shape.path)) if shape.kind == "mesh" else (shape.kind, *shape.size)
 
 
-def _object(shape: Shape, most: int) -> g.Object:
-    """Make meshcat's object for a shape, of so many triangles at most; a cylinder's axis is z here,
-    as in a URDF."""
+def _object(shape: Shape, most: int) -> tuple[Element, int]:
+    """Make the three.js object of a shape, and count its mesh file's triangles, ``most`` at most.
+
+    A cylinder's axis is z, as in a URDF.
+    """
     size = [float(s) for s in shape.size]
     if shape.kind == "mesh":
         assert shape.path is not None
@@ -102,108 +98,134 @@ def _object(shape: Shape, most: int) -> g.Object:
             raise InputError(
                 f"mesh {shape.path} is left out: the page holds {MOST_IN_ALL} triangles already"
             )
-        return _Painted(read_surface(shape.path, most))
+        surface = read_surface(shape.path, most)
+        return _painted(surface), len(surface.faces)
     if shape.kind == "box":
-        return g.Mesh(g.Box(size))
+        width, height, depth = size
+        box = {"type": "BoxGeometry", "width": width, "height": height, "depth": depth}
+        return _plain(box), 0
     if shape.kind == "sphere":
-        return g.Mesh(_round(size[0], 0.0))
+        return _plain(_round(size[0], 0.0)), 0
     if shape.kind == "capsule":
-        return g.Mesh(_round(size[0], size[1]))
+        return _plain(_round(size[0], size[1])), 0
     if shape.kind == "cylinder":
-        return g.Mesh(_UprightCylinder(size[1], size[0]))
+        return _plain(_cylinder(size[0], size[1]), _UPRIGHT), 0
     raise InputError(
-        f"shape {shape.name!r} has kind {shape.kind!r}; there is mesh, box, cylinder, sphere, capsule"
+        f"shape {shape.name!r} has kind {shape.kind!r}; use mesh, box, cylinder, sphere or capsule"
     )
 
 
-class _Triangles(g.Geometry):
-    """A surface as three.js' BufferGeometry: 8 bits a normal's coordinate, and a colour's."""
+def _plain(geometry: Element, matrix: list[float] = _IDENTITY) -> Element:
+    """Make an object of one geometry and meshcat's default material."""
+    return _scene({"uuid": "0", **geometry}, [_material("1")], "1", matrix)
 
-    def __init__(self, surface: Surface) -> None:
-        super().__init__()
-        self.surface = surface
 
-    def lower(self, object_data: dict[str, Any]) -> dict[str, Any]:
-        s = self.surface
-        attributes = {
-            "position": _array("Float32Array", s.points, 3),
-            "normal": _array("Int8Array", np.round(s.normals * 127), 3, normalized=True),
-            "color": _array("Uint8Array", np.round(lifted(s.colors) * 255), 3, normalized=True),
-        }
-        if s.uv is not None:
-            attributes["uv"] = _array("Float32Array", s.uv, 2)
-        groups = [
-            {"start": start, "count": count, "materialIndex": k}
-            for k, (start, count, _) in enumerate(s.groups)
+def _painted(surface: Surface) -> Element:
+    """Make an object in the colours and textures of its mesh file, one material per texture."""
+    images = [image for *_, image in surface.groups]
+    numbers = map(str, count(1))
+    names = [next(numbers) for _ in images]
+    own_name = next(numbers)
+    urls = {k: _url(image) for k, image in enumerate(images) if image is not None}
+    textures = {k: next(numbers) for k in urls}
+    pictures = {k: next(numbers) for k in urls}
+    materials = [
+        _material(name, vertexColors=_VERTEX_COLORS, **_GLOSS)
+        | ({"map": textures[k]} if k in textures else {})
+        for k, name in enumerate(names)
+    ]
+    geometry = {"uuid": "0", **_triangles(surface)}
+    scene = _scene(geometry, materials, names, _IDENTITY, own_name)
+    if urls:
+        scene["textures"] = [
+            {"uuid": textures[k], "wrap": _REPEAT, "repeat": [1, 1], "image": pictures[k]}
+            for k in urls
         ]
-        small = len(s.points) < 2**16
-        data = {
-            "attributes": attributes,
-            "index": _array("Uint16Array" if small else "Uint32Array", s.faces, 1),
-            "groups": groups,
-        }
-        return {"uuid": self.uuid, "type": "BufferGeometry", "data": data}
+        scene["images"] = [{"uuid": pictures[k], "url": url} for k, url in urls.items()]
+    return scene
 
 
-class _Painted(g.Object):
-    """A surface in the colours and textures of its file: one material a texture."""
-
-    _type = "Mesh"
-
-    def __init__(self, surface: Surface) -> None:
-        super().__init__(_Triangles(surface))
-        self.surface = surface
-        self.materials = [
-            g.MeshPhongMaterial(color=0xFFFFFF, vertexColors=True, map=_texture(image), **_GLOSS)
-            for *_, image in surface.groups
-        ]
-        self.material = self.materials[0]
-
-    def lower(self) -> dict[str, Any]:
-        data = super().lower()
-        for material in self.materials[1:]:
-            material.lower_in_object(data)
-        data["object"]["material"] = [material.uuid for material in self.materials]
-        return data
-
-
-class _UprightCylinder(g.Cylinder):
-    """meshcat's cylinder stands along y; a URDF's along z."""
-
-    def intrinsic_transform(self) -> NDArray[np.float64]:
-        # meshcat writes this row by row where three.js reads columns: the transpose is meant.
-        return np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
+def _scene(
+    geometry: Element,
+    materials: list[Element],
+    material: str | list[str],
+    matrix: list[float],
+    name: str = "2",
+) -> Element:
+    """Make a three.js scene of one mesh."""
+    return {
+        "metadata": {"version": 4.5, "type": "Object"},
+        "geometries": [geometry],
+        "materials": materials,
+        "object": {
+            "uuid": name,
+            "type": "Mesh",
+            "geometry": geometry["uuid"],
+            "material": material,
+            "matrix": matrix,
+        },
+    }
 
 
-def _uuids(data: Any) -> list[str]:
-    if isinstance(data, dict):
-        own = [data["uuid"]] if "uuid" in data else []
-        return own + [u for value in data.values() for u in _uuids(value)]
-    return [u for value in data for u in _uuids(value)] if isinstance(data, list) else []
+def _material(name: str, **more: Any) -> Element:
+    """Make a material with meshcat's defaults."""
+    return {
+        "uuid": name,
+        "type": "MeshPhongMaterial",
+        "color": 0xFFFFFF,
+        "reflectivity": 0.5,
+        "side": _BOTH_SIDES,
+        "transparent": False,
+        "opacity": 1.0,
+        "linewidth": 1.0,
+        "wireframe": False,
+        "wireframeLinewidth": 1.0,
+        "vertexColors": 0,
+    } | more
 
 
-def _renamed(data: Any, names: dict[str, str]) -> Any:
-    if isinstance(data, dict):
-        return {k: _renamed(value, names) for k, value in data.items()}
-    if isinstance(data, list):
-        return [_renamed(value, names) for value in data]
-    return names.get(data, data) if isinstance(data, str) else data
+def _url(image: bytes) -> str:
+    """Write a JPEG as a data URL."""
+    return f"data:image/jpeg;base64,{base64.b64encode(image).decode()}"
+
+
+def _triangles(surface: Surface) -> Element:
+    """Make a surface's geometry, with 8 bits per coordinate of normals and colours."""
+    s = surface
+    attributes = {
+        "position": _array("Float32Array", s.points, 3),
+        "normal": _array("Int8Array", np.round(s.normals * 127), 3, normalized=True),
+        "color": _array("Uint8Array", np.round(lifted(s.colors) * 255), 3, normalized=True),
+    }
+    if s.uv is not None:
+        attributes["uv"] = _array("Float32Array", s.uv, 2)
+    groups = [
+        {"start": start, "count": corners, "materialIndex": k}
+        for k, (start, corners, _) in enumerate(s.groups)
+    ]
+    small = len(s.points) < 2**16
+    index = _array("Uint16Array" if small else "Uint32Array", s.faces, 1)
+    return _buffer({"attributes": attributes, "index": index, "groups": groups})
+
+
+def _buffer(data: Element) -> Element:
+    return {"type": "BufferGeometry", "data": data}
+
+
+def _cylinder(radius: float, height: float) -> Element:
+    """Make a cylinder along three.js' y axis."""
+    return {
+        "type": "CylinderGeometry",
+        "radiusTop": radius,
+        "radiusBottom": radius,
+        "height": height,
+        "radialSegments": 50,
+    }
 
 
 def lifted(color: ArrayLike) -> NDArray[np.float64]:
     """Soften a colour: pure black and pure white hide the shading."""
     return 0.06 + 0.9 * np.asarray(color, float)
-
-
-def _texture(image: bytes | None) -> g.ImageTexture | None:
-    if image is None:
-        return None
-    picture = g.PngImage(image)
-    picture.lower = lambda data: {
-        "uuid": picture.uuid,
-        "url": f"data:image/jpeg;base64,{base64.b64encode(image).decode()}",
-    }
-    return g.ImageTexture(picture, wrap=[1000, 1000])
 
 
 def _array(
@@ -214,7 +236,7 @@ def _array(
     return {"itemSize": size, "type": kind, "array": data, "normalized": normalized}
 
 
-def _round(radius: float, length: float, n: int = 24) -> g.TriangularMeshGeometry:
+def _round(radius: float, length: float, n: int = 24) -> Element:
     """Make a capsule along z (a sphere where length is 0)."""
     polar = np.concatenate(
         [np.linspace(0, np.pi / 2, n // 2), np.linspace(np.pi / 2, np.pi, n // 2)]
@@ -226,6 +248,6 @@ def _round(radius: float, length: float, n: int = 24) -> g.TriangularMeshGeometr
     points = np.stack([ring * np.cos(turn), ring * np.sin(turn), z], -1).reshape(-1, 3)
     i, j = (a.ravel() for a in np.indices((n - 1, n)))
     a, b, c, d = i * n + j, i * n + (j + 1) % n, (i + 1) * n + j, (i + 1) * n + (j + 1) % n
-    return g.TriangularMeshGeometry(
-        points, np.concatenate([np.stack([a, c, b], 1), np.stack([b, c, d], 1)])
-    )
+    faces = np.concatenate([np.stack([a, c, b], 1), np.stack([b, c, d], 1)])
+    position = _array("Float32Array", points, 3)
+    return _buffer({"attributes": {"position": position}, "index": _array("Uint32Array", faces, 3)})

@@ -1,5 +1,5 @@
-"""Motions of a whole robot as they are drawn; from the files that ``study`` and ``follow`` write,
-too."""
+"""Motions of a whole robot for animation, also from the files that ``study`` and ``follow``
+write."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from ...arguments import Array
+from ...arguments import Array, read_only
 from ...errors import InputError
 from ...motion import Motion
 from ...motion.csv_file import read_motions
@@ -27,27 +27,30 @@ from .scene import Arm, Frames, Violation, animation_page, choose_frames
 _OTHERS = (VERMILLION, BLUE, GREEN, PURPLE, ORANGE, SKY)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Playback:
     """One motion of a whole robot.
 
     Attributes
     ----------
     label, color : str
-        What is written above it, and its ``#RRGGBB``.
+        Title of its pane, and colour as ``#RRGGBB``.
     Q : (T + 1, nq) array
         Configurations of the whole robot, rad or m; T = cycles · steps.
     cycles : int
-        How often round.
+        Number of cycles.
     drift : (cycles,) array
         ‖q − q₀‖ after each cycle.
     unit : str
-        Of the drift.
+        Unit of the drift.
     t : (T + 1,) array or None
-        Time, s, where it is known.
+        Time, s; None if unknown.
     path_loss : (float, float, float) or None
-        Where the frame leaves its path, see :attr:`Motion.path_loss`; None where the path is not
-        known, too.
+        Where the frame leaves its path, see :attr:`Motion.path_loss`; None also if the path is
+        unknown.
+    motion : Motion or None
+        The motion itself, with its body distances; None for a motion read from a file.
     """
 
     label: str
@@ -58,18 +61,19 @@ class Playback:
     unit: str = "rad"
     t: Array | None = None
     path_loss: tuple[float, float, float] | None = None
+    motion: Motion | None = None
 
 
 @dataclass(frozen=True)
 class TracedChain:
-    """What of a robot leaves its traces.
+    """A kinematic chain whose frame and elbow are traced.
 
     Attributes
     ----------
     task : Task
-        Whose frame is traced.
+        Task whose frame is traced.
     elbow : int
-        The joint whose origin is traced, of the task's.
+        Index of the joint of the task whose origin is traced.
     """
 
     task: Task
@@ -77,10 +81,18 @@ class TracedChain:
 
 
 def playback_of(label: str, motion: Motion, color: str) -> Playback:
-    """Take a motion as it is."""
+    """Make the playback of a motion."""
     task, Q = motion.task, motion.task.to_robot(motion.q)
     return Playback(
-        label, color, Q, motion.cycles, motion.drift, task.unit, motion.t, motion.path_loss
+        label,
+        color,
+        Q,
+        motion.cycles,
+        motion.drift,
+        task.unit,
+        motion.t,
+        motion.path_loss,
+        motion,
     )
 
 
@@ -127,20 +139,20 @@ def playback_page(
     summary: Verdict | None = None,
     seconds: float = 4.0,
 ) -> str:
-    """Make the page of some motions, side by side.
+    """Make the page of several motions, side by side.
 
     Parameters
     ----------
     chains
-        What leaves traces: one chain of the robot, or several.
+        Traced chains of the robot.
     tracks
-        What to show: all of as many cycles.
+        Motions to show, all with the same number of cycles and steps.
     paths : sequence of (P, 3) arrays, optional
-        The paths to draw, m; by default what the first motion's frames do in its first cycle.
+        Paths to draw, m; by default those of the first motion's frames in its first cycle.
     name
-        Of the path.
+        Name of the path.
     summary
-        The verdict on them; by default that of these motions, the last beside the first.
+        Verdict on the motions; by default the last is compared with the first.
     seconds
         Time of a cycle at normal speed, s.
     """
@@ -177,7 +189,7 @@ def _arm(
     visuals: Visuals,
     frames: Frames,
 ) -> Arm:
-    """What of a motion goes onto the page."""
+    """Collect what the page shows of one motion."""
     robot, rows = chains[0].task.robot, track.Q[frames.index]
     tip, elbow = (
         np.stack(points, axis=1)
@@ -200,7 +212,9 @@ def _arm(
 
 
 def _played(chain: TracedChain, track: Playback) -> JointMotion:
-    """What a chain's joints do; a second a row, where nobody says when."""
+    """Take the motion of a chain's joints; without times, one second per row."""
+    if track.motion is not None and track.motion.task is chain.task:
+        return track.motion
     q, t = (
         chain.task.from_robot(track.Q),
         np.arange(float(len(track.Q))) if track.t is None else track.t,
@@ -211,8 +225,7 @@ def _played(chain: TracedChain, track: Playback) -> JointMotion:
 
 
 def _broken(played: Sequence[JointMotion], rows: Array, timed: bool) -> Violation | None:
-    """Where a motion first goes beyond what the arm can do: past a joint's limits, or into a
-    body."""
+    """Find where a motion first violates a limit, or two bodies first collide."""
     said = [(one.first_violation, one.task, "past its limit") for one in played]
     said += [(one.first_overspeed, one.task, "past its speed limit") for one in played if timed]
     found = min(
@@ -246,8 +259,8 @@ def _frame_origin(model: pin.Model, data: pin.Data, q: Array, frame: int) -> Arr
 def _summary(
     chains: Sequence[TracedChain], played: Sequence[JointMotion], track: Playback
 ) -> MotionSummary:
-    """What the verdict speaks of; of several chains, which move each other's bodies, the worst of
-    each."""
+    """Summarise a motion for the verdict; of several chains, which move each other's bodies, take
+    the worst of each quantity."""
     summaries = [
         motion_summary(track.label, one, chain.elbow, bodies=len(chains) == 1)
         for chain, one in zip(chains, played, strict=True)
@@ -269,7 +282,7 @@ def _summary(
 
 
 def _ways(chain: TracedChain, rows: Array) -> tuple[Array, Array]:
-    """The ways of frame and elbow, (T, 3) each."""
+    """Trace the frame and the elbow: (T, 3) each, m."""
     part = np.array([chain.task.from_robot(q) for q in rows])
     return chain.task.positions(part), np.array(
         [chain.task.joint_origins(q)[chain.elbow] for q in part]
@@ -283,7 +296,8 @@ def _limb_words(task: Task) -> str:
 def _is_planar(
     chains: Sequence[TracedChain], starts: Sequence[Array], paths: Sequence[Array]
 ) -> bool:
-    """Whether all joints and paths lie in one level plane: then the page looks from above."""
+    """Check whether all joints and paths lie in one horizontal plane, which the page shows from
+    above."""
     joints = [
         chain.task.joint_origins(chain.task.from_robot(q)) for chain in chains for q in starts
     ]

@@ -1,4 +1,4 @@
-"""Arms side by side on one page, each leaving its traces behind, cycle by cycle."""
+"""Scene of the animation page: arms side by side, each with traces of its cycles."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ...arguments import Array
+from ...arguments import Array, read_only
 from ...errors import InputError
 from ...robot.visuals import Shape
 from ...studies.study_result import picked
@@ -20,18 +20,20 @@ from .html import page
 from .meshes import Key, key, lifted, record
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Frames:
-    """Which samples of a motion are shown.
+    """The samples of a motion that are shown.
 
     Attributes
     ----------
     index : (T,) array of int
-        Samples, cycle after cycle; every cycle has both its ends, T = len(cycles) * per_cycle.
+        Indices of the samples, cycle by cycle, each with both its ends: T = len(cycles) *
+        per_cycle.
     cycles : tuple of int
-        Numbers of the shown cycles, from 1.
+        Numbers of the shown cycles, counted from 1.
     per_cycle : int
-        Pictures of one cycle, both ends counted.
+        Number of samples of one cycle, including both ends.
     """
 
     index: NDArray[np.intp]
@@ -39,10 +41,10 @@ class Frames:
     per_cycle: int
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Violation:
-    """A motion beyond what the arm can do: what is said, when (in cycles), in which cycle, and
-    where: (T, 3), m."""
+    """First violation of a limit, or first collision, of one motion."""
 
     words: str
     at: float
@@ -50,34 +52,35 @@ class Violation:
     origin: Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Arm:
-    """One arm of the page.
+    """One arm of the page, and its motion.
 
     Attributes
     ----------
     label : str
-        What is written above it: ``J⁺``.
+        Title of its pane: ``J⁺``.
     shapes : tuple of Shape
-        What it looks like.
+        Visual shapes.
     placements : (T, S, 4, 4) array
-        Where each shape stands: rigid, unscaled.
+        Rigid, unscaled transform of each shape.
     tip, elbow : (T, K, 3) arrays
-        Points of K chains that leave a trace, m.
+        Traced points of K chains, m.
     q : (T, n) array
         Configurations, whose distance from cycle 1 is the drift.
     cycle_drift : (cycles,) array
         ‖q − q₀‖ after each cycle of the whole motion, rad.
     color : str
-        Of its label and traces, ``#RRGGBB``.
+        Colour of the label and the traces, ``#RRGGBB``.
     unit : str
-        Of the drift.
+        Unit of the drift.
     joint_names : tuple of str
-        Of q; () numbers them.
+        Names of the joints of q; () numbers them.
     limits : (2, n) array or None
-        Least and largest q; infinite where there is none.
+        Lower and upper limits of q; infinite where there is none.
     broken : Violation or None
-        The joint that leaves its limits first, or the two bodies that touch.
+        First violated joint limit, or first collision.
     """
 
     label: str
@@ -95,18 +98,18 @@ class Arm:
 
 
 def choose_frames(samples: int, cycles: int, *, per_cycle: int = 61, shown: int = 24) -> Frames:
-    """Choose what to show of a motion of ``samples`` = cycles · steps + 1 configurations.
+    """Choose the samples to show of a motion of ``samples`` = cycles · steps + 1 configurations.
 
-    Of many cycles, the first, and back from the last every so many.
+    Of many cycles, the first is shown, and every k-th one back from the last.
 
     Parameters
     ----------
     samples, cycles
-        Of the motion; each cycle has the same number of steps.
+        Number of samples and cycles of the motion; each cycle has the same number of steps.
     per_cycle
-        At most so many pictures per cycle.
+        Maximum number of samples per cycle.
     shown
-        At most so many cycles.
+        Maximum number of cycles.
     """
     steps, rest = divmod(samples - 1, cycles)
     if rest or steps < 1:
@@ -130,7 +133,7 @@ def animation_page(
     verdict: Verdict = NO_VERDICT,
     live: bool = False,
 ) -> str:
-    """Write one self-contained HTML page: a pane an arm, moving through their cycles, looping.
+    """Write one self-contained HTML page with one pane per arm, which loops through their cycles.
 
     Parameters
     ----------
@@ -178,14 +181,14 @@ def animation_page(
 
 
 def _from_first(q: Array, frames: Frames) -> Array:
-    """How far every joint is off where it was in cycle 1, at the same part of the cycle: (T, n)."""
+    """Subtract the configuration at the same phase of cycle 1: (T, n)."""
     cycles = q.reshape(len(frames.cycles), frames.per_cycle, -1)
     return (cycles - cycles[0]).reshape(q.shape)
 
 
 def _liveliest(every: Sequence[Array], frames: Frames) -> tuple[int, int] | None:
-    """Choose the two joints that drift most, or move most where none drifts; None where there are
-    not two."""
+    """Choose the two joints that drift most, or that move most where none drifts; None with fewer
+    than two joints."""
     if every[0].shape[1] < 2:
         return None
     most = np.max([np.abs(_from_first(q, frames)).max(axis=0) for q in every], axis=0)
@@ -196,7 +199,7 @@ def _liveliest(every: Sequence[Array], frames: Frames) -> tuple[int, int] | None
 
 
 def _pair(arm: Arm, pair: tuple[int, int]) -> dict[str, Any]:
-    """The names and the limits of two joints."""
+    """Collect names and limits of two joints."""
     ends = np.full((2, max(pair) + 1), np.nan) if arm.limits is None else arm.limits
     return {
         "names": [arm.joint_names[k] if arm.joint_names else f"joint {k + 1}" for k in pair],
@@ -211,7 +214,7 @@ def _describe(
     pair: tuple[int, int] | None,
     parts: list[Array],
 ) -> dict[str, Any]:
-    """Describe an arm in plain types; what moves goes to ``parts``.
+    """Describe an arm in plain types; arrays that change with time are appended to ``parts``.
 
     Bodies (T, M, 7), tips and elbows (T, K, 3), distance from cycle 1 (T,), two joints (T, 2), the
     broken joint (T, 3)."""
@@ -255,14 +258,14 @@ def _describe(
 
 
 def moving_of(placements: Array) -> NDArray[np.bool_]:
-    """Say which shapes move: (S,)."""
+    """Find the shapes that move: (S,)."""
     return (
         np.ptp(placements, axis=0).reshape(placements.shape[1], -1).max(axis=1, initial=0.0) > 1e-12
     )
 
 
 def poses_of(placements: Array) -> Array:
-    """Turn rigid transforms (T, S, 4, 4) into positions and unit quaternions (T, S, 7): x y z, qx
+    """Convert rigid transforms (T, S, 4, 4) to positions and unit quaternions (T, S, 7): x y z, qx
     qy qz qw.
 
     Of the two quaternions of each rotation, the one nearer to the frame before.

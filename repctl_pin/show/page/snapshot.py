@@ -1,5 +1,4 @@
-"""A still picture of a study, drawn as bones: where the arm stood at the start, and where it stands
-at the end."""
+"""Still figure of a study: the arm as a line at the start and at the end."""
 
 from __future__ import annotations
 
@@ -21,7 +20,7 @@ _START = "#9aa4ae"
 
 
 def bones(task: Task, q: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The arm as a line: its joints' origins and its frame, (n + 1, 3), m."""
+    """Compute the arm as a line: the origins of its joints and of its frame, (n + 1, 3), m."""
     return np.vstack([task.joint_origins(q), task.positions(q[None])])
 
 
@@ -69,7 +68,7 @@ def still(ax: Any, motion: Motion, elbow: int, colour: str, *, flat: bool = Fals
 
 
 def still_figure(study: Study) -> Figure:
-    """Make the still picture of the animation: J⁺ and the repeatable inverse, side by side."""
+    """Make the still figure of the animation: J⁺ and the repeatable inverse, side by side."""
     rows = [
         row
         for row in (study.row("pseudoinverse"), study.row("repeatable"))
@@ -94,7 +93,7 @@ def still_figure(study: Study) -> Figure:
 
 
 def _same_room(axes: list[Any], flat: bool) -> None:
-    """Give all the same limits and one scale for every direction."""
+    """Set the same limits on all axes, with one scale for every direction."""
     names = "xy" if flat else "xyz"
     ends = np.array(
         [[getattr(ax, f"get_{name}lim")() for ax in axes] for name in names]
@@ -119,6 +118,6 @@ def _same_room(axes: list[Any], flat: bool) -> None:
 
 
 def _azimuth(stations: NDArray[np.float64]) -> float:
-    """Look from the side on which the arm works, in degrees."""
+    """Choose the azimuth from which the arm is seen, in degrees: the side on which it works."""
     tip, middle = stations[-1], stations.mean(axis=0)
     return float(np.degrees(np.arctan2(tip[1] - middle[1], tip[0] - middle[0]))) - 50.0

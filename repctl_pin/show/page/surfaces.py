@@ -1,5 +1,4 @@
-"""Mesh files as triangles ready to draw: few bytes, smooth where the body is smooth, in the file's
-colours."""
+"""Mesh files as compact triangles, smoothly shaded, in the colours of the file."""
 
 from __future__ import annotations
 
@@ -13,27 +12,27 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arguments import read_only
 from ...errors import InputError
 
 KINDS = (".stl", ".dae", ".obj", ".ply", ".off", ".glb", ".gltf")
-"""Mesh files that are read; archives and formats that are archives are not: a few bytes of them can
-hold gigabytes."""
+"""Mesh formats that are read. Archives are not: a few bytes can expand to gigabytes."""
 
 MOST_BYTES = 50_000_000
-"""The largest mesh file, or texture, that is read."""
+"""Maximum size of a mesh file or texture, bytes."""
 
 MOST_FACES = 500_000
-"""The most triangles of a file that are drawn."""
+"""Maximum number of triangles of a file."""
 
 CREASE = np.cos(np.deg2rad(38))
-"""Faces that meet at less than this angle are shaded as one round surface."""
+"""Cosine of the crease angle: faces that meet at less than it are shaded smoothly."""
 
 _MANY = 48
-"""Corners at one point above which their faces are left flat: the tip of a fan, not a round
-surface."""
+"""Number of corners at one point above which its faces are shaded flat, as at a fan's tip."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Surface:
     """Triangles in metres, in the mesh's own frame.
 
@@ -59,7 +58,7 @@ class Surface:
 
 
 def read_surface(path: Path, most: int = MOST_FACES) -> Surface:
-    """Read a mesh file of so many triangles at most: .stl, .dae, .obj, .ply, .off, .glb or .gltf.
+    """Read a mesh file: .stl, .dae, .obj, .ply, .off, .glb or .gltf.
 
     Raises
     ------
@@ -74,9 +73,7 @@ def read_surface(path: Path, most: int = MOST_FACES) -> Surface:
     try:
         data = read_bytes(path)
         with np.errstate(all="ignore"):  # what is not finite is told below
-            scene = trimesh.load_scene(
-                io.BytesIO(data), file_type=kind[1:], resolver=_Beside(path), process=False
-            )
+            scene = _scene(data, kind[1:], _Beside(path))
         pieces, faces = [], 0
         for node in scene.graph.nodes_geometry:
             transform, name = scene.graph[node]
@@ -96,8 +93,22 @@ def read_surface(path: Path, most: int = MOST_FACES) -> Surface:
     return _join(pieces, scale)
 
 
+def _scene(data: bytes, file_type: str, resolver: _Beside) -> Any:
+    """Parse a mesh file with trimesh, its vertices as they are."""
+    import trimesh  # type: ignore[import-untyped, unused-ignore]
+
+    file = io.BytesIO(data)
+    if file_type != "dae":
+        return trimesh.load_scene(file, file_type=file_type, resolver=resolver, process=False)
+    # load_scene does not pass process= on to the meshes of a COLLADA file
+    parts = trimesh.exchange.load.mesh_loaders["dae"](file, resolver=resolver)
+    for mesh in parts["geometry"].values():
+        mesh["process"] = not np.isfinite(mesh["vertices"]).all()
+    return trimesh.load_scene(parts)
+
+
 def read_bytes(path: Path) -> bytes:
-    """Read a regular file of a size that can be drawn.
+    """Read a regular file of limited size.
 
     Raises
     ------
@@ -114,14 +125,14 @@ def read_bytes(path: Path) -> bytes:
 
 
 class _Beside:
-    """Gives a mesh the textures and buffers it names: regular files near it. What trimesh calls a
-    resolver."""
+    """Resolver for trimesh: reads textures and buffers that a mesh names, from regular files near
+    it."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
 
     def get(self, name: str) -> bytes:
-        """Read a file that the mesh names; trimesh does without those that are not there."""
+        """Read a file that the mesh names; trimesh ignores missing ones."""
         folder = self.path.parent.resolve()
         file = (folder / name.strip()).resolve()
         if not file.is_relative_to(folder.parent):  # ../textures is common
@@ -132,7 +143,7 @@ class _Beside:
 
 
 def unit(data: bytes) -> float:
-    """Tell how many metres one unit of a COLLADA file is."""
+    """Read the unit of a COLLADA file, in metres."""
     found = re.search(rb"<unit\b[^>]*\bmeter\s*=\s*[\"']([^\"']+)", data[:20_000])
     try:
         meters = float(found[1].replace(b",", b".")) if found else 1.0
@@ -146,7 +157,7 @@ def unit(data: bytes) -> float:
 
 
 def _piece(mesh: Any, transform: NDArray[np.float64]) -> dict[str, Any]:
-    """Take one mesh of a file out of trimesh, corner by corner (3F rows), in the file's frame."""
+    """Extract one mesh from trimesh, corner by corner (3F rows), in the file's frame."""
     vertices = np.asarray(mesh.vertices, float)
     if not (np.abs(vertices) < 1e9).all() or not (np.abs(transform) < 1e9).all():
         raise InputError("a corner of it is not finite, or is over 1e9 away")
@@ -171,7 +182,7 @@ def _piece(mesh: Any, transform: NDArray[np.float64]) -> dict[str, Any]:
 
 
 def _look(mesh: Any, corners: NDArray[np.int64]) -> tuple[NDArray[np.float64], Any, bytes | None]:
-    """Read a mesh's colours (3F, 3), and its texture where it has one."""
+    """Read a mesh's colours (3F, 3), and its texture if it has one."""
     visual = mesh.visual
     if visual.kind == "texture":
         material = visual.material
@@ -190,7 +201,7 @@ def _look(mesh: Any, corners: NDArray[np.int64]) -> tuple[NDArray[np.float64], A
 
 
 def _compressed(image: Any) -> bytes:
-    """Write a picture small: JPEG, 1024 pixels at most."""
+    """Compress an image: JPEG, at most 1024 pixels wide and high."""
     image = image.convert("RGB")
     image.thumbnail((1024, 1024))
     file = io.BytesIO()
@@ -199,8 +210,7 @@ def _compressed(image: Any) -> bytes:
 
 
 def smooth(corners: NDArray[np.float64], flat: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Give each corner the mean normal of the faces round its point that do not bend away by more
-    than CREASE.
+    """Average the normals of the faces around each corner that meet at less than the crease angle.
 
     Parameters
     ----------
@@ -209,23 +219,22 @@ def smooth(corners: NDArray[np.float64], flat: NDArray[np.float64]) -> NDArray[n
     flat : (F, 3) array
         The faces' normals, as long as the faces are large.
     """
-    from trimesh.grouping import unique_rows
-
     grid = 1e-6 * (np.ptp(corners, axis=0).max(initial=0.0) or 1.0)
-    same = unique_rows(np.round(corners / grid).astype(np.int64))[1]
+    order, starts = grouped(np.round(corners / grid).astype(np.int64))
+    counts = np.diff(starts, append=len(order))
     of_face = np.repeat(flat, 3, axis=0)  # (3F, 3)
     length = np.linalg.norm(of_face, axis=1, keepdims=True)
     unit_normal = np.divide(of_face, length, out=np.zeros_like(of_face), where=length > 0)
-    order = np.argsort(same, kind="stable")
-    counts = np.bincount(same)
-    starts = np.concatenate([[0], np.cumsum(counts)[:-1]])
-    each = np.where(counts[same] <= _MANY, counts[same], 0)  # partners of each corner
-    mine = np.repeat(np.arange(len(same)), each)
-    within = np.arange(each.sum()) - np.repeat(np.cumsum(each) - each, each)
-    partner = order[starts[same[mine]] + within]
-    near = np.einsum("ij,ij->i", unit_normal[mine], unit_normal[partner]) > CREASE
+    start, number = np.empty_like(order), np.empty_like(order)  # of the corners at each one's point
+    start[order], number[order] = np.repeat(starts, counts), np.repeat(counts, counts)
+    each = np.where(number <= _MANY, number, 0)  # partners of each corner
+    mine = np.repeat(np.arange(len(each)), each)
+    first = np.repeat(start - (np.cumsum(each) - each), each)
+    partner = order[first + np.arange(len(mine))]
+    cosine = np.einsum("ij,ij->i", unit_normal[mine], unit_normal[partner])
+    near = cosine > CREASE
     mine, partner = mine[near], partner[near]
-    total = np.stack([np.bincount(mine, of_face[partner, k], len(same)) for k in range(3)], 1)
+    total = np.stack([np.bincount(mine, of_face[partner, k], len(each)) for k in range(3)], 1)
     length = np.linalg.norm(total, axis=1, keepdims=True)
     return np.where(
         length > 0,
@@ -234,10 +243,39 @@ def smooth(corners: NDArray[np.float64], flat: NDArray[np.float64]) -> NDArray[n
     )
 
 
-def _join(pieces: list[dict[str, Any]], scale: float) -> Surface:
-    """Put pieces together, those of one texture side by side, each distinct corner once."""
-    from trimesh.grouping import unique_rows
+def grouped(rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.intp]]:
+    """Sort the rows of an array (K, k) so that equal rows are consecutive, in their original order.
 
+    The rows are sorted by a hash, which numpy does several times as fast as by their columns; where
+    two different rows share a hash, they are sorted by their columns after all.
+
+    Returns
+    -------
+    order : (K,) array of int
+        Numbers of the rows.
+    starts : (G,) array of int
+        Places in ``order`` at which another row begins.
+    """
+    bits = len(rows).bit_length()
+    factors = np.random.default_rng(0).integers(2**62, size=rows.shape[1], dtype=np.int64)
+    hashed = (rows @ (2 * factors + 1)) >> bits  # modulo 2^64
+    order = np.sort(hashed << bits | np.arange(len(rows))) & (2**bits - 1)
+    differs = _differs(rows[order])
+    if (differs != _differs(hashed[order, None])).any():
+        order = np.lexsort(rows.T)
+        differs = _differs(rows[order])
+    return order, np.flatnonzero(differs)
+
+
+def _differs(rows: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Compare each row with the one before it; the first counts as different."""
+    differs = np.ones(len(rows), bool)
+    differs[1:] = (rows[1:] != rows[:-1]).any(axis=1)
+    return differs
+
+
+def _join(pieces: list[dict[str, Any]], scale: float) -> Surface:
+    """Join pieces, sorted by texture, with each distinct corner once."""
     images = list(dict.fromkeys(piece["image"] for piece in pieces))
     pieces = sorted(pieces, key=lambda piece: images.index(piece["image"]))
     groups, start = [], 0
@@ -254,15 +292,15 @@ def _join(pieces: list[dict[str, Any]], scale: float) -> Surface:
     )
     # what float32, 8 bits a normal and 8 bits a colour will tell apart
     lattice = np.ptp(points, axis=0).max(initial=0.0) / 2**17 or 1.0
-    rows = [
-        np.round(points / lattice),
-        np.round(normals * 127),
-        np.round(colors * 255),
-        np.round(uv * 2**14),
-    ]
+    rows = [np.round(points / lattice), np.round(normals * 127), np.round(colors * 255)]
+    rows += [np.round(uv * 2**14)] if textured else []
     # each distinct row once, in the order in which the faces first name them: such indices compress
     # well
-    first, same = unique_rows(np.concatenate(rows, 1).astype(np.int64), keep_order=True)
+    order, starts = grouped(np.concatenate(rows, 1).astype(np.int64))
+    firsts = order[starts]
+    first = np.sort(firsts)
+    same = np.empty_like(order)
+    same[order] = np.repeat(np.searchsorted(first, firsts), np.diff(starts, append=len(order)))
     at = np.round(points[first] / lattice) * lattice * scale
     faces, kept_uv = same.reshape(-1, 3), uv[first] if textured else None
     return Surface(at, normals[first], colors[first], faces, kept_uv, tuple(groups))

@@ -1,5 +1,5 @@
-"""A running control loop in the browser: poses go out over a websocket, keys come back and move the
-target.
+"""Live viewer of a control loop: configurations go to the browser over a websocket, and keys move
+the target.
 
 The server is a thread of this process on 127.0.0.1: however the process ends, nothing is left of
 it, no other process and no open port. Only a page that it served itself may connect."""
@@ -39,29 +39,30 @@ _MESSAGE = 200
 
 
 class Viewer:
-    """Shows a control loop while it runs, one pane per control: ``with rp.Viewer(task, ["J⁺",
+    """Live viewer of a control loop, one pane per controller: ``with rp.Viewer(task, ["J⁺",
     "ours"]) as view``.
 
     Parameters
     ----------
     task
-        The task whose joints are shown; the robot's others stay at the reference pose.
+        Task whose joints are shown; other joints stay at the reference pose.
     names
-        What the controls are called.
+        Names of the controllers.
     path
-        The path to draw.
+        Path to draw.
     start : (n,) array
-        Where the arm begins, rad (m for sliding joints), by default the reference pose.
+        Start configuration, rad (m for prismatic joints); by default the reference pose.
     port
-        Where to listen; 0 takes a free one.
+        Port to listen on; 0 takes a free one.
 
     Attributes
     ----------
     url : str
-        Where the page is.
+        Address of the page.
     offset : (3,) array
-        How far the keys have moved the target, m, base axes: arrows across and up the screen, Page
-        Up and Down away and nearer, Home back to 0. At most the arm's length along each axis.
+        Displacement of the target by the keys, m, base axes: arrows move it across and up the
+        screen, Page Up and Down away and nearer, Home back to 0; at most the arm's length along
+        each axis.
 
     Raises
     ------
@@ -116,22 +117,24 @@ class Viewer:
         self._thread = threading.Thread(target=self._serve, args=(sockets, page), daemon=True)
         self._thread.start()
 
+    def __repr__(self) -> str:
+        return f"<Viewer of {', '.join(self.names)} at {self.url}>"
+
     def show(
         self,
         *configurations: ArrayLike,
         before: Sequence[ArrayLike] | Array | None = None,
         out_of_reach: bool = False,
     ) -> None:
-        """Show where the joints are: a configuration (n,) for each name, in order. It returns at
-        once.
+        """Send a configuration (n,) for each name, in order, to the browser; returns at once.
 
         Parameters
         ----------
         configurations
-            Where the joints are now.
+            Current configuration of each controller.
         before
-            The joints when the hand was first there, shown as ghosts; by default what was shown
-            first.
+            Configurations in which the frame was first there, shown as ghosts; by default the first
+            ones sent.
         out_of_reach
             Whether the page says that the target is out of reach.
 
@@ -154,7 +157,7 @@ class Viewer:
             self._loop.call_soon_threadsafe(self._send)
 
     def _each(self, configurations: Sequence[ArrayLike] | Array) -> Array:
-        """One configuration a control: (K, n)."""
+        """Check one configuration per controller: (K, n)."""
         if isinstance(configurations, np.ndarray) and configurations.ndim == 2:
             configurations = list(configurations)
         configurations = list_of(
@@ -162,12 +165,13 @@ class Viewer:
         )
         if len(configurations) != len(self.names):
             raise InputError(
-                f"this viewer shows {len(self.names)} controls, but {len(configurations)} were given"
+                f"this viewer shows {len(self.names)} controllers, "
+                f"but {len(configurations)} configurations were given; give one per controller"
             )
         return np.array([vector(q, self.task.n, "q") for q in configurations])
 
     def open(self) -> bool:
-        """Open the page in the browser; False without a screen."""
+        """Open the page in the browser; return False without a screen."""
         screen = (
             sys.platform in ("darwin", "win32")
             or os.environ.get("DISPLAY")
@@ -176,7 +180,7 @@ class Viewer:
         return bool(screen) and webbrowser.open(self.url)
 
     def close(self) -> None:
-        """Stop serving; the port is free afterwards."""
+        """Stop the server and release its port."""
         if self._thread.is_alive():
             self._loop.call_soon_threadsafe(self._loop.stop)
             self._thread.join()
@@ -193,8 +197,8 @@ class Viewer:
         self.close()
 
     def _page(self, q0: Array, path: TaskPath | None) -> str:
-        """The page: the arm at its start, and turned a little, which says what moves and what is in
-        sight."""
+        """Make the page: the arm at its start and in a second configuration, which shows what
+        moves."""
         task = self.task
         Q = np.array(
             [
@@ -222,7 +226,8 @@ class Viewer:
             )
             for name, colour in zip(self.names, colours, strict=False)
         ]
-        caption = f"{task.frame}, {task.kind} task. Arrows, Page Up and Page Down move the target; Home brings it back."
+        keys = "Arrows, Page Up and Page Down move the target; Home brings it back."
+        caption = f"{task.frame}, {task.kind} task. {keys}"
         lines = [] if path is None else [path.points()]
         flat = bool(np.ptp(np.vstack([*map(task.joint_origins, Q), points, *lines])[:, 2]) < 1e-9)
         title, frames = f"{task.robot.name}: live", Frames(np.arange(3), (1,), 3)
@@ -254,7 +259,7 @@ class Viewer:
             client.give(self._last)
 
     def _moved(self, message: str) -> None:
-        """Move the target as a key asks; anything else is passed over."""
+        """Move the target by one key; ignore any other message."""
         try:
             move = json.loads(message)
         except ValueError:
@@ -309,7 +314,7 @@ class _Poses(WebSocketHandler):
             self.viewer._moved(message)
 
     def give(self, poses: bytes) -> None:
-        """Send the newest poses, once; a browser that is late misses some, but never the last."""
+        """Send the newest poses once; a slow browser misses some, but never the last."""
         if self.busy or poses is self.sent:
             return
         try:

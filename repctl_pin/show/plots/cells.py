@@ -1,4 +1,4 @@
-"""Figures of a function over a cell: slices through its middle, by limit margin and by extra joint
+"""Figures of a function over a cell: slices through its centre, by limit margin and by extra joint
 speed."""
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ def slice_of_cell(
     what: str = "limit_margin",
     ends: tuple[float, float] | None = None,
 ) -> Axes:
-    """Draw ``limit_margin`` or ``extra_speed`` over one slice, coloured from ``ends``; what is not
-    covered is grey."""
+    """Draw ``limit_margin`` or ``extra_speed`` over one slice, coloured from ``ends``; uncovered
+    poses are grey."""
     _, colours, scale = _WHAT[what]
     values = scale * getattr(cut, what)
     values = np.ma.array(values, mask=~np.isfinite(values))
@@ -47,12 +47,13 @@ def slice_of_cell(
 
 
 def cell_figure(design: CellDesign, cuts: Sequence[Slice]) -> Figure:
-    """Draw every slice twice: by limit margin above, by extra joint speed below; a row has one
-    scale of colours."""
+    """Draw every slice twice: by limit margin above, by extra joint speed below, each row with one
+    colour scale."""
     shapes = [design.cell.widths[design.cell.widths > 0][list(cut.axes)] for cut in cuts]
     shares = [min(max(w / h, 0.5), 2.0) if h else 1.0 for w, h in shapes]
-    words = f"{design.task.robot.name}, {design.task.frame}, {design.task.kind}: one function for {design.cell.size()}"
-    figure = titled(2.0 + 2.7 * sum(shares), 6.7, words)
+    task = design.task
+    title = f"{task.robot.name}, {task.frame}, {task.kind}: one function for {design.cell.size()}"
+    figure = titled(2.0 + 2.7 * sum(shares), 6.7, title)
     grid = figure.subplots(2, len(cuts), squeeze=False, width_ratios=shares)
     for row, (what, (label, _, scale)) in zip(grid, _WHAT.items(), strict=True):
         every = scale * np.concatenate([getattr(cut, what).ravel() for cut in cuts])
@@ -73,7 +74,7 @@ def cell_figure(design: CellDesign, cuts: Sequence[Slice]) -> Figure:
 
 
 def _centre(design: CellDesign) -> np.ndarray:
-    """The middle in the cell's coordinates, m; 0 for rotations."""
+    """Return the centre in the cell's coordinates, m; 0 for rotations."""
     cell = design.cell
     every = np.zeros(len(cell.widths))
     every[: len(cell.half_width)] = cell.placement.translation[

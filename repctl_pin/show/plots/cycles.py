@@ -1,5 +1,4 @@
-"""Figures of cycles: joint speed, room left to the joint limits, and orbits, on which what drifts
-is a coil."""
+"""Figures of cycles: joint speed, joint-limit margin, body distance, and orbits in joint space."""
 
 from __future__ import annotations
 
@@ -40,7 +39,7 @@ def speed_over_cycle(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> Ax
 
 
 def margin_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> Axes:
-    """Draw the least distance of any joint to its limit in each cycle; below 0 a limit is broken.
+    """Draw the smallest joint-limit margin in each cycle; below 0 a limit is violated.
 
     Parameters
     ----------
@@ -59,7 +58,7 @@ def margin_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> 
 
 
 def bodies_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> Axes:
-    """Draw the least distance between bodies in each cycle; at 0 they touch.
+    """Draw the minimum body distance in each cycle; below 0 two bodies collide.
 
     Parameters
     ----------
@@ -77,7 +76,7 @@ def bodies_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> 
 
 
 def _least_over_cycles(ax: Axes, lines: Sequence[tuple[str, str, np.ndarray]], cycles: int) -> None:
-    """Draw the least of something in each cycle, and what lies below 0 in grey."""
+    """Draw a minimum per cycle, with the range below 0 in grey."""
     ax.set_xlim(0.5, cycles + 0.5)
     ax.set_xlabel("cycle")
     if not lines:
@@ -93,7 +92,7 @@ def _least_over_cycles(ax: Axes, lines: Sequence[tuple[str, str, np.ndarray]], c
 
 
 def least_margins(motion: Motion) -> np.ndarray:
-    """The least limit margin of any joint in each cycle: (cycles,)."""
+    """Find the smallest limit margin of any joint in each cycle: (cycles,)."""
     return _least_in_cycles(motion.limit_margin.min(axis=1), motion)
 
 
@@ -103,8 +102,8 @@ def _least_in_cycles(values: np.ndarray, motion: Motion) -> np.ndarray:
 
 
 def cycle_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Figure:
-    """Make the figure of speeds, limit margins, and distances between bodies where there are any,
-    side by side."""
+    """Make the figure of joint speed, limit margins and, with bodies, body distance, side by
+    side."""
     bodies = np.isfinite(motions[0][1].coarse.body_distance[0])
     figure = titled(12 if bodies else 10, 4.0, title)
     left, right, *third = figure.subplots(1, 3 if bodies else 2)
@@ -119,7 +118,7 @@ def cycle_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Figu
 
 
 def orbit(ax: Axes, motions: Sequence[tuple[str, Motion, str]], across: int, upward: int) -> Axes:
-    """Draw one joint against another over all cycles: one view along the other joints' axes.
+    """Draw one joint against another over all cycles: a projection along the other joints' axes.
 
     Where each motion ends is marked by a disc, the start by a cross.
 
@@ -146,7 +145,7 @@ def orbit(ax: Axes, motions: Sequence[tuple[str, Motion, str]], across: int, upw
 
 
 def liveliest_joints(motions: Sequence[tuple[str, Motion, str]], count: int = 3) -> list[int]:
-    """Find the joints whose ends of cycles lie furthest from the start, in the order of the arm."""
+    """Find the joints that drift most at the ends of cycles, in the order of the arm."""
     ends = [
         np.abs(motion.q[motion.steps :: motion.steps] - motion.q[0]).max(axis=0)
         for _, motion, _ in motions
@@ -160,7 +159,7 @@ def orbits_figure(
     title: str,
     joints: tuple[int, int, int] | None = None,
 ) -> Figure:
-    """Make the figure of orbits: three joints, seen along each of their three axes.
+    """Make the figure of orbits: three joints, projected along each of their three axes.
 
     Parameters
     ----------
@@ -180,7 +179,7 @@ def orbits_figure(
 
 
 def phase_plane(ax: Axes, timed: TimedMotion, *, colour: str = BLUE) -> Axes:
-    """Draw ‖q̇‖ over the length of the joint path: from rest, round and round, to rest.
+    """Draw ‖q̇‖ against the length of the joint path, from rest to rest.
 
     Parameters
     ----------

@@ -1,5 +1,4 @@
-"""Figures of a design: cost against degree, where it is far from what was desired, where it is near
-singular."""
+"""Figures of a design: cost against degree, distance from the desired inverse, and leaf margin."""
 
 from __future__ import annotations
 
@@ -22,7 +21,7 @@ from .motions import axis_label, quiet, titled
 def cost_against_degree(
     ax: Axes, degrees: Sequence[tuple[int, float, float]], baselines: Sequence[Baseline] = ()
 ) -> Axes:
-    """Draw the cost on held-out nodes against the degree of the potentials, beside other repeatable
+    """Draw the cost on held-out nodes against the degree of the potentials, with other repeatable
     inverses.
 
     Parameters
@@ -70,8 +69,8 @@ def joint_map(
     label: str,
     top: float | None = None,
 ) -> Axes:
-    """Draw values over a grid of two joints, with level lines, a bar that names them, and a cross
-    in the center of Ω.
+    """Draw values over a grid of two joints, with contour lines, a colour bar, and a cross at the
+    centre of Ω.
 
     Parameters
     ----------
@@ -116,15 +115,30 @@ def design_figure(
     design: Design,
     grid: DesignMap,
     degrees: Sequence[tuple[int, float, float]] = (),
+    baselines: Sequence[Baseline] = (),
     *,
     title: str = "",
 ) -> Figure:
-    """Make the figure ``design.png``."""
+    """Make the figure ``design.png``.
+
+    Parameters
+    ----------
+    design
+        The design.
+    grid
+        Its maps over two joints.
+    degrees
+        Degree, cost and standard error of designs to compare; none leaves that panel out.
+    baselines
+        Simpler inverses to compare in the same panel.
+    title
+        Title of the figure.
+    """
     panels = 3 if degrees else 2
     figure = titled(4.3 * panels, 4.0, title)
     axes = list(figure.subplots(1, panels))
     if degrees:
-        ax = cost_against_degree(axes.pop(0), degrees, design.baselines)
+        ax = cost_against_degree(axes.pop(0), degrees, baselines)
         ax.set_title("cost on held-out nodes, ± 2 standard errors", fontsize=10)
         ax.legend(frameon=False, fontsize=8.5, loc="upper right")
     with np.errstate(invalid="ignore"):
@@ -135,7 +149,7 @@ def design_figure(
 
 
 def _plain_log_ticks(ax: Axes) -> None:
-    """Numbers as people write them on a log axis that may span less than a decade."""
+    """Label a log axis that may span less than a decade with plain numbers."""
     low, high = ax.get_ylim()
     ax.set_ylim(low, high * (high / low) ** 0.4)  # room for the legend
     span = high / low

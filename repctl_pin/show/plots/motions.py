@@ -1,4 +1,4 @@
-"""Figures of a motion: each takes and returns matplotlib Axes."""
+"""Figures of motions: drift and joint positions over the cycles."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ _BEYOND: dict[str, Any] = {
     "ls": "none",
     "zorder": 5,
 }
-"""The cross where a motion goes beyond what the arm can do."""
+"""Cross at the first violation of a motion."""
 
 
 def drawn(study: Study) -> list[tuple[str, Motion, str]]:
-    """List every strategy of a study that moved: its label, motion and colour."""
+    """List every strategy of a study that has a motion: its label, motion and colour."""
     colour = colours(study)
     return [
         (plain(row.label), row.motion, colour[row.key])
@@ -44,19 +44,18 @@ def drawn(study: Study) -> list[tuple[str, Motion, str]]:
 def drift_over_cycles(
     ax: Axes, motions: Sequence[tuple[str, Motion, str]], *, log: bool = False
 ) -> Axes:
-    """Draw joint drift after each cycle: how far the joints are from the start, with its last value
-    at the line's end.
+    """Draw the joint drift after each cycle, with its last value at the end of the line.
 
-    A cross is the cycle in which a joint first leaves its limits, or two bodies touch.
+    A cross marks the cycle in which a joint first exceeds its limits, or two bodies first collide.
 
     Parameters
     ----------
     ax
-        Where to draw.
+        Axes to draw on.
     motions
-        Label, motion, colour.
+        Label, motion and colour of each.
     log
-        On a log scale, without the values: how small what is left is.
+        Whether to use a log scale, without the values.
     """
     for (label, motion, colour), marker in zip(motions, "osD^vPX" * len(motions), strict=False):
         cycles = np.arange(1, motion.cycles + 1)
@@ -76,8 +75,8 @@ def drift_over_cycles(
 
 
 def _top(motions: Sequence[tuple[str, Motion, str]]) -> float | None:
-    """Where the axis ends if a control that moves away in cycle 1 and stays there would hide all
-    other drift."""
+    """Choose the upper end of the axis if a controller that moves away in cycle 1 and stays there
+    would hide all other drift."""
     drifts = [motion.drift for _, motion, _ in motions]
     rest = max((float(d.max()) for d in drifts if not _stays(d)), default=0.0)
     if not rest > CLOSED:
@@ -87,13 +86,12 @@ def _top(motions: Sequence[tuple[str, Motion, str]]) -> float | None:
 
 
 def _stays(drift: NDArray[np.float64]) -> bool:
-    """Whether nearly all of a drift is there after the first of several cycles."""
+    """Check whether nearly all of a drift occurs in the first of several cycles."""
     return len(drift) > 1 and bool(drift[-1] < 1.1 * drift[0])
 
 
 def _end_labels(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> None:
-    """Write each motion's name, last drift, and where it goes beyond what the arm can do, beside
-    its line's end."""
+    """Write each motion's name, last drift and first violation beside the end of its line."""
     low, high = ax.get_ylim()
     step, floor = 0.075 * (high - low), -np.inf
     for label, motion, colour in sorted(motions, key=lambda one: float(one[1].drift[-1])):
@@ -110,15 +108,20 @@ def _end_labels(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> None:
         )
         floor += 0.5 * step * beyond.count("\n")
         ax.annotate(
-            f"{label}: {value}{' ↑' if above else ''}{beyond}", (motion.cycles, drift), (1.055 * motion.cycles, floor),
-            color=colour, fontsize=9, va="center", annotation_clip=False,
-        )  # fmt: skip
+            f"{label}: {value}{' ↑' if above else ''}{beyond}",
+            xy=(motion.cycles, drift),
+            xytext=(1.055 * motion.cycles, floor),
+            color=colour,
+            fontsize=9,
+            va="center",
+            annotation_clip=False,
+        )
 
 
 def joint_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]], joint: int) -> Axes:
-    """Draw one joint against time in cycles, its limits as dashed lines where they are near.
+    """Draw one joint against time in cycles, with nearby limits as dashed lines.
 
-    A cross is where it first leaves them.
+    A cross marks where it first exceeds them.
     """
     task = motions[0][1].task
     for label, motion, colour in motions:
@@ -161,14 +164,14 @@ def drift_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Figu
 
 
 _INSET = (0.38, 0.3)
-"""Width and height of the inset, in parts of the axes."""
+"""Width and height of the inset, as fractions of the axes."""
 
 
 def _free_corner(
     ax: Axes, motions: Sequence[tuple[str, Motion, str]]
 ) -> tuple[float, float] | None:
-    """Find the highest place, at the left or else at the right, where the inset covers no line;
-    None where all do."""
+    """Find the highest place, on the left or else on the right, where the inset covers no line;
+    None if there is none."""
     to_axes, shares = ax.transData + ax.transAxes.inverted(), np.linspace(0, 1, 101)
     lines = [to_axes.transform(np.c_[1 : m.cycles + 1, m.drift]).T for _, m, _ in motions]
     for left in (0.1, 0.6):
@@ -202,15 +205,15 @@ def joints_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Fig
 
 
 def plain(text: str) -> str:
-    """A name as it stands: what is between two $ would be read as a formula."""
+    """Escape a name for matplotlib, which would read text between two $ as a formula."""
     return text.replace("$", r"\$")
 
 
-def png(figure: Figure, dpi: float = 150, **how: Any) -> bytes:
-    """Draw a figure as a PNG, as matplotlib's ``savefig`` is told to."""
-    held = io.BytesIO()
-    figure.savefig(held, format="png", dpi=dpi, **how)
-    return held.getvalue()
+def png(figure: Figure, dpi: float = 150, **options: Any) -> bytes:
+    """Draw a figure as a PNG file, with the options of matplotlib's ``savefig``."""
+    file = io.BytesIO()
+    figure.savefig(file, format="png", dpi=dpi, **options)
+    return file.getvalue()
 
 
 def titled(width: float, height: float, title: str) -> Figure:
@@ -221,7 +224,7 @@ def titled(width: float, height: float, title: str) -> Figure:
 
 
 def legend_below(figure: Figure, ax: Axes) -> Figure:
-    """Name below a figure what its axes show, in one row."""
+    """Add a legend of the axes below the figure, in one row."""
     handles, labels = ax.get_legend_handles_labels()
     figure.legend(
         handles, labels, loc="outside lower center", ncols=len(labels), frameon=False, fontsize=9
@@ -230,12 +233,12 @@ def legend_below(figure: Figure, ax: Axes) -> Figure:
 
 
 def axis_label(task: Task, joint: int) -> str:
-    """Name a joint and its unit, for an axis."""
+    """Write the label of an axis: a joint and its unit."""
     return f"{plain(task.joint_names[joint])} ({'rad' if task.revolute[joint] else 'm'})"
 
 
 def quiet(ax: Axes, *, whole: bool = False) -> Axes:
-    """Give a figure a quiet grid and no box; with ``whole``, whole cycles below."""
+    """Style axes with a light grid and no box; ``whole`` puts integer ticks on the x axis."""
     if whole:
         ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     ax.spines[["top", "right"]].set_visible(False)

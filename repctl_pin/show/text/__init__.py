@@ -1,0 +1,21 @@
+"""Results as text: tables, verdicts, captions and numbers. Each is imported when it is asked for."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+_NAMES = {
+    "captions": "GLOSSARY amount drift_words joints_words summary",
+    "lines": "fitted",
+    "numbers": "metres number percent radians",
+    "table": "study_table",
+    "verdict": "MotionSummary Tile Verdict motion_summary study_verdict",
+}
+_FILE_OF = {name: file for file, names in _NAMES.items() for name in names.split()}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _FILE_OF:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f".{_FILE_OF[name]}", __name__), name)

@@ -1,5 +1,5 @@
-"""What a study found, in sentences; and what each of its pictures shows, for those who cannot see
-it."""
+"""Sentences of the report: its summary, its glossary, and a description of each figure for readers
+who cannot see it."""
 
 from __future__ import annotations
 
@@ -12,77 +12,82 @@ from ..palette import COLOURS
 from .numbers import number
 
 GLOSSARY = {
-    "redundant": "The arm has more joints than its task has coordinates: many joint motions move the frame in the "
-    "same way.",
-    "J⁺": "The pseudoinverse of the Jacobian J: of all joint velocities that move the frame as asked, the one with the "
-    "least norm. The usual control, and the desired one here.",
+    "redundant": "The arm has more joints than its task has coordinates: many joint motions move "
+    "the frame in the same way.",
+    "J⁺": "The pseudoinverse of the Jacobian J: of all joint velocities that give the frame its "
+    "velocity, the one with the smallest norm. It is the usual controller, and the desired one "
+    "here.",
     "repeatable": "Every closed path of the frame ends in the configuration it began in.",
-    "drift": "How far the joints are off the start after a cycle: the norm over all joints, so it may exceed what any "
-    "one of them has moved.",
-    "J⁺ + posture": "J⁺, plus a pull in its null space towards given joints: those of the start, or others (other "
-    "posture), to which it moves first.",
-    "potentials": "Functions of the joints that the repeatable control holds constant. A higher degree leaves more to "
-    "choose from, and comes nearer to J⁺.",
-    "Ω": "The region of joint space for which the repeatable control was designed; outside, repeatability is not "
-    "guaranteed.",
-    "cost": "The mean over Ω of ‖G − J⁺‖², by which the repeatable control G differs from J⁺.",
-    "leaf margin": "How far the potentials are from failing to fix the joints: 1 is best, 0 is singular.",
-    "defect": "By how much a control fails the test of repeatability at a configuration, per rad: 0 where it passes.",
-    "constant rows, extended Jacobian": "Two simpler repeatable controls, for comparison: fixed combinations of the "
-    "joints held constant, and a pull towards the centre of Ω held at zero along the free directions.",
+    "drift": "Distance of the joints from the start after a cycle: a norm over all joints, so it "
+    "may exceed the displacement of each of them.",
+    "J⁺ + posture": "J⁺ with null-space attraction to a given configuration: the start, or another "
+    "one (other posture), which the arm reaches first.",
+    "potentials": "Functions of the joints that the repeatable controller holds constant. A higher "
+    "degree allows a smaller distance from J⁺.",
+    "Ω": "The region of joint space for which the repeatable controller was designed; outside, "
+    "repeatability is not guaranteed.",
+    "cost": "The mean over Ω of ‖G − J⁺‖², where G is the repeatable inverse.",
+    "leaf margin": "Distance from an algorithmic singularity, at which the potentials no longer "
+    "determine the joints: 1 is best, 0 is singular.",
+    "defect": "Violation of the condition for repeatability at a configuration, per rad: 0 where "
+    "it holds.",
+    "constant rows, extended Jacobian": "Two simpler repeatable controllers, for comparison: one "
+    "holds fixed combinations of the joints constant, the other holds an attraction to the centre "
+    "of Ω at zero in the null space.",
 }
-"""What the words of a report mean."""
+"""Definitions of the terms of a report."""
 
 
 def summary(study: Study) -> list[str]:
-    """Say in a few sentences, one a paragraph, what was done, what happened, what it costs."""
+    """Summarise a study in a few sentences, one per paragraph."""
     task, path = study.task, study.path
     plain, closed = study.row("pseudoinverse"), study.row("repeatable")
     some = next(row.motion for row in study.rows if row.motion is not None)
     out = [
-        f"The frame {task.frame} of {study.robot.name} followed a closed path, {path.name}, {some.cycles} "
-        f"{_times(some.cycles)}. The task ({task.kind}) has {task.m} dimensions and the arm {task.n} joints, which "
-        f"leaves {task.r} free: many joint motions move the frame in the same way."
+        f"The frame {task.frame} of {study.robot.name} followed a closed path, {path.name}, "
+        f"{some.cycles} {_times(some.cycles)}. The task ({task.kind}) has {task.m} coordinates and "
+        f"the arm {task.n} joints, which leaves {task.r} free: many joint motions move the frame "
+        "in the same way."
     ]
     if plain.motion is not None:
         out.append(
-            f"Under the pseudoinverse J⁺ the frame comes back after every cycle, but the joints do not: they are off "
-            f"by {amount(plain.motion, 0)} after one cycle and by {amount(plain.motion, -1)} after "
-            f"{plain.motion.cycles} (the norm over all joints)."
+            "Under the pseudoinverse J⁺ the frame returns to its start after every cycle, but the "
+            f"joints drift: by {amount(plain.motion, 0)} after one cycle and by "
+            f"{amount(plain.motion, -1)} after {plain.motion.cycles} (the norm over all joints)."
         )
     else:
-        out.append(f"The pseudoinverse J⁺ could not follow: {plain.stopped}.")
+        out.append(f"The pseudoinverse J⁺ stopped: {plain.stopped}.")
     for row in study.rows:
         if row.key not in COLOURS:
             own = (
-                f"they are off by {amount(row.motion, -1)}"
+                f"the joints drift by {amount(row.motion, -1)}"
                 if row.motion
-                else f"it could not follow: {row.stopped}"
+                else f"the motion stopped: {row.stopped}"
             )
-            out.append(f"Under your control {row.label}, {own}.")
+            out.append(f"Under your controller {row.label}, {own}.")
     if closed.motion is not None:
         assert closed.distance is not None and closed.leaf_margin is not None
         out.append(
-            f"Under the nearest repeatable inverse they are off by {amount(closed.motion, -1)} after "
-            f"{closed.motion.cycles} {_times(closed.motion.cycles, 'cycle')}. It differs from J⁺ by "
-            f"{closed.distance:.1%} in the mean over Ω, {_price(plain, closed)}, and its leaf margin from "
-            f"singularities of its own is at worst {closed.leaf_margin:.2f} (1 is best, 0 is singular)."
+            "Under the nearest repeatable inverse the joints drift by "
+            f"{amount(closed.motion, -1)} after {closed.motion.cycles} "
+            f"{_times(closed.motion.cycles, 'cycle')}. It differs from J⁺ by {closed.distance:.1%} "
+            f"on average over Ω, and {_price(plain, closed)}. Its smallest leaf margin is "
+            f"{closed.leaf_margin:.2f} (1 is best, 0 is singular)."
         )
     else:
-        out.append(f"The nearest repeatable inverse could not follow: {closed.stopped}.")
+        out.append(f"The nearest repeatable inverse stopped: {closed.stopped}.")
     broken = [f"{row.label}: {violation}" for row in study.rows for violation in row.violations]
     known = any(row.body_distance is not None for row in study.rows)
-    kept = "No joint leaves its limits" + (", and no two bodies touch." if known else ".")
+    kept = "No joint exceeds its limits" + (", and no two bodies collide." if known else ".")
     out.append(f"{'; '.join(broken)}." if broken else kept)
     near = [
-        f"{row.label} {row.body_distance:.3f} m ({' and '.join(row.motion.coarse.nearest_bodies[1].links)})"
+        f"{row.label} {row.body_distance:.3f} m "
+        f"({' and '.join(row.motion.coarse.nearest_bodies[1].links)})"
         for row in study.rows
         if row.motion is not None and row.body_distance is not None
     ]
     if near:
-        out.append(
-            f"The least distance between bodies, at 100 points per cycle: {'; '.join(near)}."
-        )
+        out.append(f"Minimum body distance, at 100 points per cycle: {'; '.join(near)}.")
     times = [
         f"{row.label} {row.cycle_time:.3f} s{'' if row.motion.closes else ' (does not close)'}"
         for row in study.rows
@@ -90,8 +95,8 @@ def summary(study: Study) -> list[str]:
     ]
     if times:
         out.append(
-            f"The first cycle from rest to rest, as fast as the speed limits and these accelerations allow "
-            f"({study.setting['accelerations']}): {'; '.join(times)}."
+            "Fastest first cycle, from rest to rest within the speed limits and these "
+            f"accelerations ({study.setting['accelerations']}): {'; '.join(times)}."
         )
     return out
 
@@ -104,7 +109,8 @@ def amount(motion: Motion, cycle: int) -> str:
 def drift_words(study: Study) -> str:
     """Describe the figure of the drift."""
     parts = [
-        f"{label} from {number(motion.drift[0])} after the first cycle to {number(motion.drift[-1])} after the last"
+        f"{label} from {number(motion.drift[0])} after the first cycle "
+        f"to {number(motion.drift[-1])} after the last"
         for label, motion in _moved(study)
     ]
     return f"Joint drift after each cycle: {'; '.join(parts)}; in {study.task.unit}."
@@ -118,7 +124,8 @@ def joints_words(study: Study) -> str:
         f"{name} {value:+.3g}" if abs(value) > 1e-12 else f"{name} 0"
         for name, value in zip(study.task.joint_names, off, strict=True)
     ]
-    return f"Each joint over all cycles. At the end of {label} the joints are off by: {', '.join(parts)}."
+    drift = ", ".join(parts)
+    return f"Each joint over all cycles. At the end of {label} the joints have drifted by: {drift}."
 
 
 def orbits_words(study: Study) -> str:
@@ -126,10 +133,11 @@ def orbits_words(study: Study) -> str:
     said = [
         f"{label}: one closed loop"
         if motion.closes
-        else f"{label}: ends {amount(motion, -1)} off its start"
+        else f"{label}: ends {amount(motion, -1)} from its start"
         for label, motion in _moved(study, without="posture_off")
     ]
-    return f"The three joints that drift most, plotted against each other in three views. {'; '.join(said)}."
+    views = "The three joints that drift most, plotted against each other in three views."
+    return f"{views} {'; '.join(said)}."
 
 
 def cycles_words(study: Study) -> str:
@@ -137,15 +145,13 @@ def cycles_words(study: Study) -> str:
     parts = []
     for label, motion in _moved(study):
         margin = float(motion.limit_margin.min())
-        room = f"limit margin at least {margin:.3g}" if margin < 1e6 else "no limits"
-        apart = float(motion.coarse.body_distance.min())
-        bodies = f", bodies at least {apart:.3g} m apart" if np.isfinite(apart) else ""
-        parts.append(
-            f"{label}: speed up to {motion.peak_speed:.3g} per s in all cycles, {room}{bodies}"
-        )
+        limits = f"minimum limit margin {margin:.3g}" if margin < 1e6 else "no limits"
+        distance = float(motion.coarse.body_distance.min())
+        bodies = f", minimum body distance {distance:.3g} m" if np.isfinite(distance) else ""
+        parts.append(f"{label}: peak speed {motion.peak_speed:.3g} per s, {limits}{bodies}")
     return (
-        "Joint speed over the cycle, and the least distance to a joint limit, and between bodies where there are any, "
-        f"in each. {'; '.join(parts)}."
+        "Joint speed over the cycle; minimum joint-limit margin in each cycle; minimum body "
+        f"distance in each cycle, if the URDF has collision geometry. {'; '.join(parts)}."
     )
 
 
@@ -164,20 +170,22 @@ def maps_words(study: Study, maps: StudyMaps) -> str:
     ]
     costs = [f"{cost:.4g} at degree {degree}" for degree, cost, _ in maps.degrees]
     last = (
-        f" Mean cost over Ω by degree of the potentials: {', '.join(costs)}."
+        f" Cost on held-out nodes by degree of the potentials: {', '.join(costs)}."
         if len(costs) > 1
         else ""
     )
     names = study.task.joint_names
-    return f"Over {names[i]} and {names[j]}, the other joints at the centre of Ω (the cross): {'; '.join(ranges)}.{last}"
+    return (
+        f"Over {names[i]} and {names[j]}, the other joints at the centre of Ω (the cross): "
+        f"{'; '.join(ranges)}.{last}"
+    )
 
 
 def still_words(study: Study) -> str:
     """Describe the still picture of the animation."""
     rows = (study.row("pseudoinverse"), study.row("repeatable"))
     ends = [
-        "did not finish" if r.motion is None else f"is off the start by {amount(r.motion, -1)}"
-        for r in rows
+        "stopped" if r.motion is None else f"has drifted by {amount(r.motion, -1)}" for r in rows
     ]
     parts = [f"{row.label} {end}" for row, end in zip(rows, ends, strict=True)]
     return f"The arm at the start, in grey, and at the end: {'; '.join(parts)}."
@@ -185,12 +193,12 @@ def still_words(study: Study) -> str:
 
 def _price(plain: Row, closed: Row) -> str:
     if plain.motion is None or closed.motion is None:
-        return "the cost in joint speed is not known"
+        return "its extra joint speed is unknown"
     price = closed.motion.first_rms_speed / plain.motion.first_rms_speed - 1
     overall = closed.motion.rms_speed / plain.motion.rms_speed - 1
-    worth = f"costs {price:+.1%} of" if abs(price) >= 5e-4 else "costs no"
+    extra = f"{price:+.1%}" if abs(price) >= 5e-4 else "0 %"
     more = f" and {overall:+.1%} over all cycles" if plain.motion.cycles > 1 else ""
-    return f"{worth} joint speed (rms) over the first cycle{more}"
+    return f"its extra joint speed (rms) is {extra} over the first cycle{more}"
 
 
 def _moved(study: Study, without: str = "") -> list[tuple[str, Motion]]:

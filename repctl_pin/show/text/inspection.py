@@ -1,4 +1,4 @@
-"""What a robot file holds, as data and as text."""
+"""Contents of a robot file, as data and as text."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .table import table
 
 
 def inspection(robot: Robot, redundancy: Mapping[str, Mapping[str, int]]) -> dict[str, Any]:
-    """Collect what a file holds in plain Python types.
+    """Collect the contents of a robot file in plain Python types.
 
     Parameters
     ----------
@@ -79,7 +79,8 @@ def inspection_text(found: Mapping[str, Any]) -> str:
         for j in found["joints"]
     ]
     lines = [
-        f"{found['robot']}: {len(rows)} movable joints, {found['links']} links, {found['meshes']} meshes",
+        f"{found['robot']}: {len(rows)} movable joints, {found['links']} links, "
+        f"{found['meshes']} meshes",
         f"from {found['file']}",
         "",
         table(["joint", "kind", "lower", "upper", "speed", "reference"], rows),
@@ -99,7 +100,8 @@ def inspection_text(found: Mapping[str, Any]) -> str:
 
 
 def _chains(found: Mapping[str, Any]) -> list[str]:
-    """Name the joints of the default frame's chain, and of others as long; and what each can do."""
+    """List the joints of the default frame's chain and of others of the same length, with their
+    task kinds."""
     frames, lines, told = found["frames"], [], []
     most = len(frames[found["default_frame"]]["chain"])
     for name, frame in frames.items():
@@ -116,7 +118,7 @@ def _chains(found: Mapping[str, Any]) -> list[str]:
 
 
 def _frames(found: Mapping[str, Any]) -> list[str]:
-    """Write where the frames are: enough to write a path of one's own."""
+    """List the frames and their positions, with which a path can be written."""
     rows = [
         [
             f"{name} (default)" if name == found["default_frame"] else name,

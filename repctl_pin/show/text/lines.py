@@ -1,4 +1,4 @@
-"""Text that fits the terminal it is printed on."""
+"""Text wrapped to the width of the terminal."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from typing import TextIO
 
 
 def terminal_width() -> int | None:
-    """Columns of the terminal that stdout is; None where it is none."""
+    """Return the number of columns of the terminal; None if stdout is not a terminal."""
     return shutil.get_terminal_size().columns if on_terminal(sys.stdout) else None
 
 
 def on_terminal(stream: TextIO | None) -> bool:
-    """Say whether a person sees a stream; it may be closed."""
+    """Check whether a stream is a terminal; it may be closed."""
     return stream is not None and not stream.closed and stream.isatty()
 
 
 def fitted(text: str) -> str:
-    """Wrap the lines that the terminal is too narrow for, between words; a pipe gets them whole.
+    """Wrap lines that are wider than the terminal; a pipe gets them unchanged.
 
-    What stands behind a label goes on below itself.
+    Text after a label is indented below itself.
     """
     width = terminal_width()
     return (

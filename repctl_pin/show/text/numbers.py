@@ -1,4 +1,4 @@
-"""Numbers as every page, figure and table writes them."""
+"""Number formats of every page, figure and table."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 
 def number(value: float) -> str:
-    """Write three digits, or one of what is tiny: 1.75, 0.0238, 2e-11."""
+    """Format a number with three digits, or one below 1e-3: 1.75, 0.0238, 2e-11."""
     if not math.isfinite(value):
         return "–"
     if value == 0:
@@ -19,7 +19,7 @@ def number(value: float) -> str:
 
 
 def metres(value: float) -> str:
-    """Write a length in the unit that suits it: 1.2 m, 45 cm, 2.6 mm, 0.02 mm, 7 µm; 0 below a
+    """Format a length in a suitable unit: 1.2 m, 45 cm, 2.6 mm, 0.02 mm, 7 µm; 0 below a
     nanometre."""
     if value < 1e-9:
         return "0"
@@ -29,12 +29,12 @@ def metres(value: float) -> str:
 
 
 def radians(value: float) -> str:
-    """Write an angle: 3.7 rad, 2e-5 rad."""
+    """Format an angle: 3.7 rad, 2e-5 rad."""
     return f"{number(float(f'{value:.2g}'))} rad"
 
 
 def percent(share: float) -> str:
-    """Write a change in per cent, with its sign: +0.3 %, −1 %; 0 % below a twentieth of one."""
+    """Format a change in per cent, with its sign: +0.3 %, −1 %; 0 % below 0.05 %."""
     if abs(share) < 5e-4:
         return "0 %"
     text = f"{100 * share:+.1f}" if abs(share) < 0.1 else f"{100 * share:+.0f}"
@@ -42,5 +42,5 @@ def percent(share: float) -> str:
 
 
 def row(values: Iterable[float], digits: int = 4) -> str:
-    """Write numbers one after the other, of so many digits."""
+    """Format numbers in one line, each with the given number of digits."""
     return ", ".join(f"{value:.{digits}g}" for value in values)

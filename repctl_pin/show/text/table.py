@@ -1,4 +1,4 @@
-"""Tables for a terminal: plain text, aligned, nothing computed."""
+"""Tables as aligned plain text for a terminal."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from .numbers import number
 from .verdict import study_verdict
 
 NARROW = 10
-"""Names of strategies are broken into lines of so many characters."""
+"""Maximum number of characters per line of a strategy's name."""
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]], *, left: int = 1) -> str:
     """Align a table: the first columns to the left, the others to the right; a header may have
     several lines.
 
-    On a terminal that is too narrow for it, it goes on below with further columns.
+    On a terminal that is too narrow, the remaining columns follow below.
     """
     high = max(cell.count("\n") for cell in header)
     names = [("\n" * (high - cell.count("\n")) + cell).split("\n") for cell in header]
@@ -46,15 +46,14 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]], *, left: int = 1
 def _block(
     lines: Sequence[Sequence[str]], widths: Sequence[int], columns: Sequence[int], heads: int
 ) -> str:
-    """Write some columns of a table."""
+    """Format some columns of a table."""
     out = ["  ".join(line[i] for i in columns).rstrip() for line in lines]
     rule = "─" * (sum(widths[i] for i in columns) + 2 * len(columns) - 2)
     return "\n".join([*out[:heads], rule, *out[heads:]])
 
 
 def study_table(study: Study) -> str:
-    """Write a study as its verdict, its setting, a table of strategies, and notes; what lies
-    outside Ω first of all."""
+    """Format a study: warnings, verdict, settings, a table of strategies, legend and notes."""
     width = max(map(len, study.setting))
     loud = outside_words(max(row.outside for row in study.rows))
     head = [f"{label.ljust(width)}  {text}" for label, text in study.setting.items()]
@@ -69,19 +68,20 @@ def study_table(study: Study) -> str:
 
 
 def outside_words(share: float) -> list[str]:
-    """Warn prominently that a motion leaves Ω; nothing where it does not."""
+    """Write a warning that a motion leaves Ω; nothing if it does not."""
     if share <= 0:
         return []
     return [
-        f"warning: {100 * share:.1f} % of the motion lies outside Ω, where repeatability is not guaranteed;",
+        f"warning: {100 * share:.1f} % of the motion lies outside Ω, "
+        "where repeatability is not guaranteed;",
         "use `repctl design ROBOT --path PATH` to design for this path",
         "",
     ]
 
 
 def study_cells(study: Study) -> list[tuple[str, list[str]]]:
-    """Write the table of a study: each measure with its unit, and its value for every strategy in
-    turn."""
+    """Format the table of a study: each quantity with its unit, and its value for every
+    strategy."""
     some = next((row.motion for row in study.rows if row.motion is not None), None)
     rad, cycles = ("rad", 0) if some is None else (some.task.unit, some.cycles)
     speed = f"{rad}/s" if rad in ("rad", "m") else "per s"
@@ -134,22 +134,25 @@ def study_cells(study: Study) -> list[tuple[str, list[str]]]:
 
 
 def study_legend(study: Study) -> str:
-    """Say what the words of :func:`study_cells` mean."""
+    """Explain the terms of :func:`study_cells`."""
     desired = _desired(study)
     return (
-        "! the frame leaves its path, a position or speed limit is violated, or two bodies collide (collisions are "
-        "checked at 100 points per cycle). Joint speed: ‖q̇‖, root mean square. Fastest first cycle: minimum time from "
-        f"rest to rest within the speed limits and the accelerations above ({study.setting['accelerations']}); "
-        "≠ means that the joint path does not close. Leaf margin: the smallest σ_min(Nᵀ V̂) along the path; 1 is best, "
-        f"0 is singular. Distance: ‖G − {desired}‖ / ‖{desired}‖, averaged over Ω. J⁺ + posture: J⁺ with null-space "
-        "attraction to the start configuration. J⁺ + other posture: attraction to a different configuration, which "
-        "the arm reaches first. Both settle on a closed motion after some cycles; nearest repeatable closes the first "
-        "cycle, from any start."
+        "! the frame leaves its path, a position or speed limit is violated, or two bodies collide "
+        "(collisions are checked at 100 points per cycle). Joint speed: ‖q̇‖, root mean square. "
+        "Fastest first cycle: minimum time from rest to rest within the speed limits and the "
+        f"accelerations above ({study.setting['accelerations']}); "
+        "≠ means that the joint path does not close. "
+        "Leaf margin: the smallest σ_min(Nᵀ V̂) along the path; 1 is best, 0 is singular. "
+        f"Distance: ‖G − {desired}‖ / ‖{desired}‖, averaged over Ω. "
+        "J⁺ + posture: J⁺ with null-space attraction to the start configuration. "
+        "J⁺ + other posture: attraction to a different configuration, which the arm reaches first. "
+        "Both settle on a closed motion after some cycles; "
+        "nearest repeatable closes the first cycle, from any start."
     )
 
 
 def study_notes(study: Study) -> list[str]:
-    """What is to be known beside a study's table."""
+    """List the notes that belong below a study's table."""
     return [
         *study.notes,
         *(f"{row.label}: {row.stopped}" for row in study.rows if row.motion is None),

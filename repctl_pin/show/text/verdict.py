@@ -1,5 +1,4 @@
-"""One verdict on motions, and its tiles: the same words on the page, in the report and in the
-terminal."""
+"""Verdict on motions, as a sentence and as tiles, for the page, the report and the terminal."""
 
 from __future__ import annotations
 
@@ -64,7 +63,7 @@ class MotionSummary:
 
     @property
     def twists(self) -> bool:
-        """Whether the elbow does not show how far a joint has turned.
+        """Whether a joint turned far although the elbow hardly moved.
 
         It turned by 0.1 rad, and by more than 1 rad for each tenth of the arm's length that the
         elbow moved; or it turned and the elbow did not move."""
@@ -74,7 +73,7 @@ class MotionSummary:
 
 @dataclass(frozen=True)
 class Tile:
-    """One number of the verdict: its name, its value, and whether it is bad news."""
+    """One quantity of the verdict: its name, its value, and whether it is a violation or drift."""
 
     name: str
     value: str
@@ -83,7 +82,8 @@ class Tile:
 
 @dataclass(frozen=True)
 class Verdict:
-    """A sentence, and the same in tiles: end effector, elbow, joint speed, limits, bodies."""
+    """A sentence, and the same content in tiles: end effector, elbow, joint speed, limits,
+    bodies."""
 
     sentence: str
     tiles: tuple[Tile, ...]
@@ -95,7 +95,7 @@ NO_VERDICT = Verdict("", ())
 def motion_summary(
     label: str, motion: JointMotion, elbow: int, *, bodies: bool = True
 ) -> MotionSummary:
-    """Take from a motion what the verdict reports.
+    """Extract the quantities of a motion that the verdict reports.
 
     Parameters
     ----------
@@ -133,7 +133,7 @@ def motion_summary(
 
 
 def verdict(summaries: Sequence[MotionSummary], cycles: int) -> Verdict:
-    """Sum up motions: the first is what others are compared with, the last is the remedy.
+    """Compare motions: the first is the reference, the last is the repeatable one.
 
     Parameters
     ----------
@@ -182,7 +182,7 @@ def verdict(summaries: Sequence[MotionSummary], cycles: int) -> Verdict:
 
 
 def _compared(summaries: Sequence[MotionSummary], texts: Sequence[str]) -> str:
-    """Write one text for each motion, each with its controller; all alike only once."""
+    """Label one text per motion with its controller; identical texts are written once."""
     if len(set(texts)) == 1:
         return texts[0]
     return " → ".join(
@@ -195,7 +195,7 @@ def _short(summary: MotionSummary) -> str:
 
 
 def _loss(summary: MotionSummary) -> str:
-    """Say where the frame leaves its path."""
+    """Describe where the frame leaves its path."""
     if summary.path_loss is None:
         return "on the path"
     cycle, distance, angle = summary.path_loss
@@ -205,8 +205,8 @@ def _loss(summary: MotionSummary) -> str:
 
 
 def _speeds(first: MotionSummary, last: MotionSummary, times: str) -> str:
-    """Compare the joint speed of two motions in the first cycle and, where that is another number,
-    over all."""
+    """Compare the joint speed of two motions in the first cycle and, where it differs, over all
+    cycles."""
     if first.path_loss or last.path_loss:
         return "not compared, since the path is left"
     if not first.speed > 0:
@@ -219,8 +219,7 @@ def _speeds(first: MotionSummary, last: MotionSummary, times: str) -> str:
 
 
 def _creep(summary: MotionSummary, twists: bool) -> str:
-    """Write how far the elbow is off at the end, and, where that is asked for, the joint that
-    turned most."""
+    """Format the elbow displacement at the end and, on request, the joint that turned most."""
     moved = "0" if summary.creep < _STILL * summary.size else metres(summary.creep)
     angle, name = summary.turn
     return f"{moved}, {name} {radians(angle)}" if twists and angle > 0 else moved
@@ -234,7 +233,7 @@ def _bodies(summary: MotionSummary, collides: bool) -> str:
 
 
 def study_verdict(study: Study) -> Verdict:
-    """Sum up a study: J⁺, and what the nearest repeatable inverse makes of it."""
+    """Compare J⁺ and the nearest repeatable inverse of a study."""
     rows = [study.row("pseudoinverse"), study.row("repeatable")]
     stopped = [f"{row.label} stopped: {row.stopped}." for row in rows if row.motion is None]
     moved = [(row.label, row.motion) for row in rows if row.motion is not None]

@@ -111,7 +111,8 @@ def _all(
         yield pages.timed(row, times[name], times[REFERENCE])
         took = time.perf_counter() - begin
         print(
-            f"  {scene.path}, {scene.start}, {name}: {row.drift_1:.1e} … {row.drift_100:.1e} ({took:.1f} s) {stopped}"
+            f"  {scene.path}, {scene.start}, {name}: {row.drift_1:.1e} … {row.drift_100:.1e} "
+            f"({took:.1f} s) {stopped}"
         )
 
 

@@ -64,7 +64,8 @@ def extra_speed(task: rp.Task, Q: np.ndarray) -> float:
 def main() -> None:
     """Go round and print a row for every program on every arm, the worst of its tours."""
     print(
-        "| arm | program | drift, cycle 1 | cycle 10 | extra joint speed | largest step | µs per query | of pinv |"
+        "| arm | program | drift, cycle 1 | cycle 10 | extra joint speed | largest step | µs per "
+        "query | of pinv |"
     )
     print("|---|---|---|---|---|---|---|---|")
     with tempfile.TemporaryDirectory() as folder:
@@ -92,8 +93,12 @@ def main() -> None:
             for name, rows in found.items():
                 first, last, extra, steps = np.max(rows, axis=0)
                 ratio = times[name] / times["pinv loop"]
-                print(f"| {arm} | {name} | {first:.1g} | {last:.1g} | {100 * extra:.2g} % | {steps:.2g} | "
-                      f"{times[name]:.1f} | {ratio:.2f}{stopped.get(name, '')} |", flush=True)  # fmt: skip
+                print(
+                    f"| {arm} | {name} | {first:.1g} | {last:.1g} | {100 * extra:.2g} % | "
+                    f"{steps:.2g} | "
+                    f"{times[name]:.1f} | {ratio:.2f}{stopped.get(name, '')} |",
+                    flush=True,
+                )
 
 
 if __name__ == "__main__":

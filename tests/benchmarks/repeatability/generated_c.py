@@ -36,7 +36,8 @@ int main(int argc, char **argv) {
         const double begin = now();
         for (k = 0; k < steps; k++) {
             if (arm_step(q, &targets[k], dt, NULL, c, NULL, NULL, next) != ARM_OK) return 3;
-            for (i = 0; i < ARM_N; i++) all[(cycle * steps + k) * ARM_N + i] = q[i] += share * (next[i] - q[i]);
+            for (i = 0; i < ARM_N; i++)
+                all[(cycle * steps + k) * ARM_N + i] = q[i] += share * (next[i] - q[i]);
         }
         if ((now() - begin) / steps < best) best = (now() - begin) / steps;
     }

@@ -86,27 +86,33 @@ def _ssik_joints(arm: str) -> tuple[list[Joint], pin.SE3]:
 
 
 def _urdf(joints: Iterable[Joint], tool: pin.SE3) -> str:
-    inertia = '<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
+    inertia = (
+        '<inertial><mass value="1"/>'
+        '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
+    )
     parts, parent = ['<link name="base"/>'], "base"
     for name, placement, axis, turns, low, high, speed in joints:
         bounded = np.isfinite([low, high]).all()
         kind = ("revolute" if bounded else "continuous") if turns else "prismatic"
         ends = f'lower="{low:.17g}" upper="{high:.17g}" ' if bounded else ""
         parts.append(
-            f'<link name="link_{name}">{inertia}</link><joint name="{name}" type="{kind}"><parent link="{parent}"/>'
+            f'<link name="link_{name}">{inertia}</link><joint name="{name}" type="{kind}"><parent '
+            f'link="{parent}"/>'
             f'<child link="link_{name}"/>{_origin(placement)}<axis xyz="{_numbers(axis)}"/>'
             f'<limit {ends}effort="1" velocity="{speed:.17g}"/></joint>'
         )
         parent = f"link_{name}"
     parts.append(
-        f'<link name="tool">{inertia}</link><joint name="to_tool" type="fixed"><parent link="{parent}"/>'
+        f'<link name="tool">{inertia}</link><joint name="to_tool" type="fixed"><parent '
+        f'link="{parent}"/>'
         f'<child link="tool"/>{_origin(tool)}</joint>'
     )
     return '<?xml version="1.0"?>\n<robot name="chain">\n' + "\n".join(parts) + "\n</robot>\n"
 
 
 def _origin(placement: pin.SE3) -> str:
-    return f'<origin xyz="{_numbers(placement.translation)}" rpy="{_numbers(pin.rpy.matrixToRpy(placement.rotation))}"/>'
+    angles = pin.rpy.matrixToRpy(placement.rotation)
+    return f'<origin xyz="{_numbers(placement.translation)}" rpy="{_numbers(angles)}"/>'
 
 
 def _numbers(values: np.ndarray) -> str:

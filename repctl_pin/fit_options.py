@@ -1,0 +1,99 @@
+"""Options of a fit: nodes, random seed, memory, parallel work and stopping."""
+
+from __future__ import annotations
+
+from concurrent.futures import Executor
+from dataclasses import MISSING, dataclass, fields
+from typing import TYPE_CHECKING
+
+from .arguments import MOST_NODES, as_int, flag, positive, require_type
+from .errors import InputError
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+_MOST_RESTARTS = 1000
+
+
+@dataclass(frozen=True)
+class FitOptions:
+    """Options of a fit, for :func:`nearest_repeatable` and :func:`nearest_inverse_function`.
+
+    Attributes
+    ----------
+    samples : int, optional
+        Number of nodes of the fit. By default :func:`nearest_repeatable` takes 16,384, or 32 times
+        the unknowns divided by m if that is more; :func:`nearest_inverse_function` takes as many as
+        the unknowns require.
+    held_out : int, optional
+        Number of nodes of the evaluation; by default 16,384, or 8,192 of a cell.
+    seed : int
+        Random seed of the fit nodes and of the held-out nodes; for a cell, of the search for a
+        start configuration, too.
+    batch : int
+        Number of nodes that are evaluated at a time. This and the options below are for
+        :func:`nearest_repeatable` only.
+    stream : bool
+        Rebuild the batches in each pass instead of keeping them, which needs the memory of one.
+    executor : concurrent.futures.Executor or Dask client, optional
+        Workers that build the batches and keep them.
+    restarts : int
+        Number of further descents, from random changes of the start; the best descent is taken.
+    tolerance : float
+        The optimiser stops when a step is predicted to lower the cost by less than this share, or
+        when three steps together did not lower it.
+
+    Raises
+    ------
+    InputError
+        If a number is out of its range; the message names it.
+
+    Examples
+    --------
+    >>> options = rp.FitOptions(samples=512, held_out=512, seed=1)
+    >>> box = rp.Box(q0, 0.4)
+    >>> rp.nearest_repeatable(control, None, box, degree=1, options=options).seed
+    1
+    """
+
+    samples: int | None = None
+    held_out: int | None = None
+    seed: int = 0
+    batch: int = 1024
+    stream: bool = False
+    executor: Executor | Client | None = None
+    restarts: int = 0
+    tolerance: float = 1e-5
+
+    def __post_init__(self) -> None:
+        for name in ("samples", "held_out"):
+            if getattr(self, name) is not None:
+                self._set(name, as_int(getattr(self, name), name, 1))
+        self._set("seed", as_int(self.seed, "seed"))
+        self._set("batch", as_int(self.batch, "batch", 1, MOST_NODES))
+        self._set("stream", flag(self.stream, "stream"))
+        self._set("restarts", as_int(self.restarts, "restarts", 0, _MOST_RESTARTS))
+        self._set("tolerance", positive(self.tolerance, "the tolerance"))
+        if self.executor is not None and not callable(getattr(self.executor, "submit", None)):
+            what = "a concurrent.futures.Executor or a Dask client"
+            require_type(self.executor, Executor, "executor", what)
+
+    def _set(self, name: str, value: object) -> None:
+        object.__setattr__(self, name, value)
+
+    def require_only(self, names: tuple[str, ...], by: str) -> None:
+        """Refuse options that differ from their defaults and that a function does not use."""
+        for field in fields(self):
+            unused = field.name not in names
+            assert field.default is not MISSING
+            if unused and getattr(self, field.name) != field.default:
+                raise InputError(f"{by} has no option {field.name}; leave it out of FitOptions")
+
+
+def fit_options(given: FitOptions | None) -> FitOptions:
+    """Take the options of a fit; the defaults if there are none."""
+    if given is None:
+        return FitOptions()
+    return require_type(
+        given, FitOptions, "options", "rp.FitOptions, such as rp.FitOptions(seed=1)"
+    )

@@ -1,0 +1,185 @@
+"""r potentials h(q) whose level sets h(q) = c are leaves: their protocol, and maps made of a basis
+or of one another."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..arguments import Array, as_matrices
+from ..errors import InputError
+
+
+@runtime_checkable
+class Potentials(Protocol):
+    """r potentials h(q), whose level sets h(q) = c are the leaves of a repeatable control."""
+
+    def value(self, q: Array) -> Array:
+        """Evaluate h(q): (r,)."""
+
+    def gradient(self, q: Array) -> Array:
+        """Evaluate V = ∂hᵀ/∂q: (n, r)."""
+
+    def gradients(self, Q: Array) -> Array:
+        """Evaluate V at every row of Q: (K, n, r)."""
+
+
+@runtime_checkable
+class CurvedPotentials(Potentials, Protocol):
+    """Potentials with second derivatives, which an exact Lie bracket requires."""
+
+    def hessian(self, q: Array) -> Array:
+        """Evaluate ∂V/∂q: (n, n, r), ``[i, k, j] = ∂²h_j/∂q_i∂q_k``."""
+
+
+class _Basis(Protocol):
+    """Potentials that are evaluated at many configurations at once."""
+
+    def values(self, Q: Array) -> Array:
+        """Evaluate the potentials at every row of Q (K, n): (K, N)."""
+
+    def gradients(self, Q: Array) -> Array:
+        """Evaluate the gradients: (K, n, N)."""
+
+
+def joints_of(potentials: object) -> int | None:
+    """Number of joints n on which potentials depend; None if they take any number."""
+    return getattr(potentials, "n", None)
+
+
+def check_joints(potentials: object, n: int) -> None:
+    """Refuse potentials of another number of joints than a task's n.
+
+    Raises
+    ------
+    InputError
+        If they are; it names both numbers.
+    """
+    of = joints_of(potentials)
+    if of not in (None, n):
+        raise InputError(f"the potentials are of {of} joints, but the task has {n}")
+
+
+def common_joints(parts: Sequence[object]) -> int | None:
+    """Number of joints on which all parts depend; None if they take any number.
+
+    Raises
+    ------
+    InputError
+        If the parts are of different numbers of joints.
+    """
+    numbers = sorted({n for part in parts if (n := joints_of(part)) is not None})
+    if len(numbers) > 1:
+        raise InputError(
+            f"joined potentials must be of the same joints; these are of {numbers[0]} "
+            f"and of {numbers[1]}"
+        )
+    return numbers[0] if numbers else None
+
+
+def coefficients(A: ArrayLike, size: int) -> Array:
+    """Convert the coefficients of ``h = Aᵀ (h_1 … h_N)``: (N, r) finite numbers, one row per
+    potential.
+
+    Raises
+    ------
+    InputError
+        If they are anything else.
+    """
+    (A,) = as_matrices(("the coefficients", A, f"{size} r"), exact=True)
+    return A
+
+
+class CustomMap:
+    """r weighted sums ``h = Aᵀ (h_1 … h_N)`` of the potentials of any basis."""
+
+    def __init__(self, basis: _Basis, A: Array) -> None:
+        self.basis, self.A, self.n = basis, A, joints_of(basis)
+
+    def value(self, q: Array) -> Array:
+        """Evaluate h(q): (r,)."""
+        return self.basis.values(np.asarray(q, float)[None])[0] @ self.A
+
+    def gradient(self, q: Array) -> Array:
+        """Evaluate V = ∂hᵀ/∂q: (n, r)."""
+        return self.gradients(np.asarray(q, float)[None])[0]
+
+    def gradients(self, Q: Array) -> Array:
+        """Evaluate V at every row of Q (K, n): (K, n, r)."""
+        return self.basis.gradients(Q) @ self.A
+
+
+class SumMap:
+    """Sum of the r potentials of each part: h = h_a + h_b + …"""
+
+    def __init__(self, maps: Sequence[Potentials]) -> None:
+        self.maps, self.n = tuple(maps), common_joints(maps)
+
+    def value(self, q: Array) -> Array:
+        """Evaluate h(q): (r,)."""
+        return np.sum([part.value(q) for part in self.maps], axis=0)
+
+    def gradient(self, q: Array) -> Array:
+        """Evaluate V = ∂hᵀ/∂q: (n, r)."""
+        return np.sum([part.gradient(q) for part in self.maps], axis=0)
+
+    def gradients(self, Q: Array) -> Array:
+        """Evaluate V at every row of Q (K, n): (K, n, r)."""
+        return np.sum([part.gradients(Q) for part in self.maps], axis=0)
+
+
+class CurvedSumMap(SumMap):
+    """Sum of potentials that all have second derivatives."""
+
+    def __init__(self, maps: Sequence[CurvedPotentials]) -> None:
+        super().__init__(maps)
+        self._curved = tuple(maps)
+
+    def hessian(self, q: Array) -> Array:
+        """Evaluate ∂V/∂q: (n, n, r)."""
+        return np.sum([part.hessian(q) for part in self._curved], axis=0)
+
+
+class PartialMap:
+    """``h(q) = h_part(q[variables])``: constant along every other joint.
+
+    Parameters
+    ----------
+    part
+        Potentials of the selected joints alone.
+    variables
+        Selected joints of the arm, counted from 0.
+    n
+        Number of joints of the arm.
+    """
+
+    def __init__(self, part: CurvedPotentials, variables: Sequence[int], n: int) -> None:
+        self.part, self.variables, self.n = part, np.array(variables, int), int(n)
+
+    def value(self, q: Array) -> Array:
+        """Evaluate h(q): (r,)."""
+        return self.part.value(q[self.variables])
+
+    def gradient(self, q: Array) -> Array:
+        """Evaluate V = ∂hᵀ/∂q: (n, r)."""
+        inner = self.part.gradient(q[self.variables])
+        V = np.zeros((self.n, inner.shape[1]))
+        V[self.variables] = inner
+        return V
+
+    def gradients(self, Q: Array) -> Array:
+        """Evaluate V at every row of Q (K, n): (K, n, r)."""
+        inner = self.part.gradients(np.asarray(Q, float)[:, self.variables])
+        V = np.zeros((len(inner), self.n, inner.shape[2]))
+        V[:, self.variables] = inner
+        return V
+
+    def hessian(self, q: Array) -> Array:
+        """Evaluate ∂V/∂q: (n, n, r)."""
+        inner = self.part.hessian(q[self.variables])
+        dV = np.zeros((self.n, self.n, inner.shape[2]))
+        dV[np.ix_(self.variables, self.variables)] = inner
+        return dV

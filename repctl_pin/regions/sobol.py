@@ -1,0 +1,91 @@
+"""Scrambled Sobol points, bit for bit those of :class:`scipy.stats.qmc.Sobol`.
+
+That class needs all of ``scipy.stats``, which takes longer to import than a small design takes.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arguments import Array
+
+BITS = 30
+"""Binary digits of a coordinate."""
+
+_JOE_KUO = """
+3 1; 7 1 3; 11 1 3 1; 13 1 1 1; 19 1 1 3 3; 25 1 3 5 13; 37 1 1 5 5 17; 41 1 1 5 5 5;
+47 1 1 7 11 19; 55 1 1 5 1 1; 59 1 1 1 3 11; 61 1 3 5 5 31; 67 1 3 3 9 7 49;
+91 1 1 1 15 21 21; 97 1 3 1 13 27 49; 103 1 1 1 15 7 5; 109 1 3 1 15 13 25;
+115 1 1 5 5 19 61; 131 1 3 7 11 23 15 103; 137 1 3 7 13 13 15 69; 143 1 1 3 13 7 35 63;
+145 1 3 5 9 1 25 53; 157 1 3 1 13 9 35 107; 167 1 3 1 5 27 61 31;
+171 1 1 5 11 19 41 61; 185 1 3 5 3 3 13 69; 191 1 1 7 13 1 19 1; 193 1 3 7 5 13 19 59;
+203 1 1 3 9 25 29 41; 211 1 3 5 13 23 1 55; 213 1 3 7 3 13 59 17
+"""
+"""Joe and Kuo's primitive polynomial over GF(2), as a binary number, and initial numbers m_1, m_2,
+…, for each dimension from the second (SIAM J. Sci. Comput. 30, 2008)."""
+
+MOST_DIMENSIONS = 2 + _JOE_KUO.count(";")
+"""The largest dimension in the table."""
+
+
+def scrambled_points(n: int, power: int, seed: int) -> Array:
+    """Draw 2^power points in the unit cube, scrambled by a random matrix and a digital shift.
+
+    Parameters
+    ----------
+    n
+        Dimension; above :data:`MOST_DIMENSIONS`, scipy draws the points.
+    power
+        Logarithm of the number of points, 30 at most.
+    seed
+        Random seed of the scrambling.
+
+    Returns
+    -------
+    (2^power, n) array
+    """
+    if n > MOST_DIMENSIONS:
+        from scipy.stats import qmc
+
+        return qmc.Sobol(n, scramble=True, rng=seed).random_base2(power)
+    random = np.random.default_rng(seed).spawn(1)[0]  # as scipy does
+    shift_bits = random.integers(2, size=(n, BITS), dtype=np.uint32)
+    matrix = np.tril(random.integers(2, size=(n, BITS, BITS), dtype=np.uint32))
+    matrix |= np.eye(BITS, dtype=np.uint32)
+    places = 2 ** np.arange(BITS, dtype=np.uint32)
+    shift = shift_bits @ places  # (n,)
+    digits = matrix @ _direction_digits()[:n] % 2  # (n, BITS, BITS)
+    directions = np.einsum("i,nij->jn", places[::-1], digits)  # (BITS, n)
+    points = shift[None]
+    for direction in directions[:power]:  # Gray code: reflected, with one more digit
+        points = np.concatenate([points, points[::-1] ^ direction])
+    return np.multiply(points, 2.0**-BITS, dtype=np.float64)
+
+
+@cache
+def _direction_digits() -> NDArray[np.uint32]:
+    """Binary digits of the direction numbers: (dimension, digit, number), the first digit on top."""
+    numbers = [[1] * BITS]
+    for row in _JOE_KUO.split(";"):
+        polynomial, *initial = map(int, row.split())
+        numbers.append(_extended(polynomial, initial))
+    places = np.arange(BITS)
+    shifted = np.array(numbers) << places[::-1]  # m_j 2^(BITS - j)
+    digits = shifted[:, None, :] >> places[::-1, None] & 1
+    return digits.astype(np.uint32)
+
+
+def _extended(polynomial: int, initial: list[int]) -> list[int]:
+    """Continue m_1, m_2, … by the recurrence of a polynomial, to BITS numbers."""
+    degree = len(initial)
+    m = list(initial)
+    for j in range(degree, BITS):
+        following = m[j - degree]
+        for k in range(1, degree + 1):
+            if polynomial >> (degree - k) & 1:
+                following ^= m[j - k] << k
+        m.append(following)
+    return m

@@ -1,0 +1,17 @@
+"""Numerical methods, each once, with the problem passed in: Newton, Levenberg–Marquardt, descent in
+a box."""
+
+from .box_descent import StepLengths, descend_in_box
+from .levenberg_marquardt import Damping, Point, Step, levenberg_marquardt
+from .newton import newton, newton_rows
+
+__all__ = [
+    "Damping",
+    "Point",
+    "Step",
+    "StepLengths",
+    "descend_in_box",
+    "levenberg_marquardt",
+    "newton",
+    "newton_rows",
+]

@@ -1,0 +1,147 @@
+"""Newton's method with bounded steps, for equations such as f(q) = x on a leaf h(q) = c.
+
+Both forms are needed for speed: :func:`newton` solves one system with few calls and little memory,
+for control loops; :func:`newton_rows` solves many systems at once, with batched linear algebra."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import inf
+from sys import float_info
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg.blas import daxpy, idamax
+
+from ..arguments import Array
+
+_ROUNDING = 1e-13
+"""Size of a step, rad or m, that rounding errors alone explain."""
+
+_SMALLEST_SCALE = 1e-6
+"""Scale of a step below which the line search gives up."""
+
+
+def newton(
+    correction: Callable[[Array], Array],
+    start: Array,
+    *,
+    longest: float,
+    tolerance: float,
+    iterations: int,
+    contraction: float | None = None,
+    residual: Callable[[Array], float] | None = None,
+) -> Array | None:
+    """Solve one system F(q) = 0 by Newton's method.
+
+    Parameters
+    ----------
+    correction : function q → dq (n,)
+        Newton's step ``−F'(q)⁻¹ F(q)``. It may return the same memory each time.
+    start : (n,) array
+        The first q.
+    longest
+        Longest step of any joint, rad or m; a longer step is shortened to it.
+    tolerance
+        Size of the last step, rad or m, or of the residual, if one is given.
+    iterations
+        Maximum number of steps.
+    contraction
+        If given, no step is shortened: the first may be ``longest``, each other one at most this
+        factor of the one before. Otherwise the solution is on another sheet, and None is returned.
+    residual : function q → float, optional
+        ‖F(q)‖. If given, each step is halved until the residual falls, and the iteration ends where
+        it does not. It is evaluated at q just before each correction.
+
+    Returns
+    -------
+    (n,) array or None
+        None if the method did not converge; with a residual, the last q in any case.
+    """
+    q, n = start.copy(), len(start)
+    last = float_info.max if contraction is None else longest
+    left = inf if residual is None else residual(q)
+    for _ in range(iterations):
+        if left < tolerance:
+            return q
+        dq = correction(q)
+        size = abs(dq[idamax(dq, n)])
+        if not size <= last:  # or not a number
+            return daxpy(dq, q) if size < _ROUNDING else None
+        scale = 1.0 if size <= longest else longest / size
+        if residual is not None:
+            q, lower = _line_search(residual, q, dq, scale, left)
+            if not lower < left:
+                return q
+            left = lower
+            continue
+        q = daxpy(dq, q, n, scale)
+        if size < tolerance:
+            return q
+        if contraction is not None:
+            last = max(contraction * size, _ROUNDING / 10)
+    return None if residual is None else q
+
+
+def _line_search(
+    residual: Callable[[Array], float], q: Array, dq: Array, scale: float, left: float
+) -> tuple[Array, float]:
+    """Halve a step until the residual falls below ``left``; q itself where it does not."""
+    while True:
+        trial = q + scale * dq
+        lower = residual(trial)
+        if lower < left:
+            return trial, lower
+        if scale < _SMALLEST_SCALE:
+            return q, left
+        scale /= 2
+
+
+def newton_rows(
+    correction: Callable[[Array, NDArray[np.intp]], Array],
+    start: Array,
+    *,
+    longest: float,
+    tolerance: float,
+    iterations: int,
+) -> tuple[Array, Array]:
+    """Solve many systems F_k(q_k) = 0 at once by Newton's method.
+
+    Parameters
+    ----------
+    correction : function (Q (L, n), rows (L,)) → dQ (L, n)
+        Newton's steps of some of the systems. Where one is not finite, no step is taken.
+    start : (K, n) array
+        The first q of each system.
+    longest
+        Longest step of any joint, rad or m; a longer step is shortened to it.
+    tolerance
+        Size of a step, rad or m, after which a row is left as it is.
+    iterations
+        Maximum number of steps.
+
+    Returns
+    -------
+    Q : (K, n) array
+    size : (K,) array
+        Size of each row's last step; infinite where it was not finite.
+    """
+    Q = start.copy()
+    size = np.full(len(Q), inf)
+    rows = np.arange(len(Q))
+    for _ in range(iterations):
+        dQ = correction(Q[rows], rows)
+        regular = np.isfinite(dQ).all(axis=1)
+        size[rows] = np.where(regular, np.abs(dQ).max(axis=1), inf)
+        Q[rows] += _shortened(dQ, longest)
+        rows = rows[size[rows] > tolerance]
+        if not len(rows):
+            break
+    return Q, size
+
+
+def _shortened(dQ: Array, longest: float) -> Array:
+    """Shorten steps (K, n) whose largest entry is above ``longest``; NaN becomes 0."""
+    dQ = np.where(np.isfinite(dQ), dQ, 0.0)
+    size = np.maximum(np.abs(dQ).max(axis=1), 1e-300)
+    return dQ * np.minimum(1.0, longest / size)[:, None]

@@ -1,0 +1,174 @@
+"""Seam of the fast closures: one argument check, before the law of a control step in any language.
+
+In a step of 5 µs, calls and look-ups take longer than arithmetic. So each part of the law is a
+closure that writes into memory of its caller, serves one thread, and checks nothing:
+
+- :func:`repctl_pin.robot.fast_kinematics.in_place`: J, task error and task velocity of a task;
+- :func:`repctl_pin.potentials.fast_potentials.in_place`: Vᵀ and c − h of potentials, whose class
+  may bring an ``in_place`` of its own;
+- :func:`repctl_pin.inverse_function.fast_function.in_place`: coordinates of a cell.
+
+The law is made of them in :mod:`repctl_pin.strategies.control_step`, and stands in C in
+:mod:`repctl_pin.codegen.compiled_loop`. :func:`checked` puts the check before either one: native
+doubles of the right size pass as they are, anything else is converted or refused by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import inf
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from numpy import ndarray
+from numpy.typing import ArrayLike
+
+from ..arguments import FLOAT, Array, per_joint, positive, row, vector
+from ..errors import InputError, SingularityError
+from ..redundancy.augmented import SINGULAR
+from ..robot.formulas import Placement, as_placement
+from ..robot.task import Task
+
+
+class Bounds(NamedTuple):
+    """Bounds of a step: speed limits (n,), infinite without, and the maximum damping λ_max."""
+
+    velocity_limit: Array
+    damping: float
+
+
+@dataclass(frozen=True)
+class Law:
+    """The law of one control step, on arguments that are checked already.
+
+    Attributes
+    ----------
+    velocity : function (q, ẋ) → q̇
+    step : function (q, target, dt, twist, leaf, gain, bounds or None) → the next q
+    report : function () → (λ, slowed)
+        Damping, and factor of the speed limits, of the last step with bounds.
+    """
+
+    velocity: Callable[[Array, Array], Array]
+    step: Callable[..., Array]
+    report: Callable[[], tuple[float, float]]
+
+
+@dataclass(frozen=True)
+class Loop:
+    """Fast functions of one repeatable inverse, for one thread; see :class:`RepeatableInverse`.
+
+    Attributes
+    ----------
+    velocity : function (q, ẋ) → q̇
+    step : function (q, target, dt, twist, leaf, gain) → the next q
+    bounded : function (q, target, dt, twist, leaf, gain, velocity_limit, damping)
+        Gives the next q, λ, and the factor of the speed limits.
+    inverses : function Q (K, n) → G (K, n, m), optional
+    velocities : function (Q, Ẋ) → q̇ (K, n), optional
+    """
+
+    velocity: Callable[..., Array]
+    step: Callable[..., Array]
+    bounded: Callable[..., tuple[Array, float, float]]
+    inverses: Callable[[Array], Array] | None = None
+    velocities: Callable[[Array, Array], Array] | None = None
+
+
+def checked_velocity(
+    n: int, m: int, law: Callable[[Array, Array], Array]
+) -> Callable[[ArrayLike, ArrayLike], Array]:
+    """Put the argument check before a function (q, ẋ) → q̇."""
+    of_joints, of_task = (n,), (m,)
+
+    def velocity(q: ArrayLike, xdot: ArrayLike) -> Array:
+        if not (type(q) is ndarray and q.dtype is FLOAT and q.shape == of_joints):
+            q = vector(q, n, "q")
+        if not (type(xdot) is ndarray and xdot.dtype is FLOAT and xdot.shape == of_task):
+            xdot = vector(xdot, m, "ẋ", "m/s and rad/s")
+        return law(q, xdot)
+
+    return velocity
+
+
+def checked(
+    task: Task,
+    law: Law,
+    inverses: Callable[[Array], Array] | None = None,
+    velocities: Callable[[Array, Array], Array] | None = None,
+) -> Loop:
+    """Put the argument check before the law of one control step."""
+    n, r, run, SE3 = task.n, task.r, law.step, pin.SE3
+    of_joints, of_twist, of_leaf = (n,), (6,), (r,)
+
+    def step(
+        q: ArrayLike,
+        target: Placement,
+        dt: float,
+        twist: ArrayLike | None,
+        leaf: ArrayLike | None,
+        gain: float | None,
+        bounds: Bounds | None = None,
+    ) -> Array:
+        if not (type(q) is ndarray and q.dtype is FLOAT and q.shape == of_joints):
+            q = vector(q, n, "q")
+        if not (isinstance(dt, float) and 0.0 < dt < inf):
+            dt = positive(dt, "dt", "s")
+        if not isinstance(target, SE3):
+            target = as_placement(target, "the target")
+        if leaf is not None and not (
+            type(leaf) is ndarray and leaf.dtype is FLOAT and leaf.shape == of_leaf
+        ):
+            leaf = vector(leaf, r, "the leaf c = h(q)", "one per potential")
+        if gain is not None:
+            gain = as_gain(gain, dt)
+        if twist is not None and not (
+            type(twist) is ndarray and twist.dtype is FLOAT and twist.shape == of_twist
+        ):
+            twist = vector(twist, 6, "the twist (v, ω)", "m/s and rad/s")
+        return run(q, target, dt, twist, leaf, gain, bounds)
+
+    def bounded(
+        q: ArrayLike,
+        target: Placement,
+        dt: float,
+        twist: ArrayLike | None,
+        leaf: ArrayLike | None,
+        gain: float | None,
+        velocity_limit: ArrayLike | None,
+        damping: float,
+    ) -> tuple[Array, float, float]:
+        damping = positive(damping, "damping", zero=True)
+        most = np.full(n, inf) if velocity_limit is None else speeds(velocity_limit, n)
+        following = step(q, target, dt, twist, leaf, gain, Bounds(most, damping))
+        return following, *law.report()
+
+    velocity = checked_velocity(n, task.m, law.velocity)
+    return Loop(velocity, step, bounded, inverses, velocities)
+
+
+def as_gain(gain: float, dt: float) -> float:
+    """Convert a feedback gain, 1/s, of which a step removes the share gain · dt of the error."""
+    value = gain if isinstance(gain, float) else positive(gain, "gain", "1/s", zero=True)
+    if not 0.0 <= value * dt <= 2.0:
+        raise InputError(
+            f"gain · dt must be from 0 to 2, beyond which feedback diverges; got {gain!r} · {dt!r}"
+        )
+    return value
+
+
+def speeds(velocity_limit: ArrayLike, n: int) -> Array:
+    """Convert speed limits: (n,)."""
+    return per_joint(velocity_limit, n, "a speed limit")
+
+
+def failure(task: Task, q: Array, rhs: Array, singular: str = "") -> Exception:
+    """Make the error for a step without a finite solution."""
+    if not np.isfinite(q).all():
+        return InputError(f"q must be {task.n} finite numbers; got {row(q)}")
+    if not np.isfinite(rhs).all():
+        return InputError(
+            "the task velocity ẋ or the target, the leaf and dt must be finite numbers"
+        )
+    return SingularityError(f"{singular or SINGULAR}, at q = {row(q)}")

@@ -1,0 +1,217 @@
+"""``repctl cell``: the table and the files, a path followed with what it saved, and what it
+refuses."""
+
+from __future__ import annotations
+
+import json
+from html import unescape
+from pathlib import Path
+from typing import Any
+
+import pytest
+from arms import planar_urdf
+from browser import errors, schemes, wait_until_drawn
+
+from repctl_pin.cli import main
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("cell")
+    (folder / "arm.urdf").write_text(planar_urdf([1.0, 0.9, 0.8]), encoding="utf-8")
+    words = [
+        "cell",
+        str(folder / "arm.urdf"),
+        "--frame",
+        "tool",
+        "--task",
+        "xy",
+        "--start",
+        "0.6,-1.2,1.4",
+    ]
+    words += [
+        "--half-width",
+        "0.2",
+        "--degree",
+        "2",
+        "--held-out",
+        "256",
+        "--out",
+        str(folder / "out"),
+    ]
+    assert main(words) == 0
+    return folder
+
+
+def test_the_files_and_a_path_inside(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert sorted(file.name for file in (made / "out").iterdir()) == [
+        "cell.html",
+        "cell.json",
+        "cell.png",
+    ]
+    assert (made / "out" / "cell.png").read_bytes()[:4] == b"\x89PNG"
+    words = [
+        "follow",
+        str(made / "out" / "cell.json"),
+        "--robot",
+        str(made / "arm.urdf"),
+        "--path",
+        "circle:0.05",
+    ]
+    assert main([*words, "--steps", "100", "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["drift"][0] < 1e-9 and said["outside"] == 0
+    assert main([*words[:-1], "circle:0.4", "--steps", "100", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["outside"] > 0.1
+
+
+def test_the_page_shows_the_box_and_a_tour_that_closes(made: Path) -> None:
+    page = (made / "out" / "cell.html").read_text("utf-8")
+    assert (
+        "one function for a cell" in page
+        and "limit margin" in page
+        and "http" not in page.partition("<iframe")[0]
+    )
+    inner = unescape(page.partition('srcdoc="')[2].partition('"></iframe>')[0])
+    scene = json.loads(inner.partition('id="scene">')[2].partition("</script>")[0])
+    assert [arm["label"] for arm in scene["arms"]] == ["J⁺", "q = F(x)"]
+    assert scene["arms"][1]["drift"][-1] < 1e-9 < scene["arms"][0]["drift"][-1]
+    assert scene["paths"][0] == 16  # the edges of the cell
+
+
+def test_the_page_plays_and_fits_a_phone(made: Path, driver: Any) -> None:
+    for width in (390, 1400):
+        schemes(driver, width=width, height=844)
+        driver.get((made / "out" / "cell.html").as_uri() + "#paused")
+        assert driver.execute_script(
+            "return document.documentElement.scrollWidth <= window.innerWidth"
+        ), width
+        assert driver.execute_script(
+            "return [...document.images].every((i) => i.complete && i.naturalWidth > 100)"
+        )
+        driver.switch_to.frame(driver.find_element("tag name", "iframe"))
+        wait_until_drawn(driver, "the tour")
+        assert driver.execute_script(
+            "return [repctl.meshes(0), repctl.meshes(1)].every((m) => m > 0)"
+        )
+        assert errors(driver) == []
+        driver.switch_to.default_content()
+
+
+def test_a_cell_round_a_path_and_round_poses(
+    made: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arm = [
+        "cell",
+        str(made / "arm.urdf"),
+        "--frame",
+        "tool",
+        "--task",
+        "xy",
+        "--start",
+        "0.6,-1.2,1.4",
+    ]
+    words = [
+        "--half-width",
+        "0.05",
+        "--degree",
+        "1",
+        "--held-out",
+        "64",
+        "--out",
+        str(made / "path"),
+        "--json",
+    ]
+    assert main([*arm, *words, "--path", "circle:0.1"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["half_width"] == pytest.approx([0.15, 0.15], abs=1e-3)
+    assert (
+        said["everywhere"] is True
+        and 0 < said["extra_speed_worst"] <= said["extra_speed_direction"]
+    )
+    x, y = said["middle"][0][3], said["middle"][1][3]
+    poses = made / "poses.csv"
+    poses.write_text(
+        "x,y,z\n"
+        + "".join(f"{x + a},{y + b},0\n" for a, b in ((0, 0), (0.1, 0), (0, 0.06), (0, 0)))
+    )
+    assert main([*arm, *words, "--path", str(poses)]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["half_width"] == pytest.approx([0.1, 0.08], abs=1e-4)
+    assert said["middle"][0][3] == pytest.approx(x + 0.05, abs=1e-4)
+
+
+def test_a_cell_is_exported_with_its_function(
+    made: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = [
+        "export",
+        str(made / "out" / "cell.json"),
+        "--robot",
+        str(made / "arm.urdf"),
+        "--to",
+        str(made / "c"),
+    ]
+    assert main([*words, "--name", "arm"]) == 0
+    capsys.readouterr()
+    assert "arm_F(" in (made / "c" / "arm.h").read_text("utf-8")
+
+
+def test_remedies_are_options(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """What is refused names the options of the command, not Python's arguments."""
+    arm = [
+        "cell",
+        str(made / "arm.urdf"),
+        "--frame",
+        "tool",
+        "--task",
+        "xy",
+        "--start",
+        "0.6,-1.2,1.4",
+    ]
+    small = ["--degree", "1", "--held-out", "64", "--out", str(made / "large")]
+    assert main([*arm, "--half-width", "2", *small]) == 2
+    refusal = capsys.readouterr().err
+    assert "use --shrink to get a cell of" in refusal and "incomplete=" not in refusal
+    assert main([*arm, "--half-width", "-1", *small]) == 2
+    assert "--half-width" in capsys.readouterr().err
+    assert main([*arm, "--half-width", "2", "--shrink", *small]) == 0
+    assert "note: --shrink: no single function covers ±(2, 2) m" in capsys.readouterr().out
+
+
+def test_other_commands_say_that_it_is_a_cell(
+    made: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["check", str(made / "out" / "cell.json"), "--robot", str(made / "arm.urdf")]) == 2
+    assert "does not take the function of a cell" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["--half-width", "wide"], "--half-width 'wide' must be one or more numbers"),
+        (["--half-width", "0.1", "--at", "1,2"], "--at '1,2' must be 3 numbers"),
+        (["--half-width", "0.1", "--held-out", "20000000"], "--held-out can be at most 1,048,576"),
+        (["--half-width", "0.1", "--degree", "0"], "neither auto nor a whole number from 1 up"),
+        (["--half-width", "1e-300"], "--half-width must be 0, which holds the coordinate"),
+        (["--half-width", "0.1", "--shrink", "--keep"], "mutually exclusive"),
+        (["--half-width", "0.1", "--at", "1,2,0", "--path", "circle:0.1"], "mutually exclusive"),
+        (["--half-width", "0.1", "--half-angle", "0.2"], "leaves the rotation free"),
+        (["--half-width", "0.1", "--at", "-9,0,0", "--start", "0.6,-1.2,1.4"], "cannot reach"),
+    ],
+)
+def test_what_cannot_be(
+    words: list[str], says: str, made: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arm = [
+        "cell",
+        str(made / "arm.urdf"),
+        "--frame",
+        "tool",
+        "--task",
+        "xy",
+        "--out",
+        str(made / "no"),
+    ]
+    assert main([*arm, *words]) == 2
+    assert says in capsys.readouterr().err

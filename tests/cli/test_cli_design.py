@@ -1,0 +1,234 @@
+"""``repctl design``: its table, its JSON, its picture and its refusals, in a process of its own."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import struct
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from arms import heed_interrupts
+
+from repctl_pin.cli import main
+
+SMALL = ("--samples", "512", "--held-out", "512")
+PANDA_START = "0,-0.785,0,-2.356,0,1.571,0.785"
+
+
+def refused(capsys: pytest.CaptureFixture, *words: str) -> None:
+    captured = capsys.readouterr()
+    lines = captured.err.strip().splitlines()
+    assert captured.out == "" and len(lines) == 1 and lines[0].startswith("repctl: "), captured.err
+    for word in words:
+        assert word in lines[0]
+
+
+def size_of(png: Path) -> tuple[int, int]:
+    data = png.read_bytes()
+    assert data[:8] == b"\x89PNG\r\n\x1a\n"
+    width, height = struct.unpack(">II", data[16:24])
+    return width, height
+
+
+def test_table_and_picture(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    arguments = [
+        "design",
+        "panda",
+        "--start",
+        PANDA_START,
+        "--degree",
+        "2",
+        *SMALL,
+        "--out",
+        str(tmp_path / "here"),
+    ]
+    assert main(arguments) == 0
+    captured = capsys.readouterr()
+    assert captured.err == ""  # progress is for terminals
+    for word in (
+        "J⁺",
+        "mean ‖G_r − G_d‖²",
+        "constant rows",
+        "extended Jacobian",
+        "leaf margin",
+        "converged",
+        "degree",
+    ):
+        assert word in captured.out
+    width, height = size_of(tmp_path / "here" / "design.png")
+    assert width > 1500 and height > 400
+    assert {p.name for p in (tmp_path / "here").iterdir()} == {"design.png", "design.json"}
+
+
+def test_json_says_what_the_design_is_worth(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    arguments = ["design", "ppr", "--start", "0,0,0", "--region", "1", "--degree", "auto"]
+    assert main([*arguments, "--json", "--out", str(tmp_path)]) == 0
+    data = json.loads(capsys.readouterr().out)
+    costs = [step["cost"] for step in data["degrees"]]
+    assert data["cost"] == min(costs) < 0.0175 and costs[0] > 0.15
+    assert data["converged"] and data["leaf_margin"] > 0.5 and data["r"] == 1
+    assert set(data["baselines"]) == {"constant rows", "extended Jacobian"}
+    assert data["files"] == [str(tmp_path / "design.png"), str(tmp_path / "design.json")]
+    assert data["region"] == {
+        "center": [0, 0, 0],
+        "half_width": [1, 1, 1],
+        "is": "box ±1 around (0, 0, 0)",
+    }
+
+
+@pytest.mark.parametrize(
+    "extra, where",
+    [
+        (("--path", "circle:0.1", "--region", "0.1"), "tube"),
+        (("--workspace", "0.2", "--region", "0.3"), "m round"),
+        (("--weight", "limits", "--region", "0.2"), "box"),
+        (("--fourier", "1", "--region", "0.2"), "box"),
+        (("--task", "axis", "--region", "0.2", "--restarts", "1", "--stream"), "box"),
+    ],
+)
+def test_regions_and_desires(
+    tmp_path: Path, capsys: pytest.CaptureFixture, extra, where: str
+) -> None:
+    arguments = [
+        "design",
+        "panda",
+        "--start",
+        PANDA_START,
+        "--degree",
+        "1",
+        *SMALL,
+        *extra,
+        "--json",
+    ]
+    assert main([*arguments, "--out", str(tmp_path)]) == 0
+    data = json.loads(capsys.readouterr().out)
+    assert (
+        where in data["region"]["is"] and data["converged"] and 0 < data["relative_distance"] < 0.3
+    )
+
+
+def test_a_region_with_a_singularity_is_refused_unless_it_may_shrink(
+    tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    arguments = [
+        "design",
+        "planar3r",
+        "--start",
+        "0.3,0.6,0.5",
+        "--region",
+        "0.7",
+        "--degree",
+        "1",
+        *SMALL,
+    ]
+    assert main([*arguments, "--out", str(tmp_path)]) == 2
+    refused(capsys, "loses rank", "shrink")
+    assert not (tmp_path / "design.png").exists()
+    assert main([*arguments, "--shrink", "--out", str(tmp_path)]) == 0
+    assert "note: Ω was shrunk to " in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    "arguments, words",
+    [
+        (["nosuch"], ["nosuch"]),
+        (["panda", "--degree", "cubic"], ["cubic", "auto"]),
+        (["panda", "--degree", "0"], ["--degree"]),
+        (["panda", "--weight", "heavy"], ["--weight", "heavy"]),
+        (["panda", "--samples", "2", "--degree", "2"], ["too few"]),
+        (["panda", "--held-out", "3"], ["--held-out must be"]),
+        (["panda", "--fourier", "1"], ["--degree"]),
+        (
+            ["panda", "--path", "circle:0.1", "--workspace", "0.1"],
+            ["--workspace", "--path", "mutually exclusive"],
+        ),
+        (["panda", "--path", "spiral:3"], ["spiral"]),
+        (["ur5", "--task", "pose"], ["r = 0"]),
+        (["panda", "--workspace", "1e-6", "--degree", "1"], ["workspace box"]),
+    ],
+)
+def test_bad_input_gets_one_clear_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture, arguments, words
+) -> None:
+    assert main(["design", *arguments, "--out", str(tmp_path)]) == 2
+    refused(capsys, *words)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_processes_and_interruption(tmp_path: Path) -> None:
+    """Two workers give the same figures as one; Ctrl-C ends a long run with one clear line and code
+    130."""
+    command = [
+        sys.executable,
+        "-m",
+        "repctl_pin",
+        "design",
+        "planar4r",
+        "--out",
+        str(tmp_path),
+        "--json",
+    ]
+    environment = os.environ | {"OMP_NUM_THREADS": "1"}
+    small = ["--degree", "1", "--samples", "2048", "--held-out", "512"]
+    one, two = (
+        json.loads(
+            subprocess.run(
+                [*command, *small, *more],
+                capture_output=True,
+                check=True,
+                env=environment,
+                timeout=120,
+            ).stdout
+        )
+        for more in ([], ["--processes", "2"])
+    )
+    assert abs(one["cost"] - two["cost"]) < 1e-10 * one["cost"]
+    long = [*command, "--degree", "4", "--samples", "1000000", "--stream", "--processes", "2"]
+    running = subprocess.Popen(
+        long,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        env=environment,
+        text=True,
+        start_new_session=True,
+        preexec_fn=heed_interrupts,
+    )
+    time.sleep(3)
+    assert running.poll() is None
+    os.killpg(running.pid, signal.SIGINT)  # what a terminal does: everybody in the group gets it
+    out, err = running.communicate(timeout=60)
+    assert running.returncode == 130 and out == ""
+    assert err.strip() == "repctl: interrupted; nothing half-written was left"
+
+
+@pytest.mark.slow
+def test_a_cluster_gives_the_same_figures(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    distributed = pytest.importorskip("distributed")
+    command = [
+        "design",
+        "ppr",
+        "--degree",
+        "1",
+        "--region",
+        "0.4",
+        "--out",
+        str(tmp_path),
+        "--json",
+    ]
+
+    def cost(*more: str) -> float:
+        assert main([*command, *more]) == 0
+        return json.loads(capsys.readouterr().out)["cost"]
+
+    alone = cost()
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=True, dashboard_address=None, host="127.0.0.1"
+    ) as cluster:
+        assert abs(cost("--dask", cluster.scheduler_address) - alone) < 1e-10 * alone
+    assert main([*command, "--dask", "nowhere:x"]) == 2
+    refused(capsys, "--dask nowhere:x", "no scheduler answers there")

@@ -1,0 +1,267 @@
+"""``--path`` and ``--plane``: the same words are the same path, whatever command they are given
+to."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+from arms import Q_PANDA, planar_task
+from commands import refused, told
+
+import repctl_pin as rp
+from repctl_pin.cli import main
+from repctl_pin.motion import parse_path
+
+WORDS = ["--path", "circle:0.1", "--plane", "xy"]
+SHORT = ["--cycles", "1", "--steps", "80"]
+MY_ARM = str(Path(__file__).parents[2] / "examples" / "my_arm.urdf")
+
+
+def joints(file: str, strategy: str | None = None) -> np.ndarray:
+    """The joint path in a CSV that study or follow wrote."""
+    with open(file, newline="", encoding="utf-8") as lines:
+        rows = [row for row in csv.DictReader(lines) if strategy in (None, row.get("strategy"))]
+    return np.array([[float(row[f"panda_joint{i}"]) for i in range(1, 8)] for row in rows])
+
+
+def test_the_same_words_are_the_same_joint_path(tmp_path, monkeypatch, capsys) -> None:
+    """A study's J⁺, follow's, and that of the words the study gives back; and the drift of its
+    first cycle."""
+    monkeypatch.chdir(tmp_path)
+    studied = told(capsys, "study", "panda", *WORDS, *SHORT, "--out", "s")
+    again = ["--path", studied["path_spec"], "--plane", studied["plane"]]
+    follow = ["follow", "panda", "--strategy", "pseudoinverse", *SHORT]
+    by_words = told(capsys, *follow, *WORDS, "--csv", "words.csv")
+    by_answer = told(capsys, *follow, *again, "--csv", "answer.csv")
+    assert studied["path"] == by_words["path"] == "circle of radius 0.1 m in xy"
+    assert (
+        again
+        == ["--path", "circle:0.1:180", "--plane", "xy"]
+        == ["--path", by_words["path_spec"], *again[2:]]
+    )
+    np.testing.assert_allclose(
+        joints("words.csv"), joints("s/motion.csv", "pseudoinverse"), atol=2e-9
+    )
+    assert Path("words.csv").read_bytes() == Path("answer.csv").read_bytes()
+    assert (
+        by_words["drift"] == by_answer["drift"] == studied["strategies"]["pseudoinverse"]["drift"]
+    )
+    animated = told(capsys, "animate", "panda", *WORDS, *SHORT, "--degree", "1", "--out", "a")
+    assert animated["drift"]["pseudoinverse"] == studied["strategies"]["pseudoinverse"]["drift"]
+
+
+def test_without_a_path_all_take_the_same(tmp_path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    studied = told(capsys, "study", "so100", *SHORT, "--degree", "1")
+    followed = told(capsys, "follow", "so100", "--strategy", "pseudoinverse", *SHORT)
+    assert studied["path_spec"] == followed["path_spec"] and studied["start"] == followed["start"]
+    assert studied["strategies"]["pseudoinverse"]["drift"] == followed["drift"]
+
+
+def test_a_design_round_a_path_is_round_the_studied_one(tmp_path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    small = ["--degree", "1", "--samples", "512", "--held-out", "512", "--region", "0.1"]
+    designed = told(capsys, "design", "panda", *WORDS, *small)
+    assert (designed["path_spec"], designed["plane"]) == ("circle:0.1:180", "xy")
+    assert designed["notes"] == [
+        "default cycle saved with the design: circle of radius 0.1 m in xy, 5 s; "
+        "repctl follow uses it unless --path is given"
+    ]
+    followed = told(capsys, "follow", designed["files"][1], *SHORT, "--csv", "m.csv")
+    assert (
+        followed["outside"] == 0
+        and followed["drift"][0] < 1e-6
+        and followed["start"] == designed["start"]
+    )
+    middle, half = (np.array(designed["region"][key]) for key in ("center", "half_width"))
+    Q = joints("m.csv")
+    np.testing.assert_allclose(2 * half, np.ptp(Q, axis=0) + 0.2, atol=2e-3)
+    assert np.abs(middle - Q).max(axis=1).min() < 0.05  # one of its configurations
+
+
+def test_an_angle_that_is_given_is_taken(panda_pose, q_panda) -> None:
+    here = panda_pose.placement(q_panda).translation
+    for degrees in (0.0, 35.0, -90.0, 180.0):
+        path = parse_path(f"circle:0.1:{degrees:g}", "yz")(panda_pose, q_panda)
+        middle = path.points(401)[:-1].mean(axis=0)
+        expected = 0.1 * np.array([0, np.cos(np.deg2rad(degrees)), np.sin(np.deg2rad(degrees))])
+        np.testing.assert_allclose(here - middle, expected, atol=1e-12)
+        assert (path.spec, path.plane) == (f"circle:0.1:{degrees:g}", "yz")
+    turned = parse_path("circle:0.1", "xy")(panda_pose, q_panda)
+    lying = parse_path("circle:0.1:0", "xy")(panda_pose, q_panda)
+    drifts = [
+        rp.follow(rp.Pseudoinverse(panda_pose), p, q_panda, cycles=1).drift[0]
+        for p in (turned, lying)
+    ]
+    np.testing.assert_allclose(drifts, [0.146, 0.431], atol=2e-3)
+    with pytest.raises(rp.InputError, match="'up' is no angle in degrees"):
+        parse_path("circle:0.1:up")
+
+
+@pytest.mark.parametrize(
+    "words",
+    ["circle:0.05", "circle:0.1:33.3", "square:0.1", "eight:0.05", "rose:0.05", "polygon:5:0.05"],
+)
+def test_the_words_of_a_path_make_it_again(words: str, panda_pose, q_panda) -> None:
+    path = parse_path(words)(panda_pose, q_panda)
+    same = parse_path(path.spec, path.plane)(panda_pose, q_panda)
+    np.testing.assert_array_equal(path.points(33), same.points(33))
+    assert path.options == f"--path {path.spec} --plane xy" and path.spec.startswith(words)
+
+
+def test_a_flat_task_takes_its_own_plane() -> None:
+    task = rp.Robot.load("panda").task("panda_hand_tcp", "xz")
+    for words in ("circle:0.05", "square:0.05"):
+        path = parse_path(words)(task, Q_PANDA)
+        assert path.plane == "xz" and np.ptp(path.points(64)[:, 1]) == 0
+
+
+def test_a_path_made_in_python_has_no_words(panda_pose, q_panda) -> None:
+    study = rp.study(
+        "panda", path=rp.circle(panda_pose, q_panda, 0.05), cycles=1, steps=60, degree=1
+    )
+    assert (
+        study.as_dict()["path_spec"] is study.as_dict()["plane"] is None
+        and "path options" not in study.setting
+    )
+    study = rp.study("panda", radius=0.05, cycles=1, steps=60, degree=1)
+    assert study.setting["path options"] == "--path circle:0.05:180 --plane xy"
+
+
+# ---- waypoints from a file -----------------------------------------------------------------------
+
+GOOD = ["0.45,0,0.25", "0.5,0,0.25", "0.5,0.05,0.25", "0.45,0,0.25"]
+"""Within reach of the arm to copy."""
+
+
+def loop(lines: list[str], file: str = "loop.csv") -> list[str]:
+    Path(file).write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return ["follow", MY_ARM, "--strategy", "pseudoinverse", "--steps", "60", "--path", file]
+
+
+def test_a_file_is_followed_and_named(tmp_path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    data = told(capsys, *loop(["x, y, z", *GOOD], "my loop.csv"))
+    assert (data["path"], data["path_spec"], data["plane"]) == ("my loop.csv", "my loop.csv", None)
+    assert (
+        data["tracking_error"] < 1e-6
+        and "the start was moved to the first point of the path" in data["notes"]
+    )
+    assert main(loop(["x, y, z", *GOOD], "my loop.csv")) == 0
+    assert "path options    --path 'my loop.csv'\n" in capsys.readouterr().out
+
+
+UNREACHABLE = {
+    "a point of the file": (
+        ["x,y,z", *GOOD[:2], "0.5,3,0.25", GOOD[0]],
+        "loop.csv, line 4: ",
+        "reach [0.5 , 3.",
+    ),
+    "the first point": (
+        ["3,0,0.25", "3.1,0,0.25", "3.1,0.1,0.25", "3,0,0.25"],
+        "loop.csv, line 1: ",
+        "short; move",
+    ),
+    "millimetres": (
+        ["450,0,250", "500,0,250", "500,50,250", "450,0,250"],
+        "line 1: ",
+        "are the numbers mm?",
+    ),
+    "millimetres of an arm too short": (
+        ["4500,0,250", "5000,0,250", "5000,50,250", "4500,0,250"],
+        "line 1",
+        "another",
+    ),
+    "counted from the start": (
+        ["0,0,0", "0.05,0,0", "0.05,0.05,0", "0,0,0"],
+        "line 1: ",
+        "counted from the start?",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", UNREACHABLE)
+def test_what_is_out_of_reach_is_named_by_its_line(
+    case: str, tmp_path, monkeypatch, capsys
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    lines, where, why = UNREACHABLE[case]
+    error = refused(capsys, *loop(lines))
+    assert where in error and why in error
+    assert ("mm?" in error) == (case == "millimetres") and ("from the start?" in error) == (
+        case[:7] == "counted"
+    )
+
+
+def test_a_way_out_of_reach_between_two_points_is_named_by_both(
+    tmp_path, monkeypatch, capsys
+) -> None:
+    """Links of 1, 0.3 and 0.3 m leave a hole of 0.4 m round the base: both points can be reached,
+    not the way."""
+    monkeypatch.chdir(tmp_path)
+    planar_task([1, 0.3, 0.3], tmp_path)
+    loop(["1.2,0,0", "1,1,0", "-0.8,-1,0", "1.2,0,0"])
+    error = refused(
+        capsys, "follow", "planar3.urdf", "--strategy", "pseudoinverse", "--path", "loop.csv"
+    )
+    assert "loop.csv, between line 2 and line 3: 'tool' cannot reach [" in error
+
+
+MISWRITTEN = {
+    "semicolons": (
+        [line.replace(",", ";") for line in GOOD],
+        "line 1: '0.45;0;0.25' is not three numbers; separate them by commas",
+    ),
+    "semicolons below names": (
+        ["x;y;z", *(line.replace(",", ";") for line in GOOD)],
+        "loop.csv: separate the columns by commas",
+    ),
+    "decimal commas": (
+        [line.replace(",", ";").replace(".", ",") for line in GOOD],
+        "use decimal points",
+    ),
+    "spaces": (
+        [line.replace(",", " ") for line in GOOD],
+        "line 1: '0.45 0 0.25' is not three numbers; separate them by commas",
+    ),
+    "a letter in the first line": (["O.45,0,0.25", *GOOD[1:]], "line 1: 'O.45,0,0.25'"),
+    "powers of ten": (["4.5e-1;0;2.5e-1", *GOOD[1:]], "line 1: "),
+}
+
+
+@pytest.mark.parametrize("case", MISWRITTEN)
+def test_a_first_line_is_passed_over_only_if_it_names_columns(
+    case: str, tmp_path, monkeypatch, capsys
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    lines, words = MISWRITTEN[case]
+    assert words in refused(capsys, *loop(lines))
+
+
+def test_a_file_has_no_plane(tmp_path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    for command in (
+        [*loop(GOOD), "--plane", "xy"],
+        ["study", MY_ARM, "--path", "loop.csv", "--plane", "xz"],
+    ):
+        assert "loop.csv have their own positions; omit it" in refused(capsys, *command)
+    assert "--plane requires --path" in refused(capsys, "design", "panda", "--plane", "xz")
+    assert [p.name for p in tmp_path.iterdir()] == ["loop.csv"]
+
+
+@pytest.mark.parametrize("command", ["study", "follow", "animate", "design"])
+def test_the_help_says_what_a_path_is(command: str, capsys) -> None:
+    with pytest.raises(SystemExit):
+        main([command, "--help"])
+    text = " ".join(capsys.readouterr().out.split())
+    for words in (
+        "circle:RADIUS:DEGREES",
+        "turned until the arm can follow it",
+        "in m in the frame of the base",
+        "the first point repeated",
+    ):
+        assert words in text
+    assert "first redundant one of pose, position, xy, xz, yz" in text

@@ -1,0 +1,79 @@
+"""Completion: what bash is offered, and that every word it is offered is one that the commands
+take."""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+from arms import KINDS
+from page_file import COLOURS
+
+from repctl_pin.cli import main, parser
+from repctl_pin.cli.completion import WORDS
+from repctl_pin.motion import parse_path
+
+COMMANDS = next(a for a in parser()._actions if isinstance(a, argparse._SubParsersAction)).choices
+PLANES = ("xy", "xz", "yz")
+
+
+def offered(folder: Path, *words: str) -> set[str]:
+    """What bash offers in place of the last word."""
+    quoted = " ".join(f"'{word}'" for word in ("repctl", *words))
+    program = (
+        f"source complete.bash; COMP_WORDS=({quoted}); COMP_CWORD={len(words)}; "
+        "$(complete -p repctl | sed 's/.*-F \\([^ ]*\\) .*/\\1/') repctl; printf '%s\\n' "
+        '"${COMPREPLY[@]}"'
+    )
+    done = subprocess.run(
+        ["bash", "-c", program], cwd=folder, capture_output=True, text=True, timeout=30
+    )
+    return set(done.stdout.split("\n")) - {""}
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="no bash here")
+def test_bash_is_offered_commands_options_robots_words_and_files(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["completion", "bash"]) == 0
+    (tmp_path / "complete.bash").write_text(capsys.readouterr().out, encoding="utf-8")
+    (tmp_path / "mine.urdf").touch()
+    (tmp_path / "folder").mkdir()
+    assert offered(tmp_path, "") >= set(COMMANDS)
+    assert offered(tmp_path, "st") == {"study"}
+    assert {"panda", "pr2"} <= offered(tmp_path, "study", "p") and "mine.urdf" in offered(
+        tmp_path, "study", "mi"
+    )
+    assert {"--frame", "--path", "--cycles"} <= offered(tmp_path, "study", "panda", "--")
+    assert offered(tmp_path, "study", "panda", "--plane", "") >= set(PLANES)
+    assert "folder" in offered(tmp_path, "study", "panda", "--out", "f")
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_every_shell_gets_a_script(shell: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["completion", shell]) == 0
+    text = capsys.readouterr().out
+    assert all(name in text for name in (*COMMANDS, "panda", "polygon"))
+    if shutil.which(shell):
+        done = subprocess.run([shell, "-n"], input=text, capture_output=True, text=True, timeout=30)
+        assert done.returncode == 0, done.stderr
+
+
+def test_every_word_is_one_the_commands_take() -> None:
+    known = {
+        name
+        for part in COMMANDS.values()
+        for action in part._actions
+        for name in action.option_strings
+    }
+    assert set(WORDS) <= known
+    words = {name: text.split() for name, text in WORDS.items()}
+    assert set(words["--task"]) == set(KINDS)
+    assert set(words["--plane"]) == set(PLANES) and set(words["--only"]) == set(COLOURS)
+    for weight in words["--weight"]:
+        assert main(["check", "panda", "--weight", weight, "--samples", "8"]) == 0
+    for path in words["--path"]:
+        assert callable(parse_path(path))

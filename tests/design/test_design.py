@@ -1,0 +1,659 @@
+"""Designs: the theory's numbers, honesty about themselves, laws of invariance, and refusals."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import scipy.optimize
+from arms import spatial_task
+
+import repctl_pin as rp
+from repctl_pin import redundancy
+from repctl_pin.design import criterion, singularities
+from repctl_pin.design.design_map import degree_curve, design_map
+from repctl_pin.design.evaluation import judge
+from repctl_pin.potentials import PotentialBasis
+from repctl_pin.show.plots import design_figure
+
+Q0 = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
+
+
+def panda_design_of(panda: rp.Robot, kind: str, width: float, degree: int, **options) -> rp.Design:
+    task = panda.task("panda_hand_tcp", kind)
+    return rp.nearest_repeatable(
+        rp.Pseudoinverse(task),
+        None,
+        rp.Box(Q0, width),
+        degree=degree,
+        options=rp.FitOptions(**options),
+    )
+
+
+# ---- the numbers ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "kind, width, degree, most",
+    [
+        ("pose", 0.4, 2, 0.2475),
+        ("pose", 0.4, 3, 0.2003),
+        ("pose", 0.8, 2, 1.96),
+        ("position", 0.4, 2, 0.3455),
+        ("position", 0.8, 2, 3.70),
+    ],
+)
+def test_cost_on_held_out_nodes(
+    panda: rp.Robot, kind: str, width: float, degree: int, most: float
+) -> None:
+    design = panda_design_of(panda, kind, width, degree)
+    assert design.converged
+    assert design.cost <= most
+    assert (
+        design.cost < most + design.cost_error < 1.02 * most
+    )  # and the margin is no luck of a wide scatter
+    assert design.leaf_margin > 0.05
+    # what the inverse does is what the figures say: once more with plain matrices, on nodes of our
+    # own
+    Q = design.region.random(2048, 4711)
+    J = design.task.jacobians(Q)
+    distance = np.sum((design.inverse.batch(Q) - np.linalg.pinv(J)) ** 2, axis=(1, 2))
+    assert abs(distance.mean() - design.cost) < 4 * distance.std() / np.sqrt(len(Q))
+
+
+def test_baselines_stand_beside_it(panda: rp.Robot, panda_design: rp.Design) -> None:
+    rows, extended = baselines = panda_design.evaluate_baselines()
+    assert rows.evaluation is not None and extended.evaluation is not None
+    assert abs(rows.evaluation.cost - 0.531) < 1e-3
+    assert abs(extended.evaluation.cost - 0.376) < 1e-3
+    assert panda_design.cost < extended.evaluation.cost < rows.evaluation.cost
+    text = panda_design.summary(baselines)
+    assert "constant rows" in text and "extended Jacobian" in text and "converged" in text
+
+
+def test_a_summary_computes_nothing_and_baselines_report_progress(
+    panda_design: rp.Design,
+) -> None:
+    begin = time.process_time()
+    text = panda_design.summary()
+    assert time.process_time() - begin < 0.05  # evaluating the baselines takes over 1 s
+    assert "leaf margin" in text and "constant rows" not in text
+    steps: list[str] = []
+    small = replace(panda_design, held_out=64)
+    baselines = small.evaluate_baselines(progress=lambda step, share: steps.append(step))
+    assert [baseline.name in step for baseline, step in zip(baselines, steps, strict=True)] == [
+        True,
+        True,
+    ]
+
+
+@pytest.mark.slow
+def test_the_extended_jacobian_is_singular_in_the_wide_box_and_said_so(panda: rp.Robot) -> None:
+    design = panda_design_of(panda, "pose", 0.8, 1)
+    extended = design.evaluate_baselines()[1]
+    assert extended.evaluation is None
+    assert "algorithmic singularity" in extended.refused and "panda_joint4 = " in extended.refused
+    # the point it names lies in the box, and det J_V has another sign there than at the center
+    inverse = rp.ExtendedJacobian(design.task, Q0)
+    with pytest.raises(rp.SingularRegionError) as error:
+        judge(inverse, design.desired, design.region)
+    at = error.value.at
+    free = singularities.largest_free(
+        singularities.LeafMargin(design.task, inverse.potentials, Q0), design.region, at[None]
+    )
+    assert design.region.contains(at[None])[0]
+    sides = [
+        np.sign(
+            np.linalg.det(np.vstack([design.task.jacobian(q), inverse.potentials.gradient(q).T]))
+        )
+        for q in (Q0, at)
+    ]
+    assert sides[0] == -sides[1]
+    assert isinstance(free, rp.Box) and judge(inverse, design.desired, free).leaf_margin > 0
+
+
+@pytest.fixture(scope="module")
+def ppr_design() -> rp.Design:
+    task = rp.Robot.load("ppr").task(None, "xy")
+    return rp.nearest_repeatable(rp.Pseudoinverse(task), None, rp.Box(np.zeros(3), 1.0), degree=6)
+
+
+def test_a_potential_of_all_joints_beats_the_papers_family(ppr_design: rp.Design) -> None:
+    assert ppr_design.converged and ppr_design.cost <= 0.0175  # the paper's k = 0: 0.13634
+    assert ppr_design.cost_error < 1e-4
+
+
+def test_degree_auto_stops_where_the_cost_stops_falling() -> None:
+    task = rp.Robot.load("ppr").task(None, "xy")
+    design = rp.nearest_repeatable(
+        rp.Pseudoinverse(task), None, rp.Box(np.zeros(3), 1.0), degree="auto"
+    )
+    degrees, costs, _ = zip(*design.degrees, strict=True)
+    assert degrees == tuple(range(1, len(degrees) + 1))
+    assert costs[-1] > 0.99 * costs[-2]  # the last was not worth it
+    assert all(later < 0.99 * earlier for earlier, later in pairwise(costs[:-1]))
+    assert design.cost == min(costs) and design.potentials.degree in degrees
+
+
+@pytest.mark.parametrize(
+    "robot, kind, r, width",
+    [
+        ("panda", "axis", 2, 0.3),
+        ("panda", "position", 4, 0.3),
+        ("tiago", "position", 5, 0.2),
+        ("talos", "position", 6, 0.1),
+    ],
+)
+def test_higher_redundancy(robot: str, kind: str, r: int, width: float) -> None:
+    task = rp.Robot.load(robot).task(None, kind)
+    q0 = np.array(task.reference)
+    if robot == "panda":
+        q0 = Q0
+    elif robot == "talos":
+        q0[5] = -0.9  # away from the stretched elbow of its reference pose
+    assert task.r == r
+    design = rp.nearest_repeatable(
+        rp.Pseudoinverse(task),
+        None,
+        rp.Box(q0, width),
+        degree=2,
+        options=rp.FitOptions(held_out=4096),
+        shrink=True,
+    )
+    assert design.converged and design.leaf_margin > 0.1
+    # the defect (I − G J)[g_a, g_b], exact; and by plain differences, which see 1e-6 of J⁺'s own
+    G, e = design.inverse, 1e-5
+    for q in design.region.random(4, 5):
+        assert np.abs(rp.bracket_defect(G, q)).max() < 1e-8
+        defects = []
+        for g_of in (G, design.desired):
+            g = g_of(q)
+            along = [(g_of(q + e * c) - g_of(q - e * c)) / (2 * e) for c in g.T]  # (∂G/∂q) g_a
+            brackets = np.array(
+                [along[a][:, b] - along[b][:, a] for a in range(task.m) for b in range(a)]
+            )
+            defects.append(np.abs(brackets - brackets @ task.jacobian(q).T @ g.T).max())
+        assert defects[0] < 1e-5 * defects[1]
+    path = rp.circle(task, q0, radius=0.02)
+    motion = rp.follow(G, path, q0, cycles=10, steps=200)
+    assert motion.drift.max() < 1e-8
+    assert np.ptp(motion.q, axis=0).max() > 1e-3  # it moved, and came back
+
+
+# ---- honesty -------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_the_standard_error_is_true() -> None:
+    """30 of the benchmark's 100 seeded designs, with 2¹⁵ nodes for its 10⁶."""
+    task = rp.Robot.load("planar3r").task(None, "xy")
+    desired = rp.Pseudoinverse(task)
+    rng = np.random.default_rng(0)
+    inside = 0
+    for seed in range(30):
+        center = np.array([0.3, 1.0, 0.8]) + rng.uniform(-0.2, 0.2, 3)
+        box = rp.Box(center, 0.4)
+        design = rp.nearest_repeatable(
+            desired,
+            None,
+            box,
+            degree=2,
+            options=rp.FitOptions(samples=512, held_out=1024, seed=seed),
+        )
+        Q = box.random(2**15, 10_000 + seed)
+        truth = np.mean(np.sum((design.inverse.batch(Q) - desired.batch(Q)) ** 2, axis=(1, 2)))
+        inside += abs(design.cost - truth) <= 2 * design.cost_error
+    assert 26 <= inside <= 30  # 95 % is what two standard errors should hold
+
+
+def test_converged_tells_the_truth(panda: rp.Robot) -> None:
+    """A quasi-Newton method that starts where Gauss–Newton stopped finds next to nothing more."""
+    for kind, width in (("pose", 0.4), ("position", 0.4)):
+        design = panda_design_of(panda, kind, width, 2, samples=1024)
+        assert design.converged
+        task, potentials, box = design.task, design.potentials, design.region
+        N = criterion.oriented_nullspace(task.jacobian(box.center)[None], task, box.center[None])[0]
+        batch = criterion.Builder(design.desired, potentials, np.arange(potentials.size), N)(
+            *box.nodes(1024, 0)
+        )
+        shape = design.coefficients.shape
+
+        def flat(a: np.ndarray, batch=batch, shape=shape) -> tuple[float, np.ndarray]:
+            cost, half, *_ = criterion.gauss_newton(batch, a.reshape(shape))
+            return cost, 2 * half.ravel()
+
+        start = design.coefficients.ravel()
+        assert np.isclose(flat(start)[0], design.fit_cost, rtol=1e-9)
+        found = scipy.optimize.minimize(
+            flat, start, jac=True, method="L-BFGS-B", options={"maxiter": 60}
+        )
+        assert found.fun > (1 - 2e-3) * design.fit_cost
+        # and from a poor start it does find more: the check has teeth
+        poor = start + 0.2 * np.random.default_rng(0).normal(size=start.size) * np.abs(start).max()
+        assert flat(poor)[0] > 1.02 * design.fit_cost
+
+
+def test_leaf_margin_is_searched_between_the_nodes(panda: rp.Robot) -> None:
+    design = panda_design_of(panda, "pose", 0.8, 1, held_out=1024)
+    Q = design.region.random(2**16, 99)
+    sigma = redundancy.leaf_margin(
+        redundancy.nullspace(design.task.jacobians(Q)), design.inverse.potentials.gradients(Q)
+    )
+    assert (
+        design.leaf_margin < sigma.min() + 1e-6
+    )  # 65536 points see nothing below what the search found
+    at = design.leaf_margin_at
+    here = redundancy.leaf_margin(
+        redundancy.nullspace(design.task.jacobian(at)), design.inverse.potentials.gradient(at)
+    )
+    assert np.isclose(here, design.leaf_margin, rtol=1e-9) and design.region.contains(at[None])[0]
+
+
+def test_a_repeatable_desire_is_met_exactly(panda_pose: rp.Task) -> None:
+    """G_d is itself made from a quadratic potential: its nearest repeatable inverse is itself."""
+    box = rp.Box(Q0, 0.3)
+    potentials = rp.Polynomial(Q0, 2, 0.3)
+    N = redundancy.nullspace(panda_pose.jacobian(Q0))
+    A = np.linalg.lstsq(potentials.gradients(Q0[None])[0], N, rcond=None)[0]
+    A += 0.02 * np.random.default_rng(0).normal(size=A.shape) * np.abs(A).max()
+    desired = rp.RepeatableInverse(panda_pose, potentials.weighted(A))
+    design = rp.nearest_repeatable(
+        desired, potentials, box, options=rp.FitOptions(samples=1024, held_out=1024)
+    )
+    assert design.cost < 1e-13 and design.converged
+    Q = box.random(64, 9)
+    assert np.abs(design.inverse.batch(Q) - desired.batch(Q)).max() < 1e-7
+
+
+# ---- laws ----------------------------------------------------------------------------------------
+
+
+class Mixed(PotentialBasis):
+    """The same space of potentials in another basis."""
+
+    def __init__(self, family: rp.Polynomial, M: np.ndarray) -> None:
+        self.family, self.M, self.size = family, M, family.size
+
+    def values(self, Q: np.ndarray) -> np.ndarray:
+        return self.family.values(Q) @ self.M
+
+    def gradients(self, Q: np.ndarray) -> np.ndarray:
+        return self.family.gradients(Q) @ self.M
+
+    def weighted(self, A: np.ndarray):
+        return self.family.weighted(self.M @ A)
+
+
+@pytest.mark.parametrize("kind", ["pose", "position"])
+def test_the_optimum_does_not_depend_on_the_basis_nor_on_the_batch(
+    panda: rp.Robot, kind: str
+) -> None:
+    task = panda.task("panda_hand_tcp", kind)
+    desired, box, potentials = rp.Pseudoinverse(task), rp.Box(Q0, 0.4), rp.Polynomial(Q0, 2, 0.4)
+    options = rp.FitOptions(samples=2048, held_out=256, tolerance=1e-10)
+    plain = rp.nearest_repeatable(desired, potentials, box, options=options)
+    rng = np.random.default_rng(0)
+    M = rng.normal(size=(potentials.size, potentials.size)) * 10 ** rng.uniform(
+        -2, 2, potentials.size
+    )
+    Q = box.random(64, 5)
+    G = plain.inverse.batch(Q)
+    for other in (
+        rp.nearest_repeatable(desired, Mixed(potentials, M), box, options=options),
+        rp.nearest_repeatable(
+            desired, rp.Polynomial(Q0 + 0.1, 2, 1.3), box, options=options
+        ),  # the same polynomials
+        rp.nearest_repeatable(desired, potentials, box, options=replace(options, batch=97)),
+        rp.nearest_repeatable(desired, potentials, box, options=replace(options, stream=True)),
+    ):
+        assert np.isclose(other.fit_cost, plain.fit_cost, rtol=1e-8)
+        assert np.abs(other.inverse.batch(Q) - G).max() < 1e-5 * np.abs(G).max()
+
+
+def test_the_same_seed_is_the_same_design(panda: rp.Robot) -> None:
+    first, again, other = (
+        panda_design_of(panda, "pose", 0.4, 2, samples=1024, held_out=256, seed=seed)
+        for seed in (3, 3, 4)
+    )
+    assert np.array_equal(first.coefficients, again.coefficients) and first.cost == again.cost
+    assert not np.array_equal(first.coefficients, other.coefficients)
+
+
+def test_restarts_never_make_it_worse(panda: rp.Robot) -> None:
+    plain, more = (
+        panda_design_of(panda, "axis", 0.4, 1, samples=1024, held_out=256, restarts=k)
+        for k in (0, 2)
+    )
+    assert more.fit_cost <= plain.fit_cost * (1 + 1e-9)
+
+
+def test_designs_are_compared_on_common_nodes(panda: rp.Robot, panda_design: rp.Design) -> None:
+    linear = panda_design_of(panda, "pose", 0.4, 1)
+    comparison = rp.compare(linear, panda_design)
+    assert comparison.best == 1
+    more, error = comparison.differences[1]
+    assert (
+        np.isclose(more, panda_design.cost - linear.cost, rtol=0.02)
+        and 0 < error < linear.cost_error + 1e-3
+    )
+    assert "35" in str(comparison) and "7" in str(comparison)
+    other = panda_design_of(panda, "axis", 0.3, 1, samples=512, held_out=64)
+    with pytest.raises(rp.InputError, match="different tasks"):
+        rp.compare(linear, other)
+
+
+# ---- other desires -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("weight", ["fixed", "inertia", "limits", "function", "extended", "custom"])
+def test_any_inverse_can_be_desired(panda_pose: rp.Task, weight: str) -> None:
+    task, box = panda_pose, rp.Box(Q0, 0.2)
+    M = np.diag([4.0, 3, 2, 2, 1, 1, 1])
+    desired = {
+        "fixed": lambda: rp.WeightedInverse(task, M),
+        "inertia": lambda: rp.WeightedInverse(task, "inertia"),
+        "limits": lambda: rp.WeightedInverse(task, rp.LimitWeight(task, onset=0.5)),
+        "function": lambda: rp.WeightedInverse(task, lambda q: 1 + q**2),
+        "extended": lambda: rp.ExtendedJacobian(task, Q0),
+        "custom": lambda: rp.CustomInverse(task, lambda q: np.linalg.pinv(task.jacobian(q))),
+    }[weight]()
+    design = rp.nearest_repeatable(
+        desired, None, box, degree=2, options=rp.FitOptions(samples=1024, held_out=1024)
+    )
+    assert design.converged and design.leaf_margin > 0.3 and design.relative_distance < 0.15
+    plain = rp.nearest_repeatable(
+        rp.Pseudoinverse(task),
+        None,
+        box,
+        degree=2,
+        options=rp.FitOptions(samples=1024, held_out=1024),
+    )
+    Q = box.random(256, 3)
+    G_d = desired.batch(Q)
+
+    def distance(d: rp.Design) -> float:
+        return float(np.mean(np.sum((d.inverse.batch(Q) - G_d) ** 2, axis=(1, 2))))
+
+    # it is nearer to what was desired than the design for J⁺ is (which is the same for "custom")
+    assert distance(design) <= distance(plain) * (1.001 if weight == "custom" else 0.999)
+
+
+def test_limit_weight_is_smooth_one_in_the_middle_and_grows(panda_pose: rp.Task) -> None:
+    weight = rp.LimitWeight(panda_pose, 30.0)
+    middle, half = (
+        (panda_pose.lower + panda_pose.upper) / 2,
+        (panda_pose.upper - panda_pose.lower) / 2,
+    )
+    assert np.allclose(weight(middle), 1, atol=0.01)
+    assert np.allclose(weight(middle + 0.3), weight(middle - 0.3))
+    shares = np.linspace(-1.2, 1.2, 4001)
+    w = np.array([weight(middle + share * half) for share in shares])
+    assert (np.diff(w[2000:3667], axis=0) > 0).all() and np.allclose(
+        w[3667:], 31, atol=0.01
+    )  # as much beyond
+    slope = np.gradient(w, shares, axis=0)
+    assert (
+        np.abs(np.diff(slope, axis=0)).max() < 0.03 * np.abs(slope).max()
+    )  # no jump, not at the limit either
+    assert (
+        rp.LimitWeight(panda_pose, 30.0, 0.3)(middle + 0.8 * half) > weight(middle + 0.8 * half)
+    ).all()
+    for wrong, why in (((-1,), "0 or more"), ((1, 0), "the onset"), ((1, np.nan), "the onset")):
+        with pytest.raises(rp.InputError, match=why):
+            rp.LimitWeight(panda_pose, *wrong)
+
+
+def test_a_weighted_inverse_is_what_a_penalty_on_the_rates_asks_for(panda: rp.Robot) -> None:
+    """``‖G − J⁺‖² + Σ (w − 1) ‖e_iᵀ G‖² = ‖G − J⁺_M‖²_M + constant`` for every G with J G = I."""
+    task, rng = panda.task("panda_hand_tcp", "position"), np.random.default_rng(2)
+    q = np.array(task.reference)
+    q[0] = task.upper[0] + 0.05
+    w = rp.LimitWeight(task, 3.0)(q)
+    plain, weighted = (
+        rp.Pseudoinverse(task)(q),
+        rp.WeightedInverse(task, rp.LimitWeight(task, 3.0))(q),
+    )
+    N = rp.redundancy.nullspace(task.jacobian(q))
+    some = [plain + N @ rng.normal(size=(task.r, task.m)) for _ in range(5)]
+    left = [np.sum((G - plain) ** 2) + (w - 1) @ np.sum(G**2, axis=1) for G in some]
+    right = [w @ np.sum((G - weighted) ** 2, axis=1) for G in some]
+    assert (
+        np.isclose(w[0], 4, atol=1e-3)
+        and np.ptp(left) > 1
+        and np.ptp(np.subtract(left, right)) < 1e-9
+    )
+
+
+def test_a_start_near_a_limit_is_left_with_more_room() -> None:
+    """z1, position, 0.12 rad from the limit of joint 1: random corners up to 5 cm away, at the same
+    start."""
+    task = rp.Robot.load("z1").task(kind="position")
+    q0 = np.clip(task.reference, task.lower + 0.3, task.upper - 0.3)
+    q0[0] = task.upper[0] - 0.12
+    box, plain = rp.Box(q0, 0.3), rp.Pseudoinverse(task)
+    spared = rp.WeightedInverse(task, rp.LimitWeight(task))
+    corners, margins, distances = np.random.default_rng(0).uniform(-0.05, 0.05, (60, 3, 3)), [], []
+    for desired in (plain, spared):
+        inverse = rp.nearest_repeatable(
+            desired, None, box, degree=2, options=rp.FitOptions(samples=1024, held_out=256)
+        ).inverse
+        loops = (rp.polygon(task, q0, few) for few in corners)
+        loops = [
+            rp.follow(inverse, loop, q0, cycles=1, steps=32, integrator=rp.LeafLock(2))
+            for loop in loops
+        ]
+        margins.append([loop.limit_margin.min() for loop in loops])
+        distances.append(judge(inverse, plain, box, samples=1024).relative_distance)
+    least, broken = np.min(margins, axis=1), np.sum(np.less(margins, 0), axis=1)
+    assert least[1] > least[0] + 0.03 and broken[1] < 0.75 * broken[0]
+    assert distances[1] < distances[0] + 0.05
+
+
+# ---- refusals ------------------------------------------------------------------------------------
+
+
+def test_a_singularity_of_V_is_refused_with_the_largest_free_box_and_shrink_takes_it(
+    panda_pose: rp.Task,
+) -> None:
+    desired, box = rp.Pseudoinverse(panda_pose), rp.Box(Q0, 1.4)
+    with pytest.raises(rp.SingularRegionError, match="shrink=True") as error:
+        rp.nearest_repeatable(
+            desired, None, box, degree=1, options=rp.FitOptions(samples=2048, held_out=2048)
+        )
+    found = error.value
+    assert "\n" not in str(found) and "panda_joint1 = " in str(found)
+    assert box.contains(found.at[None])[0]
+    assert isinstance(found.free, rp.Box) and 0 < found.free.half_width[0] < 1.4
+    design = rp.nearest_repeatable(
+        desired,
+        None,
+        box,
+        degree=1,
+        options=rp.FitOptions(samples=2048, held_out=2048),
+        shrink=True,
+    )
+    assert design.leaf_margin > 0 and 0.1 < design.shrunk < 1
+    assert np.allclose(design.region.half_width, 1.4 * design.shrunk)
+
+
+@pytest.mark.parametrize("half_width", [0.65, 0.69, 0.9])
+def test_a_region_is_shrunk_to_a_leaf_margin_of_a_tenth(half_width: float, tmp_path) -> None:
+    """Not to the edge of a singularity, found by the first fit or only nearly so."""
+    task = spatial_task(4, tmp_path, seed=5)
+    box = rp.Box(0.4 * np.ones(4), half_width)
+    design = rp.nearest_repeatable(
+        rp.Pseudoinverse(task),
+        None,
+        box,
+        degree=2,
+        options=rp.FitOptions(samples=512, held_out=512),
+        shrink=True,
+    )
+    assert design.leaf_margin >= 0.1 and 0.4 < design.shrunk < 1
+    assert np.allclose(design.region.half_width, half_width * design.shrunk)
+
+
+def test_a_singularity_of_the_arm_is_refused_by_place() -> None:
+    """Unit links, relative angles: J loses rank at θ₂ = θ₃ = 0, a line that nodes miss and the
+    search finds."""
+    task = rp.Robot.load("planar3r").task(None, "xy")
+    box = rp.Box([0.3, 0.5, 0.4], [0.5, 0.8, 0.8])
+    with pytest.raises(rp.SingularRegionError, match="loses rank") as error:
+        rp.nearest_repeatable(rp.Pseudoinverse(task), None, box, degree=2)
+    at, free = error.value.at, error.value.free
+    assert np.abs(at[1:]).max() < 1e-2
+    # the nearest point of the line: |0 − 0.5| / 0.8 and |0 − 0.4| / 0.8, the larger
+    assert isinstance(free, rp.Box) and 0.6 < free.half_width[1] / 0.8 < 0.5 / 0.8 + 1e-9
+    design = rp.nearest_repeatable(rp.Pseudoinverse(task), None, box, degree=2, shrink=True)
+    assert design.shrunk < 0.5 / 0.8 and design.leaf_margin > 0
+
+
+def nan_beyond(q: np.ndarray) -> float:
+    return float("nan") if q[0] > 0.2 else float(q[0])
+
+
+@pytest.mark.parametrize(
+    "make, message",
+    [
+        (
+            lambda t: rp.nearest_repeatable(
+                rp.Pseudoinverse(t), None, rp.Box(Q0 + 10, 0.4), degree=1
+            ),
+            "joint limits",
+        ),
+        (
+            lambda t: rp.nearest_repeatable(
+                rp.Pseudoinverse(t), None, rp.Box(Q0[:6], 0.4), degree=1
+            ),
+            "6 joints",
+        ),
+        (
+            lambda t: rp.nearest_repeatable(
+                rp.Pseudoinverse(t),
+                None,
+                rp.Box(Q0, 0.4),
+                degree=2,
+                options=rp.FitOptions(samples=5),
+            ),
+            "too few",
+        ),
+        (
+            lambda t: rp.nearest_repeatable(
+                rp.Pseudoinverse(t),
+                None,
+                rp.Box(Q0, 0.4),
+                degree=2,
+                options=rp.FitOptions(samples=0),
+            ),
+            "samples",
+        ),
+        (
+            lambda t: rp.nearest_repeatable(
+                rp.Pseudoinverse(t), None, rp.Box(Q0, 0.4), degree="cubic"
+            ),
+            "auto",
+        ),
+        (
+            lambda t: rp.nearest_repeatable(rp.Pseudoinverse(t), None, rp.Box(Q0, 0.4)),
+            "either potentials",
+        ),
+        (
+            lambda t: rp.nearest_repeatable(
+                rp.Pseudoinverse(t), None, rp.Box(Q0, 0.4), degree=1, options=rp.FitOptions(batch=0)
+            ),
+            "batch",
+        ),
+        (
+            lambda t: rp.nearest_repeatable(
+                rp.CustomInverse(t, lambda q: 1.01 * np.linalg.pinv(t.jacobian(q))),
+                None,
+                rp.Box(Q0, 0.4),
+                degree=1,
+            ),
+            "J G = I",
+        ),
+        (
+            lambda t: rp.nearest_repeatable(
+                rp.Pseudoinverse(t),
+                rp.CustomPotentials([nan_beyond]) + rp.Polynomial(Q0, 1),
+                rp.Box(Q0, 0.4),
+                options=rp.FitOptions(samples=64),
+            ),
+            "nan_beyond is nan",
+        ),
+        (
+            lambda t: rp.nearest_repeatable(
+                rp.Pseudoinverse(t),
+                rp.Polynomial(Q0, 1),
+                rp.Box(Q0, 0.4, density=lambda Q: -np.ones(len(Q))),
+            ),
+            "density",
+        ),
+    ],
+)
+def test_bad_input_gets_one_clear_line(panda_pose: rp.Task, make, message: str) -> None:
+    with pytest.raises(rp.InputError, match=message) as error:
+        make(panda_pose)
+    assert "\n" not in str(error.value)
+
+
+def test_a_task_without_redundancy_is_refused() -> None:
+    task = rp.Robot.load("ur5").task(None, "pose")
+    with pytest.raises(rp.InputError, match="no redundancy"):
+        rp.nearest_repeatable(rp.Pseudoinverse(task), None, rp.Box(task.reference, 0.1), degree=1)
+
+
+class Violation:
+    """No inverse at all, and without a check of its own."""
+
+    def __init__(self, task: rp.Task) -> None:
+        self.task = task
+
+    def batch(self, Q: np.ndarray, J: np.ndarray | None = None) -> np.ndarray:
+        return 0.9 * rp.Pseudoinverse(self.task).batch(Q, J)
+
+
+def test_an_inverse_that_is_none_is_refused_with_the_residual(panda_pose: rp.Task) -> None:
+    with pytest.raises(rp.InputError, match=r"missed by 0\.1"):
+        rp.nearest_repeatable(Violation(panda_pose), None, rp.Box(Q0, 0.3), degree=1)
+
+
+# ---- arrays for pictures -------------------------------------------------------------------------
+
+
+def test_maps_hold_what_the_inverses_do(panda_design: rp.Design) -> None:
+    potentials = design_map(panda_design, points=9)
+    i, j = potentials.joints
+    assert (
+        i != j
+        and np.isclose(potentials.x[0], Q0[i] - 0.4)
+        and np.isclose(potentials.y[-1], Q0[j] + 0.4)
+    )
+    q = Q0.copy()
+    q[i], q[j] = potentials.x[2], potentials.y[7]
+    G_d = panda_design.desired(q)
+    assert np.isclose(potentials.distance[7, 2], np.linalg.norm(panda_design.inverse(q) - G_d))
+    assert np.isclose(potentials.reference[7, 2], np.linalg.norm(G_d))
+    N = redundancy.nullspace(panda_design.task.jacobian(q))
+    assert np.isclose(
+        potentials.leaf_margin[7, 2],
+        redundancy.leaf_margin(N, panda_design.inverse.potentials.gradient(q)),
+    )
+    with pytest.raises(rp.InputError, match="two different joints"):
+        design_map(panda_design, (1, 1))
+
+
+def test_the_curve_and_the_figure_hold_the_costs(panda: rp.Robot) -> None:
+    design = panda_design_of(panda, "pose", 0.4, 2, samples=1024, held_out=1024)
+    degrees = degree_curve(design)
+    assert [d for d, _, _ in degrees] == [1, 2] and degrees[1][1] == design.cost < degrees[0][1]
+    baselines = design.evaluate_baselines()
+    figure = design_figure(design, design_map(design, points=5), degrees, baselines, title="title")
+    ax = figure.axes[0]
+    assert np.allclose(ax.lines[0].get_ydata(), [cost for _, cost, _ in degrees])
+    levels = [line.get_ydata()[0] for line in ax.lines if line.get_linestyle() in ("--", "-.")]
+    assert np.allclose(levels, [b.evaluation.cost for b in baselines])
+    assert ax.get_yscale() == "log" and "rad" in figure.axes[1].get_xlabel()

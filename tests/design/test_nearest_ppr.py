@@ -1,0 +1,350 @@
+"""Section IV of the paper, (39) to (60), from the general engine and from a search over the family
+(60).
+
+The oracles are the paper's closed forms, written out here once more, and quadrature of our own.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import repctl_pin as rp
+from repctl_pin.design import cost_has_converged, nearest_in_family
+from repctl_pin.redundancy import leaf_margin, null_component, null_vector
+
+PI = np.pi
+BELOW_PI = [(-0.5, 0.5), (-1.0, 1.0), (0.2, 1.0), (-1.2, 0.5), (0.3, 2.2), (-3.0, -1.1)]
+ABOVE_PI = [(-2.0, 2.0), (-3.0, 3.0), (-1.0, 3.0), (0.5, 5.0), (-2.9, 0.5)]
+
+
+@pytest.fixture(scope="module")
+def task() -> rp.Task:
+    return rp.Robot.load("ppr").task("tool", "xy")
+
+
+@pytest.fixture(scope="module")
+def some_q() -> np.ndarray:
+    return np.random.default_rng(3).uniform(-2, 2, (20, 3))
+
+
+def printed_inverse(task: rp.Task, k: float) -> rp.CustomInverse:
+    """(60) as it is printed; for k = ∞ its limit, w₁ = 0 and w₂ = −cos θ₃/√2."""
+
+    def G(q: np.ndarray) -> np.ndarray:
+        s, c = np.sin(q[2]), np.cos(q[2])
+        J = np.array([[1, 0, -s], [0, 1, c]])  # (40)
+        n = np.array([s, -c, 1.0])
+        if np.isinf(k):
+            difference = np.outer(n, [0.0, -c]) / 2
+        else:
+            difference = (k * c + s) / (2 * (k * k + 1)) * np.outer(n, [1.0, -k])
+        return J.T @ np.linalg.inv(J @ J.T) + difference
+
+    return rp.CustomInverse(task, G)
+
+
+class Family:
+    """The same without a loop: J⁺ + n̂ wᵀ with w of (48), (49)."""
+
+    def __init__(self, task: rp.Task, k: float) -> None:
+        self.task, self.phi = task, np.arctan(k)
+
+    def __call__(self, q: np.ndarray) -> np.ndarray:
+        return self.batch(q[None])[0]
+
+    def velocity(self, q: np.ndarray, xdot: np.ndarray) -> np.ndarray:
+        return self(q) @ xdot
+
+    def batch(self, Q: np.ndarray, J: np.ndarray | None = None) -> np.ndarray:
+        t = Q[:, 2]
+        n = np.stack([np.sin(t), -np.cos(t), np.ones_like(t)], -1) / np.sqrt(2)
+        w = np.sin(t + self.phi)[:, None] / np.sqrt(2) * [np.cos(self.phi), -np.sin(self.phi)]
+        return rp.Pseudoinverse(self.task).batch(Q, J) + n[:, :, None] * w[:, None, :]
+
+
+def k_star(a: float, b: float) -> float:
+    """k* of (59)."""
+    return (
+        -np.tan((a + b) / 2)
+        if b - a < PI
+        else 1 / np.tan((a + b) / 2)
+        if abs(a + b) > 1e-12
+        else np.inf
+    )
+
+
+def mean_cost(a: float, b: float, k: float) -> float:
+    """C(k) of (52) to (55) by the length of the interval; its limit for k = ∞."""
+    C1 = 0.5 * (np.cos(2 * a) - np.cos(2 * b))
+    C2 = 0.5 * (np.sin(2 * a) - np.sin(2 * b))
+    C3 = 0.25 * (b - a - C2)
+    first = 0.0 if np.isinf(k) else (C1 * k + C2) / (2 * (k * k + 1))
+    return (first + C3) / (b - a)
+
+
+def true_cost(design: rp.Design, a: float, b: float) -> float:
+    """Mean ‖G_r − J⁺‖² over θ₃ alone, by 200 Gauss–Legendre nodes that the engine never saw."""
+    x, w = np.polynomial.legendre.leggauss(200)
+    Q = np.zeros((200, 3))
+    Q[:, 2] = (a + b) / 2 + (b - a) / 2 * x
+    difference = design.inverse.batch(Q) - rp.Pseudoinverse(design.task).batch(Q)
+    return float(w / 2 @ np.sum(difference**2, axis=(1, 2)))
+
+
+def engine(task: rp.Task, a: float, b: float, degree: int, **options) -> rp.Design:
+    center, half = [0.0, 0.0, (a + b) / 2], [1.0, 1.0, (b - a) / 2]
+    potentials = rp.Polynomial(center, 1, half, variables=[0, 1]) + rp.Polynomial(
+        center, degree, half, variables=[2]
+    )
+    return rp.nearest_repeatable(
+        rp.Pseudoinverse(task),
+        potentials,
+        rp.Box(center, half),
+        options=rp.FitOptions(**options),
+    )
+
+
+# ---- (39) to (43): the arm ----------------------------------------------------------------------
+
+
+def test_kinematics_and_null_vector(task: rp.Task, some_q: np.ndarray) -> None:
+    for q in some_q:
+        s, c = np.sin(q[2]), np.cos(q[2])
+        assert np.allclose(
+            task.placement(q).translation, [q[0] + c, q[1] + s, 0], atol=1e-14
+        )  # (39)
+        assert np.allclose(task.jacobian(q), [[1, 0, -s], [0, 1, c]], atol=1e-14)  # (40)
+        n = null_vector(task.jacobian(q))
+        assert np.allclose(n / np.sqrt(2), np.array([s, -c, 1]) / np.sqrt(2), atol=1e-14)  # (41)
+
+
+def test_curl_of_the_null_vector(task: rp.Task, some_q: np.ndarray) -> None:
+    def n(q: np.ndarray) -> np.ndarray:
+        v = null_vector(task.jacobian(q))
+        return v / np.linalg.norm(v)
+
+    e = 1e-5
+    for q in some_q:
+        D = np.array(
+            [(n(q + e * d) - n(q - e * d)) / (2 * e) for d in np.eye(3)]
+        )  # [k, i] = ∂n_i/∂q_k
+        curl = np.array([D[1, 2] - D[2, 1], D[2, 0] - D[0, 2], D[0, 1] - D[1, 0]])
+        assert n(q) @ curl == pytest.approx(-0.5, abs=1e-9)  # (42)
+
+
+def test_pseudoinverse_is_not_repeatable(task: rp.Task, some_q: np.ndarray) -> None:
+    pseudoinverse = rp.Pseudoinverse(task)
+    for q in some_q:
+        assert np.linalg.norm(rp.bracket_defect(pseudoinverse, q)) == pytest.approx(
+            1 / np.sqrt(8), rel=1e-12
+        )
+    assert not rp.is_repeatable(pseudoinverse, rp.Box(np.zeros(3), [1, 1, PI]))
+
+
+# ---- (44) to (60): the family -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("k", [0.0, 1.0, -0.7, 25.0, np.inf])
+def test_family_is_repeatable(task: rp.Task, k: float) -> None:
+    verdict = rp.is_repeatable(printed_inverse(task, k), rp.Box(np.zeros(3), [1, 1, PI]))
+    assert verdict and verdict.defect < 1e-7
+
+
+@pytest.mark.parametrize("k", [0.0, 1.0, -0.7, 25.0, np.inf])
+def test_family_is_what_the_paper_prints(task: rp.Task, some_q: np.ndarray, k: float) -> None:
+    printed = printed_inverse(task, k).batch(some_q)
+    assert np.allclose(Family(task, k).batch(some_q), printed, atol=1e-14)
+    t = some_q[:, 2]
+    difference = np.linalg.norm(printed - rp.Pseudoinverse(task).batch(some_q), 2, axis=(1, 2)) ** 2
+    closed = (
+        np.cos(t) ** 2 / 2 if np.isinf(k) else (np.sin(t) + k * np.cos(t)) ** 2 / (2 * (k * k + 1))
+    )
+    assert np.allclose(difference, closed, atol=1e-14)  # (50)
+    if not np.isinf(k):
+        n_hat = np.stack([np.sin(t), -np.cos(t), np.ones_like(t)], -1)[..., None] / np.sqrt(2)
+        w = null_component(printed, n_hat)[..., 0]
+        assert np.allclose(
+            w[:, 0], k * w[:, 1] + (np.sin(t) + k * np.cos(t)) / np.sqrt(2), atol=1e-13
+        )  # (44)
+        assert np.allclose(w[:, 1], -k * w[:, 0], atol=1e-13)
+
+
+@pytest.mark.parametrize("a, b", BELOW_PI + ABOVE_PI)
+def test_search_over_the_family_finds_k_star(task: rp.Task, a: float, b: float) -> None:
+    found = nearest_in_family(
+        rp.Pseudoinverse(task), lambda k: Family(task, k), rp.Box.between([-1, -1, a], [1, 1, b])
+    )
+    k = k_star(a, b)
+    assert found.unique
+    assert found.parameter == k if np.isinf(k) else found.parameter == pytest.approx(k, abs=1e-6)
+    assert found.cost == pytest.approx(mean_cost(a, b, k), rel=1e-10)
+    assert found.cost_error < 1e-10 and found.scanned_costs.min() >= found.cost - 1e-12
+
+
+@pytest.mark.parametrize(
+    "a, b", [(-PI / 2, PI / 2), (0.3, 0.3 + PI), (-PI, PI), (1.0, 1.0 + 2 * PI)]
+)
+def test_search_says_when_every_k_is_as_good(task: rp.Task, a: float, b: float) -> None:
+    found = nearest_in_family(
+        rp.Pseudoinverse(task), lambda k: Family(task, k), rp.Box.between([-1, -1, a], [1, 1, b])
+    )
+    assert not found.unique and "every value" in found.summary()
+    assert found.cost == pytest.approx(0.25, rel=1e-10)
+
+
+@pytest.mark.parametrize("samples", [100, 216, 1000])
+def test_search_does_not_take_its_own_quadrature_error_for_a_preference(
+    task: rp.Task, samples: int
+) -> None:
+    region = rp.Box.between([-1, -1, 0], [1, 1, 2 * PI])
+    found = nearest_in_family(
+        rp.Pseudoinverse(task), lambda k: Family(task, k), region, samples=samples
+    )
+    assert not found.unique
+
+
+def test_search_within_bounds_and_over_potentials(task: rp.Task) -> None:
+    """A family made of potentials; the best of a dense scan is the oracle. Outside the bounds
+    nothing is taken."""
+    potentials = rp.Polynomial(np.zeros(3), 1, 1.0)
+    desired, region = rp.Pseudoinverse(task), rp.Box([0, 0, 0.5], [1, 1, 0.4])
+
+    def family(k: float) -> rp.RepeatableInverse:
+        return rp.RepeatableInverse(task, potentials.weighted([[k], [-0.8], [1.0]]))
+
+    Q, w = region.nodes(1000, 5)
+    G_d = desired.batch(Q)
+    ks = np.linspace(-1, 2, 3001)
+    costs = np.array([w @ np.sum((family(k).batch(Q) - G_d) ** 2, axis=(1, 2)) for k in ks[::10]])
+    best = ks[::10][np.argmin(costs)]
+    inside = nearest_in_family(desired, family, region, bounds=(-1, 2))
+    assert inside.parameter == pytest.approx(best, abs=0.01) and inside.cost <= costs.min() * (
+        1 + 1e-9
+    )
+    edge = nearest_in_family(desired, family, region, bounds=(best + 0.5, 2))
+    assert edge.parameter == best + 0.5
+
+
+def test_search_refuses_what_it_cannot_do(task: rp.Task) -> None:
+    region = rp.Box(np.zeros(3), 1.0)
+    for bounds in ((0.0, np.inf), (1.0, 1.0), (np.nan, 1.0)):
+        with pytest.raises(rp.InputError, match="bounds"):
+            nearest_in_family(
+                rp.Pseudoinverse(task), lambda k: Family(task, k), region, bounds=bounds
+            )
+
+    class Broken(Family):
+        def batch(self, Q: np.ndarray, J: np.ndarray | None = None) -> np.ndarray:
+            raise rp.SingularityError("nowhere")
+
+    with pytest.raises(rp.SingularityError, match="no member"):
+        nearest_in_family(rp.Pseudoinverse(task), lambda k: Broken(task, k), region)
+
+
+# ---- the general engine -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("a, b", BELOW_PI)
+def test_engine_finds_k_star_and_its_cost(task: rp.Task, a: float, b: float) -> None:
+    k, C = k_star(a, b), mean_cost(a, b, k_star(a, b))
+    excess = []
+    for degree in (3, 5, 7):
+        design = engine(task, a, b, degree, tolerance=1e-10)
+        assert design.converged
+        excess.append(true_cost(design, a, b) / C - 1)
+        if degree == 5:
+            ratio = design.coefficients[0, 0] / design.coefficients[1, 0]
+            assert ratio == pytest.approx(k, rel=1e-4, abs=1e-4)
+            assert abs(design.cost / C - 1) < 1e-4  # as it judges itself
+            assert abs(excess[-1]) < 1e-4
+    assert excess[0] > 10 * excess[1] > 100 * excess[2] > -1e-9 or excess[1] < 1e-7
+
+
+def test_theorys_two_numbers(task: rp.Task) -> None:
+    assert mean_cost(-0.5, 0.5, 0.0) == pytest.approx(0.0396322538, abs=5e-11)
+    assert true_cost(engine(task, -0.5, 0.5, 3, tolerance=1e-10), -0.5, 0.5) == pytest.approx(
+        0.0396327, abs=5e-8
+    )
+
+
+@pytest.mark.parametrize("a, b", [(-2.0, 2.0), (0.5, 5.0), (0.0, 2 * PI)])
+def test_engine_is_honest_where_the_best_leaf_is_out_of_its_reach(
+    task: rp.Task, a: float, b: float
+) -> None:
+    """The cost it reports is the true one, lies above C(k*), and still falls with the degree; or it
+    refuses."""
+    costs = []
+    for degree in (3, 5, 7):
+        try:
+            design = engine(task, a, b, degree)
+        except rp.SingularityError as error:
+            assert "theta3 = " in str(error)
+            continue
+        costs.append(design.cost)
+        assert abs(design.cost - true_cost(design, a, b)) < max(
+            8 * design.cost_error, 1e-4 * design.cost
+        )
+        assert design.cost > 1.2 * mean_cost(a, b, 0.0 if b - a == 2 * PI else k_star(a, b))
+    assert len(costs) < 3 or costs[0] > 1.01 * costs[1] > 1.005 * costs[2]
+
+
+def test_products_of_joints_reach_the_leaf(task: rp.Task) -> None:
+    """exp(d₁/2) tan(θ₃/2) exp(cos(θ₃)/2) is smooth on [−2, 2] and has θ₃ = 0 for a leaf: k = ∞ is
+    in reach."""
+    half = [1.0, 1.0, 2.0]
+    potentials = rp.Polynomial(np.zeros(3), 6, half, variables=[0, 2])
+    design = rp.nearest_repeatable(rp.Pseudoinverse(task), potentials, rp.Box(np.zeros(3), half))
+    C = mean_cost(-2, 2, np.inf)
+    assert design.cost == pytest.approx(C, rel=1e-2) and design.cost > C * (1 - 1e-4)
+    assert (
+        np.linalg.norm(design.inverse(np.zeros(3)).T @ [0, 0, 1]) < 1e-2
+    )  # θ₃ = 0 is (nearly) kept
+
+
+def test_all_joints_do_better(task: rp.Task) -> None:
+    desired = rp.Pseudoinverse(task)
+    design = rp.nearest_repeatable(
+        desired, rp.Polynomial(np.zeros(3), 4, 1.0), rp.Box(np.zeros(3), 1.0)
+    )
+    assert mean_cost(-1, 1, 0.0) == pytest.approx(0.13634, abs=5e-6)
+    assert design.converged and design.cost <= 0.0187
+    g = np.linspace(-1, 1, 41)
+    Q = np.stack(np.meshgrid(g, g, g, indexing="ij"), -1).reshape(-1, 3)
+    J = task.jacobians(Q)
+    n = null_vector(J)[..., None] / np.sqrt(2)
+    V = design.inverse.potentials.gradients(Q)
+    side = np.einsum("kir,kir->k", n, V)
+    assert (side * side[0] > 0).all()  # det(n̂ᵀ V) keeps its sign
+    assert leaf_margin(n, V).min() > 0.9 and design.leaf_margin <= leaf_margin(n, V).min() + 5e-3
+
+
+def test_the_engine_says_whether_its_potentials_are_rich_enough(task: rp.Task) -> None:
+    """Short intervals settle at C(k*); on longer ones no smooth potential of this form is best, and
+    it shows."""
+
+    def designs(b: float, degrees: tuple[int, ...]) -> list:
+        found = []
+        for degree in degrees:
+            half = [1.0, 1.0, b]
+            potentials = rp.Polynomial(np.zeros(3), 1, half, variables=[0, 1])
+            potentials = potentials + rp.Polynomial(np.zeros(3), degree, half, variables=[2])
+            box = rp.Box(np.zeros(3), half)
+            try:
+                found.append(
+                    rp.nearest_repeatable(
+                        rp.Pseudoinverse(task), potentials, box, options=rp.FitOptions(samples=4096)
+                    )
+                )
+            except rp.SingularityError as error:
+                found.append(error)
+        return found
+
+    assert cost_has_converged(designs(0.8, (5, 7)))
+    assert not cost_has_converged(designs(2.0, (5, 7)))
+    refused = rp.SingularityError("it lies in Ω")
+    assert not cost_has_converged([*designs(0.8, (3,)), refused])  # a refusal settles nothing
+    with pytest.raises(rp.InputError, match="each of the designs"):
+        cost_has_converged([3, refused])
+    with pytest.raises(rp.InputError, match="at least two"):
+        cost_has_converged(designs(0.8, (3,)))

@@ -1,0 +1,166 @@
+"""The same design from one process, several, threads and a cluster; streaming; progress;
+interruption."""
+
+from __future__ import annotations
+
+import multiprocessing
+from collections.abc import Iterator
+from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+import repctl_pin as rp
+from repctl_pin.design import criterion, workers
+
+Q0 = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
+OPTIONS = {"samples": 2048, "held_out": 256, "batch": 128}
+
+
+@pytest.fixture(scope="module")
+def processes() -> Iterator[Executor]:
+    with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn")) as pool:
+        yield pool
+
+
+def design(panda: rp.Robot, *, degree=2, progress=False, **options) -> rp.Design:
+    task = panda.task("panda_hand_tcp", "axis")
+    return rp.nearest_repeatable(
+        rp.Pseudoinverse(task),
+        None,
+        rp.Box(Q0, 0.4),
+        degree=degree,
+        options=rp.FitOptions(**(OPTIONS | options)),
+        progress=progress,
+    )
+
+
+@pytest.fixture(scope="module")
+def alone(panda: rp.Robot) -> rp.Design:
+    return design(panda)
+
+
+def same(a: rp.Design, b: rp.Design) -> bool:
+    return bool(
+        np.abs(a.coefficients - b.coefficients).max() <= 1e-10 * np.abs(b.coefficients).max()
+        and abs(a.cost - b.cost) <= 1e-10 * b.cost
+        and a.steps == b.steps
+    )
+
+
+@pytest.mark.parametrize("stream", [False, True])
+def test_processes_give_the_same_design(
+    panda: rp.Robot, alone: rp.Design, processes: Executor, stream: bool
+) -> None:
+    assert same(design(panda, executor=processes, stream=stream), alone)
+
+
+def test_threads_give_the_same_design(panda: rp.Robot, alone: rp.Design) -> None:
+    with ThreadPoolExecutor(2) as pool:
+        assert same(design(panda, executor=pool), alone)
+
+
+def test_few_nodes_first_then_all(panda: rp.Robot, processes: Executor) -> None:
+    """16384 nodes start from the optimum on 4096."""
+    many = {"samples": 16384, "degree": 1, "batch": 1024}
+    one = design(panda, **many)
+    assert same(design(panda, executor=processes, **many), one)
+    assert one.converged and one.samples == 16384
+
+
+def test_a_cluster_gives_the_same_design(panda: rp.Robot, alone: rp.Design) -> None:
+    distributed = pytest.importorskip("distributed")
+    with (
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
+        ) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        assert same(design(panda, executor=client), alone)
+        assert same(design(panda, executor=client, stream=True), alone)
+
+
+def test_batches_stay_with_the_workers_and_are_rebuilt_when_lost(panda: rp.Robot) -> None:
+    task = panda.task("panda_hand_tcp", "pose")
+    box, potentials = rp.Box(Q0, 0.4), rp.Polynomial(Q0, 1, 0.4)
+    N = criterion.oriented_nullspace(task.jacobian(Q0)[None], task, Q0[None])[0]
+    builder = criterion.Builder(rp.Pseudoinverse(task), potentials, np.arange(7), N)
+    Q, w = box.nodes(512, 0)
+    with ThreadPoolExecutor(1) as pool:
+        batches = workers.hand_out(builder, Q, w, 64, pool)
+        first = batches.total(criterion.cost, N)
+        held = pool.submit(lambda: dict(workers._held.batches)).result()
+        assert sorted(held) == list(range(8)) and all(len(pieces) == 1 for pieces in held.values())
+        pool.submit(_drop_one).result()
+        again = batches.total(criterion.cost, N)
+        assert again == first
+        kept = pool.submit(lambda: dict(workers._held.batches)).result()
+        assert sum(kept[i][0] is held[i][0] for i in held) == 7 and sorted(kept) == sorted(held)
+        batches.close()
+        assert pool.submit(lambda: dict(workers._held.batches)).result() == {}
+
+
+def _drop_one() -> None:
+    workers._held.batches.pop(3)
+
+
+def test_what_cannot_be_sent_is_refused_before_any_work(
+    panda_pose: rp.Task, processes: Executor
+) -> None:
+    desired = rp.WeightedInverse(panda_pose, lambda q: np.ones(7))
+    with pytest.raises(rp.InputError, match="top level of a module"):
+        rp.nearest_repeatable(
+            desired,
+            None,
+            rp.Box(Q0, 0.3),
+            degree=1,
+            options=rp.FitOptions(samples=512, executor=processes),
+        )
+    with pytest.raises(rp.InputError, match=r"concurrent\.futures"):
+        rp.nearest_repeatable(
+            rp.Pseudoinverse(panda_pose),
+            None,
+            rp.Box(Q0, 0.3),
+            degree=1,
+            options=rp.FitOptions(samples=512, executor="two"),
+        )
+
+
+def test_an_error_on_a_worker_arrives(panda: rp.Robot, processes: Executor) -> None:
+    class_free = rp.Polynomial(Q0, 1) + rp.CustomPotentials([_nan_in_a_corner])
+    task = panda.task("panda_hand_tcp", "pose")
+    with pytest.raises(rp.InputError, match="_nan_in_a_corner is nan"):
+        rp.nearest_repeatable(
+            rp.Pseudoinverse(task),
+            class_free,
+            rp.Box(Q0, 0.4),
+            options=rp.FitOptions(samples=4096, held_out=64, batch=128, executor=processes),
+        )
+
+
+def _nan_in_a_corner(q: np.ndarray) -> float:
+    return float("nan") if (q - Q0)[:3].min() > 0.3 else float(q[0] ** 2)
+
+
+def test_progress_is_reported(panda: rp.Robot) -> None:
+    said: list[tuple[str, float]] = []
+    design(panda, progress=lambda what, share: said.append((what, share)))
+    assert all(0 <= share <= 1 for _, share in said)
+    text = " ".join(what for what, _ in said)
+    assert "2048 nodes" in text and "step 1, cost " in text and "judging" in text
+
+
+def test_a_bar_is_drawn_on_stderr(panda: rp.Robot, capsys: pytest.CaptureFixture) -> None:
+    design(panda, progress=True)
+    captured = capsys.readouterr()
+    assert captured.out == "" and "%|" in captured.err
+
+
+def test_interruption_passes_through(panda: rp.Robot, processes: Executor) -> None:
+    def stop(what: str, share: float) -> None:
+        if what.startswith("step 1"):
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        design(panda, executor=processes, progress=stop)
+    assert processes.submit(abs, -1).result(timeout=30) == 1  # the pool is not left clogged

@@ -1,0 +1,384 @@
+"""The bracket defect: closed forms, two independent derivatives, measured loops, and honest
+tolerances."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from arms import planar_task, spatial_task
+
+import repctl_pin as rp
+from repctl_pin.integrability import brackets, curl_form, defects, differentiate, measure
+from repctl_pin.integrability.derivative import derivative, inside_limits
+
+
+def swapped(H: np.ndarray) -> np.ndarray:
+    """∂(Jᵀ)/∂q from ∂J/∂q."""
+    return np.swapaxes(H, -3, -2)
+
+
+# ---- closed forms ------------------------------------------------------------------------------
+
+
+def test_ppr_has_the_papers_curl_and_defect_everywhere() -> None:
+    task = rp.Robot.load("ppr").task("tool", "xy")
+    plain = rp.Pseudoinverse(task)
+    for q in np.random.default_rng(0).uniform(-3, 3, (10, 3)):
+        J, H = task.jacobian(q), task.hessian(q)
+        n_J = rp.redundancy.null_vector(J)
+        assert (
+            np.abs(n_J / np.sqrt(2) - np.array([np.sin(q[2]), -np.cos(q[2]), 1]) / np.sqrt(2)).max()
+            < 1e-12
+        )  # (41)
+        assert abs(curl_form(J.T, swapped(H)) / (n_J @ n_J) + 0.5) < 1e-12  # (42), by Lemma 2
+        assert abs(np.linalg.norm(rp.bracket_defect(plain, q)) - 1 / np.sqrt(8)) < 1e-12
+        assert abs(rp.drift_per_area(plain, q)[0, 1] - 1 / np.sqrt(8)) < 1e-12
+
+
+def test_prr_and_3r_have_the_papers_null_vectors_and_curls() -> None:
+    prr = rp.Robot.load("prr").task("tool", "xy")
+    absolute = prr.in_coordinates(rp.absolute_angles(prr))
+    three = rp.Robot.load("planar3r").task("tool", "xy")
+    for q in np.random.default_rng(1).uniform(-3, 3, (20, 3)):
+        _, b, c = q
+        n_J = rp.redundancy.null_vector(absolute.jacobian(q))
+        assert np.abs(n_J - [np.sin(c - b), -np.cos(c), np.cos(b)]).max() < 1e-12  # (12)
+        s = curl_form(absolute.jacobian(q).T, swapped(absolute.hessian(q)))
+        assert abs(s - (np.cos(c) - np.cos(b))) < 1e-12  # (13)
+        n_J = rp.redundancy.null_vector(three.jacobian(q))
+        printed = [np.sin(c), -np.sin(c) - np.sin(b + c), np.sin(b) + np.sin(b + c)]
+        assert np.abs(n_J - printed).max() < 1e-12  # (18)
+        s = curl_form(three.jacobian(q).T, swapped(three.hessian(q)))
+        assert (
+            abs(s - (-np.sin(b) + np.sin(c) * np.cos(b) + np.sin(c) * np.cos(b + c))) < 1e-12
+        )  # (17)
+
+
+def test_no_gradient_vanishes_on_the_candidates_of_3r() -> None:
+    """(20) on a grid, with ∂s/∂θ₂ of (19)."""
+    task = rp.Robot.load("planar3r").task("tool", "xy")
+    grid = np.linspace(-3, 3, 13)
+    Q = np.stack(np.meshgrid([0.4], grid, grid, indexing="ij"), -1).reshape(-1, 3)
+
+    def s(P: np.ndarray) -> np.ndarray:
+        return curl_form(np.swapaxes(task.jacobians(P), 1, 2), swapped(task.hessians(P)))
+
+    slope, _ = differentiate(s, Q, np.ones(3))
+    b, c = Q[:, 1], Q[:, 2]
+    printed = -np.cos(b) - np.sin(b) * np.sin(c) - np.sin(c) * np.sin(b + c)
+    assert np.abs(slope[:, 1] - printed).max() < 1e-10  # (19)
+    assert np.abs(slope[:, 0]).max() < 1e-10
+    right = 1 + 2 * np.sin(c) ** 2 * (2 + np.cos(c))
+    assert np.abs(s(Q) ** 2 + slope[:, 1] ** 2 - right).max() < 1e-9  # (20)
+    assert right.min() >= 1
+
+
+# ---- two derivatives that do not know each other
+# ----------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "name, kind", [("panda", "pose"), ("panda", "axis"), ("xarm7", "position"), ("tiago", "pose")]
+)
+def test_the_formula_and_differences_agree_within_their_error(name: str, kind: str) -> None:
+    task = rp.Robot.load(name).task(None, kind)
+    Q = task.reference + 0.1 + 0.2 * np.random.default_rng(2).uniform(-1, 1, (3, task.n))
+    exact = derivative(rp.Pseudoinverse(task), Q)
+    rough = derivative(rp.CustomInverse(task, lambda q: np.linalg.pinv(task.jacobian(q))), Q)
+    gap = np.abs(exact.dG - rough.dG).max(axis=(1, 2))
+    assert (gap <= exact.error + rough.error).all()  # honest
+    assert (rough.error < 1e-7 * np.abs(exact.dG).max()).all()  # and accurate
+    delta = measure(rp.Pseudoinverse(task), Q).delta
+    assert np.abs(delta - defects(rough.J, rough.G, rough.dG)).max() < 1e-7 * np.abs(delta).max()
+
+
+def test_the_transpose_gives_the_same_verdict(tmp_path: Path) -> None:
+    """Corollary 1: brackets of Jᵀ, with no inverse in them, are those of J⁺ seen through (J Jᵀ)."""
+    task = spatial_task(6, tmp_path, seed=3)
+    q = np.random.default_rng(3).uniform(-0.5, 0.5, 6)
+    J, H = task.jacobian(q), task.hessian(q)
+    onto_null = np.eye(6) - np.linalg.pinv(J) @ J
+    of_transpose = brackets(J.T, swapped(H)) @ onto_null
+    delta = measure(rp.Pseudoinverse(task), q[None]).delta[0]
+    gram = J @ J.T  # Jᵀ = J⁺ (J Jᵀ)
+    assert np.allclose(of_transpose, np.einsum("pa,qb,pqi->abi", gram, gram, delta), atol=1e-12)
+    assert np.abs(of_transpose).max() > 1e-2
+
+
+def test_the_curl_form_is_the_bracket_form() -> None:
+    """(B6): g_3 · ∇×g_3 = −g_3ᵀ [g_1, g_2], for an inverse that is not J⁺."""
+    task = rp.Robot.load("planar3r").task("tool", "xy")
+    for q in np.random.default_rng(4).uniform(0.4, 1.4, (5, 3)):
+        found = derivative(rp.WeightedInverse(task, [1.0, 2.0, 5.0]), q[None])
+        G, dG = found.G[0], found.dG[0]
+        n_G = np.cross(G[:, 0], G[:, 1])
+        s = curl_form(G, dG)
+        assert np.isclose(s, -n_G @ brackets(G, dG)[0, 1], rtol=1e-9, atol=1e-12)
+        assert abs(s) > 1e-4
+
+
+def test_a_weighted_inverse_has_the_defect_of_the_pseudoinverse_in_its_own_coordinates() -> None:
+    """Δ_q = T Δ_ψ: differences of J⁺_M against the formula for J⁺ in ψ, M = (T Tᵀ)⁻¹."""
+    task = rp.Robot.load("panda").task(None, "pose")
+    T = np.eye(7) + 0.3 * np.random.default_rng(5).normal(size=(7, 7))
+    q = task.reference + 0.1
+    M = np.linalg.inv(T @ T.T)
+    of_q = rp.bracket_defect(rp.WeightedInverse(task, (M + M.T) / 2), q)
+    of_psi = rp.bracket_defect(rp.Pseudoinverse(task.in_coordinates(T)), np.linalg.solve(T, q))
+    assert np.allclose(of_q, of_psi @ T.T, atol=1e-7 * np.abs(of_q).max())
+
+
+def test_the_potentials_second_derivatives(panda_pose: rp.Task, q_panda: np.ndarray) -> None:
+    for degree in (1, 2, 3, 4):
+        potentials = rp.Polynomial(q_panda, degree, 0.5)
+        h = potentials.weighted(np.random.default_rng(degree).normal(size=(potentials.size, 2)))
+        q, e = q_panda + 0.1, 1e-5
+        slope = np.stack(
+            [(h.gradient(q + e * d) - h.gradient(q - e * d)) / (2 * e) for d in np.eye(7)], axis=1
+        )
+        assert np.allclose(h.hessian(q), slope, atol=1e-6 * max(1, np.abs(slope).max()))
+
+
+# ---- what the defect means
+# ---------------------------------------------------------------------------
+
+
+def test_panda_drifts_as_the_small_loop_law_says(panda_pose: rp.Task, q_panda: np.ndarray) -> None:
+    plain = rp.Pseudoinverse(panda_pose)
+    delta = rp.bracket_defect(plain, q_panda)[0]
+    assert abs(np.linalg.norm(delta) - 6.986) < 5e-4
+    assert np.isclose(rp.drift_per_area(plain, q_panda)[0, 1], np.linalg.norm(delta), rtol=1e-12)
+    rest = []
+    for side in (0.02, 0.01, 0.005):
+        corners = [[side, 0, 0], [side, side, 0], [0, side, 0]]  # a → b → −a → −b
+        motion = rp.follow(
+            plain, rp.polygon(panda_pose, q_panda, corners), q_panda, cycles=1, steps=40
+        )
+        rest.append(np.linalg.norm((motion.q[-1] - q_panda) / side**2 - delta))
+    assert rest[-1] < 0.02 * np.linalg.norm(delta)
+    assert all(1.8 < a / b < 2.2 for a, b in pairwise(rest))  # first order in the side
+
+
+@pytest.mark.parametrize(
+    "name, kind, r",
+    [("panda", "pose", 1), ("xarm7", "pose", 1), ("xarm7", "position", 4), ("tiago", "pose", 2)],
+)
+def test_designed_inverses_have_no_defect_where_the_pseudoinverse_has(
+    name: str, kind: str, r: int
+) -> None:
+    task = rp.Robot.load(name).task(None, kind)
+    assert task.r == r
+    center = task.reference + np.where(task.revolute, 0.3, 0.0)
+    plain, box = rp.Pseudoinverse(task), rp.Box(center, np.where(task.revolute, 0.1, 0.03))
+    variables = (
+        [0, 2, 3, 4, 6] if r == 4 else None
+    )  # fewer potentials, so that it does not take long
+    potentials = rp.Polynomial(center, 2, box.half_width, variables=variables)
+    inverse = rp.nearest_repeatable(
+        plain, potentials, box, options=rp.FitOptions(samples=2048)
+    ).inverse
+    Q = box.random(8, 1)
+    assert np.abs(measure(plain, Q).delta).max(axis=(1, 2, 3)).min() > 1e-2
+    assert np.abs(measure(inverse, Q).delta).max() < 1e-8
+    # by differences too, which know nothing of potentials
+    assert np.abs(measure(rp.CustomInverse(task, inverse), Q).delta).max() < 1e-8
+    verdict = rp.is_repeatable(inverse, box, samples=32)
+    assert verdict and verdict.exact and verdict.defect <= verdict.tolerance < 1e-8
+    assert not rp.is_repeatable(plain, box, samples=32)
+
+
+def test_the_relative_defect_is_free_of_units_and_axes(
+    panda_pose: rp.Task, q_panda: np.ndarray, tmp_path: Path
+) -> None:
+    plain = rp.Pseudoinverse(panda_pose)
+    turned = q_panda + np.array([0.7, 0, 0, 0, 0, 0, 0])  # turns the world axes under the arm
+    here, there = measure(plain, q_panda[None]), measure(plain, turned[None])
+    assert np.isclose(here.norm[0], there.norm[0], rtol=1e-10)
+    a, b = (np.linalg.norm(m.delta[0, :3, :3], axis=-1) for m in (here, there))
+    assert np.abs(a - b).max() > 0.1
+    q = np.array([0.3, 0.8, -1.1])
+    metres, millimetres = (
+        planar_task([1, 0.7, 0.5], tmp_path),
+        planar_task([1000, 700, 500], tmp_path),
+    )
+    a, b = (measure(rp.Pseudoinverse(task), q[None]) for task in (metres, millimetres))
+    assert np.isclose(a.norm[0], b.norm[0], rtol=1e-9)
+    assert np.allclose(a.delta, b.delta * 1e6, rtol=1e-9)
+    pairs = rp.bracket_defect(rp.Pseudoinverse(metres), q, relative=True)
+    assert np.isclose(np.linalg.norm(pairs), a.norm[0])
+
+
+# ---- verdicts
+# ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("k", [-2.0, 0.0, 0.7, 1.0, 30.0, np.inf])
+def test_the_papers_family_is_repeatable_for_every_k(k: float) -> None:
+    task = rp.Robot.load("ppr").task("tool", "xy")
+
+    def G(q: np.ndarray) -> np.ndarray:
+        s, c = np.sin(q[2]), np.cos(q[2])
+        w = (
+            np.array([0, -c]) if np.isinf(k) else np.array([1, -k]) * (k * c + s) / (k**2 + 1)
+        )  # √2 (48), (49)
+        return np.linalg.pinv(task.jacobian(q)) + np.outer([s, -c, 1], w) / 2
+
+    box = rp.Box([0, 0, 0.2], [0.5, 0.5, 1.0])
+    verdict = rp.is_repeatable(rp.CustomInverse(task, G), box, samples=32)
+    assert verdict and not verdict.exact and verdict.tolerance < 1e-6
+    against = rp.is_repeatable(rp.Pseudoinverse(task), box, samples=32)
+    assert not against and against.defect > 0.1
+    assert "not repeatable" in against.summary() and "not" not in verdict.summary()
+
+
+def test_a_small_defect_is_seen_and_noise_is_refused(
+    panda_design: rp.Design, q_panda: np.ndarray
+) -> None:
+    task, inverse, box = panda_design.task, panda_design.inverse, rp.Box(q_panda, 0.1)
+    difference = rp.Pseudoinverse(task)
+
+    def mixed(q: np.ndarray, share: float = 1e-6) -> np.ndarray:
+        return (1 - share) * inverse(q) + share * difference(q)
+
+    verdict = rp.is_repeatable(rp.CustomInverse(task, mixed), box, samples=16)
+    assert not verdict and 1e-8 < verdict.defect < 1e-4
+    assert task.n == len(verdict.at) and (np.abs(verdict.at - q_panda) <= 0.1).all()
+    rng = np.random.default_rng(6)
+
+    def noisy(q: np.ndarray) -> np.ndarray:
+        return inverse(q) + 1e-4 * rng.normal(size=(7, 6))
+
+    with pytest.raises(rp.InputError, match="too noisy"):
+        rp.is_repeatable(rp.CustomInverse(task, noisy, tolerance=1), box, samples=16)
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-12, 1e-9, 1e-6, 1e-3])
+def test_the_error_of_a_difference_is_not_understated(noise: float) -> None:
+    rng = np.random.default_rng(7)
+
+    def function(Q: np.ndarray) -> np.ndarray:
+        smooth = np.stack(
+            [np.sin(3 * Q[:, 0]) * np.exp(Q[:, 1]), 1 / (1.2 + Q[:, 0] * Q[:, 1])], axis=-1
+        )
+        return smooth + noise * rng.uniform(-1, 1, smooth.shape)
+
+    Q = rng.uniform(-0.5, 0.5, (200, 2))
+    x, y = Q.T
+    true = np.stack(
+        [
+            np.stack([3 * np.cos(3 * x) * np.exp(y), np.sin(3 * x) * np.exp(y)], -1),
+            np.stack([-y, -x], -1) / (1.2 + x * y)[:, None] ** 2,
+        ],
+        axis=1,
+    )
+    slope, error = differentiate(function, Q, np.ones(2))
+    off = np.abs(slope - true).max(axis=1)
+    # an estimate, not a bound: two values a point leave noise the odd lucky agreement
+    assert (off <= error).all() if noise == 0 else np.mean(off <= 3 * error) > 0.99
+    assert np.median(error) < max(1e-11, 500 * noise)
+
+
+def test_a_difference_is_not_fooled_by_a_pole_nearby() -> None:
+    distance = np.array([1.0, 0.3, 0.1, 0.05, 0.03, 0.01, 0.005, 0.002, 0.001])
+    slope, error = differentiate(lambda Q: 1 / Q[:, 0], distance[:, None], np.ones(1))
+    true = -1 / distance**2
+    assert (np.abs(slope[:, 0] - true) <= error[:, 0]).all()
+    assert (error[:, 0] < 1e-5 * np.abs(true)).all()
+
+
+def test_a_difference_keeps_clear_of_a_singularity_nearby() -> None:
+    def function(Q: np.ndarray) -> np.ndarray:
+        if (Q[:, 0] <= 0).any():
+            raise rp.SingularityError("here")
+        return np.sqrt(Q)
+
+    slope, error = differentiate(function, np.array([[0.02]]), np.ones(1))
+    assert abs(slope[0, 0, 0] - 0.5 / np.sqrt(0.02)) <= error[0, 0] < 1e-6
+    with pytest.raises(rp.SingularityError):
+        differentiate(function, np.array([[1e-9]]), np.ones(1))
+
+
+def test_what_cannot_be_judged_is_refused(panda_pose: rp.Task, q_panda: np.ndarray) -> None:
+    posture = rp.PostureControl(panda_pose, q_panda)
+    with pytest.raises(rp.InputError, match="strategy must be an inverse .*PostureControl"):
+        rp.is_repeatable(posture, rp.Box(q_panda, 0.1))
+    with pytest.raises(rp.InputError, match="3 joints, but the task has 7"):
+        rp.is_repeatable(rp.Pseudoinverse(panda_pose), rp.Box(np.zeros(3), 0.1))
+    with pytest.raises(rp.InputError, match="shape"):
+        rp.bracket_defect(rp.Pseudoinverse(panda_pose), q_panda[:5])
+
+
+def test_a_custom_inverse_is_checked(panda_pose: rp.Task, q_panda: np.ndarray) -> None:
+    good = rp.CustomInverse(panda_pose, lambda q: np.linalg.pinv(panda_pose.jacobian(q)))
+    xdot = np.arange(6.0)
+    assert np.allclose(
+        good.velocity(q_panda, xdot),
+        rp.Pseudoinverse(panda_pose).velocity(q_panda, xdot),
+        atol=1e-12,
+    )
+    assert np.allclose(good.batch(q_panda[None])[0], good(q_panda), atol=0)
+    bad = rp.CustomInverse(panda_pose, lambda q: panda_pose.jacobian(q).T)
+    J = panda_pose.jacobian(q_panda)
+    missed = np.abs(J @ J.T - np.eye(6)).max()
+    with pytest.raises(rp.InputError, match=f"missed by {missed:.2g}"):
+        bad(q_panda)
+    for wrong in (lambda q: np.eye(7), lambda q: np.full((7, 6), np.nan), lambda q: "no"):
+        with pytest.raises(rp.InputError, match="7 × 6"):
+            rp.CustomInverse(panda_pose, wrong)(q_panda)
+    with pytest.raises(rp.InputError, match="function"):
+        rp.CustomInverse(panda_pose, 3)  # type: ignore[arg-type]
+    with pytest.raises(rp.InputError, match="tolerance"):
+        rp.CustomInverse(panda_pose, lambda q: q, tolerance=0)
+
+
+@pytest.mark.parametrize("kind", ["pose", "position"])
+def test_an_extended_jacobian_is_repeatable(
+    panda: rp.Robot, q_panda: np.ndarray, kind: str
+) -> None:
+    """Its potentials know no second derivatives, so differences are taken of G itself."""
+    task = panda.task(None, kind)
+    verdict = rp.is_repeatable(rp.ExtendedJacobian(task, q_panda), rp.Box(q_panda, 0.1), samples=8)
+    assert verdict and not verdict.exact and verdict.tolerance < 1e-5
+
+
+@pytest.mark.parametrize("robot, kind", [("ur5", "pose"), ("planar3r", "position")])
+def test_an_arm_without_redundancy_repeats_by_itself(robot: str, kind: str, tmp_path: Path) -> None:
+    task = (
+        rp.Robot.load("ur5").task(None, "pose")
+        if robot == "ur5"
+        else planar_task((1, 0.7), tmp_path)
+    )
+    q = np.array([0.1, -1.2, 1.3, -0.9, -1.1, 0.2])[: task.n] + (0.0 if robot == "ur5" else 1.6)
+    assert task.r == 0
+    found = rp.is_repeatable(rp.Pseudoinverse(task), rp.Box(q, 0.1), samples=16)
+    assert found and found.defect == 0 and "r = 0" in found.summary()
+    assert not rp.bracket_defect(rp.Pseudoinverse(task), q).any()
+
+
+def test_near_a_limit_the_differences_stay_inside(panda_pose: rp.Task, q_panda: np.ndarray) -> None:
+    desired = rp.WeightedInverse(panda_pose, rp.LimitWeight(panda_pose))
+    for room in (0.03, 1e-3):
+        q = q_panda.copy()
+        q[3] = panda_pose.upper[3] - room
+        found = rp.is_repeatable(desired, rp.Box(q, room / 2), samples=8)
+        assert not found and found.defect > 100 * found.tolerance
+    # in other coordinates too: ψ₁ alone moves two joints
+    T = np.eye(7)
+    T[3, 0] = 1.0
+    other = panda_pose.in_coordinates(T)
+    Q = np.linalg.solve(T, q)[None]
+    scale = inside_limits(other, Q)
+    for k, step in enumerate(np.diag(scale[0]) / 16):
+        margin = panda_pose.limit_margin((Q[0] + step) @ T.T)
+        assert (margin > 0).all() and (margin[3] < 0.6 * room) == (k in (0, 3))
+
+
+def test_near_a_singularity_it_is_the_singularity_that_is_blamed() -> None:
+    task = rp.Robot.load("planar3r").task("tool", "xy")
+    with pytest.raises(rp.SingularityError, match="σ_min.*too close to a singularity"):
+        rp.is_repeatable(
+            rp.WeightedInverse(task, [1, 1, 1]), rp.Box([0.3, 1e-5, 1e-5], 5e-6), samples=4
+        )

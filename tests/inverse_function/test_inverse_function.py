@@ -1,0 +1,979 @@
+"""One function for a cell: the sections' laws, the optimum, and the function that comes out."""
+
+from __future__ import annotations
+
+import json
+import pickle
+import re
+import warnings
+from dataclasses import replace
+from functools import cache
+from itertools import pairwise, product
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from arms import Q_PANDA, planar_task, planar_urdf, spatial_task
+from cell_functions import cell_of, chart_of, middle, panda
+from design_file import checksum
+
+import repctl_pin as rp
+from repctl_pin.inverse_function import margins, rotations
+from repctl_pin.inverse_function.cell_evaluation import judge
+from repctl_pin.inverse_function.cell_potentials import CellPotentials
+from repctl_pin.inverse_function.chart import Chart
+from repctl_pin.inverse_function.cost import Cost, Penalty, descend
+from repctl_pin.inverse_function.failures import touching
+from repctl_pin.inverse_function.monomials import Monomials
+from repctl_pin.inverse_function.posture_search import judged, searched
+from repctl_pin.inverse_function.reference import rays
+from repctl_pin.inverse_function.sample_path import tour
+
+
+@cache
+def found(rotation: float = 0.0) -> rp.CellDesign:
+    cell = cell_of(rotation=rotation)
+    q = rp.solve_ik(cell.task, Q_PANDA, cell.placement)
+    return rp.nearest_inverse_function(
+        rp.Pseudoinverse(cell.task),
+        cell,
+        posture=q,
+        degree=2,
+        options=rp.FitOptions(samples=128, held_out=256),
+    )
+
+
+# ---- cells ---------------------------------------------------------------------------------------
+
+
+def test_rotations_by_the_batch_agree_with_pinocchio() -> None:
+    omega = np.random.default_rng(0).normal(size=(20, 3))
+    omega[0] *= 1e-6
+    for w, R, J in zip(omega, rotations.exp3(omega), rotations.left_jacobian(omega), strict=True):
+        assert np.allclose(R, pin.exp3(w))
+        assert np.allclose(
+            J, pin.Jexp3(w).T
+        )  # the left one is the transpose of Pinocchio's right one
+        assert np.allclose(rotations.log3(R[None])[0], pin.log3(R))
+    goal = rotations.exp3(omega[::-1])
+    from repctl_pin.robot.formulas import axis_turn
+
+    for R, aim, turn in zip(
+        rotations.exp3(omega), goal, rotations.tilts(rotations.exp3(omega), goal), strict=True
+    ):
+        assert np.allclose(turn, axis_turn(R, aim))
+
+
+@pytest.mark.parametrize(
+    ("kind", "rotation"),
+    [
+        ("pose", 0.3),
+        ("pose", (0.2, 0.0, 0.4)),
+        ("pose", 0),
+        ("axis", 0.3),
+        ("position", 0),
+        ("xy", 0),
+    ],
+)
+def test_coordinates_placements_and_their_velocities(kind: str, rotation: object) -> None:
+    task = panda(kind)
+    cell = rp.Cell(task, middle(kind), 0.1, rotation)
+    U = cell.sample(8)
+    p, R = cell.placements(U)
+    back, off = cell.coordinates(p, R)
+    assert np.allclose(back, U) and np.allclose(off, 0)
+    assert np.allclose([cell.coordinates_of(cell.at(u)) for u in U], U)
+    E, h = cell.twists(U, R), 1e-6
+    for k in range(cell.k):  # E is the velocity of the placement: errors to one a little further
+        step = h * np.eye(cell.k)[k]
+        assert np.allclose(cell.errors(*cell.placements(U + step), p, R) / h, E[:, :, k], atol=1e-5)
+    # a task's error in coordinates: u(f(q)) changes by ∂u/∂x J
+    Q = np.array([rp.solve_ik(task, Q_PANDA, cell.at(u)) for u in U[:3]])
+    placements = [task.placement(q) for q in Q]
+    p, R = (
+        np.array([getattr(x, name) for x in placements]) for name in ("translation", "rotation")
+    )
+    _, dU = cell.slopes(p, R)
+    for q, slope in zip(Q, dU @ task.jacobians(Q), strict=True):
+        d = 1e-6 * np.random.default_rng(1).normal(size=task.n)
+        ends = [task.placement(q + s * d) for s in (1, -1)]
+        up, down = (cell.coordinates(x.translation[None], x.rotation[None])[0][0] for x in ends)
+        assert np.allclose((up - down) / 2, slope @ d, atol=1e-11)
+
+
+def test_a_cell_goes_round_poses_and_paths() -> None:
+    task, cell = panda(), cell_of(rotation=0.3)
+    poses = [cell.at(u) for u in cell.sample(16)]
+    around = rp.Cell.around(task, poses, margin=0.01)
+    U, off = around.coordinates(
+        *(np.array([getattr(x, a) for x in poses]) for a in ("translation", "rotation"))
+    )
+    assert (np.abs(U) <= 1).all() and np.allclose(off, 0) and np.abs(U).max() > 0.8
+    path = rp.circle(task, Q_PANDA, 0.1, normal="x")
+    assert np.allclose(
+        rp.Cell.around(task, path, margin=0.01).half_width, [0.01, 0.11, 0.11], atol=1e-3
+    )
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"half_width": -0.1}, "half_width must be 0 m or more"),
+        ({"half_width": (0.1, 0.2)}, "half_width must be one number"),
+        ({"half_width": 0.0}, "above 0"),
+        (
+            {"half_width": 1e-300},
+            "half_width must be 0, which holds the coordinate, or from 1e-06 to 1000 m; got 1e-300",
+        ),
+        ({"half_width": (0.1, 1e300, 0.1)}, "from 1e-06 to 1000 m"),
+        ({"half_angle": 1e-12}, "half_angle must be 0"),
+        ({"half_angle": 2.0}, "half a turn"),
+        ({"placement": "home"}, "placement"),
+        ({"task": 3}, "task must be"),
+    ],
+)
+def test_cells_that_make_no_sense(change: dict, says: str) -> None:
+    options = {"task": panda(), "placement": middle(), "half_width": 0.1} | change
+    with pytest.raises(rp.InputError, match=says):
+        rp.Cell(**options)
+    with pytest.raises(rp.InputError, match="leaves the rotation free"):
+        rp.Cell(panda("position"), middle(), 0.1, 0.2)
+
+
+# ---- sections ------------------------------------------------------------------------------------
+
+
+def test_monomials_differentiate() -> None:
+    monomials = Monomials(3, 4)
+    U = np.random.default_rng(0).uniform(-1, 1, (5, 3))
+    T = monomials.values(U)
+    assert monomials.size == 35 and np.allclose(
+        T, np.prod(U[:, None] ** monomials.exponents, axis=2)
+    )
+    for j in range(3):
+        d = 1e-6 * np.eye(3)[j]
+        slope = (monomials.values(U + d) - monomials.values(U - d)) / 2e-6
+        assert np.allclose(monomials.slopes(T)[:, :, j], slope, atol=1e-8)
+    assert np.allclose(monomials.fit(np.random.default_rng(2).uniform(-1, 1, (99, 3)),
+                                     np.ones((99, 2)))[0], 1)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("kind", "rotation"), [("pose", 0.2), ("axis", 0.2), ("position", 0.0), ("xy", 0.0)]
+)
+def test_a_section_is_exact_and_its_derivative_is_its_derivative(
+    kind: str, rotation: float
+) -> None:
+    cell = cell_of(kind, rotation, 0.08)
+    chart = chart_of(cell, rp.solve_ik(cell.task, Q_PANDA, cell.placement), degree=2)
+    U, r = 0.9 * cell.sample(6, 3), cell.task.r
+    terms = Monomials(cell.k, 2)
+    a = 0.05 * np.random.default_rng(0).normal(size=(terms.size, r))
+
+    def section(U: np.ndarray) -> np.ndarray:
+        points = chart.solve(U, terms.values(U) @ a)
+        assert points.found.all()
+        return points.Q
+
+    points = chart.solve(U, terms.values(U) @ a)
+    for q, u in zip(points.Q, U, strict=True):
+        assert np.abs(cell.task.error(q, cell.at(u))).max() < 1e-9
+    q_ref, n_ref = chart.reference(U)
+    assert np.allclose(np.einsum("Knr,Kn->Kr", n_ref, points.Q - q_ref), terms.values(U) @ a)
+    dF, B = chart.derivative(points, np.einsum("KNk,Nr->Krk", terms.slopes(terms.values(U)), a))
+    for j in range(cell.k):
+        d = 1e-5 * np.eye(cell.k)[j]
+        assert np.allclose((section(U + d) - section(U - d)) / 2e-5, dF[:, :, j], atol=1e-7)
+    for j in range(r):
+        d = 1e-5 * np.eye(r)[j]
+        up, down = (chart.solve(U, terms.values(U) @ a + w * d).Q for w in (1, -1))
+        assert np.allclose((up - down) / 2e-5, B[:, :, j], atol=1e-7)
+
+
+@pytest.mark.parametrize("kind", ["pose", "axis", "position"])
+def test_gradient_of_the_cost_against_finite_differences(kind: str) -> None:
+    """With the joint limits, the bodies and σ_min in it, each below what is asked for somewhere."""
+    cell = cell_of(kind, 0.2 if kind != "position" else 0.0, 0.08)
+    chart = chart_of(cell, rp.solve_ik(cell.task, Q_PANDA, cell.placement), degree=2, count=64)
+    terms, edge = Monomials(cell.k, 2), 0.9 * cell.sample(8, 5)
+    rng = np.random.default_rng(0)
+    asked_for = [
+        (margins.limits_of(cell.task), 0.75),
+        (margins.distances_of(cell.task), 0.2),
+        (margins.singular_values_of(cell.task), 1.0),
+    ]
+    for chosen, exact in [(asked_for[:1], 1e-5), (asked_for, 1e-3)]:
+        kept = [Penalty(margin, edge, np.full(len(edge), asked)) for margin, asked in chosen]
+        cost = Cost(rp.Pseudoinverse(cell.task), chart, terms, cell.sample(16), kept, weight=3.0)
+        a = 0.03 * rng.normal(size=(terms.size, cell.task.r))
+        value = cost.value(a)
+        gradient, H = cost.model(value)
+        E, G_d = (
+            cell.twists(cost.U, value.points.R)[:16],
+            rp.Pseudoinverse(cell.task).batch(value.points.Q[:16]),
+        )
+        wanted = G_d @ E @ cell.speeds(cost.U[:16])
+        assert value.wanted == pytest.approx(np.mean(np.sum(wanted**2, axis=(1, 2))), rel=1e-12)
+        assert all(
+            (part.margin.measure(value.points.Q[16:24]) < part.asked[:, None]).any()
+            for part in kept
+        )
+        for _ in range(3):
+            v = rng.normal(size=a.shape)
+            slope = (cost.value(a + 1e-5 * v).cost - cost.value(a - 1e-5 * v).cost) / 2e-5
+            assert gradient @ v.ravel() == pytest.approx(slope, rel=exact)
+        assert np.linalg.eigvalsh(H).min() > -1e-9 * np.linalg.eigvalsh(H).max()
+
+
+def test_the_worst_pose_is_found_by_search(tmp_path: Path) -> None:
+    """Lower than at any node of a fine grid, from a few poses; every pose is in the cell."""
+    task = planar_task([1.0, 0.9, 0.8], tmp_path)
+    q = rp.solve_ik(task, [0.6, -1.2, 1.4], task.placement([0.6, -1.2, 1.4]))
+    cell = rp.Cell(task, task.placement(q), 0.3)
+    section = margins.CandidateFunction.zero(chart_of(cell, q, degree=4))
+    grid = np.array(list(product(np.linspace(-1, 1, 41), repeat=2)))
+    for margin in (margins.limits_of(task), margins.singular_values_of(task)):
+        ends = margins.searched(section, margin, cell.sample(8))
+        lowest = margin.least(section.at(ends[-8:])).min()
+        assert (np.abs(ends) <= 1).all() and lowest <= margin.least(section.at(grid)).min() + 1e-6
+
+
+def test_no_section_beats_the_optimum_and_more_terms_help() -> None:
+    cell = rp.Cell(panda(), middle(), (0.15, 0.3, 0.2))
+    chart = chart_of(cell, rp.solve_ik(cell.task, Q_PANDA, cell.placement))
+    desired, U = rp.Pseudoinverse(cell.task), cell.sample(128)
+    costs = []
+    for degree in (0, 1, 2, 3):
+        terms = Monomials(3, degree)
+        costs.append(descend(Cost(desired, chart, terms, U), np.zeros((terms.size, 1))))
+    assert all(b.value.cost < a.value.cost * 1.0001 for a, b in pairwise(costs))
+    assert costs[-1].value.cost < 0.8 * costs[0].value.cost
+    rng = np.random.default_rng(1)
+    for _ in range(3):  # a random start elsewhere comes to the same
+        again = descend(Cost(desired, chart, terms, U), 0.1 * rng.normal(size=(terms.size, 1)))
+        assert again.value.cost > 0.999 * costs[-1].value.cost
+
+
+# ---- the function
+# ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("rotation", [0.0, 0.25])
+def test_the_function_is_exact_and_without_history(rotation: float) -> None:
+    design = found(rotation)
+    F, cell, task = design.function, design.cell, design.task
+    U = cell.sample(64, 9)
+    targets = [cell.at(u) for u in U]
+    Q = F.batch(targets)
+    assert max(np.abs(task.error(q, x)).max() for q, x in zip(Q, targets, strict=True)) < 1e-9
+    order = np.random.default_rng(0).permutation(len(U))
+    for i in order:
+        assert np.abs(F(targets[i]) - Q[i]).max() < 1e-9
+    inverse, q = design.inverse, Q[0]
+    for i in order:  # the same joints by the control, step after step, whatever the way
+        q = inverse.solve(targets[i], q, leaf=np.zeros(1))
+        assert np.abs(q - Q[i]).max() < 1e-9
+    assert np.allclose(F.batch(U), Q) and np.allclose([inverse.leaf(q) for q in Q], 0, atol=1e-9)
+
+
+@pytest.mark.parametrize("kind", ["pose", "axis", "position"])
+def test_the_field_is_the_section_and_its_gradient(kind: str) -> None:
+    cell = cell_of(kind, 0.2 if kind != "position" else 0.0, 0.08)
+    task = cell.task
+    F = rp.InverseFunction(
+        chart_of(cell, rp.solve_ik(task, Q_PANDA, cell.placement), degree=2, count=64)
+    )
+    potentials = F.inverse.potentials
+    rng = np.random.default_rng(0)
+    Q = F.batch(0.7 * cell.sample(4)) + 0.02 * rng.normal(size=(4, task.n))
+    for q, V in zip(Q, potentials.gradients(Q), strict=True):
+        for _ in range(2):
+            d = rng.normal(size=task.n)
+            slope = (potentials.value(q + 1e-6 * d) - potentials.value(q - 1e-6 * d)) / 2e-6
+            assert np.allclose(V.T @ d, slope, atol=1e-7)
+    u = 0.5 * np.ones(cell.k)
+    G = F.jacobian(cell.at(u))
+    assert np.allclose(task.jacobian(F(cell.at(u))) @ G, np.eye(task.m), atol=1e-9)
+    E = cell.twists(u[None], task.placement(F(cell.at(u))).rotation[None])[0]
+    for j in range(cell.k):
+        d = 1e-6 * np.eye(cell.k)[j]
+        slope = (F(cell.at(u + d)) - F(cell.at(u - d))) / 2e-6
+        assert np.allclose(G @ E[:, j], slope, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("kind", "rotation"),
+    [
+        ("pose", 0.3),
+        ("pose", 0),
+        ("pose", (0.2, 0.0, 0.4)),
+        ("axis", 0.3),
+        ("axis", (0.2, 0)),
+        ("position", 0),
+        ("xy", 0),
+    ],
+)
+def test_potentials_in_place_are_the_potentials(kind: str, rotation: object) -> None:
+    """On random polynomials, inside the cell and off what it holds: the loop's own way, and finite
+    differences."""
+    cell = rp.Cell(panda(kind), middle(kind), 0.3, rotation)
+    task, rng, monomials = cell.task, np.random.default_rng(0), Monomials(cell.k, 3)
+    potentials = CellPotentials(
+        Chart(cell, monomials, rng.normal(size=(monomials.size, task.n, 1 + task.r)))
+    )
+    V_T, e = np.zeros((task.n, task.n), order="F")[: task.r], np.zeros(task.r)
+    quick = potentials.in_place(V_T, e)
+    for _ in range(3):
+        q, c, d = (
+            Q_PANDA + 0.1 * rng.normal(size=task.n),
+            rng.normal(size=task.r),
+            rng.normal(size=task.n),
+        )
+        quick.slope(q)
+        quick.gap(c)
+        size = np.abs(V_T).max()
+        assert np.allclose(V_T, potentials.gradient(q).T, rtol=0, atol=1e-12 * size)
+        assert np.allclose(e, c - potentials.value(q), rtol=0, atol=1e-12 * size)
+        slope = (potentials.value(q + 1e-6 * d) - potentials.value(q - 1e-6 * d)) / 2e-6
+        assert np.allclose(V_T @ d, slope, rtol=0, atol=1e-6 * size)
+
+
+def test_ten_laps_of_a_random_tour_through_all_turns() -> None:
+    design = found(0.25)
+    path = tour(design.cell, 1, reach=1.0)
+    U = np.array([design.cell.coordinates_of(path.placement(s)) for s in np.linspace(0, 1, 200)])
+    assert (np.abs(U).max(axis=0) > 0.99).all()  # through all of the cell
+    q0 = design.function(path.placement(0.0))
+    kept = rp.follow(design.inverse, path, q0, cycles=10, steps=200, integrator=rp.LeafLock(3))
+    crept = rp.follow(design.desired, path, q0, cycles=10, steps=200)
+    assert kept.drift.max() < 1e-9 < 1e-2 < crept.drift[-1]
+    Q = design.function.batch(U)
+    again = design.function.batch([path.placement(s) for s in np.linspace(0, 1, 200)])
+    assert np.abs(Q - again).max() < 1e-9
+
+
+def test_a_closed_tour_closes_and_a_pushed_arm_comes_back() -> None:
+    design = found()
+    path = rp.circle(
+        design.task, design.function(design.cell.at(np.array([0.8, 0.0, 0.0]))), 0.08, normal="z"
+    )
+    q0 = design.function(path.placement(0.0))
+    motion = rp.follow(design.inverse, path, q0, cycles=2, steps=40, integrator=rp.LeafLock(3))
+    assert motion.drift.max() < 1e-9
+    for i in range(0, 41, 8):
+        assert np.abs(motion.q[i] - design.function(path.placement(i / 40))).max() < 1e-8
+    pushed = rp.follow(
+        design.inverse,
+        path,
+        q0 + 0.05,
+        cycles=2,
+        steps=40,
+        integrator=rp.LeafLock(3, leaf=np.zeros(1)),
+    )
+    assert np.abs(pushed.q[-1] - q0).max() < 1e-9
+
+
+def test_leaves_are_an_interval_inside_the_limits() -> None:
+    design = found()
+    F, x = design.function, design.cell.at(np.array([0.3, -0.4, 0.2]))
+    low, high = F.leaves(x)[0]
+    assert low < -0.1 and high > 0.1
+    for c in (0.999 * low, 0.5 * high, 0.999 * high):
+        q = F(x, leaf=[c])
+        assert np.abs(design.task.error(q, x)).max() < 1e-9
+        assert design.inverse.leaf(q)[0] == pytest.approx(c)
+        design.task.check(q)
+
+
+def test_a_posture_is_judged_by_the_way_to_the_corners() -> None:
+    """All of an easy cell's corners are reached, with the margin met there and the mean of G_d's
+    own speed."""
+    cell, G_d = cell_of(), rp.Pseudoinverse(panda())
+    q = rp.solve_ik(cell.task, Q_PANDA, cell.placement)
+    candidate, U = judged(G_d, cell, q), cell.corners()
+    ends = rays(G_d, cell, q, U, steps=10)
+    assert candidate.share == 1 and (ends.reached == 1).all()
+    assert candidate.margin == ends.least.min() > 0
+    R = np.array([cell.task.placement(one).rotation for one in ends.Q])
+    squares = [((G_d(one) @ E @ cell.speeds(u[None])[0]) ** 2).sum() for one, E, u in
+               zip(ends.Q, cell.twists(U, R), U, strict=True)]  # fmt: skip
+    assert candidate.speed == pytest.approx(np.mean(squares), rel=1e-9)
+
+
+def test_what_a_design_says_of_itself() -> None:
+    """The numbers of its evaluation in a person's words, what was asked for by default, and its
+    rank among others."""
+    design = found()
+    j, said = design.evaluation, design.figures()
+    assert (
+        design.requested_limit_margin,
+        design.requested_body_distance,
+        design.requested_sigma_min,
+    ) == (0.05, 0.0, 0.0)
+    assert said["extra joint speed"].startswith(
+        f"{100 * j.extra_speed:.3g} % ± {100 * j.extra_speed_error:.1g}, "
+    )
+    assert said["coverage"] == "100.00%" and f"{j.limit_margin:.3g}" in said["limit margin"]
+    assert (
+        f"{j.body_distance:.3g}" in said["body distance"]
+        and "no" not in said["body distance"].split()
+    )
+    free = replace(design, evaluation=replace(j, body_distance=np.inf, limit_margin=np.inf))
+    assert (
+        free.figures()["body distance"] == "no collision bodies"
+        and free.figures()["limit margin"] == "no limits"
+    )
+
+
+def test_the_judgement_is_honest() -> None:
+    """Measured anew, pose by pose, from the function and its control alone."""
+    design = found()
+    j = judge(design.desired, design.function.chart, 1024, 77)
+    U = design.cell.sample(1024, 77)
+    Q = design.function.batch(U)
+    G, G_d = design.inverse.batch(Q)[:, :, :3], design.desired.batch(Q)[:, :, :3]
+    assert j.cost == pytest.approx(((G - G_d) ** 2).sum(axis=(1, 2)).mean(), rel=1e-6)
+    ratio = (G**2).sum(axis=(1, 2)).mean() / (G_d**2).sum(axis=(1, 2)).mean()
+    assert j.extra_speed == pytest.approx(np.sqrt(ratio) - 1, rel=1e-6)
+    assert 0 < j.extra_speed < 0.002 and j.coverage == 1.0
+    task = design.task
+    assert j.limit_margin == pytest.approx(
+        np.minimum(Q - task.lower, task.upper - Q).min(), rel=1e-9
+    )
+    assert abs(design.cost - j.cost) < 3 * (design.evaluation.cost_error + j.cost_error)
+    assert j.limit_margin_worst <= min(j.limit_margin, j.attainable_margin_worst)
+    assert j.attainable_margin >= j.limit_margin
+    bodies, every = (
+        rp.Bodies(task),
+        np.concatenate([Q, design.function.batch(design.cell.corners())]),
+    )
+    distances = bodies.distances(every)
+    assert 0.05 < j.body_distance <= distances.min() + 1e-9
+    assert j.smallest_singular_value <= np.linalg.svd(task.jacobians(Q), compute_uv=False).min()
+
+
+def test_the_largest_joint_speeds_of_a_cell_are_found_by_search() -> None:
+    """No pose of many, and no corner, costs more than is said: all task directions together, and
+    one alone."""
+    design = found(0.25)
+    cell, task, rng = design.cell, design.task, np.random.default_rng(3)
+    U = np.concatenate([cell.corners(), np.sign(cell.sample(400, 5)), cell.sample(400, 6)])
+    Q = design.function.batch(U)
+    G, G_d = design.inverse.batch(Q), design.desired.batch(Q)
+    E = cell.twists(U, np.array([task.placement(q).rotation for q in Q])) @ cell.speeds(U)
+    own, wanted = G @ E, G_d @ E
+    whole = np.linalg.norm(own, axis=(1, 2)) / np.linalg.norm(wanted, axis=(1, 2)) - 1
+    xdot = rng.normal(size=(task.m, 2000))
+    single = np.linalg.norm(G @ xdot, axis=1) / np.linalg.norm(G_d @ xdot, axis=1) - 1
+    assert whole.max() <= design.extra_speed_worst + 1e-9 and whole[:64].max() > 2 * np.median(
+        whole
+    )
+    assert single.max() <= design.extra_speed_direction + 1e-9
+    assert 0.8 * design.extra_speed_direction < single.max()  # and it is there
+    assert (
+        f"{design.extra_speed_direction:.1%} at the worst pose in the worst task direction"
+        in design.summary()
+    )
+
+
+def test_the_smallest_distance_between_bodies_is_found_by_search() -> None:
+    """On an edge of the cell that is no corner, and where few held-out poses come near."""
+    cell = rp.Cell(panda(), middle(), (0.1, 0.2, 0.1), 0.2)
+    design = rp.nearest_inverse_function(
+        rp.Pseudoinverse(panda()), cell, posture=rp.solve_ik(panda(), Q_PANDA, middle()),
+        degree=2, options=rp.FitOptions(samples=128, held_out=64),
+    )  # fmt: skip
+    U = np.tile([-1, 0, -1, -1, -1, 1.0], (21, 1))
+    U[:, 1] = np.linspace(-1, 1, 21)
+    along = rp.Bodies(panda()).distances(design.function.batch(U))
+    assert design.body_distance <= along.min() + 1e-4 < along[[0, -1]].min() - 1e-3
+
+
+def test_what_was_asked_for_and_is_not_met_is_said(tmp_path: Path) -> None:
+    task, q = planar_task([1.0, 0.9, 0.8], tmp_path), [0.3, 0.5, 2.4]
+    cell = rp.Cell(task, task.placement(q), 0.2)
+    small = {"posture": q, "degree": 1, "options": rp.FitOptions(samples=32, held_out=64)}
+    asked = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, sigma_min=9.0, **small)
+    assert "the requested 9 is not met" in asked.figures()["σ_min(J)"]
+    plain = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, **small)
+    assert "asked for" not in plain.summary()
+    near = replace(found(), requested_body_distance=0.5)
+    assert near.figures()["body distance"].endswith("; the requested 0.5 is not met")
+
+
+def test_the_degree_goes_on_where_only_a_higher_one_lowers_the_cost() -> None:
+    """PPR: degrees 2 and 3 bring nothing, degree 4 a sixth of the cost."""
+    task = rp.Robot.load("ppr").task("tool", "xy")
+    cell = rp.Cell(task, task.placement(task.reference), 0.5)
+    design = rp.nearest_inverse_function(
+        rp.Pseudoinverse(task), cell, options=rp.FitOptions(held_out=256)
+    )
+    costs = dict(design.degrees)
+    assert costs[3] > 0.99 * costs[1] > 1.1 * costs[4] and list(costs) == [1, 2, 3, 4]
+
+
+def test_bodies_that_touch_are_named_with_the_pose() -> None:
+    cell = cell_of()
+    U, distances = cell.corners(), np.full(14, 0.1)
+    assert touching(cell, U, distances, ("hand", "link1"), 1 / 14) is None
+    distances[3] = -0.02
+    stop = touching(cell, U, distances, ("hand", "link1"), 1 / 14)
+    assert stop is not None and stop.cause == "collision" and stop.share == pytest.approx(1 / 14)
+    assert str(stop) == f"at {cell.where(U[3])}, hand and link1 collide"
+
+
+def test_limits_in_the_cost_keep_the_joints_inside(tmp_path: Path) -> None:
+    task = planar_task([1.0, 0.9, 0.8], tmp_path)
+    x = task.placement([0.6, -1.2, 1.4])
+    cell = rp.Cell(task, x, 0.35)
+    q = rp.solve_ik(task, [0.6, -1.2, 1.4], x)
+    small = {"posture": q, "degree": 2, "options": rp.FitOptions(samples=64, held_out=256)}
+    free = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, **small)
+    Q = free.function.batch(cell.sample(256))
+    bound = float(Q[:, 2].max()) - 0.05  # a joint limit where the free function goes beyond it
+    text = (tmp_path / "planar3.urdf").read_text().split('name="theta3"')
+    text[1] = text[1].replace('upper="7.0"', f'upper="{bound}"', 1)
+    (tmp_path / "bound.urdf").write_text('name="theta3"'.join(text))
+    task = rp.Robot.load(tmp_path / "bound.urdf").task("tool", "xy")
+    cell = rp.Cell(task, x, 0.35)
+    kept = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, **small)
+    assert kept.limit_margin > 0.02 and kept.coverage == 1.0
+    assert kept.evaluation.attainable_margin_worst >= kept.limit_margin_worst > 0.0
+    assert kept.cost > free.cost
+
+
+def test_bodies_in_the_cost_are_kept_apart(tmp_path: Path) -> None:
+    """A post beside the forearm: under J⁺'s own section it is touched, with bodies in the cost it
+    is not."""
+    (tmp_path / "post.urdf").write_text(
+        '<robot name="post"><link name="post"><collision><origin xyz="0.2 0.185 0.6"/>'
+        '<geometry><box size="0.1 0.1 0.1"/></geometry></collision></link></robot>'
+    )
+    task = rp.Robot.load("panda", surroundings=tmp_path / "post.urdf").task(
+        "panda_hand_tcp", "position"
+    )
+    cell = rp.Cell(task, middle(), 0.08)
+    small = {
+        "posture": rp.solve_ik(panda(), Q_PANDA, middle()),
+        "degree": 2,
+        "options": rp.FitOptions(samples=64, held_out=128),
+    }
+    free, kept = (
+        rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, body_distance=a, **small)
+        for a in (0.0, 0.02)
+    )
+    assert free.body_distance < 0 and any(stop.cause == "collision" for stop in free.failures)
+    assert kept.body_distance > 0.01 and not kept.failures
+    assert "post" in kept.evaluation.nearest_bodies and kept.extra_speed < 0.001
+    Q = kept.function.batch(cell.sample(200, 31))
+    anywhere = np.random.default_rng(0).uniform(task.lower, task.upper, (50, task.n))
+    bodies, Q = rp.Bodies(task), np.concatenate([Q, free.function.batch(cell.corners()), anywhere])
+    distances, hulls = bodies.distances(Q), bodies.hull_distances(Q)
+    assert (
+        distances[:200].min() > 0.01
+        and (hulls[distances <= 0] <= 0).all()
+        and (hulls < -0.001).any()
+    )
+    assert np.allclose(hulls[distances > 0], distances[distances > 0])
+
+
+def test_singularities_in_the_cost_are_kept_away(tmp_path: Path) -> None:
+    task, q = planar_task([1.0, 0.9, 0.8], tmp_path), [0.3, 0.5, 2.4]
+    cell = rp.Cell(task, task.placement(q), 0.2)
+    small = {"posture": q, "degree": 2, "options": rp.FitOptions(samples=64, held_out=128)}
+    free, kept = (
+        rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, sigma_min=a, **small)
+        for a in (0.0, 0.9)
+    )
+    U = cell.sample(200, 31)
+    jacobians = [task.jacobians(d.function.batch(U)) for d in (free, kept)]
+    least = [np.linalg.svd(J, compute_uv=False).min() for J in jacobians]
+    assert least[0] < 0.6 and least[1] > 0.85 and kept.extra_speed < 0.01
+
+
+@pytest.mark.parametrize(("n", "seed"), [(4, 5), (6, 3)])
+def test_arms_with_slides_and_more_joints_than_one_too_many(
+    n: int, seed: int, tmp_path: Path
+) -> None:
+    task = spatial_task(n, tmp_path, seed=seed)
+    q = 0.4 * np.ones(n)
+    cell = rp.Cell(task, task.placement(q), 0.05)
+    design = rp.nearest_inverse_function(
+        rp.Pseudoinverse(task),
+        cell,
+        posture=q,
+        degree=2,
+        options=rp.FitOptions(samples=64, held_out=64),
+    )
+    assert (
+        design.coverage == 1.0 and design.extra_speed < 0.03 and design.evaluation.residual < 1e-9
+    )
+    Q = design.function.batch(cell.sample(8))
+    assert np.allclose([design.function(task.placement(q)) for q in Q], Q, atol=1e-9)
+
+
+def test_an_arm_without_limits(tmp_path: Path) -> None:
+    text = planar_urdf([1.0, 0.9, 0.8]).replace('type="revolute"', 'type="continuous"')
+    (tmp_path / "endless.urdf").write_text(text, encoding="utf-8")
+    task = rp.Robot.load(tmp_path / "endless.urdf").task("tool", "xy")
+    cell = rp.Cell(task, task.placement([0.6, -1.2, 1.4]), 0.1)
+    design = rp.nearest_inverse_function(
+        rp.Pseudoinverse(task),
+        cell,
+        posture=[0.6, -1.2, 1.4],
+        degree=1,
+        options=rp.FitOptions(samples=32, held_out=64),
+    )
+    assert (
+        design.limit_margin == design.limit_margin_worst == np.inf
+        and "no limits" in design.summary()
+    )
+    again = rp.load(rp.save(design, tmp_path / "cell.json"), task)
+    assert isinstance(again, rp.CellDesign) and again.limit_margin_worst == np.inf
+
+
+def test_functions_pickle_and_repeat_bit_for_bit() -> None:
+    F = found().function
+    again = pickle.loads(pickle.dumps(F))
+    x = F.cell.at(np.array([0.1, 0.7, -0.3]))
+    assert (again(x) == F(x)).all()
+
+
+# ---- what cannot be
+# ----------------------------------------------------------------------------------
+
+
+def refused(cell: rp.Cell, posture: object = None, **options: object) -> str:
+    with pytest.raises(rp.InputError) as caught:
+        rp.nearest_inverse_function(
+            rp.Pseudoinverse(cell.task),
+            cell,
+            posture=posture,
+            degree=1,
+            options=rp.FitOptions(samples=32, held_out=64),
+            **options,  # type: ignore[arg-type]
+        )
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+def test_a_middle_out_of_reach() -> None:
+    assert "is out of reach" in refused(
+        rp.Cell(panda(), pin.SE3(middle().rotation, np.array([1.5, 0, 0.4])), 0.1)
+    )
+
+
+def corner_out_of_reach(folder: Path) -> rp.Cell:
+    """The arm reaches 2.7 m; two corners of the cell are at 2.72 m, and no held-out pose of a few
+    is beyond 2.69."""
+    task = planar_task([1.0, 0.9, 0.8], folder)
+    return rp.Cell(task, pin.SE3(np.eye(3), np.array([1.9, 0.0, 0.0])), (0.72, 0.72))
+
+
+def test_a_broken_corner_refuses_a_cell_and_is_not_called_covered(tmp_path: Path) -> None:
+    """All held-out poses have joints, a corner has none: refused; if kept, nothing says 100 %."""
+    cell = corner_out_of_reach(tmp_path)
+    task = cell.task
+    small = {
+        "posture": rp.solve_ik(task, [-0.6, 1.0, 0.4], cell.placement),
+        "degree": 1,
+        "options": rp.FitOptions(samples=64, held_out=64),
+    }
+    with pytest.raises(rp.NoFunctionError, match="is out of reach") as caught:
+        rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, **small)
+    assert 0.5 < caught.value.fits < 1
+    kept = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, incomplete="keep", **small)
+    assert kept.coverage == 1.0 and not kept.evaluation.everywhere
+    assert kept.figures()["coverage"] == "all held-out poses, but not every pose of the cell"
+    assert "out of reach" in kept.figures()["stopped"]
+    assert "100" not in kept.figures()["coverage"] + repr(kept)
+    smaller = rp.nearest_inverse_function(
+        rp.Pseudoinverse(task), cell, incomplete="shrink", **small
+    )
+    F = smaller.function
+    assert smaller.evaluation.everywhere and len(F.batch(smaller.cell.corners())) == 8
+
+
+def test_a_limit_broken_at_a_corner_refuses_a_cell(tmp_path: Path) -> None:
+    """The held-out poses keep the limits, the search finds one that does not: no single joint says
+    otherwise."""
+    design = found()
+    j = replace(design.evaluation, limit_margin_worst=-0.25)
+    assert j.coverage == 1.0 and not j.everywhere and "100" not in j.covered
+    almost = replace(design.evaluation, coverage=0.99999)
+    assert almost.covered == "99.99% of the held-out poses"
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"degree": 0}, "degree must be a whole number from 1 up"),
+        ({"degree": 10**12}, "degree can be 12 at most"),
+        ({"options": rp.FitOptions(samples=10**6)}, "samples can be 65,536 at most"),
+        ({"options": rp.FitOptions(held_out=2 * 10**6)}, "held_out can be 1,048,576 at most"),
+        ({"sigma_min": 1e300}, r"sigma_min can be 1e\+06 at most"),
+        ({"limit_margin": 1e300}, r"limit_margin can be 1e\+06 at most"),
+        ({"body_distance": -1}, "body_distance must be 0 m or more"),
+    ],
+)
+def test_options_have_bounds(options: dict, says: str) -> None:
+    with pytest.raises(rp.InputError, match=says):
+        rp.nearest_inverse_function(rp.Pseudoinverse(panda()), cell_of(), **options)
+
+
+def test_a_cell_that_reaches_too_far_and_what_would_fit() -> None:
+    x = pin.SE3(middle().rotation, np.array([0.6, 0.0, 0.4]))
+    cell = rp.Cell(panda(), x, 0.35)
+    q = rp.solve_ik(panda(), Q_PANDA, x)
+    says = refused(cell, q)
+    assert (
+        "no single function covers the cell" in says
+        and "reach" in says
+        and "to get a cell of" in says
+    )
+
+
+def test_a_cell_beyond_the_joint_limits_and_one_through_a_singularity(tmp_path: Path) -> None:
+    (tmp_path / "narrow.urdf").write_text(
+        planar_urdf([1.0, 0.9, 0.8], range_=1.0), encoding="utf-8"
+    )
+    narrow = rp.Robot.load(tmp_path / "narrow.urdf").task("tool", "xy")
+    q = [-0.5, 0.9, 0.6]
+    says = refused(rp.Cell(narrow, narrow.placement(q), 0.35), q)
+    assert re.search(
+        r"at \(1\.\d+, .*\) m, theta\d is [\d.]+ rad beyond its limit; "
+        r"use incomplete=.shrink. to get a cell of",
+        says,
+    ), says
+    task = planar_task(
+        [1.0, 0.9, 0.8], tmp_path
+    )  # folded together, it has no way outward along its links
+    x = pin.SE3(np.eye(3), np.array([0.9, 0.0, 0.0]))
+    says = refused(
+        rp.Cell(task, x, (0.3, 0.1)), rp.solve_ik(task, [0.0, np.pi - 0.15, np.pi + 0.15], x)
+    )
+    assert re.search(
+        r"between the middle of the cell and \(.*\) m the arm passes a singularity", says
+    ), says
+
+
+def test_a_middle_at_a_singularity_and_postures_at_one(tmp_path: Path) -> None:
+    task = planar_task([1.0, 0.9, 0.8], tmp_path)
+    stretched = rp.Cell(task, task.placement([0.1, 0.0, 0.0]), 0.02)
+    assert "the arm is at a singularity" in refused(stretched, [0.1, 0.0, 0.0])
+    xarm = rp.Robot.load("xarm7").task(
+        "link_eef", "pose"
+    )  # of its postures some are singular, in others links touch
+    cell = rp.Cell(xarm, xarm.placement(xarm.reference), 0.03, 0.1)
+    q = searched(rp.Pseudoinverse(xarm), cell)[0]
+    assert (np.abs(q - xarm.reference) <= np.pi).all()  # not wound up: the joints turn by two pi
+    s = np.linalg.svd(xarm.jacobian(q), compute_uv=False)
+    assert rp.Bodies(xarm).nearest(q).distance > 0
+    assert s[-1] > 0.01 * s[0] and np.abs(xarm.error(q, cell.placement)).max() < 1e-8
+
+
+@pytest.mark.slow
+def test_the_largest_cell_that_works() -> None:
+    x = pin.SE3(middle().rotation, np.array([0.6, 0.0, 0.4]))
+    q = rp.solve_ik(panda(), Q_PANDA, x)
+    cell = rp.Cell(panda(), x, 0.35)
+    smaller = rp.nearest_inverse_function(
+        rp.Pseudoinverse(panda()),
+        cell,
+        posture=q,
+        degree=1,
+        options=rp.FitOptions(samples=32, held_out=64),
+        incomplete="shrink",
+    )
+    assert smaller.coverage == 1.0 and 0.05 < smaller.cell.half_width[0] < 0.35
+
+
+def test_a_cell_round_the_base() -> None:
+    x = pin.SE3(middle().rotation, np.array([0.0, 0.0, 0.9]))
+    says = refused(
+        rp.Cell(panda("position"), x, (0.7, 0.7, 0.1)), rp.solve_ik(panda("position"), Q_PANDA, x)
+    )
+    assert "contains the axis of panda_joint1" in says, says
+
+
+def test_targets_outside_and_other_wrong_things() -> None:
+    design = found()
+    F = design.function
+    with pytest.raises(
+        rp.InputError, match=r"lies outside the cell: y is \+0.15 m from the middle"
+    ):
+        F(design.cell.at(np.array([0.0, 1.5, 0.0])))
+    turned = design.cell.at(np.zeros(3))
+    turned.rotation = pin.exp3(np.array([0.2, 0, 0])) @ turned.rotation
+    with pytest.raises(rp.InputError, match="along a coordinate of width 0"):
+        F(turned)
+    with pytest.raises(rp.InputError, match="target"):
+        F(np.zeros(3))
+    with pytest.raises(rp.InputError, match="leaf"):
+        F(design.cell.at(np.zeros(3)), leaf=[1, 2])
+    with pytest.raises(rp.InputError, match="both for one task"):
+        rp.nearest_inverse_function(rp.Pseudoinverse(panda("position")), design.cell)
+    with pytest.raises(rp.InputError, match="incomplete"):
+        rp.nearest_inverse_function(rp.Pseudoinverse(panda()), design.cell, incomplete="yes")  # type: ignore[arg-type]
+
+
+def broken_rotations(R: np.ndarray) -> list[np.ndarray]:
+    sheared = R.copy()
+    sheared[0, 0] += 1e-5
+    return [
+        np.diag([1.0, 1.0, -1.0]),
+        R @ np.diag([1.0, 1.0, -1.0]),
+        np.ones((3, 3)),
+        2 * R,
+        -R,
+        0 * R,
+        sheared,
+    ]
+
+
+@pytest.mark.parametrize("kind", ["pose", "axis"])
+def test_what_is_not_a_rotation_is_refused(kind: str, tmp_path: Path) -> None:
+    """By cells, F, the step of the control, and files; one off by rounding of a file is taken."""
+    task, design = panda(kind), found()
+    x = task.placement(Q_PANDA)
+    controls = [rp.ExtendedJacobian(task, Q_PANDA), design.inverse][: 1 + (kind == "pose")]
+    for R in broken_rotations(x.rotation):
+        wrong = pin.SE3(R, x.translation)
+        with pytest.raises(rp.InputError, match="is not a rotation matrix"):
+            rp.Cell(task, wrong, 0.1)
+        with pytest.raises(
+            rp.InputError, match="the rotation of the target is not a rotation matrix"
+        ):
+            task.error(Q_PANDA, wrong)
+        for control in controls:
+            with pytest.raises(
+                rp.InputError, match="the rotation of the target is not a rotation matrix"
+            ):
+                control.step(Q_PANDA, wrong, 0.01)
+        if kind == "pose":
+            within = pin.SE3(R, design.cell.placement.translation)
+            with pytest.raises(
+                rp.InputError, match="the rotation of the target is not a rotation matrix"
+            ):
+                design.function(within)
+            with pytest.raises(
+                rp.InputError, match="the rotation of target 1 is not a rotation matrix"
+            ):
+                design.function.batch([design.cell.placement, within])
+    rounded = pin.SE3(np.round(x.rotation, 7), x.translation)
+    assert np.allclose(
+        controls[0].step(Q_PANDA, rounded, 0.01), controls[0].step(Q_PANDA, x, 0.01), atol=1e-6
+    )
+    with pytest.raises(rp.InputError, match="finite"):
+        controls[0].step(Q_PANDA, pin.SE3(np.full((3, 3), np.nan), x.translation), 0.01)
+
+
+def test_the_control_of_a_cell_knows_its_cell_and_the_limits(tmp_path: Path) -> None:
+    """Outside the cell, and where the next joints would be beyond a limit: refused or warned of,
+    where asked for."""
+    design = found()
+    inverse, cell, task = design.inverse, design.cell, design.task
+    assert inverse.region is cell
+    q, beyond = design.function(cell.at(np.zeros(3))), cell.at(np.array([1.2, 0.0, 0.0]))
+    far = rp.solve_ik(task, q, beyond)
+    for how in (inverse, pickle.loads(pickle.dumps(inverse)), rp.compiled(inverse)):
+        inside = how.step(q, cell.at(np.array([0.02, 0.0, 0.0])), 0.01, outside="raise")
+        assert np.abs(inside - q).max() < 0.1
+        with pytest.raises(
+            rp.InputError, match=r"outside Ω \(scaled distance 1\.2; the boundary is at 1\)"
+        ):
+            how.step(far, beyond, 0.01, outside="raise")
+    corner = corner_beyond_a_limit(tmp_path)
+    control, start = corner.inverse, corner.posture
+    path = [start]
+    for s in np.linspace(0, 1, 21)[1:]:
+        path.append(control.step(path[-1], corner.cell.at(s * np.ones(2)), 0.01, leaf=np.zeros(1)))
+    assert corner.task.limit_margin(np.array(path)).min() < -0.01
+    first = int(np.argmax(corner.task.limit_margin(np.array(path)).min(axis=1) < -1e-9))
+    target = corner.cell.at(np.linspace(0, 1, 21)[first] * np.ones(2))
+    with pytest.raises(rp.InputError, match=r"the next q: theta3 = .* is outside its limits"):
+        control.step(path[first - 1], target, 0.01, leaf=np.zeros(1), outside="raise")
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        control.step(path[first - 1], target, 0.01, leaf=np.zeros(1), outside="warn")
+        control.velocity(path[first], np.zeros(2), outside="warn")
+    assert ["outside its limits" in str(one.message) for one in told] == [True, True]
+
+
+def corner_beyond_a_limit(folder: Path) -> rp.CellDesign:
+    """A function kept on the part of its cell where the third joint is within its limit."""
+    task, q = planar_task([1.0, 0.9, 0.8], folder), [0.6, -1.2, 1.4]
+    cell = rp.Cell(task, task.placement(q), 0.35)
+    small = {"posture": q, "degree": 2, "options": rp.FitOptions(samples=64, held_out=128)}
+    free = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, **small)
+    edge = float(free.function(cell.at(np.ones(2)))[2])
+    bound = 0.5 * (edge + 1.4)
+    limit = f'upper="{bound}"' if edge > 1.4 else f'lower="{bound}"'
+    text = (folder / "planar3.urdf").read_text().split('name="theta3"')
+    text[1] = re.sub(limit[:5] + r'="[^"]*"', limit, text[1], count=1)
+    (folder / "bound.urdf").write_text('name="theta3"'.join(text))
+    bound_task = rp.Robot.load(folder / "bound.urdf").task("tool", "xy")
+    chart = replace(free.function.chart, cell=rp.Cell(bound_task, cell.placement, 0.35))
+    evaluation = judge(rp.Pseudoinverse(bound_task), chart, 128, 0)
+    assert not evaluation.everywhere
+    return replace(free, function=rp.InverseFunction(chart), evaluation=evaluation)
+
+
+# ---- files
+# -------------------------------------------------------------------------------------------
+
+
+def test_saved_and_loaded_it_gives_the_same_bits(tmp_path: Path) -> None:
+    design = found(0.25)
+    file = rp.save(design, tmp_path / "cell.json")
+    again = rp.load(file, panda())
+    assert isinstance(again, rp.CellDesign)
+    x = design.cell.at(np.array([0.1, 0.7, -0.3, 0.2, -0.9, 0.4]))
+    assert (again.function(x) == design.function(x)).all()
+    assert (
+        again.summary() == design.summary()
+        and rp.save(again, tmp_path / "b.json").read_bytes() == file.read_bytes()
+    )
+    touching = replace(
+        design, evaluation=replace(design.evaluation, limit_margin=0.1, limit_margin_worst=0.0)
+    )
+    assert rp.load(rp.save(touching, tmp_path / "c.json"), panda()).limit_margin_worst == 0.0
+    with pytest.raises(rp.InputError, match="is for the task kind 'pose'"):
+        rp.load(file, panda("axis"))
+    file.write_text(file.read_text().replace('"degree": ', '"degree":  1'))
+    with pytest.raises(rp.InputError, match="checksum"):
+        rp.load(file, panda())
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"degrees": []}, "must name at least one degree"),
+        ({"degree": -1}, "the degree of a cell's polynomials must be a whole number from 0 up"),
+        ({"degree": 10**9}, "can be 64 at most"),
+        ({"placement": np.diag([1.0, 1.0, -1.0, 1.0]).tolist()}, "is not a rotation matrix"),
+        (
+            {"widths": [1e-300, 0.1, 0.1, 0, 0, 0]},
+            "half_width must be 0, which holds the coordinate",
+        ),
+    ],
+)
+def test_files_that_describe_no_cell_are_refused(changes: dict, says: str, tmp_path: Path) -> None:
+    file = rp.save(found(), tmp_path / "cell.json")
+    content = json.loads(file.read_text()) | changes
+    content["checksum"] = checksum(content)
+    file.write_text(json.dumps(content))
+    with pytest.raises(rp.InputError, match=says):
+        rp.load(file, panda())
+
+
+def test_a_file_without_the_worst_task_direction_is_read(tmp_path: Path) -> None:
+    file = rp.save(found(), tmp_path / "cell.json")
+    content = json.loads(file.read_text())
+    del content["figures"]["extra_speed_direction"]
+    content["checksum"] = checksum(content)
+    file.write_text(json.dumps(content))
+    again = rp.load(file, panda())
+    assert isinstance(again, rp.CellDesign) and "single task direction" not in again.summary()
+    assert rp.load(rp.save(again, tmp_path / "b.json"), panda()).summary() == again.summary()

@@ -1,0 +1,205 @@
+"""A motion that leaves its limits or touches something is marked, and no robot gets it unasked."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from arms import chain_with_bodies
+from commands import refused, told
+from page_file import read
+
+import repctl_pin as rp
+from repctl_pin.cli import main
+from repctl_pin.motion import fitting_circle, refuse_violations, violations_of
+from repctl_pin.show.page import TracedChain, playback_of, playback_page
+from repctl_pin.show.plots import drift_figure, joints_figure
+
+OUT = [
+    "follow",
+    "planar3r",
+    "--strategy",
+    "pseudoinverse",
+    "--start",
+    "6.2,1,-1.4",
+    "--path",
+    "circle:0.4:0",
+    "--plane",
+    "xy",
+    "--steps",
+    "100",
+]
+"""theta1 ends at 2π, where this circle takes it."""
+
+CELL = """<robot name="cell"><link name="room"/>
+<link name="post"><collision><geometry><cylinder radius="0.1" length="1"/></geometry></collision>
+</link>
+<joint name="there" type="fixed"><parent link="room"/><child link="post"/>
+<origin xyz="{x} {y} 0"/></joint></robot>"""
+
+
+def test_the_first_limit_and_the_first_touch_in_order(
+    panda_pose: rp.Task, q_panda: np.ndarray
+) -> None:
+    """The elbow is folded until links overlap, and then joint 4 leaves its limits."""
+    path = rp.circle(panda_pose, q_panda, 0.05)
+    motion = rp.follow(rp.Pseudoinverse(panda_pose), path, q_panda, cycles=2, steps=10)
+    assert violations_of(motion) == () and motion.first_touch is None
+    refuse_violations(motion, "")
+    q, folded = motion.q.copy(), np.array([0.794, -0.812, -2.66, -3.022, 1.815, 3.424, 0.618])
+    q[13], q[17] = folded, q_panda + [0, 0, 0, -0.9, 0, 0, 0]  # in cycle 2: 30 % and 70 % round
+    touch, limit = violations_of(replace(motion, q=q))
+    assert limit.names == ("panda_joint4",) and (limit.moment, limit.cycle) == (1.7, 2)
+    assert str(limit) == "panda_joint4 exceeds its limits in cycle 2, at 70 % of the cycle"
+    assert (
+        set(touch.names) == set(rp.Bodies(panda_pose).nearest(folded).links) and touch.moment == 1.3
+    )
+    assert str(touch) == f"{' and '.join(touch.names)} collide in cycle 2, at 30 % of the cycle"
+    with pytest.raises(
+        rp.InputError, match=f"^{touch}; {limit}: no trajectory was written; go home$"
+    ):
+        refuse_violations(replace(motion, q=q), "go home")
+
+
+def test_a_thinned_motion_is_the_same_at_fewer_points(
+    panda_pose: rp.Task, q_panda: np.ndarray
+) -> None:
+    path = rp.circle(panda_pose, q_panda, 0.05)
+    motion = rp.follow(rp.Pseudoinverse(panda_pose), path, q_panda, cycles=3, steps=20)
+    few = motion.thinned(5)
+    assert (
+        few.steps == 5
+        and np.array_equal(few.q, motion.q[::4])
+        and np.array_equal(few.t, motion.t[::4])
+    )
+    assert np.array_equal(few.drift, motion.drift) and np.array_equal(
+        motion.thinned(99).q, motion.q
+    )
+    assert np.array_equal(
+        motion.thinned(7).q[::7], motion.q[::20]
+    )  # the ends of cycles are among them
+
+
+def test_no_file_for_a_robot_beyond_the_limits(tmp_path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    for more in (
+        ["--csv", "m.csv"],
+        ["--yaml", "m.yaml"],
+        ["--csv", "m.csv", "--acceleration", "2"],
+    ):
+        error = refused(capsys, *OUT, *more)
+        assert (
+            "theta1 exceeds its limits in cycle 1, " in error
+            and "or write it anyway with --allow-violations" in error
+        )
+        assert not list(tmp_path.iterdir())
+    data = told(capsys, *OUT, "--csv", "m.csv", "--allow-violations")
+    assert data["files"] == ["m.csv"] and data["first_violation"]["joint"] == "theta1"
+    assert (np.loadtxt("m.csv", delimiter=",", skiprows=1)[:, 2] > 2 * np.pi).any()
+
+
+def follow_past(post: tuple[float, float], folder: Path) -> list[str]:
+    """A circle of the chain's tip about (2.1, 0.9), from (2.4, 0.9), with a post in the room."""
+    (folder / "cell.urdf").write_text(CELL.format(x=post[0], y=post[1]))
+    return [
+        "follow",
+        str(chain_with_bodies(folder)),
+        "--frame",
+        "tip",
+        "--task",
+        "xy",
+        "--strategy",
+        "pseudoinverse",
+        "--start",
+        "0.2,0.5,0.3",
+        "--path",
+        "circle:0.2:0",
+        "--plane",
+        "xy",
+        "--steps",
+        "100",
+        "--cycles",
+        "2",
+        "--surroundings",
+        str(folder / "cell.urdf"),
+    ]
+
+
+def test_surroundings_must_not_be_touched(tmp_path, capsys) -> None:
+    """The tip's link has a ball at its end, 1 m beyond the joint that carries it."""
+    task = rp.Robot.load(chain_with_bodies(tmp_path)).task("tip", "xy")
+    ball = sum(np.exp(1j * angle) for angle in np.cumsum([0.2, 0.5, 0.3]))
+    here = task.positions(np.array([[0.2, 0.5, 0.3]]))[0]
+    assert np.isclose(complex(here[0], here[1]), ball - np.exp(1j))
+    far = told(capsys, *follow_past((5.0, 0.0), tmp_path), "--csv", str(tmp_path / "m.csv"))
+    assert far["first_touch"] is None and far["body_distance"] > 0.5
+    (tmp_path / "m.csv").unlink()
+    words = follow_past((ball.real, ball.imag), tmp_path)
+    assert "tip and post collide at the start: no trajectory" in refused(
+        capsys, *words, "--csv", str(tmp_path / "m.csv")
+    )
+    near = follow_past((ball.real - 0.25, ball.imag), tmp_path)  # not at the start, but on the way
+    error = refused(capsys, *near, "--yaml", str(tmp_path / "m.yaml"))
+    assert "tip and post collide in cycle 1, " in error and not (tmp_path / "m.yaml").exists()
+    assert main(near) == 0
+    out, warning = capsys.readouterr()
+    assert (
+        "\nbody distance   collision, overlap up to 0." in out
+        and "m, between tip and post\n" in out
+    )
+    assert "note: collisions of a are not detected: mesh 'lost.stl' is missing" in out
+    assert (
+        warning.startswith("repctl: warning: tip and post collide in cycle 1, ")
+        and warning.count("\n") == 1
+    )
+    assert main([*near, "--json"]) == 0
+    touch = json.loads(capsys.readouterr().out)["first_touch"]
+    assert touch["links"] == ["tip", "post"] and 0 < touch["cycle"] < 1
+
+
+def test_baxter_breaks_a_limit_in_cycle_7_and_ours_none() -> None:
+    """Ten cycles of the study's circle, from the middle of the joints' ranges."""
+    task = rp.Robot.load("baxter").task("left_gripper", "pose")
+    q0 = task.from_robot(task.robot.poses["middle"])
+    path = fitting_circle(task, q0)
+    design = rp.nearest_repeatable(
+        rp.Pseudoinverse(task),
+        None,
+        rp.Box(q0, 0.4),
+        degree=1,
+        options=rp.FitOptions(samples=512, held_out=256),
+        shrink=True,
+    )
+    plain, ours = (
+        rp.follow(it, path, q0, cycles=10, steps=80)
+        for it in (rp.Pseudoinverse(task), design.inverse)
+    )
+    (violation,) = violations_of(plain, plain.thinned(10))
+    assert violation.cycle == 7 and violation.names == ("left_w2",)
+    assert ours.drift.max() < 1e-3 and violations_of(ours, ours.thinned(10)) == ()
+    drift, joints = (
+        figure([("J⁺", plain, "#D55E00")], "") for figure in (drift_figure, joints_figure)
+    )
+    assert any("limit in cycle 7" in text.get_text() for text in drift.axes[0].texts)
+    crosses = [
+        ax.get_title("left") for ax in joints.axes for line in ax.lines if line.get_marker() == "x"
+    ]
+    assert crosses == ["left_w2"]
+
+
+def test_the_page_marks_the_touch(tmp_path) -> None:
+    """The words and the moment, and a point that moves with the link."""
+    words = follow_past((2.035, 1.684), tmp_path)
+    task = rp.Robot.load(tmp_path / "chain.urdf", surroundings=words[-1]).task("tip", "xy")
+    q0 = np.array([0.2, 0.5, 0.3])
+    motion = rp.follow(rp.Pseudoinverse(task), rp.circle(task, q0, 0.2), q0, cycles=2, steps=100)
+    assert motion.first_touch is not None and 0 < motion.first_touch[0] < 1
+    scene, _, _ = read(
+        playback_page([TracedChain(task, 1)], [playback_of("J⁺", motion, "#D55E00")])
+    )
+    broken = scene["arms"][0]["broken"]
+    assert broken["words"] == "tip and post have touched" and broken["cycle"] == 1
+    assert np.isclose(broken["at"], motion.first_touch[0], atol=0.011)

@@ -1,0 +1,138 @@
+"""Proofs of a cell's function: F stays where it is enclosed, its margins hold, and what is false is
+not proved."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from arms import spatial_task
+
+import repctl_pin as rp
+from repctl_pin.inverse_function import CellDesign, InverseFunction
+from repctl_pin.inverse_function.chart import Chart
+from repctl_pin.proof.cells import CellProof
+from repctl_pin.redundancy import leaf_margin, nullspace
+
+
+def function_over(
+    task: rp.Task, placement: pin.SE3, half_width: object, rotation: object
+) -> CellDesign:
+    cell = rp.Cell(task, placement, half_width, rotation)
+    return rp.nearest_inverse_function(
+        rp.Pseudoinverse(task), cell, degree=3, options=rp.FitOptions(samples=256, held_out=256)
+    )
+
+
+@pytest.fixture(scope="module")
+def middle(panda_pose: rp.Task) -> pin.SE3:
+    x = panda_pose.placement(panda_pose.reference)
+    return pin.SE3(x.rotation, x.translation + np.array([0.15, 0, -0.19]))
+
+
+@pytest.fixture(scope="module")
+def places(panda_pose: rp.Task, middle: pin.SE3) -> CellDesign:
+    return function_over(panda_pose, middle, (0.05, 0.1, 0.05), 0.0)
+
+
+@pytest.fixture(scope="module")
+def turned(panda_pose: rp.Task, middle: pin.SE3) -> CellDesign:
+    return function_over(panda_pose, middle, 0.03, 0.1)
+
+
+def check_enclosures(found: CellDesign, width: float, count: int = 40) -> float:
+    """Evaluate F in many boxes of poses: inside the enclosure; how much of its width is used; the
+    share enclosed."""
+    chart, task = found.function.chart, found.task
+    problem, rng, k = CellProof(chart), np.random.default_rng(0), found.cell.k
+    Uc = rng.uniform(width - 1, 1 - width, (count, k))
+    half = width * rng.uniform(0.3, 1, Uc.shape)
+    Q, reach, good, *_ = problem._enclosure(Uc, half)
+    bounds = problem.bounds(Uc, half)
+    used = 0.0
+    for trial in range(12):
+        way = np.sign(rng.standard_normal(Uc.shape)) if trial % 2 else rng.uniform(-1, 1, Uc.shape)
+        points = chart.solve(Uc + half * way, np.zeros((count, task.r)))
+        inside = (np.abs(points.Q - Q) / reach)[good]
+        used = max(used, float(inside.max()))
+        assert (inside <= 1 + 1e-9).all()
+        assert (np.abs(points.Q - points.q_ref)[good] <= problem.near).all()
+        N = np.array([nullspace(task.jacobian(q)) for q in points.Q])
+        assert (leaf_margin(N, points.n_ref) >= bounds.leaf.leaf_margin - 1e-9).all()
+        sigma = np.linalg.svd(task.jacobians(points.Q), compute_uv=False)[:, -1]
+        assert (sigma >= bounds.leaf.sigma_min - 1e-9).all()
+        assert (task.limit_margin(points.Q).min(axis=1) >= bounds.limit_margin - 1e-9).all()
+    assert used > 0.5
+    return float(good.mean())
+
+
+def test_the_function_stays_in_the_boxes_it_is_enclosed_in(
+    places: CellDesign, turned: CellDesign
+) -> None:
+    assert check_enclosures(places, 0.02) == 1.0
+    assert check_enclosures(turned, 0.05) > 0.9
+
+
+def test_a_cell_is_proved_near_to_what_was_found(places: CellDesign, tmp_path: Path) -> None:
+    proof = rp.prove(places)
+    assert proof and "is the only solution" in proof.what
+    assert 0.9 * places.leaf_margin <= proof.leaf_margin <= places.leaf_margin + 1e-9
+    assert places.limit_margin_worst - 0.05 < proof.limit_margin <= places.limit_margin_worst + 1e-6
+    U = places.cell.sample(2048, 5)
+    Q = places.function.batch(U)
+    assert places.task.limit_margin(Q).min() >= proof.limit_margin
+    certain = replace(places, proof=proof)
+    assert "proved > 0.9" in certain.summary() and "found, not proved" in places.summary()
+    loaded = rp.load(rp.save(certain, tmp_path / "cell.json"))
+    assert repr(loaded.proof) == repr(proof)
+
+
+def test_what_is_false_of_a_cell_is_not_proved_and_the_pose_is_shown(places: CellDesign) -> None:
+    asked = places.limit_margin_worst + 0.02
+    proof = rp.prove(places, limit_margin=asked)
+    assert not proof and proof.reason.startswith("the limit margin there is")
+    q = places.function.batch(proof.worst[None])[0]
+    assert places.task.limit_margin(q).min() < asked
+
+
+def test_a_cell_that_is_not_covered_is_not_proved(places: CellDesign) -> None:
+    chart = places.function.chart
+    beyond = InverseFunction(
+        Chart(places.cell.scaled(6.0), chart.monomials, chart.coefficients), keep_limits=False
+    )
+    proof = rp.prove(replace(places, function=beyond), margin=0, limit_margin=-9.0, seconds=20)
+    assert (
+        not proof
+        and proof.leaf_margin == 0
+        and proof.reason == "there are no joints on this leaf at that pose"
+    )
+    with pytest.raises(rp.InputError, match="no joints on this leaf"):
+        beyond.batch(proof.worst[None])
+
+
+def test_an_arm_with_a_prismatic_joint_is_enclosed_too(tmp_path: Path) -> None:
+    task = spatial_task(7, tmp_path, kind="pose", seed=3)
+    rng = np.random.default_rng(0)
+    Q = task.reference + rng.uniform(-0.7, 0.7, (64, 7))
+    q = Q[np.argmax(np.linalg.svd(task.jacobians(Q), compute_uv=False)[:, -1])]
+    cell = rp.Cell(task, task.placement(q), 0.02, 0.02)
+    desired = rp.Pseudoinverse(task)
+    found = rp.nearest_inverse_function(
+        desired, cell, posture=q, degree=2, options=rp.FitOptions(samples=256, held_out=256)
+    )
+    assert check_enclosures(found, 0.02, 20) > 0.5
+
+
+def test_cells_of_other_tasks_are_refused_by_name(panda: rp.Robot) -> None:
+    task = panda.task("panda_hand_tcp", "position")
+    found = rp.nearest_inverse_function(
+        rp.Pseudoinverse(task),
+        rp.Cell(task, task.placement(task.reference), 0.02),
+        degree=2,
+        options=rp.FitOptions(samples=64, held_out=64),
+    )
+    with pytest.raises(rp.InputError, match="position tasks yet"):
+        rp.prove(found)

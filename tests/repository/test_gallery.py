@@ -1,0 +1,51 @@
+"""The pictures of the README: made by their script, small, and of what they should show."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from browser import require_browser
+from PIL import Image
+
+ROOT = Path(__file__).parents[2]
+PICTURES = ROOT / "examples" / "pictures"
+
+
+@pytest.mark.slow
+def test_the_script_makes_a_picture(tmp_path: Path) -> None:
+    require_browser()
+    command = [sys.executable, str(ROOT / "examples" / "gallery.py"), "ppr", "--out", str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    assert re.fullmatch(r"wrote .*ppr\.png \(\d+ kB\)\n", done.stdout)
+    made, kept = (
+        np.asarray(Image.open(d / "ppr.png").convert("RGB"), float) for d in (tmp_path, PICTURES)
+    )
+    assert made.shape == kept.shape
+    # another machine draws edges and letters a little differently, not another picture
+    assert np.mean(np.abs(made - kept).max(axis=-1) > 60) < 0.03
+
+
+def test_kept_pictures_are_small_and_show_both_arms() -> None:
+    files = sorted(PICTURES.glob("*.png"))
+    assert "panda" in [file.stem for file in files]
+    for file in files:
+        assert file.stat().st_size <= 150_000, file.name
+        image = np.asarray(Image.open(file).convert("RGB"), int)
+        middle = image.shape[1] // 2
+        for colour, half in (
+            ((0xD5, 0x5E, 0x00), image[:, :middle]),
+            ((0x00, 0x72, 0xB2), image[:, middle:]),
+        ):
+            assert np.mean(np.abs(half - colour).max(axis=-1) < 24) > 0.001, file.name
+
+
+def test_an_unknown_picture_is_refused() -> None:
+    command = [sys.executable, str(ROOT / "examples" / "gallery.py"), "pandda"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 2 and "no picture 'pandda'" in done.stderr

@@ -1,0 +1,412 @@
+"""The README is true: every command of it runs, writes what it says and prints what is shown; so
+does its Python."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import os
+import re
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import urllib.request
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from arms import heed_interrupts
+from shown import drifts, steady
+
+import repctl_pin as rp
+from repctl_pin.cli import main, parser
+from repctl_pin.show.notebook import inline
+
+ROOT = Path(__file__).parents[2]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+PROSE = re.sub(r"```.*?```", "", README, flags=re.DOTALL)
+OWN = [ROOT / "examples" / name for name in ("my_arm.urdf", "loop.csv")]
+"""What the README says to copy."""
+
+STUDY = {
+    f"repctl-out/my_arm/{name}"
+    for name in ("animation.html", "drift.png", "joints.png", "motion.csv", "control.json")
+}
+WRITES = {
+    "inspect my_arm.urdf": set(),
+    "study my_arm.urdf --report": STUDY | {"repctl-out/my_arm/report.html"},
+    "study my_arm.urdf --frame tool0 --task pose --path circle:0.1 --plane yz --cycles 20": STUDY,
+    "study my_arm.urdf --path loop.csv": STUDY,
+    "follow repctl-out/my_arm/control.json --robot my_arm.urdf --csv motion.csv --yaml "
+    "trajectory.yaml": {
+        "motion.csv",
+        "trajectory.yaml",
+    },
+    "check my_arm.urdf": set(),
+    "design my_arm.urdf --region 0.4": {
+        "repctl-out/my_arm/design.png",
+        "repctl-out/my_arm/design.json",
+    },
+    "follow repctl-out/my_arm/design.json --robot my_arm.urdf --acceleration 5 --csv timed.csv": {
+        "timed.csv"
+    },
+    "export repctl-out/my_arm/design.json --robot my_arm.urdf --to c": {
+        *(f"c/arm_control.{end}" for end in ("h", "c", "hpp")),
+        *(f"c/{name}" for name in ("test_vectors.h", "check.c", "loop.c", "CMakeLists.txt")),
+    },
+    "cell my_arm.urdf --half-width 0.05": {
+        f"repctl-out/my_arm/cell.{end}" for end in ("html", "json", "png")
+    },
+    "animate my_arm.urdf --live": set(),
+    "robots": set(),
+}
+"""The commands of "Your own arm", and the files that each should write."""
+
+
+def blocks(language: str) -> list[str]:
+    return re.findall(rf"```{language}\n(.*?)```", README, flags=re.DOTALL)
+
+
+def commands() -> list[str]:
+    lines = [line for block in blocks("bash") for line in block.splitlines()]
+    return [
+        part.split("#")[0].strip() for line in lines for part in re.findall(r"\brepctl (.*)", line)
+    ]
+
+
+@pytest.mark.parametrize("command", commands())
+def test_commands_parse(command: str) -> None:
+    assert callable(parser().parse_args(shlex.split(command)).run)
+
+
+def test_the_two_commands_are_there() -> None:
+    install = [
+        line
+        for block in blocks("bash")
+        for line in block.splitlines()
+        if line.startswith("python3 -m venv")
+    ]
+    assert install[0].endswith("repctl study panda") and install[1].endswith("python -m pytest")
+
+
+def test_three_commands_lead_to_ones_own_report() -> None:
+    (three,) = (block for block in blocks("bash") if "--report" in block)
+    install, *others = (line.split("#")[0].strip() for line in three.splitlines())
+    assert (
+        install
+        == "python3 -m venv .venv && source .venv/bin/activate && pip install -q ~/repctl_pin"
+    )
+    assert others == ["repctl inspect my_arm.urdf", "repctl study my_arm.urdf --report"]
+
+
+CHAINS = [
+    ["inspect", "study"],
+    ["study"],
+    ["study", "follow"],
+    ["check", "cell"],
+    ["design", "follow", "export"],
+    ["animate", "robots"],
+]
+"""Commands of "Your own arm" that use what earlier ones of the same chain wrote."""
+
+
+def chains() -> dict[str, list[str]]:
+    """The README's commands, cut into chains that can run side by side; by each one's last."""
+    left, found = list(WRITES), {}
+    for words in CHAINS:
+        chain = []
+        for word in words:
+            chain.append(next(command for command in left if command.startswith(word)))
+            left.remove(chain[-1])
+        found[chain[-1]] = chain
+    assert not left
+    return found
+
+
+def test_the_commands_for_ones_own_arm_are_these() -> None:
+    assert commands() == ["study panda", *WRITES]
+    assert all(f"(examples/{file.name})" in README for file in OWN)
+
+
+def run_in(folder: Path, chain: list[str], capsys: pytest.CaptureFixture[str]) -> list[str]:
+    """Run commands one after the other; each writes its files and no others."""
+    printed = []
+    for command in chain:
+        before = stamps(folder)
+        if "--live" in command:
+            printed.append(serve_once(command))
+        else:
+            assert main(shlex.split(command)) == 0, command
+            text, complaints = capsys.readouterr()
+            assert complaints == "", command
+            printed.append(text)
+        after = stamps(folder)
+        written = {name for name in after if after[name] != before.get(name)}
+        said = set(re.findall(r"^wrote (\S+)$", printed[-1], flags=re.MULTILINE))
+        assert written == said == WRITES[command], command
+    return printed
+
+
+JOINTS = [f"joint{i}" for i in range(1, 8)]
+
+
+def check_study(text: str, path: str) -> None:
+    """A study's table: the start it took, its path, and which strategies drift."""
+    assert re.search(rf"^path +{path}$", text, flags=re.MULTILINE)
+    assert "note: the start is the reference pose\n" in text
+    first, last = drifts(text, "J⁺")
+    assert last > 4 * first > 0.15
+    assert max(drifts(text, "nearest repeatable")) < 1e-9
+
+
+def check_export(folder: Path, _: str) -> None:
+    """The design's file and the motion that was timed."""
+    file = folder / "repctl-out/my_arm/design.json"
+    assert json.loads(file.read_text(encoding="utf-8"))["task"]["joints"] == JOINTS
+
+
+def check_robots(folder: Path, printed: str) -> None:
+    """As many robots as the README says, in 80 columns."""
+    lines = printed.splitlines()
+    assert max(map(len, lines)) <= 80
+    (robots,) = re.findall(r"repctl robots +# (\d+) robots", README)
+    assert len({line.split()[0] for line in lines[2:-3]}) == int(robots)
+
+
+def check_follow(folder: Path, printed: str) -> None:
+    """The followed motion: closed, inside Ω, in both files."""
+    assert printed.startswith("my_arm tool0, pose: loop.csv\n")
+    assert "\noutside Ω       0.0%\n" in printed
+    text = (folder / "trajectory.yaml").read_text(encoding="utf-8")
+    assert yaml.safe_load(text)["joint_names"] == JOINTS
+    rows = np.genfromtxt(folder / "motion.csv", delimiter=",", names=True)
+    assert all(abs(rows[name][-1] - rows[name][0]) < 1e-9 for name in JOINTS)
+    assert np.ptp(rows["joint1"]) > 0.1
+
+
+@pytest.mark.parametrize("last", chains())
+def test_the_commands_for_ones_own_arm_run(
+    last: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """In the README's order, with the two files it says to copy; later commands of a chain use what
+    earlier ones wrote."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("repctl_pin.design.nearest._MOST_DEGREE", 3)  # the same in less time
+    for file in OWN:
+        shutil.copy(file, tmp_path)
+    printed = dict(zip(chains()[last], run_in(tmp_path, chains()[last], capsys), strict=True))
+    for command, text in printed.items():
+        if command.startswith("inspect"):
+            assert "frame tool0, moved by 7: joint1, " in text and "  pose r = 1, " in text
+        elif command.startswith("study"):
+            plane = "yz" if "yz" in command else "xy"
+            circle = f"circle of radius 0.1 m in {plane}"
+            check_study(text, "loop.csv" if "loop.csv" in command else circle)
+            assert ("drift after 20 cycles" in text) == ("--cycles 20" in command)
+        elif "control.json" in command:
+            check_follow(tmp_path, text)
+        elif command.startswith("check"):
+            assert text.startswith("not repeatable: ")
+        elif command.startswith("design"):
+            assert "\ndegree" in text
+        elif command.startswith("export"):
+            check_export(tmp_path, text)
+        elif command == "robots":
+            check_robots(tmp_path, text)
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        pytest.param(
+            command, marks=() if "my_arm" in command or "ppr" in command else pytest.mark.slow
+        )
+        for command in re.findall(r"`repctl (study [^`]+)`", PROSE)
+    ],
+)
+def test_the_gallerys_commands_run(
+    command: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(OWN[0], tmp_path)
+    assert main(shlex.split(command)) == 0
+    table = capsys.readouterr().out
+    assert drifts(table, "J⁺")[1] > 0.1 and drifts(table, "nearest repeatable")[1] < 1e-9
+
+
+def stamps(folder: Path) -> dict[str, int]:
+    """When each file of a folder was written."""
+    return {
+        str(f.relative_to(folder)): f.stat().st_mtime_ns for f in folder.rglob("*") if f.is_file()
+    }
+
+
+def serve_once(command: str) -> str:
+    """Run a ``--live`` command as a person does: wait for the address, look at the page, press
+    Ctrl-C."""
+    environment = {
+        name: value
+        for name, value in os.environ.items()
+        if name not in ("DISPLAY", "WAYLAND_DISPLAY")
+    }
+    with subprocess.Popen(
+        [sys.executable, "-m", "repctl_pin", *shlex.split(command)],
+        env=environment | {"BROWSER": "true"},  # where there is a screen after all, open nothing
+        preexec_fn=heed_interrupts,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        try:
+            assert process.stdout is not None
+            line = process.stdout.readline()
+            (url,) = re.findall(r"^showing at (http://127\.0\.0\.1:\d+/) until Ctrl-C$", line) or [
+                ""
+            ]
+            assert url, line + process.communicate(timeout=20)[1]
+            opener = urllib.request.build_opener(urllib.request.ProxyHandler({}))
+            with opener.open(url, timeout=20) as answer:
+                page = answer.read().decode("utf-8")
+            assert (
+                page.startswith("<!DOCTYPE html>")
+                and "my_arm" in page
+                and page.rstrip().endswith("</html>")
+            )
+            process.send_signal(signal.SIGINT)
+            assert process.communicate(timeout=20) == ("", "") and process.returncode == 0
+        finally:
+            process.kill()
+    return line
+
+
+def test_the_main_jobs_table_is_what_the_command_prints(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["study", "panda"]) == 0
+    (shown,) = blocks("text")
+    assert steady(shown) == steady(capsys.readouterr().out)
+    assert set(stamps(tmp_path)) == set(re.findall(r"^wrote (\S+)$", shown, flags=re.MULTILINE))
+
+
+def test_the_python_runs_and_its_arm_comes_back(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The block, and then each line of code in the text, with the names it leaves to the reader."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setattr(
+        rp, "study", partial(rp.study, cycles=2, steps=100, degree=1)
+    )  # the same in less time
+    (code,) = blocks("python")
+    names: dict = {}
+    out = io.StringIO()
+    with contextlib.redirect_stdout(out):
+        exec(code, names)
+    creeping, closed = (float(line.split()[0]) for line in out.getvalue().splitlines()[-2:])
+    assert creeping > 0.1 and closed < 1e-8
+
+    task, path, q0 = names["task"], names["path"], names["q0"]
+    names |= {"q": q0, "dt": 0.01, "target": path.placement(0), "twist": path.twist(0) / 5}
+    names |= {
+        "xdot": names["twist"],
+        "inline": inline,
+        "my_G": rp.Pseudoinverse(task),
+        "my_function": rp.Pseudoinverse(task).velocity,
+    }
+    found = {}
+    for line in re.findall(r"`((?:\w = )?(?:(?:rp|design)\.|inline\()[^`…]*\))`", PROSE):
+        exec(f"_ = {line}", names)
+        found[line.rpartition(" = ")[2] if line[1:4] == " = " else line] = names["_"]
+    calls = {line.partition("(")[0]: value for line, value in found.items()}
+    assert list(calls) == [
+        "rp.timed",
+        "design.inverse.velocity",
+        "design.inverse.leaf",
+        "design.inverse.step",
+        "rp.compiled",
+        "rp.export_c",
+        "rp.save",
+        "rp.load_design",
+        "rp.study",
+        "rp.follow",
+        "rp.animation",
+        "rp.is_repeatable",
+        "inline",
+    ]
+    timed = calls["rp.timed"]
+    assert (
+        np.allclose(timed.cycle(3)[1], timed.cycle(4)[1], atol=1e-9)
+        and not timed.qdot[[0, -1]].any()
+    )
+    inverse = names["design"].inverse
+    assert np.allclose(calls["design.inverse.velocity"], inverse(q0) @ names["xdot"])
+    assert (tmp_path / "panda.json").is_file() and np.array_equal(
+        calls["rp.load_design"].inverse(q0), inverse(q0)
+    )
+    assert np.allclose(
+        calls["rp.compiled"].velocity(q0, names["xdot"]), inverse.velocity(q0, names["xdot"])
+    )
+    assert calls["rp.follow"].drift[-1] > 0.01 and not calls["rp.is_repeatable"]
+    audited = calls["rp.study"]
+    assert np.allclose(
+        audited.row("mine").motion.q, audited.row("pseudoinverse").motion.q, atol=1e-9
+    )
+    assert calls["rp.animation"].read_text(encoding="utf-8").count('"label":"mine"') == 1
+    assert "<iframe" in calls["inline"]._repr_html_()
+
+    (step,) = (line for line in found if "step" in line)
+    names["q"] = q0 + 1e-3  # pushed off the cycle
+    for s in np.arange(1000) / 500:
+        names |= {"target": path.placement(s), "twist": path.twist(s) / 5}
+        exec(f"q = {step}", names)
+    assert np.linalg.norm(names["q"] - q0) < 1e-4
+
+
+def test_every_file_it_names_is_there() -> None:
+    for name in re.findall(r"\]\(([^)#:]+)\)", README) + re.findall(
+        r"python ((?:examples|tests)/\S+\.py)", README
+    ):
+        assert (ROOT / name).is_file(), name
+
+
+def test_the_arm_to_copy_is_sound() -> None:
+    """As its comments describe it: upright at 0, 0.85 m from shoulder to tool, its middle a pose to
+    work from."""
+    robot = rp.Robot.load(OWN[0])
+    assert (
+        robot.warnings == () and robot.description.meshes == () and robot.default_frame == "tool0"
+    )
+    task = robot.task("tool0", "pose")
+    upright = task.placement(np.zeros(7))
+    assert np.allclose(upright.translation, [0.04, 0, 0.32 + 0.85]) and np.allclose(
+        upright.rotation, np.eye(3)
+    )
+    assert np.allclose(task.reference, (task.lower + task.upper) / 2)
+    middle = task.placement(task.reference)
+    assert (
+        middle.translation[0] > 0.4
+        and middle.translation[2] > 0.3
+        and middle.rotation[2, 2] < -0.999
+    )
+    for inertia in robot.model.inertias[1:]:
+        a, b, c = np.linalg.eigvalsh(inertia.inertia)
+        assert inertia.mass > 0 and 0 < a <= b <= c <= a + b  # a body can have it
+
+
+def test_the_loop_to_copy_is_the_seam_of_two_pipes() -> None:
+    points = rp.read_waypoints(OWN[1]).points
+    assert np.array_equal(points[0], points[-1])
+    x, y, z = points.T
+    assert (
+        np.abs(np.hypot(x - 0.45, y) - 0.08).max() < 1e-4
+        and np.abs(np.hypot(y, z - 0.25) - 0.15).max() < 1e-4
+    )

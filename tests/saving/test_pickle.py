@@ -1,0 +1,67 @@
+"""What a process makes another one can take: everything at the door pickles, and copies are as
+good."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+from wrong_arguments import ARM_URDF
+
+import repctl_pin as rp
+
+Q0 = np.array([0.3, 0.8, 0.8])
+ARM = Path(__file__).parents[2] / "examples" / "my_arm.urdf"
+
+
+@pytest.fixture(scope="module")
+def task() -> rp.Task:
+    return rp.Robot.load("planar3r").task(kind="xy")
+
+
+@pytest.mark.parametrize("rotation", ["fixed", "tangent"])
+def test_a_path_pickles_to_the_same_curve(rotation: str) -> None:
+    arm = rp.Robot.load(ARM).task()
+    path = rp.circle(arm, arm.reference, 0.05, rotation=rotation)
+    again = pickle.loads(pickle.dumps(path))
+    assert (again.name, again.breaks, again.spec) == (path.name, path.breaks, path.spec)
+    for s in (0.0, 0.123, 0.5, 0.9):
+        np.testing.assert_allclose(
+            again.placement(s).homogeneous, path.placement(s).homogeneous, atol=1e-11
+        )
+        np.testing.assert_allclose(again.twist(s), path.twist(s), atol=1e-7)
+    assert copy.deepcopy(path) is path
+
+
+def test_motions_pickle_with_their_figures(task: rp.Task) -> None:
+    corners = rp.polygon(task, Q0, [[0.1, 0, 0], [0.1, 0.1, 0]])
+    motion = rp.follow(rp.Pseudoinverse(task), corners, Q0, cycles=2, steps=24)
+    again = pickle.loads(pickle.dumps(motion))
+    assert np.array_equal(again.q, motion.q) and np.array_equal(again.drift, motion.drift)
+    assert again.tracking_error == pytest.approx(motion.tracking_error, abs=1e-9)
+    timed = rp.timed(motion, acceleration=10.0, rate=100.0)
+    once_more = pickle.loads(pickle.dumps(timed))
+    assert np.array_equal(once_more.q, timed.q) and once_more.duration == timed.duration
+
+
+def test_bodies_pickle_and_measure_the_same(tmp_path: Path) -> None:
+    file = tmp_path / "arm.urdf"
+    file.write_text(ARM_URDF, encoding="utf-8")
+    bodies = rp.Bodies(rp.Robot.load(file).task())
+    assert bodies.pairs
+    again = pickle.loads(pickle.dumps(bodies))
+    q = np.array(bodies.task.reference)
+    assert again.pairs == bodies.pairs and again.nearest(q) == bodies.nearest(q)
+    assert copy.deepcopy(bodies).pairs == bodies.pairs
+
+
+def test_a_timed_motion_that_would_fill_the_memory_is_refused_before_it_is_sampled(
+    task: rp.Task,
+) -> None:
+    motion = rp.follow(rp.Pseudoinverse(task), rp.circle(task, Q0, 0.1), Q0, cycles=2, steps=24)
+    duration = rp.timed(motion, acceleration=1e-8, rate=1.0).duration
+    with pytest.raises(rp.InputError, match="are over 2,000,000; lower the rate"):
+        rp.timed(motion, acceleration=1e-8, rate=2_100_000 / duration)

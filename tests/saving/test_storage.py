@@ -1,0 +1,494 @@
+"""Designs as files: exact, whole or not at all, and refused where they do not fit."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import multiprocessing
+import os
+import signal
+import time
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from design_file import checksum
+from numpy.polynomial.chebyshev import chebval
+from scipy.spatial.transform import Rotation
+
+import repctl_pin as rp
+from repctl_pin.paths import Cycle, pieces_of
+from repctl_pin.saving.schema import Figures
+
+
+@pytest.fixture(scope="module")
+def small(panda_pose: rp.Task) -> rp.Design:
+    from arms import Q_PANDA
+
+    plain = rp.Pseudoinverse(panda_pose)
+    return rp.nearest_repeatable(
+        plain,
+        rp.Polynomial(Q_PANDA, 1, 0.3),
+        rp.Box(Q_PANDA, 0.3),
+        options=rp.FitOptions(samples=256, held_out=256),
+    )
+
+
+@pytest.fixture
+def saved(tmp_path: Path, panda_design: rp.Design) -> Path:
+    return rp.save(panda_design, tmp_path / "panda.json")
+
+
+def same(a: rp.Design, b: rp.Design) -> None:
+    """Every attribute the same, bit for bit."""
+    for attribute in dataclasses.fields(rp.Design):
+        one, other = getattr(a, attribute.name), getattr(b, attribute.name)
+        if isinstance(one, (float, int, str, tuple, np.ndarray)):
+            assert type(one) is type(other) or isinstance(one, float), attribute.name
+            assert np.array_equal(one, other), attribute.name
+    assert a.task.joint_names == b.task.joint_names and type(a.desired) is type(b.desired)
+    assert repr(a.potentials) == repr(b.potentials) and str(a.region) == str(b.region)
+
+
+def test_save_load_save_is_byte_identical_and_steps_bit_for_bit(
+    tmp_path, saved, panda_design, panda_pose
+) -> None:
+    for task in (None, panda_pose):
+        loaded = rp.load(saved, task)
+        again = rp.save(loaded, tmp_path / "again.json")
+        assert again.read_bytes() == saved.read_bytes()
+        same(panda_design, loaded)
+        rng = np.random.default_rng(0)
+        target, leaf = (
+            panda_pose.placement(panda_pose.reference),
+            loaded.inverse.leaf(panda_pose.reference),
+        )
+        for q in panda_pose.reference + 0.2 * rng.normal(size=(20, 7)):
+            xdot = rng.normal(size=6)
+            assert np.array_equal(
+                loaded.inverse.velocity(q, xdot), panda_design.inverse.velocity(q, xdot)
+            )
+            steps = [
+                d.inverse.step(q, target, 0.01, xdot, leaf=leaf, gain=50.0)
+                for d in (loaded, panda_design)
+            ]
+            assert np.array_equal(*steps)
+
+
+def test_every_kind_of_field_region_desired_inverse_and_task(
+    tmp_path, panda, panda_pose, q_panda, small
+) -> None:
+    waves = rp.Fourier(7, 1, variables=[0, 2], period=5.0)
+    family = waves + rp.Polynomial(
+        q_panda, 2, np.linspace(0.2, 0.8, 7), variables=[1, 3], cross=False
+    )
+    A = np.random.default_rng(1).normal(size=(family.size, 1))
+    inverse = rp.RepeatableInverse(panda_pose, family.weighted(A))
+    tube = rp.Tube(q_panda + 0.01 * np.arange(21).reshape(3, 7), np.linspace(0.1, 0.7, 7))
+    workspace = rp.WorkspaceBox(
+        panda_pose, panda_pose.placement(q_panda).translation, 0.1, within=rp.Box(q_panda, 0.4)
+    )
+    limits = rp.LimitWeight(panda_pose, 0.7, 0.2)
+    weights = [
+        rp.WeightedInverse(panda_pose, w)
+        for w in (limits, "inertia", np.linspace(0.1, 0.7, 7), np.eye(7) + 0.3)
+    ]
+    for region in (tube, workspace):
+        for desired in (*weights, rp.Pseudoinverse(panda_pose)):
+            design = dataclasses.replace(
+                small,
+                inverse=inverse,
+                potentials=family,
+                coefficients=A,
+                region=region,
+                desired=desired,
+            )
+            loaded = rp.load(rp.save(design, tmp_path / "d.json"))
+            same(design, loaded)
+            assert np.array_equal(design.region.random(64, 3), loaded.region.random(64, 3))
+            assert np.array_equal(design.desired(q_panda), loaded.desired(q_panda))
+            assert np.array_equal(design.inverse(q_panda + 0.1), loaded.inverse(q_panda + 0.1))
+
+    planar = rp.Robot.load("planar3r", base="link1", lock=["theta1"]).task(
+        "tool", "xy", joints=None
+    )
+    assert (
+        planar.r == 0
+    )  # a chain that lock and base have shortened; its names are kept by the next one
+    absolute = rp.Robot.load("planar4r").task("tool", "xy")
+    absolute = absolute.in_coordinates(rp.absolute_angles(absolute))
+    center = np.array([0.3, 1.0, 1.8, 2.5])
+    design = rp.nearest_repeatable(
+        rp.Pseudoinverse(absolute),
+        rp.Polynomial(center, 1),
+        rp.Box(center, 0.2),
+        options=rp.FitOptions(samples=256, held_out=256),
+    )
+    loaded = rp.load(rp.save(design, tmp_path / "psi.json"))
+    same(design, loaded)
+    assert np.array_equal(loaded.task.coordinates.T, absolute.coordinates.T)
+    with pytest.raises(rp.InputError, match="joint coordinates"):
+        rp.load(tmp_path / "psi.json", rp.Robot.load("planar4r").task("tool", "xy"))
+
+
+def test_what_no_file_can_hold_is_refused(tmp_path, panda_pose, q_panda, small) -> None:
+    density = rp.Box(q_panda, 0.3, density=lambda Q: np.ones(len(Q)))
+    own = rp.CustomPotentials([lambda q: q[0]])
+    custom = rp.CustomInverse(panda_pose, lambda q: np.linalg.pinv(panda_pose.jacobian(q)))
+    for change, words in (
+        ({"region": density}, "density"),
+        ({"potentials": own}, "user-defined functions"),
+        ({"desired": custom}, "CustomInverse"),
+        ({"cost_error": float("nan")}, "cost_error"),
+    ):
+        with pytest.raises(rp.InputError, match=words):
+            rp.save(dataclasses.replace(small, **change), tmp_path / "d.json")
+    with pytest.raises(rp.InputError, match="nearest_repeatable"):
+        rp.save(small.inverse, tmp_path / "d.json")
+    assert list(tmp_path.iterdir()) == []
+
+
+PATHS = {
+    "circle": lambda task, q: rp.circle(task, q, 0.1, start_angle=0.3),
+    "eight": lambda task, q: rp.figure_eight(task, q, 0.05),
+    "polygon": lambda task, q: rp.polygon(
+        task, q, [(0.1, 0, 0), (0.1, 0.1, 0.05), (0, 0.07, 0.01)]
+    ),
+}
+
+
+@pytest.mark.parametrize("name", PATHS)
+def test_the_cycle_of_a_control_comes_back(name: str, tmp_path, small, panda_pose, q_panda) -> None:
+    """Start and time exactly; the path to rounding, corners included, and what is followed with
+    it."""
+    path = PATHS[name](panda_pose, q_panda)
+    design = dataclasses.replace(small, cycle=Cycle(q_panda, path, 3.0))
+    file = rp.save(design, tmp_path / "control.json")
+    cycle = rp.load(file, panda_pose).cycle
+    assert np.array_equal(cycle.start, q_panda) and cycle.period == 3.0
+    assert (cycle.path.name, cycle.path.breaks) == (path.name, path.breaks)
+    for s in np.linspace(0, 1, 57):
+        assert (
+            np.abs(cycle.path.placement(s).homogeneous - path.placement(s).homogeneous).max()
+            < 1e-12
+        )
+        assert np.abs(cycle.path.twist(s) - path.twist(s)).max() < 1e-9
+    again = [rp.follow(small.inverse, p, q_panda, cycles=1, steps=60).q for p in (path, cycle.path)]
+    assert np.abs(again[0] - again[1]).max() < 1e-9
+    again_file = rp.save(rp.load(file, panda_pose), tmp_path / "again.json")
+    one, two = (json.loads(f.read_text())["cycle"]["pieces"] for f in (file, again_file))
+    for a, b in zip(one, two, strict=True):
+        assert np.allclose(a["coefficients"], b["coefficients"], atol=1e-12)
+
+
+def test_a_turning_path_is_told_by_quaternions() -> None:
+    """A frame that goes round a circle and back and forth about a tilted axis, checked against
+    itself."""
+    axis = np.array([1.0, 2.0, 2.0]) / 3
+
+    def turned(s: float) -> np.ndarray:
+        return Rotation.from_rotvec(2.0 * np.sin(2 * np.pi * s) * axis).as_matrix()
+
+    path = SimpleNamespace(
+        name="turning", breaks=(0.5,),
+        placement=lambda s: pin.SE3(turned(s), 0.1 * np.array([np.cos(6 * s), np.sin(6 * s), s])),
+    )  # fmt: skip
+    pieces = pieces_of(path)
+    assert {piece.coefficients.shape[1] for piece in pieces} == {7}
+    for s in np.linspace(0.01, 0.99, 23):
+        piece = next(p for p in pieces if p.begin <= s <= p.end)
+        values = chebval(
+            (2 * s - piece.begin - piece.end) / (piece.end - piece.begin), piece.coefficients
+        )
+        assert np.abs(values[:3] - path.placement(s).translation).max() < 1e-12
+        assert np.abs(Rotation.from_quat(values[3:]).as_matrix() - turned(s)).max() < 1e-11
+
+
+def test_the_file_holds_every_figure_of_a_design() -> None:
+    own = {"inverse", "desired", "potentials", "region", "coefficients", "cycle", "proof"}
+    assert {a.name for a in dataclasses.fields(rp.Design)} - own == set(Figures.__struct_fields__)
+
+
+# ---- refusals
+# --------------------------------------------------------------------------------------
+
+
+def test_another_robot_frame_kind_or_joints_is_refused_by_name(saved, panda) -> None:
+    cases = {
+        "robot 'panda', not 'xarm7'": rp.Robot.load("xarm7").task("link_eef", "pose"),
+        "frame 'panda_hand_tcp', not 'panda_link8'": panda.task("panda_link8", "pose"),
+        "task kind 'pose', not 'position'": panda.task("panda_hand_tcp", "position"),
+        "joints panda_joint1": panda.task(
+            "panda_hand_tcp", "pose", joints=panda.chain("panda_hand_tcp")[1:]
+        ),
+        "base None, not 'panda_link0'": rp.Robot.load("panda", base="panda_link0").task(
+            "panda_hand_tcp", "pose"
+        ),
+    }
+    for words, task in cases.items():
+        with pytest.raises(rp.InputError, match=words):
+            rp.load(saved, task)
+
+
+def test_a_urdf_that_was_changed_is_refused(tmp_path) -> None:
+    from arms import planar_urdf
+
+    file = tmp_path / "arm.urdf"
+    file.write_text(planar_urdf([1, 0.8, 0.6]))
+    task = rp.Robot.load(file).task("tool", "xy")
+    center = np.array([0.3, 0.8, 0.8])
+    design = rp.nearest_repeatable(
+        rp.Pseudoinverse(task),
+        rp.Polynomial(center, 1),
+        rp.Box(center, 0.2),
+        options=rp.FitOptions(samples=256, held_out=256),
+    )
+    saved = rp.save(design, tmp_path / "arm.json")
+    same(design, rp.load(saved, task))
+    with pytest.raises(
+        rp.InputError, match=r"not in the catalogue; load it with the task.*arm\.urdf"
+    ):
+        rp.load(saved)
+    file.write_text(planar_urdf([1, 0.8, 0.601]))
+    with pytest.raises(rp.InputError, match=r"lies 0\.00\d* m"):
+        rp.load(saved, rp.Robot.load(file).task("tool", "xy"))
+
+
+def edited(saved: Path, **changes) -> Path:
+    """Change entries and make the checksum fit again: a newer version, or somebody who knows
+    how."""
+    content = json.loads(saved.read_text()) | changes
+    content["checksum"] = checksum(content)
+    saved.write_text(json.dumps(content))
+    return saved
+
+
+def test_the_checksum_is_of_everything_else_however_it_is_laid_out() -> None:
+    """What was written yesterday has to be readable tomorrow: keys in order, no spaces, names as
+    they are."""
+    content = {"ä": 1, "checksum": "another", "b": [2.5, "é"]}
+    written = '{"b":[2.5,"é"],"ä":1}'.encode()
+    assert checksum(content) == f"sha256:{hashlib.sha256(written).hexdigest()}"
+
+
+def test_no_text_of_a_file_holds_control_characters(small, panda_pose, q_panda, tmp_path) -> None:
+    """Written, they are escaped; in a file by somebody else they are refused, though its checksum
+    fits."""
+    path = rp.circle(panda_pose, q_panda, 0.1)
+    named = dataclasses.replace(path, name="loop\x1b[2J\nof mine")
+    file = rp.save(
+        dataclasses.replace(small, cycle=Cycle(q_panda, named, 3.0)), tmp_path / "control.json"
+    )
+    assert rp.load(file, panda_pose).cycle.path.name == "loop\\x1b[2J\\nof mine"
+    cycle = json.loads(file.read_text())["cycle"]
+    for escape in ("\x1b[2J", "a\nforged: a line", "\x9b", "\u202e"):
+        with pytest.raises(rp.InputError, match="a text contains a control character"):
+            rp.load(edited(file, cycle=cycle | {"path": escape}), panda_pose)
+
+
+def test_a_cell_is_placed_by_a_rigid_transform(tmp_path) -> None:
+    task = rp.Robot.load("planar3r").task(kind="xy")
+    cell = rp.Cell(task, task.placement(np.array([0.3, 0.8, 0.8])), 0.05)
+    found = rp.nearest_inverse_function(
+        rp.Pseudoinverse(task), cell, degree=1, options=rp.FitOptions(samples=16, held_out=64)
+    )
+    file = rp.save(found, tmp_path / "cell.json")
+    rows = json.loads(file.read_text())["placement"]
+    for last in ([0.0, 0.0, 0.0, 2.0], [0.5, 0.0, 0.0, 1.0]):
+        with pytest.raises(
+            rp.InputError, match="last row of the cell's placement must be 0, 0, 0, 1"
+        ):
+            rp.load(edited(file, placement=[*rows[:3], last]))
+
+
+@pytest.mark.parametrize("end", [0.99, 1.01])
+def test_a_path_that_is_not_whole_is_refused(
+    end: float, small, panda_pose, q_panda, tmp_path
+) -> None:
+    cycle = Cycle(q_panda, rp.circle(panda_pose, q_panda, 0.1), 3.0)
+    file = rp.save(dataclasses.replace(small, cycle=cycle), tmp_path / "control.json")
+    pieces = json.loads(file.read_text())["cycle"]
+    pieces["pieces"][-1]["end"] = end
+    with pytest.raises(rp.InputError, match="do not lead from s = 0 to 1"):
+        rp.load(edited(file, cycle=pieces), panda_pose)
+
+
+def test_a_file_without_a_fingerprint_is_refused(saved) -> None:
+    content = json.loads(saved.read_text())
+    content["task"]["fingerprint"] = []
+    content["checksum"] = checksum(content)
+    saved.write_text(json.dumps(content))
+    with pytest.raises(rp.InputError, match="no fingerprint"):
+        rp.load(saved)
+
+
+def test_a_newer_schema_is_refused_with_a_remedy(saved) -> None:
+    with pytest.raises(rp.InputError, match=r"schema 3.*reads 2; upgrade repctl-pin"):
+        rp.load(edited(saved, schema=3, written_by="9.0"))
+
+
+def test_an_older_schema_is_refused_by_name(saved) -> None:
+    with pytest.raises(rp.InputError, match=r"schema 1, and this version reads 2; design again"):
+        rp.load(edited(saved, schema=1))
+
+
+def test_a_changed_number_is_noticed(saved) -> None:
+    text = saved.read_text()
+    at = text.index('"coefficients"') + 40
+    digit = next(i for i in range(at, len(text)) if text[i].isdigit())
+    saved.write_text(text[:digit] + str((int(text[digit]) + 1) % 10) + text[digit + 1 :])
+    with pytest.raises(rp.InputError, match="changed after it was written"):
+        rp.load(saved)
+
+
+def test_five_hundred_mutated_files(tmp_path, small, panda_pose) -> None:
+    """Each is refused with one line, or means the same; none crashes."""
+    saved = rp.save(small, tmp_path / "good.json")
+    good, mutant = saved.read_bytes(), tmp_path / "mutant.json"
+    rng = np.random.default_rng(0)
+    kept = 0
+    for k in range(500):
+        data = bytearray(good)
+        for _ in range(int(rng.integers(1, 4))):
+            i, kind = int(rng.integers(len(data))), k % 7
+            if kind == 0:
+                data[i] ^= 1 << int(rng.integers(8))
+            elif kind == 1:
+                del data[i : i + int(rng.integers(1, 30))]
+            elif kind == 2:
+                data[i:i] = rng.integers(0, 256, int(rng.integers(1, 8))).astype(np.uint8).tobytes()
+            elif kind == 3:
+                del data[i:]
+                data = data or bytearray(b" ")
+            elif kind == 4:
+                data[i : i + 1] = bytes([int(rng.choice(list(b'0123456789{}[],":.eE-+ ')))])
+            elif kind == 5:
+                j = int(rng.integers(len(data)))
+                data[i : i + 20], data[j : j + 20] = data[j : j + 20], data[i : i + 20]
+            else:
+                data[i:i] = b" \n\t" if rng.random() < 0.7 else b"1e999"
+        mutant.write_bytes(bytes(data))
+        try:
+            loaded = rp.load(mutant, panda_pose)
+        except rp.InputError as error:
+            assert "\n" not in str(error) and "mutant.json" in str(error)
+        else:
+            same(small, loaded)
+            kept += 1
+    assert 1 <= kept < 250  # white space between entries changes no meaning; most else does
+
+
+def _paths(value, path=()):
+    yield path
+    if isinstance(value, dict):
+        for key in value:
+            yield from _paths(value[key], (*path, key))
+    if isinstance(value, list) and len(value) < 50:
+        for i in range(len(value)):
+            yield from _paths(value[i], (*path, i))
+
+
+def test_wrong_content_with_a_right_checksum_is_refused_too(tmp_path, small, panda_pose) -> None:
+    """Every entry in turn replaced by what it cannot be: an error of ours, or a design; never a
+    crash."""
+    good = json.loads(rp.save(small, tmp_path / "good.json").read_text())
+    mutant = tmp_path / "mutant.json"
+    others = (None, "two\nlines", -1, [], {}, True, [[0.5]], 1e30)
+    refused = 0
+    for k, path in enumerate(p for p in _paths(good) if p and p[0] not in ("checksum",)):
+        content = json.loads(json.dumps(good))
+        holder = content
+        for key in path[:-1]:
+            holder = holder[key]
+        holder[path[-1]] = others[k % len(others)]
+        content["checksum"] = checksum(content)
+        mutant.write_text(json.dumps(content))
+        try:
+            rp.load(mutant, panda_pose)
+        except rp.RepctlError as error:
+            refused += 1
+            assert "\n" not in str(error)
+    assert refused > 100
+
+
+@pytest.mark.parametrize(
+    "text, words",
+    [
+        ("", "not a .*design file"),
+        ("[]", "not a .*design file"),
+        ("{}", "format"),
+        ('{"format": "repctl design"}', "schema"),
+        ('{"format": "repctl design", "schema": true}', "schema"),
+        ('{"format": "repctl design", "schema": 2, "schema": 2}', "written_by"),
+        ('{"format": "repctl design", "schema": 2, "x": NaN}', "not valid JSON"),
+        ('{"format": "repctl design", "schema": 0}', "no schema 0"),
+        ("[" * 100_000, "not a .*design file"),
+    ],
+)
+def test_what_is_no_design_at_all(tmp_path, text: str, words: str) -> None:
+    file = tmp_path / "d.json"
+    file.write_text(text)
+    with pytest.raises(rp.InputError, match=words) as caught:
+        rp.load(file)
+    assert "\n" not in str(caught.value)
+
+
+def test_no_file_a_folder_and_bytes(tmp_path) -> None:
+    with pytest.raises(rp.InputError, match="No such file"):
+        rp.load(tmp_path / "none.json")
+    with pytest.raises(rp.InputError, match="it is a folder"):
+        rp.load(tmp_path)
+    (tmp_path / "b.json").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(rp.InputError, match="not UTF-8 text"):
+        rp.load(tmp_path / "b.json")
+
+
+# ---- whole or not at all
+# ---------------------------------------------------------------------------
+
+
+def _keep_saving(designs: tuple[rp.Design, rp.Design], file: Path, started) -> None:
+    started.set()
+    while True:
+        for design in designs:
+            rp.save(design, file)
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="kills forked processes")
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+def test_two_hundred_kills_leave_a_whole_file(tmp_path, panda_design, small) -> None:
+    """A process that saves without pause is killed at a random moment: one of the two designs is
+    there, whole."""
+    fork, rng = multiprocessing.get_context("fork"), np.random.default_rng(0)
+    folder = tmp_path / "kept"
+    folder.mkdir()
+    file = folder / "design.json"
+    whole = {
+        rp.save(d, tmp_path / f"{i}.json").read_bytes() for i, d in enumerate((panda_design, small))
+    }
+    rp.save(small, file)
+    seen, interrupted = set(), 0
+    for _ in range(200):
+        started = fork.Event()
+        process = fork.Process(target=_keep_saving, args=((panda_design, small), file, started))
+        process.start()
+        started.wait(10)
+        time.sleep(float(rng.uniform(0, 0.01)))
+        os.kill(process.pid, signal.SIGKILL)
+        process.join()
+        assert file.read_bytes() in whole
+        seen.add(file.read_bytes())
+        interrupted += any(p != file for p in folder.iterdir())
+        for left in folder.iterdir():
+            if left != file:
+                left.unlink()
+    assert seen == whole and interrupted  # some were killed in the middle of writing
+    rp.load(file)
+
+
+def test_a_folder_that_is_not_there(tmp_path, small) -> None:
+    with pytest.raises(rp.InputError, match="cannot write .*No such file"):
+        rp.save(small, tmp_path / "none" / "d.json")

@@ -1,0 +1,138 @@
+"""Motions as a page, from Python: what is on it, kept, shown, and refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from page_file import BLUE, GREEN, ORANGE, VERMILLION, read
+
+import repctl_pin as rp
+from repctl_pin.cli import main
+
+
+@pytest.fixture(scope="module")
+def motions() -> dict[str, rp.Motion]:
+    """A circle and a square of a planar arm, under J⁺."""
+    task = rp.Robot.load("planar3r").task(kind="xy")
+    q0 = np.array([0.3, 0.8, 0.8])
+    plain = rp.Pseudoinverse(task)
+    paths = (
+        rp.circle(task, q0, 0.2),
+        rp.polygon(task, q0, [[0.2, 0, 0], [0.2, 0.2, 0], [0, 0.2, 0]]),
+    )
+    return {
+        name: rp.follow(plain, path, q0, cycles=2, steps=40)
+        for name, path in zip("ab", paths, strict=True)
+    }
+
+
+def test_every_motion_and_every_path_is_on_the_page(motions: dict[str, rp.Motion]) -> None:
+    scene, _, numbers = read(rp.animation(motions, seconds=2.0).page)
+    assert [(arm["label"], arm["drift"]) for arm in scene["arms"]] == [
+        (k, m.drift.tolist()) for k, m in motions.items()
+    ]
+    assert (
+        len({arm["color"] for arm in scene["arms"]}) == 2
+        and scene["seconds"] == 2.0
+        and scene["planar"]
+    )
+    lines = [motion.path.points() for motion in motions.values()]
+    assert scene["paths"] == [len(line) for line in lines]
+    np.testing.assert_allclose(
+        numbers[-3 * sum(map(len, lines)) :].reshape(-1, 3), np.vstack(lines), atol=1e-6
+    )
+    assert scene["title"] == "planar3r: circle of radius 0.2 m in xy and polygon"
+    # the same path twice is drawn once, a frame that two motions move leaves one trace in each arm
+    again, _, _ = read(rp.animation({"a": motions["a"], "again": motions["a"]}).page)
+    assert again["paths"] == [len(lines[0])] and [arm["chains"] for arm in again["arms"]] == [1, 1]
+
+
+def test_who_creeps_is_warm_and_who_comes_back_is_cool(motions: dict[str, rp.Motion]) -> None:
+    still = replace(motions["a"], drift=1e-9 * motions["a"].drift)
+    shown = {"a": motions["a"], "b": still, "c": motions["b"], "d": still}
+    scene, _, _ = read(rp.animation(shown).page)
+    assert [arm["color"] for arm in scene["arms"]] == [VERMILLION, BLUE, ORANGE, GREEN]
+    alone, _, _ = read(rp.animation({"b": still}).page)
+    assert alone["arms"][0]["color"] == BLUE
+    known, _, _ = read(
+        rp.animation({"mine": motions["a"], "J⁺": motions["b"]}).page
+    )  # J⁺ has one colour everywhere
+    assert [arm["color"] for arm in known["arms"]] == [ORANGE, VERMILLION]
+
+
+def test_two_hands_are_two_limbs() -> None:
+    robot = rp.Robot.load("baxter")
+    done = {}
+    for side in ("left", "right"):
+        task = robot.task(f"{side}_gripper")
+        q0 = task.reference
+        done[side] = rp.follow(
+            rp.Pseudoinverse(task), rp.circle(task, q0, 0.02), q0, cycles=1, steps=10
+        )
+    scene, _, _ = read(rp.animation(done).page)
+    assert [arm["chains"] for arm in scene["arms"]] == [2, 2] and len(scene["paths"]) == 2
+
+
+def test_a_study_is_shown_as_the_page_that_the_command_writes(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["study", "ppr", "--cycles", "1", "--steps", "40", "--degree", "1"]) == 0
+    written = (tmp_path / "repctl-out" / "ppr" / "animation.html").read_text(encoding="utf-8")
+    study = rp.study("ppr", cycles=1, steps=40, degree=1)
+    shown, commands, numbers = read(rp.animation(study).page)
+    scene, same, motion = read(written)
+    assert (shown["arms"], shown["paths"]) == (scene["arms"], scene["paths"])
+    assert commands == same and np.array_equal(numbers, motion)
+
+
+def test_it_is_kept_and_shown(motions: dict[str, rp.Motion], tmp_path: Path, monkeypatch) -> None:
+    made = rp.animation(motions)
+    file = made.save(tmp_path / "new" / "motion.html")
+    assert file.read_text(encoding="utf-8") == made.page and list(file.parent.iterdir()) == [file]
+    with pytest.raises(rp.InputError, match="new"):
+        made.save(tmp_path / "new")  # a folder
+    assert "srcdoc" in made._repr_html_() and len(repr(made)) < 60
+    opened: list[str] = []
+    monkeypatch.setattr("webbrowser.open", opened.append)
+    monkeypatch.setattr("tempfile.mkdtemp", lambda prefix: str(tmp_path / prefix))
+    shown = made.show()
+    assert opened == [shown.as_uri()] and shown.read_text(encoding="utf-8") == made.page
+
+
+def test_results_are_short_at_the_prompt(motions: dict[str, rp.Motion]) -> None:
+    motion = motions["a"]
+    first, last = (f"{value:.3g}" for value in motion.drift)
+    assert (
+        repr(motion)
+        == f"<Motion of planar3r tool: {motion.path.name}, 2 cycles, drift {first} … {last}>"
+    )
+    task, q0 = motion.task, motion.q[0]
+    design = rp.nearest_repeatable(
+        rp.Pseudoinverse(task), rp.Polynomial(q0, 1, 0.3), rp.Box(q0, 0.3)
+    )
+    assert f"cost {design.cost:.4g}" in repr(design) and len(repr(design)) < 120
+
+
+def test_what_cannot_be_shown_is_named(motions: dict[str, rp.Motion]) -> None:
+    task = rp.Robot.load("ppr").task(kind="xy")
+    q0 = np.array([0.0, 0.0, 0.5])
+    other = rp.follow(rp.Pseudoinverse(task), rp.circle(task, q0, 0.1), q0, cycles=2, steps=40)
+    short = rp.follow(
+        rp.Pseudoinverse(motions["a"].task),
+        motions["a"].path,
+        motions["a"].q[0],
+        cycles=1,
+        steps=40,
+    )
+    for given, words in (
+        ({}, "there is none"),
+        ({"q": motions["a"].q}, "'q' is a ndarray"),
+        ({"a": motions["a"], "b": other}, "motions of planar3r and ppr"),
+        ({"a": motions["a"], "b": short}, "as many cycles and steps"),
+        (motions["a"], "give it a name"),
+        ("panda", "got str"),
+    ):
+        with pytest.raises(rp.InputError, match=words):
+            rp.animation(given)

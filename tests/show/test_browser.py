@@ -1,0 +1,537 @@
+"""The page in a real browser: headless Chromium, offline."""
+
+from __future__ import annotations
+
+import itertools
+import re
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from browser import (
+    changed,
+    errors,
+    open_page,
+    pane,
+    picture,
+    picture_now,
+    schemes,
+    wait_until_drawn,
+)
+from numpy.typing import NDArray
+from page_file import BLUE, VERMILLION, Visuals
+
+import repctl_pin as rp
+from repctl_pin.show.page import Arm, animation_page, choose_frames, read_surface
+from repctl_pin.show.text import Tile, Verdict
+
+RADIUS, STEPS, CYCLES = 0.1, 60, 2
+SHOWN = ("panda", "baxter", "tiago", "talos", "kinova", "planar7r", "my_arm", "xarm7 bare")
+"""Robots whose pages are looked at, beside the planar one with two sliding joints."""
+
+
+def circling(
+    robot: rp.Robot, q0: NDArray[np.float64], kind: str, plane: tuple[int, int]
+) -> list[Arm]:
+    """J⁺ on a circle, and beside it a control that closes: the extended Jacobian with constant
+    rows."""
+    task = robot.task(kind=kind)
+    start = task.placement(q0)
+    angles = 2 * np.pi * np.arange(1, CYCLES * STEPS + 1) / STEPS
+    N0 = np.linalg.svd(task.jacobian(q0))[2][task.m :]
+    visuals = Visuals.of(robot)
+    arms = []
+    for label, color, repeatable in (("J⁺", VERMILLION, False), ("repeatable", BLUE, True)):
+        q, Q = q0, [q0]
+        for a in angles:
+            shift = np.zeros(3)
+            shift[list(plane)] = RADIUS * np.array([np.cos(a) - 1, np.sin(a)])
+            goal = pin.SE3(start.rotation, start.translation + shift)
+            for _ in range(4):
+                J, e = task.jacobian(q), task.error(q, goal)
+                rows, wish = (
+                    (np.vstack([J, N0]), np.concatenate([e, N0 @ (q0 - q)]))
+                    if repeatable
+                    else (J, e)
+                )
+                q = q + np.linalg.pinv(rows) @ wish
+            assert np.linalg.norm(task.error(q, goal)) < 1e-6
+            Q.append(q)
+        Q = np.array(Q)
+        drift = np.linalg.norm(Q[STEPS::STEPS] - q0, axis=1)
+        tip, elbow = (
+            task.positions(Q)[:, None],
+            np.array([[task.joint_origins(q)[task.n // 2]] for q in Q]),
+        )
+        arms.append(
+            Arm(
+                label,
+                visuals.shapes,
+                visuals.placements(task.to_robot(Q)),
+                tip,
+                elbow,
+                Q,
+                drift,
+                color,
+            )
+        )
+    return arms
+
+
+def write(folder: Path, arms: list[Arm], **options: Any) -> Path:
+    page = folder / "animation.html"
+    words = {"seconds": 2.0, "title": "arms on a circle", "caption": "a test", **options}
+    frames = choose_frames(len(arms[0].q), len(arms[0].cycle_drift))
+    shown = [
+        replace(
+            a,
+            **{
+                name: getattr(a, name)[frames.index] for name in ("placements", "tip", "elbow", "q")
+            },
+        )
+        for a in arms
+    ]
+    way = arms[0].tip[: STEPS + 1, 0]
+    page.write_text(animation_page(shown, [way], frames=frames, **words), encoding="utf-8")
+    return page
+
+
+def motions_of(study: rp.Study) -> list[rp.Motion]:
+    return [study.row(key).motion for key in ("pseudoinverse", "repeatable")]
+
+
+def test_the_page_of_a_study_shows_who_comes_back(driver: Any, tmp_path: Path) -> None:
+    """The main job's own page: both arms, moving; after a cycle the repeatable one is back, J⁺'s is
+    not."""
+    study, page = rp.study("panda", cycles=3, steps=60, degree=1), tmp_path / "animation.html"
+    page.write_text(rp.animation(study).page, encoding="utf-8")
+    motions = motions_of(study)
+    assert motions[0].drift[0] > 0.1 and motions[1].drift[-1] < 1e-6
+    open_page(driver, page)
+    visuals = Visuals.of(study.robot)
+    assert (
+        driver.execute_script("return [repctl.meshes(0), repctl.meshes(1)]")
+        == [len(visuals.shapes)] * 2
+    )
+    ghosts_show_drift_and_nothing_else(driver, motions, (2.5,))
+    start, quarter, three = (picture(driver, c, ghost=False) for c in (0, 0.25, 3))
+    for arm in (0, 1):
+        a, b = pane(driver, start, arm), pane(driver, quarter, arm)
+        assert np.ptp(a) > 150, "nothing is drawn"
+        assert changed(a, b) > 0.02
+    assert changed(pane(driver, start, 1), pane(driver, three, 1)) < 0.001
+    assert changed(pane(driver, start, 0), pane(driver, three, 0)) > 0.01
+    # with its traces shown, what the arm left behind is seen
+    left = picture(driver, 3, traces=True, ghost=False)
+    assert changed(pane(driver, three, 1), pane(driver, left, 1)) > 0.002
+    # the browser's own matrices are where the motion put the shapes, half a cycle into the second
+    driver.execute_script("repctl.seek(1.5)")
+    for k, motion in enumerate(motions):
+        expected = visuals.placements(study.task.to_robot(motion.q[[90]]))[0]
+        for s in (0, len(visuals.shapes) // 2, len(visuals.shapes) - 1):
+            told = driver.execute_script(
+                "return repctl.placement(arguments[0], arguments[1])", k, visuals.shapes[s].name
+            )
+            np.testing.assert_allclose(np.reshape(told, (4, 4)).T, expected[s], atol=1e-5)
+    the_colour_is_how_far_a_body_is_off_its_start(driver, study)
+    assert errors(driver) == []
+
+
+def the_colour_is_how_far_a_body_is_off_its_start(driver: Any, study: rp.Study) -> None:
+    """Told by the corners of the meshes and Pinocchio's placements; the hand itself is always
+    back."""
+    visuals = Visuals.of(study.robot)
+    off = np.zeros((2, len(visuals.shapes)))  # at the end, m
+    for arm, key in enumerate(("pseudoinverse", "repeatable")):
+        ends = visuals.placements(study.task.to_robot(study.row(key).motion.q[[0, -1]]))
+        for s, shape in enumerate(visuals.shapes):
+            points = read_surface(shape.path).points
+            box = (
+                np.array(list(itertools.product(*zip(points.min(0), points.max(0), strict=True))))
+                * shape.scale
+            )
+            corners = np.c_[box, np.ones(8)] @ ends[:, s].transpose(0, 2, 1)  # (2, 8, 4)
+            off[arm, s] = np.linalg.norm(corners[1] - corners[0], axis=1).max()
+    moving = [s for s, shape in enumerate(visuals.shapes) if "link0" not in shape.name]
+    assert len(moving) == len(visuals.shapes) - 1 and off[0].max() > 0.1
+
+    def told(time: float) -> tuple[NDArray[np.float64], list[list[NDArray[np.int64]]]]:
+        answers = driver.execute_script(
+            "const [time, names] = arguments; repctl.seek(time);"
+            "return [0, 1].map((arm) => names.map((name) => repctl.drift(arm, name)))",
+            time,
+            [visuals.shapes[s].name for s in moving],
+        )
+        colours = [
+            [np.array([int(c[k : k + 2], 16) for k in (1, 3, 5)]) for _, c in row]
+            for row in answers
+        ]
+        return np.array([[d for d, _ in row] for row in answers]), colours
+
+    at_start, plain = told(0)
+    at_end, painted = told(3)
+    np.testing.assert_allclose(at_start, 0, atol=1e-12)
+    np.testing.assert_allclose(at_end, off[:, moving], atol=2e-6)
+    assert at_end[0, -1] < 1e-5 < 0.05 < at_end[0].max()  # the last shape is a finger
+    full, grey = np.array([0xD5, 0x5E, 0x00]), np.array([0xC6, 0xCC, 0xD3])
+    for s in range(len(moving)):
+        share = min(1.0, at_end[0, s] / 0.1)  # full at 10 cm
+        np.testing.assert_allclose(painted[0][s], (1 - share) * grey + share * full, atol=1)
+        np.testing.assert_array_equal(painted[1][s], grey)  # who comes back
+    np.testing.assert_array_equal(plain, np.broadcast_to(grey, np.shape(plain)))
+    # within a cycle, against the same moment of cycle 1
+    between, _ = told(2.5)
+    motion = study.row("pseudoinverse").motion
+    there = visuals.placements(study.task.to_robot(motion.q[[30, 150]]))
+    for s, k in enumerate(moving):
+        points = read_surface(visuals.shapes[k].path).points
+        box = np.array(list(itertools.product(*zip(points.min(0), points.max(0), strict=True))))
+        corners = np.c_[box * visuals.shapes[k].scale, np.ones(8)] @ there[:, k].transpose(0, 2, 1)
+        assert between[0, s] == pytest.approx(
+            np.linalg.norm(corners[1] - corners[0], axis=1).max(), abs=2e-6
+        )
+    driver.find_element("id", "show-drift").click()
+    _, own = told(3)
+    assert len({tuple(c) for c in own[0]}) > 1 or not np.array_equal(
+        own[0][0], grey
+    )  # the robot's own colours
+    assert driver.find_element("id", "drift-note").text == ""
+    driver.find_element("id", "show-drift").click()
+    assert driver.find_element("id", "drift-note").text.endswith("10 cm and more")
+
+
+def ghosts_show_drift_and_nothing_else(
+    driver: Any, motions: list[rp.Motion], moments: tuple[float, ...]
+) -> None:
+    """At every moment the ghost of who repeats is hidden by the arm, that of who has crept by 0.1
+    rad is seen."""
+    for moment in moments:
+        with_ghost, without = (picture(driver, moment, ghost=ghost) for ghost in (True, False))
+        for arm, motion in enumerate(motions):
+            at, phase = round(moment * motion.steps), round(moment % 1 * motion.steps)
+            off = np.linalg.norm(motion.q[at] - motion.q[phase])
+            seen = changed(pane(driver, with_ghost, arm), pane(driver, without, arm))
+            assert seen <= 0.0005 if off < 1e-6 else off < 0.1 or seen > 0.0005, (
+                moment,
+                arm,
+                off,
+                seen,
+            )
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["ppr", *(pytest.param(name, marks=pytest.mark.slow) for name in SHOWN)],
+)
+def test_every_kind_of_robot_moves_and_only_who_repeats_comes_back(
+    driver: Any, tmp_path: Path, name: str
+) -> None:
+    """Two arms, a lift, a humanoid, joints without limits, a planar arm, one without meshes: their
+    studies' pages."""
+    name, _, bare = name.partition(" ")
+    robot: rp.Robot = rp.Robot.load(
+        Path(__file__).parents[2] / "examples" / "my_arm.urdf" if name == "my_arm" else name
+    )
+    if bare:
+        text = robot.description.xml.replace("package://", "package://not_here/")
+        (tmp_path / "bare.urdf").write_text(text, encoding="utf-8")
+        robot = rp.Robot.load(tmp_path / "bare.urdf")
+    study = rp.study(robot, cycles=10, steps=120, degree=1)
+    page = tmp_path / "animation.html"
+    page.write_text(rp.animation(study).page, encoding="utf-8")
+    open_page(driver, page)
+    shapes = Visuals.of(robot).shapes
+    plain = bare or name in ("ppr", "planar7r", "my_arm")
+    assert all(shape.kind != "mesh" for shape in shapes) if plain else len(shapes) > 5
+    assert driver.execute_script("return [repctl.meshes(0), repctl.meshes(1)]") == [len(shapes)] * 2
+    moments = (5.5,) if name == "ppr" else (0, 0.5, 5.5, 10)
+    ghosts_show_drift_and_nothing_else(driver, motions_of(study), moments)
+    start, quarter, middle, one, end = (
+        picture(driver, c, ghost=False) for c in (0, 0.25, 0.5, 1, 10)
+    )
+    for arm, key in enumerate(("pseudoinverse", "repeatable")):
+        a, b, c, *whole = (pane(driver, image, arm) for image in (start, quarter, middle, one, end))
+        assert np.ptp(a) > 150, "nothing is drawn"
+        assert min(changed(a, b), changed(b, c), changed(a, c)) > 0.004
+        for drift, after in zip(study.row(key).motion.drift[[0, -1]], whole, strict=True):
+            assert (
+                changed(a, after) <= 0.0005
+                if key == "repeatable"
+                else drift < 0.1 or changed(a, after) > 0.0005
+            )
+    assert study.row("repeatable").motion.drift[-1] < 1e-7
+    assert (
+        name in ("kinova", "tiago") or study.row("pseudoinverse").motion.drift[-1] > 0.1
+    )  # these creep too little
+    assert errors(driver) == []
+
+
+def test_mirrored_meshes_are_not_inside_out(driver: Any, tmp_path: Path) -> None:
+    robot = rp.Robot.load("talos")
+    visuals = Visuals.of(robot)
+    keep = [k for k, s in enumerate(visuals.shapes) if np.prod(s.scale) < 0]
+    assert len(keep) > 5
+    placements = visuals.placements(np.array([robot.reference] * 2))[:, keep]
+    shapes = tuple(visuals.shapes[k] for k in keep)
+    tip, elbow = placements[:, :1, :3, 3], placements[:, 1:2, :3, 3]
+    still = Arm("mirrored", shapes, placements, tip, elbow, np.zeros((2, 1)), np.zeros(1))
+    open_page(driver, write(tmp_path, [still]))
+    both = picture(driver, 0)
+    show_only = "repctl.materials((m) => { m.side = arguments[0]; })"
+    driver.execute_script(
+        show_only, 0
+    )  # three's FrontSide: a wrong winding would show the far walls instead
+    front = picture(driver, 0)
+    driver.execute_script(show_only, 1)  # BackSide
+    back = picture(driver, 0)
+    assert changed(both, front) < 0.002
+    assert changed(both, back) > 0.03
+
+
+def test_controls_work_when_clicked(driver: Any, tmp_path: Path) -> None:
+    robot = rp.Robot.load("planar4r")
+    task = robot.task(kind="xy")
+    arms = circling(robot, task.reference + np.array([0.3, -0.7, 0.6, 0.5]), "xy", (0, 1))
+    page = write(tmp_path, arms, planar=True, title="<i>four</i> links")
+    open_page(driver, page)
+
+    def element(name: str) -> Any:
+        return driver.find_element("id", name)
+
+    assert element("title").text == "<i>four</i> links"
+    assert [e.text for e in driver.find_elements("css selector", ".arm-label .name")] == [
+        "J⁺",
+        "repeatable",
+    ]
+    assert not driver.execute_script("return repctl.playing")
+    element("play").click()
+    assert driver.execute_script("return repctl.playing")
+    deadline = time.monotonic() + 20
+    while driver.execute_script("return repctl.time") < 0.05:
+        assert time.monotonic() < deadline, "the animation does not run"
+        time.sleep(0.05)
+    element("play").click()
+    assert not driver.execute_script("return repctl.playing")
+    held = driver.execute_script("return repctl.time")
+    time.sleep(0.2)
+    assert driver.execute_script("return repctl.time") == held
+    driver.execute_script("repctl.seek(2)")
+    assert element("clock").text == "after 2 of 2"
+    cards = driver.find_elements("class name", "card")
+    assert [c.find_element("tag name", "h2").text for c in cards] == ["J⁺", "repeatable"]
+    shown = float(re.match(r"[\d.]+", cards[0].find_element("class name", "drift").text)[0])  # type: ignore[index]
+    assert shown == pytest.approx(arms[0].cycle_drift[-1], rel=5e-3)
+    assert cards[0].find_element("class name", "after").text == "off cycle 1 after 2 cycles"
+    # the slider
+    from selenium.webdriver.common.keys import Keys
+
+    element("scrub").send_keys(Keys.HOME)
+    assert driver.execute_script("return repctl.time") == 0
+    assert element("scrub").get_attribute("aria-valuetext") == "start"
+    # keys, wherever the focus is; what a pointer pressed does not keep them
+    element("show-traces").click()
+    element("show-traces").click()
+    time.sleep(0.1)
+    body = driver.switch_to.active_element
+    for keys, expected in (
+        (Keys.END, 2),
+        (Keys.PAGE_UP, 1),
+        (Keys.ARROW_RIGHT, 1 + 1 / 60),
+        (Keys.HOME, 0),
+    ):
+        body.send_keys(keys)
+        assert driver.execute_script("return repctl.time") == pytest.approx(expected)
+    body.send_keys(" ")
+    assert driver.execute_script("return repctl.playing")
+    body.send_keys(" ")
+    assert not driver.execute_script("return repctl.playing")
+    # once per cycle: whole cycles only
+    element("stepping").click()
+    driver.execute_script("repctl.pause()")
+    driver.execute_script("repctl.seek(0)")
+    driver.switch_to.active_element.send_keys(Keys.ARROW_RIGHT)
+    assert driver.execute_script("return repctl.time") == 1
+    element("running").click()
+    driver.execute_script("repctl.pause()")
+    # a click on a bar goes to that cycle's end
+    bars = cards[0].find_element("css selector", ".bars canvas")
+    driver.execute_script(
+        "const [c] = arguments, {left, top, width} = c.getBoundingClientRect(), half = width / 16;"
+        "c.dispatchEvent(new MouseEvent('click', {bubbles: true, clientX: left + half, clientY: "
+        "top + 5}))",
+        bars,
+    )
+    assert driver.execute_script("return repctl.time") == 1
+    # the boxes and the view
+    before = picture(driver, 1.5, traces=True)
+    element("show-traces").click()
+    without = driver.execute_script("return repctl.picture()")
+    element("show-traces").click()
+    assert driver.execute_script("return repctl.picture()") != without
+    element("show-ghost").click()
+    assert (
+        changed(before, picture_now(driver)) > 0.0002
+    )  # the ghost is no more than what one cycle's drift leaves bare
+    element("show-ghost").click()
+    driver.execute_script("repctl.turn(0.5, 0.2, 0.8)")
+    labels_are_in_their_panes(driver)
+    assert changed(before, picture(driver, 1.5, traces=True)) > 0.01
+    element("view").click()
+    assert changed(before, picture(driver, 1.5, traces=True)) < 0.001
+    driver.find_element("css selector", "#speed option[value='4']").click()
+    assert errors(driver) == []
+
+
+def test_more_arms_and_none_to_read(driver: Any, tmp_path: Path) -> None:
+    """Three arms of a robot without any shapes; a body that cannot be read is said on the page."""
+    urdf = tmp_path / "bones.urdf"
+    text = (Path(__file__).parents[2] / "urdf" / "planar3r.urdf").read_text(encoding="utf-8")
+    urdf.write_text(re.sub(r"<visual>.*?</visual>", "", text, flags=re.DOTALL), encoding="utf-8")
+    robot = rp.Robot.load(urdf)
+    arms = circling(robot, np.array([0.3, 0.8, 0.8]), "xy", (0, 1))
+    open_page(driver, write(tmp_path, [*arms, arms[0]], planar=True))
+    assert errors(driver) == []
+    assert driver.execute_script("return [0, 1, 2].map(repctl.meshes)") == [len(arms[0].shapes)] * 3
+    image = picture(driver, 0.5)
+    for k in range(3):
+        assert np.ptp(pane(driver, image, k)) > 150
+
+
+def test_it_opens_on_the_end_walks_the_cycles_and_runs(driver: Any, tmp_path: Path) -> None:
+    """The first ten seconds: what has crept is seen at once; who wants no motion gets none."""
+    robot = rp.Robot.load("planar4r")
+    task = robot.task(kind="xy")
+    page = write(
+        tmp_path,
+        circling(robot, task.reference + np.array([0.3, -0.7, 0.6, 0.5]), "xy", (0, 1)),
+        planar=True,
+    )
+    watch = (
+        "window.seen = []; (function look() { requestAnimationFrame(look);"
+        "if (window.repctl && repctl.ready && seen.at(-1) !== repctl.time) "
+        "seen.push(repctl.time); })()"
+    )
+    watching = driver.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument", {"source": watch})
+    driver.get("about:blank")
+    driver.get(page.as_uri())
+    wait_until_drawn(driver, "the page")
+    deadline, seen = time.monotonic() + 60, [2.0]
+    while all(t == int(t) for t in seen):  # whole cycles, then all moments
+        seen = driver.execute_script("return seen")
+        assert time.monotonic() < deadline, seen
+        time.sleep(0.1)
+    driver.execute_cdp_cmd("Page.removeScriptToEvaluateOnNewDocument", watching)
+    assert seen[:2] == [2, 0]
+    schemes(driver, width=680, height=460, still=True)
+    driver.get("about:blank")
+    driver.get(page.as_uri())
+    wait_until_drawn(driver, "the page")
+    assert driver.execute_script("return [repctl.time, repctl.playing]") == [2, False]
+    left, right = (pane(driver, picture_now(driver), k) for k in (0, 1))
+    assert (
+        changed(left[:, : right.shape[1]], right[:, : left.shape[1]]) > 0.01
+    )  # what one sees first
+    assert errors(driver) == []
+
+
+def every_word_is_read(driver: Any, axe: Any) -> None:
+    """No serious finding of axe-core's, no word cut, nothing beside the window."""
+    axe.inject()
+    groups = "{rules: {dlitem: {enabled: false}}}"  # since HTML 5.2 a <div> may group <dt> and <dd>
+    found = [
+        v for v in axe.run(options=groups)["violations"] if v["impact"] in ("serious", "critical")
+    ]
+    assert found == [], [(v["id"], [n["html"] for n in v["nodes"]]) for v in found]
+    assert driver.execute_script("return document.documentElement.scrollWidth <= window.innerWidth")
+    cut = driver.execute_script(
+        "return [...document.querySelectorAll('.name, .past, .tiles dd, #verdict, .card :is(h2, "
+        "p, figcaption)')]"
+        ".filter("
+        "(n) => n.scrollWidth > n.clientWidth || n.getBoundingClientRect().right > "
+        "window.innerWidth)"
+        ".map((n) => n.textContent)"
+    )
+    assert cut == []
+
+
+def labels_are_in_their_panes(driver: Any) -> None:
+    labels = driver.execute_script(
+        "return [...document.querySelectorAll('.pane')].map((p) => [p, "
+        "p.firstElementChild].map((n) => {"
+        "const r = n.getBoundingClientRect(); return [r.left, r.top, r.right, r.bottom]; }))"
+    )
+    for frame, label in np.array(labels):
+        assert (label[:2] >= frame[:2]).all() and (label[2:] <= frame[2:]).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["ppr", *(name for name in SHOWN if " " not in name)])
+def test_a_studys_page_is_whole_at_every_size(driver: Any, tmp_path: Path, name: str) -> None:
+    """A desk, a phone, a wall; light and dark: words, labels after any orbit, ghosts, and what is
+    seen first."""
+    axe = pytest.importorskip("axe_selenium_python").Axe(driver)
+    robot = Path(__file__).parents[2] / "examples" / "my_arm.urdf" if name == "my_arm" else name
+    study, page = rp.study(robot, cycles=10, steps=120, degree=1), tmp_path / "animation.html"
+    page.write_text(rp.animation(study).page, encoding="utf-8")
+    drift = study.row("pseudoinverse").motion.drift[-1]
+    for width, height in ((1400, 900), (390, 844), (3840, 2160)):
+        schemes(driver, width=width, height=height)
+        open_page(driver, page)
+        for dark in (False, True):
+            schemes(driver, width=width, height=height, dark=dark)
+            driver.execute_async_script(
+                "requestAnimationFrame(() => requestAnimationFrame(arguments[0]))"
+            )
+            driver.execute_script("repctl.seek(10)")
+            every_word_is_read(driver, axe)
+        for way in ((0.5, 0.2, 0.8), (1.5, 0, 1), (-3, 0.4, 2)):
+            driver.execute_script("repctl.turn(...arguments)", *way)
+            labels_are_in_their_panes(driver)
+        driver.execute_script("document.getElementById('view').click()")
+        ghosts_show_drift_and_nothing_else(driver, motions_of(study), (5.5,))
+        first = picture(driver, 10, traces=True)  # what it opens on
+        left, right = (pane(driver, first, k) for k in (0, 1))
+        tall, wide = np.minimum(left.shape, right.shape)[:2]
+        assert drift < 0.1 or changed(left[:tall, :wide], right[:tall, :wide]) > 0.005
+    assert errors(driver) == []
+
+
+def test_everybody_can_read_and_use_it(driver: Any, tmp_path: Path) -> None:
+    """No serious finding of axe-core's, nothing beside the window, panes of one size; in every size
+    and scheme."""
+    axe = pytest.importorskip("axe_selenium_python").Axe(driver)
+    robot = rp.Robot.load("planar3r")
+    tiles = (
+        Tile("Elbow creep in 10 cycles", "45 cm → 0"),
+        *(Tile("Joint limits", "broken in cycle 7", True),) * 3,
+    )
+    words = Verdict(
+        "The elbow creeps 45 cm in 10 cycles → 0. Joint speed +0.3 %. Limits broken in cycle 7.",
+        tiles,
+    )
+    arms = [
+        replace(arm, unit="rad and m")
+        for arm in circling(robot, np.array([0.3, 0.8, 0.8]), "xy", (0, 1))
+    ]
+    arms[1] = replace(arms[1], label="nearest repeatable")
+    open_page(driver, write(tmp_path, arms, planar=True, verdict=words))
+    driver.execute_script("repctl.seek(1.5)")
+    for (width, height), dark in itertools.product(((1400, 900), (390, 844)), (False, True)):
+        schemes(driver, width=width, height=height, dark=dark)
+        driver.execute_async_script(
+            "requestAnimationFrame(() => requestAnimationFrame(arguments[0]))"
+        )
+        every_word_is_read(driver, axe)
+        ask = "return repctl.pane(arguments[0])"
+        (a, b, wide, tall), (c, d, *same) = (driver.execute_script(ask, k) for k in (0, 1))
+        np.testing.assert_allclose(same, [wide, tall], atol=0.01)
+        assert (
+            (a == c and d > b) if width < height else (b == d and c > a)
+        )  # stacked, or side by side
+        for figure in driver.find_elements("css selector", ".card canvas"):
+            assert figure.size["width"] > 60 and figure.size["height"] > 40
+    assert errors(driver) == []

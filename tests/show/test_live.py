@@ -1,0 +1,414 @@
+"""The live view: this machine only, keys come back, strangers are refused, nothing is left behind
+however it ends."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from browser import asleep, errors, pane, picture_now, wait_until_drawn
+from commands import refused
+from page_file import Visuals
+from tornado.httpclient import HTTPClientError, HTTPRequest
+from tornado.websocket import WebSocketHandler, websocket_connect
+
+import repctl_pin as rp
+from repctl_pin.cli.terminal import until_stopped
+from repctl_pin.show.page import poses_of
+
+Q0 = np.array([0.3, 0.8, 0.8])
+
+
+@pytest.fixture(scope="module")
+def task() -> rp.Task:
+    return rp.Robot.load("planar3r").task(kind="xy")
+
+
+def port_of(url: str) -> int:
+    return int(url.rstrip("/").rpartition(":")[2])
+
+
+def is_open(port: int) -> bool:
+    with socket.socket() as probe:
+        probe.settimeout(2)
+        return probe.connect_ex(("127.0.0.1", port)) == 0
+
+
+def fetch(url: str, host: str | None = None) -> int:
+    request = urllib.request.Request(url, headers={"Host": host} if host else {})
+    try:
+        with urllib.request.build_opener(urllib.request.ProxyHandler({})).open(
+            request, timeout=10
+        ) as answer:
+            assert answer.read().startswith(b"<!DOCTYPE html>")
+            return answer.status
+    except urllib.error.HTTPError as error:
+        return error.code
+
+
+def listening(pid: int) -> set[str]:
+    """Local addresses on which a process listens, as Linux tells."""
+    links = [os.readlink(link) for link in Path(f"/proc/{pid}/fd").iterdir() if link.is_symlink()]
+    sockets = {target[8:-1] for target in links if target.startswith("socket:[")}
+    rows = [
+        line.split()
+        for table in ("tcp", "tcp6")
+        for line in Path(f"/proc/{pid}/net/{table}").read_text().splitlines()[1:]
+    ]
+    return {row[1].partition(":")[0] for row in rows if row[3] == "0A" and row[9] in sockets}
+
+
+async def connect(view: rp.Viewer, origin: str | None = None, host: str | None = None) -> Any:
+    headers = {"Origin": origin or view.url.rstrip("/"), **({"Host": host} if host else {})}
+    return await websocket_connect(
+        HTTPRequest(view.url.replace("http", "ws") + "poses", headers=headers)
+    )
+
+
+def until(true: Callable[[], Any], seconds: float = 60.0) -> None:
+    deadline = time.monotonic() + seconds
+    while not true():
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+def test_poses_arrive_and_keys_come_back(task: rp.Task) -> None:
+    first, now = [Q0, Q0], [Q0 + 0.1, np.array([0.4, 0.5, 7.0])]  # past a limit
+    loop = asyncio.new_event_loop()
+
+    async def talk(view: rp.Viewer) -> list[np.ndarray]:
+        socket = await connect(view)
+        for message in ([0, 0.01, 0], [0.02, 0, 0], [9, 0, 0], [True, 0], "nonsense"):
+            await socket.write_message(json.dumps(message))
+        await socket.write_message("no json")
+        got = []
+        for shown, before in ((first, None), (now, None), (now, now)):
+            view.show(*shown, before=before)
+            got.append(np.frombuffer(await socket.read_message(), "<f4"))
+        return got
+
+    with rp.Viewer(task, ["a", "b"]) as view:
+        told = loop.run_until_complete(talk(view))
+        until(lambda: view.offset[0])
+        np.testing.assert_allclose(view.offset, [0.02, 0.01, 0])
+        visuals = Visuals.of(task.robot)
+        for numbers, shown, before in zip(
+            told, (first, now, now), (first, first, now), strict=True
+        ):
+            expected = poses_of(visuals.placements(task.to_robot(np.array([*shown, *before]))))[
+                :, view._moving
+            ]
+            np.testing.assert_allclose(numbers[:-5], expected.ravel(), atol=1e-6)
+            drift = np.linalg.norm(np.array(shown) - before, axis=1)
+            np.testing.assert_allclose(numbers[-5:], [*drift, 0, shown is now, 0], atol=1e-6)
+        with pytest.raises(rp.InputError, match="2 controllers, but 1"):
+            view.show(Q0)
+        with pytest.raises(rp.InputError, match=f"port {port_of(view.url)}"):
+            rp.Viewer(task, ["a"], port=port_of(view.url))
+    assert not is_open(port_of(view.url))
+    view.show(*now)  # too late, and no fault
+    loop.close()
+    with pytest.raises(rp.InputError, match="names"):
+        rp.Viewer(task, "ours")
+    with pytest.raises(rp.InputError, match="70000"):
+        rp.Viewer(task, ["a"], port=70000)
+
+
+def test_the_last_poses_always_arrive(task: rp.Task, monkeypatch: pytest.MonkeyPatch) -> None:
+    """To a browser that is slow some are left out, but never the last."""
+    quick = WebSocketHandler.write_message
+
+    async def slow(self: WebSocketHandler, message: Any, binary: bool = False) -> None:
+        await asyncio.sleep(0.1)
+        await quick(self, message, binary)
+
+    monkeypatch.setattr(WebSocketHandler, "write_message", slow)
+
+    async def flood(view: rp.Viewer) -> list[float]:
+        socket, drifts = await connect(view), [0.0]
+        for k in range(100):
+            view.show(Q0 + [0, 0, 0.001 * k])
+        while drifts[-1] < 0.0989:
+            drifts.append(
+                float(np.frombuffer(await asyncio.wait_for(socket.read_message(), 20), "<f4")[-3])
+            )
+        return drifts
+
+    with rp.Viewer(task, ["a"]) as view:
+        view.show(Q0)
+        drifts = asyncio.run(flood(view))
+    assert drifts == sorted(drifts) and len(drifts) < 50
+
+
+def test_no_message_does_more_than_a_key_can(
+    task: rp.Task, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Keys move the target as far as the arm reaches; nothing prints, and the page is served as
+    before."""
+
+    async def send(view: rp.Viewer, messages: list[str | bytes]) -> None:
+        socket = await connect(view)
+        for message in messages:
+            await socket.write_message(message, binary=isinstance(message, bytes))
+        socket.close()
+
+    with rp.Viewer(task, ["a"], start=Q0) as view:
+        asyncio.run(send(view, ["[0.1, 0, -0.1]"] * 2000))
+        until(lambda: view.offset[0] == 3.0)  # three links of 1 m
+        assert view.offset.tolist() == [3.0, 0.0, -3.0]
+        for hostile in (
+            "[" * 100_000,
+            "[" * 199,
+            "9" * 199,
+            "[NaN, 0, 0]",
+            "\0",
+            b"\xff" * 1000,
+            '{"home": 1}',
+        ):
+            asyncio.run(send(view, [hostile]))
+        asyncio.run(send(view, ['"home"']))
+        until(lambda: not view.offset.any())
+        assert fetch(view.url) == 200
+    assert capfd.readouterr().err == ""
+
+
+def test_strangers_are_refused(task: rp.Task) -> None:
+    with rp.Viewer(task, ["a"]) as view:
+        port = port_of(view.url)
+        assert fetch(view.url) == 200 and fetch(view.url, host=f"localhost:{port}") == 200
+        assert (
+            fetch(view.url, host="evil.example:80") == 403 and fetch(view.url + "etc/passwd") == 404
+        )
+        for stranger in (
+            {"origin": "http://evil.example"},
+            {"host": f"evil.example:{port}"},
+            {"origin": "null"},
+        ):
+            with pytest.raises(HTTPClientError, match="403"):
+                asyncio.run(connect(view, **stranger))
+
+
+# ---- the command --------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def design(task: rp.Task, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    potentials, region = rp.Polynomial(Q0, 1, 0.3), rp.Box(Q0, 0.3)
+    found = rp.nearest_repeatable(
+        rp.Pseudoinverse(task), potentials, region, options=rp.FitOptions(samples=256, held_out=64)
+    )
+    return rp.save(found, tmp_path_factory.mktemp("live") / "design.json")
+
+
+LIVE = ("--path", "circle:0.15", "--plane", "xy", "--live")
+
+
+def test_the_command_leaves_nothing_behind(design: Path) -> None:
+    """A service manager's end, under nohup and with nobody who reads; and the worst; a browser's
+    connection open."""
+    command = [
+        sys.executable,
+        "-m",
+        "repctl_pin",
+        "animate",
+        design.name,
+        *LIVE,
+        "--json",
+        "--no-browser",
+    ]
+
+    def start() -> subprocess.Popen[str]:
+        return subprocess.Popen(
+            command,
+            cwd=design.parent,
+            env=os.environ | {"OMP_NUM_THREADS": "1"},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN),
+        )
+
+    running = {signal.SIGTERM: start(), signal.SIGKILL: start()}  # side by side
+    try:
+        for number, process in running.items():
+            assert process.stdout is not None and process.stderr is not None
+            line = process.stdout.readline()
+            assert line, process.stderr.read()
+            port = port_of(json.loads(line)["url"])
+            if Path("/proc/self/net/tcp").exists():
+                assert listening(process.pid) == {"0100007F"}  # 127.0.0.1, and nothing else
+            process.stdout.close()
+            with socket.create_connection(("127.0.0.1", port)):
+                process.send_signal(signal.SIGHUP)
+                assert fetch(f"http://127.0.0.1:{port}/") == 200
+                process.send_signal(number)
+                assert process.wait(timeout=20) == (0 if number == signal.SIGTERM else -number)
+                assert process.stderr.read() == ""
+            assert not is_open(port)
+    finally:
+        for process in running.values():
+            process.kill()
+            process.wait()
+    assert [p.name for p in design.parent.iterdir()] == ["design.json"]  # live writes no files
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="terminals are POSIX's")
+def test_nothing_is_left_when_its_terminal_is_closed(design: Path) -> None:
+    """A terminal of its own: when the window goes, its shell's programs are hung up on."""
+    import fcntl
+    import termios
+
+    def hung_up_on() -> None:
+        signal.signal(signal.SIGHUP, signal.SIG_DFL)  # under nohup it would be ignored
+        fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+
+    window, terminal = os.openpty()
+    process = subprocess.Popen(
+        [
+            sys.executable,
+            "-m",
+            "repctl_pin",
+            "animate",
+            design.name,
+            *LIVE,
+            "--json",
+            "--no-browser",
+        ],
+        cwd=design.parent,
+        env=os.environ | {"OMP_NUM_THREADS": "1"},
+        stdin=terminal,
+        stdout=subprocess.PIPE,
+        stderr=terminal,
+        text=True,
+        start_new_session=True,
+        preexec_fn=hung_up_on,
+    )
+    try:
+        os.close(terminal)
+        assert process.stdout is not None
+        port = port_of(json.loads(process.stdout.readline())["url"])
+        assert fetch(f"http://127.0.0.1:{port}/") == 200
+        os.close(window)
+        assert process.wait(timeout=20) == 0
+        assert not is_open(port)
+    finally:
+        process.kill()
+        process.wait()
+
+
+@pytest.mark.parametrize(
+    "number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP], ids=lambda n: n.name
+)
+def test_ctrl_c_and_a_closed_terminal_end_the_loop(number: signal.Signals) -> None:
+    before = signal.signal(number, signal.SIG_DFL)
+    try:
+        with until_stopped() as stop:
+            assert not stop.is_set()
+            signal.raise_signal(number)
+            signal.raise_signal(number)  # twice is once
+            assert stop.wait(1)
+        assert signal.getsignal(number) == signal.SIG_DFL
+    finally:
+        signal.signal(number, before)
+
+
+def test_what_does_not_go_with_live_is_refused(
+    design: Path, task: rp.Task, tmp_path: Path, monkeypatch, capsys
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for option in (["--motion", "m.csv"], ["--out", "there"], ["--cycles", "3"]):
+        assert f"leave {option[0]} out" in refused(capsys, "animate", "ppr", "--live", *option)
+    with rp.Viewer(task, ["a"]) as view:
+        port = str(port_of(view.url))
+        assert f"port {port}" in refused(capsys, "animate", str(design), *LIVE, "--port", port)
+    os.mkfifo(tmp_path / "motion.csv")  # nobody writes to it: reading it would last for ever
+    assert "a device or a pipe" in refused(capsys, "animate", "ppr", "--motion", "motion.csv")
+    assert [p.name for p in tmp_path.iterdir()] == ["motion.csv"]
+
+
+def test_a_real_browser_follows_the_loop(task: rp.Task, driver: Any) -> None:
+    from selenium.webdriver.common.keys import Keys
+
+    path = rp.circle(task, Q0, 0.15)
+    with rp.Viewer(task, ["J⁺", "ours"], path=path, start=Q0) as view:
+        view.show(Q0, Q0)
+        driver.get(view.url)
+        wait_until_drawn(driver, "the live page")
+        until(lambda: driver.execute_script("return repctl.received"))
+        before = picture_now(driver)
+        view.show(Q0, Q0 + [0.6, -0.6, -0.5])
+        until(lambda: driver.execute_script("return repctl.received") > 1)
+        after = picture_now(driver)
+        same, moved = (
+            np.mean(np.abs(pane(driver, before, k) - pane(driver, after, k)).max(-1) > 8)
+            for k in (0, 1)
+        )
+        assert same < 0.0005 and moved > 0.01
+        said = [note.text for note in driver.find_elements("class name", "past")]
+        assert said == ["0 rad off cycle 1", "0.985 rad off cycle 1"]
+        view.show(Q0, Q0, out_of_reach=True)
+        until(lambda: driver.execute_script("return repctl.received") > 2)
+        said = [note.text for note in driver.find_elements("class name", "past")]
+        assert said == ["0 rad off cycle 1, target out of reach"] * 2
+        body = driver.find_element("tag name", "body")
+        for key, offset in (  # as it is seen from above
+            (Keys.ARROW_UP, [0, 0.01, 0]),
+            (Keys.ARROW_RIGHT, [0.01, 0.01, 0]),
+            (Keys.ARROW_LEFT, [0, 0.01, 0]),
+            (Keys.ARROW_DOWN, [0, 0, 0]),
+            (Keys.PAGE_DOWN, [0, 0, 0.01]),
+            (Keys.HOME, [0, 0, 0]),
+        ):
+            body.send_keys(key)
+            until(lambda want=offset: np.allclose(view.offset, want))
+        assert errors(driver) == []
+        # a page from elsewhere, in the same browser, does not get in
+        driver.get("data:text/html,<p>elsewhere")
+        assert driver.execute_async_script(
+            "const done = arguments[1], s = new WebSocket(arguments[0]);"
+            "s.onopen = () => done('open'); s.onerror = () => done('refused')",
+            view.url.replace("http", "ws") + "poses",
+        ) == "refused"  # fmt: skip
+
+
+def test_two_pandas_leave_time_for_sixty_pictures_a_second(
+    panda_pose: rp.Task, q_panda: Any, driver: Any
+) -> None:
+    """All that a picture takes but the graphics card's part: Python's, and the page's own."""
+    timed = (
+        "window.frames_ = new Map(); const ask = window.requestAnimationFrame;"
+        "window.requestAnimationFrame = (f) => ask((t) => { const start = performance.now(); f(t);"
+        "frames_.set(t, (frames_.get(t) || 0) + performance.now() - start); });"
+    )
+    ways = (q_panda, q_panda + 0.3 * np.sin(np.arange(7)))
+    with rp.Viewer(panda_pose, ["J⁺", "ours"], start=q_panda) as view:
+        view.show(*ways)
+        with asleep(driver, timed):
+            driver.get(view.url)
+            wait_until_drawn(driver, "the live page")
+        until(lambda: driver.execute_script("return repctl.received"))
+        driver.execute_script("frames_.clear(); window.before = repctl.received")
+        spent = []
+        for k in range(90):
+            start = time.perf_counter()
+            view.show(*(q + 0.1 * np.sin(0.1 * k) for q in ways))
+            spent.append(time.perf_counter() - start)
+            time.sleep(max(0.0, 1 / 60 - spent[-1]))
+        pictures = driver.execute_script("return [...frames_.values()]")
+        assert driver.execute_script("return repctl.received - before") > 10
+        assert np.median(spent) < 1 / 60
+        assert np.median(pictures) < 1000 / 60, "ms"  # of JavaScript
+        assert errors(driver) == []

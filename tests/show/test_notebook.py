@@ -1,0 +1,189 @@
+"""A notebook: executed by a real kernel, exported, and looked at in a real browser."""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from browser import changed, errors, picture, schemes, wait_until_drawn
+from page_file import Visuals
+
+import repctl_pin as rp
+from repctl_pin.show.notebook import inline
+from repctl_pin.show.plots import drawn, drift_figure, joints_figure
+from repctl_pin.show.text import drift_words, joints_words, study_table
+
+SETTING = {"cycles": 2, "degree": 1, "steps": 60}
+
+CELLS = (
+    "import repctl_pin as rp\nfrom repctl_pin.show.notebook import inline",
+    f"study = rp.study('ppr', **{SETTING})",
+    "inline(study, height=500)",
+    "from repctl_pin.show.plots.motions import drawn, drift_figure, drift_over_cycles",
+    "inline(drift_figure(drawn(study), 'Drift'))",
+    "import matplotlib.pyplot as plt\nax = drift_over_cycles(plt.figure().add_subplot(), "
+    "drawn(study))",
+)
+
+
+def test_results_print_in_words() -> None:
+    """As a cell shows them, in one line: what it is, and the numbers that are asked for first."""
+    panda, arm = rp.Robot.load("panda").task(), rp.Robot.load("planar3r").task("tool", "xy")
+    bodies, q0 = rp.Bodies(panda), np.array([0.3, 0.8, 0.8])
+    counts = f"{len(bodies.pairs)} pairs measured, {len(bodies.only_contact)} for collisions only"
+    left_out = f"{len(bodies.adjacent)} adjacent, 0 disabled by the SRDF, 0 overlapping"
+    assert (
+        repr(bodies) == f"<Bodies of panda: {counts}; not checked: {left_out}>"
+        and len(bodies.pairs) > 10
+    )
+    control = rp.Pseudoinverse(arm)
+    verdict = rp.is_repeatable(control, rp.Box(q0, 0.2))
+    assert repr(verdict) == f"<Repeatability: {verdict.summary()}>"
+    timed = rp.timed(
+        rp.follow(control, rp.circle(arm, q0, 0.2), q0, cycles=1, steps=60),
+        acceleration=5.0,
+        rate=100,
+    )
+    lasts = f"{timed.duration:.4g} s from rest to rest, {len(timed.t)} samples"
+    said = f"<TimedMotion of 3 joints: {lasts}>"
+    assert repr(timed) == said and abs(len(timed.t) / 100 - timed.duration) < 0.05
+
+
+@pytest.fixture(scope="module")
+def study() -> rp.Study:
+    return rp.study("ppr", **SETTING)
+
+
+@pytest.fixture(scope="module")
+def notebook(tmp_path_factory: pytest.TempPathFactory) -> Any:
+    """The notebook after a kernel of this Python has run it, outputs and all."""
+    from nbclient import NotebookClient
+    from nbformat import v4
+
+    folder = tmp_path_factory.mktemp("notebook")
+    with pytest.MonkeyPatch.context() as patch:
+        for name in ("JUPYTER_CONFIG_DIR", "JUPYTER_DATA_DIR", "JUPYTER_RUNTIME_DIR", "IPYTHONDIR"):
+            patch.setenv(name, str(folder / name.lower()))  # nobody's own settings
+        cells = [v4.new_code_cell(source) for source in CELLS]
+        book = v4.new_notebook(cells=cells)
+        return NotebookClient(book, kernel_name="python3", timeout=120).execute(cwd=str(folder))
+
+
+def shown(cell: Any) -> Any:
+    """What a cell shows: its one output's data, by MIME type."""
+    (output,) = [
+        output for output in cell.outputs if output.output_type != "stream"
+    ]  # Python's own warnings
+    return output.data
+
+
+def pictures(text: str) -> list[np.ndarray]:
+    from PIL import Image
+
+    held = re.findall(r'src="data:image/png;base64,([^"]*)"', text)
+    return [
+        np.asarray(Image.open(io.BytesIO(base64.b64decode(data))).convert("RGB"), np.int16)
+        for data in held
+    ]
+
+
+def drawing(figure: Any) -> np.ndarray:
+    """A figure's picture, 192 pixels an inch, as matplotlib's own canvas holds it."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    figure.set_dpi(192)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    return np.asarray(canvas.buffer_rgba())[..., :3].astype(np.int16)
+
+
+def test_a_cell_holds_the_page_the_table_and_the_figures(study: rp.Study) -> None:
+    cell = inline(study, height=500)
+    text = cell._repr_html_()
+    held = re.search(r'srcdoc="([^"]*)"', text)
+    assert held is not None and html.unescape(held[1]) == rp.animation(study).page
+    assert "height: 500px" in text
+    told = re.search(r"<pre[^>]*>(.*?)</pre>", text, re.DOTALL)
+    assert told is not None and html.unescape(told[1]) == repr(cell) == study_table(study)
+    words = [html.unescape(alt) for alt in re.findall('alt="([^"]*)"', text)]
+    assert words == [drift_words(study), joints_words(study)]
+    for image, figure in zip(pictures(text), (drift_figure, joints_figure), strict=True):
+        np.testing.assert_array_equal(image, drawing(figure(drawn(study), "")))
+
+
+def test_a_figure_and_a_page_are_shown_too(study: rp.Study) -> None:
+    (image,) = pictures(inline(drift_figure(drawn(study), "Drift"))._repr_html_())
+    np.testing.assert_array_equal(image, drawing(drift_figure(drawn(study), "Drift")))
+    page = inline('<p title="x">&amp;</p>')
+    held = re.search(r'srcdoc="([^"]*)"', page._repr_html_())
+    assert held is not None and html.unescape(held[1]) == '<p title="x">&amp;</p>'
+    assert repr(page) == "<page of 0.0 MB>"
+
+
+def test_what_cannot_be_shown_is_said(study: rp.Study) -> None:
+    with pytest.raises(rp.InputError, match="a study, a figure or a page.*got Design"):
+        inline(study.design)  # type: ignore[arg-type]
+
+
+def test_a_kernel_shows_the_scene_and_the_figures(notebook: Any, study: rp.Study) -> None:
+    scene, figure, of_pyplot = (notebook.cells[k] for k in (2, 4, 5))
+    assert shown(scene) == {
+        "text/html": inline(study, height=500).html,
+        "text/plain": study_table(study),
+    }
+    (image,) = pictures(shown(figure)["text/html"])
+    np.testing.assert_array_equal(image, drawing(drift_figure(drawn(study), "Drift")))
+    assert shown(of_pyplot)["image/png"]  # as any of pyplot's figures
+    assert not any(notebook.cells[k].outputs for k in (0, 1, 3))  # nothing is printed
+
+
+def test_the_exported_notebook_plays_in_a_browser(
+    notebook: Any, tmp_path: Path, driver: Any
+) -> None:
+    from nbconvert import HTMLExporter
+    from selenium.webdriver import ActionChains
+
+    exporter = HTMLExporter(
+        mathjax_url="", require_js_url="", jquery_url=""
+    )  # nothing of its own from a network
+    file = tmp_path / "notebook.html"
+    file.write_text(exporter.from_notebook_node(notebook)[0], encoding="utf-8")
+    schemes(driver, width=1100, height=600)
+    driver.get(file.as_uri())
+    (frame,) = driver.find_elements("tag name", "iframe")
+    assert frame.size["height"] == 500 and frame.size["width"] > 800
+    for image in driver.find_elements("css selector", "img[src^='data:image/png']"):
+        assert 0 < image.size["width"] <= frame.size["width"]
+    driver.execute_script("arguments[0].scrollIntoView({ block: 'center' })", frame)
+    driver.switch_to.frame(frame)
+    wait_until_drawn(driver, "the cell")
+    assert driver.execute_script("return repctl.playing")
+    driver.execute_script("repctl.pause()")
+    # the wheel scrolls the notebook, unless the picture has the focus
+    wheel = (
+        "const w = new WheelEvent('wheel', { deltaY: 100, cancelable: true, bubbles: true });"
+        "repctl.viewer.renderer.domElement.dispatchEvent(w); return w.defaultPrevented"
+    )
+    assert not driver.execute_script(wheel)
+    ActionChains(driver).click(driver.find_element("id", "picture")).perform()
+    assert (
+        driver.execute_script("return document.hasFocus() && document.activeElement.id") == "panes"
+    )
+    assert driver.execute_script(wheel)
+    driver.execute_script("document.activeElement.blur()")
+    assert not driver.execute_script(wheel)
+    count = len(Visuals.of(rp.Robot.load("ppr")).shapes)
+    assert driver.execute_script("return [repctl.meshes(0), repctl.meshes(1)]") == [count, count]
+    assert changed(picture(driver, 0), picture(driver, 0.25)) > 0.004
+    assert driver.execute_script(
+        "try { return String(parent.document.title) } catch (e) { return e.name }"
+    ) == (
+        "SecurityError"  # the page cannot reach the notebook
+    )
+    assert errors(driver) == []

@@ -1,0 +1,215 @@
+"""The report: valid, complete, self-contained, and whole on paper."""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from browser import errors, schemes, wait_until_drawn
+from PIL import Image
+
+import repctl_pin as rp
+from repctl_pin.cli import main
+from repctl_pin.show.report import report_page, versions
+from repctl_pin.show.text import GLOSSARY, amount, number, study_verdict, summary
+from repctl_pin.studies.study_maps import study_maps
+
+COMMAND = "repctl study planar3r --cycles 2 --out 'my <folder>' --report"
+
+
+class Tags(HTMLParser):
+    """Collects every start tag with its attributes."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.feed(page)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+
+    def all(self, name: str) -> list[dict[str, str | None]]:
+        return [attributes for tag, attributes in self.tags if tag == name]
+
+
+@pytest.fixture(scope="module")
+def study() -> rp.Study:
+    return rp.study("planar3r", cycles=2, steps=100)
+
+
+@pytest.fixture(scope="module")
+def page(study: rp.Study) -> str:
+    return report_page(
+        study,
+        maps=study_maps(study, points=9),
+        options={"seed": 0, "frame": None, "cycles": 2},
+        command=COMMAND,
+    )
+
+
+def shortened(page: str) -> str:
+    """The page with the base64 in it cut short, which a parser need not read letter by letter."""
+    return re.sub(r"[A-Za-z0-9+/=]{2000,}", "AAAA", page)
+
+
+def test_it_is_valid_html_and_so_is_the_animation_inside(page: str) -> None:
+    html5lib = pytest.importorskip("html5lib")
+    (frame,) = Tags(page).all("iframe")
+    for text in (page, frame["srcdoc"]):
+        html5lib.HTMLParser(strict=True).parse(shortened(text))  # raises where there is an error
+        ids = re.findall(
+            r'\sid="([^"]+)"', re.sub(r"(?s)<script>.*?</script>|srcdoc=\"[^\"]*\"", "", text)
+        )
+        assert len(ids) == len(set(ids))
+
+
+def test_every_picture_has_words_and_is_a_picture(page: str) -> None:
+    images = Tags(page).all("img")
+    assert len(images) == 6  # still, drift, joints, orbits, cycle, maps
+    for image in images:
+        assert len(image["alt"]) > 60 and "nan" not in image["alt"]
+        kind, _, data = image["src"].partition(",")
+        assert kind == "data:image/png;base64"
+        picture = Image.open(io.BytesIO(base64.b64decode(data)))
+        assert picture.size == (int(image["width"]), int(image["height"]))
+        assert np.ptp(np.asarray(picture.convert("L"))) > 200
+    assert len({image["alt"] for image in images}) == 6
+    (frame,) = Tags(page).all("iframe")
+    assert frame["title"].startswith("Animation")
+
+
+def test_it_asks_nothing_of_a_network(page: str, study: rp.Study) -> None:
+    (frame,) = Tags(page).all("iframe")
+    assert frame["srcdoc"] == rp.animation(study).page.replace("<body>", '<body class="inside">')
+    for tag, attributes in Tags(page).tags:
+        for name in ("src", "href"):
+            assert attributes.get(name, "data:").startswith("data:"), (tag, attributes)
+    assert "url(" not in page.replace(html.escape(frame["srcdoc"], quote=True), "")
+
+
+def test_it_says_what_was_found_and_how_to_repeat_it(page: str, study: rp.Study) -> None:
+    text = html.unescape(page)
+    for sentence in summary(study):
+        assert sentence in text
+    plain, closed = study.row("pseudoinverse").motion, study.row("repeatable").motion
+    assert (
+        f"{plain.drift[-1]:.3g} rad after {plain.cycles} (the norm over all joints)"
+        in summary(study)[1]
+    )
+    assert amount(closed, -1) in summary(study)[2]
+    assert f"<code>{COMMAND}</code>" in text
+    assert study_verdict(study).sentence in text
+    for tile in study_verdict(study).tiles:
+        assert f"<dt>{tile.name}</dt><dd>{tile.value}</dd>" in text
+    folded = text[text.index("<details>") :]  # what the command does not name
+    assert (
+        "<dt>seed</dt>" in folded and "<dt>cycles</dt><dd>2</dd>" in text[: text.index("<details>")]
+    )
+    assert f"<dd>{', '.join(f'{v:.10g}' for v in study.q0)}</dd>" in text
+    for name, edition in versions().items():
+        assert f"<dt>{name}</dt><dd>{edition}</dd>" in text
+    assert versions()["numpy"] == np.__version__ and versions()["repctl_pin"] == rp.__version__
+    assert (
+        "<dt>seed</dt><dd>0</dd>" in text and "<dt>frame</dt><dd>chosen by the study</dd>" in text
+    )
+    rows = re.findall(r"<tr>(.*?)</tr>", page)
+    assert len(rows) == 13 and f"cycles, rad</th><td>{number(plain.drift[-1])}</td>" in rows[2]
+
+
+def test_a_strategy_that_is_stuck_is_said(study: rp.Study) -> None:
+    from dataclasses import replace
+
+    rows = list(study.rows)
+    rows[0] = replace(rows[0], motion=None, stopped="J loses rank <here>")
+    stuck = report_page(replace(study, rows=tuple(rows)), animation="")
+    assert "J⁺ stopped: J loses rank &lt;here&gt;." in stuck
+    assert "nan" not in "".join(summary(replace(study, rows=tuple(rows))))
+
+
+def test_the_price_is_the_first_cycles(study: rp.Study) -> None:
+    plain, closed = (study.row(key).motion for key in ("pseudoinverse", "repeatable"))
+    least, own = (np.sqrt(np.mean(np.sum(m.qdot[:100] ** 2, axis=1))) for m in (plain, closed))
+    assert f"extra joint speed (rms) is {own / least - 1:+.1%}" in summary(study)[2]
+
+
+def test_the_command_writes_it_for_ones_own_arm(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    import hashlib
+    import json
+
+    monkeypatch.chdir(tmp_path)
+    urdf = (Path(__file__).parents[2] / "urdf" / "planar3r.urdf").read_text(encoding="utf-8")
+    (tmp_path / "my_arm.urdf").write_text(urdf, encoding="utf-8")
+    arguments = [
+        "study",
+        "my_arm.urdf",
+        "--cycles",
+        "2",
+        "--steps",
+        "60",
+        "--degree",
+        "1",
+        "--report",
+    ]
+    assert main([*arguments, "--json"]) == 0
+    written = json.loads(capsys.readouterr().out)["files"]
+    assert written[-1] == "repctl-out/my_arm/report.html" and len(written) == 6
+    text = html.unescape(Path(written[-1]).read_text(encoding="utf-8"))
+    assert f"<code>repctl {' '.join(arguments)} --json</code>" in text
+    for option, value in (("cycles", "2"), ("steps", "60"), ("degree", "1"), ("seed", "0")):
+        assert f"<dt>{option}</dt><dd>{value}</dd>" in text
+    assert hashlib.sha256(urdf.encode()).hexdigest() in text
+    assert len(Tags(text).all("img")) >= 6
+
+
+def test_it_plays_offline_and_no_figure_is_cut_on_paper(
+    page: str, tmp_path: Path, driver: Any
+) -> None:
+    """Each picture is on one page of the PDF, inside its margins, as wide against its height as it
+    was drawn."""
+    pdfium = pytest.importorskip("pypdfium2")
+    source = tmp_path / "report.html"
+    source.write_text(page, encoding="utf-8")
+    schemes(driver, width=1000, height=600)
+    driver.get(source.as_uri())
+    driver.switch_to.frame(driver.find_element("tag name", "iframe"))
+    wait_until_drawn(driver, "the report's animation")
+    assert driver.execute_script("return repctl.playing") and errors(driver) == []
+    driver.execute_script("repctl.pause()")
+    driver.switch_to.default_content()
+    assert driver.execute_script(
+        "return [...document.images].every((i) => i.complete && i.naturalWidth > 100)"
+    )
+    assert driver.execute_script("return document.documentElement.scrollWidth <= window.innerWidth")
+    printed = driver.execute_cdp_cmd(
+        "Page.printToPDF", {"preferCSSPageSize": True, "printBackground": True}
+    )
+    found = []
+    for sheet in pdfium.PdfDocument(base64.b64decode(printed["data"])):
+        width, height = sheet.get_size()
+        for thing in sheet.get_objects():
+            if thing.type == 3:  # an image
+                left, bottom, right, top = thing.get_bounds()
+                assert 40 < left < right < width - 40 and 40 < bottom < top < height - 40
+                found.append((right - left) / (top - bottom))
+    drawn = [int(image["width"]) / int(image["height"]) for image in Tags(page).all("img")]
+    url = driver.execute_script("return document.querySelector('.still canvas').toDataURL()")
+    rendered = Image.open(io.BytesIO(base64.b64decode(url.partition(",")[2]))).convert("RGB")
+    pixels = np.asarray(rendered, float)  # what the animation draws, on white
+    assert (pixels[-1, 0] == 255).all() and np.ptp(pixels) > 150 and (pixels < 250).mean() > 0.01
+    np.testing.assert_allclose(found, [rendered.width / rendered.height, *drawn[1:]], rtol=0.01)
+
+
+def test_what_the_report_speaks_of_is_explained(page: str) -> None:
+    for word in GLOSSARY:
+        assert f"<dt>{word}</dt>" in page
+    for said in ("repeatable", "drift", "Ω", "leaf margin", "redundant"):
+        assert said in GLOSSARY

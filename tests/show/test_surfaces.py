@@ -1,0 +1,240 @@
+"""Mesh files as triangles: against geometry that is known, and against Pinocchio's own reader."""
+
+from __future__ import annotations
+
+import os
+import struct
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from page_file import Visuals
+
+import repctl_pin as rp
+from repctl_pin.errors import InputError
+from repctl_pin.show.page import MOST_BYTES, read_surface, smooth
+from repctl_pin.show.page.surfaces import grouped
+
+
+def sphere(n: int = 40) -> np.ndarray:
+    """Triangles (F, 3, 3) of a fine unit sphere, outward."""
+    polar, turn = np.meshgrid(
+        np.linspace(0, np.pi, n), np.linspace(0, 2 * np.pi, 2 * n), indexing="ij"
+    )
+    P = np.stack([np.sin(polar) * np.cos(turn), np.sin(polar) * np.sin(turn), np.cos(polar)], -1)
+    a, b, c, d = P[:-1, :-1], P[:-1, 1:], P[1:, :-1], P[1:, 1:]
+    return np.concatenate(
+        [np.stack([a, c, b], 2).reshape(-1, 3, 3), np.stack([b, c, d], 2).reshape(-1, 3, 3)]
+    )
+
+
+def write_stl(path: Path, triangles: np.ndarray) -> None:
+    record = np.zeros(
+        len(triangles), [("normal", "<f4", 3), ("points", "<f4", (3, 3)), ("extra", "<u2")]
+    )
+    record["points"] = triangles
+    path.write_bytes(bytes(80) + struct.pack("<I", len(triangles)) + record.tobytes())
+
+
+def cube() -> np.ndarray:
+    """Triangles (12, 3, 3) of a unit cube round the origin, outward."""
+    faces = []
+    for axis in range(3):
+        for side in (-0.5, 0.5):
+            u, v = np.eye(3)[(axis + 1) % 3] / 2, np.eye(3)[(axis + 2) % 3] / 2
+            centre = side * np.eye(3)[axis]
+            a, b, c, d = centre - u - v, centre + u - v, centre + u + v, centre - u + v
+            faces += [[a, b, c], [a, c, d]] if side > 0 else [[a, c, b], [a, d, c]]
+    return np.array(faces)
+
+
+def test_round_surfaces_are_smooth_and_edges_sharp(tmp_path: Path) -> None:
+    write_stl(tmp_path / "ball.stl", sphere())  # its normals are zero, as in many files
+    ball = read_surface(tmp_path / "ball.stl")
+    radial = ball.points / np.linalg.norm(ball.points, axis=1, keepdims=True)
+    assert np.einsum("ij,ij->i", ball.normals, radial).min() > np.cos(np.deg2rad(6))
+    write_stl(tmp_path / "cube.stl", cube())
+    box = read_surface(tmp_path / "cube.stl")
+    assert len(box.points) == 24  # each corner once a face
+    triangles = box.points[box.faces]
+    flat = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    flat /= np.linalg.norm(flat, axis=1, keepdims=True)
+    np.testing.assert_allclose(box.normals[box.faces], np.repeat(flat[:, None], 3, 1), atol=1e-9)
+
+
+def test_smooth_weighs_faces_by_area() -> None:
+    # two faces round one edge, 30° apart, one of them twice as long
+    t = np.deg2rad(30)
+    a, b = np.zeros(3), np.array([0.0, 1, 0])
+    left, right = np.array([-2.0, 0, 0]), np.array([np.cos(t), 0, -np.sin(t)])
+    corners = np.array([left, a, b, a, right, b])
+    flat = np.array([np.cross(a - left, b - left), np.cross(right - a, b - a)])
+    mean = flat.sum(0) / np.linalg.norm(flat.sum(0))
+    normals = smooth(corners, flat)
+    np.testing.assert_allclose(normals[[1, 2, 3, 5]], np.tile(mean, (4, 1)), atol=1e-12)
+    np.testing.assert_allclose(normals[0], [0, 0, 1], atol=1e-12)
+    np.testing.assert_allclose(normals[4], flat[1], atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5", "baxter", "kinova", "talos"])
+def test_surfaces_are_as_large_as_pinocchios(name: str) -> None:
+    import coal
+
+    paths = {s.path for s in Visuals.of(rp.Robot.load(name)).shapes if s.path}
+    for path in sorted(paths, key=lambda p: p.stat().st_size)[:6]:
+        mesh = coal.MeshLoader().load(str(path), np.ones(3))
+        mesh.computeLocalAABB()
+        surface = read_surface(path)
+        used = surface.points[np.unique(surface.faces)]
+        size = np.abs(mesh.aabb_local.max_ - mesh.aabb_local.min_).max()
+        np.testing.assert_allclose(
+            used.min(0), mesh.aabb_local.min_, atol=1e-4 * size, err_msg=path.name
+        )
+        np.testing.assert_allclose(
+            used.max(0), mesh.aabb_local.max_, atol=1e-4 * size, err_msg=path.name
+        )
+
+
+DAE = """<?xml version="1.0"?>
+<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
+<asset><unit name="centimeter" meter="0.01"/><up_axis>Y_UP</up_axis></asset>
+<library_images><image id="i"><init_from>paint.png</init_from></image></library_images>
+<library_effects><effect id="red"><profile_COMMON><technique sid="c"><phong><diffuse>
+<color>1 0 0 1</color></diffuse>
+</phong></technique></profile_COMMON></effect>
+<effect id="pic"><profile_COMMON><newparam sid="s"><surface type="2D"><init_from>i</init_from>
+</surface></newparam>
+<newparam sid="t"><sampler2D><source>s</source></sampler2D></newparam><technique sid="c"><phong>
+<diffuse>
+<texture texture="t" texcoord="UV"/></diffuse></phong></technique></profile_COMMON></effect>
+</library_effects>
+<library_materials><material id="mr"><instance_effect url="#red"/></material>
+<material id="mp"><instance_effect url="#pic"/></material></library_materials>
+<library_geometries><geometry id="g"><mesh>
+<source id="p"><float_array id="pa" count="12">0 0 0 100 0 0 100 200 0 0 200 0</float_array>
+<technique_common>
+<accessor source="#pa" count="4" stride="3"><param name="X" type="float"/>
+<param name="Y" type="float"/>
+<param name="Z" type="float"/></accessor></technique_common></source>
+<source id="u"><float_array id="ua" count="8">0 0 1 0 1 1 0 1</float_array><technique_common>
+<accessor source="#ua" count="4" stride="2"><param name="S" type="float"/>
+<param name="T" type="float"/></accessor>
+</technique_common></source><vertices id="v"><input semantic="POSITION" source="#p"/></vertices>
+<triangles material="a" count="1"><input semantic="VERTEX" source="#v" offset="0"/><p>0 1 2</p>
+</triangles>
+<triangles material="b" count="1"><input semantic="VERTEX" source="#v" offset="0"/>
+<input semantic="TEXCOORD" source="#u" offset="1" set="0"/><p>0 0 2 2 3 3</p></triangles>
+</mesh></geometry></library_geometries>
+<library_visual_scenes><visual_scene id="s"><node><translate>0 0 50</translate>
+<instance_geometry url="#g"><bind_material>
+<technique_common><instance_material symbol="a" target="#mr"/>
+<instance_material symbol="b" target="#mp"/>
+</technique_common></bind_material></instance_geometry></node></visual_scene></library_visual_scenes>
+<scene><instance_visual_scene url="#s"/></scene></COLLADA>"""
+
+
+def test_collada_units_colours_and_textures(tmp_path: Path) -> None:
+    from PIL import Image
+
+    Image.new("RGB", (8, 8), (0, 200, 0)).save(tmp_path / "paint.png")
+    (tmp_path / "two.dae").write_text(DAE)
+    surface = read_surface(tmp_path / "two.dae")
+    # a plate of 1 m × 2 m, lifted by 0.5 m; up_axis is not obeyed, as nowhere in ROS
+    np.testing.assert_allclose(surface.points.min(0), [0, 0, 0.5], atol=1e-4)
+    np.testing.assert_allclose(surface.points.max(0), [1, 2, 0.5], atol=1e-4)
+    by_texture = {image is not None: (start, count) for start, count, image in surface.groups}
+    assert len(surface.groups) == 2
+    start, count = by_texture[False]
+    red = surface.faces.ravel()[start : start + count]
+    np.testing.assert_allclose(surface.colors[red], np.tile([1.0, 0, 0], (3, 1)), atol=1e-9)
+    start, count = by_texture[True]
+    painted = surface.faces.ravel()[start : start + count]
+    assert surface.uv is not None
+    np.testing.assert_allclose(surface.uv[painted], surface.points[painted, :2] / [1, 2], atol=1e-4)
+
+
+def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
+    bad = tmp_path / "bad.dae"
+    bad.write_text("<COLLADA><broken")
+    with pytest.raises(InputError, match=r"bad\.dae cannot be read"):
+        read_surface(bad)
+    empty = tmp_path / "empty.stl"
+    write_stl(empty, np.zeros((0, 3, 3)))
+    with pytest.raises(InputError, match=r"empty\.stl"):
+        read_surface(empty)
+
+
+def test_odd_meshes_are_one_line_each(tmp_path: Path) -> None:
+    """Infinite corners, units that are none, archives, pipes beside them, sizes that cannot be
+    drawn."""
+    infinite = cube()
+    infinite[0, 0, 0] = np.inf
+    write_stl(tmp_path / "infinite.stl", infinite)
+    for meter in ("nan", "0", "-1", "inf", "one"):
+        (tmp_path / f"unit_{meter}.dae").write_text(DAE.replace('meter="0.01"', f'meter="{meter}"'))
+    with zipfile.ZipFile(tmp_path / "mesh.zip", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("m.stl", bytes(10_000_000))
+    (tmp_path / "huge.stl").write_bytes(b"")
+    os.truncate(tmp_path / "huge.stl", MOST_BYTES + 1)
+    os.mkfifo(tmp_path / "pipe.stl")
+    expected = {
+        "infinite.stl": "not finite",
+        "mesh.zip": "not one of",
+        "huge.stl": "larger than 50 MB",
+    }
+    expected |= {"pipe.stl": "not a regular file"}
+    expected |= {f"unit_{meter}.dae": "its unit is" for meter in ("nan", "0", "-1", "inf", "one")}
+    for name, words in expected.items():
+        with pytest.raises(InputError, match=words) as caught:
+            read_surface(tmp_path / name)
+        assert str(caught.value).startswith(f"mesh {tmp_path / name} ")
+
+
+def test_a_pipe_that_a_mesh_names_is_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.mtl")
+    (tmp_path / "m.obj").write_text(
+        "mtllib pipe.mtl\nusemtl a\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
+    )
+    assert len(read_surface(tmp_path / "m.obj").faces) == 1
+
+
+def test_a_decimal_comma_in_a_unit_is_read(tmp_path: Path) -> None:
+    (tmp_path / "comma.dae").write_text(DAE.replace('meter="0.01"', 'meter="0,01"'))
+    (tmp_path / "point.dae").write_text(DAE)
+    comma, point = (read_surface(tmp_path / f"{name}.dae").points for name in ("comma", "point"))
+    np.testing.assert_array_equal(comma, point)
+
+
+def test_too_many_triangles_are_left_out(tmp_path: Path) -> None:
+    write_stl(tmp_path / "cube.stl", cube())
+    with pytest.raises(InputError, match="over 11 triangles"):
+        read_surface(tmp_path / "cube.stl", 11)
+    assert len(read_surface(tmp_path / "cube.stl", 12).faces) == 12
+
+
+def test_equal_rows_are_grouped_in_their_first_order() -> None:
+    rng = np.random.default_rng(0)
+    for columns, largest in ((1, 3), (3, 4), (11, 2), (3, 2**40)):
+        rows = rng.integers(-largest, largest, (500, columns))
+        order, starts = grouped(rows)
+        assert sorted(order) == list(range(500))
+        groups = np.split(order, starts[1:])
+        distinct = np.unique(rows, axis=0)
+        assert len(groups) == len(distinct)
+        for group in groups:
+            assert (rows[group] == rows[group[0]]).all() and (np.diff(group) > 0).all()
+    order, starts = grouped(np.empty((0, 3), np.int64))
+    assert len(order) == len(starts) == 0
+
+
+def test_rows_that_share_a_hash_are_still_told_apart(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Constant:
+        def integers(self, *args: object, size: int, dtype: type) -> np.ndarray:
+            return np.zeros(size, dtype)  # the sum of the columns
+
+    monkeypatch.setattr(np.random, "default_rng", lambda seed: Constant())
+    rows = np.array([[1, 2], [2, 1], [1, 2], [0, 3], [2, 1]])
+    order, starts = grouped(rows)
+    groups = {tuple(group) for group in np.split(order, starts[1:])}
+    assert groups == {(0, 2), (1, 4), (3,)}

@@ -1,0 +1,259 @@
+"""What a study says in its first line and notes, and which start it takes."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from arms import planar_urdf
+
+import repctl_pin as rp
+from repctl_pin.cli import main
+from repctl_pin.motion import read_motions
+from repctl_pin.problem import NO_BETTER, choose_period
+from repctl_pin.show.text import study_verdict
+from repctl_pin.studies.study import _on_an_edge
+
+STARTS = "repctl_pin.problem.default_starts.default_starts"
+QUICK = {"cycles": 2, "steps": 60, "degree": 1}
+
+
+@pytest.fixture(scope="module")
+def planar() -> rp.Study:
+    return rp.study("planar4r", **QUICK)
+
+
+def lost(motion: rp.Motion) -> rp.Motion:
+    """The same motion, its hand 0.57 m off its path in the last quarter."""
+    error = np.where(np.arange(len(motion.t)) > 0.75 * len(motion.t), 0.572, 0.0)
+    return replace(motion, tracking_error=error)
+
+
+def test_a_lost_hand_comes_first(planar: rp.Study) -> None:
+    rows = [
+        replace(r, motion=lost(r.motion)) if r.key == "pseudoinverse" else r for r in planar.rows
+    ]
+    told = study_verdict(replace(planar, rows=tuple(rows))).sentence
+    assert told.startswith(
+        "End effector: leaves the path in cycle 2, by up to 57 cm (J⁺) → on the path (repeatable)."
+    )
+    assert study_verdict(planar).sentence.startswith("Elbow displacement")
+    assert (
+        lost(planar.rows[0].motion).path_loss[1:] == (0.572, 0.0)
+        and planar.rows[0].motion.path_loss is None
+    )
+
+
+def test_a_lost_motion_does_not_stretch_the_period(planar: rp.Study) -> None:
+    motion = replace(planar.rows[0].motion, cycles=1, steps=2 * planar.rows[0].motion.steps)
+    fast = (
+        replace(motion, qdot=motion.qdot * 3 / motion.speed_ratio)
+        if np.isfinite(motion.speed_ratio)
+        else motion
+    )
+    period, (note,) = choose_period(5.0, {"J⁺": fast})
+    assert (
+        period > 14
+        and "period increased to" in note
+        and note.endswith("times its speed limit (J⁺)")
+    )
+    assert choose_period(5.0, {"J⁺": lost(fast)}) == (5.0, [])
+
+
+def test_a_start_beside_which_the_motion_goes_elsewhere_is_named(planar: rp.Study) -> None:
+    row, task = planar.rows[0], planar.task
+    options = {"cycles": 2, "steps": 60, "period": planar.period}
+    plain = rp.Pseudoinverse(task)
+    assert _on_an_edge(row, plain, planar.path, planar.q0, options) == []
+    elsewhere = replace(
+        row, motion=replace(row.motion, q=row.motion.q + 0.01 * (row.motion.t > 0)[:, None])
+    )
+    (note,) = _on_an_edge(elsewhere, plain, planar.path, planar.q0, options)
+    assert "the start is on an edge" in note and "ends cycle 1 0.02 rad away" in note
+    (note,) = _on_an_edge(
+        replace(row, motion=None, stopped="why"), plain, planar.path, planar.q0, options
+    )
+    assert "the motion goes on" in note
+
+
+def test_a_default_start_keeps_limits_where_another_does(
+    planar: rp.Study, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The first start offered is at a limit, the second is not."""
+    task = planar.task
+    at_limit = planar.q0.copy()
+    at_limit[0] = task.upper[0] - 1e-3
+    both = [(at_limit, "first"), (planar.q0, "second")]
+    monkeypatch.setattr(STARTS, lambda task: iter(both))
+    path = lambda task, q0: rp.circle(task, q0, 0.1)  # noqa: E731
+    study = rp.study("planar4r", path=path, **QUICK)
+    assert "the start is second" in study.notes and not study.row("repeatable").violations
+    assert rp.study("planar4r", path=path, start=at_limit, **QUICK).row("repeatable").violations
+    monkeypatch.setattr(STARTS, lambda task: iter([(at_limit, "first")]))
+    assert NO_BETTER in rp.study("planar4r", path=path, **QUICK).notes
+
+
+def test_follow_says_that_default_starts_were_tried(
+    planar: rp.Study, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    at_limit = planar.q0.copy()
+    at_limit[0] = planar.task.upper[0] - 1e-3
+    monkeypatch.setattr(STARTS, lambda task: iter([(at_limit, "first")]))
+    assert (
+        main(
+            [
+                "follow",
+                "planar4r",
+                "--path",
+                "square:0.1",
+                "--strategy",
+                "pseudoinverse",
+                "--steps",
+                "60",
+            ]
+        )
+        == 0
+    )
+    assert f"your own --start ({NO_BETTER})" in capsys.readouterr().err
+
+
+def test_a_dear_start_gives_way_to_a_cheap_one_or_is_explained(tmp_path: Path) -> None:
+    """An arm like the iiwa: from mid-range J⁺ drifts by 0.56 rad in a cycle, to where the same
+    circle takes less."""
+    from controls import iiwa
+
+    robot = iiwa(tmp_path)
+    chosen = rp.study(robot, frame="flange", cycles=1, steps=100)
+    first = rp.Problem(chosen.task, path=False).start
+    dear = rp.study(robot, frame="flange", start=first, cycles=1, steps=100)
+    cheap, price = (
+        study.row("repeatable").motion.first_rms_speed / study.rows[0].motion.first_rms_speed - 1
+        for study in (chosen, dear)
+    )
+    assert cheap < 0.05 < price
+    (note,) = [note for note in dear.notes if note.startswith("joint speed: ")]
+    same = (
+        float(
+            re.match(r"joint speed: ([+-][\d.]+)% relative to J⁺ at the same configurations", note)[
+                1
+            ]
+        )
+        / 100
+    )
+    motion, plain = dear.row("repeatable").motion, rp.Pseudoinverse(dear.task)
+    Q, V = motion.q[:100], motion.qdot[:100]
+    least = [plain.velocity(q, dear.task.jacobian(q) @ v) for q, v in zip(Q, V, strict=True)]
+    assert same == pytest.approx(np.sqrt((V**2).sum() / np.sum(np.square(least))) - 1, abs=6e-4)
+    assert 0 < same < price
+
+
+def test_many_joints_are_studied_at_once_or_it_is_said_what_takes_long(tmp_path: Path) -> None:
+    (tmp_path / "long.urdf").write_text(planar_urdf([0.1] * 12))
+    study = rp.study(str(tmp_path / "long.urdf"), cycles=1, steps=40)
+    assert study.row("repeatable").motion.closes
+    (note,) = [note for note in study.notes if note.startswith("degree 1 is used")]
+    assert "for 12 joints" in note and "--" not in note
+    said: list[str] = []
+
+    def say(text: str) -> None:
+        said.append(text)
+        if "%" in text and "degree" in text:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        rp.study(str(tmp_path / "long.urdf"), degree=2, progress=say)
+    assert said[-1].startswith("designing the nearest repeatable inverse, degree 2: ")
+    (note,) = [text for text in said if text.startswith("note: ")]
+    assert re.fullmatch(
+        r"note: a design of degree 2 for 12 joints takes about \d+ min; a lower degree .*", note
+    )
+    (tmp_path / "longer.urdf").write_text(planar_urdf([0.02] * 60))
+    with pytest.raises(
+        rp.InputError, match="a study of 60 joints takes about .* even at degree 1; choose a frame"
+    ):
+        rp.study(str(tmp_path / "longer.urdf"))
+
+
+def test_files_name_their_run_and_it_is_the_control_files_checksum(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    command = [
+        "study",
+        "planar4r",
+        "--cycles",
+        "1",
+        "--steps",
+        "40",
+        "--degree",
+        "1",
+        "--report",
+        "--json",
+    ]
+    assert main(command) == 0
+    run = json.loads(capsys.readouterr().out)["run"]
+    folder = tmp_path / "repctl-out" / "planar4r"
+    checksum = json.loads((folder / "control.json").read_text())["checksum"]
+    assert checksum.removeprefix("sha256:").startswith(run.partition("-")[0])
+    for name in ("animation.html", "drift.png", "joints.png", "motion.csv", "report.html"):
+        assert run.encode() in (folder / name).read_bytes(), name
+    assert len(read_motions(folder / "motion.csv", rp.Robot.load("planar4r").joint_names)) == 4
+    (folder / "joints.png").unlink()
+    (folder / "joints.png").mkdir()  # where no file can be written
+    before = {file: file.read_bytes() for file in folder.iterdir() if file.is_file()}
+    assert main([*command, "--cycles", "2"]) == 2
+    assert {file: file.read_bytes() for file in folder.iterdir() if file.is_file()} == before
+
+
+def test_speed_limits_of_0_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = planar_urdf([0.4, 0.3, 0.2])
+    slow = re.sub(r'velocity="[^"]*"', 'velocity="0"', text, count=1)
+    assert slow != text
+    (tmp_path / "arm.urdf").write_text(slow)
+    assert main(["inspect", str(tmp_path / "arm.urdf")]) == 0
+    assert "note: speed limit 0 of joint 'theta1' read as no limit" in capsys.readouterr().out
+    study = rp.study(str(tmp_path / "arm.urdf"), cycles=1, steps=40, degree=1)
+    assert "no speed limit in the URDF, so speeds are not checked: theta1" in study.notes
+
+
+def test_results_are_short_at_the_prompt(planar: rp.Study) -> None:
+    for thing in (planar.path, planar.region, planar):
+        assert len(repr(thing)) < 200 and "0x" not in repr(thing) and "array" not in repr(thing)
+    lines = planar.summary().splitlines()
+    assert len(lines) == 1 + len(planar.rows) and "2 cycles" in lines[0]
+    for row, line in zip(planar.rows, lines[1:], strict=True):
+        assert row.label in line and f"{row.motion.drift[-1]:.2g} after 2" in line
+
+
+def test_animate_knows_the_surroundings(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    asked = [
+        "animate",
+        "planar4r",
+        "--surroundings",
+        str(tmp_path / "missing.urdf"),
+        "--out",
+        str(tmp_path / "out"),
+    ]
+    assert main(asked) == 2
+    assert "missing.urdf: no such file" in capsys.readouterr().err
+
+
+def test_an_unknown_robot_leads_to_its_urdf() -> None:
+    with pytest.raises(rp.InputError, match="for any other robot, give its URDF file"):
+        rp.Robot.load("gen3")
+
+
+def test_what_regions_and_messages_say_is_so() -> None:
+    """A region must grow to reach a point outside: the factor is above 1 there."""
+    box = rp.Box([0.0, 0.0], 0.5)
+    assert box.ratio([[1.0, 0.0]]) == [2.0]
+    for region in (rp.Box, rp.Tube, rp.WorkspaceBox):
+        words = " ".join(region.ratio.__doc__.split())
+        assert (
+            words.startswith("Factor by which the region would have to be scaled")
+            and "Above 1 is outside" in words
+        )

@@ -1,0 +1,374 @@
+"""The main job on models of real robots: what the table says is what the motions did."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+import time
+
+import numpy as np
+import pytest
+from arms import planar_urdf
+from page_file import read
+
+import repctl_pin as rp
+from repctl_pin.motion import elbow, fitting_circle
+from repctl_pin.problem import kind_note
+from repctl_pin.problem.default_starts import default_starts
+from repctl_pin.show.page import read_playbacks
+from repctl_pin.show.palette import colours
+from repctl_pin.show.report import report_page
+from repctl_pin.show.study_files import write_study
+from repctl_pin.show.text import number, study_table, study_verdict
+from repctl_pin.show.text.captions import summary
+
+REDUNDANT = [
+    ("panda", None, "pose"),
+    ("panda", None, "position"),
+    ("xarm7", None, "pose"),
+    ("xarm7", None, "position"),
+    ("baxter", "left_gripper", "pose"),
+    ("baxter", "right_gripper", "pose"),
+    ("baxter", "left_gripper", "position"),
+    ("tiago", None, "pose"),
+    ("tiago", None, "position"),
+    ("pr2", None, "pose"),
+    ("pr2", None, "position"),
+    ("talos", None, "pose"),
+    ("talos", None, "position"),
+    ("kinova", None, "position"),
+    ("ur5", None, "position"),
+    ("z1", None, "position"),
+    ("ppr", None, "xy"),
+    ("prr", None, "xy"),
+    ("planar3r", None, "xy"),
+    ("planar4r", None, "xy"),
+    ("planar7r", None, "xy"),
+]
+
+
+QUICK = {
+    ("panda", "pose"),
+    ("tiago", "pose"),
+    ("z1", "position"),
+    ("ppr", "xy"),
+    ("prr", "xy"),
+    ("planar7r", "xy"),
+}
+
+
+@pytest.mark.parametrize(
+    "name, frame, kind",
+    [
+        pytest.param(*arm, marks=() if (arm[0], arm[2]) in QUICK else pytest.mark.slow)
+        for arm in REDUNDANT
+    ],
+    ids=lambda v: str(v),
+)
+def test_defaults_work_for_every_redundant_arm(name: str, frame: str | None, kind: str) -> None:
+    study = rp.study(name, frame=frame, kind=kind, cycles=3, steps=200)
+    creeping, closed = study.row("pseudoinverse").motion, study.row("repeatable").motion
+    assert creeping is not None and closed is not None
+    assert closed.drift.max() < 1e-8
+    assert creeping.drift[-1] > 100 * closed.drift[-1]
+    assert closed.tracking_error.max() < 1e-8 and closed.turning_error.max() < 1e-8
+    assert closed.limit_margin.min() > 0  # the default path stays inside the limits
+    assert creeping.limit_margin[: creeping.steps].min() > 0
+    assert study.design.leaf_margin > 0.2 and study.row("repeatable").leaf_margin > 0.2
+    assert study.task.r == study.task.n - study.task.m >= 1
+
+
+@pytest.mark.parametrize(
+    "name, kind, redundant",
+    [
+        ("kinova", "pose", "axis (r = 1), position (r = 3)"),
+        ("ur5", "pose", "axis (r = 1), position (r = 3)"),
+        ("z1", "pose", "position (r = 3)"),
+        ("planar7r", "pose", "xy (r = 5)"),
+        ("planar7r", "position", "xy (r = 5)"),
+        ("ppr", "position", "xy (r = 1)"),
+    ],
+)
+def test_no_redundancy_is_said_with_the_kinds_that_have_it(
+    name: str, kind: str, redundant: str
+) -> None:
+    with pytest.raises(rp.InputError) as error:
+        rp.study(name, kind=kind)
+    assert redundant in str(error.value) and "\n" not in str(error.value)
+
+
+def test_default_kind_is_the_first_redundant_one() -> None:
+    for name, kind in (("panda", "pose"), ("ur5", "position"), ("planar3r", "xy")):
+        assert rp.Problem(name, start="reference", path=False).task.kind == kind
+
+
+def test_where_no_task_is_redundant_another_frame_is_named_if_there_is_one(tmp_path) -> None:
+    arm = rp.Robot.load("planar3r")
+    with pytest.raises(
+        rp.InputError,
+        match=r"moved by 2 joints: .* but one is at 'tool', for example; choose another",
+    ):
+        rp.Problem(arm, frame="link2")
+    (tmp_path / "two.urdf").write_text(planar_urdf([1.0, 1.0]))
+    with pytest.raises(
+        rp.InputError, match="moved by 2 joints: no kind of task is redundant there, nor at another"
+    ):
+        rp.Problem(tmp_path / "two.urdf")
+
+
+def test_the_default_circle_of_a_finger_is_small(tmp_path) -> None:
+    (tmp_path / "finger.urdf").write_text(planar_urdf([0.04, 0.03, 0.02], range_=0.8))
+    task = rp.Robot.load(tmp_path / "finger.urdf").task("tool", "xy")
+    q0 = np.array([0.2, 0.6, 0.7])
+    points = np.array([fitting_circle(task, q0).point(s) for s in (0.0, 0.5)])
+    assert 0.001 <= np.linalg.norm(points[0] - points[1]) / 2 < 0.01
+
+
+@pytest.mark.parametrize(
+    "name, told",
+    [
+        ("panda", None),
+        ("ur5", "using task position, because 6 joints are not redundant for a pose task"),
+        ("planar3r", "using task xy, because 3 joints are not redundant for a pose task"),
+        (
+            "planar7r",
+            "using task xy, because 7 joints never move tool in all coordinates of a pose task",
+        ),
+    ],
+)
+def test_why_a_kind_was_taken_is_told(name: str, told: str | None) -> None:
+    task = rp.Problem(name, start="reference", path=False).task
+    assert kind_note(task) == ([told] if told else [])
+
+
+def test_why_a_kind_was_taken_is_said_where_nobody_chose_it() -> None:
+    few = {"cycles": 1, "steps": 40, "degree": 1}
+    chosen, asked = rp.study("planar3r", **few), rp.study("planar3r", kind="xy", **few)
+    assert "using task xy, because 3 joints are not redundant for a pose task" in chosen.notes
+    assert not [note for note in asked.notes if note.startswith("using task")]
+
+
+def test_the_default_region_holds_the_motion() -> None:
+    """The tube is laid round a linear design's motion, which this square's leaves for a tenth of
+    its time."""
+    from repctl_pin.motion import parse_path
+
+    study = rp.study("panda", path=parse_path("square:0.3", "xy"), cycles=1, steps=100)
+    tube, motion = study.region, study.row("repeatable").motion
+    off = np.abs(motion.q[:, None] - tube.samples) / tube.radius  # (T + 1, S, n)
+    assert off.max(axis=2).min(axis=1).max() <= 1
+    assert (
+        study.row("repeatable").outside == 0
+        and "OUTSIDE" not in study_table(study)
+        and study.design.region is tube
+    )
+    small = rp.study(
+        "panda", path=parse_path("square:0.3", "xy"), cycles=1, steps=100, region=0.2, degree=1
+    )
+    share = np.mean((np.abs(small.row("repeatable").motion.q - small.q0) > 0.2).any(axis=1))
+    assert small.row("repeatable").outside == pytest.approx(share)
+    assert study_table(small).startswith(
+        f"warning: {100 * share:.1f} % of the motion lies outside Ω"
+    )
+
+
+def test_elbow_of_a_panda_is_its_elbow(panda_pose, q_panda) -> None:
+    # joints 3 and 4 meet at the elbow; the shoulder and the wrist stand still in a self-motion
+    assert panda_pose.joint_names[elbow(panda_pose, q_panda)] in ("panda_joint3", "panda_joint4")
+
+
+@pytest.fixture(scope="module")
+def small() -> rp.Study:
+    return rp.study("panda", cycles=2, steps=100, plane="yz", radius=0.05)
+
+
+def test_what_is_shown_was_computed_by_the_study() -> None:
+    steps: list[str] = []
+    study = rp.study("panda", cycles=1, steps=100, plane="yz", radius=0.05, progress=steps.append)
+    assert any("fastest cycles" in step for step in steps)
+    begin = time.process_time()
+    shown = [study.summary(), study_table(study), study_verdict(study).sentence, *summary(study)]
+    assert time.process_time() - begin < 0.1  # timing four motions takes several times as long
+    assert f"{study.row('repeatable').cycle_time:.3f}" in shown[1]
+
+
+def test_options_are_what_was_asked(small: rp.Study) -> None:
+    assert small.path.name == "circle of radius 0.05 m in yz"
+    points = small.path.points(64)
+    assert np.ptp(points[:, 0]) < 1e-12 and np.isclose(np.ptp(points[:, 1]), 0.1, atol=1e-3)
+    start = small.q0 + 0.05
+    other = rp.study(
+        "panda", start=start, path=lambda t, q: rp.polygon(t, q, [[0, 0.05, 0], [0, 0.05, 0.05]]),
+        cycles=1, steps=60, region=0.3, degree=1,
+    )  # fmt: skip
+    assert np.array_equal(other.q0, start) and np.allclose(other.region.half_width, 0.3)
+    assert other.design.potentials.size == 7 and other.path.name == "polygon"
+
+
+def test_a_csv_path_elsewhere_moves_the_start(tmp_path, small: rp.Study) -> None:
+    from repctl_pin.motion import parse_path
+
+    corner = small.task.placement(small.q0).translation + [0.02, 0.03, 0.0]
+    loop = corner + np.array([[0, 0, 0], [0.05, 0, 0], [0.05, 0.05, 0], [0, 0, 0]])
+    file = tmp_path / "loop.csv"
+    np.savetxt(file, loop, delimiter=",", header="x,y,z", comments="")
+    study = rp.study("panda", path=parse_path(str(file)), cycles=1, steps=120)
+    assert np.allclose(study.task.placement(study.q0).translation, corner, atol=1e-9)
+    assert study.row("repeatable").motion.drift[0] < 1e-8
+    assert any("moved" in note for note in study.notes)
+
+
+def test_table_and_dict_say_what_the_motions_did(small: rp.Study) -> None:
+    data = json.loads(json.dumps(small.as_dict()))
+    text = study_table(small)
+    for row in small.rows:
+        assert all(word in text for word in row.label.split())
+        assert data["strategies"][row.key]["drift"] == row.motion.drift.tolist()
+        assert data["strategies"][row.key]["rms_speed"] == row.motion.rms_speed
+    plain = small.row("pseudoinverse").motion
+    assert re.search(
+        rf"^drift after 2 cycles, rad +{number(plain.drift[-1])} ", text, flags=re.MULTILINE
+    )
+    assert text.startswith(study_verdict(small).sentence + "\n")
+    assert data["start"] == small.q0.tolist() and small.path.name in text
+
+
+def test_files_hold_the_motions(small: rp.Study, tmp_path) -> None:
+    files = write_study(small, tmp_path / "out")
+    assert [f.name for f in files] == ["animation.html", "drift.png", "joints.png", "motion.csv"]
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == sorted(f.name for f in files)
+    for png in files[1:3]:
+        assert png.read_bytes().startswith(b"\x89PNG") and png.stat().st_size > 10_000
+    page = files[0].read_text(encoding="utf-8")
+    assert page.lstrip().lower().startswith("<!doctype html") and page.rstrip().endswith("</html>")
+    rows = list(csv.DictReader(files[3].open(encoding="utf-8")))
+    ours = [row for row in rows if row["strategy"] == "repeatable"]
+    motion = small.row("repeatable").motion
+    assert len(ours) == 201 and [row["strategy"] for row in rows].count("pseudoinverse") == 201
+    for i in (0, 77, 200):
+        q = [float(ours[i][name]) for name in small.task.joint_names]
+        assert np.allclose(q, motion.q[i], atol=1e-9) and np.isclose(
+            float(ours[i]["time"]), motion.t[i]
+        )
+
+
+def test_a_radius_or_plane_beside_a_path_of_its_own_is_refused() -> None:
+    with pytest.raises(rp.InputError, match="radius= is of the default circle"):
+        rp.study("panda", path="circle:0.1", radius=0.1)
+    with pytest.raises(rp.InputError, match="this path has its own"):
+        rp.study("panda", path=lambda task, q0: rp.circle(task, q0, 0.1), plane="xz")
+
+
+def test_a_path_out_of_reach_is_refused() -> None:
+    far = lambda t, q: rp.polygon(t, q, [[3.0, 0, 0], [3.0, 1.0, 0]])  # noqa: E731
+    with pytest.raises(rp.InputError, match="cannot reach"):
+        rp.study("panda", path=far)
+    with pytest.raises(rp.InputError, match="no circle of radius 2 m"):
+        rp.study("panda", radius=2.0)
+
+
+def test_a_singular_start_is_refused() -> None:
+    with pytest.raises(rp.SingularityError, match="choose another start"):
+        rp.study("planar3r", start=[0.3, 0.0, 0.0])
+
+
+def test_controls_of_ones_own_stand_beside(tmp_path) -> None:
+    """J⁺ written by hand as a function does what J⁺ does; it is in the table, the files, the page
+    and the report."""
+    robot = rp.Robot.load("panda")
+    task = robot.task(robot.default_frame, "pose")
+    own = {
+        "by <hand>": lambda q, xdot: np.linalg.lstsq(task.jacobian(q), xdot)[0],
+        "M": rp.WeightedInverse(task, "inertia"),
+    }
+    study = rp.study(robot, controls=own, cycles=2, steps=60, degree=1)
+    assert [row.key for row in study.rows] == [
+        "pseudoinverse",
+        "posture",
+        "posture_off",
+        "by <hand>",
+        "M",
+        "repeatable",
+    ]
+    by_hand, plain = study.row("by <hand>").motion, study.row("pseudoinverse").motion
+    np.testing.assert_allclose(by_hand.q, plain.q, atol=1e-9)
+    weighted = rp.follow(own["M"], study.path, study.q0, cycles=2, steps=60)
+    np.testing.assert_array_equal(study.row("M").motion.q, weighted.q)
+    assert "<hand>" in study_table(study) and len(set(colours(study).values())) == 6
+    page, _, _, table = write_study(study, tmp_path)
+    assert [arm["label"] for arm in read(page.read_text(encoding="utf-8"))[0]["arms"]] == [
+        "J⁺", "by <hand>", "M", "nearest repeatable",
+    ]  # fmt: skip
+    assert {track.label for track in read_playbacks(table, robot)} == {
+        row.label for row in study.rows
+    }
+    report = report_page(study)
+    assert (
+        f"Under your controller M, the joints drift by {number(weighted.drift[-1])} rad" in report
+        and "by <hand>" not in report
+    )
+
+
+def test_controls_that_cannot_be_used_are_named() -> None:
+    other = rp.Pseudoinverse(rp.Robot.load("panda").task("panda_hand_tcp", "position"))
+    for controls, words in (
+        ({"repeatable": other}, "'repeatable' is taken"),
+        ({"J⁺": other}, "'J⁺' is taken"),
+        (other.velocity, r"controls must be a dictionary .*\{'mine': control\}"),
+        (
+            {"mine": other},
+            "'mine' controls 'panda_hand_tcp', position, but the study is of 'panda_hand_tcp', "
+            "pose",
+        ),
+        ({"mine": 3}, "a function"),
+        ({"mine": lambda q, xdot: q[:3]}, "must return 7 finite numbers"),
+    ):
+        with pytest.raises(rp.InputError, match=words):
+            rp.study("panda", controls=controls, cycles=1, steps=20, degree=1)
+
+
+def test_the_first_start_that_can_follow_the_path_is_taken() -> None:
+    """A path out of the reference pose's reach: the next good start is tried, and said."""
+    offered = [q for q, _ in default_starts(rp.Robot.load("panda").task("panda_hand_tcp", "pose"))]
+    asked = []
+
+    def path(task: rp.Task, q0: np.ndarray) -> rp.TaskPath:
+        asked.append(q0)
+        if len(asked) == 1:
+            raise rp.InputError("not from here")
+        return rp.circle(task, q0, 0.03)
+
+    study = rp.study("panda", path=path, cycles=1, steps=60, degree=1)
+    assert (
+        len(offered) > 1
+        and np.array_equal(asked, offered[:2])
+        and np.array_equal(study.q0, offered[1])
+    )
+    assert sum(note.startswith("the start is ") for note in study.notes) == 1
+    with pytest.raises(rp.InputError, match="not from here"):
+        asked.clear()
+        rp.study("panda", path=path, start=offered[0])
+
+
+def test_where_an_arm_creeps_is_said_when_it_does_not_here() -> None:
+    """so100 turns about a vertical axis and folds in a plane: by symmetry a level loop encloses
+    nothing there."""
+    level = rp.study("so100", cycles=1, steps=100, degree=1)
+    plain = rp.Pseudoinverse(level.task)
+    assert level.path.name.endswith("xy") and level.row("pseudoinverse").motion.drift[0] < 1e-6
+    (note,) = [note for note in level.notes if "hardly drifts" in note]
+    rate = rp.drift_per_area(plain, level.q0)
+    assert (
+        f"small loops in yz it drifts by {rate[1, 2]:.2g} rad per m²" in note and rate.argmax() == 5
+    )
+    upright = rp.study("so100", plane="yz", cycles=1, steps=100, degree=1)
+    assert upright.row("pseudoinverse").motion.drift[0] > 0.05
+    assert not [note for note in upright.notes if "hardly" in note]
+
+
+def test_a_study_is_short_at_the_prompt(small: rp.Study) -> None:
+    said = repr(small)
+    assert len(said) < 250 and "\n" not in said
+    for row in small.rows:
+        assert f"{row.label} {row.motion.drift[-1]:.2g}" in said

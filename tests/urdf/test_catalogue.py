@@ -1,0 +1,316 @@
+"""The catalogue: every robot passes the gatekeeper, builds, and has the frames and the pose it
+promises."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from numpy.typing import NDArray
+
+import repctl_pin as rp
+from repctl_pin.errors import InputError
+from repctl_pin.robot.robot import lock_joints
+from repctl_pin.urdf import (
+    data_folder,
+    default_package_dirs,
+    entries,
+    find,
+    reference_posture,
+    table,
+    urdf_folder,
+)
+from repctl_pin.urdf.validate import read_urdf
+
+NAMES = list(table())
+PLANAR = {
+    "planar3r": (1, 1, 1),
+    "planar4r": (1, 0.8, 0.7, 0.5),
+    "planar7r": (0.7, 0.6, 0.5, 0.45, 0.4, 0.3, 0.25),
+}
+# joints of the chain to the default frame
+JOINTS = {
+    "ppr": 3,
+    "prr": 3,
+    "planar3r": 3,
+    "planar4r": 4,
+    "planar7r": 7,
+    "panda": 7,
+    "xarm7": 7,
+    "baxter": 7,
+    "tiago": 8,
+    "tiago_dual": 8,
+    "tiago_pro": 8,
+    "pr2": 8,
+    "talos": 9,
+    "kinova": 6,
+    "ur3": 6,
+    "ur5": 6,
+    "ur10": 6,
+    "z1": 6,
+    "so100": 5,
+    "so101": 5,
+    "romeo": 8,
+    "icub": 10,
+    "g1": 10,
+    "centauro": 7,
+    "anymal_kinova": 6,
+    "b1_z1": 6,
+}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_robot_is_what_it_promises(name: str) -> None:
+    entry = find(name)
+    d = read_urdf(entry.urdf)
+    model = pin.buildModelFromXML(d.xml)
+    assert model.nq == model.nv > 0
+    lock_joints(model, list(range(2, model.njoints)), pin.neutral(model))  # any joint can be locked
+
+    machine = rp.Robot.load(name)
+    assert entry.frames and set(entry.frames) <= set(d.links)
+    for frame in entry.frames:
+        task = machine.task(frame, "xy" if "planar" in entry.note else "position")
+        assert task.n == JOINTS.get(name, task.n) or frame != entry.frames[0]
+        # one of its poses is away from singularities of the frame's position and leaves the arm
+        # room to move
+        poses = [task.from_robot(pose) for pose in machine.poses.values()]
+        dexterous = [np.linalg.svd(task.jacobian(q), compute_uv=False)[-1] > 0.07 for q in poses]
+        roomy = [np.minimum(q - task.lower, task.upper - q).min() > 0.08 for q in poses]
+        assert any(a and b for a, b in zip(dexterous, roomy, strict=True)), frame
+
+
+@pytest.mark.parametrize("name", [name for name, row in table().items() if "srdf" in row])
+def test_reference_poses_are_the_srdfs_inside_the_limits(name: str) -> None:
+    entry = find(name)
+    assert entry.srdf is not None
+    machine = rp.Robot.load(name)
+    values = dict(zip(machine.joint_names, machine.reference, strict=True))
+    pose = reference_posture(entry.srdf, entry.posture)
+    known = [j for j in pose if j in values]
+    assert known
+    moved = [j for j in known if not np.isclose(values[j], pose[j], atol=1e-3)]
+    told = " ".join(machine.warnings)
+    assert all(
+        f"{j} = " in told for j in moved
+    )  # what was outside its limits was moved inside, and is said
+    assert len(moved) < len(known)
+    for pose_of_all in machine.poses.values():
+        assert (pose_of_all >= machine.lower).all() and (pose_of_all <= machine.upper).all()
+
+
+def test_a_full_turn_is_taken_before_a_limit() -> None:
+    kinova = rp.Robot.load("kinova")
+    pose = reference_posture(find("kinova").srdf, "arm_up")
+    turned = kinova.reference[2] - pose["j2s6s200_joint_3"]
+    assert np.isclose(turned, 2 * np.pi) and "joint_3" in " ".join(kinova.warnings)
+
+
+def test_names_and_aliases() -> None:
+    assert [e.name for e in entries()] == NAMES
+    words = [word for name, row in table().items() for word in (name, *row.get("aliases", ()))]
+    assert len(set(words)) == len(words)
+    assert all(word == word.lower() for word in words)
+    assert find("talos_full_v2") == find("talos") == find(" Talos ")
+    assert find("tiago_no_hand").urdf.name == "tiago_no_hand.urdf"
+    assert find("panda").posture == "default"
+    assert find("baxter").frames == ("left_gripper", "right_gripper")
+    with pytest.raises(InputError, match=r"no robot 'pandda'; did you mean 'panda'.*repctl robots"):
+        find("pandda")
+
+
+@pytest.mark.parametrize("name", ["panda", "talos", "so100", "planar3r"])
+def test_meshes_are_found(name: str) -> None:
+    entry = find(name)
+    xml = read_urdf(entry.urdf).xml
+    model = pin.buildModelFromXML(xml)
+    paths = [*entry.package_dirs]
+    geometry = pin.buildGeomFromUrdfString(model, xml, pin.GeometryType.VISUAL, package_dirs=paths)
+    assert geometry.ngeoms >= 5
+    assert all(
+        Path(g.meshPath).is_file() or g.meshPath in ("BOX", "CYLINDER", "SPHERE")
+        for g in geometry.geometryObjects
+    )
+
+
+def position(name: str) -> tuple[pin.Model, Callable[[NDArray[np.float64]], NDArray[np.float64]]]:
+    model = pin.buildModelFromXML(read_urdf(find(name).urdf).xml)
+    data, tool = model.createData(), model.getFrameId("tool", pin.FrameType.BODY)
+
+    def tip(q: NDArray[np.float64]) -> NDArray[np.float64]:
+        pin.framesForwardKinematics(model, data, q)
+        return data.oMf[tool].translation.copy()
+
+    return model, tip
+
+
+def samples(model: pin.Model) -> NDArray[np.float64]:
+    return np.random.default_rng(5).uniform(
+        model.lowerPositionLimit, model.upperPositionLimit, (50, model.nq)
+    )
+
+
+@pytest.mark.parametrize("name", PLANAR)
+def test_planar_chains_closed_form(name: str) -> None:
+    model, tip = position(name)
+    lengths = np.array(PLANAR[name])
+    for q in samples(model):
+        absolute = np.cumsum(q)
+        expected = [lengths @ np.cos(absolute), lengths @ np.sin(absolute), 0.0]
+        np.testing.assert_allclose(tip(q), expected, rtol=0, atol=1e-12)
+
+
+def test_ppr_closed_form() -> None:
+    """x = (d₁ + cos θ₃, d₂ + sin θ₃): the paper's Fig. 3, (39)."""
+    model, tip = position("ppr")
+    assert tuple(model.names)[1:] == ("d1", "d2", "theta3")
+    np.testing.assert_array_equal(tip(np.zeros(3)), [1, 0, 0])
+    for q in samples(model):
+        expected = [q[0] + np.cos(q[2]), q[1] + np.sin(q[2]), 0.0]
+        np.testing.assert_allclose(tip(q), expected, rtol=0, atol=1e-12)
+
+
+def test_prr_closed_form() -> None:
+    """x = (d₁ + cos ψ₂ + cos ψ₃, sin ψ₂ + sin ψ₃) with ψ₂ = θ₂, ψ₃ = θ₂ + θ₃: the paper's Fig. 1,
+    (10)."""
+    model, tip = position("prr")
+    for q in samples(model):
+        psi = q[1], q[1] + q[2]
+        expected = [q[0] + np.cos(psi[0]) + np.cos(psi[1]), np.sin(psi[0]) + np.sin(psi[1]), 0.0]
+        np.testing.assert_allclose(tip(q), expected, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["ppr", "prr", *PLANAR])
+def test_planar_arms_have_room_and_mass(name: str) -> None:
+    d = read_urdf(find(name).urdf)
+    moving = [j for j in d.joints if j.kind != "fixed"]
+    assert all(-j.lower == j.upper >= (5 if j.kind == "prismatic" else 2 * np.pi) for j in moving)
+    assert all(np.isfinite(j.velocity) for j in moving)
+    assert d.notes == () and d.meshes == ()
+    model = pin.buildModelFromXML(d.xml)
+    M = pin.crba(model, model.createData(), np.full(model.nq, 0.3))
+    M = np.triu(M) + np.triu(M, 1).T
+    assert np.linalg.eigvalsh(M)[0] > 1e-3  # fit for an inertia-weighted inverse
+
+
+def test_poses_are_read_as_they_stand(tmp_path: Path) -> None:
+    path = tmp_path / "r.srdf"
+    states = """<robot name="r">
+    <group_state name="none" group="g"/>
+    <group_state name="up" group="g">
+      <joint name="root_joint" value="0. 0. 1. 0. 0. 0. 1."/> <joint name="r/j1" value=" 0.5 "/>
+      <!-- turned --> <joint name="j2" value="-1e-1"/>
+    </group_state>
+    <group_state name="bad" group="g"><joint name="j1" value="nan"/></group_state></robot>"""
+    path.write_text(states)
+    assert reference_posture(path) == reference_posture(path, "up") == {"j1": 0.5, "j2": -0.1}
+    with pytest.raises(InputError, match=r"no group_state in .*r\.srdf 'upp'; did you mean 'up'"):
+        reference_posture(path, "upp")
+    with pytest.raises(InputError, match="j1 = 'nan' is not a finite number"):
+        reference_posture(path, "bad")
+    for content in (
+        "<robot",
+        '<!DOCTYPE r [<!ENTITY a SYSTEM "file:///etc/hostname">]><robot>&a;</robot>',
+        "<robot/>",
+    ):
+        path.write_text(content)
+        with pytest.raises(InputError):
+            reference_posture(path)
+    with pytest.raises(InputError, match="cannot be read"):
+        reference_posture(tmp_path / "nowhere.srdf")
+
+
+def test_package_dirs_of_a_persons_own_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    urdf = tmp_path / "ws" / "my_arm" / "urdf" / "arm.urdf"
+    urdf.parent.mkdir(parents=True)
+    for folder in ("ros/pkg", "ament/share"):
+        (tmp_path / folder).mkdir(parents=True)
+    monkeypatch.setenv(
+        "ROS_PACKAGE_PATH", os.pathsep.join([str(tmp_path / "ros" / "pkg"), "/not/there"])
+    )
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path / "ament"))
+    dirs = default_package_dirs(urdf)
+    ws = [str(p) for p in (urdf.parent, urdf.parents[1], urdf.parents[2])]
+    assert dirs[:3] == ws  # the third resolves package://my_arm/
+    assert [str(tmp_path / p) for p in ("ros/pkg", "ros", "ament/share")] == dirs[-3:]
+
+
+def test_a_package_dir_that_is_not_there_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    for folder in ("nowhere", "file"):
+        for name in ("planar3r", urdf_folder() / "planar3r.urdf"):
+            with pytest.raises(InputError, match=f"^package_dirs: there is no folder '.*{folder}'"):
+                rp.Robot.load(name, package_dirs=[tmp_path, tmp_path / folder])
+    assert rp.Robot.load("planar3r", package_dirs=str(tmp_path)).package_dirs == (str(tmp_path),)
+
+
+@pytest.mark.parametrize(
+    ("typed", "near"),
+    [
+        ("x", "did you mean 'xarm7'?"),
+        (
+            "franka emika",
+            "did you mean 'panda'?",
+        ),  # an alias is understood; the name is what is shown
+        ("talos_full", "did you mean 'talos' or 'talos_left_arm'?"),
+        ("grip", "did you mean 'ur3_gripper' or 'ur5_gripper'?"),
+        ("abb", f"there are {len(table())}, such as ppr, prr, planar3r"),
+    ],
+)
+def test_robots_near_to_what_was_typed_are_named(typed: str, near: str) -> None:
+    with pytest.raises(InputError) as error:
+        find(typed)
+    assert str(error.value).startswith(f"no robot {typed!r}; {near}")
+    shown = re.findall(r"'(\w+)'", near)
+    assert all(word in NAMES for word in shown)
+
+
+@pytest.mark.parametrize(
+    ("typed", "near"),
+    [
+        ("tcp", "did you mean 'panda_hand_tcp'?"),
+        ("panda_hnad", "did you mean 'panda_hand'"),
+        ("nope", "there are 13, such as panda_hand_tcp, panda_hand, panda_link8, panda_link7, "),
+    ],
+)
+def test_frames_at_the_ends_of_arms_are_named_where_none_is_near(typed: str, near: str) -> None:
+    with pytest.raises(InputError) as error:
+        rp.Robot.load("panda").task(typed)
+    assert str(error.value).startswith(f"no frame {typed!r}; {near}")
+    with pytest.raises(
+        InputError, match="no frame 'nope'; choose from tool, link4, base, .*link1, link2, link3$"
+    ):
+        rp.Robot.load("planar4r").task("nope")
+
+
+def test_without_the_data_only_our_own_arms(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "path", [])
+    monkeypatch.setattr(sys, "prefix", "/nowhere")
+    data_folder.cache_clear()
+    try:
+        assert find("planar3r").urdf.is_file()
+        with pytest.raises(InputError, match="pip install"):
+            find("panda")
+        with pytest.raises(InputError, match="pip install"):
+            entries()
+    finally:
+        monkeypatch.undo()
+        data_folder.cache_clear()
+
+
+def test_looking_a_robot_up_is_light() -> None:
+    code = """import sys; from repctl_pin.urdf.catalogue import entries; entries()
+print([m for m in ('numpy', 'scipy', 'pinocchio', 'lxml') if m in sys.modules])"""
+    result = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    assert result.stdout.strip() == "[]"
