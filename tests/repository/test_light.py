@@ -115,7 +115,8 @@ def test_what_is_there_is_not_asked_for() -> None:
     needed("numpy", by="a test")
     with pytest.raises(
         rp.InputError,
-        match="a test requires no_such_thing, which is not installed; run `pip install no_such_thing`",
+        match="a test requires no_such_thing, which is not installed; "
+        "run `pip install no_such_thing`",
     ):
         needed("numpy", "no_such_thing", by="a test")
 
