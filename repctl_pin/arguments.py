@@ -62,8 +62,7 @@ def function(value: F, name: str, what: str, takes: int = 1) -> F:
 
 
 def _binds(value: Callable[..., Any], takes: int) -> bool:
-    """Whether a callable accepts ``takes`` positional arguments; True if its signature is not
-    available."""
+    """Tell whether a callable accepts ``takes`` arguments; True if it has no signature."""
     try:
         signature(value).bind(*[None] * takes)
     except TypeError:

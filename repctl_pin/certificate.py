@@ -94,7 +94,8 @@ class Proof:
 
     def __repr__(self) -> str:
         state = "proved" if self.proved else "not proved"
-        return f"<Proof: {state}, leaf margin > {below(self.leaf_margin)}, limit margin > {below(self.limit_margin)}>"
+        leaf = f"leaf margin > {below(self.leaf_margin)}"
+        return f"<Proof: {state}, {leaf}, limit margin > {below(self.limit_margin)}>"
 
 
 def below(value: float) -> str:

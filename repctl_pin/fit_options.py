@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import Executor
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from .arguments import MOST_NODES, as_int, flag, positive, require_type
@@ -83,11 +83,10 @@ class FitOptions:
 
     def require_only(self, names: tuple[str, ...], by: str) -> None:
         """Refuse options that differ from their defaults and that a function does not use."""
-        for field in fields(self):
-            unused = field.name not in names
-            assert field.default is not MISSING
-            if unused and getattr(self, field.name) != field.default:
-                raise InputError(f"{by} has no option {field.name}; leave it out of FitOptions")
+        defaults = vars(FitOptions())
+        for name, value in vars(self).items():
+            if name not in names and value != defaults[name]:
+                raise InputError(f"{by} has no option {name}; leave it out of FitOptions")
 
 
 def fit_options(given: FitOptions | None) -> FitOptions:

@@ -180,7 +180,7 @@ CALLS: dict[str, tuple[Callable[[Given], object], str]] = {
     ),
     "nearest, potentials": (
         lambda g: rp.nearest_repeatable(g.control, "quadratic", g.box),
-        r"potentials must be potentials, such as rp\.Polynomial",
+        r"potentials must be a basis of potentials, such as rp\.Polynomial",
     ),
     "nearest, region": (lambda g: rp.nearest_repeatable(g.control, g.potentials, 0.3), A_BOX),
     "family, desired": (

@@ -114,7 +114,8 @@ def with_own_times(
         short, r = r, r * _LONGER
     if found is None:
         raise InputError(
-            f"the motion's own times do not keep the limits: {why}; give the path more time, or leave keep_times out"
+            f"the times of the path exceed the limits: {why}; "
+            "give the path more time, or omit keep_times="
         )
     for _ in range(_HALVINGS if short else 0):
         between = (short + r) / 2

@@ -169,7 +169,8 @@ class Run:
         dt, override = positive(dt, "dt", "s"), finite(override, "override")
         if not -1 <= override <= 1:
             raise InputError(
-                f"override must be from -1 to 1, not {shown(override)}; time the motion for more speed"
+                f"override must be from -1 to 1, not {shown(override)}; "
+                "use rp.timed() for a faster motion"
             )
         self._aim(override)
         self._since += dt
@@ -257,7 +258,7 @@ class Run:
         t = float(found.x) if found.fun < away(float(timed.t[k])) else float(timed.t[k])
         if not away(t) < _NEAR:
             raise InputError(
-                f"q is {away(t):.3g} rad (or m) away from the path; bring the arm there by rp.approach(q, motion, "
-                'to="nearest")'
+                f"q is {away(t):.3g} rad (or m) away from the path; "
+                'move the arm there by rp.approach(q, motion, to="nearest")'
             )
         return t

@@ -145,7 +145,8 @@ class TimedMotion:
 
     def __repr__(self) -> str:
         many = f"{len(self.joints)} joint{'s' if len(self.joints) > 1 else ''}"
-        return f"<TimedMotion of {many}: {self.duration:.4g} s from rest to rest, {len(self.t):,} samples>"
+        samples = f"{len(self.t):,} samples"
+        return f"<TimedMotion of {many}: {self.duration:.4g} s from rest to rest, {samples}>"
 
     @property
     def duration(self) -> float:
@@ -290,8 +291,8 @@ def limits_of(
         known = ", ".join(PRESETS)
         also = "; jerk= requires it too" if jerk is not None else ""
         raise InputError(
-            "acceleration= is missing, and a URDF has none: give rad/s² a joint (m/s² if it slides), or one of "
-            f"{known}{also}"
+            "acceleration= is missing, and a URDF has no acceleration limits; "
+            f"give rad/s² (prismatic: m/s²) per joint, or one of {known}{also}"
         )
     own = np.array(
         [task.robot.velocity_limit[task.robot.joint_names.index(name)] for name in names]
@@ -468,7 +469,8 @@ def _sampled(
         steady = float(marks[2] - marks[1])
         if not steady / dt < _MOST_SAMPLES:
             raise InputError(
-                f"a cycle of {steady:.3g} s at {rate:g} samples per second is too much; lower the rate"
+                f"a cycle of {steady:.3g} s at {rate:g} samples per second is too long; "
+                "lower the rate"
             )
         period = int(np.ceil(steady / dt - 1e-6))
         factor *= period * dt / steady
@@ -477,7 +479,8 @@ def _sampled(
     lead = int(np.ceil(2 * moment / dt - 1e-9))
     if not marks[-1] / dt + (more * period) + 2 * lead < _MOST_SAMPLES:
         raise InputError(
-            f"{marks[-1]:.3g} s at {rate:g} samples per second are over {_MOST_SAMPLES:,}; lower the rate"
+            f"{marks[-1]:.3g} s at {rate:g} samples per second exceed {_MOST_SAMPLES:,} samples; "
+            "lower the rate"
         )
     samples = int(np.ceil(marks[-1] / dt - 1e-9)) + 2 * lead + 1
     clock = np.linspace(-lead, samples - 1 - lead, samples) * dt
@@ -589,8 +592,9 @@ def approach(
         if distances[at := int(np.argmin(distances))] < 0:
             one, other = known.nearest(straight[at]).links
             raise InputError(
-                f"on the straight way {one!r} and {other!r} touch, {share[at, 0]:.0%} of it done: go round by another "
-                "configuration, or give bodies=False if they do not"
+                f"{one!r} and {other!r} collide at {100 * share[at, 0]:.0f} % of the straight "
+                "joint-space path: go through an intermediate configuration, or pass "
+                "bodies=False if this contact is not real"
             )
     line = begin + share * (end - begin)
     return rest_to_rest(

@@ -217,14 +217,8 @@ def _tube_of_linear(
         If the desired inverse cannot follow the path once.
     """
     tube = tube_around(follow(desired, path, q0, cycles=1), width)
-    linear = nearest_repeatable(
-        desired,
-        None,
-        tube,
-        degree=1,
-        options=FitOptions(seed=seed, samples=4096, held_out=1024),
-        shrink=True,
-    )
+    few = FitOptions(samples=4096, held_out=1024, seed=seed)
+    linear = nearest_repeatable(desired, None, tube, degree=1, shrink=True, options=few)
     try:
         return tube_around(follow(linear.inverse, path, q0, cycles=1), width)
     except SingularityError:

@@ -50,7 +50,8 @@ class Outcome:
     reason: str
 
     def __repr__(self) -> str:
-        return f"<Outcome: leaf margin > {self.leaf_margin:.3g} in {self.boxes} boxes{self.reason and ', '}{self.reason}>"
+        reason = f", {self.reason}" if self.reason else ""
+        return f"<Outcome: leaf margin > {self.leaf_margin:.3g} in {self.boxes} boxes{reason}>"
 
 
 def bound_leaf_margin(

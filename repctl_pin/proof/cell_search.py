@@ -48,7 +48,8 @@ class CellOutcome:
     near: Array
 
     def __repr__(self) -> str:
-        return f"<CellOutcome: leaf margin > {self.leaf_margin:.3g} in {self.boxes} boxes {self.reason}>"
+        margin = f"leaf margin > {self.leaf_margin:.3g}"
+        return f"<CellOutcome: {margin} in {self.boxes} boxes {self.reason}>"
 
 
 def bound_cell(

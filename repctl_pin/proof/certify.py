@@ -71,7 +71,8 @@ def prove(
     """
     if not isinstance(what, (Design, CellDesign)):
         raise InputError(
-            f"what is to be proved must be a design, such as rp.nearest_repeatable makes, not a {type(what).__name__}"
+            f"what must be a design, such as the result of rp.nearest_repeatable, "
+            f"not a {type(what).__name__}"
         )
     goal = None if margin is None else _share(margin)
     least = None if limit_margin is None else finite(limit_margin, "limit_margin", "rad or m")
@@ -147,7 +148,8 @@ def _of_cell(
     near = ", ".join(f"{v:.2g}" for v in outcome.near)
     return Proof(
         what=(
-            f"{design.task.robot.name} {design.task}, {design.cell!r}: F exists, is smooth, and is the only solution "
+            f"{design.task.robot.name} {design.task}, {design.cell!r}: "
+            "F exists, is smooth, and is the only solution "
             f"within ({near}) of q_ref"
         ),
         proved=not outcome.reason,

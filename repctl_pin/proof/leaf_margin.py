@@ -4,9 +4,11 @@ On a box ``q_c ± h``, with any ``A ≈ J_V(q_c)⁻¹``:
 
 .. math::
 
-   |A J_V(q) − I| ≤ D = Σ_j |A ∂_j J_V| h_j + |A| \,(\text{remainders, rounding}) + |A J_V(q_c) − I|, \\
+   |A J_V(q) − I| ≤ D = Σ_j |A ∂_j J_V| h_j + |A| \,(\text{remainders, rounding})
+   + |A J_V(q_c) − I|, \\
    F + D Y ≤ Y,\; Y > 0 ⇒ J_V \text{ is regular}, \qquad |J_V⁻¹| ≤ Y \text{ with } F = |A|, \quad
-   |X − X_c| ≤ Y \text{ with } F ≥ |(A J_V − I) X_c|, \qquad \text{leaf margin} = \frac{1}{‖X V^T‖_2}
+   |X − X_c| ≤ Y \text{ with } F ≥ |(A J_V − I) X_c|, \qquad
+   \text{leaf margin} = \frac{1}{‖X V^T‖_2}
 
 X the last r columns of J_V⁻¹. In C where there is a compiler (leaf_margin.c), in NumPy else: the
 same mathematics. """

@@ -1,7 +1,8 @@
 r"""Potentials as sums of features: V, its slopes, and bounds of what two terms of Taylor's series
 leave out.
 
-.. math:: z = Z q - z_0, \quad φ_f = 1,\; φ_{parent} z,\; \sin z,\; \cos z, \qquad V = G φ, \quad ∂V = C φ,
+.. math:: z = Z q - z_0, \quad φ_f = 1,\; φ_{parent} z,\; \sin z,\; \cos z, \qquad
+          V = G φ, \quad ∂V = C φ,
           \quad |∂²V - C_3 φ| ≤ T, \quad |∂(C_3 φ)| ≤ T_4 \text{ on the whole of } Ω
 """
 
@@ -71,7 +72,8 @@ class Features:
     size: Array
 
     def __repr__(self) -> str:
-        return f"<Features: {len(self.G)} potentials of {self.G.shape[1]} joints out of {len(self.kind)} terms>"
+        potentials = f"{len(self.G)} potentials of {self.G.shape[1]} joints"
+        return f"<Features: {potentials} out of {len(self.kind)} terms>"
 
 
 def features_of(field: Potentials, n: int, box: Box) -> Features:

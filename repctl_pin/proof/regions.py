@@ -33,8 +33,8 @@ def cover(region: Region) -> tuple[Array, Array]:
     if isinstance(region, WorkspaceBox):
         return cover(region.within)
     raise InputError(
-        f"nothing can be proved over a {type(region).__name__}: its shape is not known; "
-        "prove the design over a box or a tube that holds it: dataclasses.replace(design, region=...)"
+        f"nothing can be proved over a {type(region).__name__}: its shape is not known; prove the "
+        "design over a box or a tube that contains it: dataclasses.replace(design, region=...)"
     )
 
 

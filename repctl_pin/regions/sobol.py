@@ -67,7 +67,7 @@ def scrambled_points(n: int, power: int, seed: int) -> Array:
 
 @cache
 def _direction_digits() -> NDArray[np.uint32]:
-    """Binary digits of the direction numbers: (dimension, digit, number), the first digit on top."""
+    """Binary digits of the direction numbers: (dimension, digit, number), the first on top."""
     numbers = [[1] * BITS]
     for row in _JOE_KUO.split(";"):
         polynomial, *initial = map(int, row.split())

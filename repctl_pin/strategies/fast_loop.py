@@ -121,7 +121,7 @@ def checked(
             type(leaf) is ndarray and leaf.dtype is FLOAT and leaf.shape == of_leaf
         ):
             leaf = vector(leaf, r, "the leaf c = h(q)", "one per potential")
-        if gain is not None:
+        if gain is not None and not (isinstance(gain, float) and 0.0 <= gain * dt <= 2.0):
             gain = as_gain(gain, dt)
         if twist is not None and not (
             type(twist) is ndarray and twist.dtype is FLOAT and twist.shape == of_twist

@@ -111,7 +111,8 @@ import numpy as np, repctl_pin as rp
 q0 = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
 task = rp.Robot.load("panda").task("panda_hand_tcp", "pose")
 design = rp.nearest_repeatable(
-    rp.Pseudoinverse(task), None, rp.Box(q0, 0.4), degree=2, options=rp.FitOptions(samples=1_000_000, stream=True)
+    rp.Pseudoinverse(task), None, rp.Box(q0, 0.4), degree=2,
+    options=rp.FitOptions(samples=1_000_000, stream=True),
 )
 print(design.samples, design.cost, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 """

@@ -17,7 +17,7 @@ from controls import CONTROLS, NEEDS_C, own_cache  # noqa: F401
 
 import repctl_pin as rp
 from repctl_pin.cli import main
-from repctl_pin.codegen.expressions import Graph, assignments, number
+from repctl_pin.codegen import expressions
 from repctl_pin.codegen.text import checked_name, comment
 from repctl_pin.regions import Region
 
@@ -216,7 +216,7 @@ def test_batches_are_rows(what: str, panda_design: rp.Design) -> None:
 
 
 def test_expressions_simplify_and_write_what_they_mean() -> None:
-    graph = Graph()
+    graph = expressions.Graph()
     x, y, one, zero = (
         graph.input("x"),
         graph.input("y"),
@@ -233,13 +233,15 @@ def test_expressions_simplify_and_write_what_they_mean() -> None:
     assert x * y is y * x and graph.function("cos", zero).value == 1.0
     three = graph.number(-3.0)
     sine = graph.function("sin", x)
-    text = assignments({"a": -(x * three) - (y - x) * y, "b": sine * (x + three) - sine})
+    text = expressions.assignments(
+        {"a": -(x * three) - (y - x) * y, "b": sine * (x + three) - sine}
+    )
     given: dict[str, Any] = {"x": 0.7, "y": -1.3, "sin": np.sin}
     exec(re.sub(r" *(?:const double )?(\w+ = .*);", r"\1", text), given)
     assert given["a"] == pytest.approx(2.1 + 2.0 * -1.3) and given["b"] == pytest.approx(
         np.sin(0.7) * -3.3
     )
-    assert number(-0.0) == "0.0" and float(number(0.1 + 0.2)) == 0.1 + 0.2
+    assert expressions.number(-0.0) == "0.0" and float(expressions.number(0.1 + 0.2)) == 0.1 + 0.2
 
 
 HOSTILE = [

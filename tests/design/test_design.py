@@ -558,7 +558,7 @@ def nan_beyond(q: np.ndarray) -> float:
         ),
         (
             lambda t: rp.nearest_repeatable(rp.Pseudoinverse(t), None, rp.Box(Q0, 0.4)),
-            "either potentials",
+            "potentials and degree= are mutually exclusive",
         ),
         (
             lambda t: rp.nearest_repeatable(

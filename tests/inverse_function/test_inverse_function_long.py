@@ -9,12 +9,11 @@ import pytest
 from arms import Q_PANDA
 
 import repctl_pin as rp
+from repctl_pin.inverse_function import kinematics, reference
 from repctl_pin.inverse_function.cell_evaluation import judge
 from repctl_pin.inverse_function.cost import Cost, descend
-from repctl_pin.inverse_function.kinematics import bases, placed
 from repctl_pin.inverse_function.monomials import Monomials
 from repctl_pin.inverse_function.posture_search import reached
-from repctl_pin.inverse_function.reference import fitted, rays
 from repctl_pin.inverse_function.sample_path import tour
 
 pytestmark = pytest.mark.slow
@@ -108,7 +107,9 @@ def self_motions(
 
     front = kept(Q)
     while len(front):
-        N = bases(placed(task, front)[2], np.zeros((len(front), task.n, 1)))[1][:, :, 0]
+        N = kinematics.bases(kinematics.placed(task, front)[2], np.zeros((len(front), task.n, 1)))[
+            1
+        ][:, :, 0]
         front = kept(np.concatenate([front + step * N, front - step * N]))
     return np.concatenate(every)
 
@@ -125,7 +126,7 @@ def self_motions(
 def test_other_arms_and_tasks(
     arm: str, kind: str, half_width: float, rotation: float, r: int
 ) -> None:
-    task = rp.Problem(arm, kind=kind, start="reference", path=False).task
+    task = rp.Robot.load(arm).task(kind=kind)
     assert task.r == r
     cell = rp.Cell(task, task.placement(task.reference), half_width, rotation)
     design = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell)
@@ -184,8 +185,8 @@ def test_ten_thousand_cycles_without_a_trend() -> None:
 def test_twenty_random_starts_find_nothing_better() -> None:
     design = found()
     cell, desired, rng = design.cell, design.desired, np.random.default_rng(0)
-    ends = rays(desired, cell, design.posture, cell.sample(512))
-    chart, terms = fitted(cell, ends.U, ends.Q, ends.N, 2), Monomials(cell.k, 2)
+    ends = reference.rays(desired, cell, design.posture, cell.sample(512))
+    chart, terms = reference.fitted(cell, ends.U, ends.Q, ends.N, 2), Monomials(cell.k, 2)
     cost = Cost(desired, chart, terms, ends.U)
     best, ended = descend(cost, np.zeros((terms.size, 1))).value.cost, []
     for _ in range(20):

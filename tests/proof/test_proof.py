@@ -17,10 +17,8 @@ from proofs import design_of, margins, near_null_space, smallest_singular_values
 import repctl_pin as rp
 from repctl_pin.cli import main
 from repctl_pin.proof import leaf_margin as kernels
-from repctl_pin.proof import remainder
+from repctl_pin.proof import remainder, screws
 from repctl_pin.proof.chain import chain_of
-from repctl_pin.proof.leaf_margin import LeafMargin, in_numpy, leaf_margin_of
-from repctl_pin.proof.screws import screws, slopes
 
 TASKS: dict[str, Callable[[Path], rp.Task]] = {
     "pose, r = 1": lambda folder: spatial_task(7, folder, kind="pose", seed=3),
@@ -52,7 +50,7 @@ def test_every_box_s_bounds_hold_at_its_corners_and_inside(case: str, tmp_path: 
     q = regular_start(task)
     box = rp.Box(q, 0.1)
     design = design_of(task, near_null_space(task, q, 0.1, 1), box)
-    problem = leaf_margin_of(task, design.inverse.potentials, box)
+    problem = kernels.leaf_margin_of(task, design.inverse.potentials, box)
     rng, some = np.random.default_rng(2), 0
     for width in (1e-9, 1e-4, 3e-3, 0.01, 0.03):
         Q = q + rng.uniform(-0.05, 0.05, (12, task.n))
@@ -78,13 +76,13 @@ def test_c_and_numpy_find_the_same_bounds(case: str, tmp_path: Path) -> None:
     polynomial = rp.Polynomial(q, 4, 0.3)
     potentials = polynomial + rp.Fourier(task.n, 1)
     A = np.random.default_rng(0).standard_normal((potentials.size, task.r))
-    problem = leaf_margin_of(task, potentials.weighted(A), rp.Box(q, 0.1))
+    problem = kernels.leaf_margin_of(task, potentials.weighted(A), rp.Box(q, 0.1))
     library = kernels._library()
     if library is None:
         pytest.skip("there is no C compiler")
     rng = np.random.default_rng(1)
     Q, half = q + rng.uniform(-0.1, 0.1, (200, task.n)), 10 ** rng.uniform(-6, -2, (200, task.n))
-    C, numpy = kernels._in_c(problem, library, Q, half), in_numpy(problem, Q, half)
+    C, numpy = kernels._in_c(problem, library, Q, half), kernels.in_numpy(problem, Q, half)
     for name in ("leaf_margin", "center", "sigma_min"):
         np.testing.assert_allclose(getattr(C, name), getattr(numpy, name), rtol=1e-6, atol=1e-9)
     assert (C.leaf_margin > 0).mean() > 0.3
@@ -103,7 +101,7 @@ def test_screws_have_the_null_space_of_the_task_seen_from_every_link(
 
         def columns(q: np.ndarray, chain: object = chain) -> np.ndarray:
             theta = chain.S[:, : chain.n] @ q + chain.o
-            return np.einsum("lx,lc->xc", screws(chain, theta[None])[0][0], chain.S)
+            return np.einsum("lx,lc->xc", screws.screws(chain, theta[None])[0][0], chain.S)
 
         J = columns(q)
         still = np.linalg.qr(J[:, chain.n :], mode="complete")[0][:, chain.N - chain.n :]
@@ -113,7 +111,7 @@ def test_screws_have_the_null_space_of_the_task_seen_from_every_link(
         )
         assert np.abs(ours @ theirs[task.m :].T).max() < 1e-9
         theta = chain.S[:, : chain.n] @ q + chain.o
-        by_bracket = slopes(chain, *screws(chain, theta[None]))[0]  # (n, N, 6)
+        by_bracket = screws.slopes(chain, *screws.screws(chain, theta[None]))[0]  # (n, N, 6)
         for j, e in enumerate(1e-6 * np.eye(task.n)):
             np.testing.assert_allclose(
                 by_bracket[j].T, (columns(q + e) - columns(q - e)) / 2e-6, atol=1e-7
@@ -138,9 +136,11 @@ def worst_ratio(task: rp.Task, count: int = 120) -> float:
             * (moves & (rng.uniform(size=P) < 0.7))
         )
         delta = eta * np.sign(rng.standard_normal(P)) if trial % 2 else eta * rng.uniform(-1, 1, P)
-        here, tip = screws(chain, theta)
-        there, _ = screws(chain, theta + delta)
-        rest = (there - here)[0] - np.einsum("j,jlx->lx", delta[0], slopes(chain, here, tip)[0])
+        here, tip = screws.screws(chain, theta)
+        there, _ = screws.screws(chain, theta + delta)
+        rest = (there - here)[0] - np.einsum(
+            "j,jlx->lx", delta[0], screws.slopes(chain, here, tip)[0]
+        )
         linear, angular = remainder.remainders(chain, theta, eta)
         for actual, bound in ((rest[:, :3], linear[0]), (rest[:, 3:], angular[0])):
             worst = max(worst, float((np.linalg.norm(actual, axis=1) / (bound + 1e-12)).max()))
@@ -355,7 +355,7 @@ def test_a_thousand_boxes_against_ball_arithmetic(panda_design: rp.Design) -> No
     from arb_margin import leaf_margin_in_balls
 
     task, box = panda_design.task, panda_design.region
-    problem: LeafMargin = leaf_margin_of(task, panda_design.inverse.potentials, box)
+    problem: kernels.LeafMargin = kernels.leaf_margin_of(task, panda_design.inverse.potentials, box)
     rng = np.random.default_rng(0)
     Q = box.center + box.half_width * rng.uniform(-1, 1, (1000, 7))
     half = 10 ** rng.uniform(-15, -1.5, (1000, 1)) * np.ones((1, 7))

@@ -13,8 +13,7 @@ import pytest
 
 import repctl_pin as rp
 from repctl_pin import cli
-from repctl_pin.urdf import table
-from repctl_pin.urdf.end_effectors import arm_ends, task_links
+from repctl_pin.urdf import end_effectors, table
 from repctl_pin.urdf.validate import read_urdf
 
 Lines = list[str]
@@ -268,10 +267,14 @@ def test_ends_are_found_in_any_tree(tmp_path: Path) -> None:
             names.append(f"n{i}")
         robot = load(tmp_path, lines)
         joints = {frame: set(robot.chain(frame)) for frame in robot.frames}
-        ends = [joints[next(iter(body.links))] for body in arm_ends(robot.description)]
+        ends = [
+            joints[next(iter(body.links))] for body in end_effectors.arm_ends(robot.description)
+        ]
         assert not any(a < b for a in ends for b in ends)
         assert all(any(moved <= end or end <= moved for end in ends) for moved in joints.values())
-        assert robot.default_frame in {task_links(body)[0] for body in arm_ends(robot.description)}
+        assert robot.default_frame in {
+            end_effectors.task_links(body)[0] for body in end_effectors.arm_ends(robot.description)
+        }
 
 
 # ---- what repctl inspect says

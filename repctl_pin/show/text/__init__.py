@@ -1,4 +1,4 @@
-"""Results as text: tables, verdicts, captions and numbers. Each is imported when it is asked for."""
+"""Results as text: tables, verdicts, captions and numbers. Each is imported on request."""
 
 from __future__ import annotations
 
