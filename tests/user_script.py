@@ -126,7 +126,7 @@ def pictures(task: rp.Task, motion: rp.Motion) -> rp.Study:
     viewer = rp.Viewer(task, ["J⁺"], start=[0.3, 0.8, 0.8])
     viewer.show([0.3, 0.8, 0.8])
     study: rp.Study = rp.study("panda", frame=None, cycles=10, progress=print)
-    print(study.summary())
+    print(study.summary(), rp.study(rp.Problem("panda", kind="pose", start=[0.0] * 7)))
     return study
 
 

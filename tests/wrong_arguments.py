@@ -273,6 +273,7 @@ def right_calls(folder: Path) -> list[Call]:
         "contains": {"Q": Q},
         "cycle": {"k": 1},
         "error": {"q": q0, "target": target},
+        "errors": {"Q": Q, "targets": [target] * len(Q)},
         "to_robot": {"q": q0},
         "gradients": {"Q": Q},
         "hessian": {"q": q0},

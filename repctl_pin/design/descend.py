@@ -146,7 +146,8 @@ def descend(
     return Descent(A, at.cost, gradient, found.converged, found.steps, at.data.sides)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class _Evaluated:
     """Sums over the nodes: half the gradient (N, r), the blocks (r, N, r, N) of the Gauss–Newton
     matrix, and the signs of det(Nᵀ V)."""

@@ -549,7 +549,9 @@ def approach(
         rad/s² (m/s²), as :func:`timed` takes it.
     velocity : float or (n,) array, optional
         rad/s (m/s); by default the URDF's.
-    jerk, torque, rate
+    jerk : float, (n,) array or str, optional
+        Jerk limits, rad/s³ (m/s³), as :func:`timed` takes them.
+    torque, rate
         As :func:`timed` takes them.
     bodies
         Check that the robot does not touch itself, or its surroundings, on the way.

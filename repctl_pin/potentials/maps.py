@@ -99,6 +99,9 @@ class CustomMap:
     def __init__(self, basis: _Basis, A: Array) -> None:
         self.basis, self.A, self.n = basis, A, joints_of(basis)
 
+    def __repr__(self) -> str:
+        return f"<{len(self.A[0])} weighted sums of {self.basis!r}>"
+
     def value(self, q: Array) -> Array:
         """Evaluate h(q): (r,)."""
         return self.basis.values(np.asarray(q, float)[None])[0] @ self.A

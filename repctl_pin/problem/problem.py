@@ -12,7 +12,16 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, freeze, function, positive, require_choice, require_type, row
+from ..arguments import (
+    Array,
+    freeze,
+    function,
+    positive,
+    read_only,
+    require_choice,
+    require_type,
+    row,
+)
 from ..errors import InputError
 from ..motion import ClosedPath, Motion, TaskPath, closed_path, follow
 from ..motion.spec import parse_path
@@ -33,6 +42,7 @@ _A_REGION = "a half-width, rad, or a region of joint space, such as rp.Box(q0, 0
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
+@read_only
 class Problem:
     """Task, start, closed path and region Ω: where a study, a design and a motion begin.
 

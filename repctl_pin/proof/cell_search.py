@@ -120,7 +120,7 @@ def _hopeless(
         if bad.any():
             which = int(np.argmin(values))
             if values[which] == -np.inf:
-                return "there are no joints on this leaf at that pose", (Uc[which], half[which])
+                return "no configuration exists on this leaf at that pose", (Uc[which], half[which])
             return f"the {name} margin there is {values[which]:.4g}", (Uc[which], half[which])
     small = half.max(axis=1) < _SMALLEST if len(half) else np.zeros(0, bool)
     if small.any():

@@ -25,7 +25,14 @@ from ..errors import InputError
 from ..threads import PerThread
 from .coordinates import Coordinates, linear_coordinates
 from .coupling import Coupling
-from .formulas import Placement, as_placement, axis_turn, chain_hessians, require_rotation
+from .formulas import (
+    Placement,
+    as_placement,
+    as_placements,
+    axis_turn,
+    chain_hessians,
+    require_rotation,
+)
 from .mechanism import Mechanism
 from .model import chain_between, frame_id, frame_jacobian, lock_joints, path_between
 
@@ -244,8 +251,9 @@ class Task:
         S = self.drive.S
         return np.einsum("Kaps,pi,sk->Kaik", H, S, S, optimize=True)
 
-    def errors(self, Q: ArrayLike, targets: Sequence[pin.SE3]) -> Array:
+    def errors(self, Q: ArrayLike, targets: Sequence[Placement]) -> Array:
         """Measure the task error at every row of Q (K, n) to its own target: an array (K, m)."""
+        targets = as_placements(targets, "target", "a list of placements")
         goals = {id(target): (target.translation, target.rotation) for target in targets}
         if self.kind in ("pose", "axis"):
             for _, R in goals.values():

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from math import inf, isfinite
 from typing import Generic, Protocol, TypeVar
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 
 D = TypeVar("D")
 M = TypeVar("M")
@@ -22,7 +22,8 @@ _RELAXED = 100.0
 """Divisor of the damping where the damped step predicts no decrease, but a longer one may."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Point(Generic[D]):
     """The objective at one x.
 
@@ -46,7 +47,8 @@ class Point(Generic[D]):
     x: Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class Step:
     """A damped step.
 

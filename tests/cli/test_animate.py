@@ -73,8 +73,9 @@ def test_any_name_of_a_joint_comes_back_from_csv_and_yaml(
 ) -> None:
     yaml = pytest.importorskip("yaml")
     motion = study.row("repeatable").motion
-    task = SimpleNamespace(robot_joints=names)
-    named = SimpleNamespace(**(vars(motion) | {"task": task, "joints": motion.joints}))
+    task = SimpleNamespace(robot_joints=names, joints=motion.task.joints, n=len(names))
+    named = object.__new__(rp.Motion)
+    vars(named).update(vars(motion) | {"task": task})
     file = write_whole(tmp_path / "m.csv", csv_text([("mine", named)], most=10))
     (found,) = read_motions(file, names)
     assert found.joints == names and found.cycles == 3 and found.q.shape == (31, 3)

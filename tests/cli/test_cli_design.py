@@ -85,7 +85,7 @@ def test_json_says_what_the_design_is_worth(tmp_path: Path, capsys: pytest.Captu
     "extra, where",
     [
         (("--path", "circle:0.1", "--region", "0.1"), "tube"),
-        (("--workspace", "0.2", "--region", "0.3"), "m round"),
+        (("--workspace", "0.2", "--region", "0.3"), "m around"),
         (("--weight", "limits", "--region", "0.2"), "box"),
         (("--fourier", "1", "--region", "0.2"), "box"),
         (("--task", "axis", "--region", "0.2", "--restarts", "1", "--stream"), "box"),

@@ -147,7 +147,7 @@ def test_progress_is_reported(panda: rp.Robot) -> None:
     design(panda, progress=lambda what, share: said.append((what, share)))
     assert all(0 <= share <= 1 for _, share in said)
     text = " ".join(what for what, _ in said)
-    assert "2048 nodes" in text and "step 1, cost " in text and "judging" in text
+    assert "2048 nodes" in text and "step 1, cost " in text and "evaluating" in text
 
 
 def test_a_bar_is_drawn_on_stderr(panda: rp.Robot, capsys: pytest.CaptureFixture) -> None:

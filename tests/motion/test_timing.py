@@ -238,7 +238,7 @@ def one_cycle(motion: rp.Motion) -> rp.Motion:
 
 
 BAD = [
-    ({}, "acceleration= is missing, and a URDF has none: .* panda, fr3, ur"),
+    ({}, "acceleration= is missing, and a URDF has no acceleration limits; .* panda, fr3, ur"),
     ({"acceleration": "kuka"}, "no accelerations of 'kuka' are known"),
     ({"acceleration": "panda"}, "of 7 joints, but 'tool' is moved by 3"),
     ({"acceleration": 0}, "acceleration must be"),
@@ -274,7 +274,7 @@ def test_bad_limits_get_one_clear_line(ring, options: dict, why: str) -> None:
         ({"keep_times": "yes"}, "keep_times must be True or False"),
         (
             {"keep_times": True, "velocity": 0.1},
-            "own times do not keep the limits: theta. would need .* its speed at",
+            "times of the path exceed the limits: theta. would need .* its speed at",
         ),
         ({"keep_times": True, "tool_speed": 0.1}, r"the tool would need 3.7\d* times its speed at"),
     ],
@@ -545,7 +545,8 @@ def test_the_way_in_does_not_lead_through_the_robot_itself(panda_pose, panda_mot
     least = rp.Bodies(panda_pose).distances(np.linspace(folded, motion.q[0], 101)).min()
     assert least < 0
     with pytest.raises(
-        rp.InputError, match=r"'panda_\w+' and 'panda_\w+' touch, \d+% of it done: .* bodies=False"
+        rp.InputError,
+        match=r"'panda_\w+' and 'panda_\w+' collide at \d+ % of the straight .* bodies=False",
     ):
         rp.approach(folded, motion, acceleration="panda")
     judged(rp.approach(folded, motion, acceleration="panda", bodies=False))
@@ -646,7 +647,7 @@ def test_follow_times_a_motion(tmp_path, monkeypatch, capsys) -> None:
     assert (tmp_path / "p.png").read_bytes()[:4] == b"\x89PNG"
     assert "neither numbers" in refused(capsys, *words, "--acceleration", "1,x")
     assert "no accelerations of 'pandas'" in refused(capsys, *words, "--acceleration", "pandas")
-    assert "give --acceleration with it" in refused(capsys, *words, "--profile", "p.png")
+    assert "requires --acceleration" in refused(capsys, *words, "--profile", "p.png")
 
 
 def test_follow_keeps_jerk_tool_speed_and_times(tmp_path, monkeypatch, capsys) -> None:

@@ -107,9 +107,9 @@ def test_a_cell_that_is_not_covered_is_not_proved(places: CellDesign) -> None:
     assert (
         not proof
         and proof.leaf_margin == 0
-        and proof.reason == "there are no joints on this leaf at that pose"
+        and proof.reason == "no configuration exists on this leaf at that pose"
     )
-    with pytest.raises(rp.InputError, match="no joints on this leaf"):
+    with pytest.raises(rp.InputError, match="no configuration exists on this leaf"):
         beyond.batch(proof.worst[None])
 
 

@@ -225,7 +225,7 @@ def test_limits_are_the_joints_own_in_any_coordinates(
         rp.nearest_repeatable(rp.Pseudoinverse(other), None, region, degree=2)
     with pytest.raises(rp.InputError, match="mixes joints"):
         rp.LimitWeight(other)
-    with pytest.raises(rp.InputError, match="without in_coordinates"):
+    with pytest.raises(rp.InputError, match="before in_coordinates"):
         rp.Cell(other, other.placement(region.center), 0.1)
     doubled = task.in_coordinates(2 * np.eye(7))  # a gear ratio mixes nothing
     assert np.allclose(

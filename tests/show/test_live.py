@@ -330,7 +330,8 @@ def test_what_does_not_go_with_live_is_refused(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     for option in (["--motion", "m.csv"], ["--out", "there"], ["--cycles", "3"]):
-        assert f"leave {option[0]} out" in refused(capsys, "animate", "ppr", "--live", *option)
+        why = f"--live and {option[0]} are mutually exclusive"
+        assert why in refused(capsys, "animate", "ppr", "--live", *option)
     with rp.Viewer(task, ["a"]) as view:
         port = str(port_of(view.url))
         assert f"port {port}" in refused(capsys, "animate", str(design), *LIVE, "--port", port)

@@ -223,5 +223,5 @@ def test_no_stale_design_under_a_new_commands_name(tmp_path, monkeypatch, capsys
 
     monkeypatch.setattr(rp, "save", refuse)
     assert main(few) == 2
-    assert "what an earlier command wrote there is now e/design.old.json" in capsys.readouterr().err
+    assert "the file of an earlier command is now e/design.old.json" in capsys.readouterr().err
     assert sorted(p.name for p in Path("e").glob("*.json")) == ["design.old.json"]

@@ -254,9 +254,11 @@ def test_files_hold_the_motions(small: rp.Study, tmp_path) -> None:
 
 
 def test_a_radius_or_plane_beside_a_path_of_its_own_is_refused() -> None:
-    with pytest.raises(rp.InputError, match="radius= is of the default circle"):
+    with pytest.raises(rp.InputError, match="only the default circle takes a radius"):
         rp.study("panda", path="circle:0.1", radius=0.1)
-    with pytest.raises(rp.InputError, match="this path has its own"):
+    with pytest.raises(
+        rp.InputError, match="only the default circle and a path given by name take a plane"
+    ):
         rp.study("panda", path=lambda task, q0: rp.circle(task, q0, 0.1), plane="xz")
 
 

@@ -672,7 +672,7 @@ def test_names_that_no_file_can_have(tmp_path: Path) -> None:
     for name in ("~nosuchuser/x.urdf", "x" * 5000 + ".urdf"):
         with pytest.raises(UrdfError, match="no such file|cannot be read"):
             rp.Robot.load(name)
-    with pytest.raises(InputError, match="no package folder"):
+    with pytest.raises(InputError, match="there is no folder"):
         rp.Robot.load(tmp_path / "r.urdf", package_dirs=["~nosuchuser"])
 
 
