@@ -321,6 +321,7 @@ def right_calls(folder: Path) -> list[Call]:
         (rp.Cell, "around"): {"task": task, "poses": [target], "margin": 0.02, "half_angle": 0.0},
         (rp.Cell, "at"): {"u": U[0]},
         (rp.Run, "step"): {"dt": 0.01, "override": 0.5},
+        (rp.Design, "evaluate_baselines"): {"progress": False},
         (rp.Cell, "coordinates"): {"p": p, "R": R},
         (rp.Cell, "coordinates_of"): {"target": target},
         (rp.Cell, "errors"): {"p_goal": p, "R_goal": R, "p": p, "R": R},
