@@ -267,7 +267,7 @@ def _newton_step(strategy: Inverse, function: Surface, Q: Array, s: Array, L: Ar
 
 
 def _norms(strategy: Inverse, function: Surface, Q: Array) -> Array:
-    """Evaluate ‖s‖ at every row of Q; inf if J is singular."""
+    """Evaluate ``‖s(q)‖`` of a surface s at every row of Q: (K,); inf where J is singular."""
     norms = np.full(len(Q), np.inf)
     regular = _dexterity(strategy, Q) > _SINGULAR
     if regular.any():

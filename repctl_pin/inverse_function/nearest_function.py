@@ -363,7 +363,7 @@ class _Work:
 
 
 def _nodes(U: Array, terms: Monomials) -> Array:
-    """Select nodes in proportion to the number of unknowns."""
+    """Select the first poses of U: at least 256, and about three per monomial."""
     return U[: max(256, _power_of_two(3 * terms.size))]
 
 

@@ -107,7 +107,7 @@ def leaf_margin_of(task: Task, field: Potentials, box: Box) -> LeafMargin:
 
 
 def _perron_root(problem: LeafMargin, q: Array, half: Array) -> float:
-    """Evaluate the spectral radius of D on one box: below 1, J_V is regular there."""
+    """Evaluate the spectral radius of the bound D on one box; below 1, J_V is regular there."""
     D = _expansion(problem, q[None], half[None]).D[0]
     return float(np.abs(np.linalg.eigvals(D)).max()) if np.isfinite(D).all() else np.inf
 
@@ -315,8 +315,7 @@ def inverses(matrices: Array) -> Array:
 
 
 def _solved(M: Array, B: Array) -> Array:
-    """Solve M Y = B without exchanging rows; NaN where a pivot is not positive, so M is no
-    M-matrix."""
+    """Solve M Y = B by elimination without pivoting; NaN where a pivot is not positive."""
     M, Y = M.copy(), B.copy()
     N = M.shape[1]
     for c in range(N):

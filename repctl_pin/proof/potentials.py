@@ -212,7 +212,7 @@ class _Builder:
         scale: Array,
         monomial: Callable[[_Exponents], int],
     ) -> None:
-        """Add a term ``c u^three`` of a third derivative, and the bound of its slopes."""
+        """Add ``c u^three`` to a third derivative, and bound its slope along later joints."""
         feature = monomial(three)
         self.C3[ijl][feature] = self.C3[ijl].get(feature, 0.0) + c
         for m, four, by_m in _lowered(three):

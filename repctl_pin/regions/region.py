@@ -31,7 +31,8 @@ class Region(ABC):
     """A region Ω of joint space with quadrature nodes: the base class of all regions.
 
     A subclass has a ``center`` and defines ``bounds``, ``random``, ``ratio``, ``clip`` and
-    ``shrunk``.
+    ``shrunk``. Files, generated C and proofs know regions by type: ``saving/schema.py``,
+    ``codegen/source.py`` and ``proof/regions.py``.
 
     Attributes
     ----------

@@ -183,7 +183,7 @@ class CollisionModel:
         return self._exact(k) if self._only_contact[k] else self._apart(k)
 
     def _apart(self, k: int) -> float:
-        """Measure a pair: hulls of the robot's bodies, exact geometry of the surroundings."""
+        """Compute the signed distance of pair k: hulls of the robot, exact shapes around it."""
         if k < self._own_pairs:
             return float(pin.computeDistance(self._shapes, self._placed, k).min_distance)
         a, b = self._both[k]

@@ -420,7 +420,7 @@ class Task:
         return [ids[k] for k in np.argmax(driven, axis=0)]
 
     def _task_rows(self, J: Array) -> Array:
-        """Select the task's rows of the frame's Jacobian (6, N), just evaluated."""
+        """Select the task's rows of the frame's Jacobian J (6, N), at the q evaluated last."""
         if self.kind == "pose":
             return J
         if self.kind != "axis":

@@ -86,7 +86,7 @@ def newton(
 def _line_search(
     residual: Callable[[Array], float], q: Array, dq: Array, scale: float, left: float
 ) -> tuple[Array, float]:
-    """Halve a step until the residual falls below ``left``; q itself where it does not."""
+    """Halve a step until the residual is below ``left``; return q and ``left`` if it never is."""
     while True:
         trial = q + scale * dq
         lower = residual(trial)

@@ -140,7 +140,7 @@ class WeightedInverse:
         return weighted_pseudoinverse(J, self._weights(Q))
 
     def _weights(self, Q: Array) -> Array:
-        """Evaluate M at every row of Q (K, n): (K, n, n), or (n, n) if it is constant."""
+        """Evaluate the weight matrix M at every row of Q: (K, n, n), or (n, n) if constant."""
         if isinstance(self.weight, str):
             return self.task.inertias(Q)
         if callable(self.weight):

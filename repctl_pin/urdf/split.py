@@ -62,7 +62,7 @@ def _planar(axis: tuple[float, float, float]) -> tuple[Step, ...]:
 def _replace(
     robot: etree._Element, joint: etree._Element, steps: tuple[Step, ...], names: list[str]
 ) -> None:
-    """Replace a joint by one joint per step, with massless links between them."""
+    """Replace a joint by a chain of single-axis joints, with massless links between them."""
     at, parent = robot.index(joint), joint.find("parent").get("link")
     robot.remove(joint)
     for name, (_, kind, axis) in zip(names, steps, strict=True):

@@ -334,6 +334,7 @@ def test_the_python_runs_and_its_arm_comes_back(
         "design.inverse.step",
         "rp.compiled",
         "rp.export_c",
+        "rp.prove",
         "rp.save",
         "rp.load_design",
         "rp.study",

@@ -274,7 +274,7 @@ def test_what_regions_and_messages_say_is_so() -> None:
         words = " ".join(region.ratio.__doc__.split())
         assert (
             re.match(
-                "Factor by which (the region|the box|the radius|both boxes) would have to be scaled",
+                "Factor by which (the (region|box|radius)|both boxes) would have to be scaled",
                 words,
             )
             and "above 1 is outside" in words.lower()

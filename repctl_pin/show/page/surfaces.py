@@ -275,7 +275,7 @@ def _differs(rows: NDArray[np.int64]) -> NDArray[np.bool_]:
 
 
 def _join(pieces: list[dict[str, Any]], scale: float) -> Surface:
-    """Join pieces, sorted by texture, with each distinct corner once."""
+    """Join mesh pieces into one surface, grouped by texture, each distinct vertex stored once."""
     images = list(dict.fromkeys(piece["image"] for piece in pieces))
     pieces = sorted(pieces, key=lambda piece: images.index(piece["image"]))
     groups, start = [], 0

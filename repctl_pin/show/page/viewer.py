@@ -197,8 +197,7 @@ class Viewer:
         self.close()
 
     def _page(self, q0: Array, path: TaskPath | None) -> str:
-        """Make the page: the arm at its start and in a second configuration, which shows what
-        moves."""
+        """Make the page from the start and two shifted configurations, which show moving parts."""
         task = self.task
         Q = np.array(
             [

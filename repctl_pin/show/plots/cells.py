@@ -74,7 +74,7 @@ def cell_figure(design: CellDesign, cuts: Sequence[Slice]) -> Figure:
 
 
 def _centre(design: CellDesign) -> np.ndarray:
-    """Return the centre in the cell's coordinates, m; 0 for rotations."""
+    """Return the cell's centre along its axes of non-zero width: m, and 0 for rotations."""
     cell = design.cell
     every = np.zeros(len(cell.widths))
     every[: len(cell.half_width)] = cell.placement.translation[
