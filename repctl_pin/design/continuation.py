@@ -125,7 +125,7 @@ class Continuation:
     def descend(
         self, batches: BarrierCost, A: Array, penalty: float, tolerance: float
     ) -> Descent | None:
-        """Descend from a regular V to a regular one; None if A is singular, or every end is."""
+        """Descend from a regular V to a regular V; None if A is singular, or every end is."""
         basis, begin = self.chosen.basis[: len(A), : len(A)], self._start(len(A))
         for _ in range(_ROUNDS):
             found = descend(

@@ -162,7 +162,7 @@ class SignCount:
 
     @property
     def uniform(self) -> bool:
-        """Whether all nodes lie on one side."""
+        """Whether all nodes lie on the same side of the singularity."""
         return not (self.positive and self.negative)
 
     def __add__(self, other: SignCount) -> SignCount:

@@ -175,7 +175,7 @@ def _largest_ratio(A: Array, B: Array) -> Array:
 
 @dataclass(frozen=True)
 class SpeedRatio:
-    """Ratio of joint speeds, of the desired control over the function, which a search minimises.
+    """Ratio of joint speeds, of the desired controller over the function, which a search minimises.
 
     Attributes
     ----------
@@ -190,13 +190,13 @@ class SpeedRatio:
     direction: bool
 
     def least(self, at: Points) -> Array:
-        """Evaluate its square: (K,); infinite where the function does not exist."""
+        """Evaluate the square of the ratio: (K,); infinite where the function does not exist."""
         found = speeds(self.desired, self.chart, at)
         ratio = 1 / found.direction if self.direction else found.desired_square / found.own
         return np.where(np.isfinite(ratio), ratio, np.inf)
 
     def slope(self, candidate: CandidateFunction, at: Points) -> Array:
-        """Differentiate it with respect to u: (K, k); 0 where that is impossible."""
+        """Differentiate the square with respect to u: (K, k); 0 where that is impossible."""
         K, k = at.U.shape
         step, Q = _DIFFERENCE * np.eye(k), np.repeat(at.Q, k, axis=0)
         ends = [

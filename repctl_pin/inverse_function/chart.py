@@ -85,7 +85,7 @@ class Chart:
         return Points(U, Q, R, J, q_ref, n_ref, np.abs(e).max(axis=1), found)
 
     def derivative(self, at: Points, ds: Array) -> tuple[Array, Array]:
-        r"""Differentiate the function through points with respect to u, and to its label.
+        r"""Differentiate the function through points with respect to u, and to the label.
 
         .. math:: \begin{bmatrix} J \\ n_{ref}^T \end{bmatrix} \partial F = \begin{bmatrix} E \\
                   \partial s + n_{ref}^T \partial q_{ref}

@@ -171,11 +171,11 @@ class CandidateFunction:
         return cls(chart, Monomials(chart.cell.k, 0), np.zeros((1, chart.cell.task.r)))
 
     def at(self, U: Array, Q: Array | None = None) -> Points:
-        """Evaluate it at U (K, k), from Q (K, n) if given."""
+        """Evaluate the function at U (K, k), from Q (K, n) if given."""
         return self.chart.solve(U, self.terms.values(U) @ self.a, Q)
 
     def derivative(self, at: Points) -> Array:
-        """Differentiate it with respect to u, at points of it: (K, n, k)."""
+        """Differentiate the function with respect to u, at points of its graph: (K, n, k)."""
         slopes = self.terms.slopes(self.terms.values(at.U))
         return self.chart.derivative(at, np.einsum("KNk,Nr->Krk", slopes, self.a))[0]
 

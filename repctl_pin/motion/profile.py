@@ -247,7 +247,7 @@ class Trajectory:
     more: int
 
     def derivatives(self, t: Array) -> Array:
-        """Joints and their first three derivatives (4, T, n) at times (T,) of the motion's
+        """Evaluate q and its first three derivatives (4, T, n) at times (T,) of the motion's
         samples."""
         clock = t - self.lead
         if self.more:

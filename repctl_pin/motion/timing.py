@@ -109,7 +109,7 @@ class TimedMotion:
         The phase-plane profile: ‖q‖ travelled from the start, and its rate, per s; the first three
         cycles if there are more.
     velocity, acceleration, jerk : (n,) arrays
-        The limits kept, rad/s, rad/s² and rad/s³ (m for sliding joints); no jerk where it is not
+        The limits kept, rad/s, rad/s² and rad/s³ (m for prismatic joints); no jerk where it is not
         limited.
     stops : int
         How often it stands still within a cycle, not counting its start: at corners of the joint
@@ -533,13 +533,13 @@ def approach(
 ) -> TimedMotion:
     """Move the joints straight, from rest to rest, from where the arm is to a motion.
 
-    ``q(s) = q_now + s (q_goal − q_now)``, as quickly as the limits allow. Both ends are inside the
-    joint limits, hence so is all between.
+    ``q(s) = q_now + s (q_goal − q_now)``, as quickly as the limits allow. Both end
+    configurations are within the joint limits, so the straight path between them is, too.
 
     Parameters
     ----------
     q_now : (n,) array
-        Where the arm is, rad (m for sliding joints).
+        Current configuration, rad (m for prismatic joints).
     motion
         What is approached.
     to
@@ -554,7 +554,7 @@ def approach(
     torque, rate
         As :func:`timed` takes them.
     bodies
-        Check that the robot does not touch itself, or its surroundings, on the way.
+        Check for collisions of the robot with itself or its surroundings on the way.
 
     Returns
     -------
@@ -564,8 +564,8 @@ def approach(
     Raises
     ------
     InputError
-        If q_now or the goal is outside the joint limits, the arm is there already or would touch
-        itself, or a limit cannot be used.
+        If q_now or the goal is outside the joint limits, the arm is there already or would
+        collide, or a limit cannot be used.
 
     Examples
     --------

@@ -15,7 +15,7 @@ from ..errors import InputError
 
 @runtime_checkable
 class Potentials(Protocol):
-    """r potentials h(q), whose level sets h(q) = c are the leaves of a repeatable control."""
+    """r potentials h(q), whose level sets h(q) = c are the leaves of a repeatable controller."""
 
     def value(self, q: Array) -> Array:
         """Evaluate h(q): (r,)."""

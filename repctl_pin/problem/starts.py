@@ -55,7 +55,7 @@ class Start(NamedTuple):
 
 
 def starts(task: Task, start: ArrayLike | str | None, draw: PathOf | None) -> Iterator[Start]:
-    """Generate the starts that will do, the best first.
+    """Generate the usable starts, the best first.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def starts(task: Task, start: ArrayLike | str | None, draw: PathOf | None) -> It
     Raises
     ------
     InputError, SingularityError
-        If no start will do: the reason for the first.
+        If no start is usable: the reason for the first.
     """
     if start is not None:
         q0, name = _named(task, start)

@@ -1,4 +1,4 @@
-"""Branch and bound on the leaf margin over a set of boxes: halve a box until its bound will do."""
+"""Branch and bound on the leaf margin over a set of boxes: halve a box until its bound suffices."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _SMALLEST = 1e-7
 @dataclass(frozen=True, eq=False)
 @read_only
 class Outcome:
-    """What branch and bound found.
+    """Result of branch and bound.
 
     Attributes
     ----------
@@ -107,11 +107,11 @@ class _Search:
         self.boxes, self.reason = 0, ""
 
     def open(self) -> int:
-        """How many boxes are left."""
+        """Return the number of boxes left."""
         return len(self.low)
 
     def volume(self) -> float:
-        """The volume of the boxes that are left."""
+        """Compute the volume of the boxes left."""
         return float(np.prod(self.high - self.low, axis=1).sum())
 
     def advance(self) -> None:
@@ -172,7 +172,7 @@ class _Search:
         return self.goal
 
     def _still_short(self, enough: float, stays: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Settle boxes that wait with a bound that will do by now; say which others wait."""
+        """Settle waiting boxes whose bound now suffices; return a mask of all others."""
         ready = stays & (self.split >= 0) & (self.bound >= enough)
         if ready.any():
             self.decided = min(self.decided, float(self.bound[ready].min()))

@@ -21,7 +21,7 @@ _SMALLEST = 1e-4
 @dataclass(frozen=True, eq=False)
 @read_only
 class CellOutcome:
-    """What branch and bound over a cell found.
+    """Result of branch and bound over a cell.
 
     Attributes
     ----------

@@ -141,7 +141,7 @@ def left_jacobian_slope(omega: Array, e: Array, d: Array) -> Array:
 @dataclass(frozen=True, eq=False)
 @read_only
 class CellBounds:
-    """What was found of K boxes of poses.
+    """Bounds for K boxes of poses.
 
     Attributes
     ----------

@@ -39,7 +39,7 @@ _BATCH = 2048
 @dataclass(frozen=True, eq=False)
 @read_only
 class Bounds:
-    """What was found of K boxes.
+    """Bounds for K boxes.
 
     Attributes
     ----------
@@ -95,7 +95,7 @@ class LeafMargin:
 
 
 def leaf_margin_of(task: Task, field: Potentials, box: Box) -> LeafMargin:
-    """Prepare bounds inside a box, seen from the link from which the fewest boxes will do."""
+    """Prepare bounds inside a box, seen from the link that needs the fewest boxes."""
     features, chain = features_of(field, task.n, box), chain_of(task)
     middles = range(len(chain.p) + 1)
     made = [
@@ -395,7 +395,7 @@ _loaded: list[ctypes.CDLL | None] = []
 
 
 def _library() -> ctypes.CDLL | None:
-    """Compile the kernel once; None without a compiler, of which a warning tells once."""
+    """Compile the kernel once; without a compiler, return None and warn once."""
     if not _loaded:
         source = files(__package__).joinpath("leaf_margin.c").read_text(encoding="ascii")
         try:

@@ -235,7 +235,7 @@ class _Builder:
         return self._feature(PRODUCT, parent, z[i], bound, error + U * bound)
 
     def _fourier(self, field: FourierMap, joints: NDArray[np.intp]) -> None:
-        """``h = Σ a sin(w · q) + b cos(w · q)``."""
+        """Add the terms of ``h = Σ a sin(w · q) + b cos(w · q)``."""
         T = self._room(field.sines.shape[1])
         for wave, a, b in zip(field.waves, field.sines, field.cosines, strict=True):
             row = np.zeros(self.n)

@@ -23,7 +23,7 @@ LITTLE = 1e-4
 
 
 def motion_notes(task: Task, q0: Array, rows: Sequence[Row]) -> list[str]:
-    """Collect the notes on the motions of a study: of J⁺, first, to the repeatable one, last."""
+    """Collect the notes on the motions of a study; J⁺ is first, the repeatable controller last."""
     plain, closed = rows[0].motion, rows[-1].motion
     return [
         *_path_losses(rows),

@@ -1,4 +1,4 @@
-"""The gatekeeper: every bad file is one clear line; every good one is one number a joint in
+"""The gatekeeper: every bad file is one clear line; every good one is one number per joint in
 Pinocchio."""
 
 from __future__ import annotations

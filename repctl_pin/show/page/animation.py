@@ -24,7 +24,7 @@ from .playback import TracedChain, playback_of, playback_page
 
 _WARM, _COOL = (VERMILLION, ORANGE, PURPLE), (BLUE, GREEN, SKY)
 _BACK = 0.01
-"""A motion has come back whose drift is this part of the largest, or nothing one could see."""
+"""A motion counts as closed up to this share of the largest drift, or up to 1e-6."""
 
 
 @dataclass(frozen=True)
