@@ -71,11 +71,11 @@ def presumed_acceleration(task: Task) -> tuple[Array, str]:
     if entry is not None and entry.acceleration is not None:
         published = PRESETS[entry.acceleration][0]
         if len(published) == len(names):
-            return np.array(published, float), f"{entry.acceleration}'s, as published"
+            return np.array(published, float), f"published limits for {entry.acceleration}"
     speed = task.joint_limits[2]
     return np.where(
         np.isfinite(speed), speed / FULL_SPEED, _UNLIMITED
-    ), f"full speed in {FULL_SPEED:g} s, assumed"
+    ), f"assumed: each joint reaches its speed limit in {FULL_SPEED:g} s"
 
 
 _DIFFERENCE = 1e-5

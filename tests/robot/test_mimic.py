@@ -152,7 +152,7 @@ def test_inspect_says_who_drives_whom(robot: rp.Robot) -> None:
     from repctl_pin.show.text.inspection import inspection, inspection_text
 
     text = inspection_text(inspection(robot, {"l7": {"position": 1}}))
-    assert "driven: j3 (mimics j2), j4 (mimics j1), j6 (mimics j5)" in text
+    assert "mimic joints: j3 (follows j2), j4 (follows j1), j6 (follows j5)" in text
 
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler")

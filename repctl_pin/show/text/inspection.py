@@ -84,14 +84,15 @@ def inspection_text(found: Mapping[str, Any]) -> str:
         f"from {found['file']}",
         "",
         table(["joint", "kind", "lower", "upper", "speed", "reference"], rows),
-        "rad or m, and per second; – where the file sets no limit",
+        "units: rad or m, rad/s or m/s; –: no limit in the URDF",
     ]
     if found["locked"]:
         lines += ["", "locked: " + ", ".join(f"{j['name']} ({j['why']})" for j in found["locked"])]
     if found["driven"]:
         lines += [
             "",
-            "driven: " + ", ".join(f"{j['name']} (mimics {j['by']})" for j in found["driven"]),
+            "mimic joints: "
+            + ", ".join(f"{j['name']} (follows {j['by']})" for j in found["driven"]),
         ]
     lines += _chains(found)
     lines += ["", *_frames(found)]
