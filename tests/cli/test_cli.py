@@ -109,7 +109,7 @@ def test_robots_and_inspect(tmp_path) -> None:
     assert (
         done.returncode == 0
         and "panda_joint4" in done.stdout
-        and "mimics panda_finger_joint1" in done.stdout
+        and "follows panda_finger_joint1" in done.stdout
     )
 
 
