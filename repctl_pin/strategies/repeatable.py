@@ -195,8 +195,8 @@ class RepeatableInverse:
             :meth:`damped_step` reports λ.
         outside
             Action if q lies outside the design region Ω, or the next q beyond the joint limits:
-            ``"ignore"``, ``"warn"``, or ``"raise"`` (an InputError). The check takes as long as one
-            or two steps for a box, five for a cell; ``"ignore"`` takes no time.
+            ``"ignore"``, ``"warn"``, or ``"raise"`` (an InputError). The check takes about as
+            long as three steps for a box, seven for a cell; ``"ignore"`` takes no time.
 
         Raises
         ------
