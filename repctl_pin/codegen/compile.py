@@ -15,7 +15,7 @@ from ..arguments import Array, require_type
 from ..inverse_function import InverseFunction
 from ..inverse_function.cell_potentials import CellPotentials
 from ..inverse_function.chart import Chart
-from ..robot.formulas import Placement, as_placement
+from ..robot.chain_formulas import Placement, as_placement
 from ..robot.task import Task
 from ..strategies.repeatable import RepeatableInverse
 from ..threads import PerThread

@@ -6,4 +6,4 @@ from .design_result import Design as Design
 from .family import FamilyDesign as FamilyDesign
 from .family import nearest_in_family as nearest_in_family
 from .nearest import nearest_repeatable as nearest_repeatable
-from .singularities import SingularRegionError as SingularRegionError
+from .singularity_search import SingularRegionError as SingularRegionError

@@ -10,7 +10,7 @@ import numpy as np
 from ..arguments import positive, require_type
 from ..errors import InputError, SingularityError
 from .design_result import Design
-from .evaluation import REPLICATES, Evaluation, judge
+from .evaluation import REPLICATES, Evaluation, evaluate_design
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ def compare(first: Design, *others: Design) -> Comparison:
     evaluations: list[Evaluation | None] = []
     for design in designs:
         try:
-            verdict = judge(
+            verdict = evaluate_design(
                 design.inverse,
                 first.desired,
                 first.region,

@@ -24,7 +24,7 @@ from .batches import BarrierCost
 from .criterion import named
 from .descend import Descent, Start, descend, start
 from .independence import Independent
-from .singularities import LeafMargin, Lowest, SingularRegionError, refuse_singular, search
+from .singularity_search import LeafMargin, Lowest, SingularRegionError, refuse_singular, search
 
 _PENALTY, _MOST_PENALTY = 1e-2, 1e-1
 _ROUNDS = 6

@@ -12,7 +12,7 @@ from ..fit_options import FitOptions
 from ..potentials.polynomial import Polynomial
 from ..progress import Report, silent
 from .design_result import Design
-from .singularities import LeafMargin
+from .singularity_search import LeafMargin
 
 
 @dataclass(frozen=True, eq=False)

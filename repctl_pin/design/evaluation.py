@@ -18,7 +18,7 @@ from ..strategies.extended import ExtendedJacobian
 from ..strategies.repeatable import RepeatableInverse
 from ..strategies.strategy import Inverse
 from .criterion import named, oriented_nullspace
-from .singularities import LeafMargin, SingularRegionError, search
+from .singularity_search import LeafMargin, SingularRegionError, search
 
 REPLICATES = 32
 _CANDIDATES = 64
@@ -54,7 +54,7 @@ class Evaluation:
     replicates: Array = field(repr=False)
 
 
-def judge(
+def evaluate_design(
     inverse: RepeatableInverse,
     desired: Inverse,
     region: Region,
@@ -175,7 +175,7 @@ def baselines(
     for name, inverse in inverses.items():
         report(f"evaluating {name} for comparison", len(found) / len(inverses))
         try:
-            evaluation = judge(inverse, desired, region, samples=samples, seed=seed)
+            evaluation = evaluate_design(inverse, desired, region, samples=samples, seed=seed)
         except RepctlError as error:
             found.append(Baseline(name, None, str(error)))
         else:

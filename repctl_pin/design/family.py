@@ -192,21 +192,22 @@ def nearest_in_family(
         raise SingularityError(
             "no member of this family is free of singularities in Ω; make the region smaller"
         )
-    judge = _Comparison(desired, region, 8 * len(nodes.Q), seed + 1)
+    comparison = _Comparison(desired, region, 8 * len(nodes.Q), seed + 1)
     spread = np.ptp(costs) if np.isfinite(costs).all() else np.inf
     unique = bool(spread > _FLAT * max(float(costs.mean()), 1e-15 * nodes.scale))
     if unique and np.isfinite(spread):
         # A variation that the finer nodes do not confirm is quadrature error of the search.
         worst, least = (
-            judge.cost(member(parameter(angles[i]))) for i in (np.argmax(costs), np.argmin(costs))
+            comparison.cost(member(parameter(angles[i])))
+            for i in (np.argmax(costs), np.argmin(costs))
         )
         unique = bool(worst - least > spread / 2)
     best = _polish(cost, angles, costs, projective) if unique else (low + high) / 2
 
     inverse = member(parameter(best))
-    value = judge.cost(inverse)
+    value = comparison.cost(inverse)
     scanned = np.array([parameter(a) for a in angles])
-    away, error = float(np.sqrt(value / judge.scale)), abs(value - nodes.cost(inverse))
+    away, error = float(np.sqrt(value / comparison.scale)), abs(value - nodes.cost(inverse))
     return FamilyDesign(
         inverse,
         desired,

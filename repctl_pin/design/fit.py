@@ -18,9 +18,9 @@ from .continuation import Continuation, FitProblem
 from .criterion import Builder, evaluate, oriented_nullspace
 from .descend import Descent
 from .design_result import Design
-from .evaluation import judge
+from .evaluation import evaluate_design
 from .independence import Independent, independent
-from .singularities import Dexterity, SingularRegionError, refuse_singular, search
+from .singularity_search import Dexterity, SingularRegionError, refuse_singular, search
 from .workers import hand_out
 
 if TYPE_CHECKING:
@@ -120,7 +120,8 @@ def _judged(problem: FitProblem, chosen: Independent, result: Descent, samples: 
     A = A @ np.linalg.inv(N[0].T @ D[0] @ A)
     inverse = RepeatableInverse(desired.task, potentials.weighted(A), region=region)
     held_out = _HELD_OUT_NODES if options.held_out is None else options.held_out
-    verdict = vars(judge(inverse, desired, region, samples=held_out, seed=options.seed + 1))
+    evaluation = evaluate_design(inverse, desired, region, samples=held_out, seed=options.seed + 1)
+    verdict = vars(evaluation)
     return Design(
         inverse,
         desired,

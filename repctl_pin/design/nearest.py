@@ -22,7 +22,7 @@ from .continuation import FitProblem
 from .design_result import Design
 from .evaluation import REPLICATES
 from .fit import fit
-from .singularities import SHRUNK_MARGIN, LeafMargin, SingularRegionError, refuse_singular
+from .singularity_search import SHRUNK_MARGIN, LeafMargin, SingularRegionError, refuse_singular
 
 _SHRINKINGS = 12
 _MOST_DEGREE = 6

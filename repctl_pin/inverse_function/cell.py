@@ -24,7 +24,7 @@ from ..arguments import (
     vector,
 )
 from ..errors import InputError
-from ..robot.formulas import Placement, as_placement, as_placements, require_rotation
+from ..robot.chain_formulas import Placement, as_placement, as_placements, require_rotation
 from ..robot.task import Task, require_task
 from .kinematics import placed
 from .rotations import exp3, left_jacobian, log3, tilts

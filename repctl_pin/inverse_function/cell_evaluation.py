@@ -251,7 +251,7 @@ def _sampled(desired: Batched, candidate: CandidateFunction, U: Array, side: flo
     )
 
 
-def judge(
+def evaluate_cell(
     desired: Batched, chart: Chart, count: int, seed: int, *, quick: bool = False
 ) -> Evaluation:
     """Evaluate the function s = 0 of a chart on Sobol points, corners, and poses found by search.

@@ -14,7 +14,7 @@ from scipy.linalg.lapack import dgesv
 
 from ..arguments import Array
 from ..robot import fast_kinematics
-from ..robot.formulas import axis_turn, is_rotation
+from ..robot.chain_formulas import axis_turn, is_rotation
 from ..robot.task import Task
 from ..solvers import newton
 from .cell import TURNED, Cell

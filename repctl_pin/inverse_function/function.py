@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from ..arguments import Array, as_matrices, as_numbers, vector
 from ..errors import InputError
 from ..redundancy import leaf_margin
-from ..robot.formulas import Placement, as_placement, as_placements
+from ..robot.chain_formulas import Placement, as_placement, as_placements
 from ..robot.task import Task
 from ..strategies import RepeatableInverse
 from ..threads import PerThread

@@ -17,7 +17,7 @@ from ..fit_options import FitOptions, fit_options
 from ..strategies.strategy import AN_INVERSE, Batched, Inverse
 from .cell import LEAST_WIDTH, Cell
 from .cell_design import CellDesign
-from .cell_evaluation import judge
+from .cell_evaluation import evaluate_cell
 from .chart import Chart
 from .cost import Cost, Descent, descend, predicted_gain
 from .failures import FailureReason, broken_limit, round_the_base, unreached
@@ -301,8 +301,9 @@ class _Work:
         self.report("the last chart", 0.7)
         chart = _recharted(cell, chart, descent, terms)
         self.report("the evaluation", 0.8)
-        held_out = min(512, self.held_out) if quick or hopeless else self.held_out
-        evaluation = judge(self.desired, chart, held_out, self.seed + 2, quick=quick or hopeless)
+        quick = quick or hopeless
+        held_out = min(512, self.held_out) if quick else self.held_out
+        evaluation = evaluate_cell(self.desired, chart, held_out, self.seed + 2, quick=quick)
         return CellDesign.of(
             self.desired,
             chart,

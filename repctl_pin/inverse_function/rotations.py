@@ -61,7 +61,7 @@ def skew(omega: Array) -> Array:
 def tilts(R: Array, goal: Array) -> Array:
     """Measure the rotations (K, 2), rad, about a tool's x and y that turn its z axis to the goal's.
 
-    The batch form of :func:`repctl_pin.robot.formulas.axis_turn`.
+    The batch form of :func:`repctl_pin.robot.chain_formulas.axis_turn`.
     """
     aim = np.einsum("Kab,Ka->Kb", R, goal[..., :, 2])  # the goal's axis as the tool sees it
     sine = np.hypot(aim[:, 0], aim[:, 1])

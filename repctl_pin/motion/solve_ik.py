@@ -10,7 +10,7 @@ from ..arguments import MOST_STEPS, Array, as_int, flag, positive, vector
 from ..errors import InputError, SingularityError
 from ..paths.task_path import TaskPath
 from ..redundancy.inverses import pseudoinverse
-from ..robot.formulas import Placement, as_placement
+from ..robot.chain_formulas import Placement, as_placement
 from ..robot.length import arm_length
 from ..robot.task import Task, require_task
 from ..solvers import newton

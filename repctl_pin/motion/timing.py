@@ -25,7 +25,7 @@ from ..arguments import (
 from ..errors import InputError
 from ..robot.bodies import bodies_of
 from ..robot.task import Task
-from ..urdf.checks import NO_EFFORT
+from ..urdf.rules import NO_EFFORT
 from .jerk import fastest_with_jerk
 from .motion import CLOSED, Motion
 from .own_times import with_own_times

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from ..arguments import Array, as_numbers, list_of, positive, read_only
 from ..errors import InputError
-from ..robot.formulas import as_placements
+from ..robot.chain_formulas import as_placements
 from ..robot.task import Task, require_task
 from .orientation import piece_finder, rotation_matrix, smooth_turning
 from .task_path import TaskPath

@@ -18,9 +18,9 @@ from ..regions import Region, Tube
 from ..robot.task import Task
 from ..strategies import Inverse
 from ..strategies.names import LABELS
+from .choose_start import plain_cycle, violations
 from .period import PERIOD, choose_period
 from .problem import Problem, tube_around
-from .starts import plain_cycle, violations
 
 Make = Callable[[Region], Design]
 Say = Callable[[str], None]

@@ -13,8 +13,8 @@ from ..inverse_function import CellDesign
 from ..motion import ClosedPath
 from ..motion.fitting_circle import fitting_circle
 from ..paths.task_path import Cycle
+from .choose_start import SAME, PathOf
 from .problem import SAVED, Problem
-from .starts import SAME, PathOf
 
 
 def problem_of(

@@ -30,7 +30,7 @@ from ..regions import Box, Region, Tube
 from ..robot.robot import Robot
 from ..robot.task import Task
 from ..strategies import Pseudoinverse
-from .starts import GIVEN, PathOf, Start, starts
+from .choose_start import GIVEN, PathOf, Start, starts
 from .task_choice import choose_task
 
 RegionOf = Callable[[Task, Array], Region]

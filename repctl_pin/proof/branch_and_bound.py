@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import Array, read_only
-from .leaf_margin import Bounds, LeafMargin
+from .leaf_margin_bounds import Bounds, LeafMargin
 from .potentials import U
 
 _BATCH = 4096

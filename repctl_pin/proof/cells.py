@@ -23,7 +23,7 @@ from ..inverse_function.chart import Chart
 from ..inverse_function.monomials import Monomials
 from ..inverse_function.rotations import left_jacobian
 from .chain import Chain, chain_of, tool_reach
-from .leaf_margin import Bounds, Expansion, enclosed, inverses, margins
+from .leaf_margin_bounds import Bounds, Expansion, enclosed, inverses, margins
 from .potentials import U
 from .remainder import relative_rounding, remainders
 from .screws import between, screws, slopes, turn

@@ -16,7 +16,7 @@ from ..errors import InputError
 from ..inverse_function import CellDesign
 from .branch_and_bound import bound_leaf_margin
 from .cell_search import bound_cell
-from .leaf_margin import leaf_margin_of
+from .leaf_margin_bounds import leaf_margin_of
 from .regions import cover, enclosing, limit_margin
 
 

@@ -13,7 +13,7 @@ import pinocchio as pin
 from scipy.linalg.blas import daxpy, dcopy
 
 from ..arguments import Array
-from .formulas import axis_turn, is_rotation, require_rotation
+from .chain_formulas import axis_turn, is_rotation, require_rotation
 from .model import SHARED
 from .task import Task
 

@@ -9,7 +9,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from ..arguments import Array
-from ..urdf.checks import NO_LIMIT
+from ..urdf.rules import NO_LIMIT
 from ..urdf.validate import Joint
 
 _JOINTS = 2

@@ -23,9 +23,7 @@ from ..arguments import (
 )
 from ..errors import InputError
 from ..threads import PerThread
-from .coordinates import Coordinates, linear_coordinates
-from .coupling import Coupling
-from .formulas import (
+from .chain_formulas import (
     Placement,
     as_placement,
     as_placements,
@@ -33,6 +31,8 @@ from .formulas import (
     chain_hessians,
     require_rotation,
 )
+from .coordinates import Coordinates, linear_coordinates
+from .coupling import Coupling
 from .mechanism import Mechanism
 from .model import chain_between, frame_id, frame_jacobian, lock_joints, path_between
 

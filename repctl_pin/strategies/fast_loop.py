@@ -27,7 +27,7 @@ from numpy.typing import ArrayLike
 from ..arguments import FLOAT, Array, per_joint, positive, row, vector
 from ..errors import InputError, SingularityError
 from ..redundancy.augmented import SINGULAR
-from ..robot.formulas import Placement, as_placement
+from ..robot.chain_formulas import Placement, as_placement
 from ..robot.task import Task
 
 

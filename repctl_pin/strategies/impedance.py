@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from ..arguments import Array, as_numbers, positive, require_type, shown, vector
 from ..errors import InputError, SingularityError
-from ..robot.formulas import Placement
+from ..robot.chain_formulas import Placement
 from ..threads import PerThread
 from .repeatable import RepeatableInverse
 from .strategy import described

@@ -15,7 +15,7 @@ from ..potentials.basis import Potentials
 from ..redundancy.augmented import leaf_margin
 from ..redundancy.inverses import inverse_condition_number
 from ..redundancy.nullspace import nullspace
-from ..robot.formulas import Placement, as_placement, axis_turn
+from ..robot.chain_formulas import Placement, as_placement, axis_turn
 from ..solvers import newton
 from .strategy import OnLeaves
 

@@ -21,7 +21,7 @@ from ..arguments import (
 from ..errors import InputError
 from ..potentials.basis import Potentials, check_joints
 from ..redundancy.augmented import augmented_inverse
-from ..robot.formulas import Placement
+from ..robot.chain_formulas import Placement
 from ..robot.task import Task
 from ..threads import PerThread
 from .control_step import python_loops

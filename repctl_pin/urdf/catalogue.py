@@ -147,7 +147,7 @@ def reference_posture(srdf: Path, state: str | None = None) -> dict[str, float]:
     InputError
         If the file cannot be read, or has no such state.
     """
-    from .checks import finite
+    from .rules import finite
 
     root = _read_srdf(srdf)
     states = {group.get("name"): group for group in root.iter("group_state")}

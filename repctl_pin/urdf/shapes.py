@@ -9,7 +9,7 @@ from pathlib import Path
 
 from lxml import etree
 
-from .checks import numbers
+from .rules import numbers
 
 Color = tuple[float, float, float, float]
 

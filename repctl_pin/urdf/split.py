@@ -7,7 +7,7 @@ from typing import TypeAlias
 import numpy as np
 from lxml import etree
 
-from .checks import axis_of
+from .rules import axis_of
 from .xml import bad
 
 Step: TypeAlias = tuple[str, str, tuple[float, ...]]  # suffix, kind, axis

@@ -14,7 +14,7 @@ from pathlib import Path
 from lxml import etree
 
 from ..errors import UrdfError
-from .checks import NO_EFFORT, NO_LIMIT, axis_of, check, finite, leader, number
+from .rules import NO_EFFORT, NO_LIMIT, axis_of, check, finite, leader, number
 from .shapes import Solid, shapes_of
 from .split import split_joints
 from .xacro import expand

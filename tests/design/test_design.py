@@ -15,7 +15,7 @@ import repctl_pin as rp
 from repctl_pin import redundancy
 from repctl_pin.design import criterion, singularities
 from repctl_pin.design.design_map import degree_curve, design_map
-from repctl_pin.design.evaluation import judge
+from repctl_pin.design.evaluation import evaluate_design
 from repctl_pin.potentials import PotentialBasis
 from repctl_pin.show.plots import design_figure
 
@@ -99,7 +99,7 @@ def test_the_extended_jacobian_is_singular_in_the_wide_box_and_said_so(panda: rp
     # the point it names lies in the box, and det J_V has another sign there than at the center
     inverse = rp.ExtendedJacobian(design.task, Q0)
     with pytest.raises(rp.SingularRegionError) as error:
-        judge(inverse, design.desired, design.region)
+        evaluate_design(inverse, design.desired, design.region)
     at = error.value.at
     free = singularities.largest_free(
         singularities.LeafMargin(design.task, inverse.potentials, Q0), design.region, at[None]
@@ -112,7 +112,8 @@ def test_the_extended_jacobian_is_singular_in_the_wide_box_and_said_so(panda: rp
         for q in (Q0, at)
     ]
     assert sides[0] == -sides[1]
-    assert isinstance(free, rp.Box) and judge(inverse, design.desired, free).leaf_margin > 0
+    assert isinstance(free, rp.Box)
+    assert evaluate_design(inverse, design.desired, free).leaf_margin > 0
 
 
 @pytest.fixture(scope="module")
@@ -446,7 +447,7 @@ def test_a_start_near_a_limit_is_left_with_more_room() -> None:
             for loop in loops
         ]
         margins.append([loop.limit_margin.min() for loop in loops])
-        distances.append(judge(inverse, plain, box, samples=1024).relative_distance)
+        distances.append(evaluate_design(inverse, plain, box, samples=1024).relative_distance)
     least, broken = np.min(margins, axis=1), np.sum(np.less(margins, 0), axis=1)
     assert least[1] > least[0] + 0.03 and broken[1] < 0.75 * broken[0]
     assert distances[1] < distances[0] + 0.05

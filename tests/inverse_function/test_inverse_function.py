@@ -20,7 +20,7 @@ from design_file import checksum
 
 import repctl_pin as rp
 from repctl_pin.inverse_function import FailureReason, margins, nearest_function, rotations
-from repctl_pin.inverse_function.cell_evaluation import judge
+from repctl_pin.inverse_function.cell_evaluation import evaluate_cell
 from repctl_pin.inverse_function.cell_potentials import CellPotentials
 from repctl_pin.inverse_function.chart import Chart
 from repctl_pin.inverse_function.cost import Cost, Penalty, descend
@@ -57,7 +57,7 @@ def test_rotations_by_the_batch_agree_with_pinocchio() -> None:
         )  # the left one is the transpose of Pinocchio's right one
         assert np.allclose(rotations.log3(R[None])[0], pin.log3(R))
     goal = rotations.exp3(omega[::-1])
-    from repctl_pin.robot.formulas import axis_turn
+    from repctl_pin.robot.chain_formulas import axis_turn
 
     for R, aim, turn in zip(
         rotations.exp3(omega), goal, rotations.tilts(rotations.exp3(omega), goal), strict=True
@@ -431,7 +431,7 @@ def test_what_a_design_says_of_itself() -> None:
 def test_the_judgement_is_honest() -> None:
     """Measured anew, pose by pose, from the function and its control alone."""
     design = found()
-    j = judge(design.desired, design.function.chart, 1024, 77)
+    j = evaluate_cell(design.desired, design.function.chart, 1024, 77)
     U = design.cell.sample(1024, 77)
     Q = design.function.batch(U)
     G, G_d = design.inverse.batch(Q)[:, :, :3], design.desired.batch(Q)[:, :, :3]
@@ -944,7 +944,7 @@ def corner_beyond_a_limit(folder: Path) -> rp.CellDesign:
     (folder / "bound.urdf").write_text('name="theta3"'.join(text))
     bound_task = rp.Robot.load(folder / "bound.urdf").task("tool", "xy")
     chart = replace(free.function.chart, cell=rp.Cell(bound_task, cell.placement, 0.35))
-    evaluation = judge(rp.Pseudoinverse(bound_task), chart, 128, 0)
+    evaluation = evaluate_cell(rp.Pseudoinverse(bound_task), chart, 128, 0)
     assert not evaluation.everywhere
     return replace(free, function=rp.InverseFunction(chart), evaluation=evaluation)
 

@@ -10,7 +10,7 @@ from arms import Q_PANDA
 
 import repctl_pin as rp
 from repctl_pin.inverse_function import kinematics, reference
-from repctl_pin.inverse_function.cell_evaluation import judge
+from repctl_pin.inverse_function.cell_evaluation import evaluate_cell
 from repctl_pin.inverse_function.cost import Cost, descend
 from repctl_pin.inverse_function.monomials import Monomials
 from repctl_pin.inverse_function.posture_search import reached
@@ -198,7 +198,7 @@ def test_twenty_random_starts_find_nothing_better() -> None:
 
 def test_the_held_out_figures_hold_on_100_000_poses() -> None:
     design = found()
-    j = judge(design.desired, design.function.chart, 100_000, 99)
+    j = evaluate_cell(design.desired, design.function.chart, 100_000, 99)
     assert abs(j.extra_speed - design.extra_speed) < 2 * design.evaluation.extra_speed_error
     assert abs(j.cost - design.cost) < 2 * design.evaluation.cost_error
     print(design.extra_speed, j.extra_speed, design.limit_margin, j.limit_margin)

@@ -9,7 +9,7 @@ from threadpoolctl import threadpool_info
 
 import repctl_pin as rp
 from repctl_pin.blas import one_blas_thread
-from repctl_pin.design.evaluation import judge
+from repctl_pin.design.evaluation import evaluate_design
 from repctl_pin.strategies.control_step import damped
 
 
@@ -37,7 +37,8 @@ def test_a_limit_weight_is_its_formula(panda_pose: rp.Task) -> None:
 
 
 def test_the_standard_error_is_widened_as_students(panda_design: rp.Design) -> None:
-    found = judge(panda_design.inverse, panda_design.desired, panda_design.region, samples=1024)
+    made = panda_design
+    found = evaluate_design(made.inverse, made.desired, made.region, samples=1024)
     plain = found.replicates.std(ddof=1) / np.sqrt(len(found.replicates))
     assert found.cost_error == pytest.approx(plain * np.sqrt(31 / 29), rel=1e-12)
 

@@ -18,7 +18,7 @@ from repctl_pin.problem import NO_BETTER, choose_period
 from repctl_pin.show.text import study_verdict
 from repctl_pin.studies.study import _on_an_edge
 
-STARTS = "repctl_pin.problem.default_starts.default_starts"
+STARTS = "repctl_pin.problem.start_candidates.default_starts"
 QUICK = {"cycles": 2, "steps": 60, "degree": 1}
 
 

@@ -15,7 +15,7 @@ from page_file import read
 import repctl_pin as rp
 from repctl_pin.motion import elbow, fitting_circle
 from repctl_pin.problem import kind_note
-from repctl_pin.problem.default_starts import default_starts
+from repctl_pin.problem.start_candidates import default_starts
 from repctl_pin.show.page import read_playbacks
 from repctl_pin.show.palette import colours
 from repctl_pin.show.report import report_page

@@ -10,8 +10,8 @@ On a box ``q_c ± h``, with any ``A ≈ J_V(q_c)⁻¹``:
    |X − X_c| ≤ Y \text{ with } F ≥ |(A J_V − I) X_c|, \qquad
    \text{leaf margin} = \frac{1}{‖X V^T‖_2}
 
-X the last r columns of J_V⁻¹. In C where there is a compiler (leaf_margin.c), in NumPy else: the
-same mathematics. """
+X the last r columns of J_V⁻¹. In C where there is a compiler (leaf_margin_bounds.c), else in NumPy:
+the same mathematics. """
 
 from __future__ import annotations
 
@@ -350,7 +350,7 @@ def _spectral(X: Array) -> tuple[Array, Array]:
 
 
 class _Problem(ctypes.Structure):
-    """The struct of leaf_margin.c."""
+    """The struct of leaf_margin_bounds.c."""
 
     _fields_ = (
         [(name, ctypes.c_int) for name in ("P", "k", "n", "N", "r", "Z", "F", "F3")]
@@ -397,7 +397,7 @@ _loaded: list[ctypes.CDLL | None] = []
 def _library() -> ctypes.CDLL | None:
     """Compile the kernel once; without a compiler, return None and warn once."""
     if not _loaded:
-        source = files(__package__).joinpath("leaf_margin.c").read_text(encoding="ascii")
+        source = files(__package__).joinpath("leaf_margin_bounds.c").read_text(encoding="ascii")
         try:
             _loaded.append(ctypes.CDLL(loaded_library(source)))
         except (NoCompilerError, OSError) as error:

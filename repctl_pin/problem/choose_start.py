@@ -15,7 +15,7 @@ from ..motion.fitting_circle import dexterity_at, fitting_circle
 from ..motion.joint_motion import violations_of
 from ..robot.task import Task
 from ..strategies import Pseudoinverse
-from . import default_starts
+from . import start_candidates
 
 PathOf = Callable[[Task, Array], ClosedPath]
 
@@ -78,7 +78,7 @@ def starts(task: Task, start: ArrayLike | str | None, draw: PathOf | None) -> It
         else:
             yield from _reachable(task, [(q0, name)], draw, "choose another start")
         return
-    offers = default_starts.default_starts(task)
+    offers = start_candidates.default_starts(task)
     if draw is None:
         yield _with_a_circle(task, offers)
     else:
@@ -106,7 +106,7 @@ def _named(task: Task, start: ArrayLike | str) -> tuple[Array, str]:
     poses = task.robot.poses
     if start not in poses:
         raise unknown("pose", start, poses)
-    name = default_starts.POSES.get(start, f"the pose {start!r}")
+    name = start_candidates.POSES.get(start, f"the pose {start!r}")
     return task.from_robot(poses[start]), name
 
 
@@ -137,7 +137,7 @@ def _reachable(
     failure: RepctlError | None = None
     found = elsewhere = False
     for q0, name in offers:
-        if elsewhere and name in default_starts.SEARCHED:
+        if elsewhere and name in start_candidates.SEARCHED:
             break  # the path lies where its author put it, whatever the start
         try:
             _check_regular(task, q0, remedy)
