@@ -22,7 +22,8 @@ COUNT = 16
 
 @pytest.fixture(autouse=True, scope="module")
 def doubles() -> Iterator[None]:
-    with jax.enable_x64(True):
+    enable_x64 = getattr(jax, "enable_x64", None) or jax.experimental.enable_x64
+    with enable_x64(True):
         yield
 
 
@@ -56,7 +57,7 @@ def turned(x: np.ndarray, twist: np.ndarray) -> np.ndarray:
     "name",
     [
         "poses",
-        "tool axes",
+        pytest.param("tool axes", marks=pytest.mark.slow),
         pytest.param("positions", marks=pytest.mark.slow),
         pytest.param("poses of one orientation", marks=pytest.mark.slow),
     ],
