@@ -22,8 +22,7 @@ COUNT = 16
 
 @pytest.fixture(autouse=True, scope="module")
 def doubles() -> Iterator[None]:
-    enable_x64 = getattr(jax, "enable_x64", None) or jax.experimental.enable_x64
-    with enable_x64(True):
+    with (jax if hasattr(jax, "enable_x64") else jax.experimental).enable_x64(True):
         yield
 
 
