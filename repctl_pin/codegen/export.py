@@ -38,9 +38,9 @@ def export_c(
 
     ``name.h`` and ``name.c``: placement, jacobian, inverse, leaf, velocity, step, inside, every
     name beginning with ``name_``. They do not allocate memory, keep no state, and return a status.
-    ``name.hpp``: the same with ``std::array``; ``name_kdl.hpp``: solvers of Orocos KDL. ``test_vectors.h`` and ``check.c`` compare a build
-    with Python; ``loop.c`` is an example at 1 kHz; ``CMakeLists.txt`` builds all. The output is
-    deterministic.
+    ``name.hpp``: the same with ``std::array``; ``name_kdl.hpp``: solvers of Orocos KDL.
+    ``test_vectors.h`` and ``check.c`` compare a build with Python; ``loop.c`` is an example at
+    1 kHz; ``CMakeLists.txt`` builds all. The output is deterministic.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ def export_c(
         f"{name}.h": source.header,
         f"{name}.c": source.code,
         f"{name}.hpp": filled("arm.hpp", name, parts),
-        f"{name}_kdl.hpp": kdl_header(control, name, parts["about"], start),
+        f"{name}_kdl.hpp": kdl_header(control, name, about(control, kept), start),
         "test_vectors.h": filled("test_vectors.h", name, parts),
         "check.c": filled("check.c", name, {}),
         "loop.c": filled(
