@@ -1,0 +1,37 @@
+"""The start of a problem by joint speed: where its least closed motion is the least."""
+
+from __future__ import annotations
+
+import copy
+
+from ..arguments import freeze
+from ..motion import least_closed_motion, least_start
+from .problem import Problem
+
+
+def at_least_speed(problem: Problem) -> Problem:
+    """Move the start of a problem along its self-motion, to the one that needs least joint speed.
+
+    The path stays. The start has at least half of the largest joint-limit margin found, and no
+    bodies collide; see :func:`repctl_pin.motion.least_start.least_start`.
+
+    Raises
+    ------
+    InputError, SingularityError
+        If there is no closed motion from the problem's start.
+    """
+    task, path, q0 = problem.task, problem.cycle, problem.start
+    given = least_closed_motion(task, path, q0)
+    found = least_start(task, path, q0, guess=given)
+    steps = found.steps
+    saved = (
+        1
+        - found.rms_speed / least_closed_motion(task, path, q0, steps=steps, guess=given).rms_speed
+    )
+    other = copy.copy(problem)
+    vars(other).pop("region", None)
+    note = "no other start tried needs less joint speed"
+    if saved > 0:
+        note = f"the start was moved along the self-motion, to {saved:.0%} less joint speed"
+    freeze(other, start=found.q[0], given=problem.given | {"start"}, moved=(*problem.moved, note))
+    return other
