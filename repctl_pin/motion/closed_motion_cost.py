@@ -30,6 +30,9 @@ _ROUNDING = 1e-14
 _ITERATIONS = 100
 """Maximum number of steps of one descent."""
 
+_DAMPING = 1e-6
+"""Weight of a step itself, for null directions in which the cost is constant: a tool's own axis."""
+
 _INSIDE = 1e-6
 """Margin that is always kept to the joint limits, rad or m."""
 
@@ -116,7 +119,8 @@ class ClosedMotionCost:
         T = self.task.coordinate_matrix
         gradient = (np.roll(ahead, 1, axis=0) - ahead)[first:] + (stiff * beyond) @ T
         TN = T @ N
-        diagonal = (w + np.roll(w, 1))[first:, None, None] * np.eye(N.shape[2])
+        own = w + np.roll(w, 1) + _DAMPING * self.share
+        diagonal = own[first:, None, None] * np.eye(N.shape[2])
         diagonal = diagonal + np.swapaxes(TN, 1, 2) @ ((stiff * (beyond != 0))[:, :, None] * TN)
         forces = np.einsum("kni,kn->ki", inverse, gradient)  # λ (K, m)
         bent = -np.einsum("ki,kiab->kab", forces, self.task.hessians(free))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,13 +23,32 @@ _STEPS = 24
 """Number of points per cycle."""
 
 
+class LeastStart(NamedTuple):
+    """Least closed motions from several starts on one path; the first point is the start.
+
+    Attributes
+    ----------
+    best : Motion
+        The least of those with at least half of the largest joint-limit margin, and no collision;
+        the given one if no other is better.
+    given : Motion
+        The one from the given start.
+    clearest : Motion
+        The one with the largest joint-limit margin.
+    """
+
+    best: Motion
+    given: Motion
+    clearest: Motion
+
+
 def least_start(
     task: Task, path: TaskPath, q0: ArrayLike, *, guess: Motion | None = None
-) -> Motion:
+) -> LeastStart:
     """Search the self-motions of a start for the one with the least closed motion.
 
-    Its joint-limit margin is at least half of the largest found, and no bodies collide. It is found
-    with few points per cycle, to compare leaves; its first configuration is the start.
+    Its joint-limit margin is at least half of the largest found, and no bodies collide. The motions
+    have few points per cycle, enough to compare starts.
 
     Parameters
     ----------
@@ -41,11 +61,6 @@ def least_start(
     guess
         A closed motion from there, if there is one.
 
-    Returns
-    -------
-    Motion
-        The motion from q0 if no other is better.
-
     Raises
     ------
     InputError, SingularityError
@@ -53,15 +68,16 @@ def least_start(
     """
     given = least_closed_motion(task, path, q0, steps=_STEPS, guess=guess)
     motions = [given, *_along_self_motions(task, path, given)]
-    kept = max(_margin(motion) for motion in motions) / 2
+    clearest = max(motions, key=_margin)
+    kept = _margin(clearest) / 2
     kept = kept if 0 < kept < np.inf else 0.0
     for motion in sorted(motions, key=lambda motion: motion.rms_speed):
         if motion is given:
             break
         for found in (_free(motion, kept), motion):
             if found is not None and _better(found, given, kept):
-                return found
-    return given
+                return LeastStart(found, given, clearest)
+    return LeastStart(given, given, clearest)
 
 
 def _along_self_motions(task: Task, path: TaskPath, given: Motion) -> Iterator[Motion]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 
 from ..arguments import freeze
-from ..motion import least_closed_motion, least_start
+from ..motion import least_start
 from .problem import Problem
 
 
@@ -21,17 +21,14 @@ def at_least_speed(problem: Problem) -> Problem:
         If there is no closed motion from the problem's start.
     """
     task, path, q0 = problem.task, problem.cycle, problem.start
-    given = least_closed_motion(task, path, q0)
-    found = least_start(task, path, q0, guess=given)
-    steps = found.steps
-    saved = (
-        1
-        - found.rms_speed / least_closed_motion(task, path, q0, steps=steps, guess=given).rms_speed
-    )
+    found = least_start(task, path, q0)
+    saved = 1 - found.best.rms_speed / found.given.rms_speed
     other = copy.copy(problem)
     vars(other).pop("region", None)
     note = "no other start tried needs less joint speed"
     if saved > 0:
-        note = f"the start was moved along the self-motion, to {saved:.0%} less joint speed"
-    freeze(other, start=found.q[0], given=problem.given | {"start"}, moved=(*problem.moved, note))
+        note = f"the start was moved along the self-motion, to {100 * saved:.0f} % less joint speed"
+    freeze(
+        other, start=found.best.q[0], given=problem.given | {"start"}, moved=(*problem.moved, note)
+    )
     return other

@@ -9,7 +9,7 @@ from ..design import Design
 from ..errors import InputError, SingularityError
 from ..motion import LeafLock, Motion, TaskPath, follow, least_closed_motion
 
-_POINTS = 48
+_POINTS = 32
 """Number of points per cycle; both motions have the same."""
 
 _WORTH = 0.05
@@ -33,7 +33,7 @@ def least_motion_notes(design: Design, path: TaskPath, q0: Array) -> list[str]:
     notes = [f"joint speed: {size} above the least of all closed motions from this start"]
     saved = 1 - _from_anywhere(least) / own.rms_speed
     if saved > _WORTH:
-        notes.append(f"another elbow position needs {saved:.0%} less: --best-leaf speed")
+        notes.append(f"another elbow position needs {100 * saved:.0f} % less: --best-leaf speed")
     return notes
 
 
