@@ -17,7 +17,20 @@ os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1"
 import repctl_pin as rp
 from repctl_pin.motion.least_start import least_start
 
-ROBOTS = "panda xarm7 baxter centauro planar3r tiago pr2 planar4r so101 talos kinova ur5".split()
+ROBOTS = [
+    "panda",
+    "xarm7",
+    "baxter",
+    "centauro",
+    "planar3r",
+    "tiago",
+    "pr2",
+    "planar4r",
+    "so101",
+    "talos",
+    "kinova",
+    "ur5",
+]
 STEPS = 200
 PAGE = Path(__file__).parents[2] / "docs" / "benchmark.md"
 HEAD = (
