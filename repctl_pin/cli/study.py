@@ -56,7 +56,7 @@ def run(options: Options) -> int:
     """Run the study and write its files."""
     folder = options.output_folder(Path(options.robot).stem)
     say = progress(options.quiet)
-    from ..problem import at_least_speed
+    from ..problem import at_minimum_speed
     from ..show.study_files import run_name, write_study
     from ..show.text.table import study_table
 
@@ -65,7 +65,7 @@ def run(options: Options) -> int:
         problem = options.problem(region=options.region)
         if options.best_leaf is not None:
             say("searching for the best leaf")
-            problem = at_least_speed(problem)
+            problem = at_minimum_speed(problem)
         result = rp.study(
             problem,
             **options.of("cycles", "steps", "period", "degree", "seed"),

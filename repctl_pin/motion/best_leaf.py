@@ -180,7 +180,7 @@ def best_leaf(
     desired
         Desired inverse G_d, such as ``design.desired``, for the distance; by default J⁺.
     by
-        ``"limits"`` for the largest smallest margin; ``"speed"`` for the least joint speed (rms) of
+        ``"limits"`` for the largest smallest margin; ``"speed"`` for minimum joint speed (rms) of
         the leaves with at least half of its joint-limit margin, and without collisions.
     steps
         Number of steps per cycle.

@@ -1,4 +1,4 @@
-"""Descent to the least closed joint motion: Newton's method in null coordinates, in a band."""
+"""Newton's method, in null coordinates, for the closed motion of minimum joint speed on a path."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ LONGEST = 0.3
 """Longest step of any joint, rad or m."""
 
 _FLAT = 1e-8
-"""Largest entry of a step, rad or m, after which the motion is the least one."""
+"""Largest entry of a step, rad or m, after which the descent ends."""
 
 _SURE = 1e-5
 """Largest entry of a step, rad or m, that is taken without a line search."""
 
 _ROUNDING = 1e-14
-"""Predicted decrease, relative to the cost, after which the motion is the least one."""
+"""Predicted decrease, relative to the cost, after which the descent ends."""
 
 _ITERATIONS = 100
 """Maximum number of steps of one descent."""
@@ -176,12 +176,12 @@ def _descended(cost: ClosedMotionCost, Q: Array) -> Array:
         while trial is None or (cost.value(trial) >= value and scale * size > _SURE):
             scale /= 2
             if scale * size < _SURE / 10:
-                raise SingularityError(f"the least closed motion was not found: {_NEAR}")
+                raise SingularityError(f"the minimum was not found: {_NEAR}")
             trial = cost.moved(Q + scale * step)
         Q, value = trial, cost.value(trial)
         if size < _FLAT or decrease < _ROUNDING * value:
             return Q
-    raise SingularityError(f"the least closed motion was not found in {_ITERATIONS} steps: {_NEAR}")
+    raise SingularityError(f"the minimum was not found in {_ITERATIONS} steps: {_NEAR}")
 
 
 def within_limits(cost: ClosedMotionCost, Q: Array) -> Array:

@@ -1,4 +1,4 @@
-"""The least closed joint motion on a closed path: the yardstick for every repeatable controller."""
+"""Closed motion of minimum joint speed on a path: the yardstick for repeatable controllers."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def least_closed_motion(
     limit_margin
         Margin to keep to every joint limit, rad or m; a given start is taken as it is.
     guess
-        Motion whose first cycle is near the least one; by default that of J⁺, closed.
+        Motion whose first cycle is near the minimum; by default that of J⁺, closed.
 
     Returns
     -------

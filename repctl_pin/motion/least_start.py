@@ -1,4 +1,4 @@
-"""Search for the start whose least closed motion is the least, before anything is designed."""
+"""Search for the start whose closed motion needs minimum joint speed, before a design is made."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ class LeastStart(NamedTuple):
     Attributes
     ----------
     best : Motion
-        The least of those with at least half of the largest joint-limit margin, and no collision;
-        the given one if no other is better.
+        The slowest with at least half of the largest joint-limit margin and no collision; the given
+        one if no other is better.
     given : Motion
         The one from the given start.
     clearest : Motion
@@ -45,7 +45,7 @@ class LeastStart(NamedTuple):
 def least_start(
     task: Task, path: TaskPath, q0: ArrayLike, *, guess: Motion | None = None
 ) -> LeastStart:
-    """Search the self-motions of a start for the one with the least closed motion.
+    """Search the self-motions of a start for the start that needs minimum joint speed.
 
     Its joint-limit margin is at least half of the largest found, and no bodies collide. The motions
     have few points per cycle, enough to compare starts.
@@ -81,7 +81,7 @@ def least_start(
 
 
 def _along_self_motions(task: Task, path: TaskPath, given: Motion) -> Iterator[Motion]:
-    """Generate the least closed motions from starts along the self-motions of a start."""
+    """Generate least closed motions from starts along the self-motions of a start."""
     start, target = given.q[0], path.placement(0.0)
     directions = nullspace(task.jacobian(start)).T
     for walk in self_motions(task, start, target, directions, _STRIDE):

@@ -1,4 +1,4 @@
-"""Notes of a study on the least closed motion: how close to it, and what another start saves."""
+"""Notes of a study on minimum joint speed: how close to it, and what another start saves."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _WORTH = 0.05
 
 
 def least_motion_notes(design: Design, path: TaskPath, q0: Array) -> list[str]:
-    """Compare the repeatable motion with the least closed motions, from its start and others.
+    """Compare the repeatable motion with least closed motions, from its start and others.
 
     Without notes if the repeatable motion violates a limit, or there is no least motion near it."""
     options = {"cycles": 1, "steps": _POINTS, "integrator": LeafLock(4)}
@@ -30,7 +30,7 @@ def least_motion_notes(design: Design, path: TaskPath, q0: Array) -> list[str]:
         return []
     above = max(own.rms_speed / least.rms_speed - 1, 0.0)
     size = f"{100 * above:.2g} %" if above > 1e-5 else "less than 0.001 %"
-    notes = [f"joint speed: {size} above the least of all closed motions from this start"]
+    notes = [f"joint speed: {size} above the minimum of all closed motions from this start"]
     saved = 1 - _from_anywhere(least) / own.rms_speed
     if saved > _WORTH:
         notes.append(f"another elbow position needs {100 * saved:.0f} % less: --best-leaf speed")
@@ -38,7 +38,7 @@ def least_motion_notes(design: Design, path: TaskPath, q0: Array) -> list[str]:
 
 
 def _from_anywhere(least: Motion) -> float:
-    """Joint speed of the least motion nearby with its start free and half the limit margin.
+    """Minimum joint speed nearby with its start free and half the limit margin.
 
     Infinite if there is none, or bodies collide."""
     margin = float(least.limit_margin.min()) / 2

@@ -34,7 +34,7 @@ ROBOTS = [
 STEPS = 200
 PAGE = Path(__file__).parents[2] / "docs" / "benchmark.md"
 HEAD = (
-    "| robot | r | repeatable | least | above the least | least, start free | least on the leaf "
+    "| robot | r | repeatable | least | above | least, start free | least on the leaf "
     "for speed | repeatable there | joint-limit margin there | largest found | body distance |\n"
     "| --- " + "| --- " * 10 + "|"
 )
@@ -56,7 +56,8 @@ class Row(NamedTuple):
 
     def __str__(self) -> str:
         change = [self.own, self.least, self.own / self.least, self.free, self.leaf, self.own_there]
-        speeds = " | ".join(f"{100 * (value - 1):+.2f} %" for value in change)
+        speeds = " | ".join(f"{round(100 * (value - 1), 2) + 0.0:+.2f} %" for value in change)
+        speeds = speeds.replace("-", "−")
         bodies = "–" if self.bodies == float("inf") else f"{100 * self.bodies:.1f} cm"
         margins = f"{self.margin:.2f} | {self.largest:.2f} | {bodies}"
         return f"| {self.robot} | {self.r} | {speeds} | {margins} |"

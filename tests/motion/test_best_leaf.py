@@ -219,7 +219,7 @@ def test_margins_are_compared_from_the_smallest_up(panda_design, q_panda) -> Non
 
 
 def test_the_leaf_of_least_speed_keeps_half_of_the_margin() -> None:
-    """Less joint speed than the given and the clearest leaf, half of whose limit margin it keeps."""
+    """Less joint speed than on the clearest leaf, half of whose limit margin it keeps."""
     task, q0 = rp.Robot.load("planar3r").task("tool", "xy"), np.array([0.3, 1.2, 0.8])
     inverse = rp.RepeatableInverse(
         task, rp.Polynomial(q0, 1).weighted(rp.redundancy.nullspace(task.jacobian(q0)))

@@ -178,6 +178,7 @@ def test_the_same_in_other_coordinates_and_with_corners() -> None:
     assert all(np.isclose(s, corner).any() for corner in path.breaks)
 
 
+@pytest.mark.slow
 def test_a_start_with_less_joint_speed() -> None:
     """On planar3r's default circle another start needs 31 % less; it keeps half of the margin."""
     problem = rp.Problem("planar3r")

@@ -1,4 +1,4 @@
-"""The start of a problem by joint speed: where its least closed motion is the least."""
+"""Start of a problem by joint speed: where a closed motion needs minimum joint speed."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from ..motion import least_start
 from .problem import Problem
 
 
-def at_least_speed(problem: Problem) -> Problem:
+def at_minimum_speed(problem: Problem) -> Problem:
     """Move the start of a problem along its self-motion, to the one that needs least joint speed.
 
     The path stays. The start has at least half of the largest joint-limit margin found, and no
