@@ -19,6 +19,9 @@ from .self_motion import self_motions
 _STRIDE = 0.4
 """Distance of the starts along a self-motion, rad; for prismatic joints in arm lengths."""
 
+_SPARE = 1.1
+"""Factor of the margin that is tried where the margin itself leaves too little."""
+
 _STEPS = 24
 """Number of points per cycle."""
 
@@ -74,7 +77,7 @@ def least_start(
     for motion in sorted(motions, key=lambda motion: motion.rms_speed):
         if motion is given:
             break
-        for found in (_free(motion, kept), motion):
+        for found in (_free(motion, kept), _free(motion, _SPARE * kept), motion):
             if found is not None and _better(found, given, kept):
                 return LeastStart(found, given, clearest)
     return LeastStart(given, given, clearest)
@@ -95,9 +98,11 @@ def _along_self_motions(task: Task, path: TaskPath, given: Motion) -> Iterator[M
 
 
 def _free(motion: Motion, margin: float) -> Motion | None:
-    """Improve a motion with its start free, keeping a margin to the limits; None if that fails."""
+    """Improve a motion with its start free, found with a margin to the limits; None if that fails.
+
+    From the start found, the result is a least motion without that margin."""
     try:
-        return least_closed_motion(
+        found = least_closed_motion(
             motion.task,
             motion.path,
             motion.q[0],
@@ -106,6 +111,8 @@ def _free(motion: Motion, margin: float) -> Motion | None:
             limit_margin=margin,
             guess=motion,
         )
+        start = found.q[0]
+        return least_closed_motion(motion.task, motion.path, start, steps=_STEPS, guess=found)
     except (InputError, SingularityError):
         return None
 
