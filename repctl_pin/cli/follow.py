@@ -114,8 +114,9 @@ def run(options: Options) -> int:
         if not isinstance(strategy, rp.RepeatableInverse):
             raise InputError("--best-leaf requires a repeatable controller, such as a saved design")
         say("searching for the best leaf")
-        within = {"region": case.region, "desired": case.desired}
-        found = rp.best_leaf(strategy, path, q0, **within, by=options.best_leaf)
+        found = rp.best_leaf(
+            strategy, path, q0, region=case.region, desired=case.desired, by=options.best_leaf
+        )
         q0 = found.q0
     say("following the path")
     lock = isinstance(strategy, OnLeaves)

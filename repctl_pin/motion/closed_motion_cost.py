@@ -206,11 +206,3 @@ def within_limits(cost: ClosedMotionCost, Q: Array) -> Array:
             )
         stiff = cost.stiffness * cost.share[:, None]
         cost = replace(cost, multipliers=stiff * cost.excess(Q), stiffness=5 * cost.stiffness)
-
-
-def _inverses(J: Array) -> tuple[Array, Array]:
-    """Evaluate J⁺ (K, n, m) and N (K, n, r) of Jacobians (K, m, n)."""
-    m = J.shape[1]
-    basis, R = row_factor(J, mode="complete")
-    inverse = np.swapaxes(np.linalg.solve(R[:, :m], np.swapaxes(basis[:, :, :m], 1, 2)), 1, 2)
-    return inverse, basis[:, :, m:]

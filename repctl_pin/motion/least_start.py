@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -19,8 +20,8 @@ from .self_motion import self_motions
 _STRIDE = 0.4
 """Distance of the starts along a self-motion, rad; for prismatic joints in arm lengths."""
 
-_SPARE = 1.1
-"""Factor of the margin that is tried where the margin itself leaves too little."""
+_SPARE = (1.0, 1.1, 1.3, 1.6)
+"""Factors of the margin to the limits with which a free start is searched, until it is kept."""
 
 _STEPS = 24
 """Number of points per cycle."""
@@ -77,7 +78,7 @@ def least_start(
     for motion in sorted(motions, key=lambda motion: motion.rms_speed):
         if motion is given:
             break
-        for found in (_free(motion, kept), _free(motion, _SPARE * kept), motion):
+        for found in chain((_free(motion, factor * kept) for factor in _SPARE), [motion]):
             if found is not None and _better(found, given, kept):
                 return LeastStart(found, given, clearest)
     return LeastStart(given, given, clearest)

@@ -20,9 +20,9 @@ def least_motion_notes(design: Design, path: TaskPath, q0: Array) -> list[str]:
     """Compare the repeatable motion with least closed motions, from its start and others.
 
     Without notes if the repeatable motion violates a limit, or there is no least motion near it."""
-    options = {"cycles": 1, "steps": _POINTS, "integrator": LeafLock(4)}
+    lock = LeafLock(4)
     try:
-        own = follow(design.inverse, path, q0, **options)
+        own = follow(design.inverse, path, q0, cycles=1, steps=_POINTS, integrator=lock)
         if not own.closes or own.path_loss or own.first_violation:
             return []
         least = least_closed_motion(design.task, path, q0, steps=_POINTS, guess=own)
