@@ -13,7 +13,7 @@ from arms import spatial_task
 
 import repctl_pin as rp
 from repctl_pin import redundancy
-from repctl_pin.design import criterion, singularities
+from repctl_pin.design import criterion, singularity_search
 from repctl_pin.design.design_map import degree_curve, design_map
 from repctl_pin.design.evaluation import evaluate_design
 from repctl_pin.potentials import PotentialBasis
@@ -101,8 +101,8 @@ def test_the_extended_jacobian_is_singular_in_the_wide_box_and_said_so(panda: rp
     with pytest.raises(rp.SingularRegionError) as error:
         evaluate_design(inverse, design.desired, design.region)
     at = error.value.at
-    free = singularities.largest_free(
-        singularities.LeafMargin(design.task, inverse.potentials, Q0), design.region, at[None]
+    free = singularity_search.largest_free(
+        singularity_search.LeafMargin(design.task, inverse.potentials, Q0), design.region, at[None]
     )
     assert design.region.contains(at[None])[0]
     sides = [
