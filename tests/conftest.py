@@ -17,6 +17,11 @@ from browser import browser, require_browser
 import repctl_pin as rp
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with the folder of the longest tests, so that no worker is left alone with one."""
+    items.sort(key=lambda item: item.path.parent.name != "repository")
+
+
 @pytest.fixture(scope="session")
 def panda() -> rp.Robot:
     return rp.Robot.load("panda")
