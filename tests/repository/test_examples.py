@@ -120,6 +120,7 @@ def test_two_arms(run: Run) -> None:
         assert line.startswith(frame) and creeping > 1 and closed < 1e-10
 
 
+@pytest.mark.slow  # its notebook prints the same by default, in test_notebooks.py
 def test_audit_pink(run: Run) -> None:
     pytest.importorskip("pink")
     pytest.importorskip("daqp")
