@@ -18,8 +18,14 @@ import repctl_pin as rp
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with the folder of the longest tests, so that no worker is left alone with one."""
-    items.sort(key=lambda item: item.path.parent.name != "repository")
+    """Begin with the longest, mypy and the README, so that no worker is left alone with one."""
+    longest = ("test_house.py", "repository")
+
+    def place(item: pytest.Item) -> int:
+        name = next((name for name in longest if name in item.path.parts), None)
+        return len(longest) if name is None else longest.index(name)
+
+    items.sort(key=place)
 
 
 @pytest.fixture(scope="session")
