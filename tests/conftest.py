@@ -17,6 +17,17 @@ from browser import browser, require_browser
 import repctl_pin as rp
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with the longest, mypy and the README, so that no worker is left alone with one."""
+    longest = ("test_house.py", "repository")
+
+    def place(item: pytest.Item) -> int:
+        name = next((name for name in longest if name in item.path.parts), None)
+        return len(longest) if name is None else longest.index(name)
+
+    items.sort(key=place)
+
+
 @pytest.fixture(scope="session")
 def panda() -> rp.Robot:
     return rp.Robot.load("panda")

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 import repctl_pin as rp
-from repctl_pin.potentials.basis import Potentials
+from repctl_pin.potentials import Potentials
 from repctl_pin.redundancy import leaf_margin, nullspace
 
 

@@ -72,16 +72,17 @@ def add_options(parser: Parser) -> None:
         help=f"go from rest to rest within these limits: {accelerations}",
     )
     jerks = "rad/s³ (m/s³), one number, one per joint, or panda, fr3"
-    add("--jerk", metavar="J", help=f"with --acceleration: limit jerk too, in {jerks}")
+    add("--jerk", metavar="J", help=f"limit jerk too, in {jerks}; requires --acceleration")
     speeds = "maximum speed of the frame, m/s; or m/s,rad/s, of its rotation too"
-    add("--tool-speed", metavar="V", help=f"with --acceleration: {speeds}")
+    add("--tool-speed", metavar="V", help=f"{speeds}; requires --acceleration")
     kept = "keep the path's own times (of a CSV, or --period), and only add ramps at both ends"
-    add("--keep-times", action="store_true", help=f"with --acceleration: {kept}")
-    add("--rate", type=positive, help="with --acceleration: samples per second (default 1000)")
+    add("--keep-times", action="store_true", help=f"{kept}; requires --acceleration")
+    rate = "samples per second (default 1000); requires --acceleration"
+    add("--rate", type=positive, help=rate)
     add(
         "--profile",
         metavar="FILE",
-        help="with --acceleration: draw joint speed over path length, as PNG",
+        help="draw joint speed over path length, as PNG; requires --acceleration",
     )
     add(
         "--csv",

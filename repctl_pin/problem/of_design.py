@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..design import Design
-from ..inverse_function import CellDesign
 from ..motion import ClosedPath
 from ..motion.fitting_circle import fitting_circle
 from ..paths.task_path import Cycle
 from .choose_start import SAME, PathOf
 from .problem import SAVED, Problem
+
+if TYPE_CHECKING:
+    from ..inverse_function import CellDesign
 
 
 def problem_of(
@@ -41,7 +43,7 @@ def problem_of(
     InputError
         If no circle lies inside Ω, or the path cannot be followed from the start.
     """
-    if isinstance(design, CellDesign):
+    if not isinstance(design, Design):
         return _of_cell(design, start, path, plane)
     task, region, cycle = design.task, design.region, design.cycle
     if path is False:

@@ -31,7 +31,7 @@ def write(content: Sealed, path: str | Path) -> Path:
     """Write data with its checksum to a file, atomically."""
     plain = _printable(msgspec.to_builtins(content))
     text = json.dumps(
-        plain | {"checksum": _checksum(plain)}, indent=1, ensure_ascii=False, allow_nan=False
+        plain | {"checksum": checksum_of(plain)}, indent=1, ensure_ascii=False, allow_nan=False
     )
     return write_whole(path, text + "\n")
 
@@ -74,7 +74,7 @@ def read(path: str | Path, kinds: Mapping[str, type[Sealed]]) -> Any:
             f"{where} is not a valid design file: a text contains a control character "
             "or a line break"
         )
-    if content.checksum != _checksum(plain):
+    if content.checksum != checksum_of(plain):
         raise InputError(
             f"{where} was changed after it was written: its checksum does not fit; design again"
         )
@@ -166,7 +166,7 @@ def _printable(value: Any) -> Any:
     return printable(value) if isinstance(value, str) else value
 
 
-def _checksum(content: dict[str, Any]) -> str:
+def checksum_of(content: dict[str, Any]) -> str:
     """Hash the content without the checksum, independent of the layout."""
     rest = {key: value for key, value in content.items() if key != "checksum"}
     text = json.dumps(rest, sort_keys=True, separators=(",", ":"), ensure_ascii=False)

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ..arguments import file_name, require_type
 from ..design import Design
 from ..errors import InputError, RepctlError
-from ..inverse_function import CellDesign
 from ..robot.robot import Robot
 from ..robot.task import Task, require_task
-from . import cell_file
 from .design_file import FORMAT, design_file, design_of, read, write
 from .schema import DesignFile
 from .task_identity import compare, task_of
+
+if TYPE_CHECKING:
+    from ..inverse_function import CellDesign
+    from .cell_file import CellFile
 
 
 def save(design: Design | CellDesign, path: str | Path) -> Path:
@@ -45,10 +48,13 @@ def save(design: Design | CellDesign, path: str | Path) -> Path:
     >>> rp.save(design, "design.json").name
     'design.json'
     """
-    if isinstance(design, CellDesign):
-        return write(cell_file.cell_file(design), file_name(path))
-    require_type(design, Design, "design", "a design, as rp.nearest_repeatable makes them")
-    return write(design_file(design), file_name(path))
+    if isinstance(design, Design):
+        return write(design_file(design), file_name(path))
+    from ..inverse_function import CellDesign  # a study has no need of it
+    from .cell_file import cell_file
+
+    what = "a design, as rp.nearest_repeatable makes them"
+    return write(cell_file(require_type(design, CellDesign, "design", what)), file_name(path))
 
 
 def load(path: str | Path, task: Task | None = None) -> Design | CellDesign:
@@ -146,22 +152,22 @@ def load_cell(path: str | Path, task: Task | None = None) -> CellDesign:
     True
     """
     design = load(path, task)
-    if isinstance(design, CellDesign):
+    if not isinstance(design, Design):
         return design
     raise InputError(f"{path} holds a repeatable inverse; use rp.load_design")
 
 
-def read_design(path: str | Path) -> DesignFile | cell_file.CellFile:
+def read_design(path: str | Path) -> DesignFile | CellFile:
     """Read a file of a design of either kind, and check that it is unchanged."""
-    content: DesignFile | cell_file.CellFile = read(
+    from . import cell_file
+
+    content: DesignFile | CellFile = read(
         path, {FORMAT: DesignFile, cell_file.FORMAT: cell_file.CellFile}
     )
     return content
 
 
-def made_of(
-    content: DesignFile | cell_file.CellFile, task: Task, where: str
-) -> Design | CellDesign:
+def made_of(content: DesignFile | CellFile, task: Task, where: str) -> Design | CellDesign:
     """Make a design from a file's content, for the task it was made for.
 
     Raises
@@ -171,10 +177,10 @@ def made_of(
     """
     try:
         compare(content.task, task, where)
-        return (
-            design_of(content, task)
-            if isinstance(content, DesignFile)
-            else cell_file.cell_of(content, task)
-        )
+        if isinstance(content, DesignFile):
+            return design_of(content, task)
+        from .cell_file import cell_of
+
+        return cell_of(content, task)
     except (ValueError, IndexError, OverflowError, TypeError, RepctlError) as error:
         raise InputError(str(error) if where in str(error) else f"{where}: {error}") from None

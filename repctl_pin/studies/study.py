@@ -264,8 +264,8 @@ def _followed(
         replace(last, leaf_margin=margin, distance=design.relative_distance),
     ]
     edges = [
-        *_on_an_edge(first, plain, path, q0, options),
-        *_on_an_edge(last, design.inverse, path, q0, options),
+        *edge_warning(first, plain, path, q0, options),
+        *edge_warning(last, design.inverse, path, q0, options),
     ]
     return rows, options["period"], [*slower, *edges]
 
@@ -279,7 +279,7 @@ def _repeatable(design: Design, path: TaskPath, q0: Array, options: dict[str, An
     return row if failure is None else replace(row, stopped=str(failure))
 
 
-def _on_an_edge(
+def edge_warning(
     row: Row, strategy: Strategy, path: TaskPath, q0: Array, options: dict[str, Any]
 ) -> list[str]:
     """Warn if a start that differs by a millionth, along the self-motion, ends elsewhere."""

@@ -29,7 +29,7 @@ from fuzz_files import entries
 
 import repctl_pin as rp
 from repctl_pin.cli import main as cli
-from repctl_pin.saving.design_file import _checksum
+from repctl_pin.saving.design_file import checksum_of
 
 PAYLOADS = (
     "\x1b[2J\x1b[H",
@@ -67,7 +67,7 @@ def json_cases(name: str, good: dict[str, Any], commands: list[list[str]]) -> It
                         part = part[key]
                     part[place[-1]] = value
                     if fits and place[0] != "checksum":
-                        content["checksum"] = _checksum(content)
+                        content["checksum"] = checksum_of(content)
                     yield (
                         f"{name} {'/'.join(map(str, place))} + {payload!r}",
                         name,

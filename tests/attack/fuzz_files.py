@@ -30,7 +30,7 @@ from fuzz_urdf import fate
 
 import repctl_pin as rp
 from repctl_pin.cli import main as cli
-from repctl_pin.saving.design_file import _checksum
+from repctl_pin.saving.design_file import checksum_of
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from survey_urdfs import Outcome, load_libraries, run
@@ -84,7 +84,7 @@ def changed_files(good: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
             for key in place[:-1]:
                 holder = holder[key]
             holder[place[-1]] = special
-            content["checksum"] = _checksum(content)
+            content["checksum"] = checksum_of(content)
             yield f"{'/'.join(map(str, place))} = {str(special)[:20]!r}", content
 
 

@@ -31,7 +31,7 @@ def test_the_same_words_are_the_same_joint_path(tmp_path, monkeypatch, capsys) -
     """A study's J⁺, follow's, and that of the words the study gives back; and the drift of its
     first cycle."""
     monkeypatch.chdir(tmp_path)
-    studied = told(capsys, "study", "panda", *WORDS, *SHORT, "--out", "s")
+    studied = told(capsys, "study", "panda", *WORDS, *SHORT, "--degree", "1", "--out", "s")
     again = ["--path", studied["path_spec"], "--plane", studied["plane"]]
     follow = ["follow", "panda", "--strategy", "pseudoinverse", *SHORT]
     by_words = told(capsys, *follow, *WORDS, "--csv", "words.csv")
@@ -119,15 +119,14 @@ def test_a_flat_task_takes_its_own_plane() -> None:
         assert path.plane == "xz" and np.ptp(path.points(64)[:, 1]) == 0
 
 
-def test_a_path_made_in_python_has_no_words(panda_pose, q_panda) -> None:
-    study = rp.study(
-        "panda", path=rp.circle(panda_pose, q_panda, 0.05), cycles=1, steps=60, degree=1
-    )
+def test_a_path_made_in_python_has_no_words() -> None:
+    few = {"cycles": 1, "steps": 60, "degree": 1, "start": [0.3, 0.8, 0.8]}
+    study = rp.study("planar3r", path=lambda task, q0: rp.circle(task, q0, 0.05), **few)
     assert (
         study.as_dict()["path_spec"] is study.as_dict()["plane"] is None
         and "path options" not in study.setting
     )
-    study = rp.study("panda", radius=0.05, cycles=1, steps=60, degree=1)
+    study = rp.study("planar3r", radius=0.05, **few)
     assert study.setting["path options"] == "--path circle:0.05:180 --plane xy"
 
 

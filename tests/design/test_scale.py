@@ -72,7 +72,7 @@ def test_a_cluster_gives_the_same_design(panda: rp.Robot, alone: rp.Design) -> N
     distributed = pytest.importorskip("distributed")
     with (
         distributed.LocalCluster(
-            n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
+            n_workers=1, threads_per_worker=1, processes=True, dashboard_address=None
         ) as cluster,
         distributed.Client(cluster) as client,
     ):

@@ -10,8 +10,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import repctl_pin as rp
-from repctl_pin.motion import parse_path
-from repctl_pin.paths.shapes import rose
+from repctl_pin.motion import parse_path, rose
 
 
 def all_paths(task: rp.Task, q: np.ndarray) -> list[rp.TaskPath]:

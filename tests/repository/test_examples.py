@@ -111,6 +111,7 @@ def test_survey_of_all_arms(
     assert steady(capsys.readouterr().out) == steady(table)
 
 
+@pytest.mark.slow
 def test_two_arms(run: Run) -> None:
     _, told = run("python examples/two_arms.py")
     left, right, _ = told.splitlines()
@@ -119,6 +120,7 @@ def test_two_arms(run: Run) -> None:
         assert line.startswith(frame) and creeping > 1 and closed < 1e-10
 
 
+@pytest.mark.slow  # its notebook prints the same by default, in test_notebooks.py
 def test_audit_pink(run: Run) -> None:
     pytest.importorskip("pink")
     pytest.importorskip("daqp")
@@ -139,6 +141,7 @@ def test_physics(run: Run) -> None:
     assert found["joints"].max() > 0.3 and found["joints"][-1] < 1e-3 and found["hand"].max() < 5e-3
 
 
+@pytest.mark.slow
 def test_best_leaf(run: Run) -> None:
     """A broken limit, and none."""
     _, told = run("python examples/best_leaf.py")
@@ -167,6 +170,7 @@ def test_nearest_panda(run: Run) -> None:
     assert "6.986 rad/m²" in told and "not repeatable" in told
 
 
+@pytest.mark.slow
 def test_stable_surfaces(run: Run) -> None:
     names, told = run("python examples/stable_surfaces.py")
     cases = names["found"]

@@ -196,7 +196,7 @@ def test_the_commands_for_ones_own_arm_run(
     """In the README's order, with the two files it says to copy; later commands of a chain use what
     earlier ones wrote."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("repctl_pin.design.nearest._MOST_DEGREE", 3)  # the same in less time
+    monkeypatch.setattr("repctl_pin.design.nearest._MOST_DEGREE", 2)  # the same in less time
     for file in OWN:
         shutil.copy(file, tmp_path)
     printed = dict(zip(chains()[last], run_in(tmp_path, chains()[last], capsys), strict=True))

@@ -11,7 +11,6 @@ import pinocchio as pin
 import pytest
 
 import repctl_pin as rp
-from repctl_pin.errors import UrdfError
 from repctl_pin.robot.visuals import Shape, Visuals, find_mesh
 
 
@@ -238,7 +237,7 @@ def test_find_mesh(tmp_path: Path) -> None:
 
 
 def test_a_shape_that_cannot_be_read_is_named(tmp_path: Path) -> None:
-    with pytest.raises(UrdfError, match="upper"):
+    with pytest.raises(rp.UrdfError, match="upper"):
         Visuals.of(arm(tmp_path, upper='<sphere radius="wide"/>'))
 
 

@@ -17,7 +17,6 @@ from page_file import BLUE, Visuals, read
 from test_surfaces import DAE
 
 import repctl_pin as rp
-from repctl_pin.errors import InputError
 from repctl_pin.robot.visuals import Shape
 from repctl_pin.show.page import Arm, animation_page, choose_frames, key, poses_of, read_surface
 from repctl_pin.show.page.meshes import record
@@ -206,7 +205,7 @@ def test_choose_frames(samples: int, cycles: int) -> None:
 
 
 def test_choose_frames_wants_whole_cycles() -> None:
-    with pytest.raises(InputError, match="equal steps"):
+    with pytest.raises(rp.InputError, match="equal steps"):
         choose_frames(102, 3)
 
 

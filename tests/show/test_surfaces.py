@@ -12,7 +12,6 @@ import pytest
 from page_file import Visuals
 
 import repctl_pin as rp
-from repctl_pin.errors import InputError
 from repctl_pin.show.page import MOST_BYTES, read_surface, smooth
 from repctl_pin.show.page.surfaces import grouped
 
@@ -157,11 +156,11 @@ def test_collada_units_colours_and_textures(tmp_path: Path) -> None:
 def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
     bad = tmp_path / "bad.dae"
     bad.write_text("<COLLADA><broken")
-    with pytest.raises(InputError, match=r"bad\.dae cannot be read"):
+    with pytest.raises(rp.InputError, match=r"bad\.dae cannot be read"):
         read_surface(bad)
     empty = tmp_path / "empty.stl"
     write_stl(empty, np.zeros((0, 3, 3)))
-    with pytest.raises(InputError, match=r"empty\.stl"):
+    with pytest.raises(rp.InputError, match=r"empty\.stl"):
         read_surface(empty)
 
 
@@ -186,7 +185,7 @@ def test_odd_meshes_are_one_line_each(tmp_path: Path) -> None:
     expected |= {"pipe.stl": "not a regular file"}
     expected |= {f"unit_{meter}.dae": "its unit is" for meter in ("nan", "0", "-1", "inf", "one")}
     for name, words in expected.items():
-        with pytest.raises(InputError, match=words) as caught:
+        with pytest.raises(rp.InputError, match=words) as caught:
             read_surface(tmp_path / name)
         assert str(caught.value).startswith(f"mesh {tmp_path / name} ")
 
@@ -208,7 +207,7 @@ def test_a_decimal_comma_in_a_unit_is_read(tmp_path: Path) -> None:
 
 def test_too_many_triangles_are_left_out(tmp_path: Path) -> None:
     write_stl(tmp_path / "cube.stl", cube())
-    with pytest.raises(InputError, match="over 11 triangles"):
+    with pytest.raises(rp.InputError, match="over 11 triangles"):
         read_surface(tmp_path / "cube.stl", 11)
     assert len(read_surface(tmp_path / "cube.stl", 12).faces) == 12
 

@@ -35,7 +35,7 @@ LIMITS = "Joint limits respected."
             f"{ELBOW} Joint speed, relative to J⁺: +0.3 %. {LIMITS}",
         ),
         (
-            [replace(J, broken=(7, "left_s0")), replace(OURS, speed=0.45936)],
+            [replace(J, limit_violation=(7, "left_s0")), replace(OURS, speed=0.45936)],
             f"{ELBOW} Joint speed, relative to J⁺: −1.0 %. "
             "Joint limits: violated in cycle 7 by left_s0 (J⁺) → respected (repeatable).",
         ),
@@ -45,35 +45,35 @@ LIMITS = "Joint limits respected."
             f"Elbow displacement after 10 cycles: 0. Joint speed, relative to a: 0 %. {LIMITS}",
         ),
         (  # what is small is said, if the motion is not closed
-            [replace(J, creep=9e-5), OURS],
+            [replace(J, elbow_displacement=9e-5), OURS],
             f"Elbow displacement after 10 cycles: 0.09 mm (J⁺) → 0 (repeatable). {SPEED} {LIMITS}",
         ),
         (  # a wrist that has turned while the elbow hardly moved
-            [replace(J, creep=0.043, turn=(3.72, "left_w0")), OURS],
+            [replace(J, elbow_displacement=0.043, joint_displacement=(3.72, "left_w0")), OURS],
             "Elbow and joint displacement after 10 cycles: 4.3 cm, left_w0 3.7 rad (J⁺) → 0 "
             "(repeatable). "
             f"{SPEED} {LIMITS}",
         ),
         (
             [
-                replace(J, creep=0.043, turn=(3.72, "left_w0")),
-                replace(OURS, creep=0.002, turn=(0.02, "left_w1")),
+                replace(J, elbow_displacement=0.043, joint_displacement=(3.72, "left_w0")),
+                replace(OURS, elbow_displacement=0.002, joint_displacement=(0.02, "left_w1")),
             ],
             "Elbow and joint displacement after 10 cycles: 4.3 cm, left_w0 3.7 rad (J⁺) → 2 mm, "
             "left_w1 0.02 rad "
             f"(repeatable). {SPEED} {LIMITS}",
         ),
         (  # what the elbow shows already
-            [replace(J, turn=(4.4, "joint1"))],
+            [replace(J, joint_displacement=(4.4, "joint1"))],
             f"Elbow displacement after 10 cycles: 45 cm. {LIMITS}",
         ),
         (
-            [replace(J, creep=0.002, turn=(0.09, "joint1"))],
+            [replace(J, elbow_displacement=0.002, joint_displacement=(0.09, "joint1"))],
             f"Elbow displacement after 10 cycles: 2 mm. {LIMITS}",
         ),
         ([J, J], f"Elbow displacement after 10 cycles: 45 cm. {SPEED} {LIMITS}"),
         (
-            [replace(J, haste=1.31), OURS],
+            [replace(J, speed_ratio=1.31), OURS],
             f"{ELBOW} {SPEED} Speed limits: up to 1.3 times the limit (J⁺) → respected "
             f"(repeatable). {LIMITS}",
         ),
@@ -107,11 +107,13 @@ def test_joint_speed_is_of_the_first_cycle_and_of_all() -> None:
 
 def test_the_scale_of_an_arm_decides_what_is_small() -> None:
     """An arm of 0.1 mm links whose joints are off by 0.1 rad is not back."""
-    tiny = replace(J, creep=9e-6, size=3e-4, turn=(0.097, "theta2"))
+    tiny = replace(J, elbow_displacement=9e-6, size=3e-4, joint_displacement=(0.097, "theta2"))
     assert verdict([tiny, OURS], 10).sentence.startswith(
         "Elbow displacement after 10 cycles: 9 µm (J⁺) → 0"
     )
-    still = verdict([replace(J, creep=1e-12, turn=(3e-5, "wrist")), OURS], 10).sentence
+    still = verdict(
+        [replace(J, elbow_displacement=1e-12, joint_displacement=(3e-5, "wrist")), OURS], 10
+    ).sentence
     assert still.startswith(
         "Elbow and joint displacement after 10 cycles: 0, wrist 3e-5 rad (J⁺) → 0 (repeatable)."
     )
@@ -119,20 +121,22 @@ def test_the_scale_of_an_arm_decides_what_is_small() -> None:
 
 def test_tiles_say_what_the_sentence_says() -> None:
     near = verdict(
-        [replace(J, body_distance=0.0261, touch=0), replace(OURS, body_distance=0.1189)], 10
+        [replace(J, body_distance=0.0261, collision_cycle=0), replace(OURS, body_distance=0.1189)],
+        10,
     )
     assert near.sentence.endswith(
         f"{LIMITS} Minimum body distance: 2.6 cm (J⁺) → 12 cm (repeatable)."
     )
     assert near.tiles[-1] == Tile("Minimum body distance", "2.6 cm (J⁺) → 12 cm (repeatable)")
     touching = verdict(
-        [replace(J, body_distance=-0.01, touch=3), replace(OURS, body_distance=0.1189)], 10
+        [replace(J, body_distance=-0.01, collision_cycle=3), replace(OURS, body_distance=0.1189)],
+        10,
     )
     assert touching.sentence.endswith(
         "Body distance: collision in cycle 3 (J⁺) → minimum 12 cm (repeatable)."
     )
     assert touching.tiles[-1].bad
-    told = verdict([replace(J, broken=(7, "left_s0")), replace(OURS, speed=0.5)], 1)
+    told = verdict([replace(J, limit_violation=(7, "left_s0")), replace(OURS, speed=0.5)], 1)
     assert [(t.name, t.value, t.bad) for t in told.tiles] == [
         ("Elbow displacement after 1 cycle", "45 cm (J⁺) → 0 (repeatable)", False),
         ("Joint speed", "+7.8 %", False),
@@ -186,9 +190,9 @@ def test_a_motion_is_closed_exactly_where_the_first_line_says_0() -> None:
 def test_the_joint_that_turns_most_is_named_from_the_motion() -> None:
     motion = rp.study("ur5", cycles=3, steps=60, degree=1).row("pseudoinverse").motion
     off, told = np.abs(motion.q[-1] - motion.q[0]), motion_summary("J⁺", motion, 3)
-    assert told.turn == (off.max(), motion.task.joint_names[off.argmax()])
+    assert told.joint_displacement == (off.max(), motion.task.joint_names[off.argmax()])
     slides = rp.study("ppr", cycles=2, steps=60, degree=1).row("pseudoinverse").motion
-    assert motion_summary("J⁺", slides, 1).turn == (
+    assert motion_summary("J⁺", slides, 1).joint_displacement == (
         abs(slides.q[-1, 2] - slides.q[0, 2]),
         "theta3",
     )  # d1 and d2 slide

@@ -25,7 +25,7 @@ ARMS = {
     "kinova": [],
     "ur5": [],
     "z1": ["--task", "position"],
-    "planar7r": [],
+    "planar4r": [],
 }
 
 
@@ -81,7 +81,7 @@ def deployed(arm: str, capsys: pytest.CaptureFixture[str]) -> tuple[dict, dict]:
 
 def test_a_control_is_followed_inside_its_region(tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
-    deployed("planar7r", capsys)
+    deployed("planar4r", capsys)
 
 
 @pytest.mark.slow

@@ -16,7 +16,7 @@ from repctl_pin.cli import main
 from repctl_pin.motion import read_motions
 from repctl_pin.problem import NO_BETTER, choose_period
 from repctl_pin.show.text import study_verdict
-from repctl_pin.studies.study import _on_an_edge
+from repctl_pin.studies.study import edge_warning
 
 STARTS = "repctl_pin.problem.start_candidates.default_starts"
 QUICK = {"cycles": 2, "steps": 60, "degree": 1}
@@ -68,13 +68,13 @@ def test_a_start_beside_which_the_motion_goes_elsewhere_is_named(planar: rp.Stud
     row, task = planar.rows[0], planar.task
     options = {"cycles": 2, "steps": 60, "period": planar.period}
     plain = rp.Pseudoinverse(task)
-    assert _on_an_edge(row, plain, planar.path, planar.q0, options) == []
+    assert edge_warning(row, plain, planar.path, planar.q0, options) == []
     elsewhere = replace(
         row, motion=replace(row.motion, q=row.motion.q + 0.01 * (row.motion.t > 0)[:, None])
     )
-    (note,) = _on_an_edge(elsewhere, plain, planar.path, planar.q0, options)
+    (note,) = edge_warning(elsewhere, plain, planar.path, planar.q0, options)
     assert "the start is on an edge" in note and "ends cycle 1 0.02 rad away" in note
-    (note,) = _on_an_edge(
+    (note,) = edge_warning(
         replace(row, motion=None, stopped="why"), plain, planar.path, planar.q0, options
     )
     assert "the motion goes on" in note

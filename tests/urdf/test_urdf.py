@@ -18,7 +18,6 @@ import pytest
 from lxml import etree
 
 import repctl_pin as rp
-from repctl_pin.errors import InputError, UrdfError
 from repctl_pin.urdf import data_folder, find, urdf_folder
 from repctl_pin.urdf.validate import MAX_BYTES, NO_LIMIT, read_urdf
 
@@ -358,7 +357,7 @@ BAD = {
 def refusal(path: Path) -> str:
     """The message of the refusal: one line, soon, that begins with the file."""
     start = time.process_time()
-    with pytest.raises(UrdfError) as caught:
+    with pytest.raises(rp.UrdfError) as caught:
         read_urdf(path)
     assert time.process_time() - start < 5.0
     message = str(caught.value)
@@ -393,9 +392,9 @@ def test_paths_that_are_no_file(tmp_path: Path) -> None:
     assert "is a folder" in refusal(tmp_path)
     os.mkfifo(tmp_path / "pipe.urdf")
     assert "not a regular file" in refusal(tmp_path / "pipe.urdf")
-    with pytest.raises(InputError, match="no such file"):
+    with pytest.raises(rp.InputError, match="no such file"):
         read_urdf("a\0b.urdf")
-    with pytest.raises(InputError, match=r"^a b\.urdf: no such file"):
+    with pytest.raises(rp.InputError, match=r"^a b\.urdf: no such file"):
         read_urdf("a\nb.urdf")
 
 
@@ -670,9 +669,9 @@ def test_names_that_no_file_can_have(tmp_path: Path) -> None:
     (warning,) = rp.Robot.load(tmp_path / "r.urdf").warnings
     assert warning.startswith("1 of 1 meshes are missing (mmm") and len(warning) < 250
     for name in ("~nosuchuser/x.urdf", "x" * 5000 + ".urdf"):
-        with pytest.raises(UrdfError, match="no such file|cannot be read"):
+        with pytest.raises(rp.UrdfError, match="no such file|cannot be read"):
             rp.Robot.load(name)
-    with pytest.raises(InputError, match="there is no folder"):
+    with pytest.raises(rp.InputError, match="there is no folder"):
         rp.Robot.load(tmp_path / "r.urdf", package_dirs=["~nosuchuser"])
 
 
@@ -744,7 +743,7 @@ def test_every_real_robot_passes_and_stays_what_it_was() -> None:
     for path in files:
         try:
             d = read_urdf(path)
-        except UrdfError as error:
+        except rp.UrdfError as error:
             refused.append(path.name)
             assert "no <link>" in str(error)
             continue
@@ -813,7 +812,7 @@ def test_what_passes_pinocchio_reads(tmp_path: Path, capfd: pytest.CaptureFixtur
         path.write_bytes(etree.tostring(root))
         try:
             d = read_urdf(path)
-        except UrdfError as error:
+        except rp.UrdfError as error:
             outcomes["refused"] += 1
             assert str(error).isprintable() and re.search(r"line \d+: .+: .+", str(error)), error
             continue

@@ -266,18 +266,17 @@ def _summary(
         for chain, one in zip(chains, played, strict=True)
     ]
     overall = [summary.overall_speed for summary in summaries if summary.overall_speed is not None]
+    violations = [summary.limit_violation for summary in summaries if summary.limit_violation]
     loss = track.path_loss
     return replace(
         summaries[0],
-        creep=max(summary.creep for summary in summaries),
+        elbow_displacement=max(summary.elbow_displacement for summary in summaries),
         speed=float(np.linalg.norm([summary.speed for summary in summaries])),
         overall_speed=float(np.linalg.norm(overall)) if overall else None,
         path_loss=None if loss is None else (cycle_of(loss[0], track.cycles), *loss[1:]),
-        broken=min(
-            (summary.broken for summary in summaries if summary.broken is not None), default=None
-        ),
-        haste=0.0 if track.t is None else max(summary.haste for summary in summaries),
-        turn=max(summary.turn for summary in summaries),
+        limit_violation=min(violations, default=None),
+        speed_ratio=0.0 if track.t is None else max(summary.speed_ratio for summary in summaries),
+        joint_displacement=max(summary.joint_displacement for summary in summaries),
     )
 
 

@@ -211,6 +211,11 @@ def plain(text: str) -> str:
 
 def png(figure: Figure, dpi: float = 150, **options: Any) -> bytes:
     """Draw a figure as a PNG file, with the options of matplotlib's ``savefig``."""
+    layout = figure.get_layout_engine()
+    if layout is not None and "bbox_inches" not in options:
+        figure.set_dpi(dpi)
+        layout.execute(figure)
+        figure.set_layout_engine(None)  # savefig would draw everything twice, first for the layout
     file = io.BytesIO()
     figure.savefig(file, format="png", dpi=dpi, **options)
     return file.getvalue()

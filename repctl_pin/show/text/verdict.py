@@ -25,19 +25,19 @@ class MotionSummary:
     ----------
     label : str
         Name of the controller.
-    creep : float
+    elbow_displacement : float
         Elbow displacement at the end, m; 0 if the motion is closed.
     speed : float
         Joint speed ‖q̇‖ over the first cycle, rms.
-    broken : (int, str) or None
+    limit_violation : (int, str) or None
         The cycle in which a joint first exceeds its limits, and that joint.
     body_distance : float or None
         Minimum distance between bodies, m; None without bodies.
-    touch : int
+    collision_cycle : int
         The cycle in which two bodies first collide; 0 if none do.
-    haste : float
+    speed_ratio : float
         The largest share of a joint's speed limit; above 1 it is violated.
-    turn : (float, str)
+    joint_displacement : (float, str)
         The revolute joint that is farthest from its start at the end, by how much, rad; 0 if the
         motion is closed.
     overall_speed : float or None
@@ -50,13 +50,13 @@ class MotionSummary:
     """
 
     label: str
-    creep: float
+    elbow_displacement: float
     speed: float
-    broken: tuple[int, str] | None = None
+    limit_violation: tuple[int, str] | None = None
     body_distance: float | None = None
-    touch: int = 0
-    haste: float = 0.0
-    turn: tuple[float, str] = (0.0, "")
+    collision_cycle: int = 0
+    speed_ratio: float = 0.0
+    joint_displacement: tuple[float, str] = (0.0, "")
     overall_speed: float | None = None
     path_loss: tuple[int, float, float] | None = None
     size: float = 1.0
@@ -67,8 +67,9 @@ class MotionSummary:
 
         It turned by 0.1 rad, and by more than 1 rad for each tenth of the arm's length that the
         elbow moved; or it turned and the elbow did not move."""
-        angle, still = self.turn[0], self.creep < _STILL * self.size
-        return (angle >= 0.1 and angle * self.size > 10 * self.creep) or (still and angle > 0)
+        angle, elbow = self.joint_displacement[0], self.elbow_displacement
+        far = angle >= 0.1 and angle * self.size > 10 * elbow
+        return far or (angle > 0 and elbow < _STILL * self.size)
 
 
 @dataclass(frozen=True)
@@ -114,7 +115,7 @@ def motion_summary(
     violation, coarse = motion.first_violation, motion.coarse
     loss = motion.path_loss if isinstance(motion, Motion) else None
     turned = np.abs(motion.q[-1] - motion.q[0]) * task.revolute * (not closes)  # (n,)
-    body_distance, touch = (
+    body_distance, collision = (
         (float(coarse.body_distance.min()), coarse.first_touch) if bodies else (np.inf, None)
     )
     return MotionSummary(
@@ -123,7 +124,7 @@ def motion_summary(
         motion.first_rms_speed,
         None if violation is None else (motion.broken_cycle, violation[1]),
         body_distance if np.isfinite(body_distance) else None,
-        0 if touch is None else cycle_of(touch[0], motion.cycles),
+        0 if collision is None else cycle_of(collision[0], motion.cycles),
         motion.speed_ratio,
         (float(turned.max()), task.joint_names[int(turned.argmax())]),
         motion.rms_speed if motion.cycles > 1 else None,
@@ -150,31 +151,34 @@ def verdict(summaries: Sequence[MotionSummary], cycles: int) -> Verdict:
         tiles.append(Tile("End effector", said, bad=True))
     twists = any(summary.twists for summary in summaries)
     name = f"{'Elbow and joint' if twists else 'Elbow'} displacement after {times}"
-    said = _compared(summaries, [_creep(summary, twists) for summary in summaries])
+    said = _compared(summaries, [_displacement(summary, twists) for summary in summaries])
     words.append(f"{name}: {said}.")
-    tiles.append(Tile(name, said, _creep(summaries[-1], twists) != "0"))
+    tiles.append(Tile(name, said, _displacement(summaries[-1], twists) != "0"))
     if len(summaries) > 1:
         said = _speeds(summaries[0], summaries[-1], times)
         words.append(f"Joint speed, relative to {_short(summaries[0])}: {said}.")
         tiles.append(Tile("Joint speed", said))
-    hasty = [summary.haste > 1 + 1e-9 for summary in summaries]
-    if any(hasty):
-        hastes = [
-            f"up to {d.haste:.2g} times the limit" if h else "respected"
-            for d, h in zip(summaries, hasty, strict=True)
+    too_fast = [summary.speed_ratio > 1 + 1e-9 for summary in summaries]
+    if any(too_fast):
+        speeds = [
+            f"up to {d.speed_ratio:.2g} times the limit" if fast else "respected"
+            for d, fast in zip(summaries, too_fast, strict=True)
         ]
-        said = _compared(summaries, hastes)
+        said = _compared(summaries, speeds)
         words.append(f"Speed limits: {said}.")
         tiles.append(Tile("Speed limits", said, bad=True))
     limits = [
-        f"violated in cycle {d.broken[0]} by {d.broken[1]}" if d.broken else "respected"
+        f"violated in cycle {d.limit_violation[0]} by {d.limit_violation[1]}"
+        if d.limit_violation
+        else "respected"
         for d in summaries
     ]
-    said, broken = _compared(summaries, limits), any(summary.broken for summary in summaries)
-    words.append(f"Joint limits: {said}." if broken else "Joint limits respected.")
-    tiles.append(Tile("Joint limits", said, broken))
+    said = _compared(summaries, limits)
+    violated = any(summary.limit_violation for summary in summaries)
+    words.append(f"Joint limits: {said}." if violated else "Joint limits respected.")
+    tiles.append(Tile("Joint limits", said, violated))
     if all(summary.body_distance is not None for summary in summaries):
-        collides = any(summary.touch for summary in summaries)
+        collides = any(summary.collision_cycle for summary in summaries)
         said = _compared(summaries, [_bodies(summary, collides) for summary in summaries])
         words.append(f"Body distance: {said}." if collides else f"Minimum body distance: {said}.")
         tiles.append(Tile("Minimum body distance", said, collides))
@@ -218,16 +222,17 @@ def _speeds(first: MotionSummary, last: MotionSummary, times: str) -> str:
     return once if once == overall else f"{once} in cycle 1, {overall} over {times}"
 
 
-def _creep(summary: MotionSummary, twists: bool) -> str:
+def _displacement(summary: MotionSummary, twists: bool) -> str:
     """Format the elbow displacement at the end and, on request, the joint that turned most."""
-    moved = "0" if summary.creep < _STILL * summary.size else metres(summary.creep)
-    angle, name = summary.turn
+    elbow = summary.elbow_displacement
+    moved = "0" if elbow < _STILL * summary.size else metres(elbow)
+    angle, name = summary.joint_displacement
     return f"{moved}, {name} {radians(angle)}" if twists and angle > 0 else moved
 
 
 def _bodies(summary: MotionSummary, collides: bool) -> str:
-    if summary.touch:
-        return f"collision in cycle {summary.touch}"
+    if summary.collision_cycle:
+        return f"collision in cycle {summary.collision_cycle}"
     distance = metres(summary.body_distance or 0.0)
     return f"minimum {distance}" if collides else distance
 

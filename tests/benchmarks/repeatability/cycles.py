@@ -9,7 +9,7 @@ import numpy as np
 from ours import Step
 from scenes import Scene
 
-from repctl_pin.robot.bodies import bodies_of
+import repctl_pin as rp
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ def measure(
         if len(Q) > 1
         else np.nan,
         limit_margin=float(task.limit_margin(Q).min()),
-        body_distance=float(bodies_of(task).distances(looked).min()),
+        body_distance=float(rp.Bodies(task).distances(looked).min()),
         microseconds=np.nan,
         of_pinv=np.nan,
         failure=stopped,
