@@ -16,7 +16,7 @@ from proofs import design_of, margins, near_null_space, smallest_singular_values
 
 import repctl_pin as rp
 from repctl_pin.cli import main
-from repctl_pin.proof import leaf_margin as kernels
+from repctl_pin.proof import leaf_margin_bounds as kernels
 from repctl_pin.proof import remainder, screws
 from repctl_pin.proof.chain import chain_of
 
