@@ -97,13 +97,15 @@ class LeafMargin:
 def leaf_margin_of(task: Task, field: Potentials, box: Box) -> LeafMargin:
     """Prepare bounds inside a box, seen from the link that needs the fewest boxes."""
     features, chain = features_of(field, task.n, box), chain_of(task)
+
+    def needed(one: LeafMargin) -> float:
+        return _perron_root(one, box.center, box.half_width / 8)
+
     middles = range(len(chain.p) + 1)
-    made = [
-        _prepared(task, chain.seen_from(k, way), features, box)
-        for k in middles
-        for way in (0.0, 0.5, 1.0)
-    ]
-    return min(made, key=lambda one: _perron_root(one, box.center, box.half_width / 8))
+    made = [_prepared(task, chain.seen_from(k, 0.5), features, box) for k in middles]
+    best = min(made, key=needed)
+    ends = [chain.seen_from(best.chain.middle, way) for way in (0.0, 1.0)]
+    return min([best, *(_prepared(task, end, features, box) for end in ends)], key=needed)
 
 
 def _perron_root(problem: LeafMargin, q: Array, half: Array) -> float:
