@@ -1,6 +1,6 @@
 /* Lower bounds of the leaf margin over boxes of joint space: see docs/theory.md, "Proved, not sampled".
 
-   The same mathematics as leaf_margin.py, one box at a time. No rounding is switched: bounds of it are added. */
+   The same mathematics as leaf_margin_bounds.py, one box at a time. No rounding is switched: bounds of it are added. */
 
 #include <math.h>
 

@@ -1,17 +1,20 @@
 r"""Lower bounds of the leaf margin over boxes of joint space, by the batch.
 
-On a box ``q_c ± h``, with any ``A ≈ J_V(q_c)⁻¹``:
+On a box ``q_c ± h``, with ``J_c = [J; V_cᵀ]``, V_c the value of V at the centre, and any
+``A ≈ J_c(q_c)⁻¹``:
 
 .. math::
 
-   |A J_V(q) − I| ≤ D = Σ_j |A ∂_j J_V| h_j + |A| \,(\text{remainders, rounding})
-   + |A J_V(q_c) − I|, \\
-   F + D Y ≤ Y,\; Y > 0 ⇒ J_V \text{ is regular}, \qquad |J_V⁻¹| ≤ Y \text{ with } F = |A|, \quad
-   |X − X_c| ≤ Y \text{ with } F ≥ |(A J_V − I) X_c|, \qquad
-   \text{leaf margin} = \frac{1}{‖X V^T‖_2}
+   |A J_c(q) − I| ≤ D = Σ_j |A ∂_j J_c| h_j + |A| \,(\text{remainders, rounding})
+   + |A J_c(q_c) − I|, \\
+   F + D Y ≤ Y,\; Y > 0 ⇒ J_c \text{ is regular}, \qquad |J_c⁻¹| ≤ Y \text{ with } F = |A|
 
-X the last r columns of J_V⁻¹. In C where there is a compiler (leaf_margin_bounds.c), else in NumPy:
-the same mathematics. """
+The last r columns N of ``J_c⁻¹`` are the null space, to second order in the joints. Across V_c, N
+and V are the graphs of T and P, and with ``S = (T − P)(I + PᵀT)⁻¹``
+
+.. math:: \text{leaf margin} ≥ 1 / \sqrt{1 + ‖S‖² (1 + ‖P‖²)}
+
+In C where there is a compiler (leaf_margin_bounds.c), else in NumPy: the same mathematics. """
 
 from __future__ import annotations
 
@@ -180,8 +183,7 @@ def margins(at: Expansion, half: Array, n: int, eps: float, beta: float | Array)
     """Bound the leaf margin in boxes where J_V is given to first order, in the variables of half
     (K, k)."""
     at = _along_axes(at)
-    A, r = at.A, at.V.shape[1]
-    X = A[:, :, 6:]  # (K, N, r)
+    A, X = at.A, at.A[:, :, 6:]  # X: (K, N, r)
     norm, below = _spectral(X[:, :n])
     # with V_c in place of V: N = [J; V_c^T]^-1 [0; I] = X - sum of B X + second
     slopes = np.moveaxis(at.dV, 3, 1)  # (K, k, r, n)

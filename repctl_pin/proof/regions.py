@@ -59,11 +59,11 @@ def _without_overlap(low: Array, high: Array) -> tuple[Array, Array]:
     boxes = list(zip(low, high, strict=True))
     pieces = boxes[:1]
     for i in range(1, len(boxes)):
-        for part in _outside(boxes[i], boxes[i - 1]):
-            left = [part]
-            for other in boxes[: max(i - 1, 0)]:
-                rest = [_outside(piece, other) for piece in left]
-                left = [rest[0][0]] if rest and len(rest[0]) == 1 else left if rest and rest[0] else []
+        for piece in _outside(boxes[i], boxes[i - 1]):
+            left = [piece]
+            for other in boxes[: i - 1]:
+                if left and len(rest := _outside(left[0], other)) <= 1:
+                    left = rest
             pieces += left
     return np.array([a for a, _ in pieces]), np.array([b for _, b in pieces])
 
