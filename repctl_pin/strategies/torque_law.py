@@ -86,7 +86,7 @@ def torque_law(task: Task, potentials: Potentials, gains: Gains) -> Callable[...
     def curvature(q: Array, qdot: Array) -> None:
         """Evaluate ``J̇_V q̇``: exact for potentials of degree 3, else to 1e-6 of its size."""
         speed = dnrm2(qdot)
-        if speed == 0.0:
+        if speed * speed == 0.0:
             bent[:] = 0.0
             return
         step = DIFFERENCE / speed
