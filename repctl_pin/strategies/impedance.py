@@ -91,7 +91,7 @@ class LeafImpedance:
         damping: float = 1.0,
         leaf_frequency: float = 5.0,
         leaf_damping: float = 1.0,
-        observer_rate: float = 100.0,
+        observer_rate: float = 200.0,
         observer_limit: ArrayLike = 5.0,
     ) -> None:
         self.inverse = require_type(
