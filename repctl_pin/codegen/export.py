@@ -35,11 +35,11 @@ def export_c(
 ) -> list[Path]:
     """Export a repeatable inverse as C99 (and C++17) that depends on ``<math.h>`` only.
 
-    ``name.h`` and ``name.c``: placement, jacobian, inverse, leaf, velocity, step, inside, every
-    name beginning with ``name_``. They do not allocate memory, keep no state, and return a status.
-    ``name.hpp``: the same with ``std::array``. ``test_vectors.h`` and ``check.c`` compare a build
-    with Python; ``loop.c`` is an example at 1 kHz; ``CMakeLists.txt`` builds all. The output is
-    deterministic.
+    ``name.h`` and ``name.c``: placement, jacobian, inverse, leaf, velocity, step, torque, inside,
+    every name beginning with ``name_``. They do not allocate memory, keep no state, and return a
+    status. ``name.hpp``: the same with ``std::array``. ``test_vectors.h`` and ``check.c`` compare
+    a build with Python; ``loop.c`` is an example at 1 kHz; ``CMakeLists.txt`` builds all. The
+    output is deterministic.
 
     Parameters
     ----------
@@ -167,7 +167,8 @@ def _vector(vector: Vector, said: dict[str, Any], inverse: RepeatableInverse, na
     )
     gains = ", ".join(map(value, vector.gains[1:5]))
     entries += [row(vector.joint_speed), row(np.ravel(vector.M)), row(vector.bias)]
-    entries.append(f"{{{row(vector.gains.stiffness)}, {gains}, {row(vector.gains.observer_limit)}}}")
+    most = row(vector.gains.observer_limit)
+    entries.append(f"{{{row(vector.gains.stiffness)}, {gains}, {most}}}")
     observer = np.zeros(task.r) if vector.observer is None else vector.observer
     entries += [str(int(vector.observer is not None)), row(observer)]
     entries += [

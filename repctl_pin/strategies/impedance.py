@@ -45,8 +45,8 @@ class LeafImpedance:
     ``J̇_V q̇``: exactly ``ḧ = ḧ*``, at any speed. D gives the end effector, with its inertia Λ, the
     same damping ratio in every direction.
 
-    Friction and errors of M and b disturb the leaf. An observer estimates the disturbance from ḧ*
-    and ḣ, and cancels it; ``observer=`` of :meth:`torque` has its state.
+    Friction and errors of M and b disturb the leaf. An :meth:`observer` estimates the disturbance
+    from ḧ* and ḣ, and cancels it.
 
     Parameters
     ----------
@@ -77,9 +77,9 @@ class LeafImpedance:
     >>> J_plus, options = rp.Pseudoinverse(panda), rp.FitOptions(held_out=64)
     >>> found = rp.nearest_repeatable(J_plus, None, near, degree=1, options=options)
     >>> spring = rp.LeafImpedance(found.inverse, stiffness=(2000.0, 100.0))  # N/m and Nm/rad
-    >>> q, observer = np.array(panda.reference), np.zeros(1)
-    >>> at_q = {"leaf": found.inverse.leaf(q), "observer": observer, "dt": 0.001}
-    >>> spring.torque(q, np.zeros(7), panda.placement(q), **at_q).shape  # Nm
+    >>> q, observer = np.array(panda.reference), spring.observer(dt=0.001)
+    >>> leaf, target = found.inverse.leaf(q), panda.placement(q)
+    >>> spring.torque(q, np.zeros(7), target, leaf=leaf, observer=observer).shape  # Nm
     (7,)
     """
 
@@ -123,6 +123,29 @@ class LeafImpedance:
     def __repr__(self) -> str:
         return described(self, self.task, f"leaf frequency {self.gains.leaf_frequency:g} rad/s")
 
+    def observer(self, dt: float) -> Observer:
+        """Make a disturbance observer for :meth:`torque`, one per arm.
+
+        Its ``reset()`` begins again after a stop of the robot.
+
+        Parameters
+        ----------
+        dt
+            Time step of the loop, s.
+
+        Raises
+        ------
+        InputError
+            If dt is not above 0, or longer than 1 / observer_rate.
+        """
+        dt, rate = positive(dt, "dt", "s"), self.gains.observer_rate
+        if not rate * dt <= 1.0:
+            raise InputError(
+                f"observer_rate · dt must be at most 1; got {rate:g} · {dt:g}; "
+                "use a lower observer_rate"
+            )
+        return Observer(np.zeros(self.task.r), dt)
+
     def torque(
         self,
         q: ArrayLike,
@@ -131,8 +154,7 @@ class LeafImpedance:
         twist: ArrayLike | None = None,
         *,
         leaf: ArrayLike,
-        observer: Array | None = None,
-        dt: float | None = None,
+        observer: Observer | None = None,
     ) -> Array:
         """Compute the joint torques τ (n,), Nm or N.
 
@@ -146,11 +168,9 @@ class LeafImpedance:
             Velocity (v, ω) of the target, base axes, m/s and rad/s; 0 by default.
         leaf : (r,) array
             Level c, from ``inverse.leaf(q)`` at the start.
-        observer : (r,) array, optional
-            State of the observer, which the call updates: zeros at the start, or after a stop. A
-            call that raises leaves it unchanged. Without it, disturbances are not compensated.
-        dt
-            Time step, s; required with ``observer``.
+        observer : Observer, optional
+            What :meth:`observer` made, which the call updates unless it raises. Without it,
+            friction and errors of the model are not compensated.
 
         Raises
         ------
@@ -168,29 +188,14 @@ class LeafImpedance:
             leaf = vector(leaf, r, "leaf", "from inverse.leaf(q)")
         if twist is not None and not _native(twist, 6):
             twist = vector(twist, 6, "the twist (v, ω)", "m/s and rad/s")
-        state = None if observer is None else self._observer(observer, dt)
-        with np.errstate(over="ignore", invalid="ignore"):
-            M, b = self._dynamics.own(q, qdot)
-            return self._law.own(q, qdot, M, b, as_placement(target), twist, leaf, state)
-
-    def _observer(self, state: Array, dt: float | None) -> Observer:
-        """Check the state of the observer, which is updated in place, and its time step."""
-        r = self.task.r
-        if not (_native(state, r) and state.flags.writeable):
+        if observer is not None and not (type(observer) is Observer and len(observer.state) == r):
             raise InputError(
-                f"must be an array of {r} finite numbers that can be updated, such as "
-                f"np.zeros({r}); got {shown(state)}",
+                f"must be what observer(dt) of this control made; got {shown(observer)}",
                 argument="observer",
             )
-        if dt is None:
-            raise InputError("observer= requires dt=, the time step in s")
-        dt, rate = positive(dt, "dt", "s"), self.gains.observer_rate
-        if not rate * dt <= 1.0:
-            raise InputError(
-                f"observer_rate · dt must be at most 1; got {rate:g} · {dt:g}; "
-                "use a lower observer_rate"
-            )
-        return Observer(state, dt)
+        with np.errstate(over="ignore", invalid="ignore"):
+            M, b = self._dynamics.own(q, qdot)
+            return self._law.own(q, qdot, M, b, as_placement(target), twist, leaf, observer)
 
 
 def _native(values: ArrayLike, n: int) -> TypeGuard[Array]:

@@ -43,10 +43,22 @@ class Gains(NamedTuple):
 
 
 class Observer(NamedTuple):
-    """State w (r,) of the disturbance observer, which the law updates, and the time step, s."""
+    """Disturbance observer of one arm.
+
+    Attributes
+    ----------
+    state : (r,) array
+        w, which the law updates; 0 at rest without a disturbance.
+    dt : float
+        Time step of the loop, s.
+    """
 
     state: Array
     dt: float
+
+    def reset(self) -> None:
+        """Begin again, after a stop of the robot."""
+        self.state[:] = 0.0
 
 
 def torque_law(task: Task, potentials: Potentials, gains: Gains) -> Callable[..., Array]:

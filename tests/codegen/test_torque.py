@@ -17,9 +17,7 @@ from repctl_pin.codegen.compiled_loop import NAME, library
 from repctl_pin.strategies.torque_law import Gains, Observer, torque_law
 
 AGREE = 1e-10
-QUICK = ("panda, pose, degree 2", "panda, axis, degree 2", "tiago, position, degree 2")
-
-
+QUICK = ("panda, axis, degree 2", "tiago, position, degree 2")
 
 
 def in_c(inverse: rp.RepeatableInverse) -> Callable[..., tuple[int, np.ndarray]]:

@@ -14,11 +14,13 @@ from controls import control
 import repctl_pin as rp
 from repctl_pin.motion import elbow
 from repctl_pin.redundancy import nullspace
+from repctl_pin.strategies.torque_law import Observer
 
 DT = 1e-3
+RAIL = "a rail with six joints"
 
 
-@pytest.fixture(scope="module", params=["panda", "a rail with six joints"])
+@pytest.fixture(scope="module", params=["panda", pytest.param(RAIL, marks=pytest.mark.slow)])
 def inverse(request: pytest.FixtureRequest, panda_design: rp.Design) -> rp.RepeatableInverse:
     if request.param == "panda":
         return panda_design.inverse
@@ -90,28 +92,28 @@ class Loop:
     control: rp.LeafImpedance
     arm: Arm
     leaf: np.ndarray
-    observer: np.ndarray | None
+    observer: Observer | None
 
     def tick(self, target: pin.SE3, twist: np.ndarray | None = None, push: float = 0.0) -> None:
-        dt = None if self.observer is None else DT
         torque = self.control.torque(
-            *self.arm.state(), target, twist, leaf=self.leaf, observer=self.observer, dt=dt
+            *self.arm.state(), target, twist, leaf=self.leaf, observer=self.observer
         )
         self.arm.step(torque, push)
 
 
 def loop(
     inverse: rp.RepeatableInverse, *, friction: float, mass: float = 1.1, frequency: float = 20.0,
-    observed: bool = True,
+    observed: bool = True, limits: tuple[float, float] = (5.0, 100.0),
 ) -> Loop:  # fmt: skip
-    """The arm at the middle of its region, with stiffnesses that its maker allows."""
+    """The arm at the middle of its region; limits of the observer for revolute and prismatic
+    joints, Nm and N."""
     task, q0 = inverse.task, inverse.region.center  # type: ignore[union-attr]
-    limit = np.where(task.revolute, 5.0, 100.0)
+    limit = np.where(task.revolute, *limits)
     control = rp.LeafImpedance(
         inverse, stiffness=(3000.0, 300.0), leaf_frequency=frequency, observer_limit=limit
     )
     arm = Arm(task, q0, mass=mass, friction=friction)
-    return Loop(control, arm, inverse.leaf(q0), np.zeros(task.r) if observed else None)
+    return Loop(control, arm, inverse.leaf(q0), control.observer(DT) if observed else None)
 
 
 def after_a_push(
@@ -135,7 +137,9 @@ def on_the_circle(
     inverse: rp.RepeatableInverse, period: float, cycles: int = 1, **options: float
 ) -> float:
     """Largest c − h."""
-    one, task, worst = loop(inverse, **options), inverse.task, 0.0  # type: ignore[arg-type]
+    task, worst = inverse.task, 0.0
+    limits = (5.0, 100.0) if task.robot.name == "panda" else (15.0, 200.0)
+    one = loop(inverse, limits=limits, **options)  # type: ignore[arg-type]
     path = rp.circle(task, inverse.region.center, radius=0.1, normal="x")  # type: ignore[union-attr]
     one.arm.data.qvel[:] = inverse.velocity(one.arm.state()[0], path.twist(0.0) / period)
     for k in range(round(cycles * period / DT)):
@@ -145,7 +149,7 @@ def on_the_circle(
     return worst
 
 
-PUSH = {"panda": 80.0, "ur5": 200.0}
+PUSH = {"panda": 100.0, "ur5": 400.0}
 """N, for half a second."""
 
 
