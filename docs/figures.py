@@ -59,10 +59,10 @@ def cell() -> Figure:
 STATES = {
     "stopped": (0.5, 2.1, "STOPPED\nbrakes closed, or at a fault"),
     "approach": (0.5, 0.5, "APPROACH\nrp.approach(to='nearest')"),
-    "run": (4.4, 0.5, "RUN\noverride 1, on the joint path"),
-    "stopping": (4.4, 2.1, "STOPPING\noverride falls to 0,\nstill on the joint path"),
-    "hold": (8.2, 2.1, "HOLD\nq constant, c known"),
-    "back": (8.2, 0.5, "BACK UP\noverride −1, same joint path"),
+    "run": (4.55, 0.5, "RUN\noverride 1, on the joint path"),
+    "stopping": (4.55, 2.1, "STOPPING\noverride falls to 0,\nstill on the joint path"),
+    "hold": (8.5, 2.1, "HOLD\nq constant, c known"),
+    "back": (8.5, 0.5, "BACK UP\noverride −1, same joint path"),
 }
 """States of a robot that plays a path: where they are drawn, and their words."""
 
@@ -84,16 +84,18 @@ def states() -> Figure:
     """Draw the states of a robot that stops, holds and goes on along a path."""
     figure = Figure(figsize=(9.6, 2.6), layout="constrained")
     axes = figure.subplots()
-    axes.set(xlim=(-0.9, 9.6), ylim=(0.0, 2.6), aspect="equal")
+    axes.set(xlim=(-0.9, 9.9), ylim=(0.0, 2.6), aspect="equal")
     axes.axis("off")
     boxes = {}
     for name, (x, y, words) in STATES.items():
         title, _, rest = words.partition("\n")
-        box = FancyBboxPatch((x - 1.1, y - 0.3), 2.2, 0.6, "round,pad=0.08", fc="white", ec=BLUE)
+        box = FancyBboxPatch(
+            (x - 1.22, y - 0.32), 2.44, 0.64, "round,pad=0.08", fc="white", ec=BLUE
+        )
         boxes[name] = axes.add_patch(box)
         lines = rest.count("\n")
         axes.text(x, y + 0.12 + 0.06 * lines, title, ha="center", va="center", weight="bold")
-        axes.text(x, y - 0.1 - 0.02 * lines, rest, ha="center", va="center", fontsize=8)
+        axes.text(x, y - 0.1 - 0.02 * lines, rest, ha="center", va="center", fontsize=9)
     for start, end, cause, bend in CHANGES:
         (x0, y0, _), (x1, y1, _) = STATES[start], STATES[end]
         arrow = FancyArrowPatch(

@@ -165,21 +165,19 @@ def test_the_circle_stays_on_its_leaf_against_friction(inverse: rp.RepeatableInv
 
 @pytest.mark.slow
 @pytest.mark.parametrize("friction", [0.0, 0.3, 0.5])
-def test_every_friction(friction: float, inverse: rp.RepeatableInverse) -> None:
-    force = PUSH[inverse.task.robot.name]
-    for frequency in (5.0, 20.0):
-        for observed in (True, False):
-            options = {"frequency": frequency, "friction": friction, "observed": observed}
-            largest, left, away = after_a_push(inverse, force, **options)
-            circles = [on_the_circle(inverse, T, 3, **options) for T in (2.0, 1.2)]
-            print(
-                f"{inverse.task.robot.name}, friction {friction}, ω {frequency}, observer "
-                f"{observed}: push {largest:.3f} → {left:.4f} rad, c − h {away:.1e}; "
-                f"circle of 2 s {circles[0]:.4f}, of 1.2 s {circles[1]:.4f}"
-            )
-            if observed:
-                assert left < 0.01
-                assert circles[0] < 0.005 or frequency == 5.0
+@pytest.mark.parametrize(("frequency", "observed"), [(5.0, False), (5.0, True), (20.0, True)])
+def test_every_friction(
+    friction: float, frequency: float, observed: bool, inverse: rp.RepeatableInverse
+) -> None:
+    name, options = inverse.task.robot.name, {"frequency": frequency, "friction": friction}
+    largest, left, away = after_a_push(inverse, PUSH[name], observed=observed, **options)
+    circle = on_the_circle(inverse, 2.0, 2, observed=observed, **options)
+    print(
+        f"{name}, friction {friction}, ω {frequency}, observer {observed}: push {largest:.3f} → "
+        f"{left:.4f} rad, c − h {away:.1e}; circle of 2 s {circle:.4f}"
+    )
+    if observed:
+        assert left < 0.01 and (circle < 0.005 or frequency == 5.0)
 
 
 @pytest.mark.slow
@@ -191,16 +189,14 @@ def test_the_exact_model_stays_on_its_leaf(inverse: rp.RepeatableInverse) -> Non
 
 @pytest.mark.slow
 @pytest.mark.parametrize("frequency", [5.0, 20.0])
-def test_a_minute_after_a_push_nothing_moves(
-    frequency: float, inverse: rp.RepeatableInverse
-) -> None:
+def test_long_after_a_push_nothing_moves(frequency: float, inverse: rp.RepeatableInverse) -> None:
     """No hunting: an integral against friction may oscillate for ever."""
     one, q0 = loop(inverse, friction=0.5, frequency=frequency), inverse.region.center  # type: ignore[union-attr]
-    home, energies = inverse.task.placement(q0), []
-    for k in range(60_000):
-        one.tick(home, push=PUSH[inverse.task.robot.name] if 500 <= k < 1000 else 0.0)
+    home, name, energies = inverse.task.placement(q0), inverse.task.robot.name, []
+    for k in range(21_000):
+        one.tick(home, push=PUSH[name] if 500 <= k < 1000 else 0.0)
         q, qdot = one.arm.state()
         energies.append(qdot @ inverse.task.inertias(q[None])[0] @ qdot / 2)
-    parts = [float(max(energies[k : k + 10_000])) for k in range(1000, 60_000, 10_000)]
-    print(f"{inverse.task.robot.name}, ω {frequency}: kinetic energy in 10 s each, J:", parts)
+    parts = [float(max(energies[k : k + 5000])) for k in range(1000, 21_000, 5000)]
+    print(f"{name}, ω {frequency}: largest kinetic energy in 5 s each, J: {parts}")
     assert parts[-1] < 1e-6 and parts[-1] < 1e-3 * parts[0]
