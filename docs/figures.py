@@ -10,6 +10,7 @@ from time import thread_time
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.patches import FancyArrowPatch, FancyBboxPatch
 from PIL import Image
 
 import repctl_pin as rp
@@ -128,7 +129,66 @@ def planar(n: int) -> rp.Task:
         return rp.Robot.load(file).task("tool", "xy")
 
 
-FIGURES = {"drift": drift, "cell": cell, "proofs": proofs}
+STATES = {
+    "stopped": (0.5, 2.1, "STOPPED\nbrakes closed, or at a fault"),
+    "approach": (0.5, 0.5, "APPROACH\nrp.approach(to='nearest')"),
+    "run": (4.55, 0.5, "RUN\noverride 1, on the joint path"),
+    "stopping": (4.55, 2.1, "STOPPING\noverride falls to 0,\nstill on the joint path"),
+    "hold": (8.5, 2.1, "HOLD\nq constant, c known"),
+    "back": (8.5, 0.5, "BACK UP\noverride −1, same joint path"),
+}
+"""States of a robot that plays a path: where they are drawn, and their words."""
+
+CHANGES = (
+    ("stopped", "approach", "measure q", 0.0),
+    ("approach", "run", "on the path", 0.0),
+    ("run", "stopping", "stop", -0.35),
+    ("stopping", "run", "go on", -0.35),
+    ("stopping", "hold", "override = 0", 0.0),
+    ("hold", "run", "go on", 0.0),
+    ("hold", "back", "back up", -0.25),
+    ("back", "hold", "stop", -0.25),
+    ("stopping", "stopped", "the robot's own stop,\nfrom any state", 0.0),
+)
+"""Changes of state: from, to, cause, and how much the arrow bends."""
+
+
+def states() -> Figure:
+    """Draw the states of a robot that stops, holds and goes on along a path."""
+    figure = Figure(figsize=(9.6, 2.6), layout="constrained")
+    axes = figure.subplots()
+    axes.set(xlim=(-0.9, 9.9), ylim=(0.0, 2.6), aspect="equal")
+    axes.axis("off")
+    boxes = {}
+    for name, (x, y, words) in STATES.items():
+        title, _, rest = words.partition("\n")
+        box = FancyBboxPatch(
+            (x - 1.22, y - 0.32), 2.44, 0.64, "round,pad=0.08", fc="white", ec=BLUE
+        )
+        boxes[name] = axes.add_patch(box)
+        lines = rest.count("\n")
+        axes.text(x, y + 0.12 + 0.06 * lines, title, ha="center", va="center", weight="bold")
+        axes.text(x, y - 0.1 - 0.02 * lines, rest, ha="center", va="center", fontsize=9)
+    for start, end, cause, bend in CHANGES:
+        (x0, y0, _), (x1, y1, _) = STATES[start], STATES[end]
+        arrow = FancyArrowPatch(
+            (x0, y0), (x1, y1), patchA=boxes[start], patchB=boxes[end], arrowstyle="-|>",
+            mutation_scale=14, connectionstyle=f"arc3,rad={bend}", color="0.3", shrinkA=2,
+            shrinkB=2,
+        )  # fmt: skip
+        axes.add_patch(arrow)
+        across = bend / 2 * (y1 - y0), -bend / 2 * (x1 - x0)
+        x, y = (x0 + x1) / 2 + across[0], (y0 + y1) / 2 + across[1]
+        flat = y0 == y1
+        axes.text(
+            x + (0 if flat else 0.08), y + (0.06 if flat else 0), cause, fontsize=8,
+            ha="center" if flat else "left", va="bottom" if flat else "center", color=VERMILLION,
+            bbox={"fc": "white", "ec": "none", "pad": 1.0},
+        )  # fmt: skip
+    return figure
+
+
+FIGURES = {"drift": drift, "cell": cell, "proofs": proofs, "states": states}
 
 
 def main(folder: Path) -> None:

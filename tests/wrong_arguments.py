@@ -223,6 +223,7 @@ def right_calls(folder: Path) -> list[Call]:
         "LeafImpedance": {
             "inverse": inverse, "stiffness": (1000.0, 50.0), "damping": 1.0,
             "leaf_frequency": 5.0, "leaf_damping": 1.0,
+            "observer_rate": 100.0, "observer_limit": 5.0,
         },
         "Box": {"center": q0, "half_width": 0.2, "density": lambda Q: np.ones(len(Q))},
         "CustomInverse": {"task": task, "function": control, "tolerance": 1e-8},
@@ -356,7 +357,9 @@ def right_calls(folder: Path) -> list[Call]:
             "target": target,
             "twist": np.zeros(6),
             "leaf": inverse.leaf(q0),
+            "observer": rp.LeafImpedance(inverse).observer(0.001),
         },
+        (rp.LeafImpedance, "observer"): {"dt": 0.001},
         (rp.TaskPath, "placement"): {"s": 0.3},
     }
     fast, fast_function = rp.compiled(inverse), rp.compiled(found.function)

@@ -36,9 +36,9 @@ def export_c(
 ) -> list[Path]:
     """Export a repeatable inverse as C99 (and C++17) that depends on ``<math.h>`` only.
 
-    ``name.h`` and ``name.c``: placement, jacobian, inverse, leaf, velocity, step, inside, every
-    name beginning with ``name_``. They do not allocate memory, keep no state, and return a status.
-    ``name.hpp``: the same with ``std::array``; ``name_kdl.hpp``: solvers of Orocos KDL.
+    ``name.h`` and ``name.c``: placement, jacobian, inverse, leaf, velocity, step, torque, inside,
+    every name beginning with ``name_``. They do not allocate memory, keep no state, and return a
+    status. ``name.hpp``: the same with ``std::array``; ``name_kdl.hpp``: solvers of Orocos KDL.
     ``test_vectors.h`` and ``check.c`` compare a build with Python; ``loop.c`` is an example at
     1 kHz; ``CMakeLists.txt`` builds all. The output is deterministic.
 
@@ -93,6 +93,7 @@ def export_c(
         "vectors": ",\n".join(_vector(v, said, inverse, name) for v, said in found),
         "function": declared,
         "functions": functions,
+        "torque": filled("torque.hpp", name, {}),
     }
     axes, radius = _circle(inverse.task, kept)
     texts = {
@@ -166,15 +167,23 @@ def _vector(vector: Vector, said: dict[str, Any], inverse: RepeatableInverse, na
     entries.append(
         f"{{{value(gain)}, {row(limit)}, {value(vector.damping)}, {int(vector.stay_inside)}}}"
     )
+    gains = ", ".join(map(value, vector.gains[1:5]))
+    entries += [row(vector.joint_speed), row(np.ravel(vector.M)), row(vector.bias)]
+    most = row(vector.gains.observer_limit)
+    entries.append(f"{{{row(vector.gains.stiffness)}, {gains}, {most}}}")
+    observer = np.zeros(task.r) if vector.observer is None else vector.observer
+    entries += [str(int(vector.observer is not None)), row(observer)]
     entries += [
-        f"{name.upper()}_{STATUS[said[key]]}" for key in ("usable", "inside", "velocity", "step")
+        f"{name.upper()}_{STATUS[said[key]]}"
+        for key in ("usable", "inside", "velocity", "step", "torque")
     ]
     entries.append(pose(said.get("placement", pin.SE3.Identity())))
     entries += [
         row(np.ravel(said.get("J", np.zeros((task.m, task.n))))),
         row(said.get("c", np.zeros(task.r))),
     ]
-    entries += [row(said["qdot"]), row(said["q_next"])]
+    entries += [row(said[key]) for key in ("qdot", "q_next", "tau")]
+    entries.append(row(said.get("observer", np.zeros(task.r))))
     return "    {" + ",\n     ".join(entries) + "}"
 
 

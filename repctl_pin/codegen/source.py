@@ -90,8 +90,9 @@ def write_source(
         "staying": int(stays),
         "stays": "stay_inside = 1" if stays else "stay_inside = 0",
     }
-    header = filled("arm.h", name, parts | {"function": declared})
-    return Source(header, filled("arm.c", name, parts | {"function": defined}))
+    header = parts | {"torque": filled("torque.h", name, {}), "function": declared}
+    code = parts | {"torque": filled("torque.c", name, {}), "function": defined}
+    return Source(filled("arm.h", name, header), filled("arm.c", name, code))
 
 
 def region_of(inverse: RepeatableInverse, region: Region | None) -> Region | Cell | None:

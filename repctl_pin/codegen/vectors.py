@@ -12,7 +12,9 @@ from ..arguments import Array, read_only
 from ..errors import InputError, SingularityError
 from ..inverse_function import InverseFunction
 from ..regions import Region
+from ..robot.task import Task
 from ..strategies.repeatable import Bounded, RepeatableInverse
+from ..strategies.torque_law import Gains, Observer, torque_law
 
 STATUS = ("OK", "SINGULAR", "BAD_NUMBER", "OUTSIDE")
 OK, SINGULAR, BAD_NUMBER, OUTSIDE = range(4)
@@ -38,6 +40,11 @@ class Vector:
     limit: Array | None
     damping: float
     stay_inside: bool
+    joint_speed: Array
+    M: Array
+    bias: Array
+    gains: Gains
+    observer: Array | None
 
 
 def vectors(
@@ -68,6 +75,11 @@ def vectors(
                 limit=None if k % 2 else rng.uniform(0.1, 2.0, task.n),
                 damping=0.0 if k % 5 else 0.2,
                 stay_inside=k % 8 < 3,
+                joint_speed=rng.normal(size=task.n) * (k % 9 > 0),
+                M=_inertia(rng, task.n),
+                bias=rng.normal(size=task.n),
+                gains=_gains(rng, task),
+                observer=None if k % 5 == 0 else 0.1 * rng.normal(size=task.r),
             )
         )
     bad: dict[int, tuple[str, Any]] = {
@@ -76,6 +88,7 @@ def vectors(
         19: ("xdot", np.nan),
         25: ("dt", 0.0),
         31: ("gain", 3000.0),
+        32: ("M", np.diag(-np.ones(task.n))),
     }
     if inverse.task.kind in ("pose", "axis"):  # reflected and scaled R
         bad |= {37: ("target", pin.SE3(np.diag([1.0, 1.0, -1.0]), np.zeros(3)))}
@@ -98,8 +111,8 @@ def answers(inverse: RepeatableInverse, region: Bounded | None, vector: Vector) 
     """Compute Python's results: the status of every function, and its output if it is OK."""
     task, q = inverse.task, vector.q
     if not np.isfinite(q).all():
-        refused = dict.fromkeys(("usable", "inside", "velocity", "step"), BAD_NUMBER)
-        return refused | dict.fromkeys(("qdot", "q_next"), np.zeros(task.n))
+        refused = dict.fromkeys(("usable", "inside", "velocity", "step", "torque"), BAD_NUMBER)
+        return refused | dict.fromkeys(("qdot", "q_next", "tau"), np.zeros(task.n))
     said: dict[str, Any] = {
         "placement": task.placement(q),
         "J": task.jacobian(q),
@@ -130,7 +143,35 @@ def answers(inverse: RepeatableInverse, region: Bounded | None, vector: Vector) 
         and task.limit_margin(said["q_next"]).min() < -EDGE
     ):
         said["step"] = OUTSIDE
+    said["torque"], said["tau"], said["observer"] = _torque(inverse, vector)
     return said
+
+
+def _torque(inverse: RepeatableInverse, vector: Vector) -> tuple[int, Array, Array]:
+    """Evaluate the torque law: its status, τ, and the state of the observer after it."""
+    task, observer = inverse.task, None
+    if vector.observer is not None:
+        observer = Observer(vector.observer.copy(), vector.dt)
+    leaf = np.zeros(task.r) if vector.leaf is None else vector.leaf
+    law = torque_law(task, inverse.potentials, vector.gains)
+    q, qdot, M, b = vector.q, vector.joint_speed, vector.M, vector.bias
+    status, tau = asked(
+        lambda: law(q, qdot, M, b, vector.target, vector.twist, leaf, observer), task.n
+    )
+    return status, tau, np.zeros(task.r) if observer is None else observer.state
+
+
+def _inertia(rng: np.random.Generator, n: int) -> Array:
+    """Sample an inertia matrix (n, n)."""
+    A = rng.normal(size=(n, n))
+    return np.eye(n) + A @ A.T / n
+
+
+def _gains(rng: np.random.Generator, task: Task) -> Gains:
+    """Sample gains of the torque law."""
+    zeta, omega, zeta_h, kappa = rng.uniform(0.5, 20.0, 4).tolist()
+    stiffness, limit = rng.uniform(20.0, 2000.0, task.m), rng.uniform(0.5, 5.0, task.n)
+    return Gains(stiffness, zeta, omega, zeta_h, kappa, limit)
 
 
 def targets(

@@ -44,29 +44,19 @@ def control_law(task: Task, potentials: Potentials) -> Law:
     n, m = task.n, task.m
     memory = np.zeros(n * n + n)
     J_V, rhs = memory[: n * n].reshape((n, n), order="F"), memory[n * n :]  # [J; Vᵀ] (37)
-    top, bottom, pivots = rhs[:m], rhs[m:], memory[: n * n : n + 1]
+    top, bottom = rhs[:m], rhs[m:]
     kinematics = fast_kinematics.in_place(task, J_V[:m], top)
     h = fast_potentials.in_place(potentials, J_V[m:], bottom)
     jacobian, error, rate = kinematics.jacobian, kinematics.error, kinematics.task_velocity
     slope, gap = h.slope, h.gap
-    whole, half, tolerance = task.kind == "pose", n / 2, RANK_TOLERANCE / n ** (n / 2)
-    largest = float_info.max ** (1 / half)  # square ** half overflows beyond it
+    whole = task.kind == "pose"
     used, slowed = 0.0, 1.0
 
-    def solved(q: Array) -> Array:
-        """Solve ``J_V x = rhs``; J_V is overwritten."""
-        square = ddot(memory, memory)
-        _, order, x, info = dgesv(J_V, rhs, 1, 0)
-        # |det J_V| = |∏ pivots| ≤ sin θ ∏ ‖row‖ ≤ sin θ (‖J_V‖/√n)ⁿ, θ the smallest angle of
-        # is_regular, so this test is sufficient. NaN fails it. Where it fails, the exact test
-        # decides. It bounds x, too: ‖x‖ ≤ square^half / |det J_V|.
-        if not (square < largest and abs(prod(pivots.tolist())) > tolerance * square**half):
-            inverse = None if info else dgetri(J_V, order)[0]
-            jacobian(q)
-            slope(q)
-            if inverse is None or not (np.isfinite(x).all() and is_regular(J_V, inverse)):
-                raise failure(task, q, rhs)
-        return x
+    def evaluate(q: Array) -> None:
+        jacobian(q)
+        slope(q)
+
+    solved = checked_solve(task, memory, J_V, rhs, evaluate)
 
     def solved_within(q: Array, bounds: Bounds, dt: float) -> Array:
         """Solve ``J_V x = rhs`` with damping, and shorten x to the speed limits."""
@@ -85,15 +75,13 @@ def control_law(task: Task, potentials: Potentials) -> Law:
         if damping:
             x_task = damped(J_V, rhs, damping)[0]
         else:
-            jacobian(q)
-            slope(q)
+            evaluate(q)
             x_task = solved(q)
         x, slowed = within(x, x_task, most)
         return x
 
     def velocity(q: Array, xdot: Array) -> Array:
-        jacobian(q)
-        slope(q)
+        evaluate(q)
         top[:] = xdot
         bottom[:] = 0.0
         return solved(q)
@@ -107,8 +95,7 @@ def control_law(task: Task, potentials: Potentials) -> Law:
         gain: float | None,
         bounds: Bounds | None,
     ) -> Array:
-        jacobian(q)
-        slope(q)
+        evaluate(q)
         error(target)
         if leaf is None:
             bottom[:] = 0.0
@@ -122,6 +109,42 @@ def control_law(task: Task, potentials: Potentials) -> Law:
         return daxpy(q, x, n)
 
     return Law(velocity, step, lambda: (used, slowed))
+
+
+def checked_solve(
+    task: Task, memory: Array, J_V: Array, rhs: Array, evaluate: Callable[[Array], None]
+) -> Callable[[Array], Array]:
+    """Make the function q → x that solves ``J_V x = rhs``, or raises SingularityError.
+
+    Parameters
+    ----------
+    task
+    memory : array
+        Block that begins with J_V, column by column; if it contains rhs, x is finite.
+    J_V : (n, n) array
+        Evaluated at q by the caller; overwritten.
+    rhs : (n,) or (n, k) array
+    evaluate
+        Function that writes J_V at q again, where the exact test of its rank needs it.
+    """
+    n = task.n
+    pivots, half, tolerance = memory[: n * n : n + 1], n / 2, RANK_TOLERANCE / n ** (n / 2)
+    largest = float_info.max ** (1 / half)  # square ** half overflows beyond it
+
+    def solved(q: Array) -> Array:
+        square = ddot(memory, memory)
+        _, order, x, info = dgesv(J_V, rhs, 1, 0)
+        # |det J_V| = |∏ pivots| ≤ sin θ ∏ ‖row‖ ≤ sin θ (‖J_V‖/√n)ⁿ, θ the smallest angle of
+        # is_regular, so this test is sufficient. NaN fails it. Where it fails, the exact test
+        # decides. It bounds x, too: ‖x‖ ≤ square^half / |det J_V|.
+        if not (square < largest and abs(prod(pivots.tolist())) > tolerance * square**half):
+            inverse = None if info else dgetri(J_V, order)[0]
+            evaluate(q)
+            if inverse is None or not (np.isfinite(x).all() and is_regular(J_V, inverse)):
+                raise failure(task, q, rhs)
+        return x
+
+    return solved
 
 
 @np.errstate(over="ignore", invalid="ignore")

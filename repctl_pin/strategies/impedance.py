@@ -2,31 +2,51 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+from math import inf
+from typing import TypeGuard
+
 import numpy as np
 import pinocchio as pin
-import scipy.linalg
 from numpy.typing import ArrayLike
+from scipy.linalg.blas import ddot
 
-from ..arguments import Array, as_numbers, positive, require_type, shown, vector
-from ..errors import InputError, SingularityError
-from ..robot.chain_formulas import Placement
+from ..arguments import (
+    FLOAT,
+    Array,
+    as_numbers,
+    per_joint,
+    positive,
+    require_type,
+    shown,
+    vector,
+)
+from ..errors import InputError
+from ..robot.chain_formulas import Placement, as_placement
+from ..robot.task import Task
 from ..threads import PerThread
 from .repeatable import RepeatableInverse
 from .strategy import described
+from .torque_law import Gains, Observer, torque_law
 
 
 class LeafImpedance:
     """Impedance control of the end effector, with a null-space spring to the leaf h(q) = c.
 
-    ``τ = Jᵀ F + P V Λ_h (ω² (c − h) − 2 ζ_h ω Vᵀ q̇) + b(q, q̇)`` with ``F = K e + D (ẋ* − J q̇)``,
-    ``P = I − Jᵀ J̄ᵀ``, ``J̄ = M⁻¹ Jᵀ Λ``, ``Λ = (J M⁻¹ Jᵀ)⁻¹``, ``Λ_h = (Vᵀ M⁻¹ P V)⁻¹``; b
-    compensates gravity and the velocity terms. ``J M⁻¹ P = 0``: the second term does not
-    accelerate the end effector (Khatib). There is no home posture: the null-space spring is relaxed
-    anywhere on the leaf, and only pulls the joints back to the leaf. Beyond the paper.
+    ``τ = Jᵀ F + P V Λ_h (ḧ* − Vᵀ M⁻¹ Jᵀ F) + b(q, q̇)`` with ``F = K e + D (ẋ* − J q̇)``, ``ḧ* = ω²
+    (c − h) − 2 ζ_h ω Vᵀ q̇``, ``P = I − Jᵀ J̄ᵀ``, ``J̄ = M⁻¹ Jᵀ Λ``, ``Λ = (J M⁻¹ Jᵀ)⁻¹``,
+    ``Λ_h = (Vᵀ M⁻¹ P V)⁻¹``; b compensates gravity and the velocity terms. ``J M⁻¹ P = 0``: the
+    second term does not accelerate the end effector (Khatib), and its last part decouples the leaf
+    from the force F. There is no home posture: the null-space spring is relaxed anywhere on the
+    leaf, and only pulls the joints back to the leaf. Beyond the paper.
 
-    D gives the end effector, with its inertia Λ, the same damping ratio in every direction. The
-    potentials respond with a single frequency, ``ḧ = ω² (c − h) − 2 ζ_h ω ḣ``, up to terms in the
-    squares of velocities.
+    It is computed in the form ``τ = M J_V⁻¹ ([Λ⁻¹ F; ḧ*] − J̇_V q̇) + b``, which also compensates
+    ``J̇_V q̇``: exactly ``ḧ = ḧ*``, at any speed. D gives the end effector, with its inertia Λ, the
+    same damping ratio in every direction.
+
+    Friction and errors of M and b disturb the leaf. An :meth:`observer` estimates the disturbance
+    from ḧ* and ḣ, and cancels it.
 
     Parameters
     ----------
@@ -40,6 +60,11 @@ class LeafImpedance:
         Natural frequency ω of the return to the leaf, rad/s.
     leaf_damping
         Damping ratio ζ_h of the return to the leaf; 1 is critical.
+    observer_rate
+        Rate κ at which the observer follows a disturbance of the leaf, 1/s.
+    observer_limit : float or (n,) array
+        Maximum torque of each joint with which the observer opposes a disturbance, Nm or N. A
+        larger disturbance, such as a push, still moves the arm.
 
     Raises
     ------
@@ -52,8 +77,9 @@ class LeafImpedance:
     >>> J_plus, options = rp.Pseudoinverse(panda), rp.FitOptions(held_out=64)
     >>> found = rp.nearest_repeatable(J_plus, None, near, degree=1, options=options)
     >>> spring = rp.LeafImpedance(found.inverse, stiffness=(2000.0, 100.0))  # N/m and Nm/rad
-    >>> q = np.array(panda.reference)
-    >>> spring.torque(q, np.zeros(7), panda.placement(q), leaf=found.inverse.leaf(q)).shape  # Nm
+    >>> q, observer = np.array(panda.reference), spring.observer(dt=0.001)
+    >>> leaf, target = found.inverse.leaf(q), panda.placement(q)
+    >>> spring.torque(q, np.zeros(7), target, leaf=leaf, observer=observer).shape  # Nm
     (7,)
     """
 
@@ -65,6 +91,8 @@ class LeafImpedance:
         damping: float = 1.0,
         leaf_frequency: float = 5.0,
         leaf_damping: float = 1.0,
+        observer_rate: float = 200.0,
+        observer_limit: ArrayLike = 5.0,
     ) -> None:
         self.inverse = require_type(
             inverse, RepeatableInverse, "inverse", "a repeatable inverse, such as design.inverse"
@@ -75,20 +103,16 @@ class LeafImpedance:
                 "torques act on the robot's own joints, but the task is in other coordinates; "
                 "design without in_coordinates()"
             )
-        linear, given = min(3, task.m), as_numbers(stiffness)
-        pair = given is not None and given.shape == (2,) and task.m != 2
-        rows = np.repeat(given, [linear, task.m - linear]) if given is not None and pair else given
-        if rows is None or rows.shape != (task.m,) or not (np.isfinite(rows) & (rows > 0)).all():
-            said = shown(stiffness)
-            raise InputError(
-                f"stiffness must be two numbers above 0, N/m and Nm/rad, or {task.m}; got {said}"
-            )
-        self.stiffness = np.diag(rows)
-        self.damping = positive(damping, "damping", zero=True)
-        self.leaf_frequency = positive(leaf_frequency, "leaf_frequency", "rad/s", zero=True)
-        self.leaf_damping = positive(leaf_damping, "leaf_damping", zero=True)
-        self._model, self._drive = task.bodies_model()
-        self._data = PerThread(self._model.createData)
+        self.gains = Gains(
+            _stiffness(stiffness, task.m),
+            positive(damping, "damping", zero=True),
+            positive(leaf_frequency, "leaf_frequency", "rad/s", zero=True),
+            positive(leaf_damping, "leaf_damping", zero=True),
+            positive(observer_rate, "observer_rate", "1/s"),
+            per_joint(observer_limit, task.n, "observer_limit"),
+        )
+        self._law = PerThread(partial(torque_law, task, inverse.potentials, self.gains))
+        self._dynamics = PerThread(partial(_dynamics, task))
         try:
             np.linalg.cholesky(task.inertias(task.reference[None])[0])
         except np.linalg.LinAlgError:
@@ -97,7 +121,30 @@ class LeafImpedance:
             ) from None
 
     def __repr__(self) -> str:
-        return described(self, self.task, f"leaf frequency {self.leaf_frequency:g} rad/s")
+        return described(self, self.task, f"leaf frequency {self.gains.leaf_frequency:g} rad/s")
+
+    def observer(self, dt: float) -> Observer:
+        """Make a disturbance observer for :meth:`torque`, one per arm.
+
+        Its ``reset()`` begins again after a stop of the robot.
+
+        Parameters
+        ----------
+        dt
+            Time step of the loop, s.
+
+        Raises
+        ------
+        InputError
+            If dt is not above 0, or longer than 1 / observer_rate.
+        """
+        dt, rate = positive(dt, "dt", "s"), self.gains.observer_rate
+        if not rate * dt <= 1.0:
+            raise InputError(
+                f"observer_rate · dt must be at most 1; got {rate:g} · {dt:g}; "
+                "use a lower observer_rate"
+            )
+        return Observer(np.zeros(self.task.r), dt)
 
     def torque(
         self,
@@ -107,6 +154,7 @@ class LeafImpedance:
         twist: ArrayLike | None = None,
         *,
         leaf: ArrayLike,
+        observer: Observer | None = None,
     ) -> Array:
         """Compute the joint torques τ (n,), Nm or N.
 
@@ -120,62 +168,75 @@ class LeafImpedance:
             Velocity (v, ω) of the target, base axes, m/s and rad/s; 0 by default.
         leaf : (r,) array
             Level c, from ``inverse.leaf(q)`` at the start.
+        observer : Observer, optional
+            What :meth:`observer` made, which the call updates unless it raises. Without it,
+            friction and errors of the model are not compensated.
 
         Raises
         ------
         InputError
             If a size is wrong, a number not finite, or so large that the torque is not finite.
         SingularityError
-            If J or J_V loses rank.
+            If J_V is singular.
         """
-        task = self.task
-        q, qdot = vector(q, task.n, "q"), vector(qdot, task.n, "q̇")
-        c = vector(leaf, task.r, "leaf", "from inverse.leaf(q)")
-        with np.errstate(over="ignore", invalid="ignore"):
-            error = task.error(q, target)
-            rate = np.zeros(task.m) if twist is None else task.task_velocity(q, twist)
-            if not np.isfinite(error).all():
-                raise InputError("the target must be finite numbers, m and a rotation")
-            torque = self._torque(q, qdot, error, rate, c)
-        if not np.isfinite(torque).all():
+        n, r = self.task.n, self.task.r
+        if not _native(q, n):
+            q = vector(q, n, "q")
+        if not _native(qdot, n):
+            qdot = vector(qdot, n, "q̇")
+        if not _native(leaf, r):
+            leaf = vector(leaf, r, "leaf", "from inverse.leaf(q)")
+        if twist is not None and not _native(twist, 6):
+            twist = vector(twist, 6, "the twist (v, ω)", "m/s and rad/s")
+        if observer is not None and not (type(observer) is Observer and len(observer.state) == r):
             raise InputError(
-                "the torque is not finite: a number of q, q̇, the target, the twist or leaf "
-                "is too large"
+                f"must be what observer(dt) of this control made; got {shown(observer)}",
+                argument="observer",
             )
-        return torque
+        with np.errstate(over="ignore", invalid="ignore"):
+            M, b = self._dynamics.own(q, qdot)
+            return self._law.own(q, qdot, M, b, as_placement(target), twist, leaf, observer)
 
-    def _torque(self, q: Array, qdot: Array, error: Array, rate: Array, c: Array) -> Array:
-        """Compute τ (n,) from a task error (m,) and the target's task velocity (m,); not finite if
-        numbers overflow."""
-        task, potentials = self.task, self.inverse.potentials
-        J, V, M = task.jacobian(q), potentials.gradient(q), task.inertias(q[None])[0]
-        if not (np.isfinite(V).all() and np.isfinite(M).all()):
-            return np.full(task.n, np.nan)
-        try:
-            factor = scipy.linalg.cho_factor(M)
-            M_J = scipy.linalg.cho_solve(factor, J.T)  # M⁻¹ Jᵀ
-            inertia = np.linalg.inv(J @ M_J)  # Λ
-            P_V = V - J.T @ (inertia @ (M_J.T @ V))  # P V
-            leaf_inertia = np.linalg.inv(
-                P_V.T @ scipy.linalg.cho_solve(factor, P_V)
-            )  # Λ_h: P M⁻¹ P = M⁻¹ P
-            force = self._force(J @ qdot, inertia, error, rate)
-        except (np.linalg.LinAlgError, ValueError):  # scipy's, where numbers are not finite
-            raise SingularityError("the arm is at a singularity: J or J_V loses rank") from None
-        omega = self.leaf_frequency
-        pull = omega**2 * (c - potentials.value(q)) - 2 * self.leaf_damping * omega * (V.T @ qdot)
-        return J.T @ force + P_V @ (leaf_inertia @ pull) + self._balance(q, qdot)
 
-    def _balance(self, q: Array, qdot: Array) -> Array:
-        """Compute the torques b (n,) of gravity and velocities; mimic joints load those they
-        follow."""
-        drive, data, rest = self._drive, self._data.own, np.zeros(self._model.nv)
-        if drive is None:
-            return pin.rnea(self._model, data, q, qdot, rest)
-        return drive.S.T @ pin.rnea(self._model, data, drive.joints(q), drive.S @ qdot, rest)
+def _native(values: ArrayLike, n: int) -> TypeGuard[Array]:
+    """Whether values are n finite doubles that compiled code takes without conversion; False also
+    for the very large."""
+    return (
+        type(values) is np.ndarray
+        and values.dtype is FLOAT
+        and values.shape == (n,)
+        and ddot(values, values) < inf
+    )
 
-    def _force(self, xdot: Array, inertia: Array, error: Array, rate: Array) -> Array:
-        """Compute the force F (m,) of the end effector's spring and damper at ẋ (m,)."""
-        k, Q = scipy.linalg.eigh(self.stiffness, inertia)  # Qᵀ Λ Q = I, Qᵀ K Q = diag k
-        D = inertia @ (Q * (2 * self.damping * np.sqrt(k))) @ Q.T @ inertia
-        return self.stiffness @ error + D @ (rate - xdot)
+
+def _stiffness(given: ArrayLike, m: int) -> Array:
+    """Convert a stiffness: one number per row of J, or one for translations and one for
+    rotations."""
+    values, linear = as_numbers(given), min(3, m)
+    if values is not None and values.shape == (2,) and m != 2:
+        values = np.repeat(values, [linear, m - linear])
+    if values is None or values.shape != (m,) or not (np.isfinite(values) & (values > 0)).all():
+        raise InputError(
+            f"stiffness must be two numbers above 0, N/m and Nm/rad, or {m}; got {shown(given)}"
+        )
+    return values
+
+
+def _dynamics(task: Task) -> Callable[[Array, Array], tuple[Array, Array]]:
+    """Make the function (q, q̇) → M (n, n) and b (n,), for one thread; mimic joints load those
+    that they follow."""
+    model, drive = task.bodies_model()
+    data = model.createData()
+
+    def own(q: Array, qdot: Array) -> tuple[Array, Array]:
+        return pin.crba(model, data, q), pin.nonLinearEffects(model, data, q, qdot)
+
+    if drive is None:
+        return own
+    S = drive.S
+
+    def driven(q: Array, qdot: Array) -> tuple[Array, Array]:
+        M, b = own(drive.joints(q), S @ qdot)
+        return S.T @ M @ S, S.T @ b
+
+    return driven

@@ -86,7 +86,7 @@ static void mark(double *x, int count)
 int main(int argc, char **argv)
 {
     const long count = argc > 1 ? atol(argv[1]) : 1000;
-    long k, seen[4] = {0, 0, 0, 0};
+    long k, torques = 0, seen[4] = {0, 0, 0, 0};
     for (k = 0; k < count; k++) {
         const int calm = uniform() < 0.5;
         double q[ARM_N], xdot[ARM_M], twist[6], leaf[ARM_R], J[ARM_M * ARM_N], G[ARM_N * ARM_M], c[ARM_R], out[ARM_N];
@@ -140,8 +140,33 @@ int main(int argc, char **argv)
         must(status == ARM_OK || (marked(out, ARM_N) && marked(&report.damping, 1)), "step", k);
         must(status != ARM_OK || (finite_all(q, ARM_N) && report.slowed <= 1.0), "step's report", k);
         seen[status]++;
+
+        {
+            double qdot[ARM_N], M[ARM_N * ARM_N], bias[ARM_N], observer[ARM_R], kept[ARM_R], tau[ARM_N];
+            const int inert = uniform() < 0.9, observed = uniform() < 0.5;
+            arm_gains gains;
+            int a;
+            some(qdot, ARM_N, calm), some(M, ARM_N * ARM_N, calm), some(bias, ARM_N, calm);
+            some(observer, ARM_R, calm);
+            if (inert) /* symmetric and, where calm, positive definite */
+                for (i = 0; i < ARM_N; i++) {
+                    for (a = 0; a < i; a++) M[a * ARM_N + i] = M[i * ARM_N + a];
+                    M[i * ARM_N + i] += ARM_N + 1.0;
+                }
+            arm_torque_defaults(&gains);
+            if (uniform() < 0.3) some(gains.stiffness, ARM_M, 0), gains.leaf_frequency = hostile();
+            if (uniform() < 0.3) some(gains.observer_limit, ARM_N, 0), gains.observer_rate = hostile();
+            mark(tau, ARM_N);
+            memcpy(kept, observer, sizeof kept);
+            status = arm_torque(q, qdot, M, bias, &target, uniform() < 0.5 ? twist : NULL, leaf,
+                                uniform() < 0.8 ? &gains : NULL, calm ? 0.001 : hostile(), observed ? observer : NULL,
+                                tau);
+            must(status == ARM_OK ? finite_all(tau, ARM_N) && (!observed || finite_all(observer, ARM_R))
+                                  : marked(tau, ARM_N) && memcmp(kept, observer, sizeof kept) == 0, "torque", k);
+            torques += status == ARM_OK;
+        }
     }
     printf("%ld steps: %ld ok, %ld singular, %ld bad numbers, %ld outside\n", count, seen[0], seen[1], seen[2], seen[3]);
-    must(seen[0] > 0 && seen[2] > 0, "a kind of answer that never came", 0);
+    must(seen[0] > 0 && seen[2] > 0 && torques > count / 10, "a kind of answer that never came", 0);
     return 0;
 }

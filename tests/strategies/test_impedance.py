@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -55,8 +57,12 @@ def test_the_hand_is_a_spring_with_its_own_inertia(inverse: rp.RepeatableInverse
     )
     K = np.diag([300.0] * 3 + [20.0] * 3)
     assert np.allclose(inertia @ J @ rest, K @ task.error(q, target), atol=1e-8)
-    # Every mode of Λ ẍ + D ẋ + K x = 0 has the damping ratio 0.7.
-    D = np.array([control._force(-e, inertia, np.zeros(6), np.zeros(6)) for e in np.eye(6)]).T
+    # Every mode of Λ ẍ + D ẋ + K x = 0 has the damping ratio 0.7; a moving target gives D.
+    here, leaf = task.placement(q), inverse.leaf(q)
+    D = np.empty((6, 6))
+    for i, twist in enumerate(np.eye(6)):
+        torque = control.torque(q, np.zeros(task.n), here, twist, leaf=leaf)
+        D[:, i] = inertia @ J @ acceleration(task, q, np.zeros(task.n), torque)
     system = np.block(
         [
             [np.zeros((6, 6)), np.eye(6)],
@@ -65,6 +71,102 @@ def test_the_hand_is_a_spring_with_its_own_inertia(inverse: rp.RepeatableInverse
     )
     poles = np.linalg.eigvals(system)
     assert np.allclose(-poles.real / np.abs(poles), 0.7, atol=1e-6)
+
+
+def test_the_force_on_the_hand_does_not_move_the_leaf(inverse: rp.RepeatableInverse) -> None:
+    """Khatib's form, with Λ_h and projectors, and what makes Vᵀ M⁻¹ τ = 0 of the force."""
+    task, q = inverse.task, np.array(inverse.task.reference)
+    control = rp.LeafImpedance(inverse, stiffness=(300.0, 20.0))
+    target = task.placement(q + 0.05 * np.sin(np.arange(task.n)))
+    off = np.linspace(0.1, 0.2, task.r)
+    J, V, M = task.jacobian(q), inverse.potentials.gradient(q), task.inertias(q[None])[0]
+    B = np.linalg.inv(M)
+    J_bar = B @ J.T @ np.linalg.inv(J @ B @ J.T)
+    P = np.eye(task.n) - J.T @ J_bar.T
+    leaf_inertia = np.linalg.inv(V.T @ B @ P @ V)
+    F = np.diag([300.0] * 3 + [20.0] * 3) @ task.error(q, target)
+    apart = J.T @ F + P @ V @ leaf_inertia @ (25 * off - V.T @ B @ J.T @ F)
+    still = np.zeros(task.n)
+    gravity = pin.rnea(task.model, task.model.createData(), q, still, still)
+    torque = control.torque(q, still, target, leaf=inverse.leaf(q) + off)
+    assert np.abs(V.T @ B @ J.T @ F).max() > 0.1  # what is subtracted
+    assert np.allclose(torque - gravity, apart, atol=1e-9 * np.abs(apart).max())
+
+
+def test_a_moving_leaf_answers_at_its_frequency_too(inverse: rp.RepeatableInverse) -> None:
+    """ḧ along a motion, by differences of h, with velocities that bend J_V."""
+    task, q = inverse.task, np.array(inverse.task.reference)
+    quadratic = rp.Polynomial(q, 2, 0.5)
+    A = np.random.default_rng(1).normal(size=(quadratic.size, task.r))
+    A[: task.n] = inverse.potentials.gradient(q)
+    inverse = rp.RepeatableInverse(task, quadratic.weighted(A))
+    control = rp.LeafImpedance(inverse, leaf_frequency=3.0, leaf_damping=0.6)
+    qdot, c = np.linspace(-1.0, 1.0, task.n), inverse.leaf(q) + 0.1
+    twist = np.r_[task.jacobian(q) @ qdot]
+    torque = control.torque(q, qdot, task.placement(q), twist, leaf=c)
+    qddot = acceleration(task, q, qdot, torque)
+
+    def second_difference(f: Callable[[np.ndarray], np.ndarray], t: float = 1e-4) -> np.ndarray:
+        ahead, behind = (f(q + s * qdot * t + qddot * t * t / 2) for s in (1, -1))
+        return (ahead - 2 * f(q) + behind) / t**2
+
+    V = inverse.potentials.gradient(q)
+    expected = 9.0 * 0.1 - 2 * 0.6 * 3.0 * V.T @ qdot
+    assert np.allclose(second_difference(inverse.leaf), expected, atol=1e-3)
+    p = second_difference(lambda x: task.placement(x).translation)
+    assert np.allclose(p, 0, atol=1e-3)  # the target's own acceleration is 0
+    assert np.abs(V.T @ qddot - expected).max() > 0.01  # V̇ᵀ q̇ matters
+
+
+@pytest.mark.parametrize("stiff", [5.0, 0.02])
+def test_the_observer_opposes_a_disturbance_up_to_its_limit(
+    stiff: float, inverse: rp.RepeatableInverse
+) -> None:
+    """A torque that is not in the model, at the joint that moves the leaf most."""
+    task, q = inverse.task, np.array(inverse.task.reference)
+    dt, n = 1e-3, task.n
+    control = rp.LeafImpedance(inverse, leaf_frequency=10.0, observer_limit=stiff)
+    home, leaf, observer = task.placement(q), inverse.leaf(q), control.observer(dt)
+    V, M = inverse.potentials.gradient(q), task.inertias(q[None])[0]
+    J_V = np.vstack([task.jacobian(q), V.T])
+    push = M @ np.linalg.inv(J_V)[:, task.m :] @ np.ones(task.r)
+    push *= 0.5 / np.abs(push).max()  # 0.5 Nm on the leaf alone
+    qdot = np.zeros(n)
+    for k in range(800):
+        torque = control.torque(q, qdot, home, leaf=leaf, observer=observer)
+        if k % 20 == 0:
+            plain = control.torque(q, qdot, home, leaf=leaf)
+            assert (np.abs(torque - plain) <= stiff * (1 + 1e-9)).all()
+        qdot = qdot + dt * acceleration(task, q, qdot, torque + push)
+        q = q + dt * qdot
+    away = np.abs(inverse.leaf(q) - leaf).max()
+    moved = np.abs(V.T @ np.linalg.solve(M, push)).max() / 100  # where ω² (c − h) balances it
+    assert away < 1e-2 * moved if stiff == 5.0 else away > 0.5 * moved
+
+
+def test_energy_does_not_grow_without_input(inverse: rp.RepeatableInverse) -> None:
+    """½ ẋᵀ Λ ẋ + ½ eᵀ K e of the hand, ½ ḣ² + ½ ω² (c − h)² of the leaf, from rest away from
+    both."""
+    task, home = inverse.task, np.array(inverse.task.reference)
+    control = rp.LeafImpedance(inverse, stiffness=(300.0, 20.0), damping=0.7, leaf_damping=0.1)
+    q = home + 0.1 * np.cos(np.arange(task.n))
+    target, c, K = task.placement(home), inverse.leaf(home), np.diag([300.0] * 3 + [20.0] * 3)
+    qdot, dt, stored = np.zeros(task.n), 5e-4, []
+
+    def rate(q: np.ndarray, qdot: np.ndarray) -> np.ndarray:
+        return acceleration(task, q, qdot, control.torque(q, qdot, target, leaf=c))
+
+    for _ in range(400):
+        J, M, e = task.jacobian(q), task.inertias(q[None])[0], task.error(q, target)
+        xdot, hdot = J @ qdot, inverse.potentials.gradient(q).T @ qdot
+        hand = xdot @ np.linalg.solve(J @ np.linalg.solve(M, J.T), xdot) + e @ K @ e
+        gap = inverse.leaf(q) - c
+        stored.append([hand / 2, (hdot @ hdot + 25 * gap @ gap) / 2])
+        middle = qdot + dt / 2 * rate(q, qdot)  # midpoint rule
+        q, qdot = q + dt * middle, qdot + dt * rate(q + dt / 2 * qdot, middle)
+    hand, leaf = np.array(stored).T
+    assert np.diff(leaf).max() < 0 and leaf[-1] < 0.99 * leaf[0]
+    assert np.diff(hand).max() < 0 and hand[-1] < 0.5 * hand[0]
 
 
 def test_it_holds_still_against_gravity(inverse: rp.RepeatableInverse) -> None:
@@ -109,6 +211,8 @@ def test_a_push_at_the_elbow_is_undone_and_the_hand_stays(
         ({"stiffness": [1.0, 2.0, 3.0]}, "or 6"),
         ({"damping": -1.0}, "damping must be 0 or more"),
         ({"leaf_frequency": np.nan}, "leaf_frequency must be"),
+        ({"observer_rate": 0.0}, "observer_rate must be above 0 1/s"),
+        ({"observer_limit": [1.0, 2.0]}, "observer_limit must be one number above 0 or 7"),
     ],
 )
 def test_refusals(panda_design: rp.Design, options: dict, said: str) -> None:
@@ -117,6 +221,23 @@ def test_refusals(panda_design: rp.Design, options: dict, said: str) -> None:
     with pytest.raises(rp.InputError, match="leaf must be 1 finite"):
         control = rp.LeafImpedance(panda_design.inverse)
         control.torque(np.zeros(7), np.zeros(7), pin.SE3.Identity(), leaf=[np.nan])
+
+
+def test_an_observer_that_cannot_be_used(panda_design: rp.Design) -> None:
+    control, q = rp.LeafImpedance(panda_design.inverse), panda_design.region.center
+    for dt, said in ((0.0, "dt must be above 0 s"), (0.02, "observer_rate · dt must be at most 1")):
+        with pytest.raises(rp.InputError, match=said):
+            control.observer(dt)
+    target, leaf, observer = control.task.placement(q), np.zeros(1), control.observer(1e-3)
+    with pytest.raises(rp.InputError, match=r"observer must be what observer\(dt\) of this"):
+        control.torque(q, np.zeros(7), target, leaf=leaf, observer=np.zeros(1))  # type: ignore[arg-type]
+    control.torque(q, 0.1 * np.ones(7), target, leaf=leaf, observer=observer)
+    before = observer.state.copy()
+    with pytest.raises(rp.InputError, match="not finite"):
+        control.torque(q, np.full(7, 1e200), target, leaf=leaf, observer=observer)
+    assert before and observer.state == before
+    observer.reset()
+    assert observer.state == 0
 
 
 NOT_FINITE = {

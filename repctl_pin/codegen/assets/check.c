@@ -45,7 +45,8 @@ int main(void)
         const arm_vector *v = &arm_vectors[k];
         arm_pose pose;
         arm_options options = v->options;
-        double J[ARM_M * ARM_N], c[ARM_R], qdot[ARM_N], q_next[ARM_N];
+        double J[ARM_M * ARM_N], c[ARM_R], qdot[ARM_N], q_next[ARM_N], tau[ARM_N], observer[ARM_R];
+        int i;
         if (same("placement", k, arm_placement(v->q, &pose), v->usable)) {
             compare("p", k, pose.p, v->placement.p, 3);
             compare("R", k, pose.R, v->placement.R, 9);
@@ -60,6 +61,14 @@ int main(void)
                           &options, NULL, q_next),
                  v->step))
             compare("q_next", k, q_next, v->q_next, ARM_N);
+        for (i = 0; i < ARM_R; i++) observer[i] = v->observer[i];
+        if (same("torque", k,
+                 arm_torque(v->q, v->joint_speed, v->M, v->bias, &v->target, v->has_twist ? v->twist : NULL, v->leaf,
+                            &v->gains, v->dt, v->has_observer ? observer : NULL, tau),
+                 v->torque)) {
+            compare("tau", k, tau, v->tau, ARM_N);
+            compare("observer", k, observer, v->observer_next, ARM_R);
+        }
     }
 #ifdef ARM_FUNCTION_VECTORS
     for (k = 0; k < ARM_FUNCTION_VECTORS; k++) {

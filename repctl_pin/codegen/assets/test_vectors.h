@@ -20,9 +20,13 @@ typedef struct {
     int has_leaf;
     double leaf[ARM_R];
     arm_options options;
-    arm_status usable, inside, velocity, step; /* the status of placement, jacobian and leaf; of the others */
+    double joint_speed[ARM_N], M[ARM_N * ARM_N], bias[ARM_N];
+    arm_gains gains;
+    int has_observer;
+    double observer[ARM_R];
+    arm_status usable, inside, velocity, step, torque; /* the status of placement, jacobian and leaf; of the others */
     arm_pose placement;
-    double J[ARM_M * ARM_N], c[ARM_R], qdot[ARM_N], q_next[ARM_N];
+    double J[ARM_M * ARM_N], c[ARM_R], qdot[ARM_N], q_next[ARM_N], tau[ARM_N], observer_next[ARM_R];
 } arm_vector;
 
 static const arm_vector arm_vectors[ARM_VECTORS] = {
