@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 from ..errors import InputError, SingularityError
 from ..paths.task_path import TaskPath
 from ..redundancy.inverses import pseudoinverse, row_factor
@@ -42,7 +42,8 @@ _STIFFEST = 1e9
 _NEAR = "the motion comes near a singularity, or there are too few steps"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class ClosedMotionCost:
     """Augmented Lagrangian of the discrete motion, for the K configurations of one cycle.
 
