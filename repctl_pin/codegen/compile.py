@@ -47,9 +47,10 @@ class CompiledFunction(InverseFunction):
 
     def _batch(self, U: Array, c: Array) -> Array:
         if self._library is not None:
-            p, R = map(np.ascontiguousarray, self.cell.placements(U))
+            p, R = self.cell.placements(U)
+            poses = np.concatenate([p, R.reshape(-1, 9)], axis=1)
             Q = np.empty((len(U), self.task.n))
-            if run_many(self._many, "functions", p, R, np.ascontiguousarray(c), Q) == len(U):
+            if run_many(self._many, "functions", poses, np.ascontiguousarray(c), Q) == len(U):
                 return Q
         return super()._batch(U, c)
 
