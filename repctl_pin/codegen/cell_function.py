@@ -53,7 +53,8 @@ def _lanes(chart: Chart, name: str, lanes: int) -> str:
         "placement": here,
         "whole": whole,
         "labels": _labels(task, row_of, column_of),
-        "factors": _factors(task.n),
+        "counters": "i, j, k" if lanes > 1 else "i",
+        "factors": _factors(task.n, lanes),
         "error": _errors(task, row_of),
         "solution": _solution(task.n),
         "steps": _steps(column_of),
@@ -162,19 +163,35 @@ def _errors(task: Task, row_of: Sequence[int]) -> str:
     return _lines([*lines, *(f"b[{row}][l] = {x};" for row, x in zip(row_of, e, strict=True))], 3)
 
 
-def _factors(n: int) -> str:
-    """Write the elimination without exchanges, with 1 / U on the diagonal."""
+def _factors(n: int, lanes: int) -> str:
+    """Write the elimination without exchanges, with 1 / U on the diagonal; for one pose without
+    loops."""
+    small = "if (!(fabs({0}) > 1e-6)) state[l] = -1.0;"
+    if lanes > 1:
+        each = f"for (l = 0; l < {lanes}; l++)"
+        return _lines(
+            [
+                f"for (k = 0; k < {n}; k++) {{",
+                f"    {each} {small.format('A[k][k][l]')}",
+                f"    {each} A[k][k][l] = 1.0 / A[k][k][l];",
+                f"    for (i = k + 1; i < {n}; i++) {{",
+                f"        {each} A[i][k][l] *= A[k][k][l];",
+                f"        for (j = k + 1; j < {n}; j++)",
+                f"            {each} A[i][j][l] -= A[i][k][l] * A[k][j][l];",
+                "    }",
+                "}",
+            ],
+            3,
+        )
     lines = []
     for k in range(n):
-        pivot = f"A[{k}][{k}][l]"
-        lines.append(f"smallest = fabs({pivot}) < smallest ? fabs({pivot}) : smallest;")
-        lines.append(f"{pivot} = 1.0 / {pivot};")
+        lines += [small.format(f"A[{k}][{k}][l]"), f"A[{k}][{k}][l] = 1.0 / A[{k}][{k}][l];"]
         for i in range(k + 1, n):
-            lines.append(f"A[{i}][{k}][l] *= {pivot};")
+            lines.append(f"A[{i}][{k}][l] *= A[{k}][{k}][l];")
             lines += [
                 f"A[{i}][{j}][l] -= A[{i}][{k}][l] * A[{k}][{j}][l];" for j in range(k + 1, n)
             ]
-    return _lines(lines, 4)
+    return _lines(["l = 0;", *lines], 3)
 
 
 def _solution(n: int) -> str:

@@ -40,7 +40,7 @@ static void arm_settle_@lanes(double goal[][@lanes], double both[][@lanes], cons
 {
     double A[ARM_N][ARM_N][@lanes] = {{{0.0}}}, b[ARM_N][@lanes], here[12][@lanes], size[@lanes], before[@lanes];
     double angle[@angles][@lanes] = {{0.0}}, sine[@angles][@lanes], cosine[@angles][@lanes], level[ARM_R], longest = 1.0;
-    int l, i, turn, left = 1;
+    int @counters, l, turn, left = 1;
     for (i = 0; i < ARM_R; i++) level[i] = leaf ? leaf[i] : 0.0;
     for (l = 0; l < @lanes; l++) {
         before[l] = 1.0;
@@ -56,11 +56,7 @@ static void arm_settle_@lanes(double goal[][@lanes], double both[][@lanes], cons
 @whole
 @labels
             }
-            for (l = 0; l < @lanes; l++) {
-                double smallest = HUGE_VAL;
 @factors
-                state[l] = smallest > 1e-6 ? state[l] : -1.0;
-            }
         } else {
             for (l = 0; l < @lanes; l++) {
 @placement
