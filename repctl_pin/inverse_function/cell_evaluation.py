@@ -16,14 +16,21 @@ from .cell import Cell
 from .chart import Chart, Points
 from .failures import FailureReason, broken_limit, folded, touching, unreached
 from .kinematics import bases, solved
-from .margins import CandidateFunction, distances_of, limits_of, searched, singular_values_of
+from .margins import (
+    CandidateFunction,
+    distances_of,
+    limits_of,
+    lowest_distances,
+    searched,
+    singular_values_of,
+)
 
 _BLOCK = 4096
 _BODIES = 1024
 """Held-out poses at which body distances are measured; each takes a quarter of a millisecond."""
 
-_NEAR = 0.05
-"""Body distance, m, below which a quick evaluation searches for smaller ones."""
+_QUICK_BODIES = 64
+"""Held-out poses of a quick evaluation, which does not search for smaller distances."""
 
 _BODY_STARTS, _SPEED_STARTS = 12, 16
 """Poses from which smaller body distances, and larger joint speeds, are searched for."""
@@ -256,8 +263,8 @@ def evaluate_cell(
 ) -> Evaluation:
     """Evaluate the function s = 0 of a chart on Sobol points, corners, and poses found by search.
 
-    A quick evaluation searches neither for the largest joint speeds nor for small distances between
-    distant bodies.
+    A quick evaluation searches neither for the largest joint speeds nor for the smallest distances
+    between bodies.
     """
     cell, candidate, limits = chart.cell, CandidateFunction.zero(chart), limits_of(chart.cell.task)
     middle = candidate.at(np.zeros((1, cell.k)))
@@ -377,13 +384,13 @@ def _bodies(
         distances_of(candidate.chart.cell.task),
         bodies_of(candidate.chart.cell.task),
     )
-    checked = np.concatenate([np.arange(min(count, _BODIES)), np.arange(count, len(at.U))])
+    first = min(count, _QUICK_BODIES if quick else _BODIES)
+    checked = np.concatenate([np.arange(first), np.arange(count, len(at.U))])
     checked = checked[covered[checked]]
     U, Q = at.U[checked], at.Q[checked]
-    distances = bodies.distances(Q)
-    share = float((distances < 0).mean())
+    distances, share = lowest_distances(bodies, Q)
     least = float(distances.min())
-    if least < np.inf and (least < _NEAR or not quick):
+    if least < np.inf and not quick:
         ends = searched(candidate, margin, _worst(distances, U, _BODY_STARTS))[-_BODY_STARTS:]
         nearer = candidate.at(ends)
         inside = nearer.found & (cell.task.limit_margin(nearer.Q).min(axis=1) >= 0)

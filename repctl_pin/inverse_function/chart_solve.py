@@ -83,7 +83,9 @@ class CompiledChain:
 
     def _run(self, name: str, count: int, *given: Any) -> None:
         kept = [np.ascontiguousarray(x, float) if isinstance(x, np.ndarray) else x for x in given]
-        pointers = (ctypes.c_void_p(x.ctypes.data) if isinstance(x, np.ndarray) else x for x in kept)
+        pointers = (
+            ctypes.c_void_p(x.ctypes.data) if isinstance(x, np.ndarray) else x for x in kept
+        )
         self.library[name](ctypes.byref(self.chain), ctypes.c_long(count), *pointers)
 
 
@@ -121,7 +123,9 @@ def _made(task: Task) -> CompiledChain | None:
     ]
     revolute = np.array([np.linalg.norm(t[3:]) > 0.5 for t in twists], np.intc)
     axes = np.array([t[3:] if turns else t[:3] for t, turns in zip(twists, revolute, strict=True)])
-    S, offset = (np.eye(n), np.zeros(n)) if task.drive is None else (task.drive.S, task.drive.offset)
+    S, offset = (
+        (np.eye(n), np.zeros(n)) if task.drive is None else (task.drive.S, task.drive.offset)
+    )
     arrays = [
         revolute,
         np.array(task.rows, np.intc),

@@ -251,19 +251,18 @@ class _Work:
 
     def best(self, cell: Cell, postures: Array) -> tuple[Array, Found]:
         """Design from the first posture; if its margins are too small or its cost is high, from the
-        best others too."""
+        best of all too, by quick designs."""
         first = self.design(cell, postures[0])
         if len(postures) == 1 or _rank(first, self.limit_margin)[0] < _NEARLY or self.good(first):
             return postures[0], first
-        ranks, quiet = {}, replace(self, report=reporting.silent)
-        for i in range(1, len(postures)):
+        ranks, quiet = [], replace(self, report=reporting.silent)
+        for i, q in enumerate(postures):
             self.report(f"posture {i + 1} of {len(postures)}", 0.1)
-            ranks[i] = _rank(quiet.design(cell, postures[i], quick=True), self.limit_margin)
+            ranks.append(_rank(quiet.design(cell, q, quick=True), self.limit_margin))
+        best = max(range(len(postures)), key=lambda i: ranks[i])
         designs = [(postures[0], first)]
-        for i in sorted(ranks, key=lambda i: ranks[i], reverse=True)[:2]:
-            designs.append((postures[i], self.design(cell, postures[i])))
-            if self.good(designs[-1][1]):
-                break
+        if best:
+            designs.append((postures[best], self.design(cell, postures[best])))
         return max(designs, key=lambda pair: _rank(pair[1], self.limit_margin))
 
     def good(self, found: Found) -> bool:

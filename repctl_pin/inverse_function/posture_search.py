@@ -19,6 +19,9 @@ from .kinematics import bases, placed
 from .reference import SINGULAR, rays
 
 _STARTS, _KEPT, _OFFERED = 128, 24, 6
+_TESTED = 3
+"""Ends of rays with overlapping hulls at which the bodies themselves are tested."""
+
 _STEP = 0.4
 """Longest Newton step of any joint, rad or m."""
 
@@ -99,9 +102,10 @@ def given(cell: Cell, posture: ArrayLike) -> Array:
 def searched(desired: Batched, cell: Cell, seed: int = 0) -> Array:
     """Find configurations (K, n) in the middle from which the cell is reached, the best first.
 
-    From each candidate the arm moves along rays to the corners of the cell. The order is: most
-    corners reached, no collision, largest joint-limit margin (up to 0.1 rad), smallest joint speed,
-    nearest to the reference.
+    If bodies are apart at some candidates, those where bodies collide are dropped. From each other
+    one the arm moves along rays to the corners of the cell. The order is: most corners reached, no
+    collision, largest joint-limit margin (up to 0.1 rad), smallest joint speed, nearest to the
+    reference.
 
     Raises
     ------
@@ -135,14 +139,14 @@ def searched(desired: Batched, cell: Cell, seed: int = 0) -> Array:
     regular = inside & _regular(cell, Q)
     if not regular.any():
         raise InputError(f"in the middle of the cell, {cell.where(u)}, {_SINGULAR_MIDDLE}")
-    candidates = [judged(desired, cell, q) for q in _spread(Q[regular], _KEPT)]
+    candidates = judged(desired, cell, _spread(Q[regular], _KEPT))
     for size in (0.3, 0.15, 0.07):
         q = chosen(candidates, task.reference).q
         N = bases(task.jacobian(q)[None], np.zeros((1, task.n, task.r)))[1][0]
         beside = q + size * np.concatenate([N.T, -N.T])
         Q, left = reached(cell, beside, u, iterations=8)
         good = (left < 1e-9) & (task.limit_margin(Q).min(axis=1) > 0) & _regular(cell, Q)
-        candidates += [judged(desired, cell, q) for q in Q[good]]
+        candidates += judged(desired, cell, Q[good]) if good.any() else []
     first = chosen(candidates, task.reference)
     candidates.sort(key=lambda c: (-c.share, c.body_distance < 0, -min(c.margin, _ENOUGH), c.speed))
     return _apart(np.array([first.q, *(c.q for c in candidates if c is not first)]), _OFFERED)
@@ -173,26 +177,44 @@ class Candidate:
     speed: float
 
 
-def judged(desired: Batched, cell: Cell, q: Array) -> Candidate:
-    """Evaluate a configuration in the middle by rays to the corners of the cell."""
-    U = cell.corners()
-    ends = rays(desired, cell, q, U, steps=10)
+def judged(desired: Batched, cell: Cell, Q: Array) -> list[Candidate]:
+    """Evaluate configurations (L, n) in the middle by rays to the corners of the cell.
+
+    If bodies are apart at some of them, those where bodies collide are left out.
+    """
+    bodies, corners = bodies_of(cell.task), cell.corners()
+    middle = bodies.distances(Q)
+    apart = (middle >= 0) | (middle < 0).all()
+    Q, middle, K = Q[apart], middle[apart], len(corners)
+    U = np.tile(corners, (len(Q), 1))
+    ends = rays(desired, cell, np.repeat(Q, K, axis=0), U, steps=10)
     good = ends.reached == 1
-    speed = np.inf
+    speeds, nearest = np.full(len(U), np.nan), np.full(len(U), np.inf)
     if good.any():
         _, R, J = placed(cell.task, ends.Q[good])
-        G = desired.batch(ends.Q[good], J)
-        speed = float(
-            ((G @ cell.twists(U[good], R) @ cell.speeds(U[good])) ** 2).sum() / good.sum()
+        E, C = cell.twists(U[good], R), np.tile(cell.speeds(corners), (len(Q), 1, 1))[good]
+        speeds[good] = ((desired.batch(ends.Q[good], J) @ E @ C) ** 2).sum(axis=(1, 2))
+        nearest[good] = bodies.hull_distances(ends.Q[good])
+    for i, at in enumerate(_parts(len(Q), K)):
+        overlap = at.start + np.flatnonzero(nearest[at] < 0)
+        if len(overlap):
+            some = overlap[np.argsort(nearest[overlap])[:_TESTED]]
+            nearest[overlap] = bodies.distances(ends.Q[some]).min()
+        middle[i] = min(middle[i], nearest[at].min())
+    return [
+        Candidate(
+            q,
+            float(good[at].mean()),
+            float(ends.least[at][good[at]].min(initial=np.inf)),
+            float(distance),
+            float(speeds[at][good[at]].mean()) if good[at].any() else np.inf,
         )
-    body_distance = bodies_of(cell.task).distances(np.concatenate([q[None], ends.Q[good]])).min()
-    return Candidate(
-        q,
-        float(good.mean()),
-        float(ends.least[good].min(initial=np.inf)),
-        float(body_distance),
-        speed,
-    )
+        for q, distance, at in zip(Q, middle, _parts(len(Q), K), strict=True)
+    ]
+
+
+def _parts(count: int, length: int) -> list[slice]:
+    return [slice(i * length, (i + 1) * length) for i in range(count)]
 
 
 def chosen(candidates: list[Candidate], reference: Array) -> Candidate:
