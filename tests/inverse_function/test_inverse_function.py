@@ -393,7 +393,8 @@ def test_a_posture_is_judged_by_the_way_to_the_corners() -> None:
     own speed."""
     cell, G_d = cell_of(), rp.Pseudoinverse(panda())
     q = rp.solve_ik(cell.task, Q_PANDA, cell.placement)
-    candidate, U = judged(G_d, cell, q), cell.corners()
+    beside = rp.solve_ik(cell.task, q + 0.02, cell.placement)
+    (_, candidate), U = judged(G_d, cell, np.array([beside, q])), cell.corners()
     ends = rays(G_d, cell, q, U, steps=10)
     assert candidate.share == 1 and (ends.reached == 1).all()
     assert candidate.margin == ends.least.min() > 0
