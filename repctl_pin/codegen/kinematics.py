@@ -132,8 +132,8 @@ class Chain:
             for a, row in enumerate(self.J)
             for i, e in enumerate(row)
         }
-        indent = " " * 12
-        return tuple(assignments(part, indent) for part in (angles, here, here | A))
+        angle, place, whole = (assignments(part, " " * 12) for part in (angles, here, here | A))
+        return angle, place, whole
 
 
 def _joints(task: Task) -> list[tuple[bool, Array]]:

@@ -182,7 +182,7 @@ def _joint_speeds(desired: Batched, chart: Chart, at: Points) -> tuple[Array, Ar
 def _largest_ratio(A: Array, B: Array) -> Array:
     """Evaluate ``max_v ‖A v‖² / ‖B v‖²`` of pairs of matrices (K, n, k): with ``BᵀB = L Lᵀ`` it is
     the largest eigenvalue of ``L⁻¹ AᵀA L⁻ᵀ``."""
-    L = np.linalg.cholesky(np.swapaxes(B, 1, 2) @ B)
+    L = np.asarray(np.linalg.cholesky(np.swapaxes(B, 1, 2) @ B), float)
     Lt_over_A = solved(L, np.swapaxes(A, 1, 2))
     return np.asarray(np.linalg.eigvalsh(Lt_over_A @ np.swapaxes(Lt_over_A, 1, 2))[:, -1], float)
 

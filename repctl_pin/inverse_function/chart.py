@@ -73,8 +73,14 @@ class Chart:
         p_goal, R_goal = cell.placements(U)
         fast = compiled_chain(cell.task)
         if fast is not None:
-            limits = {"iterations": iterations, "longest": _STEP, "tolerance": _EXACT}
-            Q, R, J, residual, size = fast.solved((p_goal, R_goal), (q_ref, n_ref, s), Q, **limits)
+            Q, R, J, residual, size = fast.solved(
+                (p_goal, R_goal),
+                (q_ref, n_ref, s),
+                Q,
+                iterations=iterations,
+                longest=_STEP,
+                tolerance=_EXACT,
+            )
             found = (size < 1e-6) & (residual < 1e-9)
             return Points(U, Q, R, J, q_ref, n_ref, residual, found)
 

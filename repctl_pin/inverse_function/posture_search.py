@@ -99,8 +99,8 @@ def given(cell: Cell, posture: ArrayLike) -> Array:
     return task.check(Q[0], f"the posture, brought to {cell.where(u)},")
 
 
-def searched(desired: Batched, cell: Cell, seed: int = 0) -> Array:
-    """Find configurations (K, n) in the middle from which the cell is reached, the best first.
+def searched(desired: Batched, cell: Cell, seed: int = 0) -> list[Candidate]:
+    """Find configurations in the middle from which the cell is reached, the best first.
 
     If bodies are apart at some candidates, those where bodies collide are dropped. From each other
     one the arm moves along rays to the corners of the cell. The order is: most corners reached, no
@@ -149,7 +149,7 @@ def searched(desired: Batched, cell: Cell, seed: int = 0) -> Array:
         candidates += judged(desired, cell, Q[good]) if good.any() else []
     first = chosen(candidates, task.reference)
     candidates.sort(key=lambda c: (-c.share, c.body_distance < 0, -min(c.margin, _ENOUGH), c.speed))
-    return _apart(np.array([first.q, *(c.q for c in candidates if c is not first)]), _OFFERED)
+    return _apart([first, *(c for c in candidates if c is not first)], _OFFERED)
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,10 +218,12 @@ def _parts(count: int, length: int) -> list[slice]:
 
 
 def chosen(candidates: list[Candidate], reference: Array) -> Candidate:
-    """Select by share, then no collision, margin, speed, and distance from a reference."""
+    """Select by share, then no collision or the least deep, margin, speed, and distance from a reference."""
     most = max(c.share for c in candidates)
     candidates = [c for c in candidates if c.share > most - 1e-9]
-    candidates = [c for c in candidates if c.body_distance >= 0] or candidates
+    farthest = max(c.body_distance for c in candidates)
+    least = 0.0 if farthest >= 0 else farthest - _ALIKE
+    candidates = [c for c in candidates if c.body_distance >= least]
     best = max(min(c.margin, _ENOUGH) for c in candidates)
     candidates = [c for c in candidates if min(c.margin, _ENOUGH) > best - _ALIKE]
     quick = _AS_QUICK * min(c.speed for c in candidates)
@@ -247,13 +249,13 @@ def _regular(cell: Cell, Q: Array) -> NDArray[np.bool_]:
     return inverse_condition_number(placed(cell.task, Q)[2]) > SINGULAR
 
 
-def _apart(Q: Array, count: int) -> Array:
-    """Select the first ``count`` rows of Q that differ from those before them."""
-    kept: list[Array] = []
-    for q in Q:
-        if len(kept) < count and all(np.linalg.norm(q - other) > 0.3 for other in kept):
-            kept.append(q)
-    return np.array(kept)
+def _apart(candidates: list[Candidate], count: int) -> list[Candidate]:
+    """Select the first ``count`` candidates that differ from those before them."""
+    kept: list[Candidate] = []
+    for c in candidates:
+        if len(kept) < count and all(np.linalg.norm(c.q - other.q) > 0.3 for other in kept):
+            kept.append(c)
+    return kept
 
 
 def _spread(Q: Array, count: int) -> Array:

@@ -97,9 +97,7 @@ def frame_jacobian(task: rp.Task) -> float:
     model, data = task.model, task.model.createData()
     frame = model.getFrameId(task.frame, pin.FrameType.BODY)
     evaluate = pin.computeFrameJacobian
-    return 5e3 * seconds(
-        lambda: [evaluate(model, data, Q0, frame, WORLD) for _ in range(200)], 200
-    )
+    return 5e3 * seconds(lambda: [evaluate(model, data, Q0, frame, WORLD) for _ in range(200)], 200)
 
 
 def test_f_in_c_beside_frame_jacobians(panda_pose: rp.Task, say, tmp_path: Path) -> None:
@@ -150,7 +148,8 @@ def test_f_beside_closed_forms(panda_pose: rp.Task, say) -> None:
     fast, U = rp.compiled(found.function), cell.sample(64)
     targets, Q = [cell.at(u) for u in U], fast.batch(U)
     names["F"] = lambda: [fast(x) for x in targets]
-    names["F.batch, 4096 poses"] = lambda many=np.tile(U, (64, 1)): fast.batch(many)
+    many = np.tile(U, (64, 1))
+    names["F.batch, 4096 poses"] = lambda: fast.batch(many)
     frankik = pytest.importorskip("frankik")
     flange = [np.asarray(frankik.fk(q)) for q in Q]
     given = list(zip(flange, Q, strict=True))

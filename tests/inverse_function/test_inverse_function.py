@@ -796,7 +796,7 @@ def test_a_middle_at_a_singularity_and_postures_at_one(tmp_path: Path) -> None:
         "link_eef", "pose"
     )  # of its postures some are singular, in others links touch
     cell = rp.Cell(xarm, xarm.placement(xarm.reference), 0.03, 0.1)
-    q = searched(rp.Pseudoinverse(xarm), cell)[0]
+    q = searched(rp.Pseudoinverse(xarm), cell)[0].q
     assert (np.abs(q - xarm.reference) <= np.pi).all()  # not wound up: the joints turn by two pi
     s = np.linalg.svd(xarm.jacobian(q), compute_uv=False)
     assert rp.Bodies(xarm).nearest(q).distance > 0
