@@ -258,11 +258,11 @@ class _Work:
         Where bodies collide, and by their rays do so from every posture, no other is tried."""
         first = postures[0]
         found = self.design(cell, first.q)
-        apart = [c for c in postures[1:] if c.body_distance >= 0 and c.share >= first.share]
+        separate = [c for c in postures[1:] if c.body_distance >= 0 and c.share >= first.share]
         if _rank(found, self.limit_margin)[0] < _NEARLY or self.good(found):
             return first.q, found
         if self.good(found, bodies=False):
-            postures = [first, *apart]  # collisions alone are to be mended
+            postures = [first, *separate]  # collisions alone are to be mended
         if len(postures) == 1:
             return first.q, found
         ranks, quiet = [], replace(self, report=reporting.silent)
@@ -277,8 +277,8 @@ class _Work:
 
     def good(self, found: Found, *, bodies: bool = True) -> bool:
         """Whether a design covers the cell without collisions, near limits, or high joint speed."""
-        coverage, everywhere, apart, margin, _ = _rank(found, self.limit_margin)
-        kept = (coverage, everywhere, apart or not bodies, margin)
+        coverage, everywhere, separate, margin, _ = _rank(found, self.limit_margin)
+        kept = (coverage, everywhere, separate or not bodies, margin)
         least = (1.0, True, True, 0.4 * self.limit_margin)
         return kept >= least and cast(CellDesign, found).extra_speed < _DEAR
 

@@ -184,8 +184,8 @@ def judged(desired: Batched, cell: Cell, Q: Array) -> list[Candidate]:
     """
     bodies, corners = bodies_of(cell.task), cell.corners()
     middle = bodies.distances(Q)
-    apart = (middle >= 0) | (middle < 0).all()
-    Q, middle, K = Q[apart], middle[apart], len(corners)
+    separate = (middle >= 0) | (middle < 0).all()
+    Q, middle, K = Q[separate], middle[separate], len(corners)
     U = np.tile(corners, (len(Q), 1))
     ends = rays(desired, cell, np.repeat(Q, K, axis=0), U, steps=10)
     good = ends.reached == 1
@@ -218,7 +218,8 @@ def _parts(count: int, length: int) -> list[slice]:
 
 
 def chosen(candidates: list[Candidate], reference: Array) -> Candidate:
-    """Select by share, then no collision or the least deep, margin, speed, and distance from a reference."""
+    """Select by share, then no collision or the least deep, margin, speed, distance from a
+    reference."""
     most = max(c.share for c in candidates)
     candidates = [c for c in candidates if c.share > most - 1e-9]
     farthest = max(c.body_distance for c in candidates)
