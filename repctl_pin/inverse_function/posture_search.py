@@ -218,7 +218,7 @@ def _parts(count: int, length: int) -> list[slice]:
 
 
 def chosen(candidates: list[Candidate], reference: Array) -> Candidate:
-    """Select by share, then no collision or the least deep, margin, speed, distance from a
+    """Select by share, then no collision or the shallowest, margin, speed, distance from a
     reference."""
     most = max(c.share for c in candidates)
     candidates = [c for c in candidates if c.share > most - 1e-9]
