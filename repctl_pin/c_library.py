@@ -16,11 +16,16 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from .errors import RepctlError
 
 FLAGS = ("-std=c99", "-O2", "-fPIC", "-shared")
+VECTOR_FLAGS = ("-std=c99", "-O3", "-march=native", "-ffp-contract=fast", "-fPIC", "-shared")
+"""Flags for code that is compiled for the vector units of this machine."""
+
 _COMPILES, _LOADS = 50.0, 10.0
 """Maximum time of the compiler, and of loading its library, s."""
 
@@ -61,7 +66,7 @@ def compiler() -> list[str]:
     raise NoCompilerError(f"no C compiler {tried} is installed")
 
 
-def shared_library(code: str) -> Path:
+def shared_library(code: str, flags: Sequence[str] = FLAGS) -> Path:
     """Compile C to a shared library, or return the cached one of the same source.
 
     Files are written under another name and renamed, so that processes can compile at the same
@@ -73,10 +78,10 @@ def shared_library(code: str) -> Path:
     NoCompilerError
         If there is no compiler, it fails, or its library does not load.
     """
-    command = [*compiler(), *FLAGS]
-    key = hashlib.sha256(
-        "\0".join([code, *command, platform.machine(), platform.system()]).encode()
-    ).hexdigest()
+    command = [*compiler(), *flags]
+    machine = [platform.machine(), platform.system()]
+    machine += [_vector_units()] if "-march=native" in flags else []
+    key = hashlib.sha256("\0".join([code, *command, *machine]).encode()).hexdigest()
     keyed = f'{code}\nextern const char {_KEY}[];\nconst char {_KEY}[] = "{key}";\n'
     refused = ""
     for folder in (_cache_folder, _own_folder):
@@ -89,7 +94,7 @@ def shared_library(code: str) -> Path:
     raise NoCompilerError(f"no folder can store and load a compiled library: {refused}")
 
 
-def loaded_library(code: str) -> str:
+def loaded_library(code: str, flags: Sequence[str] = FLAGS) -> str:
     """Compile C to a shared library as in :func:`shared_library`, load it, and return its path.
 
     Raises
@@ -97,7 +102,7 @@ def loaded_library(code: str) -> str:
     NoCompilerError
         If there is no library, or it does not load in this process.
     """
-    library = shared_library(code)
+    library = shared_library(code, flags)
     try:
         made = (ctypes.c_char * 65).in_dll(ctypes.CDLL(str(library)), _KEY).value
     except (OSError, ValueError) as error:
@@ -107,6 +112,16 @@ def loaded_library(code: str) -> str:
     if made != library.stem.encode():
         raise NoCompilerError(f"a compiled library was replaced by another one; delete {library}")
     return str(library)
+
+
+def _vector_units() -> str:
+    """Name the processor and its instructions, so that no cache serves another one's library."""
+    said = platform.processor()
+    with suppress(OSError, UnicodeDecodeError):
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+        words = ("model name", "flags", "Features", "CPU part")
+        said += "".join(sorted({line for line in lines if line.startswith(words)}))
+    return said
 
 
 def _kept(code: str, command: list[str], folder: Path, key: str) -> Path:

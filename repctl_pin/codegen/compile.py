@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property, partial
 from typing import overload
 
@@ -20,6 +21,9 @@ from ..robot.task import Task
 from ..strategies.repeatable import RepeatableInverse
 from ..threads import PerThread
 from .compiled_loop import GIVEN_LEAF, NAME, call_memory, compiled_loops, library, run_many
+
+_LEAST_PART = 1024
+"""Poses for which another thread is worthwhile."""
 
 
 class CompiledFunction(InverseFunction):
@@ -45,13 +49,26 @@ class CompiledFunction(InverseFunction):
                 return q
         return super().__call__(target, leaf=leaf)
 
-    def _batch(self, U: Array, c: Array) -> Array:
+    def _batch(self, U: Array, c: Array, threads: int) -> Array:
         if self._library is not None:
-            p, R = map(np.ascontiguousarray, self.cell.placements(U))
-            Q = np.empty((len(U), self.task.n))
-            if run_many(self._many, "functions", p, R, np.ascontiguousarray(c), Q) == len(U):
+            p, R = self.cell.placements(U)
+            poses = np.concatenate([p, R.reshape(-1, 9)], axis=1)
+            Q, leaf = np.empty((len(U), self.task.n)), np.ascontiguousarray(c)
+            size = max(_LEAST_PART, -(-len(U) // threads))
+            parts = [slice(i, i + size) for i in range(0, len(U), size)]
+
+            def run(part: slice) -> bool:
+                count = len(Q[part])
+                return run_many(self._many, "functions", poses[part], leaf, Q[part]) == count
+
+            if len(parts) < 2:
+                done = all(map(run, parts))
+            else:
+                with ThreadPoolExecutor(threads) as pool:
+                    done = all(list(pool.map(run, parts)))
+            if done:
                 return Q
-        return super()._batch(U, c)
+        return super()._batch(U, c, threads)
 
     @cached_property
     def inverse(self) -> RepeatableInverse:

@@ -5,13 +5,14 @@ from __future__ import annotations
 import ctypes
 import warnings
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 
 import numpy as np
 import pinocchio as pin
 
 from ..arguments import Array
-from ..c_library import NoCompilerError, loaded_library
+from ..c_library import FLAGS, VECTOR_FLAGS, NoCompilerError, loaded_library
 from ..errors import SingularityError
 from ..inverse_function import InverseFunction
 from ..potentials.basis import Potentials
@@ -38,15 +39,17 @@ def compiled_loops(task: Task, potentials: Potentials) -> Callable[[], Loop]:
 
 def library(control: RepeatableInverse | InverseFunction) -> str | None:
     """Compile a control to a shared library: its path; None, with a warning, without a compiler."""
-    source = write_source(control, NAME)
-    function = filled("python_function.c", NAME, {}) if isinstance(control, InverseFunction) else ""
+    source, many = write_source(control, NAME), isinstance(control, InverseFunction)
+    function = filled("python_function.c", NAME, {}) if many else ""
     code = (
         source.code.replace(f'#include "{NAME}.h"', source.header)
         + filled("python.c", NAME, {})
         + function
     )
     try:
-        return loaded_library(code)
+        with suppress(NoCompilerError):
+            return loaded_library(code, VECTOR_FLAGS if many else FLAGS)
+        return loaded_library(code)  # some compilers refuse those flags
     except NoCompilerError as error:
         warnings.warn(f"{error}; Python serves", UserWarning, stacklevel=4)
         return None

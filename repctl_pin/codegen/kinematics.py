@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from operator import mul
 
 import numpy as np
@@ -27,11 +28,20 @@ class Chain:
     J : (m, n) expressions
         Jacobian of ``ẋ = J q̇`` (2), rows as in :class:`repctl_pin.robot.task.Task`; also in
         coordinates ψ.
+    angles : list of expressions
+        Angles of the revolute joints, if ``lanes``: their sines and cosines are inputs then.
+
+    Parameters
+    ----------
+    task
+        The task.
+    lanes
+        Write for several poses at once: every variable has one value per pose, ``q[i][l]``.
     """
 
-    def __init__(self, task: Task) -> None:
-        self.graph = Graph()
-        q = [self.graph.input(f"q[{i}]") for i in range(task.n)]
+    def __init__(self, task: Task, *, lanes: bool = False) -> None:
+        self.graph, self.lanes, self.angles = Graph(), lanes, Vector()
+        q = [self.graph.input(f"x[{i}][l]" if lanes else f"q[{i}]") for i in range(task.n)]
         drive, joints = task.drive, q
         if drive is not None:
             rows = zip(drive.S, drive.offset, strict=True)
@@ -83,8 +93,15 @@ class Chain:
 
     def _turn(self, angle: Expression) -> None:
         """``R ← R R_z(angle)``."""
-        c, s = self.graph.function("cos", angle), self.graph.function("sin", angle)
+        c, s = self._cosine_and_sine(angle)
         self.R = [[x * c + y * s, y * c - x * s, z] for x, y, z in self.R]
+
+    def _cosine_and_sine(self, angle: Expression) -> Vector:
+        if not self.lanes or angle.kind == "number":
+            return [self.graph.function(name, angle) for name in ("cos", "sin")]
+        j = len(self.angles)
+        self.angles.append(angle)
+        return [self.graph.input(f"{name}[{j}][l]") for name in ("cosine", "sine")]
 
     def _weighted(self, weights: Array, terms: Vector) -> Expression:
         return self.graph.total(
@@ -104,6 +121,19 @@ class Chain:
             "jacobian": assignments(J),
             "chain": assignments(p | R | J),
         }
+
+    def lane_code(self, row_of: Sequence[int], column_of: Sequence[int]) -> tuple[str, str, str]:
+        """Write the angles, ``here`` (p and R), and ``here`` with J in rows and columns of A."""
+        angles = {f"angle[{j}][l]": e for j, e in enumerate(self.angles)}
+        entries = [*self.p, *(e for row in self.R for e in row)]
+        here = {f"here[{i}][l]": e for i, e in enumerate(entries)}
+        A = {
+            f"A[{row_of[a]}][{column_of[i]}][l]": e
+            for a, row in enumerate(self.J)
+            for i, e in enumerate(row)
+        }
+        angle, place, whole = (assignments(part, " " * 12) for part in (angles, here, here | A))
+        return angle, place, whole
 
 
 def _joints(task: Task) -> list[tuple[bool, Array]]:

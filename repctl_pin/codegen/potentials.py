@@ -1,4 +1,4 @@
-"""Potentials h(q), their gradients, and cell functions q = F(x; c) as C, by tables and loops."""
+"""Potentials h(q), their gradients as C, by tables and loops."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import numpy as np
 
 from ..arguments import Array
 from ..errors import InputError
-from ..inverse_function import InverseFunction
 from ..inverse_function.cell_potentials import CellPotentials
 from ..inverse_function.chart import Chart
 from ..potentials.basis import Potentials
@@ -139,24 +138,12 @@ def _cell(chart: Chart, name: str) -> dict[str, object]:
     kind = chart.cell.task.kind
     return {
         "rates": filled(f"rates_{kind if kind in ('pose', 'axis') else 'position'}.c", name, {}),
-        **_tables(chart),
+        **cell_tables(chart),
     }
 
 
-def function_code(function: InverseFunction, name: str) -> str:
-    """Write F as a C function, with infinite limits if it does not keep them."""
-    task = function.task
-    lower, upper = (
-        (task.lower, task.upper)
-        if function.keep_limits
-        else (np.full(task.n, s * np.inf) for s in (-1, 1))
-    )
-    return filled(
-        "function.c", name, {"lower": row(lower), "upper": row(upper), **_tables(function.chart)}
-    )
-
-
-def _tables(chart: Chart) -> dict[str, object]:
+def cell_tables(chart: Chart) -> dict[str, object]:
+    """Tabulate a chart: the cell, the monomials, and the weights of q_ref and n_ref."""
     cell, monomials = chart.cell, chart.monomials
     return {
         "k": cell.k,

@@ -12,9 +12,10 @@ from ..inverse_function.cell_potentials import CellPotentials
 from ..regions import Box, Region, Tube, WorkspaceBox
 from ..robot.task import Task
 from ..strategies.repeatable import RepeatableInverse
+from .cell_function import function_code
 from .expressions import Graph, assignments
 from .kinematics import Chain
-from .potentials import function_code, potential_functions
+from .potentials import potential_functions
 from .text import comment, filled, integer, row, table
 
 _MEANING = {

@@ -16,16 +16,23 @@ from .cell import Cell
 from .chart import Chart, Points
 from .failures import FailureReason, broken_limit, folded, touching, unreached
 from .kinematics import bases, solved
-from .margins import CandidateFunction, distances_of, limits_of, searched, singular_values_of
+from .margins import (
+    CandidateFunction,
+    distances_of,
+    limits_of,
+    lowest_distances,
+    searched,
+    singular_values_of,
+)
 
 _BLOCK = 4096
 _BODIES = 1024
 """Held-out poses at which body distances are measured; each takes a quarter of a millisecond."""
 
-_NEAR = 0.05
-"""Body distance, m, below which a quick evaluation searches for smaller ones."""
+_QUICK_BODIES = 64
+"""Held-out poses of a quick evaluation, which does not search for smaller distances."""
 
-_BODY_STARTS, _SPEED_STARTS = 12, 16
+_BODY_STARTS, _SPEED_STARTS = 6, 16
 """Poses from which smaller body distances, and larger joint speeds, are searched for."""
 
 _SPREAD = 0.3
@@ -33,6 +40,9 @@ _SPREAD = 0.3
 
 _DIFFERENCE = 1e-4
 """Step of u in the central differences of joint speeds."""
+
+_REGULAR = 1e-10
+"""Square of σ_min / σ_max of J above which joint speeds are searched."""
 
 _FOLDED = 0.05
 """Leaf margin below which a function counts as folded."""
@@ -146,18 +156,14 @@ class Speeds:
 
 def speeds(desired: Batched, chart: Chart, at: Points) -> Speeds:
     """Evaluate joint speeds of the function s = 0 at points of it."""
-    cell, K, r = chart.cell, len(at.U), chart.cell.task.r
+    K = len(at.U)
     J_V = np.concatenate([at.J, np.swapaxes(at.n_ref, 1, 2)], axis=1)
     _, N, s = bases(at.J, at.n_ref)
     leaf = leaf_margin(N, at.n_ref)
     sound = at.found & (s[:, -1] > 1e-5 * s[:, 0]) & (leaf > 1e-6)
     four = np.full((4, K), np.nan)
     if sound.any():
-        good = at.chosen(sound)
-        dF, _ = chart.derivative(good, np.zeros((len(good.U), r, cell.k)))
-        C = cell.speeds(good.U)
-        desired_square = desired.batch(good.Q, good.J) @ cell.twists(good.U, good.R) @ C
-        own = dF @ C
+        own, desired_square = _joint_speeds(desired, chart, at.chosen(sound))
         four[:3, sound] = [
             (x**2).sum(axis=(1, 2)) for x in (own - desired_square, own, desired_square)
         ]
@@ -165,12 +171,20 @@ def speeds(desired: Batched, chart: Chart, at: Points) -> Speeds:
     return Speeds(four[0], four[1], four[2], s[:, -1], leaf, np.sign(np.linalg.det(J_V)), four[3])
 
 
+def _joint_speeds(desired: Batched, chart: Chart, at: Points) -> tuple[Array, Array]:
+    """Evaluate ∂F C and G_d E C (K, n, k) of the function s = 0 at points of it."""
+    cell = chart.cell
+    dF, _ = chart.derivative(at, np.zeros((len(at.U), cell.task.r, cell.k)))
+    C = cell.speeds(at.U)
+    return dF @ C, desired.batch(at.Q, at.J) @ cell.twists(at.U, at.R) @ C
+
+
 def _largest_ratio(A: Array, B: Array) -> Array:
-    """Evaluate ``max_v ‖A v‖² / ‖B v‖²`` of pairs of matrices (K, n, k): with B = Q R it is ``‖A
-    R⁻¹‖₂²``."""
-    R = np.linalg.qr(B)[1]
-    A_over_R = np.swapaxes(solved(np.swapaxes(R, 1, 2), np.swapaxes(A, 1, 2)), 1, 2)
-    return np.linalg.norm(A_over_R, 2, axis=(1, 2)) ** 2
+    """Evaluate ``max_v ‖A v‖² / ‖B v‖²`` of pairs of matrices (K, n, k): with ``BᵀB = L Lᵀ`` it is
+    the largest eigenvalue of ``L⁻¹ AᵀA L⁻ᵀ``."""
+    L = np.asarray(np.linalg.cholesky(np.swapaxes(B, 1, 2) @ B), float)
+    Lt_over_A = solved(L, np.swapaxes(A, 1, 2))
+    return np.asarray(np.linalg.eigvalsh(Lt_over_A @ np.swapaxes(Lt_over_A, 1, 2))[:, -1], float)
 
 
 @dataclass(frozen=True)
@@ -191,8 +205,16 @@ class SpeedRatio:
 
     def least(self, at: Points) -> Array:
         """Evaluate the square of the ratio: (K,); infinite where the function does not exist."""
-        found = speeds(self.desired, self.chart, at)
-        ratio = 1 / found.direction if self.direction else found.desired_square / found.own
+        ratio = np.full(len(at.U), np.inf)
+        squares = np.linalg.eigvalsh(at.J @ np.swapaxes(at.J, 1, 2))
+        found = np.flatnonzero(at.found & (squares[:, 0] > _REGULAR * squares[:, -1]))
+        own, desired = _joint_speeds(self.desired, self.chart, at.chosen(found))
+        finite = np.isfinite(own).all(axis=(1, 2))
+        found, own, desired = found[finite], own[finite], desired[finite]
+        if self.direction:
+            ratio[found] = 1 / _largest_ratio(own, desired)
+        else:
+            ratio[found] = (desired**2).sum(axis=(1, 2)) / (own**2).sum(axis=(1, 2))
         return np.where(np.isfinite(ratio), ratio, np.inf)
 
     def slope(self, candidate: CandidateFunction, at: Points) -> Array:
@@ -256,8 +278,8 @@ def evaluate_cell(
 ) -> Evaluation:
     """Evaluate the function s = 0 of a chart on Sobol points, corners, and poses found by search.
 
-    A quick evaluation searches neither for the largest joint speeds nor for small distances between
-    distant bodies.
+    A quick evaluation searches neither for the largest joint speeds nor for the smallest distances
+    between bodies.
     """
     cell, candidate, limits = chart.cell, CandidateFunction.zero(chart), limits_of(chart.cell.task)
     middle = candidate.at(np.zeros((1, cell.k)))
@@ -377,13 +399,13 @@ def _bodies(
         distances_of(candidate.chart.cell.task),
         bodies_of(candidate.chart.cell.task),
     )
-    checked = np.concatenate([np.arange(min(count, _BODIES)), np.arange(count, len(at.U))])
+    first = min(count, _QUICK_BODIES if quick else _BODIES)
+    checked = np.concatenate([np.arange(first), np.arange(count, len(at.U))])
     checked = checked[covered[checked]]
     U, Q = at.U[checked], at.Q[checked]
-    distances = bodies.distances(Q)
-    share = float((distances < 0).mean())
+    distances, share = lowest_distances(bodies, Q)
     least = float(distances.min())
-    if least < np.inf and (least < _NEAR or not quick):
+    if least < np.inf and not quick:
         ends = searched(candidate, margin, _worst(distances, U, _BODY_STARTS))[-_BODY_STARTS:]
         nearer = candidate.at(ends)
         inside = nearer.found & (cell.task.limit_margin(nearer.Q).min(axis=1) >= 0)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ..arguments import Array, read_only
 from ..solvers import newton_rows
 from .cell import Cell
+from .chart_solve import compiled_chain
 from .kinematics import placed, solved
 from .monomials import Monomials
 
@@ -48,9 +49,9 @@ class Chart:
 
     def slopes(self, U: Array) -> tuple[Array, Array]:
         """Differentiate q_ref and n_ref with respect to u: (K, n, k) and (K, n, r, k)."""
-        both = np.einsum(
-            "KNk,Nij->Kijk", self.monomials.slopes(self.monomials.values(U)), self.coefficients
-        )
+        slopes = self.monomials.slopes(self.monomials.values(U))  # (K, N, k)
+        both = np.tensordot(slopes.swapaxes(1, 2), self.coefficients, axes=1)
+        both = np.moveaxis(both, 1, -1)  # (K, n, 1 + r, k)
         return both[:, :, 0], both[:, :, 1:]
 
     def solve(
@@ -70,6 +71,18 @@ class Chart:
         if Q is None:
             Q = q_ref + np.einsum("Knr,Kr->Kn", n_ref, s)
         p_goal, R_goal = cell.placements(U)
+        fast = compiled_chain(cell.task)
+        if fast is not None:
+            Q, R, J, residual, size = fast.solved(
+                (p_goal, R_goal),
+                (q_ref, n_ref, s),
+                Q,
+                iterations=iterations,
+                longest=_STEP,
+                tolerance=_EXACT,
+            )
+            found = (size < 1e-6) & (residual < 1e-9)
+            return Points(U, Q, R, J, q_ref, n_ref, residual, found)
 
         def correction(Q: Array, on: NDArray[np.intp]) -> Array:
             p, R, J = placed(cell.task, Q)

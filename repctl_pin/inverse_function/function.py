@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, as_matrices, as_numbers, vector
+from ..arguments import Array, as_int, as_matrices, as_numbers, vector
 from ..errors import InputError
 from ..redundancy import leaf_margin
 from ..robot.chain_formulas import Placement, as_placement, as_placements
@@ -23,6 +23,7 @@ from .chart import Chart
 from .fast_function import OutsideError, evaluation
 from .kinematics import bases
 
+_MOST_THREADS = 256
 _MARCH = 0.05
 _LEAST = 0.1
 """Leaf margin at which a leaf ends."""
@@ -102,9 +103,20 @@ class InverseFunction:
         return q
 
     def batch(
-        self, targets: Sequence[Placement] | Array, *, leaf: ArrayLike | None = None
+        self,
+        targets: Sequence[Placement] | Array,
+        *,
+        leaf: ArrayLike | None = None,
+        threads: int = 1,
     ) -> Array:
         """Evaluate F at many targets, placements or coordinates U (K, k) of the cell: (K, n).
+
+        Parameters
+        ----------
+        targets, leaf
+            As for one target.
+        threads
+            Number of threads of a compiled function; Python's takes one.
 
         Raises
         ------
@@ -112,15 +124,16 @@ class InverseFunction:
             If a target is outside the cell or has no configuration; it is named by its number, from
             0.
         """
-        cell = self.cell
+        cell, threads = self.cell, as_int(threads, "threads", 1, _MOST_THREADS)
         targets = self._targets(targets)
         if isinstance(targets, np.ndarray):
             U = cell.inside(np.asarray(targets, float), np.zeros(len(targets)))
         else:
             U = cell.inside(*cell.coordinates(*stacked(cell.task, targets, "target")))
-        return self._batch(U, np.zeros(self.task.r) if leaf is None else self._leaf(leaf))
+        c = np.zeros(self.task.r) if leaf is None else self._leaf(leaf)
+        return self._batch(U, c, threads)
 
-    def _batch(self, U: Array, c: Array) -> Array:
+    def _batch(self, U: Array, c: Array, threads: int) -> Array:
         """Evaluate F at coordinates U (K, k) inside the cell, on the leaf c (r,)."""
         cell = self.cell
         points = self.chart.solve(U, np.tile(c, (len(U), 1)))

@@ -9,11 +9,15 @@ import numpy as np
 from ..arguments import Array
 from ..redundancy import align
 from ..robot.task import Task
+from .chart_solve import compiled_chain
 
 
 def placed(task: Task, Q: Array) -> tuple[Array, Array, Array]:
     """Evaluate f and J at every row of Q (K, n): positions (K, 3), rotations (K, 3, 3) and J (K, m,
     n)."""
+    fast = compiled_chain(task)
+    if fast is not None:
+        return fast.placed(Q)
     drive, nv = task.drive, task.model.nv
     whole = np.ascontiguousarray(Q if drive is None else drive.joints(Q))
     p, R, full = np.empty((len(Q), 3)), np.empty((len(Q), 3, 3)), np.empty((len(Q), 6, nv))

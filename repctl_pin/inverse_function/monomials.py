@@ -54,9 +54,7 @@ class Monomials:
 
     def slopes(self, T: Array) -> Array:
         """Differentiate the monomials, given their values T (K, N): (K, N, k)."""
-        return np.stack(
-            [T[:, self.lower[j]] * self.exponents[:, j] for j in range(self.k)], axis=-1
-        )
+        return np.swapaxes(T[:, self.lower] * self.exponents.T, 1, 2)
 
     def fit(self, U: Array, values: Array) -> Array:
         """Fit coefficients C (N, …) to values (K, …) at U (K, k) by least squares."""

@@ -25,7 +25,7 @@ from .kinematics import bases
 from .margins import CandidateFunction, Margin, distances_of, limits_of, singular_values_of
 from .monomials import Monomials
 from .penalty import ActiveConstraint, PenaltyMethod, padded
-from .posture_search import given, searched
+from .posture_search import Candidate, given, searched
 from .reference import Rays, fitted, rays
 
 _HELD_OUT = 8192
@@ -211,7 +211,9 @@ def nearest_inverse_function(
         work = replace(work, report=report)
         report("the middle posture", 0.0)
         postures = (
-            searched(desired, cell, work.seed) if posture is None else given(cell, posture)[None]
+            searched(desired, cell, work.seed)
+            if posture is None
+            else [Candidate(given(cell, posture), 1.0, np.inf, np.inf, np.inf)]
         )
         q, found = work.best(cell, postures)
         partly = isinstance(found, CellDesign) and found.coverage > 0
@@ -249,29 +251,36 @@ class _Work:
     keep: bool
     report: reporting.Report = reporting.silent
 
-    def best(self, cell: Cell, postures: Array) -> tuple[Array, Found]:
+    def best(self, cell: Cell, postures: list[Candidate]) -> tuple[Array, Found]:
         """Design from the first posture; if its margins are too small or its cost is high, from the
-        best others too."""
-        first = self.design(cell, postures[0])
-        if len(postures) == 1 or _rank(first, self.limit_margin)[0] < _NEARLY or self.good(first):
-            return postures[0], first
-        ranks, quiet = {}, replace(self, report=reporting.silent)
-        for i in range(1, len(postures)):
+        best of all too, by quick designs.
+
+        Where bodies collide, and by their rays do so from every posture, no other is tried."""
+        first = postures[0]
+        found = self.design(cell, first.q)
+        separate = [c for c in postures[1:] if c.body_distance >= 0 and c.share >= first.share]
+        if _rank(found, self.limit_margin)[0] < _NEARLY or self.good(found):
+            return first.q, found
+        if self.good(found, bodies=False):
+            postures = [first, *separate]  # collisions alone are to be mended
+        if len(postures) == 1:
+            return first.q, found
+        ranks, quiet = [], replace(self, report=reporting.silent)
+        for i, c in enumerate(postures):
             self.report(f"posture {i + 1} of {len(postures)}", 0.1)
-            ranks[i] = _rank(quiet.design(cell, postures[i], quick=True), self.limit_margin)
-        designs = [(postures[0], first)]
-        for i in sorted(ranks, key=lambda i: ranks[i], reverse=True)[:2]:
-            designs.append((postures[i], self.design(cell, postures[i])))
-            if self.good(designs[-1][1]):
-                break
+            ranks.append(_rank(quiet.design(cell, c.q, quick=True), self.limit_margin))
+        best = max(range(len(postures)), key=lambda i: ranks[i])
+        designs = [(first.q, found)]
+        if best:
+            designs.append((postures[best].q, self.design(cell, postures[best].q)))
         return max(designs, key=lambda pair: _rank(pair[1], self.limit_margin))
 
-    def good(self, found: Found) -> bool:
+    def good(self, found: Found, *, bodies: bool = True) -> bool:
         """Whether a design covers the cell without collisions, near limits, or high joint speed."""
+        coverage, everywhere, separate, margin, _ = _rank(found, self.limit_margin)
+        kept = (coverage, everywhere, separate or not bodies, margin)
         least = (1.0, True, True, 0.4 * self.limit_margin)
-        return (
-            _rank(found, self.limit_margin) >= least and cast(CellDesign, found).extra_speed < _DEAR
-        )
+        return kept >= least and cast(CellDesign, found).extra_speed < _DEAR
 
     def design(self, cell: Cell, q: Array, *, quick: bool = False) -> Found:
         """Design over one cell; the reasons for failure if it cannot be reached."""

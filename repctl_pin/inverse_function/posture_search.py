@@ -19,6 +19,9 @@ from .kinematics import bases, placed
 from .reference import SINGULAR, rays
 
 _STARTS, _KEPT, _OFFERED = 128, 24, 6
+_TESTED = 3
+"""Ends of rays with overlapping hulls at which the bodies themselves are tested."""
+
 _STEP = 0.4
 """Longest Newton step of any joint, rad or m."""
 
@@ -96,12 +99,13 @@ def given(cell: Cell, posture: ArrayLike) -> Array:
     return task.check(Q[0], f"the posture, brought to {cell.where(u)},")
 
 
-def searched(desired: Batched, cell: Cell, seed: int = 0) -> Array:
-    """Find configurations (K, n) in the middle from which the cell is reached, the best first.
+def searched(desired: Batched, cell: Cell, seed: int = 0) -> list[Candidate]:
+    """Find configurations in the middle from which the cell is reached, the best first.
 
-    From each candidate the arm moves along rays to the corners of the cell. The order is: most
-    corners reached, no collision, largest joint-limit margin (up to 0.1 rad), smallest joint speed,
-    nearest to the reference.
+    If bodies are apart at some candidates, those where bodies collide are dropped. From each other
+    one the arm moves along rays to the corners of the cell. The order is: most corners reached, no
+    collision, largest joint-limit margin (up to 0.1 rad), smallest joint speed, nearest to the
+    reference.
 
     Raises
     ------
@@ -135,17 +139,17 @@ def searched(desired: Batched, cell: Cell, seed: int = 0) -> Array:
     regular = inside & _regular(cell, Q)
     if not regular.any():
         raise InputError(f"in the middle of the cell, {cell.where(u)}, {_SINGULAR_MIDDLE}")
-    candidates = [judged(desired, cell, q) for q in _spread(Q[regular], _KEPT)]
+    candidates = judged(desired, cell, _spread(Q[regular], _KEPT))
     for size in (0.3, 0.15, 0.07):
         q = chosen(candidates, task.reference).q
         N = bases(task.jacobian(q)[None], np.zeros((1, task.n, task.r)))[1][0]
         beside = q + size * np.concatenate([N.T, -N.T])
         Q, left = reached(cell, beside, u, iterations=8)
         good = (left < 1e-9) & (task.limit_margin(Q).min(axis=1) > 0) & _regular(cell, Q)
-        candidates += [judged(desired, cell, q) for q in Q[good]]
+        candidates += judged(desired, cell, Q[good]) if good.any() else []
     first = chosen(candidates, task.reference)
     candidates.sort(key=lambda c: (-c.share, c.body_distance < 0, -min(c.margin, _ENOUGH), c.speed))
-    return _apart(np.array([first.q, *(c.q for c in candidates if c is not first)]), _OFFERED)
+    return _apart([first, *(c for c in candidates if c is not first)], _OFFERED)
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,33 +177,54 @@ class Candidate:
     speed: float
 
 
-def judged(desired: Batched, cell: Cell, q: Array) -> Candidate:
-    """Evaluate a configuration in the middle by rays to the corners of the cell."""
-    U = cell.corners()
-    ends = rays(desired, cell, q, U, steps=10)
+def judged(desired: Batched, cell: Cell, Q: Array) -> list[Candidate]:
+    """Evaluate configurations (L, n) in the middle by rays to the corners of the cell.
+
+    If bodies are apart at some of them, those where bodies collide are left out.
+    """
+    bodies, corners = bodies_of(cell.task), cell.corners()
+    middle = bodies.distances(Q)
+    separate = (middle >= 0) | (middle < 0).all()
+    Q, middle, K = Q[separate], middle[separate], len(corners)
+    U = np.tile(corners, (len(Q), 1))
+    ends = rays(desired, cell, np.repeat(Q, K, axis=0), U, steps=10)
     good = ends.reached == 1
-    speed = np.inf
+    speeds, nearest = np.full(len(U), np.nan), np.full(len(U), np.inf)
     if good.any():
         _, R, J = placed(cell.task, ends.Q[good])
-        G = desired.batch(ends.Q[good], J)
-        speed = float(
-            ((G @ cell.twists(U[good], R) @ cell.speeds(U[good])) ** 2).sum() / good.sum()
+        E, C = cell.twists(U[good], R), np.tile(cell.speeds(corners), (len(Q), 1, 1))[good]
+        speeds[good] = ((desired.batch(ends.Q[good], J) @ E @ C) ** 2).sum(axis=(1, 2))
+        nearest[good] = bodies.hull_distances(ends.Q[good])
+    for i, at in enumerate(_parts(len(Q), K)):
+        overlap = at.start + np.flatnonzero(nearest[at] < 0)
+        if len(overlap):
+            some = overlap[np.argsort(nearest[overlap])[:_TESTED]]
+            nearest[overlap] = bodies.distances(ends.Q[some]).min()
+        middle[i] = min(middle[i], nearest[at].min())
+    return [
+        Candidate(
+            q,
+            float(good[at].mean()),
+            float(ends.least[at][good[at]].min(initial=np.inf)),
+            float(distance),
+            float(speeds[at][good[at]].mean()) if good[at].any() else np.inf,
         )
-    body_distance = bodies_of(cell.task).distances(np.concatenate([q[None], ends.Q[good]])).min()
-    return Candidate(
-        q,
-        float(good.mean()),
-        float(ends.least[good].min(initial=np.inf)),
-        float(body_distance),
-        speed,
-    )
+        for q, distance, at in zip(Q, middle, _parts(len(Q), K), strict=True)
+    ]
+
+
+def _parts(count: int, length: int) -> list[slice]:
+    return [slice(i * length, (i + 1) * length) for i in range(count)]
 
 
 def chosen(candidates: list[Candidate], reference: Array) -> Candidate:
-    """Select by share, then no collision, margin, speed, and distance from a reference."""
+    """Select by share, then no collision or the shallowest, margin, speed, distance from a
+    reference."""
     most = max(c.share for c in candidates)
     candidates = [c for c in candidates if c.share > most - 1e-9]
-    candidates = [c for c in candidates if c.body_distance >= 0] or candidates
+    farthest = max(c.body_distance for c in candidates)
+    least = 0.0 if farthest >= 0 else farthest - _ALIKE
+    candidates = [c for c in candidates if c.body_distance >= least]
     best = max(min(c.margin, _ENOUGH) for c in candidates)
     candidates = [c for c in candidates if min(c.margin, _ENOUGH) > best - _ALIKE]
     quick = _AS_QUICK * min(c.speed for c in candidates)
@@ -225,13 +250,13 @@ def _regular(cell: Cell, Q: Array) -> NDArray[np.bool_]:
     return inverse_condition_number(placed(cell.task, Q)[2]) > SINGULAR
 
 
-def _apart(Q: Array, count: int) -> Array:
-    """Select the first ``count`` rows of Q that differ from those before them."""
-    kept: list[Array] = []
-    for q in Q:
-        if len(kept) < count and all(np.linalg.norm(q - other) > 0.3 for other in kept):
-            kept.append(q)
-    return np.array(kept)
+def _apart(candidates: list[Candidate], count: int) -> list[Candidate]:
+    """Select the first ``count`` candidates that differ from those before them."""
+    kept: list[Candidate] = []
+    for c in candidates:
+        if len(kept) < count and all(np.linalg.norm(c.q - other.q) > 0.3 for other in kept):
+            kept.append(c)
+    return kept
 
 
 def _spread(Q: Array, count: int) -> Array:

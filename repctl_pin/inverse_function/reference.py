@@ -54,14 +54,15 @@ def rays(desired: Batched, cell: Cell, q_middle: Array, U: Array, *, steps: int 
     desired
         G_d.
     cell, q_middle
-        The cell, and the configuration (n,) in its middle.
+        The cell, and the configuration (n,) in its middle; or one for each ray, (K, n).
     U : (K, k) array
     steps
         Number of points on each ray.
     """
     task, K = cell.task, len(U)
-    Q = np.tile(q_middle, (K, 1))
-    N = np.tile(nullspace(task.jacobian(q_middle)), (K, 1, 1))
+    starts, ray = np.unique(np.broadcast_to(q_middle, (K, task.n)), axis=0, return_inverse=True)
+    Q = starts[ray]
+    N = np.array([nullspace(task.jacobian(q)) for q in starts])[ray]
     reached, least = np.zeros(K), np.full(K, np.inf)
     on = np.arange(K)
     for ahead in [*np.linspace(0, 1, steps + 1)[1:], 1.0, 1.0, 1.0]:

@@ -122,5 +122,8 @@ def leaf_margin(N: ArrayLike, V: ArrayLike) -> Array:
     (...) array
     """
     N, V = as_matrices(("N", N, "n k"), ("V", V, "n k"))
+    if N.shape[-1] == V.shape[-1] == 1:
+        length = np.maximum(np.linalg.norm(V[..., 0], axis=-1), 1e-300)
+        return np.asarray(np.abs((N * V).sum(axis=(-2, -1))) / length, float)
     V_hat, _ = np.linalg.qr(V)
     return np.linalg.svd(np.swapaxes(N, -1, -2) @ V_hat, compute_uv=False)[..., -1]

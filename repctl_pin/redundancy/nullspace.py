@@ -73,5 +73,8 @@ def align(N: ArrayLike, reference: ArrayLike) -> Array:
     (..., n, r) array
     """
     N, reference = as_matrices(("N", N, "n r"), ("reference", reference, "n r"))
-    U, _, Vt = np.linalg.svd(np.swapaxes(N, -1, -2) @ reference)
+    along = np.swapaxes(N, -1, -2) @ reference
+    if N.shape[-1] == 1:
+        return np.asarray(np.where(along < 0, -N, N), float)
+    U, _, Vt = np.linalg.svd(along)
     return N @ U @ Vt

@@ -36,7 +36,12 @@ def test_f_in_c_is_f(name: str, tmp_path: Path) -> None:
             tmp_path,
         )
         assert run(["./check"], tmp_path).startswith("48 vectors, 0 differences")
-    wrong = (tmp_path / "arm.c").read_text().replace("turn < 12", "turn < 1")
+    wrong = (
+        (tmp_path / "arm.c")
+        .read_text()
+        .replace("turn < 8 && left", "turn < 1")
+        .replace("turn < 12", "turn < 1")
+    )
     (tmp_path / "arm.c").write_text(wrong)
     run(["gcc", "-w", "arm.c", "check.c", "-o", "check", "-lm"], tmp_path)
     with pytest.raises(AssertionError, match="F returned"):

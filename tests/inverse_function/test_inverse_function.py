@@ -393,7 +393,8 @@ def test_a_posture_is_judged_by_the_way_to_the_corners() -> None:
     own speed."""
     cell, G_d = cell_of(), rp.Pseudoinverse(panda())
     q = rp.solve_ik(cell.task, Q_PANDA, cell.placement)
-    candidate, U = judged(G_d, cell, q), cell.corners()
+    beside = rp.solve_ik(cell.task, q + 0.02, cell.placement)
+    (_, candidate), U = judged(G_d, cell, np.array([beside, q])), cell.corners()
     ends = rays(G_d, cell, q, U, steps=10)
     assert candidate.share == 1 and (ends.reached == 1).all()
     assert candidate.margin == ends.least.min() > 0
@@ -795,7 +796,7 @@ def test_a_middle_at_a_singularity_and_postures_at_one(tmp_path: Path) -> None:
         "link_eef", "pose"
     )  # of its postures some are singular, in others links touch
     cell = rp.Cell(xarm, xarm.placement(xarm.reference), 0.03, 0.1)
-    q = searched(rp.Pseudoinverse(xarm), cell)[0]
+    q = searched(rp.Pseudoinverse(xarm), cell)[0].q
     assert (np.abs(q - xarm.reference) <= np.pi).all()  # not wound up: the joints turn by two pi
     s = np.linalg.svd(xarm.jacobian(q), compute_uv=False)
     assert rp.Bodies(xarm).nearest(q).distance > 0

@@ -1,0 +1,219 @@
+"""Cell functions q = F(x; c) as C: straight-line code for one pose, and for several in lanes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from ..inverse_function import InverseFunction
+from ..inverse_function.chart import Chart
+from ..inverse_function.monomials import Monomials
+from ..robot.task import Task
+from .kinematics import Chain
+from .potentials import cell_tables
+from .text import filled, row
+
+LANES = 8
+"""Poses that a batch evaluates at once."""
+
+_WIDEST = {1: 14, LANES: 8}
+"""Sums that are accumulated at once: as many as the registers hold."""
+
+
+def function_code(function: InverseFunction, name: str) -> str:
+    """Write F as a C function, with infinite limits if it does not keep them."""
+    task, chart = function.task, function.chart
+    lower, upper = (
+        (task.lower, task.upper)
+        if function.keep_limits
+        else (np.full(task.n, s * np.inf) for s in (-1, 1))
+    )
+    tables = cell_tables(chart)
+    parts = {"lower": row(lower), "upper": row(upper), "lanes": LANES, **tables}
+    lanes = [_lanes(chart, name, count) for count in (1, LANES)]
+    return "".join([filled("nearest.c", name, {}), *lanes, filled("function.c", name, parts)])
+
+
+def _lanes(chart: Chart, name: str, lanes: int) -> str:
+    """Write the polynomials, and Newton's method, for a number of poses at once."""
+    task, monomials = chart.cell.task, chart.monomials
+    chain = Chain(task, lanes=True)
+    rows, columns = elimination_order(chart)
+    row_of, column_of = np.argsort(rows).tolist(), np.argsort(columns).tolist()
+    angle, here, whole = chain.lane_code(row_of, column_of)
+    parts = {
+        "lanes": lanes,
+        "count": monomials.size,
+        "monomials": _products(monomials, lanes),
+        "sums": _sums(name, chart.coefficients[0].size, monomials.size, lanes),
+        "angles": max(1, len(chain.angles)),
+        "angle": angle,
+        "placement": here,
+        "whole": whole,
+        "labels": _labels(task, row_of, column_of),
+        "counters": "i, j, k" if lanes > 1 else "i",
+        "factors": _factors(task.n, lanes),
+        "error": _errors(task, row_of),
+        "solution": _solution(task.n),
+        "steps": _steps(column_of),
+    }
+    return filled("lanes.c", name, parts)
+
+
+def elimination_order(chart: Chart) -> tuple[list[int], list[int]]:
+    """Order rows and columns of J_V by complete pivoting in the middle of the cell."""
+    q, V = chart.coefficients[0, :, 0], chart.coefficients[0, :, 1:]
+    A = np.concatenate([chart.cell.task.jacobian(q), V.T])
+    n = len(A)
+    rows, columns = list(range(n)), list(range(n))
+    for k in range(n):
+        i, j = np.unravel_index(int(np.argmax(np.abs(A[k:, k:]))), (n - k, n - k))
+        for order, B, at in ((rows, A, k + int(i)), (columns, A.T, k + int(j))):
+            order[k], order[at] = order[at], order[k]
+            B[[k, at]] = B[[at, k]]
+        if A[k, k] == 0.0:
+            break
+        A[k + 1 :] -= np.outer(A[k + 1 :, k] / A[k, k], A[k])
+    return rows, columns
+
+
+def _products(monomials: Monomials, lanes: int) -> str:
+    """Write each monomial as a variable times one of a degree lower, in runs of neighbours."""
+    powers = monomials.exponents.tolist()
+    at = {tuple(power): i for i, power in enumerate(powers)}
+    runs: list[list[int]] = []  # variable, first factor, first product, length
+    for i, power in enumerate(powers[1:], 1):
+        variable = next(j for j, p in enumerate(power) if p)
+        factor = at[(*power[:variable], power[variable] - 1, *power[variable + 1 :])]
+        if runs and runs[-1][0] == variable and factor == runs[-1][1] + runs[-1][3]:
+            runs[-1][3] += 1
+        else:
+            runs.append([variable, factor, i, 1])
+    return _lines(
+        f"for (a = 0; a < {length}; a++)\n"
+        f"        for (l = 0; l < {lanes}; l++) "
+        f"T[{i} + a][l] = u[{variable}][l] * T[{factor} + a][l];"
+        for variable, factor, i, length in runs
+    )
+
+
+def _sums(name: str, width: int, count: int, lanes: int) -> str:
+    """Write the sums of weighted monomials, as many at a time as the registers hold."""
+    parts = -(-width // _WIDEST[lanes])
+    ends = [width * i // parts for i in range(parts + 1)]
+    lines = []
+    for start, end in pairwise(ends):
+        each = range(start, end)
+        lines += [
+            f"for (l = 0; l < {lanes}; l++) {{",
+            f"    double {', '.join(f's{i} = 0.0' for i in each)};",
+            f"    for (a = 0; a < {count}; a++) {{",
+            f"        const double t = T[a][l], *w = {name}_cell_weight[a];",
+            *(f"        s{i} += t * w[{i}];" for i in each),
+            "    }",
+            *(f"    both[{i}][l] = s{i};" for i in each),
+            "}",
+        ]
+    return _lines(lines)
+
+
+def _labels(task: Task, row_of: Sequence[int], column_of: Sequence[int]) -> str:
+    """Write the last rows of J_V, n_ref."""
+    return _lines(
+        (
+            f"A[{row_of[task.m + j]}][{column_of[i]}][l] = both[{(1 + task.r) * i + 1 + j}][l];"
+            for j in range(task.r)
+            for i in range(task.n)
+        ),
+        4,
+    )
+
+
+def _errors(task: Task, row_of: Sequence[int]) -> str:
+    """Write the right-hand side: the error of f(x), with sines of small angles, and of the label.
+
+    For a pose it is half of the skew part of R* Rᵀ, for an axis its sine about the tool's x and y:
+    they are 0 where the rotation error is."""
+    g, h = ([f"{what}[{i}][l]" for i in range(12)] for what in ("goal", "here"))
+    e = [f"{g[axis]} - {h[axis]}" for axis in task.rows if axis < 3]
+    lines = []
+
+    def dot(a: Iterable[str], b: Iterable[str]) -> str:
+        return " + ".join(f"{x} * {y}" for x, y in zip(a, b, strict=True))
+
+    if task.kind == "pose":
+        G, R = ([x[3 + 3 * i : 6 + 3 * i] for i in range(3)] for x in (g, h))
+        e += [
+            f"0.5 * ({dot(G[k], R[j])} - ({dot(G[j], R[k])}))" for j, k in ((1, 2), (2, 0), (0, 1))
+        ]
+        lines = [f"cosine_left = {' + '.join(dot(G[i], R[i]) for i in range(3))} - 1.0;"]
+    elif task.kind == "axis":
+        aim = [g[5], g[8], g[11]]
+        x, y, z = ([h[3 + k], h[6 + k], h[9 + k]] for k in range(3))
+        e += [f"-({dot(y, aim)})", dot(x, aim)]
+        lines = [f"cosine_left = {dot(z, aim)};"]
+    for j in range(task.r):
+        terms = (
+            f"both[{at + 1 + j}][l] * (both[{at}][l] - x[{i}][l])"
+            for i, at in enumerate(range(0, (1 + task.r) * task.n, 1 + task.r))
+        )
+        e.append(f"level[{j}] + {' + '.join(terms)}")
+    return _lines([*lines, *(f"b[{row}][l] = {x};" for row, x in zip(row_of, e, strict=True))], 3)
+
+
+def _factors(n: int, lanes: int) -> str:
+    """Write the elimination without exchanges, with 1 / U on the diagonal; for one pose without
+    loops."""
+    small = "if (!(fabs({0}) > 1e-6)) state[l] = -1.0;"
+    if lanes > 1:
+        each = f"for (l = 0; l < {lanes}; l++)"
+        return _lines(
+            [
+                f"for (k = 0; k < {n}; k++) {{",
+                f"    {each} {small.format('A[k][k][l]')}",
+                f"    {each} A[k][k][l] = 1.0 / A[k][k][l];",
+                f"    for (i = k + 1; i < {n}; i++) {{",
+                f"        {each} A[i][k][l] *= A[k][k][l];",
+                f"        for (j = k + 1; j < {n}; j++)",
+                f"            {each} A[i][j][l] -= A[i][k][l] * A[k][j][l];",
+                "    }",
+                "}",
+            ],
+            3,
+        )
+    lines = []
+    for k in range(n):
+        lines += [small.format(f"A[{k}][{k}][l]"), f"A[{k}][{k}][l] = 1.0 / A[{k}][{k}][l];"]
+        for i in range(k + 1, n):
+            lines.append(f"A[{i}][{k}][l] *= A[{k}][{k}][l];")
+            lines += [
+                f"A[{i}][{j}][l] -= A[{i}][{k}][l] * A[{k}][{j}][l];" for j in range(k + 1, n)
+            ]
+    return _lines(["l = 0;", *lines], 3)
+
+
+def _solution(n: int) -> str:
+    """Write the substitutions with these factors."""
+    lines = [
+        f"b[{i}][l] -= {' + '.join(f'A[{i}][{k}][l] * b[{k}][l]' for k in range(i))};"
+        for i in range(1, n)
+    ]
+    for i in reversed(range(n)):
+        terms = "".join(f" - A[{i}][{k}][l] * b[{k}][l]" for k in range(i + 1, n))
+        lines.append(f"b[{i}][l] = (b[{i}][l]{terms}) * A[{i}][{i}][l];")
+    return _lines(lines, 3)
+
+
+def _steps(column_of: Sequence[int]) -> str:
+    """Write the step, and the size of its largest entry."""
+    lines = []
+    for i, k in enumerate(column_of):
+        lines.append(f"x[{i}][l] += b[{k}][l];")
+        lines.append(f"most = fabs(b[{k}][l]) > most ? fabs(b[{k}][l]) : most;")
+    return _lines(lines, 3)
+
+
+def _lines(lines: Iterable[str], depth: int = 1) -> str:
+    return "\n".join("    " * depth + line for line in lines)

@@ -1,0 +1,140 @@
+"""Batched kinematics and Newton's method of a chart in C (chart_solve.c), where there is a
+compiler."""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import weakref
+from dataclasses import dataclass
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from ..arguments import Array
+from ..c_library import NoCompilerError, loaded_library
+from ..robot.task import Task
+
+_MOST = 32
+"""Joints for which chart_solve.c has memory."""
+
+
+class _Chain(ctypes.Structure):
+    _fields_ = [
+        *((name, ctypes.c_int) for name in ("P", "n", "m", "kind")),
+        *(
+            (name, ctypes.c_void_p)
+            for name in ("revolute", "rows", "R", "p", "axis", "S", "offset")
+        ),
+    ]
+
+
+@dataclass(frozen=True, eq=False)
+class CompiledChain:
+    """The chain of a task, for the functions of chart_solve.c."""
+
+    m: int
+    library: ctypes.CDLL
+    chain: _Chain
+    memory: tuple[Any, ...]
+
+    def placed(self, Q: Array) -> tuple[Array, Array, Array]:
+        """Evaluate positions (K, 3), rotations (K, 3, 3) and J (K, m, n) at Q (K, n)."""
+        K, n = Q.shape
+        found = np.empty((K, 3)), np.empty((K, 3, 3)), np.empty((K, self.m, n))
+        self._run("chart_place", K, Q, *found)
+        return found
+
+    def solved(
+        self,
+        goal: tuple[Array, Array],
+        chart: tuple[Array, Array, Array],
+        Q: Array,
+        *,
+        iterations: int,
+        longest: float,
+        tolerance: float,
+    ) -> tuple[Array, Array, Array, Array, Array]:
+        """Solve ``f(q) = goal``, ``n_refᵀ (q − q_ref) = s`` from Q (K, n) by Newton's method.
+
+        Parameters
+        ----------
+        goal : (K, 3) and (K, 3, 3) arrays
+        chart : (K, n), (K, n, r) and (K, r) arrays
+            q_ref, n_ref and s.
+        Q, iterations, longest, tolerance
+            As of :func:`repctl_pin.solvers.newton_rows`.
+
+        Returns
+        -------
+        Q, R, J, residual, size
+            Configurations, rotations and Jacobians there, largest entries of the task error, and
+            sizes of the last step.
+        """
+        K, n = Q.shape
+        Q = np.array(Q, float, order="C")
+        R, J = np.empty((K, 3, 3)), np.empty((K, self.m, n))
+        residual, size = np.empty(K), np.empty(K)
+        limits = (ctypes.c_int(iterations), ctypes.c_double(longest), ctypes.c_double(tolerance))
+        self._run("chart_solve", K, *goal, *chart, *limits, Q, R, J, residual, size)
+        return Q, R, J, residual, size
+
+    def _run(self, name: str, count: int, *given: Any) -> None:
+        kept = [np.ascontiguousarray(x, float) if isinstance(x, np.ndarray) else x for x in given]
+        pointers = (
+            ctypes.c_void_p(x.ctypes.data) if isinstance(x, np.ndarray) else x for x in kept
+        )
+        self.library[name](ctypes.byref(self.chain), ctypes.c_long(count), *pointers)
+
+
+_known: weakref.WeakKeyDictionary[Task, CompiledChain | None] = weakref.WeakKeyDictionary()
+
+
+def compiled_chain(task: Task) -> CompiledChain | None:
+    """Make the C functions of a task's chain, once; None without a compiler."""
+    if task not in _known:
+        _known[task] = _made(task)
+    return _known[task]
+
+
+@functools.cache
+def _library() -> ctypes.CDLL | None:
+    try:
+        code = (files(__package__) / "chart_solve.c").read_text(encoding="utf-8")
+        return ctypes.CDLL(loaded_library(code))
+    except NoCompilerError:
+        return None
+
+
+def _made(task: Task) -> CompiledChain | None:
+    library, model = _library(), task.model
+    if library is None or model.njoints - 1 > _MOST or task.coordinates is not None:
+        return None
+    P, n = model.njoints - 1, task.n
+    frame = model.frames[task._frame_id]
+    places = [*list(model.jointPlacements)[1:], frame.placement]
+    twists = [
+        pin.computeJointJacobian(model, model.createData(), np.zeros(model.nq), j)[
+            :, model.joints[j].idx_v
+        ]
+        for j in range(1, P + 1)
+    ]
+    revolute = np.array([np.linalg.norm(t[3:]) > 0.5 for t in twists], np.intc)
+    axes = np.array([t[3:] if turns else t[:3] for t, turns in zip(twists, revolute, strict=True)])
+    S, offset = (
+        (np.eye(n), np.zeros(n)) if task.drive is None else (task.drive.S, task.drive.offset)
+    )
+    arrays = [
+        revolute,
+        np.array(task.rows, np.intc),
+        np.array([x.rotation for x in places], order="C"),
+        np.array([x.translation for x in places]),
+        axes,
+        np.array(S, float, order="C"),
+        np.array(offset, float),
+    ]
+    kind = {"pose": 0, "axis": 1}.get(task.kind, 2)
+    chain = _Chain(P, n, task.m, kind, *(x.ctypes.data for x in arrays))
+    return CompiledChain(task.m, library, chain, tuple(arrays))

@@ -1,0 +1,98 @@
+"""F in lanes: many poses at once in C give Python's numbers, on every arm, leaf and number of
+threads."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from cell_functions import CELLS, function_of
+from controls import NEEDS_C, own_cache  # noqa: F401
+
+import repctl_pin as rp
+from repctl_pin.codegen.cell_function import elimination_order
+from repctl_pin.inverse_function.reference import fitted, rays
+from repctl_pin.redundancy.inverses import inverse_condition_number
+
+EXACT = 1e-12
+ARMS = (
+    ("panda", "panda_hand_tcp", "pose"),
+    ("xarm7", "link_eef", "pose"),
+    ("baxter", "left_gripper", "pose"),
+    ("centauro", "arm1_8", "pose"),
+    ("tiago", "wrist_ft_tool_link", "pose"),
+    ("pr2", "r_gripper_tool_frame", "pose"),
+    ("talos", "wrist_left_ft_tool_link", "pose"),
+    ("kinova", "j2s6s200_end_effector", "axis"),
+    ("ur5", "tool0", "axis"),
+    ("so101", "gripper_frame_link", "position"),
+    ("z1", "gripperStator", "xz"),
+    ("planar4r", "tool", "xy"),
+)
+
+
+def function_on(name: str, frame: str, kind: str) -> rp.InverseFunction:
+    """A function near straight fibres about a regular configuration of an arm."""
+    task, rng = rp.Robot.load(name).task(frame, kind), np.random.default_rng(0)
+    low, high = np.maximum(task.lower, -2), np.minimum(task.upper, 2)
+    Q = low + (high - low) * rng.uniform(0.1, 0.9, (256, task.n))
+    q = Q[np.argmax(inverse_condition_number(task.jacobians(Q)))]
+    cell = rp.Cell(task, task.placement(q), 0.03, 0.1 if kind in ("pose", "axis") else 0.0)
+    ends = rays(rp.Pseudoinverse(task), cell, q, cell.sample(256))
+    assert (ends.reached == 1).all()
+    chart = fitted(cell, ends.U, ends.Q, ends.N, 3 if cell.k > 3 else 5)
+    return rp.InverseFunction(chart, keep_limits=False)
+
+
+@NEEDS_C
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "frame", "kind"), ARMS, ids=[arm[0] for arm in ARMS])
+def test_batches_are_pythons_on_twelve_arms(name: str, frame: str, kind: str) -> None:
+    function = function_on(name, frame, kind)
+    fast, U = rp.compiled(function), function.cell.sample(2000)
+    for leaf in (None, np.full(function.task.r, 0.05)):
+        expected = function.batch(U, leaf=leaf)
+        away = np.abs(fast.batch(U, leaf=leaf) - expected).max()
+        one = [fast(function.cell.at(u), leaf=leaf) for u in U[:200]]
+        alone = np.abs(np.array(one) - expected[:200]).max()
+        print(f"{name}, leaf {leaf}: batch {away:.1e}, one by one {alone:.1e}")
+        assert max(away, alone) < EXACT
+
+
+@NEEDS_C
+def test_threads_and_odd_counts_give_the_same_numbers() -> None:
+    """Lanes hold eight poses: any count, order and number of threads gives the same q."""
+    function = function_of("poses of one orientation")
+    fast, U = rp.compiled(function), 0.8 * function.cell.sample(4099)
+    whole, expected = fast.batch(U), function.batch(U[:64])
+    assert np.abs(whole[:64] - expected).max() < EXACT
+    assert np.array_equal(fast.batch(U, threads=3), whole)
+    for count in (1, 7, 8, 9):
+        assert np.array_equal(fast.batch(U[:count]), whole[:count])
+    assert np.array_equal(fast.batch(U[::-1]), whole[::-1])
+
+
+@NEEDS_C
+def test_one_bad_target_in_a_batch_is_named() -> None:
+    function = function_of("poses of one orientation")
+    fast, U = rp.compiled(function), 0.5 * function.cell.sample(20)
+    targets = [function.cell.at(u) for u in U]
+    targets[13] = function.cell.at([3.0] * function.cell.k)
+    for one in (function, fast):
+        with pytest.raises(rp.InputError, match="13"):
+            one.batch(targets, threads=2)
+    with pytest.raises(rp.InputError, match="threads"):
+        fast.batch(U, threads=0)
+
+
+@pytest.mark.parametrize("name", CELLS)
+def test_the_order_of_elimination_needs_no_exchanges(name: str) -> None:
+    """In the middle, the pivots in this order are those of complete pivoting: they fall slowly."""
+    chart = function_of(name).chart
+    q, V = chart.coefficients[0, :, 0], chart.coefficients[0, :, 1:]
+    A = np.concatenate([chart.cell.task.jacobian(q), V.T])
+    rows, columns = elimination_order(chart)
+    assert sorted(rows) == sorted(columns) == list(range(len(A)))
+    A = A[np.ix_(rows, columns)]
+    for k in range(len(A)):
+        assert np.abs(A[k:, k:]).max() == pytest.approx(abs(A[k, k]))
+        A[k + 1 :] -= np.outer(A[k + 1 :, k] / A[k, k], A[k])
