@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..arguments import Array
-from ..c_library import FLAGS, VECTOR_FLAGS, NoCompilerError, loaded_library
+from ..c_library import VECTOR_FLAGS, NoCompilerError, loaded_library
 from ..errors import SingularityError
 from ..inverse_function import InverseFunction
 from ..potentials.basis import Potentials
@@ -47,9 +47,10 @@ def library(control: RepeatableInverse | InverseFunction) -> str | None:
         + function
     )
     try:
-        with suppress(NoCompilerError):
-            return loaded_library(code, VECTOR_FLAGS if many else FLAGS)
-        return loaded_library(code)  # some compilers refuse those flags
+        if many:
+            with suppress(NoCompilerError):  # some compilers refuse these flags
+                return loaded_library(code, VECTOR_FLAGS)
+        return loaded_library(code)
     except NoCompilerError as error:
         warnings.warn(f"{error}; Python serves", UserWarning, stacklevel=4)
         return None

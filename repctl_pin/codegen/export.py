@@ -110,9 +110,10 @@ def export_c(
     }
     where = prepare_folder(folder)
     for other in where.glob("*.hpp"):
-        if other.stem not in (name, f"{name}_kdl") and where.joinpath("test_vectors.h").exists():
+        stem = other.stem.removesuffix("_kdl")
+        if name not in (stem, other.stem) and where.joinpath("test_vectors.h").exists():
             raise InputError(
-                f"{where} already contains the inverse {other.stem!r}; choose another folder"
+                f"{where} already contains the inverse {stem!r}; choose another folder"
             )
     signed = {where / file: _signed(file, text) for file, text in texts.items()}
     for path in signed:

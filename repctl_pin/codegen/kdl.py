@@ -52,12 +52,10 @@ def _rates(task: Task) -> str:
 
 
 def _quoted(text: str) -> str:
-    """Write a C string: ASCII, other bytes of its UTF-8 form as octal escapes."""
-    plain = (
-        chr(b) if chr(b).isalnum() or chr(b) in "_-. /" else f"\\{b:03o}" for b in _bytes(text)
-    )
-    return '"' + "".join(plain) + '"'
+    """Write a C string: letters, digits and ``_`` as they are, other bytes as octal escapes."""
+    return '"' + "".join(map(_escaped, text.encode("utf-8", "surrogatepass"))) + '"'
 
 
-def _bytes(text: str) -> bytes:
-    return text.encode("utf-8", "surrogateescape")
+def _escaped(byte: int) -> str:
+    plain = chr(byte).isascii() and (chr(byte).isalnum() or chr(byte) == "_")
+    return chr(byte) if plain else f"\\{byte:03o}"
