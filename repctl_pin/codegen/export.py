@@ -41,6 +41,9 @@ def export_c(
     with Python; ``loop.c`` is an example at 1 kHz; ``CMakeLists.txt`` builds all. The output is
     deterministic.
 
+    ``name_governor_step`` is :class:`Governor` in C: limits kept at run time. Its state is a struct
+    that the caller owns. A task in other joint coordinates has none.
+
     Parameters
     ----------
     control
@@ -77,7 +80,7 @@ def export_c(
     name, folder = checked_name(name), file_name(folder, "folder")
     if region is not None:
         require_type(region, Region, "region", A_REGION)
-    source = write_source(control, name, region)
+    source = write_source(control, name, region, governor=True)
     if isinstance(control, InverseFunction):
         inverse, start = control.inverse, control(control.cell.placement)
         declared, functions = filled("function.hpp", name, {}), _function_vectors(control, name)
@@ -91,6 +94,7 @@ def export_c(
         "count": len(found),
         "vectors": ",\n".join(_vector(v, said, inverse, name) for v, said in found),
         "function": declared,
+        "governor": source.governor,
         "functions": functions,
     }
     axes, radius = _circle(inverse.task, kept)

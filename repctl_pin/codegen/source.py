@@ -13,6 +13,7 @@ from ..regions import Box, Region, Tube, WorkspaceBox
 from ..robot.task import Task
 from ..strategies.repeatable import RepeatableInverse
 from .expressions import Graph, assignments
+from .governor import governor_source
 from .kinematics import Chain
 from .potentials import function_code, potential_functions
 from .text import comment, filled, integer, row, table
@@ -29,14 +30,19 @@ _MEANING = {
 
 
 class Source(NamedTuple):
-    """Header and source file."""
+    """Header and source file, and the governor's part of the C++ header."""
 
     header: str
     code: str
+    governor: str = ""
 
 
 def write_source(
-    control: RepeatableInverse | InverseFunction, name: str, region: Region | None = None
+    control: RepeatableInverse | InverseFunction,
+    name: str,
+    region: Region | None = None,
+    *,
+    governor: bool = False,
 ) -> Source:
     """Write a repeatable inverse or a cell function as C with the prefix ``name_``.
 
@@ -50,6 +56,8 @@ def write_source(
     region
         Design region Ω, which ``name_inside`` checks; for a cell function its cell. Without a
         region, every q is inside.
+    governor
+        Whether to write the governor, too.
 
     Raises
     ------
@@ -90,8 +98,10 @@ def write_source(
         "staying": int(stays),
         "stays": "stay_inside = 1" if stays else "stay_inside = 0",
     }
-    header = filled("arm.h", name, parts | {"function": declared})
-    return Source(header, filled("arm.c", name, parts | {"function": defined}))
+    governed = governor_source(task, name) if governor else ("", "", "")
+    header = filled("arm.h", name, parts | {"function": declared, "governor": governed[0]})
+    code = filled("arm.c", name, parts | {"function": defined, "governor": governed[1]})
+    return Source(header, code, governed[2])
 
 
 def region_of(inverse: RepeatableInverse, region: Region | None) -> Region | Cell | None:

@@ -165,7 +165,7 @@ class Governor:
         if not (self._lower < self._upper).all():
             name = task.joint_names[int(np.argmax(self._lower >= self._upper))]
             raise InputError(f"margin = {margin:g} leaves no range of {name!r}; give a smaller one")
-        self._margin, self._stride = margin, max(round(STRIDE / self._dt), 1)
+        self._margin, self._stride = margin, max(int(STRIDE / self._dt + 0.5), 1)
         self._solver = LeafInterpolation(inverse, MOST)
         self._history: Array | None = None
 

@@ -20,6 +20,9 @@ _LONGEST, _EXACT, _ITERATIONS = 0.3, 1e-6, 6
 _ACCURATE = 3e-11
 """Maximum last Chebyshev coefficient, rad or m; the error is about a tenth of it."""
 
+MOST_PIECES = 24
+"""Maximum number of polynomials of a plan."""
+
 SHORT, LONG = 4, 10
 """Degrees of the polynomials: of pieces of a few ticks, and of longer ones."""
 
@@ -194,6 +197,8 @@ class LeafInterpolation:
         width = T / count
         shortest, made = T / 64, 0
         while done < T:
+            if len(plan.pieces) == MOST_PIECES:
+                return 0
             end = T if T - done < 1.3 * width else done + width
             C = self._coefficients(motion, done, end, plan, degree)
             if C is None:
