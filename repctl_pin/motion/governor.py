@@ -19,7 +19,7 @@ from .joint_polynomials import LONG, SHORT, LeafInterpolation, Plan
 from .status import Status as Status
 from .timing import limits_of
 
-MOST = 220
+MOST = 180
 """Maximum number of evaluations of the inverse in a tick."""
 
 STRIDE = 0.004
@@ -54,6 +54,9 @@ which a twist is reached."""
 
 _HUGE = 1e6
 """Numbers beyond it are no distances or speeds."""
+
+
+_Input = tuple[pin.SE3 | None, Array | None]
 
 
 class _Now(NamedTuple):
@@ -218,6 +221,7 @@ class Governor:
         self._plan, self._tick, self._next = Plan(q, np.zeros_like(q)), 0, 0
         self._status = self._cause = Status.OK
         self._pace, self._longer, self._reach, self._turn = 1.0, 1.0, _REACH, 0
+        self._heard: _Input = (None, None)
 
     def step(
         self, target: Placement | None = None, twist: ArrayLike | None = None
@@ -251,11 +255,15 @@ class Governor:
         if usable and self._tick >= self._next:
             self._solver.refill()
             self._status = self._replan(goal, rates)
-            self._next = self._tick + self._stride
+            self._next, self._heard = self._tick + self._stride, (goal, rates)
         self._tick += 1
         q = self._plan.at(self._tick * self._dt)
         history[:-1], history[-1] = history[1:].copy(), q
-        return q, self._status if usable else Status.BAD_NUMBER
+        if not usable:
+            return q, Status.BAD_NUMBER
+        if self._status is Status.OK and not _same(self._heard, (goal, rates)):
+            return q, Status.SLOWED  # of an input that no plan has heeded yet
+        return q, self._status
 
     def _usable(self, target: pin.SE3 | None, twist: Array | None) -> bool:
         """Whether the numbers are finite and not absurd, and a rotation is one."""
@@ -504,13 +512,11 @@ def _own_joints(task: Task) -> Task:
     return task
 
 
-def _input(
-    target: Placement | None, twist: ArrayLike | None
-) -> tuple[pin.SE3 | None, Array | None]:
+def _input(target: Placement | None, twist: ArrayLike | None) -> _Input:
     """Take a target or a twist, which may hold numbers that are not finite."""
     if target is not None and twist is not None:
         raise InputError("target and twist are mutually exclusive; give one of them")
-    goal = None if target is None else as_placement(target)
+    goal = None if target is None else pin.SE3(as_placement(target))
     if twist is None:
         return goal, None
     rates = as_numbers(twist)
@@ -518,7 +524,14 @@ def _input(
         raise InputError(
             f"must be 6 numbers (v, ω), m/s and rad/s; got {shown(twist)}", argument="twist"
         )
-    return goal, rates
+    return goal, rates.copy()
+
+
+def _same(one: _Input, other: _Input) -> bool:
+    """Whether two inputs are the same."""
+    if other[0] is not None:
+        return one[0] is not None and bool(one[0] == other[0])
+    return one[0] is None and np.array_equal(*(np.zeros(6) if x[1] is None else x[1] for x in (one, other)))
 
 
 def _approach(distance: float, a: float, lag: float) -> float:

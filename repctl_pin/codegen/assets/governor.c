@@ -699,6 +699,17 @@ static int arm_small(const double *x, int count)
     return 1;
 }
 
+/* Tell whether the last plan heeds an input, or whether it is newer. */
+static int arm_heeded(const arm_governor *g, const arm_pose *target, const double *twist)
+{
+    int i;
+    if (target) return g->heeds_target && arm_same_pose(target, &g->heard);
+    if (g->heeds_target) return 0;
+    for (i = 0; i < 6; i++)
+        if ((twist ? twist[i] : 0.0) != g->heard_twist[i]) return 0;
+    return 1;
+}
+
 /* ---- governor: functions of the header ---------------------------------------------------------------------- */
 
 void arm_governor_limits(arm_limits *limits)
@@ -740,7 +751,8 @@ arm_status arm_governor_start(arm_governor *governor, const double q[ARM_N], dou
         for (k = 0; k < 3; k++) g->history[k][i] = q[i];
     }
     arm_plan_begin(&g->plan[0], q, zero);
-    g->taken = g->turn = 0;
+    g->taken = g->turn = g->heeds_target = 0;
+    for (i = 0; i < 6; i++) g->heard_twist[i] = 0.0;
     g->tick = g->next = 0;
     g->pace = g->longer = 1.0;
     g->reach = 0.15;
@@ -768,6 +780,9 @@ arm_status arm_governor_step(arm_governor *governor, const arm_pose *target, con
             g->status = arm_drive(g, &now, way, 1.0, 0);
         }
         g->next = g->tick + g->ticks;
+        g->heeds_target = target != NULL;
+        if (target) g->heard = *target;
+        for (i = 0; i < 6; i++) g->heard_twist[i] = twist ? twist[i] : 0.0;
     }
     g->tick++;
     for (i = 0; i < ARM_N; i++) {
@@ -776,5 +791,7 @@ arm_status arm_governor_step(arm_governor *governor, const arm_pose *target, con
     }
     arm_plan_at(&g->plan[g->taken], (double)g->tick * g->dt, g->history[2]);
     for (i = 0; i < ARM_N; i++) q_next[i] = g->history[2][i];
-    return usable ? g->status : ARM_BAD_NUMBER;
+    if (!usable) return ARM_BAD_NUMBER;
+    if (g->status == ARM_OK && !arm_heeded(g, target, twist)) return ARM_SLOWED;
+    return g->status;
 }

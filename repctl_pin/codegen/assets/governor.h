@@ -48,11 +48,11 @@ typedef struct {
 typedef struct {
     arm_limits limits;
     arm_plan plan[2];
-    arm_pose landing;
-    double dt, stride, leaf[ARM_R], lower[ARM_N], upper[ARM_N], history[3][ARM_N];
+    arm_pose landing, heard;
+    double heard_twist[6], dt, stride, leaf[ARM_R], lower[ARM_N], upper[ARM_N], history[3][ARM_N];
     double pace, longer, reach;
     long long tick, next, ticks;
-    int taken, turn, left, outside;
+    int taken, turn, left, outside, heeds_target;
     arm_status status, cause;
 } arm_governor;
 
