@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from ..arguments import Array
-from ..motion.governor import MOST
+from ..motion import governor_law as law
+from ..motion.governor import MOST, STRIDE
 from ..motion.joint_polynomials import LONG, MOST_PIECES, NODES, SHORT
 from ..robot.task import Task
-from .text import filled, row, table
+from .text import filled, row, table, value
 
 _LIFT = {
     "pose": """    (void)R;
@@ -33,6 +34,11 @@ def governor_source(task: Task, name: str) -> tuple[str, str, str]:
         "pieces": MOST_PIECES,
         "most": MOST,
         "lift": lift,
+        "stride": value(STRIDE),
+        "speed": value(law.SPEED),
+        "acceleration": value(law.ACCELERATION),
+        "jerk": value(law.JERK),
+        "braking": value(law.BRAKING),
         "velocity": row(task.velocity_limit),
         "lower": row(task.lower),
         "upper": row(task.upper),

@@ -35,9 +35,7 @@ class FrameMotion(NamedTuple):
         """Evaluate the placement at a time."""
         C = self.C
         phi = ((((C[5] * t + C[4]) * t + C[3]) * t + C[2]) * t + C[1]) * t
-        return pin.SE3(
-            pin.exp3(phi[3:]) @ self.start.rotation, self.start.translation + phi[:3]
-        )
+        return pin.SE3(pin.exp3(phi[3:]) @ self.start.rotation, self.start.translation + phi[:3])
 
     def rates(self, t: float) -> tuple[Array, Array]:
         """Evaluate the twist ξ (6,) and its time derivative (6,), base axes."""
@@ -69,9 +67,7 @@ def brake(start: pin.SE3, twist: Array, rate: Array, time: float) -> FrameMotion
     return FrameMotion(start, C, time)
 
 
-def landing(
-    start: pin.SE3, twist: Array, rate: Array, way: Array, time: float
-) -> FrameMotion:
+def landing(start: pin.SE3, twist: Array, rate: Array, way: Array, time: float) -> FrameMotion:
     """Come to rest after a displacement: quintic in time."""
     D = way - time * twist - time**2 / 2 * rate
     V, A = -twist - time * rate, -rate

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from math import ceil, inf, sqrt
-from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -15,6 +14,22 @@ from ..robot.chain_formulas import Placement, as_placement, is_rotation
 from ..robot.task import Task
 from ..strategies.repeatable import RepeatableInverse
 from .frame_motion import FrameMotion, brake, change_of_acceleration, landing
+from .governor_law import (
+    BRAKING,
+    JERK,
+    TINY,
+    Bounds,
+    Now,
+    Wish,
+    approach_speed,
+    fastest,
+    frame_twist,
+    free_acceleration,
+    next_rate,
+    shares_used,
+    stop_time,
+    task_rate,
+)
 from .joint_polynomials import LONG, SHORT, LeafInterpolation, Plan
 from .status import Status as Status
 from .timing import limits_of
@@ -24,12 +39,6 @@ MOST = 180
 
 STRIDE = 0.004
 """Time between two plans, s."""
-
-_SPEED, _ACCELERATION, _JERK = 0.985, 0.95, 0.8
-"""Shares of the limits that plans aim at; the rest is for what changes along the path."""
-
-_BRAKING = 0.6
-"""Share of the acceleration limits with which the arm slows down before targets and limits."""
 
 _SLOWER, _FASTER, _SLOWEST = 0.7, 1.1, 1e-3
 """Factors of the speed after a plan that ends outside, and after one that does not; its minimum."""
@@ -45,9 +54,6 @@ _BRAKES = (0.95, 1.0, 1.05)
 """Times of a landing that are tried in turn, as multiples of the shortest: from near rest, and at
 speed."""
 
-_TINY, _EDGE = 1e-300, 1e-12
-"""In place of 0 in divisions; rounding of a joint position, rad or m."""
-
 _NEAR, _REACHED = 1e-10, 1e-6
 """Distance of the joints to a target that is reached, rad or m; share of the speed limits within
 which a twist is reached."""
@@ -57,38 +63,6 @@ _HUGE = 1e6
 
 
 _Input = tuple[pin.SE3 | None, Array | None]
-
-
-class _Now(NamedTuple):
-    """State at the beginning of a plan: what the law needs of it.
-
-    ``q̈ = G ξ̇ + bend``; ``later`` is the rate of the twist that the last stop has after a stride."""
-
-    place: pin.SE3
-    q: Array
-    qdot: Array
-    G: Array
-    G_ahead: Array
-    twist: Array
-    rate: Array
-    later: Array
-    bend: Array
-
-
-class _Wish(NamedTuple):
-    """Direction (6,) of the frame, the share of it asked for per s, and whether it is a target."""
-
-    way: Array
-    speed: float
-    lands: bool
-
-
-class _Fastest(NamedTuple):
-    """Largest speeds along a direction, shares of it per s: by the speed limits, and by the room to
-    the joint limits."""
-
-    by_speed: float
-    by_room: float
 
 
 class Governor:
@@ -156,19 +130,21 @@ class Governor:
             "a repeatable inverse, such as design.inverse or found.function.inverse",
         )
         self._task = task = _own_joints(inverse.task)
-        self._dt = positive(dt, "dt", "s")
+        dt = positive(dt, "dt", "s")
         limits = limits_of(task, velocity, acceleration, jerk=jerk)
         if not np.isfinite(limits.velocity).all():
             name = task.joint_names[int(np.argmax(~np.isfinite(limits.velocity)))]
             raise InputError(f"velocity= is missing: the URDF has no speed limit of {name!r}")
-        self._V, self._A = limits.velocity, limits.acceleration
-        self._J = np.full(task.n, inf) if limits.jerk is None else limits.jerk
+        jerks = np.full(task.n, inf) if limits.jerk is None else limits.jerk
         margin = positive(margin, "margin", "rad (m)", zero=True)
-        self._lower, self._upper = task.lower + margin, task.upper - margin
-        if not (self._lower < self._upper).all():
-            name = task.joint_names[int(np.argmax(self._lower >= self._upper))]
+        lower, upper = task.lower + margin, task.upper - margin
+        if not (lower < upper).all():
+            name = task.joint_names[int(np.argmax(lower >= upper))]
             raise InputError(f"margin = {margin:g} leaves no range of {name!r}; give a smaller one")
-        self._margin, self._stride = margin, max(int(STRIDE / self._dt + 0.5), 1)
+        self._margin, self._stride = margin, max(int(STRIDE / dt + 0.5), 1)
+        self._bounds = Bounds(
+            limits.velocity, limits.acceleration, jerks, lower, upper, dt, self._stride * dt
+        )
         self._solver = LeafInterpolation(inverse, MOST)
         self._history: Array | None = None
 
@@ -203,7 +179,7 @@ class Governor:
             If J_V is singular there.
         """
         q = self._task.check(q, "the start")
-        short = np.minimum(q - self._lower, self._upper - q)
+        short = np.minimum(q - self._bounds.lower, self._bounds.upper - q)
         if (worst := int(np.argmin(short))) >= 0 and short[worst] < 0:
             raise InputError(
                 f"the start is too near to the limit of {self._task.joint_names[worst]!r}: "
@@ -222,6 +198,7 @@ class Governor:
         self._status = self._cause = Status.OK
         self._pace, self._longer, self._reach, self._turn = 1.0, 1.0, _REACH, 0
         self._heard: _Input = (None, None)
+        self._landing: pin.SE3 | None = None
 
     def step(
         self, target: Placement | None = None, twist: ArrayLike | None = None
@@ -257,7 +234,7 @@ class Governor:
             self._status = self._replan(goal, rates)
             self._next, self._heard = self._tick + self._stride, (goal, rates)
         self._tick += 1
-        q = self._plan.at(self._tick * self._dt)
+        q = self._plan.at(self._tick * self._bounds.dt)
         history[:-1], history[-1] = history[1:].copy(), q
         if not usable:
             return q, Status.BAD_NUMBER
@@ -282,41 +259,52 @@ class Governor:
         return self._history
 
     def _at_rest(self) -> bool:
-        return (self._tick - 3) * self._dt >= self._plan.time
+        return (self._tick - 3) * self._bounds.dt >= self._plan.time
 
     # ---- the law -------------------------------------------------------------------------------
 
     def _replan(self, target: pin.SE3 | None, twist: Array | None) -> Status:
         """Look for a better plan than the rest of the last one, which is a stop."""
         q = self._started()[-1]
-        place = self._task.placement(q)
-        wish = self._wish(q, place, target, twist)
         try:
-            now = self._now(q, place)
+            now = self._now(q)
         except SingularityError:
             return Status.SINGULAR
-        if not wish.lands:
-            return self._drive(now, wish, self._fastest(now, wish))
-        g = now.G @ self._rate(place, wish.way)
+        if target is None:
+            rate = task_rate(now.task, now.place, np.zeros(6) if twist is None else twist)
+            wish = Wish(frame_twist(now.task, now.place, rate), 1.0, False)
+            return self._drive(now, wish)
         if self._plan.lands and target == self._landing:
             return Status.OK if self._at_rest() else Status.SLOWED
+        way = frame_twist(now.task, now.place, now.task.error(q, target))
+        g = now.joint_rates(way)
         if self._at_rest() and np.abs(g).max() < _NEAR:
             return Status.OK
-        a = _BRAKING * float((self._free(now) / np.maximum(np.abs(g), _TINY)).min())
-        most = self._fastest(now, wish)
-        if self._land(now, wish.way, g, a, most.by_speed):
+        free = free_acceleration(self._bounds, now) / np.maximum(np.abs(g), TINY)
+        a = BRAKING * float(free.min())
+        if self._land(now, way, g, a):
             self._landing, self._pace = target, 1.0
             return Status.SLOWED
-        brake = _approach(1.0, a, 2 * self._stride * self._dt)
-        return self._drive(now, wish._replace(speed=brake), most)
+        return self._drive(now, Wish(way, approach_speed(1.0, a, 2 * self._bounds.stride), True))
 
-    def _drive(self, now: _Now, wish: _Wish, most: _Fastest) -> Status:
+    def _now(self, q: Array) -> Now:
+        """Evaluate the state at this tick."""
+        task, plan, t = self._task, self._plan, self._tick * self._bounds.dt
+        place, stride = task.placement(q), self._bounds.stride
+        (twist, rate), (qdot, qddot) = plan.rates(t), plan.derivatives(t)
+        G = self._inverse(q)
+        bend = qddot - G @ task_rate(task, place, rate)
+        G_ahead = self._inverse(q + 2 * stride * qdot)
+        later = plan.rates(t + stride)[1]
+        return Now(task, place, q, qdot, bend, G, G_ahead, twist, rate, later)
+
+    def _drive(self, now: Now, wish: Wish) -> Status:
         """Go on in a direction for a stride, as fast as the limits allow."""
         if not wish.way.any():
-            return self._reached(now, wish)
-        by_limits = min(most.by_speed, most.by_room)
-        speed = min(wish.speed, by_limits * self._pace)
-        later = self._acceleration(now, wish.way * speed)
+            return self._reached(now, wish.way)
+        most = fastest(self._bounds, now, wish.way)
+        speed = min(wish.speed, min(most) * self._pace)
+        later = next_rate(self._bounds, now, wish.way * speed)
         cause = self._try(now, later)
         if cause is Status.SLOWED:
             self._try(now, (now.later + later) / 2)
@@ -329,93 +317,26 @@ class Governor:
             return self._cause
         if most.by_room < min(most.by_speed, wish.speed):
             return Status.LIMIT
-        return Status.SLOWED if wish.lands else self._reached(now, wish)
+        return Status.SLOWED if wish.lands else self._reached(now, wish.way)
 
-    def _reached(self, now: _Now, wish: _Wish) -> Status:
+    def _reached(self, now: Now, twist: Array) -> Status:
         """Tell whether the twist is the one asked for."""
-        away = np.abs(now.G @ self._rate(now.place, wish.way - now.twist))
-        return Status.OK if (away <= _REACHED * self._V).all() else Status.SLOWED
-
-    def _wish(
-        self, q: Array, place: pin.SE3, target: pin.SE3 | None, twist: Array | None
-    ) -> _Wish:
-        """Take the input as a direction of the frame, without what the task does not control."""
-        if target is not None:
-            return _Wish(self._lifted(place, self._task.error(q, target)), inf, True)
-        rate = self._rate(place, np.zeros(6) if twist is None else twist)
-        return _Wish(self._lifted(place, rate), 1.0, False)
-
-    def _rate(self, place: pin.SE3, twist: Array) -> Array:
-        """Extract ẋ (m,) from a twist at a placement."""
-        if self._task.kind != "axis":
-            return twist[self._task.rows]
-        return np.concatenate([twist[:3], place.rotation[:, :2].T @ twist[3:]])
-
-    def _lifted(self, place: pin.SE3, rate: Array) -> Array:
-        """Convert ẋ (m,) to a twist (6,), with 0 for what the task does not control."""
-        twist = np.zeros(6)
-        if self._task.kind == "axis":
-            twist[:3], twist[3:] = rate[:3], place.rotation[:, :2] @ rate[3:]
-        else:
-            twist[self._task.rows] = rate
-        return twist
-
-    def _now(self, q: Array, place: pin.SE3) -> _Now:
-        """Evaluate the state at this tick."""
-        t, stride = self._tick * self._dt, self._stride * self._dt
-        twist, rate = self._plan.rates(t)
-        qdot, qddot = self._plan.derivatives(t)
-        G, ahead = self._inverse(q), q + 2 * stride * qdot
-        bend = qddot - G @ self._rate(place, rate)
-        later = self._plan.rates(t + stride)[1]
-        return _Now(place, q, qdot, G, self._inverse(ahead), twist, rate, later, bend)
-
-    def _free(self, now: _Now) -> Array:
-        """Acceleration (n,) that the bend of the path leaves."""
-        return np.asarray(np.maximum(self._A - np.abs(now.bend), 0.3 * self._A))
-
-    def _fastest(self, now: _Now, wish: _Wish) -> _Fastest:
-        """Find the largest speeds along a direction, in shares of it per s."""
-        rate = self._rate(now.place, wish.way)
-        g, ahead = now.G @ rate, now.G_ahead @ rate
-        size = np.maximum(np.maximum(np.abs(g), np.abs(ahead)), _TINY)
-        room = np.where(g > 0, self._upper - now.q, now.q - self._lower)
-        lag = 2 * self._stride * self._dt
-        toward = np.array(
-            [_approach(d, _BRAKING * a, lag) for d, a in zip(room, self._A, strict=True)]
-        )
-        return _Fastest(
-            float((_SPEED * self._V / size).min()),
-            float((toward / np.maximum(np.abs(g), _TINY)).min()),
-        )
-
-    def _acceleration(self, now: _Now, wish: Array) -> Array:
-        """Choose the rate of the twist after the next stride, on the way to another twist."""
-        T = self._stride * self._dt
-        gap = wish - now.twist - T / 2 * now.rate
-        g = now.G @ self._rate(now.place, gap)
-        size = np.maximum(np.abs(g), _TINY)
-        fits = float(((_ACCELERATION * self._A - np.sign(g) * now.bend) / size).min())
-        share = min(max(fits, 0.0), _approach(1.0, _JERK * float((self._J / size).min()), T))
-        change = share * gap - now.rate
-        g = np.maximum(np.abs(now.G @ self._rate(now.place, change)), _TINY)
-        return now.rate + min(1.0, float((_JERK * self._J * T / g).min())) * change
+        away = np.abs(now.joint_rates(twist - now.twist))
+        return Status.OK if (away <= _REACHED * self._bounds.velocity).all() else Status.SLOWED
 
     # ---- plans ---------------------------------------------------------------------------------
 
-    def _try(self, now: _Now, later: Array) -> Status:
+    def _try(self, now: Now, later: Array) -> Status:
         """Plan a stride, the end of its acceleration, and a stop; take the plan if it serves."""
-        plan, T = Plan(now.q, now.qdot), self._stride * self._dt
+        plan, T, jerk = Plan(now.q, now.qdot), self._bounds.stride, self._bounds.jerk
         motion = change_of_acceleration(now.place, now.twist, now.rate, later, T)
         if not self._solver.add(plan, motion, SHORT):
             return self._solver.failure()
         twist, rate = motion.rates(T)
-        if np.isfinite(self._J).all():
-            g = np.abs(now.G @ self._rate(now.place, rate))
-            release = max(float((g / (_JERK * self._J)).max()), self._dt)
-            motion = change_of_acceleration(
-                motion.placement(T), twist, rate, np.zeros(6), release
-            )
+        if np.isfinite(jerk).all():
+            release = float((np.abs(now.joint_rates(rate)) / (JERK * jerk)).max())
+            release = max(release, self._bounds.dt)
+            motion = change_of_acceleration(motion.placement(T), twist, rate, np.zeros(6), release)
             if not self._solver.add(plan, motion, LONG if release > 5 * STRIDE else SHORT):
                 return self._solver.failure()
             twist, rate = motion.rates(release)
@@ -423,52 +344,47 @@ class Governor:
             rate = np.zeros(6)
         return self._stop(plan, now, motion.placement(motion.duration), twist, rate)
 
-    def _stop(
-        self, begun: Plan, now: _Now, place: pin.SE3, twist: Array, rate: Array
-    ) -> Status:
+    def _stop(self, begun: Plan, now: Now, place: pin.SE3, twist: Array, rate: Array) -> Status:
         """Add a stop to a plan, as short as the limits allow; take the plan if it serves."""
-        g = np.abs(now.G @ self._rate(now.place, twist))
-        shortest = max(
-            float((1.5 * g / (_ACCELERATION * self._free(now))).max()),
-            sqrt(float((6 * g / (_JERK * self._J)).max())),
-        )
+        bounds, speed = self._bounds, float(np.abs(now.joint_rates(twist)).max())
+        shortest = stop_time(bounds, now, twist)
         for _ in range(2):
-            T = max(self._longer * shortest, 4 * self._dt)
+            T = max(self._longer * shortest, 4 * bounds.dt)
             plan = begun.copy()
-            if not self._add(plan, brake(place, twist, rate, T), float(g.max()) * T / 2):
+            if not self._add(plan, brake(place, twist, rate, T), speed * T / 2):
                 return self._solver.failure()
-            begin, end, inside = self._used(plan, begun.time)
+            before, after, inside = shares_used(bounds, self._started(), plan, begun.time)
             if not inside:
                 return Status.LIMIT
-            if begin > 1:
+            if before > 1:
                 return Status.SLOWED
-            if end <= 1:
+            if after <= 1:
                 self._longer = max(0.98 * self._longer, 1.0)
                 self._take(plan)
                 return Status.OK
-            self._longer = min(self._longer * min(1.05 * end, 1.6), 4.0)
+            self._longer = min(self._longer * min(1.05 * after, 1.6), 4.0)
         return Status.SLOWED
 
-    def _land(self, now: _Now, way: Array, g: Array, a: float, speed: float) -> bool:
+    def _land(self, now: Now, way: Array, g: Array, a: float) -> bool:
         """Plan to come to rest at a displacement, if it is near; tell whether the plan is taken."""
-        size = max(float(g @ g), _TINY)
-        closing = float((now.G @ self._rate(now.place, now.twist)) @ g) / size
+        bounds = self._bounds
+        closing = float(now.joint_rates(now.twist) @ g) / max(float(g @ g), TINY)
         if closing > 0 and closing**2 / (2 * a) >= 0.75:
-            T, more = 2 / closing, _BRAKES
+            T, longer = 2 / closing, _BRAKES
         else:
             peak = sqrt(a + closing**2 / 2)
-            if peak > speed or np.abs(g).max() > _SHORT_WAY:
+            if peak > fastest(bounds, now, way).by_speed or np.abs(g).max() > _SHORT_WAY:
                 return False
-            T, more = (2 * peak - closing) / a, _LONGER
-        T += 1.5 * a / (_JERK * float((self._J / np.maximum(np.abs(g), _TINY)).min()))
-        self._turn = (self._turn + 1) % len(more)
-        T = max(T * more[self._turn], 3 * self._dt)
+            T, longer = (2 * peak - closing) / a, _LONGER
+        T += 1.5 * a / (JERK * float((bounds.jerk / np.maximum(np.abs(g), TINY)).min()))
+        self._turn = (self._turn + 1) % len(longer)
+        T = max(T * longer[self._turn], 3 * bounds.dt)
         plan = Plan(now.q, now.qdot, lands=True)
         motion = landing(now.place, now.twist, now.rate, way, T)
         if not self._add(plan, motion, float(np.abs(g).max())):
             return False
-        begin, end, inside = self._used(plan, 0.0)
-        if not inside or max(begin, end) > 1:
+        before, after, inside = shares_used(bounds, self._started(), plan, 0.0)
+        if not inside or max(before, after) > 1:
             return False
         self._take(plan)
         return True
@@ -484,23 +400,6 @@ class Governor:
     def _take(self, plan: Plan) -> None:
         """Follow a plan from now on."""
         self._plan, self._tick = plan, 0
-
-    def _used(self, plan: Plan, begin: float) -> tuple[float, float, bool]:
-        """Measure the samples of a plan: the largest shares of the limits that are used before and
-        after a time, and whether the joints stay inside their limits.
-
-        Speeds count as before: a longer stop does not lower them."""
-        dt, H = self._dt, self._started()
-        Q = np.vstack([H, plan.samples(dt, 1, ceil(plan.time / dt) + 4)])
-        inside = bool(((Q[3:] >= self._lower - _EDGE) & (Q[3:] <= self._upper + _EDGE)).all())
-        first, second, third = (np.abs(np.diff(Q, k, axis=0)) for k in (1, 2, 3))
-        speed = float((first[2:] / (self._V * dt)).max())
-        rest = np.maximum(
-            (second[1:] / (self._A * dt**2)).max(axis=1), (third / (self._J * dt**3)).max(axis=1)
-        )
-        later = np.arange(1, len(rest) + 1) * dt > begin
-        before = float(rest[~later].max(initial=speed))
-        return before, float(rest[later].max(initial=0.0)), inside
 
 
 def _own_joints(task: Task) -> Task:
@@ -531,13 +430,5 @@ def _same(one: _Input, other: _Input) -> bool:
     """Whether two inputs are the same."""
     if other[0] is not None:
         return one[0] is not None and bool(one[0] == other[0])
-    return one[0] is None and np.array_equal(*(np.zeros(6) if x[1] is None else x[1] for x in (one, other)))
-
-
-def _approach(distance: float, a: float, lag: float) -> float:
-    """Speed from which a deceleration a after a delay stops within a distance."""
-    if distance <= 0:
-        return 0.0
-    if lag * lag * a > 1e12 * distance:  # a may be infinite
-        return distance / lag
-    return a * (sqrt(lag * lag + 2 * distance / a) - lag)
+    before, now = (np.zeros(6) if x[1] is None else x[1] for x in (one, other))
+    return one[0] is None and np.array_equal(before, now)

@@ -57,7 +57,8 @@ def nodes_of(degree: int) -> Nodes:
             np.vstack([known, slope]).T, share[j] ** np.arange(j + 1)
         )
     u = 2 * share - 1
-    return Nodes(share, ahead, np.linalg.inv(np.vander(u, increasing=True)))
+    monomials: Array = np.linalg.inv(np.vander(u, increasing=True))
+    return Nodes(share, ahead, monomials)
 
 
 NODES = {SHORT: nodes_of(SHORT), LONG: nodes_of(LONG)}
@@ -148,7 +149,7 @@ class Plan:
 
     def samples(self, dt: float, first: int, last: int) -> Array:
         """Evaluate the joints at ticks: (last − first, n)."""
-        t = np.arange(first, last) * dt
+        t: Array = np.arange(first, last) * dt
         Q = np.tile(self.q, (len(t), 1))
         begin = 0
         for piece in self.pieces:

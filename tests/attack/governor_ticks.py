@@ -17,8 +17,8 @@ import repctl_pin as rp
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from arms import Q_PANDA  # noqa: E402
-from controls import control, iiwa  # noqa: E402
+from arms import Q_PANDA
+from controls import control, iiwa
 
 HARNESS = Path(__file__).with_name("governor_ticks.c")
 DT = 1e-3

@@ -317,6 +317,13 @@ static int arm_append(arm_governor *g, arm_plan *plan, int table, int count)
 /* ---- governor: the law -------------------------------------------------------------------------------------- */
 
 #define ARM_TINY 1e-300
+#define ARM_STRIDE @stride /* time between two plans, s */
+
+/* Shares of the limits that plans aim at; braking is for targets and joint limits. */
+#define ARM_AIM_SPEED @speed
+#define ARM_AIM_ACCELERATION @acceleration
+#define ARM_AIM_JERK @jerk
+#define ARM_AIM_BRAKING @braking
 
 /* State at the beginning of a plan: qddot = G rate + bend; later: the rate of the last stop after a stride. */
 typedef struct {
@@ -393,8 +400,8 @@ static void arm_fastest(const arm_governor *g, const arm_now *now, const double 
         const double room = x[i] > 0.0 ? g->upper[i] - now->q[i] : now->q[i] - g->lower[i];
         const double here = fabs(x[i]) > ARM_TINY ? fabs(x[i]) : ARM_TINY;
         const double size = fabs(ahead[i]) > here ? fabs(ahead[i]) : here;
-        const double toward = arm_approach(room, 0.6 * g->limits.acceleration[i], 2.0 * g->stride) / here;
-        const double speed = 0.985 * g->limits.velocity[i] / size;
+        const double toward = arm_approach(room, ARM_AIM_BRAKING * g->limits.acceleration[i], 2.0 * g->stride) / here;
+        const double speed = ARM_AIM_SPEED * g->limits.velocity[i] / size;
         if (speed < *by_speed) *by_speed = speed;
         if (toward < *by_room) *by_room = toward;
     }
@@ -411,18 +418,18 @@ static void arm_accelerate(const arm_governor *g, const arm_now *now, const doub
     for (i = 0; i < ARM_N; i++) {
         const double size = fabs(x[i]) > ARM_TINY ? fabs(x[i]) : ARM_TINY;
         const double sign = x[i] > 0.0 ? 1.0 : x[i] < 0.0 ? -1.0 : 0.0;
-        const double room = (0.95 * g->limits.acceleration[i] - sign * now->bend[i]) / size;
+        const double room = (ARM_AIM_ACCELERATION * g->limits.acceleration[i] - sign * now->bend[i]) / size;
         if (room < fits) fits = room;
         if (g->limits.jerk[i] / size < jerk) jerk = g->limits.jerk[i] / size;
     }
-    share = arm_approach(1.0, 0.8 * jerk, T);
+    share = arm_approach(1.0, ARM_AIM_JERK * jerk, T);
     if (!(fits > 0.0)) fits = 0.0;
     if (fits < share) share = fits;
     for (i = 0; i < 6; i++) change[i] = share * gap[i] - now->rate[i];
     arm_joint_rates(now->G, &now->place, change, x);
     for (i = 0; i < ARM_N; i++) {
         const double size = fabs(x[i]) > ARM_TINY ? fabs(x[i]) : ARM_TINY;
-        if (0.8 * g->limits.jerk[i] * T / size < most) most = 0.8 * g->limits.jerk[i] * T / size;
+        if (ARM_AIM_JERK * g->limits.jerk[i] * T / size < most) most = ARM_AIM_JERK * g->limits.jerk[i] * T / size;
     }
     if (most > 1.0) most = 1.0;
     for (i = 0; i < 6; i++) later[i] = now->rate[i] + most * change[i];
@@ -508,10 +515,10 @@ static arm_status arm_stop(arm_governor *g, arm_plan *plan, const arm_now *now, 
     int i, k;
     arm_joint_rates(now->G, &now->place, twist, x);
     for (i = 0; i < ARM_N; i++) {
-        const double size = fabs(x[i]), time = 1.5 * size / (0.95 * now->room[i]);
+        const double size = fabs(x[i]), time = 1.5 * size / (ARM_AIM_ACCELERATION * now->room[i]);
         if (size > fast) fast = size;
         if (time > shortest) shortest = time;
-        if (6.0 * size / (0.8 * g->limits.jerk[i]) > jerk) jerk = 6.0 * size / (0.8 * g->limits.jerk[i]);
+        if (6.0 * size / (ARM_AIM_JERK * g->limits.jerk[i]) > jerk) jerk = 6.0 * size / (ARM_AIM_JERK * g->limits.jerk[i]);
         q[i] = plan->q[i];
         qdot[i] = plan->qdot[i];
     }
@@ -557,7 +564,7 @@ static arm_status arm_try(arm_governor *g, const arm_now *now, const double late
     arm_joint_rates(now->G, &now->place, rate, x);
     for (i = 0; i < ARM_N; i++) {
         if (!(g->limits.jerk[i] < HUGE_VAL)) bounded = 0;
-        if (fabs(x[i]) / (0.8 * g->limits.jerk[i]) > release) release = fabs(x[i]) / (0.8 * g->limits.jerk[i]);
+        if (fabs(x[i]) / (ARM_AIM_JERK * g->limits.jerk[i]) > release) release = fabs(x[i]) / (ARM_AIM_JERK * g->limits.jerk[i]);
     }
     if (bounded) {
         const double zero[6] = {0.0};
@@ -598,7 +605,7 @@ static int arm_try_landing(arm_governor *g, const arm_now *now, const double way
         if (peak > speed || travel > 0.03) return 0;
         T = (2.0 * peak - closing) / a;
     }
-    T += 1.5 * a / (0.8 * jerk);
+    T += 1.5 * a / (ARM_AIM_JERK * jerk);
     g->turn = (g->turn + 1) % 3;
     T *= longer[fast][g->turn];
     if (T < 3.0 * g->dt) T = 3.0 * g->dt;
@@ -681,7 +688,7 @@ static arm_status arm_to_target(arm_governor *g, const arm_now *now, const arm_p
         if (now->room[i] / size < a) a = now->room[i] / size;
     }
     if (rests && travel < 1e-10) return ARM_OK;
-    a *= 0.6;
+    a *= ARM_AIM_BRAKING;
     arm_fastest(g, now, way, &by_speed, &by_room);
     if (arm_try_landing(g, now, way, x, a, by_speed)) {
         g->landing = *target;
@@ -743,7 +750,7 @@ arm_status arm_governor_start(arm_governor *governor, const double q[ARM_N], dou
     if (arm_inverse(q, G) != ARM_OK || arm_leaf(q, g->leaf) != ARM_OK) return ARM_SINGULAR;
     g->limits = *limits;
     g->dt = dt;
-    g->ticks = 0.004 / dt >= 1.5 ? (long long)(0.004 / dt + 0.5) : 1;
+    g->ticks = ARM_STRIDE / dt >= 1.5 ? (long long)(ARM_STRIDE / dt + 0.5) : 1;
     g->stride = (double)g->ticks * dt;
     for (i = 0; i < ARM_N; i++) {
         g->lower[i] = lower[i] + limits->margin;
