@@ -107,7 +107,8 @@ _DOOR = {
     "integrability": "bracket_defect drift_per_area is_repeatable stable_surface",
     "motion": (
         "BestLeaf Governor LeafLock Motion Run Status TaskPath TimedMotion Waypoints approach "
-        "best_leaf circle figure_eight follow polygon read_waypoints solve_ik timed waypoints write_motion"
+        "best_leaf circle figure_eight follow polygon read_waypoints solve_ik timed waypoints "
+        "write_motion"
     ),
     "show.page.animation": "Animation animation",
     "show.page.viewer": "Viewer",

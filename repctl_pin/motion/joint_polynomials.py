@@ -57,8 +57,7 @@ def nodes_of(degree: int) -> Nodes:
             np.vstack([known, slope]).T, share[j] ** np.arange(j + 1)
         )
     u = 2 * share - 1
-    monomials: Array = np.linalg.inv(np.vander(u, increasing=True))
-    return Nodes(share, ahead, monomials)
+    return Nodes(share, ahead, np.asarray(np.linalg.inv(np.vander(u, increasing=True)), float))
 
 
 NODES = {SHORT: nodes_of(SHORT), LONG: nodes_of(LONG)}
@@ -149,7 +148,7 @@ class Plan:
 
     def samples(self, dt: float, first: int, last: int) -> Array:
         """Evaluate the joints at ticks: (last − first, n)."""
-        t: Array = np.arange(first, last) * dt
+        t = np.asarray(np.arange(first, last) * dt, float)
         Q = np.tile(self.q, (len(t), 1))
         begin = 0
         for piece in self.pieces:
