@@ -54,6 +54,9 @@ _BRAKES = (0.95, 1.0, 1.05)
 """Times of a landing that are tried in turn, as multiples of the shortest: from near rest, and at
 speed."""
 
+_SETTLED = 3
+"""Samples after which all differences are 0."""
+
 _NEAR, _REACHED = 1e-10, 1e-6
 """Distance of the joints to a target that is reached, rad or m; share of the speed limits within
 which a twist is reached."""
@@ -194,7 +197,7 @@ class Governor:
         self._inverse(q)
         self._solver.leaf = self._inverse.leaf(q)
         self._history = np.tile(q, (3, 1))
-        self._plan, self._tick, self._next = Plan(q, np.zeros_like(q)), 0, 0
+        self._plan, self._tick, self._next = Plan(q, np.zeros_like(q)), _SETTLED, 0
         self._status = self._cause = Status.OK
         self._pace, self._longer, self._reach, self._turn = 1.0, 1.0, _REACH, 0
         self._heard: _Input = (None, None)
@@ -259,7 +262,7 @@ class Governor:
         return self._history
 
     def _at_rest(self) -> bool:
-        return (self._tick - 3) * self._bounds.dt >= self._plan.time
+        return (self._tick - _SETTLED) * self._bounds.dt >= self._plan.time
 
     # ---- the law -------------------------------------------------------------------------------
 

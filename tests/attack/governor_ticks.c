@@ -7,6 +7,7 @@
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 #include <time.h>
 
 static unsigned long long state;
@@ -78,6 +79,19 @@ static void change(input *in, const arm_pose *home)
     if (kind == 11) in->target.p[one_of(3)] = HUGE_VAL;
 }
 
+/* Checksum of the bits of all joints. */
+static unsigned long long checksum;
+
+static void add_bits(const double q[ARM_N])
+{
+    int i;
+    for (i = 0; i < ARM_N; i++) {
+        unsigned long long bits;
+        memcpy(&bits, &q[i], sizeof bits);
+        checksum = (checksum ^ bits) * 1099511628211ULL;
+    }
+}
+
 static double worst[3], nearest, leaves, apart;
 static long arrived, not_arrived, seen[6];
 
@@ -142,6 +156,7 @@ int main(int count, char **argument)
         arm_placement(start, &home);
         arm_leaf(start, leaf);
         nearest = HUGE_VAL;
+        checksum = 14695981039346656037ULL;
         leaves = apart = worst[0] = worst[1] = worst[2] = 0.0;
         arrived = not_arrived = 0;
         for (i = 0; i < 6; i++) seen[i] = 0;
@@ -167,6 +182,7 @@ int main(int count, char **argument)
             took = now() - began;
             if (took < times[k]) times[k] = took;
             seen[status]++;
+            add_bits(q);
             measure(q, H, &limits, dt, lower, upper, leaf);
             if (homing && status == ARM_OK) {
                 for (i = 0; i < ARM_N; i++)
@@ -182,7 +198,7 @@ int main(int count, char **argument)
            nearest, leaves, apart, arrived, not_arrived, 1e6 * times[ticks / 2], 1e6 * sum / (double)ticks,
            1e6 * times[ticks - 1 - ticks / 1000], 1e6 * times[ticks - 1]);
     for (i = 0; i < 6; i++) printf(" %ld", seen[i]);
-    printf("\n");
+    printf(" %016llx\n", checksum);
     free(times);
     return 0;
 }

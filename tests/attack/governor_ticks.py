@@ -1,5 +1,8 @@
 """Millions of ticks of the governor in C, on five arms: random twists, targets, jumps, reversals
-and garbage. Run: python tests/attack/governor_ticks.py [ticks per arm] [arm ...]"""
+and garbage. Run: python tests/attack/governor_ticks.py [ticks per arm] [replays] [arm ...]
+
+Times are in frame Jacobians of Pinocchio, called from Python; of each tick, the least of the
+replays counts."""
 
 from __future__ import annotations
 
@@ -143,7 +146,7 @@ def run(name: str, ticks: int, seed: int, replays: int, folder: Path) -> dict[st
         "velocity acceleration jerk margin leaf apart arrived not_arrived median mean per_mille "
         "longest OK SINGULAR BAD_NUMBER OUTSIDE SLOWED LIMIT"
     )
-    found = dict(zip(keys.split(), map(float, done.stdout.split()), strict=True))
+    found = dict(zip(keys.split(), map(float, done.stdout.split()[:-1]), strict=True))
     for key in ("median", "mean", "per_mille", "longest"):
         found[key] /= unit
     return found | {"jacobian": unit}
@@ -152,9 +155,10 @@ def run(name: str, ticks: int, seed: int, replays: int, folder: Path) -> dict[st
 def main() -> None:
     """Print one line per arm."""
     ticks = int(sys.argv[1]) if len(sys.argv) > 1 else 20_000
-    for name in sys.argv[2:] or ARMS:
+    replays = int(sys.argv[2]) if len(sys.argv) > 2 else 3
+    for name in sys.argv[3:] or ARMS:
         with tempfile.TemporaryDirectory() as folder:
-            found = run(name, ticks, 1, 3, Path(folder))
+            found = run(name, ticks, 1, replays, Path(folder))
         print(name, ", ".join(f"{key} {value:.10g}" for key, value in found.items()), flush=True)
 
 

@@ -760,7 +760,8 @@ arm_status arm_governor_start(arm_governor *governor, const double q[ARM_N], dou
     arm_plan_begin(&g->plan[0], q, zero);
     g->taken = g->turn = g->heeds_target = 0;
     for (i = 0; i < 6; i++) g->heard_twist[i] = 0.0;
-    g->tick = g->next = 0;
+    g->tick = 3; /* all differences are 0 */
+    g->next = 0;
     g->pace = g->longer = 1.0;
     g->reach = 0.15;
     g->status = g->cause = ARM_OK;
