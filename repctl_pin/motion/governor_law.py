@@ -94,8 +94,8 @@ class Goal(NamedTuple):
 
 
 class Fastest(NamedTuple):
-    """Largest speeds along a direction, shares of it per s: by the speed limits, and by the space to
-    the joint limits."""
+    """Largest speeds along a direction, shares of it per s, by the speed limits and by the joint
+    limits ahead."""
 
     by_speed: float
     by_limit: float
