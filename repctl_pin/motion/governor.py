@@ -36,7 +36,7 @@ from .joint_polynomials import LONG, SHORT, LeafInterpolation, Plan
 from .status import Status as Status
 from .timing import limits_of
 
-MOST = 180
+MOST = 150
 """Maximum number of evaluations of the inverse in a tick."""
 
 STRIDE = 0.004

@@ -470,6 +470,7 @@ static int arm_used(const arm_governor *g, const arm_plan *plan, double begin, d
             H[1][i] = H[2][i];
             H[2][i] = q[i];
         }
+        if (plan->lands && !(speed <= 1.0 && worst <= 1.0)) return 0; /* a landing is not tried again */
         if (t > begin) {
             if (!(worst <= later)) later = worst;
         } else if (!(worst <= first))
