@@ -34,9 +34,11 @@ if TYPE_CHECKING:
     from .inverse_function import NoFunctionError as NoFunctionError
     from .inverse_function import nearest_inverse_function as nearest_inverse_function
     from .motion import BestLeaf as BestLeaf
+    from .motion import Governor as Governor
     from .motion import LeafLock as LeafLock
     from .motion import Motion as Motion
     from .motion import Run as Run
+    from .motion import Status as Status
     from .motion import TaskPath as TaskPath
     from .motion import TimedMotion as TimedMotion
     from .motion import Waypoints as Waypoints
@@ -105,9 +107,9 @@ _DOOR = {
     "proof": "Proof prove",
     "integrability": "bracket_defect drift_per_area is_repeatable stable_surface",
     "motion": (
-        "BestLeaf LeafLock Motion Run TaskPath TimedMotion Waypoints approach best_leaf circle "
-        "figure_eight follow least_closed_motion polygon read_waypoints solve_ik timed "
-        "waypoints write_motion"
+        "BestLeaf Governor LeafLock Motion Run Status TaskPath TimedMotion Waypoints approach "
+        "best_leaf circle figure_eight follow least_closed_motion polygon read_waypoints solve_ik "
+        "timed waypoints write_motion"
     ),
     "show.page.animation": "Animation animation",
     "show.page.viewer": "Viewer",

@@ -42,6 +42,9 @@ def export_c(
     ``test_vectors.h`` and ``check.c`` compare a build with Python; ``loop.c`` is an example at
     1 kHz; ``CMakeLists.txt`` builds all. The output is deterministic.
 
+    ``name_governor_step`` is :class:`Governor` in C: limits kept at run time. Its state is a struct
+    that the caller owns. A task in other joint coordinates has none.
+
     Parameters
     ----------
     control
@@ -78,7 +81,7 @@ def export_c(
     name, folder = checked_name(name), file_name(folder, "folder")
     if region is not None:
         require_type(region, Region, "region", A_REGION)
-    source = write_source(control, name, region)
+    source = write_source(control, name, region, governor=True)
     if isinstance(control, InverseFunction):
         inverse, start = control.inverse, control(control.cell.placement)
         declared, functions = filled("function.hpp", name, {}), _function_vectors(control, name)
@@ -92,6 +95,7 @@ def export_c(
         "count": len(found),
         "vectors": ",\n".join(_vector(v, said, inverse, name) for v, said in found),
         "function": declared,
+        "governor": source.governor,
         "functions": functions,
         "torque": filled("torque.hpp", name, {}),
     }

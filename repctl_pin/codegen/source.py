@@ -14,6 +14,7 @@ from ..robot.task import Task
 from ..strategies.repeatable import RepeatableInverse
 from .cell_function import function_code
 from .expressions import Graph, assignments
+from .governor import governor_source
 from .kinematics import Chain
 from .potentials import potential_functions
 from .text import comment, filled, integer, row, table
@@ -30,14 +31,19 @@ _MEANING = {
 
 
 class Source(NamedTuple):
-    """Header and source file."""
+    """Header and source file, and the governor's part of the C++ header."""
 
     header: str
     code: str
+    governor: str = ""
 
 
 def write_source(
-    control: RepeatableInverse | InverseFunction, name: str, region: Region | None = None
+    control: RepeatableInverse | InverseFunction,
+    name: str,
+    region: Region | None = None,
+    *,
+    governor: bool = False,
 ) -> Source:
     """Write a repeatable inverse or a cell function as C with the prefix ``name_``.
 
@@ -51,6 +57,8 @@ def write_source(
     region
         Design region Ω, which ``name_inside`` checks; for a cell function its cell. Without a
         region, every q is inside.
+    governor
+        Whether to write the governor, too.
 
     Raises
     ------
@@ -91,9 +99,11 @@ def write_source(
         "staying": int(stays),
         "stays": "stay_inside = 1" if stays else "stay_inside = 0",
     }
-    header = parts | {"torque": filled("torque.h", name, {}), "function": declared}
-    code = parts | {"torque": filled("torque.c", name, {}), "function": defined}
-    return Source(filled("arm.h", name, header), filled("arm.c", name, code))
+    governed = governor_source(task, name) if governor else ("", "", "")
+    torque = [filled(f"torque.{end}", name, {}) for end in ("h", "c")]
+    header = parts | {"torque": torque[0], "function": declared, "governor": governed[0]}
+    code = parts | {"torque": torque[1], "function": defined, "governor": governed[1]}
+    return Source(filled("arm.h", name, header), filled("arm.c", name, code), governed[2])
 
 
 def region_of(inverse: RepeatableInverse, region: Region | None) -> Region | Cell | None:

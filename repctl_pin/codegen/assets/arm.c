@@ -384,4 +384,4 @@ arm_status arm_step(const double q[ARM_N], const arm_pose *target, double dt, co
     }
     return ARM_OK;
 }
-@torque@function
+@torque@function@governor

@@ -14,7 +14,9 @@ typedef enum {
     ARM_OK = 0,
     ARM_SINGULAR = 1,   /* J_V = [J; V^T] is singular at q */
     ARM_BAD_NUMBER = 2, /* an argument is not finite or out of range, or R is not a rotation to 1e-6 */
-    ARM_OUTSIDE = 3     /* q is outside the design region, or the next q outside the joint limits */
+    ARM_OUTSIDE = 3,    /* q is outside the design region, or the next q outside the joint limits */
+    ARM_SLOWED = 4,     /* of a governor: on the way, as fast as the limits allow */
+    ARM_LIMIT = 5       /* of a governor: a joint limit is ahead */
 } arm_status;
 
 /* Placement of a frame in the base frame: p in m, R row by row. */
@@ -77,7 +79,7 @@ void arm_defaults(arm_options *options);
  */
 arm_status arm_step(const double q[ARM_N], const arm_pose *target, double dt, const double *twist,
                     const double *leaf, const arm_options *options, arm_report *report, double q_next[ARM_N]);
-@torque@function
+@torque@function@governor
 #ifdef __cplusplus
 }
 #endif

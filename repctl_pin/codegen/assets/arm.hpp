@@ -20,7 +20,14 @@ using Pose = arm_pose;
 using Options = arm_options;
 using Report = arm_report;
 
-enum class [[nodiscard]] Status { ok = ARM_OK, singular = ARM_SINGULAR, bad_number = ARM_BAD_NUMBER, outside = ARM_OUTSIDE };
+enum class [[nodiscard]] Status {
+    ok = ARM_OK,
+    singular = ARM_SINGULAR,
+    bad_number = ARM_BAD_NUMBER,
+    outside = ARM_OUTSIDE,
+    slowed = ARM_SLOWED,
+    limit = ARM_LIMIT
+};
 
 inline Options defaults() noexcept
 {
@@ -74,7 +81,7 @@ inline Status step(const Joints& q, const Pose& target, double dt, const Twist* 
     return static_cast<Status>(arm_step(q.data(), &target, dt, twist ? twist->data() : nullptr,
                                         c ? c->data() : nullptr, options, report, q_next.data()));
 }
-@torque@function
+@torque@function@governor
 }  // namespace arm
 
 #endif

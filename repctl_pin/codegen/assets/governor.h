@@ -1,0 +1,83 @@
+
+/*
+ * Limits kept at run time. A governor moves the joints towards any target or by any twist. It is called once per
+ * tick; the first, second and third differences of the joints that it returns, divided by dt, dt^2 and dt^3, never
+ * exceed the limits, and the joints stay on one leaf. A plan is followed only if all its samples, up to rest, were
+ * checked. So there is always a known stop, whatever the input is.
+ *
+ *     arm_limits limits;
+ *     arm_governor governor;
+ *     arm_governor_limits(&limits);                         the speed limits of the URDF
+ *     for (i = 0; i < ARM_N; i++) limits.acceleration[i] = 5.0;
+ *     if (arm_governor_start(&governor, q, 0.001, &limits) != ARM_OK) ...
+ *     for (;;) status = arm_governor_step(&governor, &target, NULL, q);        send q to the robot
+ */
+
+/* Limits of a governor. */
+typedef struct {
+    double velocity[ARM_N];     /* rad/s or m/s */
+    double acceleration[ARM_N]; /* rad/s^2 or m/s^2 */
+    double jerk[ARM_N];         /* rad/s^3 or m/s^3; HUGE_VAL: no limit */
+    double margin;              /* distance kept from the joint limits, rad or m */
+} arm_limits;
+
+#define ARM_DEGREE @degree /* of the polynomials of a plan */
+#define ARM_PIECES @pieces /* their maximum number */
+
+/* Motion of the frame: p + phi_v(t), exp(phi_w(t)) R with phi(t) = sum C[k] t^k. */
+typedef struct {
+    arm_pose start;
+    double C[6][6], begin, duration;
+} arm_motion;
+
+/* q(t) = sum C[k] u^k, u from -1 to 1 between two times. */
+typedef struct {
+    double begin, end, C[ARM_DEGREE + 1][ARM_N];
+    int degree;
+} arm_piece;
+
+/* Motions of the frame, one after the other to rest, and the joints that follow from them. */
+typedef struct {
+    arm_motion motion[3];
+    arm_piece piece[ARM_PIECES];
+    double q[ARM_N], qdot[ARM_N], time;
+    int motions, pieces, lands;
+} arm_plan;
+
+/* State of a governor, owned by the caller. Its members are read and written by the functions below only. */
+typedef struct {
+    arm_limits limits;
+    arm_plan plan[2];
+    arm_pose landing, heard;
+    double heard_twist[6], dt, stride, leaf[ARM_R], lower[ARM_N], upper[ARM_N], history[3][ARM_N];
+    double pace, longer, reach;
+    long long tick, next, ticks;
+    int taken, turn, left, outside, heeds_target;
+    arm_status status, cause;
+} arm_governor;
+
+/* Fill limits: the speed limits of the URDF (HUGE_VAL if it has none: set them), no acceleration (set it), no jerk
+ * limit, margin 0. */
+void arm_governor_limits(arm_limits *limits);
+
+/*
+ * Begin, or begin again, at rest at q, which the robot was commanded to or where it was measured; its leaf is kept from
+ * now on. ARM_BAD_NUMBER: dt or a limit is not above 0 and finite; ARM_LIMIT: q is within the margin of a joint limit.
+ */
+arm_status arm_governor_start(arm_governor *governor, const double q[ARM_N], double dt, const arm_limits *limits);
+
+/*
+ * Compute the next joints to command. q_next is always written, and always within the limits.
+ *
+ * target   placement of the frame to move to, as fast as the limits allow; NULL: none
+ * twist    velocity (v, omega) of the frame instead, base axes, m/s and rad/s; NULL: none. Without both it stops.
+ *
+ * ARM_OK          the target is reached, or the twist is the one asked for
+ * ARM_SLOWED      on the way, as fast as the limits of speed, acceleration and jerk allow
+ * ARM_LIMIT       a joint limit is ahead: it slows down and stops before it
+ * ARM_OUTSIDE     the region of arm_inside() ends ahead: it stops before its edge
+ * ARM_SINGULAR    J_V is singular ahead, or the target is out of reach: it stops before it
+ * ARM_BAD_NUMBER  target or twist are not finite, no rotation, beyond 1e6, or both are given: it stops
+ */
+arm_status arm_governor_step(arm_governor *governor, const arm_pose *target, const double *twist,
+                             double q_next[ARM_N]);

@@ -1,0 +1,67 @@
+"""C of the governor: limits kept at run time, see :class:`repctl_pin.motion.Governor`."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..arguments import Array
+from ..motion import governor_law as law
+from ..motion.governor import MOST, STRIDE
+from ..motion.joint_polynomials import LONG, MOST_PIECES, NODES, SHORT
+from ..robot.task import Task
+from .text import filled, row, table, value
+
+_LIFT = {
+    "pose": """    (void)R;
+    for (i = 0; i < 6; i++) twist[i] = rate[i];""",
+    "axis": """    for (i = 0; i < 3; i++) {
+        twist[i] = rate[i];
+        twist[3 + i] = R[3 * i] * rate[3] + R[3 * i + 1] * rate[4];
+    }""",
+    "position": """    (void)R;
+    for (i = 0; i < ARM_M; i++) twist[arm_rows[i]] = rate[i];""",
+}
+
+
+def governor_source(task: Task, name: str) -> tuple[str, str, str]:
+    """Write the parts of header, source and C++ header; nothing for other joint coordinates."""
+    if task.coordinates is not None:
+        return "", "", ""
+    kind = task.kind if task.kind in _LIFT else "position"
+    lift = _LIFT[kind].replace("ARM_", f"{name.upper()}_").replace("arm_", f"{name}_")
+    parts: dict[str, object] = {
+        "degree": LONG,
+        "pieces": MOST_PIECES,
+        "most": MOST,
+        "lift": lift,
+        "stride": value(STRIDE),
+        "speed": value(law.SPEED),
+        "acceleration": value(law.ACCELERATION),
+        "jerk": value(law.JERK),
+        "braking": value(law.BRAKING),
+        "regular": value(law.REGULAR),
+        "velocity": row(task.velocity_limit),
+        "lower": row(task.lower),
+        "upper": row(task.upper),
+    }
+    for key, degree in (("short", SHORT), ("long", LONG)):
+        nodes = NODES[degree]
+        parts |= {
+            key: degree,
+            f"share{key}": row(_padded(nodes.share[None])[0]),
+            f"ahead{key}": table(_padded(nodes.ahead)),
+            f"monomials{key}": table(_padded(nodes.monomials)),
+        }
+    return (
+        filled("governor.h", name, parts),
+        filled("governor.c", name, parts),
+        filled("governor.hpp", name, parts),
+    )
+
+
+def _padded(values: Array) -> Array:
+    """Fill the rows with zeros to the longer degree, and add rows."""
+    rows = 1 if len(values) == 1 else LONG + 1
+    whole = np.zeros((rows, LONG + 1))
+    whole[: len(values), : values.shape[1]] = values
+    return whole

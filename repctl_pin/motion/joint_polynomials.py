@@ -1,0 +1,258 @@
+"""A frame's motion on a leaf as polynomials of the joints, and the limits of their samples."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from ..arguments import Array
+from ..errors import InputError, SingularityError
+from ..strategies.repeatable import RepeatableInverse
+from .frame_motion import FrameMotion
+from .status import Status
+
+_LONGEST, _EXACT, _ITERATIONS = 0.3, 1e-6, 6
+"""Newton's method: longest step, rad or m; step after which it has converged; their number."""
+
+_ACCURATE = 3e-11
+"""Maximum last Chebyshev coefficient, rad or m; the error is about a tenth of it."""
+
+MOST_PIECES = 24
+"""Maximum number of polynomials of a plan."""
+
+SHORT, LONG = 4, 10
+"""Degrees of the polynomials: of pieces of a few ticks, and of longer ones."""
+
+
+class Nodes(NamedTuple):
+    """Interpolation at Chebyshev–Lobatto nodes.
+
+    Attributes
+    ----------
+    share : (d + 1,) array
+        The nodes, from 0 to 1.
+    ahead : (d + 1, d + 1) array
+        Row j extrapolates to node j: from the derivative by share at node 0, in column j, and from
+        the nodes before j.
+    monomials : (d + 1, d + 1) array
+        Coefficients of 1, u, …, u^d from values at the nodes, u = 2 share − 1.
+    """
+
+    share: Array
+    ahead: Array
+    monomials: Array
+
+
+def nodes_of(degree: int) -> Nodes:
+    """Tabulate the nodes of a degree."""
+    share = (1 - np.cos(np.pi * np.arange(degree + 1) / degree)) / 2
+    ahead = np.zeros((degree + 1, degree + 1))
+    for j in range(1, degree + 1):
+        known = np.vander(share[:j], j + 1, increasing=True)
+        slope = np.eye(j + 1)[1]
+        ahead[j, : j + 1] = np.linalg.solve(
+            np.vstack([known, slope]).T, share[j] ** np.arange(j + 1)
+        )
+    u = 2 * share - 1
+    return Nodes(share, ahead, np.asarray(np.linalg.inv(np.vander(u, increasing=True)), float))
+
+
+NODES = {SHORT: nodes_of(SHORT), LONG: nodes_of(LONG)}
+
+
+class Piece(NamedTuple):
+    """``q(t) = Σ_k C[k] u^k``, u from −1 to 1 between two times."""
+
+    begin: float
+    end: float
+    C: Array
+
+    def at(self, t: float | Array) -> Array:
+        """Evaluate q at one time (n,), or several (K, n)."""
+        u = (2 * t - (self.begin + self.end)) / (self.end - self.begin)
+        if isinstance(u, np.ndarray):
+            u = u[:, None]
+        q = self.C[-1]
+        for c in self.C[-2::-1]:
+            q = q * u + c
+        return q
+
+    def derivatives(self, t: float) -> tuple[Array, Array]:
+        """Evaluate q̇ and q̈ (n,) at a time."""
+        scale = 2 / (self.end - self.begin)
+        u = (2 * t - (self.begin + self.end)) / (self.end - self.begin)
+        d = len(self.C) - 1
+        first, second = d * self.C[d], d * (d - 1) * self.C[d]
+        for k in range(d - 1, 0, -1):
+            first = first * u + k * self.C[k]
+            if k > 1:
+                second = second * u + k * (k - 1) * self.C[k]
+        return first * scale, second * scale**2
+
+
+class Plan:
+    """Motions of the frame, one after the other to rest, and the joints that they ask for.
+
+    Parameters
+    ----------
+    q, qdot : (n,) arrays
+        Where it begins.
+    lands
+        Whether it ends at a target.
+
+    Attributes
+    ----------
+    q, qdot : (n,) arrays
+        Where it ends.
+    motions, begins : lists
+        Motions of the frame, and when each begins, s.
+    pieces : list of Piece
+    time : float
+        Duration, s.
+    """
+
+    def __init__(self, q: Array, qdot: Array, *, lands: bool = False) -> None:
+        self.q, self.qdot, self.lands, self.time = q, qdot, lands, 0.0
+        self.motions: list[FrameMotion] = []
+        self.begins: list[float] = []
+        self.pieces: list[Piece] = []
+
+    def copy(self) -> Plan:
+        """Copy the plan, to append to it."""
+        plan = Plan(self.q, self.qdot, lands=self.lands)
+        plan.motions, plan.begins = [*self.motions], [*self.begins]
+        plan.pieces, plan.time = [*self.pieces], self.time
+        return plan
+
+    def at(self, t: float) -> Array:
+        """Evaluate the joints at a time from the plan's beginning: (n,)."""
+        for piece in self.pieces:
+            if t <= piece.end:
+                return piece.at(t)
+        return self.q
+
+    def derivatives(self, t: float) -> tuple[Array, Array]:
+        """Evaluate q̇ and q̈ (n,) at a time."""
+        for piece in self.pieces:
+            if t <= piece.end:
+                return piece.derivatives(t)
+        return np.zeros_like(self.q), np.zeros_like(self.q)
+
+    def rates(self, t: float) -> tuple[Array, Array]:
+        """Evaluate the frame's twist and its rate at a time."""
+        for begin, motion in zip(self.begins, self.motions, strict=True):
+            if t <= begin + motion.duration:
+                return motion.rates(t - begin)
+        return np.zeros(6), np.zeros(6)
+
+    def samples(self, dt: float, first: int, last: int) -> Array:
+        """Evaluate the joints at ticks: (last − first, n)."""
+        t = np.asarray(np.arange(first, last) * dt, float)
+        Q = np.tile(self.q, (len(t), 1))
+        begin = 0
+        for piece in self.pieces:
+            end = int(np.searchsorted(t, piece.end, side="right"))
+            Q[begin:end] = piece.at(t[begin:end])
+            begin = end
+        return Q
+
+
+class LeafInterpolation:
+    """Interpolation of ``q(t) = F(x(t); c)`` on a leaf, at nodes that are solved exactly.
+
+    Parameters
+    ----------
+    inverse
+        The repeatable inverse, whose region the nodes must not leave.
+    most
+        Maximum number of evaluations of the inverse in a tick.
+
+    Attributes
+    ----------
+    left : int
+        Evaluations that are left in this tick.
+    outside : bool
+        Whether the last failure was a node outside the region.
+    """
+
+    def __init__(self, inverse: RepeatableInverse, most: int) -> None:
+        self._inverse, self._most = inverse, most
+        self.left, self.outside = most, False
+        self.leaf = np.zeros(inverse.task.r)
+
+    def failure(self) -> Status:
+        """Tell why the last motion was not added."""
+        if self.left < 0:
+            return Status.SLOWED
+        return Status.OUTSIDE if self.outside else Status.SINGULAR
+
+    def refill(self) -> None:
+        """Begin a tick."""
+        self.left = self._most
+
+    def add(self, plan: Plan, motion: FrameMotion, degree: int, count: int = 1) -> int:
+        """Append a motion to a plan, in ``count`` pieces or more: their number, 0 if it fails."""
+        begin, T, done = plan.time, motion.duration, 0.0
+        width = T / count
+        shortest, made = T / 64, 0
+        while done < T:
+            if len(plan.pieces) == MOST_PIECES:
+                return 0
+            end = T if T - done < 1.3 * width else done + width
+            C = self._coefficients(motion, done, end, plan, degree)
+            if C is None:
+                return 0
+            last = np.abs(C[-1]).max() * 2.0 ** (1 - degree)
+            if not last <= _ACCURATE:
+                width = (end - done) / 2
+                if width < shortest:
+                    return 0
+                continue
+            plan.pieces.append(Piece(begin + done, begin + end, C))
+            plan.q, plan.qdot = self._end, plan.pieces[-1].derivatives(begin + end)[0]
+            done, made = end, made + 1
+        plan.motions.append(motion)
+        plan.begins.append(begin)
+        plan.time = begin + T
+        return made
+
+    def _coefficients(
+        self, motion: FrameMotion, begin: float, end: float, plan: Plan, degree: int
+    ) -> Array | None:
+        """Interpolate between two times: (degree + 1, n); None if it fails."""
+        table = NODES[degree]
+        Q = np.empty((degree + 1, len(plan.q)))
+        Q[0], slope = plan.q, (end - begin) * plan.qdot
+        for j in range(1, degree + 1):
+            guess = table.ahead[j, :j] @ Q[:j] + table.ahead[j, j] * slope
+            at = motion.placement(begin + table.share[j] * (end - begin))
+            found = self._solved(guess, at)
+            if found is None:
+                return None
+            Q[j] = found
+        self._end = Q[-1]
+        return table.monomials @ Q
+
+    def _solved(self, q: Array, target: pin.SE3) -> Array | None:
+        """Solve f(q) = x, h(q) = c near q; None without a solution inside the region."""
+        inverse = self._inverse
+        self.outside = False
+        for _ in range(_ITERATIONS):
+            self.left -= 1
+            if self.left < 0:
+                return None
+            try:
+                following = inverse.step(q, target, 1.0, leaf=self.leaf)
+            except (InputError, SingularityError):
+                return None
+            size = float(np.abs(following - q).max())
+            q = following
+            if not size < _LONGEST:
+                return None
+            if size < _EXACT:
+                if inverse.region is not None:
+                    self.outside = not inverse.region.ratio(q[None])[0] <= 1 + 1e-9
+                return None if self.outside else q
+        return None

@@ -1,0 +1,30 @@
+"""Outcomes of a tick at run time."""
+
+from enum import IntEnum
+
+
+class Status(IntEnum):
+    """Outcome of a tick of :class:`Governor`.
+
+    Attributes
+    ----------
+    OK
+        The target is reached, or the twist is the one asked for.
+    SINGULAR
+        J_V is singular ahead, or the target is out of reach: the arm stops before it.
+    BAD_NUMBER
+        The input is not finite, or no rotation: the arm stops.
+    OUTSIDE
+        The region Ω ends ahead: the arm stops before its edge.
+    SLOWED
+        On the way, as fast as the limits of speed, acceleration and jerk allow.
+    LIMIT
+        A joint limit is ahead: the arm slows down and stops before it.
+    """
+
+    OK = 0
+    SINGULAR = 1
+    BAD_NUMBER = 2
+    OUTSIDE = 3
+    SLOWED = 4
+    LIMIT = 5

@@ -1,0 +1,166 @@
+"""Millions of ticks of the governor in C, on five arms: random twists, targets, jumps, reversals
+and garbage. Run: python tests/attack/governor_ticks.py [ticks per arm] [replays] [arm ...]
+
+Times are in frame Jacobians of Pinocchio, called from Python; of each tick, the least of the
+replays counts."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+import repctl_pin as rp
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from arms import Q_PANDA
+from controls import control, iiwa
+
+HARNESS = Path(__file__).with_name("governor_ticks.c")
+DT = 1e-3
+
+IIWA = np.radians([85, 85, 100, 75, 130, 135, 135])
+"""Published speed limits of iiwa14, rad/s."""
+
+RAIL = """<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>
+<origin xyz="{xyz}"/><axis xyz="{axis}"/>
+<limit lower="{low}" upper="{high}" effort="100" velocity="{speed}"/></joint>
+<link name="{child}"/>"""
+
+
+def rail(folder: Path) -> rp.Robot:
+    """Write an arm of six joints on a rail of 3 m."""
+    rows = [
+        ("rail", "prismatic", "0 0 0", "0 1 0", 1.5, 1.5),
+        ("j1", "revolute", "0 0 0.15", "0 0 1", 3.1, 3.0),
+        ("j2", "revolute", "0 0.12 0", "0 1 0", 3.1, 3.0),
+        ("j3", "revolute", "0 -0.09 0.42", "0 1 0", 2.9, 3.0),
+        ("j4", "revolute", "0 0 0.39", "0 1 0", 3.1, 3.0),
+        ("j5", "revolute", "0 0.09 0", "0 0 1", 3.1, 3.0),
+        ("j6", "revolute", "0 0 0.095", "0 1 0", 3.1, 3.0),
+    ]
+    joints, parent = "", "base"
+    for name, kind, xyz, axis, half, speed in rows:
+        joints += RAIL.format(
+            name=name, kind=kind, parent=parent, child=f"l_{name}", xyz=xyz, axis=axis,
+            low=-half, high=half, speed=speed,
+        )  # fmt: skip
+        parent = f"l_{name}"
+    joints += (
+        f'<joint name="end" type="fixed"><parent link="{parent}"/><child link="tool"/>'
+        '<origin xyz="0 0.1 0"/></joint><link name="tool"/>'
+    )
+    path = folder / "rail.urdf"
+    path.write_text(f'<robot name="rail"><link name="base"/>{joints}</robot>', encoding="utf-8")
+    return rp.Robot.load(path)
+
+
+def start_of(task: rp.Task) -> np.ndarray:
+    """Choose the least singular of some configurations well inside the limits."""
+    middle, half = (task.lower + task.upper) / 2, (task.upper - task.lower) / 2
+    Q = middle + 0.6 * half * np.random.default_rng(7).uniform(-1, 1, (256, task.n))
+    return Q[int(np.argmax(np.linalg.svd(task.jacobians(Q), compute_uv=False)[:, -1]))]
+
+
+Arm = tuple[rp.Task, np.ndarray, "np.ndarray | float", "np.ndarray | float"]
+
+
+def _panda(_: Path) -> Arm:
+    task = rp.Robot.load("panda").task("panda_hand_tcp", "pose")
+    return (
+        task, Q_PANDA,
+        np.array([15, 7.5, 10, 12.5, 15, 20, 20]),
+        np.array([7500, 3750, 5000, 6250, 7500, 10000, 10000.0]),
+    )  # fmt: skip
+
+
+def _iiwa(folder: Path) -> Arm:
+    task = iiwa(folder).task("flange", "pose")
+    return task, np.array([0.0, 0.6, 0.0, -1.4, 0.0, 1.1, 0.0]), 10.0, 2000.0
+
+
+def _xarm7(_: Path) -> Arm:
+    task = rp.Robot.load("xarm7").task(None, "pose")
+    return task, start_of(task), 15.0, 1000.0
+
+
+def _baxter(_: Path) -> Arm:
+    task = rp.Robot.load("baxter").task("left_gripper", "pose")
+    return task, start_of(task), 5.0, 500.0
+
+
+def _rail(folder: Path) -> Arm:
+    task = rail(folder).task("tool", "pose")
+    return task, np.array([0.0, 0.3, 0.5, 0.9, -0.6, 0.7, 0.3]), 6.0, 300.0
+
+
+ARMS: dict[str, Callable[[Path], Arm]] = {
+    "panda": _panda,
+    "iiwa14": _iiwa,
+    "xarm7": _xarm7,
+    "baxter": _baxter,
+    "rail": _rail,
+}
+
+
+def jacobian_time(task: rp.Task, q: np.ndarray) -> float:
+    """Measure the CPU time of Pinocchio's frame Jacobian, called from Python, µs."""
+    model, data, frame = task.model, task.model.createData(), task._frame_id
+    axes, found = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED, []
+    for _ in range(20):
+        began = time.process_time()
+        for _ in range(2000):
+            pin.computeFrameJacobian(model, data, q, frame, axes)
+        found.append((time.process_time() - began) / 2000)
+    return 1e6 * min(found)
+
+
+def run(name: str, ticks: int, seed: int, replays: int, folder: Path) -> dict[str, float]:
+    """Export, build and drive one arm; what was measured."""
+    task, start, acceleration, jerk = ARMS[name](folder)
+    inverse, n = control(task, start, rp.Polynomial(start, 2, 0.5)), task.n
+    rp.export_c(inverse, folder / name, "arm")
+    command = f"gcc -std=c99 -O2 -D_POSIX_C_SOURCE=199309L arm.c {HARNESS} -I. -o run -lm"
+    subprocess.run(command.split(), cwd=folder / name, check=True)
+    margin = 0.02
+    speeds = IIWA if name == "iiwa14" else task.velocity_limit
+    rows = [
+        start, speeds, np.broadcast_to(acceleration, n), np.broadcast_to(jerk, n),
+        task.lower, task.upper, [margin],
+    ]  # fmt: skip
+    numbers = " ".join(f"{value!r}" for part in rows for value in np.asarray(part, float).tolist())
+    before = jacobian_time(task, start)
+    done = subprocess.run(
+        ["./run", str(ticks), str(seed), str(DT), str(replays)],
+        cwd=folder / name, input=numbers, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    unit = min(before, jacobian_time(task, start))
+    keys = (
+        "velocity acceleration jerk margin leaf apart arrived not_arrived median mean per_mille "
+        "longest OK SINGULAR BAD_NUMBER OUTSIDE SLOWED LIMIT"
+    )
+    found = dict(zip(keys.split(), map(float, done.stdout.split()[:-1]), strict=True))
+    for key in ("median", "mean", "per_mille", "longest"):
+        found[key] /= unit
+    return found | {"jacobian": unit}
+
+
+def main() -> None:
+    """Print one line per arm."""
+    ticks = int(sys.argv[1]) if len(sys.argv) > 1 else 20_000
+    replays = int(sys.argv[2]) if len(sys.argv) > 2 else 3
+    for name in sys.argv[3:] or ARMS:
+        with tempfile.TemporaryDirectory() as folder:
+            found = run(name, ticks, 1, replays, Path(folder))
+        print(name, ", ".join(f"{key} {value:.10g}" for key, value in found.items()), flush=True)
+
+
+if __name__ == "__main__":
+    main()

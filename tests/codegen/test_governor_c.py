@@ -1,0 +1,185 @@
+"""The governor in C: the same joints as in Python, all limits kept, no allocation, clean."""
+
+from __future__ import annotations
+
+import ctypes
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from arms import Q_PANDA
+from cell_functions import function_of
+from controls import NEEDS_C, control, own_cache  # noqa: F401
+from test_codegen_builds import needed, run
+
+import repctl_pin as rp
+
+HARNESS = Path(__file__).parents[1] / "attack" / "governor_ticks.c"
+DT, MARGIN = 0.001, 0.02
+DOUBLE = ctypes.c_double
+Q_PLANAR = np.array([0.3, 0.8, 0.8])
+
+
+class Pose(ctypes.Structure):
+    """``arm_pose``."""
+
+    _fields_ = (("p", DOUBLE * 3), ("R", DOUBLE * 9))
+
+
+def in_c(folder: Path) -> ctypes.CDLL:
+    """Compile an exported folder as a library."""
+    run(["cc", "-std=c99", "-O2", "-fPIC", "-shared", "arm.c", "-o", "arm.so", "-lm"], folder)
+    return ctypes.CDLL(str(folder / "arm.so"))
+
+
+def planar() -> tuple[rp.RepeatableInverse, np.ndarray, float, float]:
+    task = rp.Robot.load("planar3r").task("tool", "xy")
+    return control(task, Q_PLANAR, rp.Polynomial(Q_PLANAR, 2, 0.5)), Q_PLANAR, 6.0, 400.0
+
+
+def panda(kind: str) -> tuple[rp.RepeatableInverse, np.ndarray, float, float]:
+    task = rp.Robot.load("panda").task("panda_hand_tcp", kind)
+    return control(task, Q_PANDA, rp.Polynomial(Q_PANDA, 2, 0.5)), Q_PANDA, 7.5, np.inf
+
+
+def cell() -> tuple[rp.RepeatableInverse, np.ndarray, float, float]:
+    function = function_of("poses")
+    return function.inverse, function(function.cell.placement), 10.0, 4000.0
+
+
+SLOW = pytest.mark.slow
+CASES = [
+    pytest.param(planar, 300, id="planar"),
+    pytest.param(lambda: panda("axis"), 600, id="axis", marks=SLOW),
+    pytest.param(lambda: panda("pose"), 1500, id="pose", marks=SLOW),
+    pytest.param(lambda: panda("position"), 1500, id="position", marks=SLOW),
+    pytest.param(cell, 400, id="cell", marks=SLOW),
+]
+
+
+@NEEDS_C
+@pytest.mark.parametrize(("make", "ticks"), CASES)
+def test_c_commands_the_joints_that_python_does(
+    make: Callable[[], tuple[rp.RepeatableInverse, np.ndarray, float, float]],
+    ticks: int,
+    tmp_path: Path,
+) -> None:
+    inverse, q0, acceleration, jerk = make()
+    task, n = inverse.task, inverse.task.n
+    more = {} if np.isinf(jerk) else {"jerk": jerk}
+    governor = rp.Governor(inverse, DT, acceleration=acceleration, margin=MARGIN, **more)
+    governor.start(q0)
+    rp.export_c(inverse, tmp_path, "arm")
+    library = in_c(tmp_path)
+    limits, state, q = (
+        (DOUBLE * (3 * n + 1))(),
+        ctypes.create_string_buffer(1 << 20),
+        (DOUBLE * n)(),
+    )
+    library.arm_governor_limits(limits)
+    np.testing.assert_array_equal(limits[:n], task.velocity_limit)
+    limits[n : 2 * n], limits[2 * n : 3 * n], limits[3 * n] = [acceleration] * n, [jerk] * n, MARGIN
+    start = (DOUBLE * n)(*q0)
+    assert library.arm_governor_start(state, start, DOUBLE(DT), limits) == 0
+    rng, home, worst, said = np.random.default_rng(1), task.placement(q0), 0.0, set()
+    for k in range(ticks):
+        if k % 50 == 0:
+            target, twist, pose, rates = None, None, None, None
+            if k % 150 == 50:
+                twist = 0.3 * rng.normal(size=6)
+                rates = (DOUBLE * 6)(*twist)
+            elif k % 150 == 0:
+                p = home.translation + 0.1 * rng.normal(size=3)
+                target = pin.SE3(pin.exp3(0.1 * rng.normal(size=3)) @ home.rotation, p)
+                R = (DOUBLE * 9)(*target.rotation.ravel())
+                pose = ctypes.byref(Pose((DOUBLE * 3)(*p), R))
+        wanted, status = governor.step(target, twist)
+        assert library.arm_governor_step(state, pose, rates, q) == status
+        worst, said = max(worst, np.abs(np.array(q) - wanted).max()), said | {status}
+    print(f"{worst:.1e} apart, {said}")
+    assert worst < 1e-8 and np.abs(np.array(q) - q0).max() > 1e-3
+
+
+@NEEDS_C
+def test_wrong_limits_are_refused(tmp_path: Path) -> None:
+    inverse, q0, _, _ = planar()
+    rp.export_c(inverse, tmp_path, "arm", region=rp.Box(q0, 0.3))
+    library, n = in_c(tmp_path), 3
+    state = ctypes.create_string_buffer(1 << 20)
+
+    def started(q: np.ndarray = q0, dt: float = DT, **changed: float) -> int:
+        limits = (DOUBLE * 10)(*[2.0] * 3, *[5.0] * 3, *[np.inf] * 3, 0.0)
+        for key, value in changed.items():
+            limits["vaj".index(key) * n if key != "m" else 9] = value
+        return int(library.arm_governor_start(state, (DOUBLE * 3)(*q), DOUBLE(dt), limits))
+
+    OK, _, BAD_NUMBER, OUTSIDE, _, LIMIT = range(6)
+    assert started() == OK
+    assert started(dt=0.0) == started(dt=np.nan) == BAD_NUMBER
+    assert started(v=0.0) == started(v=np.inf) == started(a=0.0) == started(a=np.nan) == BAD_NUMBER
+    assert started(j=0.0) == started(m=-1.0) == started(q0 * np.nan) == BAD_NUMBER
+    assert started(m=10.0) == LIMIT and started(q0 + 0.4) == OUTSIDE
+
+
+def harness(folder: Path, compiler: str, *flags: str) -> None:
+    """Compile the ticks of tests/attack with an exported folder."""
+    base = ["-std=c99", "-D_POSIX_C_SOURCE=199309L", "-Wall", "-Wextra", "-Werror"]
+    run([compiler, *base, *flags, "arm.c", str(HARNESS), "-I.", "-o", "ticks", "-lm"], folder)
+
+
+def ticked(folder: Path, count: int, *by: str) -> list[str]:
+    """Run them on planar3r, or on the panda."""
+    inverse, q0, acceleration, jerk = planar()
+    task = inverse.task
+    rows = [q0, task.velocity_limit, [acceleration] * 3, [jerk] * 3, task.lower, task.upper]
+    numbers = " ".join(f"{value!r}" for part in rows for value in np.asarray(part, float).tolist())
+    (folder / "numbers").write_text(f"{numbers} {MARGIN}")
+    command = f"{' '.join(by)} ./ticks {count} 1 {DT} 1 < numbers"
+    return run(["sh", "-c", command], folder).split()
+
+
+@NEEDS_C
+def test_random_ticks_keep_all_limits_and_the_sanitizers_are_silent(tmp_path: Path) -> None:
+    needed("gcc")
+    rp.export_c(planar()[0], tmp_path, "arm")
+    watch = ["-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+    harness(tmp_path, "gcc", *watch)
+    said = [float(word) for word in ticked(tmp_path, 4000)[:-1]]
+    assert max(said[:3]) <= 1 + 1e-9 and max(said[:2]) > 0.9  # v, a, jerk
+    assert said[3] >= MARGIN - 1e-9 and said[4] < 1e-9 and said[5] < 1e-6  # margin, leaf, apart
+    assert (
+        said[6] >= 1 and min(said[12], said[14], said[16]) > 0
+    )  # arrived; OK, garbage, on the way
+
+
+@NEEDS_C
+def test_it_allocates_nothing(tmp_path: Path) -> None:
+    needed("gcc", "nm")
+    rp.export_c(planar()[0], tmp_path, "arm")
+    run(["gcc", "-std=c99", "-O0", "-c", "arm.c"], tmp_path)
+    undefined = set(re.findall(r"U (\w+)", run(["nm", "-u", "arm.o"], tmp_path)))
+    known = {"sin", "cos", "sqrt", "atan2", "ceil", "ldexp", "fabs", "memcpy", "memset"}
+    assert undefined <= known | {"_GLOBAL_OFFSET_TABLE_", "__stack_chk_fail", "sincos"}
+    code = (tmp_path / "arm.c").read_text()
+    assert not re.search(r"^static (?!const|.*\()", code, re.MULTILINE)  # no state of its own
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("target", ["arm-linux-gnueabihf", "riscv64-linux-gnu"])
+def test_other_processors_command_the_same_joints(target: str, tmp_path: Path) -> None:
+    """Bit for bit where the C library computes without fused operations, as on the host here."""
+    emulator = f"qemu-{target.partition('-')[0]}"
+    needed(f"{target}-gcc", emulator, "gcc")
+    rp.export_c(planar()[0], tmp_path, "arm")
+    harness(tmp_path, "gcc", "-O2")
+    names = ("FMA", "FMA4", "AVX2", "FMA_Usable", "FMA4_Usable", "AVX2_Usable")
+    plain = f"GLIBC_TUNABLES=glibc.cpu.hwcaps={','.join(f'-{name}' for name in names)}"
+    host = ticked(tmp_path, 20_000, "env", plain)
+    harness(tmp_path, f"{target}-gcc", "-O2", "-static", "-ffp-contract=off")
+    said = ticked(tmp_path, 20_000, emulator)
+    if target.startswith("arm"):
+        assert said[-1] == host[-1]  # checksum of all joints
+    assert max(map(float, said[:3])) <= 1 + 1e-9 and float(said[5]) < 1e-6

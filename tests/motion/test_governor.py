@@ -1,0 +1,250 @@
+"""The governor: limits on every sample from whatever comes in, and the way home afterwards."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cache
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from cell_functions import function_of
+from controls import control
+
+import repctl_pin as rp
+from repctl_pin.motion.frame_motion import brake, change_of_acceleration, landing
+
+DT = 0.001
+Q0 = np.array([0.3, 0.8, 0.8])
+A, J = 6.0, 400.0
+
+Input = tuple["pin.SE3 | None", "np.ndarray | None"]
+
+
+@cache
+def planar(region: bool = False) -> rp.RepeatableInverse:
+    task = rp.Robot.load("planar3r").task("tool", "xy")
+    inverse = control(task, Q0, rp.Polynomial(Q0, 2, 0.5))
+    box = rp.Box(Q0, 0.1) if region else None
+    return rp.compiled(rp.RepeatableInverse(task, inverse.potentials, region=box))
+
+
+def governed(jerk: float | None = J, *, region: bool = False, **more: float) -> rp.Governor:
+    governor = rp.Governor(planar(region), DT, velocity=2.0, acceleration=A, jerk=jerk, **more)
+    governor.start(Q0)
+    return governor
+
+
+def moved(x: float = 0.0, y: float = 0.0) -> pin.SE3:
+    """The start's placement, displaced."""
+    place = planar().task.placement(Q0)
+    return pin.SE3(place.rotation, place.translation + [x, y, 0.0])
+
+
+def run(
+    governor: rp.Governor, ticks: int, target: pin.SE3 | None = None, twist: object = None
+) -> tuple[np.ndarray, list[rp.Status]]:
+    """Ticks of one input, up to a target: the joints before and after each, and the statuses."""
+    Q, said = [governor.q], []
+    for _ in range(ticks):
+        q, status = governor.step(target, twist)  # type: ignore[arg-type]
+        Q.append(q)
+        said.append(status)
+        if target is not None and status is rp.Status.OK:
+            break
+    return np.array(Q), said
+
+
+def used(Q: np.ndarray, velocity: float, acceleration: float, jerk: float | None) -> float:
+    """Largest share of a limit that samples use, by their differences alone."""
+    shares = [
+        np.abs(np.diff(Q, k, axis=0)).max() / DT**k / most
+        for k, most in enumerate((velocity, acceleration, jerk), 1)
+        if most is not None
+    ]
+    return float(max(shares))
+
+
+def inputs(rng: np.random.Generator, home: pin.SE3, ticks: int) -> Iterator[Input]:
+    """Random targets, twists, reversals, jumps, garbage and nothing, held for some ticks."""
+    hold, target, twist = 0, None, None
+    for _ in range(ticks):
+        if hold == 0:
+            hold, kind = int(rng.choice([1, 3, 20, 100, 300])), int(rng.integers(7))
+            target = None
+            if kind < 3:
+                p = home.translation + rng.normal(size=3) * rng.choice([0.02, 0.3, 5.0])
+                target, twist = pin.SE3(pin.exp3(0.3 * rng.normal(size=3)) @ home.rotation, p), None
+            elif kind == 3 and twist is not None:
+                twist = -twist
+            elif kind < 6:
+                twist = rng.normal(size=6) * rng.choice([0.01, 0.3, 100.0])
+            else:
+                twist = np.full(6, rng.choice([np.nan, np.inf, 1e200]))
+        hold -= 1
+        yield target, twist
+
+
+@pytest.mark.parametrize("jerk", [J, pytest.param(None, marks=pytest.mark.slow)])
+def test_no_limit_is_exceeded_and_the_same_pose_has_the_same_joints(jerk: float | None) -> None:
+    governor, home = governed(jerk, margin=0.1), moved()
+    rng = np.random.default_rng(9)
+    Q = [governor.q]
+    for target, twist in inputs(rng, home, 700):
+        Q.append(governor.step(target, twist)[0])
+    back, said = run(governor, 4000, home)
+    Q_all, task = np.vstack([np.tile(Q0, (3, 1)), Q, back[1:]]), governor._task
+    assert used(Q_all, 2.0, A, jerk) <= 1 + 1e-9
+    assert np.ptp(Q_all, axis=0).max() > 0.3  # it does move
+    assert task.limit_margin(Q_all).min() >= 0.1 - 1e-9
+    leaves = [planar().leaf(q) for q in Q_all[::20]]
+    assert np.abs(leaves - governor.leaf).max() < 1e-9
+    assert said[-1] is rp.Status.OK and np.abs(back[-1] - Q0).max() < 1e-6
+
+
+def test_a_straight_line_is_followed_at_the_speed_that_the_limits_allow() -> None:
+    governor = rp.Governor(planar(), DT, velocity=0.25, acceleration=A, jerk=J)
+    governor.start(Q0)
+    Q, said = run(governor, 3000, moved(0.0, -0.4))
+    speed = np.abs(np.diff(Q, axis=0)).max(axis=1) / DT / 0.25
+    ticks = len(said)
+    assert np.median(speed[:ticks]) > 0.95 and (speed[:ticks] > 0.95).mean() > 0.8
+    p = np.array([planar().task.placement(q).translation for q in Q])
+    assert np.abs(p[:, 0] - p[0, 0]).max() < 1e-6  # a straight line
+    assert np.abs(p[-1] - moved(0.0, -0.4).translation).max() < 1e-9
+    assert np.abs(p[:, 1] - p[-1, 1])[np.argmin(p[:, 1]) :].max() < 1e-5  # no overshoot
+
+
+def test_a_twist_is_reached_and_held() -> None:
+    twist = np.array([0.05, -0.1, 0, 0, 0, 0])
+    governor = governed()
+    Q, said = run(governor, 400, twist=twist)
+    assert said[0] is rp.Status.SLOWED and said[-1] is rp.Status.OK
+    task = planar().task
+    v = (task.placement(Q[-1]).translation - task.placement(Q[-2]).translation) / DT
+    np.testing.assert_allclose(v, twist[:3], atol=1e-7)
+    Q, said = run(governor, 600)  # nothing is asked for: stop
+    assert said[-1] is rp.Status.OK and np.ptp(Q[-50:], axis=0).max() == 0
+
+
+def test_garbage_stops_the_arm_and_it_goes_on_afterwards() -> None:
+    governor = governed()
+    run(governor, 150, moved(0.2, -0.4))
+    skewed = pin.SE3(np.diag([1.0, 1.0, 2.0]), np.array([np.nan, 0, 0]))
+    stopping, said = run(governor, 500, skewed)
+    assert set(said) == {rp.Status.BAD_NUMBER}
+    assert np.ptp(stopping[-50:], axis=0).max() == 0 and np.ptp(stopping, axis=0).max() > 0
+    on, said = run(governor, 2500, moved(0.2, -0.4))
+    assert said[-1] is rp.Status.OK
+    assert used(np.vstack([stopping, on[1:]]), 2.0, A, J) <= 1 + 1e-9
+
+
+def test_it_stops_before_a_joint_limit() -> None:
+    task = planar().task
+    margin = float(task.limit_margin(Q0).min()) - 0.1
+    governor = governed(margin=margin)
+    nearest = np.argmin(np.minimum(Q0 - task.lower, task.upper - Q0))
+    v = planar()(Q0)[nearest] * (1 if Q0[nearest] > 0 else -1)
+    Q, said = run(governor, 700, twist=[*(v / np.linalg.norm(v)), 0, 0, 0, 0])
+    assert margin - 1e-9 <= task.limit_margin(Q).min() <= margin + 0.01
+    assert said[-1] is rp.Status.LIMIT and np.abs(Q[-1] - Q[-2]).max() / DT < 0.05
+
+
+def test_it_stops_at_the_edge_of_the_region_and_comes_back() -> None:
+    governor, box = governed(region=True), rp.Box(Q0, 0.1)
+    Q, said = run(governor, 400, twist=[-1.5, 0.6, 0, 0, 0, 0])
+    assert rp.Status.OUTSIDE in said and said[-1] is not rp.Status.OK
+    assert 0.7 < box.ratio(Q).max() <= 1 + 1e-6
+    back, said = run(governor, 3000, moved())
+    assert said[-1] is rp.Status.OK and np.abs(back[-1] - Q0).max() < 1e-6
+
+
+@pytest.mark.slow
+def test_out_of_reach_it_rests_and_comes_back() -> None:
+    governor = governed()
+    Q, said = run(governor, 3000, moved(5.0, 5.0))
+    assert said[-1] in (rp.Status.SINGULAR, rp.Status.LIMIT, rp.Status.SLOWED)
+    assert np.abs(np.diff(Q, axis=0))[-100:].max() / DT < 0.05
+    back, said = run(governor, 6000, moved())
+    assert said[-1] is rp.Status.OK and np.abs(back[-1] - Q0).max() < 1e-6
+    assert used(np.vstack([Q, back[1:]]), 2.0, A, J) <= 1 + 1e-9
+
+
+@pytest.mark.slow
+def test_a_cell_is_not_left() -> None:
+    function = function_of("positions")
+    governor = rp.Governor(function.inverse, 0.004, acceleration="panda", jerk="panda")
+    q0 = function(function.cell.placement)
+    governor.start(q0)
+    Q, said = run(governor, 200, twist=[0.4, 0.1, 0, 0, 0, 0])
+    assert rp.Status.OUTSIDE in said and function.cell.ratio(Q).max() <= 1 + 1e-6
+    Q, said = run(governor, 800, function.cell.placement)
+    assert said[-1] is rp.Status.OK and np.abs(Q[-1] - q0).max() < 1e-6
+
+
+def test_an_input_that_is_not_heeded_yet_is_not_reached() -> None:
+    governor = governed()
+    assert governor.step(moved())[1] is rp.Status.OK
+    assert governor.step(moved(0.1))[1] is rp.Status.SLOWED
+
+
+def test_the_rates_of_frame_motions_are_derivatives() -> None:
+    """ω and ω̇ by finite differences of the placement; the ends of each kind of motion."""
+    rng = np.random.default_rng(0)
+    start = pin.SE3.Random()
+    twist, rate, later, way = rng.normal(size=(4, 6))
+    step = 1e-4
+    motions = [
+        change_of_acceleration(start, twist, rate, later, 0.8),
+        brake(start, twist, rate, 1.1),
+        landing(start, twist, rate, 1.5 * way, 0.9),
+    ]
+    for motion in motions:
+        for t in (0.01, 0.3, 0.79):
+            places = [motion.placement(t + k * step) for k in (-1, 0, 1)]
+            omega = pin.log3(places[2].rotation @ places[0].rotation.T) / (2 * step)
+            v = (places[2].translation - places[0].translation) / (2 * step)
+            found, derivative = motion.rates(t)
+            np.testing.assert_allclose(found, np.concatenate([v, omega]), atol=1e-6)
+            ahead, behind = motion.rates(t + step)[0], motion.rates(t - step)[0]
+            np.testing.assert_allclose(derivative, (ahead - behind) / (2 * step), atol=1e-5)
+        first = motion.rates(0.0)
+        np.testing.assert_allclose(first[0], twist, atol=1e-12)
+        np.testing.assert_allclose(first[1], rate, atol=1e-12)
+    for motion in motions[1:]:
+        np.testing.assert_allclose(motion.rates(motion.duration), np.zeros((2, 6)), atol=1e-9)
+    end = motions[2].placement(0.9)
+    np.testing.assert_allclose(end.rotation, pin.exp3(1.5 * way[3:]) @ start.rotation, atol=1e-12)
+
+
+def test_bad_arguments_are_named() -> None:
+    inverse = planar()
+    for arguments, words in (
+        ({}, "acceleration= is missing"),
+        ({"jerk": 100.0}, "acceleration= is missing.*jerk= requires it too"),
+        ({"acceleration": 5.0, "dt": 0.0}, "dt must be above 0"),
+        ({"acceleration": 5.0, "margin": 100.0}, "margin = 100 leaves no range of"),
+        ({"acceleration": "panda"}, "of 7 joints"),
+        ({"acceleration": 5.0, "velocity": np.inf}, "velocity= is missing"),
+    ):
+        with pytest.raises(rp.InputError, match=words) as caught:
+            rp.Governor(inverse, **({"dt": DT} | arguments))  # type: ignore[arg-type]
+        assert "\n" not in str(caught.value)
+    governor = rp.Governor(inverse, DT, acceleration=5.0, margin=0.5)
+    with pytest.raises(rp.InputError, match="has not started"):
+        governor.step()
+    with pytest.raises(rp.InputError, match="outside its limits"):
+        governor.start([0.0, 9.0, 0.0])
+    near = np.array([0.3, inverse.task.upper[1] - 0.2, 0.8])
+    with pytest.raises(rp.InputError, match=r"too near to the limit of 'theta2'|too near"):
+        governor.start(near)
+    governor.start(Q0)
+    with pytest.raises(rp.InputError, match="mutually exclusive"):
+        governor.step(moved(), [0.0] * 6)
+    with pytest.raises(rp.InputError, match="twist"):
+        governor.step(twist=[0.0] * 5)
+    with pytest.raises(rp.InputError, match="outside Ω"):
+        governed(region=True).start(Q0 + 0.5)
+    bent = inverse.task.in_coordinates(np.tril(np.ones((3, 3))))
+    with pytest.raises(rp.InputError, match="original task"):
+        rp.Governor(control(bent, Q0, rp.Polynomial(Q0, 1, 0.5)), DT, acceleration=5.0)
