@@ -100,7 +100,7 @@ _DOOR = {
     "design": "Design SingularRegionError compare nearest_repeatable",
     "codegen": "compiled export_c",
     "saving": "load load_cell load_design save",
-    "inverse_function": "Cell CellDesign InverseFunction NoFunctionError nearest_inverse_function",
+    "inverse_function": "Cell CellDesign InverseFunction NoFunctionError Sector nearest_inverse_function",
     "proof": "Proof prove",
     "integrability": "bracket_defect drift_per_area is_repeatable stable_surface",
     "motion": (

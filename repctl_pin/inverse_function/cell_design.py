@@ -241,7 +241,7 @@ def slices(design: CellDesign, count: int = 33) -> list[Slice]:
         U[:, second], U[:, first] = (grid.ravel() for grid in np.meshgrid(u, u, indexing="ij"))
         points = chart.solve(U, np.zeros((len(U), cell.task.r)))
         found = speeds(design.desired, chart, points)
-        margin = np.where(points.found, cell.task.limit_margin(points.Q).min(axis=1), np.nan)
+        margin = np.where(points.found, cell.limit_margin(points.Q).min(axis=1), np.nan)
         extra = np.sqrt(found.own / found.desired_square) - 1
         made.append(
             Slice((first, second), u, margin.reshape(count, count), extra.reshape(count, count))

@@ -27,6 +27,8 @@ from .monomials import Monomials
 from .penalty import ActiveConstraint, PenaltyMethod, padded
 from .posture_search import given, searched
 from .reference import Rays, fitted, rays
+from .sector import Sector
+from .turning import Turn, reduced, settled
 
 _HELD_OUT = 8192
 _MOST_UNKNOWNS = 260
@@ -196,6 +198,7 @@ def nearest_inverse_function(
                 f"degree {degree} in {cell.k} coordinates makes more than "
                 f"{4 * _MOST_UNKNOWNS} unknowns; lower the degree"
             )
+    cell = _reduced(cell, desired, body_distance)
     work = _Work(
         desired,
         degree,
@@ -224,6 +227,27 @@ def nearest_inverse_function(
         if incomplete == "shrink" and smaller is not None:
             return smaller
         raise _refusal(cell, failures, fits, keep=partly)
+
+
+def _reduced(cell: Cell, desired: Inverse, body_distance: float) -> Cell:
+    """Leave the symmetric coordinates of a sector out, unless bodies break the symmetry."""
+    if not isinstance(cell, Sector):
+        return cell
+    found = cell if body_distance else reduced(cell, desired)
+    if not found.reduced and cell.free:
+        why = "body_distance=" if body_distance else "the desired inverse"
+        raise InputError(
+            f"'all' requires the symmetry of the arm, which {why} breaks",
+            argument=cell._all_names[cell.free[0]],
+            remedy="give it in rad",
+        )
+    return found
+
+
+def _no_turn(cell: Cell, turn: Turn) -> FailureReason:
+    """Report that no angle is inside the limits at every pose."""
+    what = f"{turn.joint} turns {turn.joint_range:.3g} rad, and differs by {turn.spread:.3g} rad"
+    return FailureReason("limit", 1.0, np.zeros(cell.whole.k), f"{what} over the cell")
 
 
 def _margin(value: float, name: str, unit: str = "") -> float:
@@ -299,11 +323,14 @@ class _Work:
         if not np.isfinite(descent.value.cost):
             return _why(cell, ends, count)
         self.report("the last chart", 0.7)
-        chart = _recharted(cell, chart, descent, terms)
+        chart, turns = settled(_recharted(cell, chart, descent, terms))
+        if any(turn.reach <= 0 for turn in turns):
+            return tuple(_no_turn(cell, turn) for turn in turns if turn.reach <= 0)
         self.report("the evaluation", 0.8)
         quick = quick or hopeless
         held_out = min(512, self.held_out) if quick else self.held_out
         evaluation = evaluate_cell(self.desired, chart, held_out, self.seed + 2, quick=quick)
+        evaluation = replace(evaluation, turns=turns)
         return CellDesign.of(
             self.desired,
             chart,
@@ -358,7 +385,7 @@ class _Work:
 
     def margins(self, cell: Cell) -> list[Margin]:
         """Make the requested margins."""
-        found = [limits_of(cell.task, self.limit_margin)]
+        found = [limits_of(cell, self.limit_margin)]
         found += [distances_of(cell.task, self.body_distance)] if self.body_distance else []
         return found + ([singular_values_of(cell.task, self.sigma_min)] if self.sigma_min else [])
 
@@ -398,7 +425,7 @@ def _why(cell: Cell, ends: Rays, count: int) -> tuple[FailureReason, ...]:
     bad = ends.reached < 1
     near = ends.Q[np.argsort(-ends.reached)[:8]]
     failures = unreached(cell, ends.U[bad], near, float(bad.sum() / count))
-    beyond = cell.task.limit_margin(ends.Q[~bad]).min(axis=1, initial=np.inf) < 0
+    beyond = cell.limit_margin(ends.Q[~bad]).min(axis=1, initial=np.inf) < 0
     limit = broken_limit(cell, ends.U[~bad], ends.Q[~bad], float(beyond.sum() / count))
     return tuple(failures) if limit is None else (*failures, limit)
 

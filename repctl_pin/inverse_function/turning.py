@@ -1,0 +1,146 @@
+"""How far a function goes along the symmetric coordinates of its sector, and its chart in all
+coordinates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arguments import Array
+from ..robot.task import Task
+from ..strategies.strategy import Batched
+from .chart import Chart
+from .kinematics import placed
+from .margins import CandidateFunction, Margin, searched
+from .monomials import Monomials
+from .sector import Sector
+
+_POSES, _STARTS = 4096, 24
+"""Poses at which the spread of a joint is measured, and from which its ends are searched for."""
+
+_CONFIGURATIONS, _STEP = 6, 0.7
+"""Configurations at which the symmetry of G_d is tested, and the joint step, rad."""
+
+
+@dataclass(frozen=True)
+class Turn:
+    """How far a function goes along a symmetric coordinate.
+
+    Attributes
+    ----------
+    coordinate, joint : str
+        The coordinate, ``angle`` or ``spin``, and the joint that moves the frame along it.
+    joint_range : float
+        Range of the joint, rad; infinite without limits.
+    spread : float
+        Difference between the joint's largest and smallest value over the poses at which the
+        coordinate is 0, rad.
+    reach : float
+        Range of the coordinate at which all of these poses are inside the joint's limits, rad: the
+        joint's range less the spread, at most a full turn; 0 or less if there is none.
+    """
+
+    coordinate: str
+    joint: str
+    joint_range: float
+    spread: float
+    reach: float
+
+    def __str__(self) -> str:
+        text = f"{np.degrees(max(self.reach, 0)):.4g}° at every pose"
+        if self.reach >= 2 * np.pi:
+            return text
+        return (
+            f"{text}: {self.joint} turns {np.degrees(self.joint_range):.4g}°, "
+            f"and differs by {np.degrees(self.spread):.3g}° over the cell"
+        )
+
+
+def _ends(chart: Chart, joint: int) -> tuple[float, float]:
+    """Search for the smallest and the largest value of a joint over a cell."""
+    candidate, cell = CandidateFunction.zero(chart), chart.cell
+    U = np.concatenate([cell.sample(_POSES, 11), cell.corners()])
+    points = candidate.at(U)
+    U, q = U[points.found], points.Q[points.found, joint]
+    ends = []
+    for way in (1.0, -1.0):
+        margin = Margin(
+            "joint", lambda Q, way=way: way * Q[:, joint : joint + 1], 0.0, 0.0, 0, _STARTS, 0
+        )
+        found = candidate.at(searched(candidate, margin, U[np.argsort(way * q)[:_STARTS]]))
+        inside = found.Q[found.found, joint]
+        ends.append(way * min((way * q).min(), (way * inside).min(initial=np.inf)))
+    return ends[0], ends[1]
+
+
+def _limits(task: Task, joint: int) -> tuple[float, float]:
+    lower, upper, _ = task.joint_limits
+    return float(lower[joint]), float(upper[joint])
+
+
+def settled(chart: Chart) -> tuple[Chart, tuple[Turn, ...]]:
+    """Measure how far a chart's function goes along the symmetric coordinates; where it goes as far
+    as the joints do, move the middle of its sector there."""
+    sector = chart.cell
+    if not isinstance(sector, Sector) or not sector.reduced:
+        return chart, ()
+    turns, middles, halves = [], {}, {}
+    coefficients = chart.coefficients.copy()
+    for one in sector.used:
+        low, high = _ends(chart, one.joint)
+        lower, upper = _limits(sector.task, one.joint)
+        reach = min(upper - lower - (high - low), 2 * np.pi)
+        name = sector.whole._all_names[one.coordinate]
+        joint = sector.task.joint_names[one.joint]
+        turns.append(Turn(name, joint, upper - lower, high - low, reach))
+        if one.coordinate in sector.free and reach > 0:
+            away = (upper + lower - high - low) / 2 if np.isfinite(upper - lower) else 0.0
+            middles[one.coordinate], halves[one.coordinate] = one.sign * away, reach / 2
+            coefficients[0, one.joint, 0] += away
+    moved = sector.turned(middles, halves)
+    return Chart(moved, chart.monomials, coefficients), tuple(turns)
+
+
+def expanded(chart: Chart) -> Chart:
+    """Write a chart in all coordinates of its cell: along a symmetric one, q_ref is linear."""
+    sector = chart.cell
+    if not isinstance(sector, Sector) or not sector.reduced:
+        return chart
+    whole, old = sector.whole, chart.monomials
+    new = Monomials(whole.k, max(old.degree, 1))
+    columns = np.flatnonzero(whole._active)
+    kept = [list(columns).index(i) for i in np.flatnonzero(sector._active)]
+    powers = np.zeros((old.size, whole.k), int)
+    powers[:, kept] = old.exponents
+    at = {tuple(e): i for i, e in enumerate(new.exponents.tolist())}
+    coefficients = np.zeros((new.size, *chart.coefficients.shape[1:]))
+    coefficients[[at[tuple(e)] for e in powers.tolist()]] = chart.coefficients
+    for one in sector.used:
+        linear = (columns == one.coordinate).astype(int)
+        coefficients[at[tuple(linear.tolist())], one.joint, 0] = (
+            one.sign * sector.widths[one.coordinate]
+        )
+    return Chart(whole, new, coefficients)
+
+
+def reduced(sector: Sector, desired: Batched) -> Sector:
+    """Leave the symmetric coordinates out, if G_d has the symmetries of the arm, too.
+
+    ``G_d E`` must be the same at poses that a symmetry joins.
+    """
+    task, one = sector.task, sector.whole
+    rng = np.random.default_rng(1)
+    Q = task.reference + rng.uniform(-0.5, 0.5, (_CONFIGURATIONS, task.n))
+    before = _rates(one, desired, Q)
+    for symmetry in sector.used:
+        moved = Q + _STEP * np.eye(task.n)[symmetry.joint]
+        if not np.allclose(_rates(one, desired, moved), before, rtol=1e-7, atol=1e-9):
+            return sector
+    return sector.without_symmetric()
+
+
+def _rates(sector: Sector, desired: Batched, Q: Array) -> Array:
+    """Evaluate ``G_d E`` per m and rad of every coordinate: (K, n, m)."""
+    p, R, J = placed(sector.task, Q)
+    return desired.batch(Q, J) @ sector._all_twists(sector._measured(p, R), R)
