@@ -8,9 +8,11 @@ import numpy as np
 
 from ..arguments import Array
 from ..errors import InputError
-from ..inverse_function import InverseFunction
+from ..inverse_function import InverseFunction, Sector
+from ..inverse_function.cell import EDGE, TURNED
 from ..inverse_function.cell_potentials import CellPotentials
 from ..inverse_function.chart import Chart
+from ..inverse_function.symmetry import Symmetry
 from ..potentials.basis import Potentials
 from ..potentials.fourier import FourierMap
 from ..potentials.maps import PartialMap, SumMap
@@ -136,23 +138,84 @@ def _fourier(potentials: FourierMap) -> dict[str, object]:
 
 def _cell(chart: Chart, name: str) -> dict[str, object]:
     """Tabulate ``h(q) = n_ref(u)ᵀ (q − q_ref(u))``, with the C code for the rate of u."""
-    kind = chart.cell.task.kind
-    return {
-        "rates": filled(f"rates_{kind if kind in ('pose', 'axis') else 'position'}.c", name, {}),
-        **_tables(chart),
+    cell, tables = chart.cell, _tables(chart)
+    if isinstance(cell, Sector):
+        return tables | {
+            "coordinates": filled("sector.c", name, tables | _sector(cell)),
+            "rates": "",
+            "shift": "".join(_unwound(one, cell.task.r) for one in cell.removed),
+            "along": "".join(_slope(one, cell.task.r) for one in cell.removed),
+        }
+    kind = cell.task.kind if cell.task.kind in ("pose", "axis") else "position"
+    return tables | {
+        "coordinates": filled("box.c", name, tables),
+        "rates": filled(f"rates_{kind}.c", name, {}),
+        "shift": "",
+        "along": "",
     }
+
+
+_ANGULAR = {
+    "pose": "    for (i = 0; i < 3; i++)\n"
+    "        d[3 + i] = R[3 * i] * g[0] + R[3 * i + 1] * g[1] + R[3 * i + 2] * g[2];\n",
+    "axis": "    d[3] = g[0];\n    d[4] = g[1];\n",
+}
+"""The end of the gradient, by the kind of the task."""
+
+
+def _sector(cell: Sector) -> dict[str, object]:
+    """Tabulate the axis and the middle of a sector."""
+    bounds = np.where(cell.widths == 0, TURNED, cell.widths * (1 + EDGE))
+    bounds[list(cell.free)] = np.inf
+    places = min(3, cell.task.m)
+    return {
+        "origin": row(cell.axis[0]),
+        "basis": row(cell.directions.ravel()),
+        "turn": row((cell.directions @ cell.placement.rotation).ravel()),
+        "at": row(cell.middle),
+        "bounds": row(bounds),
+        "places": places,
+        "rows": integer(cell.task.rows[:places]),
+        "angular": _ANGULAR.get(cell.task.kind, ""),
+    }
+
+
+def _shift(one: Symmetry, r: int) -> str:
+    """Write the part of F that a symmetry adds to q_ref of its joint."""
+    return f"    both[{(1 + r) * one.joint}] += {one.sign}.0 * y[{one.coordinate}];\n"
+
+
+def _unwound(one: Symmetry, r: int) -> str:
+    """Write that part, and the whole turns that bring it near to q."""
+    q_ref, turn = f"both[{(1 + r) * one.joint}]", number(2 * np.pi)
+    turns = f"rint((q[{one.joint}] - {q_ref}) / {turn})"
+    return f"{_shift(one, r)}    {q_ref} += {turn} * {turns};\n"
+
+
+def _slope(one: Symmetry, r: int) -> str:
+    """Write the slope of h along a symmetric coordinate."""
+    n = f"both[{(1 + r) * one.joint + 1} + j]"
+    return f"        d[{one.coordinate}] -= {one.sign}.0 * {n};\n"
 
 
 def function_code(function: InverseFunction, name: str) -> str:
     """Write F as a C function, with infinite limits if it does not keep them."""
-    task = function.task
+    task, cell = function.task, function.chart.cell
+    removed = cell.removed if isinstance(cell, Sector) else ()
     lower, upper = (
         (task.lower, task.upper)
         if function.keep_limits
         else (np.full(task.n, s * np.inf) for s in (-1, 1))
     )
     return filled(
-        "function.c", name, {"lower": row(lower), "upper": row(upper), **_tables(function.chart)}
+        "function.c",
+        name,
+        {
+            "lower": row(lower),
+            "upper": row(upper),
+            "turned": "".join(_shift(one, task.r) for one in removed),
+            **_tables(function.chart),
+        },
     )
 
 
@@ -163,7 +226,7 @@ def _tables(chart: Chart) -> dict[str, object]:
         "count": monomials.size,
         "middle": pose(cell.placement),
         "widths": row(cell.widths),
-        "moved": integer(np.flatnonzero(cell.widths)),
+        "moved": integer(cell.moved),
         "parents": integer(monomials.parent),
         "factors": integer(monomials.variable),
         "weights": table(chart.coefficients.reshape(monomials.size, -1)),

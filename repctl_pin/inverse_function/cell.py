@@ -29,7 +29,7 @@ from ..robot.task import Task, require_task
 from .kinematics import placed
 from .rotations import exp3, left_jacobian, log3, tilts
 
-_INSIDE = 1e-9
+EDGE = 1e-9
 """Tolerance of ``|u_i| ≤ 1``."""
 
 LEAST_WIDTH, _MOST_WIDTH = 1e-6, 1e3
@@ -240,7 +240,7 @@ class Cell:
     def inside(self, U: ArrayLike, off: ArrayLike) -> Array:
         """Refuse coordinates U (K, k) that lie outside the cell."""
         U, off = as_matrices(("U", U, f"K {self.k}"), ("off", off, "K"), exact=True, finite=False)
-        within = (np.abs(U) <= self._bounds + _INSIDE).all(axis=1)
+        within = (np.abs(U) <= self._bounds + EDGE).all(axis=1)
         bad = ~(within & (off <= TURNED))
         if not bad.any():
             return U
@@ -379,11 +379,12 @@ class Cell:
     def names(self) -> tuple[str, ...]:
         """Name of each coordinate: ``x``, ``y``, ``z``, and the rotations ``about x`` …"""
         return tuple(
-            name for name, on in zip(self._all_names, self._active, strict=True) if on
+            name for name, on in zip(self.coordinate_names, self._active, strict=True) if on
         )
 
     @property
-    def _all_names(self) -> list[str]:
+    def coordinate_names(self) -> list[str]:
+        """Name of each of the m coordinates, held ones too."""
         positions = ["xyz"[i] for i in self.task.rows[: len(self.half_width)]]
         turns = (
             ["about x", "about y", "about z"]
@@ -396,11 +397,12 @@ class Cell:
     def units(self) -> tuple[str, ...]:
         """Unit of each coordinate, m or rad."""
         return tuple(
-            unit for unit, on in zip(self._all_units, self._active, strict=True) if on
+            unit for unit, on in zip(self.coordinate_units, self._active, strict=True) if on
         )
 
     @property
-    def _all_units(self) -> list[str]:
+    def coordinate_units(self) -> list[str]:
+        """Unit of each of the m coordinates, m or rad."""
         return ["m"] * len(self.half_width) + ["rad"] * len(self.rotation)
 
     def size(self) -> str:
@@ -434,6 +436,11 @@ class Cell:
 
     # ---- inside
     # ------------------------------------------------------------------------------------
+
+    @property
+    def moved(self) -> NDArray[np.intp]:
+        """The k of the m coordinates that belong to u, in order."""
+        return np.flatnonzero(self._active)
 
     @property
     def _removed(self) -> list[int]:

@@ -234,13 +234,14 @@ def _reduced(cell: Cell, desired: Inverse, body_distance: float) -> Cell:
     if not isinstance(cell, Sector):
         return cell
     found = cell if body_distance else reduced(cell, desired)
-    if not found.reduced and cell.free:
-        why = "body_distance=" if body_distance else "the desired inverse"
-        raise InputError(
-            f"'all' requires the symmetry of the arm, which {why} breaks",
-            argument=cell._all_names[cell.free[0]],
-            remedy="give it in rad",
-        )
+    for i in cell.free:
+        if i not in [one.coordinate for one in found.removed]:
+            why = "body_distance=" if body_distance else "the desired inverse"
+            raise InputError(
+                f"'all' requires the symmetry of the arm, which {why} breaks",
+                argument=cell.coordinate_names[i],
+                remedy="give it in rad",
+            )
     return found
 
 

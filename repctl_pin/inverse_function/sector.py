@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any, Literal
 
@@ -92,9 +92,9 @@ class Sector(Cell):
     free: tuple[int, ...]
     """Coordinates as far as the joints go."""
     symmetries: tuple[Symmetry, ...]
-    """Symmetries of the arm that can be used."""
-    reduced: bool
-    """Whether the symmetric coordinates are left out of u."""
+    """Symmetries of the arm along coordinates that are not held."""
+    removed: tuple[Symmetry, ...]
+    """Those whose coordinates are left out of u, at 0."""
 
     def __init__(
         self,
@@ -140,8 +140,8 @@ class Sector(Cell):
             widths=np.array(every),
             axis=line,
             free=free,
-            symmetries=found,
-            reduced=False,
+            symmetries=tuple(one for one in found if every[one.coordinate]),
+            removed=(),
         )
         self._require_apart()
 
@@ -165,29 +165,27 @@ class Sector(Cell):
     # ---- symmetries
     # --------------------------------------------------------------------------------
 
-    @property
-    def used(self) -> tuple[Symmetry, ...]:
-        """Symmetries of coordinates that are not held."""
-        return tuple(one for one in self.symmetries if self.widths[one.coordinate])
-
-    def without_symmetric(self) -> Sector:
-        """Leave the symmetric coordinates out of u, at 0."""
-        return self._changed(reduced=True)
+    def without(
+        self, symmetries: Sequence[Symmetry], free: Sequence[int] | None = None
+    ) -> Sector:
+        """Leave symmetric coordinates out of u, at 0; some of them go as far as the joints do."""
+        free = self.free if free is None else tuple(free)
+        return self._changed(removed=tuple(symmetries), free=free)
 
     @property
     def whole(self) -> Sector:
         """The sector in all its coordinates."""
-        return self._changed(reduced=False)
+        return self._changed(removed=()) if self.removed else self
 
     @property
     def _removed(self) -> list[int]:
-        return [one.coordinate for one in self.used] if self.reduced else []
+        return [one.coordinate for one in self.removed]
 
     @property
     def along(self) -> Array:
         """∂F/∂y (n, l) of the coordinates that a symmetry removes from u."""
-        along = np.zeros((self.task.n, len(self._removed)))
-        for column, one in enumerate(self.used if self.reduced else ()):
+        along = np.zeros((self.task.n, len(self.removed)))
+        for column, one in enumerate(self.removed):
             along[one.joint, column] = one.sign
         return along
 
@@ -207,7 +205,7 @@ class Sector(Cell):
 
     def wrapped(self, away: Array) -> Array:
         """Remove whole turns from differences of configurations (…, n) along symmetric joints."""
-        for one in self.used if self.reduced else ():
+        for one in self.removed:
             turns = np.rint(away[..., one.joint] / (2 * np.pi))
             away[..., one.joint] -= 2 * np.pi * turns
         return away
@@ -217,7 +215,7 @@ class Sector(Cell):
         coordinates that are removed: (K, n). A coordinate that goes as far as the joints do has no
         margin of its own."""
         margin = self.task.limit_margin(Q)
-        for one in self.used if self.reduced else ():
+        for one in self.removed:
             beyond = np.inf if one.coordinate in self.free else -self.widths[one.coordinate]
             margin[..., one.joint] += beyond
         return margin
@@ -337,11 +335,13 @@ class Sector(Cell):
     # -------------------------------------------------------------------------------------
 
     @property
-    def _all_names(self) -> list[str]:
+    def coordinate_names(self) -> list[str]:
+        """Name of each of the m coordinates, held ones too."""
         return ["radius", "angle", "height", "tilt about x", "tilt about y", "spin"][: self.task.m]
 
     @property
-    def _all_units(self) -> list[str]:
+    def coordinate_units(self) -> list[str]:
+        """Unit of each of the m coordinates, m or rad."""
         return ["m", "rad", "m", "rad", "rad", "rad"][: self.task.m]
 
     def size(self) -> str:
@@ -383,10 +383,10 @@ class Sector(Cell):
             ANGLE: "{} turns the whole arm about the axis",
             SPIN: "{} turns the tool about its z axis",
         }
-        used = [words[one.coordinate].format(names[one.joint]) for one in self.used]
-        if not self.reduced:
-            return "not used" if used else "none of the coordinates is symmetric"
-        return f"{' and '.join(used)}: exact, so {self.k} coordinates of {self.whole.k} remain"
+        used = [words[one.coordinate].format(names[one.joint]) for one in self.removed]
+        if not used:
+            return "not used" if self.symmetries else "none"
+        return f"{' and '.join(used)}: {self.k} of {self.whole.k} coordinates remain"
 
     def __repr__(self) -> str:
         middle = self.where(np.zeros(self.k))

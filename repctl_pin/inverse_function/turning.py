@@ -83,15 +83,15 @@ def settled(chart: Chart) -> tuple[Chart, tuple[Turn, ...]]:
     """Measure how far a chart's function goes along the symmetric coordinates; where it goes as far
     as the joints do, move the middle of its sector there."""
     sector = chart.cell
-    if not isinstance(sector, Sector) or not sector.reduced:
+    if not isinstance(sector, Sector) or not sector.removed:
         return chart, ()
     turns, middles, halves = [], {}, {}
     coefficients = chart.coefficients.copy()
-    for one in sector.used:
+    for one in sector.removed:
         low, high = _ends(chart, one.joint)
         lower, upper = _limits(sector.task, one.joint)
         reach = min(upper - lower - (high - low), 2 * np.pi)
-        name = sector.whole._all_names[one.coordinate]
+        name = sector.whole.coordinate_names[one.coordinate]
         joint = sector.task.joint_names[one.joint]
         turns.append(Turn(name, joint, upper - lower, high - low, reach))
         if one.coordinate in sector.free and reach > 0:
@@ -105,7 +105,7 @@ def settled(chart: Chart) -> tuple[Chart, tuple[Turn, ...]]:
 def expanded(chart: Chart) -> Chart:
     """Write a chart in all coordinates of its cell: along a symmetric one, q_ref is linear."""
     sector = chart.cell
-    if not isinstance(sector, Sector) or not sector.reduced:
+    if not isinstance(sector, Sector) or not sector.removed:
         return chart
     whole, old = sector.whole, chart.monomials
     new = Monomials(whole.k, max(old.degree, 1))
@@ -116,7 +116,7 @@ def expanded(chart: Chart) -> Chart:
     at = {tuple(e): i for i, e in enumerate(new.exponents.tolist())}
     coefficients = np.zeros((new.size, *chart.coefficients.shape[1:]))
     coefficients[[at[tuple(e)] for e in powers.tolist()]] = chart.coefficients
-    for one in sector.used:
+    for one in sector.removed:
         linear = (columns == one.coordinate).astype(int)
         coefficients[at[tuple(linear.tolist())], one.joint, 0] = (
             one.sign * sector.widths[one.coordinate]
@@ -125,19 +125,19 @@ def expanded(chart: Chart) -> Chart:
 
 
 def reduced(sector: Sector, desired: Batched) -> Sector:
-    """Leave the symmetric coordinates out, if G_d has the symmetries of the arm, too.
+    """Leave the symmetric coordinates out, where G_d has the symmetry of the arm, too.
 
     ``G_d E`` must be the same at poses that a symmetry joins.
     """
     task, one = sector.task, sector.whole
     rng = np.random.default_rng(1)
     Q = task.reference + rng.uniform(-0.5, 0.5, (_CONFIGURATIONS, task.n))
-    before = _rates(one, desired, Q)
-    for symmetry in sector.used:
+    before, kept = _rates(one, desired, Q), []
+    for symmetry in sector.symmetries:
         moved = Q + _STEP * np.eye(task.n)[symmetry.joint]
-        if not np.allclose(_rates(one, desired, moved), before, rtol=1e-7, atol=1e-9):
-            return sector
-    return sector.without_symmetric()
+        if np.allclose(_rates(one, desired, moved), before, rtol=1e-7, atol=1e-9):
+            kept.append(symmetry)
+    return sector.without(kept)
 
 
 def _rates(sector: Sector, desired: Batched, Q: Array) -> Array:

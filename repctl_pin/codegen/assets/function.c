@@ -18,7 +18,7 @@ arm_status arm_F(const arm_pose *target, const double *leaf, double q[ARM_N])
     for (a = 1; a < @count; a++) T[a] = T[arm_cell_parent[a]] * u[arm_cell_factor[a]];
     for (a = 0; a < @count; a++)
         for (i = 0; i < arm_cell_width; i++) both[i] += T[a] * arm_cell_weight[a][i];
-    for (i = 0; i < ARM_N; i++) {
+@turned    for (i = 0; i < ARM_N; i++) {
         x[i] = both[(1 + ARM_R) * i];
         for (j = 0; leaf && j < ARM_R; j++) x[i] += leaf[j] * both[(1 + ARM_R) * i + 1 + j];
     }
