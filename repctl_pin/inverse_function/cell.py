@@ -188,6 +188,14 @@ class Cell:
         turn = self.rotation * factor if len(self.rotation) else 0.0
         return Cell(self.task, self.placement, self.half_width * factor, turn)
 
+    @property
+    def centre(self) -> Array:
+        """Values of all m coordinates in the middle, m and rad."""
+        centre = np.zeros(len(self.widths))
+        positions = len(self.half_width)
+        centre[:positions] = self.placement.translation[self.task.rows[:positions]]
+        return centre
+
     # ---- between placements and coordinates
     # -------------------------------------------------------
 

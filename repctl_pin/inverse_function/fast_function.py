@@ -19,6 +19,7 @@ from ..robot.task import Task
 from ..solvers import newton
 from .cell import TURNED, Cell
 from .chart import Chart
+from .fast_sector import closures
 from .monomials import Monomials
 from .sector import Sector
 
@@ -54,7 +55,8 @@ class InPlace:
 def in_place(cell: Cell) -> InPlace:
     """Make the closures of a cell."""
     if isinstance(cell, Sector):
-        return _in_sector(cell)
+        u, shift, locate, pull = closures(cell)
+        return InPlace(u, locate, pull, shift if cell.removed else None)
     p_0, R_0T = cell.placement.translation.copy(), cell.placement.rotation.T.copy()
     R_0 = R_0T.T
     m, on = cell.task.m, np.flatnonzero(cell.widths > 0)
@@ -116,29 +118,6 @@ def in_place(cell: Cell) -> InPlace:
     if cell.task.kind == "pose":
         return InPlace(u, locate_pose, pull_pose if cell.rotation.any() else pull)
     return InPlace(u, locate_point, pull)
-
-
-def _in_sector(cell: Sector) -> InPlace:
-    """Make the closures of a sector."""
-    u, shift, here = np.zeros(cell.k), np.zeros(cell.task.n), [np.zeros((1, 3)), np.eye(3)[None]]
-    on, held, widths = cell._active, cell.widths == 0, cell.widths
-    most = widths + 1e-9
-    most[list(cell.free)] = np.inf
-    removed, along = cell._removed, cell.along
-
-    def locate(p: Array, R: Array) -> float:
-        here[0], here[1] = p[None], R[None]
-        y = cell._measured(p[None], R[None])[0]
-        u[:] = y[on] / widths[on]
-        shift[:] = along @ y[removed]
-        if (np.abs(y[removed]) > most[removed]).any():
-            return np.inf
-        return float(np.abs(y[held]).max(initial=0.0))
-
-    def pull(D: Array, X: Array) -> None:
-        X[:] = D @ cell.slopes(here[0], here[1])[1][0]
-
-    return InPlace(u, locate, pull, shift if removed else None)
 
 
 def monomials_at(monomials: Monomials, u: Array) -> tuple[Array, Callable[[], None]]:

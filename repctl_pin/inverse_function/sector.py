@@ -231,6 +231,12 @@ class Sector(Cell):
         return float(np.linalg.norm(away - z * self.axis[1])), z
 
     @property
+    def centre(self) -> Array:
+        """Values of all m coordinates in the middle, m and rad."""
+        rho, z = self.middle
+        return np.array([rho, 0.0, z, 0.0, 0.0, 0.0])[: self.task.m]
+
+    @property
     def directions(self) -> Array:
         """Unit vectors (3, 3) at the middle: outward, around, and along the axis."""
         a = self.axis[1]

@@ -14,7 +14,7 @@ from .chart import Chart
 from .kinematics import placed
 from .margins import CandidateFunction, Margin, searched
 from .monomials import Monomials
-from .sector import Sector
+from .sector import ANGLE, HEIGHT, Sector
 
 _POSES, _STARTS = 4096, 24
 """Poses at which the spread of a joint is measured, and from which its ends are searched for."""
@@ -122,6 +122,28 @@ def expanded(chart: Chart) -> Chart:
             one.sign * sector.widths[one.coordinate]
         )
     return Chart(whole, new, coefficients)
+
+
+def turn_at(chart: Chart, U: Array) -> Array | None:
+    """Measure how far round a function goes, with its tilts and its spin anywhere in the sector: (K,)
+    rad, at the radius and height of every row of U (K, k). NaN where a pose has no configuration;
+    None without the symmetry of the angle."""
+    sector = chart.cell
+    if not isinstance(sector, Sector) or ANGLE not in [one.coordinate for one in sector.removed]:
+        return None
+    joint = next(one.joint for one in sector.removed if one.coordinate == ANGLE)
+    others = np.flatnonzero(sector.moved > HEIGHT)
+    tilts = np.concatenate([sector.sample(16, 13), sector.corners()])[:, others]
+    tilts = np.unique(tilts, axis=0) if len(others) else tilts[:1]
+    low, high = np.full(len(U), np.inf), np.full(len(U), -np.inf)
+    for tilt in tilts:
+        V = U.copy()
+        V[:, others] = tilt
+        points = chart.solve(V, np.zeros((len(V), sector.task.r)))
+        q = np.where(points.found, points.Q[:, joint], np.nan)
+        low, high = np.minimum(low, q), np.maximum(high, q)
+    lower, upper = _limits(sector.task, joint)
+    return np.minimum(upper - lower - (high - low), 2 * np.pi)
 
 
 def reduced(sector: Sector, desired: Batched) -> Sector:

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..design import Design
-from ..inverse_function import CellDesign
+from ..inverse_function import CellDesign, Sector
+from ..inverse_function.sample_path import tour
 from ..motion import ClosedPath
 from ..motion.fitting_circle import fitting_circle
 from ..paths.task_path import Cycle
@@ -53,6 +54,8 @@ def problem_of(
         begin = center if start is None else start
         inside = partial(fitting_circle, control=design.inverse, region=region)
         draw = inside if path is None and plane is None else path
+    if draw is inside and isinstance(design.cell, Sector):
+        draw = tour(design.cell)  # the orientation turns with the angle, which no circle does
         return Problem(task, start=begin, path=draw, plane=plane, region=region)
     return _of_cycle(design, cycle, start)
 
@@ -81,6 +84,8 @@ def _of_cell(
     begin = design.posture if start is None else start
     inside = partial(fitting_circle, control=design.inverse, region=design.cell)
     draw = inside if path is None and plane is None else path
+    if draw is inside and isinstance(design.cell, Sector):
+        draw = tour(design.cell)  # the orientation turns with the angle, which no circle does
     problem = Problem(design.task, start=begin, path=draw, plane=plane)._with(region=design.cell)
     if start is not None or path is False:
         return problem

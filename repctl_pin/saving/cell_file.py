@@ -231,7 +231,8 @@ def cell_of(content: CellFile, task: Task) -> CellDesign:
         FailureReason(s.cause, s.share, np.array(s.u), s.what) for s in content.figures.failures
     )
     evaluation, chart = Evaluation(**figures), Chart(cell, Monomials(cell.k, degree), C)
-    function = InverseFunction(chart, keep_limits=not evaluation.everywhere)
+    ends = isinstance(cell, Sector) and cell.free
+    function = InverseFunction(chart, keep_limits=bool(ends) or not evaluation.everywhere)
     desired, posture = desired_of(content.desired, task), task.check(content.posture, "the posture")
     how = {name: getattr(content, name) for name in _HOW}
     return CellDesign(

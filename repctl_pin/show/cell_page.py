@@ -8,7 +8,8 @@ from itertools import product
 import numpy as np
 
 from ..arguments import Array
-from ..inverse_function import Cell, CellDesign
+from ..inverse_function import Cell, CellDesign, Sector
+from ..inverse_function.sector import ANGLE, HEIGHT, RADIUS
 from ..motion import Motion, elbow
 from .page.html import render
 from .page.playback import TracedChain, playback_of, playback_page
@@ -19,15 +20,38 @@ from .text.verdict import NO_VERDICT, Verdict, motion_summary, verdict
 _ROUND = [0, 1, 3, 2, 0, 4, 5, 1, 5, 7, 3, 7, 6, 2, 6, 4]
 """Corners of a box, counted in binary, in an order that traces every edge."""
 
+_ARC = 49
+"""Points of an arc of a sector."""
+
 
 def box_of(cell: Cell) -> Array:
     """Trace the edges of a cell's box of positions: (P, 3), m; a rectangle or a line where some
     positions are fixed."""
+    if isinstance(cell, Sector):
+        return _edges(cell)
     positions = len(cell.half_width)
     low_high = np.zeros((3, 2))
     low_high[cell.task.rows[:positions]] = cell.half_width[:, None] * [-1, 1]
     corners = np.array(list(product(*low_high))) + cell.placement.translation
     return corners[_ROUND]
+
+
+def _edges(sector: Sector) -> Array:
+    """Trace the arcs and edges of a sector's positions: (P, 3), m."""
+    low, high = -1.0, 1.0
+    arc = np.linspace(low, high, _ARC)
+    corners = [(low, low), (high, low), (high, high), (low, high), (low, low)]
+    Y = np.zeros((0, sector.task.m))
+    for radius, height in corners:  # an arc at each corner, there and back in turns
+        part = np.zeros((_ARC, sector.task.m))
+        part[:, RADIUS], part[:, ANGLE] = radius, arc
+        if sector.task.m > 2:
+            part[:, HEIGHT] = height
+        Y = np.concatenate([Y, part])
+        arc = arc[::-1]
+    back = Y[:: _ARC - 1][::-1]  # the end face that the arcs left open
+    Y = np.concatenate([Y, back]) * sector.widths
+    return sector.placements(Y[:, sector.moved] / sector.widths[sector.moved])[0]
 
 
 def cell_page(
