@@ -48,6 +48,9 @@ _HOPELESS = 0.98
 _DEAR = 0.02
 """Extra joint speed above which other configurations of the middle are tried."""
 
+_FAR_ROUND = 0.9
+"""Share of the joints' ranges, of a sector as far as the joints go, below which they are, too."""
+
 _NEARLY = 0.9
 """Coverage below which no other configuration of the middle is tried."""
 
@@ -294,9 +297,10 @@ class _Work:
     def good(self, found: Found) -> bool:
         """Whether a design covers the cell without collisions, near limits, or high joint speed."""
         least = (1.0, True, True, 0.4 * self.limit_margin)
-        return (
-            _rank(found, self.limit_margin) >= least and cast(CellDesign, found).extra_speed < _DEAR
-        )
+        if not _rank(found, self.limit_margin) >= least:
+            return False
+        found = cast(CellDesign, found)
+        return found.extra_speed < _DEAR and _share(found) >= _FAR_ROUND
 
     def design(self, cell: Cell, q: Array, *, quick: bool = False) -> Found:
         """Design over one cell; the reasons for failure if it cannot be reached."""
@@ -479,12 +483,24 @@ def _refusal(
     return NoFunctionError(fact, failures, fits, partly=keep, remedy=remedy)
 
 
-def _rank(found: Found, limit_margin: float) -> tuple[float, bool, bool, float, float]:
-    """Sort key: coverage of held-out poses, of all poses, no collision, limit margin, speed."""
+def _rank(found: Found, limit_margin: float) -> tuple[float, bool, bool, float, float, float]:
+    """Sort key: coverage of held-out poses, of all poses, no collision, limit margin, how far
+    round, speed."""
     if not isinstance(found, CellDesign) or found.coverage == 0:
-        return 0.0, False, False, -np.inf, -np.inf
+        return 0.0, False, False, -np.inf, -np.inf, -np.inf
     margin, everywhere = min(found.limit_margin, 0.4 * limit_margin), found.evaluation.everywhere
-    return found.coverage, everywhere, found.body_distance >= 0, margin, -found.cost
+    return found.coverage, everywhere, found.body_distance >= 0, margin, _share(found), -found.cost
+
+
+def _share(found: CellDesign) -> float:
+    """How far a function goes along the coordinates that go as far as the joints do, as a share of
+    the joints' ranges, to 5 %; 1 in a box."""
+    cell = found.cell
+    free = cell.free if isinstance(cell, Sector) else ()
+    names = [cell.coordinate_names[i] for i in free]
+    turns = [turn for turn in found.evaluation.turns if turn.coordinate in names]
+    shares = [turn.reach / min(turn.joint_range, 2 * np.pi) for turn in turns]
+    return float(np.round(20 * min(shares, default=1.0)) / 20)
 
 
 def _terms(cell: Cell, degree: int) -> int:

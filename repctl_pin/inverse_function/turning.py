@@ -16,7 +16,7 @@ from .margins import CandidateFunction, Margin, searched
 from .monomials import Monomials
 from .sector import ANGLE, HEIGHT, Sector
 
-_POSES, _STARTS = 4096, 24
+_POSES, _STARTS = 1024, 24
 """Poses at which the spread of a joint is measured, and from which its ends are searched for."""
 
 _CONFIGURATIONS, _STEP = 6, 0.7
@@ -37,7 +37,7 @@ class Turn:
         Difference between the joint's largest and smallest value over the poses at which the
         coordinate is 0, rad.
     reach : float
-        Range of the coordinate at which all of these poses are inside the joint's limits, rad: the
+        Range of the coordinate at which all covered poses are inside the joint's limits, rad: the
         joint's range less the spread, at most a full turn; 0 or less if there is none.
     """
 
@@ -58,18 +58,22 @@ class Turn:
 
 
 def _ends(chart: Chart, joint: int) -> tuple[float, float]:
-    """Search for the smallest and the largest value of a joint over a cell."""
+    """Search for the smallest and the largest value of a joint over the covered poses of a cell."""
     candidate, cell = CandidateFunction.zero(chart), chart.cell
     U = np.concatenate([cell.sample(_POSES, 11), cell.corners()])
     points = candidate.at(U)
-    U, q = U[points.found], points.Q[points.found, joint]
+    good = points.found & (cell.limit_margin(points.Q).min(axis=1) >= 0)
+    if not good.any():
+        return np.nan, np.nan
+    U, q = U[good], points.Q[good, joint]
     ends = []
     for way in (1.0, -1.0):
         margin = Margin(
             "joint", lambda Q, way=way: way * Q[:, joint : joint + 1], 0.0, 0.0, 0, _STARTS, 0
         )
         found = candidate.at(searched(candidate, margin, U[np.argsort(way * q)[:_STARTS]]))
-        inside = found.Q[found.found, joint]
+        good = found.found & (cell.limit_margin(found.Q).min(axis=1) >= 0)
+        inside = found.Q[good, joint]
         ends.append(way * min((way * q).min(), (way * inside).min(initial=np.inf)))
     return ends[0], ends[1]
 
@@ -126,7 +130,7 @@ def expanded(chart: Chart) -> Chart:
 
 def turn_at(chart: Chart, U: Array) -> Array | None:
     """Measure how far round a function goes, with its tilts and its spin anywhere in the sector: (K,)
-    rad, at the radius and height of every row of U (K, k). NaN where a pose has no configuration;
+    rad, at the radius and height of every row of U (K, k). NaN where no pose is covered;
     None without the symmetry of the angle."""
     sector = chart.cell
     if not isinstance(sector, Sector) or ANGLE not in [one.coordinate for one in sector.removed]:
@@ -140,8 +144,10 @@ def turn_at(chart: Chart, U: Array) -> Array | None:
         V = U.copy()
         V[:, others] = tilt
         points = chart.solve(V, np.zeros((len(V), sector.task.r)))
-        q = np.where(points.found, points.Q[:, joint], np.nan)
-        low, high = np.minimum(low, q), np.maximum(high, q)
+        good = points.found & (sector.limit_margin(points.Q).min(axis=1) >= 0)
+        low = np.where(good, np.minimum(low, points.Q[:, joint]), low)
+        high = np.where(good, np.maximum(high, points.Q[:, joint]), high)
+    low[high < low] = np.nan
     lower, upper = _limits(sector.task, joint)
     return np.minimum(upper - lower - (high - low), 2 * np.pi)
 

@@ -57,8 +57,13 @@ def cell_figure(design: CellDesign, cuts: Sequence[Slice]) -> Figure:
     task = design.task
     title = f"{task.robot.name}, {task.frame}, {task.kind}: one function for {design.cell.size()}"
     drawn = [what for what in _WHAT if getattr(cuts[0], what) is not None]
-    figure = titled(2.0 + 2.7 * sum(shares), 0.7 + 3.0 * len(drawn), title)
-    grid = figure.subplots(len(drawn), len(cuts), squeeze=False, width_ratios=shares)
+    one = len(cuts) == 1
+    if one:  # side by side
+        figure = titled(1.5 + 3.6 * len(drawn), 3.7, title)
+        grid = figure.subplots(1, len(drawn), squeeze=False).T
+    else:
+        figure = titled(2.0 + 2.7 * sum(shares), 0.7 + 3.0 * len(drawn), title)
+        grid = figure.subplots(len(drawn), len(cuts), squeeze=False, width_ratios=shares)
     for row, what in zip(grid, drawn, strict=True):
         label, _, scale = _WHAT[what]
         every = scale * np.concatenate([getattr(cut, what).ravel() for cut in cuts])
