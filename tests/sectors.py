@@ -13,7 +13,7 @@ from cell_functions import chart_of, panda
 
 import repctl_pin as rp
 from repctl_pin.inverse_function.cell_evaluation import evaluate_cell
-from repctl_pin.inverse_function.turning import reduced, settled
+from repctl_pin.inverse_function.turning import centred, reduced
 
 WIDTHS: dict[str, dict[str, Any]] = {
     "pose": {"height": 0.08, "half_angle": (0.2, 0.3), "spin": 0.3},
@@ -43,7 +43,7 @@ def found(name: str = "one orientation") -> rp.CellDesign:
     desired = rp.Pseudoinverse(sector.task)
     sector = reduced(sector, desired)
     q = rp.solve_ik(sector.task, Q_PANDA, sector.placement)
-    chart, turns = settled(chart_of(sector, q, 2, 64))
+    chart, turns = centred(chart_of(sector, q, 2, 64))
     evaluation = replace(evaluate_cell(desired, chart, 64, 5, quick=True), turns=turns)
     how = {"samples": 64, "held_out": 64, "seed": 0, "steps": 0, "degrees": ((1, 1.0),)}
     asked = ("requested_limit_margin", "requested_body_distance", "requested_sigma_min")

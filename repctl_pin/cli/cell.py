@@ -25,8 +25,8 @@ from .options import Parser
 from .terminal import progress, report
 
 HELP = (
-    "find one function for a whole cell, a box of poses or a sector around the base: each pose gives "
-    "one configuration, always the same"
+    "find one function for a whole cell, a box of poses or a sector around the base: each pose "
+    "gives one configuration, always the same"
 )
 EXAMPLE = """examples:
   repctl cell panda --half-width 0.1,0.15,0.1 --half-angle 0.3
@@ -57,8 +57,8 @@ def add_options(parser: Parser) -> None:
         "--half-angle",
         default="0",
         metavar="A",
-        help="rotations of up to A rad about each axis; in a sector, tilts about the tool's x and y "
-        "(default 0)",
+        help="rotations of up to A rad about each axis; in a sector, tilts about the tool's x "
+        "and y (default 0)",
     )
     add(
         "--at",

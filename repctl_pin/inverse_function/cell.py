@@ -329,10 +329,13 @@ class Cell:
         """
         U, R = as_matrices(("U", U, f"K {self.k}"), ("R", R, "K 3 3"), exact=True, finite=False)
         E = self._all_twists(self.spread(U), R)
-        return np.concatenate([E[:, :, self._active] * self._active_widths, E[:, :, self._removed]], 2)
+        return np.concatenate(
+            [E[:, :, self._active] * self._active_widths, E[:, :, self._removed]], 2
+        )
 
     def slopes(self, p: ArrayLike, R: ArrayLike) -> tuple[Array, Array]:
-        """Evaluate u and ∂u/∂x at placements: (K, k) and (K, k + l, m), rows as in :meth:`twists`."""
+        """Evaluate u and ∂u/∂x at placements: (K, k) and (K, k + l, m), rows as the columns of
+        :meth:`twists`."""
         p, R = as_matrices(("p", p, "K 3"), ("R", R, "K 3 3"), exact=True, finite=False)
         Y, on = self._measured(p, R), self._active
         inverse = np.linalg.inv(self._all_twists(Y, R))
@@ -340,8 +343,8 @@ class Cell:
         return Y[:, on] / self._active_widths, np.concatenate(slopes, axis=1)
 
     def speeds(self, U: ArrayLike) -> Array:
-        """Evaluate ``(EᵀE)^(−1/2)`` (K, k + l, k + l), which scales ∂F/∂u to joint speed per unit of
-        task speed."""
+        """Evaluate ``(EᵀE)^(−1/2)`` (K, k + l, k + l), which scales ∂F/∂u to joint speed per unit
+        of task speed."""
         _, R = self.placements(U)
         E = self.twists(U, R)
         s, V = np.linalg.eigh(np.swapaxes(E, 1, 2) @ E)

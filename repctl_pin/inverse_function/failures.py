@@ -90,13 +90,17 @@ def unreached(cell: Cell, U: Array, near: Array, share: float) -> list[FailureRe
         at = int(np.argmax(shortfall))
         where = cell.where(some[at])
         what = f"the pose {where} is out of reach (task error {shortfall[at]:.2g}, in m and rad)"
-        failures.append(FailureReason("reach", share * float(short.mean()), cell.lifted(some[at]), what))
+        failures.append(
+            FailureReason("reach", share * float(short.mean()), cell.lifted(some[at]), what)
+        )
     if not short.all():
         at = int(np.argmin(np.where(short, np.inf, spans)))
         where = cell.where(some[at])
         what = f"between the middle of the cell and {where} the arm passes a singularity"
         failures.append(
-            FailureReason("singularity", share * float((~short).mean()), cell.lifted(some[at]), what)
+            FailureReason(
+                "singularity", share * float((~short).mean()), cell.lifted(some[at]), what
+            )
         )
     return failures
 

@@ -28,7 +28,7 @@ from .penalty import ActiveConstraint, PenaltyMethod, padded
 from .posture_search import given, searched
 from .reference import Rays, fitted, rays
 from .sector import Sector
-from .turning import Turn, reduced, settled
+from .turning import Turn, centred, reduced
 
 _HELD_OUT = 8192
 _MOST_UNKNOWNS = 260
@@ -328,7 +328,7 @@ class _Work:
         if not np.isfinite(descent.value.cost):
             return _why(cell, ends, count)
         self.report("the last chart", 0.7)
-        chart, turns = settled(_recharted(cell, chart, descent, terms))
+        chart, turns = centred(_recharted(cell, chart, descent, terms))
         if any(turn.reach <= 0 for turn in turns):
             return tuple(_no_turn(cell, turn) for turn in turns if turn.reach <= 0)
         self.report("the evaluation", 0.8)

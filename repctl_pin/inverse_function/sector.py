@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -45,8 +45,8 @@ class Sector(Cell):
 
     ρ, φ and z are the radius, angle and height of p around an axis a through o, by default the
     vertical one of the base; e is the direction from that axis to the middle. t tilts about the
-    tool's own x and y, ψ turns about its z. The orientation turns with φ. A coordinate of half-width
-    0 is held.
+    tool's own x and y, ψ turns about its z. The orientation turns with φ. A coordinate of
+    half-width 0 is held.
 
     Where a joint turns the whole arm about the axis, ``F(R_a(φ) x) = F(x) ± φ e_j`` is exact, and
     where the last joint's axis is the tool's z axis through the frame's origin, so is ``F(x R_z(ψ))
@@ -165,9 +165,7 @@ class Sector(Cell):
     # ---- symmetries
     # --------------------------------------------------------------------------------
 
-    def without(
-        self, symmetries: Sequence[Symmetry], free: Sequence[int] | None = None
-    ) -> Sector:
+    def without(self, symmetries: Sequence[Symmetry], free: Sequence[int] | None = None) -> Sector:
         """Leave symmetric coordinates out of u, at 0; some of them go as far as the joints do."""
         free = self.free if free is None else tuple(free)
         return self._changed(removed=tuple(symmetries), free=free)
@@ -334,7 +332,7 @@ class Sector(Cell):
 
     def _changed(self, **changes: Any) -> Sector:
         other = object.__new__(Sector)
-        freeze(other, **{f.name: getattr(self, f.name) for f in fields(self)} | changes)
+        freeze(other, **vars(self) | changes)
         return other
 
     # ---- words
@@ -409,10 +407,11 @@ def _axis(task: Task, axis: ArrayLike | None) -> Array:
         )
     line = np.stack([line[0], line[1] / np.linalg.norm(line[1])])
     if task.m == 2:
-        across = [i for i in range(3) if i not in task.rows][0]
+        across = next(i for i in range(3) if i not in task.rows)
         if abs(line[1][across]) < 1 - 1e-12:
             raise InputError(
-                f"of a sector of an {task.kind} task must be along {'xyz'[across]}, across its plane",
+                f"of a sector of an {task.kind} task must be along {'xyz'[across]}, "
+                "across its plane",
                 argument="axis",
             )
     return line
@@ -459,7 +458,9 @@ def _turns(task: Task, half_angle: ArrayLike) -> Array:
     each = "one per axis of the tool: x, y" + (", and z as an ordinary turn" if third else "")
     turns = sizes(half_angle, 3 if third else 2, "half_angle", "rad", each)
     if np.linalg.norm(turns[:2]) >= 0.95 * np.pi or (turns[2:] > np.pi).any():
-        raise InputError("reaches half a turn; keep its length below 2.98 rad", argument="half_angle")
+        raise InputError(
+            "reaches half a turn; keep its length below 2.98 rad", argument="half_angle"
+        )
     return turns
 
 

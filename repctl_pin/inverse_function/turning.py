@@ -39,6 +39,8 @@ class Turn:
     reach : float
         Range of the coordinate at which all covered poses are inside the joint's limits, rad: the
         joint's range less the spread, at most a full turn; 0 or less if there is none.
+    most : float
+        Range at which 99 % of them are, rad.
     """
 
     coordinate: str
@@ -46,25 +48,29 @@ class Turn:
     joint_range: float
     spread: float
     reach: float
+    most: float
 
     def __str__(self) -> str:
-        text = f"{np.degrees(max(self.reach, 0)):.4g}° at every pose"
+        text = f"{np.degrees(max(self.reach, 0)):.4g}° at every covered pose"
         if self.reach >= 2 * np.pi:
             return text
+        if self.most > self.reach + 0.01:
+            text += f", {np.degrees(self.most):.4g}° at 99 % of them"
         return (
-            f"{text}: {self.joint} turns {np.degrees(self.joint_range):.4g}°, "
-            f"and differs by {np.degrees(self.spread):.3g}° over the cell"
+            f"{text}\nended by {self.joint}, which turns {np.degrees(self.joint_range):.4g}° and "
+            f"differs by {np.degrees(self.spread):.2g}° over the cell"
         )
 
 
-def _ends(chart: Chart, joint: int) -> tuple[float, float]:
-    """Search for the smallest and the largest value of a joint over the covered poses of a cell."""
+def _ends(chart: Chart, joint: int) -> tuple[float, float, float]:
+    """Search for the smallest and the largest value of a joint over the covered poses of a cell;
+    and measure the range of 99 % of the values."""
     candidate, cell = CandidateFunction.zero(chart), chart.cell
     U = np.concatenate([cell.sample(_POSES, 11), cell.corners()])
     points = candidate.at(U)
     good = points.found & (cell.limit_margin(points.Q).min(axis=1) >= 0)
     if not good.any():
-        return np.nan, np.nan
+        return np.nan, np.nan, np.nan
     U, q = U[good], points.Q[good, joint]
     ends = []
     for way in (1.0, -1.0):
@@ -75,7 +81,8 @@ def _ends(chart: Chart, joint: int) -> tuple[float, float]:
         good = found.found & (cell.limit_margin(found.Q).min(axis=1) >= 0)
         inside = found.Q[good, joint]
         ends.append(way * min((way * q).min(), (way * inside).min(initial=np.inf)))
-    return ends[0], ends[1]
+    middle = np.quantile(q, [0.005, 0.995])
+    return ends[0], ends[1], float(np.ptp(middle))
 
 
 def _limits(task: Task, joint: int) -> tuple[float, float]:
@@ -83,7 +90,7 @@ def _limits(task: Task, joint: int) -> tuple[float, float]:
     return float(lower[joint]), float(upper[joint])
 
 
-def settled(chart: Chart) -> tuple[Chart, tuple[Turn, ...]]:
+def centred(chart: Chart) -> tuple[Chart, tuple[Turn, ...]]:
     """Measure how far a chart's function goes along the symmetric coordinates; where it goes as far
     as the joints do, move the middle of its sector there."""
     sector = chart.cell
@@ -92,12 +99,13 @@ def settled(chart: Chart) -> tuple[Chart, tuple[Turn, ...]]:
     turns, middles, halves = [], {}, {}
     coefficients = chart.coefficients.copy()
     for one in sector.removed:
-        low, high = _ends(chart, one.joint)
+        low, high, most = _ends(chart, one.joint)
         lower, upper = _limits(sector.task, one.joint)
         reach = min(upper - lower - (high - low), 2 * np.pi)
         name = sector.whole.coordinate_names[one.coordinate]
         joint = sector.task.joint_names[one.joint]
-        turns.append(Turn(name, joint, upper - lower, high - low, reach))
+        most = min(upper - lower - most, 2 * np.pi)
+        turns.append(Turn(name, joint, upper - lower, high - low, reach, most))
         if one.coordinate in sector.free and reach > 0:
             away = (upper + lower - high - low) / 2 if np.isfinite(upper - lower) else 0.0
             middles[one.coordinate], halves[one.coordinate] = one.sign * away, reach / 2
@@ -129,8 +137,8 @@ def expanded(chart: Chart) -> Chart:
 
 
 def turn_at(chart: Chart, U: Array) -> Array | None:
-    """Measure how far round a function goes, with its tilts and its spin anywhere in the sector: (K,)
-    rad, at the radius and height of every row of U (K, k). NaN where no pose is covered;
+    """Measure how far round a function goes, with its tilts anywhere in the sector: (K,) rad, at
+    the radius and height of every row of U (K, k). NaN where no pose is covered;
     None without the symmetry of the angle."""
     sector = chart.cell
     if not isinstance(sector, Sector) or ANGLE not in [one.coordinate for one in sector.removed]:

@@ -70,6 +70,7 @@ class TurnFile(Plain):
     joint_range: float | None
     spread: float
     reach: float
+    most: float
 
 
 class SectorFile(Plain):
@@ -103,7 +104,7 @@ class CellFigures(Plain):
     limit_margin_worst: float | None = None
     attainable_margin_worst: float | None = None
     extra_speed_direction: float | None = None
-    turns: list[TurnFile] = []
+    turns: tuple[TurnFile, ...] = ()
 
 
 class CellFile(Sealed):
@@ -141,12 +142,12 @@ def cell_file(design: CellDesign) -> CellFile:
     unsaid = (*_BOUNDLESS, "extra_speed_direction")
     boundless = {name: found[name] if np.isfinite(found[name]) else None for name in unsaid}
     failures = [described(FailureFile, stop) for stop in design.failures]
-    turns = [
+    turns = tuple(
         described(
             TurnFile, turn, joint_range=turn.joint_range if np.isfinite(turn.joint_range) else None
         )
         for turn in design.evaluation.turns
-    ]
+    )
     figures, placement = (
         CellFigures(**found | boundless | {"failures": failures, "turns": turns}),
         cell.placement.homogeneous.tolist(),
@@ -164,6 +165,10 @@ def cell_file(design: CellDesign) -> CellFile:
         proof=proof_file(design.proof),
         sector=_sector_file(chart.cell),
     )
+
+
+def _range(turn: TurnFile) -> float:
+    return np.inf if turn.joint_range is None else turn.joint_range
 
 
 def _sector_file(cell: Cell) -> SectorFile | msgspec.UnsetType:
@@ -224,8 +229,8 @@ def cell_of(content: CellFile, task: Task) -> CellDesign:
     if any(len(stop.u) != cell.whole.k for stop in content.figures.failures):
         raise InputError(f"a pose of this cell has {cell.whole.k} coordinates")
     figures["turns"] = tuple(
-        Turn(t.coordinate, t.joint, np.inf if t.joint_range is None else t.joint_range, t.spread, t.reach)
-        for t in content.figures.turns
+        Turn(**msgspec.structs.asdict(turn) | {"joint_range": _range(turn)})
+        for turn in content.figures.turns
     )
     figures["failures"] = tuple(
         FailureReason(s.cause, s.share, np.array(s.u), s.what) for s in content.figures.failures

@@ -106,7 +106,11 @@ def test_sectors_that_make_no_sense(change: dict, says: str) -> None:
 @pytest.mark.parametrize(
     ("kind", "change", "says"),
     [
-        ("position", {"spin": 0.2}, "spin: a position task leaves the rotation about the tool free"),
+        (
+            "position",
+            {"spin": 0.2},
+            "spin: a position task leaves the rotation about the tool free",
+        ),
         ("axis", {"spin": "all"}, "spin: an? axis task leaves the rotation about the tool free"),
         ("position", {"half_angle": 0.2}, "half_angle: a position task leaves the rotation free"),
         ("xy", {"height": 0.2}, "height: a xy task does not command it"),
@@ -202,6 +206,7 @@ def test_how_far_round_and_what_ends_it() -> None:
     spread = np.ptp(F.batch(U)[:, 0])
     assert turn.joint == "panda_joint1" and 0.95 * spread <= turn.spread
     assert np.isclose(turn.reach, turn.joint_range - turn.spread)
+    assert turn.reach - 1e-9 <= turn.most <= turn.joint_range
     assert np.isclose(cell.widths[1], turn.reach / 2)
     for end in (-1.0, 1.0):  # both ends of the angle are inside the limits, further is not
         U[:, 1] = end
@@ -211,13 +216,16 @@ def test_how_far_round_and_what_ends_it() -> None:
             F.batch(U)
     map_ = turn_at(F.chart, F.chart.cell.sample(4))
     assert map_ is not None and np.allclose(map_, turn.joint_range)  # one orientation: no spread
-    assert f"{np.degrees(turn.reach):.4g}° at every pose" in design.summary()
+    assert f"{np.degrees(turn.reach):.4g}° at every covered pose" in design.summary()
     assert "panda_joint1 turns the whole arm about the axis" in design.summary()
 
 
 def test_a_desired_inverse_without_the_symmetry_is_not_reduced() -> None:
     sector = sector_of("pose", angle=0.5)
-    plain, limits = rp.Pseudoinverse(sector.task), rp.WeightedInverse(sector.task, rp.LimitWeight(sector.task))
+    plain, limits = (
+        rp.Pseudoinverse(sector.task),
+        rp.WeightedInverse(sector.task, rp.LimitWeight(sector.task)),
+    )
     assert [one.coordinate for one in reduced(sector, plain).removed] == [1, 5]
     first = np.diag([2.0, 1, 1, 1, 1, 1, 1])  # constant in the joints: both remain
     weighted = rp.WeightedInverse(sector.task, first)

@@ -28,8 +28,8 @@ def slice_of_cell(
     what: str = "limit_margin",
     ends: tuple[float, float] | None = None,
 ) -> Axes:
-    """Draw ``limit_margin``, ``extra_speed`` or ``turn`` over one slice, coloured from ``ends``; uncovered
-    poses are grey."""
+    """Draw ``limit_margin``, ``extra_speed`` or ``turn`` over one slice, coloured from ``ends``;
+    uncovered poses are grey."""
     _, colours, scale = _WHAT[what]
     values = scale * getattr(cut, what)
     values = np.ma.array(values, mask=~np.isfinite(values))
