@@ -285,25 +285,25 @@ class Cell:
         none."""
         return np.zeros((self.task.n, 0))
 
-    def shifts(self, p: ArrayLike, R: ArrayLike) -> Array:
+    def _shifts(self, p: ArrayLike, R: ArrayLike) -> Array:
         """Evaluate the part of F that a symmetry adds at placements: (K, n); 0 in a box."""
         (p,) = as_matrices(("p", p, "K 3"), exact=True, finite=False)
         return np.zeros((len(p), self.task.n))
 
-    def limit_margin(self, Q: Array) -> Array:
-        """Compute the distance of each joint to its nearer limit: (K, n)."""
-        return self.task.limit_margin(Q)
+    def limit_margin(self, q: ArrayLike) -> Array:
+        """Compute the distance of each joint to its nearer limit: (…, n); negative outside."""
+        return self.task.limit_margin(q)
 
-    def split(self, U: Array) -> tuple[Array, Array]:
+    def _split(self, U: Array) -> tuple[Array, Array]:
         """Split coordinates U (K, ·) of the whole cell into those of this one (K, k), and the part
         of F (K, n) that a symmetry adds."""
         return U, np.zeros((len(U), self.task.n))
 
-    def lifted(self, u: Array) -> Array:
+    def _lifted(self, u: Array) -> Array:
         """Convert coordinates u (k,) to those of the whole cell."""
         return u
 
-    def wrapped(self, away: Array) -> Array:
+    def _wrapped(self, away: Array) -> Array:
         """Remove whole turns from differences of configurations (…, n) along symmetric joints."""
         return away
 
@@ -503,12 +503,12 @@ class Cell:
 
     def _all_twists(self, Y: Array, R: Array) -> Array:
         """Evaluate the task velocity (K, m, m) per m and rad of every coordinate."""
-        T = self.frame_twists(Y)
+        T = self._frame_twists(Y)
         if self.task.kind != "axis":
             return T[:, self.task.rows]
         return np.concatenate([T[:, :3], np.swapaxes(R[:, :, :2], 1, 2) @ T[:, 3:]], axis=1)
 
-    def frame_twists(self, Y: ArrayLike) -> Array:
+    def _frame_twists(self, Y: ArrayLike) -> Array:
         """Evaluate the frame's velocity (v, ω), base axes, per m and rad of each of the m
         coordinates Y (K, m): (K, 6, m)."""
         (Y,) = as_matrices(("Y", Y, f"K {self.task.m}"), exact=True, finite=False)

@@ -403,9 +403,9 @@ def _all_round(
     """Move poses along the symmetric coordinates of a sector, where body distances change: the
     coordinates of the whole sector, the configurations, and the candidate there."""
     cell, chart = candidate.chart.cell, expanded(candidate.chart)
-    U = np.array([cell.lifted(u) for u in U]).reshape(-1, cell.whole.k)
-    removed = (cell.lifted(np.ones(cell.k)) == 0).nonzero()[0]
+    U = np.array([cell._lifted(u) for u in U]).reshape(-1, cell.whole.k)
+    removed = (cell._lifted(np.ones(cell.k)) == 0).nonzero()[0]
     if not len(removed):
         return U, Q, candidate
     U[:, removed] = np.random.default_rng(5).uniform(-1, 1, (len(U), len(removed)))
-    return U, Q + cell.split(U)[1], CandidateFunction.zero(chart)
+    return U, Q + cell._split(U)[1], CandidateFunction.zero(chart)

@@ -39,7 +39,7 @@ class CellPotentials:
         p, R, _ = placed(self.chart.cell.task, Q)
         cell = self.chart.cell
         q_ref, n_ref = self.chart.reference(cell.coordinates(p, R)[0])
-        away = cell.wrapped(Q - q_ref - cell.shifts(p, R))
+        away = cell._wrapped(Q - q_ref - cell._shifts(p, R))
         return np.einsum("Knr,Kn->Kr", n_ref, away)[0]
 
     def gradient(self, q: Array) -> Array:
@@ -54,7 +54,7 @@ class CellPotentials:
         U, dU = cell.slopes(p, R)
         q_ref, n_ref = self.chart.reference(U)
         dq, dn = self.chart.slopes(U)
-        away = cell.wrapped(Q - q_ref - cell.shifts(p, R))
+        away = cell._wrapped(Q - q_ref - cell._shifts(p, R))
         D = np.einsum("Knrk,Kn->Krk", dn, away) - np.einsum("Knr,Knk->Krk", n_ref, dq)
         D = np.concatenate([D, -np.swapaxes(n_ref, 1, 2) @ cell.along], axis=2)
         return n_ref + np.swapaxes(D @ dU @ J, 1, 2)
@@ -69,7 +69,7 @@ class CellPotentials:
         p, R = here.translation, here.rotation
         cell = in_place(chart.cell)
         locate, pull, shift = cell.locate, cell.pull, cell.shift
-        along, wrapped = chart.cell.along, chart.cell.wrapped
+        along, wrapped = chart.cell.along, chart.cell._wrapped
         T, monomials = monomials_at(chart.monomials, cell.u)
         C = np.moveaxis(chart.coefficients, 0, -1).swapaxes(0, 1)  # (1 + r, n, N)
         C_T = np.asfortranarray(C.reshape(n * (1 + r), N))

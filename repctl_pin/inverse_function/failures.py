@@ -59,7 +59,7 @@ def broken_limit(cell: Cell, U: Array, Q: Array, share: float) -> FailureReason 
     far = unit == "rad" and -margin[at, joint] > 2 * np.pi
     by = "more than a turn" if far else f"{-margin[at, joint]:.2g} {unit}"
     what = f"at {cell.where(U[at])}, {task.joint_names[joint]} is {by} beyond its limit"
-    return FailureReason("limit", share, cell.lifted(U[at]), what)
+    return FailureReason("limit", share, cell._lifted(U[at]), what)
 
 
 def unreached(cell: Cell, U: Array, near: Array, share: float) -> list[FailureReason]:
@@ -91,7 +91,7 @@ def unreached(cell: Cell, U: Array, near: Array, share: float) -> list[FailureRe
         where = cell.where(some[at])
         what = f"the pose {where} is out of reach (task error {shortfall[at]:.2g}, in m and rad)"
         failures.append(
-            FailureReason("reach", share * float(short.mean()), cell.lifted(some[at]), what)
+            FailureReason("reach", share * float(short.mean()), cell._lifted(some[at]), what)
         )
     if not short.all():
         at = int(np.argmin(np.where(short, np.inf, spans)))
@@ -99,7 +99,7 @@ def unreached(cell: Cell, U: Array, near: Array, share: float) -> list[FailureRe
         what = f"between the middle of the cell and {where} the arm passes a singularity"
         failures.append(
             FailureReason(
-                "singularity", share * float((~short).mean()), cell.lifted(some[at]), what
+                "singularity", share * float((~short).mean()), cell._lifted(some[at]), what
             )
         )
     return failures
@@ -110,7 +110,7 @@ def folded(cell: Cell, U: Array, share: float) -> FailureReason | None:
     if not len(U):
         return None
     what = f"at {cell.where(U[0])} the function folds back: its leaf margin goes through 0"
-    return FailureReason("fold", share, cell.lifted(U[0]), what)
+    return FailureReason("fold", share, cell._lifted(U[0]), what)
 
 
 def touching(
@@ -125,7 +125,7 @@ def touching(
         return None
     at = int(np.argmin(distances))
     what = f"at {cell.where(U[at])}, {links[0]} and {links[1]} collide"
-    return FailureReason("collision", share, cell.lifted(U[at]), what)
+    return FailureReason("collision", share, cell._lifted(U[at]), what)
 
 
 def round_the_base(cell: Cell) -> str:

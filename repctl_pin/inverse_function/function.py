@@ -123,7 +123,7 @@ class InverseFunction:
     def _batch(self, U: Array, c: Array) -> Array:
         """Evaluate F at coordinates U (K, k) inside the cell, on the leaf c (r,)."""
         cell = self.cell
-        reduced, shift = self.chart.cell.split(U)
+        reduced, shift = self.chart.cell._split(U)
         points = self.chart.solve(reduced, np.tile(c, (len(U), 1)))
         Q = points.Q + shift
         if not points.found.all():
@@ -152,7 +152,7 @@ class InverseFunction:
         It ends at a joint limit, where the leaf margin falls to 0.1, or after half a turn.
         """
         task, r = self.task, self.task.r
-        u, shift = self.chart.cell.split(self.cell.coordinates_of(target)[None])
+        u, shift = self.chart.cell._split(self.cell.coordinates_of(target)[None])
         U = np.tile(u, (2 * r, 1))
         ways = np.concatenate([-np.eye(r), np.eye(r)])
         done, step = np.zeros(2 * r), np.full(2 * r, _MARCH)

@@ -33,7 +33,7 @@ def tour(cell: Cell, seed: int = 0, *, reach: float = 0.9) -> TaskPath:
     most = np.abs(np.cos(k * s) @ a.T + np.sin(k * s) @ b.T).max(axis=0)
     a, b = reach * a / most[:, None], reach * b / most[:, None]
     R_0, active = cell.placement.rotation, cell.moved
-    turning = cell.frame_twists(np.zeros((1, cell.task.m)))[0, 3:][:, active]
+    turning = cell._frame_twists(np.zeros((1, cell.task.m)))[0, 3:][:, active]
     turns = cell.task.m > 3 and bool(turning.any())
 
     def at(s: float) -> Array:
@@ -49,7 +49,7 @@ def tour(cell: Cell, seed: int = 0, *, reach: float = 0.9) -> TaskPath:
         """Differentiate the placement: (v, ω), base axes."""
         du = b @ (k * np.cos(k * s)) - a @ (k * np.sin(k * s))
         rates = cell.spread(du[None])[0]
-        return np.asarray(cell.frame_twists(cell.spread(at(s)[None]))[0] @ rates, float)
+        return np.asarray(cell._frame_twists(cell.spread(at(s)[None]))[0] @ rates, float)
 
     return TaskPath(
         f"tour {seed} of the cell",

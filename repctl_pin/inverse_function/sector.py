@@ -112,27 +112,22 @@ class Sector(Cell):
         line = _axis(task, axis)
         radius, height = _half(radius, "radius", "m"), _height(task, height)
         turns = _turns(task, half_angle)
+        named = {ANGLE: ("angle", angle), SPIN: ("spin", spin)}
+        round_about, about_tool = (_turn(width, name) for name, width in named.values())
         symmetries = [axis_symmetry(task, line)]
         if task.kind == "pose" and not turns[2:].any():
             symmetries.append(tool_symmetry(task))
-        elif spin != 0:
-            raise InputError(
-                f": a {task.kind} task leaves the rotation about the tool free"
-                if task.kind != "pose"
-                else "and a third half_angle are mutually exclusive",
-                argument="spin",
-                remedy="omit one" if task.kind == "pose" else "omit it",
-            )
-        found = tuple(one for one in symmetries if one is not None)
-        named = {ANGLE: ("angle", angle), SPIN: ("spin", spin)}
-        for i, (name, width) in named.items():
-            if width == "all" and i not in [one.coordinate for one in found]:
+        elif about_tool:
+            raise _no_spin(task)
+        found = [one for one in symmetries if one is not None]
+        free = tuple(i for i, (_, width) in named.items() if isinstance(width, str))
+        for i in free:
+            if i not in [one.coordinate for one in found]:
+                name = named[i][0]
                 raise InputError(_no_joint(task, name), argument=name, remedy="give it in rad")
-        free = tuple(i for i, (_, width) in named.items() if width == "all")
-        round_about = _turn(angle, "angle")
         every = [radius, round_about, height][: min(3, task.m)]
         if task.m > 3:
-            every += [*turns[:2], max(_turn(spin, "spin"), *turns[2:], 0.0)][: task.m - 3]
+            every += [*turns[:2], max(about_tool, *turns[2:], 0.0)][: task.m - 3]
         freeze(
             self,
             task=unit.task,
@@ -187,32 +182,32 @@ class Sector(Cell):
             along[one.joint, column] = one.sign
         return along
 
-    def shifts(self, p: ArrayLike, R: ArrayLike) -> Array:
+    def _shifts(self, p: ArrayLike, R: ArrayLike) -> Array:
         """Evaluate the part of F that the symmetries add at placements: (K, n)."""
         return self._measured(np.asarray(p), np.asarray(R))[:, self._removed] @ self.along.T
 
-    def split(self, U: Array) -> tuple[Array, Array]:
+    def _split(self, U: Array) -> tuple[Array, Array]:
         """Split coordinates U (K, ·) of the whole sector into those of this one (K, k), and the
         part of F (K, n) that a symmetry adds."""
         Y = self.whole.spread(U)
         return Y[:, self._active] / self._active_widths, Y[:, self._removed] @ self.along.T
 
-    def lifted(self, u: Array) -> Array:
+    def _lifted(self, u: Array) -> Array:
         """Convert coordinates u (k,) to those of the whole sector."""
         return self.spread(u[None])[0][self.whole._active] / self.whole._active_widths
 
-    def wrapped(self, away: Array) -> Array:
+    def _wrapped(self, away: Array) -> Array:
         """Remove whole turns from differences of configurations (…, n) along symmetric joints."""
         for one in self.removed:
             turns = np.rint(away[..., one.joint] / (2 * np.pi))
             away[..., one.joint] -= 2 * np.pi * turns
         return away
 
-    def limit_margin(self, Q: Array) -> Array:
+    def limit_margin(self, q: ArrayLike) -> Array:
         """Compute the distance of each joint to its nearer limit, at the worst of the symmetric
-        coordinates that are removed: (K, n). A coordinate that goes as far as the joints do has no
+        coordinates that are removed: (…, n). A coordinate that goes as far as the joints do has no
         margin of its own."""
-        margin = self.task.limit_margin(Q)
+        margin = self.task.limit_margin(q)
         for one in self.removed:
             beyond = np.inf if one.coordinate in self.free else -self.widths[one.coordinate]
             margin[..., one.joint] += beyond
@@ -276,7 +271,7 @@ class Sector(Cell):
             Y = np.concatenate([Y, np.arctan2(rest[:, 1, 0], rest[:, 0, 0])[:, None]], axis=1)
         return Y
 
-    def frame_twists(self, Y: ArrayLike) -> Array:
+    def _frame_twists(self, Y: ArrayLike) -> Array:
         """Evaluate the frame's velocity (v, ω), base axes, per m and rad of each of the m
         coordinates Y (K, m): (K, 6, m)."""
         Y = np.asarray(Y, float)
@@ -462,6 +457,17 @@ def _turns(task: Task, half_angle: ArrayLike) -> Array:
             "reaches half a turn; keep its length below 2.98 rad", argument="half_angle"
         )
     return turns
+
+
+def _no_spin(task: Task) -> InputError:
+    """Make the error of a spin that the task or a third half_angle excludes."""
+    if task.kind == "pose":
+        return InputError("spin and a third half_angle are mutually exclusive")
+    return InputError(
+        f": a {task.kind} task leaves the rotation about the tool free",
+        argument="spin",
+        remedy="omit it",
+    )
 
 
 def _no_joint(task: Task, name: str) -> str:

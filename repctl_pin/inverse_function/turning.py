@@ -58,7 +58,7 @@ class Turn:
             text += f", {np.degrees(self.most):.4g}° at 99 % of them"
         return (
             f"{text}\nended by {self.joint}, which turns {np.degrees(self.joint_range):.4g}° and "
-            f"differs by {np.degrees(self.spread):.2g}° over the cell"
+            f"differs by {np.degrees(self.spread):.0f}° over the cell"
         )
 
 

@@ -177,7 +177,7 @@ def test_the_cost_of_the_reduced_function_is_that_of_the_whole(name: str) -> Non
     points = whole.solve(U, zero)
     assert np.allclose(points.Q, design.function.batch(U), atol=1e-11)
     every = speeds(design.desired, whole, points)
-    fewer = speeds(design.desired, chart, chart.solve(chart.cell.split(U)[0], zero))
+    fewer = speeds(design.desired, chart, chart.solve(chart.cell._split(U)[0], zero))
     assert np.allclose(every.own, fewer.own, rtol=1e-7)
     assert np.allclose(every.difference, fewer.difference, rtol=1e-5, atol=1e-9)
     assert np.allclose(every.direction, fewer.direction, rtol=1e-6)
