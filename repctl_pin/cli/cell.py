@@ -224,6 +224,10 @@ def _require_one_shape(options: Options, around: bool) -> None:
         for name, there in (("--half-width", options.half_width), ("--path", around or None)):
             if there is not None:
                 raise InputError(f"--sector and {name} are mutually exclusive")
+        if options.prove:
+            raise InputError(
+                "--sector and --prove are mutually exclusive: nothing can be proved of a sector yet"
+            )
         if options.radius is None:
             raise InputError("--sector requires --radius")
         return

@@ -461,7 +461,7 @@ class Cell:
     @property
     def _active(self) -> NDArray[np.bool_]:
         """Whether each of the m coordinates belongs to u."""
-        active: NDArray[np.bool_] = self.widths > 0
+        active = np.asarray(self.widths > 0, bool)
         active[self._removed] = False
         return active
 

@@ -55,8 +55,8 @@ class InPlace:
 def in_place(cell: Cell) -> InPlace:
     """Make the closures of a cell."""
     if isinstance(cell, Sector):
-        u, shift, locate, pull = closures(cell)
-        return InPlace(u, locate, pull, shift if cell.removed else None)
+        own, shift, place, slope = closures(cell)
+        return InPlace(own, place, slope, shift if cell.removed else None)
     p_0, R_0T = cell.placement.translation.copy(), cell.placement.rotation.T.copy()
     R_0 = R_0T.T
     m, on = cell.task.m, np.flatnonzero(cell.widths > 0)

@@ -74,9 +74,11 @@ def _ends(chart: Chart, joint: int) -> tuple[float, float, float]:
     U, q = U[good], points.Q[good, joint]
     ends = []
     for way in (1.0, -1.0):
-        margin = Margin(
-            "joint", lambda Q, way=way: way * Q[:, joint : joint + 1], 0.0, 0.0, 0, _STARTS, 0
-        )
+
+        def value(Q: Array, way: float = way) -> Array:
+            return np.asarray(way * Q[:, joint : joint + 1], float)
+
+        margin = Margin("joint", value, 0.0, 0.0, 0, _STARTS, 0)
         found = candidate.at(searched(candidate, margin, U[np.argsort(way * q)[:_STARTS]]))
         good = found.found & (cell.limit_margin(found.Q).min(axis=1) >= 0)
         inside = found.Q[good, joint]

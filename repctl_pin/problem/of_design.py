@@ -54,8 +54,6 @@ def problem_of(
         begin = center if start is None else start
         inside = partial(fitting_circle, control=design.inverse, region=region)
         draw = inside if path is None and plane is None else path
-    if draw is inside and isinstance(design.cell, Sector):
-        draw = tour(design.cell)  # the orientation turns with the angle, which no circle does
         return Problem(task, start=begin, path=draw, plane=plane, region=region)
     return _of_cycle(design, cycle, start)
 
