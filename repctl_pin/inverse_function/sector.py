@@ -124,7 +124,8 @@ class Sector(Cell):
         for i in free:
             if i not in [one.coordinate for one in found]:
                 name = named[i][0]
-                raise InputError(_no_joint(task, name), argument=name, remedy="give it in rad")
+                remedy = "give it in rad, or the axis= of a joint"
+                raise InputError(_no_joint(task, name), argument=name, remedy=remedy)
         every = [radius, round_about, height][: min(3, task.m)]
         if task.m > 3:
             every += [*turns[:2], max(about_tool, *turns[2:], 0.0)][: task.m - 3]
