@@ -248,7 +248,7 @@ class Cell:
     def inside(self, U: ArrayLike, off: ArrayLike) -> Array:
         """Refuse coordinates U (K, k) that lie outside the cell."""
         U, off = as_matrices(("U", U, f"K {self.k}"), ("off", off, "K"), exact=True, finite=False)
-        within = (np.abs(U) <= self._bounds + EDGE).all(axis=1)
+        within = np.all(np.abs(U) <= self._bounds + EDGE, axis=1)
         bad = ~(within & (off <= TURNED))
         if not bad.any():
             return U
@@ -256,7 +256,7 @@ class Cell:
         which = f"target {at}" if len(U) > 1 else "the target"
         if not np.isfinite(U[at]).all():
             raise InputError(f"{which} must be finite numbers, m and a rotation")
-        if off[at] > TURNED and within[at]:
+        if off[at] > TURNED and (np.abs(U[at]) <= self._bounds + EDGE).all():
             raise InputError(
                 f"{which} lies outside the cell, by {off[at]:.3g} m or rad along a coordinate of "
                 "width 0; widen the cell along that coordinate"
@@ -461,7 +461,7 @@ class Cell:
     @property
     def _active(self) -> NDArray[np.bool_]:
         """Whether each of the m coordinates belongs to u."""
-        active = np.asarray(self.widths > 0, bool)
+        active = np.array(self.widths > 0, bool)
         active[self._removed] = False
         return active
 

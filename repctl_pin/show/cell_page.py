@@ -77,9 +77,11 @@ def cell_page(
     """
     task, joint = design.task, elbow(design.task, design.posture)
     words = (
-        "Slices through the centre of the cell (+). Above: the smallest joint-limit margin. Below: "
+        "Slices through the centre of the cell (+). First: the smallest joint-limit margin. Second: "
         "joint speed relative to the desired controller at the same configurations."
     )
+    if isinstance(design.cell, Sector) and design.evaluation.turns:
+        words += " Third: range of the angle that is inside the joint's limits at every tilt."
     animation, tiles = "", NO_VERDICT.tiles
     if motions:
         cycles = next(iter(motions.values())).cycles
