@@ -38,20 +38,14 @@ def box_of(cell: Cell) -> Array:
 
 def _edges(sector: Sector) -> Array:
     """Trace the arcs and edges of a sector's positions: (P, 3), m."""
-    low, high = -1.0, 1.0
-    arc = np.linspace(low, high, _ARC)
-    corners = [(low, low), (high, low), (high, high), (low, high), (low, low)]
-    Y = np.zeros((0, sector.task.m))
-    for radius, height in corners:  # an arc at each corner, there and back in turns
-        part = np.zeros((_ARC, sector.task.m))
-        part[:, RADIUS], part[:, ANGLE] = radius, arc
-        if sector.task.m > 2:
-            part[:, HEIGHT] = height
-        Y = np.concatenate([Y, part])
-        arc = arc[::-1]
-    back = Y[:: _ARC - 1][::-1]  # the end face that the arcs left open
-    Y = np.concatenate([Y, back]) * sector.widths
-    return sector.placements(Y[:, sector.moved] / sector.widths[sector.moved])[0]
+    there = np.linspace(-1.0, 1.0, _ARC)
+    arc, corners = np.concatenate([there, there[::-1]]), [(-1, -1), (1, -1), (1, 1), (-1, 1)]
+    traced = [(*corner, angle) for corner in [*corners, corners[0]] for angle in arc]
+    traced += [(*corners[0], angle) for angle in there]
+    traced += [(*corner, 1.0) for corner in [*corners, corners[0]]]
+    Y = np.zeros((len(traced), 6))
+    Y[:, [RADIUS, HEIGHT, ANGLE]] = traced
+    return sector.placements(Y[:, sector.moved])[0]
 
 
 def cell_page(
@@ -77,8 +71,8 @@ def cell_page(
     """
     task, joint = design.task, elbow(design.task, design.posture)
     words = (
-        "Slices through the centre of the cell (+). First: the smallest joint-limit margin. Second: "
-        "joint speed relative to the desired controller at the same configurations."
+        "Slices through the centre of the cell (+). First: the smallest joint-limit margin. "
+        "Second: joint speed relative to the desired controller at the same configurations."
     )
     if isinstance(design.cell, Sector) and design.evaluation.turns:
         words += " Third: range of the angle that is inside the joint's limits at every tilt."

@@ -316,3 +316,16 @@ def test_the_tour_of_a_sector_closes_and_stays_inside() -> None:
         v = (ends[0].translation - ends[1].translation) / (2 * h)
         w = pin.log3(ends[0].rotation @ ends[1].rotation.T) / (2 * h)
         assert np.allclose(path.twist(s), [*v, *w], atol=1e-5)
+
+
+def test_the_edges_of_a_sector() -> None:
+    from repctl_pin.show.cell_page import box_of
+
+    sector = sector_of("pose", angle=1.0)
+    p = box_of(sector)
+    U, _ = sector.coordinates(p, np.tile(sector.placement.rotation, (len(p), 1, 1)))
+    assert np.allclose(np.abs(U[:, [0, 2]]), 1) and np.abs(U[:, 1]).max() <= 1 + 1e-9
+    steps = np.diff(U[:, :3], axis=0)
+    assert (np.abs(steps) > 1e-9).sum(axis=1).max() == 1  # along one coordinate at a time
+    ends = {tuple(map(int, np.rint(u))) for u in U[np.abs(U[:, 1]) > 1 - 1e-9][:, :3]}
+    assert len(ends) == 8
