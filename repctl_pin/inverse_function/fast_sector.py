@@ -42,11 +42,11 @@ def closures(cell: Sector) -> Located:
             every[3:] = _turns(C, B.dot(R), angle)
         for i, k in enumerate(on):
             u[i] = every[k] / widths[k]
-        for k, joint, sign, most in turned:
-            if not abs(every[k]) <= most:
-                return np.inf
+        inside = True
+        for k, joint, sign, most in turned:  # all of them: potentials are evaluated outside, too
+            inside = inside and abs(every[k]) <= most
             shift[joint] = sign * every[k]
-        return max([abs(every[k]) for k in held], default=0.0)
+        return max([abs(every[k]) for k in held], default=0.0) if inside else np.inf
 
     def pull(D: Array, X: Array) -> None:
         radius, angle = rho + every[0], every[1]

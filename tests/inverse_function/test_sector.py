@@ -157,7 +157,8 @@ def test_the_controller_is_the_derivative_of_f(name: str) -> None:
     inverse, task = design.inverse, design.task
     rng = np.random.default_rng(2)
     for u in rng.uniform(-0.8, 0.8, (4, design.cell.k)):
-        q = design.function(design.cell.at(u)) + 0.05 * rng.normal(size=task.n)
+        q = design.function(design.cell.at(u)) + 0.1 * rng.normal(size=task.n)
+        q[-1] += 0.5  # the spin is outside the sector
         q[design.function.chart.cell.removed[0].joint if name == "pose" else 0] += 2 * np.pi
         V, h = inverse.potentials.gradient(q), 1e-6
         ends = [[inverse.potentials.value(q + w * h * e) for e in np.eye(task.n)] for w in (1, -1)]
