@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from .inverse_function import CellDesign as CellDesign
     from .inverse_function import InverseFunction as InverseFunction
     from .inverse_function import NoFunctionError as NoFunctionError
+    from .inverse_function import Sector as Sector
     from .inverse_function import nearest_inverse_function as nearest_inverse_function
     from .motion import BestLeaf as BestLeaf
     from .motion import Governor as Governor
@@ -103,7 +104,9 @@ _DOOR = {
     "design": "Design SingularRegionError compare nearest_repeatable",
     "codegen": "compiled export_c",
     "saving": "load load_cell load_design save",
-    "inverse_function": "Cell CellDesign InverseFunction NoFunctionError nearest_inverse_function",
+    "inverse_function": (
+        "Cell CellDesign InverseFunction NoFunctionError Sector nearest_inverse_function"
+    ),
     "proof": "Proof prove",
     "integrability": "bracket_defect drift_per_area is_repeatable stable_surface",
     "motion": (

@@ -78,6 +78,8 @@ def designs(task: rp.Task) -> rp.Design:
 
 def cells(task: rp.Task) -> None:
     poses: Sequence[pin.SE3] = [task.placement([0.3, 0.8, 0.8])]
+    sector: rp.Cell = rp.Sector(task, poses[0], radius=0.1, angle="all")
+    print(sector.at(np.zeros(sector.k)))
     cell: rp.Cell = rp.Cell.around(task, poses, margin=[0.05, 0.05])
     found: rp.CellDesign = rp.nearest_inverse_function(
         rp.Pseudoinverse(task),

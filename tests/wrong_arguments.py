@@ -226,6 +226,10 @@ def right_calls(folder: Path) -> list[Call]:
         "Bodies": {"task": task},
         "Viewer": {"task": task, "names": ["J⁺"], "path": path, "start": q0, "port": 0},
         "Cell": {"task": task, "placement": target, "half_width": (0.05, 0.05), "half_angle": 0.0},
+        "Sector": {
+            "task": task, "placement": target, "radius": 0.05, "height": 0.0, "angle": 0.5,
+            "half_angle": 0.0, "spin": 0.0, "axis": [[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]],
+        },
         "LeafImpedance": {
             "inverse": inverse, "stiffness": (1000.0, 50.0), "damping": 1.0,
             "leaf_frequency": 5.0, "leaf_damping": 1.0,

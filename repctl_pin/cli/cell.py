@@ -25,13 +25,14 @@ from .options import Parser
 from .terminal import progress, report
 
 HELP = (
-    "find one function for a whole cell, a box of poses: each pose gives one configuration, always "
-    "the same"
+    "find one function for a whole cell, a box of poses or a sector around the base: each pose "
+    "gives one configuration, always the same"
 )
 EXAMPLE = """examples:
   repctl cell panda --half-width 0.1,0.15,0.1 --half-angle 0.3
   repctl cell panda --half-width 0.15,0.3,0.2 --at 0.46,0,0.3
   repctl cell panda --path circle:0.1 --half-width 0.03
+  repctl cell panda --sector --radius 0.17 --height 0.2 --angle all
   repctl cell my_arm.urdf --frame tool0 --task position --half-width 0.2 --shrink
   repctl follow repctl-out/panda/cell.json --path circle:0.05 --csv motion.csv"""
 
@@ -46,21 +47,23 @@ def add_options(parser: Parser) -> None:
     parser.task()
     parser.surroundings()
     add = parser.add_argument
+    _add_sector(parser)
     width = (
         "half-width of the box, m: one number, or x,y,z along the axes of the base; with --path, "
         "the margin around the path"
     )
-    add("--half-width", required=True, metavar="W", help=width)
+    add("--half-width", metavar="W", help=width)
     add(
         "--half-angle",
         default="0",
         metavar="A",
-        help="rotations of up to A rad about each axis (default 0)",
+        help="rotations of up to A rad about each axis; in a sector, tilts about the tool's x "
+        "and y (default 0)",
     )
     add(
         "--at",
         metavar="X,Y,Z",
-        help="middle of the box, m from the base (default: position of the frame at the start)",
+        help="middle of the cell, m from the base (default: position of the frame at the start)",
     )
     parser.path("closed path that the box encloses, beginning at --start: ", "")
     add("--degree", default="auto", metavar="D", help="degree of the polynomial, or auto (default)")
@@ -93,6 +96,31 @@ def add_options(parser: Parser) -> None:
         help="prove bounds of the margins over the whole cell, for at most a minute",
     )
     add("--json", action="store_true", help="print JSON instead of the table")
+
+
+def _add_sector(parser: Parser) -> None:
+    """Add the options of a sector."""
+    add = parser.add_argument
+    add(
+        "--sector",
+        action="store_true",
+        help="cell in cylindrical coordinates around the base's z axis, in place of a box",
+    )
+    add("--radius", metavar="W", help="half-width of the radius, m (with --sector)")
+    add("--height", default="0", metavar="W", help="half-width of the height, m (default 0)")
+    add(
+        "--angle",
+        default="all",
+        metavar="A",
+        help="half-width of the angle around the base, rad, or all: as far as the joints go "
+        "(default)",
+    )
+    add(
+        "--spin",
+        default="0",
+        metavar="A",
+        help="half-width of the rotation about the tool, rad, or all (default 0)",
+    )
 
 
 def run(options: Options) -> int:
@@ -134,7 +162,7 @@ def run(options: Options) -> int:
 
     def text() -> str:
         lines = [design.summary()]
-        if design.cell.size() != cell.size():
+        if design.function.chart.cell.widths[0] != cell.widths[0]:
             sizes = f"no single function covers {cell.size()}; this one is for {design.cell.size()}"
             lines.append(f"\nnote: --shrink: {sizes}")
         extra = "extra joint speed: joint speed of F relative to J⁺ at the same configurations"
@@ -163,11 +191,8 @@ def _cell(options: Options) -> tuple[rp.Cell, Any]:
 
     from ..motion.spec import parse_path
 
-    sizes = (
-        _numbers(options.half_width, "--half-width"),
-        _numbers(options.half_angle, "--half-angle"),
-    )
     around = options.path is not None or options.plane is not None
+    _require_one_shape(options, around)
     if around and options.at is not None:
         raise InputError("--path and --at are mutually exclusive")
     given = options.asked_start()
@@ -175,16 +200,71 @@ def _cell(options: Options) -> tuple[rp.Cell, Any]:
     task, start = problem.task, problem.start
     middle = task.placement(start)
     if around:
-        cell = rp.Cell.around(task, parse_path(options.path, options.plane)(task, start), *sizes)
+        path = parse_path(options.path, options.plane)(task, start)
+        cell = rp.Cell.around(task, path, *_sizes(options))
         middle = cell.placement
     else:
         if options.at is not None:
             middle = pin.SE3(middle.rotation, np.array(_numbers(options.at, "--at", 3)))
-        cell = rp.Cell(task, middle, *sizes)
+        cell = _sector(options, task, middle) if options.sector else _box(options, task, middle)
     if given is None:
         return cell, None
     moved = around or options.at is not None
     return cell, rp.solve_ik(task, start, middle) if moved else start
+
+
+_OF_A_SECTOR = {"--radius": None, "--height": "0", "--angle": "all", "--spin": "0"}
+"""Options of a sector, and their defaults."""
+
+
+def _require_one_shape(options: Options, around: bool) -> None:
+    """Refuse options of a box for a sector, and of a sector for a box."""
+    said = vars(options)
+    if options.sector:
+        for name, there in (("--half-width", options.half_width), ("--path", around or None)):
+            if there is not None:
+                raise InputError(f"--sector and {name} are mutually exclusive")
+        if options.prove:
+            raise InputError(
+                "--sector and --prove are mutually exclusive: nothing can be proved of a sector yet"
+            )
+        if options.radius is None:
+            raise InputError("--sector requires --radius")
+        return
+    for name, default in _OF_A_SECTOR.items():
+        if said[name[2:]] != default:
+            raise InputError(f"{name} requires --sector")
+    if options.half_width is None:
+        raise InputError("--half-width is missing; give it, or --sector with --radius")
+
+
+def _sizes(options: Options) -> tuple[Any, Any]:
+    """Read the half-widths of a box."""
+    return (
+        _numbers(options.half_width, "--half-width"),
+        _numbers(options.half_angle, "--half-angle"),
+    )
+
+
+def _box(options: Options, task: rp.Task, middle: Any) -> rp.Cell:
+    return rp.Cell(task, middle, *_sizes(options))
+
+
+def _sector(options: Options, task: rp.Task, middle: Any) -> rp.Cell:
+    """Make a sector."""
+
+    def turn(text: str, option: str) -> Any:
+        return text if text == "all" else _numbers(text, option, 1)
+
+    return rp.Sector(
+        task,
+        middle,
+        radius=_numbers(options.radius, "--radius", 1),
+        height=_numbers(options.height, "--height", 1),
+        angle=turn(options.angle, "--angle"),
+        half_angle=_numbers(options.half_angle, "--half-angle"),
+        spin=turn(options.spin, "--spin"),
+    )
 
 
 def _numbers(text: str, option: str, size: int | None = None) -> Any:
@@ -224,6 +304,23 @@ def _pictures(design: rp.CellDesign, folder: Path, command: str) -> tuple[list[P
     return files if picture is None else [*files, write_whole(folder / "cell.png", picture)], note
 
 
+def _turns(design: rp.CellDesign) -> dict[str, Any]:
+    """Collect how far a sector goes round, with null for a joint without limits."""
+    turns = [asdict(turn) for turn in design.evaluation.turns]
+    for turn in turns:
+        turn["joint_range"] = turn["joint_range"] if turn["joint_range"] < 1e300 else None
+    return {"turns": turns} if turns else {}
+
+
+def _widths(cell: rp.Cell) -> dict[str, Any]:
+    """Collect the half-widths of a box, or of a sector by name."""
+    from ..studies import picked
+
+    if not isinstance(cell, rp.Sector):
+        return picked(cell, "half_width", "rotation")
+    return {"sector": dict(zip(cell.coordinate_names, cell.widths, strict=True))}
+
+
 def _as_dict(design: rp.CellDesign) -> dict[str, Any]:
     """Collect the result in plain Python types."""
     import numpy as np
@@ -231,7 +328,7 @@ def _as_dict(design: rp.CellDesign) -> dict[str, Any]:
     from ..studies import picked
 
     figures = asdict(design.evaluation)
-    del figures["failures"]  # they come last, in words
+    del figures["failures"], figures["turns"]  # they come last
     infinite = [
         name
         for name, value in figures.items()
@@ -240,11 +337,12 @@ def _as_dict(design: rp.CellDesign) -> dict[str, Any]:
     return {
         **design.task.as_dict(),
         "middle": design.cell.placement.homogeneous,
-        **picked(design.cell, "half_width", "rotation"),
+        **_widths(design.cell),
         "posture": design.posture,
         **figures | dict.fromkeys(infinite),
         "everywhere": design.evaluation.everywhere,
         "failures": [picked(stop, "cause", "share", "what") for stop in design.failures],
+        **_turns(design),
         "degrees": [{"degree": d, "cost": c} for d, c in design.degrees],
         **({} if design.proof is None else {"proof": plain_proof(asdict(design.proof))}),
     }

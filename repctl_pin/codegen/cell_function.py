@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from ..inverse_function import InverseFunction
+from ..inverse_function import InverseFunction, Sector
 from ..inverse_function.chart import Chart
 from ..inverse_function.monomials import Monomials
 from ..robot.task import Task
@@ -30,8 +30,10 @@ def function_code(function: InverseFunction, name: str) -> str:
         if function.keep_limits
         else (np.full(task.n, s * np.inf) for s in (-1, 1))
     )
-    tables = cell_tables(chart)
-    parts = {"lower": row(lower), "upper": row(upper), "lanes": LANES, **tables}
+    removed = chart.cell.removed if isinstance(chart.cell, Sector) else ()
+    shifts = [f"    shift[{x.joint}] = {x.sign}.0 * y[{x.coordinate}];\n" for x in removed]
+    limits = {"lower": row(lower), "upper": row(upper)}
+    parts = limits | {"lanes": LANES, "turned": "".join(shifts), **cell_tables(chart)}
     lanes = [_lanes(chart, name, count) for count in (1, LANES)]
     return "".join([filled("nearest.c", name, {}), *lanes, filled("function.c", name, parts)])
 

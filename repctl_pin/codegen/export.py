@@ -14,7 +14,7 @@ from .._version import __version__
 from ..arguments import file_name, require_type
 from ..errors import InputError
 from ..files import prepare_folder, write_whole
-from ..inverse_function import Cell, InverseFunction
+from ..inverse_function import Cell, InverseFunction, Sector
 from ..regions import Region
 from ..regions.region import A_REGION
 from ..robot.task import Task
@@ -154,6 +154,8 @@ def _circle(task: Task, region: Region | Cell | None) -> tuple[list[int], float]
     axes = [int(axis) for axis in task.rows if axis < 3]
     if not isinstance(region, Cell):
         return axes[:2], 0.02
+    if isinstance(region, Sector):
+        return axes[:2], min(0.02, 0.3 * float(np.min(region.widths[[0, 2][: len(axes) - 1]])))
     widths = dict(zip(axes, region.half_width.tolist(), strict=True))
     axes = sorted(axes, key=lambda axis: -widths[axis])[
         :2

@@ -8,8 +8,11 @@ import numpy as np
 
 from ..arguments import Array
 from ..errors import InputError
+from ..inverse_function import Sector
+from ..inverse_function.cell import EDGE, TURNED
 from ..inverse_function.cell_potentials import CellPotentials
 from ..inverse_function.chart import Chart
+from ..inverse_function.symmetry import Symmetry
 from ..potentials.basis import Potentials
 from ..potentials.fourier import FourierMap
 from ..potentials.maps import PartialMap, SumMap
@@ -135,11 +138,61 @@ def _fourier(potentials: FourierMap) -> dict[str, object]:
 
 def _cell(chart: Chart, name: str) -> dict[str, object]:
     """Tabulate ``h(q) = n_ref(u)ᵀ (q − q_ref(u))``, with the C code for the rate of u."""
-    kind = chart.cell.task.kind
-    return {
-        "rates": filled(f"rates_{kind if kind in ('pose', 'axis') else 'position'}.c", name, {}),
-        **cell_tables(chart),
+    cell, tables = chart.cell, cell_tables(chart)
+    if isinstance(cell, Sector):
+        return tables | {
+            "coordinates": filled("sector.c", name, tables | _sector(cell)),
+            "rates": "",
+            "shift": "".join(_unwound(one, cell.task.r) for one in cell.removed),
+            "along": "".join(_slope(one, cell.task.r) for one in cell.removed),
+        }
+    kind = cell.task.kind if cell.task.kind in ("pose", "axis") else "position"
+    return tables | {
+        "coordinates": filled("box.c", name, tables),
+        "rates": filled(f"rates_{kind}.c", name, {}),
+        "shift": "",
+        "along": "",
     }
+
+
+_ANGULAR = {
+    "pose": "    for (i = 0; i < 3; i++)\n"
+    "        d[3 + i] = R[3 * i] * g[0] + R[3 * i + 1] * g[1] + R[3 * i + 2] * g[2];\n",
+    "axis": "    d[3] = g[0];\n    d[4] = g[1];\n",
+}
+"""The end of the gradient, by the kind of the task."""
+
+
+def _sector(cell: Sector) -> dict[str, object]:
+    """Tabulate the axis and the middle of a sector."""
+    bounds = np.where(cell.widths == 0, TURNED, cell.widths * (1 + EDGE))
+    bounds[list(cell.free)] = np.inf
+    places = min(3, cell.task.m)
+    return {
+        "origin": row(cell.axis[0]),
+        "basis": row(cell.directions.ravel()),
+        "turn": row((cell.directions @ cell.placement.rotation).ravel()),
+        "at": row(cell.middle),
+        "bounds": row(bounds),
+        "places": places,
+        "rows": integer(cell.task.rows[:places]),
+        "angular": _ANGULAR.get(cell.task.kind, ""),
+    }
+
+
+def _unwound(one: Symmetry, r: int) -> str:
+    """Write the part of F that a symmetry adds to q_ref of its joint, and the whole turns that
+    bring it near to q."""
+    q_ref, turn = f"both[{(1 + r) * one.joint}]", number(2 * np.pi)
+    turns = f"rint((q[{one.joint}] - {q_ref}) / {turn})"
+    shift = f"    {q_ref} += {one.sign}.0 * y[{one.coordinate}];\n"
+    return f"{shift}    {q_ref} += {turn} * {turns};\n"
+
+
+def _slope(one: Symmetry, r: int) -> str:
+    """Write the slope of h along a symmetric coordinate."""
+    n = f"both[{(1 + r) * one.joint + 1} + j]"
+    return f"        d[{one.coordinate}] -= {one.sign}.0 * {n};\n"
 
 
 def cell_tables(chart: Chart) -> dict[str, object]:
@@ -150,7 +203,7 @@ def cell_tables(chart: Chart) -> dict[str, object]:
         "count": monomials.size,
         "middle": pose(cell.placement),
         "widths": row(cell.widths),
-        "moved": integer(np.flatnonzero(cell.widths)),
+        "moved": integer(cell.moved),
         "parents": integer(monomials.parent),
         "factors": integer(monomials.variable),
         "weights": table(chart.coefficients.reshape(monomials.size, -1)),

@@ -109,7 +109,7 @@ def write_source(
 def region_of(inverse: RepeatableInverse, region: Region | None) -> Region | Cell | None:
     """Return the region given, or the cell of a cell function."""
     return (
-        inverse.potentials.chart.cell
+        inverse.potentials.chart.cell.whole
         if region is None and isinstance(inverse.potentials, CellPotentials)
         else region
     )

@@ -6,6 +6,7 @@ from .cell_design import CellDesign
 from .failures import FailureReason
 from .function import InverseFunction
 from .nearest_function import NoFunctionError, nearest_inverse_function
+from .sector import Sector
 
 __all__ = [
     "Cell",
@@ -13,5 +14,6 @@ __all__ = [
     "FailureReason",
     "InverseFunction",
     "NoFunctionError",
+    "Sector",
     "nearest_inverse_function",
 ]

@@ -8,7 +8,7 @@ from itertools import product
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import (
     MOST_NODES,
@@ -29,7 +29,7 @@ from ..robot.task import Task, require_task
 from .kinematics import placed
 from .rotations import exp3, left_jacobian, log3, tilts
 
-_INSIDE = 1e-9
+EDGE = 1e-9
 """Tolerance of ``|u_i| ≤ 1``."""
 
 LEAST_WIDTH, _MOST_WIDTH = 1e-6, 1e3
@@ -100,10 +100,10 @@ class Cell:
             )
         positions = min(3, task.m)
         turns = task.m - positions
-        w = _sizes(
+        w = sizes(
             half_width, positions, "half_width", "m", "one per position that the task commands"
         )
-        theta = _sizes(half_angle, turns or 1, "half_angle", "rad", "one per axis")
+        theta = sizes(half_angle, turns or 1, "half_angle", "rad", "one per axis")
         if not turns and theta.any():
             raise InputError(
                 f": a {task.kind} task leaves the rotation free",
@@ -159,9 +159,9 @@ class Cell:
             unit = cls(task, pin.SE3(exp3(mean)[0] @ middle.rotation, middle.translation), 1.0, 0.1)
         reach = np.abs(unit._measured(p, R)).max(axis=0)
         reach[reach < LEAST_WIDTH] = 0.0
-        more = _sizes(margin, positions, "margin", "m", "one per position that the task commands")
+        more = sizes(margin, positions, "margin", "m", "one per position that the task commands")
         turn = (
-            reach[positions:] + _sizes(half_angle, turns, "half_angle", "rad", "one per axis")
+            reach[positions:] + sizes(half_angle, turns, "half_angle", "rad", "one per axis")
             if turns
             else half_angle
         )
@@ -170,7 +170,7 @@ class Cell:
     @property
     def k(self) -> int:
         """Number of coordinates u."""
-        return int(np.count_nonzero(self.widths))
+        return int(np.count_nonzero(self._active))
 
     @property
     def half_width(self) -> Array:
@@ -187,6 +187,14 @@ class Cell:
         factor = positive(factor, "the factor")
         turn = self.rotation * factor if len(self.rotation) else 0.0
         return Cell(self.task, self.placement, self.half_width * factor, turn)
+
+    @property
+    def centre(self) -> Array:
+        """Values of all m coordinates in the middle, m and rad."""
+        centre = np.zeros(len(self.widths))
+        positions = len(self.half_width)
+        centre[:positions] = self.placement.translation[self.task.rows[:positions]]
+        return centre
 
     # ---- between placements and coordinates
     # -------------------------------------------------------
@@ -223,8 +231,8 @@ class Cell:
         """
         p, R = as_matrices(("p", p, "K 3"), ("R", R, "K 3 3"), exact=True, finite=False)
         Y = self._measured(p, R)
-        on = self.widths > 0
-        return Y[:, on] / self.widths[on], np.abs(Y[:, ~on]).max(axis=1, initial=0.0)
+        off = np.abs(Y[:, self.widths == 0]).max(axis=1, initial=0.0)
+        return Y[:, self._active] / self._active_widths, off
 
     def coordinates_of(self, target: Placement) -> Array:
         """Convert one placement, which must lie in the cell, to coordinates u (k,).
@@ -240,19 +248,20 @@ class Cell:
     def inside(self, U: ArrayLike, off: ArrayLike) -> Array:
         """Refuse coordinates U (K, k) that lie outside the cell."""
         U, off = as_matrices(("U", U, f"K {self.k}"), ("off", off, "K"), exact=True, finite=False)
-        bad = ~((np.abs(U) <= 1 + _INSIDE).all(axis=1) & (off <= TURNED))
+        within = np.all(np.abs(U) <= self._bounds + EDGE, axis=1)
+        bad = ~(within & (off <= TURNED))
         if not bad.any():
             return U
         at = int(np.argmax(bad))
         which = f"target {at}" if len(U) > 1 else "the target"
         if not np.isfinite(U[at]).all():
             raise InputError(f"{which} must be finite numbers, m and a rotation")
-        if off[at] > TURNED and (np.abs(U[at]) <= 1 + _INSIDE).all():
+        if off[at] > TURNED and (np.abs(U[at]) <= self._bounds + EDGE).all():
             raise InputError(
                 f"{which} lies outside the cell, by {off[at]:.3g} m or rad along a coordinate of "
                 "width 0; widen the cell along that coordinate"
             )
-        i = int(np.argmax(np.abs(U[at])))
+        i = int(np.argmax(np.abs(U[at]) - self._bounds))
         name, unit, width = self.names[i], self.units[i], self._active_widths[i]
         raise InputError(
             f"{which} lies outside the cell: {name} is {U[at, i] * width:+.3g} {unit} "
@@ -265,13 +274,51 @@ class Cell:
         U, off = self.coordinates(
             *placed(self.task, as_configurations(Q, self.task.n, "this cell"))[:2]
         )
-        return np.where(off <= TURNED, np.abs(U).max(axis=1), np.inf)
+        return np.where(off <= TURNED, np.abs(U / self._bounds).max(axis=1), np.inf)
+
+    # ---- symmetries
+    # --------------------------------------------------------------------------------
+
+    @property
+    def along(self) -> Array:
+        """∂F/∂y (n, l) of the l coordinates y, m or rad, that a symmetry removes from u; a box has
+        none."""
+        return np.zeros((self.task.n, 0))
+
+    def _shifts(self, p: ArrayLike, R: ArrayLike) -> Array:
+        """Evaluate the part of F that a symmetry adds at placements: (K, n); 0 in a box."""
+        (p,) = as_matrices(("p", p, "K 3"), exact=True, finite=False)
+        return np.zeros((len(p), self.task.n))
+
+    def limit_margin(self, q: ArrayLike) -> Array:
+        """Compute the distance of each joint to its nearer limit: (…, n); negative outside."""
+        return self.task.limit_margin(q)
+
+    def _split(self, U: Array) -> tuple[Array, Array]:
+        """Split coordinates U (K, ·) of the whole cell into those of this one (K, k), and the part
+        of F (K, n) that a symmetry adds."""
+        return U, np.zeros((len(U), self.task.n))
+
+    def _lifted(self, u: Array) -> Array:
+        """Convert coordinates u (k,) to those of the whole cell."""
+        return u
+
+    def _wrapped(self, away: Array) -> Array:
+        """Remove whole turns from differences of configurations (…, n) along symmetric joints."""
+        return away
+
+    @property
+    def whole(self) -> Cell:
+        """The cell in all its coordinates."""
+        return self
 
     # ---- velocities
     # --------------------------------------------------------------------------------
 
     def twists(self, U: ArrayLike, R: ArrayLike) -> Array:
-        """Evaluate E = ∂x/∂u in the rows of the task's velocity, (K, m, k), m and rad.
+        """Evaluate E = ∂x/∂u in the rows of the task's velocity, (K, m, k + l), m and rad.
+
+        The last l columns belong to the coordinates that a symmetry removes, see :attr:`along`.
 
         Parameters
         ----------
@@ -281,18 +328,23 @@ class Cell:
             about the tool's axis.
         """
         U, R = as_matrices(("U", U, f"K {self.k}"), ("R", R, "K 3 3"), exact=True, finite=False)
-        return self._all_twists(self.spread(U), R)[:, :, self.widths > 0] * self._active_widths
+        E = self._all_twists(self.spread(U), R)
+        return np.concatenate(
+            [E[:, :, self._active] * self._active_widths, E[:, :, self._removed]], 2
+        )
 
     def slopes(self, p: ArrayLike, R: ArrayLike) -> tuple[Array, Array]:
-        """Evaluate u and ∂u/∂x at placements: (K, k) and (K, k, m)."""
+        """Evaluate u and ∂u/∂x at placements: (K, k) and (K, k + l, m), rows as the columns of
+        :meth:`twists`."""
         p, R = as_matrices(("p", p, "K 3"), ("R", R, "K 3 3"), exact=True, finite=False)
-        Y, on = self._measured(p, R), self.widths > 0
-        slopes = np.linalg.inv(self._all_twists(Y, R))[:, on] / self._active_widths[:, None]
-        return Y[:, on] / self._active_widths, slopes
+        Y, on = self._measured(p, R), self._active
+        inverse = np.linalg.inv(self._all_twists(Y, R))
+        slopes = [inverse[:, on] / self._active_widths[:, None], inverse[:, self._removed]]
+        return Y[:, on] / self._active_widths, np.concatenate(slopes, axis=1)
 
     def speeds(self, U: ArrayLike) -> Array:
-        """Evaluate ``(EᵀE)^(−1/2)`` (K, k, k), which scales ∂F/∂u to joint speed per unit of task
-        speed."""
+        """Evaluate ``(EᵀE)^(−1/2)`` (K, k + l, k + l), which scales ∂F/∂u to joint speed per unit
+        of task speed."""
         _, R = self.placements(U)
         E = self.twists(U, R)
         s, V = np.linalg.eigh(np.swapaxes(E, 1, 2) @ E)
@@ -337,20 +389,32 @@ class Cell:
     @property
     def names(self) -> tuple[str, ...]:
         """Name of each coordinate: ``x``, ``y``, ``z``, and the rotations ``about x`` …"""
+        return tuple(
+            name for name, on in zip(self.coordinate_names, self._active, strict=True) if on
+        )
+
+    @property
+    def coordinate_names(self) -> list[str]:
+        """Name of each of the m coordinates, held ones too."""
         positions = ["xyz"[i] for i in self.task.rows[: len(self.half_width)]]
         turns = (
             ["about x", "about y", "about z"]
             if self.task.kind == "pose"
             else ["about tool x", "about tool y"]
         )
-        every = [*positions, *turns[: len(self.rotation)]]
-        return tuple(name for name, width in zip(every, self.widths, strict=True) if width)
+        return [*positions, *turns[: len(self.rotation)]]
 
     @property
     def units(self) -> tuple[str, ...]:
         """Unit of each coordinate, m or rad."""
-        every = ["m"] * len(self.half_width) + ["rad"] * len(self.rotation)
-        return tuple(unit for unit, width in zip(every, self.widths, strict=True) if width)
+        return tuple(
+            unit for unit, on in zip(self.coordinate_units, self._active, strict=True) if on
+        )
+
+    @property
+    def coordinate_units(self) -> list[str]:
+        """Unit of each of the m coordinates, m or rad."""
+        return ["m"] * len(self.half_width) + ["rad"] * len(self.rotation)
 
     def size(self) -> str:
         """Write the half-widths: ``±(0.1, 0.15, 0.1) m, turned by ±0.3 rad``."""
@@ -385,14 +449,36 @@ class Cell:
     # ------------------------------------------------------------------------------------
 
     @property
+    def moved(self) -> NDArray[np.intp]:
+        """The k of the m coordinates that belong to u, in order."""
+        return np.flatnonzero(self._active)
+
+    @property
+    def _removed(self) -> list[int]:
+        """Coordinates that a symmetry removes."""
+        return []
+
+    @property
+    def _active(self) -> NDArray[np.bool_]:
+        """Whether each of the m coordinates belongs to u."""
+        active = np.array(self.widths > 0, bool)
+        active[self._removed] = False
+        return active
+
+    @property
+    def _bounds(self) -> Array:
+        """Largest |u_i| inside: 1, or more along a coordinate that goes as far as the joints do."""
+        return np.ones(self.k)
+
+    @property
     def _active_widths(self) -> Array:
-        return self.widths[self.widths > 0]
+        return self.widths[self._active]
 
     def spread(self, U: ArrayLike) -> Array:
         """Scale coordinates U (K, k) to all m coordinates, m and rad: (K, m)."""
         (U,) = as_matrices(("U", U, f"K {self.k}"), exact=True, finite=False)
         Y = np.zeros((len(U), len(self.widths)))
-        Y[:, self.widths > 0] = U * self._active_widths
+        Y[:, self._active] = U * self._active_widths
         return Y
 
     def _measured(self, p: Array, R: Array) -> Array:
@@ -417,13 +503,22 @@ class Cell:
 
     def _all_twists(self, Y: Array, R: Array) -> Array:
         """Evaluate the task velocity (K, m, m) per m and rad of every coordinate."""
-        E = np.tile(np.eye(self.task.m), (len(Y), 1, 1))
-        if self.task.kind == "pose" and self.rotation.any():
-            E[:, 3:, 3:] = left_jacobian(Y[:, 3:])
-        elif self.task.kind == "axis":
-            R_0 = self.placement.rotation[:, :2]
-            E[:, 3:, 3:] = np.swapaxes(R[:, :, :2], 1, 2) @ left_jacobian(Y[:, 3:] @ R_0.T) @ R_0
-        return E
+        T = self._frame_twists(Y)
+        if self.task.kind != "axis":
+            return T[:, self.task.rows]
+        return np.concatenate([T[:, :3], np.swapaxes(R[:, :, :2], 1, 2) @ T[:, 3:]], axis=1)
+
+    def _frame_twists(self, Y: ArrayLike) -> Array:
+        """Evaluate the frame's velocity (v, ω), base axes, per m and rad of each of the m
+        coordinates Y (K, m): (K, 6, m)."""
+        (Y,) = as_matrices(("Y", Y, f"K {self.task.m}"), exact=True, finite=False)
+        positions = len(self.half_width)
+        T = np.zeros((len(Y), 6, self.task.m))
+        T[:, self.task.rows[:positions], np.arange(positions)] = 1.0
+        if len(self.rotation):
+            turn = np.eye(3) if self.task.kind == "pose" else self.placement.rotation[:, :2]
+            T[:, 3:, 3:] = left_jacobian(Y[:, 3:] @ turn.T) @ turn
+        return T
 
 
 def stacked(task: Task, placements: Sequence[pin.SE3], name: str) -> tuple[Array, Array]:
@@ -456,7 +551,8 @@ def _placement(task: Task, value: pin.SE3 | ArrayLike) -> pin.SE3:
     return middle
 
 
-def _sizes(value: ArrayLike, size: int, name: str, unit: str, each: str) -> Array:
+def sizes(value: ArrayLike, size: int, name: str, unit: str, each: str) -> Array:
+    """Check half-widths: one number, or one per coordinate."""
     try:
         array = np.broadcast_to(np.asarray(value, float), (size,)).copy()
     except (TypeError, ValueError, OverflowError):

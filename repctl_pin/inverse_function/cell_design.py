@@ -18,6 +18,8 @@ from .cell_evaluation import Evaluation, speeds
 from .chart import Chart
 from .failures import FailureReason
 from .function import InverseFunction
+from .sector import Sector
+from .turning import turn_at
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +77,8 @@ class CellDesign:
     def of(cls, desired: Inverse, chart: Chart, evaluation: Evaluation, **how: Any) -> CellDesign:
         """Assemble a design."""
         middle = chart.solve(np.zeros((1, chart.cell.k)), np.zeros((1, chart.cell.task.r)))
-        function = InverseFunction(chart, keep_limits=not evaluation.everywhere)
+        ends = isinstance(chart.cell, Sector) and chart.cell.free
+        function = InverseFunction(chart, keep_limits=bool(ends) or not evaluation.everywhere)
         return cls(function, desired, middle.Q[0], evaluation, **how)
 
     @property
@@ -173,6 +176,7 @@ class CellDesign:
         return {
             "cell": self.cell.size(),
             "middle": self.cell.where(np.zeros(self.cell.k)),
+            **self._symmetry(),
             "posture": ", ".join(f"{v:.4g}" for v in np.round(self.posture, 4) + 0.0),
             "degree": f"{self.degrees[-1][0]}, evaluated from {terms} terms",
             "extra joint speed": speed,
@@ -184,6 +188,14 @@ class CellDesign:
             "residual": f"{j.residual:.1g} m or rad",
             "coverage": j.covered,
         } | ({"stopped": "\n".join(map(str, j.failures))} if j.failures else {})
+
+    def _symmetry(self) -> dict[str, str]:
+        """Write the symmetries that are used, and how far round the function goes."""
+        sector = self.function.chart.cell
+        if not isinstance(sector, Sector):
+            return {}
+        turns = {turn.coordinate: str(turn) for turn in self.evaluation.turns}
+        return {"symmetry": sector.symmetry()} | turns
 
     def summary(self) -> str:
         """Write the figures, one per line."""
@@ -221,17 +233,24 @@ class Slice:
         Values of each.
     limit_margin, extra_speed : (C, C) arrays
         Rows: the second coordinate. NaN where the function has no value.
+    turn : (C, C) array or None
+        Range of a sector's angle that is inside the joint's limits at every tilt, rad; None without
+        the symmetry of the angle.
     """
 
     axes: tuple[int, int]
     u: Array
     limit_margin: Array
     extra_speed: Array
+    turn: Array | None = None
 
 
 def slices(design: CellDesign, count: int = 33) -> list[Slice]:
-    """Evaluate slices over each pair of positions of a cell, or over its first two coordinates."""
-    cell, chart = design.cell, design.function.chart
+    """Evaluate slices over each pair of positions of a cell, or over its first two coordinates.
+
+    Symmetric coordinates of a sector are in the middle; the figures do not depend on them.
+    """
+    cell, chart = design.function.chart.cell, design.function.chart
     places = [i for i, unit in enumerate(cell.units) if unit == "m"]
     pairs = list(combinations(places if len(places) > 1 else range(cell.k), 2))[:3]
     u = np.linspace(-1, 1, count)
@@ -241,9 +260,16 @@ def slices(design: CellDesign, count: int = 33) -> list[Slice]:
         U[:, second], U[:, first] = (grid.ravel() for grid in np.meshgrid(u, u, indexing="ij"))
         points = chart.solve(U, np.zeros((len(U), cell.task.r)))
         found = speeds(design.desired, chart, points)
-        margin = np.where(points.found, cell.task.limit_margin(points.Q).min(axis=1), np.nan)
+        margin = np.where(points.found, cell.limit_margin(points.Q).min(axis=1), np.nan)
         extra = np.sqrt(found.own / found.desired_square) - 1
+        turn = turn_at(chart, U)
         made.append(
-            Slice((first, second), u, margin.reshape(count, count), extra.reshape(count, count))
+            Slice(
+                (first, second),
+                u,
+                margin.reshape(count, count),
+                extra.reshape(count, count),
+                None if turn is None else turn.reshape(count, count),
+            )
         )
     return made

@@ -24,6 +24,7 @@ from .margins import (
     searched,
     singular_values_of,
 )
+from .turning import Turn, expanded
 
 _BLOCK = 4096
 _BODIES = 1024
@@ -87,6 +88,8 @@ class Evaluation:
     failures : tuple of FailureReason
         Reasons why the function fails at other poses: held-out ones, corners, and poses found by
         search.
+    turns : tuple of Turn
+        How far the function goes along the symmetric coordinates of a sector; empty in a box.
     """
 
     cost: float
@@ -106,6 +109,7 @@ class Evaluation:
     failures: tuple[FailureReason, ...]
     limit_margin_worst: float
     extra_speed_direction: float = float("nan")
+    turns: tuple[Turn, ...] = ()
 
     @property
     def everywhere(self) -> bool:
@@ -267,7 +271,7 @@ def _sampled(desired: Batched, candidate: CandidateFunction, U: Array, side: flo
         np.concatenate([getattr(x, name) for x in parts]) for name in ("Q", "found", "residual")
     )
     ok &= np.isfinite(every.own)
-    margin = candidate.chart.cell.task.limit_margin(Q).min(axis=1)
+    margin = candidate.chart.cell.limit_margin(Q).min(axis=1)
     return _Sampled(
         U, Q, every, residual, margin, ok, ok & (every.side == side) & (every.leaf > _FOLDED)
     )
@@ -281,7 +285,7 @@ def evaluate_cell(
     A quick evaluation searches neither for the largest joint speeds nor for the smallest distances
     between bodies.
     """
-    cell, candidate, limits = chart.cell, CandidateFunction.zero(chart), limits_of(chart.cell.task)
+    cell, candidate, limits = chart.cell, CandidateFunction.zero(chart), limits_of(chart.cell)
     middle = candidate.at(np.zeros((1, cell.k)))
     side = float(speeds(desired, chart, middle).side[0])
     at = _sampled(
@@ -345,7 +349,7 @@ def evaluate_cell(
 def _searched(desired: Batched, candidate: CandidateFunction, at: _Sampled, quick: bool) -> Array:
     """Search for worse poses from the worst of the sampled ones, in limits, σ_min(J) and speed."""
     limits, singular = (
-        limits_of(candidate.chart.cell.task),
+        limits_of(candidate.chart.cell),
         singular_values_of(candidate.chart.cell.task),
     )
     U, speeds = at.U[at.sheet], at.speeds
@@ -395,14 +399,14 @@ def _bodies(
 ) -> tuple[float, tuple[str, str], FailureReason | None]:
     """Measure the minimum body distance: the distance, the two links, and a collision if any."""
     cell, margin, bodies = (
-        candidate.chart.cell,
+        candidate.chart.cell.whole,
         distances_of(candidate.chart.cell.task),
         bodies_of(candidate.chart.cell.task),
     )
     first = min(count, _QUICK_BODIES if quick else _BODIES)
     checked = np.concatenate([np.arange(first), np.arange(count, len(at.U))])
     checked = checked[covered[checked]]
-    U, Q = at.U[checked], at.Q[checked]
+    U, Q, candidate = _all_round(candidate, at.U[checked], at.Q[checked])
     distances, share = lowest_distances(bodies, Q)
     least = float(distances.min())
     if least < np.inf and not quick:
@@ -413,3 +417,17 @@ def _bodies(
         distances = np.concatenate([distances, bodies.distances(nearer.Q[inside])])
     links = bodies.nearest(Q[int(np.argmin(distances))]).links
     return float(distances.min()), links, touching(cell, U, distances, links, share)
+
+
+def _all_round(
+    candidate: CandidateFunction, U: Array, Q: Array
+) -> tuple[Array, Array, CandidateFunction]:
+    """Move poses along the symmetric coordinates of a sector, where body distances change: the
+    coordinates of the whole sector, the configurations, and the candidate there."""
+    cell, chart = candidate.chart.cell, expanded(candidate.chart)
+    U = np.array([cell._lifted(u) for u in U]).reshape(-1, cell.whole.k)
+    removed = (cell._lifted(np.ones(cell.k)) == 0).nonzero()[0]
+    if not len(removed):
+        return U, Q, candidate
+    U[:, removed] = np.random.default_rng(5).uniform(-1, 1, (len(U), len(removed)))
+    return U, Q + cell._split(U)[1], CandidateFunction.zero(chart)

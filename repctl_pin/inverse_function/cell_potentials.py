@@ -37,8 +37,10 @@ class CellPotentials:
         """Evaluate h(q): (r,)."""
         Q = np.asarray(q, float)[None]
         p, R, _ = placed(self.chart.cell.task, Q)
-        q_ref, n_ref = self.chart.reference(self.chart.cell.coordinates(p, R)[0])
-        return np.einsum("Knr,Kn->Kr", n_ref, Q - q_ref)[0]
+        cell = self.chart.cell
+        q_ref, n_ref = self.chart.reference(cell.coordinates(p, R)[0])
+        away = cell._wrapped(Q - q_ref - cell._shifts(p, R))
+        return np.einsum("Knr,Kn->Kr", n_ref, away)[0]
 
     def gradient(self, q: Array) -> Array:
         """Evaluate V = ∂hᵀ/∂q: (n, r)."""
@@ -48,10 +50,13 @@ class CellPotentials:
         """Evaluate V at every row of Q (K, n): (K, n, r)."""
         Q = np.asarray(Q, float)
         p, R, J = placed(self.chart.cell.task, Q)
-        U, dU = self.chart.cell.slopes(p, R)
+        cell = self.chart.cell
+        U, dU = cell.slopes(p, R)
         q_ref, n_ref = self.chart.reference(U)
         dq, dn = self.chart.slopes(U)
-        D = np.einsum("Knrk,Kn->Krk", dn, Q - q_ref) - np.einsum("Knr,Knk->Krk", n_ref, dq)
+        away = cell._wrapped(Q - q_ref - cell._shifts(p, R))
+        D = np.einsum("Knrk,Kn->Krk", dn, away) - np.einsum("Knr,Knk->Krk", n_ref, dq)
+        D = np.concatenate([D, -np.swapaxes(n_ref, 1, 2) @ cell.along], axis=2)
         return n_ref + np.swapaxes(D @ dU @ J, 1, 2)
 
     def in_place(self, V_T: Array, e: Array) -> InPlace:
@@ -63,7 +68,8 @@ class CellPotentials:
         here = task._data.oMf[task._frame_id]
         p, R = here.translation, here.rotation
         cell = in_place(chart.cell)
-        locate, pull = cell.locate, cell.pull
+        locate, pull, shift = cell.locate, cell.pull, cell.shift
+        along, wrapped = chart.cell.along, chart.cell._wrapped
         T, monomials = monomials_at(chart.monomials, cell.u)
         C = np.moveaxis(chart.coefficients, 0, -1).swapaxes(0, 1)  # (1 + r, n, N)
         C_T = np.asfortranarray(C.reshape(n * (1 + r), N))
@@ -78,7 +84,8 @@ class CellPotentials:
         both, away, h = np.zeros(n * (1 + r)), np.zeros(n), np.zeros(r)
         q_ref, n_T = both[:n], both[n:].reshape(r, n)
         dT, turned, moved = np.zeros((k, N)), np.zeros(r * N), np.zeros((r, N))
-        D, X, bent = np.zeros((r, k)), np.zeros((r, m)), np.zeros((r, n))
+        whole, X, bent = np.zeros((r, k + along.shape[1])), np.zeros((r, m)), np.zeros((r, n))
+        D, beside = whole[:, :k], whole[:, k:]
         by_terms = turned.reshape(r, N)
         take, multiply, subtract, add, dot, dT_T = (
             T.take,
@@ -95,6 +102,10 @@ class CellPotentials:
             monomials()
             dgemv(1.0, C_T, T, 0.0, both, 0, 1, 0, 1, 0, 1)
             subtract(q, q_ref, away)
+            if shift is not None:
+                subtract(away, shift, away)
+                wrapped(away)
+                beside[:] = -n_T.dot(along)
             dot(n_T, away, h)
             dot(C_n, away, turned)
             dot(n_T, C_q, moved)
@@ -103,8 +114,8 @@ class CellPotentials:
             )  # (r, N): D = ∂h/∂u at this q is the slope of the polynomials with these
             take(lower, None, dT, "clip")
             multiply(dT, powers, dT)
-            dot(moved, dT_T, D)
-            pull(D, X)
+            D[:] = moved.dot(dT_T)
+            pull(whole, X)
             dot(X, J, bent)
             add(n_T, bent, V_T)
 

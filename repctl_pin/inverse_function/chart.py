@@ -113,7 +113,8 @@ class Chart:
 
         Returns
         -------
-        dF : (K, n, k) array
+        dF : (K, n, k + l) array
+            Its last l columns are the constant ones of :attr:`Cell.along`.
         B : (K, n, r) array
             ∂F/∂s.
         """
@@ -124,13 +125,13 @@ class Chart:
             + np.einsum("Knr,Knk->Krk", at.n_ref, dq)
             - np.einsum("Knrk,Kn->Krk", dn, at.Q - at.q_ref)
         )
-        J_V = np.concatenate([at.J, np.swapaxes(at.n_ref, 1, 2)], axis=1)
-        E = self.cell.twists(at.U, at.R)
-        r = below.shape[1]
+        n_T, r = np.swapaxes(at.n_ref, 1, 2), below.shape[1]
+        below = np.concatenate([below, n_T @ self.cell.along], axis=2)
+        J_V, E = np.concatenate([at.J, n_T], axis=1), self.cell.twists(at.U, at.R)
         onto = np.zeros((len(J_V), m + r, r))
         onto[:, m:] = np.eye(r)
         both = solved(J_V, np.concatenate([np.concatenate([E, below], axis=1), onto], axis=2))
-        return both[:, :, : self.cell.k], both[:, :, self.cell.k :]
+        return both[:, :, : E.shape[2]], both[:, :, E.shape[2] :]
 
 
 @dataclass(frozen=True, eq=False)

@@ -113,7 +113,7 @@ class Cost:
         ]
         self.T = terms.values(self.U)  # (K, N)
         self.dT = terms.slopes(self.T)  # (K, N, k)
-        self.C = chart.cell.speeds(U)  # (inner, k, k)
+        self.C = chart.cell.speeds(U)  # (inner, k + l, k + l)
         self.r = chart.cell.task.r
         self._last: Array | None = None
 
@@ -146,10 +146,10 @@ class Cost:
 
         The residual depends on a through s and ∂s at its node alone: linearly on ∂s, by ``B ∂s``;
         its derivative by s is taken by central differences. A margin depends on s alone."""
-        chart, r, k = self.chart, self.chart.cell.task.r, self.chart.cell.k
+        chart, r = self.chart, self.chart.cell.task.r
         points, ds = at.points.chosen(self.inner), at.ds[self.inner]
         residual, B, _ = self._residual(points, ds)
-        K, n, _ = residual.shape
+        K, n, k = residual.shape  # here k counts the coordinates removed by a symmetry, too
         s = np.einsum("Knr,Kn->Kr", points.n_ref, points.Q - points.q_ref)
         M = np.zeros((K, n, k, r, 1 + k))  # ∂(residual)/∂(s_j, (∂s_j C)_c)
         for j in range(r):
@@ -167,8 +167,9 @@ class Cost:
         slope = np.zeros((len(self.U), r * (1 + k)))
         gram[self.inner] = np.swapaxes(flat, 1, 2) @ flat / K
         slope[self.inner] = np.einsum("Kap,Ka->Kp", flat, residual.reshape(K, n * k)) / K
-        features = np.concatenate([self.T[:, :, None], self.dT], axis=2)  # (K, N, 1 + k)
-        features[self.inner, :, 1:] = features[self.inner, :, 1:] @ self.C
+        features = np.zeros((len(self.U), self.T.shape[1], 1 + k))
+        features[:, :, 0] = self.T
+        features[self.inner, :, 1:] = self.dT[self.inner] @ self.C[:, : chart.cell.k]
         at_s = np.arange(r) * (1 + k)
         for part, where in self.kept:
             there = at.points.chosen(where)

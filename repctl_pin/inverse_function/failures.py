@@ -11,6 +11,7 @@ from ..redundancy.inverses import inverse_condition_number
 from .cell import Cell
 from .kinematics import placed
 from .posture_search import reached
+from .sector import Sector
 
 _SHORT = 1e-6
 _SPARSE = 24
@@ -49,7 +50,7 @@ def broken_limit(cell: Cell, U: Array, Q: Array, share: float) -> FailureReason 
     ``share`` is the share of the sampled poses that violate a limit.
     """
     task = cell.task
-    margin = task.limit_margin(Q)
+    margin = cell.limit_margin(Q)
     broken = margin.min(axis=1, initial=np.inf) < 0
     if not broken.any():
         return None
@@ -58,7 +59,7 @@ def broken_limit(cell: Cell, U: Array, Q: Array, share: float) -> FailureReason 
     far = unit == "rad" and -margin[at, joint] > 2 * np.pi
     by = "more than a turn" if far else f"{-margin[at, joint]:.2g} {unit}"
     what = f"at {cell.where(U[at])}, {task.joint_names[joint]} is {by} beyond its limit"
-    return FailureReason("limit", share, U[at], what)
+    return FailureReason("limit", share, cell._lifted(U[at]), what)
 
 
 def unreached(cell: Cell, U: Array, near: Array, share: float) -> list[FailureReason]:
@@ -89,13 +90,17 @@ def unreached(cell: Cell, U: Array, near: Array, share: float) -> list[FailureRe
         at = int(np.argmax(shortfall))
         where = cell.where(some[at])
         what = f"the pose {where} is out of reach (task error {shortfall[at]:.2g}, in m and rad)"
-        failures.append(FailureReason("reach", share * float(short.mean()), some[at], what))
+        failures.append(
+            FailureReason("reach", share * float(short.mean()), cell._lifted(some[at]), what)
+        )
     if not short.all():
         at = int(np.argmin(np.where(short, np.inf, spans)))
         where = cell.where(some[at])
         what = f"between the middle of the cell and {where} the arm passes a singularity"
         failures.append(
-            FailureReason("singularity", share * float((~short).mean()), some[at], what)
+            FailureReason(
+                "singularity", share * float((~short).mean()), cell._lifted(some[at]), what
+            )
         )
     return failures
 
@@ -105,7 +110,7 @@ def folded(cell: Cell, U: Array, share: float) -> FailureReason | None:
     if not len(U):
         return None
     what = f"at {cell.where(U[0])} the function folds back: its leaf margin goes through 0"
-    return FailureReason("fold", share, U[0], what)
+    return FailureReason("fold", share, cell._lifted(U[0]), what)
 
 
 def touching(
@@ -120,14 +125,14 @@ def touching(
         return None
     at = int(np.argmin(distances))
     what = f"at {cell.where(U[at])}, {links[0]} and {links[1]} collide"
-    return FailureReason("collision", share, U[at], what)
+    return FailureReason("collision", share, cell._lifted(U[at]), what)
 
 
 def round_the_base(cell: Cell) -> str:
     """Explain that the cell contains the axis of the arm's first joint; empty if it does not."""
     task = cell.task
     turning = np.flatnonzero(task.revolute)
-    if not len(turning) or turning[0] != 0:
+    if isinstance(cell, Sector) or not len(turning) or turning[0] != 0:
         return ""
     q = np.array(task.reference)
     point, axis = task.joint_origins(q)[0], task.axes(q)[0]

@@ -19,7 +19,9 @@ from ..robot.task import Task
 from ..solvers import newton
 from .cell import TURNED, Cell
 from .chart import Chart
+from .fast_sector import closures
 from .monomials import Monomials
+from .sector import Sector
 
 _MOST = 12
 _STEP = 0.3
@@ -40,15 +42,21 @@ class InPlace:
         Write u of a placement; returns its distance along held coordinates, m or rad.
     pull : function (D, X) → None
         Write ``X = D ∂u/∂x`` (r, m) for D (r, k), at the placement last located. X starts as 0.
+    shift : (n,) array or None
+        Memory of the part of F that the symmetries of a sector add; D then has k + l columns.
     """
 
     u: Array
     locate: Callable[[Array, Array], float]
     pull: Callable[[Array, Array], None]
+    shift: Array | None = None
 
 
 def in_place(cell: Cell) -> InPlace:
     """Make the closures of a cell."""
+    if isinstance(cell, Sector):
+        own, shift, place, slope = closures(cell)
+        return InPlace(own, place, slope, shift if cell.removed else None)
     p_0, R_0T = cell.placement.translation.copy(), cell.placement.rotation.T.copy()
     R_0 = R_0T.T
     m, on = cell.task.m, np.flatnonzero(cell.widths > 0)
@@ -163,7 +171,7 @@ def evaluation(chart: Chart) -> Callable[[pin.SE3, Array | None], Array]:
     jacobian = fast_kinematics.in_place(task, upper, rhs[:m]).jacobian
     aim, error = _errors(task, upper, rhs[:m])
     coordinates = in_place(chart.cell)
-    u, locate = coordinates.u, coordinates.locate
+    u, locate, shift = coordinates.u, coordinates.locate, coordinates.shift
     T, monomials = monomials_at(chart.monomials, u)
     C_T = np.asfortranarray(
         np.moveaxis(chart.coefficients, 0, -1).swapaxes(0, 1).reshape(n * (1 + r), -1)
@@ -171,7 +179,7 @@ def evaluation(chart: Chart) -> Callable[[pin.SE3, Array | None], Array]:
     both = np.zeros(n * (1 + r))
     q_ref, n_T = both[:n], both[n:].reshape(r, n)
     n_F = n_T.T  # (n, r), column-major: a view
-    away, k, subtract = np.zeros(n), len(u), np.subtract
+    away, k, subtract, add = np.zeros(n), len(u), np.subtract, np.add
     c: Array | None = None
 
     def correction(q: Array) -> Array:
@@ -194,6 +202,8 @@ def evaluation(chart: Chart) -> Callable[[pin.SE3, Array | None], Array]:
             raise OutsideError
         monomials()
         dgemv(1.0, C_T, T, 0.0, both, 0, 1, 0, 1, 0, 1)
+        if shift is not None:
+            add(q_ref, shift, q_ref)
         c = leaf
         aim(target, p, R)
         start = q_ref if leaf is None else q_ref + leaf @ n_T

@@ -65,7 +65,7 @@ class InverseFunction:
     @property
     def cell(self) -> Cell:
         """The cell on which it is defined."""
-        return self.chart.cell
+        return self.chart.cell.whole
 
     @property
     def task(self) -> Task:
@@ -136,17 +136,19 @@ class InverseFunction:
     def _batch(self, U: Array, c: Array, threads: int) -> Array:
         """Evaluate F at coordinates U (K, k) inside the cell, on the leaf c (r,)."""
         cell = self.cell
-        points = self.chart.solve(U, np.tile(c, (len(U), 1)))
+        reduced, shift = self.chart.cell._split(U)
+        points = self.chart.solve(reduced, np.tile(c, (len(U), 1)))
+        Q = points.Q + shift
         if not points.found.all():
             at = int(np.argmin(points.found))
             raise InputError(
                 f"target {at}: no configuration exists on this leaf at {cell.where(U[at])}"
             )
-        broken = self.task.limit_margin(points.Q).min(axis=1, initial=np.inf) < 0
+        broken = self.task.limit_margin(Q).min(axis=1, initial=np.inf) < 0
         if self.keep_limits and broken.any():
             at = int(np.argmax(broken))
-            raise InputError(f"target {at}: {self._beyond(points.Q[at], cell.at(U[at]))}")
-        return points.Q
+            raise InputError(f"target {at}: {self._beyond(Q[at], cell.at(U[at]))}")
+        return Q
 
     def jacobian(self, target: Placement, *, leaf: ArrayLike | None = None) -> Array:
         """Evaluate ∂F/∂x (n, m), joint velocity per task velocity, rad or m per m and rad."""
@@ -163,15 +165,17 @@ class InverseFunction:
         It ends at a joint limit, where the leaf margin falls to 0.1, or after half a turn.
         """
         task, r = self.task, self.task.r
-        U = np.tile(self.cell.coordinates_of(target), (2 * r, 1))
+        u, shift = self.chart.cell._split(self.cell.coordinates_of(target)[None])
+        U = np.tile(u, (2 * r, 1))
         ways = np.concatenate([-np.eye(r), np.eye(r)])
         done, step = np.zeros(2 * r), np.full(2 * r, _MARCH)
-        Q = np.tile(self(target), (2 * r, 1))
+        Q = np.tile(self(target) - shift[0], (2 * r, 1))
         while (step > 1e-9).any() and (done < np.pi).any():
             ahead = done + step
             points = self.chart.solve(U, ahead[:, None] * ways, Q)
             leaf = leaf_margin(bases(points.J, points.n_ref)[1], points.n_ref)
-            good = points.found & (task.limit_margin(points.Q).min(axis=1) >= 0) & (leaf > _LEAST)
+            margin = task.limit_margin(points.Q + shift).min(axis=1)
+            good = points.found & (margin >= 0) & (leaf > _LEAST)
             good &= (np.abs(points.Q - Q).max(axis=1) < 1.0) & (done < np.pi)
             Q[good], done[good] = points.Q[good], ahead[good]
             step[~good] /= 2

@@ -14,6 +14,7 @@ from ..arguments import Array, read_only
 from ..robot.bodies import Bodies, bodies_of
 from ..robot.task import Task
 from ..solvers import StepLengths, descend_in_box
+from .cell import Cell
 from .chart import Chart, Points
 from .monomials import Monomials
 
@@ -123,10 +124,10 @@ class Margin:
         return most
 
 
-def limits_of(task: Task, required: float = 0.0) -> Margin:
+def limits_of(limited: Task | Cell, required: float = 0.0) -> Margin:
     """Make the margin of joint limits: the distance of each joint to its nearer limit, rad or m."""
     return Margin(
-        "joint limits", task.limit_margin, required, 0.4, watched=4096, starts=48, violators=96
+        "joint limits", limited.limit_margin, required, 0.4, watched=4096, starts=48, violators=96
     )
 
 
@@ -203,7 +204,8 @@ class CandidateFunction:
     def derivative(self, at: Points) -> Array:
         """Differentiate the function with respect to u, at points of its graph: (K, n, k)."""
         slopes = self.terms.slopes(self.terms.values(at.U))
-        return self.chart.derivative(at, np.einsum("KNk,Nr->Krk", slopes, self.a))[0]
+        ds = np.einsum("KNk,Nr->Krk", slopes, self.a)
+        return self.chart.derivative(at, ds)[0][:, :, : self.chart.cell.k]
 
 
 class Minimised(Protocol):

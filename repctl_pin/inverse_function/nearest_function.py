@@ -27,6 +27,8 @@ from .monomials import Monomials
 from .penalty import ActiveConstraint, PenaltyMethod, padded
 from .posture_search import Candidate, given, searched
 from .reference import Rays, fitted, rays
+from .sector import Sector
+from .turning import Turn, centred, reduced
 
 _HELD_OUT = 8192
 _MOST_UNKNOWNS = 260
@@ -45,6 +47,9 @@ _HOPELESS = 0.98
 
 _DEAR = 0.02
 """Extra joint speed above which other configurations of the middle are tried."""
+
+_FAR_ROUND = 0.9
+"""Share of the joints' ranges, of a sector as far as the joints go, below which they are, too."""
 
 _NEARLY = 0.9
 """Coverage below which no other configuration of the middle is tried."""
@@ -196,6 +201,7 @@ def nearest_inverse_function(
                 f"degree {degree} in {cell.k} coordinates makes more than "
                 f"{4 * _MOST_UNKNOWNS} unknowns; lower the degree"
             )
+    cell = _reduced(cell, desired, body_distance)
     work = _Work(
         desired,
         degree,
@@ -226,6 +232,28 @@ def nearest_inverse_function(
         if incomplete == "shrink" and smaller is not None:
             return smaller
         raise _refusal(cell, failures, fits, keep=partly)
+
+
+def _reduced(cell: Cell, desired: Inverse, body_distance: float) -> Cell:
+    """Leave the symmetric coordinates of a sector out, unless bodies break the symmetry."""
+    if not isinstance(cell, Sector):
+        return cell
+    found = cell if body_distance else reduced(cell, desired)
+    for i in cell.free:
+        if i not in [one.coordinate for one in found.removed]:
+            why = "body_distance=" if body_distance else "the desired inverse"
+            raise InputError(
+                f"'all' requires the symmetry of the arm, which {why} breaks",
+                argument=cell.coordinate_names[i],
+                remedy="give it in rad",
+            )
+    return found
+
+
+def _no_turn(cell: Cell, turn: Turn) -> FailureReason:
+    """Report that no angle is inside the limits at every pose."""
+    what = f"{turn.joint} turns {turn.joint_range:.3g} rad, and differs by {turn.spread:.3g} rad"
+    return FailureReason("limit", 1.0, np.zeros(cell.whole.k), f"{what} over the cell")
 
 
 def _margin(value: float, name: str, unit: str = "") -> float:
@@ -277,10 +305,13 @@ class _Work:
 
     def good(self, found: Found, *, bodies: bool = True) -> bool:
         """Whether a design covers the cell without collisions, near limits, or high joint speed."""
-        coverage, everywhere, separate, margin, _ = _rank(found, self.limit_margin)
+        coverage, everywhere, separate, margin, *_ = _rank(found, self.limit_margin)
         kept = (coverage, everywhere, separate or not bodies, margin)
         least = (1.0, True, True, 0.4 * self.limit_margin)
-        return kept >= least and cast(CellDesign, found).extra_speed < _DEAR
+        if not kept >= least:
+            return False
+        design = cast(CellDesign, found)
+        return design.extra_speed < _DEAR and _share(design) >= _FAR_ROUND
 
     def design(self, cell: Cell, q: Array, *, quick: bool = False) -> Found:
         """Design over one cell; the reasons for failure if it cannot be reached."""
@@ -308,11 +339,14 @@ class _Work:
         if not np.isfinite(descent.value.cost):
             return _why(cell, ends, count)
         self.report("the last chart", 0.7)
-        chart = _recharted(cell, chart, descent, terms)
+        chart, turns = centred(_recharted(cell, chart, descent, terms))
+        if any(turn.reach <= 0 for turn in turns):
+            return tuple(_no_turn(cell, turn) for turn in turns if turn.reach <= 0)
         self.report("the evaluation", 0.8)
         quick = quick or hopeless
         held_out = min(512, self.held_out) if quick else self.held_out
         evaluation = evaluate_cell(self.desired, chart, held_out, self.seed + 2, quick=quick)
+        evaluation = replace(evaluation, turns=turns)
         return CellDesign.of(
             self.desired,
             chart,
@@ -367,7 +401,7 @@ class _Work:
 
     def margins(self, cell: Cell) -> list[Margin]:
         """Make the requested margins."""
-        found = [limits_of(cell.task, self.limit_margin)]
+        found = [limits_of(cell, self.limit_margin)]
         found += [distances_of(cell.task, self.body_distance)] if self.body_distance else []
         return found + ([singular_values_of(cell.task, self.sigma_min)] if self.sigma_min else [])
 
@@ -407,7 +441,7 @@ def _why(cell: Cell, ends: Rays, count: int) -> tuple[FailureReason, ...]:
     bad = ends.reached < 1
     near = ends.Q[np.argsort(-ends.reached)[:8]]
     failures = unreached(cell, ends.U[bad], near, float(bad.sum() / count))
-    beyond = cell.task.limit_margin(ends.Q[~bad]).min(axis=1, initial=np.inf) < 0
+    beyond = cell.limit_margin(ends.Q[~bad]).min(axis=1, initial=np.inf) < 0
     limit = broken_limit(cell, ends.U[~bad], ends.Q[~bad], float(beyond.sum() / count))
     return tuple(failures) if limit is None else (*failures, limit)
 
@@ -460,12 +494,24 @@ def _refusal(
     return NoFunctionError(fact, failures, fits, partly=keep, remedy=remedy)
 
 
-def _rank(found: Found, limit_margin: float) -> tuple[float, bool, bool, float, float]:
-    """Sort key: coverage of held-out poses, of all poses, no collision, limit margin, speed."""
+def _rank(found: Found, limit_margin: float) -> tuple[float, bool, bool, float, float, float]:
+    """Sort key: coverage of held-out poses, of all poses, no collision, limit margin, how far
+    round, speed."""
     if not isinstance(found, CellDesign) or found.coverage == 0:
-        return 0.0, False, False, -np.inf, -np.inf
+        return 0.0, False, False, -np.inf, -np.inf, -np.inf
     margin, everywhere = min(found.limit_margin, 0.4 * limit_margin), found.evaluation.everywhere
-    return found.coverage, everywhere, found.body_distance >= 0, margin, -found.cost
+    return found.coverage, everywhere, found.body_distance >= 0, margin, _share(found), -found.cost
+
+
+def _share(found: CellDesign) -> float:
+    """How far a function goes along the coordinates that go as far as the joints do, as a share of
+    the joints' ranges, to 5 %; 1 in a box."""
+    cell = found.cell
+    free = cell.free if isinstance(cell, Sector) else ()
+    names = [cell.coordinate_names[i] for i in free]
+    turns = [turn for turn in found.evaluation.turns if turn.coordinate in names]
+    shares = [turn.reach / min(turn.joint_range, 2 * np.pi) for turn in turns]
+    return float(np.round(20 * min(shares, default=1.0)) / 20)
 
 
 def _terms(cell: Cell, degree: int) -> int:

@@ -127,9 +127,9 @@ def searched(desired: Batched, cell: Cell, seed: int = 0) -> list[Candidate]:
             f"the middle of the cell, {cell.where(u)}, is out of reach: {task.frame!r} stays "
             f"{left.min():.3g} m or rad short of it; move the cell nearer"
         )
-    inside = there & (task.limit_margin(Q).min(axis=1) > 0)
+    inside = there & (cell.limit_margin(Q).min(axis=1) > 0)
     if not inside.any():
-        best = int(np.argmax(np.where(there, task.limit_margin(Q).min(axis=1), -np.inf)))
+        best = int(np.argmax(np.where(there, cell.limit_margin(Q).min(axis=1), -np.inf)))
         joint = task.joint_names[int(np.argmin(task.limit_margin(Q[best])))]
         beyond = -task.limit_margin(Q[best]).min()
         raise InputError(
@@ -145,7 +145,7 @@ def searched(desired: Batched, cell: Cell, seed: int = 0) -> list[Candidate]:
         N = bases(task.jacobian(q)[None], np.zeros((1, task.n, task.r)))[1][0]
         beside = q + size * np.concatenate([N.T, -N.T])
         Q, left = reached(cell, beside, u, iterations=8)
-        good = (left < 1e-9) & (task.limit_margin(Q).min(axis=1) > 0) & _regular(cell, Q)
+        good = (left < 1e-9) & (cell.limit_margin(Q).min(axis=1) > 0) & _regular(cell, Q)
         candidates += judged(desired, cell, Q[good]) if good.any() else []
     first = chosen(candidates, task.reference)
     candidates.sort(key=lambda c: (-c.share, c.body_distance < 0, -min(c.margin, _ENOUGH), c.speed))

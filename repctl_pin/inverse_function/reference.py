@@ -68,7 +68,7 @@ def rays(desired: Batched, cell: Cell, q_middle: Array, U: Array, *, steps: int 
     for ahead in [*np.linspace(0, 1, steps + 1)[1:], 1.0, 1.0, 1.0]:
         p, R, J = placed(task, Q[on])
         _, N[on], s = bases(J, N[on])
-        least[on] = np.minimum(least[on], task.limit_margin(Q[on]).min(axis=1))
+        least[on] = np.minimum(least[on], cell.limit_margin(Q[on]).min(axis=1))
         good = s[:, -1] > SINGULAR * s[:, 0]
         on, p, R, J = on[good], p[good], R[good], J[good]
         if not len(on):

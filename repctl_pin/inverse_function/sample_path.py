@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pinocchio as pin
 
 from ..arguments import Array, as_int, require_type
 from ..motion import TaskPath
@@ -33,27 +32,29 @@ def tour(cell: Cell, seed: int = 0, *, reach: float = 0.9) -> TaskPath:
     s = np.linspace(0, 1, _POINTS)[:, None]
     most = np.abs(np.cos(k * s) @ a.T + np.sin(k * s) @ b.T).max(axis=0)
     a, b = reach * a / most[:, None], reach * b / most[:, None]
-    positions, R_0 = len(cell.half_width), cell.placement.rotation
+    R_0, active = cell.placement.rotation, cell.moved
+    turning = cell._frame_twists(np.zeros((1, cell.task.m)))[0, 3:][:, active]
+    turns = cell.task.m > 3 and bool(turning.any())
 
-    def parts(u: Array) -> tuple[Array, Array]:
-        """Convert coordinates or their rates to a position, m, and a rotation vector, base axes."""
-        y, p = cell.spread(u[None])[0], np.zeros(3)
-        p[cell.task.rows[:positions]] = y[:positions]
-        return p, cell.vectors(y[None, positions:])[0] if turns else np.zeros(3)
+    def at(s: float) -> Array:
+        """Evaluate the coordinates u."""
+        return np.asarray(a @ np.cos(k * s) + b @ np.sin(k * s), float)
 
-    def at(s: float) -> tuple[Array, Array]:
-        return parts(a @ np.cos(k * s) + b @ np.sin(k * s))
+    def placed(s: float) -> tuple[Array, Array]:
+        """Evaluate the position, m, and the rotation."""
+        p, R = cell.placements(at(s)[None])
+        return p[0], R[0]
 
-    def rates(s: float) -> tuple[Array, Array]:
-        return parts(b @ (k * np.cos(k * s)) - a @ (k * np.sin(k * s)))
+    def twist(s: float) -> Array:
+        """Differentiate the placement: (v, ω), base axes."""
+        du = b @ (k * np.cos(k * s)) - a @ (k * np.sin(k * s))
+        rates = cell.spread(du[None])[0]
+        return np.asarray(cell._frame_twists(cell.spread(at(s)[None]))[0] @ rates, float)
 
-    turns = bool(cell.rotation.any())
     return TaskPath(
         f"tour {seed} of the cell",
-        lambda s: cell.placement.translation + at(s)[0],
-        lambda s: rates(s)[0],
-        (lambda s: pin.exp3(at(s)[1]) @ R_0) if turns else R_0,
-        spin=(lambda s: pin.Jexp3(at(s)[1]).T @ rates(s)[1])
-        if turns
-        else None,  # J_l is the transpose of J_r
+        lambda s: placed(s)[0],
+        lambda s: twist(s)[:3],
+        (lambda s: placed(s)[1]) if turns else R_0,
+        spin=(lambda s: twist(s)[3:]) if turns else None,
     )

@@ -80,9 +80,14 @@ def _of_cell(
     plane: str | None,
 ) -> Problem:
     """Make a problem inside a cell, which begins at the configuration that the function gives."""
+    from ..inverse_function import Sector  # slow to import, and not needed by a study
+    from ..inverse_function.sample_path import tour
+
     begin = design.posture if start is None else start
     inside = partial(fitting_circle, control=design.inverse, region=design.cell)
     draw = inside if path is None and plane is None else path
+    if draw is inside and isinstance(design.cell, Sector):
+        draw = tour(design.cell)  # the orientation turns with the angle, which no circle does
     problem = Problem(design.task, start=begin, path=draw, plane=plane)._with(region=design.cell)
     if start is not None or path is False:
         return problem

@@ -22,6 +22,7 @@ from ..errors import InputError
 from ..inverse_function.chart import Chart
 from ..inverse_function.monomials import Monomials
 from ..inverse_function.rotations import left_jacobian
+from ..inverse_function.sector import Sector
 from .chain import Chain, chain_of, tool_reach
 from .leaf_margin_bounds import Bounds, Expansion, enclosed, inverses, margins
 from .potentials import U
@@ -171,6 +172,8 @@ class CellProof:
             raise InputError(
                 f"nothing can be proved of a cell of {cell.task.kind} tasks yet; use a pose task"
             )
+        if isinstance(cell, Sector):
+            raise InputError("nothing can be proved of a sector yet; use a cell, rp.Cell")
         self.chart, self.cell, self.task = chart, cell, cell.task
         self.polynomials = Polynomials.of(chart)
         self.on = np.flatnonzero(cell.widths > 0)

@@ -10,10 +10,11 @@ import pinocchio as pin
 
 from ..arguments import as_int
 from ..errors import InputError
-from ..inverse_function import Cell, CellDesign, FailureReason, InverseFunction
+from ..inverse_function import Cell, CellDesign, FailureReason, InverseFunction, Sector
 from ..inverse_function.cell_evaluation import Evaluation
 from ..inverse_function.chart import Chart
 from ..inverse_function.monomials import Monomials
+from ..inverse_function.turning import Turn
 from ..robot.task import Task
 from .design_file import head
 from .schema import (
@@ -60,6 +61,28 @@ class FailureFile(Plain):
     what: str
 
 
+class TurnFile(Plain):
+    """How far a function goes along a symmetric coordinate, see
+    :class:`repctl_pin.inverse_function.turning.Turn`; null: a joint without limits."""
+
+    coordinate: str
+    joint: str
+    joint_range: float | None
+    spread: float
+    reach: float
+    most: float
+
+
+class SectorFile(Plain):
+    """Cylindrical coordinates: the axis, as a point, m, and a direction; the coordinates, counted
+    from 0, that go as far as the joints do, and those left out of the polynomials, whose joints
+    turn the arm or the tool. The widths are those of radius, angle, height, tilts and spin."""
+
+    axis: Rows
+    free: list[int]
+    symmetric: list[int]
+
+
 class CellFigures(Plain):
     """Evaluation of a function, see
     :class:`repctl_pin.inverse_function.cell_evaluation.Evaluation`; null: no limits, no bodies."""
@@ -81,6 +104,7 @@ class CellFigures(Plain):
     limit_margin_worst: float | None = None
     attainable_margin_worst: float | None = None
     extra_speed_direction: float | None = None
+    turns: tuple[TurnFile, ...] = ()
 
 
 class CellFile(Sealed):
@@ -103,6 +127,7 @@ class CellFile(Sealed):
     requested_body_distance: float = 0.0
     requested_sigma_min: float = 0.0
     proof: ProofFile | msgspec.UnsetType = msgspec.UNSET
+    sector: SectorFile | msgspec.UnsetType = msgspec.UNSET
 
 
 def cell_file(design: CellDesign) -> CellFile:
@@ -117,8 +142,14 @@ def cell_file(design: CellDesign) -> CellFile:
     unsaid = (*_BOUNDLESS, "extra_speed_direction")
     boundless = {name: found[name] if np.isfinite(found[name]) else None for name in unsaid}
     failures = [described(FailureFile, stop) for stop in design.failures]
+    turns = tuple(
+        described(
+            TurnFile, turn, joint_range=turn.joint_range if np.isfinite(turn.joint_range) else None
+        )
+        for turn in design.evaluation.turns
+    )
     figures, placement = (
-        CellFigures(**found | boundless | {"failures": failures}),
+        CellFigures(**found | boundless | {"failures": failures, "turns": turns}),
         cell.placement.homogeneous.tolist(),
     )
     return described(
@@ -132,7 +163,42 @@ def cell_file(design: CellDesign) -> CellFile:
         coefficients=chart.coefficients.tolist(),
         figures=figures,
         proof=proof_file(design.proof),
+        sector=_sector_file(chart.cell),
     )
+
+
+def _range(turn: TurnFile) -> float:
+    return np.inf if turn.joint_range is None else turn.joint_range
+
+
+def _sector_file(cell: Cell) -> SectorFile | msgspec.UnsetType:
+    """Describe the coordinates of a sector; unset for a box."""
+    if not isinstance(cell, Sector):
+        return msgspec.UNSET
+    symmetric = [one.coordinate for one in cell.removed]
+    return SectorFile(cell.axis.tolist(), list(cell.free), symmetric)
+
+
+def _cell(content: CellFile, task: Task) -> Cell:
+    """Make the cell of a chart: a box, or a sector without its symmetric coordinates."""
+    widths, at, positions = np.array(content.widths), np.array(content.placement), min(3, task.m)
+    if widths.shape != (task.m,) or at.shape != (4, 4):
+        raise InputError(
+            f"a cell of this task has {task.m} widths and a placement of 4 × 4 numbers"
+        )
+    if not np.array_equal(at[3], [0.0, 0.0, 0.0, 1.0]):
+        raise InputError("the last row of the cell's placement must be 0, 0, 0, 1")
+    data = content.sector
+    if isinstance(data, msgspec.UnsetType):
+        turns = widths[positions:] if task.m > positions else 0.0
+        return Cell(task, pin.SE3(at), widths[:positions], turns)
+    w = np.pad(widths, (0, 6 - task.m))
+    names = {"radius": w[0], "angle": w[1], "height": w[2], "half_angle": w[3:5], "spin": w[5]}
+    sector = Sector(task, pin.SE3(at), **names, axis=data.axis)
+    used = [one for one in sector.symmetries if one.coordinate in data.symmetric]
+    if [one.coordinate for one in used] != data.symmetric or not {*data.free} <= {*data.symmetric}:
+        raise InputError("the file uses a symmetry that the arm does not have")
+    return sector.without(used, data.free)
 
 
 def cell_of(content: CellFile, task: Task) -> CellDesign:
@@ -143,19 +209,10 @@ def cell_of(content: CellFile, task: Task) -> CellDesign:
     InputError
         If the numbers do not make one.
     """
-    widths, at, positions = np.array(content.widths), np.array(content.placement), min(3, task.m)
-    if widths.shape != (task.m,) or at.shape != (4, 4):
-        raise InputError(
-            f"a cell of this task has {task.m} widths and a placement of 4 × 4 numbers"
-        )
-    if not np.array_equal(at[3], [0.0, 0.0, 0.0, 1.0]):
-        raise InputError("the last row of the cell's placement must be 0, 0, 0, 1")
     if not content.degrees:
         raise InputError("a cell's file must name at least one degree that was tried")
     degree = as_int(content.degree, "the degree of a cell's polynomials", 0, _MOST_DEGREE)
-    cell = Cell(
-        task, pin.SE3(at), widths[:positions], widths[positions:] if task.m > positions else 0.0
-    )
+    cell = _cell(content, task)
     C, due = np.array(content.coefficients), (comb(cell.k + degree, cell.k), task.n, 1 + task.r)
     if C.shape != due:
         raise InputError(
@@ -169,13 +226,18 @@ def cell_of(content: CellFile, task: Task) -> CellDesign:
     figures |= {name: np.inf for name in _BOUNDLESS if figures[name] is None}
     if figures["extra_speed_direction"] is None:  # not in older files
         figures["extra_speed_direction"] = np.nan
-    if any(len(stop.u) != cell.k for stop in content.figures.failures):
-        raise InputError(f"a pose of this cell has {cell.k} coordinates")
+    if any(len(stop.u) != cell.whole.k for stop in content.figures.failures):
+        raise InputError(f"a pose of this cell has {cell.whole.k} coordinates")
+    figures["turns"] = tuple(
+        Turn(**msgspec.structs.asdict(turn) | {"joint_range": _range(turn)})
+        for turn in content.figures.turns
+    )
     figures["failures"] = tuple(
         FailureReason(s.cause, s.share, np.array(s.u), s.what) for s in content.figures.failures
     )
     evaluation, chart = Evaluation(**figures), Chart(cell, Monomials(cell.k, degree), C)
-    function = InverseFunction(chart, keep_limits=not evaluation.everywhere)
+    ends = isinstance(cell, Sector) and cell.free
+    function = InverseFunction(chart, keep_limits=bool(ends) or not evaluation.everywhere)
     desired, posture = desired_of(content.desired, task), task.check(content.posture, "the posture")
     how = {name: getattr(content, name) for name in _HOW}
     return CellDesign(

@@ -8,7 +8,8 @@ from itertools import product
 import numpy as np
 
 from ..arguments import Array
-from ..inverse_function import Cell, CellDesign
+from ..inverse_function import Cell, CellDesign, Sector
+from ..inverse_function.sector import ANGLE, HEIGHT, RADIUS
 from ..motion import Motion, elbow
 from .page.html import render
 from .page.playback import TracedChain, playback_of, playback_page
@@ -19,15 +20,32 @@ from .text.verdict import NO_VERDICT, Verdict, motion_summary, verdict
 _ROUND = [0, 1, 3, 2, 0, 4, 5, 1, 5, 7, 3, 7, 6, 2, 6, 4]
 """Corners of a box, counted in binary, in an order that traces every edge."""
 
+_ARC = 49
+"""Points of an arc of a sector."""
+
 
 def box_of(cell: Cell) -> Array:
     """Trace the edges of a cell's box of positions: (P, 3), m; a rectangle or a line where some
     positions are fixed."""
+    if isinstance(cell, Sector):
+        return _edges(cell)
     positions = len(cell.half_width)
     low_high = np.zeros((3, 2))
     low_high[cell.task.rows[:positions]] = cell.half_width[:, None] * [-1, 1]
     corners = np.array(list(product(*low_high))) + cell.placement.translation
     return corners[_ROUND]
+
+
+def _edges(sector: Sector) -> Array:
+    """Trace the arcs and edges of a sector's positions: (P, 3), m."""
+    there = np.linspace(-1.0, 1.0, _ARC)
+    arc, corners = np.concatenate([there, there[::-1]]), [(-1, -1), (1, -1), (1, 1), (-1, 1)]
+    traced = [(*corner, angle) for corner in [*corners, corners[0]] for angle in arc]
+    traced += [(*corners[0], angle) for angle in there]
+    traced += [(*corner, 1.0) for corner in [*corners, corners[0]]]
+    Y = np.zeros((len(traced), 6))
+    Y[:, [RADIUS, HEIGHT, ANGLE]] = traced
+    return sector.placements(Y[:, sector.moved])[0]
 
 
 def cell_page(
@@ -53,9 +71,11 @@ def cell_page(
     """
     task, joint = design.task, elbow(design.task, design.posture)
     words = (
-        "Slices through the centre of the cell (+). Above: the smallest joint-limit margin. Below: "
-        "joint speed relative to the desired controller at the same configurations."
+        "Slices through the centre of the cell (+). First: the smallest joint-limit margin. "
+        "Second: joint speed relative to the desired controller at the same configurations."
     )
+    if isinstance(design.cell, Sector) and design.evaluation.turns:
+        words += " Third: range of the angle that is inside the joint's limits at every tilt."
     animation, tiles = "", NO_VERDICT.tiles
     if motions:
         cycles = next(iter(motions.values())).cycles

@@ -8,6 +8,7 @@ from html import unescape
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from arms import planar_urdf
 from browser import errors, schemes, wait_until_drawn
@@ -215,3 +216,38 @@ def test_what_cannot_be(
     ]
     assert main([*arm, *words]) == 2
     assert says in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["--sector"], "--sector requires --radius"),
+        (["--sector", "--radius", "0.1", "--half-width", "0.1"], "mutually exclusive"),
+        (["--sector", "--radius", "0.1", "--path", "circle:0.1"], "mutually exclusive"),
+        (["--sector", "--radius", "0.1", "--prove"], "nothing can be proved of a sector"),
+        (["--half-width", "0.1", "--radius", "0.1"], "--radius requires --sector"),
+        (["--half-width", "0.1", "--angle", "1"], "--angle requires --sector"),
+        (["--radius", "0.1"], "--radius requires --sector"),
+        ([], "--half-width is missing"),
+        (["--sector", "--radius", "0.1", "--angle", "4"], "more than a full turn"),
+        (["--sector", "--radius", "0.9"], "reaches the axis"),
+        (["--sector", "--radius", "0.1", "--height", "a"], "--height"),
+    ],
+)
+def test_options_of_a_sector_that_make_no_sense(words: list[str], says: str, capsys) -> None:
+    assert main(["cell", "panda", *words]) != 0
+    said = capsys.readouterr().err
+    assert says in said and len(said.strip().splitlines()) == 1
+
+
+def test_a_sector_on_the_command_line(tmp_path: Path, capsys, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "planar.urdf").write_text(planar_urdf([0.5, 0.4, 0.3]), encoding="utf-8")
+    options = ["--start", "0.2,0.8,0.8", "--degree", "2", "--held-out", "64", "--out", "out"]
+    sector = ["--sector", "--radius", "0.1", "--json"]
+    assert main(["cell", "planar.urdf", "--task", "xy", *sector, *options]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["turns"][0]["reach"] == pytest.approx(2 * np.pi)
+    assert said["sector"] == pytest.approx({"radius": 0.1, "angle": np.pi})
+    assert main(["follow", "out/cell.json", "--robot", "planar.urdf", "--cycles", "1"]) == 0
+    assert "tour 0 of the cell" in capsys.readouterr().out

@@ -2,7 +2,6 @@
  * n_ref are polynomials in u. */
 enum { arm_cell_k = @k, arm_cell_count = @count, arm_cell_width = ARM_N * (1 + ARM_R) };
 
-static const arm_pose arm_cell_middle = @middle;
 static const double arm_cell_widths[ARM_M] = @widths; /* 0: fixed coordinate */
 static const int arm_cell_moved[@k] = @moved;
 static const unsigned short arm_cell_parent[@count] = @parents; /* T[a] = T[parent[a]] u[factor[a]] */
@@ -10,25 +9,7 @@ static const unsigned short arm_cell_factor[@count] = @factors;
 static const double arm_cell_weight[@count][ARM_N * (1 + ARM_R)] = { /* q_ref and n_ref, joint by joint */
 @weights};
 
-/* Compute the coordinates y relative to the cell's middle, m and rad, and the scaled coordinates u. */
-static void arm_cell_coordinates(const arm_pose *pose, double y[ARM_M], double u[@k])
-{
-    int k;
-    arm_error(arm_cell_middle.p, arm_cell_middle.R, pose, y);
-    for (k = 0; k < @k; k++) u[k] = y[arm_cell_moved[k]] / arm_cell_widths[arm_cell_moved[k]];
-}
-
-/* Test whether coordinates are in the cell; fixed coordinates to 1e-6 m or rad. */
-static int arm_cell_inside(const double y[ARM_M], const double u[@k])
-{
-    int i;
-    for (i = 0; i < ARM_M; i++)
-        if (!(arm_cell_widths[i] > 0.0) && !(fabs(y[i]) <= 1e-6)) return 0;
-    for (i = 0; i < @k; i++)
-        if (!(fabs(u[i]) <= 1.0 + 1e-9)) return 0;
-    return 1;
-}
-
+@coordinates
 @rates
 
 static void arm_potential_@number(const double q[ARM_N], double h[ARM_R], double V[][ARM_N])
@@ -54,7 +35,7 @@ static void arm_potential_@number(const double q[ARM_N], double h[ARM_R], double
             both[i] += T[a] * arm_cell_weight[a][i];
             for (k = 0; k < @k; k++) slopes[i][k] += dT[a][k] * arm_cell_weight[a][i];
         }
-    for (j = 0; j < ARM_R; j++) {
+@shift    for (j = 0; j < ARM_R; j++) {
         for (a = 0; a < ARM_M; a++) d[a] = 0.0;
         for (i = 0; i < ARM_N; i++) {
             const int at = (1 + ARM_R) * i, n = at + 1 + j;
@@ -66,7 +47,7 @@ static void arm_potential_@number(const double q[ARM_N], double h[ARM_R], double
                 d[moved] += (slopes[n][k] * away - both[n] * slopes[at][k]) / arm_cell_widths[moved];
             }
         }
-        arm_cell_rates(pose.R, y, d);
+@along        arm_cell_rates(pose.R, y, d);
         for (i = 0; i < ARM_N; i++)
             for (a = 0; a < ARM_M; a++) V[j][i] += d[a] * J[a][i];
     }

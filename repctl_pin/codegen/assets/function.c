@@ -30,29 +30,33 @@ static int arm_search(const arm_pose *target, double both[][1], const double *le
 static const double arm_F_lower[ARM_N] = @lower;
 static const double arm_F_upper[ARM_N] = @upper;
 
-/* Compute the coordinates u of a target; check it. */
-static arm_status arm_F_coordinates(const arm_pose *target, double u[@k])
+/* Compute the coordinates u of a target, and what symmetries of the arm add to q_ref; check the target. */
+static arm_status arm_F_coordinates(const arm_pose *target, double u[@k], double shift[ARM_N])
 {
     double y[ARM_M];
+    int i;
+    for (i = 0; i < ARM_N; i++) shift[i] = 0.0;
     if (!arm_rotation(target->R)) return ARM_BAD_NUMBER;
     arm_cell_coordinates(target, y, u);
     if (!arm_finite(y, ARM_M)) return ARM_BAD_NUMBER;
-    return arm_cell_inside(y, u) ? ARM_OK : ARM_OUTSIDE;
+@turned    return arm_cell_inside(y, u) ? ARM_OK : ARM_OUTSIDE;
 }
 
 arm_status arm_F(const arm_pose *target, const double *leaf, double q[ARM_N])
 {
-    double one[@k], u[@k][1], both[arm_cell_width][1], x[ARM_N][1], start[ARM_N], goal[12][1], state[1];
+    double one[@k], shift[ARM_N], u[@k][1], both[arm_cell_width][1];
+    double x[ARM_N][1], start[ARM_N], goal[12][1], state[1];
     arm_status status;
     int i, j;
     if (leaf && !arm_finite(leaf, ARM_R)) return ARM_BAD_NUMBER;
-    status = arm_F_coordinates(target, one);
+    status = arm_F_coordinates(target, one, shift);
     if (status != ARM_OK) return status;
     for (i = 0; i < @k; i++) u[i][0] = one[i];
     for (i = 0; i < 3; i++) goal[i][0] = target->p[i];
     for (i = 0; i < 9; i++) goal[3 + i][0] = target->R[i];
     arm_chart_1(u, both);
     for (i = 0; i < ARM_N; i++) {
+        both[(1 + ARM_R) * i][0] += shift[i];
         start[i] = both[(1 + ARM_R) * i][0];
         for (j = 0; leaf && j < ARM_R; j++) start[i] += leaf[j] * both[(1 + ARM_R) * i + 1 + j][0];
         x[i][0] = start[i];
@@ -70,21 +74,26 @@ arm_status arm_F(const arm_pose *target, const double *leaf, double q[ARM_N])
 
 long arm_F_batch(long count, const arm_pose *targets, const double *leaf, double *q)
 {
-    double u[@k][@lanes], both[arm_cell_width][@lanes], x[ARM_N][@lanes], goal[12][@lanes], state[@lanes], one[@k];
+    double u[@k][@lanes], both[arm_cell_width][@lanes], x[ARM_N][@lanes], goal[12][@lanes], state[@lanes];
+    double one[@k], shift[ARM_N], shifts[ARM_N][@lanes];
     long a;
     int i, j, l;
     if (leaf && !arm_finite(leaf, ARM_R)) return 0;
     for (a = 0; a < count; a += @lanes) {
         for (l = 0; l < @lanes; l++) { /* after the last target, that one again */
             const arm_pose *target = targets + (a + l < count ? a + l : count - 1);
-            state[l] = arm_F_coordinates(target, one) == ARM_OK ? 0.0 : -1.0;
+            state[l] = arm_F_coordinates(target, one, shift) == ARM_OK ? 0.0 : -1.0;
             for (i = 0; i < @k; i++) u[i][l] = state[l] < 0.0 ? 0.0 : one[i];
+            for (i = 0; i < ARM_N; i++) shifts[i][l] = state[l] < 0.0 ? 0.0 : shift[i];
             for (i = 0; i < 3; i++) goal[i][l] = target->p[i];
             for (i = 0; i < 9; i++) goal[3 + i][l] = target->R[i];
         }
         arm_chart_@lanes(u, both);
         for (i = 0; i < ARM_N; i++)
-            for (l = 0; l < @lanes; l++) x[i][l] = both[(1 + ARM_R) * i][l];
+            for (l = 0; l < @lanes; l++) {
+                both[(1 + ARM_R) * i][l] += shifts[i][l];
+                x[i][l] = both[(1 + ARM_R) * i][l];
+            }
         for (j = 0; leaf && j < ARM_R; j++)
             for (i = 0; i < ARM_N; i++)
                 for (l = 0; l < @lanes; l++) x[i][l] += leaf[j] * both[(1 + ARM_R) * i + 1 + j][l];

@@ -17,6 +17,7 @@ from .motions import titled
 _WHAT = {
     "limit_margin": ("limit margin", "viridis", 1.0),
     "extra_speed": ("extra joint speed, %", "magma_r", 100.0),
+    "turn": ("angle all round, °", "cividis", 180 / np.pi),
 }
 
 
@@ -27,12 +28,13 @@ def slice_of_cell(
     what: str = "limit_margin",
     ends: tuple[float, float] | None = None,
 ) -> Axes:
-    """Draw ``limit_margin`` or ``extra_speed`` over one slice, coloured from ``ends``; uncovered
-    poses are grey."""
+    """Draw ``limit_margin``, ``extra_speed`` or ``turn`` over one slice, coloured from ``ends``;
+    uncovered poses are grey."""
     _, colours, scale = _WHAT[what]
     values = scale * getattr(cut, what)
     values = np.ma.array(values, mask=~np.isfinite(values))
-    centre, widths = _centre(design), design.cell.widths[design.cell.widths > 0]
+    cell = design.function.chart.cell
+    centre, widths = cell.centre[cell.moved], cell.widths[cell.moved]
     (i, j), u = cut.axes, cut.u
     low, high = (None, None) if ends is None else ends
     ax.set_facecolor("#dddddd")
@@ -40,22 +42,30 @@ def slice_of_cell(
                   cmap=colours, shading="gouraud", vmin=low, vmax=high)  # fmt: skip
     ax.plot(centre[i], centre[j], "+", color=VERMILLION, ms=10, mew=2)
     ax.locator_params(nbins=4)
-    ax.set_xlabel(f"{design.cell.names[i]} ({design.cell.units[i]})")
-    ax.set_ylabel(f"{design.cell.names[j]} ({design.cell.units[j]})")
-    ax.set_aspect("equal" if design.cell.units[i] == design.cell.units[j] else "auto")
+    ax.set_xlabel(f"{cell.names[i]} ({cell.units[i]})")
+    ax.set_ylabel(f"{cell.names[j]} ({cell.units[j]})")
+    ax.set_aspect("equal" if cell.units[i] == cell.units[j] else "auto")
     return ax
 
 
 def cell_figure(design: CellDesign, cuts: Sequence[Slice]) -> Figure:
-    """Draw every slice twice: by limit margin above, by extra joint speed below, each row with one
-    colour scale."""
-    shapes = [design.cell.widths[design.cell.widths > 0][list(cut.axes)] for cut in cuts]
+    """Draw every slice by limit margin, by extra joint speed, and for a sector by how far it goes
+    round, each row with one colour scale."""
+    cell = design.function.chart.cell
+    shapes = [cell.widths[cell.moved][list(cut.axes)] for cut in cuts]
     shares = [min(max(w / h, 0.5), 2.0) if h else 1.0 for w, h in shapes]
     task = design.task
     title = f"{task.robot.name}, {task.frame}, {task.kind}: one function for {design.cell.size()}"
-    figure = titled(2.0 + 2.7 * sum(shares), 6.7, title)
-    grid = figure.subplots(2, len(cuts), squeeze=False, width_ratios=shares)
-    for row, (what, (label, _, scale)) in zip(grid, _WHAT.items(), strict=True):
+    drawn = [what for what in _WHAT if getattr(cuts[0], what) is not None]
+    one = len(cuts) == 1
+    if one:  # side by side
+        figure = titled(1.5 + 3.6 * len(drawn), 3.7, title)
+        grid = figure.subplots(1, len(drawn), squeeze=False).T
+    else:
+        figure = titled(2.0 + 2.7 * sum(shares), 0.7 + 3.0 * len(drawn), title)
+        grid = figure.subplots(len(drawn), len(cuts), squeeze=False, width_ratios=shares)
+    for row, what in zip(grid, drawn, strict=True):
+        label, _, scale = _WHAT[what]
         every = scale * np.concatenate([getattr(cut, what).ravel() for cut in cuts])
         ends = (
             (float(np.nanmin(every)), float(np.nanmax(every)))
@@ -71,13 +81,3 @@ def cell_figure(design: CellDesign, cuts: Sequence[Slice]) -> Figure:
             label, color=INK
         )
     return figure
-
-
-def _centre(design: CellDesign) -> np.ndarray:
-    """Return the cell's centre along its axes of non-zero width: m, and 0 for rotations."""
-    cell = design.cell
-    every = np.zeros(len(cell.widths))
-    every[: len(cell.half_width)] = cell.placement.translation[
-        cell.task.rows[: len(cell.half_width)]
-    ]
-    return every[cell.widths > 0]

@@ -1,0 +1,126 @@
+"""Coordinates of a sector in control loops: one placement at a time, in plain floats."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import atan2, cos, hypot, pi, sin, sqrt
+
+import numpy as np
+
+from ..arguments import Array
+from .sector import Sector
+
+_EDGE = 1e-9
+
+Located = tuple[Array, Array, Callable[[Array, Array], float], Callable[[Array, Array], None]]
+
+
+def closures(cell: Sector) -> Located:
+    """Make the memory of u (k,) and of the shift (n,) of the symmetries, and two functions.
+
+    The first writes both of a placement (p, R), and returns the distance along held coordinates, m
+    or rad, or infinity beyond a symmetric one. The second writes ``X = D ∂u/∂x`` for D (r, k + l).
+    """
+    m, (rho, z), B = cell.task.m, cell.middle, np.ascontiguousarray(cell.directions)
+    origin, C = cell.axis[0].copy(), np.ascontiguousarray(B @ cell.placement.rotation)
+    u, shift = np.zeros(cell.k), np.zeros(cell.task.n)
+    on, widths = cell.moved.tolist(), cell.widths.tolist()
+    held = [i for i in range(m) if not widths[i]]
+    turned = [
+        (one.coordinate, one.joint, float(one.sign), _most(cell, one.coordinate))
+        for one in cell.removed
+    ]
+    removed, rows = cell._removed, cell.task.rows[: min(3, m)].tolist()
+    every, frame, pose = [0.0] * 6, [np.eye(3)], cell.task.kind == "pose"
+
+    def locate(p: Array, R: Array) -> float:
+        x, y, height = B.dot(p - origin).tolist()
+        angle = atan2(y, x)
+        every[:3] = hypot(x, y) - rho, angle, height - z
+        frame[0] = R
+        if m > 3:
+            every[3:] = _turns(C, B.dot(R), angle)
+        for i, k in enumerate(on):
+            u[i] = every[k] / widths[k]
+        inside = True
+        for k, joint, sign, most in turned:  # all of them: potentials are evaluated outside, too
+            inside = inside and abs(every[k]) <= most
+            shift[joint] = sign * every[k]
+        return max([abs(every[k]) for k in held], default=0.0) if inside else np.inf
+
+    def pull(D: Array, X: Array) -> None:
+        radius, angle = rho + every[0], every[1]
+        c, s = cos(angle), sin(angle)
+        directions = _back(c, s).dot(B).tolist()  # outward, around, along
+        onto = _per_tilt(frame[0], B, C, c, s, every) if m > 3 else None
+        for slopes, out in zip(D.tolist(), X, strict=True):
+            d = [0.0] * 6
+            for i, k in enumerate(on):
+                d[k] = slopes[i] / widths[k]
+            for i, k in enumerate(removed):
+                d[k] = slopes[len(on) + i]
+            g, round_about = None, d[1]
+            if onto is not None:
+                A, about = onto
+                g = _solved(A, d[3:])
+                round_about -= about[0] * g[0] + about[1] * g[1] + about[2] * g[2]
+            parts = zip(*directions, strict=True)
+            v = [d[0] * e + round_about / radius * f + d[2] * a for e, f, a in parts]
+            out[: len(rows)] = [v[row] for row in rows]
+            if g is not None:
+                out[3:] = frame[0].dot(g) if pose else g[:2]
+
+    return u, shift, locate, pull
+
+
+def _back(c: float, s: float) -> Array:
+    """Make the rotation by −φ in the directions of the middle."""
+    return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _per_tilt(
+    R: Array, B: Array, C: Array, c: float, s: float, every: list[float]
+) -> tuple[list[list[float]], list[float]]:
+    """Evaluate the frame's own angular velocity per rad of each tilt, and of the angle."""
+    x, y = every[3], every[4]
+    square = x * x + y * y
+    theta = sqrt(square)
+    a = 0.5 - square / 24 if theta < 1e-4 else (1 - cos(theta)) / square
+    b = 1 / 6 - square / 120 if theta < 1e-4 else (theta - sin(theta)) / (square * theta)
+    J = [[1 - b * y * y, b * x * y, -a * y], [b * x * y, 1 - b * x * x, a * x]]  # J_l, by columns
+    own = R.T.dot(B.T)
+    A = own.dot(_back(c, s).T.dot(C)).dot(np.array(J).T)
+    return A.T.tolist(), own[:, 2].tolist()
+
+
+def _solved(A: list[list[float]], d: list[float]) -> list[float]:
+    """Convert a gradient in tilts and spin to one in the frame's own angular velocity."""
+    (a, b, e), (f, g, h) = A
+    first, second, spin = d[0] - e * d[2], d[1] - h * d[2], d[2]
+    det = a * g - b * f
+    return [(first * g - second * b) / det, (second * a - first * f) / det, spin]
+
+
+def _most(cell: Sector, i: int) -> float:
+    return np.inf if i in cell.free else float(cell.widths[i]) * (1 + _EDGE)
+
+
+def _turns(C: Array, turned: Array, angle: float) -> list[float]:
+    """Measure the tilts and the spin, from the rotations of middle and target in the directions of
+    the middle: ``T = R_0ᵀ R_a(−φ) R``."""
+    back = _back(cos(angle), sin(angle))
+    (a, _, x), (d, _, y), (g, _, h) = C.T.dot(back.dot(turned)).tolist()
+    sine = hypot(x, y)
+    if sine < 1e-12:
+        tilt = (0.0 if h > 0 else pi, 0.0)
+        return [*tilt, atan2(d, a) if h > 0 else atan2(-d, a)]
+    theta = atan2(sine, h)
+    first, second = y / sine, -x / sine  # the axis of the rotation back, less its sign
+    along = (first * a + second * d) * (1 - h / hypot(sine, h))
+    cosine = h / hypot(sine, h)
+    sine = sin(theta)
+    spin = atan2(
+        d * cosine - first * g * sine + second * along,
+        a * cosine + second * g * sine + first * along,
+    )
+    return [-y * theta / hypot(x, y), x * theta / hypot(x, y), spin]

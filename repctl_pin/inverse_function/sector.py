@@ -1,0 +1,479 @@
+"""Sector of the workspace: a cell in cylindrical coordinates around the base's vertical axis."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from ..arguments import (
+    Array,
+    as_numbers,
+    freeze,
+    positive,
+    read_only,
+    require_choice,
+    shown,
+    vector,
+)
+from ..errors import InputError
+from ..robot.chain_formulas import Placement
+from ..robot.task import Task
+from .cell import Cell, sizes
+from .rotations import exp3, left_jacobian, tilts
+from .symmetry import Symmetry, axis_symmetry, tool_symmetry
+
+RADIUS, ANGLE, HEIGHT, SPIN = 0, 1, 2, 5
+"""Places of these among the m coordinates; 3 and 4 are the tilts."""
+
+_NEAR = 1e-6
+"""Distance from the axis, m, at which the angle is no longer defined."""
+
+_VERTICAL = ((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+
+Angle = float | Literal["all"]
+
+
+@dataclass(frozen=True, eq=False, init=False)
+@read_only
+class Sector(Cell):
+    r"""All placements ``p = o + R_a(φ) (ρ e + z a)``, ``R = R_a(φ) R_0 exp(\hat t) R_z(ψ)``.
+
+    ρ, φ and z are the radius, angle and height of p around an axis a through o, by default the
+    vertical one of the base; e is the direction from that axis to the middle. t tilts about the
+    tool's own x and y, ψ turns about its z. The orientation turns with φ. A coordinate of
+    half-width 0 is held.
+
+    Where a joint turns the whole arm about the axis, ``F(R_a(φ) x) = F(x) ± φ e_j`` is exact, and
+    where the last joint's axis is the tool's z axis through the frame's origin, so is ``F(x R_z(ψ))
+    = F(x) ± ψ e_j``. A function is then designed for φ = ψ = 0 alone. Both are found from the task;
+    an arm without them has the same coordinates.
+
+    Parameters
+    ----------
+    task
+        The task. A task in two coordinates requires an axis across its plane.
+    placement
+        Middle of the sector, away from the axis, as in :class:`Cell`.
+    radius, height : float
+        Half-widths, m.
+    angle : float or "all"
+        Half-width of φ, rad; ``"all"`` is as far as the joints go, with a middle of its own.
+    half_angle : float or array
+        Half-widths of the tilts, rad: one number, or one per axis. A third number turns about the
+        tool, as ``spin`` does, but without use of the symmetry: over a small range F can then do
+        better.
+    spin : float or "all"
+        Half-width of ψ, rad, of a pose task.
+    axis : (2, 3) array, optional
+        A point on the axis, m, and its direction, from the base.
+
+    Raises
+    ------
+    InputError
+        If the placement is on the axis, the radius reaches it, an angle is above a full turn, or
+        the task leaves free what is asked for.
+
+    Examples
+    --------
+    >>> sector = rp.Sector(task, task.placement(q0), radius=0.1, angle="all")
+    >>> sector.k  # coordinates: radius and angle
+    2
+    >>> [symmetry.joint for symmetry in sector.symmetries]  # joints that turn the whole arm
+    [0]
+    """
+
+    axis: Array
+    """(2, 3): point, m, and unit direction of the axis."""
+    free: tuple[int, ...]
+    """Coordinates as far as the joints go."""
+    symmetries: tuple[Symmetry, ...]
+    """Symmetries of the arm along coordinates that are not held."""
+    removed: tuple[Symmetry, ...]
+    """Those whose coordinates are left out of u, at 0."""
+
+    def __init__(
+        self,
+        task: Task,
+        placement: Placement,
+        *,
+        radius: float,
+        height: float = 0.0,
+        angle: Angle = "all",
+        half_angle: ArrayLike = 0.0,
+        spin: Angle = 0.0,
+        axis: ArrayLike | None = None,
+    ) -> None:
+        unit = Cell(task, placement, 1.0)  # checks the task and the placement
+        line = _axis(task, axis)
+        radius, height = _half(radius, "radius", "m"), _height(task, height)
+        turns = _turns(task, half_angle)
+        named = {ANGLE: ("angle", angle), SPIN: ("spin", spin)}
+        round_about, about_tool = (_turn(width, name) for name, width in named.values())
+        symmetries = [axis_symmetry(task, line)]
+        if task.kind == "pose" and not turns[2:].any():
+            symmetries.append(tool_symmetry(task))
+        elif about_tool:
+            raise _no_spin(task)
+        found = [one for one in symmetries if one is not None]
+        free = tuple(i for i, (_, width) in named.items() if isinstance(width, str))
+        for i in free:
+            if i not in [one.coordinate for one in found]:
+                name = named[i][0]
+                remedy = "give it in rad, or the axis= of a joint"
+                raise InputError(_no_joint(task, name), argument=name, remedy=remedy)
+        every = [radius, round_about, height][: min(3, task.m)]
+        if task.m > 3:
+            every += [*turns[:2], max(about_tool, *turns[2:], 0.0)][: task.m - 3]
+        freeze(
+            self,
+            task=unit.task,
+            placement=unit.placement,
+            widths=np.array(every),
+            axis=line,
+            free=free,
+            symmetries=tuple(one for one in found if every[one.coordinate]),
+            removed=(),
+        )
+        self._require_apart()
+
+    def _require_apart(self) -> None:
+        """Refuse a sector that reaches its axis, or has no width beside the symmetric ones."""
+        away, (radius, *_) = self.middle[0], self.widths
+        if away < _NEAR:
+            raise InputError(
+                "a sector's placement lies on the axis, where the angle is not defined; "
+                "move it away from the axis, or give another axis="
+            )
+        if radius > away - _NEAR:
+            raise InputError(
+                f"of ±{radius:g} m reaches the axis, which is {away:.3g} m from the placement",
+                argument="radius",
+                remedy=f"keep it below {away:.3g}",
+            )
+        if not np.delete(self.widths, [one.coordinate for one in self.symmetries]).any():
+            raise InputError("a sector needs a radius, height or half_angle above 0")
+
+    # ---- symmetries
+    # --------------------------------------------------------------------------------
+
+    def without(self, symmetries: Sequence[Symmetry], free: Sequence[int] | None = None) -> Sector:
+        """Leave symmetric coordinates out of u, at 0; some of them go as far as the joints do."""
+        free = self.free if free is None else tuple(free)
+        return self._changed(removed=tuple(symmetries), free=free)
+
+    @property
+    def whole(self) -> Sector:
+        """The sector in all its coordinates."""
+        return self._changed(removed=()) if self.removed else self
+
+    @property
+    def _removed(self) -> list[int]:
+        return [one.coordinate for one in self.removed]
+
+    @property
+    def along(self) -> Array:
+        """∂F/∂y (n, l) of the coordinates that a symmetry removes from u."""
+        along = np.zeros((self.task.n, len(self.removed)))
+        for column, one in enumerate(self.removed):
+            along[one.joint, column] = one.sign
+        return along
+
+    def _shifts(self, p: ArrayLike, R: ArrayLike) -> Array:
+        """Evaluate the part of F that the symmetries add at placements: (K, n)."""
+        return self._measured(np.asarray(p), np.asarray(R))[:, self._removed] @ self.along.T
+
+    def _split(self, U: Array) -> tuple[Array, Array]:
+        """Split coordinates U (K, ·) of the whole sector into those of this one (K, k), and the
+        part of F (K, n) that a symmetry adds."""
+        Y = self.whole.spread(U)
+        return Y[:, self._active] / self._active_widths, Y[:, self._removed] @ self.along.T
+
+    def _lifted(self, u: Array) -> Array:
+        """Convert coordinates u (k,) to those of the whole sector."""
+        return self.spread(u[None])[0][self.whole._active] / self.whole._active_widths
+
+    def _wrapped(self, away: Array) -> Array:
+        """Remove whole turns from differences of configurations (…, n) along symmetric joints."""
+        for one in self.removed:
+            turns = np.rint(away[..., one.joint] / (2 * np.pi))
+            away[..., one.joint] -= 2 * np.pi * turns
+        return away
+
+    def limit_margin(self, q: ArrayLike) -> Array:
+        """Compute the distance of each joint to its nearer limit, at the worst of the symmetric
+        coordinates that are removed: (…, n). A coordinate that goes as far as the joints do has no
+        margin of its own."""
+        margin = self.task.limit_margin(q)
+        for one in self.removed:
+            beyond = np.inf if one.coordinate in self.free else -self.widths[one.coordinate]
+            margin[..., one.joint] += beyond
+        return margin
+
+    # ---- between placements and coordinates
+    # -------------------------------------------------------
+
+    @property
+    def middle(self) -> tuple[float, float]:
+        """Radius and height of the middle, m."""
+        away = self.placement.translation - self.axis[0]
+        z = float(away @ self.axis[1])
+        return float(np.linalg.norm(away - z * self.axis[1])), z
+
+    @property
+    def centre(self) -> Array:
+        """Values of all m coordinates in the middle, m and rad."""
+        rho, z = self.middle
+        return np.array([rho, 0.0, z, 0.0, 0.0, 0.0])[: self.task.m]
+
+    @property
+    def directions(self) -> Array:
+        """Unit vectors (3, 3) at the middle: outward, around, and along the axis."""
+        a = self.axis[1]
+        away = self.placement.translation - self.axis[0]
+        outward = away - (away @ a) * a
+        outward /= np.linalg.norm(outward)
+        return np.stack([outward, np.cross(a, outward), a])
+
+    def placements(self, U: ArrayLike) -> tuple[Array, Array]:
+        """Convert coordinates U (K, k) to positions (K, 3), m, and rotations (K, 3, 3)."""
+        Y, (rho, z) = self.spread(U), self.middle
+        K = len(Y)
+        outward, _, a = self.directions
+        height = z + (Y[:, HEIGHT] if self.task.m > 2 else np.zeros(K))
+        round_about = exp3(Y[:, ANGLE, None] * a)
+        p = (rho + Y[:, RADIUS])[:, None] * outward + height[:, None] * a
+        p = self.axis[0] + np.einsum("Kab,Kb->Ka", round_about, p)
+        R = np.broadcast_to(self.placement.rotation, (K, 3, 3))
+        if self.task.m > 3:
+            R = R @ exp3(np.pad(Y[:, 3:5], ((0, 0), (0, 1))))
+        if self.task.m > 5:
+            R = R @ exp3(np.pad(Y[:, SPIN:], ((0, 0), (2, 0))))
+        return p, round_about @ R
+
+    def _measured(self, p: Array, R: Array) -> Array:
+        """Measure all m coordinates, m and rad, of placements (K, m)."""
+        rho, z = self.middle
+        x, y, height = ((p - self.axis[0]) @ self.directions.T).T
+        phi = np.arctan2(y, x)
+        Y = np.stack([np.hypot(x, y) - rho, phi, height - z], axis=1)[:, : self.task.m]
+        if self.task.m == 2:
+            return Y
+        turned = self.placement.rotation.T @ exp3(-phi[:, None] * self.axis[1]) @ R
+        if self.task.m > 3:
+            t = tilts(np.broadcast_to(np.eye(3), turned.shape), turned)
+            Y = np.concatenate([Y, t], axis=1)
+        if self.task.m > 5:
+            rest = exp3(-np.pad(t, ((0, 0), (0, 1)))) @ turned
+            Y = np.concatenate([Y, np.arctan2(rest[:, 1, 0], rest[:, 0, 0])[:, None]], axis=1)
+        return Y
+
+    def _frame_twists(self, Y: ArrayLike) -> Array:
+        """Evaluate the frame's velocity (v, ω), base axes, per m and rad of each of the m
+        coordinates Y (K, m): (K, 6, m)."""
+        Y = np.asarray(Y, float)
+        T, round_about = np.zeros((len(Y), 6, self.task.m)), exp3(Y[:, ANGLE, None] * self.axis[1])
+        outward, around, a = self.directions
+        T[:, :3, RADIUS] = round_about @ outward
+        T[:, :3, ANGLE] = (self.middle[0] + Y[:, RADIUS])[:, None] * (round_about @ around)
+        T[:, 3:, ANGLE] = a
+        if self.task.m > 2:
+            T[:, :3, HEIGHT] = a
+        if self.task.m > 3:
+            R, t = round_about @ self.placement.rotation, np.pad(Y[:, 3:5], ((0, 0), (0, 1)))
+            T[:, 3:, 3:5] = R @ left_jacobian(t)[:, :, :2]
+        if self.task.m > 5:
+            T[:, 3:, SPIN] = (R @ exp3(t))[:, :, 2]
+        return T
+
+    @property
+    def _bounds(self) -> Array:
+        most = np.ones(self.task.m)
+        for i in self.free:
+            most[i] = np.pi / self.widths[i]
+        return most[self._active]
+
+    # ---- other sectors
+    # --------------------------------------------------------------------------------
+
+    @classmethod
+    def around(cls, *_: object, **__: object) -> Sector:
+        """Refuse: a sector has a middle and half-widths."""
+        raise InputError(
+            "a sector is not made around poses; give its placement, radius=, height= and angle=, "
+            "or use rp.Cell.around"
+        )
+
+    def scaled(self, factor: float) -> Sector:
+        """Make the sector with the same middle and all half-widths scaled, apart from the symmetric
+        coordinates."""
+        factors = np.full(len(self.widths), positive(factor, "the factor"))
+        factors[[one.coordinate for one in self.symmetries]] = 1.0
+        return self._changed(widths=self.widths * factors)
+
+    def turned(self, middles: Mapping[int, float], halves: Mapping[int, float]) -> Sector:
+        """Move the middle along symmetric coordinates, and set the half-widths there, rad."""
+        y, widths = np.zeros(self.task.m), self.widths.copy()
+        for i, middle in middles.items():
+            y[i], widths[i] = middle, halves[i]
+        R = pin.exp3(y[ANGLE] * self.axis[1])
+        spin = pin.exp3(np.array([0.0, 0.0, y[SPIN] if self.task.m > 5 else 0.0]))
+        x = self.placement
+        p = self.axis[0] + R @ (x.translation - self.axis[0])
+        return self._changed(placement=pin.SE3(R @ x.rotation @ spin, p), widths=widths)
+
+    def _changed(self, **changes: Any) -> Sector:
+        other = object.__new__(Sector)
+        freeze(other, **vars(self) | changes)
+        return other
+
+    # ---- words
+    # -------------------------------------------------------------------------------------
+
+    @property
+    def coordinate_names(self) -> list[str]:
+        """Name of each of the m coordinates, held ones too."""
+        return ["radius", "angle", "height", "tilt about x", "tilt about y", "spin"][: self.task.m]
+
+    @property
+    def coordinate_units(self) -> list[str]:
+        """Unit of each of the m coordinates, m or rad."""
+        return ["m", "rad", "m", "rad", "rad", "rad"][: self.task.m]
+
+    def size(self) -> str:
+        """Write the half-widths: ``radius ±0.17 m, height ±0.2 m, angle ±2.9 rad``."""
+        w, parts = self.widths, [f"radius ±{self.widths[RADIUS]:.3g} m"]
+        if self.task.m > 2:
+            parts.append(f"height ±{w[HEIGHT]:.3g} m")
+        parts.append(f"angle {self._range(ANGLE)}")
+        if self.task.m > 3 and w[3:5].any():
+            same = abs(w[3] - w[4]) < 1e-12
+            tilt = f"±{w[3]:.3g}" if same else f"±({w[3]:.3g}, {w[4]:.3g})"
+            parts.append(f"tilted by {tilt} rad")
+        if self.task.m > 5 and w[SPIN]:
+            parts.append(f"spin {self._range(SPIN)}")
+        if not w[3:].any() and self.task.m > 3:
+            parts.append("one orientation, which turns with the angle")
+        return ", ".join(parts)
+
+    def _range(self, i: int) -> str:
+        if i in self.free and self.widths[i] == np.pi:
+            return "as far as the joints go"
+        return f"±{self.widths[i]:.3g} rad"
+
+    def where(self, u: ArrayLike) -> str:
+        """Write a pose: ``(0.1, 0.2, 0.5) m, tilted by (0.3, 0) rad``."""
+        x, u = self.at(u), vector(u, self.k, "u", "one per coordinate of the cell")
+        text = f"({', '.join(f'{v:.3g}' for v in np.round(x.translation, 9) + 0.0)}) m"
+        y = self.spread(u[None])[0]
+        if y[3:5].any():
+            text += f", tilted by ({', '.join(f'{v:.2g}' for v in y[3:5])}) rad"
+        if y[SPIN:].any():
+            text += f", spun by {y[SPIN]:.2g} rad"
+        return text
+
+    def symmetry(self) -> str:
+        """Write what is used of the symmetries of the arm, in words."""
+        names = self.task.joint_names
+        words = {
+            ANGLE: "{} turns the whole arm about the axis",
+            SPIN: "{} turns the tool about its z axis",
+        }
+        used = [words[one.coordinate].format(names[one.joint]) for one in self.removed]
+        if not used:
+            return "not used" if self.symmetries else "none"
+        return f"{' and '.join(used)}: {self.k} of {self.whole.k} coordinates remain"
+
+    def __repr__(self) -> str:
+        middle = self.where(np.zeros(self.k))
+        return f"<Sector {self.size()} around {middle}, {self.task.frame} {self.task.kind}>"
+
+
+def _axis(task: Task, axis: ArrayLike | None) -> Array:
+    """Check an axis: a point, m, and its unit direction (2, 3)."""
+    line = as_numbers(_VERTICAL if axis is None else axis)
+    if line is None or line.shape != (2, 3) or not np.isfinite(line).all() or not line[1].any():
+        raise InputError(
+            f"must be a point, m, and a direction, (2, 3) numbers; got {shown(axis)}",
+            argument="axis",
+        )
+    line = np.stack([line[0], line[1] / np.linalg.norm(line[1])])
+    if task.m == 2:
+        across = next(i for i in range(3) if i not in task.rows)
+        if abs(line[1][across]) < 1 - 1e-12:
+            raise InputError(
+                f"of a sector of an {task.kind} task must be along {'xyz'[across]}, "
+                "across its plane",
+                argument="axis",
+            )
+    return line
+
+
+def _half(value: Any, name: str, unit: str) -> float:
+    return float(sizes(value, 1, name, unit, "of the middle to either side")[0])
+
+
+def _height(task: Task, height: float) -> float:
+    height = _half(height, "height", "m")
+    if task.m == 2 and height:
+        raise InputError(
+            f": a {task.kind} task does not command it", argument="height", remedy="omit it"
+        )
+    return height
+
+
+def _turn(angle: Angle, name: str) -> float:
+    """Check a half-width of a turn, rad; half a turn for ``"all"``."""
+    if isinstance(angle, str):
+        require_choice(angle, ("all",), name)
+        return np.pi
+    half = _half(angle, name, "rad")
+    if half > np.pi:
+        raise InputError(
+            f"of ±{half:g} rad is more than a full turn; use at most π, or 'all'", argument=name
+        )
+    return half
+
+
+def _turns(task: Task, half_angle: ArrayLike) -> Array:
+    """Check the half-widths of the tilts, and of a third turn if there is one."""
+    array = as_numbers(half_angle)
+    if task.m <= 3:
+        if array is None or array.any():
+            raise InputError(
+                f": a {task.kind} task leaves the rotation free",
+                argument="half_angle",
+                remedy="omit it",
+            )
+        return np.zeros(2)
+    third = array is not None and array.shape == (3,) and task.m > 5
+    each = "one per axis of the tool: x, y" + (", and z as an ordinary turn" if third else "")
+    turns = sizes(half_angle, 3 if third else 2, "half_angle", "rad", each)
+    if np.linalg.norm(turns[:2]) >= 0.95 * np.pi or (turns[2:] > np.pi).any():
+        raise InputError(
+            "reaches half a turn; keep its length below 2.98 rad", argument="half_angle"
+        )
+    return turns
+
+
+def _no_spin(task: Task) -> InputError:
+    """Make the error of a spin that the task or a third half_angle excludes."""
+    if task.kind == "pose":
+        return InputError("spin and a third half_angle are mutually exclusive")
+    return InputError(
+        f": a {task.kind} task leaves the rotation about the tool free",
+        argument="spin",
+        remedy="omit it",
+    )
+
+
+def _no_joint(task: Task, name: str) -> str:
+    what = {
+        "angle": "turns the whole arm about the axis",
+        "spin": "turns the tool about its z axis through the frame's origin",
+    }
+    return f"'all' requires a joint that {what[name]}, and {task.robot.name} has none"

@@ -1,0 +1,332 @@
+"""Sectors: cylindrical coordinates, and functions that keep the symmetries of the arm exactly."""
+
+from __future__ import annotations
+
+import json
+import pickle
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from arms import Q_PANDA, planar_task
+from cell_functions import panda
+from design_file import checksum
+from sectors import WIDTHS, found, sector_of
+
+import repctl_pin as rp
+from repctl_pin.inverse_function.cell_evaluation import evaluate_cell, speeds
+from repctl_pin.inverse_function.sample_path import tour
+from repctl_pin.inverse_function.turning import expanded, reduced, turn_at
+
+# ---- coordinates ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", WIDTHS)
+def test_coordinates_placements_and_their_velocities(name: str) -> None:
+    sector = sector_of(name)
+    for cell in (sector, sector.without(sector.symmetries)):
+        U = cell.sample(8)
+        p, R = cell.placements(U)
+        back, off = cell.coordinates(p, R)
+        assert np.allclose(back, U) and np.allclose(off, 0)
+        E, h = cell.twists(U, R), 1e-6
+        for k in range(cell.k):
+            step = h * np.eye(cell.k)[k]
+            ahead = cell.errors(*cell.placements(U + step), p, R)
+            assert np.allclose(ahead / h, E[:, :, k], atol=1e-5)
+        _, slopes = cell.slopes(p, R)
+        assert np.allclose(slopes @ E, np.eye(E.shape[2]), atol=1e-9)
+
+
+def test_the_placement_in_cylindrical_coordinates_by_hand() -> None:
+    sector = rp.Sector(
+        panda(),
+        pin.SE3(pin.exp3(np.array([np.pi, 0, 0])), np.array([0.3, 0.4, 0.2])),
+        radius=0.1,
+        height=0.2,
+        angle=1.0,
+        half_angle=(0.3, 0.4),
+        spin=0.5,
+    )
+    x = sector.at([1.0, 1.0, 0.5, 1.0, 0.0, 1.0])
+    turn, tilt, spin = (pin.exp3(np.array(v)) for v in ([0, 0, 1.0], [0.3, 0, 0], [0, 0, 0.5]))
+    assert np.allclose(x.translation, turn @ [0.36, 0.48, 0.3])
+    assert np.allclose(x.rotation, turn @ sector.placement.rotation @ tilt @ spin)
+
+
+def test_symmetries_are_found_from_the_task(tmp_path: Path) -> None:
+    both = sector_of("pose").symmetries
+    assert [(one.coordinate, one.joint, one.sign) for one in both] == [(1, 0, 1), (5, 6, 1)]
+    assert sector_of("another axis").symmetries == ()
+    assert [one.coordinate for one in sector_of("a turn without its symmetry").symmetries] == [1]
+    upside_down = sector_of("position", axis=[[0, 0, 0], [0, 0, -1]])
+    assert [(one.joint, one.sign) for one in upside_down.symmetries] == [(0, -1)]
+    off_axis = rp.Robot.load("panda").task("panda_leftfinger", "pose")
+    x = off_axis.placement(off_axis.reference)
+    ordinary = rp.Sector(off_axis, x, radius=0.05, angle=0.2, spin=0.3)
+    assert [one.coordinate for one in ordinary.symmetries] == [1]
+    for one in both:  # the law itself, at configurations of its own
+        task, rng = panda(), np.random.default_rng(5)
+        q, s = rng.uniform(-1, 1, 7), 0.4
+        before = task.placement(q)
+        after = task.placement(q + s * np.eye(7)[one.joint])
+        turn = pin.exp3(np.array([0, 0, s]))
+        round_about = (turn @ before.translation, turn @ before.rotation)
+        spun = (before.translation, before.rotation @ turn)
+        p, R = round_about if one.coordinate == 1 else spun
+        assert np.allclose(after.translation, p) and np.allclose(after.rotation, R)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"radius": 0.5}, "radius of ±0.5 m reaches the axis, which is 0.461 m from the placement"),
+        ({"angle": 3.5}, "angle of ±3.5 rad is more than a full turn"),
+        ({"angle": "half"}, "all"),
+        ({"spin": 4.0}, "spin of ±4 rad is more than a full turn"),
+        ({"placement": [0, 0, 0.4]}, "placement lies on the axis"),
+        ({"radius": 0.0, "height": 0.0}, "needs a radius, height or half_angle above 0"),
+        ({"radius": -0.1}, "radius must be 0 m or more"),
+        ({"half_angle": 3.0}, "half_angle reaches half a turn"),
+        ({"half_angle": (0.1, 0.1, 0.1), "spin": 0.1}, "mutually exclusive"),
+        ({"axis": [0, 0, 1]}, "axis must be a point"),
+        ({"axis": [[0, 0.1, 0], [0, 0, 1]]}, "'all' requires a joint that turns the whole arm"),
+    ],
+)
+def test_sectors_that_make_no_sense(change: dict, says: str) -> None:
+    x = pin.SE3(panda().placement(Q_PANDA).rotation, np.array([0.45, 0.1, 0.35]))
+    options = {"placement": x, "radius": 0.1, "height": 0.05} | change
+    with pytest.raises(rp.InputError, match=says) as error:
+        rp.Sector(panda(), **options)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("kind", "change", "says"),
+    [
+        (
+            "position",
+            {"spin": 0.2},
+            "spin: a position task leaves the rotation about the tool free",
+        ),
+        ("axis", {"spin": "all"}, "spin: an? axis task leaves the rotation about the tool free"),
+        ("position", {"half_angle": 0.2}, "half_angle: a position task leaves the rotation free"),
+        ("xy", {"height": 0.2}, "height: a xy task does not command it"),
+        ("xz", {}, "axis of a sector of an xz task must be along y"),
+    ],
+)
+def test_coordinates_that_a_task_leaves_free(kind: str, change: dict, says: str) -> None:
+    x = panda().placement(Q_PANDA)
+    with pytest.raises(rp.InputError, match=says):
+        rp.Sector(panda(kind), x, **({"radius": 0.1} | change))
+
+
+# ---- functions -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", WIDTHS)
+def test_f_is_an_inverse_and_exact_across_the_symmetries(name: str) -> None:
+    design = found(name)
+    F, task, cell = design.function, design.task, design.cell
+    U = np.random.default_rng(1).uniform(-0.95, 0.95, (16, cell.k))
+    Q = F.batch(U)
+    targets = [cell.at(u) for u in U]
+    assert np.abs(task.errors(Q, targets)).max() < 1e-10
+    assert np.allclose([F(x) for x in targets], Q, atol=1e-11, rtol=0)
+    assert np.abs([F.inverse.leaf(q) for q in Q]).max() < 1e-9
+    for one in F.chart.cell.removed:
+        i = list(cell.moved).index(one.coordinate)
+        V = U.copy()
+        V[:, i] = -0.3 * V[:, i]
+        due = Q.copy()
+        due[:, one.joint] += one.sign * cell.widths[one.coordinate] * (V[:, i] - U[:, i])
+        assert np.abs(F.batch(V) - due).max() < 4e-15
+    lower, upper = F.leaves(targets[0])[0]
+    assert lower < -0.02 and upper > 0.02
+    c = np.full(task.r, 0.01)
+    moved = F(targets[0], leaf=c)
+    assert np.abs(task.error(moved, targets[0])).max() < 1e-10
+    assert np.allclose(F.inverse.leaf(moved), c)
+
+
+@pytest.mark.parametrize("name", WIDTHS)
+def test_the_controller_is_the_derivative_of_f(name: str) -> None:
+    design = found(name)
+    inverse, task = design.inverse, design.task
+    rng = np.random.default_rng(2)
+    for u in rng.uniform(-0.8, 0.8, (4, design.cell.k)):
+        q = design.function(design.cell.at(u)) + 0.1 * rng.normal(size=task.n)
+        q[-1] += 0.5  # the spin is outside the sector
+        q[design.function.chart.cell.removed[0].joint if name == "pose" else 0] += 2 * np.pi
+        V, h = inverse.potentials.gradient(q), 1e-6
+        ends = [[inverse.potentials.value(q + w * h * e) for e in np.eye(task.n)] for w in (1, -1)]
+        assert np.allclose((np.array(ends[0]) - ends[1]) / (2 * h), V, atol=1e-6)
+        xdot = rng.normal(size=task.m)
+        assert np.allclose(inverse(q) @ xdot, inverse.velocity(q, xdot), atol=1e-8)
+        assert np.allclose(V.T @ inverse(q), 0, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["pose", "axis", "one orientation"])
+def test_the_cost_of_the_reduced_function_is_that_of_the_whole(name: str) -> None:
+    """The chart in all coordinates knows nothing of symmetry: same joints, same speeds."""
+    design = found(name)
+    chart, whole = design.function.chart, expanded(design.function.chart)
+    U = np.random.default_rng(3).uniform(-1, 1, (32, whole.cell.k))
+    zero = np.zeros((32, design.task.r))
+    points = whole.solve(U, zero)
+    assert np.allclose(points.Q, design.function.batch(U), atol=1e-11)
+    every = speeds(design.desired, whole, points)
+    fewer = speeds(design.desired, chart, chart.solve(chart.cell._split(U)[0], zero))
+    assert np.allclose(every.own, fewer.own, rtol=1e-7)
+    assert np.allclose(every.difference, fewer.difference, rtol=1e-5, atol=1e-9)
+    assert np.allclose(every.direction, fewer.direction, rtol=1e-6)
+
+
+def test_the_gradient_of_the_cost_counts_the_removed_coordinates() -> None:
+    from repctl_pin.inverse_function.cost import Cost
+    from repctl_pin.inverse_function.monomials import Monomials
+
+    design = found("pose")
+    chart, terms = design.function.chart, Monomials(design.function.chart.cell.k, 1)
+    cost = Cost(design.desired, chart, terms, chart.cell.sample(8))
+    a = 0.02 * np.random.default_rng(0).normal(size=(terms.size, 1))
+    gradient, _ = cost.model(cost.value(a))
+    d = np.random.default_rng(1).normal(size=a.shape)
+    ends = [cost.value(a + w * 1e-5 * d).cost for w in (1, -1)]
+    assert np.isclose((ends[0] - ends[1]) / 2e-5, gradient @ d.ravel(), rtol=1e-5)
+
+
+def test_how_far_round_and_what_ends_it() -> None:
+    design = found("one orientation")
+    (turn,) = design.evaluation.turns
+    F, cell, task = design.function, design.cell, design.task
+    U = np.random.default_rng(4).uniform(-1, 1, (200, cell.k))
+    U[:, 1] = 0.0
+    spread = np.ptp(F.batch(U)[:, 0])
+    assert turn.joint == "panda_joint1" and 0.95 * spread <= turn.spread
+    assert np.isclose(turn.reach, turn.joint_range - turn.spread)
+    assert turn.reach - 1e-9 <= turn.most <= turn.joint_range
+    assert np.isclose(cell.widths[1], turn.reach / 2)
+    for end in (-1.0, 1.0):  # both ends of the angle are inside the limits, further is not
+        U[:, 1] = end
+        assert task.limit_margin(F.batch(U))[:, 0].min() > -1e-9
+        U[:, 1] = end * np.pi / cell.widths[1] * 0.999
+        with pytest.raises(rp.InputError, match="panda_joint1 = .* outside its limits"):
+            F.batch(U)
+    map_ = turn_at(F.chart, F.chart.cell.sample(4))
+    assert map_ is not None and np.allclose(map_, turn.joint_range)  # one orientation: no spread
+    assert f"{np.degrees(turn.reach):.4g}° at every covered pose" in design.summary()
+    assert "panda_joint1 turns the whole arm about the axis" in design.summary()
+
+
+def test_a_desired_inverse_without_the_symmetry_is_not_reduced() -> None:
+    sector = sector_of("pose", angle=0.5)
+    plain, limits = (
+        rp.Pseudoinverse(sector.task),
+        rp.WeightedInverse(sector.task, rp.LimitWeight(sector.task)),
+    )
+    assert [one.coordinate for one in reduced(sector, plain).removed] == [1, 5]
+    first = np.diag([2.0, 1, 1, 1, 1, 1, 1])  # constant in the joints: both remain
+    weighted = rp.WeightedInverse(sector.task, first)
+    assert [one.coordinate for one in reduced(sector, weighted).removed] == [1, 5]
+    assert reduced(sector, limits).removed == ()
+    free = sector_of("one orientation")
+    with pytest.raises(rp.InputError, match="angle 'all' requires the symmetry .* body_distance="):
+        rp.nearest_inverse_function(rp.Pseudoinverse(free.task), free, body_distance=0.02)
+
+
+@pytest.mark.slow
+def test_an_arm_without_the_symmetry_has_the_same_coordinates(tmp_path: Path) -> None:
+    """The angle as an ordinary coordinate: the function is no worse than the symmetric one."""
+    sector = sector_of("position", angle=0.3, radius=0.05, height=0.05)
+    task, desired = sector.task, rp.Pseudoinverse(sector.task)
+    q = rp.solve_ik(task, Q_PANDA, sector.placement)
+    how: dict[str, Any] = {
+        "posture": q,
+        "degree": 2,
+        "options": rp.FitOptions(samples=128, held_out=64),
+    }
+    symmetric = rp.nearest_inverse_function(desired, sector, **how)
+    shifted = sector_of(
+        "position", angle=0.3, radius=0.05, height=0.05, axis=[[0, 0, 0], [0, 1e-6, 1]]
+    )
+    assert shifted.symmetries == () and symmetric.function.chart.cell.k == 2
+    ordinary = rp.nearest_inverse_function(desired, shifted, **how)
+    assert ordinary.function.chart.cell.k == 3 and ordinary.evaluation.turns == ()
+    whole = expanded(symmetric.function.chart)
+    judged = evaluate_cell(desired, whole, 128, 5, quick=True)
+    assert np.isclose(judged.cost, symmetric.cost, rtol=0.1)
+    assert ordinary.cost < 1.02 * judged.cost
+
+
+def test_a_planar_arm_turns_about_its_base(tmp_path: Path) -> None:
+    task = planar_task([0.5, 0.4, 0.3], tmp_path)
+    x = task.placement([0.2, 0.8, 0.8])
+    sector = rp.Sector(task, x, radius=0.1)
+    design = rp.nearest_inverse_function(
+        rp.Pseudoinverse(task),
+        sector,
+        posture=[0.2, 0.8, 0.8],
+        degree=2,
+        options=rp.FitOptions(samples=32, held_out=64),
+    )
+    assert design.cell.widths[1] == np.pi  # the joint turns 14 rad: all round
+    F = design.function
+    angles = np.linspace(-np.pi, np.pi, 25)[1:-1]
+    q = [F(design.cell.at([0.3, a / np.pi])) for a in angles]
+    assert np.allclose(np.diff(q, axis=0), [[np.diff(angles)[0], 0, 0]] * 22, atol=1e-12)
+    path = tour(design.cell)
+    motion = rp.follow(design.inverse, path, F(path.placement(0.0)), steps=300)
+    assert motion.drift[-1] < 1e-5
+
+
+# ---- wherever a cell is taken --------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["pose", "a turn without its symmetry", "xy"])
+def test_a_sector_is_saved_and_copied(name: str, tmp_path: Path) -> None:
+    design = found(name)
+    rp.save(design, tmp_path / "cell.json")
+    again = rp.load(tmp_path / "cell.json")
+    assert again.summary() == design.summary() and repr(again.cell) == repr(design.cell)
+    U = design.cell.sample(8)
+    copied = pickle.loads(pickle.dumps(design.function))
+    for F in (again.function, copied):
+        assert np.array_equal(F.batch(U), design.function.batch(U))
+
+
+def test_a_file_that_claims_a_symmetry(tmp_path: Path) -> None:
+    rp.save(found("pose"), tmp_path / "cell.json")
+    content = json.loads((tmp_path / "cell.json").read_text())
+    content["sector"]["axis"][0][0] = 0.1
+    content["checksum"] = checksum(content)
+    (tmp_path / "cell.json").write_text(json.dumps(content))
+    with pytest.raises(rp.InputError, match="a symmetry that the arm does not have"):
+        rp.load(tmp_path / "cell.json")
+
+
+def test_the_tour_of_a_sector_closes_and_stays_inside() -> None:
+    cell = found("pose").cell
+    path = tour(cell, 1)
+    h = 1e-6
+    for s in (0.1, 0.77):
+        assert np.abs(cell.coordinates_of(path.placement(s))).max() <= 1
+        ends = [path.placement(s + w * h) for w in (1, -1)]
+        v = (ends[0].translation - ends[1].translation) / (2 * h)
+        w = pin.log3(ends[0].rotation @ ends[1].rotation.T) / (2 * h)
+        assert np.allclose(path.twist(s), [*v, *w], atol=1e-5)
+
+
+def test_the_edges_of_a_sector() -> None:
+    from repctl_pin.show.cell_page import box_of
+
+    sector = sector_of("pose", angle=1.0)
+    p = box_of(sector)
+    U, _ = sector.coordinates(p, np.tile(sector.placement.rotation, (len(p), 1, 1)))
+    assert np.allclose(np.abs(U[:, [0, 2]]), 1) and np.abs(U[:, 1]).max() <= 1 + 1e-9
+    steps = np.diff(U[:, :3], axis=0)
+    assert (np.abs(steps) > 1e-9).sum(axis=1).max() == 1  # along one coordinate at a time
+    ends = {tuple(map(int, np.rint(u))) for u in U[np.abs(U[:, 1]) > 1 - 1e-9][:, :3]}
+    assert len(ends) == 8

@@ -1,0 +1,133 @@
+"""Functions over sectors of six arms, at length: all the way round at many poses. All slow."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import repctl_pin as rp
+from repctl_pin.inverse_function.sample_path import tour
+
+pytestmark = pytest.mark.slow
+_BENCHMARK = Path(__file__).parents[1] / "benchmarks" / "repeatability"
+_POSES, _ONE_BY_ONE = 100_000, 2_000
+
+
+@dataclass(frozen=True)
+class Case:
+    """An arm, the middle of its sector, and the joints of the symmetries that are due."""
+
+    start: tuple[float, ...] | None
+    middle: tuple[float, float, float] | None
+    sector: dict[str, Any]
+    joints: list[int]
+
+
+TILTED = {"radius": 0.08, "height": 0.08, "half_angle": 0.2, "spin": 0.3, "angle": "all"}
+CASES = {
+    "panda": Case(None, (0.525, 0.0, 0.25), TILTED, [0, 6]),
+    "iiwa14": Case((0.0, 0.6, 0.0, -1.4, 0.0, 1.1, 0.0), None, TILTED, [0, 6]),
+    "gen3": Case((0.0, 0.5, np.pi, -1.9, 0.0, 0.9, np.pi / 2), None, TILTED, [0, 6]),
+    "xarm7": Case((0.0, 0.2, 0.0, 1.0, 0.0, 0.8, 0.0), None, TILTED, [0, 6]),
+    "rail": Case((0.0, 0.1, 0.5, 0.9, 0.1, 0.4, 0.1), None, TILTED | {"angle": 0.2}, [6]),
+    "baxter": Case((0.1, -0.5, 0.2, 1.2, -0.3, 0.9, 0.1), None, TILTED | {"angle": 0.1}, [6]),
+}
+
+
+def rail_urdf(folder: Path) -> Path:
+    """Write six joints of an arm on a rail along y; the first of them is vertical."""
+    axes = ["0 1 0", "0 0 1", "0 1 0", "0 1 0", "1 0 0", "0 1 0", "1 0 0"]
+    at = ["0 0 0", "0 0 0.3", "0 0 0.1", "0 0 0.4", "0.1 0 0.05", "0.3 0 0", "0.1 0 0"]
+    links, joints = ['<link name="base"/>'], []
+    for i, (axis, xyz) in enumerate(zip(axes, at, strict=True)):
+        parent, kind = f"link{i - 1}" if i else "base", "revolute" if i else "prismatic"
+        links.append(f'<link name="link{i}"/>')
+        joints.append(
+            f'<joint name="q{i}" type="{kind}"><parent link="{parent}"/><child link="link{i}"/>'
+            f'<origin xyz="{xyz}"/><axis xyz="{axis}"/>'
+            '<limit lower="-2.9" upper="2.9" effort="1" velocity="1"/></joint>'
+        )
+    joints.append(
+        '<joint name="tip" type="fixed"><parent link="link6"/><child link="tool"/>'
+        '<origin xyz="0.1 0 0" rpy="0 1.5707963267948966 0"/></joint>'
+    )
+    path = folder / "rail.urdf"
+    parts = ("".join(links), '<link name="tool"/>', "".join(joints))
+    path.write_text(f'<robot name="rail">{"".join(parts)}</robot>', encoding="utf-8")
+    return path
+
+
+def task_of(name: str, folder: Path) -> rp.Task:
+    if name == "rail":
+        return rp.Robot.load(rail_urdf(folder)).task("tool", "pose")
+    if name in ("iiwa14", "gen3"):
+        pytest.importorskip("ssik")
+    sys.path.insert(0, str(_BENCHMARK))
+    try:
+        import robots
+    finally:
+        sys.path.remove(str(_BENCHMARK))
+    return robots.task_of(name, folder)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_all_the_way_round(name: str, tmp_path: Path, capsys) -> None:
+    case = CASES[name]
+    task = task_of(name, tmp_path)
+    start = np.array(case.start) if case.start else task.reference
+    middle = task.placement(start)
+    if case.middle is not None:
+        middle = pin.SE3(middle.rotation, np.array(case.middle))
+    given = dict(case.sector)
+    if name == "gen3":  # its first axis is 7e-6 rad from the vertical
+        given["axis"] = [task.joint_origins(start)[0], task.axes(start)[0]]
+    sector = rp.Sector(task, middle, **given)
+    assert [one.joint for one in sector.symmetries] == case.joints
+    options = rp.FitOptions(samples=256, held_out=512)
+    design = rp.nearest_inverse_function(
+        rp.Pseudoinverse(task),
+        sector,
+        posture=rp.solve_ik(task, start, middle),
+        degree=2,
+        incomplete="shrink",
+        options=options,
+    )
+    with capsys.disabled():
+        turns = [f"{np.degrees(turn.reach):.0f}°" for turn in design.evaluation.turns]
+        print(f"\n{name}: {design.cell.size()}; {design.extra_speed:.2%}; {turns}")
+    F, cell, rng = design.function, design.cell, np.random.default_rng(1)
+    for _ in range(_POSES // 10_000):
+        U = rng.uniform(-1, 1, (10_000, cell.k))
+        Q = F.batch(U)
+        p, R = cell.placements(U)
+        targets = [pin.SE3(*pair) for pair in zip(R, p, strict=True)]
+        assert np.abs(task.errors(Q, targets)).max() < 1e-10
+        ahead = U + 1e-4 * rng.uniform(-1, 1, U.shape)
+        step = np.abs(F.batch(np.clip(ahead, -1, 1)) - Q).max()
+        assert step < 0.02  # no jump
+    for k in rng.permutation(len(U))[:_ONE_BY_ONE]:  # the same, whatever came before
+        assert np.abs(F(targets[k]) - Q[k]).max() < 1e-10
+    for one in F.chart.cell.removed:
+        i = list(cell.moved).index(one.coordinate)
+        V = U.copy()
+        V[:, i] = rng.uniform(-1, 1, len(U))
+        due = Q.copy()
+        due[:, one.joint] += one.sign * cell.widths[one.coordinate] * (V[:, i] - U[:, i])
+        assert np.abs(F.batch(V) - due).max() < 1e-14
+    path = tour(cell)
+    motion = rp.follow(
+        design.inverse,
+        path,
+        F(path.placement(0.0)),
+        cycles=3,
+        steps=400,
+        integrator=rp.LeafLock(2),
+    )
+    assert motion.drift[-1] < 1e-6  # steps of 400 per cycle, the same in each
+    assert abs(motion.drift[-1] - motion.drift[0]) < 1e-9
