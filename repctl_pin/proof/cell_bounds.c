@@ -137,25 +137,49 @@ static void rest_of(const Cell *s, const double *A, const double *J_V, const dou
   }
 }
 
-/* What the twists of the pose have beside their values and slopes, for each coordinate of the cell. */
+/* What the twists of the pose have beside their values and slopes, for each coordinate of the cell; C: of theta. */
 static void right_side_rest(const Cell *s, const double *h, const double *theta, const double *q, const double *half,
-                            const double *tip, const double *turns, double *linear, double *angular) {
+                            const double *loose, const double *C, double (*xi)[6], const double *tip,
+                            const double *turns, double *linear, double *angular) {
   const Problem *g = s->chain;
-  double dummy[g->P], eta[g->P], H = 0, H_R = 0, H_P = 0, L = s->tool, spread = 0, length = norm3(tip);
+  int k = s->k;
+  double dummy[g->P], eta[g->P], off[g->P], L = s->tool, spread = 0, length = norm3(tip);
+  double H = 0, squares = 0, H_R = 0, H_P = 0, spun = 0, tip_move = 0;
   joints(g, q, half, dummy, eta);
-  for (int l = 0; l < g->k; l++)
-    if (g->revolute[l]) H += eta[l];
-  for (int l = g->k; l < g->P - 1; l++)
+  joints(g, q, loose, dummy, off);
+  for (int l = 0; l < g->P; l++) {
+    double x[3];
+    if (l < g->k) {
+      if (g->revolute[l]) H += eta[l], squares += eta[l] * eta[l], spun += off[l];
+      continue;
+    }
+    cross(xi[l] + 3, tip, x);
+    for (int i = 0; i < 3; i++) x[i] += xi[l][i];
+    tip_move += norm3(x) * off[l];
+    if (l == g->P - 1) continue;
     if (g->revolute[l]) H_R += eta[l];
     else H_P += eta[l], L += fabs(theta[l]) + eta[l];
-  for (int a = 0; a < s->k; a++) spread += turns[a] * turns[a] * h[a] * h[a];
+  }
+  for (int a = 0; a < k; a++) { /* the middle link's rotation, and the tool's way, by each coordinate */
+    double turned[3] = {0, 0, 0}, moved[3] = {0, 0, 0}, x[3];
+    for (int l = 0; l < g->P; l++) {
+      cross(xi[l] + 3, tip, x);
+      for (int i = 0; i < 3; i++)
+        if (l < g->k) turned[i] += xi[l][3 + i] * C[l * k + a];
+        else moved[i] += (x[i] + xi[l][i]) * C[l * k + a];
+    }
+    spun += h[a] * norm3(turned), tip_move += h[a] * norm3(moved);
+    spread += turns[a] * turns[a] * h[a] * h[a];
+  }
   spread = sqrt(spread);
-  double tip_rest = 0.5 * H_R * H_R * L + H_R * H_P, tip_move = H_R * L + H_P + tip_rest;
-  for (int a = 0; a < s->k; a++) {
+  double pairs = 0.5 * (H * H - squares), fast = fmin(H, spun + pairs), bent = fmin(H * H, fast * fast + pairs);
+  double tip_rest = 0.5 * H_R * H_R * L + H_R * H_P;
+  tip_move += tip_rest;
+  for (int a = 0; a < k; a++) {
     double push = s->on[a] < s->places ? s->widths[s->on[a]] : 0;
-    double spin_rest = (0.5 * H * H + 0.5 * spread * H + spread * spread / 6 + 1e-10) * turns[a];
-    double spin_move = (H + 0.5 * spread) * turns[a] + spin_rest;
-    linear[a] = 0.5 * H * H * push + length * spin_rest + tip_rest * turns[a] + tip_move * spin_move +
+    double spin_rest = (0.5 * bent + 0.5 * spread * fast + spread * spread / 6 + 1e-10) * turns[a];
+    double spin_move = (fast + 0.5 * spread) * turns[a] + spin_rest;
+    linear[a] = 0.5 * bent * push + length * spin_rest + tip_rest * turns[a] + tip_move * spin_move +
                 g->eps * (1 + 2 * H + 2 * H_R) * (push + (1 + L) * turns[a]);
     angular[a] = spin_rest + g->eps * (1 + 2 * H) * turns[a];
   }
@@ -480,7 +504,7 @@ static void box_of_poses(const Cell *s, const double *u, const double *h, long a
         for (int a = 0; a < k; a++) curve[b][i][a] += Pq[j][i][a] * f;
       }
     }
-  double straight[N], norms[2 * N], turned[N][N], p_sum[N][n], lean[n], wide[n], loose[n], half[n], n_rest[r * n];
+  double straight[N], norms[2 * N], turned[N][N], p_sum[N][n], lean[n], wide[n], room[n], loose[n], half[n], n_rest[r * n];
   for (int i = 0; i < N; i++) {
     Phi[i] = straight[i] = 0;
     for (int a = 0; a < k; a++) {
@@ -508,8 +532,8 @@ static void box_of_poses(const Cell *s, const double *u, const double *h, long a
   for (int i = 0; i < n; i++) {
     lean[i] = fabs(q[i] - val[i * x]) + bend[i * x];
     for (int a = 0; a < k; a++) lean[i] += fabs(C[i][a] - d1[a][i * x]) * h[a];
-    loose[i] = s->near[i] - lean[i], wide[i] = (s->near[i] + lean[i]) * (1 + eps);
-    if (!(loose[i] > 0.5 * Phi[i])) small = 0;
+    room[i] = s->near[i] - lean[i], wide[i] = (s->near[i] + lean[i]) * (1 + eps);
+    if (!(room[i] > 0.5 * Phi[i])) small = 0;
     for (int f = 0; f < r; f++) n_rest[f * n + i] = bend[i * x + 1 + f];
   }
   /* n_ref in a gauge with orthonormal columns: n_ref = V U, U upper triangular; A's last columns times U^T */
@@ -552,45 +576,63 @@ static void box_of_poses(const Cell *s, const double *u, const double *h, long a
 
   /* F exists: its way beside the straight one stays below Phi / 2 + Z, which fits into d* */
   double R[N][N], D[N][N], F[N][N], Y[N][N], DY[N][N], rounding[r];
-  for (int i = 0; i < n; i++) half[i] = straight[i] + loose[i];
-  rest_of(s, &A[0][0], &J_V[0][0], norms, theta, q, half, n_rest, &R[0][0], rounding);
-  double linear[k], angular[k], beta[k][r];
-  right_side_rest(s, h, theta, q, half, tip, turns, linear, angular);
-  for (int a = 0; a < k; a++)
-    for (int f = 0; f < r; f++) {
-      double second = 0, tiny = s->beta_size[a * r + f];
-      beta[a][f] = 0;
-      for (int i = 0; i < n; i++) {
-        int c = i * x, d = i * x + 1 + f;
-        double n0 = fabs(val[d]) + moved[d];
-        second += 2 * bend[d] * one[a][c] + 2 * moved[d] * two[a][c] + n0 * three[a][c] + three[a][d] * s->near[i] +
-                  2 * two[a][d] * moved[c] + one[a][d] * 2 * bend[c];
-        beta[a][f] += two[a][d] * half[i];
-        tiny += s->n1_size[(a * n + i) * r + f] * (s->near[i] + 1);
-        tiny += moved[d] * one[a][c] + n0 * two[a][c] + two[a][d] * s->near[i] + one[a][d] * moved[c];
-      }
-      beta[a][f] += 0.5 * second + eps * (1 + s->terms / 64.) * tiny;
-    }
-  for (int i = 0; i < N; i++) {
-    double load = 0;
+  double linear[k], angular[k], beta[k][r], chained[P][k], guess[n];
+  for (int l = 0; l < P; l++)
     for (int a = 0; a < k; a++) {
-      load += (norms[2 * i] * linear[a] + norms[2 * i + 1] * angular[a]) * h[a];
-      for (int f = 0; f < r; f++) load += fabs(A[i][6 + f]) * beta[a][f] * h[a];
+      chained[l][a] = 0;
+      for (int t = g->first[l]; t < g->first[l + 1]; t++)
+        if (g->column[t] < n) chained[l][a] += g->S[t] * C[g->column[t]][a];
     }
-    for (int c = 0; c < N; c++) {
-      double e = R[i][c] + turned[i][c];
-      for (int j = 0; j < n; j++) e += fabs(B[j][i][c]) * loose[j];
-      load += R[i][c] * straight[c] + e * Phi[c] + fabs(A[i][c]) * 2 * (residual + 1e-11) * (1 + s->tool);
-      D[i][c] = e;
-      if (c < n) D[i][c] += p_sum[i][c], load += 0.5 * p_sum[i][c] * Phi[c];
+  for (int i = 0; i < n; i++) guess[i] = fmin(room[i], Phi[i]);
+  for (int pass = 0;; pass++) {
+    for (int i = 0; i < n; i++) loose[i] = guess[i];
+    for (int i = 0; i < n; i++) half[i] = straight[i] + loose[i];
+    rest_of(s, &A[0][0], &J_V[0][0], norms, theta, q, half, n_rest, &R[0][0], rounding);
+    right_side_rest(s, h, theta, q, half, loose, &chained[0][0], xi, tip, turns, linear, angular);
+    for (int a = 0; a < k; a++)
+      for (int f = 0; f < r; f++) {
+        double second = 0, tiny = s->beta_size[a * r + f];
+        beta[a][f] = 0;
+        for (int i = 0; i < n; i++) {
+          int c = i * x, d = i * x + 1 + f;
+          double n0 = fabs(val[d]) + moved[d];
+          second += 2 * bend[d] * one[a][c] + 2 * moved[d] * two[a][c] + n0 * three[a][c] + three[a][d] * s->near[i] +
+                    2 * two[a][d] * moved[c] + one[a][d] * 2 * bend[c];
+          beta[a][f] += two[a][d] * half[i];
+          tiny += s->n1_size[(a * n + i) * r + f] * (s->near[i] + 1);
+          tiny += moved[d] * one[a][c] + n0 * two[a][c] + two[a][d] * s->near[i] + one[a][d] * moved[c];
+        }
+        beta[a][f] += 0.5 * second + eps * (1 + s->terms / 64.) * tiny;
+      }
+    for (int i = 0; i < N; i++) {
+      double load = 0;
+      for (int a = 0; a < k; a++) {
+        load += (norms[2 * i] * linear[a] + norms[2 * i + 1] * angular[a]) * h[a];
+        for (int f = 0; f < r; f++) load += fabs(A[i][6 + f]) * beta[a][f] * h[a];
+      }
+      for (int c = 0; c < N; c++) {
+        double e = R[i][c] + turned[i][c];
+        for (int j = 0; j < n; j++) e += fabs(B[j][i][c]) * loose[j];
+        load += R[i][c] * straight[c] + e * Phi[c] + fabs(A[i][c]) * 2 * (residual + 1e-11) * (1 + s->tool);
+        D[i][c] = e;
+        if (c < n) D[i][c] += p_sum[i][c], load += 0.5 * p_sum[i][c] * Phi[c];
+      }
+      for (int c = 0; c < N; c++) F[i][c] = load + 1e-15;
     }
-    for (int c = 0; c < N; c++) F[i][c] = load + 1e-15;
+    if (!enclose(N, eps, D, F, Y, DY)) return;
+    int fits = 1, never = 0;
+    for (int i = 0; i < n; i++) {
+      double away = (0.5 * Phi[i] + Y[i][0]) * (1 + eps);
+      if (!(away <= loose[i])) fits = 0;
+      if (!(away <= room[i])) never = 1;
+      guess[i] = fmin(room[i], 1.4 * away);
+    }
+    if (fits) break;
+    if (never || pass == 3) return;
   }
-  if (!enclose(N, eps, D, F, Y, DY)) return;
   double reach[n], limit = INFINITY;
   for (int i = 0; i < n; i++) {
     double away = 0.5 * Phi[i] + Y[i][0];
-    if (!(away * (1 + eps) <= loose[i])) return;
     loose[i] = away;
     reach[i] = (straight[i] + away) * (1 + eps) + 9e-16 * fabs(q[i]);
     limit = fmin(limit, fmin(q[i] - reach[i] - s->lower[i], s->upper[i] - q[i] - reach[i]));

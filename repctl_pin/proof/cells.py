@@ -216,23 +216,35 @@ class CellProof:
         n_rest = np.swapaxes(bend[..., 1:], 1, 2)
         lean = np.abs(d) + bend[..., 0]
         lean = lean + np.einsum("Kia,Ka->Ki", np.abs(C[:, :n] - np.swapaxes(dq, 1, 2)), h)
-        loose, wide = self.near - lean, (self.near + lean) * (1 + self.eps)
+        room, wide = self.near - lean, (self.near + lean) * (1 + self.eps)
 
         # F exists: beside the prediction its way stays below Φ/2 + Z, which fits into d*
         residual = 2 * (points.residual + 1e-11) * (1 + self.tool)
-        reach = straight[:, :n] + np.maximum(loose, 0.0)
-        R, _ = self._rest(A, J_V, theta, reach, n_rest)
-        D = R + turned + np.einsum("Kjic,Kj->Kic", np.abs(B), np.maximum(loose, 0.0))
-        rest = self._right_rest(A, theta, reach, h, tip, turns, most)
         p = np.einsum("Kjia,Ka->Kij", np.abs(P), h)  # (K, N, j)
-        load = np.einsum("Kia,Ka->Ki", rest, h) + (R @ straight[..., None])[..., 0]
-        load += (D @ half_F[..., None])[..., 0] + 0.5 * (p @ half_F[:, :n, None])[..., 0]
-        load += np.abs(A).sum(axis=2) * residual[:, None]
-        whole = D.copy()
-        whole[..., :n] += p
-        Z, _, held = enclosed(whole, load[..., None] + 1e-15, self.eps)
-        away = 0.5 * half_F[:, :n] + Z[:, :n, 0]
-        held = held & (away * (1 + self.eps) <= loose).all(axis=1) & points.found
+        chained = np.einsum("lj,Kja->Kla", S, C[:, :n])
+        loose = np.minimum(room, half_F[:, :n])
+        held = points.found & (room > 0.5 * half_F[:, :n]).all(axis=1)
+        away, fits = loose, np.zeros(K, bool)
+        for _ in range(4):
+            reach = straight[:, :n] + loose
+            R, _ = self._rest(A, J_V, theta, reach, n_rest)
+            D = R + turned + np.einsum("Kjic,Kj->Kic", np.abs(B), loose)
+            rest = self._right_rest(A, theta, (reach, loose), h, chained, xi, tip, turns, most)
+            load = np.einsum("Kia,Ka->Ki", rest, h) + (R @ straight[..., None])[..., 0]
+            load += (D @ half_F[..., None])[..., 0] + 0.5 * (p @ half_F[:, :n, None])[..., 0]
+            load += np.abs(A).sum(axis=2) * residual[:, None]
+            whole = D.copy()
+            whole[..., :n] += p
+            Z, _, solved = enclosed(whole, load[..., None] + 1e-15, self.eps)
+            held = held & (fits | solved)
+            away = np.where(fits[:, None], away, 0.5 * half_F[:, :n] + Z[:, :n, 0])
+            slack = away * (1 + self.eps)
+            fits = fits | (held & (slack <= loose).all(axis=1))
+            held = held & (slack <= room).all(axis=1)
+            loose = np.where(fits[:, None], loose, np.minimum(room, 1.4 * slack))
+            if not (held & ~fits).any():
+                break
+        held = held & fits
         reach = (straight[:, :n] + away) * (1 + self.eps) + 8 * U * np.abs(Q)
 
         # F is the only solution within d* of q_ref
@@ -357,33 +369,48 @@ class CellProof:
         self,
         A: Array,
         theta: Array,
-        wide: Array,
+        joints: tuple[Array, Array],
         h: Array,
+        chained: Array,
+        xi: Array,
         tip: Array,
         turns: Array,
         most: list[Array],
     ) -> Array:
         """Bound what A r has beside its value and its slopes in q, and in u for the last rows: (K,
-        N, k)."""
-        chain, n = self.chain, self.chain.n
-        eta = wide @ np.abs(chain.S[:, :n]).T
-        before = np.arange(chain.middle)
-        H = eta[:, before[chain.revolute[before]]].sum(axis=1)[:, None]  # (K, 1)
+        N, k). ``joints``: half-widths, and those beside ``C δ``; ``chained``: C for every θ."""
+        chain, (wide, loose) = self.chain, joints
+        S = np.abs(chain.S[:, : chain.n])
+        eta, off = wide @ S.T, loose @ S.T
+        before = np.arange(chain.middle)[chain.revolute[: chain.middle]]
         beyond = between(chain, len(chain.p) - 1)
-        H_R = eta[:, beyond[chain.revolute[beyond]]].sum(axis=1)[:, None]
-        slides = beyond[~chain.revolute[beyond]]
-        H_P = eta[:, slides].sum(axis=1)[:, None]
-        L = (tool_reach(chain) + (np.abs(theta) + eta)[:, slides].sum(axis=1))[:, None]
+        sliding = beyond[~chain.revolute[beyond]]
+        H, H_R, H_P = (
+            eta[:, some].sum(axis=1)[:, None]
+            for some in (before, beyond[chain.revolute[beyond]], sliding)
+        )
+        L = (self.tool + (np.abs(theta) + eta)[:, sliding].sum(axis=1))[:, None]
+        # to first order: the middle link's rotation, and the way of the tool seen from it
+        spun = np.einsum("Klx,Kla->Kax", xi[:, before, 3:], chained[:, before])
+        spun = np.einsum("Ka,Ka->K", np.linalg.norm(spun, axis=2), h) + off[:, before].sum(axis=1)
+        last = slice(chain.middle, None)
+        ways = np.cross(xi[:, last, 3:], tip[:, None]) + xi[:, last, :3]
+        moved = np.linalg.norm(np.einsum("Klx,Kla->Kax", ways, chained[:, last]), axis=2)
+        moved = np.einsum("Ka,Ka->K", moved, h)
+        moved += np.einsum("Kl,Kl->K", np.linalg.norm(ways, axis=2), off[:, last])
+        pairs = 0.5 * (H**2 - (eta[:, before] ** 2).sum(axis=1)[:, None])
+        fast = np.minimum(H, spun[:, None] + pairs)
+        bent = np.minimum(H**2, fast**2 + pairs)
         push = np.where(self.on < self.places, self.cell.widths[self.on], 0.0)  # (k,)
         spread = np.sqrt((turns**2 * h**2).sum(axis=1))[:, None]  # |ω − ω_c|
         tip_rest = 0.5 * H_R**2 * L + H_R * H_P
-        tip_move = H_R * L + H_P + tip_rest
+        tip_move = moved[:, None] + tip_rest
         spin_rest = (
-            0.5 * H**2 + 0.5 * spread * H + spread**2 / 6 + 1e-10
+            0.5 * bent + 0.5 * spread * fast + spread**2 / 6 + 1e-10
         ) * turns  # and the slope's rounding
-        spin_move = (H + 0.5 * spread) * turns + spin_rest
+        spin_move = (fast + 0.5 * spread) * turns + spin_rest
         length = np.linalg.norm(tip, axis=1)[:, None]
-        linear = 0.5 * H**2 * push + length * spin_rest + tip_rest * turns + tip_move * spin_move
+        linear = 0.5 * bent * push + length * spin_rest + tip_rest * turns + tip_move * spin_move
         sizes = push + (1 + L) * turns
         linear, angular = (
             linear + self.eps * (1 + 2 * H + 2 * H_R) * sizes,
