@@ -2,6 +2,8 @@
 
    Compiled together with leaf_margin_bounds.c. The same mathematics as cells.py, one box at a time. */
 
+#pragma GCC optimize("O3") /* reorders no arithmetic */
+
 typedef struct {
   const Problem *chain;
   int k, w, terms, places;                  /* coordinates, n (1 + r), monomials, positions of the cell */

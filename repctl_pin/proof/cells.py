@@ -365,9 +365,8 @@ class CellProof:
                 R = R @ turn(chain.a[joint], theta[:, joint])
         return np.swapaxes(R, 1, 2)
 
-    def _right_rest(
+    def _twists_rest(
         self,
-        A: Array,
         theta: Array,
         joints: tuple[Array, Array],
         h: Array,
@@ -375,10 +374,9 @@ class CellProof:
         xi: Array,
         tip: Array,
         turns: Array,
-        most: list[Array],
-    ) -> Array:
-        """Bound what A r has beside its value and its slopes in q, and in u for the last rows: (K,
-        N, k). ``joints``: half-widths, and those beside ``C δ``; ``chained``: C for every θ."""
+    ) -> tuple[Array, Array]:
+        """Bound the linear and the angular part of what E has beside its value and slopes, (K, k)
+        each."""
         chain, (wide, loose) = self.chain, joints
         S = np.abs(chain.S[:, : chain.n])
         eta, off = wide @ S.T, loose @ S.T
@@ -416,9 +414,26 @@ class CellProof:
             linear + self.eps * (1 + 2 * H + 2 * H_R) * sizes,
             spin_rest + self.eps * (1 + 2 * H) * turns,
         )
+        return linear, angular
+
+    def _right_rest(
+        self,
+        A: Array,
+        theta: Array,
+        joints: tuple[Array, Array],
+        h: Array,
+        chained: Array,
+        xi: Array,
+        tip: Array,
+        turns: Array,
+        most: list[Array],
+    ) -> Array:
+        """Bound what A r has beside its value and its slopes in q, and in u for the last rows: (K,
+        N, k). ``joints``: half-widths, and those beside ``C δ``; ``chained``: C for every θ."""
+        wide, far = joints[0], self.near  # |q − q_c|, |q − q_ref|
+        linear, angular = self._twists_rest(theta, joints, h, chained, xi, tip, turns)
         n0, n1, n2, n3 = (m[..., 1:] for m in most)
         q1, q2, q3 = (m[..., 0] for m in most[1:])
-        far = self.near  # |q − q_ref|
         n_b, q_b = np.einsum("Kbna,Kb->Kna", n1, h), np.einsum("Kbn,Kb->Kn", q1, h)
         n_ib, q_ib = np.einsum("Kibna,Kb->Kina", n2, h), np.einsum("Kibn,Kb->Kin", q2, h)
         n_bc, q_bc = np.einsum("Kina,Ki->Kna", n_ib, h), np.einsum("Kin,Ki->Kn", q_ib, h)

@@ -50,8 +50,8 @@ def check_enclosures(found: CellDesign, width: float, count: int = 40) -> float:
     problem, rng, k = CellProof(chart), np.random.default_rng(0), found.cell.k
     Uc = rng.uniform(width - 1, 1 - width, (count, k))
     half = width * rng.uniform(0.3, 1, Uc.shape)
-    Q, reach, good, *_ = problem._enclosure(Uc, half)
-    bounds = problem.bounds(Uc, half)
+    bounds, Q, reach = problem.enclosed(Uc, half)
+    good = bounds.leaf.leaf_margin > 0
     used = 0.0
     for trial in range(12):
         way = np.sign(rng.standard_normal(Uc.shape)) if trial % 2 else rng.uniform(-1, 1, Uc.shape)
