@@ -13,7 +13,8 @@ typedef struct {
   const int *pair, *triple, *on;            /* k k, k k k: rows of C2 and C3; k: which of the six coordinates */
   const double *C, *C1, *C2, *C3, *M4;      /* terms w, k terms1 w, pairs terms2 w, triples terms3 w, triples k w */
   const double *widths, *p0, *R0;           /* 6, 3, 3 3: of the cell */
-  const double *near, *lower, *upper, *only; /* n, n, n, 2 N: d*, limits, linear and angular part of Lambda */
+  const double *near, *blur;                 /* n, n: d*, and the rounding of q_ref */
+  const double *lower, *upper, *only;        /* n, n, 2 N: limits, linear and angular part of Lambda */
   const double *n_size, *beta_size, *n1_size; /* r, k r, k n r: for the rounding */
 } Cell;
 
@@ -532,7 +533,7 @@ static void box_of_poses(const Cell *s, const double *u, const double *h, long a
   }
   int small = 1;
   for (int i = 0; i < n; i++) {
-    lean[i] = fabs(q[i] - val[i * x]) + bend[i * x];
+    lean[i] = fabs(q[i] - val[i * x]) + bend[i * x] + s->blur[i];
     for (int a = 0; a < k; a++) lean[i] += fabs(C[i][a] - d1[a][i * x]) * h[a];
     room[i] = s->near[i] - lean[i], wide[i] = (s->near[i] + lean[i]) * (1 + eps);
     if (!(room[i] > 0.5 * Phi[i])) small = 0;

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import ctypes
 import warnings
+from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from itertools import combinations_with_replacement, permutations
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import Array
 from ..c_library import NoCompilerError, loaded_library
@@ -32,7 +34,7 @@ class _Cell(ctypes.Structure):
             (name, ctypes.c_void_p)
             for name in (
                 *("parent", "variable", "pair", "triple", "on", "C", "C1", "C2", "C3", "M4"),
-                *("widths", "p0", "R0", "near", "lower", "upper", "only"),
+                *("widths", "p0", "R0", "near", "blur", "lower", "upper", "only"),
                 *("n_size", "beta_size", "n1_size"),
             )
         ]
@@ -98,9 +100,7 @@ class Kernel:
         w = n * (1 + chain.N - 6)
         pairs = list(combinations_with_replacement(range(k), 2))
         triples = list(combinations_with_replacement(range(k), 3))
-        low = [
-            int(monomials.starts[max(monomials.degree - order, 0) + 1]) for order in range(4)
-        ]
+        low = [int(monomials.starts[max(monomials.degree - order, 0) + 1]) for order in range(4)]
         C1, C2, C3 = (polynomials.coefficients[order] for order in (1, 2, 3))
         lower, upper, _ = proof.task.joint_limits
         most = polynomials.most
@@ -123,12 +123,13 @@ class Kernel:
                 "p0": cell.placement.translation,
                 "R0": cell.placement.rotation,
                 "near": proof.near,
+                "blur": proof.blur,
                 "lower": lower,
                 "upper": upper,
                 "only": proof.commutator,
                 "n_size": proof.sizes[0],
                 "beta_size": proof.sizes[1],
-                "n1_size": most[1][..., 1:],
+                "n1_size": proof.sizes[2],
             },
             {"k": k, "w": w, "terms": monomials.size, "places": proof.places}
             | {f"terms{order}": low[order] for order in (1, 2, 3)}
@@ -159,7 +160,7 @@ class Kernel:
         return bounds, Q, reach
 
 
-def _table(rows: list[tuple[int, ...]], k: int, order: int) -> Array:
+def _table(rows: Sequence[tuple[int, ...]], k: int, order: int) -> NDArray[np.int32]:
     """Number the derivatives of an order, the same for all orders of differentiation."""
     table = np.zeros((k,) * order, np.int32)
     for number, row in enumerate(rows):
@@ -170,12 +171,13 @@ def _table(rows: list[tuple[int, ...]], k: int, order: int) -> Array:
 
 def _filled(
     struct: type[ctypes.Structure],
-    ints: dict[str, Array],
-    reals: dict[str, Array],
-    scalars: dict[str, float],
-) -> tuple[ctypes.Structure, dict[str, Array]]:
+    ints: Mapping[str, ArrayLike],
+    reals: Mapping[str, ArrayLike],
+    scalars: Mapping[str, float],
+) -> tuple[Any, list[NDArray[np.generic]]]:
     """Fill a struct with pointers to arrays, which are kept beside it."""
-    held = {name: np.ascontiguousarray(values, np.int32) for name, values in ints.items()}
+    held: dict[str, NDArray[np.generic]] = {}
+    held |= {name: np.ascontiguousarray(values, np.int32) for name, values in ints.items()}
     held |= {name: np.ascontiguousarray(values, float) for name, values in reals.items()}
     pointers = {name: values.ctypes.data for name, values in held.items()}
-    return struct(**scalars, **pointers), held
+    return struct(**scalars, **pointers), list(held.values())

@@ -104,15 +104,18 @@ class CellProof:
         sample = chart.solve(U_all, np.zeros((len(U_all), self.task.r)))
         away = np.abs(sample.Q - sample.q_ref)[sample.found].max(axis=0, initial=0.0)
         self.near = _NEAR[0] * away + _NEAR[1]  # d*: F is the only solution within this of q_ref
-        value, slope = self.polynomials.most[:2]
-        n_size = (value + slope.sum(axis=0))[:, 1:].max(axis=0)
-        self.sizes = n_size, np.einsum("na,in->ia", value[:, 1:], slope[..., 0])
-        self.farthest = value[:, 0] + self.near
         whole = chain_of(self.task)
         self.eps = relative_rounding(whole)
-        made = [
-            whole.seen_from(k, way) for k in range(1, len(whole.p)) for way in (0.0, 0.5, 1.0)
-        ]
+        # sizes of q_ref, n_ref and their slopes, all derivatives added, for the rounding
+        value, slope = self.polynomials.sizes()
+        n_size, beta_size = (
+            value[:, 1:].max(axis=0),
+            np.einsum("na,in->ia", value[:, 1:], slope[..., 0]),
+        )
+        self.sizes = n_size, beta_size, slope[..., 1:]
+        self.blur = self.eps * (1 + chart.monomials.size / 64) * value[:, 0]
+        self.farthest = value[:, 0] + self.near
+        made = [whole.seen_from(k, way) for k in range(1, len(whole.p)) for way in (0.0, 0.5, 1.0)]
         self._set(min(made, key=self._size))
         kernel = library() if compiled else None
         self._kernel = None if kernel is None else Kernel(self, kernel)
@@ -214,7 +217,7 @@ class CellProof:
             "Kibnx,Ki,Kb->Knx", most[2], h, h, optimize=True
         )  # beside the slopes of q_ref, n_ref
         n_rest = np.swapaxes(bend[..., 1:], 1, 2)
-        lean = np.abs(d) + bend[..., 0]
+        lean = np.abs(d) + bend[..., 0] + self.blur
         lean = lean + np.einsum("Kia,Ka->Ki", np.abs(C[:, :n] - np.swapaxes(dq, 1, 2)), h)
         room, wide = self.near - lean, (self.near + lean) * (1 + self.eps)
 
@@ -443,7 +446,7 @@ class CellProof:
         second += np.einsum("Kna,Kin->Kia", n0, q_ibc) + np.einsum("Kina,n->Kia", n_ibc, far)
         second += 2 * np.einsum("Kina,Kn->Kia", n_ib, q_b) + np.einsum("Kina,Kn->Kia", n1, q_bc)
         beta = 0.5 * second + np.einsum("Kina,Kn->Kia", n_ib, wide)
-        tiny = self.sizes[1] + np.einsum("ina,n->ia", self.polynomials.most[1][..., 1:], far + 1)
+        tiny = self.sizes[1] + np.einsum("ina,n->ia", self.sizes[2], far + 1)
         tiny = tiny + np.einsum("Kna,Kin->Kia", n_b, q1) + np.einsum("Kna,Kin->Kia", n0, q_ib)
         tiny += np.einsum("Kina,n->Kia", n_ib, far) + np.einsum("Kina,Kn->Kia", n1, q_b)
         beta += self.eps * (1 + self.chart.monomials.size / 64) * tiny

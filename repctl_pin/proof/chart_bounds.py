@@ -39,9 +39,18 @@ class Polynomials:
         every = [chart.coefficients]
         for order in range(1, 5):
             flat = every[-1].reshape(-1, *shape)
-            C = np.stack([_derivative(monomials, one, j) for one in flat for j in range(monomials.k)])
+            C = np.stack(
+                [_derivative(monomials, one, j) for one in flat for j in range(monomials.k)]
+            )
             every.append(C.reshape(*(monomials.k,) * order, *shape))
         return cls(chart, [np.abs(C).sum(axis=-3) for C in every], every[:4])
+
+    def sizes(self) -> tuple[Array, Array]:
+        """Add up the bounds on the whole cell: of all derivatives, (n, 1 + r), and of those with
+        respect to each coordinate, (k, n, 1 + r)."""
+        most = self.most[:4]
+        slope = sum(m.sum(axis=tuple(range(1, order))) for order, m in enumerate(most) if order)
+        return np.asarray(most[0] + np.sum(slope, axis=0), float), np.asarray(slope, float)
 
     def at(self, Uc: Array) -> tuple[Array, Array, Array]:
         """Evaluate (q_ref, n_ref), their slopes and curvatures: (K, n, 1 + r), (K, k, …) and (K, k,

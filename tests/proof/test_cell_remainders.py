@@ -46,7 +46,9 @@ def twists_used(problem: CellProof, seed: int, count: int = 60) -> float:
     )
     for trial in range(40):
         way = np.sign(rng.standard_normal(U.shape)) if trial % 2 else rng.uniform(-1, 1, U.shape)
-        off = np.sign(rng.standard_normal(Q.shape)) if trial % 4 < 2 else rng.uniform(-1, 1, Q.shape)
+        off = (
+            np.sign(rng.standard_normal(Q.shape)) if trial % 4 < 2 else rng.uniform(-1, 1, Q.shape)
+        )
         du = h * way
         dq = np.einsum("Kna,Ka->Kn", dF, du) + loose * off
         there = (Q + dq) @ S.T + chain.o
