@@ -30,7 +30,7 @@ from .potentials import U
 from .remainder import relative_rounding, remainders
 from .screws import between, screws, slopes, turn
 
-_NEAR = 1.2, 0.02
+_NEAR = 1.2, 0.03
 """d*: this times the largest distance of F from q_ref that was sampled, plus this, rad or m."""
 
 

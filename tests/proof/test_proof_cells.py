@@ -136,3 +136,39 @@ def test_cells_of_other_tasks_are_refused_by_name(panda: rp.Robot) -> None:
     )
     with pytest.raises(rp.InputError, match="position tasks yet"):
         rp.prove(found)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "frame", "start"),
+    [
+        ("panda", "panda_hand_tcp", (0, -0.2345, 0, -2.415, 0, 2.18, 0.7853)),
+        ("xarm7", "link_eef", (0, -0.3, 0, 1.2, 0, 1.5, 0)),
+        ("iiwa14", "iiwa_link_ee", (0, 0.6, 0, -1.4, 0, 1.1, 0)),
+    ],
+)
+def test_a_third_of_a_million_poses_of_a_proved_cell_violate_nothing(
+    name: str, frame: str, start: tuple[float, ...]
+) -> None:
+    task = rp.Robot.load(name).task(frame, "pose")
+    found = rp.nearest_inverse_function(
+        rp.Pseudoinverse(task),
+        rp.Cell(task, task.placement(np.array(start, float)), 0.02, 0.06),
+        posture=np.array(start, float),
+        degree=3,
+        options=rp.FitOptions(samples=256, held_out=256),
+    )
+    proof = rp.prove(found)
+    print(name, proof.boxes, proof.seconds, proof.leaf_margin, proof.limit_margin, proof.reason)
+    assert proof
+    near = CellProof(found.function.chart).near
+    rng, chart = np.random.default_rng(1), found.function.chart
+    for _ in range(34):
+        U = rng.uniform(-1, 1, (10_000, 6))
+        U[::2] = np.sign(U[::2]) * np.abs(U[::2]) ** 0.1  # half of them near the boundary
+        points = chart.solve(U, np.zeros((len(U), 1)))
+        assert points.found.all() and (np.abs(points.Q - points.q_ref) <= near).all()
+        _, s, Vh = np.linalg.svd(task.jacobians(points.Q))
+        assert s[:, -1].min() >= proof.sigma_min
+        assert leaf_margin(Vh[:, -1, :, None], points.n_ref).min() >= proof.leaf_margin
+        assert task.limit_margin(points.Q).min() >= proof.limit_margin
