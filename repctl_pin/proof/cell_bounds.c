@@ -507,7 +507,7 @@ static void box_of_poses(const Cell *s, const double *u, const double *h, long a
         for (int a = 0; a < k; a++) curve[b][i][a] += Pq[j][i][a] * f;
       }
     }
-  double straight[N], norms[2 * N], turned[N][N], p_sum[N][n], lean[n], wide[n], room[n], loose[n], half[n], n_rest[r * n];
+  double straight[N], norms[2 * N], turned[N][N], p_sum[N][n], lean[n], wide[n], allowed[n], loose[n], half[n], n_rest[r * n];
   for (int i = 0; i < N; i++) {
     Phi[i] = straight[i] = 0;
     for (int a = 0; a < k; a++) {
@@ -535,8 +535,8 @@ static void box_of_poses(const Cell *s, const double *u, const double *h, long a
   for (int i = 0; i < n; i++) {
     lean[i] = fabs(q[i] - val[i * x]) + bend[i * x] + s->blur[i];
     for (int a = 0; a < k; a++) lean[i] += fabs(C[i][a] - d1[a][i * x]) * h[a];
-    room[i] = s->near[i] - lean[i], wide[i] = (s->near[i] + lean[i]) * (1 + eps);
-    if (!(room[i] > 0.5 * Phi[i])) small = 0;
+    allowed[i] = s->near[i] - lean[i], wide[i] = (s->near[i] + lean[i]) * (1 + eps);
+    if (!(allowed[i] > 0.5 * Phi[i])) small = 0;
     for (int f = 0; f < r; f++) n_rest[f * n + i] = bend[i * x + 1 + f];
   }
   /* n_ref in a gauge with orthonormal columns: n_ref = V U, U upper triangular; A's last columns times U^T */
@@ -586,7 +586,7 @@ static void box_of_poses(const Cell *s, const double *u, const double *h, long a
       for (int t = g->first[l]; t < g->first[l + 1]; t++)
         if (g->column[t] < n) chained[l][a] += g->S[t] * C[g->column[t]][a];
     }
-  for (int i = 0; i < n; i++) guess[i] = fmin(room[i], Phi[i]);
+  for (int i = 0; i < n; i++) guess[i] = fmin(allowed[i], Phi[i]);
   for (int pass = 0;; pass++) {
     for (int i = 0; i < n; i++) loose[i] = guess[i];
     for (int i = 0; i < n; i++) half[i] = straight[i] + loose[i];
@@ -627,8 +627,8 @@ static void box_of_poses(const Cell *s, const double *u, const double *h, long a
     for (int i = 0; i < n; i++) {
       double away = (0.5 * Phi[i] + Y[i][0]) * (1 + eps);
       if (!(away <= loose[i])) fits = 0;
-      if (!(away <= room[i])) never = 1;
-      guess[i] = fmin(room[i], 1.4 * away);
+      if (!(away <= allowed[i])) never = 1;
+      guess[i] = fmin(allowed[i], 1.4 * away);
     }
     if (fits) break;
     if (never || pass == 3) return;

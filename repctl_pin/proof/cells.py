@@ -219,14 +219,14 @@ class CellProof:
         n_rest = np.swapaxes(bend[..., 1:], 1, 2)
         lean = np.abs(d) + bend[..., 0] + self.blur
         lean = lean + np.einsum("Kia,Ka->Ki", np.abs(C[:, :n] - np.swapaxes(dq, 1, 2)), h)
-        room, wide = self.near - lean, (self.near + lean) * (1 + self.eps)
+        allowed, wide = self.near - lean, (self.near + lean) * (1 + self.eps)
 
         # F exists: beside the prediction its way stays below Φ/2 + Z, which fits into d*
         residual = 2 * (points.residual + 1e-11) * (1 + self.tool)
         p = np.einsum("Kjia,Ka->Kij", np.abs(P), h)  # (K, N, j)
         chained = np.einsum("lj,Kja->Kla", S, C[:, :n])
-        loose = np.minimum(room, half_F[:, :n])
-        held = points.found & (room > 0.5 * half_F[:, :n]).all(axis=1)
+        loose = np.minimum(allowed, half_F[:, :n])
+        held = points.found & (allowed > 0.5 * half_F[:, :n]).all(axis=1)
         away, fits = loose, np.zeros(K, bool)
         for _ in range(4):
             reach = straight[:, :n] + loose
@@ -243,8 +243,8 @@ class CellProof:
             away = np.where(fits[:, None], away, 0.5 * half_F[:, :n] + Z[:, :n, 0])
             slack = away * (1 + self.eps)
             fits = fits | (held & (slack <= loose).all(axis=1))
-            held = held & (slack <= room).all(axis=1)
-            loose = np.where(fits[:, None], loose, np.minimum(room, 1.4 * slack))
+            held = held & (slack <= allowed).all(axis=1)
+            loose = np.where(fits[:, None], loose, np.minimum(allowed, 1.4 * slack))
             if not (held & ~fits).any():
                 break
         held = held & fits
