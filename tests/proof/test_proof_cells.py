@@ -144,14 +144,14 @@ def test_cells_of_other_tasks_are_refused_by_name(panda: rp.Robot) -> None:
     [
         ("panda", "panda_hand_tcp", (0, -0.2345, 0, -2.415, 0, 2.18, 0.7853)),
         ("xarm7", "link_eef", (0, -0.3, 0, 1.2, 0, 1.5, 0)),
-        ("baxter", "left_gripper", None),
+        ("baxter", "left_gripper", (0.2, -0.6, -0.6, 1.3, 0.4, 0.8, 0)),
     ],
 )
 def test_a_third_of_a_million_poses_of_a_proved_cell_violate_nothing(
-    name: str, frame: str, start: tuple[float, ...] | None
+    name: str, frame: str, start: tuple[float, ...]
 ) -> None:
     task = rp.Robot.load(name).task(frame, "pose")
-    q = task.reference if start is None else np.array(start, float)
+    q = np.array(start, float)
     found = rp.nearest_inverse_function(
         rp.Pseudoinverse(task),
         rp.Cell(task, task.placement(q), 0.02, 0.06),
