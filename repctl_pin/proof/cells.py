@@ -100,8 +100,7 @@ class CellProof:
         self.polynomials = Polynomials.of(chart)
         self.on = np.flatnonzero(cell.widths > 0)
         self.places = len(cell.half_width)
-        inside, edges = cell.sample(1024, 1), np.clip(2 * cell.sample(4096, 2), -1, 1)
-        U_all = np.concatenate([inside, edges, cell.corners()])  # F is farthest at edges
+        U_all = np.concatenate([cell.sample(1024, 1), cell.corners()])
         sample = chart.solve(U_all, np.zeros((len(U_all), self.task.r)))
         away = np.abs(sample.Q - sample.q_ref)[sample.found].max(axis=0, initial=0.0)
         self.near = _NEAR[0] * away + _NEAR[1]  # d*: F is the only solution within this of q_ref
