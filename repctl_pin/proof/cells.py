@@ -20,94 +20,19 @@ from numpy.typing import NDArray
 from ..arguments import Array, read_only
 from ..errors import InputError
 from ..inverse_function.chart import Chart
-from ..inverse_function.monomials import Monomials
 from ..inverse_function.rotations import left_jacobian
 from ..inverse_function.sector import Sector
+from .cell_kernel import Kernel, library
 from .chain import Chain, chain_of, tool_reach
+from .chart_bounds import Polynomials
+from .commutator import commutator
 from .leaf_margin_bounds import Bounds, Expansion, enclosed, inverses, margins
 from .potentials import U
 from .remainder import relative_rounding, remainders
 from .screws import between, screws, slopes, turn
 
-_GROW = 1.3
-"""How much larger than predicted the box of joints is made in which the prediction is then
-verified."""
-
-
-@dataclass(frozen=True, eq=False)
-@read_only
-class Polynomials:
-    """q_ref and n_ref of a chart, their slopes, and bounds of the higher ones on the whole cell.
-
-    Attributes
-    ----------
-    chart : Chart
-    most : list of arrays
-        ``most[d]`` (k, …, k, n, 1 + r), with d axes k: bounds of the d-th derivatives.
-    third : (k, k, k, N, n, 1 + r) array
-        Coefficients of the third derivatives.
-    """
-
-    chart: Chart
-    most: list[Array]
-    third: Array
-
-    def __repr__(self) -> str:
-        return f"<Polynomials of {self.chart.monomials.size} terms>"
-
-    @classmethod
-    def of(cls, chart: Chart) -> Polynomials:
-        """Bound the derivatives of a chart's polynomials by the absolute values of their terms."""
-        monomials, most = chart.monomials, [np.abs(chart.coefficients).sum(axis=0)]
-        C = third = chart.coefficients[None]
-        k = monomials.k
-        for order in range(1, 5):
-            flat = C.reshape(-1, *chart.coefficients.shape)
-            C = np.stack([_derivative(monomials, one, j) for one in flat for j in range(k)])
-            most.append(np.abs(C).sum(axis=1).reshape(*(k,) * order, *chart.coefficients.shape[1:]))
-            if order == 3:
-                third = C.reshape(*(k,) * 3, *chart.coefficients.shape)
-        return cls(chart, most, third)
-
-    def at(self, Uc: Array) -> tuple[Array, Array, Array]:
-        """Evaluate (q_ref, n_ref), their slopes and curvatures: (K, n, 1 + r), (K, k, …) and (K, k,
-        k, …)."""
-        monomials, C = self.chart.monomials, self.chart.coefficients
-        T, k = monomials.values(Uc), monomials.k
-        values = np.einsum("KN,Nij->Kij", T, C, optimize=True)
-        first = [_derivative(monomials, C, j) for j in range(k)]
-        slopes_ = np.stack([np.einsum("KN,Nij->Kij", T, c, optimize=True) for c in first], axis=1)
-        second = [
-            [np.einsum("KN,Nij->Kij", T, _derivative(monomials, c, j)) for j in range(k)]
-            for c in first
-        ]
-        return values, slopes_, np.stack([np.stack(row, axis=1) for row in second], axis=1)
-
-    def most_in(
-        self, Uc: Array, values: Array, first: Array, second: Array, h: Array
-    ) -> list[Array]:
-        """Bound q_ref, n_ref and their derivatives to the third order in boxes, given their values
-        at the centres."""
-        monomials, size = self.chart.monomials, self.third.shape
-        low = monomials.starts[
-            max(monomials.degree - 3, 0) + 1
-        ]  # the monomials that third derivatives have
-        third = monomials.values(Uc)[:, :low] @ np.moveaxis(self.third, 3, 0)[:low].reshape(low, -1)
-        third = np.abs(third.reshape(len(Uc), *size[:3], *size[4:]))
-        third = third + np.einsum("ibcdnx,Kd->Kibcnx", self.most[4], h)
-        two = np.abs(second) + np.einsum("Kibcnx,Kc->Kibnx", third, h)
-        one = np.abs(first) + np.einsum("Kibnx,Kb->Kinx", two, h)
-        return [np.abs(values) + np.einsum("Kinx,Ki->Knx", one, h), one, two, third]
-
-
-def _derivative(monomials: Monomials, C: Array, j: int) -> Array:
-    """Differentiate polynomials with coefficients C (N, …) with respect to u_j: coefficients
-    again."""
-    out = np.zeros_like(C)
-    powers = monomials.exponents[:, j]
-    on = powers > 0
-    np.add.at(out, monomials.lower[j][on], C[on] * powers[on].reshape(-1, *[1] * (C.ndim - 1)))
-    return out
+_NEAR = 1.2, 0.03
+"""d*: this times the largest distance of F from q_ref that was sampled, plus this, rad or m."""
 
 
 def left_jacobian_slope(omega: Array, e: Array, d: Array) -> Array:
@@ -166,7 +91,7 @@ class CellBounds:
 class CellProof:
     """A function over a cell, to be enclosed over boxes of poses."""
 
-    def __init__(self, chart: Chart) -> None:
+    def __init__(self, chart: Chart, compiled: bool = True) -> None:
         cell = chart.cell
         if cell.task.kind != "pose":
             raise InputError(
@@ -181,52 +106,71 @@ class CellProof:
         U_all = np.concatenate([cell.sample(1024, 1), cell.corners()])
         sample = chart.solve(U_all, np.zeros((len(U_all), self.task.r)))
         away = np.abs(sample.Q - sample.q_ref)[sample.found].max(axis=0, initial=0.0)
-        self.near = 1.2 * away + 0.006  # d*: F is the only solution within this of q_ref
+        self.near = _NEAR[0] * away + _NEAR[1]  # d*: F is the only solution within this of q_ref
         whole = chain_of(self.task)
-        middles = range(1, len(whole.p))
-        made = [whole.seen_from(k, way) for k in middles for way in (0.0, 0.5, 1.0)]
-        h = np.full((1, cell.k), 0.02)
-        self.chain, self.eps = whole, relative_rounding(whole)
-        self.chain = min(made, key=lambda chain: self._size(chain, h))
+        self.eps = relative_rounding(whole)
+        # sizes of q_ref, n_ref and their slopes, all derivatives added, for the rounding
+        value, slope = self.polynomials.sizes()
+        n_size, beta_size = (
+            value[:, 1:].max(axis=0),
+            np.einsum("na,in->ia", value[:, 1:], slope[..., 0]),
+        )
+        self.sizes = n_size, beta_size, slope[..., 1:]
+        self.blur = self.eps * (1 + chart.monomials.size / 64) * value[:, 0]
+        self.farthest = value[:, 0] + self.near
+        made = [whole.seen_from(k, way) for k in range(1, len(whole.p)) for way in (0.0, 0.5, 1.0)]
+        self._set(min(made, key=self._size))
+        kernel = library() if compiled else None
+        self._kernel = None if kernel is None else Kernel(self, kernel)
 
     def __repr__(self) -> str:
         return f"<CellProof of {self.cell!r}>"
 
-    def _size(self, chain: Chain, h: Array) -> float:
-        self.chain = chain
-        found = self._enclosure(np.zeros((1, self.cell.k)), h)
+    def _set(self, chain: Chain) -> None:
+        self.chain, self.tool = chain, tool_reach(chain)
+        self.commutator = commutator(chain, self.near, self.farthest) * (1 + self.eps)
+
+    def _size(self, chain: Chain) -> float:
+        """Width of the enclosure of F in a small box in the middle."""
+        self._set(chain)
+        found = self._enclosure(np.zeros((1, self.cell.k)), np.full((1, self.cell.k), 0.02))
         size = float(found[1].sum())
         return size if np.isfinite(size) else np.inf
 
     def bounds(self, Uc: Array, half: Array) -> CellBounds:
-        """Bound the margins of F over boxes Uc ± half, (K, k) each."""
-        Q, reach, good, at, C, there = self._enclosure(Uc, half)
-        task = self.task
-        lower, upper, _ = task.joint_limits
-        center = np.minimum(Q - lower, upper - Q).min(axis=1)
+        """Bound the margins of F over boxes Uc ± half, (K, k) each, in C where there is a
+        compiler."""
+        return self.enclosed(Uc, half)[0]
+
+    def enclosed(self, Uc: Array, half: Array) -> tuple[CellBounds, Array, Array]:
+        """Bound the margins of F over boxes, and give the centre and the half-widths of a box of
+        joints that F stays in, (K, n) each; NaN where none was found."""
+        if self._kernel is not None:
+            return self._kernel.bounds(Uc, half)
+        Q, reach, good, at, cost, there = self._enclosure(Uc, half)
+        lower, upper, _ = self.task.joint_limits
+        center = np.where(there, np.minimum(Q - lower, upper - Q).min(axis=1), -np.inf)
         limit = np.minimum(Q - reach - lower, upper - Q - reach).min(axis=1)
-        slides = np.abs(Q) + reach
-        t = (
-            tool_reach(self.chain)
-            + slides[:, ~task.revolute].sum(axis=1) * np.abs(self.chain.S).max()
-        )
+        S = self.chain.S[~self.chain.revolute, : self.chain.n]
+        slides = np.abs(Q @ S.T + self.chain.o[~self.chain.revolute]) + reach @ np.abs(S).T
+        t = self.tool + slides.sum(axis=1)
         leaf = margins(at, half, self.chain.n, self.eps, (t + np.sqrt(t * t + 4)) / 2)
         good = good & (leaf.leaf_margin > 0)
-        split = (np.abs(C).max(axis=1) * half).argmax(axis=1).astype(np.int32)
+        split = np.where(there, cost.argmax(axis=1), 0).astype(np.int32)
         found = Bounds(
             np.where(good, leaf.leaf_margin, 0.0),
-            leaf.center,
+            np.where(there, leaf.center, 0.0),
             np.where(good, leaf.sigma_min, 0.0),
             split,
         )
-        return CellBounds(found, np.where(good, limit, -np.inf), center, there)
+        return CellBounds(found, np.where(good, limit, -np.inf), center, there), Q, reach
 
     @np.errstate(all="ignore")
     def _enclosure(
         self, Uc: Array, h: Array
     ) -> tuple[Array, Array, NDArray[np.bool_], Expansion, Array, NDArray[np.bool_]]:
-        """Enclose F: centres and half-widths (K, n), where proved, J_V along it, ∂F, and where
-        centres are found."""
+        """Enclose F: centres and half-widths (K, n), where proved, J_V along it, the costs of the
+        directions, and where centres are found."""
         chain, n, N, cell = self.chain, self.chain.n, self.chain.N, self.cell
         K, k, r = len(Uc), cell.k, self.task.r
         points = self.chart.solve(Uc, np.zeros((K, r)))
@@ -241,8 +185,7 @@ class CellProof:
         J_V[:, :6], J_V[:, 6:, :n] = np.einsum("Klx,lc->Kxc", xi, chain.S), np.swapaxes(n_ref, 1, 2)
         A = inverses(J_V)
         # slopes of J_V in q and in u
-        moved = np.zeros((K, n, 6, N))
-        moved[:] = np.swapaxes(slopes(chain, xi, tip), 2, 3)
+        moved = np.swapaxes(slopes(chain, xi, tip), 2, 3)  # (K, n, 6, N)
         B = A[:, None, :, :6] @ moved  # (K, j, N, N)
         B_u = np.zeros((K, k, N, N))
         B_u[..., :n] = A[:, None, :, 6:] @ np.swapaxes(dn, 2, 3)
@@ -265,66 +208,65 @@ class CellProof:
         curve = (
             np.einsum("Kjia,Kjb->Kbia", P, C[:, :n]) + r_u - B_u @ C[:, None]
         )  # F'': (K, b, N, a)
-        half_F = np.einsum(
-            "Kbia,Ka,Kb->Ki", np.abs(curve + np.transpose(curve, (0, 3, 2, 1))) / 2, h, h
-        )
+        curve = np.abs(curve + np.transpose(curve, (0, 3, 2, 1))) / 2
+        half_F = np.einsum("Kbia,Ka,Kb->Ki", curve, h, h)
+        along = np.einsum("Kjic,Kja->Kaic", B, C[:, :n]) + B_u  # slopes of J_V along F
+        turned = np.einsum("Kaic,Ka->Kic", np.abs(along), h)
 
-        # a box of joints: around the prediction, and around all that is within d* of q_ref
-        residual = 2 * (points.residual + 1e-11) * (1 + tool_reach(chain))
+        # the prediction q_c + C δ, and how far q_ref is from it
         straight = np.einsum("Kia,Ka->Ki", np.abs(C), h)
         most = self.polynomials.most_in(Uc, values, first, second, h)
         bend = 0.5 * np.einsum(
             "Kibnx,Ki,Kb->Knx", most[2], h, h, optimize=True
         )  # beside the slopes of q_ref, n_ref
         n_rest = np.swapaxes(bend[..., 1:], 1, 2)
-        guess = 1e-9 + (1.02 * straight + half_F)[:, :n]
-        for _ in range(2):
-            R, round_ = self._rest(A, J_V, theta, guess, n_rest)
-            D = (
-                R
-                + np.einsum("Kjic,Kj->Kic", np.abs(B), guess)
-                + np.einsum("Kbic,Kb->Kic", np.abs(B_u), h)
-            )
-            rest = self._right_rest(A, theta, guess, h, tip, turns, d, most)
-            p = np.einsum("Kjia,Ka->Kij", np.abs(P), h)  # (K, N, j)
+        lean = np.abs(d) + bend[..., 0] + self.blur
+        lean = lean + np.einsum("Kia,Ka->Ki", np.abs(C[:, :n] - np.swapaxes(dq, 1, 2)), h)
+        allowed, wide = self.near - lean, (self.near + lean) * (1 + self.eps)
+
+        # F exists: beside the prediction its way stays below Φ/2 + Z, which fits into d*
+        residual = 2 * (points.residual + 1e-11) * (1 + self.tool)
+        p = np.einsum("Kjia,Ka->Kij", np.abs(P), h)  # (K, N, j)
+        chained = np.einsum("lj,Kja->Kla", S, C[:, :n])
+        loose = np.minimum(allowed, half_F[:, :n])
+        held = points.found & (allowed > 0.5 * half_F[:, :n]).all(axis=1)
+        away, fits = loose, np.zeros(K, bool)
+        for _ in range(4):
+            reach = straight[:, :n] + loose
+            R, _ = self._rest(A, J_V, theta, reach, n_rest)
+            D = R + turned + np.einsum("Kjic,Kj->Kic", np.abs(B), loose)
+            rest = self._right_rest(A, theta, (reach, loose), h, chained, xi, tip, turns, most)
             load = np.einsum("Kia,Ka->Ki", rest, h) + (R @ straight[..., None])[..., 0]
             load += (D @ half_F[..., None])[..., 0] + 0.5 * (p @ half_F[:, :n, None])[..., 0]
             load += np.abs(A).sum(axis=2) * residual[:, None]
             whole = D.copy()
             whole[..., :n] += p
-            Z, _, held = enclosed(whole, load[..., None] + 1e-15, self.eps)
-            Z = Z[..., 0]
-            reach = (straight + 0.5 * half_F + Z)[:, :n] * (1 + self.eps) + 4 * U * np.abs(Q)
-            fits, guess = (
-                (reach <= guess).all(axis=1),
-                np.where(reach <= guess, guess, _GROW * reach),
-            )
-            if fits.all():
+            Z, _, solved = enclosed(whole, load[..., None] + 1e-15, self.eps)
+            held = held & (fits | solved)
+            away = np.where(fits[:, None], away, 0.5 * half_F[:, :n] + Z[:, :n, 0])
+            slack = away * (1 + self.eps)
+            fits = fits | (held & (slack <= loose).all(axis=1))
+            held = held & (slack <= allowed).all(axis=1)
+            loose = np.where(fits[:, None], loose, np.minimum(allowed, 1.4 * slack))
+            if not (held & ~fits).any():
                 break
+        held = held & fits
+        reach = (straight[:, :n] + away) * (1 + self.eps) + 8 * U * np.abs(Q)
 
-        ahead = np.einsum("Kin,Ki->Kn", np.abs(dq), h) + bend[..., 0]
-        wide = np.maximum(reach, np.abs(d) + ahead + self.near)
-        R, _ = self._rest(A, J_V, theta, wide, np.zeros((K, r, n)))
-        n_move = np.einsum("Kina,Ki->Kan", np.abs(dn), h) + n_rest
-        D_q = R + np.einsum("Kjic,Kj->Kic", np.abs(B), wide)
-        only = D_q.copy()
-        only[..., :n] += np.abs(A[..., 6:]) @ n_move
-        only += self._commutator(A, xi, moved, wide)
-        regular = enclosed(only, np.ones((K, N, 1)), self.eps)[
-            2
-        ]  # F is the only solution in the box
-
-        off = np.abs(d) + np.einsum("Kia,Ka->Ki", np.abs(C[:, :n] - np.swapaxes(dq, 1, 2)), h)
-        off += (0.5 * half_F + Z)[:, :n] + bend[..., 0]
-        good = held & fits & regular & (off <= self.near).all(axis=1) & points.found
+        # F is the only solution within d* of q_ref
+        R, _ = self._rest(A, J_V, theta, straight[:, :n] + wide, n_rest)
+        norms = np.linalg.norm(A[..., :6].reshape(K, N, 2, 3), axis=3)
+        D = R + turned + np.einsum("Kjic,Kj->Kic", np.abs(B), wide) + norms @ self.commutator
+        regular = enclosed(D, np.ones((K, N, 1)), self.eps)[2]
 
         # J_V along F, to first order in u
-        along = np.einsum("Kjic,Kja->Kaic", B, C[:, :n]) + B_u
-        loose = (0.5 * half_F + Z)[:, :n]
         R, round_ = self._rest(A, J_V, theta, reach, n_rest)
-        R = R + np.einsum("Kjic,Kj->Kic", np.abs(B), loose)
+        R = R + np.einsum("Kjic,Kj->Kic", np.abs(B), away)
         at = self._orthonormal(A, R, along, n_ref, dn, n_rest, h, round_)
-        return Q, reach, good, at, C[:, :n], points.found
+        cost = np.abs(C[:, :n]).sum(axis=1) * h
+        good = held & regular
+        reach = np.where(good[:, None], reach, np.nan)
+        return Q, reach, good, at, cost, points.found
 
     # ---- parts ---------------------------------------------------------------------------------
 
@@ -368,50 +310,11 @@ class CellProof:
         length = 1 + chain.reach.max() + (np.abs(theta) + eta)[:, ~chain.revolute].sum(axis=1)
         columns = np.abs(chain.S).sum(axis=0).max()
         terms = self.chart.monomials.size
-        n_size = (self.polynomials.most[0] + self.polynomials.most[1].sum(axis=0))[:, 1:].max(
-            axis=0
-        )  # (r,)
         rows = np.empty((len(A), chain.N))
         rows[:, :3], rows[:, 3:6] = (columns * length * size)[:, None], (columns * size)[:, None]
-        rows[:, 6:] = n_size * (1 + terms / 64)
+        rows[:, 6:] = self.sizes[0] * (1 + terms / 64)
         R += self.eps * np.einsum("Kia,Ka->Ki", np.abs(A), rows)[:, :, None]
         return R, self.eps * rows[:, 6:, None] * np.ones(n)
-
-    def _commutator(self, A: Array, xi: Array, moved: Array, wide: Array) -> Array:
-        """Bound what the straight way between two solutions at one u adds to D: the closure along
-        it is not exact.
-
-        Both are within d* of q_ref, so their joints differ by at most 2 d*.
-        """
-        chain, n = self.chain, self.chain.n
-        S = np.abs(chain.S)
-        separation = 2 * self.near  # (n,)
-        eta = wide @ S[:, :n].T
-        all_, reach = eta.sum(axis=1), 1 + chain.reach.max() + eta.sum(axis=1)
-        turns = np.linalg.norm(xi[..., 3:], axis=2) * (1 + self.eps)
-        v = np.linalg.norm(xi[..., :3], axis=2) * (1 + self.eps) + (all_ * reach)[:, None]
-        steeper = (all_ * reach)[:, None, None]  # slopes of J elsewhere in the box
-        vary_v = np.einsum(
-            "Kjc,j,c->K",
-            np.linalg.norm(moved[:, :, :3, :n], axis=2) + steeper,
-            separation,
-            separation,
-        )
-        vary_w = np.einsum(
-            "Kjc,j,c->K",
-            np.linalg.norm(moved[:, :, 3:, :n], axis=2) + steeper,
-            separation,
-            separation,
-        )
-        theta = S[:, :n] @ separation
-        T, T_v = turns @ theta, v @ theta
-        angle = 0.5 * vary_w / np.maximum(1 - 1.5 * T, 0)
-        shift = (0.5 * vary_v + angle * T_v) / np.maximum(1 - 2 * T, 0)
-        turned = (2 * angle[:, None] * turns) @ S
-        pushed = (2 * shift[:, None] * turns + angle[:, None] * v) @ S
-        found = np.linalg.norm(A[:, :, :3], axis=2)[:, :, None] * pushed[:, None]
-        found += np.linalg.norm(A[:, :, 3:6], axis=2)[:, :, None] * turned[:, None]
-        return np.asarray(found * (1 + self.eps), float)
 
     def _twists(
         self, Uc: Array, Q: Array, xi: Array, tip: Array
@@ -468,68 +371,88 @@ class CellProof:
                 R = R @ turn(chain.a[joint], theta[:, joint])
         return np.swapaxes(R, 1, 2)
 
-    def _right_rest(
+    def _twists_rest(
         self,
-        A: Array,
         theta: Array,
-        wide: Array,
+        joints: tuple[Array, Array],
         h: Array,
+        chained: Array,
+        xi: Array,
         tip: Array,
         turns: Array,
-        d: Array,
-        most: list[Array],
-    ) -> Array:
-        """Bound what A r has beside its value and its slopes in q, and in u for the last rows: (K,
-        N, k)."""
-        chain, n = self.chain, self.chain.n
-        eta = wide @ np.abs(chain.S[:, :n]).T
-        before = np.arange(chain.middle)
-        H = eta[:, before[chain.revolute[before]]].sum(axis=1)[:, None]  # (K, 1)
+    ) -> tuple[Array, Array]:
+        """Bound the linear and the angular part of what E has beside its value and slopes, (K, k)
+        each."""
+        chain, (wide, loose) = self.chain, joints
+        S = np.abs(chain.S[:, : chain.n])
+        eta, off = wide @ S.T, loose @ S.T
+        before = np.arange(chain.middle)[chain.revolute[: chain.middle]]
         beyond = between(chain, len(chain.p) - 1)
-        H_R = eta[:, beyond[chain.revolute[beyond]]].sum(axis=1)[:, None]
-        slides = beyond[~chain.revolute[beyond]]
-        H_P = eta[:, slides].sum(axis=1)[:, None]
-        L = (tool_reach(chain) + (np.abs(theta) + eta)[:, slides].sum(axis=1))[:, None]
+        sliding = beyond[~chain.revolute[beyond]]
+        H, H_R, H_P = (
+            eta[:, some].sum(axis=1)[:, None]
+            for some in (before, beyond[chain.revolute[beyond]], sliding)
+        )
+        L = (self.tool + (np.abs(theta) + eta)[:, sliding].sum(axis=1))[:, None]
+        # to first order: the middle link's rotation, and the way of the tool seen from it
+        spun = np.einsum("Klx,Kla->Kax", xi[:, before, 3:], chained[:, before])
+        spun = np.einsum("Ka,Ka->K", np.linalg.norm(spun, axis=2), h) + off[:, before].sum(axis=1)
+        last = slice(chain.middle, None)
+        ways = np.cross(xi[:, last, 3:], tip[:, None]) + xi[:, last, :3]
+        moved = np.linalg.norm(np.einsum("Klx,Kla->Kax", ways, chained[:, last]), axis=2)
+        moved = np.einsum("Ka,Ka->K", moved, h)
+        moved += np.einsum("Kl,Kl->K", np.linalg.norm(ways, axis=2), off[:, last])
+        pairs = 0.5 * (H**2 - (eta[:, before] ** 2).sum(axis=1)[:, None])
+        fast = np.minimum(H, spun[:, None] + pairs)
+        bent = np.minimum(H**2, fast**2 + pairs)
         push = np.where(self.on < self.places, self.cell.widths[self.on], 0.0)  # (k,)
         spread = np.sqrt((turns**2 * h**2).sum(axis=1))[:, None]  # |ω − ω_c|
         tip_rest = 0.5 * H_R**2 * L + H_R * H_P
-        tip_move = H_R * L + H_P + tip_rest
+        tip_move = moved[:, None] + tip_rest
         spin_rest = (
-            0.5 * H**2 + 0.5 * spread * H + spread**2 / 6 + 1e-10
+            0.5 * bent + 0.5 * spread * fast + spread**2 / 6 + 1e-10
         ) * turns  # and the slope's rounding
-        spin_move = (H + 0.5 * spread) * turns + spin_rest
+        spin_move = (fast + 0.5 * spread) * turns + spin_rest
         length = np.linalg.norm(tip, axis=1)[:, None]
-        linear = 0.5 * H**2 * push + length * spin_rest + tip_rest * turns + tip_move * spin_move
+        linear = 0.5 * bent * push + length * spin_rest + tip_rest * turns + tip_move * spin_move
         sizes = push + (1 + L) * turns
         linear, angular = (
             linear + self.eps * (1 + 2 * H + 2 * H_R) * sizes,
             spin_rest + self.eps * (1 + 2 * H) * turns,
         )
+        return linear, angular
+
+    def _right_rest(
+        self,
+        A: Array,
+        theta: Array,
+        joints: tuple[Array, Array],
+        h: Array,
+        chained: Array,
+        xi: Array,
+        tip: Array,
+        turns: Array,
+        most: list[Array],
+    ) -> Array:
+        """Bound what A r has beside its value and its slopes in q, and in u for the last rows: (K,
+        N, k). ``joints``: half-widths, and those beside ``C δ``; ``chained``: C for every θ."""
+        wide, far = joints[0], self.near  # |q − q_c|, |q − q_ref|
+        linear, angular = self._twists_rest(theta, joints, h, chained, xi, tip, turns)
         n0, n1, n2, n3 = (m[..., 1:] for m in most)
         q1, q2, q3 = (m[..., 0] for m in most[1:])
-        far = np.abs(d) + wide + np.einsum("Kin,Ki->Kn", q1, h)  # |q − q_ref|
         n_b, q_b = np.einsum("Kbna,Kb->Kna", n1, h), np.einsum("Kbn,Kb->Kn", q1, h)
         n_ib, q_ib = np.einsum("Kibna,Kb->Kina", n2, h), np.einsum("Kibn,Kb->Kin", q2, h)
         n_bc, q_bc = np.einsum("Kina,Ki->Kna", n_ib, h), np.einsum("Kin,Ki->Kn", q_ib, h)
         n_ibc = np.einsum("Kibcna,Kb,Kc->Kina", n3, h, h, optimize=True)
         q_ibc = np.einsum("Kibcn,Kb,Kc->Kin", q3, h, h, optimize=True)
         second = np.einsum("Kna,Kin->Kia", n_bc, q1) + 2 * np.einsum("Kna,Kin->Kia", n_b, q_ib)
-        second += np.einsum("Kna,Kin->Kia", n0, q_ibc) + np.einsum("Kina,Kn->Kia", n_ibc, far)
+        second += np.einsum("Kna,Kin->Kia", n0, q_ibc) + np.einsum("Kina,n->Kia", n_ibc, far)
         second += 2 * np.einsum("Kina,Kn->Kia", n_ib, q_b) + np.einsum("Kina,Kn->Kia", n1, q_bc)
         beta = 0.5 * second + np.einsum("Kina,Kn->Kia", n_ib, wide)
-        beta += (
-            self.eps
-            * (1 + self.chart.monomials.size / 64)
-            * (
-                np.einsum("na,in->ia", *self._sizes)
-                + np.einsum("ina,Kn->Kia", self.polynomials.most[1][..., 1:], far + 1)
-            )
-        )
+        tiny = self.sizes[1] + np.einsum("ina,n->ia", self.sizes[2], far + 1)
+        tiny = tiny + np.einsum("Kna,Kin->Kia", n_b, q1) + np.einsum("Kna,Kin->Kia", n0, q_ib)
+        tiny += np.einsum("Kina,n->Kia", n_ib, far) + np.einsum("Kina,Kn->Kia", n1, q_b)
+        beta += self.eps * (1 + self.chart.monomials.size / 64) * tiny
         found = np.linalg.norm(A[:, :, :3], axis=2)[:, :, None] * linear[:, None]
         found += np.linalg.norm(A[:, :, 3:6], axis=2)[:, :, None] * angular[:, None]
         return np.asarray(found + np.abs(A[:, :, 6:]) @ np.swapaxes(beta, 1, 2), float)
-
-    @property
-    def _sizes(self) -> tuple[Array, Array]:
-        """Bounds of n_ref and of the slopes of q_ref on the whole cell."""
-        return self.polynomials.most[0][:, 1:], self.polynomials.most[1][..., 0]

@@ -50,8 +50,8 @@ def check_enclosures(found: CellDesign, width: float, count: int = 40) -> float:
     problem, rng, k = CellProof(chart), np.random.default_rng(0), found.cell.k
     Uc = rng.uniform(width - 1, 1 - width, (count, k))
     half = width * rng.uniform(0.3, 1, Uc.shape)
-    Q, reach, good, *_ = problem._enclosure(Uc, half)
-    bounds = problem.bounds(Uc, half)
+    bounds, Q, reach = problem.enclosed(Uc, half)
+    good = bounds.leaf.leaf_margin > 0
     used = 0.0
     for trial in range(12):
         way = np.sign(rng.standard_normal(Uc.shape)) if trial % 2 else rng.uniform(-1, 1, Uc.shape)
@@ -136,3 +136,39 @@ def test_cells_of_other_tasks_are_refused_by_name(panda: rp.Robot) -> None:
     )
     with pytest.raises(rp.InputError, match="position tasks yet"):
         rp.prove(found)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "frame", "start"),
+    [
+        ("panda", "panda_hand_tcp", (0, -0.2345, 0, -2.415, 0, 2.18, 0.7853)),
+        ("xarm7", "link_eef", (0, -0.3, 0, 1.2, 0, 1.5, 0)),
+        ("baxter", "left_gripper", (0.2, -0.6, -0.6, 1.3, 0.4, 0.8, 0)),
+    ],
+)
+def test_a_third_of_a_million_poses_of_a_proved_cell_violate_nothing(
+    name: str, frame: str, start: tuple[float, ...]
+) -> None:
+    task = rp.Robot.load(name).task(frame, "pose")
+    q = np.array(start, float)
+    found = rp.nearest_inverse_function(
+        rp.Pseudoinverse(task),
+        rp.Cell(task, task.placement(q), 0.02, 0.06),
+        posture=q,
+        degree=3,
+        options=rp.FitOptions(samples=256, held_out=256),
+    )
+    proof = rp.prove(found)
+    assert proof, proof.reason
+    near = CellProof(found.function.chart).near
+    rng, chart = np.random.default_rng(1), found.function.chart
+    for _ in range(34):
+        U = rng.uniform(-1, 1, (10_000, 6))
+        U[::2] = np.sign(U[::2]) * np.abs(U[::2]) ** 0.1  # half of them near the boundary
+        points = chart.solve(U, np.zeros((len(U), 1)))
+        assert points.found.all() and (np.abs(points.Q - points.q_ref) <= near).all()
+        _, s, Vh = np.linalg.svd(task.jacobians(points.Q))
+        assert s[:, -1].min() >= proof.sigma_min
+        assert leaf_margin(Vh[:, -1, :, None], points.n_ref).min() >= proof.leaf_margin
+        assert task.limit_margin(points.Q).min() >= proof.limit_margin
