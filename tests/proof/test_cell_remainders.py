@@ -117,7 +117,7 @@ def test_two_solutions_at_one_pose_are_apart_as_bounded(tmp_path: Path) -> None:
     assert max(linear, angular) > 0.02  # third order: signs cancel, what is left is small
 
 
-def test_both_kernels_give_the_same_bounds(chart: Chart) -> None:
+def test_both_kernels_give_the_same_enclosures(chart: Chart) -> None:
     plain, compiled = CellProof(chart, compiled=False), CellProof(chart)
     rng, k = np.random.default_rng(3), 6
     U = rng.uniform(-0.9, 0.9, (48, k))
@@ -127,11 +127,14 @@ def test_both_kernels_give_the_same_bounds(chart: Chart) -> None:
     assert 0.3 < good.mean() < 1 and (good == (two.leaf.leaf_margin > 0)).all()
     np.testing.assert_allclose(Q_c, Q, atol=1e-8)
     np.testing.assert_allclose(reach_c[good], reach[good], rtol=1e-6, atol=1e-8)
-    for name in ("leaf_margin", "center", "sigma_min"):
-        np.testing.assert_allclose(getattr(two.leaf, name), getattr(one.leaf, name), rtol=1e-6)
+    np.testing.assert_allclose(two.leaf.center, one.leaf.center, rtol=1e-6)
+    # C bounds the leaf margin and σ_min to first order (theorem 1), NumPy to second (theorem 2)
+    for name in ("leaf_margin", "sigma_min"):
+        first, second = getattr(two.leaf, name)[good], getattr(one.leaf, name)[good]
+        assert (first <= second * (1 + 1e-6)).all() and (first > 0.95 * second).all()
     np.testing.assert_allclose(two.limit_margin[good], one.limit_margin[good], atol=1e-8)
     np.testing.assert_allclose(two.center_limit, one.center_limit, atol=1e-8)
-    assert (two.leaf.split == one.leaf.split).all() and (one.found == two.found).all()
+    assert (one.found == two.found).all()
 
 
 def test_a_cell_is_proved_without_a_compiler_too(
