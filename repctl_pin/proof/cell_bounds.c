@@ -1,7 +1,7 @@
 /* A cell's function over boxes of poses: see docs/theory.md, "Proved, not sampled", "A cell".
 
    Compiled together with leaf_margin_bounds.c. The same mathematics as cells.py, one box at a time; but the
-   leaf margin is bounded by theorem 1, where NumPy has the sharper theorem 2. */
+   leaf margin is bounded to first order, where NumPy does so to second. */
 
 #pragma GCC optimize("O3") /* reorders no arithmetic */
 
@@ -189,7 +189,7 @@ static void right_side_rest(const Cell *s, const double *h, const double *theta,
   }
 }
 
-/* The leaf margin on a box where J_V is known to first order in k variables, by theorem 1 of docs/theory.md. */
+/* The leaf margin on a box where J_V is known to first order in k variables, to first order. */
 static int margin_of(const Problem *g, int k, const double *h, const double *A_, const double *X_, double X_norm,
                      const double *D_, const double *R_, const double *along_, const double *V_, const double *dV_,
                      const double *rest_, double beta, double *leaf, double *sigma) {

@@ -128,7 +128,7 @@ def test_both_kernels_give_the_same_enclosures(chart: Chart) -> None:
     np.testing.assert_allclose(Q_c, Q, atol=1e-8)
     np.testing.assert_allclose(reach_c[good], reach[good], rtol=1e-6, atol=1e-8)
     np.testing.assert_allclose(two.leaf.center, one.leaf.center, rtol=1e-6)
-    # C bounds the leaf margin and σ_min to first order (theorem 1), NumPy to second (theorem 2)
+    # C bounds the leaf margin and σ_min to first order, NumPy to second
     for name in ("leaf_margin", "sigma_min"):
         first, second = getattr(two.leaf, name)[good], getattr(one.leaf, name)[good]
         assert (first <= second * (1 + 1e-6)).all() and (first > 0.95 * second).all()
