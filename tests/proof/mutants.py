@@ -124,6 +124,20 @@ C = {
 """What is wrong: a piece of leaf_margin_bounds.c, and what is put in its place."""
 
 
+POTENTIALS = {
+    "half of the third derivatives": ("rest = 0.5 * np.einsum", "rest = 0.25 * np.einsum"),
+    "no third derivatives": ("rest = 0.5 * np.einsum", "rest = 0 * np.einsum"),
+    "half of those at the centre": ("rest + 0.5 * np.einsum", "rest + 0.25 * np.einsum"),
+    "no fourth derivatives": ("third += np.einsum", "0 * np.einsum"),
+    "half of the fourth derivatives": ("half) / 3", "half) / 6"),
+    "powers' factors forgotten": ("np.abs(c) * (by_m * size", "np.abs(c) * (size"),
+    "fourth derivatives at the centre": ("most = [self._most(v) for v in z]", "most = [0.0] * len(z)"),
+    "one scale missing": ("by_l / scale[l]", "by_l"),
+    "half of a third power": ("+= np.abs(cubic)", "+= 0.5 * np.abs(cubic)"),
+}
+"""What is wrong with V's remainder, in potentials.py or leaf_margin_bounds.py."""
+
+
 def source(name: str, piece: str, instead: str) -> str:
     """Read a file of the package, with one piece replaced."""
     text = files(PACKAGE).joinpath(name).read_text(encoding="utf-8")
