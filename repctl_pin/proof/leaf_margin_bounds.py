@@ -276,9 +276,7 @@ def graphs(at: Expansion, half: Array, n: int, eps: float) -> Graphs:
 
     both, square = _square(X, T, dS, wide, rho, half, eps)
     sure = (turned < 0.5) & (defect < 0.01) & (size < 0.9)
-    return Graphs(
-        X, T, nu, P, pi, rho, dN, dP, dS, beta, square, both, Y, B, defect, regular, sure
-    )
+    return Graphs(X, T, nu, P, pi, rho, dN, dP, dS, beta, square, both, Y, B, defect, regular, sure)
 
 
 def _null_space(
@@ -323,7 +321,7 @@ def _span_of_V(
 def _square(
     X: Array, T: Array, dS: Array, wide: Array, rho: Array, half: Array, eps: float
 ) -> tuple[Array, Array]:
-    """Bound ``|SᵀS|`` for ``S = T_c + Σ δ_j S_j + ρ``: what each variable changes, and all of it."""
+    """Bound ``|SᵀS|``, ``S = T_c + Σ δ_j S_j + ρ``: what each variable changes, and all of it."""
     T_T = np.swapaxes(T, 1, 2)
     both = T_T[:, None] @ dS
     both = np.abs(both + np.swapaxes(both, 2, 3)) * half[:, :, None, None]

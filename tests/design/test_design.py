@@ -13,7 +13,7 @@ from arms import spatial_task
 
 import repctl_pin as rp
 from repctl_pin import redundancy
-from repctl_pin.design import criterion, singularities
+from repctl_pin.design import criterion, singularity_search
 from repctl_pin.design.design_map import degree_curve, design_map
 from repctl_pin.design.evaluation import evaluate_design
 from repctl_pin.potentials import PotentialBasis
@@ -101,8 +101,8 @@ def test_the_extended_jacobian_is_singular_in_the_wide_box_and_said_so(panda: rp
     with pytest.raises(rp.SingularRegionError) as error:
         evaluate_design(inverse, design.desired, design.region)
     at = error.value.at
-    free = singularities.largest_free(
-        singularities.LeafMargin(design.task, inverse.potentials, Q0), design.region, at[None]
+    free = singularity_search.largest_free(
+        singularity_search.LeafMargin(design.task, inverse.potentials, Q0), design.region, at[None]
     )
     assert design.region.contains(at[None])[0]
     sides = [
@@ -658,3 +658,15 @@ def test_the_curve_and_the_figure_hold_the_costs(panda: rp.Robot) -> None:
     levels = [line.get_ydata()[0] for line in ax.lines if line.get_linestyle() in ("--", "-.")]
     assert np.allclose(levels, [b.evaluation.cost for b in baselines])
     assert ax.get_yscale() == "log" and "rad" in figure.axes[1].get_xlabel()
+
+
+def test_the_worst_margin_of_a_design_fitted_to_few_nodes_is_found(panda_pose: rp.Task) -> None:
+    """Of degree 3 on 256 nodes, margins in corners of Ω are far below those at the nodes."""
+    box = rp.Box(panda_pose.reference, 0.05)
+    options = rp.FitOptions(samples=256, held_out=256)
+    potentials = rp.Polynomial(panda_pose.reference, 3, 0.05)
+    found = rp.nearest_repeatable(rp.Pseudoinverse(panda_pose), potentials, box, options=options)
+    side = np.sign(np.random.default_rng(0).standard_normal((1000, 7)))
+    Q = np.concatenate([box.random(4096, 5), box.center + box.half_width * side])
+    margins = singularity_search.LeafMargin(panda_pose, found.inverse.potentials, box.center)(Q)
+    assert margins.min() > found.leaf_margin - 0.01

@@ -10,7 +10,7 @@ import pytest
 from arms import Q_PANDA, spatial_task
 
 import repctl_pin as rp
-from repctl_pin.design import batches, criterion, singularities
+from repctl_pin.design import batches, criterion, singularity_search
 
 
 def test_the_verdict_does_not_hang_on_the_sample() -> None:
@@ -93,10 +93,10 @@ def test_an_arm_stretched_inside_the_region_is_found() -> None:
     """Six joints at 0 at once: σ_min of planar7r is a cone there, on whose side every descent stops
     short."""
     task = rp.Robot.load("planar7r").task("tool", "xy")
-    measure = singularities.Dexterity(task)
+    measure = singularity_search.Dexterity(task)
     for center, width in ((np.full(7, 0.3), 0.4), (np.full(7, -0.1), 0.3)):
         box = rp.Box(center, width)
-        found = singularities.search(measure, box, box.random(2048, 0))
+        found = singularity_search.search(measure, box, box.random(2048, 0))
         assert found.value == 0 and box.contains(found.at[None]).all()
         sigma = np.linalg.svd(task.jacobian(found.at), compute_uv=False)
         assert sigma[-1] <= 1e-5 * sigma[0] and np.abs(found.at[1:]).max() < 1e-3
@@ -109,7 +109,7 @@ def test_an_arm_stretched_inside_the_region_is_found() -> None:
                 options=rp.FitOptions(samples=64, held_out=64),
             )
     bent = rp.Box(np.full(7, 0.3), 0.25)  # without a stretched arm
-    assert singularities.search(measure, bent, bent.random(2048, 0)).value > 0.01
+    assert singularity_search.search(measure, bent, bent.random(2048, 0)).value > 0.01
 
 
 class Open(rp.Box):
@@ -122,6 +122,6 @@ class Open(rp.Box):
 def test_the_search_for_singularities_stays_in_the_region() -> None:
     task = rp.Robot.load("planar7r").task("tool", "xy")
     for box in (Open(np.full(7, 0.3), 0.25), Open(np.full(7, 0.5), 0.4)):
-        for measure in (singularities.Dexterity(task), lambda Q: 2 + Q.sum(axis=1)):
-            found = singularities.search(measure, box, box.random(256, 0))
+        for measure in (singularity_search.Dexterity(task), lambda Q: 2 + Q.sum(axis=1)):
+            found = singularity_search.search(measure, box, box.random(256, 0))
             assert found.value > 0 and box.ratio(found.ends).max() <= 1 + 2e-9

@@ -30,7 +30,10 @@ NUMPY = {
     "V_c added to P": (" - V[:, None] @ np.swap", " + V[:, None] @ np.swap"),
     "V's slopes not in M": ("_size(_summed(M, half) + ", "_size("),
     "V's rest not in M": (" + at.rest @ np.abs(V) + tiny", " + tiny"),
-    "half of V's rest in M": (" + at.rest @ np.abs(V) + tiny", " + 0.5 * at.rest @ np.abs(V) + tiny"),
+    "half of V's rest in M": (
+        " + at.rest @ np.abs(V) + tiny",
+        " + 0.5 * at.rest @ np.abs(V) + tiny",
+    ),
     "half of V's rest": ("pi = rest + np", "pi = 0.5 * rest + np"),
     "V's rest not projected": ("np.abs(V) @ (np.abs(at.V) @ rest)", "0"),
     "M once": ("(turned / (1 - turned) * slack)", "turned"),
@@ -131,7 +134,7 @@ POTENTIALS = {
     "no fourth derivatives": ("third += np.einsum", "0 * np.einsum"),
     "half of the fourth derivatives": ("half) / 3", "half) / 6"),
     "powers' factors forgotten": ("np.abs(c) * (by_m * size", "np.abs(c) * (size"),
-    "fourth derivatives at the centre": ("most = [self._most(v) for v in z]", "most = [0.0] * len(z)"),
+    "fourth derivatives at the centre": ("= [self._most(v) for v in z]", "= [0.0] * len(z)"),
     "one scale missing": ("by_l / scale[l]", "by_l"),
     "half of a third power": ("+= np.abs(cubic)", "+= 0.5 * np.abs(cubic)"),
 }

@@ -366,13 +366,12 @@ def check_planted(seed: int, folder: Path, seconds: float = 0.5) -> tuple[float,
 @pytest.mark.slow
 @pytest.mark.timeout(3600)
 def test_two_hundred_random_designs_are_never_contradicted(tmp_path: Path) -> None:
-    """check_planted holds every proof to its search; here, that the proofs say something."""
+    """No proof is above what the search finds, and where there is a margin it is proved."""
     found = np.array([check_planted(seed, tmp_path) for seed in range(100, 300)])
     proved, least = found.T
-    far, next_to = least > 0.3, least < 1e-3
-    assert far.sum() > 20 and (proved[far] > 0).mean() > 0.9 and next_to.sum() > 60
-    assert not proved[next_to & (least <= 0)].any()
-    print(f"{(proved > 0).sum()} of 200 proved, {(proved[far] > 0).sum()} of {far.sum()} far ones")
+    far = least > 0.05
+    assert (proved[least <= 0] == 0).all() and (least < 1e-3).sum() > 60
+    assert far.sum() > 20 and (proved[far] > 0).mean() > 0.9
 
 
 # ---- against rigorous arithmetic ---------------------------------------------------------------

@@ -1,5 +1,5 @@
-"""The second-order remainders of proofs: each bound holds, is attained or nearly so, and a wrong one
-is noticed."""
+"""The second-order remainders of proofs: each bound holds, is attained or nearly so, and a wrong
+one is noticed."""
 
 from __future__ import annotations
 
@@ -129,9 +129,7 @@ def problems(folder: Path, panda: rp.Task) -> list[tuple[kernels.LeafMargin, rp.
         curved(spatial_task(9, folder, kind="pose", seed=4), 3, 0.3, 0.05),
         curved(spatial_task(5, folder, seed=6), 4, 0.3),
     ]
-    return [
-        (kernels.leaf_margin_of(d.task, d.inverse.potentials, d.region), d) for d in designs
-    ]
+    return [(kernels.leaf_margin_of(d.task, d.inverse.potentials, d.region), d) for d in designs]
 
 
 def wide_boxes(design: rp.Design, count: int) -> tuple[np.ndarray, np.ndarray]:
