@@ -20,6 +20,7 @@ Measure = Callable[[Array], Array]
 """Q (K, n) → (K,): 0 at a singularity."""
 
 _STARTS = 16
+_CORNERS = 256
 _LENGTHS = StepLengths(first=0.1, longest=0.5, shortest=1e-5, longer=2.0, shorter=4.0, steps=60)
 _DIFFERENCE = 1e-6
 _FEELER = 1e-4
@@ -184,12 +185,27 @@ def lowest(measure: Measure, region: Region, starts: Array) -> Lowest:
 
 
 def search(measure: Measure, region: Region, Q: Array, values: Array | None = None) -> Lowest:
-    """Search Ω for the smallest value of a measure, from the worst of the points Q and others."""
+    """Search Ω for the smallest value of a measure, from the worst of the points Q, of corners, and
+    others.
+
+    A polynomial fitted to few nodes bends most at the corners, where no random point of many joints
+    comes near."""
     values = measure(Q) if values is None else values
+    corners = _corners(region, Q)
+    Q, values = np.concatenate([Q, corners]), np.concatenate([values, measure(corners)])
     order = np.argsort(values)
     others = order[np.linspace(0, len(order) - 1, _STARTS // 4).astype(int)]
     starts = Q[np.unique(np.concatenate([order[: _STARTS - len(others)], others]))]
     return lowest(measure, region, starts)
+
+
+def _corners(region: Region, Q: Array) -> Array:
+    """Push some of the points Q (K, n) along random diagonals to the edge of Ω."""
+    rng, start = np.random.default_rng(0), np.resize(Q, (_CORNERS, Q.shape[1]))
+    way = 2 * rng.integers(2, size=start.shape) - 1
+    far = np.where(np.arange(_CORNERS) % 2, 0.1, 2.0)[:, None]  # a tube's edge may be near
+    pushed = region.clip(start + far * way * region.bounds.half_width)
+    return pushed[region.ratio(pushed) <= 1 + _EDGE]
 
 
 def largest_free(measure: Measure, region: Region, bad: Array) -> Region | None:

@@ -73,7 +73,7 @@ def bound_leaf_margin(
         The leaf margin.
     low, high : (K, n) arrays
     goal
-        FailureReason as soon as this margin is proved, or at a configuration with a smaller one.
+        Stop as soon as this margin is proved, or at a configuration with a smaller one.
         None finds the largest bound.
     seconds
         Processor time after which the bound found so far is taken, s.

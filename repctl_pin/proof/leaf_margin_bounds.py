@@ -178,14 +178,113 @@ def _batch(problem: LeafMargin, Q: Array, half: Array) -> Bounds:
     return margins(_expansion(problem, Q, half), half, problem.chain.n, problem.eps, problem.beta)
 
 
+@dataclass(frozen=True, eq=False)
+@read_only
+class Graphs:
+    """The null space N and the span of V as graphs over V_c, in K boxes, to second order.
+
+    ``N = X + Σ δ_j N_j + ν``, across V_c ``P = Σ δ_j P_j + π``, ``PᵀN = Σ δ_j P_jᵀ T_c + β`` and
+    ``S = (T − P) (I + PᵀT)⁻¹ = T_c + Σ δ_j S_j + ρ``, with k variables δ: docs/theory.md.
+
+    Attributes
+    ----------
+    X, T, nu, P, pi, rho : (K, n, r) arrays
+        ``X``, ``T_c``, and bounds of ``|ν|``, ``|P|``, ``|π|`` and ``|ρ|``.
+    dN, dP, dS : (K, k, n, r) arrays
+    beta, square : (K, r, r) arrays
+        Bounds of ``|β|`` and ``|SᵀS|``.
+    both : (K, k, r, r) array
+        How much each variable changes ``SᵀS``.
+    Y : (K, N, 6) array
+        Bounds of the first six columns of ``J_c⁻¹``.
+    B : (K, k, N, N) array
+        ``A ∂_j J_c``, with V_c in place of V.
+    defect : (K,) array
+        What V_c and X differ from ``V_cᵀ V_c = V_cᵀ X = I`` by.
+    regular, sure : (K,) arrays of bool
+        Whether J_c was shown to be regular, and whether the bounds of P, β and S hold.
+    """
+
+    X: Array
+    T: Array
+    nu: Array
+    P: Array
+    pi: Array
+    rho: Array
+    dN: Array
+    dP: Array
+    dS: Array
+    beta: Array
+    square: Array
+    both: Array
+    Y: Array
+    B: Array
+    defect: Array
+    regular: NDArray[np.bool_]
+    sure: NDArray[np.bool_]
+
+    def __repr__(self) -> str:
+        return f"<Graphs in {len(self.X)} boxes>"
+
+
 @np.errstate(all="ignore")
 def margins(at: Expansion, half: Array, n: int, eps: float, beta: float | Array) -> Bounds:
     """Bound the leaf margin in boxes where J_V is given to first order, in the variables of half
     (K, k)."""
     at = _along_axes(at)
+    found = graphs(at, half, n, eps)
+    norm, below = _spectral(found.X)
+    sigma = (1 - eps) / (np.sqrt((found.Y[:, :n] ** 2).sum(axis=(1, 2))) * (1 + eps) * beta)
+    slack = 1 + eps
+    bound = _cosine(_spectral(found.square)[0] * slack, _spectral(found.P)[0] * slack, eps)
+    bound = np.where(found.sure, bound / (1 + 16 * found.defect), np.nan)
+
+    good = found.regular & np.isfinite(bound)
+    share = np.abs(found.B)[:, :, :n].sum(axis=(2, 3)) * half
+    slopes = np.abs(np.moveaxis(at.dV, 3, 1))
+    share += np.einsum("Kia,Kjal,Kj->Kj", np.abs(found.X), slopes, half, optimize=True)
+    second = _size(found.rho)[:, None] * share / share.sum(axis=1)[:, None]
+    cost = 0.5 * np.sqrt((found.both**2).sum(axis=(2, 3))) / norm[:, None] + 2 * second
+    share = np.where(np.isfinite(share).all(axis=1)[:, None], share, half)
+    split = np.where(good, cost.argmax(axis=1), share.argmax(axis=1)).astype(np.int32)
+    center = np.where(np.isfinite(below) & (below > 0), 1 / below, 0.0)
+    return Bounds(np.where(good, bound, 0.0), center, np.where(found.regular, sigma, 0.0), split)
+
+
+@np.errstate(all="ignore")
+def graphs(at: Expansion, half: Array, n: int, eps: float) -> Graphs:
+    """Compare the null space N with V across V_c: ``S = (T − P) (I + PᵀT)⁻¹``."""
+    V, r, slack = np.swapaxes(at.V, 1, 2), at.V.shape[1], 1 + eps
+    B, all_dN, all_first, all_nu, Y, regular = _null_space(at, half, n, eps)
+    X, dN, first, nu = at.A[:, :n, 6:], all_dN[:, :, :n], all_first[:, :n], all_nu[:, :n]
+    T = X - V
+    defect = eps + np.abs(at.V @ V - np.eye(r)).sum(axis=(1, 2))
+    defect += np.abs(at.V @ X - np.eye(r)).sum(axis=(1, 2))
+    tiny = defect[:, None, None]
+    dP, pi, P, turned = _span_of_V(at, half, tiny, eps)
+
+    PT = np.swapaxes(dP, 2, 3) @ T[:, None]
+    beta = np.swapaxes(P, 1, 2) @ (first + nu) + np.swapaxes(pi, 1, 2) @ np.abs(T) + tiny
+    b = _summed(PT, half) + beta
+    size = _size(b) * slack
+    dS = dN - dP - T[:, None] @ PT
+    wide = _summed(dS, half)
+    rho = nu + pi + np.abs(T) @ beta + tiny
+    again = (wide + rho) @ b  # of (S − T) P^T N, and once more to the end
+    row = np.sqrt((again**2).sum(axis=2)) * (size / (1 - size) * slack)[:, None]
+    rho = rho + again + row[:, :, None] + eps
+
+    both, square = _square(X, T, dS, wide, rho, half, eps)
+    sure = (turned < 0.5) & (defect < 0.01) & (size < 0.9)
+    return Graphs(X, T, nu, P, pi, rho, dN, dP, dS, beta, square, both, Y, B, defect, regular, sure)
+
+
+def _null_space(
+    at: Expansion, half: Array, n: int, eps: float
+) -> tuple[Array, Array, Array, Array, Array, NDArray[np.bool_]]:
+    """Expand ``N = J_c⁻¹ [0; I]``: B with V_c in place of V, the slopes of N, what they amount to,
+    the bound of the rest, that of the other columns of ``J_c⁻¹``, and where J_c is regular."""
     A, X = at.A, at.A[:, :, 6:]  # X: (K, N, r)
-    norm, below = _spectral(X[:, :n])
-    # with V_c in place of V: N = [J; V_c^T]^-1 [0; I] = X - sum of B X + second
     slopes = np.moveaxis(at.dV, 3, 1)  # (K, k, r, n)
     B = at.B.copy()
     B[..., :n] -= X[:, None] @ slopes
@@ -196,69 +295,46 @@ def margins(at: Expansion, half: Array, n: int, eps: float, beta: float | Array)
     pairs = np.abs(pairs + np.swapaxes(pairs, 1, 2)) / 2
     second = np.einsum("Kjkia,Kj,Kk->Kia", pairs, half, half, optimize=True)
     second += at.R @ first + D @ rough + eps
-    Y, _, regular = enclosed(D, np.concatenate([np.abs(A[:, :, :6]) + eps, second], axis=2), eps)
-    sigma = (1 - eps) / (np.sqrt((Y[:, :n, :6] ** 2).sum(axis=(1, 2))) * (1 + eps) * beta)
-    e = (rough + Y[:, :, 6:])[:, :n]
-    bound, both, e = _compared(at, X[:, :n], dN[:, :, :n], first[:, :n], e, half, eps)
-
-    good = regular & np.isfinite(bound)
-    share = np.abs(B)[:, :, :n].sum(axis=(2, 3)) * half
-    share += np.einsum("Kia,Kjal,Kj->Kj", np.abs(X[:, :n]), np.abs(slopes), half, optimize=True)
-    second = np.sqrt((e**2).sum(axis=(1, 2)))[:, None] * share / share.sum(axis=1)[:, None]
-    cost = 0.5 * np.sqrt((both**2).sum(axis=(2, 3))) / norm[:, None] + 2 * second
-    share = np.where(np.isfinite(share).all(axis=1)[:, None], share, half)
-    split = np.where(good, cost.argmax(axis=1), share.argmax(axis=1)).astype(np.int32)
-    center = np.where(np.isfinite(below) & (below > 0), 1 / below, 0.0)
-    return Bounds(np.where(good, bound, 0.0), center, np.where(regular, sigma, 0.0), split)
+    F = np.concatenate([np.abs(A[:, :, :6]) + eps, second], axis=2)
+    Y, _, regular = enclosed(D, F, eps)
+    return B, dN, first, rough + Y[:, :, 6:], Y[:, :, :6], regular
 
 
-def _compared(
-    at: Expansion, X: Array, dN: Array, first: Array, e: Array, half: Array, eps: float
-) -> tuple[Array, Array, Array]:
-    """Compare the null space N with V, both across V_c: ``S = (T − P) (I + PᵀT)⁻¹``.
-
-    Given ``N = X + Σ δ_j dN_j + …`` with what the slopes amount to, and the rest e, (K, n, r) each:
-    the bound of the leaf margin (K,), NaN where there is none, how much each variable changes
-    ``SᵀS``, (K, k, r, r), and what S has beside its slopes.
-    """
-    slack, V, r = 1 + eps, np.swapaxes(at.V, 1, 2), at.V.shape[1]
-    T, slopes, rest = X - V, np.moveaxis(at.dV, 3, 1), np.swapaxes(at.rest, 1, 2)
-    defect = eps + np.abs(at.V @ V - np.eye(r)).sum(axis=(1, 2))
-    defect += np.abs(at.V @ X - np.eye(r)).sum(axis=(1, 2))
-    tiny = defect[:, None, None]
-
-    S = slopes @ V[:, None]  # of V^T V_c
-    dP = np.swapaxes(slopes, 2, 3) - V[:, None] @ np.swapaxes(S, 2, 3)
-    turned = _size(_summed(S, half) + at.rest @ np.abs(V) + tiny) * slack
+def _span_of_V(
+    at: Expansion, half: Array, tiny: Array, eps: float
+) -> tuple[Array, Array, Array, Array]:
+    """Expand ``P = (V − V_c V_cᵀV) (V_cᵀV)⁻¹``: its slopes, the bounds of the rest and of all of
+    it, and that of ``‖V_cᵀV − I‖``."""
+    slack, V, slopes = 1 + eps, np.swapaxes(at.V, 1, 2), np.moveaxis(at.dV, 3, 1)
+    rest = np.swapaxes(at.rest, 1, 2)
+    M = slopes @ V[:, None]  # of V^T V_c
+    dP = np.swapaxes(slopes, 2, 3) - V[:, None] @ np.swapaxes(M, 2, 3)
+    turned = _size(_summed(M, half) + at.rest @ np.abs(V) + tiny) * slack
     whole = np.einsum("Kjab,Kj->K", np.abs(slopes), half)[:, None, None]
-    loose = rest + np.abs(V) @ (np.abs(at.V) @ rest) + tiny * (1 + whole)
+    pi = rest + np.abs(V) @ (np.abs(at.V) @ rest) + tiny * (1 + whole)
     P = _summed(dP, half)
-    row = np.sqrt(((P + loose) ** 2).sum(axis=2)) * (turned / (1 - turned) * slack)[:, None]
-    loose = loose + row[:, :, None]
-    P = P + loose
+    row = np.sqrt(((P + pi) ** 2).sum(axis=2)) * (turned / (1 - turned) * slack)[:, None]
+    pi = pi + row[:, :, None]
+    return dP, pi, P + pi, turned
 
-    PT = np.swapaxes(dP, 2, 3) @ T[:, None]
-    bent = np.swapaxes(P, 1, 2) @ (first + e) + np.swapaxes(loose, 1, 2) @ np.abs(T) + tiny
-    b = _summed(PT, half) + bent
-    size = _size(b) * slack
-    dS = dN - dP - T[:, None] @ PT
-    wide = _summed(dS, half)
-    e = e + loose + np.abs(T) @ bent + tiny
-    again = (wide + e) @ b  # of (S − T) P^T N, and once more to the end
-    row = np.sqrt((again**2).sum(axis=2)) * (size / (1 - size) * slack)[:, None]
-    e = e + again + row[:, :, None] + eps
 
+def _square(
+    X: Array, T: Array, dS: Array, wide: Array, rho: Array, half: Array, eps: float
+) -> tuple[Array, Array]:
+    """Bound ``|SᵀS|``, ``S = T_c + Σ δ_j S_j + ρ``: what each variable changes, and all of it."""
     T_T = np.swapaxes(T, 1, 2)
     both = T_T[:, None] @ dS
     both = np.abs(both + np.swapaxes(both, 2, 3)) * half[:, :, None, None]
-    cross = np.abs(T_T) @ e
-    K = np.abs(T_T @ T) + both.sum(axis=1) + cross + np.swapaxes(cross, 1, 2)
-    K += np.swapaxes(wide + e, 1, 2) @ (wide + e)
-    K += eps * (np.abs(np.swapaxes(X, 1, 2)) @ np.abs(X) + 1)
-    most, bend = _spectral(K)[0] * slack, _spectral(P)[0] * slack
-    bound = np.sqrt(1 + most * (1 + bend**2 * slack)) * (1 + 16 * defect) * slack
-    sure = (turned < 0.5) & (defect < 0.01) & (size < 0.9)
-    return np.where(sure, (1 - eps) / bound, np.nan), both, e
+    cross = np.abs(T_T) @ rho
+    square = np.abs(T_T @ T) + both.sum(axis=1) + cross + np.swapaxes(cross, 1, 2)
+    square += np.swapaxes(wide + rho, 1, 2) @ (wide + rho)
+    square += eps * (np.abs(np.swapaxes(X, 1, 2)) @ np.abs(X) + 1)
+    return both, square
+
+
+def _cosine(square: Array, P: Array, eps: float) -> Array:
+    """Bound the leaf margin from ``‖S‖²`` and ``‖P‖``."""
+    return np.asarray((1 - eps) / (np.sqrt(1 + square * (1 + P**2 * (1 + eps))) * (1 + eps)))
 
 
 def _summed(slopes: Array, half: Array) -> Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from time import thread_time
 from typing import Any
 
 import numpy as np
@@ -44,8 +45,11 @@ Control = Strategy | Callable[[Array, Array], ArrayLike]
 POSTURE_GAIN = 1.0
 """Gain of the posture in the null space, 1/s."""
 
-PROVED, PROVING = 0.9, 1.0
-"""Share of the smallest leaf margin found that a study tries to prove, and for how long, s."""
+PROVED = 0.9
+"""Share of the smallest leaf margin found that a study tries to prove."""
+
+PROVING, LEAST_PROVING = 0.05, 0.3
+"""For how long it tries: of the processor time spent so far, and at least, s."""
 
 EDGE = 1e-6
 """Distance from the start, rad or m, of a second start, whose motion is compared."""
@@ -137,6 +141,7 @@ def study(
     >>> bool(study.row("repeatable").motion.drift[-1] < 1e-6)
     True
     """
+    begun = thread_time()
     if progress is not None:
         function(progress, "progress", "a function that takes the step that begins")
     cycles = as_int(cycles, "cycles", 1)
@@ -183,7 +188,7 @@ def study(
 
     problem, design = design_for(problem, desired, make, seed=seed, say=say)
     say("proving its leaf margin")
-    design = _proved(design)
+    design = _proved(design, max(LEAST_PROVING, PROVING * (thread_time() - begun)))
     say(f"following the path for {cycles} cycles")
     rows, time, slower = _followed(
         problem, design, custom, cycles=cycles, steps=steps, period=period
@@ -215,12 +220,12 @@ def study(
     )
 
 
-def _proved(design: Design) -> Design:
-    """Add a certificate, if the leaf margin can be proved in short time."""
+def _proved(design: Design, seconds: float) -> Design:
+    """Add a certificate, if the leaf margin can be proved in so much processor time."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # without a compiler it takes longer
-            proof = prove(design, margin=PROVED * design.leaf_margin, seconds=PROVING)
+            proof = prove(design, margin=PROVED * design.leaf_margin, seconds=seconds)
     except InputError:  # bounds of these potentials, or the region's shape, are not known
         return design
     return replace(design, proof=proof) if proof else design

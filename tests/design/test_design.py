@@ -665,3 +665,15 @@ def test_the_curve_and_the_figure_hold_the_costs(panda: rp.Robot) -> None:
     levels = [line.get_ydata()[0] for line in ax.lines if line.get_linestyle() in ("--", "-.")]
     assert np.allclose(levels, [b.evaluation.cost for b in baselines])
     assert ax.get_yscale() == "log" and "rad" in figure.axes[1].get_xlabel()
+
+
+def test_the_worst_margin_of_a_design_fitted_to_few_nodes_is_found(panda_pose: rp.Task) -> None:
+    """Of degree 3 on 256 nodes, margins in corners of Ω are far below those at the nodes."""
+    box = rp.Box(panda_pose.reference, 0.05)
+    options = rp.FitOptions(samples=256, held_out=256)
+    potentials = rp.Polynomial(panda_pose.reference, 3, 0.05)
+    found = rp.nearest_repeatable(rp.Pseudoinverse(panda_pose), potentials, box, options=options)
+    side = np.sign(np.random.default_rng(0).standard_normal((1000, 7)))
+    Q = np.concatenate([box.random(4096, 5), box.center + box.half_width * side])
+    margins = singularity_search.LeafMargin(panda_pose, found.inverse.potentials, box.center)(Q)
+    assert margins.min() > found.leaf_margin - 0.01

@@ -161,6 +161,12 @@ MUTANTS = {
         0.5 * H_R**2 * L,
         0.5 * H_R**2,
     ),
+    "half the product of turning and sliding": lambda H_R, H_P, L: (
+        0.5 * H_R**2 * L + 0.5 * H_R * H_P,
+        0.5 * H_R**2,
+    ),
+    "half the angular part": lambda H_R, H_P, L: (0.5 * H_R**2 * L + H_R * H_P, 0.25 * H_R**2),
+    "half the linear part": lambda H_R, H_P, L: (0.25 * H_R**2 * L + H_R * H_P, 0.5 * H_R**2),
     "minus the product": lambda H_R, H_P, L: (abs(0.5 * H_R**2 * L - H_R * H_P), 0.5 * H_R**2),
     "no angular part": lambda H_R, H_P, L: (0.5 * H_R**2 * L + H_R * H_P, 0.0 * H_R),
     "no lengths": lambda H_R, H_P, L: (0.5 * H_R**2 * 0.5 + H_R * H_P, 0.5 * H_R**2),
@@ -319,7 +325,9 @@ def test_no_planted_singularity_is_proved_away(seed: int, tmp_path: Path) -> Non
     check_planted(seed, tmp_path)
 
 
-def check_planted(seed: int, folder: Path, seconds: float = 0.5) -> bool:
+def check_planted(seed: int, folder: Path, seconds: float = 0.5) -> tuple[float, float]:
+    """Hold a proof to a search of another kind: the margin that it proves, and the smallest that
+    the search finds."""
     rng = np.random.default_rng(seed)
     task = [
         lambda: planar_task(tuple(rng.uniform(0.5, 1, 3)), folder),
@@ -331,7 +339,7 @@ def check_planted(seed: int, folder: Path, seconds: float = 0.5) -> bool:
     where = rng.uniform(-1, 1, task.n)
     kind = seed % 3
     if kind:
-        where *= (1.02 if kind == 1 else 4.0) / np.abs(where).max()
+        where *= (rng.uniform(1.02, 1.5) if kind == 1 else 4.0) / np.abs(where).max()
     design = planted(task, center + width * where, center, width, seed)
     proof = rp.prove(design, seconds=seconds)
     Q = np.concatenate(
@@ -351,15 +359,19 @@ def check_planted(seed: int, folder: Path, seconds: float = 0.5) -> bool:
         values = margins(design, tries)
         if values.min() < found.min():
             best, found = tries[np.argmin(values)], values
-    assert proof.leaf_margin <= min(found.min(), margins(design, best[None])[0]) + 1e-9
-    return bool(proof)
+    assert proof.leaf_margin <= found.min() + 1e-9
+    return proof.leaf_margin, float(found.min())
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(3600)
 def test_two_hundred_random_designs_are_never_contradicted(tmp_path: Path) -> None:
-    proved = [check_planted(seed, tmp_path, 1.0) for seed in range(100, 300)]
-    assert 15 < sum(proved) < 140
+    """No proof is above what the search finds, and where there is a margin it is proved."""
+    found = np.array([check_planted(seed, tmp_path) for seed in range(100, 300)])
+    proved, least = found.T
+    far = least > 0.05
+    assert (proved[least <= 0] == 0).all() and (least < 1e-3).sum() > 60
+    assert far.sum() > 20 and (proved[far] > 0).mean() > 0.9
 
 
 # ---- against rigorous arithmetic ---------------------------------------------------------------

@@ -1,0 +1,157 @@
+"""Wrong versions of the bounds of a proof: a term dropped, halved, or of the other sign."""
+
+from __future__ import annotations
+
+import sys
+from importlib.resources import files
+from types import ModuleType
+
+import pytest
+
+PACKAGE = "repctl_pin.proof"
+
+NUMPY = {
+    "no products of slopes": ("np.abs(pairs + np.swapaxes(pairs, 1, 2)) / 2", "0 * pairs"),
+    "half the products": ("np.swapaxes(pairs, 1, 2)) / 2", "np.swapaxes(pairs, 1, 2)) / 4"),
+    "products subtracted": ("np.abs(pairs + np.", "np.abs(pairs - np."),
+    "no R N_j": ("at.R @ first + D @ rough", "D @ rough"),
+    "half of R N_j": ("at.R @ first + D @ rough", "0.5 * at.R @ first + D @ rough"),
+    "no D R X": ("at.R @ first + D @ rough", "at.R @ first"),
+    "half of D R X": ("at.R @ first + D @ rough", "at.R @ first + 0.5 * D @ rough"),
+    "R not in D": ("D = at.R + np.einsum", "D = np.einsum"),
+    "half of R in D": ("D = at.R + np.einsum", "D = 0.5 * at.R + np.einsum"),
+    "no R X": ("rough + Y[:, :, 6:]", "Y[:, :, 6:]"),
+    "half of R X": ("rough + Y[:, :, 6:]", "0.5 * rough + Y[:, :, 6:]"),
+    "no z": ("rough + Y[:, :, 6:]", "rough"),
+    "half of z": ("rough + Y[:, :, 6:]", "rough + 0.5 * Y[:, :, 6:]"),
+    "N turns the other way": ("dN = -B @", "dN = B @"),
+    "V's slopes in J_c": ("B[..., :n] -= X[:, None] @ slopes", "pass"),
+    "V_c not taken out of P": (" - V[:, None] @ np.swapaxes(M, 2, 3)", ""),
+    "V_c added to P": (" - V[:, None] @ np.swap", " + V[:, None] @ np.swap"),
+    "V's slopes not in M": ("_size(_summed(M, half) + ", "_size("),
+    "V's rest not in M": (" + at.rest @ np.abs(V) + tiny", " + tiny"),
+    "half of V's rest in M": (
+        " + at.rest @ np.abs(V) + tiny",
+        " + 0.5 * at.rest @ np.abs(V) + tiny",
+    ),
+    "half of V's rest": ("pi = rest + np", "pi = 0.5 * rest + np"),
+    "V's rest not projected": ("np.abs(V) @ (np.abs(at.V) @ rest)", "0"),
+    "M once": ("(turned / (1 - turned) * slack)", "turned"),
+    "M not at all": ("pi = pi + row[:, :, None]", "pass"),
+    "slopes of P not in its rows": ("((P + pi) ** 2)", "(pi**2)"),
+    "P without its rest": ("return dP, pi, P + pi, turned", "return dP, pi, P, turned"),
+    "β without slopes of N": ("@ (first + nu)", "@ nu"),
+    "β without half of those": ("@ (first + nu)", "@ (0.5 * first + nu)"),
+    "β without ν": ("@ (first + nu)", "@ first"),
+    "β without half of ν": ("@ (first + nu)", "@ (first + 0.5 * nu)"),
+    "β without π": ("np.swapaxes(pi, 1, 2) @ np.abs(T) + tiny", "tiny"),
+    "β with half of π": ("+ np.swapaxes(pi, 1, 2) @", "+ 0.5 * np.swapaxes(pi, 1, 2) @"),
+    "b without slopes": ("b = _summed(PT, half) + beta", "b = beta"),
+    "b with half of the slopes": ("b = _summed(PT, half)", "b = 0.5 * _summed(PT, half)"),
+    "b without β": ("b = _summed(PT, half) + beta", "b = _summed(PT, half)"),
+    "ρ without ν": ("rho = nu + pi + np", "rho = pi + np"),
+    "ρ with half of ν": ("rho = nu + pi + np", "rho = 0.5 * nu + pi + np"),
+    "ρ without π": ("rho = nu + pi + np", "rho = nu + np"),
+    "ρ with half of π": ("rho = nu + pi + np", "rho = nu + 0.5 * pi + np"),
+    "ρ without β": ("np.abs(T) @ beta + tiny", "tiny"),
+    "ρ with half of β": ("np.abs(T) @ beta + tiny", "0.5 * np.abs(T) @ beta + tiny"),
+    "ρ without b": ("rho + again + row[:, :, None]", "rho"),
+    "ρ with half of b": ("rho + again + row[:, :, None]", "rho + 0.5 * again + row[:, :, None]"),
+    "ρ with b once": ("rho + again + row[:, :, None]", "rho + again"),
+    "b² only": ("(size / (1 - size) * slack)", "size"),
+    "slopes not in |S − T_c|": ("again = (wide + rho) @ b", "again = rho @ b"),
+    "ρ not in |S − T_c|": ("again = (wide + rho) @ b", "again = wide @ b"),
+    "S without P": ("dS = dN - dP - ", "dS = dN - "),
+    "S with P added": ("dS = dN - dP - ", "dS = dN + dP - "),
+    "S without the product": ("- T[:, None] @ PT\n", "\n"),
+    "S with the product added": ("- T[:, None] @ PT\n", "+ T[:, None] @ PT\n"),
+    "no first order of SᵀS": ("np.abs(T_T @ T) + both.sum(axis=1)", "np.abs(T_T @ T)"),
+    "half of the first order": ("+ both.sum(axis=1)", "+ 0.5 * both.sum(axis=1)"),
+    "no T_c ρ": ("+ cross + np.swapaxes(cross, 1, 2)", ""),
+    "half of T_c ρ": ("+ cross + np.swapaxes(cross, 1, 2)", "+ cross"),
+    "no square": ("square += np.swapaxes(wide + rho, 1, 2) @ (wide + rho)", "pass"),
+    "half of the square": ("square += np.swap", "square += 0.5 * np.swap"),
+    "slopes not in the square": ("1, 2) @ (wide + rho)", "1, 2) @ rho"),
+    "ρ not in the square": ("1, 2) @ (wide + rho)", "1, 2) @ wide"),
+    "the margin without P": ("1 + square * (1 + P**2 * (1 + eps))", "1 + square"),
+    "the margin with half of P": ("(1 + P**2 * (1 + eps))", "(1 + 0.5 * P**2)"),
+    "half of S": ("1 + square * (", "1 + 0.5 * square * ("),
+}
+"""What is wrong: a piece of leaf_margin_bounds.py, and what is put in its place."""
+
+C = {
+    "half of V's rest": ("rest[a][i] = 0.5 * e", "rest[a][i] = 0.25 * e"),
+    "no fourth derivatives": ("(l > j ? 2 : 1) + t / 3)", "(l > j ? 2 : 1))"),
+    "pairs of third derivatives once": ("(l > j ? 2 : 1)", "1"),
+    "half of a turning joint's rest": (
+        "? 0.5 * H_R * H_R * L + H_R * H_P",
+        "? 0.25 * H_R * H_R * L + H_R * H_P",
+    ),
+    "no product of turning and sliding": ("H_R * L + H_R * H_P", "H_R * L"),
+    "half of a sliding joint's rest": (": 0.5 * H_R * H_R;\n", ": 0.25 * H_R * H_R;\n"),
+    "half of the angular rest": ("? 0.5 * H_R * H_R : 0", "? 0.25 * H_R * H_R : 0"),
+    "no linear rest": ("tiny + a_v * linear[c]", "tiny"),
+    "no angular rest": (" + a_w * angular[c]", ""),
+    "no products of slopes": ("F[i][6 + a] += both *", "F[i][6 + a] += 0 * both *"),
+    "half the products": ("F[i][6 + a] += both *", "F[i][6 + a] += 0.5 * both *"),
+    "one of two products": ("if (turns[k][c] && k > j)", "if (0)"),
+    "no R N_j": ("+= R[i][c] * first[c][a] + D", "+= D"),
+    "no D R X": (" + D[i][c] * rough[c][a]", ""),
+    "R not in D": ("D[i][c] = R[i][c] = e + fabs(s)", "D[i][c] = 0, R[i][c] = e + fabs(s)"),
+    "no R X": ("e[i][a] = rough[i][a] + Y[i][6 + a]", "e[i][a] = Y[i][6 + a]"),
+    "no z": ("e[i][a] = rough[i][a] + Y[i][6 + a]", "e[i][a] = rough[i][a]"),
+    "N turns the other way": ("dN[j][i][a] -= s[i]", "dN[j][i][a] += s[i]"),
+    "V_c not taken out of P": ("dP[i][a] -= V[c][i] * s;", ";"),
+    "V's slopes not in M": ("M[a][c] += h[j] * fabs(s);", ";"),
+    "V's rest not in M": ("s += rest[a][i] * fabs(V[c][i]);", ";"),
+    "V's rest not projected": ("s += fabs(V[c][i]) * fabs(V[c][l]) * rest[a][l];", ";"),
+    "M not at all": ("loose[i][a] += row, all", "all"),
+    "β without slopes of N": ("all[i][a] * (first[i][c] + e[i][c])", "all[i][a] * e[i][c]"),
+    "β without ν": ("(first[i][c] + e[i][c])", "first[i][c]"),
+    "β without π": (" + loose[i][a] * fabs(T[i][c]);", ";"),
+    "b without slopes": ("b[a][c] += h[j] * fabs(PT[a][c]);", ";"),
+    "b without β": ("bent[a][c] = s, b[a][c] += s;", "bent[a][c] = s;"),
+    "ρ without ν": ("m[a] = e[i][a] + loose", "m[a] = loose"),
+    "ρ without π": ("+ loose[i][a] + defect;", "+ defect;"),
+    "ρ without β": ("m[a] += fabs(T[i][c]) * bent[c][a];", ";"),
+    "ρ without b": ("e[i][a] = m[a] + w[a] + row", "e[i][a] = m[a]"),
+    "ρ with b once": ("e[i][a] = m[a] + w[a] + row", "e[i][a] = m[a] + w[a]"),
+    "slopes not in |S − T_c|": ("(wide[i][c] + m[c]) * b", "m[c] * b"),
+    "S without P": ("s = dN[j][i][a] - dP[i][a]", "s = dN[j][i][a]"),
+    "S without the product": ("s -= T[i][c] * PT[c][a]", ""),
+    "no first order of SᵀS": ("K[a][c] += s, part", "part"),
+    "half of T_c ρ": (" + e[i][a] * fabs(T[i][c]) + (wide", " + (wide"),
+    "no square": (" + (wide[i][a] + e[i][a]) * (wide[i][c] + e[i][c]);", ";"),
+    "the margin without P": ("most * (1 + size * size * slack)", "most"),
+}
+"""What is wrong: a piece of leaf_margin_bounds.c, and what is put in its place."""
+
+
+POTENTIALS = {
+    "half of the third derivatives": ("rest = 0.5 * np.einsum", "rest = 0.25 * np.einsum"),
+    "no third derivatives": ("rest = 0.5 * np.einsum", "rest = 0 * np.einsum"),
+    "half of those at the centre": ("rest + 0.5 * np.einsum", "rest + 0.25 * np.einsum"),
+    "no fourth derivatives": ("third += np.einsum", "0 * np.einsum"),
+    "half of the fourth derivatives": ("half) / 3", "half) / 6"),
+    "powers' factors forgotten": ("np.abs(c) * (by_m * size", "np.abs(c) * (size"),
+    "fourth derivatives at the centre": ("= [self._most(v) for v in z]", "= [0.0] * len(z)"),
+    "one scale missing": ("by_l / scale[l]", "by_l"),
+    "half of a third power": ("+= np.abs(cubic)", "+= 0.5 * np.abs(cubic)"),
+}
+"""What is wrong with V's remainder, in potentials.py or leaf_margin_bounds.py."""
+
+
+def source(name: str, piece: str, instead: str) -> str:
+    """Read a file of the package, with one piece replaced."""
+    text = files(PACKAGE).joinpath(name).read_text(encoding="utf-8")
+    assert text.count(piece) == 1, f"{piece!r} is there {text.count(piece)} times"
+    return text.replace(piece, instead)
+
+
+def wrong(monkeypatch: pytest.MonkeyPatch, name: str, piece: str, instead: str) -> ModuleType:
+    """Make a module of the package with one piece replaced."""
+    module = ModuleType(f"{PACKAGE}.wrong")
+    module.__package__ = PACKAGE
+    monkeypatch.setitem(sys.modules, module.__name__, module)
+    exec(compile(source(name, piece, instead), name, "exec"), module.__dict__)
+    return module
