@@ -13,7 +13,7 @@ from ..paths.task_path import TaskPath
 from ..strategies import Strategy
 from ..strategies.repeatable import RepeatableInverse
 from .governor import Governor
-from .loop import Loop
+from .loop import STEP, Loop
 from .status import Status
 from .timing import presumed_acceleration
 
@@ -44,6 +44,8 @@ class GovernedLoop(Loop):
     period
         Period, s.
     """
+
+    tick = 4 * STEP  # a plan takes some milliseconds in Python
 
     def __init__(
         self,

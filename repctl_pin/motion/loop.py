@@ -56,11 +56,13 @@ class Loop:
         Configurations of each controller in an undisturbed first cycle.
     """
 
+    tick = STEP
+
     def __init__(
         self, strategies: Sequence[Strategy], path: TaskPath, q0: ArrayLike, *, period: float
     ) -> None:
         self.strategies, self.task = tuple(strategies), strategies[0].task
-        self.steps = max(round(period / STEP), 8)
+        self.steps = max(round(period / self.tick), 8)
         self.dt = period / self.steps
         self._targets = [path.placement(k / self.steps) for k in range(self.steps)]
         start = self.task.check(q0, "the start")
