@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from time import perf_counter
+from time import thread_time
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,14 +76,14 @@ def bound_leaf_margin(
         FailureReason as soon as this margin is proved, or at a configuration with a smaller one.
         None finds the largest bound.
     seconds
-        Time after which the bound found so far is taken.
+        Processor time after which the bound found so far is taken, s.
     report
         Progress callback; gets the proved fraction of the volume.
     """
     search = _Search(problem, low, high, goal)
-    end, whole = perf_counter() + seconds, search.volume()
+    end, whole = thread_time() + seconds, search.volume()
     while search.open() and not search.reason:
-        if perf_counter() > end:
+        if thread_time() > end:
             search.reason = f"stopped after {seconds:g} s"
         elif len(search.low) > _MOST:
             search.reason = f"stopped at {_MOST} undecided boxes"

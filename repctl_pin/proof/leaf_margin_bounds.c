@@ -1,6 +1,6 @@
 /* Lower bounds of the leaf margin over boxes of joint space: see docs/theory.md, "Proved, not sampled".
 
-   The same mathematics as leaf_margin.py, one box at a time. No rounding is switched: bounds of it are added. */
+   The same mathematics as leaf_margin_bounds.py, one box at a time. No rounding is switched: bounds of it are added. */
 
 #include <math.h>
 
@@ -295,6 +295,227 @@ static int enclose(int N, double eps, double D[N][N], double F[N][N], double Y[N
   return 1;
 }
 
+/* Diagonalise the symmetric G (r, r) by Jacobi's rotations; the columns of O are orthonormal to rounding. */
+static void axes(int r, double G[r][r], double O[r][r]) {
+  for (int a = 0; a < r; a++)
+    for (int b = 0; b < r; b++) O[a][b] = a == b;
+  for (int sweep = 0; sweep < 12; sweep++)
+    for (int a = 0; a < r; a++)
+      for (int b = a + 1; b < r; b++) {
+        if (!(fabs(G[a][b]) > 1e-16 * (fabs(G[a][a]) + fabs(G[b][b])))) continue;
+        double x = (G[b][b] - G[a][a]) / (2 * G[a][b]);
+        double t = (x < 0 ? -1 : 1) / (fabs(x) + sqrt(x * x + 1)), c = 1 / sqrt(t * t + 1), s = t * c;
+        for (int i = 0; i < r; i++) {
+          double y = G[i][a], z = G[i][b];
+          G[i][a] = c * y - s * z, G[i][b] = s * y + c * z;
+          y = O[i][a], z = O[i][b];
+          O[i][a] = c * y - s * z, O[i][b] = s * y + c * z;
+        }
+        for (int i = 0; i < r; i++) {
+          double y = G[a][i], z = G[b][i];
+          G[a][i] = c * y - s * z, G[b][i] = s * y + c * z;
+        }
+      }
+}
+
+/* Turn the gauge of V, and of all that belongs to it, so that T'T is diagonal, T = X - V at the centre. */
+static void turn_gauge(int n, int N, int r, double A[N][N], double V[r][n], double dV[r][n][n], double rest[r][n],
+                       double *round) {
+  double G[r][r], O[r][r], x[r], y[r], z[r];
+  for (int a = 0; a < r; a++)
+    for (int b = 0; b < r; b++) {
+      G[a][b] = 0;
+      for (int i = 0; i < n; i++) G[a][b] += (A[i][6 + a] - V[a][i]) * (A[i][6 + b] - V[b][i]);
+    }
+  axes(r, G, O);
+  for (int i = 0; i < N; i++) {
+    for (int a = 0; a < r; a++) x[a] = A[i][6 + a], A[i][6 + a] = 0;
+    for (int a = 0; a < r; a++)
+      for (int b = 0; b < r; b++) A[i][6 + a] += O[b][a] * x[b];
+  }
+  for (int i = 0; i < n; i++) {
+    for (int a = 0; a < r; a++) x[a] = V[a][i], y[a] = rest[a][i], V[a][i] = rest[a][i] = 0;
+    for (int a = 0; a < r; a++)
+      for (int b = 0; b < r; b++) V[a][i] += O[b][a] * x[b], rest[a][i] += fabs(O[b][a]) * y[b];
+    for (int j = 0; j < n; j++) {
+      for (int a = 0; a < r; a++) z[a] = dV[a][i][j], dV[a][i][j] = 0;
+      for (int a = 0; a < r; a++)
+        for (int b = 0; b < r; b++) dV[a][i][j] += O[b][a] * z[b];
+    }
+  }
+  for (int a = 0; a < r; a++) x[a] = round[6 + a], round[6 + a] = 0;
+  for (int a = 0; a < r; a++)
+    for (int b = 0; b < r; b++) round[6 + a] += fabs(O[b][a]) * x[b];
+}
+
+/* Slopes of the null space N = J_Vc^-1 [0; I], after A: fill dN, and add to D and to the shares of the joints. */
+static void null_space(const Problem *g, const double *h, double A[g->N][g->N], double dJ[g->n][g->N][6],
+                       char turns[g->n][g->N], double D[g->N][g->N], double dN[g->n][g->N][g->r], double *share) {
+  int n = g->n, N = g->N, r = g->r;
+  double s[N];
+  for (int j = 0; j < n; j++) {
+    share[j] = 0;
+    for (int i = 0; i < N; i++)
+      for (int a = 0; a < r; a++) dN[j][i][a] = 0;
+    if (h[j] == 0) continue;
+    for (int c = 0; c < N; c++) {
+      if (!turns[j][c]) continue;
+      const double *d = dJ[j][c];
+      for (int i = 0; i < N; i++) {
+        const double *x = A[i];
+        s[i] = x[0] * d[0] + x[1] * d[1] + x[2] * d[2] + x[3] * d[3] + x[4] * d[4] + x[5] * d[5];
+        D[i][c] += h[j] * fabs(s[i]);
+        if (i < n) share[j] += h[j] * fabs(s[i]);
+      }
+      for (int i = 0; i < N; i++)
+        for (int a = 0; a < r; a++) dN[j][i][a] -= s[i] * A[c][6 + a];
+    }
+  }
+}
+
+/* Add the second-order terms of N: of delta_j delta_k, |A (dJ_j dN_k + dJ_k dN_j)| for j < k, half of it for j = k. */
+static void second_order(const Problem *g, const double *h, double A[g->N][g->N], double dJ[g->n][g->N][6],
+                         char turns[g->n][g->N], double dN[g->n][g->N][g->r], double F[g->N][g->N]) {
+  int n = g->n, N = g->N, r = g->r;
+  double M[r][6];
+  for (int j = 0; j < n; j++)
+    for (int k = j; k < n; k++) {
+      double both = h[j] * h[k];
+      if (both == 0) continue;
+      for (int a = 0; a < r; a++)
+        for (int x = 0; x < 6; x++) M[a][x] = 0;
+      for (int c = 0; c < N; c++) {
+        if (turns[j][c])
+          for (int a = 0; a < r; a++)
+            for (int x = 0; x < 6; x++) M[a][x] += dJ[j][c][x] * dN[k][c][a];
+        if (turns[k][c] && k > j)
+          for (int a = 0; a < r; a++)
+            for (int x = 0; x < 6; x++) M[a][x] += dJ[k][c][x] * dN[j][c][a];
+      }
+      for (int i = 0; i < N; i++)
+        for (int a = 0; a < r; a++) {
+          const double *x = A[i], *d = M[a];
+          F[i][6 + a] += both * fabs(x[0] * d[0] + x[1] * d[1] + x[2] * d[2] + x[3] * d[3] + x[4] * d[4] + x[5] * d[5]);
+        }
+    }
+}
+
+/* From the slopes dN of the null space and those of V, across V_c: the bound of the leaf margin, and where to split.
+   P = W'V (V_c'V)^-1 and T = W'N for the complement W of V_c; S = (T - P) (I + P'T)^-1. */
+static void compare(const Problem *g, const double *h, double X[g->n][g->r], double T[g->n][g->r], double V[g->r][g->n],
+                    double dV[g->r][g->n][g->n], double rest[g->r][g->n], double defect, double dN[g->n][g->N][g->r],
+                    double first[g->N][g->r], double e[g->n][g->r], const double *share, double X_norm, double *bound,
+                    int *split) {
+  int n = g->n, r = g->r;
+  double eps = g->eps, slack = 1 + eps, dP[n][r], PT[r][r], both[r][r], M[r][r], part[n];
+  double all[n][r], loose[n][r], wide[n][r], b[r][r], bent[r][r], K[r][r], sum = 0, size = 0, turned = 0, below;
+  for (int a = 0; a < r; a++)
+    for (int c = 0; c < r; c++) {
+      double s = defect;
+      for (int i = 0; i < n; i++) s += rest[a][i] * fabs(V[c][i]);
+      M[a][c] = s, b[a][c] = K[a][c] = 0;
+    }
+  for (int i = 0; i < n; i++)
+    for (int a = 0; a < r; a++) all[i][a] = wide[i][a] = 0;
+  for (int j = 0; j < n; j++) {
+    part[j] = 0;
+    if (h[j] == 0) continue;
+    for (int a = 0; a < r; a++)
+      for (int i = 0; i < n; i++) dP[i][a] = dV[a][i][j], sum += h[j] * fabs(dV[a][i][j]);
+    for (int a = 0; a < r; a++)
+      for (int c = 0; c < r; c++) {
+        double s = 0;
+        for (int i = 0; i < n; i++) s += V[c][i] * dV[a][i][j];
+        for (int i = 0; i < n; i++) dP[i][a] -= V[c][i] * s;
+        M[a][c] += h[j] * fabs(s);
+      }
+    for (int a = 0; a < r; a++)
+      for (int c = 0; c < r; c++) {
+        PT[a][c] = 0;
+        for (int i = 0; i < n; i++) PT[a][c] += dP[i][a] * T[i][c];
+        b[a][c] += h[j] * fabs(PT[a][c]);
+      }
+    for (int a = 0; a < r; a++)
+      for (int c = 0; c < r; c++) both[a][c] = 0;
+    for (int i = 0; i < n; i++)
+      for (int a = 0; a < r; a++) {
+        double s = dN[j][i][a] - dP[i][a];
+        for (int c = 0; c < r; c++) s -= T[i][c] * PT[c][a];
+        all[i][a] += h[j] * fabs(dP[i][a]), wide[i][a] += h[j] * fabs(s);
+        for (int c = 0; c < r; c++) both[c][a] += T[i][c] * s;
+      }
+    for (int a = 0; a < r; a++)
+      for (int c = 0; c < r; c++) {
+        double s = h[j] * fabs(both[a][c] + both[c][a]);
+        K[a][c] += s, part[j] += s * s;
+      }
+  }
+  for (int a = 0; a < r; a++)
+    for (int c = 0; c < r; c++) turned += M[a][c] * M[a][c];
+  turned = sqrt(turned) * slack;
+  if (!(turned < 0.5) || !(defect < 0.01)) return;
+  for (int i = 0; i < n; i++) { /* P beside its slopes, and all of P */
+    double row = 0;
+    for (int a = 0; a < r; a++) {
+      double s = rest[a][i] + defect * (1 + sum);
+      for (int c = 0; c < r; c++)
+        for (int l = 0; l < n; l++) s += fabs(V[c][i]) * fabs(V[c][l]) * rest[a][l];
+      loose[i][a] = s;
+      row += (all[i][a] + s) * (all[i][a] + s);
+    }
+    row = sqrt(row) * turned / (1 - turned) * slack;
+    for (int a = 0; a < r; a++) loose[i][a] += row, all[i][a] += loose[i][a];
+  }
+  double norm = 0;
+  for (int a = 0; a < r; a++) /* bent: P'T beside its slopes; b: all of it */
+    for (int c = 0; c < r; c++) {
+      double s = defect;
+      for (int i = 0; i < n; i++) s += all[i][a] * (first[i][c] + e[i][c]) + loose[i][a] * fabs(T[i][c]);
+      bent[a][c] = s, b[a][c] += s;
+      norm += b[a][c] * b[a][c];
+    }
+  norm = sqrt(norm) * slack;
+  if (!(norm < 0.9)) return;
+  double second = 0;
+  for (int i = 0; i < n; i++) { /* e: S beside its slopes */
+    double m[r], w[r], row = 0;
+    for (int a = 0; a < r; a++) {
+      m[a] = e[i][a] + loose[i][a] + defect;
+      for (int c = 0; c < r; c++) m[a] += fabs(T[i][c]) * bent[c][a];
+    }
+    for (int a = 0; a < r; a++) {
+      w[a] = 0;
+      for (int c = 0; c < r; c++) w[a] += (wide[i][c] + m[c]) * b[c][a];
+      row += w[a] * w[a];
+    }
+    row = sqrt(row) * norm / (1 - norm) * slack;
+    for (int a = 0; a < r; a++) {
+      e[i][a] = m[a] + w[a] + row + eps;
+      second += e[i][a] * e[i][a];
+    }
+  }
+  for (int a = 0; a < r; a++)
+    for (int c = 0; c < r; c++) {
+      double s = 0, t = 0, tiny = 1;
+      for (int i = 0; i < n; i++) {
+        s += T[i][a] * T[i][c], tiny += fabs(X[i][a] * X[i][c]);
+        t += fabs(T[i][a]) * e[i][c] + e[i][a] * fabs(T[i][c]) + (wide[i][a] + e[i][a]) * (wide[i][c] + e[i][c]);
+      }
+      K[a][c] += fabs(s) + t + eps * tiny;
+    }
+  size = spectral(n, r, &all[0][0], &below) * slack;
+  double most = spectral(r, r, &K[0][0], &below) * slack;
+  *bound = (1 - eps) / (sqrt(1 + most * (1 + size * size * slack)) * (1 + 16 * defect) * slack);
+  double shares = 0;
+  int best = 0;
+  for (int j = 0; j < n; j++) shares += share[j];
+  for (int j = 0; j < n; j++) {
+    part[j] = 0.5 * sqrt(part[j]) / X_norm + 2 * sqrt(second) * share[j] / shares;
+    if (part[j] > part[best]) best = j;
+  }
+  *split = best;
+}
+
 static void one_box(const Problem *g, const double *q, const double *h, double *bound, double *center, double *sigma,
                     int *split) {
   int P = g->P, n = g->n, N = g->N, r = g->r;
@@ -320,7 +541,7 @@ static void one_box(const Problem *g, const double *q, const double *h, double *
     return;
   }
 
-  double B[N][N], A[N][N], R[N][N], D[N][N], F[N][N], Y[N][N], DY[N][N];
+  double B[N][N], A[N][N], R[N][N], D[N][N], F[N][N], Y[N][N], DY[N][N], below, share[n], dN[n][N][r];
   for (int c = 0; c < N; c++) {
     for (int i = 0; i < 6; i++) B[i][c] = J[c][i];
     for (int a = 0; a < r; a++) B[6 + a][c] = c < n ? V[a][c] : 0;
@@ -329,13 +550,20 @@ static void one_box(const Problem *g, const double *q, const double *h, double *
     *center = 0;
     return;
   }
-  double X[n][r], below;
+  if (r > 1) turn_gauge(n, N, r, A, V, dV, rest, round);
+  double X[n][r], T[n][r], defect = eps;
   for (int i = 0; i < n; i++)
-    for (int a = 0; a < r; a++) X[i][a] = A[i][6 + a];
+    for (int a = 0; a < r; a++) X[i][a] = A[i][6 + a], T[i][a] = X[i][a] - V[a][i];
   double X_norm = spectral(n, r, &X[0][0], &below);
   *center = 1 / below;
+  for (int a = 0; a < r; a++) /* what V_c differs from orthonormal by, and X from V_c^T X = I */
+    for (int b = 0; b < r; b++) {
+      double s = -(a == b), t = -(a == b);
+      for (int i = 0; i < n; i++) s += V[a][i] * V[b][i], t += V[a][i] * X[i][b];
+      defect += fabs(s) + fabs(t);
+    }
 
-  for (int i = 0; i < N; i++) { /* all of D but the slopes */
+  for (int i = 0; i < N; i++) { /* all of D but the slopes, with V_c in place of V */
     const double *x = A[i];
     double tiny = 0, a_v = sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]),
            a_w = sqrt(x[3] * x[3] + x[4] * x[4] + x[5] * x[5]);
@@ -344,109 +572,43 @@ static void one_box(const Problem *g, const double *q, const double *h, double *
       double s = -(i == c), e = tiny + a_v * linear[c] + a_w * angular[c];
       for (int a = 0; a < 6; a++) s += x[a] * J[c][a];
       if (c < n)
-        for (int a = 0; a < r; a++) s += x[6 + a] * V[a][c], e += fabs(x[6 + a]) * rest[a][c];
+        for (int a = 0; a < r; a++) s += x[6 + a] * V[a][c];
       D[i][c] = R[i][c] = e + fabs(s);
     }
   }
-  /* S: the bound of V^T V_c - I, loose: beside its slopes; K: of (X V^T V_c)^T (X V^T V_c) - X^T X */
-  double loose[r][r], S[r][r], dS[r][r], K[r][r], dX[N][r], wide[n][r], part[n], share[n], shares = 0, defect = eps;
-  for (int a = 0; a < r; a++)
-    for (int b = 0; b < r; b++) {
-      double s = -(a == b), e = 0, both = 0;
-      for (int i = 0; i < n; i++) s += V[a][i] * V[b][i], e += (rest[a][i] + round[6 + a]) * fabs(V[b][i]);
-      for (int i = 0; i < n; i++) both += fabs(X[i][a] * X[i][b]);
-      defect += fabs(s);
-      loose[a][b] = S[a][b] = e + fabs(s) + eps;
-      K[a][b] = eps * both;
-    }
-  for (int i = 0; i < n; i++)
-    for (int a = 0; a < r; a++) wide[i][a] = 0;
-  for (int i = 0; i < N; i++) { /* right-hand sides: |A| of the task's rows, and the bound of (A J_V - I) X_c */
-    for (int a = 0; a < 6; a++) F[i][a] = fabs(A[i][a]) + eps;
-    for (int a = 0; a < r; a++) {
-      F[i][6 + a] = eps;
-      for (int c = 0; c < N; c++) F[i][6 + a] += R[i][c] * fabs(A[c][6 + a]);
-    }
-  }
-  for (int j = 0; j < n; j++) {
-    part[j] = share[j] = 0;
-    if (h[j] == 0) continue;
-    for (int i = 0; i < N; i++)
-      for (int a = 0; a < r; a++) dX[i][a] = 0;
-    for (int c = 0; c < N; c++) {
-      if (c >= n && !turns[j][c]) continue;
-      const double *d = dJ[j][c];
-      for (int i = 0; i < N; i++) {
-        const double *x = A[i];
-        double s = 0;
-        if (turns[j][c]) s = x[0] * d[0] + x[1] * d[1] + x[2] * d[2] + x[3] * d[3] + x[4] * d[4] + x[5] * d[5];
-        if (c < n)
-          for (int a = 0; a < r; a++) s += x[6 + a] * dV[a][c][j];
-        D[i][c] += h[j] * fabs(s);
-        for (int a = 0; a < r; a++) dX[i][a] -= s * A[c][6 + a];
-        if (i < n) share[j] += h[j] * fabs(s);
-      }
-    }
-    shares += share[j];
-    for (int a = 0; a < r; a++)
-      for (int b = 0; b < r; b++) {
-        dS[a][b] = 0;
-        for (int i = 0; i < n; i++) dS[a][b] += dV[a][i][j] * V[b][i];
-        S[a][b] += h[j] * fabs(dS[a][b]);
-      }
-    for (int i = 0; i < N; i++)
-      for (int b = 0; b < r; b++) {
-        F[i][6 + b] += h[j] * fabs(dX[i][b]);
-        if (i >= n) continue;
-        for (int a = 0; a < r; a++) dX[i][b] += X[i][a] * dS[a][b];
-        wide[i][b] += h[j] * fabs(dX[i][b]);
-      }
-    for (int a = 0; a < r; a++)
-      for (int b = 0; b < r; b++) {
-        double s = 0;
-        for (int i = 0; i < n; i++) s += X[i][a] * dX[i][b] + X[i][b] * dX[i][a];
-        K[a][b] += h[j] * fabs(s);
-        part[j] += h[j] * h[j] * s * s;
-      }
+  null_space(g, h, A, dJ, turns, D, dN, share);
+  for (int a = 0; a < r; a++) { /* V's own part of the shares */
+    double x = 0;
+    for (int i = 0; i < n; i++) x += fabs(X[i][a]);
+    for (int i = 0; i < n; i++)
+      for (int j = 0; j < n; j++) share[j] += h[j] * x * fabs(dV[a][i][j]);
   }
   for (int j = 0; j < n; j++)
     if (share[j] > share[*split]) *split = j;
+  double first[N][r], rough[N][r]; /* of N - N_c: the slopes, and what D has beside slopes */
+  for (int i = 0; i < N; i++) {
+    for (int a = 0; a < 6; a++) F[i][a] = fabs(A[i][a]) + eps;
+    for (int a = 0; a < r; a++) {
+      F[i][6 + a] = eps, first[i][a] = rough[i][a] = 0;
+      for (int j = 0; j < n; j++) first[i][a] += h[j] * fabs(dN[j][i][a]);
+      for (int c = 0; c < N; c++) rough[i][a] += R[i][c] * fabs(A[c][6 + a]);
+    }
+  }
+  second_order(g, h, A, dJ, turns, dN, F);
+  for (int i = 0; i < N; i++)
+    for (int c = 0; c < N; c++)
+      for (int a = 0; a < r; a++) F[i][6 + a] += R[i][c] * first[c][a] + D[i][c] * rough[c][a];
   if (!enclose(N, eps, D, F, Y, DY)) return;
-
-  double size = 0, square = 0, second = 0, e[r];
-  for (int i = 0; i < n; i++) {
+  double square = 0;
+  for (int i = 0; i < n; i++)
     for (int j = 0; j < 6; j++) square += Y[i][j] * Y[i][j];
-    for (int b = 0; b < r; b++) { /* e: what X V^T V_c may differ by from its first two terms */
-      e[b] = DY[i][6 + b];
-      for (int l = 0; l < N; l++) e[b] += R[i][l] * fabs(A[l][6 + b]);
-      for (int a = 0; a < r; a++) e[b] += fabs(X[i][a]) * loose[a][b] + Y[i][6 + a] * S[a][b];
-      second += e[b] * e[b];
-    }
-    for (int a = 0; a < r; a++)
-      for (int b = 0; b < r; b++)
-        K[a][b] += fabs(X[i][a]) * e[b] + e[a] * fabs(X[i][b]) + (wide[i][a] + e[a]) * (wide[i][b] + e[b]);
-  }
   *sigma = (1 - eps) / (sqrt(square) * slack * g->beta);
-  double turned = 0, K_norm;
-  for (int a = 0; a < r; a++) {
-    for (int b = 0; b < r; b++) turned += S[a][b] * S[a][b];
-    for (int i = 0; i < n; i++) {
-      double x = rest[a][i] + round[6 + a];
-      for (int j = 0; j < n; j++) x += h[j] * fabs(dV[a][i][j]);
-      size += x * x;
-    }
-  }
-  turned = sqrt(turned) * slack;
-  if (!(turned < 0.5) || !(defect < 0.01)) return;
-  size = size * slack / ((1 - turned) * (1 - turned));
-  K_norm = (X_norm * X_norm + spectral(r, r, &K[0][0], &below)) * slack;
-  *bound = (1 - eps) / (sqrt(K_norm * (1 + size * slack)) * (1 + 4 * defect) * slack);
-  int best = 0;
-  for (int j = 0; j < n; j++) {
-    part[j] = 0.5 * sqrt(part[j]) / X_norm + 2 * sqrt(second) * share[j] / shares;
-    if (part[j] > part[best]) best = j;
-  }
-  *split = best;
+  double e[n][r]; /* N beside its slopes */
+  for (int i = 0; i < n; i++)
+    for (int a = 0; a < r; a++) e[i][a] = rough[i][a] + Y[i][6 + a];
+  for (int a = 0; a < r; a++)
+    for (int i = 0; i < n; i++) rest[a][i] += round[6 + a];
+  compare(g, h, X, T, V, dV, rest, defect, dN, first, e, share, X_norm, bound, split);
 }
 
 void leaf_margins(const Problem *g, long K, const double *Q, const double *half, double *bound, double *center,

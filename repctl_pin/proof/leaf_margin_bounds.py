@@ -1,17 +1,20 @@
 r"""Lower bounds of the leaf margin over boxes of joint space, by the batch.
 
-On a box ``q_c ± h``, with any ``A ≈ J_V(q_c)⁻¹``:
+On a box ``q_c ± h``, with ``J_c = [J; V_cᵀ]``, V_c the value of V at the centre, and any
+``A ≈ J_c(q_c)⁻¹``:
 
 .. math::
 
-   |A J_V(q) − I| ≤ D = Σ_j |A ∂_j J_V| h_j + |A| \,(\text{remainders, rounding})
-   + |A J_V(q_c) − I|, \\
-   F + D Y ≤ Y,\; Y > 0 ⇒ J_V \text{ is regular}, \qquad |J_V⁻¹| ≤ Y \text{ with } F = |A|, \quad
-   |X − X_c| ≤ Y \text{ with } F ≥ |(A J_V − I) X_c|, \qquad
-   \text{leaf margin} = \frac{1}{‖X V^T‖_2}
+   |A J_c(q) − I| ≤ D = Σ_j |A ∂_j J_c| h_j + |A| \,(\text{remainders, rounding})
+   + |A J_c(q_c) − I|, \\
+   F + D Y ≤ Y,\; Y > 0 ⇒ J_c \text{ is regular}, \qquad |J_c⁻¹| ≤ Y \text{ with } F = |A|
 
-X the last r columns of J_V⁻¹. In C where there is a compiler (leaf_margin_bounds.c), else in NumPy:
-the same mathematics. """
+The last r columns N of ``J_c⁻¹`` are the null space, to second order in the joints. Across V_c, N
+and V are the graphs of T and P, and with ``S = (T − P)(I + PᵀT)⁻¹``
+
+.. math:: \text{leaf margin} ≥ 1 / \sqrt{1 + ‖S‖² (1 + ‖P‖²)}
+
+In C where there is a compiler (leaf_margin_bounds.c), else in NumPy: the same mathematics. """
 
 from __future__ import annotations
 
@@ -97,13 +100,15 @@ class LeafMargin:
 def leaf_margin_of(task: Task, field: Potentials, box: Box) -> LeafMargin:
     """Prepare bounds inside a box, seen from the link that needs the fewest boxes."""
     features, chain = features_of(field, task.n, box), chain_of(task)
+
+    def needed(one: LeafMargin) -> float:
+        return _perron_root(one, box.center, box.half_width / 8)
+
     middles = range(len(chain.p) + 1)
-    made = [
-        _prepared(task, chain.seen_from(k, way), features, box)
-        for k in middles
-        for way in (0.0, 0.5, 1.0)
-    ]
-    return min(made, key=lambda one: _perron_root(one, box.center, box.half_width / 8))
+    made = [_prepared(task, chain.seen_from(k, 0.5), features, box) for k in middles]
+    best = min(made, key=needed)
+    ends = [chain.seen_from(best.chain.middle, way) for way in (0.0, 1.0)]
+    return min([best, *(_prepared(task, end, features, box) for end in ends)], key=needed)
 
 
 def _perron_root(problem: LeafMargin, q: Array, half: Array) -> float:
@@ -177,51 +182,105 @@ def _batch(problem: LeafMargin, Q: Array, half: Array) -> Bounds:
 def margins(at: Expansion, half: Array, n: int, eps: float, beta: float | Array) -> Bounds:
     """Bound the leaf margin in boxes where J_V is given to first order, in the variables of half
     (K, k)."""
-    slack = 1 + eps
-    A, V = at.A, at.V
-    r = V.shape[1]
-    X = A[:, :, 6:]  # (K, N, r)
+    at = _along_axes(at)
+    A, X = at.A, at.A[:, :, 6:]  # X: (K, N, r)
     norm, below = _spectral(X[:, :n])
-    dS = np.einsum("Kaij,Kbi->Kjab", at.dV, V)
-    dX = -at.B @ X[:, None]  # (K, n, N, r)
-    F = (
-        np.concatenate([np.abs(A[:, :, :6]), np.einsum("Kjia,Kj->Kia", np.abs(dX), half)], axis=2)
-        + eps
-    )
-    dX = dX[:, :, :n] + X[:, None, :n] @ dS
-    wide = np.einsum("Kjia,Kj->Kia", np.abs(dX), half)
-    F[:, :, 6:] += at.R @ np.abs(X)
-    Y, DY, regular = enclosed(at.D, F, eps)
+    # with V_c in place of V: N = [J; V_c^T]^-1 [0; I] = X - sum of B X + second
+    slopes = np.moveaxis(at.dV, 3, 1)  # (K, k, r, n)
+    B = at.B.copy()
+    B[..., :n] -= X[:, None] @ slopes
+    D = at.R + np.einsum("Kjic,Kj->Kic", np.abs(B), half)
+    dN = -B @ X[:, None]  # (K, k, N, r)
+    first, rough = np.einsum("Kjia,Kj->Kia", np.abs(dN), half), at.R @ np.abs(X)
+    pairs = np.einsum("Kjic,Kkca->Kjkia", B, dN, optimize=True)
+    pairs = np.abs(pairs + np.swapaxes(pairs, 1, 2)) / 2
+    second = np.einsum("Kjkia,Kj,Kk->Kia", pairs, half, half, optimize=True)
+    second += at.R @ first + D @ rough + eps
+    Y, _, regular = enclosed(D, np.concatenate([np.abs(A[:, :, :6]) + eps, second], axis=2), eps)
+    sigma = (1 - eps) / (np.sqrt((Y[:, :n, :6] ** 2).sum(axis=(1, 2))) * (1 + eps) * beta)
+    e = (rough + Y[:, :, 6:])[:, :n]
+    bound, both, e = _compared(at, X[:, :n], dN[:, :, :n], first[:, :n], e, half, eps)
 
-    # |V^T V_c − I| ≤ S; |(X V^T V_c)^T (X V^T V_c) − X^T X| ≤ K, with e what X V^T V_c has beside
-    # its slopes
-    loose = np.abs(V @ np.swapaxes(V, 1, 2) - np.eye(r))
-    defect = eps + loose.sum(axis=(1, 2))
-    loose = loose + at.rest @ np.abs(np.swapaxes(V, 1, 2)) + eps
-    S = loose + np.einsum("Kjab,Kj->Kab", np.abs(dS), half)
-    e = (at.R @ np.abs(X) + DY[:, :, 6:] + np.abs(X) @ loose + Y[:, :, 6:] @ S)[:, :n]
-    X, X_T = X[:, :n], np.swapaxes(X[:, :n], 1, 2)
-    both = X_T[:, None] @ dX
-    both = np.abs(both + np.swapaxes(both, 2, 3)) * half[:, :, None, None]  # (K, j, r, r)
-    cross = np.abs(X_T) @ e
-    K = both.sum(axis=1) + cross + np.swapaxes(cross, 1, 2)
-    K += np.swapaxes(wide + e, 1, 2) @ (wide + e) + eps * (np.abs(X_T) @ np.abs(X))
-    moved = at.rest + np.einsum("Kaij,Kj->Kai", np.abs(at.dV), half)
-    turned = np.sqrt((S**2).sum(axis=(1, 2))) * slack
-    size = (moved**2).sum(axis=(1, 2)) * slack / (1 - turned) ** 2
-    bound = (1 - eps) / (
-        np.sqrt((norm**2 + _spectral(K)[0]) * slack * (1 + size * slack)) * (1 + 4 * defect) * slack
-    )
-    sigma = (1 - eps) / (np.sqrt((Y[:, :n, :6] ** 2).sum(axis=(1, 2))) * slack * beta)
-
-    good = regular & (turned < 0.5) & (defect < 0.01) & np.isfinite(bound)
-    share = np.abs(at.B)[:, :, :n].sum(axis=(2, 3)) * half
+    good = regular & np.isfinite(bound)
+    share = np.abs(B)[:, :, :n].sum(axis=(2, 3)) * half
+    share += np.einsum("Kia,Kjal,Kj->Kj", np.abs(X[:, :n]), np.abs(slopes), half, optimize=True)
     second = np.sqrt((e**2).sum(axis=(1, 2)))[:, None] * share / share.sum(axis=1)[:, None]
     cost = 0.5 * np.sqrt((both**2).sum(axis=(2, 3))) / norm[:, None] + 2 * second
     share = np.where(np.isfinite(share).all(axis=1)[:, None], share, half)
     split = np.where(good, cost.argmax(axis=1), share.argmax(axis=1)).astype(np.int32)
     center = np.where(np.isfinite(below) & (below > 0), 1 / below, 0.0)
     return Bounds(np.where(good, bound, 0.0), center, np.where(regular, sigma, 0.0), split)
+
+
+def _compared(
+    at: Expansion, X: Array, dN: Array, first: Array, e: Array, half: Array, eps: float
+) -> tuple[Array, Array, Array]:
+    """Compare the null space N with V, both across V_c: ``S = (T − P) (I + PᵀT)⁻¹``.
+
+    Given ``N = X + Σ δ_j dN_j + …`` with what the slopes amount to, and the rest e, (K, n, r) each:
+    the bound of the leaf margin (K,), NaN where there is none, how much each variable changes
+    ``SᵀS``, (K, k, r, r), and what S has beside its slopes.
+    """
+    slack, V, r = 1 + eps, np.swapaxes(at.V, 1, 2), at.V.shape[1]
+    T, slopes, rest = X - V, np.moveaxis(at.dV, 3, 1), np.swapaxes(at.rest, 1, 2)
+    defect = eps + np.abs(at.V @ V - np.eye(r)).sum(axis=(1, 2))
+    defect += np.abs(at.V @ X - np.eye(r)).sum(axis=(1, 2))
+    tiny = defect[:, None, None]
+
+    S = slopes @ V[:, None]  # of V^T V_c
+    dP = np.swapaxes(slopes, 2, 3) - V[:, None] @ np.swapaxes(S, 2, 3)
+    turned = _size(_summed(S, half) + at.rest @ np.abs(V) + tiny) * slack
+    whole = np.einsum("Kjab,Kj->K", np.abs(slopes), half)[:, None, None]
+    loose = rest + np.abs(V) @ (np.abs(at.V) @ rest) + tiny * (1 + whole)
+    P = _summed(dP, half)
+    row = np.sqrt(((P + loose) ** 2).sum(axis=2)) * (turned / (1 - turned) * slack)[:, None]
+    loose = loose + row[:, :, None]
+    P = P + loose
+
+    PT = np.swapaxes(dP, 2, 3) @ T[:, None]
+    bent = np.swapaxes(P, 1, 2) @ (first + e) + np.swapaxes(loose, 1, 2) @ np.abs(T) + tiny
+    b = _summed(PT, half) + bent
+    size = _size(b) * slack
+    dS = dN - dP - T[:, None] @ PT
+    wide = _summed(dS, half)
+    e = e + loose + np.abs(T) @ bent + tiny
+    again = (wide + e) @ b  # of (S − T) P^T N, and once more to the end
+    row = np.sqrt((again**2).sum(axis=2)) * (size / (1 - size) * slack)[:, None]
+    e = e + again + row[:, :, None] + eps
+
+    T_T = np.swapaxes(T, 1, 2)
+    both = T_T[:, None] @ dS
+    both = np.abs(both + np.swapaxes(both, 2, 3)) * half[:, :, None, None]
+    cross = np.abs(T_T) @ e
+    K = np.abs(T_T @ T) + both.sum(axis=1) + cross + np.swapaxes(cross, 1, 2)
+    K += np.swapaxes(wide + e, 1, 2) @ (wide + e)
+    K += eps * (np.abs(np.swapaxes(X, 1, 2)) @ np.abs(X) + 1)
+    most, bend = _spectral(K)[0] * slack, _spectral(P)[0] * slack
+    bound = np.sqrt(1 + most * (1 + bend**2 * slack)) * (1 + 16 * defect) * slack
+    sure = (turned < 0.5) & (defect < 0.01) & (size < 0.9)
+    return np.where(sure, (1 - eps) / bound, np.nan), both, e
+
+
+def _summed(slopes: Array, half: Array) -> Array:
+    """Sum absolute values of slopes (K, k, a, b) times half-widths (K, k): (K, a, b)."""
+    return np.asarray(np.einsum("Kjab,Kj->Kab", np.abs(slopes), half))
+
+
+def _size(matrices: Array) -> Array:
+    """Evaluate Frobenius norms of (K, a, b): (K,)."""
+    return np.asarray(np.sqrt((matrices**2).sum(axis=(1, 2))))
+
+
+def _along_axes(at: Expansion) -> Expansion:
+    """Turn the gauge of V, so that ``(X − V)ᵀ (X − V)`` is diagonal at the centre."""
+    T = at.A[:, : at.V.shape[2], 6:] - np.swapaxes(at.V, 1, 2)
+    G = np.swapaxes(T, 1, 2) @ T
+    G[~np.isfinite(G).all(axis=(1, 2))] = 0.0
+    axes = np.linalg.eigh(G)[1]
+    turned = np.swapaxes(axes, 1, 2)
+    A = np.concatenate([at.A[:, :, :6], at.A[:, :, 6:] @ axes], axis=2)
+    V, dV = turned @ at.V, np.einsum("Kba,Kbij->Kaij", axes, at.dV)
+    return Expansion(A, at.D, at.R, at.B, V, dV, np.abs(turned) @ at.rest)
 
 
 @np.errstate(all="ignore")
@@ -240,7 +299,6 @@ def _expansion(problem: LeafMargin, Q: Array, half: Array) -> Expansion:
     R = np.abs(A @ J_V - np.eye(N))
     R += np.linalg.norm(A[:, :, :3], axis=2)[:, :, None] * linear[:, None]
     R += np.linalg.norm(A[:, :, 3:6], axis=2)[:, :, None] * angular[:, None]
-    R[:, :, :n] += np.abs(A[:, :, 6:]) @ rest
     round_ = np.concatenate([np.broadcast_to(problem.round[:6], (len(Q), 6)), round_V], axis=1)
     R += np.einsum("Kia,Ka->Ki", np.abs(A), round_)[:, :, None]
     slope = np.zeros((len(Q), n, 6 + r, N))

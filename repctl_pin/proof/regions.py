@@ -10,12 +10,16 @@ from ..regions import Box, Region, Tube, WorkspaceBox
 from ..robot.task import Task
 from .potentials import U
 
+_STRETCH = 0.25
+"""Movement of a joint along a stretch of a tube that is enclosed in one box, of the radius."""
+
 
 def cover(region: Region) -> tuple[Array, Array]:
     """Cover a region by boxes: their lower and upper corners, (K, n) each.
 
-    A tube is covered by one box for every two samples that follow each other, so all that lies
-    between them is inside. A workspace box is covered by the box of joints that it selects from.
+    A tube is covered by one box for every stretch of samples on which no joint moves by more than
+    a quarter of the radius, less what earlier boxes cover. All that lies between two samples is
+    inside. A workspace box is covered by the box of joints that it selects from.
 
     Raises
     ------
@@ -25,17 +29,62 @@ def cover(region: Region) -> tuple[Array, Array]:
     if isinstance(region, Box):
         return region.lower[None].copy(), region.upper[None].copy()
     if isinstance(region, Tube):
-        first, last = region.samples[:-1], region.samples[1:]
-        if not len(first):
-            first = last = region.samples
-        wide = region.radius + 4 * U * np.abs(region.samples).max(axis=0)
-        return np.minimum(first, last) - wide, np.maximum(first, last) + wide
+        return _without_overlap(*_stretches(region))
     if isinstance(region, WorkspaceBox):
         return cover(region.within)
     raise InputError(
         f"nothing can be proved over a {type(region).__name__}: its shape is not known; prove the "
         "design over a box or a tube that contains it: dataclasses.replace(design, region=...)"
     )
+
+
+def _stretches(tube: Tube) -> tuple[Array, Array]:
+    """Enclose stretches of a tube, each of at least two samples, the last of one being the first
+    of the next: their corners, (K, n) each."""
+    Q, first, ends = tube.samples, 0, []
+    wide = tube.radius + 4 * U * np.abs(Q).max(axis=0)
+    for i in range(1, len(Q)):
+        moved = np.ptp(Q[first : i + 1], axis=0)
+        if i > first + 1 and (moved > _STRETCH * tube.radius).any():
+            ends.append((first, i))
+            first = i - 1
+    parts = [Q[a:b] for a, b in [*ends, (first, len(Q))]]
+    low, high = (np.array([f(part, axis=0) for part in parts]) for f in (np.min, np.max))
+    return low - wide, high + wide
+
+
+def _without_overlap(low: Array, high: Array) -> tuple[Array, Array]:
+    """Cover the union of boxes, each less the one before it, and less those earlier ones that
+    leave one piece of what remains."""
+    boxes = list(zip(low, high, strict=True))
+    pieces = boxes[:1]
+    for i in range(1, len(boxes)):
+        for piece in _outside(boxes[i], boxes[i - 1]):
+            left = [piece]
+            for other in boxes[: i - 1]:
+                if left and len(rest := _outside(left[0], other)) <= 1:
+                    left = rest
+            pieces += left
+    return np.array([a for a, _ in pieces]), np.array([b for _, b in pieces])
+
+
+def _outside(box: tuple[Array, Array], other: tuple[Array, Array]) -> list[tuple[Array, Array]]:
+    """Cut a box into what lies outside another: at most two pieces per joint."""
+    if ((box[1] <= other[0]) | (box[0] >= other[1])).any():
+        return [box]
+    pieces, (low, high) = [], (box[0].copy(), box[1].copy())
+    for j in range(len(low)):
+        for beyond, end, at in (
+            (low[j] < other[0][j], high, other[0][j]),
+            (high[j] > other[1][j], low, other[1][j]),
+        ):
+            if beyond:
+                corner = end[j]
+                end[j] = at
+                pieces.append((low.copy(), high.copy()))
+                end[j] = corner
+                (low if end is high else high)[j] = at
+    return pieces
 
 
 def enclosing(low: Array, high: Array) -> Box:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
@@ -26,6 +27,7 @@ from ..problem import (
     own_failure,
     shrunk_note,
 )
+from ..proof import prove
 from ..redundancy import align, leaf_margin, nullspace
 from ..regions import Region
 from ..robot.bodies import bodies_of
@@ -40,6 +42,9 @@ Control = Strategy | Callable[[Array, Array], ArrayLike]
 
 POSTURE_GAIN = 1.0
 """Gain of the posture in the null space, 1/s."""
+
+PROVED, PROVING = 0.9, 1.0
+"""Share of the smallest leaf margin found that a study tries to prove, and for how long, s."""
 
 EDGE = 1e-6
 """Distance from the start, rad or m, of a second start, whose motion is compared."""
@@ -176,6 +181,8 @@ def study(
         )
 
     problem, design = design_for(problem, desired, make, seed=seed, say=say)
+    say("proving its leaf margin")
+    design = _proved(design)
     say(f"following the path for {cycles} cycles")
     rows, time, slower = _followed(
         problem, design, custom, cycles=cycles, steps=steps, period=period
@@ -204,6 +211,17 @@ def study(
         notes=tuple(notes),
         period=time,
     )
+
+
+def _proved(design: Design) -> Design:
+    """Add a certificate, if the leaf margin can be proved in short time."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # without a compiler it takes longer
+            proof = prove(design, margin=PROVED * design.leaf_margin, seconds=PROVING)
+    except InputError:  # bounds of these potentials, or the region's shape, are not known
+        return design
+    return replace(design, proof=proof) if proof else design
 
 
 def _refuse_parts(**parts: object) -> None:

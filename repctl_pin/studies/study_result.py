@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..arguments import Array, read_only, require_choice
+from ..certificate import proved_words
 from ..design import Design
 from ..errors import InputError
 from ..motion import Motion, TaskPath, elbow, timed
@@ -193,6 +194,8 @@ class Study:
             "region Ω": str(self.region),
             "accelerations": presumed_acceleration(task)[1],
             "potentials": str(self.design.potentials),
+            "leaf margin": f"{self.design.leaf_margin:.3g} at worst in Ω, "
+            f"{proved_words(self.design.proof)}",
         }
 
     def as_dict(self) -> dict[str, Any]:
@@ -208,6 +211,7 @@ class Study:
                 **picked(
                     design, "cost", "cost_error", "relative_distance", "leaf_margin", "converged"
                 ),
+                "leaf_margin_proved": design.proof.leaf_margin if design.proof else None,
                 "potentials": design.potentials.size,
             },
             "strategies": {row.key: _row_dict(row) for row in self.rows},

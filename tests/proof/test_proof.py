@@ -19,6 +19,7 @@ from repctl_pin.cli import main
 from repctl_pin.proof import leaf_margin_bounds as kernels
 from repctl_pin.proof import remainder, screws
 from repctl_pin.proof.chain import chain_of
+from repctl_pin.proof.regions import cover
 
 TASKS: dict[str, Callable[[Path], rp.Task]] = {
     "pose, r = 1": lambda folder: spatial_task(7, folder, kind="pose", seed=3),
@@ -254,6 +255,21 @@ def test_a_tube_is_proved_with_all_that_lies_between_its_samples(panda_design: r
     assert proof and not tube.contains(between).any()
     assert proof.leaf_margin < margins(panda_design, between).min()
     assert proof.leaf_margin > 0.9 * margins(panda_design, np.concatenate([between, samples])).min()
+
+
+def test_a_tube_s_boxes_cover_it_and_hardly_overlap() -> None:
+    """All that lies between the samples is in a box, and most of it in one only."""
+    t = np.linspace(0, 2 * np.pi, 200)
+    samples = 0.3 * np.column_stack([np.cos(t), np.sin(t), np.sin(2 * t), 0.1 * t])
+    tube = rp.Tube(samples, np.array([0.1, 0.05, 0.1, 0.02]))
+    low, high = cover(tube)
+    rng = np.random.default_rng(0)
+    k, share = rng.integers(len(t) - 1, size=4000), rng.uniform(size=(4000, 1))
+    edge = rng.uniform(-1, 1, (4000, 4))
+    edge[::2] /= np.abs(edge[::2]).max(axis=1, keepdims=True)  # half of them on the sides
+    points = samples[k] + share * (samples[k + 1] - samples[k]) + tube.radius * edge
+    inside = ((points[:, None] >= low) & (points[:, None] <= high)).all(axis=2).sum(axis=1)
+    assert (inside >= 1).all() and inside.mean() < 1.5
 
 
 def test_a_workspace_box_is_proved_on_the_joints_it_selects_from(panda_design: rp.Design) -> None:
