@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from .motion import circle as circle
     from .motion import figure_eight as figure_eight
     from .motion import follow as follow
+    from .motion import least_closed_motion as least_closed_motion
     from .motion import polygon as polygon
     from .motion import read_waypoints as read_waypoints
     from .motion import solve_ik as solve_ik
@@ -105,7 +106,8 @@ _DOOR = {
     "integrability": "bracket_defect drift_per_area is_repeatable stable_surface",
     "motion": (
         "BestLeaf LeafLock Motion Run TaskPath TimedMotion Waypoints approach best_leaf circle "
-        "figure_eight follow polygon read_waypoints solve_ik timed waypoints write_motion"
+        "figure_eight follow least_closed_motion polygon read_waypoints solve_ik timed "
+        "waypoints write_motion"
     ),
     "show.page.animation": "Animation animation",
     "show.page.viewer": "Viewer",

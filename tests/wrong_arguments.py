@@ -127,7 +127,7 @@ def right_calls(folder: Path) -> list[Call]:
         "animation": {"motions": {"J⁺": motion}, "seconds": 1.0},
         "best_leaf": {
             "inverse": inverse, "path": path, "q0": q0, "region": box, "desired": control,
-            "steps": 8, "seed": 0,
+            "by": "speed", "steps": 8, "seed": 0,
         },  # fmt: skip,
         "bracket_defect": {"strategy": control, "q": q0, "relative": False},
         "circle": {
@@ -143,6 +143,10 @@ def right_calls(folder: Path) -> list[Call]:
             "period": 5.0, "task": task,
         },
         "is_repeatable": {"strategy": control, "region": box, "samples": 8, "seed": 0},
+        "least_closed_motion": {
+            "task": task, "path": path, "q0": q0, "steps": 8, "period": 5.0, "free_start": False,
+            "limit_margin": 0.0, "guess": motion,
+        },
         "load": {"path": saved, "task": task},
         "load_cell": {"path": saved_cell, "task": task},
         "load_design": {"path": saved, "task": task},

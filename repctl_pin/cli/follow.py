@@ -63,7 +63,8 @@ def add_options(parser: Parser) -> None:
         type=positive,
         help="time of one cycle, s (default: that of the design or path, else 5)",
     )
-    add("--best-leaf", action="store_true", help="search for the start with the largest margins")
+    best = "search for the start with the largest margins (limits, default) or least joint speed"
+    add("--best-leaf", nargs="?", const="limits", choices=["limits", "speed"], help=best)
     accelerations = "rad/s² (m/s²), one number, one per joint, or panda, fr3, ur"
     add(
         "--acceleration",
@@ -114,7 +115,9 @@ def run(options: Options) -> int:
         if not isinstance(strategy, rp.RepeatableInverse):
             raise InputError("--best-leaf requires a repeatable controller, such as a saved design")
         say("searching for the best leaf")
-        found = rp.best_leaf(strategy, path, q0, region=case.region, desired=case.desired)
+        found = rp.best_leaf(
+            strategy, path, q0, region=case.region, desired=case.desired, by=options.best_leaf
+        )
         q0 = found.q0
     say("following the path")
     lock = isinstance(strategy, OnLeaves)

@@ -43,6 +43,8 @@ def add_options(parser: Parser) -> None:
     )
     add("--degree", type=integer, help=degree)
     parser.weight()
+    best = "speed: move the start along its self-motion to where the path needs least joint speed"
+    add("--best-leaf", choices=["speed"], help=best)
     add("--seed", type=natural, default=0, help="random seed of the nodes (default 0)")
     add("--out", metavar="FOLDER", help="output folder (default repctl-out/ROBOT)")
     add("--report", action="store_true", help="also write report.html: one page with all results")
@@ -54,13 +56,18 @@ def run(options: Options) -> int:
     """Run the study and write its files."""
     folder = options.output_folder(Path(options.robot).stem)
     say = progress(options.quiet)
+    from ..problem import at_minimum_speed
     from ..show.study_files import run_name, write_study
     from ..show.text.table import study_table
 
     say("loading the robot and finding a start and a path")
     try:
+        problem = options.problem(region=options.region)
+        if options.best_leaf is not None:
+            say("searching for the best leaf")
+            problem = at_minimum_speed(problem)
         result = rp.study(
-            options.problem(region=options.region),
+            problem,
             **options.of("cycles", "steps", "period", "degree", "seed"),
             weight=options.asked_weight(),
             progress=say,

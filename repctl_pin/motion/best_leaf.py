@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import MOST_STEPS, Array, as_int, read_only, require_type
+from ..arguments import MOST_STEPS, Array, as_int, read_only, require_choice, require_type
 from ..errors import InputError, SingularityError
 from ..paths.task_path import TaskPath, closed_path
 from ..redundancy import leaf_margin, nullspace
+from ..robot.chain_formulas import Placement
 from ..robot.length import arm_length, joint_scale
+from ..robot.task import Task
 from ..strategies import Bounded, Inverse, Pseudoinverse, RepeatableInverse
 from ..strategies.strategy import AN_INVERSE, Batched
 from .follow import follow
 from .joint_motion import violations_of
 from .leaf_lock import LeafLock
 from .motion import Motion
+from .self_motion import self_motions, self_moved
 from .solve_ik import solve_ik
 
 _STRIDE = 0.1
@@ -111,6 +115,7 @@ class BestLeaf:
     ----------
     best, given : Candidate or None
         The best start found, and the given one; None if the given leaf allows no full cycle.
+        ``best.motion.rms_speed`` is its joint speed.
     tried : int
         Number of starts evaluated.
 
@@ -148,10 +153,11 @@ def best_leaf(
     *,
     region: Bounded | None = None,
     desired: Inverse | None = None,
+    by: Literal["limits", "speed"] = "limits",
     steps: int = 96,
     seed: int = 0,
 ) -> BestLeaf:
-    """Search the self-motion of the start for the leaf with the largest margins over a cycle.
+    """Search the self-motion of the start for the leaf with the largest margins or least speed.
 
     With a repeatable inverse, the joint path of all cycles is known after the first, so limits,
     body distances and leaf margin can be checked before the robot moves. Starts are sampled along
@@ -173,6 +179,9 @@ def best_leaf(
         Design region Ω, such as ``design.region``.
     desired
         Desired inverse G_d, such as ``design.desired``, for the distance; by default J⁺.
+    by
+        ``"limits"`` for the largest smallest margin; ``"speed"`` for minimum joint speed (rms) of
+        the leaves with at least half of its joint-limit margin, and without collisions.
     steps
         Number of steps per cycle.
     seed
@@ -200,6 +209,7 @@ def best_leaf(
         inverse, RepeatableInverse, "inverse", "a repeatable inverse, such as design.inverse"
     )
     path = closed_path(path)
+    require_choice(by, ("limits", "speed"), "criterion")
     steps, seed = as_int(steps, "steps", 1, MOST_STEPS), as_int(seed, "seed")
     task, target = inverse.task, path.placement(0.0)
     if region is not None:
@@ -210,43 +220,63 @@ def best_leaf(
     start = solve_ik(task, task.check(q0, "the start"), target)
 
     given = best = _evaluated(inverse, G_d, path, start, region, steps)
-    tried = 1
+    tried, seen = 1, [] if given is None or given.motion.outside else [given]
 
-    def better(starts: Iterable[Array | None]) -> Iterator[Candidate]:
-        """Yield the starts that are better than the best so far."""
+    def allowed(starts: Iterable[Array | None]) -> Iterator[Candidate]:
+        """Yield the starts with a full cycle inside the region, clear of singularities."""
         nonlocal tried
         for q in starts:
             tried += 1
             candidate = None if q is None else _evaluated(inverse, G_d, path, q, region, steps)
             if candidate is None or candidate.motion.outside:
                 continue
-            if best is not None and candidate.order <= best.order:
-                continue
-            clear = given is None or (
-                candidate.leaf_margin >= min(_LEAST_LEAF_MARGIN, given.leaf_margin)
-                and candidate.limit_margin >= given.limit_margin
-            )
-            if clear:
+            if given is None or candidate.leaf_margin >= min(_LEAST_LEAF_MARGIN, given.leaf_margin):
+                seen.append(candidate)
                 yield candidate
 
-    for candidate in better(_self_motions(inverse, start, path, seed)):
-        best = candidate
+    def refined(best: Candidate, better: Callable[[Candidate, Candidate], bool]) -> Candidate:
+        """Improve the best start by a pattern search."""
+        size = _STRIDE / 2
+        while size >= _FINEST:
+            before = best
+            for candidate in allowed(_around(task, before.q0, target, size)):
+                if better(candidate, best):
+                    best = candidate
+            size = size / 2 if best is before else size
+        return best
+
+    def clearer(one: Candidate, other: Candidate) -> bool:
+        return one.order > other.order and (given is None or one.limit_margin >= given.limit_margin)
+
+    for walk in self_motions(task, start, target, _directions(task, start, seed), _STRIDE):
+        for candidate in allowed(walk):
+            best = candidate if best is None or clearer(candidate, best) else best
     if best is None:
         raise InputError(
             f"none of the {tried} leaves tried along the self-motion of the start allows "
             f"a full cycle of {path.name}{'' if region is None else ' inside the region'}; "
             "use a smaller path or a larger design region"
         )
-    size, L = _STRIDE / 2, joint_scale(task, start)
-    while size >= _FINEST:
-        N = nullspace(task.jacobian(best.q0))
-        moves = [size * sign * n / np.linalg.norm(n / L) for n in N.T for sign in (1, -1)]
-        improved = list(better([_moved(inverse, best.q0, move, path) for move in moves]))
-        if improved:
-            best = max(improved, key=lambda c: c.order)
-        else:
-            size /= 2
+    best = refined(best, clearer)
+    if by == "speed":
+        least_margin = max(best.limit_margin, 0.0) / 2
+
+        def faster(one: Candidate, other: Candidate) -> bool:
+            keeps = one.limit_margin >= least_margin and one.body_distance >= 0
+            return keeps and one.motion.rms_speed < other.motion.rms_speed
+
+        for candidate in [*seen]:
+            best = candidate if faster(candidate, best) else best
+        best = refined(best, faster)
     return BestLeaf(best, given, tried)
+
+
+def _around(task: Task, q: Array, target: Placement, size: float) -> Iterator[Array | None]:
+    """Step from q along each null vector, both ways; None where a step leaves the limits."""
+    N, L = nullspace(task.jacobian(q)), joint_scale(task, q)
+    for n in N.T:
+        for sign in (1, -1):
+            yield self_moved(task, q, size * sign * n / np.linalg.norm(n / L), target)
 
 
 def _evaluated(
@@ -292,39 +322,14 @@ def _evaluated(
     )
 
 
-def _self_motions(
-    inverse: RepeatableInverse, start: Array, path: TaskPath, seed: int
-) -> Iterator[Array]:
-    """Sample the self-motion of the start, up to a joint limit or a full turn."""
-    task, L = inverse.task, joint_scale(inverse.task, start)
+def _directions(task: Task, start: Array, seed: int) -> list[Array]:
+    """Directions of the self-motion of the start: for r > 1 the basis N and random ones."""
     N = nullspace(task.jacobian(start))
-    directions = list(N.T)
-    if task.r > 1:
-        rng = np.random.default_rng(seed)
-        directions += [N @ (v / np.linalg.norm(v)) for v in rng.normal(size=(_DIRECTIONS, task.r))]
-    for direction in directions:
-        for sign in (1.0, -1.0):
-            q, along = start, sign * direction
-            for _ in range(int(2 * np.pi / _STRIDE)):
-                N = nullspace(task.jacobian(q))
-                along = N @ (N.T @ along)
-                size = np.linalg.norm(along / L)
-                if size < 1e-6:
-                    break
-                following = _moved(inverse, q, _STRIDE * along / size, path)
-                if following is None:
-                    break
-                q, along = following, following - q
-                yield q
-
-
-def _moved(inverse: RepeatableInverse, q: Array, step: Array, path: TaskPath) -> Array | None:
-    """Take a step of the self-motion; None if it leaves the limits."""
-    task = inverse.task
-    try:
-        return solve_ik(task, q + step, path.placement(0.0), tolerance=1e-11)
-    except (InputError, SingularityError):
-        return None
+    if task.r == 1:
+        return list(N.T)
+    rng = np.random.default_rng(seed)
+    random = rng.normal(size=(_DIRECTIONS, task.r))
+    return [*N.T, *(N @ (v / np.linalg.norm(v)) for v in random)]
 
 
 def _line(candidate: Candidate | None) -> str:

@@ -132,7 +132,7 @@ def follow(
             "use rp.solve_ik() first, or feedback"
         )
 
-    grid = _grid(path, steps)
+    grid = path_grid(path, steps)
     if isinstance(integrator, LeafLock):
         if feedback:
             raise InputError(
@@ -300,7 +300,7 @@ def _locked(
     return advance, None
 
 
-def _grid(path: TaskPath, steps: int) -> Array:
+def path_grid(path: TaskPath, steps: int) -> Array:
     """Compute the values of s of one cycle's steps, all corners included."""
     knots = np.array([0.0, *path.breaks, 1.0])
     pieces = np.maximum(1, np.rint(np.diff(knots) * steps).astype(int))

@@ -7,6 +7,7 @@ from .around_motion import own_failure as own_failure
 from .around_motion import shrunk_note as shrunk_note
 from .around_motion import timed_cycle as timed_cycle
 from .desired import choose_desired as choose_desired
+from .minimum_speed import at_minimum_speed as at_minimum_speed
 from .of_design import problem_of as problem_of
 from .period import PERIOD as PERIOD
 from .period import choose_period as choose_period

@@ -1,6 +1,7 @@
 """Numerical methods, each once, with the problem passed in: Newton, Levenberg–Marquardt, descent in
-a box."""
+a box, block-tridiagonal systems."""
 
+from .block_tridiagonal import solve_block_tridiagonal
 from .box_descent import StepLengths, descend_in_box
 from .levenberg_marquardt import Damping, Point, Step, levenberg_marquardt
 from .newton import newton, newton_rows
@@ -14,4 +15,5 @@ __all__ = [
     "levenberg_marquardt",
     "newton",
     "newton_rows",
+    "solve_block_tridiagonal",
 ]

@@ -35,6 +35,7 @@ from ..robot.robot import Robot
 from ..robot.task import Task
 from ..strategies import FunctionStrategy, PostureControl, Pseudoinverse, Strategy
 from ..strategies.names import LABELS
+from .least_motion_notes import least_motion_notes
 from .study_notes import motion_notes, unlimited_speeds
 from .study_result import Row, Study, evaluated
 
@@ -200,6 +201,7 @@ def study(
         *shrunk_note(design),
         *slower,
         *motion_notes(task, problem.start, rows),
+        *least_motion_notes(design, problem.cycle, problem.start),
     ]
     return Study(
         task=task,

@@ -216,3 +216,20 @@ def test_margins_are_compared_from_the_smallest_up(panda_design, q_panda) -> Non
         -0.1, -0.1, 0.9, distance=-0.01, limit_margin=-0.1
     )
     assert order(0.3, np.inf, 0.9) > order(0.2, np.inf, 0.9)
+
+
+def test_the_leaf_of_least_speed_keeps_half_of_the_margin() -> None:
+    """Less joint speed than on the clearest leaf, half of whose limit margin it keeps."""
+    task, q0 = rp.Robot.load("planar3r").task("tool", "xy"), np.array([0.3, 1.2, 0.8])
+    inverse = rp.RepeatableInverse(
+        task, rp.Polynomial(q0, 1).weighted(rp.redundancy.nullspace(task.jacobian(q0)))
+    )
+    path = rp.circle(task, q0, 0.3)
+    clear, fast = (rp.best_leaf(inverse, path, q0, by=by, steps=12) for by in ("limits", "speed"))
+    speed = fast.best.motion.rms_speed
+    assert speed < 0.99 * min(clear.best.motion.rms_speed, fast.given.motion.rms_speed)
+    assert fast.best.limit_margin >= clear.best.limit_margin / 2
+    assert fast.best.leaf_margin >= min(0.1, fast.given.leaf_margin)
+    assert np.array_equal(fast.given.q0, clear.given.q0) and fast.tried > clear.tried
+    with pytest.raises(rp.InputError, match="speeed"):
+        rp.best_leaf(inverse, path, q0, by="speeed")

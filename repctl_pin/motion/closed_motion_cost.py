@@ -1,0 +1,208 @@
+"""Newton's method, in null coordinates, for the closed motion of minimum joint speed on a path."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arguments import Array
+from ..errors import InputError, SingularityError
+from ..paths.task_path import TaskPath
+from ..redundancy.inverses import pseudoinverse, row_factor
+from ..robot.chain_formulas import Placement
+from ..robot.task import Task
+from ..solvers import newton_rows, solve_block_tridiagonal
+
+LONGEST = 0.3
+"""Longest step of any joint, rad or m."""
+
+_FLAT = 1e-8
+"""Largest entry of a step, rad or m, after which the descent ends."""
+
+_SURE = 1e-5
+"""Largest entry of a step, rad or m, that is taken without a line search."""
+
+_ROUNDING = 1e-14
+"""Predicted decrease, relative to the cost, after which the descent ends."""
+
+_ITERATIONS = 100
+"""Maximum number of steps of one descent."""
+
+_DAMPING = 1e-6
+"""Weight of a step itself, for null directions in which the cost is constant: a tool's own axis."""
+
+_INSIDE = 1e-6
+"""Margin that is always kept to the joint limits, rad or m."""
+
+_STIFFEST = 1e9
+"""Largest weight of a violated limit, relative to the motion's own cost."""
+
+_NEAR = "the motion comes near a singularity, or there are too few steps"
+
+
+@dataclass(frozen=True)
+class ClosedMotionCost:
+    """Augmented Lagrangian of the discrete motion, for the K configurations of one cycle.
+
+    ``½ Σ w_k ‖q_{k+1} − q_k‖² + ½ Σ ρ_k ‖e_k‖²`` with ``e_k`` the excess of ``T q_k + λ_k / ρ_k``
+    over the joint limits. ``first`` is the first k whose configuration is free, ``margin`` is kept
+    to the limits."""
+
+    task: Task
+    targets: list[Placement]
+    weights: Array  # (K,), 1 / step length
+    share: Array  # (K,), share of the cycle that a point stands for
+    first: int
+    margin: float
+    stiffness: float
+    multipliers: Array  # (K, n)
+
+    @classmethod
+    def of(
+        cls, task: Task, path: TaskPath, grid: Array, *, free_start: bool, margin: float = 0.0
+    ) -> ClosedMotionCost:
+        """Make the cost at the points of a path, without multipliers."""
+        targets = [path.placement(float(s)) for s in grid[:-1]]
+        lengths = np.diff(grid)
+        return cls(
+            task=task,
+            targets=targets,
+            weights=1 / lengths,
+            share=(lengths + np.roll(lengths, 1)) / 2,
+            first=0 if free_start else 1,
+            margin=margin + _INSIDE,
+            stiffness=1e4,
+            multipliers=np.zeros((len(targets), task.n)),
+        )
+
+    def excess(self, Q: Array, *, shifted: bool = True) -> Array:
+        """Excess over the joint limits (K, n), of the shifted joint positions or of their own."""
+        lower, upper, _ = self.task.joint_limits
+        joints = self.task.joints(Q)
+        if shifted:
+            joints = joints + self.multipliers / (self.stiffness * self.share[:, None])
+        kept = np.minimum(self.margin, (upper - lower) / 2)
+        return joints - np.clip(joints, lower + kept, upper - kept)
+
+    def value(self, Q: Array) -> float:
+        """Evaluate the augmented Lagrangian, up to a constant."""
+        chords = ((np.roll(Q, -1, axis=0) - Q) ** 2).sum(axis=1)
+        beyond = (self.excess(Q)[self.first :] ** 2).sum(axis=1)
+        stiff = self.stiffness * self.share[self.first :]
+        return float(self.weights @ chords + stiff @ beyond) / 2
+
+    def moved(self, Q: Array) -> Array | None:
+        """Move configurations (K, n) along J⁺ onto the path; None if one does not get there."""
+        moved = on_path(self.task, self.targets[self.first :], Q[self.first :])
+        return None if moved is None else np.vstack([Q[: self.first], moved])
+
+    def step(self, Q: Array, *, exact: bool) -> tuple[Array, float]:
+        """Compute a step of Newton's method in the null coordinates, and its predicted decrease.
+
+        Along the fibre ``q(a) = q + N a − ½ J⁺ (H N a) N a + …``, so that Newton's matrix has the
+        blocks ``−λᵀ (H N) N`` with ``λ = J⁺ᵀ ∇`` beside Gauss–Newton's. Unless exact, only their
+        convex parts are used, which makes it positive definite.
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError
+            If Newton's matrix is not positive definite.
+        """
+        first, w = self.first, self.weights
+        free = Q[first:]
+        inverse, N = _inverses(self.task.jacobians(free))
+        ahead = w[:, None] * (np.roll(Q, -1, axis=0) - Q)  # (K, n)
+        beyond = self.excess(Q)[first:]
+        stiff = (self.stiffness * self.share[first:])[:, None]
+        T = self.task.coordinate_matrix
+        gradient = (np.roll(ahead, 1, axis=0) - ahead)[first:] + (stiff * beyond) @ T
+        TN = T @ N
+        own = w + np.roll(w, 1) + _DAMPING * self.share
+        diagonal = own[first:, None, None] * np.eye(N.shape[2])
+        diagonal = diagonal + np.swapaxes(TN, 1, 2) @ ((stiff * (beyond != 0))[:, :, None] * TN)
+        forces = np.einsum("kni,kn->ki", inverse, gradient)  # λ (K, m)
+        bent = -np.einsum("ki,kiab->kab", forces, self.task.hessians(free))
+        bent = np.swapaxes(N, 1, 2) @ bent @ N
+        bent = (bent + np.swapaxes(bent, 1, 2)) / 2
+        diagonal = diagonal + (bent if exact else _convex(bent))
+        upper = -w[first:, None, None] * (np.swapaxes(N, 1, 2) @ np.roll(N, -1, axis=0))
+        slope = np.einsum("knr,kn->kr", N, gradient)
+        a = solve_block_tridiagonal(diagonal, upper, -slope, cyclic=not first)
+        step = np.vstack([np.zeros((first, Q.shape[1])), (N @ a[:, :, None])[:, :, 0]])
+        return step, -float((slope * a).sum()) / 2
+
+
+def _inverses(J: Array) -> tuple[Array, Array]:
+    """Evaluate J⁺ (K, n, m) and N (K, n, r) of Jacobians (K, m, n)."""
+    m = J.shape[1]
+    basis, R = row_factor(J, mode="complete")
+    inverse = np.swapaxes(np.linalg.solve(R[:, :m], np.swapaxes(basis[:, :, :m], 1, 2)), 1, 2)
+    return inverse, basis[:, :, m:]
+
+
+def _convex(blocks: Array) -> Array:
+    """Drop the negative eigenvalues of symmetric blocks (K, r, r)."""
+    values, vectors = np.linalg.eigh(blocks)
+    return (vectors * np.maximum(values, 0.0)[:, None, :]) @ np.swapaxes(vectors, 1, 2)
+
+
+def on_path(task: Task, targets: list[Placement], Q: Array) -> Array | None:
+    """Move configurations (K, n) along J⁺ to their targets; None if one does not get there."""
+
+    def correction(Q: Array, rows: NDArray[np.intp]) -> Array:
+        errors = task.errors(Q, [targets[k] for k in rows])
+        return (pseudoinverse(task.jacobians(Q)) @ errors[:, :, None])[:, :, 0]
+
+    try:
+        moved, last = newton_rows(correction, Q, longest=LONGEST, tolerance=1e-7, iterations=20)
+    except SingularityError:
+        return None
+    return moved if (last <= 1e-7).all() else None
+
+
+def _descended(cost: ClosedMotionCost, Q: Array) -> Array:
+    """Minimise the cost by Newton's method with a line search, made convex where it must be."""
+    value = cost.value(Q)
+    for _ in range(_ITERATIONS):
+        try:
+            step, decrease = cost.step(Q, exact=True)
+        except np.linalg.LinAlgError:
+            step, decrease = cost.step(Q, exact=False)
+        size = float(np.abs(step).max())
+        scale = min(1.0, LONGEST / max(size, LONGEST))
+        trial = cost.moved(Q + scale * step)
+        while trial is None or (cost.value(trial) >= value and scale * size > _SURE):
+            scale /= 2
+            if scale * size < _SURE / 10:
+                raise SingularityError(f"the minimum was not found: {_NEAR}")
+            trial = cost.moved(Q + scale * step)
+        Q, value = trial, cost.value(trial)
+        if size < _FLAT or decrease < _ROUNDING * value:
+            return Q
+    raise SingularityError(f"the minimum was not found in {_ITERATIONS} steps: {_NEAR}")
+
+
+def within_limits(cost: ClosedMotionCost, Q: Array) -> Array:
+    """Minimise within the joint limits by the method of multipliers, from Q (K, n) on the path.
+
+    Raises
+    ------
+    InputError
+        If no motion within the limits is found.
+    SingularityError
+        If the descent does not converge.
+    """
+    while True:
+        Q = _descended(cost, Q)
+        beyond = cost.excess(Q, shifted=False)[cost.first :]
+        if np.abs(beyond).max() < _INSIDE / 2:
+            return Q
+        if cost.stiffness >= _STIFFEST:
+            raise InputError(
+                "no closed motion within the joint limits was found",
+                remedy="choose another start or a smaller path",
+            )
+        stiff = cost.stiffness * cost.share[:, None]
+        cost = replace(cost, multipliers=stiff * cost.excess(Q), stiffness=5 * cost.stiffness)

@@ -1,0 +1,152 @@
+"""Closed motion of minimum joint speed on a path: the yardstick for repeatable controllers."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..arguments import MOST_STEPS, Array, as_int, flag, positive, require_type
+from ..blas import one_blas_thread
+from ..errors import InputError
+from ..paths.task_path import TaskPath, closed_path
+from ..robot.task import Task, require_task
+from .closed_motion_cost import LONGEST, ClosedMotionCost, on_path, within_limits
+from .follow import path_grid
+from .motion import Motion
+from .solve_ik import solve_ik
+
+_STAGES = 100
+"""Maximum number of stages in which the motion of J⁺ is closed."""
+
+
+@one_blas_thread()
+def least_closed_motion(
+    task: Task,
+    path: TaskPath,
+    q0: ArrayLike,
+    *,
+    steps: int = 200,
+    period: float | None = None,
+    free_start: bool = False,
+    limit_margin: float = 0.0,
+    guess: Motion | None = None,
+) -> Motion:
+    """Minimise the joint motion over all closed joint motions on one closed path.
+
+    ``min Σ_k ‖q_{k+1} − q_k‖² / (s_{k+1} − s_k)`` with ``f(q_k) = x(s_k)`` and ``q_K = q_0``,
+    within the joint limits. No controller whose motion closes can need less joint speed (rms) on
+    this path from this start, so it measures how close a repeatable inverse comes to the best.
+    At the minimum, ``N_kᵀ (2 q_k − q_{k−1} − q_{k+1}) = 0`` for uniform steps, wherever no joint is
+    at its limit. The minimum is a local one: of the motions near the initial one. Collisions are
+    not considered; see ``motion.body_distance``.
+
+    Parameters
+    ----------
+    task
+        Redundant task.
+    path
+        Closed path.
+    q0 : (n,) array
+        Start configuration, moved to the path's first point if necessary.
+    steps
+        Number of points K per cycle (a few more if the path has corners).
+    period
+        Period, s; by default the path's, else 5.
+    free_start
+        Whether the start may move along its self-motion, too.
+    limit_margin
+        Margin to keep to every joint limit, rad or m; a given start is taken as it is.
+    guess
+        Motion whose first cycle is near the minimum; by default that of J⁺, closed.
+
+    Returns
+    -------
+    Motion
+        One closed cycle. Its velocities are means over the steps, so compare ``rms_speed`` with
+        that of motions of the same number of steps.
+
+    Raises
+    ------
+    InputError
+        If J⁺ cannot follow the path from the start, or no closed motion is found within the limits.
+    SingularityError
+        If the motion comes near a singularity.
+
+    Examples
+    --------
+    >>> least = rp.least_closed_motion(task, path, q0, steps=50)
+    >>> own = rp.follow(design.inverse, path, q0, cycles=1, steps=50)
+    >>> bool(least.rms_speed <= own.rms_speed)
+    True
+    """
+    path = closed_path(path)
+    steps = as_int(steps, "steps", 8, MOST_STEPS)
+    period = positive((path.period or 5.0) if period is None else period, "the period", "s")
+    free_start = flag(free_start, "free_start")
+    margin = positive(limit_margin, "limit_margin", "rad", zero=True)
+    start = solve_ik(task, require_task(task).check(q0, "the start"), path.placement(0.0))
+    grid = path_grid(path, steps)
+    cost = ClosedMotionCost.of(task, path, grid, free_start=free_start, margin=margin)
+    if guess is None:
+        Q = _closed(cost, _plain(cost, start), grid)
+    else:
+        Q = _sampled(cost, require_type(guess, Motion, "guess", "a motion"), start, grid)
+    Q = within_limits(cost, Q)
+    return closed_motion(task, path, Q, grid * period)
+
+
+def _plain(cost: ClosedMotionCost, start: Array) -> Array:
+    """Follow the path by Newton's method with J⁺: (K + 1, n), which need not close."""
+    Q = [start]
+    for target in [*cost.targets[1:], cost.targets[0]]:
+        Q.append(solve_ik(cost.task, Q[-1], target, tolerance=1e-10, limits=False))
+    return np.array(Q)
+
+
+def _closed(cost: ClosedMotionCost, Q: Array, grid: Array) -> Array:
+    """Close a motion (K + 1, n) by shares of its gap along the self-motions, in stages: (K, n)."""
+    for _ in range(_STAGES):
+        gap = Q[-1] - Q[0]
+        size = float(np.abs(gap).max())
+        if size < 1e-9:
+            return Q[:-1]
+        moved = Q[1:] - grid[1:, None] * gap * min(1.0, LONGEST / size)
+        rest = on_path(cost.task, [*cost.targets[1:], cost.targets[0]], moved)
+        if rest is None:
+            break
+        Q = np.vstack([Q[:1], rest])
+    raise InputError("the motion of J⁺ cannot be closed", remedy="pass one that closes as guess=")
+
+
+def _sampled(cost: ClosedMotionCost, guess: Motion, start: Array, grid: Array) -> Array:
+    """Sample the first cycle of a motion at the points of the path: (K, n)."""
+    cycle, t = guess.cycle(0), guess.t[: guess.steps + 1]
+    if cycle.shape[1] != cost.task.n:
+        raise InputError(f"has {cycle.shape[1]} joints, not {cost.task.n}", argument="guess")
+    s = (t - t[0]) / (t[-1] - t[0])
+    Q = np.stack([np.interp(grid[:-1], s, joint) for joint in cycle.T], axis=1)
+    Q[: cost.first] = start
+    on_path = cost.moved(Q)
+    if on_path is None:
+        raise InputError(": it is too far from the path", argument="guess", remedy="omit it")
+    return on_path
+
+
+def closed_motion(task: Task, path: TaskPath, Q: Array, t: Array) -> Motion:
+    """Make the motion of one closed cycle, Q (K, n); its velocities are means over the steps."""
+    Q = np.vstack([Q, Q[:1]])
+    qdot = np.diff(Q, axis=0) / np.diff(t)[:, None]
+    errors = task.errors(Q, [path.placement(float(s)) for s in (t - t[0]) / (t[-1] - t[0])])
+    linear = min(3, task.m)
+    return Motion(
+        task=task,
+        path=path,
+        t=t,
+        q=Q,
+        qdot=np.vstack([qdot, qdot[:1]]),
+        cycles=1,
+        steps=len(qdot),
+        drift=np.zeros(1),
+        tracking_error=np.linalg.norm(errors[:, :linear], axis=1),
+        turning_error=np.linalg.norm(errors[:, linear:], axis=1),
+    )

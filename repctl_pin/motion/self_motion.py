@@ -1,0 +1,62 @@
+"""Walks along the self-motions of a configuration, on which the frame stays where it is."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+
+from ..arguments import Array
+from ..errors import InputError, SingularityError
+from ..redundancy import nullspace
+from ..robot.chain_formulas import Placement
+from ..robot.length import joint_scale
+from ..robot.task import Task
+from .solve_ik import solve_ik
+
+
+def self_motions(
+    task: Task, start: Array, target: Placement, directions: Iterable[Array], stride: float
+) -> Iterator[Iterator[Array]]:
+    """Walk along the self-motions of a start, up to a joint limit or a full turn.
+
+    Parameters
+    ----------
+    task
+        Task that holds the frame.
+    start : (n,) array
+        Configuration with the frame at the target; it is not among the results.
+    target
+        Placement of the frame.
+    directions
+        Null vectors at the start; each is walked both ways.
+    stride
+        Length of a step, rad; for prismatic joints in arm lengths.
+    """
+    for direction in directions:
+        for sign in (1.0, -1.0):
+            yield _walk(task, start, target, sign * direction, stride)
+
+
+def _walk(task: Task, q: Array, target: Placement, along: Array, stride: float) -> Iterator[Array]:
+    """Walk along one self-motion, in one direction."""
+    L = joint_scale(task, q)
+    for _ in range(int(2 * np.pi / stride)):
+        N = nullspace(task.jacobian(q))
+        along = N @ (N.T @ along)
+        size = np.linalg.norm(along / L)
+        if size < 1e-6:
+            return
+        following = self_moved(task, q, stride * along / size, target)
+        if following is None:
+            return
+        q, along = following, following - q
+        yield q
+
+
+def self_moved(task: Task, q: Array, step: Array, target: Placement) -> Array | None:
+    """Take a step of the self-motion; None if it leaves the limits."""
+    try:
+        return solve_ik(task, q + step, target, tolerance=1e-11)
+    except (InputError, SingularityError):
+        return None

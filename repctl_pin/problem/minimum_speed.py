@@ -1,0 +1,34 @@
+"""Start of a problem by joint speed: where a closed motion needs minimum joint speed."""
+
+from __future__ import annotations
+
+import copy
+
+from ..arguments import freeze
+from ..motion import least_start
+from .problem import Problem
+
+
+def at_minimum_speed(problem: Problem) -> Problem:
+    """Move the start of a problem along its self-motion, to the one that needs least joint speed.
+
+    The path stays. The start has at least half of the largest joint-limit margin found, and no
+    bodies collide; see :func:`repctl_pin.motion.least_start.least_start`.
+
+    Raises
+    ------
+    InputError, SingularityError
+        If there is no closed motion from the problem's start.
+    """
+    task, path, q0 = problem.task, problem.cycle, problem.start
+    found = least_start(task, path, q0)
+    saved = 1 - found.best.rms_speed / found.given.rms_speed
+    other = copy.copy(problem)
+    vars(other).pop("region", None)
+    note = "no other start tried needs less joint speed"
+    if saved > 0:
+        note = f"the start was moved along the self-motion, to {100 * saved:.0f} % less joint speed"
+    freeze(
+        other, start=found.best.q[0], given=problem.given | {"start"}, moved=(*problem.moved, note)
+    )
+    return other

@@ -1,0 +1,57 @@
+"""Symmetric block-tridiagonal systems, open or cyclic, by a banded Cholesky factorisation."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solveh_banded
+
+from ..arguments import Array
+
+
+def solve_block_tridiagonal(
+    diagonal: Array, upper: Array, rhs: Array, *, cyclic: bool = False
+) -> Array:
+    """Solve a positive definite system ``D_k a_k + U_k a_{k+1} + U_{k−1}ᵀ a_{k−1} = b_k``.
+
+    In a cyclic system the neighbour of the last block is the first one. Its blocks are numbered
+    0, 1, K − 1, 2, K − 2, …, so that neighbours are at most two apart and the matrix is banded.
+
+    Parameters
+    ----------
+    diagonal : (K, r, r) array
+        Symmetric blocks D_k.
+    upper : (K, r, r) array
+        Blocks U_k; the last one is used by a cyclic system only, which has K ≥ 3.
+    rhs : (K, r) array
+        Right-hand sides b_k.
+    cyclic
+        Whether block K − 1 has block 0 as its neighbour.
+
+    Returns
+    -------
+    (K, r) array
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If the matrix is not positive definite.
+    """
+    K, r = rhs.shape
+    place = _cyclic_order(K) if cyclic else np.arange(K)
+    band = np.zeros(((3 if cyclic else 2) * r, K * r))
+    at = place[:, None] * r + np.arange(r)  # (K, r): row of each unknown
+    pairs = [(at, at, diagonal), (at[:-1], at[1:], upper[:-1])]
+    if cyclic:
+        pairs.append((at[-1:], at[:1], upper[-1:]))
+    for rows, columns, blocks in pairs:
+        i, j = rows[:, :, None], columns[:, None, :]
+        band[np.abs(i - j), np.minimum(i, j)] = blocks
+    solved = solveh_banded(band, rhs[np.argsort(place)].ravel(), lower=True, check_finite=False)
+    return solved.reshape(K, r)[place]
+
+
+def _cyclic_order(K: int) -> NDArray[np.intp]:
+    """Place of each block of a cyclic system: 0, 1, 3, 5, … up one side, …, 6, 4, 2 down."""
+    k = np.arange(K)
+    return np.where(k == 0, 0, np.where(k <= K // 2, 2 * k - 1, 2 * (K - k)))

@@ -1,0 +1,57 @@
+"""Notes of a study on minimum joint speed: how close to it, and what another start saves."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..arguments import Array
+from ..design import Design
+from ..errors import InputError, SingularityError
+from ..motion import LeafLock, Motion, TaskPath, follow, least_closed_motion
+
+_POINTS = 32
+"""Number of points per cycle; both motions have the same."""
+
+_WORTH = 0.05
+"""Saving in joint speed above which another start is recommended."""
+
+
+def least_motion_notes(design: Design, path: TaskPath, q0: Array) -> list[str]:
+    """Compare the repeatable motion with least closed motions, from its start and others.
+
+    Without notes if the repeatable motion violates a limit, or there is no least motion near it."""
+    lock = LeafLock(4)
+    try:
+        own = follow(design.inverse, path, q0, cycles=1, steps=_POINTS, integrator=lock)
+        if not own.closes or own.path_loss or own.first_violation:
+            return []
+        least = least_closed_motion(design.task, path, q0, steps=_POINTS, guess=own)
+    except (InputError, SingularityError):
+        return []
+    above = max(own.rms_speed / least.rms_speed - 1, 0.0)
+    size = f"{100 * above:.2g} %" if above > 1e-5 else "less than 0.001 %"
+    notes = [f"joint speed: {size} above the minimum of all closed motions from this start"]
+    saved = 1 - _from_anywhere(least) / own.rms_speed
+    if saved > _WORTH:
+        notes.append(f"another elbow position needs {100 * saved:.0f} % less: --best-leaf speed")
+    return notes
+
+
+def _from_anywhere(least: Motion) -> float:
+    """Minimum joint speed nearby with its start free and half the limit margin.
+
+    Infinite if there is none, or bodies collide."""
+    margin = float(least.limit_margin.min()) / 2
+    try:
+        found = least_closed_motion(
+            least.task,
+            least.path,
+            least.q[0],
+            steps=_POINTS,
+            free_start=True,
+            limit_margin=margin if 0 < margin < np.inf else 0.0,
+            guess=least,
+        )
+    except (InputError, SingularityError):
+        return np.inf
+    return found.rms_speed if found.body_distance.min() >= 0 else np.inf
