@@ -28,7 +28,7 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]], *, left: int = 1
     names = [("\n" * (high - cell.count("\n")) + cell).split("\n") for cell in header]
     lines = [*zip(*names, strict=True), *rows]
     widths = [max(len(line[i]) for line in lines) for i in range(len(header))]
-    blocks, width = [[0]], terminal_width() or sum(widths) + 2 * len(widths)
+    blocks, width = [[0]], terminal_width()
     for i in range(1, len(header)):
         if sum(widths[k] + 2 for k in (*blocks[-1], i)) - 2 > width and len(blocks[-1]) > 1:
             blocks.append([0])
@@ -59,7 +59,7 @@ def study_table(study: Study) -> str:
     head = [f"{label.ljust(width)}  {text}" for label, text in study.setting.items()]
     header = ["", *("\n".join(textwrap.wrap(row.label, NARROW)) for row in study.rows)]
     cells = table(header, [[name, *values] for name, values in study_cells(study)])
-    legend = textwrap.wrap(study_legend(study), min(terminal_width() or 80, 100))
+    legend = textwrap.wrap(study_legend(study), min(terminal_width(), 100))
     notes = [f"note: {note}" for note in study_notes(study)]
     before = fitted("\n".join([*loud, study_verdict(study).sentence, "", *head]))
     return "\n".join(
