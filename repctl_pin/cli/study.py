@@ -122,7 +122,17 @@ def _report(
     from ..show.report import report_page
     from ..show.study_files import with_run
 
-    own = {"run", "ending", "command_line", "option_names", "json", "quiet", "report", "out", "full"}
+    own = {
+        "run",
+        "ending",
+        "command_line",
+        "option_names",
+        "json",
+        "quiet",
+        "report",
+        "out",
+        "full",
+    }
     page = report_page(
         result,
         maps=maps,

@@ -1,4 +1,4 @@
-"""First answer of a study: a sentence and a short table, for a terminal of 24 rows and 80 columns."""
+"""First answer of a study: a sentence and a short table, for a terminal of 24 rows."""
 
 from __future__ import annotations
 
@@ -188,10 +188,13 @@ def _proved(study: Study) -> list[str]:
 
 
 def _notes(study: Study, rows: Sequence[Row]) -> list[str]:
-    """List the notes that the sentence does not hold."""
-    said = ("pseudoinverse", "repeatable")
-    stopped = [row for row in rows if row.motion is None and row.key not in said]
-    return [*study.notes, *(f"{_TITLES.get(r.key, r.label)}: {r.stopped}" for r in stopped)]
+    """List the notes that neither the sentence nor the lines below the table hold."""
+    said = {f"{row.label}: {violation}" for row in rows for violation in row.violations}
+    notes = [note for note in study.notes if note not in said]
+    for row in rows:
+        if row.motion is None and row.key not in ("pseudoinverse", "repeatable"):
+            notes.append(f"{_TITLES.get(row.key, row.label)}: {row.stopped}")
+    return notes
 
 
 def _as_many(notes: Sequence[str], rows: int) -> list[str]:

@@ -134,13 +134,18 @@ def study_cells(study: Study) -> list[tuple[str, list[str]]]:
 
 
 def study_legend(study: Study) -> str:
-    """Explain the terms of :func:`study_cells`."""
+    """Explain the terms and marks of :func:`study_cells`."""
     desired = _desired(study)
-    return (
+    cells = " ".join(value for _, values in study_cells(study) for value in values)
+    bad = (
         "! the frame leaves its path, a position or speed limit is violated, or two bodies collide "
-        "(collisions are checked at 100 points per cycle). Joint speed: ‖q̇‖, root mean square. "
+        "(collisions are checked at 100 points per cycle). "
+    )
+    opened = "; ≠ means that the joint path does not close"
+    return (
+        f"{bad if '!' in cells else ''}Joint speed: ‖q̇‖, root mean square. "
         "Fastest first cycle: minimum time from rest to rest within the speed limits and the "
-        "accelerations above; ≠ means that the joint path does not close. "
+        f"accelerations above{opened if '≠' in cells else ''}. "
         "Leaf margin: the smallest σ_min(Nᵀ V̂) along the path; 1 is best, 0 is singular. "
         f"Distance: ‖G − {desired}‖ / ‖{desired}‖, averaged over Ω. "
         "J⁺ + posture: J⁺ with null-space attraction to the start configuration. "
