@@ -98,7 +98,7 @@ def run(options: Options) -> int:
             files.append(_report(result, maps, files[0], staged / "report.html", options, run))
         elif (folder / "report.html").exists():
             note = "report.html is from an earlier study; use --report to write a new one"
-            result = replace(result, notes=(*result.notes, note))
+            result = replace(result, notes=(note, *result.notes))
     files = [folder / file.name for file in files]
 
     def text() -> str | list[Span]:

@@ -157,11 +157,15 @@ def test_a_cycle_takes_as_long_as_the_joints_need(tmp_path, monkeypatch, capsys)
     )
     assert main(["study", *few, "--period", "5"]) == 0
     out = capsys.readouterr().out
+    assert re.search(r"^limits .*speed × \d", out, flags=re.MULTILINE)
+    assert re.search(r"^! usual control: \w+ goes .* times as fast", out, flags=re.MULTILINE)
+    assert main(["study", *few, "--period", "5", "--full"]) == 0
+    out = capsys.readouterr().out
     assert (
         re.search(r"^peak joint speed.*\d!", out, flags=re.MULTILINE)
         and "times as fast as its limit allows" in out
     )
-    assert "Speed limits: up to " in out.splitlines()[0]
+    assert "Speed limits: up to " in " ".join(out.partition("\n\n")[0].split())
 
 
 def test_a_studys_weight_is_its_controls(tmp_path, monkeypatch, capsys) -> None:

@@ -19,6 +19,9 @@ NOT_SHOWN = "posture_off"
 """Strategy that only the full table shows."""
 
 _TITLES = {"pseudoinverse": "usual control", "posture": "+ posture", "repeatable": "repeatable"}
+_LAST = ("the start is ", "joint speed: ", "another elbow position ")
+"""Beginnings of the notes that give way to others."""
+
 _SPEED = 1 + 1e-9
 """A joint above this share of its speed limit is too fast."""
 
@@ -44,7 +47,8 @@ def study_answer(study: Study, files: Sequence[str] = ()) -> list[Span]:
     out = [Span(f"{line}\n", "bad") for line in fitted("\n".join(_warnings(rows))).splitlines()]
     out += [*study_headline(study), Span(f"\n\n{fitted(_about(study))}\n\n")]
     out += _short_table(study, rows)
-    after = [*_violations(rows), *_proved(study)]
+    after = [f"! {_title(row)}: {said}" for row in rows for said in _violations(row)]
+    after += _proved(study)
     below = ["", *files, "--full prints all strategies, the settings and a legend"]
     used = _height(out) + _height_of(after) + _height_of(below)
     notes = _as_many(_notes(study, rows), ROWS - 2 - used)  # the command and the next prompt
@@ -67,6 +71,10 @@ def _cycles(study: Study) -> int:
     return next((row.motion.cycles for row in study.rows if row.motion is not None), 0)
 
 
+def _title(row: Row) -> str:
+    return _TITLES.get(row.key, row.label)
+
+
 def _summary(study: Study, row: Row) -> MotionSummary | None:
     if row.motion is None:
         return None
@@ -87,8 +95,7 @@ def _about(study: Study) -> str:
 
 def _short_table(study: Study, rows: Sequence[Row]) -> list[Span]:
     """Format the short table; a cell that is bad or good has that tone."""
-    titles = [_TITLES.get(row.key, row.label) for row in rows]
-    header = ["", *("\n".join(textwrap.wrap(title, NARROW + 4)) for title in titles)]
+    header = ["", *("\n".join(textwrap.wrap(_title(row), NARROW + 4)) for row in rows)]
     cells = _cells(study, rows)
     text = table(header, [[name, *(cell.text for cell in line)] for name, line in cells]) + "\n"
     out: list[Span] = []
@@ -173,13 +180,13 @@ def _links(_: Row, summary: MotionSummary) -> Span:
     return Span(metres(summary.body_distance))
 
 
-def _violations(rows: Sequence[Row]) -> list[str]:
+def _violations(row: Row) -> list[str]:
     """Say which joint exceeds its limits, or which links collide, and when."""
-    return [
-        f"! {_TITLES.get(row.key, row.label)}: {violation}"
-        for row in rows
-        for violation in row.violations
-    ]
+    motion, said = row.motion, [str(violation) for violation in row.violations]
+    if motion is not None and motion.speed_ratio > _SPEED:
+        times = f"{motion.speed_ratio:.2g} times as fast as its limit allows"
+        said.append(f"{motion.fastest_joint} goes {times}")
+    return said
 
 
 def _proved(study: Study) -> list[str]:
@@ -189,11 +196,11 @@ def _proved(study: Study) -> list[str]:
 
 def _notes(study: Study, rows: Sequence[Row]) -> list[str]:
     """List the notes that neither the sentence nor the lines below the table hold."""
-    said = {f"{row.label}: {violation}" for row in rows for violation in row.violations}
-    notes = [note for note in study.notes if note not in said]
+    said = {f"{row.label}: {violation}" for row in rows for violation in _violations(row)}
+    notes = sorted((n for n in study.notes if n not in said), key=lambda n: n.startswith(_LAST))
     for row in rows:
         if row.motion is None and row.key not in ("pseudoinverse", "repeatable"):
-            notes.append(f"{_TITLES.get(row.key, row.label)}: {row.stopped}")
+            notes.insert(0, f"{_title(row)}: {row.stopped}")
     return notes
 
 
