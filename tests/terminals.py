@@ -38,7 +38,7 @@ def fit_terminals(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
     def reporting(report: Callable[..., int]) -> Callable[..., int]:
         def reported(options: Any, *rest: Any, **files: Any) -> int:
-            if not options.json:
+            if not (options.json or options.quiet):
                 for columns, rows in SIZES:
                     with terminal_of(columns, rows) as out:
                         report(options, *rest, **files)
