@@ -26,6 +26,23 @@ def steady(text: str) -> list[str]:
     return [re.sub(r" +", " ", line).rstrip() for line in lines]
 
 
+def written(text: str) -> set[str]:
+    """The files that a command says it wrote; a study names those beside its page by name."""
+    files = set(re.findall(r"^wrote (\S+)$", text, flags=re.MULTILINE))
+    page = re.search(r"^open   (\S+)$", text, flags=re.MULTILINE)
+    beside = re.search(r"^wrote  (.*) beside it$", text, flags=re.MULTILINE)
+    if page is None or beside is None:
+        return files
+    names = beside[1].split(", ")
+    return files | {page[1]} | {str(Path(page[1]).with_name(name)) for name in names}
+
+
+def answered(text: str, quantity: str) -> list[str]:
+    """A row of a study's short table: usual control, with posture, repeatable."""
+    (row,) = re.findall(rf"^{quantity}.*?  +(.*)", text, flags=re.MULTILINE)
+    return re.split(r"  +", row.strip())
+
+
 def drifts(table: str, strategy: str) -> tuple[float, float]:
     """After the first cycle and after the last, from the table a study prints: J⁺ first, nearest
     repeatable last."""

@@ -63,7 +63,7 @@ MOVING = re.compile(rb'<joint[^>]*type\s*=\s*["\'](revolute|continuous|prismatic
 
 HEAD = """# Tests on robots of other packages
 
-This page shows the first line of `repctl study FILE`, without options, for URDFs of {count}
+This page shows the verdict of `repctl study FILE --full`, at its defaults, for URDFs of {count}
 packages of PyPI: {of} of the {all} different files with three or more movable joints. It was
 written on {date} by `python tests/survey_urdfs.py --table docs/tried.md`, with repctl_pin
 {version} and Pinocchio {pinocchio}. Each command had {seconds} s of processor time and
@@ -157,7 +157,8 @@ def run(command: list[str], seconds: int = SECONDS) -> Outcome:
         _, status, usage = os.wait4(pid, 0)
         out.seek(0)
         err.seek(0)
-        result = out.read().decode(errors="replace").partition("\n")[0]
+        verdict = out.read().decode(errors="replace").partition("\n\n")[0]
+        result = " ".join(verdict.split())
         said = err.read().decode(errors="replace").replace("\r", "\n").strip().splitlines()
     code, last = os.waitstatus_to_exitcode(status), said[-1] if said else ""
     kind = (
@@ -180,7 +181,7 @@ def load_libraries() -> None:
 def survey(path: Path, seconds: int) -> dict[str, Outcome]:
     """Inspect and study one file."""
     with tempfile.TemporaryDirectory() as out:
-        options = {"inspect": [], "study": ["--out", out]}
+        options = {"inspect": [], "study": ["--out", out, "--full"]}
         done = {
             command: run([command, str(path), *options[command]], seconds) for command in COMMANDS
         }

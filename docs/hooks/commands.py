@@ -7,7 +7,7 @@ from functools import partial
 
 from repctl_pin.cli import parser
 
-WIDTH = 100
+WIDTH = 80
 """Width of a line of help, characters, on any terminal."""
 
 

@@ -27,15 +27,15 @@ _AS_WRITTEN: dict[str, Any] = {
 _COMMANDS = (study, design, cell, follow, check, animate, export, robots, inspect, completion)
 
 _EXAMPLES = """examples:
-  repctl study panda                            table, figures and animation in repctl-out/panda/
+  repctl study panda                            table, figures and animation
   repctl study my_arm.urdf --frame tool0        the same for your own arm
   repctl study xarm7 --task position --path square:0.2 --plane yz
-  repctl design panda --degree auto             the nearest repeatable inverse, evaluated
-  repctl cell panda --half-width 0.1 --half-angle 0.3   one function for a box of poses
-  repctl check panda --weight inertia           is it repeatable, and how much does it drift?
-  repctl follow design.json --csv motion.csv    one cycle of a saved design, ready for a robot
-  repctl animate panda --live                   both arms in the browser, until Ctrl-C
-  repctl export design.json --to folder         the same in C, for the control loop of the robot
+  repctl design panda --degree auto             the nearest repeatable one
+  repctl cell panda --half-width 0.1 --half-angle 0.3   F for a box
+  repctl check panda --weight inertia           is it repeatable? its drift
+  repctl follow design.json --csv motion.csv    one cycle, ready for a robot
+  repctl animate panda --live                   both arms in the browser
+  repctl export design.json --to folder         the same in C
   repctl robots                                 every arm in the catalogue
   repctl inspect my_arm.urdf                    what a file holds
 """

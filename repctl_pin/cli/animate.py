@@ -24,7 +24,7 @@ HELP = (
     "repeatable inverse"
 )
 EXAMPLE = """examples:
-  repctl animate panda --motion repctl-out/panda/motion.csv --only pseudoinverse,repeatable
+  repctl animate panda --motion motion.csv --only pseudoinverse,repeatable
   repctl animate panda --live"""
 
 RATE = 60.0

@@ -33,7 +33,7 @@ EXAMPLE = """examples:
   repctl cell panda --half-width 0.15,0.3,0.2 --at 0.46,0,0.3
   repctl cell panda --path circle:0.1 --half-width 0.03
   repctl cell panda --sector --radius 0.17 --height 0.2 --angle all
-  repctl cell my_arm.urdf --frame tool0 --task position --half-width 0.2 --shrink
+  repctl cell my_arm.urdf --task position --half-width 0.2 --shrink
   repctl follow repctl-out/panda/cell.json --path circle:0.05 --csv motion.csv"""
 
 

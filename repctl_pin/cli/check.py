@@ -33,8 +33,8 @@ if TYPE_CHECKING:
 HELP = "test whether J⁺, a weighted inverse or a saved design is repeatable, and measure its drift"
 EXAMPLE = """examples:
   repctl check panda --weight inertia
-  repctl check repctl-out/panda/design.json          # a saved design, over its own region
-  repctl check repctl-out/panda/design.json --prove  # a lower bound of its leaf margin in Ω
+  repctl check repctl-out/panda/design.json          # over its region
+  repctl check repctl-out/panda/design.json --prove  # its leaf margin in Ω
   repctl check repctl-out/my_arm/design.json --robot my_arm.urdf"""
 
 _Drift = dict[str, float]

@@ -12,9 +12,11 @@ from .options import Parser
 SHELLS = ("bash", "zsh", "fish")
 
 HELP = "print a script that completes repctl's commands, options and robots in a shell"
-EXAMPLE = """examples: repctl completion bash > ~/.local/share/bash-completion/completions/repctl
-          repctl completion zsh > ~/.repctl.zsh; echo 'source ~/.repctl.zsh' >> ~/.zshrc
-          repctl completion fish > ~/.config/fish/completions/repctl.fish"""
+EXAMPLE = """examples:
+  repctl completion bash > ~/.local/share/bash-completion/completions/repctl
+  repctl completion zsh > ~/.repctl.zsh
+  echo 'source ~/.repctl.zsh' >> ~/.zshrc
+  repctl completion fish > ~/.config/fish/completions/repctl.fish"""
 
 WORDS = {
     "--task": "pose axis position xy xz yz",

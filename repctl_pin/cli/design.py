@@ -43,7 +43,7 @@ HELP = (
 EXAMPLE = """examples:
   repctl design panda --region 0.4 --degree auto
   repctl design panda --task position --weight inertia --shrink --region 1.2
-  repctl design xarm7 --path circle:0.1 --region 0.2         # a tube around the motion
+  repctl design xarm7 --path circle:0.1 --region 0.2  # a tube around the motion
   repctl design panda --degree 3 --samples 262144 --processes 2"""
 
 

@@ -11,8 +11,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from ..errors import RepctlError, printable
-from .terminal import clear_line
+from ..errors import RepctlError
+from .terminal import clear_line, say_line
 
 REFUSED, FAULT, INTERRUPTED = 2, 1, 130
 
@@ -113,7 +113,7 @@ def _say(line: str, code: int) -> int:
     """Print the line, unless stderr is closed."""
     clear_line()
     try:
-        print(printable(f"repctl: {' '.join(line.split())}"), file=sys.stderr, flush=True)
+        say_line(f"repctl: {' '.join(line.split())}")
     except OSError:
         _drop_output()
     return code

@@ -12,9 +12,10 @@ from .terminal import report
 HELP = "write a saved design or cell as C for the control loop of a robot"
 EXAMPLE = """examples:
   repctl export repctl-out/panda/design.json --to panda_c --name panda
-  repctl export repctl-out/my_arm/control.json --robot my_arm.urdf --to my_arm_c --name my_arm
+  repctl export control.json --robot my_arm.urdf --to my_arm_c --name my_arm
 
-C99 and C++17 that require only <math.h>; check.c compares a build with the results of Python:
+C99 and C++17 that require only <math.h>; check.c compares a build with the
+results of Python:
   cmake -S panda_c -B build && cmake --build build && ctest --test-dir build"""
 
 

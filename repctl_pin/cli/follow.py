@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import repctl_pin as rp
 
-from ..errors import InputError, needed, printable
+from ..errors import InputError, needed
 from ..files import write_whole
 from ..show.text.lines import fitted
 from ..show.text.numbers import number, row
 from .given import REGION, Options, integer, numbers_of, positive, with_options
 from .options import Parser
-from .terminal import progress, report
+from .terminal import progress, report, say_line
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -24,13 +24,14 @@ if TYPE_CHECKING:
 
 HELP = "follow a closed path with a saved design, or another controller, and write the joint motion"
 EXAMPLE = """examples:
-  repctl follow design.json --path circle:0.1 --plane yz --csv motion.csv --yaml traj.yaml
-  repctl follow design.json --acceleration panda --jerk panda --tool-speed 0.2 --csv motion.csv
-  repctl follow design.json --path seam.csv --acceleration panda --keep-times --csv motion.csv
+  repctl follow design.json --path circle:0.1 --csv motion.csv --yaml traj.yaml
+  repctl follow design.json --acceleration panda --tool-speed 0.2 --csv m.csv
+  repctl follow design.json --path seam.csv --acceleration panda --keep-times
 
-Without --acceleration, the output is the periodic motion itself, which starts and ends at path
-speed. With it, the motion goes from rest to rest in the shortest time within these accelerations
-and the speed limits of the URDF; all cycles but the first and last are alike."""
+Without --acceleration, the output is the periodic motion itself, which starts
+and ends at path speed. With it, the motion goes from rest to rest in the
+shortest time within these accelerations and the speed limits of the URDF; all
+cycles but the first and last are alike."""
 
 OWN = ("repeatable", "pseudoinverse", "inertia")
 
@@ -169,8 +170,7 @@ def run(options: Options) -> int:
     report(options, lambda: result, text, files)
     if violated and not options.json:
         sys.stdout.flush()
-        warning = f"repctl: warning: {'; '.join(map(str, violated))}; {remedy}"
-        print(printable(warning), file=sys.stderr)
+        say_line(f"repctl: warning: {'; '.join(map(str, violated))}; {remedy}")
     return 0
 
 

@@ -9,7 +9,7 @@ from .terminal import report
 
 HELP = "list joints, limits, frames and redundancy of a robot or a URDF"
 EXAMPLE = """examples:
-  repctl inspect my_arm.urdf          frames at the ends of arms, with their positions
+  repctl inspect my_arm.urdf          the ends of its arms, with positions
   repctl inspect my_arm.urdf --all    every frame"""
 
 

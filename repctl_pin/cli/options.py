@@ -6,6 +6,7 @@ import argparse
 from typing import Any, NoReturn
 
 from ..errors import printable, unknown
+from ..show.text.lines import fitted
 from .given import Options
 
 _PATHS = (
@@ -19,6 +20,10 @@ _PATHS = (
 
 class Parser(argparse.ArgumentParser):
     """ArgumentParser with one-line errors that suggest the closest valid names and --help."""
+
+    def format_help(self) -> str:
+        """Wrap the description and the examples too, which argparse leaves as they are."""
+        return fitted(super().format_help())
 
     def error(self, message: str) -> NoReturn:
         """Print the error in one line and exit with code 2."""

@@ -15,6 +15,9 @@ from .options import Parser
 from .terminal import progress, report
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from ..show.text.lines import Span
     from ..studies.study_maps import StudyMaps
 
 HELP = "measure how far an arm drifts on a closed path, and design a controller that does not drift"
@@ -48,6 +51,8 @@ def add_options(parser: Parser) -> None:
     add("--seed", type=natural, default=0, help="random seed of the nodes (default 0)")
     add("--out", metavar="FOLDER", help="output folder (default repctl-out/ROBOT)")
     add("--report", action="store_true", help="also write report.html: one page with all results")
+    full = "print all strategies and quantities, the settings and a legend"
+    add("--full", action="store_true", help=full)
     add("--json", action="store_true", help="print JSON instead of the table")
     add("--quiet", action="store_true", help="print only errors, and the JSON of --json")
 
@@ -58,6 +63,7 @@ def run(options: Options) -> int:
     say = progress(options.quiet)
     from ..problem import at_minimum_speed
     from ..show.study_files import run_name, write_study
+    from ..show.text.answer import study_answer
     from ..show.text.table import study_table
 
     say("loading the robot and finding a start and a path")
@@ -92,11 +98,21 @@ def run(options: Options) -> int:
             files.append(_report(result, maps, files[0], staged / "report.html", options, run))
         elif (folder / "report.html").exists():
             note = "report.html is from an earlier study; use --report to write a new one"
-            result = replace(result, notes=(*result.notes, note))
+            result = replace(result, notes=(note, *result.notes))
     files = [folder / file.name for file in files]
-    return report(
-        options, lambda: result.as_dict() | {"run": run}, lambda: f"{study_table(result)}\n", files
-    )
+
+    def text() -> str | list[Span]:
+        return f"{study_table(result)}\n" if options.full else study_answer(result, _files(files))
+
+    listed = files if options.full or options.json else []  # the answer names them itself
+    return report(options, lambda: result.as_dict() | {"run": run}, text, listed)
+
+
+def _files(files: Sequence[Path]) -> list[str]:
+    """Name the page to open, and the other files beside it."""
+    page, *others = files
+    names = ", ".join(file.name for file in others)
+    return [f"open   {page}", f"wrote  {names} beside it"]
 
 
 def _report(
@@ -106,7 +122,17 @@ def _report(
     from ..show.report import report_page
     from ..show.study_files import with_run
 
-    own = {"run", "ending", "command_line", "option_names", "json", "quiet", "report", "out"}
+    own = {
+        "run",
+        "ending",
+        "command_line",
+        "option_names",
+        "json",
+        "quiet",
+        "report",
+        "out",
+        "full",
+    }
     page = report_page(
         result,
         maps=maps,

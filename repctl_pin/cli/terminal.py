@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import shutil
 import signal
 import sys
 import threading
@@ -13,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import printable
-from ..show.text.lines import on_terminal
+from ..show.text.lines import Span, coloured, fitted, on_terminal
 
 
 def progress(quiet: bool) -> Callable[[str], None]:
@@ -23,14 +24,23 @@ def progress(quiet: bool) -> Callable[[str], None]:
     def say(text: str) -> None:
         clear_line()
         if text.startswith("note: "):
-            print(printable(text), file=sys.stderr, flush=True)
-        elif shown:
-            print(f"… {printable(text)}", end="", file=sys.stderr, flush=True)
+            say_line(text)
+        elif shown:  # a longer line would leave its first rows behind
+            line = f"… {printable(text)}"[: shutil.get_terminal_size().columns - 1]
+            print(line, end="", file=sys.stderr, flush=True)
 
     if quiet:
         return lambda text: None
     say("starting up")
     return say
+
+
+def say_line(text: str) -> None:
+    """Print a message on stderr: one line, which only a terminal wraps."""
+    line = printable(text)
+    if on_terminal(sys.stderr):
+        line = fitted(line, shutil.get_terminal_size().columns)
+    print(line, file=sys.stderr, flush=True)
 
 
 def clear_line() -> None:
@@ -42,7 +52,7 @@ def clear_line() -> None:
 def report(
     options: argparse.Namespace,
     result: Callable[[], Any],
-    text: Callable[[], str] = str,
+    text: Callable[[], str | list[Span]] = str,
     files: Sequence[str | Path] | None = None,
 ) -> int:
     """Print the result of a command: as JSON, or as text and a list of the written files.
@@ -52,7 +62,7 @@ def report(
     options
         Options with ``json`` and ``quiet``.
     result, text
-        Functions that make the JSON value and the text.
+        Functions that make the JSON value and the text, which may be in pieces with a tone.
     files
         Written files; None for a command that writes none.
     """
@@ -62,7 +72,11 @@ def report(
         print(as_json(found, indent=2))
     elif not options.quiet:
         wrote = [printable(f"wrote {file}") for file in files or ()]
-        print(*filter(None, [printable(text(), lines=True), *wrote]), sep="\n")
+        said = text()
+        print(
+            *filter(None, [coloured([Span(said)] if isinstance(said, str) else said), *wrote]),
+            sep="\n",
+        )
     return 0
 
 

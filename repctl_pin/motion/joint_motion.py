@@ -64,8 +64,19 @@ class JointMotion:
 
         The tolerance is 1e-5 rad, or 1e-5 arm lengths for prismatic joints, to allow for
         integration errors."""
+        return bool(self._gaps.max() < CLOSED)
+
+    @property
+    def first_closes(self) -> bool:
+        """Test whether the first cycle ends in the configuration it began in, as in
+        :attr:`closes`."""
+        return bool(self._gaps[1] < CLOSED)
+
+    @property
+    def _gaps(self) -> Array:
+        """Distance of the configurations between cycles from the first, rad or arm lengths."""
         gaps = (self.q[:: self.steps] - self.q[0]) / joint_scale(self.task, self.q[0])
-        return bool(np.linalg.norm(gaps, axis=1).max() < CLOSED)
+        return np.linalg.norm(gaps, axis=1)
 
     @property
     def speed(self) -> Array:

@@ -1,16 +1,19 @@
-"""What is printed fits a terminal of 80 columns; a pipe gets whole lines."""
+"""What is printed fits a terminal; a pipe gets lines of 80 columns."""
 
 from __future__ import annotations
 
+import io
 import shlex
 import sys
 import unicodedata
+from argparse import _SubParsersAction
 
 import pytest
 from shown import drifts
+from terminals import fit_terminals, terminal_of
 
 import repctl_pin as rp
-from repctl_pin.cli import main
+from repctl_pin.cli import main, parser, terminal
 from repctl_pin.show.text import fitted, lines, study_table, study_verdict
 
 COMMANDS = [
@@ -72,10 +75,36 @@ def test_a_command_fits(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    fit_terminals(monkeypatch)
     assert main(shlex.split(command)) == 0
     text = capsys.readouterr().out
     assert len(text) > 200
     fits(text)
+
+
+@pytest.mark.parametrize("columns", [80, 200])
+def test_the_help_of_every_command_fits(columns: int) -> None:
+    with terminal_of(columns, 24):
+        (commands,) = (a.choices for a in parser()._actions if isinstance(a, _SubParsersAction))
+        for part in (parser(), *commands.values()):
+            assert max(map(len, part.format_help().splitlines())) <= columns
+            for line in part.epilog.splitlines():  # no command is broken
+                assert not line.lstrip().startswith("repctl") or len(line) <= 80, line
+
+
+def test_progress_stays_on_one_row(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A longer line would leave its first rows behind when it is cleared."""
+    err = io.StringIO()
+    monkeypatch.setenv("COLUMNS", "60")
+    monkeypatch.setattr(terminal, "on_terminal", lambda stream: stream is err)
+    monkeypatch.setattr(sys, "stderr", err)
+    say = terminal.progress(quiet=False)
+    say("word " * 40)
+    say("note: " + "word " * 40)
+    _, first, second, note = err.getvalue().split("\r\x1b[2K")
+    assert first == "… starting up" and len(second) == 59
+    assert note.endswith("\n") and max(map(len, note.splitlines())) <= 60
+    assert note.splitlines()[1].startswith("      word")
 
 
 def test_what_stands_behind_a_label_goes_on_below_itself(narrow: None) -> None:
@@ -90,5 +119,6 @@ def test_what_stands_behind_a_label_goes_on_below_itself(narrow: None) -> None:
     assert fitted("from /" + "a" * 100) == "from /" + "a" * 100
 
 
-def test_a_pipe_gets_whole_lines() -> None:
-    assert fitted("word " * 40) == "word " * 40
+def test_a_pipe_gets_80_columns() -> None:
+    assert max(map(len, fitted("word " * 40).splitlines())) in range(75, 81)
+    assert fitted("word " * 40).split() == ["word"] * 40

@@ -6,8 +6,9 @@ from importlib import import_module
 from typing import Any
 
 _NAMES = {
+    "answer": "study_answer",
     "captions": "GLOSSARY amount drift_words joints_words summary",
-    "lines": "fitted",
+    "lines": "coloured fitted",
     "numbers": "metres number percent radians",
     "table": "study_table",
     "verdict": "MotionSummary Tile Verdict motion_summary study_verdict",

@@ -1,17 +1,66 @@
-"""Text wrapped to the width of the terminal."""
+"""Text wrapped to the width of the terminal, and its colours."""
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 import sys
 import textwrap
-from typing import TextIO
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple, TextIO
+
+from ...errors import printable
+
+COLUMNS = 80
+"""Number of columns of text that does not go to a terminal."""
+
+_COLOURS = {"bad": "31", "good": "32"}
+"""Select Graphic Rendition of each tone: red and green."""
 
 
-def terminal_width() -> int | None:
-    """Return the number of columns of the terminal; None if stdout is not a terminal."""
-    return shutil.get_terminal_size().columns if on_terminal(sys.stdout) else None
+class Span(NamedTuple):
+    """A piece of text and its tone: ``bad``, ``good`` or none."""
+
+    text: str
+    tone: str = ""
+
+
+def coloured(spans: Iterable[Span]) -> str:
+    """Join pieces of text; on a terminal with the colours of their tones.
+
+    The environment's ``NO_COLOR``, and ``TERM=dumb``, switch colours off. Control sequences within
+    a piece are escaped."""
+    plain = os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb"
+    colours = {} if plain or not on_terminal(sys.stdout) else _COLOURS
+    return "".join(
+        f"\x1b[{colours[tone]}m{printable(text, lines=True)}\x1b[0m"
+        if tone in colours
+        else printable(text, lines=True)
+        for text, tone in spans
+    )
+
+
+def wrapped(spans: Sequence[Span]) -> list[Span]:
+    """Wrap a sentence made of pieces to the width of the terminal; a no-break space keeps two words
+    on one line."""
+    text = "".join(span.text for span in spans).rstrip(" ")
+    letters, begin, last, width = list(text), 0, 0, terminal_width()
+    for i, letter in enumerate(f"{text} "):
+        if letter == " ":
+            if i - begin > width and last > begin:
+                letters[last], begin = "\n", last + 1
+            last = i
+    lines, at, out = "".join(letters).replace("\u00a0", " "), 0, []
+    for part, tone in spans:
+        out.append(Span(lines[at : at + len(part)], tone))
+        at += len(part)
+    return out
+
+
+def terminal_width() -> int:
+    """Return the number of columns of the terminal; 80 if stdout is not a terminal."""
+    return shutil.get_terminal_size().columns if on_terminal(sys.stdout) else COLUMNS
 
 
 def on_terminal(stream: TextIO | None) -> bool:
@@ -19,17 +68,13 @@ def on_terminal(stream: TextIO | None) -> bool:
     return stream is not None and not stream.closed and stream.isatty()
 
 
-def fitted(text: str) -> str:
-    """Wrap lines that are wider than the terminal; a pipe gets them unchanged.
+def fitted(text: str, width: int | None = None) -> str:
+    """Wrap lines that are wider than the terminal, or than a given width.
 
     Text after a label is indented below itself.
     """
-    width = terminal_width()
-    return (
-        text
-        if width is None
-        else "\n".join(part for line in text.split("\n") for part in _wrapped(line, width))
-    )
+    columns = width or terminal_width()
+    return "\n".join(part for line in text.split("\n") for part in _wrapped(line, columns))
 
 
 def _wrapped(line: str, width: int) -> list[str]:

@@ -28,7 +28,7 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]], *, left: int = 1
     names = [("\n" * (high - cell.count("\n")) + cell).split("\n") for cell in header]
     lines = [*zip(*names, strict=True), *rows]
     widths = [max(len(line[i]) for line in lines) for i in range(len(header))]
-    blocks, width = [[0]], terminal_width() or sum(widths) + 2 * len(widths)
+    blocks, width = [[0]], terminal_width()
     for i in range(1, len(header)):
         if sum(widths[k] + 2 for k in (*blocks[-1], i)) - 2 > width and len(blocks[-1]) > 1:
             blocks.append([0])
@@ -59,7 +59,7 @@ def study_table(study: Study) -> str:
     head = [f"{label.ljust(width)}  {text}" for label, text in study.setting.items()]
     header = ["", *("\n".join(textwrap.wrap(row.label, NARROW)) for row in study.rows)]
     cells = table(header, [[name, *values] for name, values in study_cells(study)])
-    legend = textwrap.wrap(study_legend(study), min(terminal_width() or 80, 100))
+    legend = textwrap.wrap(study_legend(study), min(terminal_width(), 100))
     notes = [f"note: {note}" for note in study_notes(study)]
     before = fitted("\n".join([*loud, study_verdict(study).sentence, "", *head]))
     return "\n".join(
@@ -134,13 +134,18 @@ def study_cells(study: Study) -> list[tuple[str, list[str]]]:
 
 
 def study_legend(study: Study) -> str:
-    """Explain the terms of :func:`study_cells`."""
+    """Explain the terms and marks of :func:`study_cells`."""
     desired = _desired(study)
-    return (
+    cells = " ".join(value for _, values in study_cells(study) for value in values)
+    bad = (
         "! the frame leaves its path, a position or speed limit is violated, or two bodies collide "
-        "(collisions are checked at 100 points per cycle). Joint speed: ‖q̇‖, root mean square. "
+        "(collisions are checked at 100 points per cycle). "
+    )
+    opened = "; ≠ means that the joint path does not close"
+    return (
+        f"{bad if '!' in cells else ''}Joint speed: ‖q̇‖, root mean square. "
         "Fastest first cycle: minimum time from rest to rest within the speed limits and the "
-        "accelerations above; ≠ means that the joint path does not close. "
+        f"accelerations above{opened if '≠' in cells else ''}. "
         "Leaf margin: the smallest σ_min(Nᵀ V̂) along the path; 1 is best, 0 is singular. "
         f"Distance: ‖G − {desired}‖ / ‖{desired}‖, averaged over Ω. "
         "J⁺ + posture: J⁺ with null-space attraction to the start configuration. "

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,9 +11,13 @@ from ...motion.joint_motion import JointMotion, cycle_of
 from ...motion.motion import ON_PATH, Motion
 from ...robot.length import arm_length
 from ...studies import Study
+from .lines import Span
 from .numbers import metres, percent, radians
 
-_STILL = 1e-5
+SMALL = 0.01
+"""An elbow that is off by less hardly drifts, m."""
+
+STILL = 1e-5
 """An elbow that is nearer to its start than this, in arm lengths, is back there."""
 
 
@@ -69,7 +73,7 @@ class MotionSummary:
         elbow moved; or it turned and the elbow did not move."""
         angle, elbow = self.joint_displacement[0], self.elbow_displacement
         far = angle >= 0.1 and angle * self.size > 10 * elbow
-        return far or (angle > 0 and elbow < _STILL * self.size)
+        return far or (angle > 0 and elbow < STILL * self.size)
 
 
 @dataclass(frozen=True)
@@ -225,7 +229,7 @@ def _speeds(first: MotionSummary, last: MotionSummary, times: str) -> str:
 def _displacement(summary: MotionSummary, twists: bool) -> str:
     """Format the elbow displacement at the end and, on request, the joint that turned most."""
     elbow = summary.elbow_displacement
-    moved = "0" if elbow < _STILL * summary.size else metres(elbow)
+    moved = "0" if elbow < STILL * summary.size else metres(elbow)
     angle, name = summary.joint_displacement
     return f"{moved}, {name} {radians(angle)}" if twists and angle > 0 else moved
 
@@ -235,6 +239,100 @@ def _bodies(summary: MotionSummary, collides: bool) -> str:
         return f"collision in cycle {summary.collision_cycle}"
     distance = metres(summary.body_distance or 0.0)
     return f"minimum {distance}" if collides else distance
+
+
+_UNDER = {
+    "J⁺": "the usual control (pseudoinverse)",
+    "nearest repeatable": "the repeatable one",
+}
+_HANDS = {1: "The hand is", 2: "Both hands are"}
+
+
+def headline(
+    summaries: Sequence[MotionSummary], cycles: int, stopped: Sequence[str] = ()
+) -> list[Span]:
+    """Say in one sentence whether hands and elbows are back, and by how much they are off.
+
+    Parameters
+    ----------
+    summaries
+        One for each motion: the first is the reference, the last is the repeatable one.
+    cycles
+        Number of cycles of each.
+    stopped
+        Sentences about motions that stopped.
+    """
+    times = "1 cycle" if cycles == 1 else f"{cycles} cycles"
+    said = [Span(f"{text} ", "bad") for text in stopped]
+    if not summaries:
+        return said
+    said += _hands(summaries)
+    off = max(summary.elbow_displacement for summary in summaries)
+    if any(summary.twists for summary in summaries):
+        name = max(summary.joint_displacement for summary in summaries)[1]
+        said += [Span(f"{name} is not: "), *_listed(summaries, _turned), Span(".")]
+    elif all(summary.elbow_displacement < STILL * summary.size for summary in summaries):
+        elbows = "is the elbow" if len(summaries) == 1 else "are both elbows"
+        said += [Span(f"So {elbows}: "), Span("0", "good"), Span(f" off after {times}.")]
+    elif off < SMALL:
+        said += [Span("The elbow hardly drifts: "), *_listed(summaries, elbow_off)]
+        said += [Span(f", in {times}.")]
+    else:
+        back = len(summaries) == 2 and any(elbow_off(s).tone == "good" for s in summaries)
+        said += [Span(f"{'One' if back else 'The'} elbow is not: ")]
+        said += [*_listed(summaries, elbow_off, " off"), Span(".")]
+    return said
+
+
+def _hands(summaries: Sequence[MotionSummary]) -> list[Span]:
+    """Say that the hands are back, or which one leaves its path."""
+    said = []
+    for summary in summaries:
+        if summary.path_loss is not None:
+            cycle, way, angle = summary.path_loss
+            by = metres(way) if way > ON_PATH * summary.size else radians(angle)
+            said += [
+                Span(f"Under {_under(summary)} the hand leaves its path in cycle {cycle}: "),
+                Span(_joined(f"{by} off"), "bad"),
+                Span(". "),
+            ]
+    return said or [Span(f"{_HANDS.get(len(summaries), 'All hands are')} back. ")]
+
+
+def _listed(
+    summaries: Sequence[MotionSummary], say: Callable[[MotionSummary], Span], unit: str = ""
+) -> list[Span]:
+    """List a value for each motion, with its controller; the unit is said once."""
+    out: list[Span] = []
+    for k, summary in enumerate(summaries):
+        text, tone = say(summary)
+        out += [Span(", ")] * bool(k)
+        out.append(Span(_joined(text + unit * (not k or text != "0")), tone))
+        out.append(Span(f" under {_under(summary)}"))
+    return out
+
+
+def elbow_off(summary: MotionSummary) -> Span:
+    """Write how far the elbow is off at the end; the tone is ``good`` for 0 and ``bad`` from 1 cm
+    up."""
+    off = summary.elbow_displacement
+    if off < STILL * summary.size:
+        return Span("0", "good")
+    return Span(metres(off), "bad" if off >= SMALL else "")
+
+
+def _turned(summary: MotionSummary) -> Span:
+    angle = summary.joint_displacement[0]
+    return Span(radians(angle), "bad") if angle > 0 else Span("0", "good")
+
+
+def _joined(text: str) -> str:
+    """Join words that belong on one line."""
+    return text.replace(" ", "\u00a0")
+
+
+def _under(summary: MotionSummary) -> str:
+    return _UNDER.get(summary.label, summary.label)
 
 
 def study_verdict(study: Study) -> Verdict:

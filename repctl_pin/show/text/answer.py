@@ -1,0 +1,224 @@
+"""First answer of a study: a sentence and a short table, for a terminal of 24 rows."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Callable, Sequence
+
+from ...certificate import proved_words
+from ...studies import Row, Study
+from .lines import Span, fitted, wrapped
+from .numbers import metres, number, percent
+from .table import NARROW, outside_words, table
+from .verdict import STILL, MotionSummary, elbow_off, headline, motion_summary
+
+ROWS, COLUMNS = 24, 80
+"""Size of the terminal that the answer fits."""
+
+NOT_SHOWN = "posture_off"
+"""Strategy that only the full table shows."""
+
+_TITLES = {"pseudoinverse": "usual control", "posture": "+ posture", "repeatable": "repeatable"}
+_LAST = ("the start is ", "joint speed: ", "another elbow position ")
+"""Beginnings of the notes that give way to others."""
+
+_SPEED = 1 + 1e-9
+"""A joint above this share of its speed limit is too fast."""
+
+
+def study_answer(study: Study, files: Sequence[str] = ()) -> list[Span]:
+    """Write a study's first answer: a sentence, a short table, and what to open.
+
+    Notes are listed as far as the rows of the terminal go.
+
+    Parameters
+    ----------
+    study
+        The study.
+    files
+        Lines on the files that were written, printed at the end.
+
+    Returns
+    -------
+    list of Span
+        Pieces of text; a terminal shows their tone as colour.
+    """
+    rows = [row for row in study.rows if row.key != NOT_SHOWN]
+    out = [Span(f"{line}\n", "bad") for line in fitted("\n".join(_warnings(rows))).splitlines()]
+    out += [*study_headline(study), Span(f"\n\n{fitted(_about(study))}\n\n")]
+    out += _short_table(study, rows)
+    after = [f"! {_title(row)}: {said}" for row in rows for said in _violations(row)]
+    after += _proved(study)
+    below = ["", *files, "--full prints all strategies, the settings and a legend"]
+    used = _height(out) + _height_of(after) + _height_of(below)
+    notes = _as_many(_notes(study, rows), ROWS - 2 - used)  # the command and the next prompt
+    return [*out, Span(fitted("\n".join([*after, *notes, *below])))]
+
+
+def study_headline(study: Study) -> list[Span]:
+    """Write the sentence of a study: J⁺ beside the nearest repeatable inverse."""
+    rows = [study.row("pseudoinverse"), study.row("repeatable")]
+    stopped = [
+        f"{_TITLES[row.key].capitalize()} stopped: {row.stopped}."
+        for row in rows
+        if row.motion is None
+    ]
+    summaries = [summary for row in rows if (summary := _summary(study, row)) is not None]
+    return wrapped(headline(summaries, _cycles(study), stopped))
+
+
+def _cycles(study: Study) -> int:
+    return next((row.motion.cycles for row in study.rows if row.motion is not None), 0)
+
+
+def _title(row: Row) -> str:
+    return _TITLES.get(row.key, row.label)
+
+
+def _summary(study: Study, row: Row) -> MotionSummary | None:
+    if row.motion is None:
+        return None
+    return motion_summary(row.label, row.motion, study.elbow)
+
+
+def _warnings(rows: Sequence[Row]) -> list[str]:
+    return outside_words(max(row.outside for row in rows))
+
+
+def _about(study: Study) -> str:
+    """Name the arm, its task and its path."""
+    cycles = _cycles(study)
+    times = "1 cycle" if cycles == 1 else f"{cycles} cycles"
+    task = f"{study.robot.name} {study.task.frame}, {study.task.kind}, r = {study.task.r}"
+    return f"{task}: {study.path.name}, {times}"
+
+
+def _short_table(study: Study, rows: Sequence[Row]) -> list[Span]:
+    """Format the short table; a cell that is bad or good has that tone."""
+    header = ["", *("\n".join(textwrap.wrap(_title(row), NARROW + 4)) for row in rows)]
+    cells = _cells(study, rows)
+    text = table(header, [[name, *(cell.text for cell in line)] for name, line in cells]) + "\n"
+    out: list[Span] = []
+    for line in text.splitlines(keepends=True):
+        found = next((row for name, row in cells if line.startswith(f"{name}  ")), [])
+        at = 0
+        for cell in found:
+            begin = line.find(cell.text, max(at, len(cells[0][0])))
+            if begin < 0:  # in a block of columns of its own
+                continue
+            out += [Span(line[at:begin]), cell]
+            at = begin + len(cell.text)
+        out.append(Span(line[at:]))
+    return out
+
+
+def _cells(study: Study, rows: Sequence[Row]) -> list[tuple[str, list[Span]]]:
+    """List the quantities of the short table, and the value of each for every strategy."""
+    summaries = [_summary(study, row) for row in rows]
+    usual = summaries[0]
+
+    def line(say: Callable[[Row, MotionSummary], Span]) -> list[Span]:
+        return [
+            Span("stopped", "bad") if summary is None else say(row, summary)
+            for row, summary in zip(rows, summaries, strict=True)
+        ]
+
+    some = next((row.motion for row in rows if row.motion is not None), None)
+    unit = "" if some is None else f", {some.task.unit}"
+    cells = [
+        ("hand off its path, at most", line(_hand)),
+        ("elbow off at the end", line(lambda _, summary: elbow_off(summary))),
+        (f"joints off at the end{unit}", line(_joints)),
+        ("first cycle closes", line(_first)),
+        ("extra joint speed, cycle 1", line(lambda _, summary: _speed(summary, usual))),
+        ("limits", line(lambda _, summary: _limits(summary))),
+    ]
+    known = any(summary is not None and summary.body_distance is not None for summary in summaries)
+    return [*cells, *([("closest links", line(_links))] if known else [])]
+
+
+def _hand(row: Row, summary: MotionSummary) -> Span:
+    assert row.motion is not None
+    off = float(row.motion.tracking_error.max())
+    text = "0" if off < STILL * summary.size else metres(off)
+    return Span(text, "bad" if summary.path_loss else "")
+
+
+def _joints(row: Row, _: MotionSummary) -> Span:
+    motion = row.motion
+    assert motion is not None
+    return Span("0", "good") if motion.closes else Span(number(float(motion.drift[-1])), "bad")
+
+
+def _first(row: Row, _: MotionSummary) -> Span:
+    assert row.motion is not None
+    return Span("yes", "good") if row.motion.first_closes else Span("no", "bad")
+
+
+def _speed(summary: MotionSummary, usual: MotionSummary | None) -> Span:
+    """Compare the joint speed with that of J⁺, if neither leaves the path."""
+    if usual is None or summary is usual or not usual.speed > 0:
+        return Span("–")
+    if usual.path_loss or summary.path_loss:
+        return Span("–")
+    return Span(percent(summary.speed / usual.speed - 1))
+
+
+def _limits(summary: MotionSummary) -> Span:
+    if summary.limit_violation:
+        return Span(f"cycle {summary.limit_violation[0]}!", "bad")
+    if summary.speed_ratio > _SPEED:
+        return Span(f"speed × {summary.speed_ratio:.2g}!", "bad")
+    return Span("kept")
+
+
+def _links(_: Row, summary: MotionSummary) -> Span:
+    if summary.body_distance is None:
+        return Span("–")
+    if summary.collision_cycle:
+        return Span("collide!", "bad")
+    return Span(metres(summary.body_distance))
+
+
+def _violations(row: Row) -> list[str]:
+    """Say which joint exceeds its limits, or which links collide, and when."""
+    motion, said = row.motion, [str(violation) for violation in row.violations]
+    if motion is not None and motion.speed_ratio > _SPEED:
+        times = f"{motion.speed_ratio:.2g} times as fast as its limit allows"
+        said.append(f"{motion.fastest_joint} goes {times}")
+    return said
+
+
+def _proved(study: Study) -> list[str]:
+    proof = study.design.proof
+    return [f"leaf margin in Ω: {proved_words(proof)}"] if proof else []
+
+
+def _notes(study: Study, rows: Sequence[Row]) -> list[str]:
+    """List the notes that neither the sentence nor the lines below the table hold."""
+    said = {f"{row.label}: {violation}" for row in rows for violation in _violations(row)}
+    notes = sorted((n for n in study.notes if n not in said), key=lambda n: n.startswith(_LAST))
+    for row in rows:
+        if row.motion is None and row.key not in ("pseudoinverse", "repeatable"):
+            notes.insert(0, f"{_title(row)}: {row.stopped}")
+    return notes
+
+
+def _as_many(notes: Sequence[str], rows: int) -> list[str]:
+    """Take as many notes as fit, and say how many do not."""
+    taken = [f"note: {note}" for note in notes]
+    if _height_of(taken) <= rows:
+        return taken
+    while taken and _height_of(taken) + 1 > rows:
+        taken.pop()
+    left = len(notes) - len(taken)
+    return [*taken, f"{left} more note{'s' if left > 1 else ''}: --full"]
+
+
+def _height(spans: Sequence[Span]) -> int:
+    return "".join(span.text for span in spans).count("\n")
+
+
+def _height_of(lines: Sequence[str]) -> int:
+    """Count the rows of lines in a terminal of the smallest size."""
+    return sum(fitted(line, COLUMNS).count("\n") + 1 for line in lines)
