@@ -19,6 +19,7 @@ from ..regions import Region
 from ..regions.region import A_REGION
 from ..robot.task import Task
 from ..strategies.repeatable import RepeatableInverse
+from .kdl import kdl_header
 from .source import about, region_of, write_source
 from .text import checked_name, filled, integer, pose, row, value
 from .vectors import BAD_NUMBER, OUTSIDE, STATUS, Vector, answers, asked, targets, vectors
@@ -37,9 +38,9 @@ def export_c(
 
     ``name.h`` and ``name.c``: placement, jacobian, inverse, leaf, velocity, step, inside, every
     name beginning with ``name_``. They do not allocate memory, keep no state, and return a status.
-    ``name.hpp``: the same with ``std::array``. ``test_vectors.h`` and ``check.c`` compare a build
-    with Python; ``loop.c`` is an example at 1 kHz; ``CMakeLists.txt`` builds all. The output is
-    deterministic.
+    ``name.hpp``: the same with ``std::array``; ``name_kdl.hpp``: solvers of Orocos KDL.
+    ``test_vectors.h`` and ``check.c`` compare a build with Python; ``loop.c`` is an example at
+    1 kHz; ``CMakeLists.txt`` builds all. The output is deterministic.
 
     ``name_governor_step`` is :class:`Governor` in C: limits kept at run time. Its state is a struct
     that the caller owns. A task in other joint coordinates has none.
@@ -102,6 +103,7 @@ def export_c(
         f"{name}.h": source.header,
         f"{name}.c": source.code,
         f"{name}.hpp": filled("arm.hpp", name, parts),
+        f"{name}_kdl.hpp": kdl_header(control, name, about(control, kept), start),
         "test_vectors.h": filled("test_vectors.h", name, parts),
         "check.c": filled("check.c", name, {}),
         "loop.c": filled(
@@ -111,7 +113,7 @@ def export_c(
     }
     where = prepare_folder(folder)
     for other in where.glob("*.hpp"):
-        if other.stem != name and where.joinpath("test_vectors.h").exists():
+        if other.stem not in (name, f"{name}_kdl") and where.joinpath("test_vectors.h").exists():
             raise InputError(
                 f"{where} already contains the inverse {other.stem!r}; choose another folder"
             )

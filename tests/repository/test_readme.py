@@ -56,7 +56,7 @@ WRITES = {
         "timed.csv"
     },
     "export repctl-out/my_arm/design.json --robot my_arm.urdf --to c": {
-        *(f"c/arm_control.{end}" for end in ("h", "c", "hpp")),
+        *(f"c/arm_control{end}" for end in (".h", ".c", ".hpp", "_kdl.hpp")),
         *(f"c/{name}" for name in ("test_vectors.h", "check.c", "loop.c", "CMakeLists.txt")),
     },
     "cell my_arm.urdf --half-width 0.05": {

@@ -1,0 +1,76 @@
+"""Adapter with the interface of LeRobot's ``RobotKinematics``; LeRobot itself is not required."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..arguments import Array, require_type, vector
+from ..errors import InputError
+from ..inverse_function import InverseFunction
+
+
+class FunctionKinematics:
+    """Kinematics of a cell's function, for LeRobot's processors: one configuration per hand pose.
+
+    Revolute joints are in degrees, prismatic joints in m, poses are homogeneous matrices (4, 4).
+
+    Parameters
+    ----------
+    F
+        Function of a cell, such as ``found.function``.
+    leaf : (r,) array, optional
+        c, by default 0: moves the elbow along the self-motion.
+
+    Attributes
+    ----------
+    joint_names : list of str
+        The joints, in the order of all arrays.
+
+    Raises
+    ------
+    InputError
+        If a pose is outside the cell, or an array has too few joints.
+
+    Examples
+    --------
+    >>> from repctl_pin.integrations.lerobot import FunctionKinematics
+    >>> kinematics = FunctionKinematics(found.function)
+    >>> degrees = kinematics.inverse_kinematics(degrees, pose)
+    """
+
+    def __init__(self, F: InverseFunction, leaf: ArrayLike | None = None) -> None:
+        require_type(F, InverseFunction, "F", "a cell's function, such as found.function")
+        self.function, self.leaf = F, leaf
+        self.joint_names = list(F.task.joint_names)
+        self._units = np.where(F.task.revolute, np.pi / 180, 1.0)
+
+    def forward_kinematics(self, joint_pos_deg: ArrayLike) -> Array:
+        """Evaluate the pose (4, 4) of the frame; joints beyond the arm's are ignored."""
+        return self.function.task.placement(self._arm(joint_pos_deg) * self._units).homogeneous
+
+    def inverse_kinematics(
+        self,
+        current_joint_pos: ArrayLike,
+        desired_ee_pose: ArrayLike,
+        position_weight: float = 1.0,
+        orientation_weight: float = 0.01,
+    ) -> Array:
+        """Evaluate F at a pose; it needs no initial guess, and no weights because it is exact.
+
+        Joints beyond the arm's, such as a gripper, keep their current positions.
+        """
+        joints = np.array(current_joint_pos, float)
+        joints[: len(self._arm(joints))] = (
+            self.function(np.asarray(desired_ee_pose, float), leaf=self.leaf) / self._units
+        )
+        return joints
+
+    def _arm(self, joints: ArrayLike) -> Array:
+        n, given = len(self.joint_names), np.atleast_1d(np.asarray(joints, float))
+        if len(given) < n:
+            raise InputError(
+                f"needs {n} joint positions ({', '.join(self.joint_names)}); got {len(given)}",
+                argument="current_joint_pos",
+            )
+        return vector(given[:n], n, "the joint positions", "one per joint")
