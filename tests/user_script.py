@@ -115,6 +115,11 @@ def motions(task: rp.Task, design: rp.Design) -> rp.Motion:
     fast: rp.TimedMotion = rp.timed(motion, acceleration=[1, 1, 1], velocity=2.0)
     run: rp.Run = rp.Run(fast)
     q, qdot = run.step(0.01)
+    governor: rp.Governor = rp.Governor(design.inverse, 0.001, acceleration=5.0, margin=0.1)
+    governor.start(q0)
+    status: rp.Status
+    q, status = governor.step(path.placement(0.1))
+    print(status is rp.Status.OK, governor.step(twist=[0.1, 0, 0, 0, 0, 0]), governor.leaf)
     print(q, qdot, best.q0, rp.approach(q0, motion).duration)
     print(rp.write_motion(fast, "motion.csv"))
     return motion

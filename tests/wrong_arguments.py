@@ -45,7 +45,7 @@ RESULTS = {
 }
 """Classes that functions make, not people: their methods are tried, their constructors are not."""
 
-MADE = {"CellDesign", "InverseFunction"}
+MADE = {"CellDesign", "InverseFunction", "Status"}
 """Classes that are made by functions only: their methods are tried, their constructors are not."""
 
 
@@ -110,6 +110,8 @@ def right_calls(folder: Path) -> list[Call]:
     motion = rp.follow(inverse, path, q0, cycles=2, steps=24, integrator=rp.LeafLock())
     study = rp.study(robot, kind="xy", start=q0, path=path, cycles=1, steps=24, region=0.2)
     timed = rp.timed(motion, acceleration=10.0, rate=100.0)
+    started = rp.Governor(inverse, 0.01, velocity=1.0, acceleration=5.0)
+    started.start(q0)
     saved = rp.save(design, folder / "design.json")
     cell = rp.Cell(task, target, (0.05, 0.05))
     found = rp.nearest_inverse_function(
@@ -192,6 +194,10 @@ def right_calls(folder: Path) -> list[Call]:
             "tool_speed": [0.5, 3.0], "keep_times": False, "rate": 100.0,
         },
         "Run": {"timed": timed, "q": timed.q[0]},
+        "Governor": {
+            "inverse": inverse, "dt": 0.01, "velocity": 1.0, "acceleration": 5.0, "jerk": 500.0,
+            "margin": 0.1,
+        },
         "write_motion": {"motion": motion, "file": folder / "motion.csv", "allow_violations": True},
         "approach": {
             "q_now": q0 + 0.05, "motion": motion, "to": "nearest", "acceleration": 10.0,
@@ -321,6 +327,8 @@ def right_calls(folder: Path) -> list[Call]:
         (rp.Cell, "around"): {"task": task, "poses": [target], "margin": 0.02, "half_angle": 0.0},
         (rp.Cell, "at"): {"u": U[0]},
         (rp.Run, "step"): {"dt": 0.01, "override": 0.5},
+        (rp.Governor, "start"): {"q": q0},
+        (rp.Governor, "step"): {"target": target},
         (rp.Design, "evaluate_baselines"): {"progress": False},
         (rp.Cell, "coordinates"): {"p": p, "R": R},
         (rp.Cell, "coordinates_of"): {"target": target},
@@ -363,7 +371,7 @@ def right_calls(folder: Path) -> list[Call]:
         control, rp.WeightedInverse(task, [1, 2, 3]), rp.PostureControl(task, q0), inverse,
         rp.CustomInverse(task, control), rp.ExtendedJacobian(task, q0), rp.LimitWeight(task),
         potentials, waves, joined,
-        custom, box, tube, workspace, design, motion, study, path, rp.Run(timed),
+        custom, box, tube, workspace, design, motion, study, path, rp.Run(timed), started,
         rp.best_leaf(inverse, path, q0, steps=8), rp.animation({"J⁺": motion}, seconds=1.0),
     ]  # fmt: skip
     public = {n for n in dir(rp) if callable(getattr(rp, n)) and not n.endswith("Error")}

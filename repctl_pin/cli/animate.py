@@ -109,6 +109,7 @@ def _check(options: Options) -> None:
 
 def _run_live(options: Options, design: rp.Design | None, say: Callable[[str], None]) -> int:
     """Run both controllers along the path in real time, in the browser, until Ctrl-C or SIGTERM."""
+    from ..motion.governed_loop import GovernedLoop
     from ..motion.loop import Loop
 
     if design is None:
@@ -118,7 +119,8 @@ def _run_live(options: Options, design: rp.Design | None, say: Callable[[str], N
         say("finding a path")
         problem = options.problem_of(design)
         q0, path = problem.start, problem.cycle
-    loop = Loop([design.desired, design.inverse], path, q0, period=options.seconds)
+    kind = Loop if design.task.coordinates is not None else GovernedLoop
+    loop = kind([design.desired, design.inverse], path, q0, period=options.seconds)
     with (
         until_stopped() as stop,
         rp.Viewer(design.task, _names(design), path=path, start=q0, port=options.port or 0) as view,

@@ -39,6 +39,7 @@ def governor_source(task: Task, name: str) -> tuple[str, str, str]:
         "acceleration": value(law.ACCELERATION),
         "jerk": value(law.JERK),
         "braking": value(law.BRAKING),
+        "regular": value(law.REGULAR),
         "velocity": row(task.velocity_limit),
         "lower": row(task.lower),
         "upper": row(task.upper),

@@ -17,15 +17,17 @@ from .frame_motion import FrameMotion, brake, change_of_acceleration, landing
 from .governor_law import (
     BRAKING,
     JERK,
+    REGULAR,
     TINY,
     Bounds,
+    Goal,
     Now,
-    Wish,
     approach_speed,
     fastest,
     frame_twist,
     free_acceleration,
     next_rate,
+    regularity,
     shares_used,
     stop_time,
     task_rate,
@@ -34,7 +36,7 @@ from .joint_polynomials import LONG, SHORT, LeafInterpolation, Plan
 from .status import Status as Status
 from .timing import limits_of
 
-MOST = 180
+MOST = 150
 """Maximum number of evaluations of the inverse in a tick."""
 
 STRIDE = 0.004
@@ -275,8 +277,8 @@ class Governor:
             return Status.SINGULAR
         if target is None:
             rate = task_rate(now.task, now.place, np.zeros(6) if twist is None else twist)
-            wish = Wish(frame_twist(now.task, now.place, rate), 1.0, False)
-            return self._drive(now, wish)
+            goal = Goal(frame_twist(now.task, now.place, rate), 1.0, False)
+            return self._drive(now, goal)
         if self._plan.lands and target == self._landing:
             return Status.OK if self._at_rest() else Status.SLOWED
         way = frame_twist(now.task, now.place, now.task.error(q, target))
@@ -288,7 +290,7 @@ class Governor:
         if self._land(now, way, g, a):
             self._landing, self._pace = target, 1.0
             return Status.SLOWED
-        return self._drive(now, Wish(way, approach_speed(1.0, a, 2 * self._bounds.stride), True))
+        return self._drive(now, Goal(way, approach_speed(1.0, a, 2 * self._bounds.stride), True))
 
     def _now(self, q: Array) -> Now:
         """Evaluate the state at this tick."""
@@ -301,13 +303,13 @@ class Governor:
         later = plan.rates(t + stride)[1]
         return Now(task, place, q, qdot, bend, G, G_ahead, twist, rate, later)
 
-    def _drive(self, now: Now, wish: Wish) -> Status:
+    def _drive(self, now: Now, goal: Goal) -> Status:
         """Go on in a direction for a stride, as fast as the limits allow."""
-        if not wish.way.any():
-            return self._reached(now, wish.way)
-        most = fastest(self._bounds, now, wish.way)
-        speed = min(wish.speed, min(most) * self._pace)
-        later = next_rate(self._bounds, now, wish.way * speed)
+        if not goal.way.any():
+            return self._reached(now, goal.way)
+        most = fastest(self._bounds, now, goal.way)
+        speed = min(goal.speed, min(most) * self._pace)
+        later = next_rate(self._bounds, now, goal.way * speed)
         cause = self._try(now, later)
         if cause is Status.SLOWED:
             self._try(now, (now.later + later) / 2)
@@ -318,9 +320,9 @@ class Governor:
         self._pace = min(_FASTER * self._pace, 1.0)
         if self._pace < 1:
             return self._cause
-        if most.by_room < min(most.by_speed, wish.speed):
+        if most.by_limit < min(most.by_speed, goal.speed):
             return Status.LIMIT
-        return Status.SLOWED if wish.lands else self._reached(now, wish.way)
+        return Status.SLOWED if goal.lands else self._reached(now, goal.way)
 
     def _reached(self, now: Now, twist: Array) -> Status:
         """Tell whether the twist is the one asked for."""
@@ -356,6 +358,8 @@ class Governor:
             plan = begun.copy()
             if not self._add(plan, brake(place, twist, rate, T), speed * T / 2):
                 return self._solver.failure()
+            if not self._leaves(plan.q, now):
+                return Status.SINGULAR
             before, after, inside = shares_used(bounds, self._started(), plan, begun.time)
             if not inside:
                 return Status.LIMIT
@@ -384,13 +388,21 @@ class Governor:
         T = max(T * longer[self._turn], 3 * bounds.dt)
         plan = Plan(now.q, now.qdot, lands=True)
         motion = landing(now.place, now.twist, now.rate, way, T)
-        if not self._add(plan, motion, float(np.abs(g).max())):
+        if not self._add(plan, motion, float(np.abs(g).max())) or not self._leaves(plan.q, now):
             return False
         before, after, inside = shares_used(bounds, self._started(), plan, 0.0)
         if not inside or max(before, after) > 1:
             return False
         self._take(plan)
         return True
+
+    def _leaves(self, q: Array, now: Now) -> bool:
+        """Whether an arm at rest at q can leave it: q is not, or not more than now, singular."""
+        try:
+            there = regularity(self._task.jacobian(q), self._inverse(q))
+        except SingularityError:
+            return False
+        return there >= REGULAR or there >= regularity(self._task.jacobian(now.q), now.G)
 
     def _add(self, plan: Plan, motion: FrameMotion, travel: float) -> bool:
         """Append a motion, in pieces as long as the last ones could be."""

@@ -18,6 +18,10 @@ SPEED, ACCELERATION, JERK = 0.985, 0.95, 0.8
 BRAKING = 0.75
 """Share of the acceleration limits with which the arm slows down before targets and limits."""
 
+REGULAR = 0.01
+"""Minimum sine of the angle between a row of J and the span of the other rows of J_V where a plan
+ends: nearer to a singularity, an arm at rest could not leave it."""
+
 TINY = 1e-300
 """In place of 0 in divisions."""
 
@@ -81,7 +85,7 @@ class Now(NamedTuple):
         return self.G_ahead @ task_rate(self.task, self.place, twist)
 
 
-class Wish(NamedTuple):
+class Goal(NamedTuple):
     """Direction (6,) of the frame, the share of it asked for per s, and whether it is a target."""
 
     way: Array
@@ -90,11 +94,11 @@ class Wish(NamedTuple):
 
 
 class Fastest(NamedTuple):
-    """Largest speeds along a direction, shares of it per s: by the speed limits, and by the room to
-    the joint limits."""
+    """Largest speeds along a direction, shares of it per s, by the speed limits and by the joint
+    limits ahead."""
 
     by_speed: float
-    by_room: float
+    by_limit: float
 
 
 def task_rate(task: Task, place: pin.SE3, twist: Array) -> Array:
@@ -123,28 +127,35 @@ def free_acceleration(bounds: Bounds, now: Now) -> Array:
 def fastest(bounds: Bounds, now: Now, way: Array) -> Fastest:
     """Find the largest speeds along a direction, in shares of it per s."""
     g, ahead = np.abs(now.joint_rates(way)), np.abs(now.joint_rates_ahead(way))
-    room = np.where(now.joint_rates(way) > 0, bounds.upper - now.q, now.q - bounds.lower)
+    space = np.where(now.joint_rates(way) > 0, bounds.upper - now.q, now.q - bounds.lower)
     lag = 2 * bounds.stride
-    toward = [
+    speeds = [
         approach_speed(d, BRAKING * a, lag)
-        for d, a in zip(room.tolist(), bounds.acceleration.tolist(), strict=True)
+        for d, a in zip(space.tolist(), bounds.acceleration.tolist(), strict=True)
     ]
     g = np.maximum(g, TINY)
     by_speed = float((SPEED * bounds.velocity / np.maximum(g, ahead)).min())
-    return Fastest(by_speed, float((np.array(toward) / g).min()))
+    return Fastest(by_speed, float((np.array(speeds) / g).min()))
 
 
-def next_rate(bounds: Bounds, now: Now, wish: Array) -> Array:
+def next_rate(bounds: Bounds, now: Now, goal: Array) -> Array:
     """Choose the derivative of the twist after the next stride, on the way to another twist."""
     T = bounds.stride
-    gap = wish - now.twist - T / 2 * now.rate
+    gap = goal - now.twist - T / 2 * now.rate
     g = now.joint_rates(gap)
     size = np.maximum(np.abs(g), TINY)
-    room = ACCELERATION * bounds.acceleration - np.sign(g) * now.bend
+    space = ACCELERATION * bounds.acceleration - np.sign(g) * now.bend
     by_jerk = approach_speed(1.0, JERK * float((bounds.jerk / size).min()), T)
-    change = min(max(float((room / size).min()), 0.0), by_jerk) * gap - now.rate
+    change = min(max(float((space / size).min()), 0.0), by_jerk) * gap - now.rate
     g = np.maximum(np.abs(now.joint_rates(change)), TINY)
     return now.rate + min(1.0, float((JERK * bounds.jerk * T / g).min())) * change
+
+
+def regularity(J: Array, G: Array) -> float:
+    """Evaluate the smallest sine of the angle between a row of J and the other rows of J_V.
+
+    ``1 / (‖row i of J‖ ‖column i of G‖)``; 0 is singular."""
+    return float(1 / np.sqrt((J**2).sum(axis=1) * (G**2).sum(axis=0)).max())
 
 
 def stop_time(bounds: Bounds, now: Now, twist: Array) -> float:

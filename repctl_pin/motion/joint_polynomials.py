@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -93,37 +92,39 @@ class Piece(NamedTuple):
         return first * scale, second * scale**2
 
 
-@dataclass(eq=False)
 class Plan:
     """Motions of the frame, one after the other to rest, and the joints that they ask for.
 
+    Parameters
+    ----------
+    q, qdot : (n,) arrays
+        Where it begins.
+    lands
+        Whether it ends at a target.
+
     Attributes
     ----------
-    q : (n,) array
+    q, qdot : (n,) arrays
         Where it ends.
-    qdot : (n,) array
-        Its velocity there.
     motions, begins : lists
         Motions of the frame, and when each begins, s.
     pieces : list of Piece
     time : float
         Duration, s.
-    lands : bool
-        Whether it ends at the target.
     """
 
-    q: Array
-    qdot: Array
-    motions: list[FrameMotion] = field(default_factory=list)
-    begins: list[float] = field(default_factory=list)
-    pieces: list[Piece] = field(default_factory=list)
-    time: float = 0.0
-    lands: bool = False
+    def __init__(self, q: Array, qdot: Array, *, lands: bool = False) -> None:
+        self.q, self.qdot, self.lands, self.time = q, qdot, lands, 0.0
+        self.motions: list[FrameMotion] = []
+        self.begins: list[float] = []
+        self.pieces: list[Piece] = []
 
     def copy(self) -> Plan:
         """Copy the plan, to append to it."""
-        parts = [*self.motions], [*self.begins], [*self.pieces]
-        return Plan(self.q, self.qdot, *parts, self.time, self.lands)
+        plan = Plan(self.q, self.qdot, lands=self.lands)
+        plan.motions, plan.begins = [*self.motions], [*self.begins]
+        plan.pieces, plan.time = [*self.pieces], self.time
+        return plan
 
     def at(self, t: float) -> Array:
         """Evaluate the joints at a time from the plan's beginning: (n,)."""

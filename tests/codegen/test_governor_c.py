@@ -151,7 +151,7 @@ def test_random_ticks_keep_all_limits_and_the_sanitizers_are_silent(tmp_path: Pa
     assert max(said[:3]) <= 1 + 1e-9 and max(said[:2]) > 0.9  # v, a, jerk
     assert said[3] >= MARGIN - 1e-9 and said[4] < 1e-9 and said[5] < 1e-6  # margin, leaf, apart
     assert (
-        said[6] >= 1 and min(said[12], said[14], said[16]) > 50
+        said[6] >= 1 and min(said[12], said[14], said[16]) > 0
     )  # arrived; OK, garbage, on the way
 
 

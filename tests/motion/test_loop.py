@@ -8,6 +8,7 @@ import pytest
 
 import repctl_pin as rp
 from repctl_pin.motion import Loop
+from repctl_pin.motion.governed_loop import GovernedLoop
 
 PERIOD = 1.0
 
@@ -109,3 +110,21 @@ def test_out_of_reach_it_holds_says_so_and_comes_back(
     loop.run(10.0)
     assert not loop.offset.any() and not loop.out_of_reach
     np.testing.assert_allclose(loop.q[1], loop.before[1], atol=1e-6)
+
+
+def test_through_a_governor_it_repeats_within_the_limits(controls) -> None:
+    q0 = np.array([0.3, 0.8, 0.8])
+    task = controls[0].task
+    loop = GovernedLoop(controls, rp.circle(task, q0, 0.05), q0, period=0.6)
+    Q = [loop.q[1]]
+    for k in range(150):
+        loop.run(loop.dt, [0.0, 0.05, 0.0] if k < 20 else [0.0, 0.0, 0.0])
+        Q.append(loop.q[1])
+    dt, speed, acceleration = loop.dt, loop._speeds, loop._accelerations
+    assert (np.abs(np.diff(Q, axis=0)) / dt <= speed * (1 + 1e-9)).all()
+    assert (np.abs(np.diff(Q, 2, axis=0)) / dt**2 <= acceleration * (1 + 1e-9)).all()
+    assert np.abs(controls[1].leaf(Q[-1]) - controls[1].leaf(q0)).max() < 1e-9
+    away = [np.linalg.norm(task.error(q, task.placement(loop.q[1]))) for q in loop.q]
+    assert max(away) < 1e-3  # the others are where the governor is
+    loop.run(1.2)
+    assert np.abs(loop.q[1] - loop.before[1]).max() < 0.01

@@ -470,6 +470,7 @@ static int arm_used(const arm_governor *g, const arm_plan *plan, double begin, d
             H[1][i] = H[2][i];
             H[2][i] = q[i];
         }
+        if (plan->lands && !(speed <= 1.0 && worst <= 1.0)) return 0; /* a landing is not tried again */
         if (t > begin) {
             if (!(worst <= later)) later = worst;
         } else if (!(worst <= first))
@@ -478,6 +479,30 @@ static int arm_used(const arm_governor *g, const arm_plan *plan, double begin, d
     *before = speed > first ? speed : first;
     *after = later;
     return 1;
+}
+
+/* Smallest sine of the angle between a row of J and the other rows of J_V; 0 is singular. */
+static double arm_regularity(const double q[ARM_N])
+{
+    double J[ARM_M * ARM_N], G[ARM_N * ARM_M], worst = 0.0;
+    int a, i;
+    if (arm_jacobian(q, J) != ARM_OK || arm_inverse(q, G) != ARM_OK) return 0.0;
+    for (a = 0; a < ARM_M; a++) {
+        double row = 0.0, column = 0.0;
+        for (i = 0; i < ARM_N; i++) {
+            row += J[a * ARM_N + i] * J[a * ARM_N + i];
+            column += G[i * ARM_M + a] * G[i * ARM_M + a];
+        }
+        if (!(row * column <= worst)) worst = row * column;
+    }
+    return 1.0 / sqrt(worst);
+}
+
+/* Tell whether an arm at rest at q can leave it: q is not, or not more than now, singular. */
+static int arm_leaves(const double q[ARM_N], const arm_now *now)
+{
+    const double there = arm_regularity(q);
+    return there > 0.0 && (there >= @regular || there >= arm_regularity(now->q));
 }
 
 static arm_status arm_failure(const arm_governor *g)
@@ -535,6 +560,7 @@ static arm_status arm_stop(arm_governor *g, arm_plan *plan, const arm_now *now, 
         }
         arm_brake(&plan->motion[motions], place, twist, rate, T);
         if (!arm_append_long(g, plan, fast * T / 2.0)) return arm_failure(g);
+        if (!arm_leaves(plan->q, now)) return ARM_SINGULAR;
         if (!arm_used(g, plan, begin, &before, &after)) return ARM_LIMIT;
         if (!(before <= 1.0)) return ARM_SLOWED;
         if (after <= 1.0) {
@@ -612,7 +638,7 @@ static int arm_try_landing(arm_governor *g, const arm_now *now, const double way
     arm_plan_begin(plan, now->q, now->qdot);
     plan->lands = 1;
     arm_land(plan->motion, &now->place, now->twist, now->rate, way, T);
-    if (!arm_append_long(g, plan, travel)) return 0;
+    if (!arm_append_long(g, plan, travel) || !arm_leaves(plan->q, now)) return 0;
     if (!arm_used(g, plan, 0.0, &before, &after) || !(before <= 1.0) || !(after <= 1.0)) return 0;
     arm_take(g);
     return 1;
