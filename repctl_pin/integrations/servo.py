@@ -10,10 +10,10 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from ..arguments import Array, positive
+from ..codegen.compiled_governor import CompiledGovernor
 from ..design.design_result import Design
 from ..errors import InputError, SingularityError
 from ..inverse_function.cell_design import CellDesign
-from ..motion.governor import Governor
 from ..motion.self_motion import self_motion
 from ..motion.status import Status
 from ..motion.timing import limits_of
@@ -52,7 +52,7 @@ class Servo:
     rate
         Ticks per second, 1/s.
     acceleration, jerk
-        Limits, as in :class:`Governor`.
+        Limits, as in :class:`Governor`, which serves in C.
     timeout
         Age of joints or of a target from which it counts as late, s.
     tolerance
@@ -75,7 +75,7 @@ class Servo:
         self.cell = design.function.cell if isinstance(design, CellDesign) else None
         inverse = design.function.inverse if isinstance(design, CellDesign) else design.inverse
         self._inverse, self.task = inverse, inverse.task
-        self._governor = Governor(inverse, self.dt, acceleration=acceleration, jerk=jerk)
+        self._governor = CompiledGovernor(inverse, self.dt, acceleration=acceleration, jerk=jerk)
         self._limits = limits_of(self.task, None, acceleration, jerk=jerk)
         robot = self.task.robot
         self.base = robot.base or robot.model.frames[1].name
