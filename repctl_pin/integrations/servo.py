@@ -19,7 +19,7 @@ from ..motion.status import Status
 from ..motion.timing import limits_of
 
 _SAME = 1e-3
-"""Distance of the measured joints from the last command that counts as none, rad or m."""
+"""Distance of measured joints from others or from a command that counts as none, rad or m."""
 
 _LEAF = 1e-9
 """Distance from a leaf that counts as none."""
@@ -84,6 +84,7 @@ class Servo:
         self._commands: list[Array] = []
         self._leaf: Array | None = None
         self._piece: list[Array] = []
+        self._still: tuple[Array, float] | None = None
         self._held, self._fault = "", False
         self._forget()
 
@@ -149,9 +150,9 @@ class Servo:
         late = q is None or age > self.timeout
         if self.state is State.WAITING:
             if late or q is None:
-                self.reason = self._absent(now)
+                self.reason, self._still = self._absent(now), None
                 return None
-            if not self._start(q):
+            if not self._rests(q, now) or not self._start(q):
                 return None
         elif late or q is None:
             self._forget()
@@ -225,6 +226,13 @@ class Servo:
         except (InputError, SingularityError) as error:
             self._leaf = None
             self._stop(f"leaf refused: {error}")
+
+    def _rests(self, q: Array, now: float) -> bool:
+        """Tell whether the measured joints have rested for ``timeout``."""
+        if self._still is None or np.abs(q - self._still[0]).max() > _SAME:
+            self._still = (q, now)
+        self.reason = "the arm moves"
+        return now - self._still[1] >= self.timeout
 
     def _start(self, q: Array) -> bool:
         """Begin at rest at the measured joints; tell whether it could."""
