@@ -160,7 +160,7 @@ class Servo:
             if self.at_rest:
                 self.state = State.WAITING
                 return None
-        elif self._compare(q):
+        elif self._compare(q, age):
             return None
         if self._twist is not None and now - self._heard > self.timeout:
             self._refuse(f"the last twist is more than {self.timeout:g} s old")
@@ -249,14 +249,15 @@ class Servo:
         self._forget()
         return True
 
-    def _compare(self, q: Array) -> bool:
+    def _compare(self, q: Array, age: float) -> bool:
         """Hold if the arm does not follow its commands; tell whether it is to get none."""
-        off = np.abs(q - self._commands[-1])
+        off = np.abs(q - self._commands[-1]) - age * self._limits.velocity  # moved since measured
         if off.max() > self.tolerance and not self._fault:
             j = int(np.argmax(off))
             self._fault = True
             name, unit = self.task.joint_names[j], "rad" if self.task.revolute[j] else "m"
-            self._stop(f"the arm does not follow: {name} is {off[j]:.3g} {unit} from its command")
+            away = abs(float(q[j] - self._commands[-1][j]))
+            self._stop(f"the arm does not follow: {name} is {away:.3g} {unit} from its command")
         if self._fault and self.at_rest and not self._held:
             self.state = State.WAITING  # resumed: the next tick begins at the measured joints
         return self._fault and self.at_rest
