@@ -10,6 +10,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from ..arguments import Array, positive
+from ..codegen.compile import compiled
 from ..codegen.compiled_governor import CompiledGovernor
 from ..design.design_result import Design
 from ..errors import InputError, SingularityError
@@ -74,7 +75,7 @@ class Servo:
         self.tolerance = positive(tolerance, "tolerance", "rad (m)")
         self.cell = design.function.cell if isinstance(design, CellDesign) else None
         inverse = design.function.inverse if isinstance(design, CellDesign) else design.inverse
-        self._inverse, self.task = inverse, inverse.task
+        self._inverse, self.task = compiled(inverse), inverse.task
         self._governor = CompiledGovernor(inverse, self.dt, acceleration=acceleration, jerk=jerk)
         self._limits = limits_of(self.task, None, acceleration, jerk=jerk)
         robot = self.task.robot

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from ..arguments import Array
@@ -15,6 +16,9 @@ _PIECE = 0.1
 
 _PEAKS = (1.875, 5.774, 60.0)
 """Largest first, second and third derivative of 10s³ − 15s⁴ + 6s⁵ on 0 ≤ s ≤ 1."""
+
+_STEPS, _EXACT = 6, 1e-9
+"""Newton steps per sample, and the length, rad or m, of a last one, whose error is its square."""
 
 _ALLOWED = 0.98
 """Share of the limits that is used."""
@@ -63,13 +67,22 @@ def self_motion(
         Q, s = np.tile(q, (ticks + 1, 1)), np.arange(ticks + 1) / ticks
         sigma = s**3 * (10 - 15 * s + 6 * s**2)
         for k in range(1, ticks + 1):
-            Q[k] = inverse.solve(place, Q[k - 1], leaf=begin + sigma[k] * way)
+            Q[k] = _refined(inverse, place, Q[k - 1], begin + sigma[k] * way)
         share = _share_used(Q, limits, dt)
         if share <= 1:
             break
         ticks = max(ticks + 1, int(ticks * min(share, 2.0)))
     _check(inverse, Q)
     return Q[1:]
+
+
+def _refined(inverse: RepeatableInverse, place: pin.SE3, q: Array, leaf: Array) -> Array:
+    """Solve by Newton's method from the sample before, which is near."""
+    for _ in range(_STEPS):
+        last, q = q, inverse.step(q, place, 1.0, leaf=leaf)
+        if np.abs(q - last).max() <= _EXACT:
+            return q
+    raise InputError("the motion to the leaf has a gap")
 
 
 def _least_ticks(travel: Array, limits: Limits, dt: float) -> int:
