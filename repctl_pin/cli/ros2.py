@@ -14,8 +14,8 @@ EXAMPLE = """examples:
   repctl ros2 control.json --ros-args -p acceleration:=panda -r target_pose:=/teleop/pose
   repctl ros2 my_control.json --robot my_arm.urdf --ros-args -p acceleration:=5.0 -p rate:=250.0
 
-Topics: target_pose, target_twist and joint_states in; joint_trajectory or commands, and
-/diagnostics out. Services: ~/hold and ~/resume. Ctrl-C brakes the arm to rest, then ends the node."""
+Topics in: target_pose, target_twist, joint_states. Topics out: joint_trajectory or commands,
+/diagnostics. Services: ~/hold, ~/resume. Ctrl-C brakes the arm to rest, then ends the node."""
 
 
 def add_options(parser: Parser) -> None:
@@ -45,7 +45,7 @@ def run(options: Options) -> int:
     except ImportError as error:
         raise InputError(
             f"the node requires ROS 2 ({error})",
-            remedy="source its setup script (setup.bash), or install repctl_pin with the extra ros2",
+            remedy="source its setup.bash, or install repctl_pin with the extra ros2",
         ) from None
     with until_stopped() as stop:
         spin(design, ["--ros-args", *options.ros_args] if options.ros_args else [], stop)

@@ -43,8 +43,9 @@ class CompiledGovernor(Governor):
         bounds, n = self._bounds, self._task.n
         size = ctypes.c_ulong.in_dll(self._library, _BYTES).value
         self._state = ctypes.create_string_buffer(size)
-        values = [bounds.velocity, bounds.acceleration, bounds.jerk, [self._margin]]
-        self._limits = np.concatenate(values)
+        margin = np.array([self._margin])
+        values = bounds.velocity, bounds.acceleration, bounds.jerk, margin
+        self._limits: Array = np.concatenate(values)
         self._place, self._rates, self._next_q = np.zeros(12), np.zeros(6), np.zeros(n)
         self._run = self._library[f"{NAME}_governor_step"]
 

@@ -39,7 +39,7 @@ _LEVELS = {
 _OUTPUTS = ("trajectory", "positions")
 
 
-class ArmNode(Node):  # type: ignore[misc]
+class ArmNode(Node):
     """Node ``repctl``: connects the topics, services and parameters of ROS 2 to a :class:`Servo`.
 
     Subscribes to ``target_pose``, ``target_twist`` and ``joint_states``; publishes

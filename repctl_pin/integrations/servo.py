@@ -18,15 +18,10 @@ from ..inverse_function.cell_design import CellDesign
 from ..motion.self_motion import self_motion
 from ..motion.status import Status
 from ..motion.timing import limits_of
-
-_SAME = 1e-3
-"""Distance of measured joints from others or from a command that counts as none, rad or m."""
+from .messages import SAME, JointReadings, target_of
 
 _LEAF = 1e-9
 """Distance from a leaf that counts as none."""
-
-_UNIT = 1e-3
-"""Distance of a quaternion's norm from 1 that counts as rounding."""
 
 _REST = 4
 """Equal commands after which the arm is at rest."""
@@ -81,22 +76,20 @@ class Servo:
         robot = self.task.robot
         self.base = robot.base or robot.model.frames[1].name
         self.state, self.reason, self.status = State.WAITING, "no joint states yet", Status.OK
-        self._positions: dict[str, tuple[float, float]] = {}
+        self._readings = JointReadings(self.task.joint_names)
         self._commands: list[Array] = []
         self._leaf: Array | None = None
         self._piece: list[Array] = []
-        self._still: tuple[Array, float] | None = None
         self._held, self._fault = "", False
-        self._forget()
+        self._target: pin.SE3 | None = None
+        self._twist: Array | None = None
+        self._heard = 0.0
 
     # ---- messages ------------------------------------------------------------------------------
 
     def joints(self, positions: Mapping[str, float], now: float) -> None:
         """Take measured joint positions by name, of some joints or all; others are ignored."""
-        for name in self.task.joint_names:
-            value = positions.get(name)
-            if value is not None and np.isfinite(value):
-                self._positions[name] = (float(value), now)
+        self._readings.take(positions, now)
 
     def pose(
         self,
@@ -109,7 +102,8 @@ class Servo:
         """Take a target (x, y, z) and (x, y, z, w) in the base frame; a bad one stops the arm."""
         if self._usable("target", frame, age):
             try:
-                self._target, self._twist = self._placement(position, quaternion), None
+                self._target = target_of(position, quaternion, self.task, self.cell)
+                self._twist = None
             except InputError as error:
                 self._refuse(f"target refused: {error}")
 
@@ -147,17 +141,21 @@ class Servo:
 
     def tick(self, now: float) -> Array | None:
         """Compute the next command (n,); None if nothing may be sent."""
-        q, age = self._measured(now)
+        q, age = self._readings.measured(now)
         late = q is None or age > self.timeout
         if self.state is State.WAITING:
             if late or q is None:
-                self.reason, self._still = self._absent(now), None
+                self.reason = self._readings.absent(now)
+                self._readings.disturb()
                 return None
-            if not self._rests(q, now) or not self._start(q):
+            if not self._readings.rest(now, self.timeout):
+                self.reason = "the arm moves"
+                return None
+            if not self._start(q):
                 return None
         elif late or q is None:
             self._forget()
-            self.reason = self._absent(now)
+            self.reason = self._readings.absent(now)
             if self.at_rest:
                 self.state = State.WAITING
                 return None
@@ -210,9 +208,7 @@ class Servo:
 
     def _moving_asked(self) -> bool:
         """Tell whether there is a target or a twist to follow."""
-        return self.state is State.RUNNING and (
-            self._target is not None or self._twist is not None
-        )
+        return self.state is State.RUNNING and (self._target is not None or self._twist is not None)
 
     def _to_leaf(self, leaf: Array) -> None:
         """Plan the next piece of the motion to a leaf, once the arm is at rest."""
@@ -228,17 +224,10 @@ class Servo:
             self._leaf = None
             self._stop(f"leaf refused: {error}")
 
-    def _rests(self, q: Array, now: float) -> bool:
-        """Tell whether the measured joints have rested for ``timeout``."""
-        if self._still is None or np.abs(q - self._still[0]).max() > _SAME:
-            self._still = (q, now)
-        self.reason = "the arm moves"
-        return now - self._still[1] >= self.timeout
-
     def _start(self, q: Array) -> bool:
         """Begin at rest at the measured joints; tell whether it could."""
         command = self.command
-        if self._fault or command is None or np.abs(q - command).max() > _SAME:
+        if self._fault or command is None or np.abs(q - command).max() > SAME:
             try:
                 self._governor.start(q)
             except (InputError, SingularityError) as error:
@@ -265,24 +254,6 @@ class Servo:
 
     # ---- what messages say ---------------------------------------------------------------------
 
-    def _measured(self, now: float) -> tuple[Array | None, float]:
-        """Collect the joints in the task's order, and the age of the oldest."""
-        found = [self._positions.get(name) for name in self.task.joint_names]
-        if any(pair is None for pair in found):
-            return None, 0.0
-        pairs = [pair for pair in found if pair is not None]
-        return np.array([q for q, _ in pairs]), now - min(t for _, t in pairs)
-
-    def _absent(self, now: float) -> str:
-        """Describe which joints are missing or late."""
-        names = self.task.joint_names
-        missing = [name for name in names if name not in self._positions]
-        if len(missing) == len(names):
-            return "no joint states yet"
-        if missing:
-            return f"no joint state of {', '.join(missing)}"
-        return f"joint states are {self._measured(now)[1]:.2g} s old"
-
     def _usable(self, what: str, frame: str, age: float) -> bool:
         """Refuse a message in another frame, late, or while the arm does not run."""
         if frame not in ("", self.base):
@@ -293,21 +264,6 @@ class Servo:
             self.reason = ""
             return True
         return False
-
-    def _placement(self, position: Sequence[float], quaternion: Sequence[float]) -> pin.SE3:
-        """Convert a target, which must be finite, a rotation, and in the cell if there is one."""
-        p, x = np.array(position, float), np.array(quaternion, float)
-        turns = self.task.kind in ("pose", "axis")
-        if not np.isfinite(p).all() or (turns and not np.isfinite(x).all()):
-            raise InputError("it must be finite numbers")
-        norm = float(np.linalg.norm(x))
-        if turns and not abs(norm - 1) <= _UNIT:
-            raise InputError(f"its quaternion has norm {norm:.4g}, not 1")
-        R = pin.Quaternion(x / norm).matrix() if turns else np.eye(3)
-        target = pin.SE3(R, p)
-        if self.cell is not None:
-            self.cell.coordinates_of(target)
-        return target
 
     def _refuse(self, reason: str) -> None:
         """Stop, and go on with the next good target."""
@@ -324,6 +280,4 @@ class Servo:
 
     def _forget(self) -> None:
         """Drop the target and the twist."""
-        self._target: pin.SE3 | None = None
-        self._twist: Array | None = None
-        self._heard = 0.0
+        self._target, self._twist, self._heard = None, None, 0.0

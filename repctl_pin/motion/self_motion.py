@@ -54,6 +54,8 @@ def self_motion(
     ------
     InputError
         If there is no configuration on the way, or it is outside a joint limit or Ω.
+    SingularityError
+        If J_V is singular on the way.
     """
     q = np.asarray(q, float)
     begin, place = inverse.leaf(q), inverse.task.placement(q)

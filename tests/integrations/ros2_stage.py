@@ -146,6 +146,6 @@ class Stage:
 
 
 def on_loopback(patch: Any) -> None:
-    """Keep all messages of this process and its children on this machine, in a domain of its own."""
+    """Keep all messages on this machine, in a domain of this process and its children."""
     patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     patch.setenv("ROS_DOMAIN_ID", str(10 + os.getpid() % 90))

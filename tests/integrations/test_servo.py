@@ -5,7 +5,6 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 import repctl_pin as rp
@@ -186,7 +185,11 @@ def test_a_leaf_is_reached_before_the_next_target(bench: Bench) -> None:
     inverse = design().inverse
     wanted = inverse.leaf(Q0) + 0.2
     assert bench.servo.leaf(wanted) == ""
-    assert bench.servo.leaf([0.1, 0.2]) == bench.servo.leaf([np.nan]) == "leaf must be 1 finite numbers"
+    assert (
+        bench.servo.leaf([0.1, 0.2])
+        == bench.servo.leaf([np.nan])
+        == "leaf must be 1 finite numbers"
+    )
     bench.run(0.5)
     assert (bench.q == Q0).all()  # nothing moves without a target
     bench.at(0.05, 0.0)
@@ -225,7 +228,9 @@ def test_random_messages_never_exceed_a_limit_or_leave_the_leaf() -> None:
     for _ in range(150):
         kind = int(rng.integers(9))
         if kind < 4:
-            p = bench.task.placement(Q0).translation + rng.normal(size=3) * rng.choice([0.05, 2, 1e9])
+            p = bench.task.placement(Q0).translation + rng.normal(size=3) * rng.choice(
+                [0.05, 2, 1e9]
+            )
             bench.servo.pose(p, rng.normal(size=4))
         elif kind == 4:
             bench.servo.twist(rng.normal(size=6) * rng.choice([0.1, 10, 1e9]), bench.now)
