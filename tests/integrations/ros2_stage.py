@@ -107,14 +107,18 @@ class Stage:
         angular.x, angular.y, angular.z = map(float, v[3:])
         self._twists.publish(message)
 
+    def rests(self) -> bool:
+        """Tell whether the last eight commands are the same."""
+        last = [q for _, q in self.commands[-8:]]
+        return len(last) == 8 and all((q == last[0]).all() for q in last)
+
     def settle(self, most: float = 20.0) -> np.ndarray:
         """Wait until the commands rest; return the last one."""
         until = time.monotonic() + most
         while time.monotonic() < until:
             time.sleep(0.15)
-            last = [q for _, q in self.commands[-8:]]
-            if len(last) == 8 and all((q == last[0]).all() for q in last):
-                return last[0]
+            if self.rests():
+                return self.commands[-1][1]
         raise AssertionError("the commands do not come to rest")
 
     def _command(self, message: Any) -> None:

@@ -114,6 +114,9 @@ def test_sixty_seconds_round_a_closed_tour(found: tuple[rp.CellDesign, Path], st
             stage.pose(F.cell.at(a + s**2 * (3 - 2 * s) * (b - a)))
             sent += 1
             time.sleep(max(begin + sent / 100 - time.monotonic(), 0.0))
+        while not stage.rests():  # a machine under load is late
+            stage.pose(F.cell.at(b))
+            time.sleep(0.01)
         rest.append(stage.commands[-1][1])
     lasted, busy = time.monotonic() - begin, seconds_of(node.pid) - busy
     Q, stops = np.array([q for _, q in stage.commands]), np.array(rest)
@@ -143,7 +146,7 @@ def latency(F: rp.InverseFunction, stage: Stage, count: int = 100) -> str:
     found, rng = [], np.random.default_rng(0)
     for k in range(count):
         stage.pose(F.cell.at(np.full(F.cell.k, 0.02 * (k % 2))))
-        time.sleep(0.3)
+        time.sleep(0.2)
         rest = stage.settle()
         time.sleep(rng.uniform(0, 0.01))
         before = len(stage.commands)
