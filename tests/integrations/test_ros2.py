@@ -21,7 +21,8 @@ import repctl_pin as rp
 pytest.importorskip(
     "rclpy", reason="rclpy is not installed: the extra ros2, or a ROS 2 of one's own"
 )
-from ros2_stage import Stage, on_loopback
+from ros2_stage import Stage, on_loopback  # noqa: E402
+from std_msgs.msg import Float64MultiArray  # noqa: E402
 
 RATE = 100.0
 LIMITS = ("acceleration:=panda", "jerk:=panda", f"rate:={RATE}")
@@ -240,3 +241,18 @@ def test_faults_in_the_middle_of_a_motion(found: tuple[rp.CellDesign, Path], sta
     print("twist for 0.1 s:", moved)
     assert 0.002 < moved[0] < 0.02 and np.abs(moved[1:]).max() < 1e-5
     assert used(Q, F.task) <= 1 + 1e-6
+
+
+@pytest.mark.slow
+def test_other_joint_names_and_a_position_controller(
+    found: tuple[rp.CellDesign, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    on_loopback(monkeypatch)
+    F, sent = found[0].function, []
+    q = F(F.cell.placement)
+    names = tuple(f"left_{name}" for name in F.task.joint_names)
+    with Stage(tmp_path, found[1], q, names) as stage:
+        stage.subscribe(Float64MultiArray, "commands", lambda m: sent.append(list(m.data)))
+        stage.node(*LIMITS, "output:=positions", f"joints:=[{','.join(names)}]")
+        time.sleep(0.5)
+        assert not stage.commands and np.abs(np.array(sent) - q).max() == 0

@@ -121,6 +121,10 @@ class Stage:
                 return self.commands[-1][1]
         raise AssertionError("the commands do not come to rest")
 
+    def subscribe(self, kind: Any, topic: str, heard: Any) -> None:
+        """Hear another topic, too."""
+        self._node.create_subscription(kind, topic, heard, QoSProfile(depth=1000))
+
     def _command(self, message: Any) -> None:
         q = np.array(message.points[0].positions)
         self.commands.append((time.monotonic(), q))
