@@ -21,8 +21,8 @@ import repctl_pin as rp
 pytest.importorskip(
     "rclpy", reason="rclpy is not installed: the extra ros2, or a ROS 2 of one's own"
 )
-from ros2_stage import Stage, on_loopback  # noqa: E402
-from std_msgs.msg import Float64MultiArray  # noqa: E402
+from ros2_stage import Stage, on_loopback
+from std_msgs.msg import Float64MultiArray
 
 RATE = 100.0
 LIMITS = ("acceleration:=panda", "jerk:=panda", f"rate:={RATE}")
