@@ -15,7 +15,19 @@ from typing import Any
 
 from .._version import __version__
 from ..errors import RepctlError
-from . import animate, cell, check, completion, design, export, follow, inspect, robots, study
+from . import (
+    animate,
+    cell,
+    check,
+    completion,
+    design,
+    export,
+    follow,
+    inspect,
+    robots,
+    ros2,
+    study,
+)
 from .endings import exit_code
 from .executors import BLAS_THREADS
 from .options import Parser
@@ -24,7 +36,19 @@ _AS_WRITTEN: dict[str, Any] = {
     "formatter_class": argparse.RawDescriptionHelpFormatter,
     "allow_abbrev": False,
 }
-_COMMANDS = (study, design, cell, follow, check, animate, export, robots, inspect, completion)
+_COMMANDS = (
+    study,
+    design,
+    cell,
+    follow,
+    check,
+    animate,
+    export,
+    ros2,
+    robots,
+    inspect,
+    completion,
+)
 
 _EXAMPLES = """examples:
   repctl study panda                            table, figures and animation
@@ -36,6 +60,7 @@ _EXAMPLES = """examples:
   repctl follow design.json --csv motion.csv    one cycle, ready for a robot
   repctl animate panda --live                   both arms in the browser
   repctl export design.json --to folder         the same in C
+  repctl ros2 control.json --ros-args …         the same as a ROS 2 node
   repctl robots                                 every arm in the catalogue
   repctl inspect my_arm.urdf                    what a file holds
 """

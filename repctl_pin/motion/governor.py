@@ -232,7 +232,7 @@ class Governor:
             the arm stops, with ``Status.BAD_NUMBER``.
         """
         history = self._started()
-        goal, rates = _input(target, twist)
+        goal, rates = taken_input(target, twist)
         usable = self._usable(goal, rates)
         if usable and self._tick >= self._next:
             self._solver.refill()
@@ -426,7 +426,7 @@ def _own_joints(task: Task) -> Task:
     return task
 
 
-def _input(target: Placement | None, twist: ArrayLike | None) -> _Input:
+def taken_input(target: Placement | None, twist: ArrayLike | None) -> _Input:
     """Take a target or a twist, which may hold numbers that are not finite."""
     if target is not None and twist is not None:
         raise InputError("target and twist are mutually exclusive; give one of them")

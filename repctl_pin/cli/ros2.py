@@ -1,0 +1,52 @@
+"""``repctl ros2``: a saved design as a ROS 2 node."""
+
+from __future__ import annotations
+
+import argparse
+
+from ..errors import InputError
+from .given import Options
+from .options import Parser
+from .terminal import until_stopped
+
+HELP = "run a saved design or cell as a ROS 2 node that commands the joints"
+EXAMPLE = """examples:
+  repctl ros2 control.json --ros-args -p acceleration:=panda -r target_pose:=/teleop/pose
+  repctl ros2 my_control.json --robot my_arm.urdf --ros-args -p acceleration:=5.0 -p rate:=250.0
+
+Topics in: target_pose, target_twist, joint_states. Topics out: joint_trajectory or commands,
+/diagnostics. Services: ~/hold, ~/resume. Ctrl-C brakes the arm to rest, then ends the node."""
+
+
+def add_options(parser: Parser) -> None:
+    """Add the options of this subcommand."""
+    parser.what("a saved design or cell (.json) of repctl design, study or cell")
+    parser.set_defaults(frame=None, task=None)
+    parser.add_argument(
+        "--ros-args",
+        nargs=argparse.REMAINDER,
+        default=[],
+        metavar="...",
+        help="last: arguments of ROS, -p NAME:=VALUE for parameters, -r FROM:=TO for topics; "
+        "parameters: acceleration (required), jerk, rate, joints, leaf, output, timeout, tolerance",
+    )
+
+
+def run(options: Options) -> int:
+    """Run the node until Ctrl-C."""
+    if not options.saved:
+        raise InputError(
+            f"{options.what!r} is not a saved design (.json)",
+            remedy="make one with repctl design, study or cell",
+        )
+    design = options.load_saved()
+    try:
+        from ..integrations.ros2 import spin
+    except ImportError as error:
+        raise InputError(
+            f"the node requires ROS 2 ({error})",
+            remedy="source its setup.bash, or install repctl_pin with the extra ros2",
+        ) from None
+    with until_stopped() as stop:
+        spin(design, ["--ros-args", *options.ros_args] if options.ros_args else [], stop)
+    return 0

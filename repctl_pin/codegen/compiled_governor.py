@@ -1,0 +1,97 @@
+"""Governor in C, called from Python: ticks of some 10 µs."""
+
+from __future__ import annotations
+
+import ctypes
+import warnings
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..arguments import Array
+from ..c_library import NoCompilerError, loaded_library
+from ..motion.governor import Governor, taken_input
+from ..motion.status import Status
+from ..regions import Region
+from ..robot.chain_formulas import Placement
+from ..strategies.repeatable import RepeatableInverse
+from .compiled_loop import NAME
+from .source import write_source
+
+_DOUBLES = ctypes.POINTER(ctypes.c_double)
+_BYTES = f"{NAME}_governor_bytes"
+
+
+class CompiledGovernor(Governor):
+    """:class:`Governor` in C, with the same arguments, methods and joints.
+
+    It is compiled once by the system's C compiler, and stored in the user's cache. Without a
+    compiler, a warning is given and Python is used.
+
+    Raises
+    ------
+    InputError
+        As in :class:`Governor`, or if the potentials cannot be written as C.
+    """
+
+    def __init__(self, inverse: RepeatableInverse, dt: float, **limits: Any) -> None:
+        super().__init__(inverse, dt, **limits)
+        self._library = _library(inverse)
+        if self._library is None:
+            return
+        bounds, n = self._bounds, self._task.n
+        size = ctypes.c_ulong.in_dll(self._library, _BYTES).value
+        self._state = ctypes.create_string_buffer(size)
+        margin = np.array([self._margin])
+        values = bounds.velocity, bounds.acceleration, bounds.jerk, margin
+        self._limits: Array = np.concatenate(values)
+        self._place, self._rates, self._next_q = np.zeros(12), np.zeros(6), np.zeros(n)
+        self._run = self._library[f"{NAME}_governor_step"]
+
+    def start(self, q: ArrayLike) -> None:
+        """Begin, or begin again, at rest at a configuration; see :meth:`Governor.start`."""
+        super().start(q)
+        if self._library is not None:
+            begin = self._library[f"{NAME}_governor_start"]
+            dt, q = ctypes.c_double(self._bounds.dt), self.q
+            status = begin(self._state, _address(q), dt, _address(self._limits))
+            assert status == Status.OK, status  # Python refuses what C does
+
+    def step(
+        self, target: Placement | None = None, twist: ArrayLike | None = None
+    ) -> tuple[Array, Status]:
+        """Go on by one tick; see :meth:`Governor.step`."""
+        if self._library is None:
+            return super().step(target, twist)
+        history = self._started()
+        goal, rates = taken_input(target, twist)
+        if goal is not None:
+            self._place[:3], self._place[3:] = goal.translation, goal.rotation.ravel()
+        if rates is not None:
+            self._rates[:] = rates
+        status = self._run(
+            self._state,
+            None if goal is None else _address(self._place),
+            None if rates is None else _address(self._rates),
+            _address(self._next_q),
+        )
+        history[:-1], history[-1] = history[1:].copy(), self._next_q
+        return self._next_q.copy(), Status(status)
+
+
+def _address(values: Array) -> Any:
+    return values.ctypes.data_as(_DOUBLES)
+
+
+def _library(inverse: RepeatableInverse) -> ctypes.PyDLL | None:
+    """Compile the governor of an inverse; None, with a warning, without a compiler."""
+    region = inverse.region if isinstance(inverse.region, Region) else None  # a cell is its own
+    source = write_source(inverse, NAME, region, governor=True)
+    size = f"const unsigned long {_BYTES} = sizeof({NAME}_governor);\n"
+    code = source.code.replace(f'#include "{NAME}.h"', source.header) + size
+    try:
+        return ctypes.PyDLL(loaded_library(code))
+    except NoCompilerError as error:
+        warnings.warn(f"{error}; Python serves", UserWarning, stacklevel=4)
+        return None

@@ -1,0 +1,283 @@
+"""Joints commanded tick by tick from what messages say: waiting, running, holding. No ROS here."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from enum import Enum
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from ..arguments import Array, positive
+from ..codegen.compile import compiled
+from ..codegen.compiled_governor import CompiledGovernor
+from ..design.design_result import Design
+from ..errors import InputError, SingularityError
+from ..inverse_function.cell_design import CellDesign
+from ..motion.leaf_change import leaf_change
+from ..motion.status import Status
+from ..motion.timing import limits_of
+from .messages import SAME, JointReadings, target_of
+
+_LEAF = 1e-9
+"""Distance from a leaf that counts as none."""
+
+_REST = 4
+"""Equal commands after which the arm is at rest."""
+
+
+class State(Enum):
+    """State of a :class:`Servo`: no fresh joints; following targets; at rest until resumed."""
+
+    WAITING = "waiting"
+    RUNNING = "running"
+    HOLDING = "holding"
+
+
+class Servo:
+    """Commands of an arm from poses or twists and measured joints, limits kept, on one leaf.
+
+    All times are of one clock, in s, passed as ``now``. Messages that cannot be used stop the arm
+    and are described by :attr:`reason`; nothing raises but the constructor.
+
+    Parameters
+    ----------
+    design
+        A saved design, or one over a cell.
+    rate
+        Ticks per second, 1/s.
+    acceleration, jerk
+        Limits, as in :class:`Governor`, which serves in C.
+    timeout
+        Age of joints or of a target from which it counts as late, s.
+    tolerance
+        Distance of a measured joint from its command from which the arm does not follow, rad or m.
+    """
+
+    def __init__(
+        self,
+        design: Design | CellDesign,
+        rate: float,
+        *,
+        acceleration: ArrayLike | str,
+        jerk: ArrayLike | str | None = None,
+        timeout: float = 0.1,
+        tolerance: float = 0.2,
+    ) -> None:
+        self.dt = 1 / positive(rate, "rate", "1/s")
+        self.timeout = positive(timeout, "timeout", "s")
+        self.tolerance = positive(tolerance, "tolerance", "rad (m)")
+        self.cell = design.function.cell if isinstance(design, CellDesign) else None
+        inverse = design.function.inverse if isinstance(design, CellDesign) else design.inverse
+        self._inverse, self.task = compiled(inverse), inverse.task
+        self._governor = CompiledGovernor(inverse, self.dt, acceleration=acceleration, jerk=jerk)
+        self._limits = limits_of(self.task, None, acceleration, jerk=jerk)
+        robot = self.task.robot
+        self.base = robot.base or robot.model.frames[1].name
+        self.state, self.reason, self.status = State.WAITING, "no joint states yet", Status.OK
+        self._readings = JointReadings(self.task.joint_names)
+        self._commands: list[Array] = []
+        self._leaf: Array | None = None
+        self._piece: list[Array] = []
+        self._held, self._fault = "", False
+        self._target: pin.SE3 | None = None
+        self._twist: Array | None = None
+        self._heard = 0.0
+
+    # ---- messages ------------------------------------------------------------------------------
+
+    def joints(self, positions: Mapping[str, float], now: float) -> None:
+        """Take measured joint positions by name, of some joints or all; others are ignored."""
+        self._readings.take(positions, now)
+
+    def pose(
+        self,
+        position: Sequence[float],
+        quaternion: Sequence[float],
+        *,
+        frame: str = "",
+        age: float = 0.0,
+    ) -> None:
+        """Take a target (x, y, z) and (x, y, z, w) in the base frame; a bad one stops the arm."""
+        if self._usable("target", frame, age):
+            try:
+                self._target = target_of(position, quaternion, self.task, self.cell)
+                self._twist = None
+            except InputError as error:
+                self._refuse(f"target refused: {error}")
+
+    def twist(
+        self, twist: Sequence[float], now: float, *, frame: str = "", age: float = 0.0
+    ) -> None:
+        """Take a velocity (v, ω), base axes; it holds for ``timeout``, and a bad one stops."""
+        if self._usable("twist", frame, age):
+            if not np.isfinite(twist).all():
+                self._refuse("twist refused: it must be finite numbers")
+                return
+            self._target, self._twist, self._heard = None, np.array(twist, float), now
+
+    def leaf(self, leaf: ArrayLike) -> str:
+        """Take the level c to which the arm moves before the next target; return what is wrong."""
+        c = np.atleast_1d(np.asarray(leaf, float))
+        if c.shape != (self.task.r,) or not np.isfinite(c).all():
+            return f"leaf must be {self.task.r} finite numbers"
+        self._leaf = c
+        return ""
+
+    def hold(self) -> None:
+        """Stop, keep the limits meanwhile, and stay at rest."""
+        self._stop(self._held or "held on request")
+
+    def resume(self) -> None:
+        """Go on with the next target, not with an old one; after a fault, from measured joints."""
+        self._held = ""
+        self._forget()
+        if self.state is State.HOLDING:
+            self.state = State.WAITING if self._fault and self.at_rest else State.RUNNING
+            self.reason = ""
+
+    # ---- ticks ---------------------------------------------------------------------------------
+
+    def tick(self, now: float) -> Array | None:
+        """Compute the next command (n,); None if nothing may be sent."""
+        q, age = self._readings.measured(now)
+        late = q is None or age > self.timeout
+        if self.state is State.WAITING:
+            if late or q is None:
+                self.reason = self._readings.absent(now)
+                self._readings.disturb()
+                return None
+            if not self._readings.rest(now, self.timeout):
+                self.reason = "the arm moves"
+                return None
+            if not self._start(q):
+                return None
+        elif late or q is None:
+            self._forget()
+            self.reason = self._readings.absent(now)
+            if self.at_rest:
+                self.state = State.WAITING
+                return None
+        elif self._compare(q, age):
+            return None
+        if self._twist is not None and now - self._heard > self.timeout:
+            self._refuse(f"the last twist is more than {self.timeout:g} s old")
+        return self._command()
+
+    def brake(self) -> Array | None:
+        """Compute the next command of a stop; None as soon as the arm is at rest."""
+        self._forget()
+        return None if self.state is State.WAITING or self.at_rest else self._command()
+
+    @property
+    def at_rest(self) -> bool:
+        """True if the last commands were the same."""
+        last = self._commands
+        return len(last) == _REST and all((q == last[0]).all() for q in last) and not self._piece
+
+    @property
+    def stopped_early(self) -> bool:
+        """True if the governor stops before the target: at a limit, an edge or a singularity."""
+        return self.status in (Status.SINGULAR, Status.OUTSIDE, Status.LIMIT, Status.BAD_NUMBER)
+
+    @property
+    def command(self) -> Array | None:
+        """The last command (n,), if any."""
+        return self._commands[-1] if self._commands else None
+
+    @property
+    def current_leaf(self) -> Array | None:
+        """Level c (r,) of the last command, if any."""
+        return None if self.command is None else self._inverse.leaf(self.command)
+
+    def _command(self) -> Array:
+        """Go on by one tick: on the piece of a self-motion, or with the governor."""
+        if not self._piece and self._leaf is not None and self._moving_asked():
+            self._to_leaf(self._leaf)
+        if self._piece:
+            q = self._piece.pop(0)
+            if not self._piece:
+                self._governor.start(q)
+        else:
+            waits = self._leaf is not None
+            goal, twist = (None, None) if waits else (self._target, self._twist)
+            q, self.status = self._governor.step(goal, twist)
+        self._commands = [*self._commands[1 - _REST :], q]
+        return q
+
+    def _moving_asked(self) -> bool:
+        """Tell whether there is a target or a twist to follow."""
+        return self.state is State.RUNNING and (self._target is not None or self._twist is not None)
+
+    def _to_leaf(self, leaf: Array) -> None:
+        """Plan the next piece of the motion to a leaf, once the arm is at rest."""
+        if not self.at_rest:
+            return
+        q = self._governor.q
+        try:
+            if np.abs(self._inverse.leaf(q) - leaf).max() <= _LEAF:
+                self._leaf = None
+            else:
+                self._piece = list(leaf_change(self._inverse, q, leaf, self._limits, self.dt))
+        except (InputError, SingularityError) as error:
+            self._leaf = None
+            self._stop(f"leaf refused: {error}")
+
+    def _start(self, q: Array) -> bool:
+        """Begin at rest at the measured joints; tell whether it could."""
+        command = self.command
+        if self._fault or command is None or np.abs(q - command).max() > SAME:
+            try:
+                self._governor.start(q)
+            except (InputError, SingularityError) as error:
+                self.reason = f"cannot start: {error}"
+                return False
+            self._commands = [q] * _REST
+        self._fault, self.reason = False, self._held
+        self.state = State.HOLDING if self._held else State.RUNNING
+        self._forget()
+        return True
+
+    def _compare(self, q: Array, age: float) -> bool:
+        """Hold if the arm does not follow its commands; tell whether it is to get none."""
+        off = np.abs(q - self._commands[-1]) - age * self._limits.velocity  # moved since measured
+        if off.max() > self.tolerance and not self._fault:
+            j = int(np.argmax(off))
+            self._fault = True
+            name, unit = self.task.joint_names[j], "rad" if self.task.revolute[j] else "m"
+            away = abs(float(q[j] - self._commands[-1][j]))
+            self._stop(f"the arm does not follow: {name} is {away:.3g} {unit} from its command")
+        if self._fault and self.at_rest and not self._held:
+            self.state = State.WAITING  # resumed: the next tick begins at the measured joints
+        return self._fault and self.at_rest
+
+    # ---- what messages say ---------------------------------------------------------------------
+
+    def _usable(self, what: str, frame: str, age: float) -> bool:
+        """Refuse a message in another frame, late, or while the arm does not run."""
+        if frame not in ("", self.base):
+            self._refuse(f"{what} refused: it is in frame {frame!r}, not in {self.base!r}")
+        elif not abs(age) <= self.timeout:
+            self._refuse(f"{what} refused: its stamp is {age:.3g} s before this clock")
+        elif self.state is State.RUNNING:
+            self.reason = ""
+            return True
+        return False
+
+    def _refuse(self, reason: str) -> None:
+        """Stop, and go on with the next good target."""
+        self._forget()
+        if self.state is State.RUNNING:
+            self.reason = reason
+
+    def _stop(self, reason: str) -> None:
+        """Hold until resumed."""
+        self._forget()
+        self._held = reason
+        if self.state is not State.WAITING:
+            self.state, self.reason = State.HOLDING, reason
+
+    def _forget(self) -> None:
+        """Drop the target and the twist."""
+        self._target, self._twist, self._heard = None, None, 0.0

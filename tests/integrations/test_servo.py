@@ -1,0 +1,251 @@
+"""The state machine of the ROS 2 node, without ROS: what it commands after each kind of message."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+import repctl_pin as rp
+from repctl_pin.integrations.servo import Servo, State
+
+Q0, RATE, A, J = np.array([0.3, 0.8, 0.8]), 200.0, 6.0, 400.0
+FEW = rp.FitOptions(samples=64, held_out=64)
+
+
+@cache
+def design() -> rp.Design:
+    task = rp.Robot.load("planar3r").task("tool", "xy")
+    potentials = rp.Polynomial(Q0, 2, 0.5)
+    return rp.nearest_repeatable(rp.Pseudoinverse(task), potentials, rp.Box(Q0, 0.6), options=FEW)
+
+
+class Bench:
+    """A servo, and an arm that is always where it was commanded to be."""
+
+    def __init__(self, q: np.ndarray = Q0) -> None:
+        self.servo = Servo(design(), RATE, acceleration=A, jerk=J)
+        self.task, self.q, self.now, self.answers = self.servo.task, q.copy(), 0.0, True
+        self.sent: list[np.ndarray] = []
+
+    def run(self, seconds: float) -> np.ndarray | None:
+        """Tick; return the last command, None if the last tick had none."""
+        q = None
+        for _ in range(round(seconds * RATE)):
+            self.now += 1 / RATE
+            if self.answers:
+                self.servo.joints(dict(zip(self.task.joint_names, self.q, strict=True)), self.now)
+            q = self.servo.tick(self.now)
+            if q is not None:
+                self.q = q
+                self.sent.append(q)
+        return q
+
+    def at(self, x: float, y: float, **more: float) -> None:
+        """Ask for a displacement of the start's position."""
+        p = self.task.placement(Q0).translation + [x, y, 0]
+        self.servo.pose(p, (0, 0, 0, 1), **more)  # type: ignore[arg-type]
+
+    def used(self) -> float:
+        """Largest share of a limit in all commands, begun from rest."""
+        Q = np.concatenate([np.tile(self.sent[0], (3, 1)), self.sent])
+        most = (self.task.velocity_limit, A, J)
+        return max(
+            float((np.abs(np.diff(Q, k, axis=0)) * RATE**k / limit).max())
+            for k, limit in enumerate(most, 1)
+        )
+
+
+@pytest.fixture
+def bench() -> Bench:
+    made = Bench()
+    made.run(0.2)
+    assert made.servo.state is State.RUNNING
+    return made
+
+
+def test_nothing_is_sent_before_the_joints_are_known_and_rest() -> None:
+    bench = Bench()
+    bench.answers = False
+    assert bench.run(0.5) is None and bench.servo.reason == "no joint states yet"
+    bench.servo.joints({bench.task.joint_names[0]: 0.3, "finger": 1.0}, bench.now)
+    assert bench.run(0.1) is None and bench.servo.reason.startswith("no joint state of ")
+    bench.answers = True
+    for k in range(100):  # pushed by hand
+        bench.q = Q0 + 0.002 * k
+        assert bench.run(1 / RATE) is None and bench.servo.reason == "the arm moves"
+    bench.q = Q0 + 9.0
+    assert bench.run(0.5) is None and bench.servo.reason.startswith("cannot start: ")
+    bench.q = Q0
+    q = bench.run(0.5)
+    assert q is not None and (q == Q0).all() and bench.servo.reason == ""
+
+
+def test_targets_are_reached_on_one_leaf_within_the_limits(bench: Bench) -> None:
+    inverse = design().inverse
+    for x, y in (0.1, 0.05), (-0.1, 0.1), (0.1, 0.05):
+        bench.at(x, y)
+        q = bench.run(2.0)
+        assert q is not None
+        goal = bench.task.placement(Q0).translation + [x, y, 0]
+        assert np.abs(bench.task.placement(q).translation - goal).max() < 1e-9
+        assert np.abs(inverse.leaf(q) - inverse.leaf(Q0)).max() < 1e-9
+    assert 0.5 < bench.used() <= 1 + 1e-6
+
+
+@pytest.mark.parametrize(
+    ("position", "more", "said"),
+    [
+        ((np.nan, 0, 0), {}, "target refused: it must be finite numbers"),
+        ((1, 1, 0), {"frame": "camera"}, "it is in frame 'camera', not in 'base'"),
+        ((1, 1, 0), {"age": 5.0}, "its stamp is 5 s before this clock"),
+        ((1, 1, 0), {"age": np.nan}, "its stamp is nan s"),
+    ],
+)
+def test_a_bad_target_stops_the_arm(
+    bench: Bench, position: tuple[float, ...], more: dict, said: str
+) -> None:
+    bench.at(0.2, 0.0)
+    bench.run(0.15)
+    base = bench.servo.base
+    bench.servo.pose(position, (0, 0, 0, 1), **more)
+    assert said.replace("'base'", repr(base)) in bench.servo.reason
+    bench.run(1.0)
+    assert bench.servo.at_rest and bench.servo.state is State.RUNNING
+    assert np.abs(bench.sent[-1] - bench.sent[0]).max() > 1e-3 and bench.used() <= 1 + 1e-6
+    bench.at(0.0, 0.0)
+    bench.run(2.0)
+    assert bench.servo.reason == "" and np.abs(bench.q - Q0).max() < 1e-9
+
+
+def test_a_twist_holds_for_the_timeout_only(bench: Bench) -> None:
+    bench.servo.twist((0.1, 0, 0, 0, 0, 0), bench.now)
+    bench.run(1.0)
+    moved = bench.task.placement(bench.q).translation - bench.task.placement(Q0).translation
+    assert 0 < moved[0] < 0.03 and abs(moved[1]) < 1e-6 and bench.servo.at_rest
+    assert bench.servo.reason == "the last twist is more than 0.1 s old"
+    bench.servo.twist((np.inf, 0, 0, 0, 0, 0), bench.now)
+    assert bench.servo.reason == "twist refused: it must be finite numbers"
+
+
+def test_hold_stops_and_keeps_no_target(bench: Bench) -> None:
+    bench.at(0.2, 0.0)
+    bench.run(0.15)
+    bench.servo.hold()
+    bench.at(0.2, 0.0)
+    bench.run(1.0)
+    held = bench.q
+    assert bench.servo.state is State.HOLDING and bench.servo.at_rest
+    bench.servo.resume()
+    bench.run(0.3)
+    assert bench.servo.state is State.RUNNING and (bench.q == held).all()
+    bench.at(0.0, 0.0)
+    bench.run(2.0)
+    assert np.abs(bench.q - Q0).max() < 1e-9 and bench.used() <= 1 + 1e-6
+
+
+def test_stale_joints_brake_then_nothing_is_sent(bench: Bench) -> None:
+    bench.at(0.2, 0.0)
+    bench.run(0.15)
+    bench.answers = False
+    assert bench.run(1.5) is None and bench.servo.state is State.WAITING
+    assert "joint states are" in bench.servo.reason and bench.used() <= 1 + 1e-6
+    last = bench.sent[-1]
+    assert (last == bench.sent[-3]).all()
+    bench.answers = True
+    q = bench.run(0.5)
+    assert q is not None and (q == last).all()  # on the same leaf, without the old target
+
+
+def test_hold_outlasts_stale_joints(bench: Bench) -> None:
+    bench.servo.hold()
+    bench.answers = False
+    bench.run(1.0)
+    bench.answers = True
+    bench.at(0.1, 0.0)
+    bench.run(1.0)
+    assert bench.servo.state is State.HOLDING and (bench.q == Q0).all()
+    assert bench.servo.reason == "held on request"
+
+
+def test_an_arm_that_does_not_follow_gets_no_commands_until_resumed(bench: Bench) -> None:
+    pushed = Q0 + [0.0, 0.3, 0.0]
+    for _ in range(100):
+        bench.q = pushed
+        q = bench.run(1 / RATE)
+    assert q is None and bench.servo.state is State.HOLDING
+    assert bench.servo.reason.startswith("the arm does not follow: ")
+    bench.servo.resume()
+    q = bench.run(0.5)
+    assert q is not None and (q == pushed).all() and bench.servo.state is State.RUNNING
+
+
+def test_a_leaf_is_reached_before_the_next_target(bench: Bench) -> None:
+    inverse = design().inverse
+    wanted = inverse.leaf(Q0) + 0.2
+    assert bench.servo.leaf(wanted) == ""
+    assert (
+        bench.servo.leaf([0.1, 0.2])
+        == bench.servo.leaf([np.nan])
+        == "leaf must be 1 finite numbers"
+    )
+    bench.run(0.5)
+    assert (bench.q == Q0).all()  # nothing moves without a target
+    bench.at(0.05, 0.0)
+    bench.run(6.0)
+    goal = bench.task.placement(Q0).translation + [0.05, 0, 0]
+    assert np.abs(inverse.leaf(bench.q) - wanted).max() < 1e-9
+    assert np.abs(bench.task.placement(bench.q).translation - goal).max() < 1e-9
+    assert bench.used() <= 1 + 1e-6
+    way = [bench.task.placement(q).translation for q in bench.sent]
+    there = np.abs(np.array([inverse.leaf(q) for q in bench.sent]) - wanted).max(axis=1) < 1e-9
+    first = int(np.argmax(there))
+    assert np.abs(way[first] - bench.task.placement(Q0).translation).max() < 1e-9
+
+
+def test_a_leaf_out_of_reach_holds(bench: Bench) -> None:
+    bench.servo.leaf(design().inverse.leaf(Q0) + 50.0)
+    bench.at(0.05, 0.0)
+    bench.run(8.0)
+    assert bench.servo.state is State.HOLDING and bench.servo.reason.startswith("leaf refused: ")
+    assert bench.used() <= 1 + 1e-6
+
+
+def test_it_brakes_before_it_ends(bench: Bench) -> None:
+    bench.at(0.2, 0.0)
+    bench.run(0.15)
+    while (q := bench.servo.brake()) is not None:
+        bench.sent.append(q)
+    assert (bench.sent[-1] == bench.sent[-3]).all() and bench.used() <= 1 + 1e-6
+    assert Bench().servo.brake() is None
+
+
+def test_random_messages_never_exceed_a_limit_or_leave_the_leaf() -> None:
+    bench, rng = Bench(), np.random.default_rng(0)
+    inverse, said = design().inverse, set()
+    bench.run(0.2)
+    for _ in range(150):
+        kind = int(rng.integers(9))
+        if kind < 4:
+            p = bench.task.placement(Q0).translation + rng.normal(size=3) * rng.choice(
+                [0.05, 2, 1e9]
+            )
+            bench.servo.pose(p, rng.normal(size=4))
+        elif kind == 4:
+            bench.servo.twist(rng.normal(size=6) * rng.choice([0.1, 10, 1e9]), bench.now)
+        elif kind == 5:
+            bench.servo.pose(rng.choice([np.nan, np.inf, 0.0], 3), (0, 0, 0, 0))
+        elif kind == 6:
+            bench.servo.hold()
+        elif kind == 7:
+            bench.answers = not bench.answers
+        else:
+            bench.servo.resume()
+            bench.answers = True
+        bench.run(float(rng.choice([0.01, 0.1, 0.4])))
+        said |= {bench.servo.state, bench.servo.status}
+    Q = np.array(bench.sent)
+    assert bench.used() <= 1 + 1e-6 and np.isfinite(Q).all() and len(Q) > 1000
+    assert max(np.abs(inverse.leaf(q) - inverse.leaf(Q0)).max() for q in Q[::5]) < 1e-8
+    assert set(State) <= said and (Q > bench.task.lower).all() and (Q < bench.task.upper).all()
