@@ -90,7 +90,6 @@ def _tour_page(design: CellDesign, motions: Mapping[str, Motion], joint: int, na
         tracks,
         paths=[box_of(design.cell), way],
         name=name,
-        seconds=8.0,
     )
 
 

@@ -27,7 +27,7 @@ from page_file import BLUE, VERMILLION, Visuals
 
 import repctl_pin as rp
 from repctl_pin.show.page import Arm, animation_page, choose_frames, read_surface
-from repctl_pin.show.text import Tile, Verdict
+from repctl_pin.show.text import Headline, Span
 
 RADIUS, STEPS, CYCLES = 0.1, 60, 2
 SHOWN = ("panda", "baxter", "tiago", "talos", "kinova", "planar7r", "my_arm", "xarm7 bare")
@@ -74,7 +74,6 @@ def circling(
                 visuals.placements(task.to_robot(Q)),
                 tip,
                 elbow,
-                Q,
                 drift,
                 color,
             )
@@ -85,13 +84,11 @@ def circling(
 def write(folder: Path, arms: list[Arm], **options: Any) -> Path:
     page = folder / "animation.html"
     words = {"seconds": 2.0, "title": "arms on a circle", "caption": "a test", **options}
-    frames = choose_frames(len(arms[0].q), len(arms[0].cycle_drift))
+    frames = choose_frames(len(arms[0].tip), len(arms[0].cycle_drift))
     shown = [
         replace(
             a,
-            **{
-                name: getattr(a, name)[frames.index] for name in ("placements", "tip", "elbow", "q")
-            },
+            **{name: getattr(a, name)[frames.index] for name in ("placements", "tip", "elbow")},
         )
         for a in arms
     ]
@@ -278,7 +275,7 @@ def test_mirrored_meshes_are_not_inside_out(driver: Any, tmp_path: Path) -> None
     placements = visuals.placements(np.array([robot.reference] * 2))[:, keep]
     shapes = tuple(visuals.shapes[k] for k in keep)
     tip, elbow = placements[:, :1, :3, 3], placements[:, 1:2, :3, 3]
-    still = Arm("mirrored", shapes, placements, tip, elbow, np.zeros((2, 1)), np.zeros(1))
+    still = Arm("mirrored", shapes, placements, tip, elbow, np.zeros(1))
     open_page(driver, write(tmp_path, [still]))
     both = picture(driver, 0)
     show_only = "repctl.materials((m) => { m.side = arguments[0]; })"
