@@ -114,7 +114,9 @@ def test_page_holds_what_went_in(name: str) -> None:
             at += 3 * shape["points"]
             every = vertices(drawn)
             for rows, found in ((every, expected_off), (points, np.zeros(len(first)))):
-                moved = np.c_[rows, np.ones(len(rows))] @ (expected - expected[first])[:, k].swapaxes(1, 2)
+                moved = np.c_[rows, np.ones(len(rows))] @ (expected - expected[first])[
+                    :, k
+                ].swapaxes(1, 2)
                 np.maximum(found, np.linalg.norm(moved, axis=2).max(axis=1), out=found)
         ends = expected_off[[[0, 20], [21, 41]]]
         np.testing.assert_allclose(told["off"], ends, atol=2e-6)

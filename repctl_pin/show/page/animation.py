@@ -72,9 +72,7 @@ class Animation:
         return f"Animation(a page of {len(self.page) / 1e6:.1f} MB)"
 
 
-def animation(
-    motions: Mapping[str, Motion] | Study, *, seconds: float | None = None
-) -> Animation:
+def animation(motions: Mapping[str, Motion] | Study, *, seconds: float | None = None) -> Animation:
     """Show motions of one robot side by side: path, traces, start configuration, and the drift
     after each cycle.
 

@@ -22,7 +22,7 @@ from ...robot.task import Task, unit_of
 from ...robot.visuals import Visuals
 from ...strategies.names import LABELS
 from ..palette import BLUE, COLOURS, GREEN, ORANGE, PURPLE, SKY, VERMILLION
-from ..text.headline import Outcome, headline
+from ..text.headline import Outcome, headline_of
 from ..text.parts import part_name
 from ..text.verdict import MotionSummary, motion_summary
 from .body_points import body_drift, corners
@@ -188,7 +188,7 @@ def playback_page(
         caption="\n".join(_limb_words(chain.task) for chain in chains),
         planar=_is_planar(chains, [track.Q[0] for track in tracks], lines),
         frames=frames,
-        headline=headline(outcomes, cycles, stopped),
+        headline=headline_of(outcomes, cycles, stopped),
         part=(link, part_name(task, start, link)),
     )
 

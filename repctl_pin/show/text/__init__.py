@@ -7,7 +7,7 @@ from typing import Any
 
 _NAMES = {
     "captions": "GLOSSARY amount drift_words joints_words summary",
-    "headline": "Headline Outcome Span headline title_of",
+    "headline": "Headline Outcome Span headline_of title_of",
     "lines": "fitted",
     "numbers": "metres number percent radians",
     "table": "study_table",

@@ -88,7 +88,7 @@ def title_of(label: str) -> str:
     return _TITLES.get(label, label)
 
 
-def headline(outcomes: Sequence[Outcome], cycles: int, stopped: Sequence[str] = ()) -> Headline:
+def headline_of(outcomes: Sequence[Outcome], cycles: int, stopped: Sequence[str] = ()) -> Headline:
     """Say which part is off, by how much, and what it costs to be back.
 
     Parameters
@@ -107,7 +107,7 @@ def headline(outcomes: Sequence[Outcome], cycles: int, stopped: Sequence[str] = 
     if all(one.back and not one.turned for one in outcomes):
         words.append(Span(f"So is every part of the {_arms(outcomes)}: "))
         words += [Span("0", "good", _exact(worst)), Span(f" off after {times}.")]
-    elif worst.turned:
+    elif worst.off < SMALL and any(one.turned for one in outcomes):
         words += _turned(outcomes, times)
     elif worst.off < SMALL:
         words.append(Span(f"{_subject(worst.part, 'The')} hardly drifts in {times}: "))
@@ -186,9 +186,9 @@ def _notes(outcomes: Sequence[Outcome]) -> list[Span]:
     if len(outcomes) > 1 and first.speed > 0 and not (first.path_loss or last.path_loss):
         cost = percent(last.speed / first.speed - 1).replace(" ", "\u00a0")
         said.append(
-            Span("It costs no extra joint speed.")
+            Span("It takes no more joint speed.")
             if cost.startswith("0")
-            else Span(f"It {'costs' if cost[0] == '+' else 'saves'} {cost[1:]} joint speed.")
+            else Span(f"It takes {cost[1:]} {'more' if cost[0] == '+' else 'less'} joint speed.")
         )
     return [*said, *_limits(outcomes), *_leads(outcomes), *_bodies(outcomes)]
 

@@ -56,6 +56,4 @@ def _elbow_links(task: Task, q: Array) -> tuple[str, ...]:
     if not _MIDDLE[0] <= share[joint] <= _MIDDLE[1] or joint >= len(task.joint_names):
         return ()
     name = task.joint_names[joint]
-    return next(
-        ((j.parent, j.child) for j in task.robot.description.joints if j.name == name), ()
-    )
+    return next(((j.parent, j.child) for j in task.robot.description.joints if j.name == name), ())

@@ -15,7 +15,7 @@ export class Chart {
     canvas.addEventListener("click", ({ offsetX }) => seek(Math.min(last, Math.max(1, Math.ceil(((offsetX - INSET) / (canvas.clientWidth - 2 * INSET)) * last)))));
     this.readings = arms.map(({ data }) => {
       const value = element("b"), detail = element("small");
-      byId("readings").append(element("p", { class: "reading", style: `--arm: ${data.color}` }, element("span", { class: "chip" }), ` ${data.title.split(" (")[0]}: `, value, detail));
+      byId("readings").append(element("p", { class: "reading", style: `--arm: ${data.color}` }, element("span", { class: "chip" }), ` ${data.title.split(" (")[0]}: `, value, " ", detail));
       return { value, detail };
     });
   }
