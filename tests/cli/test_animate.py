@@ -17,7 +17,6 @@ import repctl_pin as rp
 from repctl_pin.cli import main, parser
 from repctl_pin.files import write_whole
 from repctl_pin.motion import csv_text, read_motions
-from repctl_pin.show.page.body_points import body_drift, corners
 from repctl_pin.show.page import (
     Playback,
     TracedChain,
@@ -27,6 +26,7 @@ from repctl_pin.show.page import (
     poses_of,
     read_playbacks,
 )
+from repctl_pin.show.page.body_points import body_drift, corners
 from repctl_pin.show.study_files import write_study
 
 KEYS = {
