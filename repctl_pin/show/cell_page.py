@@ -98,14 +98,10 @@ def _sentence(design: CellDesign, motions: Mapping[str, Motion]) -> str:
     The worst known value is the least of those on held-out poses, found by search, and along the
     sample path."""
     path = list(motions.values())[-1:]  # the function's
-    margin = min(
-        design.limit_margin,
-        design.limit_margin_worst,
-        *(float(motion.limit_margin.min()) for motion in path),
-    )
-    apart = min(
-        design.body_distance, *(float(motion.coarse.body_distance.min()) for motion in path)
-    )
+    margins = [float(motion.limit_margin.min()) for motion in path]
+    margin = min([design.limit_margin, design.limit_margin_worst, *margins])
+    distances = [float(motion.coarse.body_distance.min()) for motion in path]
+    apart = min([design.body_distance, *distances])
     every = "every pose" if design.evaluation.everywhere else "each covered pose"
     parts = [
         f"{100 * design.extra_speed:.2g} % more joint speed",
