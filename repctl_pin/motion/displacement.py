@@ -72,9 +72,9 @@ def leaves_range(motion: JointMotion) -> tuple[int, str] | None:
     lower, upper, _ = task.joint_limits
     last = task.joints(motion.q[-motion.steps - 1 :])
     step = last[-1] - last[0]  # (n,), per cycle
-    room = np.where(step > 0, upper - last.max(axis=0), last.min(axis=0) - lower)
+    margin = np.where(step > 0, upper - last.max(axis=0), last.min(axis=0) - lower)
     with np.errstate(divide="ignore", invalid="ignore"):
-        left = np.where(step != 0, room / np.abs(step), np.inf)
+        left = np.where(step != 0, margin / np.abs(step), np.inf)
     joint = int(np.argmin(left))
     if not left[joint] < MOST_CYCLES:
         return None

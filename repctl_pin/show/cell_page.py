@@ -95,13 +95,13 @@ def _sentence(design: CellDesign, motions: Mapping[str, Motion]) -> str:
     """Write the extra joint speed, the coverage, and the worst known limit margin and body distance
     of a function in one sentence.
 
-    The worst known value is the least of those on held-out poses, found by search, and along the
+    The worst known value is the minimum over the held-out poses, the search, and the
     sample path."""
     path = list(motions.values())[-1:]  # the function's
     margins = [float(motion.limit_margin.min()) for motion in path]
     margin = min([design.limit_margin, design.limit_margin_worst, *margins])
     distances = [float(motion.coarse.body_distance.min()) for motion in path]
-    apart = min([design.body_distance, *distances])
+    distance = min([design.body_distance, *distances])
     every = "every pose" if design.evaluation.everywhere else "each covered pose"
     parts = [
         f"{100 * design.extra_speed:.2g} % more joint speed",
@@ -111,8 +111,10 @@ def _sentence(design: CellDesign, motions: Mapping[str, Motion]) -> str:
         else f"limits {'kept' if margin >= 0 else 'exceeded'} by {abs(margin):.2g} "
         f"{design.task.unit} at the worst pose",
     ]
-    if np.isfinite(apart):
-        parts.append("bodies collide" if apart < 0 else f"bodies {metres(apart)} apart or more")
+    if np.isfinite(distance):
+        parts.append(
+            "bodies collide" if distance < 0 else f"bodies {metres(distance)} apart or more"
+        )
     unbroken = (
         ", ".join(parts)
         .replace(" %", "\u00a0%")
